@@ -1,0 +1,1 @@
+//! Clocks, sockets and zenoh.

@@ -1,0 +1,5 @@
+//! Vocabulary without I/O.
+
+pub mod control;
+pub mod signals;
+pub mod time;

@@ -1,0 +1,170 @@
+//! The control channel between a node and one controller on the same host, over a local Unix socket.
+//!
+//! Frames are postcard, length-prefixed, inside the versioned envelope of [`crate::logic::codec`]. Variants are only
+//! ever appended: postcard numbers them.
+//!
+//! Life of a channel: the program connects and says [`Notice::Hello`]; the node answers [`Order::Connect`] with every
+//! link the program takes part in; the program dials them and says [`Notice::Connected`] (or why not). From then on it is
+//! idle until [`Order::Activate`].
+
+use serde::{Deserialize, Serialize};
+
+/// Version of this protocol.
+pub const VERSION: u16 = 1;
+
+/// Where a program's data session can be dialled.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Location {
+    /// The zenoh id of the session, as lower-case hex.
+    pub session: String,
+    /// Dialled by programs on the same host: a Unix socket.
+    pub local: Vec<String>,
+    /// Dialled by programs on other hosts; empty when the node is not open to the network.
+    pub remote: Vec<String>,
+}
+
+/// One end of a data route. The key is `comms::logic::key::wire(..)`; both ends are told the same one.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Incoming {
+    /// Number of the wire in the plan.
+    pub wire: u32,
+    /// The consumer's input port.
+    pub port: String,
+    /// The key the producer publishes (or answers) on.
+    pub key: String,
+    /// Where the producer is: session id and the locators to dial.
+    pub producer: Dial,
+    /// Whether the consumer fetches (pull) or receives (push).
+    pub pull: bool,
+}
+
+/// The producer's end of a data route. It sends only while the wire is open.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Outgoing {
+    /// Number of the wire in the plan.
+    pub wire: u32,
+    /// The producer's output port.
+    pub port: String,
+    /// The key to publish (or answer) on.
+    pub key: String,
+    /// Whether the consumer fetches (pull) or receives (push).
+    pub pull: bool,
+}
+
+/// A link to the program that owns a device.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Device {
+    /// The device: `arm`, `base`, `ft`, `gripper`, `laser`, `camera`.
+    pub device: String,
+    /// The program that owns its keys.
+    pub owner: Dial,
+}
+
+/// A session to dial.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Dial {
+    /// The zenoh id of the session.
+    pub session: String,
+    /// Locators, to be tried in order.
+    pub locators: Vec<String>,
+}
+
+/// From the node to the program.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Order {
+    /// Make every link; the wires stay closed.
+    Connect {
+        /// Prefix for hardware keys: the robot's name.
+        robot: String,
+        /// Inputs.
+        incoming: Vec<Incoming>,
+        /// Outputs.
+        outgoing: Vec<Outgoing>,
+        /// Devices that other programs own.
+        devices: Vec<Device>,
+    },
+    /// Open these outgoing wires, then answer [`Notice::Switched`] with the same generation.
+    Open {
+        /// Wire numbers.
+        wires: Vec<u32>,
+        /// Echoed.
+        generation: u64,
+    },
+    /// Close these outgoing wires, then answer [`Notice::Switched`].
+    Close {
+        /// Wire numbers.
+        wires: Vec<u32>,
+        /// Echoed.
+        generation: u64,
+    },
+    /// `Init(value)`, then `Run()`.
+    Activate {
+        /// Echoed in the outcome.
+        activation: u32,
+        /// For `Init`.
+        value: Vec<u8>,
+    },
+    /// `Stop()`, then report [`Notice::Stopped`], or the outcome already reached.
+    Stop {
+        /// The activation meant; an older one is ignored.
+        activation: u32,
+    },
+    /// Leave: stop if running, close the session, exit with code 0.
+    Exit,
+}
+
+/// From the program to the node.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Notice {
+    /// First frame on the channel.
+    Hello {
+        /// [`VERSION`] of the program.
+        version: u16,
+        /// The instance path the program was started as (`DCA_INSTANCE`).
+        instance: String,
+        /// Where its data session is; none if it has no ports.
+        location: Option<Location>,
+        /// Devices whose keys this program owns.
+        owns: Vec<String>,
+        /// Devices of others that it needs.
+        needs: Vec<String>,
+        /// Whether it publishes [`crate::logic::signals::Signals`].
+        signals: bool,
+    },
+    /// Every link stands.
+    Connected,
+    /// A link could not be made.
+    ConnectFailed {
+        /// What and why.
+        reason: String,
+    },
+    /// The wires of this generation are switched.
+    Switched {
+        /// As ordered.
+        generation: u64,
+    },
+    /// Initialised and running.
+    Running {
+        /// As ordered.
+        activation: u32,
+    },
+    /// Ended normally, after `Stop()`.
+    Done {
+        /// As ordered.
+        activation: u32,
+        /// What it leaves.
+        value: Vec<u8>,
+    },
+    /// Failed, after `Stop()`.
+    Aborted {
+        /// As ordered.
+        activation: u32,
+        /// Why, for a person.
+        reason: String,
+    },
+    /// Stopped as ordered, after `Stop()`.
+    Stopped {
+        /// As ordered.
+        activation: u32,
+    },
+}

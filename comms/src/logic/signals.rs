@@ -1,0 +1,32 @@
+//! Named scalars that a program publishes for people and recorders, never for another controller.
+//!
+//! Published on `key::signals(robot, instance)` whenever the program wants to, open wires or not. Self-describing, so that
+//! a recorder needs to know nothing of the program.
+
+use crate::logic::time::Time;
+use serde::{Deserialize, Serialize};
+
+/// The most values in one sample.
+pub const VALUES_MAX: usize = 256;
+
+/// One sample of a program's signals.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Signals {
+    /// On the publishing host's clock.
+    pub stamp: Time,
+    /// In a fixed order.
+    pub values: Vec<Signal>,
+}
+
+/// One named scalar.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Signal {
+    /// What a person reads: `door angle`.
+    pub name: String,
+    /// Its unit: `deg`, `N`, `rad/s`; empty for none.
+    pub unit: String,
+    /// Its value in that unit.
+    pub value: f64,
+    /// Whether it belongs on the one-line progress display.
+    pub headline: bool,
+}

@@ -1,0 +1,197 @@
+//! What a spec means once every name is resolved: the one serialised form of a deployment.
+//!
+//! A plan is flat. Groups and leaves are numbered, members of a group are slots, wires run from leaf port to leaf port
+//! (through any number of group boundaries), and each group carries its event-action expression with slots for names.
+//! Invariants, kept by `check::lower` and re-checked by [`Plan::validate`] when a plan arrives over a wire: every index
+//! is in range, `groups[0]` is `main`, every group but `main` is a member of exactly one group, every leaf too.
+
+use serde::{Deserialize, Serialize};
+use std::time::Duration;
+
+/// The deepest nesting of groups and of expressions that is accepted.
+pub const DEPTH_MAX: usize = 64;
+/// The largest number of leaves in one plan.
+pub const LEAVES_MAX: usize = 10_000;
+
+/// A whole deployment.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Plan {
+    /// Name of the deployment: the file's stem unless the user gave another.
+    pub name: String,
+    /// Host names as written in the spec, each once. A `host` index points here.
+    pub hosts: Vec<String>,
+    /// Every process group; `groups[0]` is `main`.
+    pub groups: Vec<Group>,
+    /// Every leaf: a controller module or a plain program.
+    pub leaves: Vec<Leaf>,
+    /// Every data route, leaf port to leaf port.
+    pub wires: Vec<Wire>,
+}
+
+/// One instance of a process group.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Group {
+    /// Absolute path of the instance: `main`, `main/dooropensyst`, `main/dooropensyst/hit`.
+    pub path: String,
+    /// The process type it was made from.
+    pub process: String,
+    /// Where its supervisor runs.
+    pub host: u32,
+    /// Its instances; a slot number in `expression` and in events points here.
+    pub members: Vec<Member>,
+    /// Its connection sets; the numbers in `Expression::Run` point here.
+    pub sets: Vec<ConnectionSet>,
+    /// Sets that stay open for as long as the group runs (declared without an owner).
+    pub sets_always: Vec<u32>,
+    /// What to do on events; `Skip` for an empty section.
+    pub expression: Expression,
+}
+
+/// One instance inside a group.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Member {
+    /// The instance name within its group.
+    pub name: String,
+    /// What it is.
+    pub kind: MemberKind,
+    /// Whether no fault-free run of it ends (declared on leaves, inferred for groups).
+    pub service: bool,
+}
+
+/// What a member of a group is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum MemberKind {
+    /// Index into [`Plan::leaves`].
+    Leaf(u32),
+    /// Index into [`Plan::groups`].
+    Group(u32),
+}
+
+/// A labelled set of internal connections.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ConnectionSet {
+    /// Slot of the owner, if one was named.
+    pub owner: Option<u32>,
+    /// The label, if one was given.
+    pub label: Option<String>,
+    /// Indices into [`Plan::wires`].
+    pub wires: Vec<u32>,
+}
+
+/// A controller module or a plain program.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Leaf {
+    /// Absolute path of the instance: `main/dooropensyst/hit/force`.
+    pub path: String,
+    /// The module type: `ForceTorque`.
+    pub module: String,
+    /// Where it runs.
+    pub host: u32,
+    /// Arguments after the host, in order.
+    pub arguments: Vec<Argument>,
+    /// How to start it, when the module's interface says so; else the node looks the type up among its controllers.
+    pub exec: Option<String>,
+    /// Whether it speaks the control protocol.
+    pub kind: LeafKind,
+    /// How long it may take to stop before it is killed.
+    pub stop_within: Duration,
+}
+
+/// How a leaf is controlled.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum LeafKind {
+    /// A program made with the controller SDK.
+    Controller,
+    /// Any program: exit code 0 is DONE, anything else ABORTED.
+    Plain,
+}
+
+/// A constant argument of a leaf.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Argument {
+    /// Its name, when it was given by name.
+    pub name: Option<String>,
+    /// Its value.
+    pub value: Constant,
+}
+
+/// A constant of the language. Quantities are in SI units.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Constant {
+    /// A string, or an identifier that names nothing else.
+    Text(String),
+    /// A number or a quantity, in SI units.
+    Number(f64),
+    /// `true` or `false`.
+    Truth(bool),
+}
+
+/// A data route from one leaf's output to another leaf's input.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Wire {
+    /// The output.
+    pub from: LeafPort,
+    /// The input.
+    pub to: LeafPort,
+    /// Who asks for the data to move.
+    pub transfer: Transfer,
+}
+
+/// A named port of a leaf.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct LeafPort {
+    /// Index into [`Plan::leaves`].
+    pub leaf: u32,
+    /// The port's name.
+    pub port: String,
+}
+
+/// Who asks for the data to move.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Transfer {
+    /// The producer sends each new value.
+    Push,
+    /// The consumer fetches the latest value before each calculation.
+    Pull,
+}
+
+/// An event-action expression with slots for names. Meaning: `algebra::step`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Expression {
+    /// `name[labels]`: runs a member with these connection sets open.
+    Run {
+        /// Slot in [`Group::members`].
+        member: u32,
+        /// Indices into [`Group::sets`].
+        sets: Vec<u32>,
+    },
+    /// `skip`: done at once.
+    Skip,
+    /// `never`: runs until it is stopped.
+    Never,
+    /// `fail("why")`: aborted at once.
+    Fail(String),
+    /// `wait(5 s)`: done when the time has passed.
+    Wait(Duration),
+    /// `P , Q`: concurrent composition, n-ary.
+    Concurrent(Vec<Expression>),
+    /// `P & Q`: concurrent, the first abort stops the others; n-ary.
+    FailFast(Vec<Expression>),
+    /// `any k of (P, Q, ...)`.
+    AnyOf {
+        /// How many have to be done.
+        count: u32,
+        /// The candidates.
+        of: Vec<Expression>,
+    },
+    /// `P # Q`: disabling composition, n-ary.
+    Disable(Vec<Expression>),
+    /// `P ; Q`.
+    Sequence(Box<Expression>, Box<Expression>),
+    /// `P : Q`, the value of P initialises Q.
+    Conditional(Box<Expression>, Box<Expression>),
+    /// `P ;; Q`.
+    Recurrent(Box<Expression>, Box<Expression>),
+    /// `P else Q`; `P?` is `P else skip`.
+    Otherwise(Box<Expression>, Box<Expression>),
+}
