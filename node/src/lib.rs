@@ -1,1 +1,3 @@
-//! Skeleton.
+//! The agent of a host, and the command line.
+
+pub mod logic;

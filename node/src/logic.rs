@@ -1,0 +1,3 @@
+//! The decisions of a node: pure state machines. Time comes in, effects go out.
+
+pub mod protocol;

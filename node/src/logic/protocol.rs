@@ -1,0 +1,414 @@
+//! What nodes say to each other, and what the command line says to a node.
+//!
+//! Every type here is a promise to another version: variants and fields are only ever appended (postcard numbers them),
+//! and the envelope of `comms` carries the version.
+
+use comms::logic::control::{Dial, Location};
+use language::plan::Plan;
+use serde::{Deserialize, Serialize};
+use std::fmt;
+use std::time::Duration;
+
+/// Version of these messages.
+pub const VERSION: u16 = 1;
+
+/// One deployment of a spec: its name, and the epoch that fences off older ones.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+pub struct Deployment {
+    /// The spec's name unless the user gave another.
+    pub name: String,
+    /// Grows with each deployment under this name.
+    pub epoch: u64,
+}
+
+impl fmt::Display for Deployment {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}@{}", self.name, self.epoch)
+    }
+}
+
+/// A process that a supervisor starts and stops.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+pub enum Target {
+    /// Index into `Plan::leaves`.
+    Leaf(u32),
+    /// Index into `Plan::groups`.
+    Group(u32),
+}
+
+/// From node to node, in order and once (see `link`).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Message {
+    /// Home to host: start every program of yours, idle.
+    Prepare {
+        /// Which deployment.
+        deployment: Deployment,
+        /// What to start and how it hangs together.
+        plan: Plan,
+    },
+    /// Host to home: every program is started and has told where it is.
+    Prepared {
+        /// Which deployment.
+        deployment: Deployment,
+        /// One entry for each leaf of the host that speaks the control protocol.
+        facts: Vec<LeafFacts>,
+    },
+    /// Host to home: not possible, with every reason at once.
+    Refused {
+        /// Which deployment.
+        deployment: Deployment,
+        /// Sentences for a person.
+        reasons: Vec<String>,
+    },
+    /// Home to host: make the links.
+    Connect {
+        /// Which deployment.
+        deployment: Deployment,
+        /// Facts of every leaf of the deployment.
+        facts: Vec<LeafFacts>,
+    },
+    /// Host to home: every link of the host's programs stands, all closed.
+    Connected {
+        /// Which deployment.
+        deployment: Deployment,
+    },
+    /// Home to host: the whole tree is confirmed; from now on activations may come.
+    Go {
+        /// Which deployment.
+        deployment: Deployment,
+    },
+    /// Home to host: end every program and forget the deployment.
+    Release {
+        /// Which deployment.
+        deployment: Deployment,
+    },
+    /// Host to home: nothing of it is left here.
+    Released {
+        /// Which deployment.
+        deployment: Deployment,
+    },
+    /// Supervisor to the host of a member.
+    Activate {
+        /// Which deployment.
+        deployment: Deployment,
+        /// Which process.
+        target: Target,
+        /// Echoed in the ending.
+        activation: u32,
+        /// For its `Init`.
+        value: Vec<u8>,
+    },
+    /// Supervisor to the host of a member.
+    Stop {
+        /// Which deployment.
+        deployment: Deployment,
+        /// Which process.
+        target: Target,
+        /// Which activation.
+        activation: u32,
+    },
+    /// Host of a member to its supervisor: exactly one for each activation.
+    Ended {
+        /// Which deployment.
+        deployment: Deployment,
+        /// Which process.
+        target: Target,
+        /// Which activation.
+        activation: u32,
+        /// How.
+        ending: Ending,
+    },
+    /// Supervisor to the host of producers: open or close wires.
+    Switch {
+        /// Which deployment.
+        deployment: Deployment,
+        /// Indices into `Plan::wires`.
+        wires: Vec<u32>,
+        /// Open or close.
+        open: bool,
+        /// The supervisor's group and a number, echoed.
+        group: u32,
+        /// Echoed.
+        generation: u64,
+    },
+    /// Host of producers to the supervisor.
+    Switched {
+        /// Which deployment.
+        deployment: Deployment,
+        /// Echoed.
+        group: u32,
+        /// Echoed.
+        generation: u64,
+    },
+    /// Host to home, for the people who watch.
+    Happened {
+        /// Which deployment.
+        deployment: Deployment,
+        /// Which process.
+        target: Target,
+        /// What.
+        change: Change,
+    },
+}
+
+/// What a program told about itself when it was started.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct LeafFacts {
+    /// Index into `Plan::leaves`.
+    pub leaf: u32,
+    /// Where its data session is, if it has one.
+    pub location: Option<Location>,
+    /// Devices whose keys it owns.
+    pub owns: Vec<String>,
+    /// Devices of others that it needs.
+    pub needs: Vec<String>,
+    /// Whether it publishes signals.
+    pub signals: bool,
+}
+
+/// How an activation ended.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Ending {
+    /// Normally, leaving a value.
+    Done(Vec<u8>),
+    /// By a failure.
+    Aborted(Failure),
+    /// Because it was asked to.
+    Stopped,
+    /// Nobody can say.
+    Unconfirmed,
+}
+
+/// What went wrong, where, and when.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Failure {
+    /// Absolute path of the process it began with: `main/dooropensyst/hit/force`.
+    pub origin: String,
+    /// What it was.
+    pub cause: FailureCause,
+    /// Time since GO.
+    pub at: Duration,
+}
+
+impl fmt::Display for Failure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let chain = self.origin.split('/').collect::<Vec<_>>().join(" ← ");
+        write!(f, "{chain}: {} at {:.1} s", self.cause, self.at.as_secs_f64())
+    }
+}
+
+/// What a failure was.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum FailureCause {
+    /// The program was ended by a signal that DCA did not send.
+    Signal(i32),
+    /// The program left with this code without saying that it was done.
+    Exit(i32),
+    /// The program's own words.
+    Reported(String),
+    /// The program could not be started.
+    Exec(String),
+    /// The program is not there (it ended before it was needed, and could not be started again).
+    NotAvailable(String),
+    /// Activated while running.
+    Busy,
+    /// A service ended by itself.
+    ServiceEnded,
+    /// It did not confirm its stop.
+    StopUnconfirmed,
+    /// Its host could not be reached any more.
+    HostLost(String),
+    /// `fail("why")` in the spec.
+    Failed(String),
+}
+
+impl fmt::Display for FailureCause {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Signal(number) => f.write_str(&signal_name(*number)),
+            Self::Exit(code) => write!(f, "left with exit code {code} before it was done"),
+            Self::Reported(text) | Self::Failed(text) => f.write_str(text),
+            Self::Exec(text) => write!(f, "could not be started: {text}"),
+            Self::NotAvailable(text) => write!(f, "was not there any more: {text}"),
+            Self::Busy => f.write_str("was activated while it was still running"),
+            Self::ServiceEnded => f.write_str("a service ended by itself"),
+            Self::StopUnconfirmed => f.write_str("nobody could confirm that it stopped"),
+            Self::HostLost(host) => write!(f, "host `{host}` could not be reached any more"),
+        }
+    }
+}
+
+/// Returns `SIGSEGV` for 11, and so on. Source: signal(7), Linux on x86 and ARM.
+pub fn signal_name(number: i32) -> String {
+    let name = match number {
+        1 => "SIGHUP",
+        2 => "SIGINT",
+        3 => "SIGQUIT",
+        4 => "SIGILL",
+        5 => "SIGTRAP",
+        6 => "SIGABRT",
+        7 => "SIGBUS",
+        8 => "SIGFPE",
+        9 => "SIGKILL",
+        10 => "SIGUSR1",
+        11 => "SIGSEGV",
+        12 => "SIGUSR2",
+        13 => "SIGPIPE",
+        14 => "SIGALRM",
+        15 => "SIGTERM",
+        24 => "SIGXCPU",
+        31 => "SIGSYS",
+        other => return format!("signal {other}"),
+    };
+    name.to_owned()
+}
+
+/// A change of one process that a person may want to see.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Change {
+    /// It was activated.
+    Activated,
+    /// It was asked to stop.
+    Stopping,
+    /// It ended.
+    Ended(Ending),
+    /// Its program died while it was not running.
+    Died(FailureCause),
+    /// A program is up.
+    Started {
+        /// Its process id on its host.
+        pid: u32,
+    },
+}
+
+/// From the command line to a node. The key's verb repeats the variant's name.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Request {
+    /// Answered by a stream of [`Report`]; the last is [`Report::Finished`] or [`Report::Refused`].
+    Deploy {
+        /// Makes a repeated request harmless.
+        request: u64,
+        /// What to run.
+        plan: Plan,
+    },
+    /// Answered by [`NodeStatus`].
+    Status,
+    /// Answered by [`StopReply`] when nothing of it is left.
+    Stop {
+        /// The deployment.
+        name: String,
+    },
+    /// Answered by a stream of raw output.
+    Logs {
+        /// The deployment, if more than one has such a process.
+        deployment: Option<String>,
+        /// An absolute path, or the end of one.
+        process: String,
+        /// Goes on as output comes.
+        follow: bool,
+    },
+}
+
+/// What a deployment is doing, as told to the one who asked for it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Report {
+    /// The home node took it on.
+    Accepted {
+        /// Under this name and epoch.
+        deployment: Deployment,
+    },
+    /// A host has every program up.
+    Prepared {
+        /// The host.
+        host: String,
+        /// How many programs.
+        leaves: u32,
+    },
+    /// A host has every link made.
+    Connected {
+        /// The host.
+        host: String,
+    },
+    /// The whole tree is confirmed and running.
+    Go {
+        /// How long PREPARE to GO took.
+        took: Duration,
+        /// Programs that publish signals: instance path, where to dial.
+        signals: Vec<(String, Dial)>,
+    },
+    /// A process changed.
+    Process {
+        /// Absolute path.
+        path: String,
+        /// What happened.
+        change: Change,
+        /// Time since GO at the home node.
+        at: Duration,
+    },
+    /// Nothing was started, or everything was taken back.
+    Refused {
+        /// Sentences for a person.
+        reasons: Vec<String>,
+    },
+    /// Over; nothing of it is left on any host that could be reached.
+    Finished {
+        /// How `main` ended.
+        ending: Ending,
+        /// Time since GO.
+        at: Duration,
+        /// Hosts that could not confirm.
+        unconfirmed: Vec<String>,
+    },
+}
+
+/// The answer to [`Request::Stop`].
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum StopReply {
+    /// Nothing of it is left.
+    Stopped,
+    /// No such deployment has its home here.
+    Unknown,
+}
+
+/// The answer to [`Request::Status`].
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct NodeStatus {
+    /// The node's name.
+    pub host: String,
+    /// The node's process id.
+    pub pid: u32,
+    /// Version of DCA.
+    pub version: String,
+    /// How long it has been up.
+    pub up: Duration,
+    /// Other nodes that it can reach.
+    pub peers: Vec<String>,
+    /// Deployments with a part here.
+    pub deployments: Vec<DeploymentStatus>,
+}
+
+/// A deployment as one host sees it.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct DeploymentStatus {
+    /// Which.
+    pub deployment: Deployment,
+    /// The host of `main`.
+    pub home: String,
+    /// `preparing`, `connecting`, `running`, `ending`.
+    pub phase: String,
+    /// Groups and leaves of this host.
+    pub processes: Vec<ProcessStatus>,
+}
+
+/// A process as its host sees it.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ProcessStatus {
+    /// Absolute path.
+    pub path: String,
+    /// Its type.
+    pub kind: String,
+    /// `starting`, `idle`, `running`, `stopping`, `dead: SIGSEGV` …
+    pub state: String,
+    /// Process id of a leaf's program.
+    pub pid: Option<u32>,
+}
