@@ -1,0 +1,70 @@
+//! What it takes to write a controller: typed ports, the [`Controller`] trait, and what runs it.
+//!
+//! A controller is a struct of inputs, a struct of outputs and one function. It reads no clock, does no I/O and draws no
+//! random number, so the same code runs in its own process on the real clock, and beside all others in one thread on
+//! virtual time ([`harness`]).
+//!
+//! ```
+//! use controllers::sdk::{About, Arguments, Controller, Message, Progress, Tick};
+//! use serde::{Deserialize, Serialize};
+//! use std::time::Duration;
+//!
+//! /// A length in metres.
+//! #[derive(Clone, Debug, Serialize, Deserialize)]
+//! struct Length(f64);
+//! impl Message for Length {
+//!     const TYPE: &'static str = "Length";
+//! }
+//! controllers::inputs! {
+//!     /// What it hears.
+//!     struct Inputs {
+//!         /// The length to double.
+//!         length: Length = wire("In"),
+//!     }
+//! }
+//! controllers::outputs! {
+//!     /// What it says.
+//!     struct Outputs {
+//!         /// Twice the length.
+//!         twice: Length = wire("Out"),
+//!     }
+//! }
+//! struct Doubler;
+//! impl Controller for Doubler {
+//!     type Inputs = Inputs;
+//!     type Outputs = Outputs;
+//!     const TYPE: &'static str = "Doubler";
+//!     fn about() -> About {
+//!         About::service("Doubles a length.").every(Duration::from_millis(10)).triggered_by("In")
+//!     }
+//!     fn new(_: &Arguments) -> Result<Self, String> {
+//!         Ok(Self)
+//!     }
+//!     fn main_calc(&mut self, _: Tick, inputs: &Inputs, outputs: &mut Outputs) -> Progress {
+//!         if let Some(length) = inputs.length.fresh() {
+//!             outputs.twice.send(Length(2.0 * length.0));
+//!         }
+//!         Progress::Continue
+//!     }
+//! }
+//! let mut registry = controllers::sdk::Registry::default();
+//! registry.add::<Doubler>();
+//! assert!(registry.interface_text().contains("module Doubler(host: Host)"));
+//! ```
+
+mod arguments;
+mod controller;
+pub mod harness;
+mod interface;
+mod module;
+mod port;
+mod random;
+mod registry;
+
+pub use arguments::{ArgumentError, Arguments, Kind, Parameter};
+pub use controller::{About, Controller, Progress, Schedule, Stopping, Tick};
+pub use interface::{Binding, Device, Direction, Interface, PortInterface};
+pub use module::{Delivery, DeliveryError, Module};
+pub use port::{AnyIn, AnyOut, In, InputSet, Message, Out, OutputSet};
+pub use random::Random;
+pub use registry::{CreateError, Registry};

@@ -1,0 +1,239 @@
+//! Arguments that a spec gives to a controller: `GripperControl(host3, "open")`, `DoorWorld("c3", seed = 7)`.
+
+use std::collections::BTreeMap;
+use thiserror::Error;
+
+/// A parameter that a controller type takes after its host.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Parameter {
+    /// Its name, for `name = value`.
+    pub name: &'static str,
+    /// What values it takes.
+    pub kind: Kind,
+    /// Its value when a spec gives none, spelt as in a spec; none if a spec must give one.
+    pub default: Option<&'static str>,
+}
+
+/// What values a parameter takes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Kind {
+    /// One of these words; any text if there are none.
+    Text(&'static [&'static str]),
+    /// A number between these two, both allowed.
+    Number(f64, f64),
+    /// `true` or `false`.
+    Truth,
+}
+
+/// The arguments of one instance, checked against its type's parameters: every parameter has a value of its kind.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Arguments {
+    values: BTreeMap<&'static str, Value>,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+enum Value {
+    Text(String),
+    Number(f64),
+    Truth(bool),
+}
+
+/// What is wrong with an argument.
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum ArgumentError {
+    /// There is no parameter of this name.
+    #[error("no parameter `{name}`; there {}", listed(.known))]
+    Unknown {
+        /// As given.
+        name: String,
+        /// The names that there are.
+        known: Vec<&'static str>,
+    },
+    /// More arguments than parameters.
+    #[error("argument `{value}` is one too many; there {}", listed(.known))]
+    TooMany {
+        /// The first that has no place.
+        value: String,
+        /// The names that there are.
+        known: Vec<&'static str>,
+    },
+    /// Given twice.
+    #[error("parameter `{name}` is given twice")]
+    Twice {
+        /// The parameter.
+        name: &'static str,
+    },
+    /// Not given, and there is no default.
+    #[error("parameter `{name}` needs {expected}")]
+    Missing {
+        /// The parameter.
+        name: &'static str,
+        /// What values it takes.
+        expected: String,
+    },
+    /// A value of another kind.
+    #[error("parameter `{name}` is `{value}`, which is not {expected}")]
+    Wrong {
+        /// The parameter.
+        name: &'static str,
+        /// As given.
+        value: String,
+        /// What values it takes.
+        expected: String,
+    },
+}
+
+fn listed(names: &[&'static str]) -> String {
+    match names {
+        [] => "are none".to_owned(),
+        [name] => format!("is `{name}`"),
+        names => format!("are `{}`", names.join("`, `")),
+    }
+}
+
+impl Parameter {
+    /// Returns a parameter without a default.
+    pub const fn new(name: &'static str, kind: Kind) -> Self {
+        Self { name, kind, default: None }
+    }
+
+    /// Returns the parameter with a default, spelt as in a spec but without quotes.
+    #[must_use]
+    pub const fn or(self, default: &'static str) -> Self {
+        Self { default: Some(default), ..self }
+    }
+
+    /// Returns the parameter as it stands in a `module` block: `lock: Text = "unlocked"`.
+    pub fn text(&self) -> String {
+        let (kind, quote) = match self.kind {
+            Kind::Text(_) => ("Text", "\""),
+            Kind::Number(..) => ("Number", ""),
+            Kind::Truth => ("Truth", ""),
+        };
+        let default = self.default.map(|default| format!(" = {quote}{default}{quote}")).unwrap_or_default();
+        format!("{}: {kind}{default}", self.name)
+    }
+
+    fn expected(&self) -> String {
+        match self.kind {
+            Kind::Text([]) => "a text".to_owned(),
+            Kind::Text(words) => format!("one of `{}`", words.join("`, `")),
+            Kind::Number(min, max) => format!("a number from {min} to {max}"),
+            Kind::Truth => "`true` or `false`".to_owned(),
+        }
+    }
+
+    fn value(&self, text: &str) -> Result<Value, ArgumentError> {
+        let wrong = || ArgumentError::Wrong { name: self.name, value: text.to_owned(), expected: self.expected() };
+        let bare = text.strip_prefix('"').and_then(|text| text.strip_suffix('"')).unwrap_or(text);
+        match self.kind {
+            Kind::Text([]) => Ok(Value::Text(bare.to_owned())),
+            Kind::Text(words) if words.contains(&bare) => Ok(Value::Text(bare.to_owned())),
+            Kind::Number(min, max) => match bare.parse() {
+                Ok(number) if (min..=max).contains(&number) => Ok(Value::Number(number)),
+                Ok(_) | Err(_) => Err(wrong()),
+            },
+            Kind::Truth if bare == "true" || bare == "false" => Ok(Value::Truth(bare == "true")),
+            Kind::Text(_) | Kind::Truth => Err(wrong()),
+        }
+    }
+}
+
+impl Arguments {
+    /// Returns the checked arguments of one instance.
+    ///
+    /// Each of `given` is a value (`open`, `"open"`, `0.5`, `true`) for the next parameter, or `name=value`.
+    ///
+    /// # Errors
+    /// Names the first argument that is wrong, and what would be right.
+    pub fn parse<S: AsRef<str>>(parameters: &[Parameter], given: &[S]) -> Result<Self, ArgumentError> {
+        let names = || parameters.iter().map(|parameter| parameter.name).collect();
+        let mut values = BTreeMap::new();
+        let mut next = parameters.iter();
+        for text in given.iter().map(AsRef::as_ref) {
+            let (parameter, text) = match split(text) {
+                Some((name, value)) => match parameters.iter().find(|parameter| parameter.name == name) {
+                    Some(parameter) => (parameter, value),
+                    None => return Err(ArgumentError::Unknown { name: name.to_owned(), known: names() }),
+                },
+                None => match next.next() {
+                    Some(parameter) => (parameter, text),
+                    None => return Err(ArgumentError::TooMany { value: text.to_owned(), known: names() }),
+                },
+            };
+            if values.insert(parameter.name, parameter.value(text)?).is_some() {
+                return Err(ArgumentError::Twice { name: parameter.name });
+            }
+        }
+        for parameter in parameters {
+            if !values.contains_key(parameter.name) {
+                let default = parameter
+                    .default
+                    .ok_or_else(|| ArgumentError::Missing { name: parameter.name, expected: parameter.expected() })?;
+                values.insert(parameter.name, parameter.value(default)?);
+            }
+        }
+        Ok(Self { values })
+    }
+
+    /// Returns a text parameter; empty if the type declares no such one.
+    pub fn text(&self, name: &str) -> &str {
+        match self.values.get(name) {
+            Some(Value::Text(text)) => text,
+            Some(Value::Number(_) | Value::Truth(_)) | None => "",
+        }
+    }
+
+    /// Returns a number parameter; NaN if the type declares no such one.
+    pub fn number(&self, name: &str) -> f64 {
+        match self.values.get(name) {
+            Some(Value::Number(number)) => *number,
+            Some(Value::Text(_) | Value::Truth(_)) | None => f64::NAN,
+        }
+    }
+
+    /// Returns a truth parameter; false if the type declares no such one.
+    pub fn truth(&self, name: &str) -> bool {
+        matches!(self.values.get(name), Some(Value::Truth(true)))
+    }
+}
+
+/// Splits `name=value`; a quoted text or one whose head is no identifier is a plain value.
+fn split(text: &str) -> Option<(&str, &str)> {
+    let (name, value) = text.split_once('=')?;
+    let name = name.trim();
+    let identifier = name.chars().all(|c| c.is_alphanumeric() || c == '_') && !name.is_empty();
+    identifier.then_some((name, value.trim()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PARAMETERS: &[Parameter] = &[
+        Parameter::new("lock", Kind::Text(&["unlocked", "locked"])).or("unlocked"),
+        Parameter::new("seed", Kind::Number(0.0, 1e6)).or("1"),
+        Parameter::new("loud", Kind::Truth),
+    ];
+
+    fn check(given: &[&str], expect: &str) {
+        let got = match Arguments::parse(PARAMETERS, given) {
+            Ok(a) => format!("{} {} {}", a.text("lock"), a.number("seed"), a.truth("loud")),
+            Err(error) => error.to_string(),
+        };
+        assert_eq!(got, expect);
+    }
+
+    #[test]
+    fn values_and_errors() {
+        check(&["loud=true"], "unlocked 1 true");
+        check(&["\"locked\"", "7", "false"], "locked 7 false");
+        check(&["seed = 9", "locked", "loud=true"], "locked 9 true");
+        check(&[], "parameter `loud` needs `true` or `false`");
+        check(&["ajar"], "parameter `lock` is `ajar`, which is not one of `unlocked`, `locked`");
+        check(&["locked", "-3"], "parameter `seed` is `-3`, which is not a number from 0 to 1000000");
+        check(&["lock=locked", "locked"], "parameter `lock` is given twice");
+        check(&["sead=1"], "no parameter `sead`; there are `lock`, `seed`, `loud`");
+        check(&["locked", "1", "true", "4"], "argument `4` is one too many; there are `lock`, `seed`, `loud`");
+    }
+}

@@ -1,0 +1,179 @@
+//! The trait that a controller implements.
+
+use super::arguments::{Arguments, Parameter};
+use super::port::{InputSet, OutputSet};
+use comms::logic::signals::Signal;
+use comms::logic::time::Time;
+use std::time::Duration;
+
+/// A leaf of a spec: `Init()`, `Run()`, `MainCalc()` and `Stop()` of the paper's section 4.2.
+///
+/// One activation is `init`, `run`, then `main_calc` once per period (or per sample of the trigger port) until it says
+/// that it is done or aborted, or until a stop is asked for; then `stop` once per period until it is finished. After
+/// that `init` may be called again. Calls never overlap. Inputs are forgotten between activations.
+pub trait Controller: Sized + Send + 'static {
+    /// Its inputs, declared with [`inputs!`](crate::inputs).
+    type Inputs: InputSet;
+    /// Its outputs, declared with [`outputs!`](crate::outputs).
+    type Outputs: OutputSet;
+    /// The process type in specs.
+    const TYPE: &'static str;
+
+    /// Describes the type.
+    fn about() -> About;
+
+    /// Makes an idle instance from arguments that have the declared kinds.
+    ///
+    /// # Errors
+    /// Says in one line what is wrong with the arguments.
+    fn new(arguments: &Arguments) -> Result<Self, String>;
+
+    /// Prepares an activation; forgets the one before. `value` is what the process before it left, often nothing.
+    ///
+    /// # Errors
+    /// Says in one line why it cannot run; the activation is then aborted.
+    fn init(&mut self, value: &[u8]) -> Result<(), String> {
+        let _ = value;
+        Ok(())
+    }
+
+    /// Begins running; called once, directly after `init`.
+    fn run(&mut self, now: Time) {
+        let _ = now;
+    }
+
+    /// Reads the inputs, calculates, sends to the outputs.
+    fn main_calc(&mut self, tick: Tick, inputs: &Self::Inputs, outputs: &mut Self::Outputs) -> Progress;
+
+    /// Lets go of everything; called once per period until it is [`Stopping::Finished`], at most for
+    /// [`About::stop_within`].
+    fn stop(&mut self, tick: Tick, inputs: &Self::Inputs, outputs: &mut Self::Outputs) -> Stopping {
+        let _ = (tick, inputs, outputs);
+        Stopping::Finished
+    }
+
+    /// Returns what a person or a recorder would like to see, in a fixed order.
+    fn signals(&self) -> Vec<Signal> {
+        Vec::new()
+    }
+}
+
+/// The moment of one calculation.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Tick {
+    /// This host's clock.
+    pub now: Time,
+    /// Since the last calculation of this activation; one period at the first.
+    pub elapsed: Duration,
+}
+
+impl Tick {
+    /// Returns [`Tick::elapsed`] in seconds.
+    pub fn dt(self) -> f64 {
+        self.elapsed.as_secs_f64()
+    }
+}
+
+/// What a calculation came to.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Progress {
+    /// Call again.
+    Continue,
+    /// Ended normally, leaving this value to the next process.
+    Done(Vec<u8>),
+    /// Failed, and why, for a person.
+    Aborted(String),
+}
+
+/// Whether `stop` has to be called again.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stopping {
+    /// One period later.
+    Again,
+    /// Nothing moves any more on behalf of this controller.
+    Finished,
+}
+
+/// What a controller type is.
+#[derive(Clone, Debug, PartialEq)]
+pub struct About {
+    /// One sentence.
+    pub doc: &'static str,
+    /// Whether it never ends normally (a sensor, a motion controller), or ends by itself (a detector, a step).
+    pub service: bool,
+    /// When it calculates.
+    pub schedule: Schedule,
+    /// The longest its `stop` may take.
+    pub stop_within: Duration,
+    /// What it takes after the host, in order.
+    pub parameters: &'static [Parameter],
+    /// How often its signals are published; none if it has none.
+    pub signals_every: Option<Duration>,
+}
+
+/// When a controller calculates.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Schedule {
+    /// From one calculation to the next, on absolute deadlines.
+    pub period: Duration,
+    /// The port whose every new sample starts a calculation at once; the period is then the longest wait for one.
+    pub trigger: Option<&'static str>,
+}
+
+impl About {
+    const fn new(doc: &'static str, service: bool) -> Self {
+        Self {
+            doc,
+            service,
+            schedule: Schedule { period: Duration::from_millis(10), trigger: None },
+            stop_within: Duration::from_millis(500),
+            parameters: &[],
+            signals_every: None,
+        }
+    }
+
+    /// Returns a type that never ends normally.
+    pub const fn service(doc: &'static str) -> Self {
+        Self::new(doc, true)
+    }
+
+    /// Returns a type that ends by itself.
+    pub const fn task(doc: &'static str) -> Self {
+        Self::new(doc, false)
+    }
+
+    /// Returns it with a period; 10 ms otherwise.
+    #[must_use]
+    pub const fn every(mut self, period: Duration) -> Self {
+        self.schedule.period = period;
+        self
+    }
+
+    /// Returns it calculating on each new sample of `port`, and at the latest after one period.
+    #[must_use]
+    pub const fn triggered_by(mut self, port: &'static str) -> Self {
+        self.schedule.trigger = Some(port);
+        self
+    }
+
+    /// Returns it with a bound on `stop`; 500 ms otherwise.
+    #[must_use]
+    pub const fn stop_within(mut self, bound: Duration) -> Self {
+        self.stop_within = bound;
+        self
+    }
+
+    /// Returns it with parameters after the host.
+    #[must_use]
+    pub const fn with(mut self, parameters: &'static [Parameter]) -> Self {
+        self.parameters = parameters;
+        self
+    }
+
+    /// Returns it publishing its signals this often.
+    #[must_use]
+    pub const fn signals_every(mut self, period: Duration) -> Self {
+        self.signals_every = Some(period);
+        self
+    }
+}

@@ -1,0 +1,423 @@
+//! All modules in one thread on virtual time, to the bit the same for the same seed.
+//!
+//! Every calculation happens on its absolute deadline, or when its trigger sample arrives; what it sends arrives one
+//! transfer later. A [`Disturbance`] makes it as bad as a busy machine: calculations are held up, transfers take longer,
+//! samples are lost. Modules of one instant run in the order in which their calculations were armed.
+
+use super::controller::{Progress, Stopping};
+use super::interface::{Binding, Direction};
+use super::module::{Delivery, Module};
+use super::random::Random;
+use comms::logic::signals::Signal;
+use comms::logic::time::Time;
+use std::collections::BTreeMap;
+use std::time::Duration;
+use thiserror::Error;
+
+/// How bad the machine and the network are.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Disturbance {
+    /// Every sample takes at least this long.
+    pub transfer: Duration,
+    /// And up to this much longer, evenly spread.
+    pub transfer_jitter: Duration,
+    /// The chance that a calculation is held up.
+    pub hold_chance: f64,
+    /// For up to how long, evenly spread from a third of it.
+    pub hold_max: Duration,
+    /// The chance that a sample is lost.
+    pub drop_chance: f64,
+    /// Where the chances come from.
+    pub seed: u64,
+}
+
+impl Disturbance {
+    /// A quiet machine: 0.1 ms a hop, nothing held up or lost.
+    pub const NONE: Self = Self {
+        transfer: Duration::from_micros(100),
+        transfer_jitter: Duration::ZERO,
+        hold_chance: 0.0,
+        hold_max: Duration::ZERO,
+        drop_chance: 0.0,
+        seed: 0,
+    };
+
+    /// Two busy cores: one calculation in 50 is held up for 10 to 30 ms, one sample in 200 is lost.
+    pub const fn busy(seed: u64) -> Self {
+        Self {
+            transfer: Duration::from_micros(100),
+            transfer_jitter: Duration::from_millis(1),
+            hold_chance: 0.02,
+            hold_max: Duration::from_millis(30),
+            drop_chance: 0.005,
+            seed,
+        }
+    }
+}
+
+/// Names a module of a harness.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct ModuleId(usize);
+
+/// Names a wire of a harness.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct WireId(usize);
+
+/// The end of an activation.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Report {
+    /// When its stop had finished.
+    pub at: Time,
+    /// Whose.
+    pub module: ModuleId,
+    /// How.
+    pub ending: Ending,
+}
+
+/// How an activation ended.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Ending {
+    /// Normally, leaving a value.
+    Done(Vec<u8>),
+    /// By a failure.
+    Aborted(String),
+    /// Because it was asked to.
+    Stopped,
+}
+
+/// Why a wire cannot be made.
+#[derive(Clone, Debug, Error, PartialEq, Eq)]
+pub enum ConnectError {
+    /// There is no such port, or it is bound to a device.
+    #[error("`{module}` has no {direction} `{port}` to connect")]
+    NoPort {
+        /// The controller type.
+        module: &'static str,
+        /// `input` or `output`.
+        direction: &'static str,
+        /// As asked for.
+        port: String,
+    },
+    /// The ports are of different types.
+    #[error("`{from}` cannot feed `{to}`: the types differ")]
+    Types {
+        /// The output's type.
+        from: &'static str,
+        /// The input's type.
+        to: &'static str,
+    },
+}
+
+/// Modules, wires and a queue of what happens next.
+pub struct Harness {
+    now: Time,
+    slots: Vec<Slot>,
+    wires: Vec<Wire>,
+    queue: BTreeMap<(Time, u64), Happening>,
+    reports: Vec<Report>,
+    numbered: u64,
+    sent: u64,
+    disturbance: Disturbance,
+    random: Random,
+}
+
+struct Slot {
+    module: Box<dyn Module>,
+    state: State,
+    /// Only the calculation armed last is valid.
+    token: u64,
+    deadline: Time,
+    held: (Time, Time),
+    arrived_last: Time,
+}
+
+enum State {
+    Idle,
+    Running,
+    Stopping { ending: Ending, until: Time },
+}
+
+struct Wire {
+    from: (usize, &'static str),
+    to: (usize, &'static str),
+    open: u32,
+}
+
+enum Happening {
+    Calculate { slot: usize, token: u64 },
+    Deliver { slot: usize, port: &'static str, bytes: Vec<u8> },
+}
+
+impl std::fmt::Debug for Harness {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Harness").field("now", &self.now).field("modules", &self.slots.len()).finish_non_exhaustive()
+    }
+}
+
+impl Harness {
+    /// Returns an empty harness at the origin of time.
+    pub fn new(disturbance: Disturbance) -> Self {
+        Self {
+            now: Time::ZERO,
+            slots: Vec::new(),
+            wires: Vec::new(),
+            queue: BTreeMap::new(),
+            reports: Vec::new(),
+            numbered: 0,
+            sent: 0,
+            random: Random::new(disturbance.seed),
+            disturbance,
+        }
+    }
+
+    /// Returns the present time.
+    pub fn now(&self) -> Time {
+        self.now
+    }
+
+    /// Returns how many samples have been sent over open wires and to devices.
+    pub fn samples_sent(&self) -> u64 {
+        self.sent
+    }
+
+    /// Adds an idle module.
+    pub fn add(&mut self, module: Box<dyn Module>) -> ModuleId {
+        self.slots.push(Slot {
+            module,
+            state: State::Idle,
+            token: 0,
+            deadline: Time::ZERO,
+            held: (Time::ZERO, Time::ZERO),
+            arrived_last: Time::ZERO,
+        });
+        ModuleId(self.slots.len() - 1)
+    }
+
+    /// Returns a module.
+    pub fn module(&self, module: ModuleId) -> &dyn Module {
+        &*self.slots[module.0].module
+    }
+
+    /// Returns the signals of a module as of now.
+    pub fn signals(&self, module: ModuleId) -> Vec<Signal> {
+        self.slots[module.0].module.signals()
+    }
+
+    /// Returns whether a module is neither idle nor stopping.
+    pub fn is_running(&self, module: ModuleId) -> bool {
+        matches!(self.slots[module.0].state, State::Running)
+    }
+
+    /// Makes a closed wire.
+    ///
+    /// # Errors
+    /// If a port does not exist or the types differ.
+    pub fn connect(&mut self, from: (ModuleId, &str), to: (ModuleId, &str)) -> Result<WireId, ConnectError> {
+        let (from_port, from_type) = self.port(from, Direction::Out)?;
+        let (to_port, to_type) = self.port(to, Direction::In)?;
+        if from_type != to_type {
+            return Err(ConnectError::Types { from: from_type, to: to_type });
+        }
+        self.wires.push(Wire { from: (from.0.0, from_port), to: (to.0.0, to_port), open: 0 });
+        Ok(WireId(self.wires.len() - 1))
+    }
+
+    fn port(
+        &self,
+        (module, name): (ModuleId, &str),
+        direction: Direction,
+    ) -> Result<(&'static str, &'static str), ConnectError> {
+        let interface = self.module(module).interface();
+        let fits = |port: &&super::PortInterface| port.direction == direction && port.binding == Binding::Wire;
+        interface.port(name).filter(fits).map(|port| (port.name, port.type_name)).ok_or_else(|| ConnectError::NoPort {
+            module: interface.type_name,
+            direction: match direction {
+                Direction::In => "input",
+                Direction::Out => "output",
+            },
+            port: name.to_owned(),
+        })
+    }
+
+    /// Opens a wire; it stays open until it has been closed as often.
+    pub fn open(&mut self, wire: WireId) {
+        self.wires[wire.0].open += 1;
+    }
+
+    /// Closes a wire once.
+    pub fn close(&mut self, wire: WireId) {
+        let open = &mut self.wires[wire.0].open;
+        *open = open.saturating_sub(1);
+    }
+
+    /// Initialises and runs a module; one that is not idle is left alone, and a report says so.
+    pub fn activate(&mut self, module: ModuleId, value: &[u8]) {
+        let (now, slot) = (self.now, &mut self.slots[module.0]);
+        if !matches!(slot.state, State::Idle) {
+            self.reports.push(Report { at: now, module, ending: Ending::Aborted("it is busy".to_owned()) });
+            return;
+        }
+        match slot.module.init(value, now) {
+            Ok(()) => {
+                slot.state = State::Running;
+                slot.deadline = now;
+                self.send(module.0);
+                self.arm(module.0, now);
+            }
+            Err(reason) => self.reports.push(Report { at: now, module, ending: Ending::Aborted(reason) }),
+        }
+    }
+
+    /// Asks a running module to stop; any other is left alone.
+    pub fn stop(&mut self, module: ModuleId) {
+        if self.is_running(module) {
+            self.begin_stop(module.0, Ending::Stopped);
+        }
+    }
+
+    /// Lets time pass until an activation ends, at most until `until`.
+    pub fn run(&mut self, until: Time) -> Option<Report> {
+        loop {
+            if !self.reports.is_empty() {
+                return Some(self.reports.remove(0));
+            }
+            match self.queue.first_key_value() {
+                Some((&(at, _), _)) if at <= until => {}
+                _ => {
+                    self.now = self.now.max(until);
+                    return None;
+                }
+            }
+            let ((at, _), happening) = self.queue.pop_first()?;
+            self.now = at;
+            match happening {
+                Happening::Calculate { slot, token } => self.calculate(slot, token),
+                Happening::Deliver { slot, port, bytes } => self.deliver(slot, port, &bytes),
+            }
+        }
+    }
+
+    fn put(&mut self, at: Time, happening: Happening) {
+        self.numbered += 1;
+        self.queue.insert((at, self.numbered), happening);
+    }
+
+    /// Arms the next calculation of a slot; the machine may hold it up.
+    fn arm(&mut self, slot: usize, due: Time) {
+        let hold = if self.random.unit() < self.disturbance.hold_chance {
+            self.disturbance.hold_max.mul_f64(self.random.between(1.0 / 3.0, 1.0))
+        } else {
+            Duration::ZERO
+        };
+        let armed = &mut self.slots[slot];
+        armed.token += 1;
+        armed.held = (due, due + hold);
+        let token = armed.token;
+        self.put(due + hold, Happening::Calculate { slot, token });
+    }
+
+    fn calculate(&mut self, slot: usize, token: u64) {
+        let (now, armed) = (self.now, &mut self.slots[slot]);
+        if armed.token != token {
+            return;
+        }
+        match armed.state {
+            State::Idle => {}
+            State::Running => {
+                let progress = armed.module.calculate(now);
+                self.send(slot);
+                match progress {
+                    Progress::Continue => self.arm_period(slot),
+                    Progress::Done(value) => self.begin_stop(slot, Ending::Done(value)),
+                    Progress::Aborted(reason) => self.begin_stop(slot, Ending::Aborted(reason)),
+                }
+            }
+            State::Stopping { .. } => self.stop_once(slot),
+        }
+    }
+
+    fn arm_period(&mut self, slot: usize) {
+        let (now, armed) = (self.now, &mut self.slots[slot]);
+        let schedule = armed.module.interface().about.schedule;
+        let next = armed.deadline + schedule.period;
+        // A trigger restarts the wait; a deadline that has passed is skipped, not caught up.
+        armed.deadline = if schedule.trigger.is_some() || next <= now { now + schedule.period } else { next };
+        let due = armed.deadline;
+        self.arm(slot, due);
+    }
+
+    fn deliver(&mut self, slot: usize, port: &'static str, bytes: &[u8]) {
+        let (now, receiver) = (self.now, &mut self.slots[slot]);
+        if matches!(receiver.state, State::Idle) {
+            return;
+        }
+        let held = receiver.held.0 <= now && now < receiver.held.1;
+        let delivery = receiver.module.deliver(port, bytes, now).expect("connect has compared the types");
+        if delivery == Delivery::Triggers && !held && matches!(receiver.state, State::Running) {
+            self.arm(slot, now);
+        }
+    }
+
+    fn begin_stop(&mut self, slot: usize, ending: Ending) {
+        let (now, stopped) = (self.now, &mut self.slots[slot]);
+        let until = now + stopped.module.interface().about.stop_within;
+        stopped.state = State::Stopping { ending, until };
+        stopped.deadline = now;
+        self.stop_once(slot);
+    }
+
+    fn stop_once(&mut self, slot: usize) {
+        let now = self.now;
+        let stopping = self.slots[slot].module.stop(now);
+        self.send(slot);
+        let stopped = &mut self.slots[slot];
+        let State::Stopping { ending, until } = &mut stopped.state else { return };
+        if stopping == Stopping::Again && now < *until {
+            self.arm_period(slot);
+            return;
+        }
+        let mut ending = std::mem::replace(ending, Ending::Stopped);
+        if stopping == Stopping::Again {
+            ending = Ending::Aborted(format!("did not stop within {:?}", stopped.module.interface().about.stop_within));
+        }
+        stopped.state = State::Idle;
+        stopped.token += 1;
+        self.reports.push(Report { at: now, module: ModuleId(slot), ending });
+    }
+
+    /// Puts what a module has sent on its way.
+    fn send(&mut self, slot: usize) {
+        let mut samples = Vec::new();
+        self.slots[slot].module.drain(&mut |port, bytes| samples.push((port, bytes)));
+        for (port, bytes) in samples {
+            for (to, input) in self.receivers(slot, port) {
+                self.sent += 1;
+                if self.random.unit() < self.disturbance.drop_chance {
+                    continue;
+                }
+                let jitter = self.disturbance.transfer_jitter.mul_f64(self.random.unit());
+                // Samples to one receiver never overtake each other.
+                let at = (self.now + self.disturbance.transfer + jitter).max(self.slots[to].arrived_last);
+                self.slots[to].arrived_last = at;
+                self.put(at, Happening::Deliver { slot: to, port: input, bytes: bytes.clone() });
+            }
+        }
+    }
+
+    fn receivers(&self, slot: usize, port: &'static str) -> Vec<(usize, &'static str)> {
+        let binding = self.slots[slot].module.interface().port(port).map_or(Binding::Wire, |port| port.binding);
+        let other = match binding {
+            Binding::Wire => {
+                let open = self.wires.iter().filter(|wire| wire.open > 0 && wire.from == (slot, port));
+                return open.map(|wire| wire.to).collect();
+            }
+            Binding::Client => Binding::Owner,
+            Binding::Owner => Binding::Client,
+        };
+        let hears = |interface: &super::Interface| {
+            interface.ports.iter().any(|p| p.name == port && p.direction == Direction::In && p.binding == other)
+        };
+        let hearing = self.slots.iter().enumerate().filter(|(_, listener)| hears(listener.module.interface()));
+        hearing.map(|(listener, _)| (listener, port)).collect()
+    }
+}

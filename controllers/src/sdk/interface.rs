@@ -1,0 +1,154 @@
+//! What a controller type tells the rest of the house about itself.
+
+use super::arguments::Parameter;
+use super::controller::About;
+use std::fmt::Write as _;
+
+/// Everything about a controller type that can be known without running it.
+#[derive(Clone, Debug)]
+pub struct Interface {
+    /// The process type: `ForceTorque`.
+    pub type_name: &'static str,
+    /// Purpose, ending, schedule and parameters.
+    pub about: About,
+    /// Inputs, then outputs, each in order of declaration.
+    pub ports: Vec<PortInterface>,
+}
+
+/// One port.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct PortInterface {
+    /// Its name: `In1`, or the device key `arm/state`.
+    pub name: &'static str,
+    /// Which way data flows.
+    pub direction: Direction,
+    /// The message type; both ends of a wire have the same.
+    pub type_name: &'static str,
+    /// What it carries, in one line.
+    pub doc: &'static str,
+    /// Whether the controller cannot work unless it is connected.
+    pub required: bool,
+    /// What it is bound to.
+    pub binding: Binding,
+}
+
+/// Which way data flows through a port.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Direction {
+    /// Into the controller.
+    In,
+    /// Out of it.
+    Out,
+}
+
+/// What a port is bound to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Binding {
+    /// The wires that a spec gives it.
+    Wire,
+    /// A device that another program owns: hears its `state`, or speaks to its `cmd`. Always open.
+    Client,
+    /// A device that this program owns: speaks its `state`, or hears its `cmd`. Always open.
+    Owner,
+}
+
+/// One side of a device: `arm` and `state`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Device {
+    /// `arm`, `base`, `ft`, `gripper`, `laser`, `camera`.
+    pub name: &'static str,
+    /// `state` or `cmd`.
+    pub channel: &'static str,
+}
+
+impl PortInterface {
+    /// Returns a port that a spec has to connect.
+    pub fn wire(name: &'static str, direction: Direction, type_name: &'static str) -> Self {
+        Self { name, direction, type_name, doc: "", required: true, binding: Binding::Wire }
+    }
+
+    /// Returns a port that a spec may connect.
+    pub fn optional(name: &'static str, direction: Direction, type_name: &'static str) -> Self {
+        Self { required: false, ..Self::wire(name, direction, type_name) }
+    }
+
+    /// Returns a client's port of the device key `name`, such as `arm/state`.
+    pub fn device(name: &'static str, direction: Direction, type_name: &'static str) -> Self {
+        Self { binding: Binding::Client, ..Self::wire(name, direction, type_name) }
+    }
+
+    /// Returns the owner's port of the device key `name`.
+    pub fn owner(name: &'static str, direction: Direction, type_name: &'static str) -> Self {
+        Self { binding: Binding::Owner, ..Self::wire(name, direction, type_name) }
+    }
+
+    /// Returns the port with its doc line.
+    #[must_use]
+    pub fn documented(self, doc: &'static str) -> Self {
+        Self { doc, ..self }
+    }
+
+    /// Returns the device that the port is bound to, if it is.
+    pub fn device_key(&self) -> Option<Device> {
+        match self.binding {
+            Binding::Wire => None,
+            Binding::Client | Binding::Owner => {
+                self.name.split_once('/').map(|(name, channel)| Device { name, channel })
+            }
+        }
+    }
+}
+
+impl Interface {
+    /// Returns the port called `name`.
+    pub fn port(&self, name: &str) -> Option<&PortInterface> {
+        self.ports.iter().find(|port| port.name == name)
+    }
+
+    /// Returns the devices whose keys this program owns, each once, in order of declaration.
+    pub fn owns(&self) -> Vec<&'static str> {
+        self.devices(Binding::Owner)
+    }
+
+    /// Returns the devices of others that this program needs, each once, in order of declaration.
+    pub fn needs(&self) -> Vec<&'static str> {
+        self.devices(Binding::Client)
+    }
+
+    fn devices(&self, binding: Binding) -> Vec<&'static str> {
+        let mut names = Vec::new();
+        for device in self.ports.iter().filter(|port| port.binding == binding).filter_map(PortInterface::device_key) {
+            if !names.contains(&device.name) {
+                names.push(device.name);
+            }
+        }
+        names
+    }
+
+    /// Returns the interface as a `module` block of the `.dca` language; device ports are no part of it.
+    pub fn text(&self) -> String {
+        let mut text = String::new();
+        let parameters: Vec<String> = self.about.parameters.iter().map(Parameter::text).collect();
+        let head: Vec<String> = std::iter::once("host: Host".to_owned()).chain(parameters).collect();
+        let mut line = |line: String| {
+            text.push_str(&line);
+            text.push('\n');
+        };
+        line(format!("/// {}", self.about.doc));
+        line(format!("module {}({}) {{", self.type_name, head.join(", ")));
+        for port in self.ports.iter().filter(|port| port.binding == Binding::Wire) {
+            let direction = match port.direction {
+                Direction::In => "in",
+                Direction::Out => "out",
+            };
+            line(format!("  /// {}", port.doc.trim()));
+            line(format!("  {direction} {}: {};", port.name, port.type_name));
+        }
+        line(if self.about.service { "  service;".to_owned() } else { "  done;".to_owned() });
+        let mut stop = String::new();
+        write!(stop, "  stop within {} ms;", self.about.stop_within.as_millis()).expect("a String takes any text");
+        line(stop);
+        line("}".to_owned());
+        text
+    }
+}

@@ -1,0 +1,171 @@
+//! Any controller behind one object-safe face: what both harnesses drive.
+
+use super::controller::{Controller, Progress, Stopping, Tick};
+use super::interface::{Direction, Interface};
+use super::port::{InputSet, OutputSet};
+use comms::logic::signals::Signal;
+use comms::logic::time::Time;
+use thiserror::Error;
+
+/// A controller instance, its ports as bytes.
+///
+/// The harness calls `init`, then `calculate` until it is not [`Progress::Continue`] or a stop is wanted, then `stop` until
+/// it is [`Stopping::Finished`] (also after done and aborted), and `drain` after each of them.
+pub trait Module: Send {
+    /// Describes the type.
+    fn interface(&self) -> &Interface;
+
+    /// Hands a sample to an input; says whether a calculation is due at once.
+    ///
+    /// # Errors
+    /// If there is no such input, or the bytes are not of its type. The input keeps its older value.
+    fn deliver(&mut self, port: &str, bytes: &[u8], arrived: Time) -> Result<Delivery, DeliveryError>;
+
+    /// Calls `Init(value)` and `Run()`.
+    ///
+    /// # Errors
+    /// The controller's reason for not running.
+    fn init(&mut self, value: &[u8], now: Time) -> Result<(), String>;
+
+    /// Calls `MainCalc()`.
+    fn calculate(&mut self, now: Time) -> Progress;
+
+    /// Calls `Stop()` once.
+    fn stop(&mut self, now: Time) -> Stopping;
+
+    /// Takes what the last call sent, as (port, bytes), in order of declaration.
+    fn drain(&mut self, send: &mut dyn FnMut(&'static str, Vec<u8>));
+
+    /// Returns what a recorder would like to see.
+    fn signals(&self) -> Vec<Signal>;
+}
+
+/// What a delivery asks for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Delivery {
+    /// Nothing: the sample waits for the next calculation.
+    Stored,
+    /// A calculation now: it came in on the trigger port.
+    Triggers,
+}
+
+/// Why a sample was not taken.
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum DeliveryError {
+    /// The controller has no such input.
+    #[error("`{type_name}` has no input `{port}`")]
+    NoInput {
+        /// The controller type.
+        type_name: &'static str,
+        /// As asked for.
+        port: String,
+    },
+    /// The bytes are of another type or version.
+    #[error("a sample for `{port}` is not a `{expected}`: {cause}")]
+    Decode {
+        /// The port.
+        port: &'static str,
+        /// Its type.
+        expected: &'static str,
+        /// What the decoder says.
+        cause: postcard::Error,
+    },
+}
+
+/// One instance of a controller with its ports.
+pub(super) struct Instance<C: Controller> {
+    controller: C,
+    interface: Interface,
+    inputs: C::Inputs,
+    outputs: C::Outputs,
+    input_count: usize,
+    last: Option<Time>,
+}
+
+/// Returns the interface of a controller type.
+pub(super) fn interface<C: Controller>() -> Interface {
+    let mut ports = C::Inputs::declared();
+    ports.extend(C::Outputs::declared());
+    Interface { type_name: C::TYPE, about: C::about(), ports }
+}
+
+impl<C: Controller> Instance<C> {
+    pub(super) fn new(controller: C) -> Self {
+        let interface = interface::<C>();
+        let input_count = interface.ports.iter().filter(|port| port.direction == Direction::In).count();
+        Self {
+            controller,
+            interface,
+            inputs: C::Inputs::default(),
+            outputs: C::Outputs::default(),
+            input_count,
+            last: None,
+        }
+    }
+
+    fn tick(&mut self, now: Time) -> Tick {
+        let elapsed = self.last.map_or(self.interface.about.schedule.period, |last| now.since(last));
+        self.last = Some(now);
+        Tick { now, elapsed }
+    }
+}
+
+impl<C: Controller> Module for Instance<C> {
+    fn interface(&self) -> &Interface {
+        &self.interface
+    }
+
+    fn deliver(&mut self, port: &str, bytes: &[u8], arrived: Time) -> Result<Delivery, DeliveryError> {
+        let inputs = &self.interface.ports[..self.input_count];
+        let Some((index, declared)) = inputs.iter().enumerate().find(|(_, declared)| declared.name == port) else {
+            return Err(DeliveryError::NoInput { type_name: C::TYPE, port: port.to_owned() });
+        };
+        let mut result = Ok(());
+        self.inputs.visit(&mut |at, input| {
+            if at == index {
+                result = input.deliver(bytes, arrived);
+            }
+        });
+        result.map_err(|cause| DeliveryError::Decode { port: declared.name, expected: declared.type_name, cause })?;
+        let trigger = self.interface.about.schedule.trigger;
+        Ok(if trigger == Some(declared.name) { Delivery::Triggers } else { Delivery::Stored })
+    }
+
+    fn init(&mut self, value: &[u8], now: Time) -> Result<(), String> {
+        self.outputs = C::Outputs::default();
+        self.last = None;
+        self.controller.init(value)?;
+        self.controller.run(now);
+        Ok(())
+    }
+
+    fn calculate(&mut self, now: Time) -> Progress {
+        let tick = self.tick(now);
+        let progress = self.controller.main_calc(tick, &self.inputs, &mut self.outputs);
+        self.inputs.visit(&mut |_, input| input.mark_seen());
+        progress
+    }
+
+    fn stop(&mut self, now: Time) -> Stopping {
+        let tick = self.tick(now);
+        let stopping = self.controller.stop(tick, &self.inputs, &mut self.outputs);
+        match stopping {
+            Stopping::Again => self.inputs.visit(&mut |_, input| input.mark_seen()),
+            Stopping::Finished => self.inputs.visit(&mut |_, input| input.clear()),
+        }
+        stopping
+    }
+
+    fn drain(&mut self, send: &mut dyn FnMut(&'static str, Vec<u8>)) {
+        let ports = &self.interface.ports[self.input_count..];
+        self.outputs.visit(&mut |at, output| {
+            if let (Some(bytes), Some(port)) = (output.take(), ports.get(at)) {
+                send(port.name, bytes);
+            }
+        });
+    }
+
+    fn signals(&self) -> Vec<Signal> {
+        self.controller.signals()
+    }
+}

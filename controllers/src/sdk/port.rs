@@ -1,0 +1,206 @@
+//! Typed ports, and the macros that declare a controller's set of them.
+
+use super::interface::PortInterface;
+use comms::logic::time::Time;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use std::fmt::Debug;
+use std::time::Duration;
+
+/// Something that travels from port to port: plain data in SI units, encoded with postcard.
+pub trait Message: Serialize + DeserializeOwned + Debug + Send + 'static {
+    /// Its name in interfaces; a wire joins ports of one name only.
+    const TYPE: &'static str;
+}
+
+/// An input: holds the newest value that arrived.
+#[derive(Debug)]
+pub struct In<T> {
+    value: Option<T>,
+    arrived: Time,
+    received: u64,
+    seen: u64,
+}
+
+impl<T> Default for In<T> {
+    fn default() -> Self {
+        Self { value: None, arrived: Time::ZERO, received: 0, seen: 0 }
+    }
+}
+
+impl<T> In<T> {
+    /// Returns the newest value, however old.
+    pub fn latest(&self) -> Option<&T> {
+        self.value.as_ref()
+    }
+
+    /// Returns the newest value if it arrived at most `age_max` before `now`.
+    pub fn fresh_within(&self, now: Time, age_max: Duration) -> Option<&T> {
+        self.value.as_ref().filter(|_| now.since(self.arrived) <= age_max)
+    }
+
+    /// Returns the newest value if it arrived since the last calculation.
+    pub fn fresh(&self) -> Option<&T> {
+        self.value.as_ref().filter(|_| self.received > self.seen)
+    }
+
+    /// Returns when the newest value arrived, on this host's clock.
+    pub fn arrived(&self) -> Option<Time> {
+        self.value.as_ref().map(|_| self.arrived)
+    }
+
+    /// Returns how many values have arrived in this activation.
+    pub fn received(&self) -> u64 {
+        self.received
+    }
+}
+
+/// An output: holds the value of one calculation until it is sent.
+#[derive(Debug)]
+pub struct Out<T> {
+    pending: Option<T>,
+}
+
+impl<T> Default for Out<T> {
+    fn default() -> Self {
+        Self { pending: None }
+    }
+}
+
+impl<T> Out<T> {
+    /// Sends `value` after this calculation; of two values in one calculation the second goes.
+    pub fn send(&mut self, value: T) {
+        self.pending = Some(value);
+    }
+
+    /// Returns the value that waits to be sent.
+    pub fn pending(&self) -> Option<&T> {
+        self.pending.as_ref()
+    }
+}
+
+/// An input whatever its type. Implemented by [`In`]; used by [`super::Module`].
+pub trait AnyIn {
+    /// Takes an encoded value.
+    ///
+    /// # Errors
+    /// If `bytes` are not a value of this port's type.
+    fn deliver(&mut self, bytes: &[u8], arrived: Time) -> Result<(), postcard::Error>;
+    /// Notes that a calculation has seen the newest value.
+    fn mark_seen(&mut self);
+    /// Forgets everything.
+    fn clear(&mut self);
+}
+
+impl<T: Message> AnyIn for In<T> {
+    fn deliver(&mut self, bytes: &[u8], arrived: Time) -> Result<(), postcard::Error> {
+        self.value = Some(postcard::from_bytes(bytes)?);
+        self.arrived = arrived;
+        self.received += 1;
+        Ok(())
+    }
+
+    fn mark_seen(&mut self) {
+        self.seen = self.received;
+    }
+
+    fn clear(&mut self) {
+        *self = Self::default();
+    }
+}
+
+/// An output whatever its type. Implemented by [`Out`]; used by [`super::Module`].
+pub trait AnyOut {
+    /// Takes the encoded value that waits, if any.
+    fn take(&mut self) -> Option<Vec<u8>>;
+}
+
+impl<T: Message> AnyOut for Out<T> {
+    fn take(&mut self) -> Option<Vec<u8>> {
+        let value = self.pending.take()?;
+        Some(postcard::to_stdvec(&value).expect("a message is plain data, which postcard always encodes"))
+    }
+}
+
+/// The inputs of a controller. Written by [`inputs!`](crate::inputs); `()` for none.
+pub trait InputSet: Default + Send + 'static {
+    /// Returns the ports in order.
+    fn declared() -> Vec<PortInterface>;
+    /// Visits the ports in the same order.
+    fn visit(&mut self, visit: &mut dyn FnMut(usize, &mut dyn AnyIn));
+}
+
+/// The outputs of a controller. Written by [`outputs!`](crate::outputs); `()` for none.
+pub trait OutputSet: Default + Send + 'static {
+    /// Returns the ports in order.
+    fn declared() -> Vec<PortInterface>;
+    /// Visits the ports in the same order.
+    fn visit(&mut self, visit: &mut dyn FnMut(usize, &mut dyn AnyOut));
+}
+
+impl InputSet for () {
+    fn declared() -> Vec<PortInterface> {
+        Vec::new()
+    }
+    fn visit(&mut self, _: &mut dyn FnMut(usize, &mut dyn AnyIn)) {}
+}
+
+impl OutputSet for () {
+    fn declared() -> Vec<PortInterface> {
+        Vec::new()
+    }
+    fn visit(&mut self, _: &mut dyn FnMut(usize, &mut dyn AnyOut)) {}
+}
+
+/// Declares a struct of inputs: `field: Type = wire("In1"),`.
+///
+/// `wire` must be connected, `optional` may be; `device("arm/state")` hears a device, `owner("arm/cmd")` is the device's
+/// own side. Each port needs a doc comment, which goes into the interface.
+#[macro_export]
+macro_rules! inputs {
+    ($(#[$meta:meta])* $vis:vis struct $name:ident {
+        $($(#[doc = $doc:literal])+ $field:ident: $type:ty = $kind:ident($port:literal),)+
+    }) => {
+        $(#[$meta])*
+        #[derive(Debug, Default)]
+        $vis struct $name { $($(#[doc = $doc])+ pub $field: $crate::sdk::In<$type>,)+ }
+        impl $crate::sdk::InputSet for $name {
+            fn declared() -> Vec<$crate::sdk::PortInterface> {
+                vec![$($crate::sdk::PortInterface::$kind(
+                    $port,
+                    $crate::sdk::Direction::In,
+                    <$type as $crate::sdk::Message>::TYPE,
+                ).documented(concat!($($doc),+)),)+]
+            }
+            fn visit(&mut self, visit: &mut dyn FnMut(usize, &mut dyn $crate::sdk::AnyIn)) {
+                let mut index = 0..;
+                $(if let Some(index) = index.next() { visit(index, &mut self.$field); })+
+            }
+        }
+    };
+}
+
+/// Declares a struct of outputs: `field: Type = wire("Out"),`; kinds as in [`inputs!`](crate::inputs).
+#[macro_export]
+macro_rules! outputs {
+    ($(#[$meta:meta])* $vis:vis struct $name:ident {
+        $($(#[doc = $doc:literal])+ $field:ident: $type:ty = $kind:ident($port:literal),)+
+    }) => {
+        $(#[$meta])*
+        #[derive(Debug, Default)]
+        $vis struct $name { $($(#[doc = $doc])+ pub $field: $crate::sdk::Out<$type>,)+ }
+        impl $crate::sdk::OutputSet for $name {
+            fn declared() -> Vec<$crate::sdk::PortInterface> {
+                vec![$($crate::sdk::PortInterface::$kind(
+                    $port,
+                    $crate::sdk::Direction::Out,
+                    <$type as $crate::sdk::Message>::TYPE,
+                ).documented(concat!($($doc),+)),)+]
+            }
+            fn visit(&mut self, visit: &mut dyn FnMut(usize, &mut dyn $crate::sdk::AnyOut)) {
+                let mut index = 0..;
+                $(if let Some(index) = index.next() { visit(index, &mut self.$field); })+
+            }
+        }
+    };
+}

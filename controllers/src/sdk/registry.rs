@@ -1,0 +1,95 @@
+//! Controller types by name.
+
+use super::arguments::{ArgumentError, Arguments};
+use super::controller::Controller;
+use super::interface::Interface;
+use super::module::{Instance, Module, interface};
+use std::collections::BTreeMap;
+use thiserror::Error;
+
+/// Every controller type that a program can run, by its name in specs.
+#[derive(Default)]
+pub struct Registry {
+    types: BTreeMap<&'static str, Entry>,
+}
+
+struct Entry {
+    interface: Interface,
+    create: fn(&Arguments) -> Result<Box<dyn Module>, String>,
+}
+
+/// Why an instance could not be made.
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum CreateError {
+    /// There is no such type.
+    #[error("unknown controller type `{type_name}`; there are {}", .known.join(", "))]
+    UnknownType {
+        /// As asked for.
+        type_name: String,
+        /// The types that there are.
+        known: Vec<&'static str>,
+    },
+    /// An argument is wrong.
+    #[error("`{type_name}`: {cause}")]
+    Argument {
+        /// The type.
+        type_name: &'static str,
+        /// What is wrong.
+        cause: ArgumentError,
+    },
+    /// The controller refuses its arguments.
+    #[error("`{type_name}`: {reason}")]
+    Refused {
+        /// The type.
+        type_name: &'static str,
+        /// Its reason.
+        reason: String,
+    },
+}
+
+impl std::fmt::Debug for Registry {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_set().entries(self.types.keys()).finish()
+    }
+}
+
+impl Registry {
+    /// Adds a controller type; one of the same name is replaced.
+    pub fn add<C: Controller>(&mut self) -> &mut Self {
+        let create = |arguments: &Arguments| {
+            let controller = C::new(arguments)?;
+            Ok(Box::new(Instance::new(controller)) as Box<dyn Module>)
+        };
+        self.types.insert(C::TYPE, Entry { interface: interface::<C>(), create });
+        self
+    }
+
+    /// Returns the interface of a type.
+    pub fn interface(&self, type_name: &str) -> Option<&Interface> {
+        self.types.get(type_name).map(|entry| &entry.interface)
+    }
+
+    /// Returns all interfaces, by name.
+    pub fn interfaces(&self) -> impl Iterator<Item = &Interface> {
+        self.types.values().map(|entry| &entry.interface)
+    }
+
+    /// Returns all interfaces as `module` blocks of the `.dca` language.
+    pub fn interface_text(&self) -> String {
+        self.interfaces().map(Interface::text).collect::<Vec<_>>().join("\n")
+    }
+
+    /// Makes an idle instance; `given` are its arguments after the host, each `value` or `name=value`.
+    ///
+    /// # Errors
+    /// If there is no such type, or the arguments do not fit it.
+    pub fn create<S: AsRef<str>>(&self, type_name: &str, given: &[S]) -> Result<Box<dyn Module>, CreateError> {
+        let (&type_name, entry) = self.types.get_key_value(type_name).ok_or_else(|| CreateError::UnknownType {
+            type_name: type_name.to_owned(),
+            known: self.types.keys().copied().collect(),
+        })?;
+        let arguments = Arguments::parse(entry.interface.about.parameters, given)
+            .map_err(|cause| CreateError::Argument { type_name, cause })?;
+        (entry.create)(&arguments).map_err(|reason| CreateError::Refused { type_name, reason })
+    }
+}
