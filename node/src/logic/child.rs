@@ -5,26 +5,27 @@
 //! standard output. End of input means that the agent is gone.
 
 use std::ffi::OsString;
+use std::fmt;
 use std::path::PathBuf;
 use std::time::Duration;
 use thiserror::Error;
 
 /// The program's output, in the instance directory.
-pub const OUTPUT_FILE: &str = "output.log";
+pub const OUTPUT_FILE: &str = "out.log";
 /// Output before that, once [`OUTPUT_FILE`] has reached [`OUTPUT_SIZE_MAX`].
-pub const OUTPUT_FILE_OLD: &str = "output.log.1";
+pub const OUTPUT_FILE_OLD: &str = "out.log.1";
 /// Where [`OUTPUT_FILE`] is rotated, in bytes.
 pub const OUTPUT_SIZE_MAX: u64 = 1 << 20;
 /// How the program ended, as the line of the [`ShimReport`]; durable before the report is made.
 pub const EXIT_FILE: &str = "exit";
-/// How long a program may take to stop once its agent is gone, unless the launch says otherwise.
+/// How long a program may take to stop once its agent is gone, unless the start says otherwise.
 pub const AGENT_LOSS_GRACE: Duration = Duration::from_secs(1);
 
 /// What a shim starts, and how.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Launch {
+pub struct ShimStart {
     /// The instance directory, which exists: output and exit record go there.
-    pub directory: PathBuf,
+    pub dir: PathBuf,
     /// The program's working directory.
     pub working_directory: PathBuf,
     /// When the program is executed.
@@ -89,17 +90,9 @@ pub enum ShimReport {
     Gone,
 }
 
-/// Why a line or a command line was not understood.
+/// Why the arguments of a shim were not understood.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 pub enum ChildError {
-    /// Not a line of this protocol.
-    #[error("`{line}` is not {expected}")]
-    Line {
-        /// As read.
-        line: String,
-        /// What it should have been.
-        expected: &'static str,
-    },
     /// An argument of the shim is wrong.
     #[error("argument `{argument}`: {problem}")]
     Argument {
@@ -113,74 +106,66 @@ pub enum ChildError {
     NoProgram,
 }
 
-impl ShimOrder {
-    /// Returns the order as a line without its end.
-    pub fn encode(&self) -> String {
+impl fmt::Display for ShimOrder {
+    /// Writes the order as a line without its end.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Go => "go".to_owned(),
-            Self::Stop { grace } => format!("stop {}", grace.as_millis()),
-            Self::Kill => "kill".to_owned(),
+            Self::Go => f.write_str("go"),
+            Self::Stop { grace } => write!(f, "stop {}", grace.as_millis()),
+            Self::Kill => f.write_str("kill"),
         }
     }
+}
 
-    /// Reads a line without its end.
-    ///
-    /// # Errors
-    /// If it is no order.
-    pub fn decode(line: &str) -> Result<Self, ChildError> {
-        let wrong = || ChildError::Line { line: line.to_owned(), expected: "an order to a shim" };
+impl ShimOrder {
+    /// Reads a line without its end; none if it is no order.
+    pub fn parse(line: &str) -> Option<Self> {
         match line.split_once(' ') {
-            None if line == "go" => Ok(Self::Go),
-            None if line == "kill" => Ok(Self::Kill),
-            Some(("stop", millis)) => {
-                let Ok(millis) = millis.parse() else { return Err(wrong()) };
-                Ok(Self::Stop { grace: Duration::from_millis(millis) })
-            }
-            _ => Err(wrong()),
+            None if line == "go" => Some(Self::Go),
+            None if line == "kill" => Some(Self::Kill),
+            Some(("stop", millis)) => Some(Self::Stop { grace: Duration::from_millis(millis.parse().ok()?) }),
+            _ => None,
+        }
+    }
+}
+
+impl fmt::Display for ShimReport {
+    /// Writes the report as a line without its end.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Ready => f.write_str("ready"),
+            Self::Started { pid } => write!(f, "started {pid}"),
+            Self::Exited { code } => write!(f, "exited {code}"),
+            Self::Signalled { signal } => write!(f, "signalled {signal}"),
+            Self::ExecFailed { reason } => write!(f, "exec-failed {}", reason.replace(['\n', '\r'], " ")),
+            Self::Gone => f.write_str("gone"),
         }
     }
 }
 
 impl ShimReport {
-    /// Returns the report as a line without its end.
-    pub fn encode(&self) -> String {
-        match self {
-            Self::Ready => "ready".to_owned(),
-            Self::Started { pid } => format!("started {pid}"),
-            Self::Exited { code } => format!("exited {code}"),
-            Self::Signalled { signal } => format!("signalled {signal}"),
-            Self::ExecFailed { reason } => format!("exec-failed {}", reason.replace(['\n', '\r'], " ")),
-            Self::Gone => "gone".to_owned(),
-        }
-    }
-
-    /// Reads a line without its end.
-    ///
-    /// # Errors
-    /// If it is no report.
-    pub fn decode(line: &str) -> Result<Self, ChildError> {
-        let wrong = || ChildError::Line { line: line.to_owned(), expected: "a report of a shim" };
-        let report = match line.split_once(' ') {
+    /// Reads a line without its end; none if it is no report.
+    pub fn parse(line: &str) -> Option<Self> {
+        match line.split_once(' ') {
             None if line == "ready" => Some(Self::Ready),
             None if line == "gone" => Some(Self::Gone),
-            Some(("started", pid)) => pid.parse().ok().map(|pid| Self::Started { pid }),
-            Some(("exited", code)) => code.parse().ok().map(|code| Self::Exited { code }),
-            Some(("signalled", signal)) => signal.parse().ok().map(|signal| Self::Signalled { signal }),
+            Some(("started", pid)) => Some(Self::Started { pid: pid.parse().ok()? }),
+            Some(("exited", code)) => Some(Self::Exited { code: code.parse().ok()? }),
+            Some(("signalled", signal)) => Some(Self::Signalled { signal: signal.parse().ok()? }),
             Some(("exec-failed", reason)) => Some(Self::ExecFailed { reason: reason.to_owned() }),
             _ => None,
-        };
-        report.ok_or_else(wrong)
+        }
     }
 }
 
-impl Launch {
+impl ShimStart {
     /// Returns the arguments of the shim.
     pub fn arguments(&self) -> Vec<OsString> {
         let gate = match self.gate {
             Gate::None => "none",
             Gate::Exec => "exec",
         };
-        let mut arguments: Vec<OsString> = vec!["--directory".into(), self.directory.clone().into()];
+        let mut arguments: Vec<OsString> = vec!["--directory".into(), self.dir.clone().into()];
         arguments.extend(["--working-directory".into(), self.working_directory.clone().into()]);
         arguments.extend(["--gate".into(), gate.into()]);
         arguments.extend(["--agent-loss-grace-ms".into(), self.agent_loss_grace.as_millis().to_string().into()]);
@@ -197,8 +182,8 @@ impl Launch {
     /// # Errors
     /// Names the first argument that is wrong.
     pub fn parse(arguments: impl IntoIterator<Item = OsString>) -> Result<Self, ChildError> {
-        let mut launch = Self {
-            directory: PathBuf::new(),
+        let mut start = Self {
+            dir: PathBuf::new(),
             working_directory: PathBuf::from("/"),
             gate: Gate::None,
             agent_loss_grace: AGENT_LOSS_GRACE,
@@ -213,23 +198,23 @@ impl Launch {
             }
             let wrong = |problem| ChildError::Argument { argument: name.clone(), problem };
             let value = arguments.next().ok_or_else(|| wrong("needs a value"))?;
-            launch.set(&name, value).map_err(wrong)?;
+            start.set(&name, value).map_err(wrong)?;
         }
         for argument in arguments {
-            launch.command.push(text(argument).map_err(|()| ChildError::Argument {
+            start.command.push(text(argument).map_err(|()| ChildError::Argument {
                 argument: "--".to_owned(),
                 problem: "the command must be UTF-8",
             })?);
         }
-        if launch.directory.as_os_str().is_empty() {
+        if start.dir.as_os_str().is_empty() {
             return Err(ChildError::Argument { argument: "--directory".to_owned(), problem: "is needed" });
         }
-        if launch.command.is_empty() { Err(ChildError::NoProgram) } else { Ok(launch) }
+        if start.command.is_empty() { Err(ChildError::NoProgram) } else { Ok(start) }
     }
 
     fn set(&mut self, name: &str, value: OsString) -> Result<(), &'static str> {
         match name {
-            "--directory" => self.directory = value.into(),
+            "--directory" => self.dir = value.into(),
             "--working-directory" => self.working_directory = value.into(),
             "--gate" => {
                 self.gate = match value.to_str() {
@@ -265,7 +250,7 @@ mod tests {
     fn lines_round_trip() {
         let orders = [ShimOrder::Go, ShimOrder::Kill, ShimOrder::Stop { grace: Duration::from_millis(250) }];
         for order in orders {
-            assert_eq!(ShimOrder::decode(&order.encode()), Ok(order));
+            assert_eq!(ShimOrder::parse(&order.to_string()), Some(order));
         }
         let reports = [
             ShimReport::Ready,
@@ -276,30 +261,30 @@ mod tests {
             ShimReport::Gone,
         ];
         for report in reports {
-            assert_eq!(ShimReport::decode(&report.encode()), Ok(report));
+            assert_eq!(ShimReport::parse(&report.to_string()), Some(report));
         }
         for line in ["", "go now", "stop", "stop soon", "started", "exited x", "left 3"] {
-            assert!(ShimOrder::decode(line).is_err() && ShimReport::decode(line).is_err(), "{line}");
+            assert_eq!((ShimOrder::parse(line), ShimReport::parse(line)), (None, None), "{line}");
         }
     }
 
     #[test]
-    fn launch_round_trips() {
-        let launch = Launch {
-            directory: "/run/dca/d/x".into(),
+    fn start_round_trips() {
+        let start = ShimStart {
+            dir: "/run/dca/d/x".into(),
             working_directory: "/tmp".into(),
             gate: Gate::Exec,
             agent_loss_grace: Duration::from_millis(20),
             environment: vec![("DCA_INSTANCE".into(), "main/a=b".into()), ("EMPTY".into(), String::new())],
             command: vec!["sleep".into(), "--".into(), "5".into()],
         };
-        assert_eq!(Launch::parse(launch.arguments()), Ok(launch));
+        assert_eq!(ShimStart::parse(start.arguments()), Ok(start));
     }
 
     #[test]
-    fn launch_refusals() {
+    fn start_refusals() {
         let check = |arguments: &[&str], expect: &str| {
-            let error = Launch::parse(arguments.iter().map(OsString::from)).unwrap_err();
+            let error = ShimStart::parse(arguments.iter().map(OsString::from)).unwrap_err();
             assert_eq!(error.to_string(), expect);
         };
         check(&["--directory", "/d", "--"], "no program to start after `--`");
