@@ -174,24 +174,24 @@ pub enum Expression {
     /// `wait(5 s)`: done when the time has passed.
     Wait(Duration),
     /// `P , Q`: concurrent composition, n-ary.
-    Concurrent(Vec<Expression>),
+    Concurrent(Vec<Self>),
     /// `P & Q`: concurrent, the first abort stops the others; n-ary.
-    FailFast(Vec<Expression>),
+    FailFast(Vec<Self>),
     /// `any k of (P, Q, ...)`.
     AnyOf {
         /// How many have to be done.
         count: u32,
         /// The candidates.
-        of: Vec<Expression>,
+        of: Vec<Self>,
     },
     /// `P # Q`: disabling composition, n-ary.
-    Disable(Vec<Expression>),
+    Disable(Vec<Self>),
     /// `P ; Q`.
-    Sequence(Box<Expression>, Box<Expression>),
+    Sequence(Box<Self>, Box<Self>),
     /// `P : Q`, the value of P initialises Q.
-    Conditional(Box<Expression>, Box<Expression>),
+    Conditional(Box<Self>, Box<Self>),
     /// `P ;; Q`.
-    Recurrent(Box<Expression>, Box<Expression>),
+    Recurrent(Box<Self>, Box<Self>),
     /// `P else Q`; `P?` is `P else skip`.
-    Otherwise(Box<Expression>, Box<Expression>),
+    Otherwise(Box<Self>, Box<Self>),
 }

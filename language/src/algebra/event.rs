@@ -20,6 +20,28 @@ impl Value {
     pub fn bytes(&self) -> &[u8] {
         self.0.as_deref().unwrap_or(&[])
     }
+
+    /// Returns the values that several processes leave together.
+    ///
+    /// One value is itself, and values that are all empty are the empty value. Else each value stands as its length (8
+    /// bytes, least significant first) and its bytes.
+    pub fn tuple<'a>(values: impl Iterator<Item = &'a Self> + Clone) -> Self {
+        let mut some = values.clone();
+        match (some.next(), some.next()) {
+            (None, _) => return Self::EMPTY,
+            (Some(value), None) => return value.clone(),
+            (Some(_), Some(_)) => {}
+        }
+        if values.clone().all(|value| value.0.is_none()) {
+            return Self::EMPTY;
+        }
+        let mut bytes = Vec::new();
+        for value in values {
+            bytes.extend((value.bytes().len() as u64).to_le_bytes());
+            bytes.extend(value.bytes());
+        }
+        Self::new(&bytes)
+    }
 }
 
 /// Numbers the activations of one member from 1; an event with an older number is dropped.

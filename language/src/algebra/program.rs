@@ -1,0 +1,220 @@
+//! An event-action expression as an array of nodes.
+//!
+//! # Representation
+//! The nodes stand in textual order, a node before its operands, so a subtree is a contiguous run of the array:
+//!
+//! ```text
+//!   a ;; (b # c)      0 Recurrent ─┬─ 1 a
+//!                                  └─ 2 Disable ─┬─ 3 b      end of 2 = end of 4 = 5
+//!                                                └─ 4 c
+//! ```
+//!
+//! Invariants, kept by [`Program::compile`], on which `step` rests:
+//! - node 0 is the root and the only node without a parent; a parent's index is smaller than its operands';
+//! - the first operand of node `i` is `i + 1`; the operand after `c` is `nodes[c].end`; the last operand's `end` is the
+//!   node's own, which is how the operands of a node are walked without a list of them;
+//! - `;`, `:`, `;;` and `else` have two operands, constants and members none, the others any number;
+//! - a chain of parents has at most [`DEPTH_MAX`] nodes.
+
+use crate::plan::{DEPTH_MAX, Expression, Group, Member, MemberKind};
+use std::ops::Range;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// The compiled expression of one group. It never changes; what happens is kept in a `State`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Program {
+    pub(super) nodes: Vec<Node>,
+    /// The connection sets of all `Run` nodes, one after the other.
+    pub(super) sets: Vec<u32>,
+    /// The sets that are open for as long as the group runs.
+    pub(super) sets_always: Vec<u32>,
+    /// For each member slot, whether its normal end is a breach of its contract (L7): leaves declared `service`. A group
+    /// that is a service by inference may end, namely after a fault that its own expression tolerates (`logger?`).
+    pub(super) endless: Vec<bool>,
+    /// For each timer, its `Wait` node.
+    pub(super) timers: Vec<usize>,
+}
+
+/// One operator, constant or member.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Node {
+    /// The operator that it is an operand of; none for the root.
+    pub(super) parent: Option<usize>,
+    /// One past the last node of its subtree.
+    pub(super) end: usize,
+    /// Whether no fault-free run of it ends.
+    pub(super) service: bool,
+    pub(super) kind: Kind,
+}
+
+/// What a node is.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum Kind {
+    Run {
+        member: u32,
+        /// Where its connection sets are in [`Program::sets`].
+        sets: Range<usize>,
+    },
+    Skip,
+    Never,
+    Fail(Arc<str>),
+    Wait {
+        timer: u32,
+        after: Duration,
+    },
+    /// `,`
+    Concurrent {
+        /// How many operands have to end: those that are not services, or all when every one is a service.
+        tasks: u32,
+    },
+    /// `&`
+    FailFast {
+        operands: u32,
+    },
+    AnyOf {
+        count: u32,
+        operands: u32,
+    },
+    /// `#`
+    Disable,
+    /// `;`
+    Sequence,
+    /// `:`
+    Conditional,
+    /// `;;`
+    Recurrent,
+    /// `else`
+    Otherwise,
+}
+
+impl Program {
+    /// Compiles the expression of a group of a validated plan, with the service flags of its members.
+    ///
+    /// # Panics
+    /// If the expression is nested deeper than [`DEPTH_MAX`] or names a member that the group has not; `Plan::validate`
+    /// refuses both.
+    pub fn compile(group: &Group) -> Self {
+        let endless = |member: &Member| member.service && matches!(member.kind, MemberKind::Leaf(_));
+        let mut program = Self {
+            nodes: Vec::new(),
+            sets: Vec::new(),
+            sets_always: group.sets_always.clone(),
+            endless: group.members.iter().map(endless).collect(),
+            timers: Vec::new(),
+        };
+        program.add(&group.members, &group.expression, None, 1);
+        program
+    }
+
+    /// Returns whether the group is a service: no fault-free run of it ends. This is the `service` of the group as a
+    /// member of another.
+    pub fn is_service(&self) -> bool {
+        self.nodes[0].service
+    }
+
+    /// Adds the subtree of `expression`; the operands are added before the node's own flags can be known.
+    fn add(&mut self, members: &[Member], expression: &Expression, parent: Option<usize>, depth: usize) {
+        assert!(depth <= DEPTH_MAX, "a validated expression is nested at most {DEPTH_MAX} deep");
+        let node = self.nodes.len();
+        let kind = self.kind(expression);
+        self.nodes.push(Node { parent, end: node + 1, service: false, kind });
+        for operand in operands(expression) {
+            self.add(members, operand, Some(node), depth + 1);
+        }
+        self.nodes[node].end = self.nodes.len();
+        self.nodes[node].service = self.infer_service(node, members);
+        let tasks = self.operands(node).filter(|&operand| self.is_task(node, operand)).count();
+        if let Kind::Concurrent { tasks: counted } = &mut self.nodes[node].kind {
+            *counted = small(tasks);
+        }
+    }
+
+    fn kind(&mut self, expression: &Expression) -> Kind {
+        match expression {
+            Expression::Run { member, sets } => {
+                let start = self.sets.len();
+                self.sets.extend(sets);
+                Kind::Run { member: *member, sets: start..self.sets.len() }
+            }
+            Expression::Skip => Kind::Skip,
+            Expression::Never => Kind::Never,
+            Expression::Fail(why) => Kind::Fail(why.as_str().into()),
+            Expression::Wait(after) => {
+                self.timers.push(self.nodes.len());
+                Kind::Wait { timer: small(self.timers.len() - 1), after: *after }
+            }
+            Expression::Concurrent(_) => Kind::Concurrent { tasks: 0 },
+            Expression::FailFast(of) => Kind::FailFast { operands: small(of.len()) },
+            Expression::AnyOf { count, of } => {
+                let operands = small(of.len());
+                Kind::AnyOf { count: (*count).min(operands), operands }
+            }
+            Expression::Disable(_) => Kind::Disable,
+            Expression::Sequence(..) => Kind::Sequence,
+            Expression::Conditional(..) => Kind::Conditional,
+            Expression::Recurrent(..) => Kind::Recurrent,
+            Expression::Otherwise(..) => Kind::Otherwise,
+        }
+    }
+
+    /// The service rules, upward from the members. `any k of` is one when fewer than `k` operands are tasks, `&` when one
+    /// operand is, since it waits for all of them; `fail` and `wait` end by themselves.
+    fn infer_service(&self, node: usize, members: &[Member]) -> bool {
+        let mut services = self.operands(node).map(|operand| self.nodes[operand].service);
+        match &self.nodes[node].kind {
+            Kind::Run { member, .. } => members[*member as usize].service,
+            Kind::Never | Kind::Recurrent => true,
+            Kind::Skip | Kind::Fail(_) | Kind::Wait { .. } => false,
+            Kind::Concurrent { .. } => self.end(node) > node + 1 && services.all(|service| service),
+            Kind::Disable => services.all(|service| service),
+            Kind::Sequence | Kind::Conditional | Kind::FailFast { .. } => services.any(|service| service),
+            Kind::Otherwise => self.nodes[node + 1].service,
+            Kind::AnyOf { count, .. } => services.filter(|service| !service).count() < *count as usize,
+        }
+    }
+
+    /// Whether `,` waits for this operand: tasks, or every operand when all of them are services.
+    pub(super) fn is_task(&self, node: usize, operand: usize) -> bool {
+        self.nodes[node].service || !self.nodes[operand].service
+    }
+
+    /// Returns the operands of a node in textual order.
+    pub(super) fn operands(&self, node: usize) -> impl Iterator<Item = usize> + Clone {
+        let last = self.end(node);
+        let first = Some(node + 1).filter(|&first| first < last);
+        std::iter::successors(first, move |&operand| Some(self.end(operand)).filter(|&next| next < last))
+    }
+
+    /// Returns the first operand of a node that has one.
+    pub(super) fn first(&self, node: usize) -> usize {
+        node + 1
+    }
+
+    /// Returns the second operand of a node that has two.
+    pub(super) fn second(&self, node: usize) -> usize {
+        self.end(node + 1)
+    }
+
+    fn end(&self, node: usize) -> usize {
+        self.nodes[node].end
+    }
+}
+
+fn operands(expression: &Expression) -> Vec<&Expression> {
+    match expression {
+        Expression::Run { .. } | Expression::Skip | Expression::Never | Expression::Fail(_) | Expression::Wait(_) => {
+            Vec::new()
+        }
+        Expression::Concurrent(of) | Expression::FailFast(of) | Expression::Disable(of) => of.iter().collect(),
+        Expression::AnyOf { of, .. } => of.iter().collect(),
+        Expression::Sequence(p, q)
+        | Expression::Conditional(p, q)
+        | Expression::Recurrent(p, q)
+        | Expression::Otherwise(p, q) => vec![p, q],
+    }
+}
+
+fn small(count: usize) -> u32 {
+    u32::try_from(count).expect("a plan has fewer than 2^32 operands")
+}

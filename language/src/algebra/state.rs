@@ -1,0 +1,136 @@
+//! Where a group is in its expression.
+//!
+//! # Representation
+//! One [`Cell`] for each node of the program, one [`Seat`] for each member slot, one number for each timer. Nothing is
+//! pushed or popped while a group runs: `;;` flips the phase of its cell in place, so a loop runs in constant memory.
+//!
+//! The configurations of the rules are spread over the cells like this (a node that is not part of the configuration is
+//! [`Phase::Idle`] and empty):
+//!
+//! ```text
+//!   a.i<n>, w(d), never      Running                  C;F  C:F  rec1  C else F      Running (first operand active)
+//!   s.i<n>                   Stopping                 F of C;F, C:F, else; rec2     Second  (second operand active)
+//!   par[..] ff[..] anyk[..]  Running, open, done      stop(C;F) and the like        Stopping (the rest is forgotten)
+//!   dis[..]                  Running                  drain(o,{C..})                Draining, outcome = o, open = |{C..}|
+//!   slot done(v)             Done, outcome = done(v)  slot aborted(r)               Aborted; the first r is the
+//!                                                                                   operator's outcome
+//! ```
+//!
+//! Invariants, between two events:
+//! - an active node (`Running`, `Second`, `Stopping`, `Draining`) other than the root has an active parent;
+//! - below a node that is `Stopping` or `Draining`, every active leaf is `Stopping` and no timer is armed;
+//! - `open` is the number of operands that the operator still waits for, and is greater than 0 in `Draining`;
+//! - a seat names a node exactly while that `Run` node is `Running` or `Stopping`.
+
+use super::event::{Activation, Outcome};
+use super::program::Program;
+
+/// The configuration of one group: idle, running or stopping. Belongs to one [`Program`].
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub struct State {
+    pub(super) cells: Vec<Cell>,
+    pub(super) seats: Vec<Seat>,
+    pub(super) timers: Vec<Activation>,
+}
+
+/// What one node is doing. Opaque, but comparable: see [`State::configuration`].
+#[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
+pub struct Cell {
+    pub(super) phase: Phase,
+    /// Operands that are waited for.
+    pub(super) open: u32,
+    /// Operands that are done.
+    pub(super) done: u32,
+    /// Of a slot: its value. Of an operator: its first abort while it runs, its decided outcome while it drains.
+    pub(super) outcome: Option<Outcome>,
+}
+
+/// The phase of a node.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub(super) enum Phase {
+    #[default]
+    Idle,
+    Running,
+    Second,
+    Stopping,
+    Draining,
+    Done,
+    Aborted,
+}
+
+impl Phase {
+    pub(super) fn is_active(self) -> bool {
+        match self {
+            Self::Running | Self::Second | Self::Stopping | Self::Draining => true,
+            Self::Idle | Self::Done | Self::Aborted => false,
+        }
+    }
+}
+
+/// The activations of one member.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub(super) struct Seat {
+    /// The latest one; 0 before the first.
+    pub(super) activation: Activation,
+    /// The `Run` node that holds it now.
+    pub(super) node: Option<usize>,
+}
+
+/// What a member is doing, as far as its supervisor knows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Activity {
+    /// Not activated.
+    Idle,
+    /// Activated; it has not ended.
+    Active,
+    /// Asked to stop; it has not confirmed.
+    Stopping,
+}
+
+impl State {
+    /// Returns the idle state, in which no member was ever activated.
+    pub fn new(program: &Program) -> Self {
+        Self {
+            cells: vec![Cell::default(); program.nodes.len()],
+            seats: vec![Seat::default(); program.endless.len()],
+            timers: vec![Activation::default(); program.timers.len()],
+        }
+    }
+
+    /// Returns whether nothing of the group runs: it was not started since its last outcome.
+    pub fn is_idle(&self) -> bool {
+        !self.cells[0].phase.is_active()
+    }
+
+    /// Returns what a member does; a slot that the group has not is idle.
+    pub fn activity(&self, member: u32) -> Activity {
+        match self.seats.get(member as usize).and_then(|seat| seat.node) {
+            None => Activity::Idle,
+            Some(node) if self.cells[node].phase == Phase::Stopping => Activity::Stopping,
+            Some(_) => Activity::Active,
+        }
+    }
+
+    /// Returns the number of a member's latest activation, 0 before the first.
+    pub fn activation(&self, member: u32) -> Activation {
+        self.seats.get(member as usize).map_or(Activation(0), |seat| seat.activation)
+    }
+
+    /// Returns the number of a timer's latest arm and whether it is armed now.
+    pub fn timer(&self, program: &Program, timer: u32) -> (Activation, bool) {
+        let node = program.timers.get(timer as usize);
+        let armed = node.is_some_and(|&node| self.cells[node].phase == Phase::Running);
+        (self.timers.get(timer as usize).copied().unwrap_or_default(), armed)
+    }
+
+    /// Returns the slots of the members that are active or stopping, in slot order.
+    pub fn members_active(&self) -> impl Iterator<Item = u32> {
+        (0..).zip(&self.seats).filter(|(_, seat)| seat.node.is_some()).map(|(member, _)| member)
+    }
+
+    /// Returns what decides the future but for the numbers of activations: two states of one program with equal
+    /// configurations react alike to the same events. An explorer keys its visited states by this.
+    pub fn configuration(&self) -> &[Cell] {
+        &self.cells
+    }
+}

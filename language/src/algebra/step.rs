@@ -1,0 +1,194 @@
+//! The transition function: one function for each rule, in the order of the rules.
+//!
+//! # How a reaction runs
+//! An event reaches one leaf through its seat (or one timer, or the root), the leaf yields an [`Outcome`], and the outcome
+//! climbs along the parent links: at each operator its completion function either absorbs the outcome (the operator goes
+//! on, the reaction ends) or turns it into the operator's own. On the way, operators start and stop whole operands, which
+//! descends by recursion, at most `DEPTH_MAX` deep. A `;;` loops in place. So a reaction costs the depth of the leaf plus the
+//! number of nodes that it starts or stops, and terminates.
+//!
+//! [`Outcome::Stopped`] is the `killed` of the rules: only a drain consumes it.
+//!
+//! # The rules
+//! `v |- E` starts `E` with the value `v`; `C` is a configuration, `o` an outcome, `S` a service.
+//!
+//! ```text
+//! [s-leaf]   v |- i[L]     connect L, activate i with the next number and v
+//! [s-busy]   v |- i[L]     aborted(Busy i), if i is not idle
+//! [s-const]  skip = done(empty)   fail(r) = aborted(r)   never   wait(d) = arm
+//! [s-par]    v |- E1,..,Em starts all, left to right, then PAR           same for & and any
+//! [s-dis]    v |- E1#..#Em starts left to right up to the first outcome
+//! SEQ        done -> empty |- F             aborted(r) -> aborted(r)
+//! COND       done(u) -> u |- F              aborted(r) -> aborted(r)
+//! REC        P done(u) -> u |- Q   Q done -> empty |- P   aborted(r) -> aborted(r)
+//! ELSE       done(u) -> done(u)             aborted(r) -> r |- F
+//! DIS        o -> DRAIN(o, the others)
+//! PAR        a service aborts -> DRAIN(its abort, the others)                                       (p-lost)
+//!            all tasks have ended -> DRAIN(done(<u1..uk>) or the first abort, the services)        (p-join)
+//!            otherwise wait                                                                        (p-wait)
+//! FF         one aborts -> DRAIN(its abort, the others)       all done -> done(<u1..um>)
+//! ANY        k are done -> DRAIN(done(<those k>), the others)
+//!            fewer than k can still be done -> DRAIN(first abort, the others)
+//! DRAIN      o, once all that is being stopped has confirmed
+//! [e-done] [e-abort] [e-stopped] [e-unconf] [e-timer]         the leaf's part, which also disconnects L
+//! [e-ctx]    climbs
+//! stop       forgets what has not started, drains what runs
+//! ```
+//!
+//! Four points are settled here beyond the study they come from:
+//! - **Unconfirmed stops are never swallowed.** A stopping leaf that cannot confirm yields `aborted(StopUnconfirmed)`; a
+//!   drain takes the first of these from what it waits for as its own outcome, and a later stop does not erase it. So a
+//!   group that is asked to stop never says `Stopped` while one of its leaves may still run.
+//! - **`stop(P else Q)` forgets `Q` for good**, even when stopping `P` ends in such an abort.
+//! - **A `;;` whose round takes no time aborts** ([rec-instant]) instead of turning for ever: in one reaction it enters each
+//!   of its phases at most once. A spec with such a loop is refused before; a plan from elsewhere must not hang a node.
+//! - **A member that stops without being asked has failed**: `Stopped` or `StopUnconfirmed` from an active member is its
+//!   abort, since it will never end otherwise.
+
+mod completion;
+mod drain;
+mod leaf;
+mod start;
+
+use super::event::{Command, Event, Outcome, Value};
+use super::program::{Kind, Program};
+use super::state::{Cell, Phase, State};
+
+/// Takes one event, appends what to do about it to `commands` in order, and returns how the group ended if it did.
+///
+/// `state` must have been made for `program`. After an outcome the same state can be started again; the numbers of
+/// activations go on. Harmless: an event with a number that is not current (dropped), `Start` of a group that runs
+/// (dropped), `Stop` of a group that is stopping (dropped), `Stop` of an idle group (`Stopped` at once).
+///
+/// Allocates only for tuples of values that are not all empty and for the texts of reasons that become values.
+///
+/// # Panics
+/// If `state` was made for another program.
+pub fn step(program: &Program, state: &mut State, event: Event, commands: &mut Vec<Command>) -> Option<Outcome> {
+    let mut reaction = Reaction { program, state, commands };
+    match event {
+        Event::Start(value) => reaction.begin(value),
+        Event::Stop => reaction.halt(),
+        Event::Done { member, activation, value } => {
+            let node = reaction.seated(member, activation)?;
+            let outcome = reaction.e_done(node, value);
+            reaction.e_ctx(node, outcome)
+        }
+        Event::Aborted { member, activation, report } => {
+            let node = reaction.seated(member, activation)?;
+            let outcome = reaction.e_abort(node, report);
+            reaction.e_ctx(node, outcome)
+        }
+        Event::Stopped { member, activation } => {
+            let node = reaction.seated(member, activation)?;
+            let outcome = reaction.e_stopped(node);
+            reaction.e_ctx(node, outcome)
+        }
+        Event::StopUnconfirmed { member, activation } => {
+            let node = reaction.seated(member, activation)?;
+            let outcome = reaction.e_unconfirmed(node);
+            reaction.e_ctx(node, outcome)
+        }
+        Event::Elapsed { timer, activation } => {
+            let node = reaction.armed(timer, activation)?;
+            let outcome = reaction.e_timer(node);
+            reaction.e_ctx(node, outcome)
+        }
+    }
+}
+
+/// One event being processed to completion.
+struct Reaction<'a> {
+    program: &'a Program,
+    state: &'a mut State,
+    commands: &'a mut Vec<Command>,
+}
+
+impl Reaction<'_> {
+    /// The group is started: the sets without owner first.
+    fn begin(&mut self, value: Value) -> Option<Outcome> {
+        if !self.state.is_idle() {
+            return None;
+        }
+        self.commands.extend(self.program.sets_always.iter().map(|&set| Command::Connect { set }));
+        let outcome = self.start(0, value)?;
+        Some(self.finish(outcome))
+    }
+
+    /// The group is asked to stop: `stop(root)`.
+    fn halt(&mut self) -> Option<Outcome> {
+        if self.state.is_idle() {
+            return Some(Outcome::Stopped);
+        }
+        match self.stop(0) {
+            Stop::Waits => None,
+            Stop::Killed => Some(self.finish(Outcome::Stopped)),
+        }
+    }
+
+    /// The root has an outcome: it is the group's.
+    fn finish(&mut self, outcome: Outcome) -> Outcome {
+        self.commands.extend(self.program.sets_always.iter().map(|&set| Command::Disconnect { set }));
+        outcome
+    }
+
+    /// [e-ctx]: the outcome of `node` climbs until an operator absorbs it.
+    fn e_ctx(&mut self, mut node: usize, mut outcome: Outcome) -> Option<Outcome> {
+        while let Some(parent) = self.program.nodes[node].parent {
+            outcome = self.complete(parent, node, outcome)?;
+            node = parent;
+        }
+        Some(self.finish(outcome))
+    }
+
+    /// An operand of the active operator `node` has ended; returns the outcome of `node`, if that is one.
+    fn complete(&mut self, node: usize, operand: usize, outcome: Outcome) -> Option<Outcome> {
+        if self.state.cells[node].phase == Phase::Draining {
+            return self.drained(node, outcome);
+        }
+        match self.program.nodes[node].kind {
+            Kind::Sequence => self.seq(node, outcome),
+            Kind::Conditional => self.cond(node, outcome),
+            Kind::Recurrent => self.rec(node, outcome, 2),
+            Kind::Otherwise => self.or_else(node, outcome),
+            Kind::Disable => self.dis(node, outcome),
+            Kind::Concurrent { .. } => {
+                let lost = self.slot_service(node, operand, outcome);
+                self.par(node, lost)
+            }
+            Kind::FailFast { .. } => {
+                self.slot(node, operand, outcome);
+                self.ff(node)
+            }
+            Kind::AnyOf { count, .. } => {
+                self.slot(node, operand, outcome);
+                self.any(node, count)
+            }
+            Kind::Run { .. } | Kind::Skip | Kind::Never | Kind::Fail(_) | Kind::Wait { .. } => {
+                unreachable!("a node without operands has no operand that ends")
+            }
+        }
+    }
+
+    fn cell(&mut self, node: usize) -> &mut Cell {
+        &mut self.state.cells[node]
+    }
+
+    /// Empties the cell of a node that yields an outcome.
+    fn clear(&mut self, node: usize) {
+        *self.cell(node) = Cell::default();
+    }
+
+    fn enter(&mut self, node: usize, phase: Phase) {
+        self.cell(node).phase = phase;
+    }
+}
+
+/// What is left of a configuration that was asked to stop.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Stop {
+    /// Nothing.
+    Killed,
+    /// Leaves that have to confirm.
+    Waits,
+}

@@ -1,0 +1,167 @@
+//! The completion functions, used after a start and after an event alike.
+
+use super::{Phase, Reaction};
+use crate::algebra::event::{Cause, Outcome, Reason, Value};
+
+/// Why a `;;` whose round takes no time is aborted.
+const INSTANT: &str = "a round of `;;` took no time";
+
+impl Reaction<'_> {
+    /// SEQ: `;` starts its second operand with the empty value.
+    pub(super) fn seq(&mut self, node: usize, outcome: Outcome) -> Option<Outcome> {
+        match (self.cell(node).phase, outcome) {
+            (Phase::Running, Outcome::Done(_)) => self.start_second(node, Value::EMPTY),
+            (_, outcome) => self.pass(node, outcome),
+        }
+    }
+
+    /// COND: `:` starts its second operand with the first one's value.
+    pub(super) fn cond(&mut self, node: usize, outcome: Outcome) -> Option<Outcome> {
+        match (self.cell(node).phase, outcome) {
+            (Phase::Running, Outcome::Done(value)) => self.start_second(node, value),
+            (_, outcome) => self.pass(node, outcome),
+        }
+    }
+
+    /// ELSE: the second operand is started with the reason of the first one's abort.
+    pub(super) fn or_else(&mut self, node: usize, outcome: Outcome) -> Option<Outcome> {
+        match (self.cell(node).phase, outcome) {
+            (Phase::Running, Outcome::Aborted(reason)) => self.start_second(node, report(reason.cause)),
+            (_, outcome) => self.pass(node, outcome),
+        }
+    }
+
+    fn start_second(&mut self, node: usize, value: Value) -> Option<Outcome> {
+        self.enter(node, Phase::Second);
+        let outcome = self.start(self.program.second(node), value)?;
+        self.pass(node, outcome)
+    }
+
+    /// The outcome of an operand is the operator's own.
+    fn pass(&mut self, node: usize, outcome: Outcome) -> Option<Outcome> {
+        self.clear(node);
+        Some(outcome)
+    }
+
+    /// REC1, REC2: the phase flips in place. [rec-instant]: `flips` is how many phases may be entered in this reaction;
+    /// beyond them a phase would be entered a second time in a configuration that it has been in before.
+    pub(super) fn rec(&mut self, node: usize, mut outcome: Outcome, flips: u32) -> Option<Outcome> {
+        for _ in 0..flips {
+            outcome = match (self.cell(node).phase, outcome) {
+                (Phase::Running, Outcome::Done(value)) => {
+                    self.enter(node, Phase::Second);
+                    self.start(self.program.second(node), value)?
+                }
+                (Phase::Second, Outcome::Done(_)) => {
+                    self.enter(node, Phase::Running);
+                    self.start(self.program.first(node), Value::EMPTY)?
+                }
+                (_, outcome) => return self.pass(node, outcome),
+            };
+        }
+        match outcome {
+            Outcome::Done(_) => self.pass(node, aborted(Cause::Failed(INSTANT.into()))),
+            Outcome::Aborted(_) | Outcome::Stopped => self.pass(node, outcome),
+        }
+    }
+
+    /// DIS: the first outcome decides.
+    pub(super) fn dis(&mut self, node: usize, outcome: Outcome) -> Option<Outcome> {
+        self.drain(node, outcome)
+    }
+
+    /// Notes an outcome in a slot of `,`. An abort of a service is not kept but returned, for p-lost.
+    pub(super) fn slot_service(&mut self, node: usize, operand: usize, outcome: Outcome) -> Option<Reason> {
+        match outcome {
+            Outcome::Aborted(reason) if self.program.nodes[operand].service => Some(reason),
+            Outcome::Done(_) | Outcome::Aborted(_) | Outcome::Stopped => {
+                if self.program.is_task(node, operand) {
+                    self.slot(node, operand, outcome);
+                }
+                None
+            }
+        }
+    }
+
+    /// Notes the outcome of an operand that is waited for, in its slot.
+    pub(super) fn slot(&mut self, node: usize, operand: usize, outcome: Outcome) {
+        let cell = self.cell(node);
+        cell.open -= 1;
+        if let Outcome::Aborted(reason) = outcome {
+            cell.outcome.get_or_insert(Outcome::Aborted(reason));
+            self.enter(operand, Phase::Aborted);
+        } else {
+            cell.done += 1;
+            self.enter(operand, Phase::Done);
+            self.cell(operand).outcome = Some(outcome);
+        }
+    }
+
+    /// PAR: p-lost, p-join, p-wait.
+    pub(super) fn par(&mut self, node: usize, lost: Option<Reason>) -> Option<Outcome> {
+        if let Some(reason) = lost {
+            return self.drain(node, Outcome::Aborted(reason));
+        }
+        if self.cell(node).open > 0 {
+            return None;
+        }
+        let outcome = self.cell(node).outcome.take();
+        let outcome = outcome.unwrap_or_else(|| self.done(node));
+        self.drain(node, outcome)
+    }
+
+    /// FF: `&` ends with its first abort or when all are done.
+    pub(super) fn ff(&mut self, node: usize) -> Option<Outcome> {
+        if let Some(abort) = self.cell(node).outcome.take() {
+            return self.drain(node, abort);
+        }
+        if self.cell(node).open > 0 {
+            return None;
+        }
+        let outcome = self.done(node);
+        self.drain(node, outcome)
+    }
+
+    /// ANY: `any k of` ends when `k` are done or cannot be any more.
+    pub(super) fn any(&mut self, node: usize, count: u32) -> Option<Outcome> {
+        let cell = self.cell(node);
+        if cell.done >= count {
+            let outcome = self.done_of(node, count as usize);
+            return self.drain(node, outcome);
+        }
+        if cell.done + cell.open < count {
+            let abort = cell.outcome.take().expect("`count` is at most the number of operands, so one has aborted");
+            return self.drain(node, abort);
+        }
+        None
+    }
+
+    /// Returns `done(<u1..uk>)` of the slots that are done.
+    fn done(&self, node: usize) -> Outcome {
+        self.done_of(node, usize::MAX)
+    }
+
+    /// Returns `done` with the values of the first `count` slots that are done, in textual order.
+    fn done_of(&self, node: usize, count: usize) -> Outcome {
+        let values = self.program.operands(node).filter_map(|operand| match &self.state.cells[operand].outcome {
+            Some(Outcome::Done(value)) if self.state.cells[operand].phase == Phase::Done => Some(value),
+            Some(Outcome::Done(_) | Outcome::Aborted(_) | Outcome::Stopped) | None => None,
+        });
+        Outcome::Done(Value::tuple(values.take(count)))
+    }
+}
+
+/// Returns what the second operand of `else` gets to read: the member's own report, or our words for what went wrong.
+fn report(cause: Cause) -> Value {
+    match cause {
+        Cause::Reported(report) => report,
+        Cause::Failed(why) => Value::new(why.as_bytes()),
+        Cause::Busy => Value::new(b"busy"),
+        Cause::StopUnconfirmed => Value::new(b"stop unconfirmed"),
+        Cause::ServiceEnded => Value::new(b"service ended"),
+    }
+}
+
+fn aborted(cause: Cause) -> Outcome {
+    Outcome::Aborted(Reason { member: None, cause })
+}

@@ -1,0 +1,71 @@
+//! The rules of events at leaves.
+
+use super::{Phase, Reaction};
+use crate::algebra::event::{Activation, Cause, Command, Outcome, Reason, Value};
+use crate::algebra::program::Kind;
+
+impl Reaction<'_> {
+    /// Returns the node of a member's current activation; none for a number that is not current, which drops the event.
+    pub(super) fn seated(&self, member: u32, activation: Activation) -> Option<usize> {
+        let seat = self.state.seats.get(member as usize)?;
+        seat.node.filter(|_| seat.activation == activation)
+    }
+
+    /// Returns the node of a timer's current arm; none if it was cancelled or armed again.
+    pub(super) fn armed(&self, timer: u32, activation: Activation) -> Option<usize> {
+        let node = *self.program.timers.get(timer as usize)?;
+        let current = self.state.timers[timer as usize] == activation;
+        Some(node).filter(|_| current && self.state.cells[node].phase == Phase::Running)
+    }
+
+    /// [e-done], and for a leaf that is a service L7: its end breaks its contract.
+    pub(super) fn e_done(&mut self, node: usize, value: Value) -> Outcome {
+        match self.leave(node) {
+            (_, Phase::Stopping) => Outcome::Stopped,
+            (member, _) if self.program.endless[member as usize] => aborted(member, Cause::ServiceEnded),
+            (_, _) => Outcome::Done(value),
+        }
+    }
+
+    /// [e-abort]
+    pub(super) fn e_abort(&mut self, node: usize, report: Value) -> Outcome {
+        match self.leave(node) {
+            (_, Phase::Stopping) => Outcome::Stopped,
+            (member, _) => aborted(member, Cause::Reported(report)),
+        }
+    }
+
+    /// [e-stopped]; whatever a stopping member says confirms its stop. An active one has stopped unasked: it failed.
+    pub(super) fn e_stopped(&mut self, node: usize) -> Outcome {
+        self.e_abort(node, Value::EMPTY)
+    }
+
+    /// [e-unconf]
+    pub(super) fn e_unconfirmed(&mut self, node: usize) -> Outcome {
+        let (member, _) = self.leave(node);
+        aborted(member, Cause::StopUnconfirmed)
+    }
+
+    /// [e-timer]
+    pub(super) fn e_timer(&mut self, node: usize) -> Outcome {
+        self.clear(node);
+        Outcome::Done(Value::EMPTY)
+    }
+
+    /// The member's activation is over: frees its seat and closes its sets. Returns its slot and the phase it was in.
+    fn leave(&mut self, node: usize) -> (u32, Phase) {
+        let Kind::Run { member, sets } = &self.program.nodes[node].kind else {
+            unreachable!("a seat names a `Run` node")
+        };
+        let was = self.cell(node).phase;
+        self.clear(node);
+        self.state.seats[*member as usize].node = None;
+        let sets = &self.program.sets[sets.clone()];
+        self.commands.extend(sets.iter().map(|&set| Command::Disconnect { set }));
+        (*member, was)
+    }
+}
+
+fn aborted(member: u32, cause: Cause) -> Outcome {
+    Outcome::Aborted(Reason { member: Some(member), cause })
+}

@@ -1,0 +1,146 @@
+//! `v |- E`: the start rules.
+
+use super::{Phase, Reaction};
+use crate::algebra::event::{Activation, Cause, Command, Outcome, Reason, Value};
+use crate::algebra::program::Kind;
+use std::sync::Arc;
+use std::time::Duration;
+
+impl Reaction<'_> {
+    /// Starts the idle `node`; returns its outcome if it has one at once.
+    pub(super) fn start(&mut self, node: usize, value: Value) -> Option<Outcome> {
+        let program = self.program;
+        match &program.nodes[node].kind {
+            Kind::Run { member, sets } => self.s_leaf(node, *member, &program.sets[sets.clone()], value),
+            Kind::Skip => Some(Outcome::Done(Value::EMPTY)),
+            Kind::Never => self.s_never(node),
+            Kind::Fail(why) => Some(s_fail(why)),
+            Kind::Wait { timer, after } => self.s_wait(node, *timer, *after),
+            Kind::Sequence => self.s_seq(node, value),
+            Kind::Conditional => self.s_cond(node, value),
+            Kind::Recurrent => self.s_rec(node, value),
+            Kind::Otherwise => self.s_else(node, value),
+            Kind::Concurrent { tasks } => self.s_par(node, *tasks, &value),
+            Kind::FailFast { operands } => self.s_ff(node, *operands, &value),
+            Kind::AnyOf { count, operands } => self.s_any(node, (*count, *operands), &value),
+            Kind::Disable => self.s_dis(node, &value),
+        }
+    }
+
+    /// [s-leaf] and [s-busy]: a member that is active or stopping elsewhere in the expression is not activated again.
+    fn s_leaf(&mut self, node: usize, member: u32, sets: &[u32], value: Value) -> Option<Outcome> {
+        let seat = &mut self.state.seats[member as usize];
+        if seat.node.is_some() {
+            return Some(Outcome::Aborted(Reason { member: Some(member), cause: Cause::Busy }));
+        }
+        seat.node = Some(node);
+        seat.activation = next(seat.activation);
+        let activation = seat.activation;
+        self.enter(node, Phase::Running);
+        self.commands.extend(sets.iter().map(|&set| Command::Connect { set }));
+        self.commands.push(Command::Activate { member, activation, value });
+        None
+    }
+
+    /// [s-const] of `never`.
+    fn s_never(&mut self, node: usize) -> Option<Outcome> {
+        self.enter(node, Phase::Running);
+        None
+    }
+
+    /// [s-const] of `wait(d)`.
+    fn s_wait(&mut self, node: usize, timer: u32, after: Duration) -> Option<Outcome> {
+        let armed = &mut self.state.timers[timer as usize];
+        *armed = next(*armed);
+        let activation = *armed;
+        self.enter(node, Phase::Running);
+        self.commands.push(Command::Arm { timer, activation, after });
+        None
+    }
+
+    /// [s-seq]
+    fn s_seq(&mut self, node: usize, value: Value) -> Option<Outcome> {
+        let outcome = self.start_first(node, value)?;
+        self.seq(node, outcome)
+    }
+
+    /// [s-cond]
+    fn s_cond(&mut self, node: usize, value: Value) -> Option<Outcome> {
+        let outcome = self.start_first(node, value)?;
+        self.cond(node, outcome)
+    }
+
+    /// [s-rec]: the first phase is entered here, so one more is allowed in this reaction.
+    fn s_rec(&mut self, node: usize, value: Value) -> Option<Outcome> {
+        let outcome = self.start_first(node, value)?;
+        self.rec(node, outcome, 1)
+    }
+
+    /// Start of `P else Q`.
+    fn s_else(&mut self, node: usize, value: Value) -> Option<Outcome> {
+        let outcome = self.start_first(node, value)?;
+        self.or_else(node, outcome)
+    }
+
+    fn start_first(&mut self, node: usize, value: Value) -> Option<Outcome> {
+        self.enter(node, Phase::Running);
+        self.start(self.program.first(node), value)
+    }
+
+    /// [s-par]
+    fn s_par(&mut self, node: usize, tasks: u32, value: &Value) -> Option<Outcome> {
+        self.enter(node, Phase::Running);
+        self.cell(node).open = tasks;
+        let mut lost = None;
+        for operand in self.program.operands(node) {
+            if let Some(outcome) = self.start(operand, value.clone()) {
+                let lost_here = self.slot_service(node, operand, outcome);
+                lost = lost.or(lost_here);
+            }
+        }
+        self.par(node, lost)
+    }
+
+    /// [s-par] for `&`.
+    fn s_ff(&mut self, node: usize, operands: u32, value: &Value) -> Option<Outcome> {
+        self.start_all(node, operands, value);
+        self.ff(node)
+    }
+
+    /// [s-par] for `any`.
+    fn s_any(&mut self, node: usize, (count, operands): (u32, u32), value: &Value) -> Option<Outcome> {
+        self.start_all(node, operands, value);
+        self.any(node, count)
+    }
+
+    fn start_all(&mut self, node: usize, operands: u32, value: &Value) {
+        self.enter(node, Phase::Running);
+        self.cell(node).open = operands;
+        for operand in self.program.operands(node) {
+            if let Some(outcome) = self.start(operand, value.clone()) {
+                self.slot(node, operand, outcome);
+            }
+        }
+    }
+
+    /// [s-dis]: an operand that ends at once decides, and those after it are not started.
+    fn s_dis(&mut self, node: usize, value: &Value) -> Option<Outcome> {
+        self.enter(node, Phase::Running);
+        for operand in self.program.operands(node) {
+            if let Some(outcome) = self.start(operand, value.clone()) {
+                return self.dis(node, outcome);
+            }
+        }
+        None
+    }
+}
+
+/// [s-const] of `fail(r)`.
+fn s_fail(why: &Arc<str>) -> Outcome {
+    Outcome::Aborted(Reason { member: None, cause: Cause::Failed(Arc::clone(why)) })
+}
+
+/// Numbers wrap: only whether they are equal counts, and 2^32 activations lie between a number and its like.
+fn next(Activation(number): Activation) -> Activation {
+    Activation(number.wrapping_add(1))
+}
