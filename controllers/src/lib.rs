@@ -2,6 +2,9 @@
 //!
 //! Floors within the room: [`sdk`] knows no robot; a controller imports the sdk and control laws.
 
+pub mod control;
+pub mod message;
+pub mod robot;
 pub mod sdk;
 
 /// Returns every controller type of this crate.

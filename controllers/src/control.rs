@@ -1,0 +1,13 @@
+//! Control laws and estimators, one a file: plain functions and small structs, no ports, no clock, no I/O.
+
+pub mod caster;
+pub mod compliant;
+pub mod door;
+pub mod filter;
+pub mod hinge;
+pub mod line;
+pub mod press;
+pub mod puma560;
+pub mod ramp;
+pub mod redundancy;
+pub mod servoing;

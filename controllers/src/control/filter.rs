@@ -1,0 +1,67 @@
+//! Small filters: low-pass, average, debounce.
+
+/// First-order low-pass for uneven steps.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LowPass<const N: usize> {
+    cutoff: f64,
+    state: [f64; N],
+}
+
+impl<const N: usize> LowPass<N> {
+    /// Returns a filter with its -3 dB point at `cutoff` [Hz], at rest at zero.
+    pub const fn new(cutoff: f64) -> Self {
+        Self { cutoff, state: [0.0; N] }
+    }
+
+    /// Returns the filtered value after `dt` [s] of `input`: exact for an input that is constant over the step.
+    pub fn update(&mut self, input: &[f64; N], dt: f64) -> [f64; N] {
+        let share = 1.0 - (-std::f64::consts::TAU * self.cutoff * dt).exp();
+        for (state, input) in self.state.iter_mut().zip(input) {
+            *state += share * (input - *state);
+        }
+        self.state
+    }
+}
+
+/// Says yes after enough yeses in a row.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Debounce {
+    needed: u32,
+    seen: u32,
+}
+
+impl Debounce {
+    /// Returns a debounce that needs `needed` yeses in a row.
+    pub const fn new(needed: u32) -> Self {
+        Self { needed, seen: 0 }
+    }
+
+    /// Takes one answer; returns whether there were enough yeses in a row.
+    pub fn update(&mut self, yes: bool) -> bool {
+        self.seen = if yes { self.seen.saturating_add(1) } else { 0 };
+        self.seen >= self.needed
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn step_response() {
+        // After one time constant, 1 - 1/e, whatever the steps.
+        let tau = 1.0 / (std::f64::consts::TAU * 5.0);
+        for steps in [1, 7] {
+            let mut filter = LowPass::<1>::new(5.0);
+            let last = (0..steps).map(|_| filter.update(&[1.0], tau / f64::from(steps))[0]).last().unwrap();
+            assert!((last - (1.0 - (-1.0f64).exp())).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn one_no_starts_over() {
+        let mut debounce = Debounce::new(3);
+        let got: Vec<bool> = [true, true, false, true, true, true].iter().map(|&yes| debounce.update(yes)).collect();
+        assert_eq!(got, [false, false, false, false, false, true]);
+    }
+}

@@ -1,0 +1,80 @@
+//! A straight line among points that are not all on it.
+//!
+//! Source: Fischler and Bolles, "Random sample consensus", CACM 24(6), 1981; total least squares by the eigenvector of the
+//! scatter matrix, Pearson, Phil. Mag. 2(11), 1901.
+
+use crate::sdk::Random;
+use nalgebra::{Matrix2, Vector2};
+
+const TRIALS: u32 = 40;
+
+/// The points with `normal · p = distance`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Line {
+    /// Unit normal, pointing from the origin to the line.
+    pub normal: Vector2<f64>,
+    /// Distance of the line from the origin [m], not negative.
+    pub distance: f64,
+    /// How many points lie on it.
+    pub inliers: usize,
+}
+
+/// Returns the line that most `points` [m] lie on, to within `tolerance` [m]; none if that is less than a third of them,
+/// or fewer than ten.
+pub fn fit(points: &[Vector2<f64>], tolerance: f64, random: &mut Random) -> Option<Line> {
+    let mut best: Option<Line> = None;
+    for _ in 0..TRIALS {
+        let (a, b) = (pick(points, random)?, pick(points, random)?);
+        let Some(along) = (b - a).try_normalize(0.05) else { continue };
+        let line = line(Vector2::new(-along.y, along.x), &a);
+        let inliers = on(points, &line, tolerance).count();
+        if best.is_none_or(|best| inliers > best.inliers) {
+            best = Some(Line { inliers, ..line });
+        }
+    }
+    let best = best.filter(|best| best.inliers >= 10 && best.inliers * 3 >= points.len())?;
+    let count = best.inliers as f64;
+    let mean = on(points, &best, tolerance).sum::<Vector2<f64>>() / count;
+    let scatter: Matrix2<f64> = on(points, &best, tolerance).map(|p| (p - mean) * (p - mean).transpose()).sum();
+    let eigen = scatter.symmetric_eigen();
+    let normal = eigen.eigenvectors.column(eigen.eigenvalues.imin()).into_owned();
+    Some(Line { inliers: best.inliers, ..line(normal, &mean) })
+}
+
+fn line(normal: Vector2<f64>, point: &Vector2<f64>) -> Line {
+    let distance = normal.dot(point);
+    Line { normal: normal * distance.signum(), distance: distance.abs(), inliers: 0 }
+}
+
+fn on<'a>(points: &'a [Vector2<f64>], line: &Line, tolerance: f64) -> impl Iterator<Item = Vector2<f64>> + 'a {
+    let line = *line;
+    points.iter().copied().filter(move |p| (line.normal.dot(p) - line.distance).abs() <= tolerance)
+}
+
+fn pick(points: &[Vector2<f64>], random: &mut Random) -> Option<Vector2<f64>> {
+    let count = u64::try_from(points.len()).ok().filter(|count| *count > 0)?;
+    points.get(usize::try_from(random.bits() % count).ok()?).copied()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn finds_the_wall_behind_the_furniture() {
+        let mut random = Random::new(3);
+        let normal = Vector2::new(0.96, 0.28);
+        let mut points: Vec<_> = (0..100)
+            .map(|i| {
+                let along = Vector2::new(-0.28, 0.96) * (0.01 * f64::from(i) - 0.5);
+                normal * (1.2 + random.normal(0.005)) + along
+            })
+            .collect();
+        points.extend((0..50).map(|i| Vector2::new(0.4 + 0.01 * f64::from(i), 0.2)));
+        let line = fit(&points, 0.02, &mut Random::new(5)).unwrap();
+        // 100 points of 5 mm: 0.5 mm for the distance, 5 mm / (0.29 m · 10) for the slope; four of each.
+        assert!((line.distance - 1.2).abs() < 2e-3, "{line:?}");
+        assert!((line.normal - normal).norm() < 7e-3, "{line:?}");
+        assert_eq!(fit(&points[..5], 0.02, &mut random), None);
+    }
+}

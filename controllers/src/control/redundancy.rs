@@ -1,0 +1,148 @@
+//! Redundancy resolution: one hand velocity to nine rates of base and arm.
+//!
+//! A weighted, damped pseudo-inverse with a null-space motion. The base is heavier than the arm; a joint that moves
+//! towards its limit gets heavier; near a singularity the damping grows; a command that is too fast is scaled as a whole,
+//! so that the hand keeps its direction; last, accelerations are limited.
+//!
+//! Source: Chan and Dubey, IEEE Trans. Robotics and Automation 11(2), 1995 (joint-limit weights); Nakamura and Hanafusa,
+//! J. Dynamic Systems 108, 1986 (damping); Petersson, Austin, Christensen, "DCA", section 5 (the module's place).
+
+use super::puma560::{self, Forward, Joints};
+use super::ramp::towards;
+use nalgebra::{Matrix6, SMatrix, SVector, Vector3, Vector6};
+
+/// Base rates (x, y [m/s], yaw [rad/s], in base axes), then six joint rates [rad/s].
+pub type Rates = SVector<f64, 9>;
+
+/// Largest base speeds: x, y [m/s], yaw [rad/s].
+pub const BASE_RATES_MAX: [f64; 3] = [0.5, 0.5, 0.6];
+/// Largest changes of rate: base x, y [m/s²], yaw [rad/s²].
+pub const BASE_ACCELERATION_MAX: [f64; 3] = [1.5, 1.5, 1.5];
+/// Largest change of a joint rate [rad/s²].
+pub const JOINT_ACCELERATION_MAX: f64 = 6.0;
+
+const WEIGHTS: [f64; 9] = [4.0, 4.0, 3.0, 1.0, 1.0, 1.0, 0.5, 0.5, 0.5];
+const SINGULAR_BELOW: f64 = 0.10;
+const DAMPING: f64 = 0.08;
+
+/// Rates and how hard it was to find them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Resolved {
+    /// The rates to command.
+    pub rates: Rates,
+    /// Smallest singular value of the weighted Jacobian.
+    pub singular_value_min: f64,
+    /// By how much the command was too fast; 1 if it was not.
+    pub scaling: f64,
+}
+
+/// Remembers the last command, for the joint-limit weights and the acceleration limits.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Resolver {
+    previous: Rates,
+}
+
+/// Returns the whole-body Jacobian (6×9) along base axes: base x, y, yaw, then the arm.
+pub fn jacobian_in_base(forward: &Forward) -> SMatrix<f64, 6, 9> {
+    let mut jacobian = SMatrix::<f64, 6, 9>::zeros();
+    jacobian[(0, 0)] = 1.0;
+    jacobian[(1, 1)] = 1.0;
+    let turning = Vector3::z().cross(&forward.base_from_tool.translation.vector);
+    jacobian.fixed_view_mut::<3, 1>(0, 2).copy_from(&turning);
+    jacobian[(5, 2)] = 1.0;
+    jacobian.fixed_view_mut::<6, 6>(0, 3).copy_from(&forward.jacobian_in_base);
+    jacobian
+}
+
+/// Returns the gradient of the joint-limit criterion; positive towards the upper limit.
+fn limit_gradient(q: &Joints) -> Joints {
+    let (low, high) = (puma560::lowest(), puma560::highest());
+    Joints::from_fn(|i, _| {
+        let (above, below) = ((high[i] - q[i]).max(1e-3), (q[i] - low[i]).max(1e-3));
+        (high[i] - low[i]).powi(2) * (below - above) / (24.0 * above.powi(2) * below.powi(2))
+    })
+}
+
+impl Resolver {
+    /// Returns the last command.
+    pub fn previous(&self) -> &Rates {
+        &self.previous
+    }
+
+    /// Begins again from rates that the robot has now.
+    pub fn restart(&mut self, rates: Rates) {
+        self.previous = rates;
+    }
+
+    /// Returns the rates for a hand velocity `twist_in_tool` (m/s, rad/s, tool axes, at the grasp point), with a wish
+    /// `null` for what the hand does not notice. `dt` [s] is the time since the last call.
+    pub fn resolve(&mut self, q: &Joints, twist_in_tool: &Vector6<f64>, null: &Rates, dt: f64) -> Resolved {
+        let forward = puma560::forward(q);
+        let rotation = forward.base_from_tool.rotation;
+        let linear = rotation * twist_in_tool.fixed_rows::<3>(0);
+        let angular = rotation * twist_in_tool.fixed_rows::<3>(3);
+        let twist = Vector6::new(linear.x, linear.y, linear.z, angular.x, angular.y, angular.z);
+        let jacobian = jacobian_in_base(&forward);
+        let gradient = limit_gradient(q);
+        let inverse_weights = Rates::from_fn(|i, _| {
+            let near = if i < 3 || gradient[i - 3] * self.previous[i] <= 0.0 { 0.0 } else { gradient[i - 3].abs() };
+            1.0 / (WEIGHTS[i] * (1.0 + near.min(50.0)))
+        });
+        let weighted = SMatrix::<f64, 9, 6>::from_fn(|i, j| inverse_weights[i] * jacobian[(j, i)]);
+        let gram: Matrix6<f64> = jacobian * weighted;
+        let singular_value_min = gram.symmetric_eigenvalues().min().max(0.0).sqrt();
+        let lack = (1.0 - (singular_value_min / SINGULAR_BELOW).powi(2)).max(0.0);
+        let damped = gram + Matrix6::identity() * (DAMPING.powi(2) * lack);
+        let Some(factor) = damped.cholesky() else {
+            return Resolved { rates: self.limited(Rates::zeros(), dt), singular_value_min, scaling: 1.0 };
+        };
+        let wanted = weighted * factor.solve(&(twist - jacobian * null)) + null;
+        let fastest = Rates::from_fn(|i, _| if i < 3 { BASE_RATES_MAX[i] } else { puma560::RATES_MAX[i - 3] });
+        let scaling = wanted.zip_map(&fastest, |rate, max| rate.abs() / max).max().max(1.0);
+        Resolved { rates: self.limited(wanted / scaling, dt), singular_value_min, scaling }
+    }
+
+    /// Returns the rates on the way to rest.
+    pub fn rest(&mut self, dt: f64) -> Rates {
+        self.limited(Rates::zeros(), dt)
+    }
+
+    fn limited(&mut self, wanted: Rates, dt: f64) -> Rates {
+        self.previous = Rates::from_fn(|i, _| {
+            let change = if i < 3 { BASE_ACCELERATION_MAX[i] } else { JOINT_ACCELERATION_MAX };
+            towards(self.previous[i], wanted[i], change * dt)
+        });
+        self.previous
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn hand_moves_as_asked_and_null_motion_stays_unnoticed() {
+        let q = puma560::door_posture() + Joints::new(0.1, -0.1, 0.2, 0.1, -0.2, 0.1);
+        let twist = Vector6::new(0.02, -0.03, 0.01, 0.05, -0.02, 0.04);
+        let null = Rates::from_fn(|i, _| 0.02 * (i as f64 - 4.0));
+        // A second of acceleration reaches any rate, so only rounding is left: 1e-9.
+        let rates = Resolver::default().resolve(&q, &twist, &null, 1.0).rates;
+        let forward = puma560::forward(&q);
+        let got = jacobian_in_base(&forward) * rates;
+        let inverse = forward.base_from_tool.rotation.inverse();
+        assert!((inverse * got.fixed_rows::<3>(0) - twist.fixed_rows::<3>(0)).norm() < 1e-9);
+        assert!((inverse * got.fixed_rows::<3>(3) - twist.fixed_rows::<3>(3)).norm() < 1e-9);
+    }
+
+    #[test]
+    fn too_fast_keeps_its_direction_and_starts_gently() {
+        let twist = Vector6::new(3.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+        let q = puma560::door_posture();
+        let resolved = Resolver::default().resolve(&q, &twist, &Rates::zeros(), 10.0);
+        assert!(resolved.scaling > 1.0);
+        let got = jacobian_in_base(&puma560::forward(&q)) * resolved.rates * resolved.scaling;
+        assert!((got.norm() - 3.0).abs() < 1e-9);
+        let first = Resolver::default().resolve(&q, &twist, &Rates::zeros(), 0.01).rates;
+        assert!(first.iter().skip(3).all(|rate| rate.abs() <= 0.06 + 1e-12));
+    }
+}

@@ -1,0 +1,149 @@
+//! What the paper's processes say to each other, and what devices say to their clients. SI units throughout.
+//!
+//! The tool frame is at the grasp point, z along the approach; the base frame is the centre of the base on the floor.
+
+use crate::sdk::Message;
+use comms::logic::time::Time;
+use serde::{Deserialize, Serialize};
+
+macro_rules! messages {
+    ($($(#[$meta:meta])* $name:ident { $($(#[$field_meta:meta])* $field:ident: $type:ty,)+ })+) => {
+        $($(#[$meta])*
+        #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+        pub struct $name { $($(#[$field_meta])* pub $field: $type,)+ }
+        impl Message for $name {
+            const TYPE: &'static str = stringify!($name);
+        })+
+    };
+}
+
+messages! {
+    /// How the hand shall move, and what the rest of the robot may do meanwhile.
+    Velocity {
+        /// Linear [m/s], then angular [rad/s], of the grasp point along tool axes.
+        twist: [f64; 6],
+        /// A wish for what the hand does not notice: base x, y [m/s], yaw [rad/s], six joints [rad/s].
+        null: [f64; 9],
+    }
+    /// A force and a torque on the hand, by what it touches.
+    Wrench {
+        /// [N], tool axes.
+        force: [f64; 3],
+        /// [Nm] about the grasp point, tool axes.
+        torque: [f64; 3],
+    }
+    /// The direction in which the hand is led, for compliance beside it.
+    Constraint {
+        /// Unit vector along which the hand is led, tool axes.
+        tangent: [f64; 3],
+        /// Unit vector upwards, tool axes.
+        up: [f64; 3],
+        /// Whether the hand may give way upwards and downwards.
+        upward: bool,
+    }
+    /// The arm's joints.
+    JointState {
+        /// [rad].
+        angles: [f64; 6],
+        /// [rad/s].
+        rates: [f64; 6],
+    }
+    /// How the arm's joints shall move.
+    JointVelocity {
+        /// [rad/s].
+        rates: [f64; 6],
+    }
+    /// How the base shall move.
+    BaseVelocity {
+        /// x, y [m/s], yaw [rad/s], base axes.
+        rates: [f64; 3],
+    }
+    /// Where the base is by dead reckoning.
+    BasePose {
+        /// x, y [m], yaw [rad], in the frame of the first sample.
+        pose: [f64; 3],
+    }
+    /// One sweep of the laser.
+    LaserScan {
+        /// From right to left, half a degree apart, from -90 to 90 degrees about straight ahead [m].
+        ranges: Vec<f64>,
+    }
+    /// Device `arm`: what its encoders say.
+    ArmState {
+        /// On the device's clock.
+        stamp: Time,
+        /// [rad].
+        angles: [f64; 6],
+        /// [rad/s].
+        rates: [f64; 6],
+    }
+    /// Device `arm`: joint velocities to hold for at most 100 ms.
+    ArmCommand {
+        /// Who speaks; another speaker is not heard until 100 ms after this one's last word.
+        owner: String,
+        /// [rad/s]; none to let go of the device.
+        rates: Option<[f64; 6]>,
+    }
+    /// Device `base`: what its encoders say.
+    BaseState {
+        /// On the device's clock.
+        stamp: Time,
+        /// Steering angles of the casters [rad].
+        steering: [f64; 4],
+        /// Rolling angles of the wheels [rad].
+        rolling: [f64; 4],
+    }
+    /// Device `base`: a velocity to hold for at most 100 ms.
+    BaseCommand {
+        /// As for the arm.
+        owner: String,
+        /// x, y [m/s], yaw [rad/s], base axes; none to let go of the device.
+        velocity: Option<[f64; 3]>,
+    }
+    /// Device `ft`: the wrench on the hand, tool axes, tool weight removed.
+    FtState {
+        /// On the device's clock.
+        stamp: Time,
+        /// [N].
+        force: [f64; 3],
+        /// [Nm].
+        torque: [f64; 3],
+        /// How often it has been set to zero.
+        zeroed: u32,
+    }
+    /// Device `ft`: sets what it measures now to zero.
+    FtCommand {
+        /// Only if [`FtState::zeroed`] is this; so a repeated command does no harm.
+        after: u32,
+    }
+    /// Device `gripper`.
+    GripperState {
+        /// On the device's clock.
+        stamp: Time,
+        /// Between the fingers [m].
+        width: f64,
+        /// With which they press [N].
+        force: f64,
+    }
+    /// Device `gripper`: a width to go to; it holds what it was told last.
+    GripperCommand {
+        /// As for the arm.
+        owner: String,
+        /// [m]; none to let go of the device.
+        width: Option<f64>,
+    }
+    /// Device `laser`: one sweep, as in [`LaserScan`].
+    LaserState {
+        /// On the device's clock.
+        stamp: Time,
+        /// [m].
+        ranges: Vec<f64>,
+    }
+    /// Device `camera`: the marks of a lever handle, as found in one image.
+    CameraState {
+        /// On the device's clock.
+        stamp: Time,
+        /// Column, row [px] and depth [m] of each mark that is seen.
+        marks: [Option<[f64; 3]>; 4],
+    }
+}

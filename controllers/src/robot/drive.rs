@@ -1,0 +1,118 @@
+//! Drives and the rules of a device: one owner at a time, and no command lives longer than 100 ms.
+
+use crate::control::ramp::towards;
+use comms::logic::time::Time;
+use std::time::Duration;
+
+/// How long a command is obeyed.
+pub const WATCHDOG: Duration = Duration::from_millis(100);
+
+/// Who may speak to a device.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Owner {
+    name: Option<String>,
+    heard: Time,
+}
+
+impl Owner {
+    /// Returns whether a word of `name` at `now` counts: nobody else's does until 100 ms after the owner's last.
+    pub fn admit(&mut self, name: &str, now: Time) -> bool {
+        let free = self.name.as_deref().is_none_or(|owner| owner == name) || now.since(self.heard) > WATCHDOG;
+        if free {
+            if self.name.as_deref() != Some(name) {
+                self.name = Some(name.to_owned());
+            }
+            self.heard = now;
+        }
+        free
+    }
+
+    /// Lets go of the device.
+    pub fn release(&mut self) {
+        self.name = None;
+    }
+}
+
+/// N velocity servos with a first-order lag, an acceleration limit, a speed limit and a watchdog.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Drive<const N: usize> {
+    limits: Limits<N>,
+    target: [f64; N],
+    heard: Option<Time>,
+    /// What the axes do now.
+    pub velocity: [f64; N],
+}
+
+/// What a drive can do.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Limits<const N: usize> {
+    /// Time constant [s].
+    pub lag: f64,
+    /// Per axis, m/s² or rad/s².
+    pub acceleration: [f64; N],
+    /// Per axis, m/s or rad/s.
+    pub speed: [f64; N],
+}
+
+impl<const N: usize> Drive<N> {
+    /// Returns a drive at rest.
+    pub const fn new(limits: Limits<N>) -> Self {
+        Self { limits, target: [0.0; N], heard: None, velocity: [0.0; N] }
+    }
+
+    /// Takes a command, clamped to the speed limits; none brings the axes to rest.
+    pub fn command(&mut self, target: Option<&[f64; N]>, now: Time) {
+        self.heard = target.map(|_| now);
+        if let Some(target) = target {
+            let speed = &self.limits.speed;
+            self.target = std::array::from_fn(|i| target[i].clamp(-speed[i], speed[i]));
+        }
+    }
+
+    /// Lets `dt` [s] pass until `now`.
+    pub fn step(&mut self, now: Time, dt: f64) {
+        let alive = self.heard.is_some_and(|heard| now.since(heard) <= WATCHDOG);
+        for i in 0..N {
+            let target = if alive { self.target[i] } else { 0.0 };
+            // The lag is integrated exactly, so that it is stable for any step.
+            let lagged = self.velocity[i] + (target - self.velocity[i]) * (1.0 - (-dt / self.limits.lag).exp());
+            self.velocity[i] = towards(self.velocity[i], lagged, self.limits.acceleration[i] * dt);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn silence_brings_it_to_rest_without_a_jump() {
+        let limits = Limits { lag: 0.08, acceleration: [1.0], speed: [0.5] };
+        let (mut drive, mut now) = (Drive::new(limits), Time::ZERO);
+        let mut steps = Vec::new();
+        for i in 0..3000 {
+            if i < 1000 {
+                drive.command(Some(&[0.9]), now);
+            }
+            let before = drive.velocity[0];
+            now = now + Duration::from_millis(1);
+            drive.step(now, 1e-3);
+            steps.push((drive.velocity[0] - before).abs());
+            if i == 999 {
+                assert!((drive.velocity[0] - 0.5).abs() < 1e-3, "clamped to the speed limit");
+            }
+        }
+        assert!(drive.velocity[0].abs() < 1e-6);
+        assert!(steps.iter().all(|step| *step <= 1e-3 + 1e-12));
+    }
+
+    #[test]
+    fn one_owner_at_a_time() {
+        let at = |ms| Time::ZERO + Duration::from_millis(ms);
+        let mut owner = Owner::default();
+        assert!(owner.admit("a", at(0)) && !owner.admit("b", at(50)) && owner.admit("a", at(60)));
+        assert!(!owner.admit("b", at(160)) && owner.admit("b", at(161)) && !owner.admit("a", at(170)));
+        owner.release();
+        assert!(owner.admit("a", at(171)));
+    }
+}
