@@ -1,5 +1,9 @@
 //! Vocabulary without I/O.
 
+pub mod codec;
 pub mod control;
+pub mod frame;
+pub mod key;
+pub mod port;
 pub mod signals;
 pub mod time;

@@ -1,0 +1,259 @@
+//! The only place where key expressions are built and read.
+//!
+//! ```text
+//! dca/n/<host>/rpc/<verb>            a call to a node
+//! dca/n/<host>/in                    messages from node to node
+//! dca/live/<host>/<boot>             a node is up
+//! dca/d/<deployment>/<epoch>/w/<wire>  samples of one wire
+//! dca/<robot>/hw/<device>/state|cmd  a device; `<robot>` starts with `_` if it is one of the words above
+//! dca/<robot>/signals/<instance path>  what a program shows to people
+//! ```
+//!
+//! Names come from users, and a key expression gives a meaning to `/ * $ # ? @`. So every name is escaped: letters, digits,
+//! `_`, `-` and `.` stand for themselves, any other byte is `%` and two hex digits, an empty name is `%`. Escaping is
+//! one-to-one: different names never share a key, and no name can match the key of another.
+
+use std::fmt;
+use thiserror::Error;
+
+/// The longest host name. Source: RFC 1123, the length of one label.
+pub const HOST_NAME_SIZE_MAX: usize = 63;
+/// First words that a robot's name must not take.
+const RESERVED: [&str; 3] = ["n", "live", "d"];
+
+/// The name of a host: letters, digits, `_`, `-` and `.`; it starts with a letter or digit.
+#[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct HostName(String);
+
+/// Why a text is no host name.
+#[derive(Clone, Debug, Error, PartialEq, Eq)]
+#[error("`{text}` is not a host name: {problem}")]
+pub struct HostNameError {
+    text: String,
+    problem: &'static str,
+}
+
+/// Which side of a device a key belongs to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Channel {
+    /// The owner speaks.
+    State,
+    /// The owner listens.
+    Command,
+}
+
+impl HostName {
+    /// Reads a host name.
+    ///
+    /// # Errors
+    /// Says what is wrong with it.
+    pub fn parse(text: &str) -> Result<Self, HostNameError> {
+        let first = |c: char| c.is_ascii_alphanumeric();
+        let problem = if text.is_empty() {
+            "it is empty"
+        } else if text.len() > HOST_NAME_SIZE_MAX {
+            "it is longer than 63 characters"
+        } else if !text.starts_with(first) {
+            "it must start with a letter or digit"
+        } else if !text.bytes().all(is_plain) {
+            "only letters, digits, `_`, `-` and `.` are allowed"
+        } else {
+            return Ok(Self(text.to_owned()));
+        };
+        Err(HostNameError { text: text.to_owned(), problem })
+    }
+
+    /// Returns the name.
+    pub fn as_str(&self) -> &str {
+        &self.0
+    }
+}
+
+impl fmt::Display for HostName {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl Channel {
+    fn word(self) -> &'static str {
+        match self {
+            Self::State => "state",
+            Self::Command => "cmd",
+        }
+    }
+}
+
+/// Returns the key of calls to a node.
+pub fn rpc(host: &str, verb: &str) -> String {
+    format!("dca/n/{}/rpc/{}", escape(host), escape(verb))
+}
+
+/// Returns the key expression of calls to a node, whatever the verb.
+pub fn rpc_any(host: &str) -> String {
+    format!("dca/n/{}/rpc/*", escape(host))
+}
+
+/// Returns the host and the verb of a call's key.
+pub fn parse_rpc(key: &str) -> Option<(String, String)> {
+    let (host, verb) = key.strip_prefix("dca/n/")?.split_once("/rpc/")?;
+    Some((unescape(host)?, unescape(verb)?))
+}
+
+/// Returns the key of messages to a node from other nodes.
+pub fn inbox(host: &str) -> String {
+    format!("dca/n/{}/in", escape(host))
+}
+
+/// Returns the key that says that a node is up.
+pub fn live(host: &str, boot: u64) -> String {
+    format!("dca/live/{}/{boot:016x}", escape(host))
+}
+
+/// Returns the key expression of every node that is up.
+pub fn live_any() -> String {
+    "dca/live/*/*".to_owned()
+}
+
+/// Returns the host and the boot number of a [`live`] key.
+pub fn parse_live(key: &str) -> Option<(String, u64)> {
+    let (host, boot) = key.strip_prefix("dca/live/")?.split_once('/')?;
+    if boot.len() != 16 {
+        return None;
+    }
+    Some((unescape(host)?, u64::from_str_radix(boot, 16).ok()?))
+}
+
+/// Returns the key of the samples of one wire of a deployment.
+pub fn wire(deployment: &str, epoch: u64, wire: u32) -> String {
+    format!("dca/d/{}/{epoch}/w/{wire}", escape(deployment))
+}
+
+/// Returns the key of one side of a device.
+pub fn hardware(robot: &str, device: &str, channel: Channel) -> String {
+    format!("dca/{}/hw/{}/{}", robot_name(robot), escape(device), channel.word())
+}
+
+/// Returns the key of the signals of one program; `instance` is its path, such as `main/arm/force`.
+pub fn signals(robot: &str, instance: &str) -> String {
+    let path: Vec<String> = instance.split('/').map(escape).collect();
+    format!("dca/{}/signals/{}", robot_name(robot), path.join("/"))
+}
+
+/// Returns the instance path of a [`signals`] key.
+pub fn parse_signals(key: &str) -> Option<String> {
+    let (_, path) = key.strip_prefix("dca/")?.split_once("/signals/")?;
+    let path: Option<Vec<String>> = path.split('/').map(unescape).collect();
+    path.map(|path| path.join("/"))
+}
+
+/// A robot must not be mistaken for one of our own words; `_` before them is as unique as the name itself.
+fn robot_name(robot: &str) -> String {
+    let bare = robot.trim_start_matches('_');
+    let prefix = if RESERVED.contains(&bare) { "_" } else { "" };
+    format!("{prefix}{}", escape(robot))
+}
+
+fn is_plain(byte: u8) -> bool {
+    byte.is_ascii_alphanumeric() || matches!(byte, b'_' | b'-' | b'.')
+}
+
+fn escape(name: &str) -> String {
+    if name.is_empty() {
+        return "%".to_owned();
+    }
+    let mut escaped = String::with_capacity(name.len());
+    for byte in name.bytes() {
+        if is_plain(byte) {
+            escaped.push(char::from(byte));
+        } else {
+            const HEX: &[u8; 16] = b"0123456789abcdef";
+            escaped.push('%');
+            escaped.push(char::from(HEX[usize::from(byte >> 4)]));
+            escaped.push(char::from(HEX[usize::from(byte & 15)]));
+        }
+    }
+    escaped
+}
+
+fn unescape(escaped: &str) -> Option<String> {
+    if escaped == "%" {
+        return Some(String::new());
+    }
+    let mut bytes = Vec::with_capacity(escaped.len());
+    let mut rest = escaped.bytes();
+    while let Some(byte) = rest.next() {
+        bytes.push(match byte {
+            b'%' => {
+                let mut digit = || rest.next().and_then(|digit| char::from(digit).to_digit(16));
+                u8::try_from(digit()? * 16 + digit()?).ok()?
+            }
+            plain if is_plain(plain) => plain,
+            _ => return None,
+        });
+    }
+    let name = String::from_utf8(bytes).ok()?;
+    // Only what `escape` writes is read: one name, one key.
+    (escape(&name) == escaped).then_some(name)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use zenoh::key_expr::KeyExpr;
+
+    #[test]
+    fn keys_as_written_in_the_tour() {
+        assert_eq!(rpc("c1", "deploy"), "dca/n/c1/rpc/deploy");
+        assert_eq!(inbox("c1"), "dca/n/c1/in");
+        assert_eq!(live("c1", 255), "dca/live/c1/00000000000000ff");
+        assert_eq!(wire("door", 2, 17), "dca/d/door/2/w/17");
+        assert_eq!(hardware("door", "arm", Channel::State), "dca/door/hw/arm/state");
+        assert_eq!(hardware("live", "arm", Channel::Command), "dca/_live/hw/arm/cmd");
+        assert_eq!(signals("door", "main/hit/force"), "dca/door/signals/main/hit/force");
+        assert_eq!(signals("door", "main/hold[2]"), "dca/door/signals/main/hold%5b2%5d");
+    }
+
+    #[test]
+    fn host_names() {
+        for name in ["c1", "192.168.0.7", "arm-left_2"] {
+            assert_eq!(HostName::parse(name).unwrap().as_str(), name);
+        }
+        for name in ["", "a/b", "*", "-a", "a@b", "a b", "é", &"a".repeat(64)] {
+            assert!(HostName::parse(name).is_err(), "{name}");
+        }
+    }
+
+    #[test]
+    fn foreign_keys_are_not_read() {
+        assert_eq!(parse_live("dca/live/c1/ff"), None);
+        assert_eq!(parse_live("dca/n/c1/in"), None);
+        assert_eq!(parse_rpc("dca/n/c1/in"), None);
+        assert_eq!(parse_rpc("dca/n/%zz/rpc/stop"), None);
+        assert_eq!(parse_rpc("dca/n/%63/rpc/stop"), None, "`c` is written `c`, not `%63`");
+    }
+
+    proptest! {
+        #[test]
+        fn every_name_gives_a_plain_key_and_comes_back(a in ".*", b in ".*", boot: u64) {
+            for key in [rpc(&a, &b), inbox(&a), live(&a, boot), wire(&a, boot, 3), signals(&a, &b),
+                        hardware(&a, &b, Channel::State)] {
+                let key = KeyExpr::try_from(key).unwrap();
+                prop_assert!(!key.is_wild());
+            }
+            prop_assert_eq!(parse_rpc(&rpc(&a, &b)), Some((a.clone(), b.clone())));
+            prop_assert_eq!(parse_live(&live(&a, boot)), Some((a.clone(), boot)));
+            prop_assert_eq!(parse_signals(&signals(&a, &b)), Some(b.clone()));
+            prop_assert_eq!(inbox(&a) == inbox(&b), a == b);
+            prop_assert_eq!(hardware(&a, "x", Channel::State) == hardware(&b, "x", Channel::State), a == b);
+        }
+
+        #[test]
+        fn robots_stay_apart_from_our_words(a in "_{0,3}(n|live|d|door)", b in "_{0,3}(n|live|d|door)") {
+            prop_assert_eq!(signals(&a, "x") == signals(&b, "x"), a == b);
+            let first = signals(&a, "x").split('/').nth(1).unwrap().to_owned();
+            prop_assert!(!RESERVED.contains(&first.as_str()));
+        }
+    }
+}
