@@ -1,0 +1,123 @@
+//! The steps of a plan's main sequence, and their names.
+
+use language::plan::{Expression, Group, Member, MemberKind, Plan};
+use std::collections::{BTreeSet, VecDeque};
+
+/// One element of the main sequence.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Step {
+    /// Its expression as written in the spec, without labels.
+    pub(super) name: String,
+    /// Slots of the members that it runs.
+    pub(super) members: BTreeSet<u32>,
+}
+
+/// Returns the group that has the main sequence, and the sequence.
+pub(super) fn steps(plan: &Plan) -> (Option<&Group>, Vec<Step>) {
+    let groups = breadth_first(plan);
+    let chained = groups.iter().find(|group| has_sequence(&group.expression));
+    let group = chained.or_else(|| groups.iter().find(|group| group.members.len() > 1)).or_else(|| groups.first());
+    let mut steps = Vec::new();
+    if let Some(group) = group {
+        flatten(sequence(&group.expression), &group.members, &mut steps);
+    }
+    steps.retain(|step| !step.members.is_empty());
+    (group.copied(), steps)
+}
+
+/// Returns every group that can end by itself, `main` first.
+fn breadth_first(plan: &Plan) -> Vec<&Group> {
+    let mut found: Vec<&Group> = Vec::new();
+    let mut queue = VecDeque::from([0]);
+    while let Some(group) = queue.pop_front().and_then(|index: usize| plan.groups.get(index)) {
+        // A plan from elsewhere may be wrong: without this bound a circle of groups would never end.
+        if found.len() == plan.groups.len() {
+            break;
+        }
+        found.push(group);
+        for member in group.members.iter().filter(|member| !member.service) {
+            if let MemberKind::Group(index) = member.kind {
+                queue.extend(usize::try_from(index));
+            }
+        }
+    }
+    found
+}
+
+fn has_sequence(expression: &Expression) -> bool {
+    is_sequence(expression) || children(expression).iter().any(|child| has_sequence(child))
+}
+
+fn is_sequence(expression: &Expression) -> bool {
+    use Expression as E;
+    matches!(expression, E::Sequence(..) | E::Conditional(..) | E::Recurrent(..))
+}
+
+/// Returns the first part of `expression` that is a sequence; what runs beside it is background.
+fn sequence(expression: &Expression) -> &Expression {
+    if is_sequence(expression) || matches!(expression, Expression::Otherwise(..)) {
+        return expression;
+    }
+    children(expression).into_iter().find(|child| has_sequence(child)).map_or(expression, sequence)
+}
+
+fn children(expression: &Expression) -> Vec<&Expression> {
+    use Expression as E;
+    match expression {
+        E::Run { .. } | E::Skip | E::Never | E::Fail(_) | E::Wait(_) => Vec::new(),
+        E::Concurrent(of) | E::FailFast(of) | E::Disable(of) | E::AnyOf { of, .. } => of.iter().collect(),
+        E::Sequence(p, q) | E::Conditional(p, q) | E::Recurrent(p, q) | E::Otherwise(p, q) => vec![p, q],
+    }
+}
+
+fn flatten(expression: &Expression, members: &[Member], steps: &mut Vec<Step>) {
+    if is_sequence(expression) || matches!(expression, Expression::Otherwise(..)) && has_sequence(expression) {
+        for child in children(expression) {
+            flatten(child, members, steps);
+        }
+    } else {
+        let mut slots = BTreeSet::new();
+        collect(expression, &mut slots);
+        steps.push(Step { name: text(expression, members).1, members: slots });
+    }
+}
+
+fn collect(expression: &Expression, slots: &mut BTreeSet<u32>) {
+    if let Expression::Run { member, .. } = expression {
+        slots.insert(*member);
+    }
+    for child in children(expression) {
+        collect(child, slots);
+    }
+}
+
+/// Returns how tightly an expression binds (more is tighter), and its text.
+fn text(expression: &Expression, members: &[Member]) -> (u8, String) {
+    use Expression as E;
+    let (level, operator) = match expression {
+        E::Run { member, .. } => {
+            let member = usize::try_from(*member).ok().and_then(|slot| members.get(slot));
+            return (9, member.map_or("?", |member| &member.name).to_owned());
+        }
+        E::Skip => return (9, "skip".to_owned()),
+        E::Never => return (9, "never".to_owned()),
+        E::Fail(why) => return (9, format!("fail({why:?})")),
+        E::Wait(time) => return (9, format!("wait({} s)", time.as_secs_f64())),
+        E::AnyOf { count, of } => {
+            let of = of.iter().map(|child| text(child, members).1).collect::<Vec<_>>();
+            return (9, format!("any {count} of ({})", of.join(", ")));
+        }
+        E::Concurrent(_) => (0, ", "),
+        E::FailFast(_) => (1, " & "),
+        E::Disable(_) => (2, " # "),
+        E::Sequence(..) => (3, " ; "),
+        E::Otherwise(..) => (4, " else "),
+        E::Conditional(..) => (5, " : "),
+        E::Recurrent(..) => (5, " ;; "),
+    };
+    let parts = children(expression).into_iter().map(|child| match text(child, members) {
+        (inner, text) if inner > level || level == 3 && inner == 3 => text,
+        (_, text) => format!("({text})"),
+    });
+    (level, parts.collect::<Vec<_>>().join(operator))
+}

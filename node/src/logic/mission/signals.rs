@@ -1,0 +1,91 @@
+//! Every signal of a run: its latest value and its peak.
+
+use crate::logic::mission::short;
+use comms::logic::signals::Signal;
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+/// The most signals told apart; more are left out.
+pub const TRACKS_MAX: usize = 10_000;
+
+/// One signal of one program.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Track {
+    /// Absolute path of the program.
+    pub path: String,
+    /// The signal's name.
+    pub name: String,
+    /// Its unit; empty for none.
+    pub unit: String,
+    /// Whether it belongs on a one-line display.
+    pub headline: bool,
+    /// Its latest value.
+    pub last: f64,
+    /// Its largest magnitude.
+    pub peak: f64,
+    /// When that was, since GO.
+    pub peak_at: Duration,
+}
+
+impl Track {
+    /// Returns `value` as text, with decimals that suit what the signal has shown so far.
+    pub fn text(&self, value: f64) -> String {
+        let decimals = match self.peak {
+            peak if peak >= 1000.0 => 0,
+            peak if peak >= 10.0 => 1,
+            peak if peak >= 1.0 => 2,
+            _ => 3,
+        };
+        format!("{value:.decimals$}")
+    }
+}
+
+/// The signals in the order of first appearance, found by path and name.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Tracks {
+    all: Vec<Track>,
+    index: BTreeMap<String, BTreeMap<String, usize>>,
+}
+
+impl Tracks {
+    /// Takes a value in and returns the index of its track, or none when there are too many.
+    pub(super) fn push(&mut self, path: &str, at: Duration, signal: &Signal) -> Option<usize> {
+        let known = self.index.get(path).and_then(|names| names.get(signal.name.as_str())).copied();
+        let index = match known {
+            Some(index) => index,
+            None => self.insert(path, signal)?,
+        };
+        let track = &mut self.all[index];
+        track.last = signal.value;
+        if signal.value.abs() > track.peak {
+            (track.peak, track.peak_at) = (signal.value.abs(), at);
+        }
+        Some(index)
+    }
+
+    pub(super) fn all(&self) -> &[Track] {
+        &self.all
+    }
+
+    pub(super) fn title(&self, track: &Track) -> String {
+        let twins = self.all.iter().filter(|other| other.name == track.name && other.headline == track.headline);
+        if twins.count() > 1 { format!("{} of {}", track.name, short(&track.path)) } else { track.name.clone() }
+    }
+
+    fn insert(&mut self, path: &str, signal: &Signal) -> Option<usize> {
+        if self.all.len() == TRACKS_MAX {
+            return None;
+        }
+        self.index.entry(path.to_owned()).or_default().insert(signal.name.clone(), self.all.len());
+        self.all.push(Track {
+            path: path.to_owned(),
+            name: signal.name.clone(),
+            unit: signal.unit.clone(),
+            headline: signal.headline,
+            last: signal.value,
+            peak: 0.0,
+            peak_at: Duration::ZERO,
+        });
+        Some(self.all.len() - 1)
+    }
+}

@@ -1,0 +1,246 @@
+//! Phases, peaks and verdicts from tables.
+
+use super::*;
+use crate::logic::protocol::FailureCause;
+use comms::logic::signals::Signal;
+use comms::logic::time::Time;
+use expect_test::{Expect, expect};
+use language::plan::{Expression as E, Group, Leaf, LeafKind, Member, MemberKind};
+use std::fmt::Write as _;
+
+pub(crate) fn seconds(seconds: f64) -> Duration {
+    Duration::from_secs_f64(seconds)
+}
+
+/// A plan of one system group under `main` whose members are all leaves; a name that ends in `!` is a service.
+pub(crate) fn plan(names: &[&str], expression: Expression) -> Plan {
+    let mut leaves = Vec::new();
+    let mut members = Vec::new();
+    for (index, name) in (0..).zip(names) {
+        let (name, service) = name.strip_suffix('!').map_or((*name, false), |name| (name, true));
+        members.push(Member { name: name.to_owned(), kind: MemberKind::Leaf(index), service });
+        leaves.push(Leaf {
+            path: format!("main/sys/{name}"),
+            module: "Test".to_owned(),
+            host: index % 2,
+            arguments: Vec::new(),
+            exec: None,
+            kind: LeafKind::Controller,
+            stop_within: seconds(1.0),
+        });
+    }
+    let group = |path: &str, members, expression| Group {
+        path: path.to_owned(),
+        process: "Test".to_owned(),
+        host: 0,
+        members,
+        sets: Vec::new(),
+        sets_always: Vec::new(),
+        expression,
+    };
+    let sys = Member { name: "sys".to_owned(), kind: MemberKind::Group(1), service: false };
+    let main = group("main", vec![sys], run(0));
+    let hosts = vec!["c1".to_owned(), "c2".to_owned()];
+    Plan {
+        name: "test".to_owned(),
+        hosts,
+        groups: vec![main, group("main/sys", members, expression)],
+        leaves,
+        wires: Vec::new(),
+    }
+}
+
+type Expression = E;
+
+pub(crate) fn run(member: u32) -> E {
+    E::Run { member, sets: Vec::new() }
+}
+
+fn seq(of: Vec<E>) -> E {
+    of.into_iter().rev().reduce(|rest, first| E::Sequence(Box::new(first), Box::new(rest))).unwrap()
+}
+
+/// The door's shape: background # (servo # near ; (open, approach) # hit ; close ; pull).
+pub(crate) fn door() -> Plan {
+    let names = ["motion!", "servo!", "near", "open", "approach", "hit", "close", "pull"];
+    let grasp = E::Disable(vec![E::Concurrent(vec![run(3), run(4)]), run(5)]);
+    let chain = seq(vec![E::Disable(vec![run(1), run(2)]), grasp, run(6), run(7)]);
+    plan(&names, E::Disable(vec![run(0), chain]))
+}
+
+/// One line an event: `at process activated|stopping|done|stopped|why it aborted`, or `at process signal value unit`.
+pub(crate) fn feed(mission: &mut Mission, table: &str) {
+    mission.report(&Report::Go { took: seconds(0.8), signals: Vec::new() });
+    for line in table.lines().map(str::trim).filter(|line| !line.is_empty()) {
+        let words: Vec<&str> = line.split_whitespace().collect();
+        let (at, path) = (seconds(words[0].parse().unwrap()), format!("main/sys/{}", words[1]));
+        if let [_, _, name, value, unit] = words[..] {
+            let headline = !name.starts_with('_');
+            let value = value.parse().unwrap();
+            let signal = Signal { name: name.replace('_', " "), unit: unit.to_owned(), value, headline };
+            mission.signals(&path, at, &Signals { stamp: Time::ZERO, values: vec![signal] });
+        } else {
+            mission.report(&event(&path, words[2], at));
+        }
+    }
+}
+
+fn event(path: &str, word: &str, at: Duration) -> Report {
+    let failure = |cause| Failure { origin: path.to_owned(), cause, at };
+    let change = match word {
+        "activated" => Change::Activated,
+        "stopping" => Change::Stopping,
+        "done" => Change::Ended(Ending::Done(Vec::new())),
+        "stopped" => Change::Ended(Ending::Stopped),
+        "died" => Change::Died(FailureCause::Signal(11)),
+        "killed" => Change::Ended(Ending::Aborted(failure(FailureCause::Signal(9)))),
+        why => Change::Ended(Ending::Aborted(failure(FailureCause::Reported(why.to_owned())))),
+    };
+    Report::Process { path: path.to_owned(), change, at }
+}
+
+pub(crate) const OPENING: &str = "
+    0.0 motion activated
+    0.0 servo activated
+    0.0 near activated
+    1.0 motion force 3 N
+    6.8 near done
+    6.8 servo stopping
+    6.9 servo stopped
+    6.9 hit activated
+    6.9 open activated
+    6.9 approach activated
+    7.5 open done
+    8.0 motion force -16 N
+    8.0 motion _torque 2.5 Nm
+    11.7 hit done
+    11.7 approach stopping
+    11.8 approach stopped
+    11.8 close activated
+    12.4 close done
+    12.5 pull activated
+    13.0 pull angle 0.5 deg
+    14.0 motion force 28.8 N
+    22.0 pull angle 74.04 deg
+    22.0 pull done
+    22.0 motion stopping
+    22.1 motion stopped
+";
+
+#[track_caller]
+fn check(plan: &Plan, table: &str, expect: &Expect) {
+    let mut mission = Mission::new(plan);
+    feed(&mut mission, table);
+    let mut text = String::new();
+    for phase in mission.phases() {
+        let end = phase.end.map_or("-".to_owned(), |end| format!("{:.1}", end.as_secs_f64()));
+        write!(text, "{:.1}..{end} {} | {} |", phase.begin.as_secs_f64(), phase.name, phase.ended()).unwrap();
+        for (index, track) in mission.tracks().iter().enumerate() {
+            if let Some(peak) = phase.peak(index) {
+                write!(text, " {}={}{}", track.name, track.text(peak), track.unit).unwrap();
+            }
+        }
+        text.push('\n');
+    }
+    expect.assert_eq(&text);
+}
+
+#[test]
+fn phases_follow_the_main_sequence() {
+    check(
+        &door(),
+        OPENING,
+        &expect![[r#"
+            0.0..6.9 servo # near | near done | force=3.0N
+            6.9..11.8 (open, approach) # hit | hit done | force=16.0N  torque=2.50Nm
+            11.8..12.4 close | done |
+            12.5..22.0 pull | done | force=28.8N angle=74.0deg
+        "#]],
+    );
+}
+
+#[test]
+fn an_abort_ends_a_phase_and_a_stop_from_outside_decides_nothing() {
+    check(
+        &door(),
+        "0 servo activated \n 0 near activated \n 1 near blocked \n 1 servo stopping \n 1.1 servo stopped",
+        &expect![[r#"
+            0.0..1.1 servo # near | near aborted: blocked |
+        "#]],
+    );
+    check(
+        &door(),
+        "0 servo activated \n 0 near activated \n 1 near stopping \n 1 servo stopping \n 1.1 servo stopped \n 1.2 near stopped",
+        &expect![[r#"
+            0.0..1.2 servo # near | stopped |
+        "#]],
+    );
+}
+
+#[test]
+fn a_loop_makes_a_new_phase_each_time_round() {
+    let plan = plan(&["a", "b"], E::Recurrent(Box::new(run(0)), Box::new(run(1))));
+    let round = "0 a activated \n 1 a done \n 1 b activated \n 2 b done \n 2 a activated \n 3 a done \n 3 b activated";
+    check(
+        &plan,
+        round,
+        &expect![[r#"
+            0.0..1.0 a | done |
+            1.0..2.0 b | done |
+            2.0..3.0 a | done |
+            3.0..- b | running |
+        "#]],
+    );
+}
+
+#[test]
+fn a_member_that_comes_twice_belongs_to_the_step_at_hand() {
+    let plan = plan(&["a", "b"], seq(vec![run(0), E::Concurrent(vec![run(0), run(1)]), run(0)]));
+    let table =
+        "0 a activated \n 1 a done \n 1 a activated \n 1 b activated \n 2 b done \n 2.5 a done \n 3 a activated";
+    check(
+        &plan,
+        table,
+        &expect![[r#"
+            0.0..1.0 a | done |
+            1.0..2.5 a, b | a done |
+            3.0..- a | running |
+        "#]],
+    );
+}
+
+#[test]
+fn without_a_sequence_there_is_one_phase() {
+    let table = "0 a activated \n 0 b activated \n 1 a done \n 4 b done";
+    check(
+        &plan(&["a", "b"], E::Concurrent(vec![run(0), run(1)])),
+        table,
+        &expect![[r#"
+            0.0..4.0 a, b | b done |
+        "#]],
+    );
+}
+
+#[test]
+fn the_end_is_told_once_and_closes_the_last_phase() {
+    let mut mission = Mission::new(&door());
+    feed(&mut mission, "0 servo activated \n 0 near activated");
+    assert!(mission.phase().is_some());
+    let cause = FailureCause::Signal(9);
+    let failure = Failure { origin: "main/sys/hit/force".to_owned(), cause, at: seconds(12.34) };
+    let ending = Ending::Aborted(failure);
+    mission.report(&Report::Finished { ending, at: seconds(12.5), unconfirmed: vec!["c2".to_owned()] });
+    let Some(Verdict { outcome: Outcome::Aborted(failure), at, unconfirmed }) = mission.verdict() else { panic!() };
+    assert_eq!(failure.to_string(), "main ← sys ← hit ← force: SIGKILL at 12.3 s");
+    assert_eq!((*at, unconfirmed.len()), (seconds(12.5), 1));
+    assert_eq!(mission.phase(), None);
+    assert_eq!(mission.phases()[0].end, Some(seconds(12.5)));
+}
+
+#[test]
+fn a_death_is_noted_once() {
+    let mut mission = Mission::new(&door());
+    feed(&mut mission, "0 servo activated \n 1 hit died \n 2 servo killed");
+    let notes: Vec<String> = mission.notes().iter().map(|note| format!("{}: {}", note.process, note.text)).collect();
+    assert_eq!(notes, ["sys/hit: died: SIGSEGV", "sys/servo: aborted: SIGKILL"]);
+}
