@@ -1,4 +1,79 @@
 //! The `.dca` language: text to plan, and what a plan means. Pure: no clock, no file, no network.
+//!
+//! A spec says which processes run on which hosts, how their ports are connected, and in which order things happen.
+//! [`compile`] reads it, together with the interfaces that controller programs print of themselves, and returns a
+//! [`plan::Plan`] and everything there is to say about the text: each [`Diagnostic`] has a stable [`Code`], places, a
+//! reason, and a fix when one is likely. A plan is absent exactly when there is an error. [`render`] makes the text
+//! with carets that a person reads, [`apply_fixes`] the corrected spec.
+//!
+//! ```
+//! use language::{Options, Source, Style, apply_fixes, compile, render};
+//!
+//! let spec = Source::new("blink.dca", "process main() {
+//!     host{c1}
+//!     instantiated_processes { lamp instof Lamp(c1); switch instof Switch(c1); }
+//!     internal_connections(switch, on) { switch, Out -> lamp, In; }
+//!     internal_event_actions { Lamp, switch[on] }
+//! }");
+//! let interfaces = [
+//!     Source::new("lamp", "module Lamp { in In: Truth; service; }"),
+//!     Source::new("switch", "module Switch { out Out: Truth; done; }"),
+//! ];
+//! let compiled = compile(&spec, &interfaces, &Options::named("blink"));
+//! assert_eq!(compiled.plan.unwrap().wires.len(), 1);
+//! // `Lamp` is the type: the instance is called `lamp`. A warning says so, and has the fix.
+//! let text = render(&compiled.diagnostics, &spec, &interfaces, Style::Plain);
+//! assert!(text.contains("W0201"));
+//! assert!(apply_fixes(&spec.text, &compiled.diagnostics).contains("{ lamp, switch[on] }"));
+//! ```
+//!
+//! Way of a text: [`syntax`] makes a lossless tree of it, whatever it contains; `check` resolves names, types, ports and
+//! hosts, and lowers the result to a flat [`plan`]; [`algebra`] says what a plan does, event by event.
 
 pub mod algebra;
+mod check;
+mod diagnostic;
 pub mod plan;
+mod similar;
+mod source;
+pub mod syntax;
+
+pub use diagnostic::{Code, Diagnostic, Edit, Fix, Label, Severity, Style, apply_fixes, render};
+pub use source::{Origin, Position, SOURCE_MAX, Source, Span};
+
+/// What a caller may choose.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Options {
+    /// Name of the deployment: the file's stem unless the user gave another.
+    pub name: String,
+    /// Whether names that are not written exactly are errors.
+    pub deny_lenient_names: bool,
+}
+
+impl Options {
+    /// Returns the usual options for a deployment of that name.
+    pub fn named(name: impl Into<String>) -> Self {
+        Self { name: name.into(), deny_lenient_names: false }
+    }
+}
+
+/// What became of a spec.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Compiled {
+    /// What to run; absent exactly when there is an error.
+    pub plan: Option<plan::Plan>,
+    /// Everything there is to say, in the order of the text.
+    pub diagnostics: Vec<Diagnostic>,
+}
+
+/// Compiles a spec. `interfaces` are texts that consist of `module` blocks, as controller programs print them.
+pub fn compile(spec: &Source, interfaces: &[Source], options: &Options) -> Compiled {
+    let (mut plan, mut diagnostics) = check::check(spec, interfaces, &options.name);
+    if options.deny_lenient_names {
+        for diagnostic in diagnostics.iter_mut().filter(|found| check::is_lenient_name(found.code)) {
+            diagnostic.severity = Severity::Error;
+            plan = None;
+        }
+    }
+    Compiled { plan, diagnostics }
+}

@@ -5,8 +5,12 @@
 //! Invariants, kept by `check::lower` and re-checked by [`Plan::validate`] when a plan arrives over a wire: every index
 //! is in range, `groups[0]` is `main`, every group but `main` is a member of exactly one group, every leaf too.
 
+mod validate;
+
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
+
+pub use validate::PlanError;
 
 /// The deepest nesting of groups and of expressions that is accepted.
 pub const DEPTH_MAX: usize = 64;

@@ -1,0 +1,52 @@
+//! Tree to plan: names, types, ports, flow, and what is wrong with them.
+//!
+//! Each pass adds to one [`spec::Spec`] and to one list of diagnostics: `declare` (what is there), `names` and
+//! `expression` (inside one group), `types` (between groups), `ports`, `flow`, and at last `lower` makes the plan.
+
+mod declare;
+mod expression;
+mod flow;
+mod lower;
+mod names;
+mod ports;
+mod spec;
+mod types;
+mod unit;
+mod value;
+
+use crate::diagnostic::{Code, Diagnostic, Severity};
+use crate::plan::Plan;
+use crate::source::{Origin, Source};
+use crate::syntax::{Parse, parse};
+
+/// Checks a spec against the interfaces of the modules; returns its plan unless something is wrong.
+pub(crate) fn check(spec: &Source, interfaces: &[Source], name: &str) -> (Option<Plan>, Vec<Diagnostic>) {
+    let origins = (0..).map(Origin::Interface);
+    let sources = std::iter::once((Origin::Spec, spec)).chain(origins.zip(interfaces));
+    let mut model = spec::Spec::default();
+    let mut diagnostics = Vec::new();
+    for (origin, source) in sources {
+        let Parse { root, diagnostics: found } = parse(source, origin);
+        declare::declare(&mut model, root, origin, &found, &mut diagnostics);
+        diagnostics.extend(found);
+    }
+    types::check(&mut model, &mut diagnostics);
+    let root = types::root(&model, &mut diagnostics);
+    if types::is_finite(&model, root, &mut diagnostics) {
+        ports::check(&model, &mut diagnostics);
+        flow::check(&mut model, &mut diagnostics);
+    }
+    let is_wrong = |diagnostics: &[Diagnostic]| diagnostics.iter().any(|found| found.severity == Severity::Error);
+    let plan = match root {
+        Some(root) if !is_wrong(&diagnostics) => lower::lower(&model, root, name, &mut diagnostics),
+        Some(_) | None => None,
+    };
+    diagnostics.sort_by_key(|found| (found.primary.span, found.code));
+    let plan = plan.filter(|_| !is_wrong(&diagnostics));
+    (plan, diagnostics)
+}
+
+/// Whether a code is a name that was read leniently.
+pub(crate) fn is_lenient_name(code: Code) -> bool {
+    [Code::W0201, Code::W0202, Code::W0203, Code::W0204].contains(&code)
+}

@@ -1,0 +1,84 @@
+//! What a text declares.
+
+mod module;
+mod process;
+
+use super::names::twice;
+use super::spec::{Param, Spec, ValueKind};
+use super::value::value;
+use crate::diagnostic::{Code, Diagnostic, Severity};
+use crate::source::{Origin, Span};
+use crate::syntax::SyntaxKind::{self, Constant, Type};
+use crate::syntax::SyntaxNode;
+use crate::syntax::ast::Node;
+
+/// Adds everything that a tree declares to the spec.
+pub(super) fn declare(
+    spec: &mut Spec,
+    root: SyntaxNode,
+    origin: Origin,
+    syntax: &[Diagnostic],
+    diagnostics: &mut Vec<Diagnostic>,
+) {
+    let errors = syntax.iter().filter(|found| found.severity == Severity::Error);
+    let errors: Vec<Span> = errors.map(|found| found.primary.span).collect();
+    for item in Node::new(root, origin).children() {
+        if item.kind() == SyntaxKind::Module {
+            if let Some(module) = module::module(&item, diagnostics) {
+                add_module(spec, module, origin, diagnostics);
+            }
+        } else if item.kind() == SyntaxKind::Process {
+            if origin != Origin::Spec {
+                let message = "an interface consists of `module` blocks only";
+                diagnostics.push(Diagnostic::new(Code::E0108, item.span(), message));
+            } else if let Some(process) = process::process(&item, &errors, diagnostics) {
+                add_process(spec, process, diagnostics);
+            }
+        }
+    }
+}
+
+fn add_process(spec: &mut Spec, process: super::spec::Process, diagnostics: &mut Vec<Diagnostic>) {
+    if let Some(&first) = spec.process_names.get(&process.name.text) {
+        let first = spec.processes[first].name.span;
+        diagnostics.push(twice("process", &process.name.text, process.name.span, first));
+        return;
+    }
+    spec.process_names.insert(process.name.text.clone(), spec.processes.len());
+    spec.processes.push(process);
+}
+
+/// Interfaces in the spec win over those of programs; of two programs the first wins.
+fn add_module(spec: &mut Spec, module: super::spec::Module, origin: Origin, diagnostics: &mut Vec<Diagnostic>) {
+    let Some(&first) = spec.module_names.get(&module.name.text) else {
+        spec.module_names.insert(module.name.text.clone(), spec.modules.len());
+        spec.modules.push(module);
+        return;
+    };
+    let first = spec.modules[first].name.span;
+    if origin == Origin::Spec {
+        diagnostics.push(twice("module", &module.name.text, module.name.span, first));
+    } else if first.origin != Origin::Spec {
+        let message = format!("interface of `{}` is given twice; the first is used", module.name.text);
+        let diagnostic = Diagnostic::new(Code::W0110, module.name.span, message);
+        diagnostics.push(diagnostic.reason(first, "first given here"));
+    }
+}
+
+/// Reads a list of parameters.
+fn params(node: &Node, diagnostics: &mut Vec<Diagnostic>) -> Vec<Param> {
+    let mut params: Vec<Param> = Vec::new();
+    for node in node.children_of(SyntaxKind::Param) {
+        let Some(name) = node.names().next() else { continue };
+        if let Some(first) = params.iter().find(|param| param.name.text == name.text) {
+            diagnostics.push(twice("parameter", &name.text, name.span, first.name.span));
+            continue;
+        }
+        let default = node.child(Constant).and_then(|node| match value(&node, &[], diagnostics).kind {
+            ValueKind::Constant(constant) => Some(constant),
+            ValueKind::Param(_) | ValueKind::Broken => None,
+        });
+        params.push(Param { name, kind: node.child(Type).map(|node| node.compact_text()), default });
+    }
+    params
+}

@@ -1,0 +1,67 @@
+//! Interfaces of controller modules.
+
+use crate::check::names::twice;
+use crate::check::spec::{Direction, Module, Port};
+use crate::check::value::duration;
+use crate::diagnostic::Diagnostic;
+use crate::plan::LeafKind;
+use crate::syntax::SyntaxKind::{self, Constant, Params, Text, Type};
+use crate::syntax::ast::Node;
+use std::time::Duration;
+
+/// How long a module may take to stop, unless its interface says otherwise.
+const STOP_WITHIN: Duration = Duration::from_secs(2);
+
+/// Reads a `module` block.
+pub(super) fn module(node: &Node, diagnostics: &mut Vec<Diagnostic>) -> Option<Module> {
+    let params = node.child(Params).map(|node| super::params(&node, diagnostics));
+    let mut module = Module {
+        name: node.title()?,
+        params: params.map(|params| params.into_iter().filter(|param| !is_host(param)).collect()),
+        ports: Vec::new(),
+        is_service: false,
+        has_end: false,
+        exec: None,
+        kind: LeafKind::Controller,
+        stop_within: STOP_WITHIN,
+    };
+    for item in node.children() {
+        read_item(&mut module, &item, diagnostics);
+    }
+    Some(module)
+}
+
+/// The host is the first argument of every module; an interface may name it among the parameters or not.
+fn is_host(param: &crate::check::spec::Param) -> bool {
+    param.name.text == "host" || param.kind.as_deref() == Some("Host")
+}
+
+fn read_item(module: &mut Module, item: &Node, diagnostics: &mut Vec<Diagnostic>) {
+    let words: Vec<String> = item.names().map(|name| name.text).collect();
+    let word = words.first().map_or("", String::as_str);
+    if item.kind() == SyntaxKind::Port {
+        add_port(module, item, diagnostics);
+    } else if item.kind() == SyntaxKind::Flag {
+        module.is_service |= word == "service";
+        module.has_end |= word == "done";
+        if word == "plain" {
+            module.kind = LeafKind::Plain;
+        }
+    } else if item.kind() == SyntaxKind::Exec {
+        module.exec = item.token(Text).map(|token| token.content());
+    } else if item.kind() == SyntaxKind::StopWithin {
+        let limit = item.child(Constant).and_then(|node| duration(&node, diagnostics));
+        module.stop_within = limit.unwrap_or(STOP_WITHIN);
+    }
+}
+
+fn add_port(module: &mut Module, item: &Node, diagnostics: &mut Vec<Diagnostic>) {
+    let mut names = item.names();
+    let (Some(word), Some(name)) = (names.next(), names.next()) else { return };
+    if let Some(first) = module.ports.iter().find(|port| port.name.text == name.text) {
+        diagnostics.push(twice("port", &name.text, name.span, first.name.span));
+        return;
+    }
+    let direction = if word.text == "in" { Direction::In } else { Direction::Out };
+    module.ports.push(Port { name, direction, kind: item.child(Type).map(|node| node.compact_text()) });
+}

@@ -1,0 +1,188 @@
+//! Process groups.
+
+use crate::check::expression;
+use crate::check::names::{Names, twice};
+use crate::check::spec::{
+    Arg, Connection, Damage, Endpoint, Export, Instance, Param, Process, Set, Target, Value, ValueKind,
+};
+use crate::check::value::{symbol, value};
+use crate::diagnostic::{Code, Diagnostic};
+use crate::plan::{Constant, Transfer};
+use crate::source::Span;
+use crate::syntax::SyntaxKind::{self, BackArrow, Equals, Text};
+use crate::syntax::ast::{Name, Node};
+
+/// Reads a process; `errors` are the places where its text is damaged.
+pub(super) fn process(node: &Node, errors: &[Span], diagnostics: &mut Vec<Diagnostic>) -> Option<Process> {
+    let mut damage = damage(node, errors);
+    let name = node.title()?;
+    check_sections(node, diagnostics);
+    let params = node.child(SyntaxKind::Params).map(|node| super::params(&node, diagnostics)).unwrap_or_default();
+    let host = node.child(SyntaxKind::Host).and_then(|node| host(&node, &params, diagnostics));
+    let mut instances = instances(node, &params, diagnostics);
+    let mut names = Names::new(&instances, damage.instances);
+    let exports = exports(node, &mut names, diagnostics);
+    let (sets, are_whole) = sets(node, &mut names, diagnostics);
+    damage.connections |= !are_whole;
+    let actions = node.children_of(SyntaxKind::Actions).next();
+    let mut group = expression::Group { names, sets: &sets, damage, run: Vec::new(), useless: Vec::new() };
+    let actions = actions.and_then(|node| expression::actions(&node, &mut group, diagnostics));
+    let run = group.run;
+    for slot in run {
+        instances[slot].is_run = true;
+    }
+    Some(Process { name, params, host, instances, exports, sets, actions, damage, is_service: false })
+}
+
+/// Finds out which parts of the process contain damaged text. Damage between sections may belong to any of them.
+fn damage(node: &Node, errors: &[Span]) -> Damage {
+    let inside: Vec<Span> = errors.iter().copied().filter(|&error| node.span().contains(error.at_start())).collect();
+    let mut damage = Damage::default();
+    for error in inside {
+        let is_here = |part: &Node| part.span().contains(error.at_start());
+        let part = node.children().find(is_here).map(|part| part.kind());
+        let in_part = |kind: SyntaxKind| part == Some(kind);
+        let is_between = part.is_none() || in_part(SyntaxKind::Error);
+        damage.header |= is_between || in_part(SyntaxKind::Params);
+        damage.instances |= is_between || in_part(SyntaxKind::Instances);
+        damage.external |= is_between || in_part(SyntaxKind::External);
+        damage.connections |= is_between || in_part(SyntaxKind::Connections);
+        damage.actions |= is_between || in_part(SyntaxKind::Actions);
+    }
+    damage
+}
+
+/// Every section but the connections stands at most once.
+fn check_sections(node: &Node, diagnostics: &mut Vec<Diagnostic>) {
+    let sections = [SyntaxKind::Host, SyntaxKind::Instances, SyntaxKind::External, SyntaxKind::Actions];
+    for kind in sections {
+        let mut words = node.children_of(kind).filter_map(|section| section.names().next());
+        if let (Some(first), Some(second)) = (words.next(), words.next()) {
+            diagnostics.push(twice("section", &second.text, second.span, first.span));
+        }
+    }
+}
+
+fn host(node: &Node, params: &[Param], diagnostics: &mut Vec<Diagnostic>) -> Option<Value> {
+    if let Some(text) = node.token(Text) {
+        return Some(Value { span: text.span(), kind: ValueKind::Constant(Constant::Text(text.content())) });
+    }
+    let name = node.names().nth(1)?;
+    let before = diagnostics.len();
+    let kind = symbol(&name, params, diagnostics);
+    let is_parameter = matches!(kind, ValueKind::Param(_));
+    if !is_parameter && !params.is_empty() && diagnostics.len() == before {
+        let message = format!("`{}` is no parameter: it stands for the host of that name", name.text);
+        let help = format!("write `\"{}\"` if it is meant so", name.text);
+        diagnostics.push(Diagnostic::new(Code::W0106, name.span, message).help(help));
+    }
+    Some(Value { span: name.span, kind })
+}
+
+fn instances(node: &Node, params: &[Param], diagnostics: &mut Vec<Diagnostic>) -> Vec<Instance> {
+    let mut instances: Vec<Instance> = Vec::new();
+    let mut first: std::collections::BTreeMap<String, Span> = std::collections::BTreeMap::new();
+    let sections = node.children_of(SyntaxKind::Instances);
+    let nodes: Vec<Node> =
+        sections.flat_map(|section| section.children_of(SyntaxKind::Instance).collect::<Vec<_>>()).collect();
+    for node in nodes {
+        let Some(name) = node.names().find(|name| name.text != "instof" || node.names().count() == 1) else { continue };
+        if let Some(&first) = first.get(&name.text) {
+            diagnostics.push(twice("instance", &name.text, name.span, first));
+            continue;
+        }
+        first.insert(name.text.clone(), name.span);
+        let kind = node.child(SyntaxKind::Type).filter(|kind| !kind.compact_text().is_empty());
+        let args = node.child(SyntaxKind::Args);
+        let args_span = args.as_ref().map_or(node.span().at_end(), Node::span);
+        let kind = kind.map(|kind| Name { text: kind.compact_text(), span: kind.span() });
+        let args = args.map(|args| arguments(&args, params, diagnostics)).unwrap_or_default();
+        instances.push(Instance { name, kind, target: Target::Unknown, args, args_span, is_run: false });
+    }
+    instances
+}
+
+fn arguments(node: &Node, params: &[Param], diagnostics: &mut Vec<Diagnostic>) -> Vec<Arg> {
+    let args = node.children_of(SyntaxKind::Arg).filter_map(|arg| {
+        let name = arg.token(Equals).and_then(|_| arg.names().next());
+        let constant = arg.child(SyntaxKind::Constant)?;
+        Some(Arg { name, value: value(&constant, params, diagnostics) })
+    });
+    args.collect()
+}
+
+fn exports(node: &Node, names: &mut Names<'_>, diagnostics: &mut Vec<Diagnostic>) -> Vec<Export> {
+    let mut exports: Vec<Export> = Vec::new();
+    let sections = node.children_of(SyntaxKind::External);
+    let nodes: Vec<Node> =
+        sections.flat_map(|section| section.children_of(SyntaxKind::Export).collect::<Vec<_>>()).collect();
+    for node in nodes {
+        let endpoint = node.child(SyntaxKind::Endpoint).and_then(|node| endpoint(&node, names, diagnostics));
+        let (Some(name), Some(endpoint)) = (node.names().next(), endpoint) else { continue };
+        match exports.iter().find(|export| export.name.text == name.text) {
+            Some(first) => diagnostics.push(twice("external port", &name.text, name.span, first.name.span)),
+            None => exports.push(Export { name, endpoint }),
+        }
+    }
+    exports
+}
+
+fn endpoint(node: &Node, names: &mut Names<'_>, diagnostics: &mut Vec<Diagnostic>) -> Option<Endpoint> {
+    let mut parts = node.names();
+    let (instance, port) = (parts.next()?, parts.next()?);
+    Some(Endpoint { slot: names.exact(&instance, diagnostics)?, port })
+}
+
+/// Returns the sets, and whether all of them could be read.
+fn sets(node: &Node, names: &mut Names<'_>, diagnostics: &mut Vec<Diagnostic>) -> (Vec<Set>, bool) {
+    let mut sets: Vec<Set> = Vec::new();
+    let mut first: std::collections::BTreeMap<(Option<usize>, Option<String>), Span> =
+        std::collections::BTreeMap::new();
+    let mut are_whole = true;
+    for section in node.children_of(SyntaxKind::Connections) {
+        let head: Vec<Name> = section.child(SyntaxKind::Owner).map(|owner| owner.names().collect()).unwrap_or_default();
+        let owner = head.first().map(|owner| names.exact(owner, diagnostics));
+        let connections = connections(&section, names, diagnostics);
+        are_whole &= owner != Some(None);
+        let labels: Vec<Option<Name>> = match head.get(1..) {
+            Some(labels) if !labels.is_empty() => labels.iter().cloned().map(Some).collect(),
+            Some(_) | None => vec![None],
+        };
+        if owner == Some(None) {
+            continue;
+        }
+        let owner = owner.flatten();
+        for label in labels {
+            let key = (owner, label.as_ref().map(|label| label.text.clone()));
+            match (&label, first.get(&key)) {
+                (Some(label), Some(&first)) => {
+                    diagnostics.push(twice("connection set", &label.text, label.span, first));
+                }
+                (Some(_) | None, _) => {
+                    let span = label.as_ref().map_or(section.span(), |label| label.span);
+                    first.insert(key, span);
+                    sets.push(Set { owner, label, connections: connections.clone() });
+                }
+            }
+        }
+    }
+    (sets, are_whole)
+}
+
+fn connections(section: &Node, names: &mut Names<'_>, diagnostics: &mut Vec<Diagnostic>) -> Vec<Connection> {
+    let mut connections = Vec::new();
+    for node in section.children_of(SyntaxKind::Connection) {
+        let ends = node.children_of(SyntaxKind::Endpoint);
+        let ends: Vec<Option<Endpoint>> = ends.map(|end| endpoint(&end, names, diagnostics)).collect();
+        let [Some(left), Some(right)] = ends.as_slice() else { continue };
+        let is_backwards = node.token(BackArrow).is_some();
+        let (from, to) = if is_backwards { (right, left) } else { (left, right) };
+        let is_pull = |quality: Node| quality.names().next().is_some_and(|name| name.text == "pull");
+        let transfer = match node.children_of(SyntaxKind::Quality).any(is_pull) {
+            true => Transfer::Pull,
+            false => Transfer::Push,
+        };
+        connections.push(Connection { from: from.clone(), to: to.clone(), transfer, span: node.span() });
+    }
+    connections
+}

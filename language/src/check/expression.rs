@@ -1,0 +1,294 @@
+//! Event-action expressions: tree to slots.
+
+use super::names::Names;
+use super::spec::{Damage, Expr, ExprKind, Set};
+use super::value::duration;
+use crate::diagnostic::{Code, Diagnostic};
+use crate::similar::{is_look_alike, nearest, spell};
+use crate::source::Span;
+use crate::syntax::SyntaxKind::{self, Colon, Constant, Labels, Number, Question, Recur, Text};
+use crate::syntax::ast::{Name, Node};
+
+/// The most tries of a `retry`: each is a copy of its operand.
+const RETRY_MAX: u32 = 100;
+/// The most suffixes of one operand, and the most `;;` in one chain.
+const REPEAT_MAX: usize = 8;
+
+/// Makes an operator of its operands.
+type Make = fn(Vec<Expr>) -> ExprKind;
+
+/// What an expression may refer to, and what was found on the way.
+pub(super) struct Group<'a> {
+    pub(super) names: Names<'a>,
+    pub(super) sets: &'a [Set],
+    pub(super) damage: Damage,
+    /// The slots that are run, in the order of the text.
+    pub(super) run: Vec<usize>,
+    /// Labels of processes that own no set.
+    pub(super) useless: Vec<(Name, Name)>,
+}
+
+/// Reads the event actions of a group; returns nothing for an empty section.
+pub(super) fn actions(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<Diagnostic>) -> Option<Expr> {
+    let parts: Vec<Expr> = node.children().map(|part| expression(&part, group, diagnostics)).collect();
+    if let Some(diagnostic) = useless_labels(group) {
+        diagnostics.push(diagnostic);
+    }
+    let mut parts = parts.into_iter();
+    let first = parts.next()?;
+    let rest: Vec<Expr> = parts.collect();
+    if rest.is_empty() {
+        return Some(first);
+    }
+    // More than one expression means that an operator is missing, which is reported already.
+    Some(Expr { span: node.span(), kind: ExprKind::Sequence(std::iter::once(first).chain(rest).collect()) })
+}
+
+fn expression(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<Diagnostic>) -> Expr {
+    let span = node.span();
+    let kind = node.kind();
+    if kind == SyntaxKind::Run {
+        return run(node, group, diagnostics);
+    }
+    if kind == SyntaxKind::Paren {
+        let mut parts = parts(node, group, diagnostics);
+        let is_single = parts.len() == 1;
+        return match parts.pop() {
+            Some(inner) if is_single => inner,
+            Some(_) | None => Expr { span, kind: ExprKind::Broken },
+        };
+    }
+    let operators: [(SyntaxKind, Make); 5] = [
+        (SyntaxKind::Concurrent, ExprKind::Concurrent),
+        (SyntaxKind::FailFast, ExprKind::FailFast),
+        (SyntaxKind::Disable, ExprKind::Disable),
+        (SyntaxKind::Sequence, ExprKind::Sequence),
+        (SyntaxKind::Otherwise, ExprKind::Otherwise),
+    ];
+    let Some((_, make)) = operators.iter().find(|(operator, _)| *operator == kind) else {
+        return special(node, group, diagnostics);
+    };
+    let mut parts = parts(node, group, diagnostics);
+    match parts.len() {
+        0 => Expr { span, kind: ExprKind::Broken },
+        // An accepted `,` or `;` at the end.
+        1 => parts.remove(0),
+        _ => Expr { span, kind: make(parts) },
+    }
+}
+
+fn parts(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<Diagnostic>) -> Vec<Expr> {
+    let operands = node.children().filter(|child| child.kind() != Constant);
+    operands.map(|part| expression(&part, group, diagnostics)).collect()
+}
+
+fn special(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<Diagnostic>) -> Expr {
+    let span = node.span();
+    let kind = if node.kind() == SyntaxKind::Chain {
+        return chain(node, group, diagnostics);
+    } else if node.kind() == SyntaxKind::Suffixed {
+        return suffixed(node, group, diagnostics);
+    } else if node.kind() == SyntaxKind::Retry {
+        retry(node, group, diagnostics)
+    } else if node.kind() == SyntaxKind::AnyOf {
+        any_of(node, group, diagnostics)
+    } else if node.kind() == SyntaxKind::Fail {
+        node.token(Text).map(|reason| ExprKind::Fail(reason.content()))
+    } else if node.kind() == SyntaxKind::Wait {
+        let limit = node.child(Constant).and_then(|node| duration(&node, diagnostics));
+        limit.map(ExprKind::Wait)
+    } else {
+        None
+    };
+    Expr { span, kind: kind.unwrap_or(ExprKind::Broken) }
+}
+
+/// `a : b ;; c : d` is `a : (b ;; (c : d))`.
+fn chain(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<Diagnostic>) -> Expr {
+    let operators = node.tokens().map(|token| token.kind()).filter(|kind| [Colon, Recur].contains(kind));
+    let operators: Vec<SyntaxKind> = operators.collect();
+    let span = node.span();
+    let mut operands = parts(node, group, diagnostics);
+    let loops = operators.iter().filter(|&&operator| operator == Recur).count();
+    if loops > REPEAT_MAX {
+        diagnostics.push(Diagnostic::new(Code::E0004, span, format!("more than {REPEAT_MAX} `;;` in a chain")));
+    }
+    if loops > REPEAT_MAX || operands.len() != operators.len() + 1 {
+        return Expr { span, kind: ExprKind::Broken };
+    }
+    // From the right: `conditional` collects the operands that `:` joins.
+    let mut conditional: Vec<Expr> = operands.pop().into_iter().collect();
+    for operator in operators.into_iter().rev() {
+        let Some(operand) = operands.pop() else { break };
+        if operator == Recur {
+            let start = operand.span.start;
+            let body = join(conditional, span);
+            let kind = ExprKind::Recurrent(Box::new(operand), Box::new(body));
+            conditional = vec![Expr { span: Span { start, ..span }, kind }];
+        } else {
+            conditional.push(operand);
+        }
+    }
+    join(conditional, span)
+}
+
+fn join(mut reversed: Vec<Expr>, span: Span) -> Expr {
+    reversed.reverse();
+    match reversed.len() {
+        1 => reversed.remove(0),
+        _ => {
+            let start = reversed.first().map_or(span.start, |first| first.span.start);
+            Expr { span: Span { start, ..span }, kind: ExprKind::Conditional(reversed) }
+        }
+    }
+}
+
+/// `p? within 5 s`, from the inside to the outside.
+fn suffixed(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<Diagnostic>) -> Expr {
+    let span = node.span();
+    let mut limits = node.children_of(Constant);
+    let operand = node.children().find(|child| child.kind() != Constant);
+    let Some(mut inner) = operand.map(|part| expression(&part, group, diagnostics)) else {
+        return Expr { span, kind: ExprKind::Broken };
+    };
+    let mut depth = 0;
+    for suffix in node.tokens() {
+        depth += 1;
+        if depth > REPEAT_MAX {
+            diagnostics.push(Diagnostic::new(
+                Code::E0004,
+                span,
+                format!("more than {REPEAT_MAX} suffixes of one operand"),
+            ));
+            return Expr { span, kind: ExprKind::Broken };
+        }
+        let kind = if suffix.kind() == Question {
+            let skip = Expr { span: suffix.span(), kind: ExprKind::Skip };
+            ExprKind::Otherwise(vec![inner, skip])
+        } else {
+            match limits.next().and_then(|node| duration(&node, diagnostics)) {
+                Some(limit) => ExprKind::Within(limit, Box::new(inner)),
+                None => ExprKind::Broken,
+            }
+        };
+        inner = Expr { span, kind };
+    }
+    inner
+}
+
+fn retry(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<Diagnostic>) -> Option<ExprKind> {
+    let mut parts = parts(node, group, diagnostics);
+    let token = node.token(Number)?;
+    let Some(times) = token.text().parse().ok().filter(|times| *times <= RETRY_MAX) else {
+        let message = format!("expected how many times to try again, at most {RETRY_MAX}");
+        diagnostics.push(Diagnostic::new(Code::E0009, token.span(), message));
+        return None;
+    };
+    Some(ExprKind::Retry(times, Box::new(parts.pop()?)))
+}
+
+fn any_of(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<Diagnostic>) -> Option<ExprKind> {
+    let parens = node.child(SyntaxKind::Paren)?;
+    let candidates = parens.child(SyntaxKind::Concurrent);
+    let candidates = parts(candidates.as_ref().unwrap_or(&parens), group, diagnostics);
+    let token = node.token(Number)?;
+    let count: Option<u32> = token.text().parse().ok();
+    match count.filter(|&count| count >= 1 && count as usize <= candidates.len()) {
+        Some(count) => Some(ExprKind::AnyOf(count, candidates)),
+        None => {
+            let message = format!("expected a count from 1 to {}", candidates.len());
+            diagnostics.push(Diagnostic::new(Code::E0009, token.span(), message));
+            None
+        }
+    }
+}
+
+/// `name[label]`; `skip` and `never` are words unless an instance is called so.
+fn run(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<Diagnostic>) -> Expr {
+    let span = node.span();
+    let Some(name) = node.names().next() else { return Expr { span, kind: ExprKind::Broken } };
+    let labels: Vec<Name> = node.child(Labels).map(|node| node.names().collect()).unwrap_or_default();
+    if let ("skip" | "never", None) = (name.text.as_str(), group.names.find(&name.text)) {
+        let kind = if name.text == "skip" { ExprKind::Skip } else { ExprKind::Never };
+        return Expr { span, kind };
+    }
+    let Some(slot) = group.names.lenient(&name, diagnostics) else { return Expr { span, kind: ExprKind::Broken } };
+    group.run.push(slot);
+    let sets = activated(&name, slot, &labels, group, diagnostics);
+    Expr { span, kind: ExprKind::Run(slot, sets) }
+}
+
+/// The sets that are open while the process runs: those that are named, and the owner's set without a label.
+fn activated(
+    name: &Name,
+    slot: usize,
+    labels: &[Name],
+    group: &mut Group<'_>,
+    diagnostics: &mut Vec<Diagnostic>,
+) -> Vec<usize> {
+    let owned: Vec<usize> = (0..group.sets.len()).filter(|&set| group.sets[set].owner == Some(slot)).collect();
+    let label_of = |set: &usize| group.sets[*set].label.as_ref();
+    let mut activated: Vec<usize> = owned.iter().copied().filter(|set| label_of(set).is_none()).collect();
+    let labelled: Vec<usize> = owned.iter().copied().filter(|set| label_of(set).is_some()).collect();
+    for label in labels {
+        let is_called = |set: &&usize| label_of(set).is_some_and(|other| other.text == label.text);
+        match labelled.iter().find(is_called) {
+            Some(&set) if activated.contains(&set) => {}
+            Some(&set) => activated.push(set),
+            None if labelled.is_empty() => group.useless.push((name.clone(), label.clone())),
+            None if group.damage.connections || group.damage.actions => {}
+            None => {
+                let known = labelled.iter().filter_map(label_of).collect::<Vec<_>>();
+                diagnostics.push(unknown_label(name, label, &known));
+            }
+        }
+    }
+    if labels.is_empty() && !labelled.is_empty() && !group.damage.actions {
+        let message = format!("`{}` runs with none of its connection sets", name.text);
+        let mut diagnostic = Diagnostic::new(Code::W0304, name.span, message);
+        for label in labelled.iter().filter_map(label_of) {
+            diagnostic =
+                diagnostic.reason(label.span, format!("write `{}[{}]` to open this one", name.text, label.text));
+        }
+        diagnostics.push(diagnostic);
+    }
+    activated
+}
+
+fn unknown_label(name: &Name, label: &Name, known: &[&Name]) -> Diagnostic {
+    let message = format!("`{}` has no connection set `{}`", name.text, label.text);
+    let diagnostic = Diagnostic::new(Code::E0301, label.span, message);
+    let texts = || known.iter().map(|other| other.text.as_str());
+    let near = nearest(&label.text, texts()).and_then(|near| known.iter().find(|other| other.text == near));
+    match near {
+        Some(near) if is_look_alike(&near.text, &label.text) => diagnostic
+            .label(spell(&label.text))
+            .reason(near.span, format!("this one is spelled {}", spell(&near.text)))
+            .replace(label.span, &near.text),
+        Some(near) => diagnostic.reason(near.span, "declared here").replace(label.span, &near.text),
+        None => {
+            let known: Vec<String> = texts().map(|text| format!("`{text}`")).collect();
+            diagnostic.help(format!("its connection sets are {}", known.join(", ")))
+        }
+    }
+}
+
+/// One report for all labels of the group that activate nothing.
+fn useless_labels(group: &Group<'_>) -> Option<Diagnostic> {
+    if group.damage.connections || group.damage.actions {
+        return None;
+    }
+    let (_, first) = group.useless.first()?;
+    let listed: Vec<String> =
+        group.useless.iter().map(|(name, label)| format!("`{}[{}]`", name.text, label.text)).collect();
+    let message = match listed.len() {
+        1 => format!("the label of {} activates nothing", listed[0]),
+        _ => format!("the labels of {} activate nothing", listed.join(", ")),
+    };
+    let mut diagnostic = Diagnostic::new(Code::W0302, first.span, message).label("its process owns no connection set");
+    for (_, label) in &group.useless[1..] {
+        diagnostic = diagnostic.reason(label.span, "nor does this one");
+    }
+    let (owner, label) = &group.useless[0];
+    Some(diagnostic.help(format!("declare it with `internal_connections({}, {}) {{ ... }}`", owner.text, label.text)))
+}

@@ -1,0 +1,112 @@
+//! What runs with what, what ends, and what never does.
+
+mod service;
+
+use super::spec::{Expr, ExprKind, Process, Spec, Target};
+use crate::diagnostic::{Code, Diagnostic};
+use crate::source::Span;
+use std::collections::BTreeMap;
+
+/// Infers services, then checks every event action. Groups nest finitely here.
+pub(super) fn check(spec: &mut Spec, diagnostics: &mut Vec<Diagnostic>) {
+    service::infer(spec);
+    for process in spec.processes.iter().filter(|process| !process.damage.actions) {
+        let Some(actions) = &process.actions else { continue };
+        instances_of(process, actions, diagnostics);
+        check_loops(actions, diagnostics);
+        service::check(spec, process, actions, diagnostics);
+    }
+}
+
+/// Returns the instances that an expression runs, each with one place; reports those that run twice at once.
+fn instances_of(process: &Process, expr: &Expr, diagnostics: &mut Vec<Diagnostic>) -> BTreeMap<usize, Span> {
+    let is_parallel = match &expr.kind {
+        ExprKind::Run(slot, _) => return BTreeMap::from([(*slot, expr.span)]),
+        ExprKind::Concurrent(_) | ExprKind::FailFast(_) | ExprKind::AnyOf(..) | ExprKind::Disable(_) => true,
+        ExprKind::Skip
+        | ExprKind::Never
+        | ExprKind::Fail(_)
+        | ExprKind::Wait(_)
+        | ExprKind::Sequence(_)
+        | ExprKind::Conditional(_)
+        | ExprKind::Otherwise(_)
+        | ExprKind::Recurrent(..)
+        | ExprKind::Retry(..)
+        | ExprKind::Within(..)
+        | ExprKind::Broken => false,
+    };
+    let mut all: BTreeMap<usize, Span> = BTreeMap::new();
+    for part in expr.parts() {
+        for (slot, span) in instances_of(process, part, diagnostics) {
+            let first = *all.entry(slot).or_insert(span);
+            if is_parallel && first != span {
+                let name = &process.instances[slot].name;
+                let message = format!("`{}` can run twice at the same time", name.text);
+                let diagnostic = Diagnostic::new(Code::E0401, span, message).reason(first, "runs here too");
+                let declared = name.span;
+                let help = "declare a second instance, or run it once";
+                diagnostics.push(diagnostic.reason(declared, "this is one instance").help(help));
+            }
+        }
+    }
+    all
+}
+
+/// How an expression can end without running or waiting for anything.
+#[derive(Clone, Copy)]
+struct AtOnce {
+    done: bool,
+    aborted: bool,
+}
+
+/// Reports loops that could turn without end at one instant.
+fn check_loops(expr: &Expr, diagnostics: &mut Vec<Diagnostic>) {
+    if let ExprKind::Recurrent(first, second) = &expr.kind
+        && at_once(first).done
+        && at_once(second).done
+    {
+        let diagnostic =
+            Diagnostic::new(Code::E0410, expr.span, "the repeated expression ends at the instant it starts");
+        diagnostics.push(diagnostic.help("put a process or a `wait` on each way through it"));
+    }
+    for part in expr.parts() {
+        check_loops(part, diagnostics);
+    }
+}
+
+fn at_once(expr: &Expr) -> AtOnce {
+    let parts: Vec<AtOnce> = expr.parts().into_iter().map(at_once).collect();
+    let done = |parts: &[AtOnce]| parts.iter().filter(|part| part.done).count();
+    let any_aborted = parts.iter().any(|part| part.aborted);
+    match &expr.kind {
+        ExprKind::Run(..) | ExprKind::Never | ExprKind::Wait(_) | ExprKind::Broken => {
+            AtOnce { done: false, aborted: false }
+        }
+        ExprKind::Skip => AtOnce { done: true, aborted: false },
+        ExprKind::Fail(_) => AtOnce { done: false, aborted: true },
+        ExprKind::Concurrent(_) | ExprKind::FailFast(_) => {
+            AtOnce { done: done(&parts) == parts.len(), aborted: any_aborted }
+        }
+        ExprKind::AnyOf(count, _) => AtOnce { done: done(&parts) >= *count as usize, aborted: any_aborted },
+        ExprKind::Disable(_) | ExprKind::Within(..) => AtOnce { done: done(&parts) > 0, aborted: any_aborted },
+        ExprKind::Sequence(_) | ExprKind::Conditional(_) => {
+            let reached = parts.iter().take_while(|part| part.done).count();
+            let aborted = parts.iter().take(reached + 1).any(|part| part.aborted);
+            AtOnce { done: reached == parts.len(), aborted }
+        }
+        ExprKind::Otherwise(_) | ExprKind::Retry(..) => {
+            let failed = parts.iter().take_while(|part| part.aborted && !part.done).count();
+            AtOnce { done: parts.iter().take(failed + 1).any(|part| part.done), aborted: failed == parts.len() }
+        }
+        ExprKind::Recurrent(..) => AtOnce { done: false, aborted: any_aborted },
+    }
+}
+
+/// The group that an expression runs, when it is just that.
+fn group_of<'a>(spec: &'a Spec, process: &Process, expr: &Expr) -> Option<&'a Process> {
+    let ExprKind::Run(slot, _) = &expr.kind else { return None };
+    match process.instances[*slot].target {
+        Target::Process(target) => Some(&spec.processes[target]),
+        Target::Module(_) | Target::Unknown => None,
+    }
+}

@@ -1,0 +1,143 @@
+//! Services: processes that have no normal end. Declared on modules, inferred for groups.
+
+use super::group_of;
+use crate::check::spec::{Expr, ExprKind, Process, Spec, Target};
+use crate::diagnostic::{Code, Diagnostic};
+
+/// Infers which groups are services, the innermost first.
+pub(super) fn infer(spec: &mut Spec) {
+    let mut known: Vec<Option<bool>> = vec![None; spec.processes.len()];
+    for process in 0..spec.processes.len() {
+        infer_process(spec, process, &mut known);
+    }
+    for (process, known) in spec.processes.iter_mut().zip(known) {
+        process.is_service = known.unwrap_or(false);
+    }
+}
+
+fn infer_process(spec: &Spec, process: usize, known: &mut Vec<Option<bool>>) -> bool {
+    if let Some(known) = known[process] {
+        return known;
+    }
+    let process_ref = &spec.processes[process];
+    let members: Vec<bool> = process_ref
+        .instances
+        .iter()
+        .map(|instance| match instance.target {
+            Target::Process(target) => infer_process(spec, target, known),
+            Target::Module(module) => spec.modules[module].is_service,
+            Target::Unknown => false,
+        })
+        .collect();
+    let is_service = process_ref.actions.as_ref().is_some_and(|actions| is_service(actions, &members));
+    known[process] = Some(is_service);
+    is_service
+}
+
+/// Whether no fault-free run of the expression ends, given which members are services.
+fn is_service(expr: &Expr, members: &[bool]) -> bool {
+    let rest = |part: &Expr| is_service(part, members);
+    match &expr.kind {
+        ExprKind::Run(slot, _) => members[*slot],
+        ExprKind::Never | ExprKind::Recurrent(..) => true,
+        ExprKind::Skip | ExprKind::Fail(_) | ExprKind::Wait(_) | ExprKind::Within(..) | ExprKind::Broken => false,
+        ExprKind::Concurrent(parts) | ExprKind::Disable(parts) => parts.iter().all(rest),
+        // `&` waits for every operand, so one that never ends is enough.
+        ExprKind::FailFast(parts) | ExprKind::Sequence(parts) | ExprKind::Conditional(parts) => parts.iter().any(rest),
+        ExprKind::AnyOf(count, parts) => parts.iter().filter(|part| !rest(part)).count() < *count as usize,
+        ExprKind::Otherwise(parts) => parts.first().is_some_and(rest),
+        ExprKind::Retry(_, part) => rest(part),
+    }
+}
+
+/// Reports what never starts or never ends because of a service, and what may never end for want of one.
+pub(super) fn check(spec: &Spec, process: &Process, expr: &Expr, diagnostics: &mut Vec<Diagnostic>) {
+    let members: Vec<bool> =
+        process.instances.iter().map(|instance| is_service_target(spec, instance.target)).collect();
+    walk(&Context { spec, process, members }, expr, diagnostics);
+}
+
+fn is_service_target(spec: &Spec, target: Target) -> bool {
+    match target {
+        Target::Process(target) => spec.processes[target].is_service,
+        Target::Module(module) => spec.modules[module].is_service,
+        Target::Unknown => false,
+    }
+}
+
+struct Context<'a> {
+    spec: &'a Spec,
+    process: &'a Process,
+    members: Vec<bool>,
+}
+
+fn walk(context: &Context<'_>, expr: &Expr, diagnostics: &mut Vec<Diagnostic>) {
+    if let ExprKind::Sequence(parts) | ExprKind::Conditional(parts) = &expr.kind {
+        check_order(context, &parts.iter().collect::<Vec<_>>(), diagnostics);
+    }
+    if let ExprKind::Recurrent(first, second) = &expr.kind {
+        check_order(context, &[first, second], diagnostics);
+    }
+    if let ExprKind::Disable(parts) = &expr.kind {
+        for (index, part) in parts.iter().enumerate() {
+            let others = parts.iter().enumerate().filter(|(other, _)| *other != index).map(|(_, other)| other);
+            diagnostics.extend(may_never_end(context, part, &others.collect::<Vec<_>>()));
+        }
+    }
+    for part in expr.parts() {
+        walk(context, part, diagnostics);
+    }
+}
+
+/// In `P ; Q` a service `P` keeps `Q` from starting; a group that turns out to be a service keeps the end from coming.
+fn check_order(context: &Context<'_>, parts: &[&Expr], diagnostics: &mut Vec<Diagnostic>) {
+    let Some((last, before)) = parts.split_last() else { return };
+    if let Some(index) = before.iter().position(|part| is_service(part, &context.members)) {
+        let message = "what comes after a service never starts";
+        let diagnostic = Diagnostic::new(Code::W0403, parts[index + 1].span, message).label("never starts");
+        let diagnostic = diagnostic.reason(before[index].span, "has no normal end");
+        diagnostics.push(diagnostic.help("run them together with `,`, or end the service with `# task`"));
+    } else if let Some(group) = group_of(context.spec, context.process, last).filter(|group| group.is_service) {
+        let message = format!("the sequence never finishes: `{}` has no normal end", group.name.text);
+        let diagnostic = Diagnostic::new(Code::W0403, last.span, message);
+        let reason = group.actions.as_ref().map_or(group.name.span, |actions| actions.span);
+        let diagnostic = diagnostic.reason(reason, "nothing that runs here ends");
+        diagnostics.push(diagnostic.help("give one of its processes an end, or disable it with `# task`"));
+    }
+}
+
+/// A group `sensor, threshold` that is used as `group # arm`, where nothing says that the sensor never ends: `,` would
+/// wait for it, and the arm would never be stopped.
+fn may_never_end(context: &Context<'_>, operand: &Expr, others: &[&Expr]) -> Option<Diagnostic> {
+    let group = group_of(context.spec, context.process, operand).filter(|group| !group.damage.actions)?;
+    let ExprKind::Concurrent(parts) = &group.actions.as_ref()?.kind else { return None };
+    let runs = parts.iter().filter_map(|part| Some((part, &group.instances[run_of(part)?])));
+    let (part, instance) = runs.into_iter().find(|(_, instance)| is_open(context.spec, instance.target))?;
+    let kind = &instance.kind.as_ref()?.text;
+    let stopped = others.iter().filter_map(|other| Some(context.process.instances[run_of(other)?].name.text.as_str()));
+    let stopped: Vec<&str> = stopped.collect();
+    let purpose = match stopped.is_empty() {
+        true => "others".to_owned(),
+        false => format!("`{}`", stopped.join("`, `")),
+    };
+    let message = format!("`{}` may never end, but it is used to stop {purpose}", group.name.text);
+    let label = format!("`,` waits for `{}`, and {kind} has no declared end", instance.name.text);
+    let diagnostic = Diagnostic::new(Code::W0402, part.span, message).label(label).reason(operand.span, "used here");
+    let help =
+        format!("if {kind} runs for ever, say so: `module {kind} {{ service; }}`; then `,` ends with the others");
+    Some(diagnostic.help(help).help(format!("if it ends, say so: `module {kind} {{ done; }}`")))
+}
+
+/// Whether nothing says if the leaf ends.
+fn is_open(spec: &Spec, target: Target) -> bool {
+    match target {
+        Target::Module(module) => !spec.modules[module].is_service && !spec.modules[module].has_end,
+        Target::Unknown => true,
+        Target::Process(_) => false,
+    }
+}
+
+/// The instance that an expression runs, when it is just that.
+fn run_of(expr: &Expr) -> Option<usize> {
+    if let ExprKind::Run(slot, _) = &expr.kind { Some(*slot) } else { None }
+}

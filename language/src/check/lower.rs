@@ -1,0 +1,77 @@
+//! The plan: every group and leaf with its absolute path, every wire from leaf to leaf.
+
+mod expression;
+mod tree;
+mod wires;
+
+use super::spec::{Direction, Spec, Target};
+use crate::diagnostic::{Code, Diagnostic};
+use crate::plan::{Plan, PlanError, Wire};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Makes the plan of a spec without errors; what only shows here is reported.
+pub(super) fn lower(spec: &Spec, root: usize, name: &str, diagnostics: &mut Vec<Diagnostic>) -> Option<Plan> {
+    let mut tree = tree::Tree::new(spec, root, diagnostics);
+    let mut wires = wires::Wires::default();
+    for group in 0..tree.groups.len() {
+        let process = &spec.processes[tree.process_of[group]];
+        let sets = wires.sets(&tree, spec, group);
+        let always = (0_u32..).zip(&process.sets).filter(|(_, set)| set.owner.is_none()).map(|(index, _)| index);
+        tree.groups[group].sets_always = always.collect();
+        tree.groups[group].sets = sets;
+        if let Some(actions) = &process.actions {
+            tree.groups[group].expression = expression::lower(actions);
+        }
+    }
+    check_inputs(spec, &tree, &wires.all, diagnostics);
+    let tree::Tree { hosts, groups, leaves, process_of, .. } = tree;
+    let plan = Plan { name: name.to_owned(), hosts, groups, leaves, wires: wires.all };
+    match plan.validate() {
+        Ok(()) => Some(plan),
+        Err(error) => {
+            diagnostics.push(refused(spec, &process_of, root, &plan, error));
+            None
+        }
+    }
+}
+
+/// Limits that only the finished plan shows.
+fn refused(spec: &Spec, process_of: &[usize], root: usize, plan: &Plan, error: PlanError) -> Diagnostic {
+    let group = if let PlanError::ExpressionTooDeep { group } = &error {
+        plan.groups.iter().position(|other| other.path == *group)
+    } else {
+        None
+    };
+    let process = &spec.processes[group.map_or(root, |group| process_of[group])];
+    let span = process.actions.as_ref().map_or(process.name.span, |actions| actions.span);
+    Diagnostic::new(if group.is_some() { Code::E0004 } else { Code::E0701 }, span, error.to_string())
+}
+
+/// Reports inputs that nothing is ever sent to, one line for each group type.
+fn check_inputs(spec: &Spec, tree: &tree::Tree, wires: &[Wire], diagnostics: &mut Vec<Diagnostic>) {
+    let fed: BTreeSet<(u32, &str)> = wires.iter().map(|wire| (wire.to.leaf, wire.to.port.as_str())).collect();
+    let mut unfed: BTreeMap<usize, BTreeSet<(usize, &str)>> = BTreeMap::new();
+    for (leaf, &(group, slot)) in (0_u32..).zip(&tree.place_of) {
+        let process = tree.process_of[group];
+        let Target::Module(module) = spec.processes[process].instances[slot].target else { continue };
+        let inputs = spec.modules[module].ports.iter().filter(|port| port.direction == Direction::In);
+        for port in inputs.filter(|port| !fed.contains(&(leaf, port.name.text.as_str()))) {
+            unfed.entry(process).or_default().insert((slot, &port.name.text));
+        }
+    }
+    for (process, inputs) in unfed {
+        let process = &spec.processes[process];
+        let name = |slot: usize| &process.instances[slot].name;
+        let listed: Vec<String> = inputs.iter().map(|&(slot, port)| format!("`{}.{port}`", name(slot).text)).collect();
+        let message = match listed.len() {
+            1 => format!("nothing is ever sent to input {}", listed[0]),
+            _ => format!("nothing is ever sent to inputs {}", listed.join(", ")),
+        };
+        let slots: BTreeSet<usize> = inputs.iter().map(|&(slot, _)| slot).collect();
+        let mut diagnostic = Diagnostic::new(Code::W0310, process.name.span, message);
+        for slot in slots {
+            diagnostic = diagnostic.reason(name(slot).span, "has unconnected inputs");
+        }
+        diagnostics.push(diagnostic);
+    }
+}

@@ -1,0 +1,233 @@
+//! Groups and leaves: paths, hosts, arguments.
+
+use crate::check::spec::{Arg, Instance, Module, Process, Spec, Target, Value, ValueKind};
+use crate::check::types::without_host;
+use crate::diagnostic::{Code, Diagnostic};
+use crate::plan::{Argument, Constant, Expression, Group, Leaf, LeafKind, Member, MemberKind};
+use crate::source::Span;
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+/// Where everything runs when the spec names no host at all.
+const HOST_DEFAULT: &str = "local";
+/// How long a leaf without an interface may take to stop.
+const STOP_WITHIN: Duration = Duration::from_secs(2);
+
+/// All groups and leaves of a plan, with what they were made from.
+pub(super) struct Tree {
+    pub(super) hosts: Vec<String>,
+    pub(super) groups: Vec<Group>,
+    pub(super) leaves: Vec<Leaf>,
+    /// The process of each group.
+    pub(super) process_of: Vec<usize>,
+    /// The group and slot of each leaf.
+    pub(super) place_of: Vec<(usize, usize)>,
+}
+
+/// A host while the tree is built: the root's may be known only at the end.
+#[derive(Clone, PartialEq, Eq)]
+enum Place {
+    Named(String),
+    Root,
+}
+
+struct Builder<'a> {
+    spec: &'a Spec,
+    diagnostics: &'a mut Vec<Diagnostic>,
+    tree: Tree,
+    group_places: Vec<Place>,
+    leaf_places: Vec<Place>,
+    /// Hosts in the order of their first use.
+    hosts: BTreeMap<String, u32>,
+    /// Groups reported for having no host.
+    hostless: Vec<usize>,
+}
+
+impl Tree {
+    /// Makes one group or leaf of every instance below the root.
+    pub(super) fn new(spec: &Spec, root: usize, diagnostics: &mut Vec<Diagnostic>) -> Self {
+        let tree = Self {
+            hosts: Vec::new(),
+            groups: Vec::new(),
+            leaves: Vec::new(),
+            process_of: Vec::new(),
+            place_of: Vec::new(),
+        };
+        let (group_places, leaf_places) = (Vec::new(), Vec::new());
+        let hostless = Vec::new();
+        let mut builder =
+            Builder { spec, diagnostics, tree, group_places, leaf_places, hosts: BTreeMap::new(), hostless };
+        let params = spec.processes[root].params.iter();
+        // A root without `main` has parameters without values: they stand for themselves.
+        let values = params.map(|param| param.default.clone().unwrap_or(Constant::Text(param.name.text.clone())));
+        let values: Vec<Constant> = values.collect();
+        builder.group(root, "main".to_owned(), &values, Place::Root);
+        builder.finish()
+    }
+}
+
+impl Builder<'_> {
+    fn group(&mut self, process: usize, path: String, values: &[Constant], outer: Place) -> u32 {
+        let spec = self.spec;
+        let source = &spec.processes[process];
+        let place = self.group_place(process, source, values, outer);
+        let index = self.tree.groups.len();
+        self.tree.groups.push(Group {
+            path: path.clone(),
+            process: source.name.text.clone(),
+            host: 0,
+            members: Vec::new(),
+            sets: Vec::new(),
+            sets_always: Vec::new(),
+            expression: Expression::Skip,
+        });
+        self.tree.process_of.push(process);
+        self.group_places.push(place.clone());
+        let mut members = Vec::with_capacity(source.instances.len());
+        for (slot, instance) in source.instances.iter().enumerate() {
+            let name = instance.name.text.clone();
+            let path = format!("{path}/{name}");
+            let (kind, service) = match instance.target {
+                Target::Process(target) => {
+                    let values = bind(&spec.processes[target], &instance.args, values);
+                    let group = self.group(target, path, &values, place.clone());
+                    (MemberKind::Group(group), spec.processes[target].is_service)
+                }
+                Target::Module(module) => {
+                    let module = &spec.modules[module];
+                    (self.leaf(instance, Some(module), path, (values, &place, (index, slot))), module.is_service)
+                }
+                Target::Unknown => (self.leaf(instance, None, path, (values, &place, (index, slot))), false),
+            };
+            members.push(Member { name, kind, service });
+        }
+        self.tree.groups[index].members = members;
+        number(index)
+    }
+
+    fn group_place(&mut self, process: usize, source: &Process, values: &[Constant], outer: Place) -> Place {
+        match &source.host {
+            Some(host) => self.named(host, values).unwrap_or(outer),
+            None => {
+                if !self.tree.groups.is_empty() && !self.hostless.contains(&process) {
+                    self.hostless.push(process);
+                    let message = format!("`{}` names no host: it takes that of the group around it", source.name.text);
+                    self.diagnostics.push(Diagnostic::new(Code::W0105, source.name.span, message));
+                }
+                outer
+            }
+        }
+    }
+
+    /// The place that a value names; anything but a text is reported.
+    fn named(&mut self, value: &Value, values: &[Constant]) -> Option<Place> {
+        match constant(value, values)? {
+            Constant::Text(host) if !host.is_empty() => {
+                let next = number(self.hosts.len());
+                self.hosts.entry(host.clone()).or_insert_with(|| {
+                    self.tree.hosts.push(host.clone());
+                    next
+                });
+                Some(Place::Named(host))
+            }
+            Constant::Text(_) | Constant::Number(_) | Constant::Truth(_) => {
+                self.diagnostics.push(not_a_host(value.span));
+                None
+            }
+        }
+    }
+
+    fn leaf(
+        &mut self,
+        instance: &Instance,
+        module: Option<&Module>,
+        path: String,
+        (values, outer, place_of): (&[Constant], &Place, (usize, usize)),
+    ) -> MemberKind {
+        let rest = without_host(&instance.args);
+        let by_name = rest.iter().find(|arg| arg.name.as_ref().is_some_and(|name| name.text == "host"));
+        let host = if rest.len() < instance.args.len() { instance.args.first() } else { by_name };
+        let place = host.and_then(|arg| self.named(&arg.value, values)).unwrap_or_else(|| outer.clone());
+        let rest = rest.iter().filter(|arg| arg.name.as_ref().is_none_or(|name| name.text != "host"));
+        let mut arguments: Vec<Argument> = rest
+            .filter_map(|arg| {
+                let name = arg.name.as_ref().map(|name| name.text.clone());
+                Some(Argument { name, value: constant(&arg.value, values)? })
+            })
+            .collect();
+        if let Some(params) = module.and_then(|module| module.params.as_ref()) {
+            let positional = arguments.iter().filter(|argument| argument.name.is_none()).count();
+            for param in params.iter().skip(positional) {
+                let is_given = arguments.iter().any(|argument| argument.name.as_deref() == Some(&param.name.text));
+                if let (false, Some(value)) = (is_given, &param.default) {
+                    arguments.push(Argument { name: Some(param.name.text.clone()), value: value.clone() });
+                }
+            }
+        }
+        let leaf = number(self.tree.leaves.len());
+        self.tree.leaves.push(Leaf {
+            path,
+            module: module.map_or_else(|| kind_of(instance), |module| module.name.text.clone()),
+            host: 0,
+            arguments,
+            exec: module.and_then(|module| module.exec.clone()),
+            kind: module.map_or(LeafKind::Controller, |module| module.kind),
+            stop_within: module.map_or(STOP_WITHIN, |module| module.stop_within),
+        });
+        self.tree.place_of.push(place_of);
+        self.leaf_places.push(place);
+        MemberKind::Leaf(leaf)
+    }
+
+    /// Numbers the hosts; the root's default is the first that is named anywhere.
+    fn finish(mut self) -> Tree {
+        if self.tree.hosts.is_empty() {
+            self.tree.hosts.push(HOST_DEFAULT.to_owned());
+        }
+        let hosts = &self.hosts;
+        let host = |place: &Place| match place {
+            Place::Named(name) => hosts.get(name).copied().unwrap_or(0),
+            Place::Root => 0,
+        };
+        for (group, place) in self.tree.groups.iter_mut().zip(&self.group_places) {
+            group.host = host(place);
+        }
+        for (leaf, place) in self.tree.leaves.iter_mut().zip(&self.leaf_places) {
+            leaf.host = host(place);
+        }
+        self.tree
+    }
+}
+
+/// The values of a group's parameters; what is wrong with the arguments was reported before.
+fn bind(process: &Process, args: &[Arg], outer: &[Constant]) -> Vec<Constant> {
+    let mut positional = args.iter().filter(|arg| arg.name.is_none());
+    let values = process.params.iter().map(|param| {
+        let is_named = |arg: &&Arg| arg.name.as_ref().is_some_and(|name| name.text == param.name.text);
+        let given = positional.next().or_else(|| args.iter().find(is_named));
+        let given = given.and_then(|arg| constant(&arg.value, outer));
+        given.or_else(|| param.default.clone()).unwrap_or_else(|| Constant::Text(param.name.text.clone()))
+    });
+    values.collect()
+}
+
+fn constant(value: &Value, values: &[Constant]) -> Option<Constant> {
+    match &value.kind {
+        ValueKind::Constant(constant) => Some(constant.clone()),
+        ValueKind::Param(index) => values.get(*index).cloned(),
+        ValueKind::Broken => None,
+    }
+}
+
+fn kind_of(instance: &Instance) -> String {
+    instance.kind.as_ref().map(|kind| kind.text.clone()).unwrap_or_default()
+}
+
+fn not_a_host(span: Span) -> Diagnostic {
+    Diagnostic::new(Code::E0107, span, "this is not the name of a host")
+        .help("write a name or a string: `c1`, `\"c1.example\"`")
+}
+
+fn number(index: usize) -> u32 {
+    u32::try_from(index).expect("a plan has at most LEAVES_MAX groups and leaves")
+}

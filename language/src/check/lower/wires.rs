@@ -1,0 +1,64 @@
+//! Wires: connections resolved through the borders of groups, in either direction, to the ports of leaves.
+
+use super::tree::Tree;
+use crate::check::spec::{Endpoint, Spec};
+use crate::plan::{ConnectionSet, LeafPort, MemberKind, Transfer, Wire};
+use std::collections::BTreeMap;
+
+/// All wires, each once: a wire that stands in two sets is shared by them.
+#[derive(Default)]
+pub(super) struct Wires {
+    pub(super) all: Vec<Wire>,
+    known: BTreeMap<(u32, String, u32, String, bool), u32>,
+}
+
+impl Wires {
+    /// Returns the sets of a group and adds their wires.
+    pub(super) fn sets(&mut self, tree: &Tree, spec: &Spec, group: usize) -> Vec<ConnectionSet> {
+        let process = &spec.processes[tree.process_of[group]];
+        let sets = process.sets.iter().map(|set| {
+            let wires = set.connections.iter().filter_map(|connection| {
+                let from = leaf_port(tree, spec, group, &connection.from)?;
+                let to = leaf_port(tree, spec, group, &connection.to)?;
+                Some(self.add(Wire { from, to, transfer: connection.transfer }))
+            });
+            let mut wires: Vec<u32> = wires.collect();
+            wires.dedup();
+            ConnectionSet {
+                owner: set.owner.map(number),
+                label: set.label.as_ref().map(|label| label.text.clone()),
+                wires,
+            }
+        });
+        sets.collect()
+    }
+
+    fn add(&mut self, wire: Wire) -> u32 {
+        let is_pull = wire.transfer == Transfer::Pull;
+        let key = (wire.from.leaf, wire.from.port.clone(), wire.to.leaf, wire.to.port.clone(), is_pull);
+        let next = number(self.all.len());
+        *self.known.entry(key).or_insert_with(|| {
+            self.all.push(wire);
+            next
+        })
+    }
+}
+
+/// Follows a port of a group's member down to the leaf that has it.
+fn leaf_port(tree: &Tree, spec: &Spec, group: usize, endpoint: &Endpoint) -> Option<LeafPort> {
+    let (mut group, mut endpoint) = (group, endpoint);
+    loop {
+        match tree.groups[group].members[endpoint.slot].kind {
+            MemberKind::Leaf(leaf) => return Some(LeafPort { leaf, port: endpoint.port.text.clone() }),
+            MemberKind::Group(inner) => {
+                group = inner as usize;
+                let exports = &spec.processes[tree.process_of[group]].exports;
+                endpoint = &exports.iter().find(|export| export.name.text == endpoint.port.text)?.endpoint;
+            }
+        }
+    }
+}
+
+fn number(index: usize) -> u32 {
+    u32::try_from(index).expect("a plan has fewer than 2^32 wires")
+}

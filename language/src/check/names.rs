@@ -1,0 +1,157 @@
+//! Names of instances inside one group.
+
+use super::spec::Instance;
+use crate::diagnostic::{Code, Diagnostic};
+use crate::similar::nearest;
+use crate::source::Span;
+use crate::syntax::ast::Name;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Fewer letters in common make no abbreviation.
+const ABBREVIATION_MIN: usize = 4;
+
+/// The instances of one group by name, by type, and by name without case.
+pub(super) struct Names<'a> {
+    instances: &'a [Instance],
+    exact: BTreeMap<&'a str, usize>,
+    by_type: BTreeMap<&'a str, Vec<usize>>,
+    folded: BTreeMap<String, Vec<usize>>,
+    /// Unknown names that were reported: one cause is one report.
+    reported: BTreeSet<String>,
+    /// Whether the instances could not be read whole, so that an unknown name proves nothing.
+    is_damaged: bool,
+}
+
+impl<'a> Names<'a> {
+    pub(super) fn new(instances: &'a [Instance], is_damaged: bool) -> Self {
+        let mut by_type: BTreeMap<&str, Vec<usize>> = BTreeMap::new();
+        let mut folded: BTreeMap<String, Vec<usize>> = BTreeMap::new();
+        let mut exact = BTreeMap::new();
+        for (slot, instance) in instances.iter().enumerate() {
+            exact.entry(instance.name.text.as_str()).or_insert(slot);
+            folded.entry(fold(&instance.name.text)).or_default().push(slot);
+            if let Some(kind) = &instance.kind {
+                by_type.entry(kind.text.as_str()).or_default().push(slot);
+            }
+        }
+        Self { instances, exact, by_type, folded, reported: BTreeSet::new(), is_damaged }
+    }
+
+    /// The instance that is called exactly so; anything else is reported.
+    pub(super) fn exact(&mut self, name: &Name, diagnostics: &mut Vec<Diagnostic>) -> Option<usize> {
+        let found = self.find(&name.text);
+        if found.is_none() {
+            diagnostics.extend(self.unknown(name));
+        }
+        found
+    }
+
+    /// The instance of exactly that name, without any report.
+    pub(super) fn find(&self, name: &str) -> Option<usize> {
+        self.exact.get(name).copied()
+    }
+
+    /// The instance that a name in an event action means, by the lenient rules.
+    pub(super) fn lenient(&mut self, name: &Name, diagnostics: &mut Vec<Diagnostic>) -> Option<usize> {
+        if let Some(slot) = self.find(&name.text) {
+            return Some(slot);
+        }
+        for (code, candidates) in self.candidates(&name.text) {
+            match candidates.as_slice() {
+                [] => {}
+                [slot] => {
+                    diagnostics.push(self.read_as(code, name, *slot));
+                    return Some(*slot);
+                }
+                [..] => {
+                    diagnostics.extend(self.ambiguous(name, &candidates));
+                    return None;
+                }
+            }
+        }
+        diagnostics.extend(self.unknown(name));
+        None
+    }
+
+    /// The candidates of each lenient step, in the order of the steps.
+    fn candidates(&self, name: &str) -> [(Code, Vec<usize>); 3] {
+        let by_type = self.by_type.get(name).cloned().unwrap_or_default();
+        let folded = self.folded.get(&fold(name)).cloned().unwrap_or_default();
+        let is_short_for = |slot: &usize| {
+            let (one, other) = (name.to_lowercase(), self.instances[*slot].name.text.to_lowercase());
+            let common = one.chars().count().min(other.chars().count());
+            common >= ABBREVIATION_MIN && (one.starts_with(&other) || other.starts_with(&one))
+        };
+        let abbreviated = (0..self.instances.len()).filter(is_short_for).collect();
+        [(Code::W0201, by_type), (Code::W0202, folded), (Code::W0203, abbreviated)]
+    }
+
+    fn read_as(&self, code: Code, name: &Name, slot: usize) -> Diagnostic {
+        let instance = &self.instances[slot];
+        let exact = &instance.name.text;
+        let written = &name.text;
+        let (message, label) = match code == Code::W0201 {
+            true => (
+                format!("process type `{written}` used where an instance is expected"),
+                format!("read as `{exact}`, the only instance of {written}"),
+            ),
+            false => (format!("no instance is called exactly `{written}`"), format!("read as `{exact}`")),
+        };
+        let diagnostic = Diagnostic::new(code, name.span, message).label(label);
+        diagnostic.reason(instance.name.span, "declared here").replace(name.span, exact)
+    }
+
+    fn ambiguous(&mut self, name: &Name, candidates: &[usize]) -> Option<Diagnostic> {
+        if !self.reported.insert(name.text.clone()) {
+            return None;
+        }
+        let message = format!("`{}` could mean more than one instance", name.text);
+        let mut diagnostic = Diagnostic::new(Code::E0202, name.span, message);
+        for &slot in candidates {
+            let instance = &self.instances[slot];
+            diagnostic = diagnostic.reason(instance.name.span, format!("could be `{}`", instance.name.text));
+        }
+        Some(diagnostic.help("write the name of the instance"))
+    }
+
+    fn unknown(&mut self, name: &Name) -> Option<Diagnostic> {
+        if self.is_damaged || !self.reported.insert(name.text.clone()) {
+            return None;
+        }
+        let message = format!("unknown process `{}`", name.text);
+        let diagnostic = Diagnostic::new(Code::E0201, name.span, message).label("not an instance of this group");
+        Some(match self.suggestion(&name.text) {
+            Some(slot) => {
+                let instance = &self.instances[slot].name;
+                let diagnostic = diagnostic.reason(instance.span, "an instance with a similar name");
+                diagnostic.help(format!("did you mean `{}`?", instance.text)).replace(name.span, &instance.text)
+            }
+            None if self.instances.is_empty() => diagnostic.help("the group has no instances"),
+            None => {
+                let names: Vec<String> = self.instances.iter().map(|other| format!("`{}`", other.name.text)).collect();
+                let shown = names.len().min(8);
+                let more = if shown < names.len() { ", ..." } else { "" };
+                diagnostic.help(format!("the instances are {}{more}", names[..shown].join(", ")))
+            }
+        })
+    }
+
+    /// The instance that was probably meant: by its name, else by its type.
+    fn suggestion(&self, name: &str) -> Option<usize> {
+        let by_name = nearest(name, self.instances.iter().map(|instance| instance.name.text.as_str()));
+        let by_type =
+            || nearest(name, self.by_type.iter().filter(|(_, slots)| slots.len() == 1).map(|(kind, _)| *kind));
+        let lenient = || self.candidates(name).into_iter().find_map(|(_, found)| found.first().copied());
+        by_name.and_then(|found| self.find(found)).or_else(|| Some(self.by_type[by_type()?][0])).or_else(lenient)
+    }
+}
+
+fn fold(name: &str) -> String {
+    name.chars().filter(|&c| c != '_').flat_map(char::to_lowercase).collect()
+}
+
+/// Reports the second of two things of one name.
+pub(super) fn twice(what: &str, name: &str, second: Span, first: Span) -> Diagnostic {
+    let message = format!("{what} `{name}` is defined twice");
+    Diagnostic::new(Code::E0110, second, message).reason(first, "first defined here")
+}

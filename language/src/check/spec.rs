@@ -1,0 +1,206 @@
+//! A spec between tree and plan: what is declared, with names resolved inside each group and every span kept.
+
+use crate::plan::{Constant, LeafKind, Transfer};
+use crate::source::Span;
+use crate::syntax::ast::Name;
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+/// Everything that is declared in a spec and in the interfaces.
+#[derive(Debug, Default)]
+pub(crate) struct Spec {
+    pub(crate) processes: Vec<Process>,
+    pub(crate) modules: Vec<Module>,
+    pub(crate) process_names: BTreeMap<String, usize>,
+    pub(crate) module_names: BTreeMap<String, usize>,
+}
+
+/// A process group.
+#[derive(Debug)]
+pub(crate) struct Process {
+    pub(crate) name: Name,
+    pub(crate) params: Vec<Param>,
+    pub(crate) host: Option<Value>,
+    pub(crate) instances: Vec<Instance>,
+    pub(crate) exports: Vec<Export>,
+    pub(crate) sets: Vec<Set>,
+    /// Nothing when there is no such section, or an empty one.
+    pub(crate) actions: Option<Expr>,
+    pub(crate) damage: Damage,
+    /// Whether no fault-free run of it ends; known after `flow`.
+    pub(crate) is_service: bool,
+}
+
+/// Which parts of a process could not be read whole: what depends on them is not reported again.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Damage {
+    pub(crate) header: bool,
+    pub(crate) instances: bool,
+    pub(crate) external: bool,
+    pub(crate) connections: bool,
+    pub(crate) actions: bool,
+}
+
+/// A parameter of a process or of a module.
+#[derive(Debug)]
+pub(crate) struct Param {
+    pub(crate) name: Name,
+    pub(crate) kind: Option<String>,
+    pub(crate) default: Option<Constant>,
+}
+
+/// An instance in a group.
+#[derive(Debug)]
+pub(crate) struct Instance {
+    pub(crate) name: Name,
+    /// The type as written; nothing when it could not be read.
+    pub(crate) kind: Option<Name>,
+    /// What the type is; known after `types`.
+    pub(crate) target: Target,
+    pub(crate) args: Vec<Arg>,
+    pub(crate) args_span: Span,
+    /// Whether an event action runs it.
+    pub(crate) is_run: bool,
+}
+
+/// What an instance is an instance of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Target {
+    /// Index into [`Spec::processes`].
+    Process(usize),
+    /// Index into [`Spec::modules`].
+    Module(usize),
+    /// A module type without an interface.
+    Unknown,
+}
+
+#[derive(Clone, Debug)]
+pub(crate) struct Arg {
+    pub(crate) name: Option<Name>,
+    pub(crate) value: Value,
+}
+
+#[derive(Clone, Debug)]
+pub(crate) struct Value {
+    pub(crate) span: Span,
+    pub(crate) kind: ValueKind,
+}
+
+#[derive(Clone, Debug)]
+pub(crate) enum ValueKind {
+    Constant(Constant),
+    /// Index into the parameters of the enclosing process.
+    Param(usize),
+    /// Could not be read.
+    Broken,
+}
+
+/// An external port of a group.
+#[derive(Debug)]
+pub(crate) struct Export {
+    pub(crate) name: Name,
+    pub(crate) endpoint: Endpoint,
+}
+
+/// A port of an instance of the group.
+#[derive(Clone, Debug)]
+pub(crate) struct Endpoint {
+    pub(crate) slot: usize,
+    pub(crate) port: Name,
+}
+
+/// A connection set: one label of one owner.
+#[derive(Debug)]
+pub(crate) struct Set {
+    pub(crate) owner: Option<usize>,
+    pub(crate) label: Option<Name>,
+    pub(crate) connections: Vec<Connection>,
+}
+
+#[derive(Clone, Debug)]
+pub(crate) struct Connection {
+    pub(crate) from: Endpoint,
+    pub(crate) to: Endpoint,
+    pub(crate) transfer: Transfer,
+    pub(crate) span: Span,
+}
+
+/// The interface of a controller module.
+#[derive(Debug)]
+pub(crate) struct Module {
+    pub(crate) name: Name,
+    /// The parameters after the host; nothing when the interface does not say.
+    pub(crate) params: Option<Vec<Param>>,
+    pub(crate) ports: Vec<Port>,
+    pub(crate) is_service: bool,
+    /// Whether it says that it can end.
+    pub(crate) has_end: bool,
+    pub(crate) exec: Option<String>,
+    pub(crate) kind: LeafKind,
+    pub(crate) stop_within: Duration,
+}
+
+#[derive(Debug)]
+pub(crate) struct Port {
+    pub(crate) name: Name,
+    pub(crate) direction: Direction,
+    pub(crate) kind: Option<String>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Direction {
+    In,
+    Out,
+}
+
+/// An event-action expression with slots for names.
+#[derive(Debug)]
+pub(crate) struct Expr {
+    pub(crate) span: Span,
+    pub(crate) kind: ExprKind,
+}
+
+#[derive(Debug)]
+pub(crate) enum ExprKind {
+    /// Slot, and indices into [`Process::sets`].
+    Run(usize, Vec<usize>),
+    Skip,
+    Never,
+    Fail(String),
+    Wait(Duration),
+    Concurrent(Vec<Expr>),
+    FailFast(Vec<Expr>),
+    AnyOf(u32, Vec<Expr>),
+    Disable(Vec<Expr>),
+    Sequence(Vec<Expr>),
+    Conditional(Vec<Expr>),
+    Otherwise(Vec<Expr>),
+    Recurrent(Box<Expr>, Box<Expr>),
+    Retry(u32, Box<Expr>),
+    Within(Duration, Box<Expr>),
+    /// Could not be read or resolved; reported already.
+    Broken,
+}
+
+impl Expr {
+    /// The direct parts, left to right.
+    pub(crate) fn parts(&self) -> Vec<&Self> {
+        match &self.kind {
+            ExprKind::Concurrent(parts)
+            | ExprKind::FailFast(parts)
+            | ExprKind::AnyOf(_, parts)
+            | ExprKind::Disable(parts)
+            | ExprKind::Sequence(parts)
+            | ExprKind::Conditional(parts)
+            | ExprKind::Otherwise(parts) => parts.iter().collect(),
+            ExprKind::Recurrent(first, second) => vec![first, second],
+            ExprKind::Retry(_, part) | ExprKind::Within(_, part) => vec![part],
+            ExprKind::Run(..)
+            | ExprKind::Skip
+            | ExprKind::Never
+            | ExprKind::Fail(_)
+            | ExprKind::Wait(_)
+            | ExprKind::Broken => Vec::new(),
+        }
+    }
+}

@@ -1,0 +1,167 @@
+//! What instances are instances of, and which groups contain which.
+
+mod recursion;
+mod resolve;
+
+use super::spec::{Arg, Param, Spec, Target};
+use crate::diagnostic::{Code, Diagnostic};
+use crate::plan::Constant;
+use crate::similar::nearest;
+use crate::source::Span;
+
+pub(super) use recursion::is_finite;
+
+/// Resolves every type, and checks the arguments against the parameters.
+pub(super) fn check(spec: &mut Spec, diagnostics: &mut Vec<Diagnostic>) {
+    resolve::resolve(spec, diagnostics);
+    for process in &spec.processes {
+        check_actions(spec, process, diagnostics);
+        for instance in &process.instances {
+            let (params, is_module) = match instance.target {
+                Target::Process(target) if spec.processes[target].damage.header => continue,
+                Target::Process(target) => (&spec.processes[target].params, false),
+                Target::Module(target) => match &spec.modules[target].params {
+                    Some(params) => (params, true),
+                    None => continue,
+                },
+                Target::Unknown => continue,
+            };
+            let Some(kind) = &instance.kind else { continue };
+            if process.damage.instances {
+                continue;
+            }
+            let args: &[Arg] = if is_module { without_host(&instance.args) } else { &instance.args };
+            check_args(&kind.text, params, args, instance.args_span, diagnostics);
+        }
+    }
+}
+
+/// The arguments of a module after its host: the first argument, when it is a name or a string without a name.
+pub(super) fn without_host(args: &[Arg]) -> &[Arg] {
+    use super::spec::ValueKind::{Broken, Constant as Fixed, Param as Symbol};
+    match args.first() {
+        Some(Arg { name: None, value }) => match value.kind {
+            Fixed(Constant::Text(_)) | Symbol(_) | Broken => &args[1..],
+            Fixed(Constant::Number(_) | Constant::Truth(_)) => args,
+        },
+        Some(Arg { name: Some(name), .. }) if name.text == "host" => &args[1..],
+        Some(_) | None => args,
+    }
+}
+
+fn check_args(kind: &str, params: &[Param], args: &[Arg], span: Span, diagnostics: &mut Vec<Diagnostic>) {
+    let positional = args.iter().filter(|arg| arg.name.is_none()).count();
+    let mut given: Vec<bool> = (0..params.len()).map(|index| index < positional).collect();
+    for name in args.iter().filter_map(|arg| arg.name.as_ref()).filter(|name| name.text != "host") {
+        match params.iter().position(|param| param.name.text == name.text) {
+            Some(index) if given[index] => {
+                let message = format!("argument `{}` of `{kind}` is given twice", name.text);
+                diagnostics.push(Diagnostic::new(Code::E0212, name.span, message));
+            }
+            Some(index) => given[index] = true,
+            None => {
+                let message = format!("`{kind}` has no parameter `{}`", name.text);
+                let diagnostic = Diagnostic::new(Code::E0211, name.span, message);
+                diagnostics.push(match nearest(&name.text, params.iter().map(|param| param.name.text.as_str())) {
+                    Some(near) => diagnostic.replace(name.span, near),
+                    None => diagnostic,
+                });
+            }
+        }
+    }
+    let missing: Vec<String> = std::iter::zip(params, &given)
+        .filter(|(param, given)| !**given && param.default.is_none())
+        .map(|(param, _)| format!("`{}`", param.name.text))
+        .collect();
+    if positional <= params.len() && missing.is_empty() {
+        return;
+    }
+    let message = match missing.is_empty() {
+        true => format!("`{kind}` takes {}, not {positional}", count(params.len())),
+        false => format!("`{kind}` lacks a value for {}", missing.join(", ")),
+    };
+    let mut diagnostic = Diagnostic::new(Code::E0210, span, message);
+    if let (Some(first), Some(last)) = (params.first(), params.last()) {
+        let span = Span { end: last.name.span.end, ..first.name.span };
+        diagnostic = diagnostic.reason(span, "its parameters");
+    }
+    diagnostics.push(diagnostic);
+}
+
+fn count(params: usize) -> String {
+    match params {
+        0 => "no arguments".to_owned(),
+        1 => "one argument".to_owned(),
+        _ => format!("{params} arguments"),
+    }
+}
+
+/// Instances that nothing runs.
+fn check_actions(spec: &Spec, process: &super::spec::Process, diagnostics: &mut Vec<Diagnostic>) {
+    if process.damage.actions || process.damage.instances {
+        return;
+    }
+    if process.actions.is_none() {
+        let message = format!("`{}` has no event actions and ends as soon as it starts", process.name.text);
+        diagnostics.push(Diagnostic::new(Code::W0121, process.name.span, message));
+        return;
+    }
+    let idle = process.instances.iter().filter(|instance| !instance.is_run);
+    for instance in idle.filter(|_| !spec.processes.is_empty()) {
+        let message = format!("`{}` is never run", instance.name.text);
+        diagnostics.push(Diagnostic::new(Code::W0120, instance.name.span, message));
+    }
+}
+
+/// Returns the process that a deployment starts: `main`, else the one that no other instantiates.
+pub(super) fn root(spec: &Spec, diagnostics: &mut Vec<Diagnostic>) -> Option<usize> {
+    let used = spec.processes.iter().flat_map(|process| &process.instances).map(|instance| instance.target);
+    let used: std::collections::BTreeSet<usize> = used
+        .filter_map(|target| match target {
+            Target::Process(process) => Some(process),
+            Target::Module(_) | Target::Unknown => None,
+        })
+        .collect();
+    let unused: Vec<usize> = (0..spec.processes.len()).filter(|process| !used.contains(process)).collect();
+    if let Some(&main) = spec.process_names.get("main") {
+        for &process in unused.iter().filter(|&&process| process != main) {
+            let name = &spec.processes[process].name;
+            let message = format!("process `{}` is never instantiated", name.text);
+            diagnostics.push(Diagnostic::new(Code::W0122, name.span, message));
+        }
+        return Some(main);
+    }
+    match unused.as_slice() {
+        &[root] => {
+            let process = &spec.processes[root];
+            let message = format!("no process `main`: `{}` is taken as the root", process.name.text);
+            let mut diagnostic = Diagnostic::new(Code::W0101, process.name.span, message);
+            let open = process.params.iter().filter(|param| param.default.is_none());
+            let open: Vec<String> = open.map(|param| format!("`{}`", param.name.text)).collect();
+            if !open.is_empty() {
+                diagnostic = diagnostic.help(format!("{} stand for themselves", open.join(", ")));
+            }
+            diagnostics.push(diagnostic);
+            Some(root)
+        }
+        _ => {
+            diagnostics.extend(no_root(spec, &unused));
+            None
+        }
+    }
+}
+
+fn no_root(spec: &Spec, unused: &[usize]) -> Option<Diagnostic> {
+    let help = "add `process main() { instantiated_processes { ... } internal_event_actions { ... } }`";
+    let Some(&last) = unused.last().or_else(|| spec.processes.len().checked_sub(1).as_ref().map(|_| &0)) else {
+        let start = Span { origin: crate::source::Origin::Spec, start: 0, end: 0 };
+        return Some(Diagnostic::new(Code::E0101, start, "there is no process to run").help(help));
+    };
+    if unused.is_empty() {
+        // Every process is part of another: the recursion is reported as such.
+        return None;
+    }
+    let names: Vec<String> = unused.iter().map(|&process| format!("`{}`", spec.processes[process].name.text)).collect();
+    let message = format!("no process `main`, and {} could be the root", names.join(", "));
+    Some(Diagnostic::new(Code::E0101, spec.processes[last].name.span, message).help(help))
+}

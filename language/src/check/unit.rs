@@ -1,0 +1,79 @@
+//! Units: from what is written to SI.
+
+/// What a quantity measures: powers of metre, kilogram, second, ampere, radian and byte.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Dimension([i8; 6]);
+
+impl Dimension {
+    pub(crate) const TIME: Self = Self([0, 0, 1, 0, 0, 0]);
+
+    fn per(self, other: Self) -> Self {
+        let mut powers = self.0;
+        powers.iter_mut().zip(other.0).for_each(|(power, down)| *power -= down);
+        Self(powers)
+    }
+}
+
+/// Symbol, factor to SI, powers of metre, kilogram, second, ampere, radian and byte.
+const UNITS: &[(&str, f64, [i8; 6])] = &[
+    ("s", 1.0, [0, 0, 1, 0, 0, 0]),
+    ("ms", 1e-3, [0, 0, 1, 0, 0, 0]),
+    ("us", 1e-6, [0, 0, 1, 0, 0, 0]),
+    ("ns", 1e-9, [0, 0, 1, 0, 0, 0]),
+    ("min", 60.0, [0, 0, 1, 0, 0, 0]),
+    ("h", 3600.0, [0, 0, 1, 0, 0, 0]),
+    ("s2", 1.0, [0, 0, 2, 0, 0, 0]),
+    ("m", 1.0, [1, 0, 0, 0, 0, 0]),
+    ("cm", 1e-2, [1, 0, 0, 0, 0, 0]),
+    ("mm", 1e-3, [1, 0, 0, 0, 0, 0]),
+    ("um", 1e-6, [1, 0, 0, 0, 0, 0]),
+    ("km", 1e3, [1, 0, 0, 0, 0, 0]),
+    ("rad", 1.0, [0, 0, 0, 0, 1, 0]),
+    ("deg", std::f64::consts::PI / 180.0, [0, 0, 0, 0, 1, 0]),
+    ("Hz", 1.0, [0, 0, -1, 0, 0, 0]),
+    ("kHz", 1e3, [0, 0, -1, 0, 0, 0]),
+    ("N", 1.0, [1, 1, -2, 0, 0, 0]),
+    ("kN", 1e3, [1, 1, -2, 0, 0, 0]),
+    ("Nm", 1.0, [2, 1, -2, 0, 0, 0]),
+    ("kg", 1.0, [0, 1, 0, 0, 0, 0]),
+    ("g", 1e-3, [0, 1, 0, 0, 0, 0]),
+    ("A", 1.0, [0, 0, 0, 1, 0, 0]),
+    ("mA", 1e-3, [0, 0, 0, 1, 0, 0]),
+    ("V", 1.0, [2, 1, -3, -1, 0, 0]),
+    ("mV", 1e-3, [2, 1, -3, -1, 0, 0]),
+    ("W", 1.0, [2, 1, -3, 0, 0, 0]),
+    ("B", 1.0, [0, 0, 0, 0, 0, 1]),
+    ("kB", 1e3, [0, 0, 0, 0, 0, 1]),
+    ("MB", 1e6, [0, 0, 0, 0, 0, 1]),
+];
+
+/// Returns the factor to SI and the dimension of `m`, or of `m` by `s`.
+pub(crate) fn unit(symbol: &str, per: Option<&str>) -> Option<(f64, Dimension)> {
+    let find = |symbol: &str| {
+        let unit = UNITS.iter().find(|(name, _, _)| *name == symbol);
+        unit.map(|&(_, factor, powers)| (factor, Dimension(powers)))
+    };
+    let (factor, dimension) = find(symbol)?;
+    let Some(per) = per else { return Some((factor, dimension)) };
+    let (divisor, below) = find(per)?;
+    Some((factor / divisor, dimension.per(below)))
+}
+
+/// Returns the symbols of all units.
+pub(crate) fn symbols() -> impl Iterator<Item = &'static str> {
+    UNITS.iter().map(|(symbol, _, _)| *symbol)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn units_become_si() {
+        assert_eq!(unit("ms", None), Some((1e-3, Dimension::TIME)));
+        let (factor, speed) = unit("mm", Some("s")).unwrap();
+        assert!((factor - 1e-3).abs() < 1e-18);
+        assert_eq!(speed, unit("km", Some("h")).unwrap().1);
+        assert_eq!(unit("parsec", None), None);
+    }
+}

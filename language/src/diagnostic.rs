@@ -1,0 +1,152 @@
+//! What the checker says: data first, text last.
+
+mod code;
+mod render;
+
+use crate::source::{Origin, Span};
+
+pub use code::Code;
+pub use render::{Style, render};
+
+/// How bad it is. A spec with an error has no plan.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Severity {
+    /// The spec is refused.
+    Error,
+    /// The spec runs, perhaps not as meant.
+    Warning,
+}
+
+/// A place with a remark.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Label {
+    /// The place.
+    pub span: Span,
+    /// The remark; may be empty.
+    pub text: String,
+}
+
+/// One replacement in a text.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Edit {
+    /// What is replaced; an empty span inserts.
+    pub span: Span,
+    /// What stands there afterwards.
+    pub text: String,
+}
+
+/// A change that can be applied without asking: it is right in all likelihood.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Fix {
+    /// What it does: "replace with `puma`".
+    pub title: String,
+    /// How, in one text.
+    pub edits: Vec<Edit>,
+}
+
+/// One remark on a spec.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Diagnostic {
+    /// How bad it is.
+    pub severity: Severity,
+    /// Which remark it is, for good.
+    pub code: Code,
+    /// The remark in one sentence.
+    pub message: String,
+    /// Where.
+    pub primary: Label,
+    /// Where the reason is.
+    pub secondary: Vec<Label>,
+    /// What to do.
+    pub help: Vec<String>,
+    /// How to do it, when that is likely enough.
+    pub fix: Option<Fix>,
+}
+
+impl Diagnostic {
+    pub(crate) fn new(code: Code, span: Span, message: impl Into<String>) -> Self {
+        Self {
+            severity: code.severity(),
+            code,
+            message: message.into(),
+            primary: Label { span, text: String::new() },
+            secondary: Vec::new(),
+            help: Vec::new(),
+            fix: None,
+        }
+    }
+
+    pub(crate) fn label(mut self, text: impl Into<String>) -> Self {
+        self.primary.text = text.into();
+        self
+    }
+
+    pub(crate) fn reason(mut self, span: Span, text: impl Into<String>) -> Self {
+        self.secondary.push(Label { span, text: text.into() });
+        self
+    }
+
+    pub(crate) fn help(mut self, text: impl Into<String>) -> Self {
+        self.help.push(text.into());
+        self
+    }
+
+    pub(crate) fn fix(mut self, title: impl Into<String>, edits: Vec<Edit>) -> Self {
+        self.fix = Some(Fix { title: title.into(), edits });
+        self
+    }
+
+    /// Offers to write `text` in place of `span`.
+    pub(crate) fn replace(self, span: Span, text: &str) -> Self {
+        self.fix(format!("replace with `{text}`"), vec![Edit { span, text: text.to_owned() }])
+    }
+}
+
+/// Returns the spec's text with every fix applied; of two fixes that overlap the first in the text wins.
+pub fn apply_fixes(text: &str, diagnostics: &[Diagnostic]) -> String {
+    let mut fixes: Vec<&Fix> = diagnostics.iter().filter_map(|diagnostic| diagnostic.fix.as_ref()).collect();
+    fixes.retain(|fix| fix.edits.iter().all(|edit| fits(text, edit)));
+    fixes.sort_by_key(|fix| fix.edits.iter().map(|edit| edit.span.start).min());
+    let mut taken: Vec<&Edit> = Vec::new();
+    for fix in fixes {
+        let is_free = |edit: &Edit| taken.iter().all(|other| !overlap(other.span, edit.span));
+        if fix.edits.iter().all(is_free) {
+            taken.extend(&fix.edits);
+        }
+    }
+    taken.sort_by_key(|edit| edit.span);
+    let mut fixed = String::with_capacity(text.len());
+    let mut end = 0;
+    for edit in taken {
+        fixed.push_str(&text[end..edit.span.start as usize]);
+        fixed.push_str(&edit.text);
+        end = edit.span.end as usize;
+    }
+    fixed.push_str(&text[end..]);
+    fixed
+}
+
+fn fits(text: &str, edit: &Edit) -> bool {
+    edit.span.origin == Origin::Spec && text.get(edit.span.start as usize..edit.span.end as usize).is_some()
+}
+
+/// Two spans overlap when they share a byte, or when both would insert at the same place.
+fn overlap(one: Span, other: Span) -> bool {
+    one.start < other.end && other.start < one.end || one.start == other.start
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn edit(start: u32, end: u32, text: &str) -> Diagnostic {
+        let span = Span { origin: Origin::Spec, start, end };
+        Diagnostic::new(Code::E0001, span, "").replace(span, text)
+    }
+
+    #[test]
+    fn fixes_apply_in_text_order_and_the_first_of_two_wins() {
+        let diagnostics = [edit(4, 5, "three"), edit(0, 1, "one"), edit(0, 3, "lost"), edit(90, 91, "outside")];
+        assert_eq!(apply_fixes("1 2 3", &diagnostics), "one 2 three");
+    }
+}

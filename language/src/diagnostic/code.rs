@@ -1,0 +1,173 @@
+//! Every remark the checker can make, each with a code that never changes its meaning.
+
+use super::Severity;
+use std::fmt;
+
+macro_rules! codes {
+    ($($name:ident $severity:ident $title:literal $explanation:literal)*) => {
+        /// Which remark a diagnostic is.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+        pub enum Code {
+            $(#[doc = $title] $name,)*
+        }
+
+        impl Code {
+            /// Every code.
+            pub const ALL: &'static [Self] = &[$(Self::$name,)*];
+
+            /// Returns the code as it is printed: `E0201`.
+            pub fn as_str(self) -> &'static str {
+                match self {
+                    $(Self::$name => stringify!($name),)*
+                }
+            }
+
+            /// Returns what it is about, in a few words.
+            pub fn title(self) -> &'static str {
+                match self {
+                    $(Self::$name => $title,)*
+                }
+            }
+
+            /// Returns what it means and what to do, in a paragraph.
+            pub fn explanation(self) -> &'static str {
+                match self {
+                    $(Self::$name => $explanation,)*
+                }
+            }
+
+            /// Returns how bad it is unless options say otherwise.
+            pub fn severity(self) -> Severity {
+                match self {
+                    $(Self::$name => Severity::$severity,)*
+                }
+            }
+        }
+    };
+}
+
+impl Code {
+    /// Returns the code that is printed so, in any case.
+    pub fn parse(text: &str) -> Option<Self> {
+        Self::ALL.iter().copied().find(|code| code.as_str().eq_ignore_ascii_case(text.trim()))
+    }
+}
+
+impl fmt::Display for Code {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.as_str())
+    }
+}
+
+codes! {
+    E0001 Error "unexpected text"
+        "Something else has to stand here. Where one thing is missing the message offers to insert it."
+    E0002 Error "unfinished string or comment"
+        "A string ends on its line with `\"`; a comment that starts with `/*` ends with `*/`."
+    E0003 Error "unknown character"
+        "The character has no meaning outside of strings and comments."
+    E0004 Error "nested too deeply"
+        "Groups and expressions nest at most 64 levels. Split the expression, or make a group of a part of it."
+    E0005 Error "`; ;`"
+        "`;;` with nothing in between repeats; `;` goes on. `; ;` could be meant as either."
+    E0006 Error "not supported yet"
+        "The form belongs to the language but this version cannot run it."
+    E0007 Error "text too long"
+        "A text of more than 16 MiB is not read."
+    W0007 Warning "no effect yet"
+        "The word belongs to the language but this version ignores it."
+    E0008 Error "unknown unit"
+        "A quantity is a number with a unit: s ms us ns min h, m mm cm km, rad deg, Hz kHz, N kN Nm, kg g, A mA, V mV, B kB MB, or one by another: m/s, rad/s, N/m."
+    E0009 Error "wrong quantity"
+        "Another kind of quantity has to stand here: a time such as `5 s`, or a count."
+    W0009 Warning "empty statement"
+        "A `;` that ends nothing. It is ignored."
+    E0101 Error "no root"
+        "A spec starts with `process main()`. Without it, the one process that no other instantiates is the root; here there is none, or more than one."
+    W0101 Warning "no `main`"
+        "The one process that no other instantiates is taken as the root. Its parameters have no values, so they stand for themselves."
+    E0102 Error "recursive instantiation"
+        "A process group that contains itself, directly or through others, would never end."
+    W0105 Warning "no host"
+        "A group without a `host` section has its supervisor on the host of the group around it."
+    W0106 Warning "not a parameter"
+        "A name in an argument or a host section is a parameter of the group. Any other name stands for itself, as text."
+    E0107 Error "not a host"
+        "A host is a name or a string; a group's parameter that is used as a host must be given one."
+    E0108 Error "not an interface"
+        "The interfaces that a program prints consist of `module` blocks only."
+    E0110 Error "defined twice"
+        "A name is defined once: process, parameter, instance, port, connection set, section."
+    W0110 Warning "interface given twice"
+        "Two programs describe the same module type. The first is used."
+    W0120 Warning "never run"
+        "The instance is started with its group but no event action ever runs it."
+    W0121 Warning "nothing to do"
+        "A group without event actions ends as soon as it starts."
+    W0122 Warning "never instantiated"
+        "The process is defined but nothing uses it."
+    E0201 Error "unknown process"
+        "The name is no instance of this group. A name resolves to an instance of that name, else to the only instance of that type, else to the only one that matches but for case, else to the only abbreviation."
+    W0201 Warning "type name used"
+        "The name is the type of exactly one instance and is read as that instance."
+    W0202 Warning "case mismatch"
+        "The name differs from exactly one instance only by case or `_`, and is read as that instance."
+    W0203 Warning "abbreviation"
+        "One of the name and exactly one instance begins with the other, and it is read as that instance."
+    E0202 Error "ambiguous name"
+        "The name could mean more than one instance."
+    W0204 Warning "type abbreviated"
+        "No type has this name, but exactly one has it but for case, or with the same words written out."
+    W0205 Warning "no interface known"
+        "Neither the spec nor a program describes this module type, so its ports and arguments are not checked and it counts as a task, not as a service."
+    E0210 Error "wrong number of arguments"
+        "A group takes as many arguments as it has parameters without a default."
+    E0211 Error "unknown argument"
+        "The argument is given by a name that is no parameter."
+    E0212 Error "argument given twice"
+        "A parameter takes one value."
+    E0301 Error "unknown connection set"
+        "A label in an event action names a set that is declared as `internal_connections(owner, label)`. Labels are never guessed: a wrong wire is dangerous."
+    W0302 Warning "label activates nothing"
+        "The process owns no connection set at all, so the label has no effect."
+    E0303 Error "unknown port"
+        "The port is not declared by the interface, or not exported by the group. Ports are never guessed: a wrong wire is dangerous."
+    E0304 Error "wrong direction"
+        "Data goes from an output to an input: `producer, Out -> consumer, In`."
+    W0304 Warning "no connection set activated"
+        "The process owns connection sets, but this event action runs it with none of them."
+    E0305 Error "types differ"
+        "Output and input of a connection have the same type."
+    W0305 Warning "set of somebody else"
+        "A connection set is owned by one of the processes it connects, by convention by the source. It is open only while its owner runs."
+    W0307 Warning "connected twice"
+        "The same connection stands twice in one set."
+    W0310 Warning "unconnected inputs"
+        "Nothing is ever sent to these inputs."
+    E0401 Error "runs twice at once"
+        "One instance cannot run twice at the same time. Declare a second instance."
+    W0402 Warning "may never end"
+        "`,` waits for each of its processes that can end. A sensor or a controller that never ends says so with `service;` in its interface; then `,` ends with the others."
+    W0403 Warning "never ends"
+        "A service has no normal end, so what comes after it never starts, and a sequence that ends with it never finishes."
+    E0410 Error "endless loop at one instant"
+        "Each way through a repeated expression has to run a process or to wait."
+    E0701 Error "too many processes"
+        "A plan has at most 10,000 leaves and as many groups."
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn codes_are_unique_and_explained() {
+        for (index, code) in Code::ALL.iter().enumerate() {
+            assert_eq!(Code::parse(code.as_str()), Some(*code));
+            assert_eq!(Code::ALL.iter().position(|other| other.as_str() == code.as_str()), Some(index));
+            let letter = if code.severity() == Severity::Error { 'E' } else { 'W' };
+            assert!(code.as_str().starts_with(letter), "{code}");
+            assert!(code.explanation().ends_with('.'), "{code}");
+        }
+    }
+}

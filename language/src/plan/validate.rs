@@ -1,0 +1,213 @@
+//! Whether a plan keeps its invariants: plans also arrive over a network.
+
+use super::{DEPTH_MAX, Expression, Group, LEAVES_MAX, MemberKind, Plan};
+use std::collections::BTreeSet;
+
+/// Which invariant a plan breaks, and where.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum PlanError {
+    /// There is no group at all.
+    #[error("the plan has no groups")]
+    Empty,
+    /// More groups, leaves or wires than a plan may have.
+    #[error("the plan has {count} {what}; the limit is {limit}")]
+    TooLarge {
+        /// What there are too many of.
+        what: &'static str,
+        /// How many there are.
+        count: usize,
+        /// How many there may be.
+        limit: usize,
+    },
+    /// An index points nowhere.
+    #[error("`{place}` points to {what} {index}, which is not there")]
+    Index {
+        /// Path of the group or leaf, or the wire.
+        place: String,
+        /// What the index should point to.
+        what: &'static str,
+        /// The index.
+        index: u32,
+    },
+    /// A name stands twice where it has to be unique, or is empty.
+    #[error("{what} `{name}` is empty or not unique")]
+    Name {
+        /// What carries the name.
+        what: &'static str,
+        /// The name.
+        name: String,
+    },
+    /// A group or a leaf is not a member of exactly one group on a way from `main`.
+    #[error("`{path}` is not a member of exactly one group below `main`")]
+    Membership {
+        /// Its path.
+        path: String,
+    },
+    /// Groups are nested too deeply.
+    #[error("groups are nested deeper than {DEPTH_MAX} levels at `{path}`")]
+    GroupTooDeep {
+        /// Path of the group.
+        path: String,
+    },
+    /// An expression is nested too deeply.
+    #[error("the event actions of `{group}` are nested deeper than {DEPTH_MAX} levels")]
+    ExpressionTooDeep {
+        /// Path of the group.
+        group: String,
+    },
+    /// An operator without operands, or a count that its operands cannot reach.
+    #[error("the event actions of `{group}` have an operator with a wrong number of operands")]
+    Operands {
+        /// Path of the group.
+        group: String,
+    },
+}
+
+/// The largest number of wires, ten for each leaf that there may be.
+const WIRES_MAX: usize = 10 * LEAVES_MAX;
+
+impl Plan {
+    /// Checks every invariant of a plan.
+    ///
+    /// # Errors
+    /// Returns the first invariant that does not hold.
+    pub fn validate(&self) -> Result<(), PlanError> {
+        self.check_sizes()?;
+        self.check_names()?;
+        self.check_tree()?;
+        for leaf in &self.leaves {
+            in_range(leaf.host, self.hosts.len(), "host", &leaf.path)?;
+        }
+        for wire in &self.wires {
+            for end in [&wire.from, &wire.to] {
+                in_range(end.leaf, self.leaves.len(), "leaf", &format!("wire at port {}", end.port))?;
+            }
+        }
+        self.groups.iter().try_for_each(|group| self.check_group(group))
+    }
+
+    fn check_sizes(&self) -> Result<(), PlanError> {
+        let counts = [
+            ("groups", self.groups.len(), LEAVES_MAX),
+            ("leaves", self.leaves.len(), LEAVES_MAX),
+            ("wires", self.wires.len(), WIRES_MAX),
+        ];
+        match counts.into_iter().find(|(_, count, limit)| count > limit) {
+            Some((what, count, limit)) => Err(PlanError::TooLarge { what, count, limit }),
+            None if self.groups.is_empty() => Err(PlanError::Empty),
+            None => Ok(()),
+        }
+    }
+
+    fn check_names(&self) -> Result<(), PlanError> {
+        unique("host", self.hosts.iter())?;
+        unique("path", self.groups.iter().map(|group| &group.path).chain(self.leaves.iter().map(|leaf| &leaf.path)))
+    }
+
+    /// Every group but `main`, and every leaf, is reached exactly once from `main`.
+    fn check_tree(&self) -> Result<(), PlanError> {
+        let mut group_seen = vec![false; self.groups.len()];
+        let mut leaf_seen = vec![false; self.leaves.len()];
+        group_seen[0] = true;
+        let mut waiting = vec![(&self.groups[0], 1)];
+        while let Some((group, depth)) = waiting.pop() {
+            if depth > DEPTH_MAX {
+                return Err(PlanError::GroupTooDeep { path: group.path.clone() });
+            }
+            for member in &group.members {
+                let (seen, index, what) = match member.kind {
+                    MemberKind::Leaf(leaf) => (leaf_seen.get_mut(leaf as usize), leaf, "leaf"),
+                    MemberKind::Group(inner) => (group_seen.get_mut(inner as usize), inner, "group"),
+                };
+                let place = || format!("{}/{}", group.path, member.name);
+                let seen = seen.ok_or_else(|| PlanError::Index { place: place(), what, index })?;
+                if std::mem::replace(seen, true) {
+                    return Err(PlanError::Membership { path: place() });
+                }
+                if let MemberKind::Group(inner) = member.kind {
+                    waiting.push((&self.groups[inner as usize], depth + 1));
+                }
+            }
+        }
+        let lost_group = group_seen.iter().position(|seen| !seen).map(|group| &self.groups[group].path);
+        let lost_leaf = leaf_seen.iter().position(|seen| !seen).map(|leaf| &self.leaves[leaf].path);
+        lost_group.or(lost_leaf).map_or(Ok(()), |path| Err(PlanError::Membership { path: path.clone() }))
+    }
+
+    fn check_group(&self, group: &Group) -> Result<(), PlanError> {
+        in_range(group.host, self.hosts.len(), "host", &group.path)?;
+        unique("member", group.members.iter().map(|member| &member.name))?;
+        for set in &group.sets {
+            if let Some(owner) = set.owner {
+                in_range(owner, group.members.len(), "member", &group.path)?;
+            }
+            for &wire in &set.wires {
+                in_range(wire, self.wires.len(), "wire", &group.path)?;
+            }
+        }
+        for &set in &group.sets_always {
+            in_range(set, group.sets.len(), "connection set", &group.path)?;
+        }
+        check_expression(group, &group.expression)
+    }
+}
+
+/// Walks without recursion: the depth of what arrives is not known.
+fn check_expression(group: &Group, root: &Expression) -> Result<(), PlanError> {
+    let mut waiting = vec![(root, 1)];
+    while let Some((expression, depth)) = waiting.pop() {
+        if depth > DEPTH_MAX {
+            return Err(PlanError::ExpressionTooDeep { group: group.path.clone() });
+        }
+        let mut push = |part| waiting.push((part, depth + 1));
+        match expression {
+            Expression::Run { member, sets } => {
+                in_range(*member, group.members.len(), "member", &group.path)?;
+                for &set in sets {
+                    in_range(set, group.sets.len(), "connection set", &group.path)?;
+                }
+            }
+            Expression::Skip | Expression::Never | Expression::Fail(_) | Expression::Wait(_) => {}
+            Expression::Concurrent(parts) | Expression::FailFast(parts) | Expression::Disable(parts) => {
+                has_operands(group, 1, parts)?;
+                parts.iter().for_each(push);
+            }
+            Expression::AnyOf { count, of } => {
+                has_operands(group, (*count).max(1) as usize, of)?;
+                of.iter().for_each(push);
+            }
+            Expression::Sequence(first, second)
+            | Expression::Conditional(first, second)
+            | Expression::Recurrent(first, second)
+            | Expression::Otherwise(first, second) => {
+                push(first);
+                push(second);
+            }
+        }
+    }
+    Ok(())
+}
+
+fn has_operands(group: &Group, count_min: usize, parts: &[Expression]) -> Result<(), PlanError> {
+    match parts.len() >= count_min {
+        true => Ok(()),
+        false => Err(PlanError::Operands { group: group.path.clone() }),
+    }
+}
+
+fn in_range(index: u32, length: usize, what: &'static str, place: &str) -> Result<(), PlanError> {
+    match (index as usize) < length {
+        true => Ok(()),
+        false => Err(PlanError::Index { place: place.to_owned(), what, index }),
+    }
+}
+
+fn unique<'a>(what: &'static str, names: impl Iterator<Item = &'a String>) -> Result<(), PlanError> {
+    let mut seen = BTreeSet::new();
+    for name in names {
+        if name.is_empty() || !seen.insert(name) {
+            return Err(PlanError::Name { what, name: name.clone() });
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,89 @@
+//! How much two names look alike.
+
+/// The cost of one edit; look-alikes cost less.
+const EDIT: usize = 10;
+const LOOK_ALIKE: usize = 1;
+const CASE: usize = 2;
+/// Longer names are compared by this many characters.
+const LENGTH_MAX: usize = 64;
+
+/// Returns the candidate that looks most like `name`, if it is near enough: at most a third of the letters differ.
+pub(crate) fn nearest<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+    let near = candidates.into_iter().filter_map(|candidate| {
+        let length = name.chars().count().max(candidate.chars().count()).min(LENGTH_MAX);
+        let distance = distance(name, candidate);
+        (distance * 3 <= length * EDIT).then_some((distance, candidate))
+    });
+    near.min_by_key(|&(distance, _)| distance).map(|(_, candidate)| candidate)
+}
+
+/// The Damerau-Levenshtein distance (adjacent swaps count once) in tenths of an edit, where characters that look alike
+/// are nearly equal: `lb11` and `lbl1` differ by 1.
+fn distance(one: &str, other: &str) -> usize {
+    let one: Vec<char> = one.chars().take(LENGTH_MAX).collect();
+    let other: Vec<char> = other.chars().take(LENGTH_MAX).collect();
+    let mut before_last: Vec<usize> = Vec::new();
+    let mut last: Vec<usize> = (0..=other.len()).map(|column| column * EDIT).collect();
+    for row in 1..=one.len() {
+        let mut current = vec![row * EDIT];
+        for column in 1..=other.len() {
+            let replace = last[column - 1] + cost(one[row - 1], other[column - 1]);
+            let mut best = replace.min(last[column] + EDIT).min(current[column - 1] + EDIT);
+            let is_swap =
+                row > 1 && column > 1 && one[row - 1] == other[column - 2] && one[row - 2] == other[column - 1];
+            if is_swap {
+                best = best.min(before_last[column - 2] + EDIT);
+            }
+            current.push(best);
+        }
+        before_last = std::mem::replace(&mut last, current);
+    }
+    last[other.len()]
+}
+
+fn cost(one: char, other: char) -> usize {
+    const ALIKE: [&str; 6] = ["l1I|", "O0o", "S5", "B8", "Z2", "-_"];
+    if one == other {
+        0
+    } else if ALIKE.iter().any(|group| group.contains(one) && group.contains(other)) {
+        LOOK_ALIKE
+    } else if one.to_lowercase().eq(other.to_lowercase()) {
+        CASE
+    } else {
+        EDIT
+    }
+}
+
+/// Returns a name with the look-alikes spelled out, for two names that a reader cannot tell apart: `l-b-1-1`.
+pub(crate) fn spell(name: &str) -> String {
+    name.chars().map(String::from).collect::<Vec<_>>().join("-")
+}
+
+/// Returns whether two names differ only by characters that look alike.
+pub(crate) fn is_look_alike(one: &str, other: &str) -> bool {
+    one != other
+        && one.chars().count() == other.chars().count()
+        && distance(one, other) < CASE * one.chars().count().min(4)
+        && one.chars().zip(other.chars()).all(|(a, b)| cost(a, b) <= LOOK_ALIKE)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn check(name: &str, candidates: &[&str], expect: Option<&str>) {
+        assert_eq!(nearest(name, candidates.iter().copied()), expect, "{name}");
+    }
+
+    #[test]
+    fn look_alikes_come_first() {
+        check("lbl1", &["lbl2", "lb11"], Some("lb11"));
+        check("compilant", &["forcedata", "compliant", "puma"], Some("compliant"));
+        check("puma", &["hit", "force"], None);
+        check("Hit", &["hit", "bit"], Some("hit"));
+        check("", &["a"], None);
+        assert_eq!(distance("ca", "ac"), EDIT);
+        assert!(is_look_alike("lb11", "lbl1"));
+        assert!(!is_look_alike("lb11", "lb12"));
+    }
+}

@@ -1,0 +1,34 @@
+//! Text to tree: lexer, resilient parser, typed view.
+//!
+//! The tree is lossless: the texts of its tokens, put together, are the source. Every keyword is contextual, so `host`,
+//! `add` or `model` stay legal names of instances.
+
+pub(crate) mod ast;
+mod kind;
+mod lexer;
+mod parser;
+
+pub use kind::SyntaxKind;
+pub use lexer::{Token, lex};
+pub(crate) use parser::{Parse, parse};
+
+/// Binds the tree library to the kinds of this language.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub(crate) enum Dca {}
+
+impl rowan::Language for Dca {
+    type Kind = SyntaxKind;
+
+    fn kind_from_raw(raw: rowan::SyntaxKind) -> SyntaxKind {
+        SyntaxKind::ALL.get(usize::from(raw.0)).copied().unwrap_or(SyntaxKind::Unknown)
+    }
+
+    fn kind_to_raw(kind: SyntaxKind) -> rowan::SyntaxKind {
+        rowan::SyntaxKind(kind as u16)
+    }
+}
+
+/// A node of the tree.
+pub(crate) type SyntaxNode = rowan::SyntaxNode<Dca>;
+/// A leaf of the tree.
+pub(crate) type SyntaxToken = rowan::SyntaxToken<Dca>;

@@ -1,0 +1,127 @@
+//! A typed view of the tree. Every part may be missing: the text may be damaged.
+
+use super::SyntaxKind::{self, Ident, Number};
+use super::{SyntaxNode, SyntaxToken};
+use crate::source::{Origin, Span};
+
+/// A name with its place.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Name {
+    pub(crate) text: String,
+    pub(crate) span: Span,
+}
+
+/// A node together with the text it comes from.
+#[derive(Clone, Debug)]
+pub(crate) struct Node {
+    syntax: SyntaxNode,
+    origin: Origin,
+}
+
+impl Node {
+    pub(crate) fn new(syntax: SyntaxNode, origin: Origin) -> Self {
+        Self { syntax, origin }
+    }
+
+    pub(crate) fn kind(&self) -> SyntaxKind {
+        self.syntax.kind()
+    }
+
+    pub(crate) fn span(&self) -> Span {
+        span(self.origin, self.syntax.text_range())
+    }
+
+    /// All text of the node without white space and comments.
+    pub(crate) fn compact_text(&self) -> String {
+        let tokens = self.syntax.descendants_with_tokens().filter_map(rowan::NodeOrToken::into_token);
+        tokens.filter(|token| !token.kind().is_trivia()).map(|token| token.text().to_owned()).collect()
+    }
+
+    pub(crate) fn children(&self) -> impl Iterator<Item = Self> + '_ {
+        self.syntax.children().map(|child| Self::new(child, self.origin))
+    }
+
+    pub(crate) fn children_of(&self, kind: SyntaxKind) -> impl Iterator<Item = Self> + '_ {
+        self.children().filter(move |child| child.kind() == kind)
+    }
+
+    pub(crate) fn child(&self, kind: SyntaxKind) -> Option<Self> {
+        self.children_of(kind).next()
+    }
+
+    /// The tokens that mean something and belong to this node itself.
+    pub(crate) fn tokens(&self) -> impl Iterator<Item = Token> + '_ {
+        let tokens = self.syntax.children_with_tokens().filter_map(rowan::NodeOrToken::into_token);
+        tokens.filter(|token| !token.kind().is_trivia()).map(|syntax| Token { syntax, origin: self.origin })
+    }
+
+    pub(crate) fn token(&self, kind: SyntaxKind) -> Option<Token> {
+        self.tokens().find(|token| token.kind() == kind)
+    }
+
+    /// The names that belong to this node itself.
+    pub(crate) fn names(&self) -> impl Iterator<Item = Name> + '_ {
+        self.tokens().filter(|token| token.kind() == Ident).map(|token| token.name())
+    }
+
+    /// The name that follows the node's opening word.
+    pub(crate) fn title(&self) -> Option<Name> {
+        let has_word = self.tokens().next().is_some_and(|token| ["process", "module"].contains(&token.text()));
+        self.names().nth(usize::from(has_word))
+    }
+}
+
+/// A token together with the text it comes from.
+#[derive(Clone, Debug)]
+pub(crate) struct Token {
+    syntax: SyntaxToken,
+    origin: Origin,
+}
+
+impl Token {
+    pub(crate) fn kind(&self) -> SyntaxKind {
+        self.syntax.kind()
+    }
+
+    pub(crate) fn text(&self) -> &str {
+        self.syntax.text()
+    }
+
+    pub(crate) fn span(&self) -> Span {
+        span(self.origin, self.syntax.text_range())
+    }
+
+    pub(crate) fn name(&self) -> Name {
+        Name { text: self.text().to_owned(), span: self.span() }
+    }
+
+    /// The content of a string, without quotes and escapes.
+    pub(crate) fn content(&self) -> String {
+        let inner = self.text().trim_start_matches('"');
+        let inner = inner.strip_suffix('"').unwrap_or(inner);
+        let mut content = String::with_capacity(inner.len());
+        let mut is_escaped = false;
+        for c in inner.chars() {
+            match c {
+                '\\' if !is_escaped => is_escaped = true,
+                'n' if is_escaped => (content, is_escaped) = (content + "\n", false),
+                't' if is_escaped => (content, is_escaped) = (content + "\t", false),
+                _ => {
+                    content.push(c);
+                    is_escaped = false;
+                }
+            }
+        }
+        content
+    }
+
+    /// The value of a number.
+    pub(crate) fn number(&self) -> Option<f64> {
+        let is_number = self.kind() == Number;
+        is_number.then(|| self.text().replace('_', "").parse().ok()).flatten().filter(|value: &f64| value.is_finite())
+    }
+}
+
+fn span(origin: Origin, range: rowan::TextRange) -> Span {
+    Span { origin, start: range.start().into(), end: range.end().into() }
+}

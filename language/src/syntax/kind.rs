@@ -1,0 +1,109 @@
+//! The kinds of tokens and nodes.
+
+macro_rules! kinds {
+    ($($name:ident $what:literal)*) => {
+        /// What a token or a node of the syntax tree is.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+        #[repr(u16)]
+        pub enum SyntaxKind {
+            $(#[doc = $what] $name,)*
+        }
+
+        impl SyntaxKind {
+            /// Every kind, in the order of its number.
+            pub(crate) const ALL: &'static [Self] = &[$(Self::$name,)*];
+
+            /// Returns what a person calls it.
+            pub fn describe(self) -> &'static str {
+                match self {
+                    $(Self::$name => $what,)*
+                }
+            }
+
+            /// Returns whether it carries no meaning for the parser.
+            pub fn is_trivia(self) -> bool {
+                matches!(self, Self::Whitespace | Self::Comment | Self::DocComment)
+            }
+        }
+    };
+}
+
+kinds! {
+    // tokens
+    Whitespace "white space"
+    Comment "a comment"
+    DocComment "a doc comment"
+    Ident "a name"
+    Number "a number"
+    Text "a string"
+    LeftParen "`(`"
+    RightParen "`)`"
+    LeftBrace "`{`"
+    RightBrace "`}`"
+    LeftBracket "`[`"
+    RightBracket "`]`"
+    Less "`<`"
+    Greater "`>`"
+    Comma "`,`"
+    Semicolon "`;`"
+    Colon "`:`"
+    Dot "`.`"
+    DotDot "`..`"
+    Hash "`#`"
+    Ampersand "`&`"
+    Question "`?`"
+    Equals "`=`"
+    Bar "`|`"
+    Slash "`/`"
+    Minus "`-`"
+    Arrow "`->`"
+    BackArrow "`<-`"
+    FatArrow "`=>`"
+    Recur "`;;`"
+    DoubleColon "`::`"
+    Unknown "a character that means nothing here"
+    End "the end of the file"
+    // nodes: files and groups
+    File "a file"
+    Process "a process group"
+    Module "a module interface"
+    Params "parameters"
+    Param "a parameter"
+    Type "a type"
+    Host "a host section"
+    Instances "a section of instances"
+    Instance "an instance"
+    Args "arguments"
+    Arg "an argument"
+    Constant "a constant"
+    External "a section of external ports"
+    Export "an external port"
+    Connections "a connection set"
+    Owner "the owner of a connection set"
+    Connection "a connection"
+    Endpoint "an end of a connection"
+    Quality "a connection quality"
+    Actions "an event-action section"
+    // nodes: module items
+    Port "a port"
+    Exec "a program"
+    StopWithin "a stop limit"
+    Flag "a module property"
+    // nodes: expressions
+    Concurrent "`,`"
+    FailFast "`&`"
+    Disable "`#`"
+    Sequence "`;`"
+    Otherwise "`else`"
+    Chain "`:`"
+    Retry "`retry`"
+    Suffixed "a suffix"
+    Paren "parentheses"
+    Run "a process"
+    Labels "labels"
+    Binder "a value name"
+    Fail "`fail`"
+    Wait "`wait`"
+    AnyOf "`any`"
+    Error "something unreadable"
+}

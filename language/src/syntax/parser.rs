@@ -1,0 +1,247 @@
+//! Tokens to tree, whatever the tokens.
+//!
+//! A recursive-descent parser that never gives up: it reports, puts what it cannot read into an error node, and goes on
+//! at the next `;`, `}` or section keyword. A missing bracket is reported and then taken as read, so that one damaged
+//! token costs one diagnostic in most places.
+
+mod expression;
+mod module;
+mod process;
+mod repair;
+
+use super::{SyntaxKind, SyntaxNode, Token, lex, lexer};
+use crate::diagnostic::{Code, Diagnostic, Edit};
+use crate::plan::DEPTH_MAX;
+use crate::source::{Origin, SOURCE_MAX, Source, Span};
+use rowan::{Checkpoint, GreenNodeBuilder, Language};
+
+/// A parsed text.
+pub(crate) struct Parse {
+    /// The tree of the whole text.
+    pub(crate) root: SyntaxNode,
+    /// What is wrong with the text as a text.
+    pub(crate) diagnostics: Vec<Diagnostic>,
+}
+
+/// Returns the tree of a text; of one that is too long, an empty tree and the reason.
+pub(crate) fn parse(source: &Source, origin: Origin) -> Parse {
+    let is_short = source.text.len() <= SOURCE_MAX;
+    let mut parser = Parser::new(if is_short { &source.text } else { "" }, origin);
+    if !is_short {
+        parser.report(Code::E0007, format!("the text is longer than {} MiB", SOURCE_MAX >> 20));
+    }
+    parser.check_tokens();
+    parser.file();
+    let root = SyntaxNode::new_root(parser.builder.finish());
+    Parse { root, diagnostics: parser.diagnostics }
+}
+
+struct Parser<'t> {
+    text: &'t str,
+    origin: Origin,
+    tokens: Vec<Token>,
+    /// Indices of the tokens that mean something.
+    solid: Vec<usize>,
+    /// Index into `solid` of the next token.
+    cursor: usize,
+    /// Index into `tokens` of the first token that is not in the tree yet.
+    placed: usize,
+    builder: GreenNodeBuilder<'static>,
+    diagnostics: Vec<Diagnostic>,
+    /// Where the last report was made: one place gets one report.
+    reported_at: Option<usize>,
+    depth: usize,
+}
+
+impl<'t> Parser<'t> {
+    fn new(text: &'t str, origin: Origin) -> Self {
+        let tokens = lex(text);
+        let is_solid = |&index: &usize| !tokens[index].kind.is_trivia() && tokens[index].kind != SyntaxKind::Unknown;
+        let solid = (0..tokens.len()).filter(is_solid).collect();
+        Self {
+            text,
+            origin,
+            tokens,
+            solid,
+            cursor: 0,
+            placed: 0,
+            builder: GreenNodeBuilder::new(),
+            diagnostics: Vec::new(),
+            reported_at: None,
+            depth: 0,
+        }
+    }
+
+    // ---- looking ----
+
+    fn token(&self, ahead: usize) -> Option<Token> {
+        self.solid.get(self.cursor + ahead).map(|&index| self.tokens[index])
+    }
+
+    fn kind(&self, ahead: usize) -> SyntaxKind {
+        self.token(ahead).map_or(SyntaxKind::End, |token| token.kind)
+    }
+
+    fn word(&self, ahead: usize) -> &'t str {
+        self.token(ahead).map_or("", |token| &self.text[token.start as usize..token.end as usize])
+    }
+
+    fn at(&self, kind: SyntaxKind) -> bool {
+        self.kind(0) == kind
+    }
+
+    fn at_any(&self, kinds: &[SyntaxKind]) -> bool {
+        kinds.contains(&self.kind(0))
+    }
+
+    fn at_word(&self, word: &str) -> bool {
+        self.at(SyntaxKind::Ident) && self.word(0) == word
+    }
+
+    fn span(&self) -> Span {
+        let end = u32::try_from(self.text.len()).unwrap_or(u32::MAX);
+        let (start, end) = self.token(0).map_or((end, end), |token| (token.start, token.end));
+        Span { origin: self.origin, start, end }
+    }
+
+    /// The empty span after the last token that was read.
+    fn after_last(&self) -> Span {
+        let end = match self.cursor.checked_sub(1) {
+            Some(last) => self.tokens[self.solid[last]].end,
+            None => 0,
+        };
+        Span { origin: self.origin, start: end, end }
+    }
+
+    // ---- building ----
+
+    fn place_trivia(&mut self) {
+        let until = self.solid.get(self.cursor).copied().unwrap_or(self.tokens.len());
+        while self.placed < until {
+            self.place();
+        }
+    }
+
+    fn place(&mut self) {
+        let token = self.tokens[self.placed];
+        let text = &self.text[token.start as usize..token.end as usize];
+        self.builder.token(super::Dca::kind_to_raw(token.kind), text);
+        self.placed += 1;
+    }
+
+    fn start(&mut self, kind: SyntaxKind) {
+        self.place_trivia();
+        self.builder.start_node(super::Dca::kind_to_raw(kind));
+    }
+
+    fn checkpoint(&mut self) -> Checkpoint {
+        self.place_trivia();
+        self.builder.checkpoint()
+    }
+
+    fn start_at(&mut self, checkpoint: Checkpoint, kind: SyntaxKind) {
+        self.builder.start_node_at(checkpoint, super::Dca::kind_to_raw(kind));
+    }
+
+    fn finish(&mut self) {
+        self.builder.finish_node();
+    }
+
+    fn bump(&mut self) {
+        if self.cursor < self.solid.len() {
+            self.place_trivia();
+            self.place();
+            self.cursor += 1;
+        }
+    }
+
+    fn eat(&mut self, kind: SyntaxKind) -> bool {
+        let is_there = self.at(kind);
+        if is_there {
+            self.bump();
+        }
+        is_there
+    }
+
+    fn eat_word(&mut self, word: &str) -> bool {
+        let is_there = self.at_word(word);
+        if is_there {
+            self.bump();
+        }
+        is_there
+    }
+
+    // ---- reporting ----
+
+    fn report(&mut self, code: Code, message: impl Into<String>) -> Option<&mut Diagnostic> {
+        if self.reported_at == Some(self.cursor) {
+            return None;
+        }
+        self.reported_at = Some(self.cursor);
+        self.diagnostics.push(Diagnostic::new(code, self.span(), message));
+        self.diagnostics.last_mut()
+    }
+
+    /// Reports that something else stands here; reads nothing.
+    fn expected(&mut self, what: &str) -> Option<&mut Diagnostic> {
+        let found = match self.at(SyntaxKind::End) {
+            true => SyntaxKind::End.describe().to_owned(),
+            false => format!("`{}`", self.word(0)),
+        };
+        self.report(Code::E0001, format!("expected {what}, found {found}"))
+    }
+
+    /// Reads a token that has to be there, or reports it with a fix and takes it as read.
+    fn expect(&mut self, kind: SyntaxKind) -> bool {
+        if self.eat(kind) {
+            return true;
+        }
+        let place = self.after_last();
+        if let Some(diagnostic) = self.expected(kind.describe()) {
+            let text = kind.describe().trim_matches('`').to_owned();
+            diagnostic.fix = Some(crate::diagnostic::Fix {
+                title: format!("insert {}", kind.describe()),
+                edits: vec![Edit { span: place, text }],
+            });
+        }
+        false
+    }
+
+    fn expect_name(&mut self, what: &str) -> bool {
+        let is_there = self.eat(SyntaxKind::Ident);
+        if !is_there {
+            self.expected(what);
+        }
+        is_there
+    }
+
+    /// Enters one more level; at the limit reports it and returns false.
+    fn descend(&mut self) -> bool {
+        if self.depth >= DEPTH_MAX {
+            self.report(Code::E0004, format!("nested deeper than {DEPTH_MAX} levels"));
+            return false;
+        }
+        self.depth += 1;
+        true
+    }
+
+    fn ascend(&mut self) {
+        self.depth -= 1;
+    }
+
+    /// Reports the tokens that are wrong wherever they stand.
+    fn check_tokens(&mut self) {
+        for &token in &self.tokens {
+            let text = &self.text[token.start as usize..token.end as usize];
+            let span = Span { origin: self.origin, start: token.start, end: token.end };
+            let report = match token.kind == SyntaxKind::Unknown {
+                true => Diagnostic::new(Code::E0003, span, format!("`{text}` means nothing here")),
+                false if lexer::is_open(token.kind, text) => {
+                    Diagnostic::new(Code::E0002, span, format!("{} does not end", token.kind.describe()))
+                }
+                false => continue,
+            };
+            self.diagnostics.push(report);
+        }
+    }
+}

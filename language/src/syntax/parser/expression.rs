@@ -1,0 +1,292 @@
+//! Event-action expressions, loosest operator first: `,` `&` `#` `;` `else` `: ;; ::` postfix.
+//!
+//! Every operator makes one node with all its operands, so a long chain makes a wide tree, never a deep one.
+
+use super::Parser;
+use crate::diagnostic::Code;
+use crate::syntax::SyntaxKind::{
+    self, Ampersand, Colon, Comma, Disable, DoubleColon, End, FailFast, Greater, Hash, Ident, LeftBrace, LeftBracket,
+    LeftParen, Less, Number, Question, Recur, RightBrace, RightBracket, RightParen, Semicolon, Text,
+};
+
+/// Forms of the language that are known but not read yet.
+const LATER: [&str; 4] = ["match", "shield", "using", "until"];
+
+impl Parser<'_> {
+    /// `internal_event_actions { expression ; }`
+    pub(super) fn actions(&mut self) {
+        self.start(SyntaxKind::Actions);
+        self.bump();
+        self.expect(LeftBrace);
+        while !self.ends_block() {
+            let before = self.cursor;
+            if self.starts_operand() || self.at_any(&[Hash, Comma, Semicolon, Colon, Recur, Ampersand]) {
+                self.expression();
+            }
+            if !self.ends_block() {
+                let is_surplus = self.at_any(&[RightParen, RightBracket]);
+                let message = format!("`{}` has no counterpart", self.word(0));
+                if is_surplus {
+                    self.report(Code::E0001, message);
+                } else {
+                    self.expected("an operator or `}`");
+                }
+                if self.cursor == before || !self.starts_operand() {
+                    self.skip_as_error();
+                }
+            }
+        }
+        self.expect(RightBrace);
+        self.finish();
+    }
+
+    fn starts_operand(&self) -> bool {
+        self.at_any(&[Ident, LeftParen])
+    }
+
+    fn ends_expression(&self) -> bool {
+        self.at_any(&[RightParen, RightBrace, End]) || self.ends_block()
+    }
+
+    fn expression(&mut self) {
+        if self.descend() {
+            self.concurrent();
+            self.ascend();
+        } else {
+            self.skip_as_error();
+        }
+    }
+
+    fn concurrent(&mut self) {
+        self.operators(SyntaxKind::Concurrent, Comma, Self::fail_fast);
+    }
+
+    fn fail_fast(&mut self) {
+        self.operators(FailFast, Ampersand, Self::disable);
+    }
+
+    fn disable(&mut self) {
+        self.operators(Disable, Hash, Self::sequence);
+    }
+
+    fn sequence(&mut self) {
+        self.operators(SyntaxKind::Sequence, Semicolon, Self::otherwise);
+    }
+
+    /// `operand op operand op ...`; a `,` or `;` at the very end is accepted.
+    fn operators(&mut self, node: SyntaxKind, operator: SyntaxKind, operand: fn(&mut Self)) {
+        let checkpoint = self.checkpoint();
+        operand(self);
+        let mut is_started = false;
+        while self.at(operator) {
+            if !is_started {
+                self.start_at(checkpoint, node);
+                is_started = true;
+            }
+            self.bump();
+            if [Comma, Semicolon].contains(&operator) && self.ends_expression() {
+                break;
+            }
+            if operator == Semicolon && self.at(Semicolon) {
+                let report = self.report(Code::E0005, "`; ;` is not an operator");
+                if let Some(diagnostic) = report {
+                    diagnostic.help.push("write `;;` to repeat, or `;` to go on".to_owned());
+                }
+                self.bump();
+            }
+            operand(self);
+        }
+        if is_started {
+            self.finish();
+        }
+    }
+
+    fn otherwise(&mut self) {
+        let checkpoint = self.checkpoint();
+        self.chain();
+        if self.at_word("else") {
+            self.start_at(checkpoint, SyntaxKind::Otherwise);
+            while self.eat_word("else") {
+                self.chain();
+            }
+            self.finish();
+        }
+    }
+
+    /// `a : b ;; c`, to be read from the right.
+    fn chain(&mut self) {
+        let checkpoint = self.checkpoint();
+        self.prefixed();
+        if self.at_any(&[Colon, Recur, DoubleColon]) {
+            self.start_at(checkpoint, SyntaxKind::Chain);
+            while self.at_any(&[Colon, Recur, DoubleColon]) {
+                if self.at(DoubleColon) {
+                    self.report(Code::E0006, "`::` is not supported yet");
+                    self.bump();
+                    if self.at(LeftBracket) {
+                        self.skip_tree();
+                    }
+                } else {
+                    self.bump();
+                }
+                self.prefixed();
+            }
+            self.finish();
+        }
+    }
+
+    /// `retry(3) operand`
+    fn prefixed(&mut self) {
+        if !(self.at_word("retry") && self.kind(1) == LeftParen) {
+            return self.suffixed();
+        }
+        if !self.descend() {
+            return self.skip_as_error();
+        }
+        self.start(SyntaxKind::Retry);
+        self.bump();
+        self.bump();
+        if !self.eat(Number) {
+            self.expected("how many times to try again");
+        }
+        if self.at(Comma) {
+            self.report(Code::E0006, "a pause between tries is not supported yet");
+            while !self.at(RightParen) && !self.ends_expression() {
+                self.skip_tree();
+            }
+        }
+        self.expect(RightParen);
+        self.prefixed();
+        self.finish();
+        self.ascend();
+    }
+
+    /// `operand?`, `operand within 5 s`
+    fn suffixed(&mut self) {
+        let checkpoint = self.checkpoint();
+        self.operand();
+        if self.at(Question) || self.at_word("within") {
+            self.start_at(checkpoint, SyntaxKind::Suffixed);
+            while self.at(Question) || self.at_word("within") {
+                let is_limit = self.at_word("within");
+                self.bump();
+                if is_limit {
+                    self.constant();
+                }
+            }
+            self.finish();
+        }
+    }
+
+    fn operand(&mut self) {
+        if self.at(LeftParen) {
+            self.parenthesised();
+        } else if !self.at(Ident) || self.ends_block() {
+            self.expected("a process");
+        } else if self.at_word("any") && self.kind(1) == Number {
+            self.any_of();
+        } else if self.kind(1) == LeftParen && ["fail", "wait"].contains(&self.word(0)) {
+            self.call();
+        } else if [LeftParen, LeftBrace].contains(&self.kind(1)) && LATER.contains(&self.word(0)) {
+            self.report(Code::E0006, format!("`{}` is not supported yet", self.word(0)));
+            self.start(SyntaxKind::Error);
+            self.bump();
+            self.skip_tree();
+            self.finish();
+            if self.starts_operand() {
+                self.operand();
+            }
+        } else {
+            self.run();
+        }
+    }
+
+    fn parenthesised(&mut self) {
+        self.start(SyntaxKind::Paren);
+        self.bump();
+        self.expression();
+        while self.starts_operand() && !self.ends_block() {
+            self.expected("an operator or `)`");
+            self.expression();
+        }
+        self.expect(RightParen);
+        self.finish();
+    }
+
+    /// `fail("why")`, `wait(5 s)`
+    fn call(&mut self) {
+        let is_wait = self.at_word("wait");
+        self.start(if is_wait { SyntaxKind::Wait } else { SyntaxKind::Fail });
+        self.bump();
+        self.bump();
+        if is_wait {
+            self.constant();
+        } else if !self.eat(Text) {
+            self.expected("a string with the reason");
+        }
+        self.expect(RightParen);
+        self.finish();
+    }
+
+    /// `any 2 of (a, b, c)`
+    fn any_of(&mut self) {
+        self.start(SyntaxKind::AnyOf);
+        self.bump();
+        self.bump();
+        if !self.eat_word("of") {
+            self.expected("`of`");
+        }
+        if self.at(LeftParen) {
+            self.parenthesised();
+        } else {
+            self.expected("`(`");
+        }
+        self.finish();
+    }
+
+    /// `name[label, label]<value>`
+    fn run(&mut self) {
+        self.start(SyntaxKind::Run);
+        self.bump();
+        while self.at(SyntaxKind::Dot) && self.kind(1) == Ident {
+            self.report(Code::E0006, "only instances of the own group can be run");
+            self.bump();
+            self.bump();
+        }
+        if self.at(LeftBracket) || (self.at(Ident) && self.kind(1) == RightBracket) {
+            self.labels();
+        }
+        if self.at(Less) {
+            self.start(SyntaxKind::Binder);
+            self.bump();
+            self.list(Greater, "a name", |parser| parser.eat(Ident));
+            self.finish();
+        }
+        self.finish();
+    }
+
+    fn labels(&mut self) {
+        self.start(SyntaxKind::Labels);
+        self.expect(LeftBracket);
+        if self.at(Number) {
+            self.report(Code::E0006, "arrays of instances are not supported yet");
+            self.bump();
+        }
+        while !self.at(RightBracket) {
+            if !self.eat(Ident) {
+                self.expected("a label");
+                if !self.at(Comma) {
+                    break;
+                }
+            }
+            // `a[l, b[m]`: the bracket is missing, `b` is no label.
+            let is_next_operand = self.kind(1) == Ident && self.kind(2) != Comma && self.kind(2) != RightBracket;
+            if !self.at(Comma) || is_next_operand {
+                break;
+            }
+            self.bump();
+        }
+        self.expect(RightBracket);
+        self.finish();
+    }
+}

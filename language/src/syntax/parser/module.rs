@@ -1,0 +1,86 @@
+//! Interfaces of controller modules.
+
+use super::Parser;
+use crate::diagnostic::Code;
+use crate::syntax::SyntaxKind::{self, Colon, Ident, LeftBrace, LeftParen, Semicolon, Text};
+
+impl Parser<'_> {
+    /// `module Name ( params ) { items }`
+    pub(super) fn module(&mut self) {
+        self.start(SyntaxKind::Module);
+        self.bump();
+        self.expect_name("the name of the module");
+        if !self.at(LeftBrace) {
+            self.params();
+        }
+        self.statements(Self::module_item);
+        self.finish();
+    }
+
+    fn module_item(&mut self) {
+        match self.word(0) {
+            "in" | "out" => self.port(),
+            "done" | "service" | "plain" => self.flag(),
+            "exec" => self.exec(),
+            "stop" => self.stop_within(),
+            "aborts" | "claims" | "duration" | "resumable" => {
+                self.report(Code::W0007, format!("`{}` is not supported yet and has no effect", self.word(0)));
+                self.skip_statement();
+            }
+            _ => {
+                self.expected("`in`, `out`, `service`, `done`, `exec`, `plain` or `stop within`");
+                self.skip_statement();
+            }
+        }
+    }
+
+    /// `in Port: Type;`
+    fn port(&mut self) {
+        self.start(SyntaxKind::Port);
+        self.bump();
+        self.expect_name("the name of a port");
+        if self.eat(Colon) {
+            self.type_name();
+        }
+        if self.at(Ident) && self.kind(1) == Semicolon {
+            self.report(Code::W0007, format!("`{}` is not supported yet and has no effect", self.word(0)));
+            self.bump();
+        }
+        self.end_statement();
+        self.finish();
+    }
+
+    /// `service;`, `plain;`, `done;`, `done(found: Pose | missing);`
+    fn flag(&mut self) {
+        self.start(SyntaxKind::Flag);
+        self.bump();
+        if self.at(LeftParen) {
+            self.skip_tree();
+        }
+        self.end_statement();
+        self.finish();
+    }
+
+    /// `exec "program arg";`
+    fn exec(&mut self) {
+        self.start(SyntaxKind::Exec);
+        self.bump();
+        if !self.eat(Text) {
+            self.expected("a string with the program and its arguments");
+        }
+        self.end_statement();
+        self.finish();
+    }
+
+    /// `stop within 2 s;`
+    fn stop_within(&mut self) {
+        self.start(SyntaxKind::StopWithin);
+        self.bump();
+        if !self.eat_word("within") {
+            self.expected("`within`");
+        }
+        self.constant();
+        self.end_statement();
+        self.finish();
+    }
+}

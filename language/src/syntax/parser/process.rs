@@ -1,0 +1,392 @@
+//! Files, process groups and their sections.
+
+use super::Parser;
+use super::repair::{ITEMS, SECTIONS};
+use crate::diagnostic::{Code, Edit, Fix};
+use crate::similar;
+use crate::syntax::SyntaxKind::{
+    self, Arrow, BackArrow, Colon, Comma, Dot, End, Equals, Ident, LeftBrace, LeftBracket, LeftParen, Minus, Number,
+    RightBrace, RightBracket, RightParen, Semicolon, Slash, Text,
+};
+use rowan::Language;
+
+/// Connection qualities that are read; `push` and `pull` mean something already.
+const QUALITIES: [&str; 7] = ["push", "pull", "latch", "drop", "queue", "depth", "rate"];
+/// Words that go on after a number and are no unit.
+const NO_UNITS: [&str; 4] = ["else", "within", "of", "pause"];
+
+impl Parser<'_> {
+    pub(super) fn file(&mut self) {
+        // The root takes all trivia, the first too.
+        self.builder.start_node(crate::syntax::Dca::kind_to_raw(SyntaxKind::File));
+        while !self.at(End) {
+            self.item();
+        }
+        self.place_trivia();
+        self.finish();
+    }
+
+    fn item(&mut self) {
+        if self.at_word("module") {
+            self.module();
+        } else if self.at_word("process") {
+            self.process();
+        } else if self.is_section(0) {
+            // The process was closed too early; its sections are read for their own errors.
+            self.report(Code::E0001, format!("`{}` stands outside of any process", self.word(0)));
+            self.start(SyntaxKind::Error);
+            while self.is_section(0) {
+                self.section();
+            }
+            self.eat(RightBrace);
+            self.finish();
+        } else if self.at(Ident) && self.kind(1) == Ident && [LeftParen, LeftBrace].contains(&self.kind(2)) {
+            self.misspelt_item();
+        } else if self.at(Ident) && self.kind(1) == LeftParen {
+            self.expected("`process`");
+            self.process();
+        } else {
+            self.expected("`process` or `module`");
+            self.start(SyntaxKind::Error);
+            while !self.at(End) && !self.is_item(0) && !self.is_section(0) {
+                let is_end = self.at_any(&[Semicolon, RightBrace]);
+                self.skip_tree();
+                if is_end {
+                    break;
+                }
+            }
+            self.finish();
+        }
+    }
+
+    /// `proces Name (`: a word that is nearly one of ours is taken as such.
+    fn misspelt_item(&mut self) {
+        let span = self.span();
+        let suggestion = similar::nearest(self.word(0), ITEMS);
+        if let (Some(diagnostic), Some(word)) = (self.expected("`process` or `module`"), suggestion) {
+            let edits = vec![Edit { span, text: word.to_owned() }];
+            diagnostic.fix = Some(Fix { title: format!("replace with `{word}`"), edits });
+        }
+        match suggestion {
+            Some("module") => self.module(),
+            Some(_) | None => self.process(),
+        }
+    }
+
+    /// `process Name ( params ) { sections }`; the word may be missing or misspelt.
+    fn process(&mut self) {
+        self.start(SyntaxKind::Process);
+        if self.at(Ident) && (self.kind(1) == Ident || self.at_word("process")) {
+            self.bump();
+        }
+        self.expect_name("the name of the process");
+        self.params();
+        self.expect(LeftBrace);
+        while !self.at(End) && !self.is_item(0) {
+            if self.at(RightBrace) {
+                // A brace too many in front of a section: the process goes on.
+                if !self.is_section(1) {
+                    break;
+                }
+                self.expected("a section");
+                self.skip_as_error();
+            }
+            self.section();
+        }
+        self.expect(RightBrace);
+        self.finish();
+    }
+
+    pub(super) fn params(&mut self) {
+        self.start(SyntaxKind::Params);
+        self.expect(LeftParen);
+        self.list(RightParen, "a parameter", Self::param);
+        self.finish();
+    }
+
+    /// `name`, `name: Type`, `name: Type = value`.
+    fn param(&mut self) -> bool {
+        if !self.at(Ident) {
+            return false;
+        }
+        self.start(SyntaxKind::Param);
+        self.bump();
+        if self.eat(Colon) {
+            self.type_name();
+        }
+        if self.eat(Equals) {
+            self.constant();
+        }
+        self.finish();
+        true
+    }
+
+    /// `Name`, `name.Name`, `Name[6]`.
+    pub(super) fn type_name(&mut self) {
+        self.start(SyntaxKind::Type);
+        self.expect_name("a type");
+        while self.at(Dot) && self.kind(1) == Ident {
+            self.bump();
+            self.bump();
+        }
+        if self.eat(LeftBracket) {
+            self.eat(Number);
+            self.expect(RightBracket);
+        }
+        self.finish();
+    }
+
+    /// A string, a name, a number with or without a unit.
+    pub(super) fn constant(&mut self) {
+        self.start(SyntaxKind::Constant);
+        let is_negative = self.eat(Minus);
+        if self.eat(Number) {
+            self.unit();
+        } else if is_negative {
+            self.expected("a number");
+        } else if self.at_any(&[LeftBracket, LeftBrace]) {
+            self.report(Code::E0006, "lists and records are not supported yet");
+            self.skip_tree();
+        } else if !self.eat(Text) {
+            self.expect_name("a value");
+        }
+        self.finish();
+    }
+
+    /// `s`, `m/s`; a number without one is a plain number.
+    pub(super) fn unit(&mut self) {
+        if self.at(Ident) && !NO_UNITS.contains(&self.word(0)) && self.kind(1) != Equals {
+            self.bump();
+            if self.at(Slash) && self.kind(1) == Ident {
+                self.bump();
+                self.bump();
+            }
+        }
+    }
+
+    fn section(&mut self) {
+        match self.word(0) {
+            "host" => self.host(),
+            "instantiated_processes" => self.block(SyntaxKind::Instances, Self::instance),
+            "external_io" => self.block(SyntaxKind::External, Self::export),
+            "internal_connections" => self.connections(),
+            "internal_event_actions" => self.actions(),
+            _ => self.unknown_section(),
+        }
+    }
+
+    /// A misspelt section is read as what was meant; anything else is skipped.
+    fn unknown_section(&mut self) {
+        let span = self.span();
+        let opens = self.kind(1) == LeftBrace || self.kind(1) == LeftParen;
+        let meant = if self.at(Ident) && opens { similar::nearest(self.word(0), SECTIONS) } else { None };
+        let diagnostic = self.expected("a section");
+        if let (Some(diagnostic), Some(word)) = (diagnostic, meant) {
+            let edits = vec![Edit { span, text: word.to_owned() }];
+            diagnostic.fix = Some(Fix { title: format!("replace with `{word}`"), edits });
+        }
+        match meant {
+            Some("host") => self.host(),
+            Some("instantiated_processes") => self.block(SyntaxKind::Instances, Self::instance),
+            Some("external_io") => self.block(SyntaxKind::External, Self::export),
+            Some("internal_connections") => self.connections(),
+            Some(_) => self.actions(),
+            None => self.skip_section(),
+        }
+    }
+
+    fn skip_section(&mut self) {
+        self.start(SyntaxKind::Error);
+        while !self.ends_block() {
+            let is_end = self.at(LeftBrace);
+            self.skip_tree();
+            if is_end {
+                break;
+            }
+        }
+        self.finish();
+    }
+
+    /// `host { c1 }`
+    fn host(&mut self) {
+        self.start(SyntaxKind::Host);
+        self.bump();
+        self.expect(LeftBrace);
+        if !self.at(RightBrace) && !self.eat(Text) {
+            self.expect_name("a host");
+        }
+        if !self.at(RightBrace) && self.kind(1) == RightBrace && !self.is_section(0) {
+            self.expected("`}`");
+            self.skip_as_error();
+        }
+        self.expect(RightBrace);
+        self.finish();
+    }
+
+    /// `word { statements }`
+    fn block(&mut self, kind: SyntaxKind, statement: fn(&mut Self)) {
+        self.start(kind);
+        self.bump();
+        self.statements(statement);
+        self.finish();
+    }
+
+    /// `{ statements }`; every statement reads at least one token.
+    pub(super) fn statements(&mut self, statement: fn(&mut Self)) {
+        self.expect(LeftBrace);
+        while !self.ends_block() {
+            let before = self.cursor;
+            if self.at(Semicolon) || self.at(SyntaxKind::Recur) {
+                self.report(Code::W0009, "an empty statement");
+                self.bump();
+                continue;
+            }
+            statement(self);
+            if self.cursor == before {
+                self.skip_as_error();
+            }
+        }
+        self.expect(RightBrace);
+    }
+
+    /// Reads the `;` that ends a statement; skips to it when something else is in between.
+    pub(super) fn end_statement(&mut self) {
+        if self.at(SyntaxKind::Recur) {
+            self.report(Code::W0009, "an empty statement");
+            self.bump();
+        } else if !self.eat(Semicolon) {
+            let starts_next = self.at(Ident) || self.ends_block();
+            self.expect(Semicolon);
+            if !starts_next {
+                self.skip_statement();
+            }
+        }
+    }
+
+    /// `name instof Type ( args ) ;`
+    fn instance(&mut self) {
+        self.start(SyntaxKind::Instance);
+        let is_nameless = self.at_word("instof") && self.kind(1) == Ident && self.word(1) != "instof";
+        if is_nameless {
+            // Either the name is missing or the two words changed places.
+            self.expected("the name of an instance");
+            self.bump();
+            if self.kind(1) == Ident {
+                self.bump();
+            }
+        } else {
+            self.expect_name("the name of an instance");
+            if self.at(LeftBracket) {
+                self.report(Code::E0006, "arrays of instances are not supported yet");
+                self.skip_tree();
+            }
+            if !self.eat_word("instof") {
+                self.expected("`instof`");
+                if self.at(Ident) && self.kind(1) == Ident && self.word(1) == "instof" {
+                    self.bump();
+                    self.bump();
+                }
+            }
+        }
+        if self.at(Ident) {
+            self.type_name();
+        } else {
+            self.expected("the type of the instance");
+        }
+        self.args();
+        self.end_statement();
+        self.finish();
+    }
+
+    fn args(&mut self) {
+        self.start(SyntaxKind::Args);
+        if self.expect(LeftParen) || (self.at_any(&[Ident, Text, Number, RightParen]) && !self.ends_block()) {
+            self.list(RightParen, "an argument", Self::arg);
+        }
+        self.finish();
+    }
+
+    /// `value`, `name = value`
+    fn arg(&mut self) -> bool {
+        if !self.at_any(&[Ident, Text, Number, Minus, LeftBracket, LeftBrace]) {
+            return false;
+        }
+        self.start(SyntaxKind::Arg);
+        if self.at(Ident) && self.kind(1) == Equals {
+            self.bump();
+            self.bump();
+        }
+        self.constant();
+        self.finish();
+        true
+    }
+
+    /// `Out = instance, Port ;`
+    fn export(&mut self) {
+        self.start(SyntaxKind::Export);
+        self.expect_name("the name of an external port");
+        if !self.eat(Equals) {
+            self.expected("`=`");
+        }
+        self.endpoint();
+        self.end_statement();
+        self.finish();
+    }
+
+    /// `internal_connections ( owner, label ) { connections }`
+    fn connections(&mut self) {
+        self.start(SyntaxKind::Connections);
+        self.bump();
+        if self.at_any(&[LeftParen, Ident]) && !self.ends_block() {
+            self.start(SyntaxKind::Owner);
+            self.expect(LeftParen);
+            self.list(RightParen, "a name", |parser| parser.eat(Ident));
+            self.finish();
+        }
+        self.statements(Self::connection);
+        self.finish();
+    }
+
+    /// `a, Out -> b, In push ;`
+    fn connection(&mut self) {
+        self.start(SyntaxKind::Connection);
+        self.endpoint();
+        if !self.eat(Arrow) && !self.eat(BackArrow) {
+            self.expected("`->`");
+            if !self.at_any(&[Ident, Comma, Dot, Semicolon]) && !self.ends_block() {
+                self.skip_as_error();
+            }
+        }
+        self.endpoint();
+        while self.at(Ident) && QUALITIES.contains(&self.word(0)) && self.kind(1) != Comma {
+            self.quality();
+        }
+        self.end_statement();
+        self.finish();
+    }
+
+    fn quality(&mut self) {
+        if !["push", "pull"].contains(&self.word(0)) {
+            self.report(Code::W0007, format!("`{}` is not supported yet and has no effect", self.word(0)));
+        }
+        self.start(SyntaxKind::Quality);
+        self.bump();
+        if self.eat(Number) {
+            self.unit();
+        }
+        self.finish();
+    }
+
+    /// `instance, Port` or `instance.Port`
+    fn endpoint(&mut self) {
+        self.start(SyntaxKind::Endpoint);
+        self.expect_name("an instance");
+        if self.eat(Comma) || self.eat(Dot) {
+            self.expect_name("a port");
+        } else {
+            self.expected("`,` and a port");
+            self.eat(Ident);
+        }
+        self.finish();
+    }
+}
