@@ -75,6 +75,23 @@ pub fn forward(q: &Joints) -> Forward {
     Forward { base_from_tool, jacobian_in_base }
 }
 
+/// Returns the joint rates [rad/s] that move the hand with `twist_in_tool` (m/s, rad/s, tool axes), base at rest.
+///
+/// Damped least squares with a damping of 0.05: exact to a percent away from singular postures, bounded at them.
+/// Source: Nakamura and Hanafusa, J. Dynamic Systems 108, 1986.
+pub fn rates_for(q: &Joints, twist_in_tool: &Vector6<f64>) -> Joints {
+    let forward = forward(q);
+    let rotation = forward.base_from_tool.rotation;
+    let linear = rotation * twist_in_tool.fixed_rows::<3>(0);
+    let angular = rotation * twist_in_tool.fixed_rows::<3>(3);
+    let twist = Vector6::new(linear.x, linear.y, linear.z, angular.x, angular.y, angular.z);
+    let jacobian = forward.jacobian_in_base;
+    let damped = jacobian * jacobian.transpose() + Matrix6::identity() * 0.05f64.powi(2);
+    let rates = damped.cholesky().map_or_else(Joints::zeros, |factor| jacobian.transpose() * factor.solve(&twist));
+    let scaling = rates.zip_map(&Joints::from(RATES_MAX), |rate, max| rate.abs() / max).max().max(1.0);
+    rates / scaling
+}
+
 /// Rz(q) Tz(d) Tx(a) Rx(alpha).
 fn link(i: usize, q: f64) -> Isometry3<f64> {
     let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), q);

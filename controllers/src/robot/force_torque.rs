@@ -45,8 +45,8 @@ impl ForceTorque {
         self.filtered = self.filter.update(wrench, dt);
         if let Some((count, sum)) = &mut self.zeroing {
             *count += 1;
-            for i in 0..6 {
-                sum[i] += self.filtered[i] + self.offset[i];
+            for (sum, (filtered, offset)) in sum.iter_mut().zip(self.filtered.iter().zip(&self.offset)) {
+                *sum += filtered + offset;
             }
             if *count == ZERO_SAMPLES {
                 self.zero = sum.map(|sum| sum / f64::from(ZERO_SAMPLES));

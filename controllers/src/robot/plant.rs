@@ -130,8 +130,9 @@ impl Plant {
         }
     }
 
-    /// Lets one millisecond pass.
-    pub fn step(&mut self) {
+    /// Lets one millisecond pass, while a visitor pushes the hand with a force [N], world axes. A push is felt by the
+    /// sensor; the drives are stiff.
+    pub fn step(&mut self, visitor: &Vector3<f64>) {
         self.now = self.now + STEP;
         let (hand, handle) = (self.hand(), self.door.handle());
         self.push = self.grasp.push(&hand, &handle);
@@ -139,7 +140,7 @@ impl Plant {
         self.step_robot();
         self.step_grip(&hand, &handle);
         let tool_from_world = hand.world_from_tool.rotation.inverse();
-        let (force, torque) = (tool_from_world * self.push.force, tool_from_world * self.push.torque);
+        let (force, torque) = (tool_from_world * (self.push.force + visitor), tool_from_world * self.push.torque);
         self.force_torque.step(&[force.x, force.y, force.z, torque.x, torque.y, torque.z], DT);
     }
 
@@ -191,7 +192,7 @@ mod tests {
         let (start, mut odometry) = (*plant.base(), Odometry::default());
         for i in 0..3000 {
             plant.base_drive.command(Some(&[-0.2, 0.1, 0.0]), plant.now);
-            plant.step();
+            plant.step(&Vector3::zeros());
             if i % 8 == 0 {
                 odometry.update(plant.casters());
             }

@@ -208,6 +208,11 @@ impl Harness {
         matches!(self.slots[module.0].state, State::Running)
     }
 
+    /// Returns whether a module is running or stopping.
+    pub fn is_active(&self, module: ModuleId) -> bool {
+        !matches!(self.slots[module.0].state, State::Idle)
+    }
+
     /// Makes a closed wire.
     ///
     /// # Errors

@@ -1,0 +1,240 @@
+//! The Puma 560: the controller that moves it, the one that only listens, and a whole arm for compliant motion.
+
+use super::{FRESH, Watch, ramp_dt};
+use crate::control::puma560::{self, Joints};
+use crate::control::ramp::towards;
+use crate::message::{ArmCommand, ArmState, JointState, JointVelocity, Velocity};
+use crate::sdk::{About, Arguments, Controller, Out, Progress, Stopping, Tick};
+use comms::logic::time::Time;
+use nalgebra::Vector6;
+use std::time::Duration;
+
+const ACCELERATION_MAX: f64 = 8.0;
+/// A joint this close to its limit moves away from it only [rad].
+const LIMIT_MARGIN: f64 = 0.03;
+/// After a gap this long the drives have stopped by themselves.
+const GAP: f64 = 0.08;
+
+crate::inputs! {
+    /// What [`Puma560Ctrl`] hears.
+    pub(super) struct CtrlInputs {
+        /// How the joints shall move.
+        rates: JointVelocity = wire("In"),
+        /// The arm's encoders.
+        state: ArmState = device("arm/state"),
+    }
+}
+crate::outputs! {
+    /// What [`Puma560Ctrl`] says.
+    pub(super) struct CtrlOutputs {
+        /// The joints.
+        joints: JointState = wire("Out"),
+        /// To the arm.
+        command: ArmCommand = device("arm/cmd"),
+    }
+}
+
+/// The last command to the arm, and how it may change.
+#[derive(Clone, Debug, Default)]
+struct Servo {
+    command: Joints,
+    watch: Watch,
+}
+
+impl Servo {
+    /// Moves the command towards `wanted` [rad/s]; gives up when the arm is silent.
+    fn step(&mut self, tick: Tick, state: Option<&ArmState>, wanted: &Joints) -> Result<[f64; 6], String> {
+        if self.watch.is_silent(tick.now, state.is_some()) {
+            return Err("no word from the arm for 1 s".to_owned());
+        }
+        let (low, high) = (puma560::lowest(), puma560::highest());
+        let measured = state.map(|state| (Joints::from(state.angles), Joints::from(state.rates)));
+        if let Some((_, rates)) = measured.filter(|_| tick.dt() > GAP) {
+            self.command = rates;
+        }
+        let step = ACCELERATION_MAX * ramp_dt(tick);
+        self.command = Joints::from_fn(|i, _| {
+            let wanted = match measured {
+                Some((q, _)) if q[i] > high[i] - LIMIT_MARGIN => wanted[i].min(0.0),
+                Some((q, _)) if q[i] < low[i] + LIMIT_MARGIN => wanted[i].max(0.0),
+                Some(_) => wanted[i],
+                None => 0.0,
+            };
+            towards(self.command[i], wanted, step)
+        });
+        Ok(self.command.into())
+    }
+
+    /// Moves the command to rest, then lets go of the arm.
+    fn stop(&mut self, tick: Tick, owner: &str, command: &mut Out<ArmCommand>) -> Stopping {
+        let step = ACCELERATION_MAX * ramp_dt(tick);
+        self.command = self.command.map(|rate| towards(rate, 0.0, step));
+        let rests = self.command.amax() <= 0.0;
+        let rates = (!rests).then(|| self.command.into());
+        command.send(ArmCommand { owner: owner.to_owned(), rates });
+        if rests { Stopping::Finished } else { Stopping::Again }
+    }
+}
+
+/// Moves the arm's joints as told, within their limits, and tells where they are.
+#[derive(Debug, Default)]
+pub(super) struct Puma560Ctrl {
+    servo: Servo,
+}
+
+impl Controller for Puma560Ctrl {
+    type Inputs = CtrlInputs;
+    type Outputs = CtrlOutputs;
+    const TYPE: &'static str = "Puma560Ctrl";
+
+    fn about() -> About {
+        About::service("Moves the joints of the Puma 560 as told, and tells where they are.")
+            .every(Duration::from_millis(10))
+            .triggered_by("In")
+            .stop_within(Duration::from_secs(1))
+    }
+
+    fn new(_: &Arguments) -> Result<Self, String> {
+        Ok(Self::default())
+    }
+
+    fn init(&mut self, _: &[u8]) -> Result<(), String> {
+        *self = Self::default();
+        Ok(())
+    }
+
+    fn main_calc(&mut self, tick: Tick, inputs: &CtrlInputs, outputs: &mut CtrlOutputs) -> Progress {
+        if let Some(state) = inputs.state.fresh() {
+            outputs.joints.send(JointState { angles: state.angles, rates: state.rates });
+        }
+        let wanted = inputs.rates.fresh_within(tick.now, FRESH).map_or_else(Joints::zeros, |v| v.rates.into());
+        match self.servo.step(tick, inputs.state.fresh_within(tick.now, FRESH), &wanted) {
+            Ok(rates) => outputs.command.send(ArmCommand { owner: Self::TYPE.to_owned(), rates: Some(rates) }),
+            Err(reason) => return Progress::Aborted(reason),
+        }
+        Progress::Continue
+    }
+
+    fn stop(&mut self, tick: Tick, _: &CtrlInputs, outputs: &mut CtrlOutputs) -> Stopping {
+        self.servo.stop(tick, Self::TYPE, &mut outputs.command)
+    }
+}
+
+crate::inputs! {
+    /// What [`Puma560Joints`] hears.
+    pub(super) struct JointsInputs {
+        /// The arm's encoders.
+        state: ArmState = device("arm/state"),
+    }
+}
+crate::outputs! {
+    /// What [`Puma560Joints`] says.
+    pub(super) struct JointsOutputs {
+        /// The joints.
+        joints: JointState = wire("Out"),
+    }
+}
+
+/// Tells where the arm's joints are.
+#[derive(Debug, Default)]
+pub(super) struct Puma560Joints {
+    watch: Watch,
+}
+
+impl Controller for Puma560Joints {
+    type Inputs = JointsInputs;
+    type Outputs = JointsOutputs;
+    const TYPE: &'static str = "Puma560Joints";
+
+    fn about() -> About {
+        About::service("Tells where the joints of the Puma 560 are.")
+            .every(Duration::from_millis(50))
+            .triggered_by("arm/state")
+    }
+
+    fn new(_: &Arguments) -> Result<Self, String> {
+        Ok(Self::default())
+    }
+
+    fn init(&mut self, _: &[u8]) -> Result<(), String> {
+        *self = Self::default();
+        Ok(())
+    }
+
+    fn main_calc(&mut self, tick: Tick, inputs: &JointsInputs, outputs: &mut JointsOutputs) -> Progress {
+        let fresh = inputs.state.fresh();
+        if let Some(state) = fresh {
+            outputs.joints.send(JointState { angles: state.angles, rates: state.rates });
+        }
+        if self.watch.is_silent(tick.now, fresh.is_some()) {
+            return Progress::Aborted("no word from the arm for 1 s".to_owned());
+        }
+        Progress::Continue
+    }
+}
+
+crate::inputs! {
+    /// What [`Puma560`] hears.
+    pub(super) struct ArmInputs {
+        /// How the hand shall move.
+        velocity: Velocity = wire("In1"),
+        /// The arm's encoders.
+        state: ArmState = device("arm/state"),
+    }
+}
+crate::outputs! {
+    /// What [`Puma560`] says.
+    pub(super) struct ArmOutputs {
+        /// To the arm.
+        command: ArmCommand = device("arm/cmd"),
+    }
+}
+
+/// Moves the hand as told with the arm alone; the base stays.
+#[derive(Debug, Default)]
+pub(super) struct Puma560 {
+    servo: Servo,
+}
+
+impl Puma560 {
+    fn wanted(now: Time, inputs: &ArmInputs) -> Option<Joints> {
+        let state = inputs.state.fresh_within(now, FRESH)?;
+        let velocity = inputs.velocity.fresh_within(now, FRESH)?;
+        Some(puma560::rates_for(&state.angles.into(), &Vector6::from(velocity.twist)))
+    }
+}
+
+impl Controller for Puma560 {
+    type Inputs = ArmInputs;
+    type Outputs = ArmOutputs;
+    const TYPE: &'static str = "Puma560";
+
+    fn about() -> About {
+        About::service("Moves the hand of the Puma 560 as told, with the arm alone.")
+            .every(Duration::from_millis(10))
+            .triggered_by("In1")
+            .stop_within(Duration::from_secs(1))
+    }
+
+    fn new(_: &Arguments) -> Result<Self, String> {
+        Ok(Self::default())
+    }
+
+    fn init(&mut self, _: &[u8]) -> Result<(), String> {
+        *self = Self::default();
+        Ok(())
+    }
+
+    fn main_calc(&mut self, tick: Tick, inputs: &ArmInputs, outputs: &mut ArmOutputs) -> Progress {
+        let wanted = Self::wanted(tick.now, inputs).unwrap_or_else(Joints::zeros);
+        match self.servo.step(tick, inputs.state.fresh_within(tick.now, FRESH), &wanted) {
+            Ok(rates) => outputs.command.send(ArmCommand { owner: Self::TYPE.to_owned(), rates: Some(rates) }),
+            Err(reason) => return Progress::Aborted(reason),
+        }
+        Progress::Continue
+    }
+
+    fn stop(&mut self, tick: Tick, _: &ArmInputs, outputs: &mut ArmOutputs) -> Stopping {
+        self.servo.stop(tick, Self::TYPE, &mut outputs.command)
+    }
+}

@@ -1,0 +1,139 @@
+//! The XR4000: the controller that moves it, and its odometry.
+
+use super::{FRESH, Watch, ramp_dt};
+use crate::control::caster::{Casters, Odometry};
+use crate::control::ramp::towards;
+use crate::message::{BaseCommand, BasePose, BaseState, BaseVelocity};
+use crate::sdk::{About, Arguments, Controller, Progress, Stopping, Tick};
+use comms::logic::signals::Signal;
+use std::time::Duration;
+
+const ACCELERATION_MAX: f64 = 1.5;
+
+crate::inputs! {
+    /// What [`Xr4000Ctrl`] hears.
+    pub(super) struct CtrlInputs {
+        /// How the base shall move.
+        velocity: BaseVelocity = wire("In"),
+    }
+}
+crate::outputs! {
+    /// What [`Xr4000Ctrl`] says.
+    pub(super) struct CtrlOutputs {
+        /// To the base.
+        command: BaseCommand = device("base/cmd"),
+    }
+}
+
+/// Moves the base as told.
+#[derive(Debug, Default)]
+pub(super) struct Xr4000Ctrl {
+    command: [f64; 3],
+}
+
+impl Xr4000Ctrl {
+    fn step(&mut self, tick: Tick, wanted: [f64; 3]) -> [f64; 3] {
+        let step = ACCELERATION_MAX * ramp_dt(tick);
+        self.command = std::array::from_fn(|i| towards(self.command[i], wanted[i], step));
+        self.command
+    }
+}
+
+impl Controller for Xr4000Ctrl {
+    type Inputs = CtrlInputs;
+    type Outputs = CtrlOutputs;
+    const TYPE: &'static str = "XR4000Ctrl";
+
+    fn about() -> About {
+        About::service("Moves the XR4000 base as told.")
+            .every(Duration::from_millis(10))
+            .triggered_by("In")
+            .stop_within(Duration::from_millis(1500))
+    }
+
+    fn new(_: &Arguments) -> Result<Self, String> {
+        Ok(Self::default())
+    }
+
+    fn init(&mut self, _: &[u8]) -> Result<(), String> {
+        *self = Self::default();
+        Ok(())
+    }
+
+    fn main_calc(&mut self, tick: Tick, inputs: &CtrlInputs, outputs: &mut CtrlOutputs) -> Progress {
+        let wanted = inputs.velocity.fresh_within(tick.now, FRESH).map_or([0.0; 3], |velocity| velocity.rates);
+        let velocity = Some(self.step(tick, wanted));
+        outputs.command.send(BaseCommand { owner: Self::TYPE.to_owned(), velocity });
+        Progress::Continue
+    }
+
+    fn stop(&mut self, tick: Tick, _: &CtrlInputs, outputs: &mut CtrlOutputs) -> Stopping {
+        let velocity = self.step(tick, [0.0; 3]);
+        let rests = velocity.iter().all(|v| v.abs() <= 0.0);
+        let velocity = (!rests).then_some(velocity);
+        outputs.command.send(BaseCommand { owner: Self::TYPE.to_owned(), velocity });
+        if rests { Stopping::Finished } else { Stopping::Again }
+    }
+}
+
+crate::inputs! {
+    /// What [`Xr4000Odometry`] hears.
+    pub(super) struct OdometryInputs {
+        /// The encoders of the casters.
+        state: BaseState = device("base/state"),
+    }
+}
+crate::outputs! {
+    /// What [`Xr4000Odometry`] says.
+    pub(super) struct OdometryOutputs {
+        /// Where the base is, from where it was when this began.
+        pose: BasePose = wire("Out"),
+    }
+}
+
+/// Tells where the base is, by dead reckoning from its casters.
+#[derive(Debug, Default)]
+pub(super) struct Xr4000Odometry {
+    odometry: Odometry,
+    residual: f64,
+    watch: Watch,
+}
+
+impl Controller for Xr4000Odometry {
+    type Inputs = OdometryInputs;
+    type Outputs = OdometryOutputs;
+    const TYPE: &'static str = "XR4000Odometry";
+
+    fn about() -> About {
+        About::service("Tells where the XR4000 is, by dead reckoning from its casters.")
+            .every(Duration::from_millis(50))
+            .triggered_by("base/state")
+            .signals_every(Duration::from_millis(100))
+    }
+
+    fn new(_: &Arguments) -> Result<Self, String> {
+        Ok(Self::default())
+    }
+
+    fn init(&mut self, _: &[u8]) -> Result<(), String> {
+        *self = Self::default();
+        Ok(())
+    }
+
+    fn main_calc(&mut self, tick: Tick, inputs: &OdometryInputs, outputs: &mut OdometryOutputs) -> Progress {
+        let fresh = inputs.state.fresh();
+        if let Some(state) = fresh {
+            let angles = Casters::from_fn(|i, _| if i < 4 { state.steering[i] } else { state.rolling[i - 4] });
+            self.residual = self.odometry.update(&angles).residual;
+            outputs.pose.send(BasePose { pose: (*self.odometry.pose()).into() });
+        }
+        if self.watch.is_silent(tick.now, fresh.is_some()) {
+            return Progress::Aborted("no word from the base for 1 s".to_owned());
+        }
+        Progress::Continue
+    }
+
+    fn signals(&self) -> Vec<Signal> {
+        vec![Signal { name: "wheel slip".into(), unit: "rad".into(), value: self.residual, headline: false }]
+    }
+}

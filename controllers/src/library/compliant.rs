@@ -1,0 +1,70 @@
+//! CompliantCtrl: the hand gives way.
+
+use super::FRESH;
+use crate::control::compliant::{self, Guide};
+use crate::message::{Constraint, Velocity, Wrench};
+use crate::sdk::{About, Arguments, Controller, Progress, Tick};
+use nalgebra::{Vector3, Vector6};
+use std::time::Duration;
+
+crate::inputs! {
+    /// What it hears.
+    pub(super) struct Inputs {
+        /// The wrench on the hand.
+        wrench: Wrench = wire("In1"),
+        /// The direction in which another law leads the hand; without it the hand gives way in every direction.
+        guide: Constraint = optional("In2"),
+    }
+}
+crate::outputs! {
+    /// What it says.
+    pub(super) struct Outputs {
+        /// How the hand shall move.
+        velocity: Velocity = wire("Out1"),
+    }
+}
+
+/// Moves the hand the way it is pushed, except in the direction in which another law leads it.
+#[derive(Debug)]
+pub(super) struct CompliantCtrl;
+
+impl CompliantCtrl {
+    fn twist(tick: Tick, inputs: &Inputs) -> Option<Vector6<f64>> {
+        let wrench = inputs.wrench.fresh_within(tick.now, FRESH)?;
+        let guide = inputs.guide.fresh_within(tick.now, FRESH);
+        // A guide that has fallen silent is not the same as none.
+        if guide.is_none() && inputs.guide.received() > 0 {
+            return None;
+        }
+        let guide = guide.map(|guide| Guide {
+            tangent_in_tool: Vector3::from(guide.tangent),
+            up_in_tool: Vector3::from(guide.up),
+            upward: guide.upward,
+        });
+        let [x, y, z] = wrench.force;
+        let [a, b, c] = wrench.torque;
+        Some(compliant::velocity(&Vector6::new(x, y, z, a, b, c), guide.as_ref()))
+    }
+}
+
+impl Controller for CompliantCtrl {
+    type Inputs = Inputs;
+    type Outputs = Outputs;
+    const TYPE: &'static str = "CompliantCtrl";
+
+    fn about() -> About {
+        About::service("Moves the hand the way it is pushed, except where another law leads it.")
+            .every(Duration::from_millis(20))
+            .triggered_by("In1")
+    }
+
+    fn new(_: &Arguments) -> Result<Self, String> {
+        Ok(Self)
+    }
+
+    fn main_calc(&mut self, tick: Tick, inputs: &Inputs, outputs: &mut Outputs) -> Progress {
+        let twist = Self::twist(tick, inputs).unwrap_or_else(Vector6::zeros);
+        outputs.velocity.send(Velocity { twist: twist.into(), null: [0.0; 9] });
+        Progress::Continue
+    }
+}

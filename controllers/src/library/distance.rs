@@ -1,0 +1,167 @@
+//! The laser, and the detector of the distance from hand to door.
+
+use super::{FRESH, Watch};
+use crate::control::filter::Debounce;
+use crate::control::{line, puma560};
+use crate::message::{ArmState, LaserScan, LaserState};
+use crate::robot::laser;
+use crate::sdk::{About, Arguments, Controller, Kind, Parameter, Progress, Random, Tick};
+use comms::logic::signals::Signal;
+use nalgebra::Vector2;
+use std::time::Duration;
+
+const IN_A_ROW: u32 = 3;
+/// The sector that may show the door [deg].
+const SECTOR_DEG: f64 = 40.0;
+/// Points this close to the line are the wall [m]: four deviations of the laser.
+const TOLERANCE: f64 = 0.02;
+/// A hand that still approaches by more than this in [`SETTLE`] sweeps has not arrived [m].
+const SETTLED: f64 = 0.004;
+const SETTLE: usize = 6;
+
+crate::inputs! {
+    /// What [`LaserSensor`] hears.
+    pub(super) struct SensorInputs {
+        /// The laser.
+        state: LaserState = device("laser/state"),
+    }
+}
+crate::outputs! {
+    /// What [`LaserSensor`] says.
+    pub(super) struct SensorOutputs {
+        /// The sweep.
+        scan: LaserScan = wire("Out"),
+    }
+}
+
+/// Tells what the laser sees.
+#[derive(Debug, Default)]
+pub(super) struct LaserSensor {
+    watch: Watch,
+}
+
+impl Controller for LaserSensor {
+    type Inputs = SensorInputs;
+    type Outputs = SensorOutputs;
+    const TYPE: &'static str = "LaserSensor";
+
+    fn about() -> About {
+        About::service("Tells what the laser sees.").every(Duration::from_millis(100)).triggered_by("laser/state")
+    }
+
+    fn new(_: &Arguments) -> Result<Self, String> {
+        Ok(Self::default())
+    }
+
+    fn init(&mut self, _: &[u8]) -> Result<(), String> {
+        *self = Self::default();
+        Ok(())
+    }
+
+    fn main_calc(&mut self, tick: Tick, inputs: &SensorInputs, outputs: &mut SensorOutputs) -> Progress {
+        let fresh = inputs.state.fresh();
+        if let Some(state) = fresh {
+            outputs.scan.send(LaserScan { ranges: state.ranges.clone() });
+        }
+        if self.watch.is_silent(tick.now, fresh.is_some()) {
+            return Progress::Aborted("no word from the laser for 1 s".to_owned());
+        }
+        Progress::Continue
+    }
+}
+
+crate::inputs! {
+    /// What [`DistanceThreshold`] hears.
+    pub(super) struct ThresholdInputs {
+        /// The laser's sweep.
+        scan: LaserScan = wire("In"),
+        /// The arm's encoders, for where the hand is before the base.
+        state: ArmState = device("arm/state"),
+    }
+}
+
+/// Ends when the hand is near the wall in front of the base, and no longer approaching it.
+#[derive(Debug)]
+pub(super) struct DistanceThreshold {
+    threshold: f64,
+    debounce: Debounce,
+    recent: Vec<f64>,
+    random: Random,
+    watch: Watch,
+}
+
+impl DistanceThreshold {
+    /// From the hand to the line that the laser sees ahead [m].
+    fn distance(&mut self, ranges: &[f64], angles: &[f64; 6]) -> Option<f64> {
+        let sector = SECTOR_DEG.to_radians();
+        let points: Vec<Vector2<f64>> = ranges
+            .iter()
+            .zip(0..)
+            .map(|(range, ray)| (*range, laser::bearing(ray)))
+            .filter(|(range, bearing)| *range < laser::RANGE_MAX && bearing.abs() < sector)
+            .map(|(range, bearing)| Vector2::new(laser::AHEAD + range * bearing.cos(), range * bearing.sin()))
+            .collect();
+        let wall = line::fit(&points, TOLERANCE, &mut self.random)?;
+        let hand = puma560::forward(&(*angles).into()).base_from_tool.translation.vector;
+        Some(wall.distance - wall.normal.dot(&hand.xy()))
+    }
+}
+
+impl Controller for DistanceThreshold {
+    type Inputs = ThresholdInputs;
+    type Outputs = ();
+    const TYPE: &'static str = "DistanceThreshold";
+
+    fn about() -> About {
+        const THRESHOLD: &[Parameter] = &[Parameter::new("threshold", Kind::Number(0.05, 2.0)).or("0.27")];
+        About::task("Ends when the hand has come to rest near the wall ahead [m], leaving the distance.")
+            .every(Duration::from_millis(100))
+            .triggered_by("In")
+            .with(THRESHOLD)
+            .signals_every(Duration::from_millis(100))
+    }
+
+    fn new(arguments: &Arguments) -> Result<Self, String> {
+        Ok(Self {
+            threshold: arguments.number("threshold"),
+            debounce: Debounce::new(IN_A_ROW),
+            recent: Vec::new(),
+            random: Random::new(1),
+            watch: Watch::default(),
+        })
+    }
+
+    fn init(&mut self, _: &[u8]) -> Result<(), String> {
+        self.debounce = Debounce::new(IN_A_ROW);
+        self.recent.clear();
+        self.random = Random::new(1);
+        self.watch = Watch::default();
+        Ok(())
+    }
+
+    fn main_calc(&mut self, tick: Tick, inputs: &ThresholdInputs, (): &mut ()) -> Progress {
+        let fresh = inputs.scan.fresh();
+        if self.watch.is_silent(tick.now, fresh.is_some()) {
+            return Progress::Aborted("no sweep of the laser for 1 s".to_owned());
+        }
+        let (Some(scan), Some(state)) = (fresh, inputs.state.fresh_within(tick.now, FRESH)) else {
+            return Progress::Continue;
+        };
+        let Some(distance) = self.distance(&scan.ranges, &state.angles) else { return Progress::Continue };
+        if self.recent.len() == SETTLE {
+            self.recent.remove(0);
+        }
+        self.recent.push(distance);
+        let (near, far) = self.recent.iter().fold((f64::MAX, f64::MIN), |(a, b), d| (a.min(*d), b.max(*d)));
+        let settled = self.recent.len() == SETTLE && far - near < SETTLED;
+        if self.debounce.update(distance < self.threshold && settled) {
+            return Progress::Done(super::value(&distance));
+        }
+        Progress::Continue
+    }
+
+    fn signals(&self) -> Vec<Signal> {
+        let value = self.recent.last().copied().unwrap_or(f64::NAN);
+        vec![Signal { name: "hand to door".into(), unit: "m".into(), value, headline: false }]
+    }
+}

@@ -1,0 +1,108 @@
+//! ConfigCtrl and AddVelocity: the arm's posture as one law among several, and their sum.
+
+use super::FRESH;
+use crate::control::puma560::Joints;
+use crate::message::{JointState, Velocity};
+use crate::sdk::{About, Arguments, Controller, In, Progress, Tick};
+use nalgebra::{SVector, Vector3};
+use std::time::Duration;
+
+const POSTURE_GAIN: f64 = 0.9;
+const LINEAR_MAX: f64 = 0.25;
+const ANGULAR_MAX: f64 = 0.8;
+
+crate::inputs! {
+    /// What [`ConfigCtrl`] hears.
+    pub(super) struct ConfigInputs {
+        /// The arm's joints.
+        joints: JointState = wire("In"),
+    }
+}
+crate::outputs! {
+    /// What both say.
+    pub(super) struct Outputs {
+        /// How the hand shall move.
+        velocity: Velocity = wire("Out"),
+    }
+}
+
+/// Keeps the arm in the posture it has at the start, as far as the hand does not notice; so the base carries the arm.
+#[derive(Debug, Default)]
+pub(super) struct ConfigCtrl {
+    reference: Option<Joints>,
+}
+
+impl Controller for ConfigCtrl {
+    type Inputs = ConfigInputs;
+    type Outputs = Outputs;
+    const TYPE: &'static str = "ConfigCtrl";
+
+    fn about() -> About {
+        About::service("Keeps the arm's posture as far as the hand does not notice, so that the base carries the arm.")
+            .every(Duration::from_millis(20))
+            .triggered_by("In")
+    }
+
+    fn new(_: &Arguments) -> Result<Self, String> {
+        Ok(Self::default())
+    }
+
+    fn init(&mut self, _: &[u8]) -> Result<(), String> {
+        *self = Self::default();
+        Ok(())
+    }
+
+    fn main_calc(&mut self, _: Tick, inputs: &ConfigInputs, outputs: &mut Outputs) -> Progress {
+        if let Some(joints) = inputs.joints.fresh() {
+            let angles = Joints::from(joints.angles);
+            let back = (*self.reference.get_or_insert(angles) - angles) * POSTURE_GAIN;
+            let null = std::array::from_fn(|i| if i < 3 { 0.0 } else { back[i - 3] });
+            outputs.velocity.send(Velocity { twist: [0.0; 6], null });
+        }
+        Progress::Continue
+    }
+}
+
+crate::inputs! {
+    /// What [`AddVelocity`] hears.
+    pub(super) struct AddInputs {
+        /// The first velocity; each new one makes a sum.
+        first: Velocity = wire("In1"),
+        /// The second.
+        second: Velocity = optional("In2"),
+        /// The third.
+        third: Velocity = optional("In3"),
+    }
+}
+
+/// Adds velocities; one that has fallen silent counts as zero.
+#[derive(Debug)]
+pub(super) struct AddVelocity;
+
+impl Controller for AddVelocity {
+    type Inputs = AddInputs;
+    type Outputs = Outputs;
+    const TYPE: &'static str = "AddVelocity";
+
+    fn about() -> About {
+        About::service("Adds velocities; one that has fallen silent counts as zero.")
+            .every(Duration::from_millis(10))
+            .triggered_by("In1")
+    }
+
+    fn new(_: &Arguments) -> Result<Self, String> {
+        Ok(Self)
+    }
+
+    fn main_calc(&mut self, tick: Tick, inputs: &AddInputs, outputs: &mut Outputs) -> Progress {
+        let all: [&In<Velocity>; 3] = [&inputs.first, &inputs.second, &inputs.third];
+        let fresh = || all.iter().filter_map(|input| input.fresh_within(tick.now, FRESH));
+        let null: SVector<f64, 9> = fresh().map(|velocity| SVector::from(velocity.null)).sum();
+        let twist: SVector<f64, 6> = fresh().map(|velocity| SVector::from(velocity.twist)).sum();
+        let linear = Vector3::new(twist[0], twist[1], twist[2]).cap_magnitude(LINEAR_MAX);
+        let angular = Vector3::new(twist[3], twist[4], twist[5]).cap_magnitude(ANGULAR_MAX);
+        let twist = [linear.x, linear.y, linear.z, angular.x, angular.y, angular.z];
+        outputs.velocity.send(Velocity { twist, null: null.into() });
+        Progress::Continue
+    }
+}

@@ -1,0 +1,126 @@
+//! GripperControl: opens or closes the fingers, and knows whether they hold anything.
+
+use super::{FRESH, Watch};
+use crate::control::filter::Debounce;
+use crate::message::{GripperCommand, GripperState};
+use crate::sdk::{About, Arguments, Controller, Kind, Parameter, Progress, Stopping, Tick};
+use comms::logic::time::Time;
+use std::time::Duration;
+
+const OPEN: f64 = 0.08;
+const OPEN_ENOUGH: f64 = 0.075;
+/// Fingers this close together hold nothing [m].
+const EMPTY: f64 = 0.006;
+const HOLD_FORCE: f64 = 20.0;
+const TIMEOUT: Duration = Duration::from_secs(4);
+const IN_A_ROW: u32 = 3;
+
+crate::inputs! {
+    /// What it hears.
+    pub(super) struct Inputs {
+        /// The gripper.
+        state: GripperState = device("gripper/state"),
+    }
+}
+crate::outputs! {
+    /// What it says.
+    pub(super) struct Outputs {
+        /// To the gripper.
+        command: GripperCommand = device("gripper/cmd"),
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Goal {
+    Open,
+    Close,
+}
+
+/// Opens the gripper, or closes it on something; aborts when it closed on nothing.
+#[derive(Debug)]
+pub(super) struct GripperControl {
+    goal: Goal,
+    held: Debounce,
+    empty: Debounce,
+    started: Time,
+    watch: Watch,
+}
+
+impl GripperControl {
+    fn owner(&self) -> String {
+        match self.goal {
+            Goal::Open => "GripperControl open".to_owned(),
+            Goal::Close => "GripperControl close".to_owned(),
+        }
+    }
+
+    fn judge(&mut self, state: &GripperState) -> Progress {
+        match self.goal {
+            Goal::Open if state.width > OPEN_ENOUGH => Progress::Done(Vec::new()),
+            Goal::Open => Progress::Continue,
+            Goal::Close => {
+                let presses = state.force > HOLD_FORCE;
+                let held = self.held.update(presses && state.width > EMPTY);
+                let empty = self.empty.update(presses && state.width <= EMPTY);
+                if held {
+                    Progress::Done(super::value(&state.width))
+                } else if empty {
+                    Progress::Aborted("the gripper closed on nothing".to_owned())
+                } else {
+                    Progress::Continue
+                }
+            }
+        }
+    }
+}
+
+impl Controller for GripperControl {
+    type Inputs = Inputs;
+    type Outputs = Outputs;
+    const TYPE: &'static str = "GripperControl";
+
+    fn about() -> About {
+        const GOAL: &[Parameter] = &[Parameter::new("goal", Kind::Text(&["open", "close"]))];
+        About::task("Opens the gripper, or closes it on something; aborts when it closed on nothing.")
+            .every(Duration::from_millis(20))
+            .with(GOAL)
+    }
+
+    fn new(arguments: &Arguments) -> Result<Self, String> {
+        let goal = if arguments.text("goal") == "open" { Goal::Open } else { Goal::Close };
+        let debounce = Debounce::new(IN_A_ROW);
+        Ok(Self { goal, held: debounce, empty: debounce, started: Time::ZERO, watch: Watch::default() })
+    }
+
+    fn init(&mut self, _: &[u8]) -> Result<(), String> {
+        (self.held, self.empty) = (Debounce::new(IN_A_ROW), Debounce::new(IN_A_ROW));
+        self.watch = Watch::default();
+        Ok(())
+    }
+
+    fn run(&mut self, now: Time) {
+        self.started = now;
+    }
+
+    fn main_calc(&mut self, tick: Tick, inputs: &Inputs, outputs: &mut Outputs) -> Progress {
+        let width = match self.goal {
+            Goal::Open => OPEN,
+            Goal::Close => 0.0,
+        };
+        outputs.command.send(GripperCommand { owner: self.owner(), width: Some(width) });
+        if self.watch.is_silent(tick.now, inputs.state.fresh_within(tick.now, FRESH).is_some()) {
+            return Progress::Aborted("no word from the gripper for 1 s".to_owned());
+        }
+        let progress = inputs.state.fresh().map_or(Progress::Continue, |state| self.judge(state));
+        if progress == Progress::Continue && tick.now.since(self.started) > TIMEOUT {
+            return Progress::Aborted("the gripper did not finish within 4 s".to_owned());
+        }
+        progress
+    }
+
+    fn stop(&mut self, _: Tick, _: &Inputs, outputs: &mut Outputs) -> Stopping {
+        // The gripper keeps its width; only the right to command it is given back.
+        outputs.command.send(GripperCommand { owner: self.owner(), width: None });
+        Stopping::Finished
+    }
+}

@@ -1,0 +1,90 @@
+//! RedundancyResolution: one hand velocity to base and arm.
+
+use super::{FRESH, Watch, ramp_dt};
+use crate::control::redundancy::{Rates, Resolver};
+use crate::message::{BaseVelocity, JointState, JointVelocity, Velocity};
+use crate::sdk::{About, Arguments, Controller, Progress, Tick};
+use comms::logic::signals::Signal;
+use nalgebra::Vector6;
+use std::time::Duration;
+
+/// After a gap this long the drives have stopped by themselves [s].
+const GAP: f64 = 0.08;
+
+crate::inputs! {
+    /// What it hears.
+    pub(super) struct Inputs {
+        /// How the hand shall move.
+        velocity: Velocity = wire("In"),
+        /// The arm's joints.
+        joints: JointState = wire("In1"),
+    }
+}
+crate::outputs! {
+    /// What it says.
+    pub(super) struct Outputs {
+        /// How the base shall move.
+        base: BaseVelocity = wire("Out1"),
+        /// How the arm's joints shall move.
+        arm: JointVelocity = wire("Out2"),
+    }
+}
+
+/// Shares the velocity of the hand out to base and arm; brings both to rest when nobody commands.
+#[derive(Debug, Default)]
+pub(super) struct RedundancyResolution {
+    resolver: Resolver,
+    watch: Watch,
+    singular_value: f64,
+    scaling: f64,
+}
+
+impl Controller for RedundancyResolution {
+    type Inputs = Inputs;
+    type Outputs = Outputs;
+    const TYPE: &'static str = "RedundancyResolution";
+
+    fn about() -> About {
+        About::service("Shares the velocity of the hand out to base and arm; without a command both come to rest.")
+            .every(Duration::from_millis(10))
+            .triggered_by("In")
+            .signals_every(Duration::from_millis(100))
+    }
+
+    fn new(_: &Arguments) -> Result<Self, String> {
+        Ok(Self::default())
+    }
+
+    fn init(&mut self, _: &[u8]) -> Result<(), String> {
+        *self = Self::default();
+        Ok(())
+    }
+
+    fn main_calc(&mut self, tick: Tick, inputs: &Inputs, outputs: &mut Outputs) -> Progress {
+        let joints = inputs.joints.fresh_within(tick.now, FRESH);
+        if self.watch.is_silent(tick.now, joints.is_some()) {
+            return Progress::Aborted("no joint angles for 1 s".to_owned());
+        }
+        if let Some(joints) = joints.filter(|_| tick.dt() > GAP) {
+            self.resolver.restart(Rates::from_fn(|i, _| if i < 3 { 0.0 } else { joints.rates[i - 3] }));
+        }
+        let rates = match (joints, inputs.velocity.fresh_within(tick.now, FRESH)) {
+            (Some(joints), Some(velocity)) => {
+                let (twist, null) = (Vector6::from(velocity.twist), Rates::from(velocity.null));
+                let resolved = self.resolver.resolve(&joints.angles.into(), &twist, &null, ramp_dt(tick));
+                self.singular_value = resolved.singular_value_min;
+                self.scaling = resolved.scaling;
+                resolved.rates
+            }
+            (None, _) | (_, None) => self.resolver.rest(ramp_dt(tick)),
+        };
+        outputs.base.send(BaseVelocity { rates: std::array::from_fn(|i| rates[i]) });
+        outputs.arm.send(JointVelocity { rates: std::array::from_fn(|i| rates[i + 3]) });
+        Progress::Continue
+    }
+
+    fn signals(&self) -> Vec<Signal> {
+        let signal = |name: &str, value| Signal { name: name.into(), unit: String::new(), value, headline: false };
+        vec![signal("smallest singular value", self.singular_value), signal("speed scaling", self.scaling)]
+    }
+}
