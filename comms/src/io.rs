@@ -1,1 +1,5 @@
 //! Clocks, sockets and zenoh.
+
+pub mod clock;
+pub mod queue;
+pub mod session;

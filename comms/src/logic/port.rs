@@ -76,9 +76,9 @@ impl<T> Queue<T> {
         match self.policy {
             Policy::Reject(_) => Pushed::Rejected(value),
             Policy::Latest | Policy::DropOldest(_) => {
-                let oldest = self.values.pop_front().expect("a full queue holds at least one value");
+                let oldest = self.values.pop_front();
                 self.values.push_back(value);
-                Pushed::Replaced(oldest)
+                oldest.map_or(Pushed::Stored, Pushed::Replaced)
             }
         }
     }

@@ -1,0 +1,114 @@
+//! The only place where a clock is read, and where a thread waits for one.
+
+use crate::logic::time::Time;
+use rustix::thread::set_current_timer_slack;
+use rustix::time::{ClockId, clock_gettime};
+use std::num::NonZeroU64;
+use std::sync::{Condvar, Mutex, PoisonError};
+use std::time::Duration;
+
+/// Returns the present time on this host. The clock counts while the host sleeps and is never set.
+pub fn now() -> Time {
+    since_origin(ClockId::Boottime)
+}
+
+/// Returns the time since 1970 on this host's calendar clock, for people. It may be wrong, and it may jump.
+pub fn unix_time() -> Duration {
+    Duration::from_nanos(since_origin(ClockId::Realtime).nanos())
+}
+
+fn since_origin(clock: ClockId) -> Time {
+    let read = clock_gettime(clock);
+    // Both parts are positive on a clock that started at its origin; a calendar before 1970 counts as 1970.
+    let (seconds, nanos) = (u64::try_from(read.tv_sec).unwrap_or(0), u64::try_from(read.tv_nsec).unwrap_or(0));
+    Time::from_nanos(seconds.saturating_mul(1_000_000_000).saturating_add(nanos))
+}
+
+/// Waits on tokio's timers, which are late by up to a millisecond or two; control loops use [`Wakeup`].
+///
+/// # Cancellation
+/// Safe.
+pub async fn sleep_until(until: Time) {
+    tokio::time::sleep(until.since(now())).await;
+}
+
+/// Prepares the calling thread for waiting: the kernel wakes it at the deadline instead of up to 50 µs later.
+pub fn make_punctual() {
+    // The oldest kernels refuse; the thread is then merely less punctual.
+    if let Err(error) = set_current_timer_slack(NonZeroU64::new(1)) {
+        tracing::debug!(%error, "timer slack stays as it was");
+    }
+}
+
+/// Lets a dedicated thread wait for an absolute deadline or for another thread, whichever comes first.
+#[derive(Debug, Default)]
+pub struct Wakeup {
+    pending: Mutex<bool>,
+    condvar: Condvar,
+}
+
+/// Why a wait is over.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Woken {
+    /// The deadline has come.
+    Deadline,
+    /// [`Wakeup::wake`] was called since the last wait.
+    Called,
+}
+
+impl Wakeup {
+    /// Ends the present wait, or the next one if there is none.
+    pub fn wake(&self) {
+        *self.pending.lock().unwrap_or_else(PoisonError::into_inner) = true;
+        self.condvar.notify_one();
+    }
+
+    /// Waits until `until` at the longest; without a deadline until it is woken.
+    pub fn wait(&self, until: Option<Time>) -> Woken {
+        let mut pending = self.pending.lock().unwrap_or_else(PoisonError::into_inner);
+        loop {
+            if std::mem::take(&mut *pending) {
+                return Woken::Called;
+            }
+            pending = match until.map(|until| until.since(now())) {
+                None => self.condvar.wait(pending).unwrap_or_else(PoisonError::into_inner),
+                Some(Duration::ZERO) => return Woken::Deadline,
+                Some(left) => self.condvar.wait_timeout(pending, left).unwrap_or_else(PoisonError::into_inner).0,
+            };
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::Arc;
+
+    #[test]
+    fn time_does_not_go_back() {
+        let times: Vec<Time> = (0..1000).map(|_| now()).collect();
+        assert!(times.is_sorted());
+        assert!(times[0] > Time::ZERO && unix_time() > Duration::from_secs(1_600_000_000));
+    }
+
+    #[test]
+    fn waits_for_the_deadline_and_no_less() {
+        make_punctual();
+        let wakeup = Wakeup::default();
+        let until = now() + Duration::from_millis(2);
+        assert_eq!(wakeup.wait(Some(until)), Woken::Deadline);
+        assert!(now() >= until);
+    }
+
+    #[test]
+    fn a_call_is_never_missed() {
+        let wakeup = Arc::new(Wakeup::default());
+        wakeup.wake();
+        assert_eq!(wakeup.wait(None), Woken::Called);
+        let other = Arc::clone(&wakeup);
+        let caller = std::thread::spawn(move || other.wake());
+        assert_eq!(wakeup.wait(None), Woken::Called);
+        caller.join().unwrap();
+        assert_eq!(wakeup.wait(Some(now())), Woken::Deadline);
+    }
+}

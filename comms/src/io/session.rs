@@ -1,0 +1,199 @@
+//! The session of a node, and of the command line: calls, streams, presence, and messages from node to node.
+//!
+//! Nodes are zenoh peers and form a clique: each is linked to each, none relays for others. A command line is a client of
+//! the node on its host and reaches every other node through it. Data of controllers goes over sessions of their own
+//! ([`crate::io::data`]).
+//!
+//! Callbacks of zenoh only put things into bounded queues, so one slow task never holds up a link.
+
+mod call;
+mod config;
+mod message;
+mod open;
+
+pub use call::{CallError, Replies, Request, Server};
+pub(crate) use config::{Settings, unix_locator};
+pub use message::{Presence, Subscription, Token, Watch};
+pub(crate) use open::{Opened, addresses};
+
+use crate::logic::key::HostName;
+use config::Scouting;
+use std::os::unix::net::UnixStream;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+use thiserror::Error;
+
+/// How long [`Session::close`] waits. Zenoh alone can take 10 s when a peer has vanished.
+const CLOSE_WITHIN: Duration = Duration::from_secs(2);
+/// How long a command line without a node waits for the first nodes to answer.
+const SCOUT_MS: u32 = 500;
+/// Zenoh's thread pools, all in one: a hand-over between pools costs more than the wire. With a single worker, a call
+/// that blocks inside zenoh would hold up everything.
+const RUNTIME: &str =
+    "(rx: (handover: app), acc: (handover: app), tx: (handover: app), net: (handover: app), app: (worker_threads: 2))";
+
+/// Who can reach a session.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Reach {
+    /// Programs of this user on this host.
+    Host,
+    /// Also the local network, unauthenticated.
+    Lan,
+}
+
+/// What a node's session needs to know.
+#[derive(Clone, Debug)]
+pub struct NodeOptions {
+    /// The node's name, for messages to people.
+    pub name: HostName,
+    /// The Unix socket to listen on, in a directory that only this user can enter.
+    pub socket: PathBuf,
+    /// Who can reach it.
+    pub reach: Reach,
+    /// Locators of nodes known ahead; they may be absent, and are dialled until they are there.
+    pub peers: Vec<String>,
+}
+
+/// An open session.
+#[derive(Debug)]
+pub struct Session {
+    opened: Opened,
+}
+
+/// Why a session could not be opened.
+#[derive(Clone, Debug, Error, PartialEq, Eq)]
+pub enum OpenError {
+    /// The socket's path is of no use.
+    #[error("the socket path {path:?} cannot be used: {problem}")]
+    SocketPath {
+        /// The path.
+        path: PathBuf,
+        /// What is wrong.
+        problem: &'static str,
+    },
+    /// No node on this host.
+    #[error("no node answers at {path:?}: {cause}")]
+    NoNode {
+        /// The socket tried.
+        path: PathBuf,
+        /// The system's words.
+        cause: String,
+    },
+    /// Zenoh refuses.
+    #[error("cannot open a session: {cause}")]
+    Zenoh {
+        /// Its words.
+        cause: String,
+    },
+    /// The system gives no thread.
+    #[error("cannot open a session: no thread to open it on")]
+    NoThread,
+}
+
+/// Tunes zenoh for this process. Called first in `main`; calling it later, or twice, has no effect.
+pub fn prepare_process() {
+    const VARIABLE: &str = "ZENOH_RUNTIME";
+    let threads = std::fs::read_dir("/proc/self/task").map_or(0, Iterator::count);
+    if threads != 1 || std::env::var_os(VARIABLE).is_some() {
+        tracing::debug!(threads, "zenoh keeps its own thread pools");
+        return;
+    }
+    set_variable(VARIABLE, RUNTIME);
+}
+
+#[expect(unsafe_code, reason = "zenoh takes the layout of its thread pools from the environment and from nowhere else")]
+fn set_variable(name: &str, value: &str) {
+    // SAFETY: the caller has seen that this process has a single thread, which is this one, so nothing reads the
+    // environment meanwhile.
+    unsafe { std::env::set_var(name, value) };
+}
+
+impl Session {
+    /// Opens the session of a node.
+    ///
+    /// With [`Reach::Lan`] it also listens on one TCP port of each network interface and looks for other nodes by
+    /// multicast. The interfaces are those that are up now; addresses are concrete, because others try every address
+    /// they are told, one after the other.
+    ///
+    /// # Errors
+    /// If the socket cannot be used, or another node listens on it.
+    ///
+    /// # Cancellation
+    /// The session is opened and closed again in the background.
+    pub async fn open_node(options: NodeOptions) -> Result<Self, OpenError> {
+        let mut listen = vec![unix_locator(&options.socket)?];
+        let scouting = match options.reach {
+            Reach::Host => Scouting::Off,
+            Reach::Lan => {
+                listen.extend(addresses().iter().map(|address| format!("tcp/{address}:0")));
+                Scouting::On
+            }
+        };
+        let session = Self::open(Settings::node(scouting).listen(&listen).connect(&options.peers)).await?;
+        tracing::debug!(host = options.name.as_str(), locators = ?session.locators(), "node session is open");
+        Ok(session)
+    }
+
+    /// Opens the session of a command line through the node that listens on `socket`.
+    ///
+    /// # Errors
+    /// If no node answers there.
+    ///
+    /// # Cancellation
+    /// The session is opened and closed again in the background.
+    pub async fn open_client(socket: &Path) -> Result<Self, OpenError> {
+        let locator = unix_locator(socket)?;
+        // Asks the socket first: the system says why, zenoh only that.
+        UnixStream::connect(socket)
+            .map_err(|cause| OpenError::NoNode { path: socket.to_owned(), cause: cause.to_string() })?;
+        Self::open(Settings::client(&locator)).await
+    }
+
+    /// Opens the session of a command line on a host without a node: looks for nodes on the local network, and returns
+    /// when the first have answered or after half a second.
+    ///
+    /// # Errors
+    /// If there is no network to look on.
+    ///
+    /// # Cancellation
+    /// The session is opened and closed again in the background.
+    pub async fn open_scout() -> Result<Self, OpenError> {
+        Self::open(Settings::node(Scouting::Ask).await_peers(SCOUT_MS)).await
+    }
+
+    async fn open(settings: Settings) -> Result<Self, OpenError> {
+        // Zenoh blocks while it opens, and panics on a single-threaded runtime.
+        let opened = on_thread("dca-open", move || Opened::open(settings)).await.ok_or(OpenError::NoThread)?;
+        opened.map(|opened| Self { opened })
+    }
+
+    /// Returns the session's id, lower-case hex.
+    pub fn id(&self) -> String {
+        self.opened.id()
+    }
+
+    /// Returns the locators that it listens on.
+    pub fn locators(&self) -> Vec<String> {
+        self.opened.locators()
+    }
+
+    /// Closes the session, in 2 s at the most.
+    ///
+    /// # Cancellation
+    /// The session closes in the background.
+    pub async fn close(self) {
+        let closing = on_thread("dca-close", move || self.opened.close());
+        if tokio::time::timeout(CLOSE_WITHIN, closing).await.is_err() {
+            tracing::debug!("the session is still closing");
+        }
+    }
+}
+
+/// Runs something that blocks on a thread of its own; none if there is no thread to be had.
+async fn on_thread<T: Send + 'static>(name: &str, work: impl FnOnce() -> T + Send + 'static) -> Option<T> {
+    let (done_tx, done) = tokio::sync::oneshot::channel();
+    let thread = std::thread::Builder::new().name(name.to_owned());
+    // The thread ends with its work; whoever is not waiting any more does not want the result.
+    thread.spawn(move || drop(done_tx.send(work()))).ok()?;
+    done.await.ok()
+}

@@ -1,0 +1,127 @@
+//! Messages from node to node, and who is there.
+
+use super::Session;
+use super::call::CallError;
+use super::open::plain;
+use crate::io::queue::{self, Receiver};
+use crate::logic::port::Policy;
+use zenoh::Wait;
+use zenoh::liveliness::LivelinessToken;
+use zenoh::pubsub::Subscriber;
+use zenoh::qos::CongestionControl;
+use zenoh::sample::{Sample, SampleKind};
+
+/// Appearances and departures that have not been taken yet.
+const PRESENCES_MAX: usize = 4096;
+
+/// Receives what is put on a key until it is dropped.
+#[derive(Debug)]
+pub struct Subscription {
+    samples: Receiver<(String, Vec<u8>)>,
+    _subscriber: Subscriber<()>,
+}
+
+/// Says that something is there, until it is dropped or its process ends.
+#[derive(Debug)]
+pub struct Token {
+    _token: LivelinessToken,
+}
+
+/// Receives who appears and vanishes until it is dropped.
+#[derive(Debug)]
+pub struct Watch {
+    presences: Receiver<Presence>,
+    _subscriber: Subscriber<()>,
+}
+
+/// A change of who is there.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Presence {
+    /// This key was announced, or has been since before the watch began.
+    Appeared(String),
+    /// It was withdrawn, or its process or host cannot be reached any more.
+    Vanished(String),
+}
+
+impl Session {
+    /// Sends to whoever subscribes to `key` now. Lost if nobody does, or if the link is congested or cut; senders that
+    /// mind send again.
+    ///
+    /// # Errors
+    /// If the session is closed.
+    pub fn put(&self, key: &str, bytes: Vec<u8>) -> Result<(), CallError> {
+        let put = self.opened.session.put(key, bytes).congestion_control(CongestionControl::Drop).express(true).wait();
+        put.map_err(|cause| session_error(key, &cause))
+    }
+
+    /// Receives what is put on keys that match `key`, with a queue of this policy.
+    ///
+    /// # Errors
+    /// If the session is closed.
+    pub fn subscribe(&self, key: &str, policy: Policy) -> Result<Subscription, CallError> {
+        let (sample_tx, samples) = queue::channel(policy);
+        let on_sample = move |sample: Sample| {
+            sample_tx.push((sample.key_expr().as_str().to_owned(), sample.payload().to_bytes().into_owned()));
+        };
+        let subscriber = self.opened.session.declare_subscriber(key).callback(on_sample).wait();
+        let subscriber = subscriber.map_err(|cause| session_error(key, &cause))?;
+        Ok(Subscription { samples, _subscriber: subscriber })
+    }
+
+    /// Lets everyone who watches know that `key` is there.
+    ///
+    /// # Errors
+    /// If the session is closed.
+    pub fn announce(&self, key: &str) -> Result<Token, CallError> {
+        let token = self.opened.session.liveliness().declare_token(key).wait();
+        token.map(|token| Token { _token: token }).map_err(|cause| session_error(key, &cause))
+    }
+
+    /// Watches who announces keys that match `key`, beginning with those that are there already.
+    ///
+    /// # Errors
+    /// If the session is closed.
+    pub fn watch(&self, key: &str) -> Result<Watch, CallError> {
+        let (presence_tx, presences) = queue::channel(Policy::reject(PRESENCES_MAX));
+        let on_change = move |sample: Sample| {
+            let key = sample.key_expr().as_str().to_owned();
+            presence_tx.push(match sample.kind() {
+                SampleKind::Put => Presence::Appeared(key),
+                SampleKind::Delete => Presence::Vanished(key),
+            });
+        };
+        let liveliness = self.opened.session.liveliness();
+        let subscriber = liveliness.declare_subscriber(key).history(true).callback(on_change).wait();
+        let subscriber = subscriber.map_err(|cause| session_error(key, &cause))?;
+        Ok(Watch { presences, _subscriber: subscriber })
+    }
+}
+
+impl Subscription {
+    /// Returns the next key and what was put on it; none once the session is closed.
+    ///
+    /// # Cancellation
+    /// Safe.
+    pub async fn next(&mut self) -> Option<(String, Vec<u8>)> {
+        self.samples.recv().await
+    }
+
+    /// Returns how many samples were lost because the queue was full.
+    pub fn lost(&self) -> u64 {
+        self.samples.lost()
+    }
+}
+
+impl Watch {
+    /// Returns the next change; none once the session is closed.
+    ///
+    /// # Cancellation
+    /// Safe.
+    pub async fn next(&mut self) -> Option<Presence> {
+        self.presences.recv().await
+    }
+}
+
+fn session_error(key: &str, cause: &zenoh::Error) -> CallError {
+    CallError::Session { key: key.to_owned(), cause: plain(cause) }
+}

@@ -1,0 +1,162 @@
+//! The only place that opens zenoh, and the only one that uses its `internal` interface: a session on a runtime of our
+//! own, which can dial a peer at any time.
+
+use super::OpenError;
+use super::config::Settings;
+use crate::io::queue::{self, Receiver};
+use crate::logic::port::Policy;
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+use tokio::task::JoinSet;
+use zenoh::Wait;
+use zenoh::config::{Locator, ZenohId};
+use zenoh::internal::runtime::{Runtime, RuntimeBuilder, ZRuntime};
+use zenoh::sample::SampleKind;
+use zenoh::session::TransportEvent;
+
+/// Waits between two attempts to dial: from here,
+const RETRY_MIN: Duration = Duration::from_millis(100);
+/// and half as much again each time, to here.
+const RETRY_MAX: Duration = Duration::from_millis(500);
+/// Lost links whose loss has not been looked at yet. More can only be lost by a process with more peers than that.
+const LOSSES_MAX: usize = 1024;
+
+/// A session that can dial.
+pub(crate) struct Opened {
+    pub(crate) session: zenoh::Session,
+    runtime: Runtime,
+    kept: Arc<Kept>,
+    keeper: tokio::task::JoinHandle<()>,
+}
+
+/// Peers that are dialled again when their link is lost: locators by session id.
+type Kept = Mutex<BTreeMap<String, Vec<Locator>>>;
+
+impl std::fmt::Debug for Opened {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Opened").field("session", &self.session.zid()).finish_non_exhaustive()
+    }
+}
+
+impl Opened {
+    /// Opens a session. Blocks; must not be called from a task.
+    pub(crate) fn open(settings: Settings) -> Result<Self, OpenError> {
+        let failed = |cause: zenoh::Error| OpenError::Zenoh { cause: plain(&cause) };
+        let runtime = ZRuntime::Net
+            .block_in_place(async {
+                let mut runtime = RuntimeBuilder::new(settings.into_config()).build().await?;
+                match runtime.start().await {
+                    Ok(()) => Ok(runtime),
+                    Err(cause) => {
+                        runtime
+                            .close()
+                            .await
+                            .unwrap_or_else(|error| tracing::debug!(%error, "a session did not close"));
+                        Err(cause)
+                    }
+                }
+            })
+            .map_err(failed)?;
+        let session = zenoh::session::init(runtime.clone().into()).wait().map_err(failed)?;
+        let (lost_tx, lost) = queue::channel(Policy::reject(LOSSES_MAX));
+        let on_event = move |event: TransportEvent| {
+            if event.kind() == SampleKind::Delete {
+                lost_tx.push(event.transport().zid().to_string());
+            }
+        };
+        session.info().transport_events_listener().callback(on_event).background().wait().map_err(failed)?;
+        let kept = Arc::new(Kept::default());
+        let keeper = ZRuntime::Net.spawn(keep(runtime.clone(), Arc::clone(&kept), lost));
+        Ok(Self { session, runtime, kept, keeper })
+    }
+
+    /// Returns the session's id as it is written in a `Dial`.
+    pub(crate) fn id(&self) -> String {
+        self.session.zid().to_string()
+    }
+
+    /// Returns where the session listens.
+    pub(crate) fn locators(&self) -> Vec<String> {
+        self.runtime.get_locators().iter().map(ToString::to_string).collect()
+    }
+
+    /// Links to a peer and keeps linked to it; tries for as long as `within`. Blocks; must not be called from a task.
+    /// Says why not.
+    pub(crate) fn dial(&self, session: &str, locators: &[String], within: Duration) -> Result<(), String> {
+        let id: ZenohId = session.parse().map_err(|_unhelpful| format!("`{session}` is not a session"))?;
+        let locators: Result<Vec<Locator>, _> = locators.iter().map(|locator| locator.parse()).collect();
+        let locators = locators.map_err(|cause: zenoh::Error| plain(&cause))?;
+        if locators.is_empty() {
+            return Err("it listens nowhere that can be reached from here".to_owned());
+        }
+        // Before the first attempt, so that a link lost right after it is noticed.
+        lock(&self.kept).insert(session.to_owned(), locators.clone());
+        let linked = ZRuntime::Net
+            .block_in_place(async { tokio::time::timeout(within, connect(&self.runtime, id, &locators)).await });
+        linked.map_err(|_elapsed| {
+            lock(&self.kept).remove(session);
+            let places: Vec<String> = locators.iter().map(ToString::to_string).collect();
+            format!("nobody answers at {} within {within:?}", places.join(", "))
+        })
+    }
+
+    /// Closes the session. Blocks for up to 20 s when a peer has vanished without a word.
+    pub(crate) fn close(self) {
+        self.keeper.abort();
+        for closed in [self.session.close().wait(), self.runtime.close().wait()] {
+            closed.unwrap_or_else(|error| tracing::debug!(%error, "a session did not close"));
+        }
+    }
+}
+
+/// Dials kept peers again as their links are lost, until the session closes.
+async fn keep(runtime: Runtime, kept: Arc<Kept>, mut lost: Receiver<String>) {
+    let mut dialling = JoinSet::new();
+    loop {
+        let session = tokio::select! {
+            session = lost.recv() => session,
+            Some(_) = dialling.join_next() => continue,
+        };
+        let Some(session) = session else { return };
+        let Some(locators) = lock(&kept).get(&session).cloned() else { continue };
+        let Ok(id) = session.parse() else { continue };
+        let runtime = runtime.clone();
+        tracing::debug!(session, "link lost, dialling again");
+        dialling.spawn(async move { connect(&runtime, id, &locators).await });
+    }
+}
+
+/// Dials until there is a link. Two attempts for one peer at a time do no harm: zenoh lets one through.
+async fn connect(runtime: &Runtime, id: ZenohId, locators: &[Locator]) {
+    let mut wait = RETRY_MIN;
+    while !runtime.connect_peer(&id.into(), locators).await && !runtime.is_closed() {
+        tokio::time::sleep(wait.mul_f64(jitter())).await;
+        wait = RETRY_MAX.min(wait.mul_f64(1.5));
+    }
+}
+
+/// Returns a factor from 0.75 to 1.25, so that programs that lost their links together do not dial together.
+fn jitter() -> f64 {
+    let millionth = crate::io::clock::now().nanos() % 1_000_000;
+    0.75 + f64::from(u32::try_from(millionth).unwrap_or(0)) / 2e6
+}
+
+/// Returns the addresses of this host on which others can reach it: the IPv4 address of each interface that is up and
+/// takes part in multicast. They are read once per process.
+pub(crate) fn addresses() -> Vec<String> {
+    let addresses = Runtime::get_interfaces("auto");
+    addresses.iter().filter(|address| !address.is_unspecified()).map(ToString::to_string).collect()
+}
+
+/// Returns zenoh's words without the places in its source that it adds.
+pub(super) fn plain(cause: &zenoh::Error) -> String {
+    let text = cause.to_string();
+    let end = text.find(" at /").or_else(|| text.find(" at zenoh")).unwrap_or(text.len());
+    text[..end].trim_end_matches('.').to_owned()
+}
+
+fn lock(kept: &Kept) -> MutexGuard<'_, BTreeMap<String, Vec<Locator>>> {
+    // A map of plain values is valid whatever happened to the thread that held it.
+    kept.lock().unwrap_or_else(PoisonError::into_inner)
+}
