@@ -27,9 +27,8 @@ pub enum Line {
 }
 
 /// Remembers what has been told.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Progress {
-    style: Style,
     start: String,
     going: bool,
     begun: usize,
@@ -39,13 +38,8 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// Returns a teller that has told nothing yet.
-    pub fn new(style: Style) -> Self {
-        Self { style, start: String::new(), going: false, begun: 0, ended: 0, notes: 0, last: Duration::ZERO }
-    }
-
     /// Returns what is new since the last call. To be called after each report, and every 100 ms or so besides.
-    pub fn lines(&mut self, mission: &Mission) -> Vec<Line> {
+    pub fn lines(&mut self, mission: &Mission, style: Style) -> Vec<Line> {
         let mut lines = Vec::new();
         if !mission.start().is_running() {
             let line = mission.start().line();
@@ -53,7 +47,7 @@ impl Progress {
                 self.start.clone_from(&line);
                 lines.push(Line::Live(line));
             }
-            return self.cut(lines);
+            return fitted(lines, style);
         }
         if !self.going {
             self.going = true;
@@ -63,11 +57,11 @@ impl Progress {
             lines.push(Line::Kept(format!("{:>6.1} s  ! {} {}", note.at.as_secs_f64(), note.process, note.text)));
         }
         self.notes = mission.notes().len();
-        self.phases(mission, &mut lines);
-        self.cut(lines)
+        self.phases(mission, style, &mut lines);
+        fitted(lines, style)
     }
 
-    fn phases(&mut self, mission: &Mission, lines: &mut Vec<Line>) {
+    fn phases(&mut self, mission: &Mission, style: Style, lines: &mut Vec<Line>) {
         let dropped = mission.phases_dropped();
         let ended = mission.phases().iter().skip(self.ended.saturating_sub(dropped));
         for phase in ended.take_while(|phase| phase.end.is_some()) {
@@ -76,7 +70,7 @@ impl Progress {
         }
         let begun = dropped + mission.phases().len();
         let now = mission.now();
-        let due = match self.style {
+        let due = match style {
             Style::Terminal(_) => true,
             Style::Plain => begun != self.begun || now >= self.last + PLAIN_EVERY,
         };
@@ -85,18 +79,18 @@ impl Progress {
             lines.push(Line::Live(live_line(mission)));
         }
     }
+}
 
-    fn cut(&self, mut lines: Vec<Line>) -> Vec<Line> {
-        if let Style::Terminal(width) = self.style {
-            for line in &mut lines {
-                // A live line that wraps could not be drawn again; the others may wrap.
-                if let Line::Live(text) = line {
-                    *text = cut(text, width.saturating_sub(1));
-                }
+fn fitted(mut lines: Vec<Line>, style: Style) -> Vec<Line> {
+    if let Style::Terminal(width) = style {
+        for line in &mut lines {
+            // A live line that wraps could not be drawn again; the others may wrap.
+            if let Line::Live(text) = line {
+                *text = cut(text, width.saturating_sub(1));
             }
         }
-        lines
     }
+    lines
 }
 
 fn live_line(mission: &Mission) -> String {
@@ -143,10 +137,10 @@ mod tests {
 
     fn check(style: Style, expect: &Expect) {
         let mut mission = Mission::new(&door());
-        let mut progress = Progress::new(style);
+        let mut progress = Progress::default();
         let mut text = String::new();
         let mut tell = |mission: &Mission| {
-            for line in progress.lines(mission) {
+            for line in progress.lines(mission, style) {
                 let (mark, line) = match &line {
                     Line::Kept(line) => ('=', line),
                     Line::Live(line) => ('~', line),

@@ -2,7 +2,8 @@
 
 use super::*;
 use crate::logic::protocol::FailureCause;
-use comms::logic::signals::Signal;
+use crate::logic::record::Entry;
+use comms::logic::signals::{Signal, Signals};
 use comms::logic::time::Time;
 use expect_test::{Expect, expect};
 use language::plan::{Expression as E, Group, Leaf, LeafKind, Member, MemberKind};
@@ -68,21 +69,29 @@ pub(crate) fn door() -> Plan {
     plan(&names, E::Disable(vec![run(0), chain]))
 }
 
-/// One line an event: `at process activated|stopping|done|stopped|why it aborted`, or `at process signal value unit`.
+/// Feeds GO and then a table.
 pub(crate) fn feed(mission: &mut Mission, table: &str) {
     mission.report(&Report::Go { took: seconds(0.8), signals: Vec::new() });
-    for line in table.lines().map(str::trim).filter(|line| !line.is_empty()) {
-        let words: Vec<&str> = line.split_whitespace().collect();
-        let (at, path) = (seconds(words[0].parse().unwrap()), format!("main/sys/{}", words[1]));
-        if let [_, _, name, value, unit] = words[..] {
-            let headline = !name.starts_with('_');
-            let value = value.parse().unwrap();
-            let signal = Signal { name: name.replace('_', " "), unit: unit.to_owned(), value, headline };
-            mission.signals(&path, at, &Signals { stamp: Time::ZERO, values: vec![signal] });
-        } else {
-            mission.report(&event(&path, words[2], at));
+    for entry in event_table(table) {
+        match entry {
+            Entry::Report(report) => mission.report(&report),
+            Entry::Signals { path, at, sample } => mission.signals(&path, at, &sample),
         }
     }
+}
+
+/// One line an event: `at process activated|stopping|done|stopped|why it aborted`, or `at process signal value unit`.
+pub(crate) fn event_table(table: &str) -> Vec<Entry> {
+    let lines = table.lines().map(str::trim).filter(|line| !line.is_empty());
+    let entry = |line: &str| {
+        let words: Vec<&str> = line.split_whitespace().collect();
+        let (at, path) = (seconds(words[0].parse().unwrap()), format!("main/sys/{}", words[1]));
+        let [_, _, name, value, unit] = words[..] else { return Entry::Report(event(&path, words[2], at)) };
+        let (headline, value) = (!name.starts_with('_'), value.parse().unwrap());
+        let signal = Signal { name: name.replace('_', " "), unit: unit.to_owned(), value, headline };
+        Entry::Signals { path, at, sample: Signals { stamp: Time::from_nanos(5), values: vec![signal] } }
+    };
+    lines.map(entry).collect()
 }
 
 fn event(path: &str, word: &str, at: Duration) -> Report {

@@ -1,0 +1,40 @@
+//! `dca report`: one page to look at, from the record of a run.
+
+use crate::cli::{Failure, output};
+use crate::io::recorder;
+use crate::logic::page::page;
+use anyhow::Context as _;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Name of a report, beside its record.
+pub const FILE: &str = "report.html";
+
+/// What `dca report` is told.
+#[derive(Debug, clap::Args)]
+pub struct Arguments {
+    /// The record, or the folder it is in
+    record: PathBuf,
+    /// Where the page goes [default: report.html beside the record]
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
+}
+
+/// Runs the verb.
+pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let folder = arguments.record.is_dir();
+    let record = if folder { arguments.record.join(recorder::FILE) } else { arguments.record.clone() };
+    let file = arguments.output.clone().unwrap_or_else(|| record.with_file_name(FILE));
+    write(&record, &file)?;
+    output::say(&file.display().to_string());
+    Ok(())
+}
+
+/// Reads a record and writes its page.
+///
+/// # Errors
+/// When the record cannot be read, or the page cannot be written.
+pub fn write(record: &Path, file: &Path) -> anyhow::Result<()> {
+    let run = recorder::read(record)?;
+    fs::write(file, page(&run)).with_context(|| format!("writing the report `{}`", file.display()))
+}

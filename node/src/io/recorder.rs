@@ -1,0 +1,209 @@
+//! Writes the record of a run on a thread of its own.
+//!
+//! The queue to it is bounded and nobody ever waits for it: samples that find it full are dropped and counted. Reports
+//! have as much room again, so that a burst of samples can not push them out. What is older than a second is on the
+//! file system, in whole chunks: whoever kills the recorder loses no more than that.
+
+mod queue;
+
+use crate::logic::record::{Entry, Header, ReadError, Row, Rows, Run};
+use mcap::records::MessageHeader;
+use mcap::write::NoSeek;
+use mcap::{Attachment, McapError, WriteOptions, Writer};
+use queue::{Popped, Queue};
+use std::fs::{self, File};
+use std::io::{self, BufWriter};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::thread::{self, JoinHandle};
+use std::time::Duration;
+
+/// Name of a record in the folder of its run.
+pub const FILE: &str = "run.mcap";
+/// How much can be lost when the recorder is killed.
+pub const FLUSH_EVERY: Duration = Duration::from_secs(1);
+
+/// What cannot be done with a record.
+#[derive(Debug, thiserror::Error)]
+pub enum RecordError {
+    /// The folder or the file cannot be made.
+    #[error("creating the record `{path}`: {source}")]
+    Create {
+        /// Of the record.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// The file cannot be written.
+    #[error("writing the record `{path}`: {source}")]
+    Write {
+        /// Of the record.
+        path: PathBuf,
+        /// Why.
+        source: McapError,
+    },
+    /// The file cannot be opened.
+    #[error("reading the record `{path}`: {source}")]
+    Open {
+        /// Of the record.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// The file is no record.
+    #[error("reading the record `{path}`: {source}")]
+    Read {
+        /// Of the record.
+        path: PathBuf,
+        /// Why.
+        source: ReadError,
+    },
+}
+
+/// Reads a record, as far as it goes.
+///
+/// # Errors
+/// When there is no such file, or it does not say what was run.
+pub fn read(path: &Path) -> Result<Run, RecordError> {
+    let bytes = fs::read(path).map_err(|source| RecordError::Open { path: path.to_owned(), source })?;
+    Run::from_bytes(&bytes).map_err(|source| RecordError::Read { path: path.to_owned(), source })
+}
+
+/// A record that is being written. Dropped, it is finished without a word.
+#[derive(Debug)]
+pub struct Recorder {
+    path: PathBuf,
+    queue: Arc<Queue>,
+    thread: Option<JoinHandle<Result<(), McapError>>>,
+}
+
+impl Recorder {
+    /// Begins the record `run.mcap` in `folder`, which is made if it is not there. A record that is there is replaced.
+    ///
+    /// # Errors
+    /// When the file cannot be made, or the header cannot be written.
+    pub fn create(folder: &Path, header: &Header) -> Result<Self, RecordError> {
+        let path = folder.join(FILE);
+        let made = fs::create_dir_all(folder).and_then(|()| File::create(&path));
+        let file = made.map_err(|source| RecordError::Create { path: path.clone(), source })?;
+        let written = Log::begin(file, header);
+        let log = written.map_err(|source| RecordError::Write { path: path.clone(), source })?;
+        let queue = Arc::new(Queue::default());
+        let theirs = Arc::clone(&queue);
+        let thread = thread::Builder::new().name("recorder".to_owned()).spawn(move || log.run(&theirs));
+        let thread = Some(thread.map_err(|source| RecordError::Create { path: path.clone(), source })?);
+        Ok(Self { path, queue, thread })
+    }
+
+    /// Returns the file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Records an entry, or counts it as dropped when there is no room. Never waits.
+    pub fn push(&self, entry: Entry) {
+        let limit = match entry {
+            Entry::Report(_) => queue::REPORTS,
+            Entry::Signals { .. } => queue::SAMPLES,
+        };
+        self.queue.push(entry, limit);
+    }
+
+    /// Writes what is still in the queue and ends the record. Returns its path, and how many entries were dropped.
+    ///
+    /// # Errors
+    /// When something could not be written, now or before: the record is good up to there.
+    pub fn finish(mut self) -> Result<(PathBuf, u64), RecordError> {
+        let path = self.path.clone();
+        match self.end() {
+            Ok(()) => Ok((path, self.queue.dropped())),
+            Err(source) => Err(RecordError::Write { path, source }),
+        }
+    }
+
+    fn end(&mut self) -> Result<(), McapError> {
+        self.queue.close();
+        match self.thread.take().map(JoinHandle::join) {
+            Some(Ok(result)) => result,
+            Some(Err(panic)) => std::panic::resume_unwind(panic),
+            None => Ok(()),
+        }
+    }
+}
+
+impl Drop for Recorder {
+    fn drop(&mut self) {
+        self.queue.close();
+        if let Some(thread) = self.thread.take() {
+            drop(thread.join());
+        }
+    }
+}
+
+/// The writing end.
+struct Log {
+    writer: Writer<NoSeek<BufWriter<File>>>,
+    rows: Rows,
+    /// The channel of each topic of `rows`.
+    channels: Vec<u16>,
+    entries: u64,
+    flushed: Duration,
+}
+
+impl Log {
+    fn begin(file: File, header: &Header) -> Result<Self, McapError> {
+        // Without seeking a chunk reaches the file in one piece: there is never half of one to be repaired.
+        let options = WriteOptions::new().compression(None).disable_seeking(true).profile("dca");
+        let mut writer = options.create(NoSeek::new(BufWriter::new(file)))?;
+        for (name, media_type, data) in header.attachments() {
+            let (name, media_type, data) = (name.to_owned(), media_type.to_owned(), data.into());
+            writer.attach(&Attachment { log_time: 0, create_time: 0, name, media_type, data })?;
+        }
+        writer.flush()?;
+        Ok(Self { writer, rows: Rows::default(), channels: Vec::new(), entries: 0, flushed: Duration::ZERO })
+    }
+
+    fn run(mut self, queue: &Queue) -> Result<(), McapError> {
+        let result = self.follow(queue);
+        if result.is_err() {
+            // Nobody will empty the queue any more.
+            queue.close();
+        }
+        result
+    }
+
+    fn follow(&mut self, queue: &Queue) -> Result<(), McapError> {
+        loop {
+            match queue.pop(FLUSH_EVERY) {
+                Popped::Entry(entry) => self.write(&entry)?,
+                Popped::Nothing => self.writer.flush()?,
+                Popped::Closed => {
+                    self.writer.finish()?;
+                    return Ok(());
+                }
+            }
+        }
+    }
+
+    fn write(&mut self, entry: &Entry) -> Result<(), McapError> {
+        let Row { topic, at, stamp, data } = self.rows.row(entry);
+        for topic in &self.rows.topics()[self.channels.len()..] {
+            let schema = self.writer.add_schema(topic.schema_name, "jsonschema", &topic.schema)?;
+            self.channels.push(self.writer.add_channel(schema, &topic.name, "json", &topic.metadata)?);
+        }
+        let log_time = u64::try_from(at.as_nanos()).unwrap_or(u64::MAX);
+        let sequence = u32::try_from(self.entries % (u64::from(u32::MAX) + 1)).unwrap_or_default();
+        let header = MessageHeader { channel_id: self.channels[topic], sequence, log_time, publish_time: stamp };
+        self.writer.write_to_known_channel(&header, &data)?;
+        self.entries += 1;
+        // The entries' own time will do; a clock is needed only when none come, and then the queue has it.
+        if at.saturating_sub(self.flushed) >= FLUSH_EVERY {
+            self.writer.flush()?;
+            self.flushed = at;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests;

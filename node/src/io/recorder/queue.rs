@@ -1,0 +1,78 @@
+//! The queue to the recorder: bounded, never waited for by those who fill it.
+
+use crate::logic::record::Entry;
+use std::collections::VecDeque;
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+/// How long the queue may be for a sample to be let in: about two seconds of a busy robot.
+pub(super) const SAMPLES: usize = 4_096;
+/// How long the queue may be for a report to be let in.
+pub(super) const REPORTS: usize = 2 * SAMPLES;
+
+/// What there is to do.
+#[derive(Debug)]
+pub(super) enum Popped {
+    /// This.
+    Entry(Box<Entry>),
+    /// Nothing came for the time given.
+    Nothing,
+    /// Nothing will ever come.
+    Closed,
+}
+
+#[derive(Debug, Default)]
+pub(super) struct Queue {
+    inside: Mutex<Inside>,
+    changed: Condvar,
+}
+
+#[derive(Debug, Default)]
+struct Inside {
+    entries: VecDeque<Entry>,
+    dropped: u64,
+    closed: bool,
+}
+
+impl Queue {
+    /// Adds an entry unless the queue is closed or has `limit` entries already; then it is dropped and counted.
+    pub(super) fn push(&self, entry: Entry, limit: usize) {
+        let mut inside = self.lock();
+        if inside.closed || inside.entries.len() >= limit {
+            inside.dropped += 1;
+        } else {
+            inside.entries.push_back(entry);
+            self.changed.notify_one();
+        }
+    }
+
+    /// Takes the oldest entry out, or waits for one.
+    pub(super) fn pop(&self, timeout: Duration) -> Popped {
+        let mut inside = self.lock();
+        if inside.entries.is_empty() && !inside.closed {
+            let waited = self.changed.wait_timeout(inside, timeout);
+            inside = waited.unwrap_or_else(PoisonError::into_inner).0;
+        }
+        match inside.entries.pop_front() {
+            Some(entry) => Popped::Entry(Box::new(entry)),
+            None if inside.closed => Popped::Closed,
+            None => Popped::Nothing,
+        }
+    }
+
+    /// Lets nothing more in.
+    pub(super) fn close(&self) {
+        self.lock().closed = true;
+        self.changed.notify_one();
+    }
+
+    /// Returns how many entries were not let in.
+    pub(super) fn dropped(&self) -> u64 {
+        self.lock().dropped
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Inside> {
+        // Nothing here panics while it holds the lock, so what is inside is whole in any case.
+        self.inside.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}

@@ -1,0 +1,104 @@
+//! The record of a run: everything that was reported and every signal, in one MCAP file.
+//!
+//! Each message is JSON, so that any MCAP viewer can plot it: reports on `/events`, a program's samples on
+//! `/signals/<path>` as one object of numbers. Times are since GO. The spec and its plan are attachments. What is here
+//! turns entries into messages and a file's bytes back into a [`Run`]; `io::recorder` has the file and the thread.
+//! Source: the MCAP format specification, <https://mcap.dev/spec>.
+
+mod read;
+mod row;
+
+pub use read::ReadError;
+pub use row::{EVENTS, Row, Rows, SIGNALS, Topic};
+
+use crate::logic::mission::Mission;
+use crate::logic::protocol::Report;
+use comms::logic::signals::Signals;
+use language::plan::Plan;
+use serde::{Deserialize, Serialize};
+use std::time::Duration;
+
+/// Version of the layout of a record.
+pub const VERSION: u16 = 1;
+/// Name of the attachment with the plan.
+pub const PLAN: &str = "plan.json";
+/// Name of the attachment with the spec's text.
+pub const SPEC: &str = "spec.dca";
+/// Name of the attachment with what is known at the start.
+pub const ABOUT: &str = "about.json";
+
+/// What is known when a run starts.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Header {
+    /// The spec's file name.
+    pub file: String,
+    /// The spec as it was read.
+    pub text: String,
+    /// What it means.
+    pub plan: Plan,
+    /// Wall-clock time since 1970, if it is known.
+    pub started: Option<Duration>,
+}
+
+/// The small part of a header that is an attachment of its own; the text and the plan are others.
+#[derive(Debug, Serialize, Deserialize)]
+struct About {
+    version: u16,
+    name: String,
+    file: String,
+    started: Option<Duration>,
+}
+
+/// One thing to record.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Entry {
+    /// What the deployment reported.
+    Report(Report),
+    /// A sample of a program's signals.
+    Signals {
+        /// Absolute path of the program.
+        path: String,
+        /// When it came, since GO.
+        at: Duration,
+        /// The sample.
+        sample: Signals,
+    },
+}
+
+/// A record that was read back.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Run {
+    /// What was known when it started.
+    pub header: Header,
+    /// Everything else, in the order in which it was recorded.
+    pub entries: Vec<Entry>,
+    /// Why reading ended before the end of the record, if it did: the recorder was killed, or the file is damaged.
+    pub damage: Option<String>,
+}
+
+impl Run {
+    /// Returns the mission as it was seen at the end of the run.
+    pub fn mission(&self) -> Mission {
+        let mut mission = Mission::new(&self.header.plan);
+        for entry in &self.entries {
+            match entry {
+                Entry::Report(report) => mission.report(report),
+                Entry::Signals { path, at, sample } => mission.signals(path, *at, sample),
+            }
+        }
+        mission
+    }
+}
+
+impl Header {
+    /// Returns the attachments that a record begins with: name, media type, content.
+    pub fn attachments(&self) -> Vec<(&'static str, &'static str, Vec<u8>)> {
+        let Self { file, text, plan, started } = self;
+        let about = About { version: VERSION, name: plan.name.clone(), file: file.clone(), started: *started };
+        vec![
+            (ABOUT, "application/json", row::json(&about)),
+            (SPEC, "text/plain", text.clone().into_bytes()),
+            (PLAN, "application/json", row::json(plan)),
+        ]
+    }
+}
