@@ -3,6 +3,7 @@
 //! Every type here is a promise to another version: variants and fields are only ever appended (postcard numbers them),
 //! and the envelope of `comms` carries the version.
 
+use comms::logic::codec::Enveloped;
 use comms::logic::control::{Dial, Location};
 use language::plan::Plan;
 use serde::{Deserialize, Serialize};
@@ -50,8 +51,10 @@ pub enum Message {
     Prepared {
         /// Which deployment.
         deployment: Deployment,
-        /// One entry for each leaf of the host that speaks the control protocol.
+        /// One entry for each leaf of the host.
         facts: Vec<LeafFacts>,
+        /// Names the machine and its network: programs with the same one reach each other's Unix sockets.
+        machine: String,
     },
     /// Host to home: not possible, with every reason at once.
     Refused {
@@ -66,6 +69,8 @@ pub enum Message {
         deployment: Deployment,
         /// Facts of every leaf of the deployment.
         facts: Vec<LeafFacts>,
+        /// The machine of each host of the plan, in the plan's order.
+        machines: Vec<String>,
     },
     /// Host to home: every link of the host's programs stands, all closed.
     Connected {
@@ -149,6 +154,8 @@ pub enum Message {
         /// What.
         change: Change,
     },
+    /// Takes the place of a message whose sender no longer means it.
+    Void,
 }
 
 /// What a program told about itself when it was started.
@@ -164,6 +171,13 @@ pub struct LeafFacts {
     pub needs: Vec<String>,
     /// Whether it publishes signals.
     pub signals: bool,
+}
+
+impl LeafFacts {
+    /// Returns the facts of a program that takes no part in communication.
+    pub fn plain(leaf: u32) -> Self {
+        Self { leaf, location: None, owns: Vec::new(), needs: Vec::new(), signals: false }
+    }
 }
 
 /// How an activation ended.
@@ -281,7 +295,7 @@ pub enum Change {
     },
 }
 
-/// From the command line to a node. The key's verb repeats the variant's name.
+/// From the command line to a node.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Request {
     /// Answered by a stream of [`Report`]; the last is [`Report::Finished`] or [`Report::Refused`].
@@ -307,6 +321,31 @@ pub enum Request {
         /// Goes on as output comes.
         follow: bool,
     },
+}
+
+/// An element of the answer to a [`Request`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Answer {
+    /// To `Deploy`.
+    Report(Report),
+    /// To `Status`.
+    Status(NodeStatus),
+    /// To `Stop`.
+    Stop(StopReply),
+    /// To `Logs`.
+    Output(Vec<u8>),
+    /// A sentence for a person: the request cannot be answered.
+    Refused(String),
+}
+
+impl Enveloped for Request {
+    const KIND: u16 = 101;
+    const VERSION: u16 = VERSION;
+}
+
+impl Enveloped for Answer {
+    const KIND: u16 = 102;
+    const VERSION: u16 = VERSION;
 }
 
 /// What a deployment is doing, as told to the one who asked for it.

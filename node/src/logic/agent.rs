@@ -1,0 +1,473 @@
+//! The agent of a host: routes every input to the machine it belongs to, and nothing else.
+
+use crate::logic::child::ShimReport;
+use crate::logic::effect::{Effect, Out, ProcessId, earliest};
+use crate::logic::home::Home;
+use crate::logic::link::{Frame, Link};
+use crate::logic::nameserver::NameServer;
+use crate::logic::programs::Programs;
+use crate::logic::protocol::{
+    Answer, Deployment, Ending, Failure, FailureCause, Message, NodeStatus, Report, Request, StopReply, Target,
+};
+use crate::logic::tenant::Tenant;
+use comms::logic::control::Notice;
+use comms::logic::time::Time;
+use language::plan::Plan;
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::sync::Arc;
+use std::time::Duration;
+
+/// How many deployments a node takes part in at once.
+const DEPLOYMENTS_MAX: usize = 64;
+
+/// How long a deployment waits for hosts that this node has not seen yet.
+const GATHER_WITHIN: Duration = Duration::from_secs(2);
+/// How many requests are remembered, so that repeating one is harmless.
+const REQUESTS_MAX: usize = 10_000;
+
+/// What an agent is told once, at its start.
+#[derive(Clone, Debug)]
+pub struct Identity {
+    /// Its host's name in specs.
+    pub host: String,
+    /// A number that no earlier run of it had.
+    pub boot: u64,
+    /// Its process id.
+    pub pid: u32,
+    /// Names the machine and its network.
+    pub machine: String,
+    /// The highest epoch committed here before.
+    pub epoch: u64,
+}
+
+/// What happened.
+#[derive(Debug)]
+pub enum Input {
+    /// A node is there.
+    Appeared {
+        /// Its name.
+        host: String,
+        /// Its boot number.
+        boot: u64,
+    },
+    /// A node's token is gone.
+    Vanished {
+        /// Its name.
+        host: String,
+        /// Its boot number.
+        boot: u64,
+    },
+    /// A frame from a node.
+    Frame(Box<Frame>),
+    /// A call from the command line.
+    Call {
+        /// Numbers the call.
+        call: u64,
+        /// What is asked.
+        request: Box<Request>,
+    },
+    /// The caller has gone away.
+    CallGone {
+        /// Which call.
+        call: u64,
+    },
+    /// A word from a shim, with the last line of the program's output.
+    Shim {
+        /// Whose.
+        process: ProcessId,
+        /// What.
+        report: ShimReport,
+        /// The last line of output, if any.
+        last_words: Option<String>,
+    },
+    /// A word from a controller.
+    Control {
+        /// Which.
+        process: ProcessId,
+        /// What.
+        notice: Notice,
+    },
+    /// Leave: stop everything that has its home here, and release everything else.
+    Leave,
+    /// A deadline may have passed.
+    Tick,
+}
+
+/// The agent of a host.
+#[derive(Debug)]
+pub struct Agent {
+    identity: Identity,
+    started: Time,
+    programs: Programs,
+    names: NameServer,
+    links: BTreeMap<String, Link>,
+    homes: BTreeMap<Deployment, Home>,
+    tenants: BTreeMap<Deployment, Tenant>,
+    requests: BTreeSet<u64>,
+    gathering: Vec<Gathering>,
+    leaving: bool,
+}
+
+/// A deployment that waits for hosts which this node has not seen yet.
+#[derive(Debug)]
+struct Gathering {
+    until: Time,
+    call: u64,
+    plan: Plan,
+}
+
+impl Agent {
+    /// Returns an agent that knows of nobody else yet.
+    pub fn new(identity: Identity, programs: Programs, now: Time) -> Self {
+        Self {
+            identity,
+            started: now,
+            programs,
+            names: NameServer::default(),
+            links: BTreeMap::new(),
+            homes: BTreeMap::new(),
+            tenants: BTreeMap::new(),
+            requests: BTreeSet::new(),
+            gathering: Vec::new(),
+            leaving: false,
+        }
+    }
+
+    /// Takes one input; appends what is to be done, in order.
+    pub fn handle(&mut self, now: Time, input: Input, effects: &mut Vec<Effect>) {
+        let mut more = Vec::new();
+        let mut out = Out { now, effects, messages: &mut more };
+        self.take(input, &mut out);
+        self.tick(&mut out);
+        // Messages to this node may cause more of them; each is handled after the one that caused it.
+        let mut messages = VecDeque::from(std::mem::take(&mut more));
+        while let Some((to, message)) = messages.pop_front() {
+            let mut out = Out { now, effects, messages: &mut more };
+            if to == self.identity.host {
+                self.deliver(message, &to, &mut out);
+            } else {
+                self.transmit(&to, message, &mut out);
+            }
+            messages.extend(more.drain(..));
+        }
+        self.tidy_up(effects);
+    }
+
+    /// Returns when [`Input::Tick`] is wanted.
+    pub fn deadline(&self) -> Option<Time> {
+        let homes = self.homes.values().map(Home::deadline);
+        let tenants = self.tenants.values().map(Tenant::deadline);
+        let links = self.links.values().map(Link::deadline);
+        let gathering = self.gathering.iter().map(|one| Some(one.until));
+        homes.chain(tenants).chain(links).chain(gathering).fold(self.names.deadline(), earliest)
+    }
+
+    fn take(&mut self, input: Input, out: &mut Out<'_>) {
+        match input {
+            Input::Appeared { host, boot } => self.appeared(&host, boot, out),
+            Input::Vanished { host, boot } => self.names.vanished(out.now, &host, boot),
+            Input::Frame(frame) => self.frame(*frame, out),
+            Input::Call { call, request } => self.call(call, *request, out),
+            Input::CallGone { call } => self.homes.values_mut().for_each(|home| home.forget(call)),
+            Input::Shim { process, report, last_words } => {
+                if let Some(tenant) = self.tenants.get_mut(&process.deployment) {
+                    tenant.observe(process.leaf, report, last_words, out);
+                }
+            }
+            Input::Control { process, notice } => {
+                if let Some(tenant) = self.tenants.get_mut(&process.deployment) {
+                    tenant.hear(process.leaf, notice, out);
+                }
+            }
+            Input::Leave => {
+                self.leaving = true;
+                self.homes.values_mut().for_each(|home| home.stop(None, out));
+                let homes = &self.homes;
+                let away = self.tenants.iter_mut().filter(|(deployment, _)| !homes.contains_key(deployment));
+                away.for_each(|(_, tenant)| tenant.leave(out));
+            }
+            Input::Tick => {}
+        }
+    }
+
+    fn appeared(&mut self, host: &str, boot: u64, out: &mut Out<'_>) {
+        if host == self.identity.host {
+            return;
+        }
+        let known_before = self.names.knows(host);
+        if self.names.appeared(host, boot) && known_before {
+            // Another boot has forgotten everything: for deployments that is the loss of the host.
+            self.host_lost(host, out);
+        }
+        if self.links.get(host).is_none_or(|link| link.boot_peer() != boot) {
+            self.links.insert(host.to_owned(), Link::new(&self.identity.host, self.identity.boot, boot));
+        }
+    }
+
+    fn frame(&mut self, frame: Frame, out: &mut Out<'_>) {
+        let from = frame.from.clone();
+        if !self.names.knows(&from) {
+            self.appeared(&from, frame.boot, out);
+        }
+        let Some(link) = self.links.get_mut(&from) else { return };
+        let (message, answer) = link.receive(out.now, frame);
+        if let Some(frame) = answer {
+            out.effects.push(Effect::Transmit { to: from.clone(), frame: Box::new(frame) });
+        }
+        if let Some(message) = message {
+            self.deliver(message, &from, out);
+        }
+    }
+
+    fn deliver(&mut self, message: Message, from: &str, out: &mut Out<'_>) {
+        let Some(deployment) = deployment_of(&message).cloned() else { return };
+        let to_home = match &message {
+            Message::Prepared { .. }
+            | Message::Refused { .. }
+            | Message::Connected { .. }
+            | Message::Released { .. }
+            | Message::Happened { .. } => true,
+            Message::Ended { target, .. } => *target == Target::Group(0),
+            Message::Prepare { .. }
+            | Message::Connect { .. }
+            | Message::Go { .. }
+            | Message::Release { .. }
+            | Message::Activate { .. }
+            | Message::Stop { .. }
+            | Message::Switch { .. }
+            | Message::Switched { .. }
+            | Message::Void => false,
+        };
+        if to_home {
+            if let Some(home) = self.homes.get_mut(&deployment) {
+                home.receive(message, from, out);
+            }
+            return;
+        }
+        match message {
+            Message::Prepare { deployment, plan } => self.prepare(deployment, plan, from, out),
+            Message::Release { ref deployment } if !self.tenants.contains_key(deployment) => {
+                out.send(from, Message::Released { deployment: deployment.clone() });
+            }
+            message => {
+                if let Some(tenant) = self.tenants.get_mut(&deployment) {
+                    tenant.receive(message, from, out);
+                }
+            }
+        }
+    }
+
+    fn prepare(&mut self, deployment: Deployment, plan: Plan, from: &str, out: &mut Out<'_>) {
+        let host = &self.identity.host;
+        let refuse = |why: String, out: &mut Out<'_>| {
+            let deployment = deployment.clone();
+            out.send(from, Message::Refused { deployment, reasons: vec![format!("host `{host}`: {why}")] });
+        };
+        if self.leaving {
+            return refuse("its node is leaving".into(), out);
+        }
+        if let Err(why) = plan.validate() {
+            return refuse(format!("the plan is not sound: {why}"), out);
+        }
+        if let Some(other) = self.tenants.keys().find(|other| other.name == deployment.name) {
+            return refuse(format!("`{}` is already there (epoch {})", other.name, other.epoch), out);
+        }
+        if self.tenants.len() >= DEPLOYMENTS_MAX {
+            return refuse(format!("it already takes part in {DEPLOYMENTS_MAX} deployments"), out);
+        }
+        let machine = self.identity.machine.clone();
+        let tenant = Tenant::prepare(deployment.clone(), Arc::new(plan), (host, &machine), &self.programs, out);
+        self.tenants.insert(deployment, tenant);
+    }
+
+    /// Sends to another node; what cannot be sent is answered as a loss, so that nobody waits for ever.
+    fn transmit(&mut self, to: &str, message: Message, out: &mut Out<'_>) {
+        let frame = if self.names.knows(to) {
+            self.links.get_mut(to).and_then(|link| link.send(out.now, message.clone()))
+        } else {
+            None
+        };
+        if let Some(frame) = frame {
+            out.effects.push(Effect::Transmit { to: to.to_owned(), frame: Box::new(frame) });
+            return;
+        }
+        let here = self.identity.host.clone();
+        match message {
+            Message::Prepare { deployment, .. } => {
+                let reasons = vec![format!("host `{to}` cannot be reached; start `dca-node --name {to} --lan` on it")];
+                self.homes.get_mut(&deployment).into_iter().for_each(|home| {
+                    home.receive(Message::Refused { deployment: deployment.clone(), reasons: reasons.clone() }, to, out);
+                });
+            }
+            // A host that never took part has nothing to release; one that was lost is told about as unconfirmed.
+            Message::Release { deployment } => {
+                if let Some(home) = self.homes.get_mut(&deployment) {
+                    home.receive(Message::Released { deployment: deployment.clone() }, to, out);
+                }
+            }
+            Message::Activate { deployment, target, activation, .. } => {
+                let cause = FailureCause::HostLost(to.to_owned());
+                let failure = Failure { origin: String::new(), cause, at: Duration::ZERO };
+                let ending = Ending::Aborted(failure);
+                out.send(&here, Message::Ended { deployment, target, activation, ending });
+            }
+            Message::Stop { deployment, target, activation } => {
+                let ending = Ending::Unconfirmed;
+                out.send(&here, Message::Ended { deployment, target, activation, ending });
+            }
+            Message::Switch { deployment, group, generation, .. } => {
+                out.send(&here, Message::Switched { deployment, group, generation });
+            }
+            _ => {}
+        }
+    }
+
+    fn call(&mut self, call: u64, request: Request, out: &mut Out<'_>) {
+        match request {
+            Request::Deploy { request, plan } => return self.deploy(call, request, plan, out),
+            Request::Status => answer(call, Answer::Status(self.status(out.now)), out),
+            Request::Stop { name } => {
+                if let Some((_, home)) = self.homes.iter_mut().find(|(deployment, _)| deployment.name == name) {
+                    return home.stop(Some(call), out);
+                }
+                answer(call, Answer::Stop(StopReply::Unknown), out);
+            }
+            Request::Logs { deployment, process, follow } => {
+                let named = |id: &Deployment| deployment.as_ref().is_none_or(|name| *name == id.name);
+                let tenants = self.tenants.iter().filter(|(id, _)| named(id));
+                let found: Vec<ProcessId> = tenants
+                    .flat_map(|(id, tenant)| {
+                        let leaves = tenant.find(&process);
+                        leaves.into_iter().map(|leaf| ProcessId { deployment: id.clone(), leaf })
+                    })
+                    .collect();
+                let host = &self.identity.host;
+                match &found[..] {
+                    [one] => {
+                        out.effects.push(Effect::Tail { call, process: one.clone(), follow });
+                        return;
+                    }
+                    [] => answer(call, Answer::Refused(format!("no process `{process}` on host `{host}`")), out),
+                    _ => answer(call, Answer::Refused(format!("several processes end in `{process}`; give more of the path")), out),
+                }
+            }
+        }
+        out.effects.push(Effect::EndAnswers { call });
+    }
+
+    fn deploy(&mut self, call: u64, request: u64, plan: Plan, out: &mut Out<'_>) {
+        let home_is_here = plan.groups.first().and_then(|main| plan.hosts.get(main.host as usize)) == Some(&self.identity.host);
+        let refusal = if self.leaving {
+            Some("this node is leaving".to_owned())
+        } else if let Err(why) = plan.validate() {
+            Some(format!("the plan is not sound: {why}"))
+        } else if !home_is_here {
+            Some(format!("`main` does not run on `{}`", self.identity.host))
+        } else if self.requests.contains(&request) {
+            Some("this request was made before".to_owned())
+        } else if self.is_deployed(&plan.name) {
+            Some(format!("`{}` is already deployed; `dca stop {}` ends it", plan.name, plan.name))
+        } else {
+            None
+        };
+        if let Some(reason) = refusal {
+            answer(call, Answer::Report(Report::Refused { reasons: vec![reason] }), out);
+            out.effects.push(Effect::EndAnswers { call });
+            return;
+        }
+        self.requests.insert(request);
+        if self.requests.len() > REQUESTS_MAX {
+            self.requests.pop_first();
+        }
+        self.gathering.push(Gathering { until: out.now + GATHER_WITHIN, call, plan });
+        self.begin_gathered(out);
+    }
+
+    fn is_deployed(&self, name: &str) -> bool {
+        self.homes.keys().any(|other| other.name == name) || self.gathering.iter().any(|one| one.plan.name == name)
+    }
+
+    /// Begins the deployments whose hosts are all there, or have had their time.
+    fn begin_gathered(&mut self, out: &mut Out<'_>) {
+        let (here, names) = (&self.identity.host, &self.names);
+        let there = |host: &String| host == here || names.reaches(host);
+        let ready = |one: &mut Gathering| one.until <= out.now || one.plan.hosts.iter().all(there);
+        for Gathering { call, plan, .. } in self.gathering.extract_if(.., ready).collect::<Vec<_>>() {
+            self.begin(call, plan, out);
+        }
+    }
+
+    fn begin(&mut self, call: u64, plan: Plan, out: &mut Out<'_>) {
+        self.identity.epoch += 1;
+        let deployment = Deployment { name: plan.name.clone(), epoch: self.identity.epoch };
+        let machine = self.identity.machine.clone();
+        self.homes.insert(deployment.clone(), Home::begin(deployment, Arc::new(plan), &machine, call, out));
+    }
+
+    fn status(&self, now: Time) -> NodeStatus {
+        NodeStatus {
+            host: self.identity.host.clone(),
+            pid: self.identity.pid,
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            up: now - self.started,
+            peers: self.names.present().map(str::to_owned).collect(),
+            deployments: self.tenants.values().map(Tenant::status).collect(),
+        }
+    }
+
+    fn tick(&mut self, out: &mut Out<'_>) {
+        for host in self.names.take_lost(out.now) {
+            self.host_lost(&host, out);
+        }
+        self.begin_gathered(out);
+        for (host, link) in &mut self.links {
+            for frame in link.resend(out.now) {
+                out.effects.push(Effect::Transmit { to: host.clone(), frame: Box::new(frame) });
+            }
+        }
+        self.homes.values_mut().for_each(|home| home.tick(out));
+        self.tenants.values_mut().for_each(|tenant| tenant.tick(out));
+    }
+
+    fn host_lost(&mut self, host: &str, out: &mut Out<'_>) {
+        self.links.get_mut(host).into_iter().for_each(Link::abandon);
+        self.homes.values_mut().for_each(|home| home.host_lost(host, out));
+        self.tenants.values_mut().for_each(|tenant| tenant.host_lost(host, out));
+    }
+
+    /// Drops what is over. A node that leaves says so when nothing is left.
+    fn tidy_up(&mut self, effects: &mut Vec<Effect>) {
+        self.homes.retain(|_, home| !home.is_over());
+        for (_, tenant) in self.tenants.iter().filter(|(_, tenant)| tenant.is_over()) {
+            effects.extend(tenant.processes().map(|process| Effect::Forget { process }));
+        }
+        self.tenants.retain(|_, tenant| !tenant.is_over());
+        if self.leaving && self.homes.is_empty() && self.tenants.is_empty() {
+            effects.push(Effect::Leave);
+        }
+    }
+}
+
+fn answer(call: u64, answer: Answer, out: &mut Out<'_>) {
+    out.effects.push(Effect::Answer { call, answer: Box::new(answer) });
+}
+
+fn deployment_of(message: &Message) -> Option<&Deployment> {
+    match message {
+        Message::Void => None,
+        Message::Prepare { deployment, .. }
+        | Message::Prepared { deployment, .. }
+        | Message::Refused { deployment, .. }
+        | Message::Connect { deployment, .. }
+        | Message::Connected { deployment }
+        | Message::Go { deployment }
+        | Message::Release { deployment }
+        | Message::Released { deployment }
+        | Message::Activate { deployment, .. }
+        | Message::Stop { deployment, .. }
+        | Message::Ended { deployment, .. }
+        | Message::Switch { deployment, .. }
+        | Message::Switched { deployment, .. }
+        | Message::Happened { deployment, .. } => Some(deployment),
+    }
+}

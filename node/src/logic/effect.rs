@@ -1,0 +1,117 @@
+//! What a node's machines want done, and the words they share.
+
+use crate::logic::child::ShimOrder;
+use crate::logic::link::Frame;
+use crate::logic::protocol::{Answer, Deployment, Message};
+use comms::logic::control::Order;
+use comms::logic::time::Time;
+use language::plan::LeafKind;
+
+/// One program of one deployment on this host.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct ProcessId {
+    /// Which deployment.
+    pub deployment: Deployment,
+    /// Index into `Plan::leaves`.
+    pub leaf: u32,
+}
+
+/// How to start a program.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SpawnOrder {
+    /// Which program of which deployment.
+    pub process: ProcessId,
+    /// Absolute path of the instance.
+    pub path: String,
+    /// Executable and its arguments.
+    pub command: Vec<String>,
+    /// Whether it speaks the control protocol; a plain program is held before `exec` until it is activated.
+    pub kind: LeafKind,
+}
+
+/// Something to be done by the driver, in order.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Effect {
+    /// Send a frame to another node.
+    Transmit {
+        /// Name of the node.
+        to: String,
+        /// What.
+        frame: Box<Frame>,
+    },
+    /// Start a program under a shim.
+    Spawn(Box<SpawnOrder>),
+    /// Tell a shim.
+    Shim {
+        /// Whose.
+        process: ProcessId,
+        /// What.
+        order: ShimOrder,
+    },
+    /// Tell a controller.
+    Control {
+        /// Which.
+        process: ProcessId,
+        /// What.
+        order: Order,
+    },
+    /// Nothing runs any more: close the channels of a program, keep its output until the deployment is removed.
+    Forget {
+        /// Which.
+        process: ProcessId,
+    },
+    /// Write durably that a deployment was committed.
+    Commit {
+        /// Which.
+        deployment: Deployment,
+    },
+    /// One element of the answer to a call.
+    Answer {
+        /// The call.
+        call: u64,
+        /// What.
+        answer: Box<Answer>,
+    },
+    /// The answer is complete.
+    EndAnswers {
+        /// The call.
+        call: u64,
+    },
+    /// Answer a call with a program's output.
+    Tail {
+        /// The call.
+        call: u64,
+        /// Whose output.
+        process: ProcessId,
+        /// Goes on as output comes.
+        follow: bool,
+    },
+    /// Nothing is left on this host: the node may leave.
+    Leave,
+}
+
+/// Where a machine puts what it wants: effects for the driver, messages for nodes (this one included).
+#[derive(Debug)]
+pub struct Out<'a> {
+    /// The time of the input being handled.
+    pub now: Time,
+    /// For the driver.
+    pub effects: &'a mut Vec<Effect>,
+    /// For the nodes named.
+    pub messages: &'a mut Vec<(String, Message)>,
+}
+
+impl Out<'_> {
+    /// Sends a message to a node, which may be this one.
+    pub fn send(&mut self, to: &str, message: Message) {
+        self.messages.push((to.to_owned(), message));
+    }
+}
+
+/// Returns the earlier of two deadlines.
+pub fn earliest(a: Option<Time>, b: Option<Time>) -> Option<Time> {
+    match (a, b) {
+        (Some(a), Some(b)) => Some(a.min(b)),
+        (a, b) => a.or(b),
+    }
+}

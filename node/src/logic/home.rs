@@ -1,0 +1,298 @@
+//! A deployment at its home node (the host of `main`): PREPARE on every host, CONNECT, commit, GO, and the end.
+//!
+//! ```text
+//! Preparing ─all prepared─▶ Connecting ─all connected─▶ Running ─main ended─▶ Ending ─all released─▶ Over
+//!      └─────── refused, late, host lost, stopped ────────────────▶ Ending
+//! ```
+//! The reply to `deploy` is the outcome: everyone who asked gets the reports as they come, and the last one when nothing
+//! of the deployment is left on any host that can be reached.
+
+use crate::logic::effect::{Effect, Out};
+use crate::logic::executer::group_host;
+use crate::logic::protocol::{
+    Answer, Change, Deployment, Ending, LeafFacts, Message, Report, StopReply, Target,
+};
+use crate::logic::wiring::{Registrations, observe};
+use comms::logic::time::Time;
+use language::plan::Plan;
+use std::collections::BTreeSet;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// How long all hosts have to start their programs.
+const PREPARE_WITHIN: Duration = Duration::from_secs(30);
+/// How long all hosts have to make their links.
+const CONNECT_WITHIN: Duration = Duration::from_secs(20);
+/// How long all hosts have to remove everything.
+const RELEASE_WITHIN: Duration = Duration::from_secs(10);
+/// How many reports are kept for those who ask later.
+const REPORTS_MAX: usize = 100_000;
+
+#[derive(Clone, Debug, PartialEq, Eq)]
+enum Phase {
+    Preparing,
+    Connecting,
+    Running,
+    Ending,
+    Over,
+}
+
+/// A deployment at its home.
+#[derive(Debug)]
+pub struct Home {
+    deployment: Deployment,
+    plan: Arc<Plan>,
+    hosts: Vec<String>,
+    machine: String,
+    phase: Phase,
+    begun: Time,
+    go_at: Option<Time>,
+    deadline: Option<Time>,
+    waiting: BTreeSet<String>,
+    registrations: Registrations,
+    reasons: Vec<String>,
+    lost: BTreeSet<String>,
+    ending: Option<Ending>,
+    watchers: Vec<u64>,
+    stoppers: Vec<u64>,
+    reports: usize,
+}
+
+impl Home {
+    /// Begins a deployment: asks every host of the plan to prepare. `watcher` is the call that asked for it.
+    pub fn begin(deployment: Deployment, plan: Arc<Plan>, machine: &str, watcher: u64, out: &mut Out<'_>) -> Self {
+        let hosts: Vec<String> = plan.hosts.clone();
+        let mut home = Self {
+            registrations: Registrations { facts: Default::default(), machines: vec![String::new(); hosts.len()] },
+            waiting: hosts.iter().cloned().collect(),
+            hosts,
+            machine: machine.to_owned(),
+            deployment,
+            plan,
+            phase: Phase::Preparing,
+            begun: out.now,
+            go_at: None,
+            deadline: Some(out.now + PREPARE_WITHIN),
+            reasons: Vec::new(),
+            lost: BTreeSet::new(),
+            ending: None,
+            watchers: vec![watcher],
+            stoppers: Vec::new(),
+            reports: 0,
+        };
+        home.report(Report::Accepted { deployment: home.deployment.clone() }, out);
+        for host in home.hosts.clone() {
+            let (deployment, plan) = (home.deployment.clone(), (*home.plan).clone());
+            out.send(&host, Message::Prepare { deployment, plan });
+        }
+        home
+    }
+
+    /// Returns whether nothing is left to be done.
+    pub fn is_over(&self) -> bool {
+        self.phase == Phase::Over
+    }
+
+    /// Takes a message of a host.
+    pub fn receive(&mut self, message: Message, from: &str, out: &mut Out<'_>) {
+        match message {
+            Message::Prepared { facts, machine, .. } if self.phase == Phase::Preparing => {
+                self.prepared(from, facts, machine, out);
+            }
+            Message::Connected { .. } if self.phase == Phase::Connecting => {
+                self.waiting.remove(from);
+                self.report(Report::Connected { host: from.to_owned() }, out);
+                if self.waiting.is_empty() {
+                    self.go(out);
+                }
+            }
+            Message::Refused { reasons, .. } if matches!(self.phase, Phase::Preparing | Phase::Connecting) => {
+                self.reasons.extend(reasons);
+                self.waiting.remove(from);
+                // The others get the chance to say everything that is wrong with them, too.
+                if self.waiting.is_empty() {
+                    self.end(None, out);
+                } else {
+                    self.deadline = Some(self.deadline.map_or(out.now, |at| at.min(out.now + Duration::from_secs(2))));
+                }
+            }
+            Message::Released { .. } => {
+                self.waiting.remove(from);
+                if self.phase == Phase::Ending && self.waiting.is_empty() {
+                    self.finish(out);
+                }
+            }
+            Message::Ended { target: Target::Group(0), ending, .. } => self.end(Some(ending), out),
+            Message::Happened { target, change, .. } => self.happened(target, change, out),
+            _ => {}
+        }
+    }
+
+    /// Ends the deployment because somebody asked; `call` is answered when nothing is left.
+    pub fn stop(&mut self, call: Option<u64>, out: &mut Out<'_>) {
+        self.stoppers.extend(call);
+        match self.phase {
+            Phase::Preparing | Phase::Connecting => {
+                self.reasons.push("it was stopped before it ran".to_owned());
+                self.end(None, out);
+            }
+            Phase::Running => {
+                let Some(home) = group_host(&self.plan, 0).map(str::to_owned) else { return };
+                let deployment = self.deployment.clone();
+                out.send(&home, Message::Stop { deployment, target: Target::Group(0), activation: 1 });
+            }
+            Phase::Ending | Phase::Over => {}
+        }
+    }
+
+    /// Forgets a caller that has gone away.
+    pub fn forget(&mut self, call: u64) {
+        self.watchers.retain(|watcher| *watcher != call);
+        self.stoppers.retain(|stopper| *stopper != call);
+    }
+
+    /// Takes the loss of a host.
+    pub fn host_lost(&mut self, host: &str, out: &mut Out<'_>) {
+        if !self.hosts.iter().any(|other| other == host) {
+            return;
+        }
+        match self.phase {
+            Phase::Preparing | Phase::Connecting => {
+                self.reasons.push(format!("host `{host}` could not be reached any more"));
+                self.end(None, out);
+            }
+            Phase::Running => {
+                self.lost.insert(host.to_owned());
+            }
+            Phase::Ending => {
+                self.lost.insert(host.to_owned());
+                if self.waiting.remove(host) && self.waiting.is_empty() {
+                    self.finish(out);
+                }
+            }
+            Phase::Over => {}
+        }
+    }
+
+    /// Does what is due.
+    pub fn tick(&mut self, out: &mut Out<'_>) {
+        if self.deadline.is_none_or(|at| at > out.now) {
+            return;
+        }
+        self.deadline = None;
+        match self.phase {
+            Phase::Preparing | Phase::Connecting => {
+                if self.reasons.is_empty() {
+                    let late = self.waiting.iter().map(|host| format!("host `{host}` did not answer in time"));
+                    self.reasons.extend(late);
+                }
+                self.end(None, out);
+            }
+            Phase::Ending => self.finish(out),
+            Phase::Running | Phase::Over => {}
+        }
+    }
+
+    /// Returns when [`Home::tick`] wants to be called.
+    pub fn deadline(&self) -> Option<Time> {
+        self.deadline
+    }
+
+    fn prepared(&mut self, from: &str, facts: Vec<LeafFacts>, machine: String, out: &mut Out<'_>) {
+        self.waiting.remove(from);
+        let leaves = u32::try_from(facts.len()).unwrap_or(u32::MAX);
+        self.registrations.facts.extend(facts.into_iter().map(|facts| (facts.leaf, facts)));
+        for (host, known) in self.hosts.iter().zip(&mut self.registrations.machines) {
+            if host == from {
+                known.clone_from(&machine);
+            }
+        }
+        self.report(Report::Prepared { host: from.to_owned(), leaves }, out);
+        if !self.waiting.is_empty() {
+            return;
+        }
+        if !self.reasons.is_empty() {
+            return self.end(None, out);
+        }
+        self.phase = Phase::Connecting;
+        self.deadline = Some(out.now + CONNECT_WITHIN);
+        self.waiting = self.hosts.iter().cloned().collect();
+        for host in self.hosts.clone() {
+            let deployment = self.deployment.clone();
+            let facts = self.registrations.facts.values().cloned().collect();
+            let machines = self.registrations.machines.clone();
+            out.send(&host, Message::Connect { deployment, facts, machines });
+        }
+    }
+
+    fn go(&mut self, out: &mut Out<'_>) {
+        self.phase = Phase::Running;
+        self.deadline = None;
+        self.go_at = Some(out.now);
+        out.effects.push(Effect::Commit { deployment: self.deployment.clone() });
+        let signals = self.registrations.facts.values().filter(|facts| facts.signals).filter_map(|facts| {
+            let leaf = self.plan.leaves.get(facts.leaf as usize)?;
+            let dial = observe(&self.plan, &self.registrations, facts.leaf, &self.machine)?;
+            Some((leaf.path.clone(), dial))
+        });
+        let signals = signals.collect();
+        self.report(Report::Go { took: out.now - self.begun, signals }, out);
+        for host in self.hosts.clone() {
+            out.send(&host, Message::Go { deployment: self.deployment.clone() });
+        }
+        let Some(home) = group_host(&self.plan, 0).map(str::to_owned) else { return };
+        let (deployment, target) = (self.deployment.clone(), Target::Group(0));
+        out.send(&home, Message::Activate { deployment, target, activation: 1, value: Vec::new() });
+    }
+
+    fn happened(&mut self, target: Target, change: Change, out: &mut Out<'_>) {
+        let path = match target {
+            Target::Leaf(leaf) => self.plan.leaves.get(leaf as usize).map(|leaf| leaf.path.clone()),
+            Target::Group(group) => self.plan.groups.get(group as usize).map(|group| group.path.clone()),
+        };
+        if let Some(path) = path.filter(|_| self.reports < REPORTS_MAX) {
+            let at = self.go_at.map_or(Duration::ZERO, |go| out.now - go);
+            self.report(Report::Process { path, change, at }, out);
+        }
+    }
+
+    fn end(&mut self, ending: Option<Ending>, out: &mut Out<'_>) {
+        if matches!(self.phase, Phase::Ending | Phase::Over) {
+            return;
+        }
+        self.phase = Phase::Ending;
+        self.ending = ending;
+        self.deadline = Some(out.now + RELEASE_WITHIN);
+        self.waiting = self.hosts.iter().cloned().collect();
+        for host in self.hosts.clone() {
+            out.send(&host, Message::Release { deployment: self.deployment.clone() });
+        }
+    }
+
+    fn finish(&mut self, out: &mut Out<'_>) {
+        self.phase = Phase::Over;
+        self.deadline = None;
+        let at = self.go_at.map_or(Duration::ZERO, |go| out.now - go);
+        self.lost.append(&mut self.waiting);
+        let unconfirmed = std::mem::take(&mut self.lost).into_iter().collect();
+        let last = match self.ending.take() {
+            Some(ending) => Report::Finished { ending, at, unconfirmed },
+            None => Report::Refused { reasons: std::mem::take(&mut self.reasons) },
+        };
+        self.report(last, out);
+        for call in std::mem::take(&mut self.watchers) {
+            out.effects.push(Effect::EndAnswers { call });
+        }
+        for call in std::mem::take(&mut self.stoppers) {
+            out.effects.push(Effect::Answer { call, answer: Box::new(Answer::Stop(StopReply::Stopped)) });
+            out.effects.push(Effect::EndAnswers { call });
+        }
+    }
+
+    fn report(&mut self, report: Report, out: &mut Out<'_>) {
+        self.reports += 1;
+        for &call in &self.watchers {
+            out.effects.push(Effect::Answer { call, answer: Box::new(Answer::Report(report.clone())) });
+        }
+    }
+}

@@ -1,0 +1,82 @@
+//! Text for people: aligned columns, and the tree of what runs where.
+
+use crate::logic::protocol::{Deployment, NodeStatus, ProcessStatus};
+use std::collections::BTreeMap;
+
+/// Returns rows in aligned columns, without trailing blanks.
+pub fn table(rows: &[Vec<String>]) -> String {
+    let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
+    let width = |column: usize| rows.iter().filter_map(|row| row.get(column)).map(|cell| cell.chars().count()).max();
+    let widths: Vec<usize> = (0..columns).map(|column| width(column).unwrap_or(0)).collect();
+    let line = |row: &Vec<String>| {
+        let cells = row.iter().zip(&widths).map(|(cell, width)| format!("{cell:<width$}"));
+        cells.collect::<Vec<_>>().join("  ").trim_end().to_owned()
+    };
+    rows.iter().map(line).collect::<Vec<_>>().join("\n")
+}
+
+/// Returns every deployment as one tree, put together from what each node says of its own part.
+pub fn tree(statuses: &[NodeStatus]) -> String {
+    let mut deployments: BTreeMap<&Deployment, (Vec<&str>, BTreeMap<&str, (&str, &ProcessStatus)>)> = BTreeMap::new();
+    for status in statuses {
+        for part in &status.deployments {
+            let (phases, processes) = deployments.entry(&part.deployment).or_default();
+            phases.push(&part.phase);
+            processes.extend(part.processes.iter().map(|one| (one.path.as_str(), (status.host.as_str(), one))));
+        }
+    }
+    let mut blocks = Vec::new();
+    for (deployment, (mut phases, processes)) in deployments {
+        phases.sort_unstable();
+        phases.dedup();
+        let mut rows = vec![vec![format!("{deployment}"), phases.join("/"), String::new(), String::new()]];
+        for (path, (host, process)) in processes {
+            let depth = path.matches('/').count();
+            let name = path.rsplit('/').next().unwrap_or(path);
+            let pid = process.pid.map(|pid| format!("pid {pid}")).unwrap_or_default();
+            let name = format!("{}{name}: {}", "  ".repeat(depth + 1), process.kind);
+            rows.push(vec![name, process.state.clone(), host.to_owned(), pid]);
+        }
+        blocks.push(table(&rows));
+    }
+    blocks.join("\n\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::logic::protocol::DeploymentStatus;
+    use std::time::Duration;
+
+    #[test]
+    fn the_tree_is_put_together_from_all_hosts() {
+        let process = |path: &str, kind: &str, state: &str, pid| ProcessStatus {
+            path: path.into(),
+            kind: kind.into(),
+            state: state.into(),
+            pid,
+        };
+        let node = |host: &str, processes| NodeStatus {
+            host: host.into(),
+            pid: 1,
+            version: "0".into(),
+            up: Duration::ZERO,
+            peers: vec![],
+            deployments: vec![DeploymentStatus {
+                deployment: Deployment { name: "door".into(), epoch: 2 },
+                home: "c1".into(),
+                phase: "running".into(),
+                processes,
+            }],
+        };
+        let statuses = [
+            node("c1", vec![process("main", "main", "running", None)]),
+            node("c2", vec![process("main/hit", "HitDetector", "dead: SIGSEGV", Some(12))]),
+        ];
+        let expected = "\
+door@2                 running
+  main: main           running        c1
+    hit: HitDetector   dead: SIGSEGV  c2  pid 12";
+        assert_eq!(tree(&statuses), expected);
+    }
+}

@@ -1,0 +1,483 @@
+//! A deployment's part on this host: its programs and the supervisors of its groups.
+//!
+//! Life: `Preparing` (programs started, each has said where it is or why not) → `Connecting` (links made, closed) →
+//! `Running` → `Leaving` (every program told to go) → nothing. The home node moves it along; if the home node is lost the
+//! tenant leaves by itself.
+
+use crate::logic::child::ShimReport;
+use crate::logic::effect::{Out, ProcessId, SpawnOrder, earliest};
+use crate::logic::executer::{Executer, Surroundings, group_host, leaf_host};
+use crate::logic::instance::{Instance, Moment, Note};
+use crate::logic::programs::Programs;
+use crate::logic::protocol::{
+    Change, Deployment, DeploymentStatus, Ending, LeafFacts, Message, ProcessStatus, Target,
+};
+use crate::logic::wiring::{Registrations, links};
+use comms::logic::control::{Notice, Order};
+use comms::logic::time::Time;
+use language::plan::{LeafKind, MemberKind, Plan};
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+use std::time::Duration;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Phase {
+    Preparing,
+    Connecting,
+    Running,
+    Leaving,
+}
+
+/// A deployment's part on this host.
+#[derive(Debug)]
+pub struct Tenant {
+    deployment: Deployment,
+    plan: Arc<Plan>,
+    home: String,
+    machine: String,
+    phase: Phase,
+    go_at: Option<Time>,
+    instances: BTreeMap<u32, Instance>,
+    executers: BTreeMap<u32, Executer>,
+    supervisors: BTreeMap<Target, (u32, u32)>,
+    waiting: BTreeSet<u32>,
+    facts: Vec<LeafFacts>,
+    reasons: Vec<String>,
+    switching: BTreeMap<u64, (u32, u64, BTreeSet<u32>, String)>,
+    ticket: u64,
+}
+
+impl Tenant {
+    /// Starts every program of `host`, idle; answers with `Prepared` or `Refused` when all have reported.
+    pub fn prepare(
+        deployment: Deployment,
+        plan: Arc<Plan>,
+        (host, machine): (&str, &str),
+        programs: &Programs,
+        out: &mut Out<'_>,
+    ) -> Self {
+        let home = group_host(&plan, 0).unwrap_or(host).to_owned();
+        let groups = (0_u32..).zip(&plan.groups).filter(|(number, _)| group_host(&plan, *number) == Some(host));
+        let executers =
+            groups.filter_map(|(number, _)| Executer::new(&plan, number).map(|executer| (number, executer))).collect();
+        let mut tenant = Self {
+            supervisors: supervisors(&plan),
+            deployment,
+            plan,
+            home,
+            machine: machine.to_owned(),
+            phase: Phase::Preparing,
+            go_at: None,
+            instances: BTreeMap::new(),
+            executers,
+            waiting: BTreeSet::new(),
+            facts: Vec::new(),
+            reasons: Vec::new(),
+            switching: BTreeMap::new(),
+            ticket: 0,
+        };
+        tenant.start_programs(host, programs, out);
+        tenant.report_prepared(out);
+        tenant
+    }
+
+    /// Returns the host of `main`.
+    pub fn home(&self) -> &str {
+        &self.home
+    }
+
+    /// Takes a message about this deployment.
+    pub fn receive(&mut self, message: Message, from: &str, out: &mut Out<'_>) {
+        match message {
+            Message::Connect { facts, machines, .. } => self.connect(facts, machines, out),
+            Message::Go { .. } => self.go(out.now),
+            Message::Release { .. } => self.leave(out),
+            Message::Activate { target, activation, value, .. } => {
+                self.go(out.now);
+                self.activate(target, activation, value, out);
+            }
+            Message::Stop { target, activation, .. } => self.stop(target, activation, out),
+            Message::Ended { target, activation, ending, .. } => self.member_ended(target, activation, ending, out),
+            Message::Switch { wires, open, group, generation, .. } => {
+                self.switch(&wires, open, (group, generation, from), out);
+            }
+            Message::Switched { group, generation, .. } => {
+                self.with_executer(group, out, |executer, at, out| {
+                    executer.switched(generation, at, out);
+                    None
+                });
+            }
+            Message::Prepare { .. }
+            | Message::Prepared { .. }
+            | Message::Refused { .. }
+            | Message::Connected { .. }
+            | Message::Released { .. }
+            | Message::Happened { .. }
+            | Message::Void => {}
+        }
+    }
+
+    /// Takes a word from a controller.
+    pub fn hear(&mut self, leaf: u32, notice: Notice, out: &mut Out<'_>) {
+        self.with_instance(leaf, out, |instance, moment| instance.hear(notice, moment));
+    }
+
+    /// Takes a word from a shim.
+    pub fn observe(
+        &mut self,
+        leaf: u32,
+        report: ShimReport,
+        last_words: Option<String>,
+        out: &mut Out<'_>,
+    ) {
+        self.with_instance(leaf, out, |instance, moment| instance.observe(report, last_words, moment));
+    }
+
+    /// Takes the loss of a host.
+    pub fn host_lost(&mut self, host: &str, out: &mut Out<'_>) {
+        if host == self.home {
+            self.leave(out);
+            return;
+        }
+        for group in self.executers.keys().copied().collect::<Vec<_>>() {
+            self.with_executer(group, out, |executer, at, out| executer.host_lost(host, at, out));
+        }
+    }
+
+    /// Tells every program to go.
+    pub fn leave(&mut self, out: &mut Out<'_>) {
+        if self.phase != Phase::Leaving {
+            self.phase = Phase::Leaving;
+            for leaf in self.instances.keys().copied().collect::<Vec<_>>() {
+                self.with_instance(leaf, out, Instance::leave);
+            }
+            self.report_released(out);
+        }
+    }
+
+    /// Returns whether nothing of it is left here.
+    pub fn is_over(&self) -> bool {
+        self.phase == Phase::Leaving && self.instances.values().all(Instance::is_gone)
+    }
+
+    /// Does what is due.
+    pub fn tick(&mut self, out: &mut Out<'_>) {
+        for leaf in self.instances.keys().copied().collect::<Vec<_>>() {
+            self.with_instance(leaf, out, Instance::tick);
+        }
+        for group in self.executers.keys().copied().collect::<Vec<_>>() {
+            self.with_executer(group, out, Executer::tick);
+        }
+    }
+
+    /// Returns when [`Tenant::tick`] wants to be called.
+    pub fn deadline(&self) -> Option<Time> {
+        let instances = self.instances.values().map(Instance::deadline);
+        let executers = self.executers.values().map(Executer::deadline);
+        instances.chain(executers).fold(None, earliest)
+    }
+
+    /// Returns what runs here, in the plan's order.
+    pub fn status(&self) -> DeploymentStatus {
+        let group = |(number, executer): (&u32, &Executer)| {
+            let group = self.plan.groups.get(*number as usize)?;
+            let (path, kind) = (group.path.clone(), group.process.clone());
+            Some(ProcessStatus { path, kind, state: executer.state().to_owned(), pid: None })
+        };
+        let leaf = |(number, instance): (&u32, &Instance)| {
+            let leaf = self.plan.leaves.get(*number as usize)?;
+            let (path, kind) = (leaf.path.clone(), leaf.module.clone());
+            Some(ProcessStatus { path, kind, state: instance.state(), pid: instance.pid() })
+        };
+        let mut processes: Vec<ProcessStatus> =
+            self.executers.iter().filter_map(group).chain(self.instances.iter().filter_map(leaf)).collect();
+        processes.sort_by(|a, b| a.path.cmp(&b.path));
+        let phase = match self.phase {
+            Phase::Preparing => "preparing",
+            Phase::Connecting => "connecting",
+            Phase::Running => "running",
+            Phase::Leaving => "ending",
+        };
+        let (deployment, home) = (self.deployment.clone(), self.home.clone());
+        DeploymentStatus { deployment, home, phase: phase.to_owned(), processes }
+    }
+
+    /// Returns the leaves of this host whose absolute path is `process` or ends in it.
+    pub fn find(&self, process: &str) -> Vec<u32> {
+        let matches = |path: &str| path == process || path.ends_with(&format!("/{process}"));
+        let path = |leaf: &u32| self.plan.leaves.get(*leaf as usize).is_some_and(|leaf| matches(&leaf.path));
+        self.instances.keys().copied().filter(path).collect()
+    }
+
+    fn start_programs(&mut self, host: &str, programs: &Programs, out: &mut Out<'_>) {
+        let mine = |(number, _): &(u32, _)| leaf_host(&self.plan, *number) == Some(host);
+        let plan = Arc::clone(&self.plan);
+        let mut orders = Vec::new();
+        for (number, leaf) in (0_u32..).zip(&plan.leaves).filter(mine) {
+            match programs.command(leaf) {
+                Ok(command) => {
+                    let process = ProcessId { deployment: self.deployment.clone(), leaf: number };
+                    let order = SpawnOrder { process, path: leaf.path.clone(), command, kind: leaf.kind };
+                    orders.push((number, order, leaf.stop_within));
+                }
+                Err(why) => self.reasons.push(format!("host `{host}`: {why}")),
+            }
+        }
+        self.reasons.dedup();
+        if !self.reasons.is_empty() {
+            return;
+        }
+        for (number, order, stop_within) in orders {
+            let (mut notes, since_go) = (Vec::new(), Duration::ZERO);
+            let mut moment = Moment { now: out.now, since_go, effects: out.effects, notes: &mut notes };
+            match order.kind {
+                LeafKind::Controller => {
+                    self.waiting.insert(number);
+                }
+                LeafKind::Plain => self.facts.push(LeafFacts::plain(number)),
+            }
+            self.instances.insert(number, Instance::spawn(order, stop_within, &mut moment));
+        }
+    }
+
+    fn connect(&mut self, facts: Vec<LeafFacts>, machines: Vec<String>, out: &mut Out<'_>) {
+        if self.phase != Phase::Preparing {
+            return;
+        }
+        self.phase = Phase::Connecting;
+        let facts = facts.into_iter().map(|facts| (facts.leaf, facts)).collect();
+        let registrations = Registrations { facts, machines };
+        for leaf in self.instances.keys().copied().collect::<Vec<_>>() {
+            match links(&self.plan, &self.deployment, &registrations, leaf) {
+                Ok(order) => {
+                    let plain = self.plan.leaves.get(leaf as usize).is_some_and(|leaf| leaf.kind == LeafKind::Plain);
+                    if !plain {
+                        self.waiting.insert(leaf);
+                    }
+                    self.with_instance(leaf, out, |instance, moment| {
+                        if plain { instance.connect_plain() } else { instance.connect(order, moment) }
+                    });
+                }
+                Err(reasons) => self.reasons.extend(reasons),
+            }
+        }
+        self.report_connected(out);
+    }
+
+    fn go(&mut self, now: Time) {
+        if self.phase == Phase::Connecting {
+            self.phase = Phase::Running;
+        }
+        self.go_at.get_or_insert(now);
+    }
+
+    fn activate(&mut self, target: Target, activation: u32, value: Vec<u8>, out: &mut Out<'_>) {
+        match target {
+            Target::Leaf(leaf) => {
+                self.with_instance(leaf, out, |instance, moment| instance.activate(activation, value, moment));
+            }
+            Target::Group(group) => {
+                self.happened(target, Change::Activated, out);
+                self.with_executer(group, out, |executer, at, out| executer.activate(activation, &value, at, out));
+            }
+        }
+    }
+
+    fn stop(&mut self, target: Target, activation: u32, out: &mut Out<'_>) {
+        match target {
+            Target::Leaf(leaf) => self.with_instance(leaf, out, |instance, moment| instance.stop(activation, moment)),
+            Target::Group(group) => {
+                self.happened(target, Change::Stopping, out);
+                self.with_executer(group, out, |executer, at, out| executer.stop(activation, at, out));
+            }
+        }
+    }
+
+    fn member_ended(&mut self, target: Target, activation: u32, ending: Ending, out: &mut Out<'_>) {
+        if let Some(&(group, slot)) = self.supervisors.get(&target) {
+            self.with_executer(group, out, |executer, at, out| executer.ended((slot, activation), ending, at, out));
+        }
+    }
+
+    /// Flips wires whose producers are here; confirms when every producer that is alive has.
+    fn switch(&mut self, wires: &[u32], open: bool, asked: (u32, u64, &str), out: &mut Out<'_>) {
+        let mut by_leaf: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
+        for &wire in wires {
+            if let Some(route) = self.plan.wires.get(wire as usize) {
+                by_leaf.entry(route.from.leaf).or_default().push(wire);
+            }
+        }
+        self.ticket += 1;
+        let ticket = self.ticket;
+        let mut waiting = BTreeSet::new();
+        for (leaf, wires) in by_leaf {
+            let order = if open {
+                Order::Open { wires, generation: ticket }
+            } else {
+                Order::Close { wires, generation: ticket }
+            };
+            self.with_instance(leaf, out, |instance, moment| {
+                if instance.switch(order, moment) {
+                    waiting.insert(leaf);
+                }
+            });
+        }
+        let (group, generation, host) = asked;
+        self.switching.insert(ticket, (group, generation, waiting, host.to_owned()));
+        self.confirm_switches(out);
+    }
+
+    fn confirm_switches(&mut self, out: &mut Out<'_>) {
+        let done: Vec<u64> =
+            self.switching.iter().filter(|(_, (.., waiting, _))| waiting.is_empty()).map(|(ticket, _)| *ticket).collect();
+        for ticket in done {
+            if let Some((group, generation, _, host)) = self.switching.remove(&ticket) {
+                let deployment = self.deployment.clone();
+                out.send(&host, Message::Switched { deployment, group, generation });
+            }
+        }
+    }
+
+    fn with_instance(&mut self, leaf: u32, out: &mut Out<'_>, act: impl FnOnce(&mut Instance, &mut Moment<'_>)) {
+        let mut notes = Vec::new();
+        let since_go = self.since_go(out.now);
+        let Some(instance) = self.instances.get_mut(&leaf) else { return };
+        let mut moment = Moment { now: out.now, since_go, effects: out.effects, notes: &mut notes };
+        act(instance, &mut moment);
+        for note in notes {
+            self.note(leaf, note, out);
+        }
+    }
+
+    fn note(&mut self, leaf: u32, note: Note, out: &mut Out<'_>) {
+        let target = Target::Leaf(leaf);
+        match note {
+            Note::Prepared(facts) => {
+                self.facts.push(facts);
+                self.waiting.remove(&leaf);
+                self.report_prepared(out);
+            }
+            Note::Refused(reason) => {
+                self.reasons.push(reason);
+                self.waiting.remove(&leaf);
+                if self.phase == Phase::Preparing { self.report_prepared(out) } else { self.report_connected(out) }
+            }
+            Note::Connected => {
+                self.waiting.remove(&leaf);
+                self.report_connected(out);
+            }
+            Note::Switched(ticket) => {
+                if let Some((.., waiting, _)) = self.switching.get_mut(&ticket) {
+                    waiting.remove(&leaf);
+                }
+                self.confirm_switches(out);
+            }
+            Note::Ended(activation, ending) => {
+                self.happened(target, Change::Ended(ending.clone()), out);
+                self.tell_supervisor(target, activation, ending, out);
+                self.forget_switches(leaf, out);
+            }
+            Note::Changed(change) => {
+                if matches!(change, Change::Died(_)) {
+                    self.forget_switches(leaf, out);
+                }
+                self.happened(target, change, out);
+            }
+            Note::Gone => self.report_released(out),
+        }
+    }
+
+    /// A program that is gone confirms nothing any more.
+    fn forget_switches(&mut self, leaf: u32, out: &mut Out<'_>) {
+        if self.instances.get(&leaf).is_some_and(Instance::is_gone) {
+            for (.., waiting, _) in self.switching.values_mut() {
+                waiting.remove(&leaf);
+            }
+            self.confirm_switches(out);
+        }
+    }
+
+    fn with_executer(
+        &mut self,
+        group: u32,
+        out: &mut Out<'_>,
+        act: impl FnOnce(&mut Executer, Surroundings<'_>, &mut Out<'_>) -> Option<Ending>,
+    ) {
+        let since_go = self.since_go(out.now);
+        let Some(executer) = self.executers.get_mut(&group) else { return };
+        let at = Surroundings { deployment: &self.deployment, plan: &self.plan, since_go };
+        let Some(ending) = act(executer, at, out) else { return };
+        let activation = executer.activation();
+        let target = Target::Group(group);
+        self.happened(target, Change::Ended(ending.clone()), out);
+        self.tell_supervisor(target, activation, ending, out);
+    }
+
+    fn tell_supervisor(&self, target: Target, activation: u32, ending: Ending, out: &mut Out<'_>) {
+        let supervisor = self.supervisors.get(&target).and_then(|(group, _)| group_host(&self.plan, *group));
+        let deployment = self.deployment.clone();
+        let host = supervisor.unwrap_or(&self.home);
+        out.send(host, Message::Ended { deployment, target, activation, ending });
+    }
+
+    fn happened(&self, target: Target, change: Change, out: &mut Out<'_>) {
+        let deployment = self.deployment.clone();
+        out.send(&self.home, Message::Happened { deployment, target, change });
+    }
+
+    fn report_prepared(&mut self, out: &mut Out<'_>) {
+        if self.phase != Phase::Preparing || !self.waiting.is_empty() {
+            return;
+        }
+        let deployment = self.deployment.clone();
+        let message = if self.reasons.is_empty() {
+            Message::Prepared { deployment, facts: std::mem::take(&mut self.facts), machine: self.machine.clone() }
+        } else {
+            Message::Refused { deployment, reasons: std::mem::take(&mut self.reasons) }
+        };
+        out.send(&self.home, message);
+    }
+
+    fn report_connected(&mut self, out: &mut Out<'_>) {
+        if self.phase != Phase::Connecting || !self.waiting.is_empty() {
+            return;
+        }
+        let deployment = self.deployment.clone();
+        let message = if self.reasons.is_empty() {
+            Message::Connected { deployment }
+        } else {
+            Message::Refused { deployment, reasons: std::mem::take(&mut self.reasons) }
+        };
+        out.send(&self.home, message);
+    }
+
+    fn report_released(&self, out: &mut Out<'_>) {
+        if self.is_over() {
+            out.send(&self.home, Message::Released { deployment: self.deployment.clone() });
+        }
+    }
+
+    fn since_go(&self, now: Time) -> Duration {
+        self.go_at.map_or(Duration::ZERO, |at| now - at)
+    }
+
+    /// Returns the programs of this host, for the driver to clean up after.
+    pub fn processes(&self) -> impl Iterator<Item = ProcessId> {
+        self.instances.keys().map(|leaf| ProcessId { deployment: self.deployment.clone(), leaf: *leaf })
+    }
+}
+
+/// For each process, the group and slot that supervise it.
+fn supervisors(plan: &Plan) -> BTreeMap<Target, (u32, u32)> {
+    let mut supervisors = BTreeMap::new();
+    for (group, members) in (0_u32..).zip(plan.groups.iter().map(|group| &group.members)) {
+        for (slot, member) in (0_u32..).zip(members) {
+            let target = match member.kind {
+                MemberKind::Leaf(leaf) => Target::Leaf(leaf),
+                MemberKind::Group(group) => Target::Group(group),
+            };
+            supervisors.insert(target, (group, slot));
+        }
+    }
+    supervisors
+}
