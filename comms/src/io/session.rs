@@ -14,7 +14,7 @@ mod open;
 pub use call::{CallError, Replies, Request, Server};
 pub(crate) use config::{Settings, unix_locator};
 pub use message::{Presence, Subscription, Token, Watch};
-pub(crate) use open::{Opened, addresses};
+pub(crate) use open::{Opened, addresses, plain};
 
 use crate::logic::key::HostName;
 use config::Scouting;

@@ -150,7 +150,7 @@ pub(crate) fn addresses() -> Vec<String> {
 }
 
 /// Returns zenoh's words without the places in its source that it adds.
-pub(super) fn plain(cause: &zenoh::Error) -> String {
+pub(crate) fn plain(cause: &zenoh::Error) -> String {
     let text = cause.to_string();
     let end = text.find(" at /").or_else(|| text.find(" at zenoh")).unwrap_or(text.len());
     text[..end].trim_end_matches('.').to_owned()

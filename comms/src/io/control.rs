@@ -1,0 +1,284 @@
+//! The control channel between a node and the programs on its host: frames of envelopes on a Unix socket.
+//!
+//! The node's side is asynchronous, the program's side blocks. Both refuse a peer that runs as another user.
+
+use crate::logic::codec::{self, CodecError, Enveloped};
+use crate::logic::control::{Notice, Order};
+use crate::logic::frame::{self, Decoder, FrameError, PREFIX_SIZE};
+use crate::logic::port::{Policy, Pushed, Queue};
+use rustix::net::sockopt::socket_peercred;
+use std::io::{self, Read, Write};
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+use thiserror::Error;
+use tokio::net::{UnixListener, UnixStream};
+use tokio::sync::Notify;
+
+/// Orders that the program has not taken yet.
+const ORDERS_MAX: usize = 256;
+/// How long a program waits for a node that does not read.
+const WRITE_WITHIN: Duration = Duration::from_secs(2);
+/// How much is read at once.
+const READ_SIZE: usize = 16 << 10;
+
+/// Why a control channel is of no more use.
+#[derive(Debug, Error)]
+pub enum ControlError {
+    /// The socket cannot be made.
+    #[error("cannot listen on {path:?}: {cause}")]
+    Bind {
+        /// Where.
+        path: PathBuf,
+        /// The system's words.
+        cause: io::Error,
+    },
+    /// Nobody listens.
+    #[error("no node listens on {path:?}: {cause}")]
+    Connect {
+        /// Where.
+        path: PathBuf,
+        /// The system's words.
+        cause: io::Error,
+    },
+    /// The other side belongs to somebody else.
+    #[error("the other side runs as user {uid}, not as this one")]
+    Stranger {
+        /// Its user id.
+        uid: u32,
+    },
+    /// Reading or writing failed.
+    #[error("the control channel broke: {0}")]
+    Broken(#[from] io::Error),
+    /// The other side does not keep to the protocol.
+    #[error("the other side of the control channel: {0}")]
+    Frame(#[from] FrameError),
+    /// The other side does not keep to the protocol.
+    #[error("the other side of the control channel: {0}")]
+    Codec(#[from] CodecError),
+    /// The other side does not read.
+    #[error("the other side of the control channel does not read: {ORDERS_MAX} orders are waiting")]
+    Stuck,
+}
+
+/// A node's control socket. The file stays when it is dropped; binding again replaces it.
+#[derive(Debug)]
+pub struct Listener {
+    listener: UnixListener,
+}
+
+/// Sends orders to one program.
+#[derive(Clone, Debug)]
+pub struct ControlSender {
+    shared: Arc<Outbox>,
+}
+
+/// Receives the notices of one program, and does the writing for its [`ControlSender`].
+#[derive(Debug)]
+pub struct ControlReceiver {
+    stream: UnixStream,
+    shared: Arc<Outbox>,
+    decoder: Decoder,
+    /// A frame on its way out, and how much of it is written.
+    writing: (Vec<u8>, usize),
+}
+
+#[derive(Debug)]
+struct Outbox {
+    frames: Mutex<Queue<Vec<u8>>>,
+    filled: Notify,
+}
+
+impl Listener {
+    /// Listens on `path`, in place of whoever did before. Only this user can connect.
+    ///
+    /// # Errors
+    /// If the system refuses.
+    pub fn bind(path: &Path) -> Result<Self, ControlError> {
+        let failed = |cause| ControlError::Bind { path: path.to_owned(), cause };
+        match std::fs::remove_file(path) {
+            Err(cause) if cause.kind() != io::ErrorKind::NotFound => return Err(failed(cause)),
+            Ok(()) | Err(_) => {}
+        }
+        let listener = UnixListener::bind(path).map_err(failed)?;
+        // Until here the directory's mode and the user check keep strangers out.
+        std::fs::set_permissions(path, std::fs::Permissions::from_mode(0o600)).map_err(failed)?;
+        Ok(Self { listener })
+    }
+
+    /// Waits for the next program.
+    ///
+    /// # Errors
+    /// If the system refuses, or a stranger knocks; accepting again is possible.
+    ///
+    /// # Cancellation
+    /// Safe.
+    pub async fn accept(&self) -> Result<(ControlSender, ControlReceiver), ControlError> {
+        let (stream, _) = self.listener.accept().await?;
+        check_user(stream.peer_cred()?.uid())?;
+        let outbox = Outbox { frames: Mutex::new(Queue::new(Policy::reject(ORDERS_MAX))), filled: Notify::new() };
+        let shared = Arc::new(outbox);
+        let sender = ControlSender { shared: Arc::clone(&shared) };
+        let decoder = Decoder::new(Notice::SIZE_MAX);
+        Ok((sender, ControlReceiver { stream, shared, decoder, writing: (Vec::new(), 0) }))
+    }
+}
+
+impl ControlSender {
+    /// Puts an order in the queue; it travels while [`ControlReceiver::recv`] is waited for.
+    ///
+    /// # Errors
+    /// If the order is too long, or 256 wait already. An order to a program that is gone is not an error: its receiver
+    /// says so.
+    pub fn send(&self, order: &Order) -> Result<(), ControlError> {
+        let frame = frame::encode(&codec::encode(order)?, Order::SIZE_MAX)?;
+        let pushed = self.shared.frames.lock().unwrap_or_else(PoisonError::into_inner).push(frame);
+        self.shared.filled.notify_one();
+        match pushed {
+            Pushed::Stored | Pushed::Replaced(_) => Ok(()),
+            Pushed::Rejected(_) => Err(ControlError::Stuck),
+        }
+    }
+}
+
+impl ControlReceiver {
+    /// Returns the next notice; none once the program has closed its side.
+    ///
+    /// # Errors
+    /// If the channel breaks or the program does not keep to the protocol; it is then of no more use.
+    ///
+    /// # Cancellation
+    /// Safe: nothing is lost, neither read nor written.
+    pub async fn recv(&mut self) -> Result<Option<Notice>, ControlError> {
+        loop {
+            if let Some(body) = self.decoder.next_frame()? {
+                return Ok(Some(codec::decode(&body)?));
+            }
+            if self.writing.1 == self.writing.0.len() {
+                let next = self.shared.frames.lock().unwrap_or_else(PoisonError::into_inner).pop();
+                self.writing = (next.unwrap_or_default(), 0);
+            }
+            let idle = self.writing.0.is_empty();
+            tokio::select! {
+                ready = self.stream.readable() => {
+                    ready?;
+                    if self.read_some()? == Some(0) {
+                        return self.end();
+                    }
+                }
+                ready = self.stream.writable(), if !idle => {
+                    ready?;
+                    self.write_some()?;
+                }
+                () = self.shared.filled.notified(), if idle => {}
+            }
+        }
+    }
+
+    fn read_some(&mut self) -> io::Result<Option<usize>> {
+        let mut bytes = [0; READ_SIZE];
+        let read = match not_yet(self.stream.try_read(&mut bytes)) {
+            Err(cause) if is_gone(&cause) => Some(0),
+            read => read?,
+        };
+        self.decoder.push(&bytes[..read.unwrap_or(0)]);
+        Ok(read)
+    }
+
+    fn write_some(&mut self) -> io::Result<()> {
+        let (frame, done) = &mut self.writing;
+        match not_yet(self.stream.try_write(&frame[*done..])) {
+            Ok(written) => *done += written.unwrap_or(0),
+            // A program that is going reads no more, but may have said something before: read that to the end.
+            Err(cause) if is_gone(&cause) => *done = frame.len(),
+            Err(cause) => return Err(cause),
+        }
+        Ok(())
+    }
+
+    fn end(&self) -> Result<Option<Notice>, ControlError> {
+        if self.decoder.is_between_frames() {
+            Ok(None)
+        } else {
+            Err(io::Error::from(io::ErrorKind::UnexpectedEof).into())
+        }
+    }
+}
+
+/// Sends notices to the node. Clones share one channel.
+#[derive(Clone, Debug)]
+pub struct NoticeSender {
+    stream: Arc<Mutex<std::os::unix::net::UnixStream>>,
+}
+
+/// Receives the node's orders.
+#[derive(Debug)]
+pub struct OrderReceiver {
+    stream: std::os::unix::net::UnixStream,
+}
+
+/// Connects a program to its node.
+///
+/// # Errors
+/// If nobody listens on `path`, or a stranger does.
+pub fn connect(path: &Path) -> Result<(NoticeSender, OrderReceiver), ControlError> {
+    let failed = |cause| ControlError::Connect { path: path.to_owned(), cause };
+    let stream = std::os::unix::net::UnixStream::connect(path).map_err(failed)?;
+    check_user(socket_peercred(&stream).map_err(io::Error::from)?.uid.as_raw())?;
+    stream.set_write_timeout(Some(WRITE_WITHIN))?;
+    let writer = stream.try_clone()?;
+    Ok((NoticeSender { stream: Arc::new(Mutex::new(writer)) }, OrderReceiver { stream }))
+}
+
+impl NoticeSender {
+    /// Sends a notice.
+    ///
+    /// # Errors
+    /// If it is too long, the node is gone, or it has not read for 2 s.
+    pub fn send(&self, notice: &Notice) -> Result<(), ControlError> {
+        let frame = frame::encode(&codec::encode(notice)?, Notice::SIZE_MAX)?;
+        let mut stream = self.stream.lock().unwrap_or_else(PoisonError::into_inner);
+        Ok(stream.write_all(&frame)?)
+    }
+}
+
+impl OrderReceiver {
+    /// Waits for the next order; none once the node has closed its side.
+    ///
+    /// # Errors
+    /// If the channel breaks or the node does not keep to the protocol.
+    pub fn recv(&mut self) -> Result<Option<Order>, ControlError> {
+        let mut prefix = [0; PREFIX_SIZE];
+        match self.stream.read(&mut prefix[..1]) {
+            Ok(0) => return Ok(None),
+            Err(cause) if is_gone(&cause) => return Ok(None),
+            read => read?,
+        };
+        self.stream.read_exact(&mut prefix[1..])?;
+        let (size, size_max) = (u32::from_le_bytes(prefix) as usize, Order::SIZE_MAX);
+        if size > size_max {
+            return Err(FrameError::TooLong { size, size_max }.into());
+        }
+        let mut body = vec![0; size];
+        self.stream.read_exact(&mut body)?;
+        Ok(Some(codec::decode(&body)?))
+    }
+}
+
+fn check_user(uid: u32) -> Result<(), ControlError> {
+    if uid == rustix::process::geteuid().as_raw() { Ok(()) } else { Err(ControlError::Stranger { uid }) }
+}
+
+/// The other side has closed; a side that goes without having read everything resets the connection.
+fn is_gone(cause: &io::Error) -> bool {
+    matches!(cause.kind(), io::ErrorKind::BrokenPipe | io::ErrorKind::ConnectionReset)
+}
+
+fn not_yet(done: io::Result<usize>) -> io::Result<Option<usize>> {
+    match done {
+        Ok(count) => Ok(Some(count)),
+        Err(cause) if cause.kind() == io::ErrorKind::WouldBlock => Ok(None),
+        Err(cause) => Err(cause),
+    }
+}

@@ -1,0 +1,269 @@
+//! The data session of a controller: samples go straight from controller to controller.
+//!
+//! It finds nobody by itself. A wire is a link dialled from the consumer to the producer, at a place that the node tells;
+//! a link that is lost is dialled again until the session closes. Nothing here needs tokio, and nothing may be called from
+//! a tokio task.
+
+use crate::io::session::{OpenError, Opened, Reach, Settings, addresses, unix_locator};
+use crate::logic::control::{Dial, Location};
+use std::path::Path;
+use std::sync::mpsc::{RecvTimeoutError, sync_channel};
+use std::sync::{Arc, Condvar, Mutex, PoisonError};
+use std::time::Duration;
+use thiserror::Error;
+use zenoh::Wait;
+use zenoh::pubsub::Subscriber;
+use zenoh::qos::CongestionControl;
+use zenoh::query::{Query, Queryable, Reply};
+use zenoh::sample::Sample;
+
+/// How long [`DataSession::close`] waits. Zenoh alone can take 10 s when a peer has vanished.
+const CLOSE_WITHIN: Duration = Duration::from_secs(1);
+
+/// An open data session.
+#[derive(Debug)]
+pub struct DataSession {
+    opened: Opened,
+}
+
+/// How urgent samples are when a link is congested.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Priority {
+    /// Commands and states of devices.
+    Device,
+    /// Samples of wires.
+    Wire,
+    /// What people look at.
+    Background,
+}
+
+/// Why something on a data session failed.
+#[derive(Clone, Debug, Error, PartialEq, Eq)]
+pub enum DataError {
+    /// A program could not be reached.
+    #[error("cannot reach session {session}: {reason}")]
+    Dial {
+        /// The session dialled.
+        session: String,
+        /// Why.
+        reason: String,
+    },
+    /// Zenoh refuses.
+    #[error("cannot use `{key}`: {cause}")]
+    Session {
+        /// The key.
+        key: String,
+        /// Its words.
+        cause: String,
+    },
+    /// No answer in time.
+    #[error("no answer from `{key}` within {within:?}")]
+    Timeout {
+        /// The key.
+        key: String,
+        /// The time given.
+        within: Duration,
+    },
+}
+
+/// Publishes on one key until it is dropped.
+#[derive(Debug)]
+pub struct Publisher {
+    publisher: zenoh::pubsub::Publisher<'static>,
+    heard: Arc<Heard>,
+}
+
+/// Hears one key until it is dropped.
+#[derive(Debug)]
+pub struct Hearing {
+    _subscriber: Subscriber<()>,
+}
+
+/// Answers on one key until it is dropped.
+#[derive(Debug)]
+pub struct Answering {
+    _queryable: Queryable<()>,
+}
+
+/// Whether anybody listens.
+#[derive(Debug, Default)]
+struct Heard {
+    matching: Mutex<bool>,
+    changed: Condvar,
+}
+
+impl DataSession {
+    /// Opens a data session that listens on the Unix socket `socket` and, with [`Reach::Lan`], on one TCP port of each
+    /// network interface.
+    ///
+    /// # Errors
+    /// If the socket cannot be used.
+    pub fn open(socket: &Path, reach: Reach) -> Result<Self, OpenError> {
+        let mut listen = vec![unix_locator(socket)?];
+        match reach {
+            Reach::Host => {}
+            Reach::Lan => listen.extend(addresses().iter().map(|address| format!("tcp/{address}:0"))),
+        }
+        Ok(Self { opened: Opened::open(Settings::data().listen(&listen))? })
+    }
+
+    /// Opens a data session that only dials.
+    ///
+    /// # Errors
+    /// If zenoh refuses.
+    pub fn open_observer() -> Result<Self, OpenError> {
+        Ok(Self { opened: Opened::open(Settings::data())? })
+    }
+
+    /// Returns where others can dial this session.
+    pub fn location(&self) -> Location {
+        let (local, remote) =
+            self.opened.locators().into_iter().partition(|locator| locator.starts_with("unixsock-stream/"));
+        Location { session: self.opened.id(), local, remote }
+    }
+
+    /// Links to another session and keeps linked to it; tries for as long as `within`.
+    ///
+    /// # Errors
+    /// If it cannot be reached in time.
+    pub fn dial(&self, dial: &Dial, within: Duration) -> Result<(), DataError> {
+        let dialled = self.opened.dial(&dial.session, &dial.locators, within);
+        dialled.map_err(|reason| DataError::Dial { session: dial.session.clone(), reason })
+    }
+
+    /// Prepares to publish on `key`. Samples are dropped rather than waited for when a link is congested.
+    ///
+    /// # Errors
+    /// If the session is closed.
+    pub fn publisher(&self, key: &str, priority: Priority) -> Result<Publisher, DataError> {
+        let priority = match priority {
+            Priority::Device => zenoh::qos::Priority::RealTime,
+            Priority::Wire => zenoh::qos::Priority::InteractiveHigh,
+            Priority::Background => zenoh::qos::Priority::Background,
+        };
+        let publisher = self
+            .opened
+            .session
+            .declare_publisher(key.to_owned())
+            .congestion_control(CongestionControl::Drop)
+            .priority(priority)
+            .express(true)
+            .wait()
+            .map_err(|cause| session_error(key, &cause))?;
+        let heard = Arc::new(Heard::default());
+        let listener = Arc::clone(&heard);
+        publisher
+            .matching_listener()
+            .callback(move |status| listener.set(status.matching()))
+            .background()
+            .wait()
+            .map_err(|cause| session_error(key, &cause))?;
+        // Somebody may have listened before us, and the listener tells changes only.
+        if publisher.matching_status().wait().is_ok_and(|status| status.matching()) {
+            heard.set(true);
+        }
+        Ok(Publisher { publisher, heard })
+    }
+
+    /// Calls `on_sample` with each sample put on `key`. It runs on zenoh's threads, so it must only put the sample away.
+    ///
+    /// # Errors
+    /// If the session is closed.
+    pub fn on_sample(
+        &self,
+        key: &str,
+        mut on_sample: impl FnMut(&[u8]) + Send + Sync + 'static,
+    ) -> Result<Hearing, DataError> {
+        let on_sample = move |sample: Sample| on_sample(&sample.payload().to_bytes());
+        let subscriber = self.opened.session.declare_subscriber(key).callback_mut(on_sample).wait();
+        subscriber.map(|subscriber| Hearing { _subscriber: subscriber }).map_err(|cause| session_error(key, &cause))
+    }
+
+    /// Answers whoever fetches `key` with what `answer` returns; with nothing, there is no answer. It runs on zenoh's
+    /// threads, so it must not wait.
+    ///
+    /// # Errors
+    /// If the session is closed.
+    pub fn answer(
+        &self,
+        key: &str,
+        answer: impl Fn() -> Option<Vec<u8>> + Send + Sync + 'static,
+    ) -> Result<Answering, DataError> {
+        let on_query = move |query: Query| {
+            let Some(bytes) = answer() else { return };
+            if let Err(error) = query.reply(query.key_expr().clone(), bytes).wait() {
+                tracing::debug!(key = query.key_expr().as_str(), %error, "an answer was not sent");
+            }
+        };
+        let queryable = self.opened.session.declare_queryable(key).complete(true).callback(on_query).wait();
+        queryable.map(|queryable| Answering { _queryable: queryable }).map_err(|cause| session_error(key, &cause))
+    }
+
+    /// Fetches what the producer of `key` has now; none if it has nothing, or cannot be reached.
+    ///
+    /// # Errors
+    /// If it is there, but does not answer in time.
+    pub fn fetch(&self, key: &str, within: Duration) -> Result<Option<Vec<u8>>, DataError> {
+        let (reply_tx, reply) = sync_channel(1);
+        // A second answer finds the queue full and is dropped: a key has one producer.
+        let on_reply = move |reply: Reply| drop(reply_tx.try_send(reply));
+        let asked = self.opened.session.get(key).timeout(within).callback(on_reply).wait();
+        asked.map_err(|cause| session_error(key, &cause))?;
+        let timeout = || DataError::Timeout { key: key.to_owned(), within };
+        match reply.recv_timeout(within) {
+            Ok(reply) => match reply.result() {
+                Ok(sample) => Ok(Some(sample.payload().to_bytes().into_owned())),
+                Err(_) => Err(timeout()),
+            },
+            Err(RecvTimeoutError::Disconnected) => Ok(None),
+            Err(RecvTimeoutError::Timeout) => Err(timeout()),
+        }
+    }
+
+    /// Closes the session, in 1 s at the most.
+    pub fn close(self) {
+        let (closed_tx, closed) = sync_channel(1);
+        let closing = move || {
+            self.opened.close();
+            closed_tx.send(()).unwrap_or_default();
+        };
+        match std::thread::Builder::new().name("dca-close".to_owned()).spawn(closing) {
+            Ok(_) if closed.recv_timeout(CLOSE_WITHIN).is_err() => tracing::debug!("the session is still closing"),
+            Ok(_) => {}
+            Err(error) => tracing::debug!(%error, "no thread to close the session on"),
+        }
+    }
+}
+
+impl Publisher {
+    /// Sends a sample to whoever listens now.
+    ///
+    /// # Errors
+    /// If the session is closed.
+    pub fn put(&self, bytes: Vec<u8>) -> Result<(), DataError> {
+        self.publisher.put(bytes).wait().map_err(|cause| session_error(self.publisher.key_expr().as_str(), &cause))
+    }
+
+    /// Returns whether anybody listens.
+    pub fn is_heard(&self) -> bool {
+        *self.heard.matching.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Waits until somebody listens; says whether that was within the time given.
+    pub fn wait_heard(&self, within: Duration) -> bool {
+        let matching = self.heard.matching.lock().unwrap_or_else(PoisonError::into_inner);
+        let waited = self.heard.changed.wait_timeout_while(matching, within, |matching| !*matching);
+        *waited.unwrap_or_else(PoisonError::into_inner).0
+    }
+}
+
+impl Heard {
+    fn set(&self, matching: bool) {
+        *self.matching.lock().unwrap_or_else(PoisonError::into_inner) = matching;
+        self.changed.notify_all();
+    }
+}
+
+fn session_error(key: &str, cause: &zenoh::Error) -> DataError {
+    DataError::Session { key: key.to_owned(), cause: crate::io::session::plain(cause) }
+}

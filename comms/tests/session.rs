@@ -1,0 +1,190 @@
+//! Node sessions over Unix sockets: calls, streams, messages and presence, also through a client of another node.
+
+use comms::io::session::{CallError, NodeOptions, Presence, Reach, Session};
+use comms::logic::key::{self, HostName};
+use comms::logic::port::Policy;
+use std::io::{BufRead, BufReader, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::Duration;
+
+const LONG: Duration = Duration::from_secs(20);
+
+struct Dir(PathBuf);
+
+impl Dir {
+    fn new(name: &str) -> Self {
+        let path = std::env::temp_dir().join(format!("dca-session-{name}-{}", std::process::id()));
+        std::fs::create_dir_all(&path).unwrap();
+        Self(path)
+    }
+    fn socket(&self, name: &str) -> PathBuf {
+        self.0.join(name)
+    }
+}
+
+impl Drop for Dir {
+    fn drop(&mut self) {
+        std::fs::remove_dir_all(&self.0).unwrap();
+    }
+}
+
+async fn node(dir: &Dir, name: &str, peers: &[&str]) -> Session {
+    let peers = peers.iter().map(|peer| format!("unixsock-stream/{}", dir.socket(peer).display())).collect();
+    let name = HostName::parse(name).unwrap();
+    let socket = dir.socket(name.as_str());
+    Session::open_node(NodeOptions { name, socket, reach: Reach::Host, peers }).await.unwrap()
+}
+
+/// Serves until its session closes: echoes, counts, refuses, and leaves one call hanging.
+async fn serve(session: &Session, host: &str) {
+    let mut server = session.serve(&key::rpc_any(host)).unwrap();
+    let mut hanging = Vec::new();
+    while let Some(request) = server.next().await {
+        let (to, verb) = key::parse_rpc(request.key()).unwrap();
+        assert_eq!(to, host);
+        match verb.as_str() {
+            "echo" => request.reply(request.payload()),
+            "count" => (0..request.payload()[0]).for_each(|number| request.reply(vec![number])),
+            "refuse" => request.refuse("not today"),
+            "hang" => hanging.push(request),
+            _ => {}
+        }
+    }
+}
+
+async fn call(session: &Session, host: &str, verb: &str, payload: &[u8]) -> Result<Vec<u8>, CallError> {
+    session.call(&key::rpc(host, verb), payload.to_vec(), LONG).await
+}
+
+async fn appears(session: &Session, host: &str) {
+    let mut watch = session.watch(&key::live_any()).unwrap();
+    while let Some(presence) = watch.next().await {
+        if matches!(presence, Presence::Appeared(key) if key::parse_live(&key).unwrap().0 == host) {
+            return;
+        }
+    }
+    panic!("the session closed");
+}
+
+async fn check_calls(session: &Session, host: &str) {
+    assert_eq!(call(session, host, "echo", b"hello").await.unwrap(), b"hello");
+    let large = vec![9; 300_000];
+    assert_eq!(call(session, host, "echo", &large).await.unwrap(), large);
+    assert_eq!(call(session, host, "refuse", b"").await.unwrap_err().to_string(), "not today");
+    assert!(matches!(call(session, host, "ignore", b"").await, Err(CallError::Unreachable { .. })));
+    assert!(matches!(call(session, "nobody", "echo", b"").await, Err(CallError::Unreachable { .. })));
+    let hang = session.call(&key::rpc(host, "hang"), Vec::new(), Duration::from_millis(100)).await;
+    assert!(matches!(hang, Err(CallError::Timeout { .. })), "{hang:?}");
+
+    let mut replies = session.call_stream(&key::rpc(host, "count"), vec![200]).unwrap();
+    for number in 0..200 {
+        assert_eq!(replies.next().await, Some(Ok(vec![number])));
+    }
+    assert_eq!(replies.next().await, None);
+    let mut replies = session.call_stream(&key::rpc("nobody", "count"), vec![1]).unwrap();
+    assert!(matches!(replies.next().await, Some(Err(CallError::Unreachable { .. }))));
+    assert_eq!(replies.next().await, None);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn nodes_and_a_client() {
+    let dir = Dir::new("calls");
+    // `a` is told of `b` before there is a `b`.
+    let a = node(&dir, "a", &["b"]).await;
+    let b = node(&dir, "b", &[]).await;
+    let _here = b.announce(&key::live("b", 1)).unwrap();
+    appears(&a, "b").await;
+    tokio::select! {
+        () = serve(&b, "b") => unreachable!(),
+        () = check_calls(&a, "b") => {}
+    }
+    let client = Session::open_client(&dir.socket("a")).await.unwrap();
+    tokio::select! {
+        () = serve(&b, "b") => unreachable!(),
+        () = check_calls(&client, "b") => {}
+    }
+    client.close().await;
+
+    let mut inbox = b.subscribe(&key::inbox("b"), Policy::reject(100)).unwrap();
+    appears(&b, "b").await;
+    let mut sent = 0;
+    // `a` learns of the inbox a moment after it is there; a message before that is lost, and senders that mind repeat.
+    let first = loop {
+        a.put(&key::inbox("b"), vec![sent]).unwrap();
+        sent += 1;
+        if let Ok(got) = tokio::time::timeout(Duration::from_millis(50), inbox.next()).await {
+            break got.unwrap();
+        }
+    };
+    assert_eq!(first.0, key::inbox("b"));
+    a.put(&key::inbox("b"), vec![sent; 100_000]).unwrap();
+    while inbox.next().await.unwrap().1 != vec![sent; 100_000] {}
+    a.close().await;
+    b.close().await;
+}
+
+/// The other process of the tests below. Does nothing as a test.
+#[tokio::test(flavor = "multi_thread")]
+async fn other_node() {
+    let Some(socket) = std::env::var_os("DCA_TEST_SOCKET") else { return };
+    let options = NodeOptions {
+        name: HostName::parse("other").unwrap(),
+        socket: Path::new(&socket).to_owned(),
+        reach: Reach::Host,
+        peers: Vec::new(),
+    };
+    let session = Session::open_node(options).await.unwrap();
+    let _here = session.announce(&key::live("other", 7)).unwrap();
+    println!("ready");
+    std::io::stdout().flush().unwrap();
+    serve(&session, "other").await;
+}
+
+fn start_other(dir: &Dir) -> Child {
+    let mut child = Command::new(std::env::current_exe().unwrap())
+        .args(["--exact", "other_node", "--nocapture"])
+        .env("DCA_TEST_SOCKET", dir.socket("other"))
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
+    assert!(lines.any(|line| line.unwrap().contains("ready")));
+    child
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_killed_node_vanishes_and_its_calls_end() {
+    let dir = Dir::new("kill");
+    let a = node(&dir, "a", &["other"]).await;
+    let mut watch = a.watch(&key::live_any()).unwrap();
+    for _ in 0..2 {
+        let mut other = start_other(&dir);
+        assert_eq!(watch.next().await, Some(Presence::Appeared(key::live("other", 7))));
+        assert_eq!(call(&a, "other", "echo", b"x").await.unwrap(), b"x");
+        let mut hanging = a.call_stream(&key::rpc("other", "hang"), Vec::new()).unwrap();
+        other.kill().unwrap();
+        other.wait().unwrap();
+        assert_eq!(watch.next().await, Some(Presence::Vanished(key::live("other", 7))));
+        assert!(matches!(hanging.next().await, Some(Err(CallError::Unreachable { .. }))));
+    }
+    a.close().await;
+}
+
+#[tokio::test]
+async fn opens_on_a_single_threaded_runtime_and_says_what_is_wrong() {
+    let dir = Dir::new("wrong");
+    let a = node(&dir, "a", &[]).await;
+    assert_eq!(a.locators(), [format!("unixsock-stream/{}", dir.socket("a").display())]);
+    let options = NodeOptions {
+        name: HostName::parse("a").unwrap(),
+        socket: dir.socket("a"),
+        reach: Reach::Host,
+        peers: Vec::new(),
+    };
+    let taken = Session::open_node(options).await.unwrap_err().to_string();
+    assert!(taken.starts_with("cannot open a session: ") && !taken.contains(".rs"), "{taken}");
+    let nobody = Session::open_client(&dir.socket("b")).await.unwrap_err().to_string();
+    assert!(nobody.starts_with("no node answers at"), "{nobody}");
+    a.close().await;
+}
