@@ -1,3 +1,18 @@
 //! The decisions of a node: pure state machines. Time comes in, effects go out.
 
+pub mod agent;
+pub mod child;
+pub mod effect;
+pub mod executer;
+pub mod home;
+pub mod instance;
+pub mod link;
+pub mod mission;
+pub mod nameserver;
+pub mod page;
+pub mod programs;
 pub mod protocol;
+pub mod record;
+pub mod table;
+pub mod tenant;
+pub mod wiring;

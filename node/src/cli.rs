@@ -1,0 +1,126 @@
+//! The command line: one file a verb. Results go to standard output, everything else to standard error.
+//!
+//! Exit codes: 0 done, 1 refused or failed, 2 usage, 3 unreachable.
+
+pub mod agent;
+pub mod check;
+pub mod client;
+pub mod deploy;
+pub mod display;
+pub mod follow;
+pub mod logs;
+pub mod nodes;
+pub mod output;
+pub mod report;
+pub mod run;
+pub mod status;
+pub mod stop;
+
+use clap::{Args, Parser, Subcommand};
+use comms::io::session;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use tracing_subscriber::EnvFilter;
+
+/// A distributed control architecture for robots: one text file says what runs where, how it is wired, and what happens
+/// next.
+#[derive(Debug, Parser)]
+#[command(name = "dca", version)]
+struct Command {
+    #[command(subcommand)]
+    verb: Verb,
+}
+
+#[derive(Debug, Subcommand)]
+enum Verb {
+    /// Run a spec on this machine alone: a node for each of its hosts is started inside this command
+    Run(run::Arguments),
+    /// Run a spec on the hosts it names
+    Deploy(deploy::Arguments),
+    /// Print what is wrong with a spec
+    Check(check::Arguments),
+    /// List the nodes that can be reached
+    Nodes(nodes::Arguments),
+    /// Show what runs where
+    Status(status::Arguments),
+    /// Print what a process has written
+    Logs(logs::Arguments),
+    /// Stop a deployment everywhere
+    Stop(stop::Arguments),
+    /// Make one page to look at from the record of a run
+    Report(report::Arguments),
+}
+
+/// Where to find nodes.
+#[derive(Clone, Debug, Args)]
+pub struct Reaching {
+    /// Look for nodes on the local network too (unauthenticated)
+    #[arg(long)]
+    pub lan: bool,
+    /// Folder with the sockets of this machine's nodes
+    #[arg(long, value_name = "DIR")]
+    pub run_dir: Option<PathBuf>,
+}
+
+/// Where the controllers' programs are.
+#[derive(Clone, Debug, Args)]
+pub struct Controllers {
+    /// A program that offers controller types; may be given more than once [default: dca-controller beside this program]
+    #[arg(long = "controllers", value_name = "PROGRAM")]
+    pub programs: Vec<PathBuf>,
+}
+
+/// Why a verb did not do what was asked; each has its exit code.
+#[derive(Debug)]
+pub enum Failure {
+    /// It was refused, or it failed: exit code 1.
+    Refused(anyhow::Error),
+    /// It was refused, and everything about it has been said: exit code 1.
+    Told,
+    /// Somebody could not be reached: exit code 3.
+    Unreachable(anyhow::Error),
+}
+
+impl<E: Into<anyhow::Error>> From<E> for Failure {
+    fn from(error: E) -> Self {
+        Self::Refused(error.into())
+    }
+}
+
+/// Runs the command line of this process.
+pub fn main() -> ExitCode {
+    session::prepare_process();
+    let command = Command::parse();
+    start_logging();
+    finish(match command.verb {
+        Verb::Run(arguments) => run::run(arguments),
+        Verb::Deploy(arguments) => deploy::run(arguments),
+        Verb::Check(arguments) => check::run(&arguments),
+        Verb::Nodes(arguments) => nodes::run(&arguments),
+        Verb::Status(arguments) => status::run(&arguments),
+        Verb::Logs(arguments) => logs::run(&arguments),
+        Verb::Stop(arguments) => stop::run(&arguments),
+        Verb::Report(arguments) => report::run(&arguments),
+    })
+}
+
+/// Says why something was not done; returns the exit code for it.
+fn finish(result: Result<(), Failure>) -> ExitCode {
+    let (error, code) = match result {
+        Ok(()) => return ExitCode::SUCCESS,
+        Err(Failure::Told) => return ExitCode::from(1),
+        Err(Failure::Refused(error)) => (error, 1),
+        Err(Failure::Unreachable(error)) => (error, 3),
+    };
+    output::complain(&error);
+    ExitCode::from(code)
+}
+
+/// Sends the program's own log to standard error; what is logged is set by `RUST_LOG`.
+fn start_logging() {
+    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_unset| EnvFilter::new("warn,zenoh=error"));
+    let logging = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
+    if let Err(error) = logging.try_init() {
+        tracing::debug!(%error, "logging was started before");
+    }
+}

@@ -1,0 +1,87 @@
+//! `dca-node`: the agent of a host, until it is asked to leave (SIGTERM, SIGINT).
+
+use crate::cli::client::block_on;
+use crate::cli::{Failure, finish, output, start_logging};
+use crate::io::driver::{self, Config};
+use crate::io::{programs, run_dir};
+use anyhow::Context;
+use clap::Parser;
+use comms::io::session::{self, Reach};
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::time::Duration;
+use tokio::signal::unix::{SignalKind, signal};
+use tokio::sync::watch;
+
+/// The agent of a host: starts programs, supervises them, and finds the other agents.
+#[derive(Debug, Parser)]
+#[command(name = "dca-node", version)]
+struct Arguments {
+    /// The host's name in specs
+    #[arg(long)]
+    name: String,
+    /// Open this node to the local network, unauthenticated
+    #[arg(long)]
+    lan: bool,
+    /// A node known beforehand, for networks without multicast; may be given more than once
+    #[arg(long = "peer", value_name = "tcp/ADDRESS:PORT")]
+    peers: Vec<String>,
+    /// A program that offers controller types; may be given more than once [default: dca-controller beside this program]
+    #[arg(long = "controllers", value_name = "PROGRAM")]
+    controllers: Vec<PathBuf>,
+    /// How long programs have to stop when this node is gone, in seconds
+    #[arg(long, default_value_t = 5.0, value_name = "S")]
+    agent_loss_grace: f64,
+    /// Folder for sockets and output
+    #[arg(long, value_name = "DIR")]
+    run_dir: Option<PathBuf>,
+}
+
+/// Runs the agent of this process.
+pub fn main() -> ExitCode {
+    session::prepare_process();
+    let arguments = Arguments::parse();
+    start_logging();
+    finish(run(arguments))
+}
+
+fn run(arguments: Arguments) -> Result<(), Failure> {
+    if arguments.lan {
+        output::note("this node is open to the local network without authentication: anyone there can start programs");
+    }
+    let seconds = arguments.agent_loss_grace;
+    let agent_loss_grace = Duration::try_from_secs_f64(seconds).context("`--agent-loss-grace` must not be negative")?;
+    let config = Config {
+        name: arguments.name,
+        base: arguments.run_dir.unwrap_or_else(run_dir::default_base),
+        reach: if arguments.lan { Reach::Lan } else { Reach::Host },
+        controllers: programs::chosen(&arguments.controllers),
+        peers: arguments.peers,
+        agent_loss_grace,
+    };
+    block_on(async {
+        let (leave, ready) = (watch::Sender::new(false), watch::Sender::new(false));
+        let (mut is_ready, name) = (ready.subscribe(), config.name.clone());
+        let announcing = async move {
+            if is_ready.wait_for(|ready| *ready).await.is_ok() {
+                output::say(&format!("node `{name}` is ready"));
+            }
+        };
+        tokio::pin!(announcing);
+        let mut announced = false;
+        let mut node = tokio::task::JoinSet::new();
+        node.spawn(driver::run(config, leave.subscribe(), ready));
+        let (mut terminate, mut interrupt) = (signal(SignalKind::terminate())?, signal(SignalKind::interrupt())?);
+        loop {
+            tokio::select! {
+                ended = node.join_next() => {
+                    let ended = ended.map_or_else(|| Ok(()), |joined| joined.unwrap_or_else(|panic| Err(panic.into())));
+                    return Ok(ended?);
+                }
+                () = &mut announcing, if !announced => announced = true,
+                _ = terminate.recv() => { leave.send_replace(true); }
+                _ = interrupt.recv() => { leave.send_replace(true); }
+            }
+        }
+    })
+}

@@ -1,0 +1,211 @@
+//! Follows a mission from the request to its end: progress, record, report, summary.
+
+use crate::cli::client::{Answers, Client};
+use crate::cli::display::{Display, UPDATE_EVERY};
+use crate::cli::output::Output;
+use crate::cli::{Failure, report};
+use crate::io::observer::{Observer, Sample};
+use crate::io::recorder::Recorder;
+use crate::logic::mission::{Files, Mission, Outcome};
+use crate::logic::protocol::{Answer, Report, Request};
+use crate::logic::record::{Entry, Header};
+use anyhow::{Context, anyhow};
+use comms::io::clock;
+use comms::logic::time::Time;
+use language::plan::Plan;
+use std::path::{Path, PathBuf};
+use tokio::signal::unix::{SignalKind, signal};
+use tokio::sync::mpsc;
+
+/// How many samples wait to be shown and recorded; more are left out and counted.
+const SAMPLES_MAX: usize = 4096;
+/// How many folders of earlier runs are stepped over to find a free name.
+const RUNS_MAX: u32 = 100_000;
+
+/// How a mission is watched.
+#[derive(Clone, Debug, clap::Args)]
+pub struct Following {
+    /// Where the record and the report of the run go
+    #[arg(long, value_name = "DIR", default_value = "runs")]
+    runs: PathBuf,
+    /// Keep no record
+    #[arg(long)]
+    no_record: bool,
+}
+
+/// A spec that is ready to run, with the text it was made from.
+#[derive(Clone, Debug)]
+pub(crate) struct Spec {
+    /// The file.
+    pub(crate) file: PathBuf,
+    /// What it says.
+    pub(crate) text: String,
+    /// What it means.
+    pub(crate) plan: Plan,
+}
+
+/// A mission that is being watched.
+struct Watch {
+    mission: Mission,
+    display: Display,
+    output: Output,
+    recorder: Option<Recorder>,
+    observer: Option<Observer>,
+    samples: mpsc::Sender<Sample>,
+    go_at: Option<Time>,
+    name: String,
+}
+
+/// Deploys a spec and stays until it has ended; Ctrl-C stops it everywhere.
+pub(crate) async fn follow(client: &Client, spec: Spec, following: &Following) -> Result<(), Failure> {
+    let home = spec.plan.groups.first().and_then(|main| spec.plan.hosts.get(main.host as usize)).cloned();
+    let home = home.context("the plan names no host for `main`")?;
+    let (samples, arriving) = mpsc::channel(SAMPLES_MAX);
+    let recorder = if following.no_record { None } else { Some(start_record(&spec, &following.runs)?) };
+    let mut watch = Watch {
+        mission: Mission::new(&spec.plan),
+        display: Display::default(),
+        output: Output::standard(),
+        recorder,
+        observer: None,
+        samples,
+        go_at: None,
+        name: spec.plan.name.clone(),
+    };
+    let request = Request::Deploy { request: request_number(), plan: spec.plan };
+    let answers = client.ask_on(&home, &request)?;
+    let watched = watch.watch(client, &home, answers, arriving).await;
+    watch.finish(watched).await
+}
+
+/// A number that no other request has: the time, and who asks.
+fn request_number() -> u64 {
+    clock::now().nanos().rotate_left(16) ^ u64::from(std::process::id())
+}
+
+impl Watch {
+    async fn watch(
+        &mut self,
+        client: &Client,
+        home: &str,
+        mut answers: Answers,
+        mut samples: mpsc::Receiver<Sample>,
+    ) -> Result<(), Failure> {
+        let (mut interrupt, mut terminate) = (signal(SignalKind::interrupt())?, signal(SignalKind::terminate())?);
+        let mut refresh = tokio::time::interval(UPDATE_EVERY);
+        let mut stopping = None;
+        loop {
+            tokio::select! {
+                answer = answers.next() => match answer {
+                    Some(answer) => self.take(answer?).await?,
+                    None => return self.answers_over(home),
+                },
+                Some(sample) = samples.recv() => self.sample(sample),
+                _ = refresh.tick() => {
+                    self.mission.tick(self.go_at.map_or_else(Default::default, |go| clock::now() - go));
+                    self.display.update(&self.mission, &mut self.output);
+                }
+                _ = interrupt.recv() => self.stop(client, home, &mut stopping)?,
+                _ = terminate.recv() => self.stop(client, home, &mut stopping)?,
+            }
+        }
+    }
+
+    fn answers_over(&self, home: &str) -> Result<(), Failure> {
+        if self.mission.verdict().is_some() {
+            return Ok(());
+        }
+        Err(Failure::Unreachable(anyhow!("the node `{home}` went away in the middle; `{}` may still run", self.name)))
+    }
+
+    /// Asks for the end once; the mission's own reports say when it has come. The second time nobody waits.
+    fn stop(&mut self, client: &Client, home: &str, asked: &mut Option<Answers>) -> Result<(), Failure> {
+        if asked.is_some() {
+            return Err(anyhow!("`{}` was left while it was stopping", self.name).into());
+        }
+        self.output.note("stopping everything; once more to leave without waiting");
+        *asked = Some(client.ask_on(home, &Request::Stop { name: self.name.clone() })?);
+        Ok(())
+    }
+
+    async fn take(&mut self, answer: Answer) -> Result<(), Failure> {
+        let report = match answer {
+            Answer::Report(report) => report,
+            Answer::Refused(why) => return Err(anyhow!(why).into()),
+            other => return Err(anyhow!("the node gave an answer to another question: {other:?}").into()),
+        };
+        if let Report::Go { signals, .. } = &report {
+            self.go_at = Some(clock::now());
+            if !signals.is_empty() {
+                match Observer::open(&self.name, signals, self.samples.clone()).await {
+                    Ok(observer) => self.observer = Some(observer),
+                    Err(error) => self.output.note(&format!("warning: signals cannot be seen: {error:#}")),
+                }
+            }
+        }
+        self.mission.report(&report);
+        self.display.update(&self.mission, &mut self.output);
+        self.record(Entry::Report(report));
+        Ok(())
+    }
+
+    fn sample(&mut self, sample: Sample) {
+        let Some(go) = self.go_at else { return };
+        let Sample { path, arrived, signals } = sample;
+        let at = arrived - go;
+        self.mission.signals(&path, at, &signals);
+        self.record(Entry::Signals { path, at, sample: signals });
+    }
+
+    fn record(&mut self, entry: Entry) {
+        if let Some(recorder) = &mut self.recorder {
+            recorder.push(entry);
+        }
+    }
+
+    async fn finish(mut self, watched: Result<(), Failure>) -> Result<(), Failure> {
+        if let Some(observer) = self.observer.take() {
+            observer.close().await;
+        }
+        let mut files = Files::default();
+        if let Some(recorder) = self.recorder.take() {
+            let (record, dropped) = recorder.finish()?;
+            let page = record.with_file_name("report.html");
+            match report::write(&record, &page) {
+                Ok(()) => files.report = Some(page.display().to_string()),
+                Err(error) => self.output.note(&format!("warning: no report was made: {error:#}")),
+            }
+            (files.record, files.dropped) = (Some(record.display().to_string()), dropped);
+        }
+        self.output.clear();
+        watched?;
+        self.display.finish(&self.mission, &files, &mut self.output)?;
+        match self.mission.verdict().map(|verdict| &verdict.outcome) {
+            Some(Outcome::Done) => Ok(()),
+            _ => Err(Failure::Told),
+        }
+    }
+}
+
+fn start_record(spec: &Spec, runs: &Path) -> Result<Recorder, Failure> {
+    let dir = free_folder(runs, &spec.plan.name)?;
+    let file = spec.file.file_name().map_or_else(|| "spec.dca".to_owned(), |name| name.to_string_lossy().into_owned());
+    let (text, plan) = (spec.text.clone(), spec.plan.clone());
+    let header = Header { file, text, plan, started: Some(clock::unix_time()) };
+    Ok(Recorder::create(&dir, &header).with_context(|| format!("beginning a record in `{}`", dir.display()))?)
+}
+
+/// Makes the first of `runs/NAME-1`, `runs/NAME-2`, … that is not there yet.
+fn free_folder(runs: &Path, name: &str) -> anyhow::Result<PathBuf> {
+    let context = || format!("making a folder for the record in `{}`", runs.display());
+    std::fs::create_dir_all(runs).with_context(context)?;
+    for number in 1..RUNS_MAX {
+        let dir = runs.join(format!("{name}-{number}"));
+        match std::fs::create_dir(&dir) {
+            Ok(()) => return Ok(dir),
+            Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => {}
+            Err(error) => return Err(error).with_context(context),
+        }
+    }
+    Err(anyhow!("`{}` holds too many runs of `{name}`; remove some, or choose another folder with `--runs`", runs.display()))
+}

@@ -1,0 +1,111 @@
+//! `dca run`: a spec on this machine alone. A node for each of its hosts is started inside this command; when the command
+//! ends, however it ends, nothing of it stays.
+
+use crate::cli::client::{Client, block_on};
+use crate::cli::{Controllers, Failure, check, deploy, follow};
+use crate::io::driver::{self, Config};
+use crate::io::{programs, run_dir};
+use anyhow::{Context, anyhow};
+use comms::io::clock;
+use comms::io::session::Reach;
+use crate::cli::follow::Spec;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+use tokio::sync::watch;
+use tokio::task::JoinSet;
+
+/// How long the nodes have to leave.
+const LEAVE_WITHIN: Duration = Duration::from_secs(15);
+
+/// What `dca run` is told.
+#[derive(Debug, clap::Args)]
+pub struct Arguments {
+    /// The spec
+    file: PathBuf,
+    #[command(flatten)]
+    following: follow::Following,
+    #[command(flatten)]
+    controllers: Controllers,
+}
+
+/// The nodes inside this command.
+#[derive(Debug)]
+struct Nodes {
+    base: PathBuf,
+    leave: watch::Sender<bool>,
+    running: JoinSet<anyhow::Result<()>>,
+}
+
+/// Runs the verb.
+pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
+    let spec = check::load(&arguments.file, &arguments.controllers, false)?;
+    block_on(async {
+        let mut nodes = Nodes::start(&spec.plan.hosts, &arguments.controllers).await?;
+        let result = nodes.carry(spec, &arguments.following).await;
+        nodes.leave().await;
+        result
+    })
+}
+
+impl Nodes {
+    async fn start(hosts: &[String], controllers: &Controllers) -> Result<Self, Failure> {
+        let base = run_dir::default_base().join(format!("run-{}", std::process::id()));
+        let mut nodes = Self { base, leave: watch::Sender::new(false), running: JoinSet::new() };
+        for host in hosts {
+            let config = Config {
+                name: host.clone(),
+                base: nodes.base.clone(),
+                reach: Reach::Host,
+                controllers: programs::chosen(&controllers.programs),
+                peers: Vec::new(),
+                agent_loss_grace: Duration::from_secs(1),
+            };
+            let ready = watch::Sender::new(false);
+            let mut is_ready = ready.subscribe();
+            nodes.running.spawn(driver::run(config, nodes.leave.subscribe(), ready));
+            tokio::select! {
+                _ = is_ready.wait_for(|ready| *ready) => {}
+                ended = nodes.running.join_next() => {
+                    let why = ended.map_or_else(|| Ok(()), |joined| joined.unwrap_or_else(|panic| Err(panic.into())));
+                    nodes.leave().await;
+                    return Err(why.err().unwrap_or_else(|| anyhow!("the node `{host}` ended at once")).into());
+                }
+            }
+        }
+        Ok(nodes)
+    }
+
+    async fn carry(&mut self, spec: Spec, following: &follow::Following) -> Result<(), Failure> {
+        let home = spec.plan.groups.first().and_then(|main| spec.plan.hosts.get(main.host as usize)).cloned();
+        let home = home.context("the plan names no host for `main`")?;
+        let client = Client::to_socket(self.base.join(&home).join("node.sock")).await?;
+        let result = tokio::select! {
+            result = deploy::deploy(&client, spec, following) => result,
+            ended = self.running.join_next() => {
+                let why = ended.map_or_else(|| Ok(()), |joined| joined.unwrap_or_else(|panic| Err(panic.into())));
+                Err(why.err().unwrap_or_else(|| anyhow!("a node ended in the middle")).into())
+            }
+        };
+        client.close().await;
+        result
+    }
+
+    /// Ends the nodes and removes their folder.
+    async fn leave(&mut self) {
+        self.leave.send_replace(true);
+        let deadline = clock::now() + LEAVE_WITHIN;
+        loop {
+            tokio::select! {
+                ended = self.running.join_next() => if ended.is_none() { break },
+                () = clock::sleep_until(deadline) => break,
+            }
+        }
+        remove(&self.base);
+    }
+}
+
+fn remove(base: &Path) {
+    if let Err(error) = std::fs::remove_dir_all(base) {
+        tracing::debug!(%error, "cannot remove the nodes' folder");
+    }
+}

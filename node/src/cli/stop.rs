@@ -1,0 +1,44 @@
+//! `dca stop`: ends a deployment on every host.
+
+use crate::cli::client::{Client, block_on};
+use crate::cli::{Failure, Reaching, output};
+use crate::logic::protocol::{Answer, Request, StopReply};
+use anyhow::anyhow;
+use std::time::Duration;
+
+/// How long a deployment has to end: its programs' own limits, and some.
+const STOP_WITHIN: Duration = Duration::from_secs(60);
+
+/// What `dca stop` is told.
+#[derive(Debug, clap::Args)]
+pub struct Arguments {
+    /// The deployment
+    name: String,
+    #[command(flatten)]
+    reaching: Reaching,
+}
+
+/// Runs the verb.
+pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    block_on(async {
+        let client = Client::open(&arguments.reaching).await?;
+        let result = stop(&client, &arguments.name).await;
+        client.close().await;
+        result
+    })?;
+    output::say(&format!("`{}` is stopped; nothing of it is left", arguments.name));
+    Ok(())
+}
+
+async fn stop(client: &Client, name: &str) -> Result<(), Failure> {
+    let parts = client.statuses().await?.into_iter().flat_map(|node| node.deployments);
+    let Some(part) = parts.into_iter().find(|part| part.deployment.name == name) else {
+        return Err(anyhow!("no deployment `{name}` is running; `dca status` lists them").into());
+    };
+    let request = Request::Stop { name: name.to_owned() };
+    match client.ask(&part.home, &request, STOP_WITHIN).await? {
+        Answer::Stop(StopReply::Stopped) => Ok(()),
+        Answer::Stop(StopReply::Unknown) => Err(anyhow!("`{name}` has just ended by itself").into()),
+        other => Err(anyhow!("host `{}` gave an answer to another question: {other:?}", part.home).into()),
+    }
+}

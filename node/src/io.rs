@@ -1,0 +1,11 @@
+//! Where a node's decisions become processes, sockets and files.
+
+pub mod child;
+pub mod driver;
+pub mod journal;
+pub mod observer;
+pub mod peers;
+pub mod programs;
+pub mod recorder;
+pub mod run_dir;
+pub mod tail;

@@ -1,0 +1,136 @@
+//! The one place that starts and signals programs: each under a shim, which is told with lines and answers with lines.
+//!
+//! Nothing here kills on drop: a node that dies leaves its shims to their own rule, a node that lives tells them.
+
+use crate::logic::child::{OUTPUT_FILE, ShimOrder, ShimReport, ShimStart};
+use std::io;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use tokio::io::{AsyncBufReadExt, AsyncWriteExt, BufReader};
+use tokio::process::{ChildStdin, ChildStdout};
+use tokio::sync::mpsc::Sender;
+
+/// The longest line of output that is told as a program's last words, in bytes.
+const LAST_WORDS_MAX: usize = 400;
+
+/// A started shim, seen from the node: its orders go in here.
+#[derive(Debug)]
+pub struct Shim {
+    orders: ChildStdin,
+}
+
+/// The other side of a started shim: what it says, until it ends.
+#[derive(Debug)]
+pub struct ShimEar {
+    child: std::process::Child,
+    reports: ChildStdout,
+    dir: PathBuf,
+    instance: String,
+}
+
+/// Starts a shim. `instance` marks every process below it in the environment, as `DCA_INSTANCE`.
+///
+/// # Errors
+/// The shim itself cannot be started.
+pub fn start(shim: &Path, start: &ShimStart, instance: &str) -> io::Result<(Shim, ShimEar)> {
+    let mut child = Command::new(shim)
+        .args(start.arguments())
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .env_clear()
+        .spawn()?;
+    let missing = || io::Error::other("a pipe to the shim is missing");
+    let orders = ChildStdin::from_std(child.stdin.take().ok_or_else(missing)?)?;
+    let reports = ChildStdout::from_std(child.stdout.take().ok_or_else(missing)?)?;
+    let (dir, instance) = (start.dir.clone(), instance.to_owned());
+    Ok((Shim { orders }, ShimEar { child, reports, dir, instance }))
+}
+
+impl Shim {
+    /// Gives an order. A shim that is gone is told nothing; its reports say what became of it.
+    pub async fn tell(&mut self, order: ShimOrder) {
+        if let Err(error) = self.orders.write_all(format!("{order}\n").as_bytes()).await {
+            tracing::debug!(%error, "shim does not listen");
+        }
+    }
+}
+
+impl ShimEar {
+    /// Passes every report on, with the last line of output beside an exit; the last one is always `Gone`.
+    ///
+    /// # Cancellation
+    /// Not safe: reports are lost. Runs in a task of its own until the shim ends.
+    pub async fn listen(self, sink: Sender<(ShimReport, Option<String>)>) {
+        let Self { mut child, reports, dir, instance } = self;
+        let mut lines = BufReader::new(reports).lines();
+        let mut gone = false;
+        while let Ok(Some(line)) = lines.next_line().await {
+            let Some(report) = ShimReport::parse(&line) else { continue };
+            let last_words = match report {
+                ShimReport::Exited { .. } | ShimReport::Signalled { .. } => last_line(&dir.join(OUTPUT_FILE)),
+                ShimReport::Ready | ShimReport::Started { .. } | ShimReport::ExecFailed { .. } | ShimReport::Gone => None,
+            };
+            gone |= report == ShimReport::Gone;
+            if sink.send((report, last_words)).await.is_err() {
+                return;
+            }
+        }
+        let reaped = tokio::task::spawn_blocking(move || {
+            let reaped = child.wait();
+            if !gone {
+                remove_leftovers(&dir, &instance);
+            }
+            reaped
+        });
+        if let Ok(Err(error)) = reaped.await {
+            tracing::warn!(%error, "cannot reap a shim");
+        }
+        if !gone {
+            // Nobody is left to hear it only when the node itself is leaving.
+            sink.send((ShimReport::Gone, None)).await.unwrap_or_default();
+        }
+    }
+}
+
+/// Kills what a killed shim left behind: the processes of this user that carry its mark in their environment.
+fn remove_leftovers(dir: &Path, instance: &str) {
+    let marks = [format!("DCA_INSTANCE={instance}"), format!("DCA_DIR={}", dir.display())];
+    // A fork can slip past one look; two empty looks in a row cannot both be wrong for a marked process that is alive.
+    for _ in 0..100 {
+        let found = marked(&marks);
+        if found.is_empty() {
+            return;
+        }
+        for pid in found {
+            if let Some(pid) = rustix::process::Pid::from_raw(pid) {
+                rustix::process::kill_process(pid, rustix::process::Signal::KILL).unwrap_or_default();
+            }
+        }
+        std::thread::yield_now();
+    }
+}
+
+fn marked(marks: &[String; 2]) -> Vec<i32> {
+    let pids = std::fs::read_dir("/proc").into_iter().flatten().flatten();
+    let pids = pids.filter_map(|entry| entry.file_name().to_str()?.parse::<i32>().ok());
+    let carries = |pid: &i32| {
+        let environment = std::fs::read(format!("/proc/{pid}/environ")).unwrap_or_default();
+        let entries: Vec<&[u8]> = environment.split(|byte| *byte == 0).collect();
+        marks.iter().all(|mark| entries.contains(&mark.as_bytes()))
+    };
+    pids.filter(carries).collect()
+}
+
+/// Returns the last line that is not blank, from the last few kilobytes of a file.
+fn last_line(path: &Path) -> Option<String> {
+    use std::io::{Read, Seek, SeekFrom};
+    let mut file = std::fs::File::open(path).ok()?;
+    let length = file.metadata().ok()?.len();
+    file.seek(SeekFrom::Start(length.saturating_sub(4096))).ok()?;
+    let mut tail = Vec::new();
+    file.take(4096).read_to_end(&mut tail).ok()?;
+    let text = String::from_utf8_lossy(&tail);
+    let line = text.lines().rev().find(|line| !line.trim().is_empty())?.trim();
+    Some(line.chars().take(LAST_WORDS_MAX).collect())
+}

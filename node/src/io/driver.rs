@@ -1,0 +1,375 @@
+//! A running node: one `select!` that turns every event into an input of the agent and carries its effects out, in order.
+
+use crate::io::child::{self, Shim};
+use crate::io::journal::Journal;
+use crate::io::peers::{Arrival, Peers};
+use crate::io::run_dir::RunDir;
+use crate::io::{programs, tail};
+use crate::logic::agent::{Agent, Identity, Input};
+use crate::logic::child::{Gate, ShimReport, ShimStart};
+use crate::logic::effect::{Effect, ProcessId, SpawnOrder};
+use crate::logic::programs::Programs;
+use crate::logic::protocol::{Answer, Deployment};
+use anyhow::Context;
+use comms::io::clock;
+use comms::io::control::{ControlReceiver, ControlSender, Listener};
+use comms::io::session::{NodeOptions, Reach};
+use comms::logic::key::HostName;
+use comms::logic::control::Notice;
+use comms::logic::time::Time;
+use language::plan::LeafKind;
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::time::Duration;
+use tokio::sync::mpsc::{self, Receiver, Sender};
+use tokio::sync::watch;
+use tokio::task::JoinSet;
+
+/// How many events wait for the driver.
+const EVENTS_MAX: usize = 4096;
+/// Variables that a program inherits from its node, where they are set.
+const INHERITED: [&str; 6] = ["PATH", "HOME", "USER", "LANG", "TZ", "RUST_LOG"];
+
+/// How a node is started.
+#[derive(Clone, Debug)]
+pub struct Config {
+    /// The host's name in specs.
+    pub name: String,
+    /// The folder of this user's nodes.
+    pub base: PathBuf,
+    /// Who can reach it.
+    pub reach: Reach,
+    /// Programs that offer controller types.
+    pub controllers: Vec<PathBuf>,
+    /// Locators of nodes known beforehand.
+    pub peers: Vec<String>,
+    /// How long programs have to stop when this node is gone.
+    pub agent_loss_grace: Duration,
+}
+
+/// Something that happened outside the agent.
+#[derive(Debug)]
+enum Event {
+    Arrival(Arrival),
+    Shim(ProcessId, ShimReport, Option<String>),
+    /// A program has connected; its instance path is its own word.
+    Program(Deployment, String, ControlSender),
+    Control(Deployment, String, Notice),
+}
+
+/// A running node.
+#[derive(Debug)]
+struct Driver {
+    config: Config,
+    dir: RunDir,
+    agent: Agent,
+    peers: Peers,
+    journal: Journal,
+    shim: PathBuf,
+    shims: BTreeMap<ProcessId, Shim>,
+    programs: BTreeMap<ProcessId, ControlSender>,
+    listeners: BTreeMap<Deployment, tokio::task::AbortHandle>,
+    paths: BTreeMap<(Deployment, String), ProcessId>,
+    events: Sender<Event>,
+    tasks: JoinSet<()>,
+}
+
+/// Runs a node until `leave` turns true and nothing of it is left, or for ever. `ready` turns true when it can be called.
+///
+/// # Errors
+/// The folder, the session or a controllers' program cannot be used.
+pub async fn run(config: Config, mut leave: watch::Receiver<bool>, ready: watch::Sender<bool>) -> anyhow::Result<()> {
+    let (events, mut arriving) = mpsc::channel(EVENTS_MAX);
+    let mut driver = Driver::open(config, events).await?;
+    ready.send_replace(true);
+    let mut leaving = false;
+    loop {
+        let deadline = driver.agent.deadline();
+        let input = tokio::select! {
+            event = next(&mut arriving) => driver.input(event),
+            () = until(deadline) => Some(Input::Tick),
+            asked = leave.wait_for(|leave| *leave), if !leaving => {
+                leaving = true;
+                // A sender that is gone leaves nobody to ask, which is the same wish.
+                drop(asked);
+                Some(Input::Leave)
+            }
+        };
+        let mut effects = Vec::new();
+        if let Some(input) = input {
+            driver.agent.handle(clock::now(), input, &mut effects);
+        }
+        let over = effects.contains(&Effect::Leave);
+        for effect in effects {
+            driver.carry_out(effect).await?;
+        }
+        if over {
+            return driver.close().await;
+        }
+    }
+}
+
+/// Waits for a deadline; for ever if there is none.
+///
+/// # Cancellation
+/// Safe.
+pub(crate) async fn until(deadline: Option<Time>) {
+    match deadline {
+        Some(deadline) => clock::sleep_until(deadline).await,
+        None => std::future::pending().await,
+    }
+}
+
+async fn next(arriving: &mut Receiver<Event>) -> Event {
+    match arriving.recv().await {
+        Some(event) => event,
+        // The driver itself holds a sender, so the channel never ends.
+        None => std::future::pending().await,
+    }
+}
+
+impl Driver {
+    async fn open(config: Config, events: Sender<Event>) -> anyhow::Result<Self> {
+        let dir = RunDir::take(&config.base, &config.name)?;
+        let journal = Journal::open(&dir.journal()).context("opening the journal")?;
+        let mut offered = Programs::default();
+        for program in programs::chosen(&config.controllers) {
+            let asked = program.clone();
+            let types = tokio::task::spawn_blocking(move || programs::types(&asked)).await??;
+            offered.offer(&program.display().to_string(), types);
+        }
+        let boot = boot_number();
+        let machine = machine();
+        let identity =
+            Identity { host: config.name.clone(), boot, pid: std::process::id(), machine, epoch: journal.epoch() };
+        let mut tasks = JoinSet::new();
+        let (sink, mut arrivals) = mpsc::channel(EVENTS_MAX);
+        let siblings = crate::io::run_dir::running(&config.base).into_iter().filter(|(name, _)| *name != config.name);
+        let siblings = siblings.map(|(_, socket)| format!("unixsock-stream/{}", socket.display()));
+        let options = NodeOptions {
+            name: HostName::parse(&config.name)?,
+            socket: dir.socket(),
+            reach: config.reach,
+            peers: siblings.chain(config.peers.iter().cloned()).collect(),
+        };
+        let peers = Peers::open(options, boot, sink, &mut tasks).await?;
+        let forward = events.clone();
+        tasks.spawn(async move {
+            while let Some(arrival) = arrivals.recv().await {
+                if forward.send(Event::Arrival(arrival)).await.is_err() {
+                    return;
+                }
+            }
+        });
+        Ok(Self {
+            agent: Agent::new(identity, offered, clock::now()),
+            shim: programs::beside("dca-shim"),
+            config,
+            dir,
+            peers,
+            journal,
+            shims: BTreeMap::new(),
+            programs: BTreeMap::new(),
+            listeners: BTreeMap::new(),
+            paths: BTreeMap::new(),
+            events,
+            tasks,
+        })
+    }
+
+    /// Turns an event into an input; keeps the channels it brings.
+    fn input(&mut self, event: Event) -> Option<Input> {
+        while self.tasks.try_join_next().is_some() {}
+        match event {
+            Event::Arrival(Arrival::Input(input)) => Some(input),
+            Event::Arrival(Arrival::Call(call, request, sink)) => {
+                self.peers.expect(call, sink);
+                Some(Input::Call { call, request: Box::new(request) })
+            }
+            Event::Shim(process, report, last_words) => {
+                if report == ShimReport::Gone {
+                    self.shims.remove(&process);
+                }
+                Some(Input::Shim { process, report, last_words })
+            }
+            Event::Program(deployment, instance, sender) => {
+                let process = self.paths.get(&(deployment, instance))?.clone();
+                self.programs.insert(process, sender);
+                None
+            }
+            Event::Control(deployment, instance, notice) => {
+                let process = self.paths.get(&(deployment, instance))?.clone();
+                Some(Input::Control { process, notice })
+            }
+        }
+    }
+
+    async fn carry_out(&mut self, effect: Effect) -> anyhow::Result<()> {
+        match effect {
+            Effect::Transmit { to, frame } => self.peers.send(&to, &frame),
+            Effect::Spawn(order) => self.spawn(&order).await,
+            Effect::Shim { process, order } => {
+                if let Some(shim) = self.shims.get_mut(&process) {
+                    shim.tell(order).await;
+                }
+            }
+            Effect::Control { process, order } => {
+                let sent = self.programs.get(&process).map(|sender| sender.send(&order));
+                if let Some(Err(error)) = sent {
+                    tracing::warn!(leaf = process.leaf, %error, "a program does not take its orders");
+                }
+            }
+            Effect::Forget { process } => self.forget(&process),
+            Effect::Commit { deployment } => self.journal.commit(&deployment).context("writing the journal")?,
+            Effect::Answer { call, answer } => {
+                if !self.peers.answer(call, *answer) {
+                    self.peers.end(call);
+                    self.events.try_send(Event::Arrival(Arrival::Input(Input::CallGone { call }))).unwrap_or_default();
+                }
+            }
+            Effect::EndAnswers { call } => drop(self.peers.end(call)),
+            Effect::Tail { call, process, follow } => self.tail(call, &process, follow),
+            Effect::Leave => {}
+        }
+        Ok(())
+    }
+
+    async fn spawn(&mut self, order: &SpawnOrder) {
+        if let Err(error) = self.try_spawn(order).await {
+            let reason = format!("{error:#}");
+            for report in [ShimReport::ExecFailed { reason }, ShimReport::Gone] {
+                self.events.send(Event::Shim(order.process.clone(), report, None)).await.unwrap_or_default();
+            }
+        }
+    }
+
+    async fn try_spawn(&mut self, order: &SpawnOrder) -> anyhow::Result<()> {
+        let process = &order.process;
+        let dir = self.dir.make_process(process).context("making its folder")?;
+        if order.kind == LeafKind::Controller && !self.listeners.contains_key(&process.deployment) {
+            self.listen(&process.deployment).context("opening its control socket")?;
+        }
+        self.paths.insert((process.deployment.clone(), order.path.clone()), process.clone());
+        let inherited = INHERITED.iter().filter_map(|name| Some(((*name).to_owned(), std::env::var(name).ok()?)));
+        let path = |path: PathBuf| path.display().to_string();
+        let mut environment: Vec<(String, String)> = inherited.collect();
+        environment.push(("DCA_INSTANCE".into(), order.path.clone()));
+        environment.push(("DCA_DIR".into(), path(dir.clone())));
+        if order.kind == LeafKind::Controller {
+            environment.push(("DCA_CONTROL".into(), path(self.dir.control_socket(&process.deployment))));
+            environment.push(("DCA_DATA_SOCKET".into(), path(dir.join("data.sock"))));
+            if self.config.reach == Reach::Lan {
+                environment.push(("DCA_REMOTE".into(), "1".into()));
+            }
+        }
+        let start = ShimStart {
+            working_directory: std::env::current_dir().unwrap_or_else(|_gone| "/".into()),
+            dir,
+            gate: if order.kind == LeafKind::Plain { Gate::Exec } else { Gate::None },
+            agent_loss_grace: self.config.agent_loss_grace,
+            environment,
+            command: order.command.clone(),
+        };
+        let shim = self.shim.clone();
+        let instance = order.path.clone();
+        let (shim, ear) = child::start(&shim, &start, &instance)
+            .with_context(|| format!("starting {}", self.shim.display()))?;
+        self.shims.insert(process.clone(), shim);
+        let (events, process) = (self.events.clone(), process.clone());
+        self.tasks.spawn(async move {
+            let (sink, mut reports) = mpsc::channel(16);
+            let listening = ear.listen(sink);
+            let forwarding = async {
+                while let Some((report, last_words)) = reports.recv().await {
+                    events.send(Event::Shim(process.clone(), report, last_words)).await.unwrap_or_default();
+                }
+            };
+            tokio::join!(listening, forwarding);
+        });
+        Ok(())
+    }
+
+    /// Opens the socket where the programs of a deployment report.
+    fn listen(&mut self, deployment: &Deployment) -> anyhow::Result<()> {
+        let listener = Listener::bind(&self.dir.control_socket(deployment))?;
+        let (events, theirs) = (self.events.clone(), deployment.clone());
+        let handle = self.tasks.spawn(async move {
+            let mut programs = JoinSet::new();
+            loop {
+                while programs.try_join_next().is_some() {}
+                match listener.accept().await {
+                    Ok((sender, receiver)) => {
+                        programs.spawn(hear_program(events.clone(), theirs.clone(), sender, receiver));
+                    }
+                    Err(error) => tracing::warn!(%error, "a program could not connect"),
+                }
+            }
+        });
+        self.listeners.insert(deployment.clone(), handle);
+        Ok(())
+    }
+
+    fn forget(&mut self, process: &ProcessId) {
+        self.programs.remove(process);
+    }
+
+    fn tail(&mut self, call: u64, process: &ProcessId, follow: bool) {
+        let Some(answers) = self.peers.end(call) else { return };
+        let dir = self.dir.process(process);
+        self.tasks.spawn(async move {
+            let (sink, mut chunks) = mpsc::channel(4);
+            let reading = tail::tail(dir, follow, sink);
+            let sending = async {
+                while let Some(chunk) = chunks.recv().await {
+                    if answers.send(Answer::Output(chunk)).await.is_err() {
+                        return;
+                    }
+                }
+            };
+            tokio::select! {
+                () = async { tokio::join!(reading, sending); } => {}
+                () = answers.closed() => {}
+            }
+        });
+    }
+
+    async fn close(mut self) -> anyhow::Result<()> {
+        self.tasks.abort_all();
+        while self.tasks.join_next().await.is_some() {}
+        self.peers.close().await;
+        Ok(())
+    }
+}
+
+/// A number that no earlier run had: the wall clock may be wrong, so the time since the machine's boot and the process id
+/// count too.
+fn boot_number() -> u64 {
+    let wall = u64::try_from(clock::unix_time().as_nanos()).unwrap_or(u64::MAX);
+    wall ^ clock::now().nanos().rotate_left(32) ^ u64::from(std::process::id()).rotate_left(48)
+}
+
+/// Passes on what a program says, which begins with who it is, until it says no more.
+async fn hear_program(
+    events: Sender<Event>,
+    deployment: Deployment,
+    sender: ControlSender,
+    mut receiver: ControlReceiver,
+) -> anyhow::Result<()> {
+    let Some(hello) = receiver.recv().await? else { return Ok(()) };
+    let Notice::Hello { instance, .. } = &hello else { anyhow::bail!("a program did not say who it is") };
+    let instance = instance.clone();
+    events.send(Event::Program(deployment.clone(), instance.clone(), sender)).await?;
+    let mut notice = Some(hello);
+    while let Some(said) = notice {
+        events.send(Event::Control(deployment.clone(), instance.clone(), said)).await?;
+        notice = receiver.recv().await?;
+    }
+    Ok(())
+}
+
+/// Names the machine and its network: the kernel's boot and the network namespace.
+fn machine() -> String {
+    let boot = std::fs::read_to_string("/proc/sys/kernel/random/boot_id").unwrap_or_default();
+    let network = std::fs::read_link("/proc/self/ns/net").unwrap_or_default();
+    format!("{} {}", boot.trim(), network.display())
+}

@@ -1,0 +1,166 @@
+//! Where a node keeps its sockets and its programs' output: one private folder for each user, one below it for each node.
+//!
+//! ```text
+//! BASE/                     0700, owned by the user: /run/user/UID/dca, or dca-UID in the folder for temporary files
+//!   c1/                     one node
+//!     lock                  held while the node runs
+//!     node.sock             its zenoh session, for other nodes and command lines of this machine
+//!     journal               what it has committed
+//!     door_opening.1/       one deployment
+//!       control.sock        where its programs talk to the node
+//!       12/                 one program: output.log, exit, data.sock
+//! ```
+
+use crate::logic::effect::ProcessId;
+use crate::logic::protocol::Deployment;
+use rustix::fs::{FlockOperation, flock};
+use std::fs::{self, File, OpenOptions};
+use std::io;
+use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt};
+use std::path::{Path, PathBuf};
+
+/// The longest path of a Unix socket that Linux accepts, less its final zero. Source: unix(7).
+const SOCKET_PATH_MAX: usize = 107;
+
+/// Why a folder cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum RunDirError {
+    /// The folder cannot be made or read.
+    #[error("cannot use the folder {path:?}: {source}")]
+    Unusable {
+        /// Which.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// The folder belongs to somebody else, so its sockets cannot be trusted.
+    #[error("the folder {path:?} belongs to user {owner}; remove it, or choose another with `--run-dir`")]
+    Foreign {
+        /// Which.
+        path: PathBuf,
+        /// Whose.
+        owner: u32,
+    },
+    /// A node of that name is running.
+    #[error("a node named `{name}` is already running on this machine")]
+    Taken {
+        /// Its name.
+        name: String,
+    },
+    /// Socket paths below it would be too long for the kernel.
+    #[error("the folder {path:?} is too deep for sockets; choose a shorter one with `--run-dir`")]
+    TooDeep {
+        /// Which.
+        path: PathBuf,
+    },
+}
+
+/// Returns the default base folder of this user.
+pub fn default_base() -> PathBuf {
+    let uid = rustix::process::getuid().as_raw();
+    let run = PathBuf::from(format!("/run/user/{uid}"));
+    if run.is_dir() { run.join("dca") } else { std::env::temp_dir().join(format!("dca-{uid}")) }
+}
+
+/// Returns the nodes of this machine that are running, in order of name, with their sockets.
+pub fn running(base: &Path) -> Vec<(String, PathBuf)> {
+    let entries = fs::read_dir(base).into_iter().flatten().flatten();
+    let mut nodes: Vec<(String, PathBuf)> = entries
+        .filter(|entry| is_locked(&entry.path().join("lock")))
+        .map(|entry| (entry.file_name().to_string_lossy().into_owned(), entry.path().join("node.sock")))
+        .collect();
+    nodes.sort();
+    nodes
+}
+
+fn is_locked(lock: &Path) -> bool {
+    File::open(lock).is_ok_and(|file| flock(&file, FlockOperation::NonBlockingLockShared).is_err())
+}
+
+/// The folder of a running node. Its lock is held for as long as this lives.
+#[derive(Debug)]
+pub struct RunDir {
+    path: PathBuf,
+    _lock: File,
+}
+
+impl RunDir {
+    /// Takes the folder of node `name` below `base`.
+    ///
+    /// # Errors
+    /// The folder cannot be used, or a node of that name is running.
+    pub fn take(base: &Path, name: &str) -> Result<Self, RunDirError> {
+        private_folder(base)?;
+        let path = base.join(name);
+        private_folder(&path)?;
+        let unusable = |source| RunDirError::Unusable { path: path.clone(), source };
+        let lock = OpenOptions::new().create(true).truncate(false).write(true).mode(0o600).open(path.join("lock"));
+        let lock = lock.map_err(unusable)?;
+        flock(&lock, FlockOperation::NonBlockingLockExclusive)
+            .map_err(|_in_use| RunDirError::Taken { name: name.to_owned() })?;
+        let deepest = path.join(format!("{}.18446744073709551615", "d".repeat(24))).join("10000").join("data.sock");
+        if deepest.as_os_str().len() > SOCKET_PATH_MAX {
+            return Err(RunDirError::TooDeep { path });
+        }
+        let dir = Self { path, _lock: lock };
+        remove_leftover(&dir.socket()).map_err(|source| RunDirError::Unusable { path: dir.socket(), source })?;
+        Ok(dir)
+    }
+
+    /// Returns the socket of the node's session.
+    pub fn socket(&self) -> PathBuf {
+        self.path.join("node.sock")
+    }
+
+    /// Returns the file of what was committed.
+    pub fn journal(&self) -> PathBuf {
+        self.path.join("journal")
+    }
+
+    /// Returns the folder of a deployment.
+    pub fn deployment(&self, deployment: &Deployment) -> PathBuf {
+        // Long names are cut: the epoch alone makes the folder unique on this node.
+        let name: String = deployment.name.chars().take(24).collect();
+        self.path.join(format!("{name}.{}", deployment.epoch))
+    }
+
+    /// Returns the socket where the programs of a deployment talk to the node.
+    pub fn control_socket(&self, deployment: &Deployment) -> PathBuf {
+        self.deployment(deployment).join("control.sock")
+    }
+
+    /// Returns the folder of a program.
+    pub fn process(&self, process: &ProcessId) -> PathBuf {
+        self.deployment(&process.deployment).join(process.leaf.to_string())
+    }
+
+    /// Makes the folder of a program.
+    ///
+    /// # Errors
+    /// The file system refuses.
+    pub fn make_process(&self, process: &ProcessId) -> io::Result<PathBuf> {
+        let path = self.process(process);
+        fs::DirBuilder::new().recursive(true).mode(0o700).create(&path)?;
+        remove_leftover(&path.join("data.sock"))?;
+        Ok(path)
+    }
+}
+
+fn private_folder(path: &Path) -> Result<(), RunDirError> {
+    let unusable = |source| RunDirError::Unusable { path: path.to_owned(), source };
+    fs::DirBuilder::new().recursive(true).mode(0o700).create(path).map_err(unusable)?;
+    let owner = fs::symlink_metadata(path).map_err(unusable)?.uid();
+    if owner == rustix::process::getuid().as_raw() {
+        Ok(())
+    } else {
+        Err(RunDirError::Foreign { path: path.to_owned(), owner })
+    }
+}
+
+/// Removes a file that an earlier run left behind.
+fn remove_leftover(path: &Path) -> io::Result<()> {
+    match fs::remove_file(path) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
+        _ => Ok(()),
+    }
+}
