@@ -2,7 +2,9 @@
 //!
 //! A weighted, damped pseudo-inverse with a null-space motion. The base is heavier than the arm; a joint that moves
 //! towards its limit gets heavier; near a singularity the damping grows; a command that is too fast is scaled as a whole,
-//! so that the hand keeps its direction; last, accelerations are limited.
+//! so that the hand keeps its direction; accelerations are limited; last, the quick arm makes up for the slow base: what
+//! a model of the base's lag says is missing at the hand is added to the arm. Without that a stop at the handle overran by
+//! 2 mm, which cost 19 N.
 //!
 //! Source: Chan and Dubey, IEEE Trans. Robotics and Automation 11(2), 1995 (joint-limit weights); Nakamura and Hanafusa,
 //! J. Dynamic Systems 108, 1986 (damping); Petersson, Austin, Christensen, "DCA", section 5 (the module's place).
@@ -18,12 +20,15 @@ pub type Rates = SVector<f64, 9>;
 pub const BASE_RATES_MAX: [f64; 3] = [0.5, 0.5, 0.6];
 /// Largest changes of rate: base x, y [m/s²], yaw [rad/s²].
 pub const BASE_ACCELERATION_MAX: [f64; 3] = [1.5, 1.5, 1.5];
+/// Time constant of the base's drives [s].
+pub const BASE_LAG: f64 = 0.08;
 /// Largest change of a joint rate [rad/s²].
 pub const JOINT_ACCELERATION_MAX: f64 = 6.0;
 
 const WEIGHTS: [f64; 9] = [4.0, 4.0, 3.0, 1.0, 1.0, 1.0, 0.5, 0.5, 0.5];
 const SINGULAR_BELOW: f64 = 0.10;
 const DAMPING: f64 = 0.08;
+const ARM_DAMPING: f64 = 0.05;
 
 /// Rates and how hard it was to find them.
 #[derive(Clone, Debug, PartialEq)]
@@ -36,10 +41,11 @@ pub struct Resolved {
     pub scaling: f64,
 }
 
-/// Remembers the last command, for the joint-limit weights and the acceleration limits.
+/// Remembers the last command, for the joint-limit weights and the acceleration limits, and what the base makes of it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Resolver {
     previous: Rates,
+    base: Vector3<f64>,
 }
 
 /// Returns the whole-body Jacobian (6×9) along base axes: base x, y, yaw, then the arm.
@@ -72,6 +78,7 @@ impl Resolver {
     /// Begins again from rates that the robot has now.
     pub fn restart(&mut self, rates: Rates) {
         self.previous = rates;
+        self.base = rates.fixed_rows::<3>(0).into();
     }
 
     /// Returns the rates for a hand velocity `twist_in_tool` (m/s, rad/s, tool axes, at the grasp point), with a wish
@@ -94,23 +101,32 @@ impl Resolver {
         let lack = (1.0 - (singular_value_min / SINGULAR_BELOW).powi(2)).max(0.0);
         let damped = gram + Matrix6::identity() * (DAMPING.powi(2) * lack);
         let Some(factor) = damped.cholesky() else {
-            return Resolved { rates: self.limited(Rates::zeros(), dt), singular_value_min, scaling: 1.0 };
+            return Resolved { rates: self.rest(q, dt), singular_value_min, scaling: 1.0 };
         };
         let wanted = weighted * factor.solve(&(twist - jacobian * null)) + null;
         let fastest = Rates::from_fn(|i, _| if i < 3 { BASE_RATES_MAX[i] } else { puma560::RATES_MAX[i - 3] });
         let scaling = wanted.zip_map(&fastest, |rate, max| rate.abs() / max).max().max(1.0);
-        Resolved { rates: self.limited(wanted / scaling, dt), singular_value_min, scaling }
+        Resolved { rates: self.limited(&jacobian, wanted / scaling, dt), singular_value_min, scaling }
     }
 
     /// Returns the rates on the way to rest.
-    pub fn rest(&mut self, dt: f64) -> Rates {
-        self.limited(Rates::zeros(), dt)
+    pub fn rest(&mut self, q: &Joints, dt: f64) -> Rates {
+        self.limited(&jacobian_in_base(&puma560::forward(q)), Rates::zeros(), dt)
     }
 
-    fn limited(&mut self, wanted: Rates, dt: f64) -> Rates {
+    fn limited(&mut self, jacobian: &SMatrix<f64, 6, 9>, wanted: Rates, dt: f64) -> Rates {
+        let base = Vector3::from_fn(|i, _| towards(self.previous[i], wanted[i], BASE_ACCELERATION_MAX[i] * dt));
+        self.base += (base - self.base) * (1.0 - (-dt / BASE_LAG).exp());
+        let missing = jacobian.fixed_columns::<3>(0) * (wanted.fixed_rows::<3>(0) - self.base);
+        let arm: Matrix6<f64> = jacobian.fixed_columns::<6>(3).into();
+        let damped = arm * arm.transpose() + Matrix6::identity() * ARM_DAMPING.powi(2);
+        let help = damped.cholesky().map_or_else(Joints::zeros, |factor| arm.transpose() * factor.solve(&missing));
         self.previous = Rates::from_fn(|i, _| {
-            let change = if i < 3 { BASE_ACCELERATION_MAX[i] } else { JOINT_ACCELERATION_MAX };
-            towards(self.previous[i], wanted[i], change * dt)
+            if i < 3 {
+                return base[i];
+            }
+            let wanted = (wanted[i] + help[i - 3]).clamp(-puma560::RATES_MAX[i - 3], puma560::RATES_MAX[i - 3]);
+            towards(self.previous[i], wanted, JOINT_ACCELERATION_MAX * dt)
         });
         self.previous
     }
@@ -125,13 +141,30 @@ mod tests {
         let q = puma560::door_posture() + Joints::new(0.1, -0.1, 0.2, 0.1, -0.2, 0.1);
         let twist = Vector6::new(0.02, -0.03, 0.01, 0.05, -0.02, 0.04);
         let null = Rates::from_fn(|i, _| 0.02 * (i as f64 - 4.0));
-        // A second of acceleration reaches any rate, so only rounding is left: 1e-9.
-        let rates = Resolver::default().resolve(&q, &twist, &null, 1.0).rates;
+        // Three seconds of acceleration reach any rate and let the base follow, so only rounding is left: 1e-9.
+        let rates = Resolver::default().resolve(&q, &twist, &null, 3.0).rates;
         let forward = puma560::forward(&q);
         let got = jacobian_in_base(&forward) * rates;
         let inverse = forward.base_from_tool.rotation.inverse();
         assert!((inverse * got.fixed_rows::<3>(0) - twist.fixed_rows::<3>(0)).norm() < 1e-9);
         assert!((inverse * got.fixed_rows::<3>(3) - twist.fixed_rows::<3>(3)).norm() < 1e-9);
+    }
+
+    #[test]
+    fn the_arm_makes_up_for_the_base() {
+        // The hand shall start to move at once, though the base cannot: ten steps of 10 ms, a base with the model's lag.
+        let (q, twist) = (puma560::door_posture(), Vector6::new(0.0, 0.0, 0.03, 0.0, 0.0, 0.0));
+        let (mut resolver, mut base) = (Resolver::default(), Vector3::zeros());
+        let mut rates = Rates::zeros();
+        for _ in 0..10 {
+            rates = resolver.resolve(&q, &twist, &Rates::zeros(), 0.01).rates;
+            base += (rates.fixed_rows::<3>(0) - base) * (1.0 - (-0.01f64 / BASE_LAG).exp());
+        }
+        let forward = puma560::forward(&q);
+        rates.fixed_rows_mut::<3>(0).copy_from(&base);
+        let got = forward.base_from_tool.rotation.inverse() * (jacobian_in_base(&forward) * rates).fixed_rows::<3>(0);
+        // The damping of the arm's inverse leaves two per cent.
+        assert!((got.z - 0.03).abs() < 6e-4, "{got}");
     }
 
     #[test]

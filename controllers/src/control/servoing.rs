@@ -15,7 +15,8 @@ pub const CAMERA_BEHIND: f64 = 0.12;
 pub const MARKS: [[f64; 3]; 4] = [[-0.05, -0.015, 0.0], [-0.05, 0.015, 0.0], [0.04, -0.012, 0.0], [0.04, 0.012, 0.0]];
 /// From the camera to the lever when the hand stands before it [m].
 pub const DISTANCE: f64 = 0.30;
-const GAIN: f64 = 0.9;
+/// [1/s]; at 0.9 half a pixel of noise turned the hand by up to 1.7 degrees.
+const GAIN: f64 = 0.7;
 const LINEAR_MAX: f64 = 0.15;
 const ANGULAR_MAX: f64 = 0.4;
 
@@ -96,9 +97,9 @@ mod tests {
             let (v, w) = (servo.twist_in_tool.fixed_rows::<3>(0) * 0.04, servo.twist_in_tool.fixed_rows::<3>(3) * 0.04);
             tool *= Isometry3::from_parts(v.into(), UnitQuaternion::from_scaled_axis(w));
         }
-        // 20 s at a gain of 0.9/s leave e^-12 or so of what the clamps let through.
-        assert!(error < 0.1, "{error}");
+        // 20 s at a gain of 0.7/s leave e^-10 or so of what the clamps let through.
+        assert!(error < 0.2, "{error}");
         let goal = Vector3::new(0.0, 0.0, CAMERA_BEHIND - DISTANCE);
-        assert!((tool.translation.vector - goal).norm() < 1e-4 && tool.rotation.angle() < 1e-3);
+        assert!((tool.translation.vector - goal).norm() < 2e-4 && tool.rotation.angle() < 1e-3);
     }
 }

@@ -3,7 +3,7 @@
 use super::FRESH;
 use crate::control::puma560::Joints;
 use crate::message::{JointState, Velocity};
-use crate::sdk::{About, Arguments, Controller, In, Progress, Tick};
+use crate::sdk::{About, Arguments, Controller, In, Progress, Stopping, Tick};
 use nalgebra::{SVector, Vector3};
 use std::time::Duration;
 
@@ -104,5 +104,11 @@ impl Controller for AddVelocity {
         let twist = [linear.x, linear.y, linear.z, angular.x, angular.y, angular.z];
         outputs.velocity.send(Velocity { twist, null: null.into() });
         Progress::Continue
+    }
+
+    fn stop(&mut self, _: Tick, _: &AddInputs, outputs: &mut Outputs) -> Stopping {
+        // Whoever moves the hand learns at once, rather than when the last velocity has grown old.
+        outputs.velocity.send(Velocity { twist: [0.0; 6], null: [0.0; 9] });
+        Stopping::Finished
     }
 }

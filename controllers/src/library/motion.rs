@@ -2,7 +2,7 @@
 
 use crate::control::ramp::Trapezoid;
 use crate::message::Velocity;
-use crate::sdk::{About, Arguments, Controller, Kind, Parameter, Progress, Tick};
+use crate::sdk::{About, Arguments, Controller, Kind, Parameter, Progress, Stopping, Tick};
 use comms::logic::time::Time;
 use std::time::Duration;
 
@@ -30,7 +30,7 @@ impl Controller for LinearTrajectory {
 
     fn about() -> About {
         const PARAMETERS: &[Parameter] = &[
-            Parameter::new("speed", Kind::Number(0.001, 0.25)).or("0.03"),
+            Parameter::new("speed", Kind::Number(0.001, 0.25)).or("0.025"),
             Parameter::new("length", Kind::Number(0.001, 2.0)).or("0.25"),
         ];
         About::task("Moves the hand straight along its approach axis, at a speed [m/s], over a length [m].")
@@ -53,5 +53,11 @@ impl Controller for LinearTrajectory {
         twist[2] = self.motion.speed_at(time);
         outputs.velocity.send(Velocity { twist, null: [0.0; 9] });
         if time > self.motion.duration() { Progress::Done(Vec::new()) } else { Progress::Continue }
+    }
+
+    fn stop(&mut self, _: Tick, _: &(), outputs: &mut Outputs) -> Stopping {
+        // Whoever moves the hand learns at once, rather than when the last velocity has grown old.
+        outputs.velocity.send(Velocity { twist: [0.0; 6], null: [0.0; 9] });
+        Stopping::Finished
     }
 }

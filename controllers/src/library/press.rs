@@ -4,7 +4,7 @@ use super::FRESH;
 use crate::control::press::Press;
 use crate::control::puma560;
 use crate::message::{ArmState, FtState, Velocity};
-use crate::sdk::{About, Arguments, Controller, Progress, Tick};
+use crate::sdk::{About, Arguments, Controller, Progress, Stopping, Tick};
 use comms::logic::time::Time;
 use nalgebra::Vector6;
 use std::time::Duration;
@@ -80,5 +80,11 @@ impl Controller for PressHandle {
         } else {
             Progress::Continue
         }
+    }
+
+    fn stop(&mut self, _: Tick, _: &Inputs, outputs: &mut Outputs) -> Stopping {
+        // Whoever moves the hand learns at once, rather than when the last velocity has grown old.
+        outputs.velocity.send(Velocity { twist: [0.0; 6], null: [0.0; 9] });
+        Stopping::Finished
     }
 }

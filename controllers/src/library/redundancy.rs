@@ -76,7 +76,11 @@ impl Controller for RedundancyResolution {
                 self.scaling = resolved.scaling;
                 resolved.rates
             }
-            (None, _) | (_, None) => self.resolver.rest(ramp_dt(tick)),
+            (Some(joints), None) => self.resolver.rest(&joints.angles.into(), ramp_dt(tick)),
+            (None, _) => {
+                self.resolver.restart(Rates::zeros());
+                Rates::zeros()
+            }
         };
         outputs.base.send(BaseVelocity { rates: std::array::from_fn(|i| rates[i]) });
         outputs.arm.send(JointVelocity { rates: std::array::from_fn(|i| rates[i + 3]) });

@@ -2,7 +2,7 @@
 
 use crate::control::servoing::{self, Seen};
 use crate::message::{CameraState, Velocity};
-use crate::sdk::{About, Arguments, Controller, Progress, Tick};
+use crate::sdk::{About, Arguments, Controller, Progress, Stopping, Tick};
 use comms::logic::signals::Signal;
 use comms::logic::time::Time;
 use std::time::Duration;
@@ -75,6 +75,12 @@ impl Controller for VisualServoing {
             return Progress::Aborted("the handle has been out of sight for 5 s".to_owned());
         }
         Progress::Continue
+    }
+
+    fn stop(&mut self, _: Tick, _: &Inputs, outputs: &mut Outputs) -> Stopping {
+        // Whoever moves the hand learns at once, rather than when the last velocity has grown old.
+        outputs.velocity.send(Velocity { twist: [0.0; 6], null: [0.0; 9] });
+        Stopping::Finished
     }
 
     fn signals(&self) -> Vec<Signal> {
