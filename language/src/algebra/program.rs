@@ -113,6 +113,11 @@ impl Program {
         self.nodes[0].service
     }
 
+    /// Returns how many timers there are; they are numbered from 0 in textual order.
+    pub fn timers(&self) -> u32 {
+        small(self.timers.len())
+    }
+
     /// Adds the subtree of `expression`; the operands are added before the node's own flags can be known.
     fn add(&mut self, members: &[Member], expression: &Expression, parent: Option<usize>, depth: usize) {
         assert!(depth <= DEPTH_MAX, "a validated expression is nested at most {DEPTH_MAX} deep");

@@ -1,0 +1,52 @@
+//! The whole comparison of the algebra with its reference, of which the test suite runs a slice. It takes hours:
+//!
+//! ```text
+//! cargo run --release -p language --example algebra_full                 everything
+//! cargo run --release -p language --example algebra_full -- random 9     1,000,000 random cases from seed 9
+//! ```
+//!
+//! Parts: `small` (1 to 3 leaves, all operators, members and constants), `core` (4 leaves, the five operators, members
+//! that may occur twice), `all` (4 leaves, all operators, different members), `random`.
+#![expect(clippy::print_stdout, reason = "its output is its result")]
+
+#[path = "../tests/algebra/enumerate.rs"]
+mod enumerate;
+#[path = "../tests/algebra/exhaustive.rs"]
+mod exhaustive;
+#[path = "../tests/algebra/pair.rs"]
+mod pair;
+#[path = "../tests/algebra/random.rs"]
+mod random;
+#[path = "../tests/reference/rewrite.rs"]
+mod reference;
+#[path = "../tests/algebra/spec.rs"]
+mod spec;
+
+use enumerate::{Leaves, Operators};
+
+fn main() {
+    let mut arguments = std::env::args().skip(1);
+    let part = arguments.next();
+    let seed = arguments.next().and_then(|seed| seed.parse().ok()).unwrap_or(1);
+    let wanted = |name: &str| part.as_deref().is_none_or(|part| part == name);
+    if wanted("small") {
+        for size in 1..=3 {
+            exhaustive(size, Operators::All, Leaves::Constants);
+        }
+    }
+    if wanted("core") {
+        exhaustive(4, Operators::Core, Leaves::Shared);
+    }
+    if wanted("all") {
+        exhaustive(4, Operators::All, Leaves::Distinct);
+    }
+    if wanted("random") {
+        let (events, outcomes) = random::run(1_000_000, seed);
+        println!("random, seed {seed}: 1000000 expressions, {events} events, {outcomes} outcomes, no difference");
+    }
+}
+
+fn exhaustive(size: usize, operators: Operators, leaves: Leaves) {
+    let (expressions, figures) = exhaustive::check(size, operators, leaves);
+    println!("{size} leaves, {operators:?}, {leaves:?}: {expressions} expressions, {figures:?}, no difference");
+}

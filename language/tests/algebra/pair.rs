@@ -1,0 +1,222 @@
+//! Both interpreters in lock step: every event goes to both, and everything that can be seen must agree.
+
+use crate::reference::{self, Config, Event, Machine, Reason};
+use crate::spec::{SET_ALWAYS, Spec};
+use language::algebra::{self, Activation, Activity, Cause, Cell, Program, State};
+use std::collections::{BTreeSet, HashSet};
+
+/// The algebra under test beside the reference.
+#[derive(Clone, Debug)]
+pub(crate) struct Pair<'a> {
+    program: &'a Program,
+    members: u32,
+    pub(crate) state: State,
+    pub(crate) machine: Machine,
+}
+
+impl<'a> Pair<'a> {
+    pub(crate) fn new(spec: &Spec, program: &'a Program) -> Self {
+        let machine = Machine::new(spec.term.clone(), spec.declared.clone(), vec![SET_ALWAYS]);
+        assert_eq!(program.is_service(), machine.is_service(), "inferred service of {spec:?}");
+        let members = u32::try_from(spec.declared.len()).expect("a test has few members");
+        Self { program, members, state: State::new(program), machine }
+    }
+
+    /// Sends an event to both and compares all that can be seen. Returns the outcome, or what differs.
+    pub(crate) fn send(&mut self, event: &Event) -> Result<Option<reference::Outcome>, String> {
+        let outcome = self.feed(event)?;
+        self.compare_states().map(|()| outcome)
+    }
+
+    /// Sends an event to both and compares what comes out.
+    fn feed(&mut self, event: &Event) -> Result<Option<reference::Outcome>, String> {
+        let mut commands = Vec::new();
+        let outcome = algebra::step(self.program, &mut self.state, event_of(event), &mut commands);
+        let (expected, outcome_expected) = self.machine.handle(event);
+        let commands: Vec<_> = commands.iter().map(command).collect();
+        let outcome = outcome.map(outcome_of);
+        if (&commands, &outcome) != (&expected, &outcome_expected) {
+            return Err(format!("{event:?} gives {commands:?} {outcome:?}, not {expected:?} {outcome_expected:?}"));
+        }
+        Ok(outcome)
+    }
+
+    fn compare_states(&self) -> Result<(), String> {
+        let (active, stopping) = self.machine.members();
+        let with = |activity| (0..self.members).filter(move |&member| self.state.activity(member) == activity);
+        let both: BTreeSet<u32> = active.union(&stopping).copied().collect();
+        let same = with(Activity::Active).eq(active.iter().copied())
+            && with(Activity::Stopping).eq(stopping.iter().copied())
+            && self.state.members_active().eq(both)
+            && self.state.is_idle() == self.machine.shape().is_none();
+        let armed = self.machine.timers();
+        let timers = (0..self.program.timers()).all(|timer| {
+            self.state.timer(self.program, timer) == (Activation(self.machine.arm(timer)), armed.contains(&timer))
+        });
+        let numbers = (0..self.members).all(|member| self.state.activation(member).0 == self.machine.epoch(member));
+        if same && timers && numbers { Ok(()) } else { Err(format!("states differ: {self:#?}")) }
+    }
+
+    /// Returns the events that a rule of the reference speaks of in this state.
+    pub(crate) fn events(&self) -> Vec<Event> {
+        let (active, stopping) = self.machine.members();
+        let mut events = vec![Event::Start(b"s".to_vec()), Event::Stop];
+        for i in active.into_iter().chain(stopping) {
+            events.extend(endings(i, self.machine.epoch(i)));
+        }
+        events.extend(self.machine.timers().iter().map(|&timer| Event::Elapsed(timer, self.machine.arm(timer))));
+        events
+    }
+
+    /// Returns events that nobody waits for: of earlier and of future activations, of members and timers that are idle
+    /// and of members that do not exist. Of the four endings of an activation one stands for all.
+    pub(crate) fn events_stale(&self) -> Vec<Event> {
+        let (active, stopping) = self.machine.members();
+        let mut events = Vec::new();
+        for i in 0..=self.members {
+            let n = self.machine.epoch(i);
+            let idle = !active.contains(&i) && !stopping.contains(&i);
+            for n in [Some(n).filter(|_| idle), n.checked_sub(1), Some(n + 1)].into_iter().flatten() {
+                events.push(endings(i, n)[((i + n) % 4) as usize].clone());
+            }
+        }
+        let armed = self.machine.timers();
+        for timer in 0..=self.program.timers() {
+            let n = self.machine.arm(timer);
+            let current = Some(n).filter(|_| !armed.contains(&timer));
+            let numbers = [current, n.checked_sub(1), Some(n + 1)];
+            events.extend(numbers.into_iter().flatten().map(|n| Event::Elapsed(timer, n)));
+        }
+        events
+    }
+
+    /// Returns both configurations without activation numbers.
+    pub(crate) fn key(&self) -> (Option<Config>, Vec<Cell>) {
+        (self.machine.shape(), self.state.configuration().to_vec())
+    }
+}
+
+fn endings(i: u32, n: u32) -> [Event; 4] {
+    let value = vec![b'0' + u8::try_from(i).expect("a test has few members")];
+    [Event::Done(i, n, value.clone()), Event::Aborted(i, n, value), Event::Stopped(i, n), Event::Unconfirmed(i, n)]
+}
+
+/// What an exploration has seen.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Figures {
+    pub(crate) states: u64,
+    pub(crate) events: u64,
+}
+
+/// Explores the product of both interpreters with every event in every state. That nothing ever differs makes the pairs
+/// that are reached a bisimulation. Also checked: a state stands for one configuration, a stale event changes nothing, at an
+/// outcome nothing runs (T4), and a stop issued here converges (T5).
+pub(crate) fn explore(spec: &Spec) -> Result<Figures, String> {
+    let program = Program::compile(&spec.group());
+    let first = Pair::new(spec, &program);
+    let (mut seen, mut cells) = (HashSet::new(), HashSet::new());
+    let mut figures = Figures::default();
+    seen.insert(first.key());
+    let mut todo = vec![first];
+    while let Some(pair) = todo.pop() {
+        let mut unchanged = pair.clone();
+        for event in pair.events_stale() {
+            unchanged.feed(&event)?;
+            figures.events += 1;
+        }
+        if unchanged.key() != pair.key() || unchanged.state != pair.state {
+            return Err(format!("a stale event changes {pair:#?}"));
+        }
+        figures.events += converge(pair.clone())?;
+        for event in pair.events() {
+            let mut next = pair.clone();
+            let outcome = next.send(&event)?;
+            figures.events += 1;
+            if outcome.is_some() != next.state.is_idle() {
+                return Err(format!("{event:?} gives {outcome:?} in {next:#?}"));
+            }
+            if seen.insert(next.key()) {
+                todo.push(next);
+            }
+        }
+        if !cells.insert(pair.key().1) {
+            return Err(format!("a state stands for two configurations, one is {:?}", pair.machine.shape()));
+        }
+    }
+    figures.states = seen.len() as u64;
+    Ok(figures)
+}
+
+/// T5: stops the group and confirms for every leaf that is stopping. Returns how many events it took.
+pub(crate) fn converge(mut pair: Pair<'_>) -> Result<u64, String> {
+    let mut outcome = pair.send(&Event::Stop)?;
+    let (active, stopping) = pair.machine.members();
+    if !active.is_empty() || !pair.machine.timers().is_empty() {
+        return Err(format!("after a stop something goes on: {pair:#?}"));
+    }
+    let mut sent = 1;
+    for member in stopping {
+        if outcome.is_some() {
+            return Err(format!("{outcome:?} before member {member} has stopped"));
+        }
+        outcome = pair.send(&Event::Stopped(member, pair.machine.epoch(member)))?;
+        sent += 1;
+    }
+    match outcome {
+        Some(reference::Outcome::Killed | reference::Outcome::Aborted(Reason::Unconfirmed(_))) => Ok(sent),
+        Some(reference::Outcome::Done(_) | reference::Outcome::Aborted(_)) | None => {
+            Err(format!("a stop ends with {outcome:?}"))
+        }
+    }
+}
+
+pub(crate) fn event_of(event: &Event) -> algebra::Event {
+    let value = |bytes: &[u8]| algebra::Value::new(bytes);
+    match *event {
+        Event::Start(ref v) => algebra::Event::Start(value(v)),
+        Event::Stop => algebra::Event::Stop,
+        Event::Done(member, n, ref v) => algebra::Event::Done { member, activation: Activation(n), value: value(v) },
+        Event::Aborted(member, n, ref v) => {
+            algebra::Event::Aborted { member, activation: Activation(n), report: value(v) }
+        }
+        Event::Stopped(member, n) => algebra::Event::Stopped { member, activation: Activation(n) },
+        Event::Unconfirmed(member, n) => algebra::Event::StopUnconfirmed { member, activation: Activation(n) },
+        Event::Elapsed(timer, n) => algebra::Event::Elapsed { timer, activation: Activation(n) },
+    }
+}
+
+pub(crate) fn command(command: &algebra::Command) -> reference::Command {
+    use reference::Command;
+    match *command {
+        algebra::Command::Connect { set } => Command::Connect(set),
+        algebra::Command::Disconnect { set } => Command::Disconnect(set),
+        algebra::Command::Activate { member, activation, ref value } => {
+            Command::Activate(member, activation.0, value.bytes().to_vec())
+        }
+        algebra::Command::Stop { member, activation } => Command::Stop(member, activation.0),
+        algebra::Command::Arm { timer, activation, after } => {
+            assert_eq!(after.as_secs(), 1, "every timer of a test runs 1 s");
+            Command::Arm(timer, activation.0)
+        }
+        algebra::Command::Cancel { timer, activation } => Command::Cancel(timer, activation.0),
+    }
+}
+
+pub(crate) fn outcome_of(outcome: algebra::Outcome) -> reference::Outcome {
+    match outcome {
+        algebra::Outcome::Done(value) => reference::Outcome::Done(value.bytes().to_vec()),
+        algebra::Outcome::Stopped => reference::Outcome::Killed,
+        algebra::Outcome::Aborted(reason) => {
+            let instant = reason.cause == Cause::Failed("a round of `;;` took no time".into());
+            reference::Outcome::Aborted(match (reason.member, reason.cause) {
+                (Some(i), Cause::Reported(value)) => Reason::Reported(i, value.bytes().to_vec()),
+                (Some(i), Cause::Busy) => Reason::Busy(i),
+                (Some(i), Cause::StopUnconfirmed) => Reason::Unconfirmed(i),
+                (Some(i), Cause::ServiceEnded) => Reason::ServiceEnded(i),
+                (None, Cause::Failed(_)) if instant => Reason::Instant,
+                (None, Cause::Failed(why)) => Reason::Failed(why.to_string()),
+                (member, cause) => panic!("a reason of {member:?} that is {cause:?}"),
+            })
+        }
+    }
+}

@@ -1,0 +1,99 @@
+//! Events cost no memory: a counting allocator watches a loop and a mission.
+
+use language::algebra::{Activation, Command, Event, Program, State, Value, step};
+use language::plan::{Expression, Group, Member, MemberKind};
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+
+struct Counting;
+
+thread_local! {
+    static ALLOCATIONS: Cell<u64> = const { Cell::new(0) };
+}
+
+#[expect(unsafe_code, reason = "the only way to count allocations")]
+// SAFETY: every call goes to the system's allocator unchanged.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        ALLOCATIONS.set(ALLOCATIONS.get() + 1);
+        // SAFETY: as promised by the caller.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        // SAFETY: as promised by the caller.
+        unsafe { System.dealloc(pointer, layout) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+fn run(member: u32) -> Expression {
+    Expression::Run { member, sets: vec![member] }
+}
+
+fn program(members: u32, expression: Expression) -> Program {
+    let member = |index| Member { name: format!("m{index}"), kind: MemberKind::Leaf(index), service: false };
+    Program::compile(&Group {
+        path: "main".into(),
+        process: "main".into(),
+        host: 0,
+        members: (0..members).map(member).collect(),
+        sets: vec![],
+        sets_always: vec![],
+        expression,
+    })
+}
+
+/// Lets the first thing that runs end, `events` times: a member that is asked to stop confirms, one that was activated is
+/// done with `value`. Returns the number of allocations after the first hundred events, and the last state.
+fn drive(program: &Program, value: &Value, events: u64) -> (u64, State) {
+    let (mut state, mut commands, mut waiting) = (State::new(program), Vec::with_capacity(64), Vec::with_capacity(64));
+    let mut before = 0;
+    assert_eq!(step(program, &mut state, Event::Start(value.clone()), &mut commands), None);
+    for count in 0..events {
+        for command in commands.drain(..) {
+            match command {
+                Command::Activate { member, activation, .. } => waiting.push((member, activation, true)),
+                Command::Stop { member, activation } => {
+                    let stopped = waiting.iter_mut().find(|other| (other.0, other.1) == (member, activation));
+                    stopped.expect("what is stopped was activated").2 = false;
+                }
+                Command::Connect { .. } | Command::Disconnect { .. } => {}
+                Command::Arm { .. } | Command::Cancel { .. } => panic!("there are no timers here"),
+            }
+        }
+        let (member, activation, done): (u32, Activation, bool) = waiting.remove(0);
+        let event = match done {
+            true => Event::Done { member, activation, value: value.clone() },
+            false => Event::Stopped { member, activation },
+        };
+        assert_eq!(step(program, &mut state, event, &mut commands), None);
+        if count == 100 {
+            before = ALLOCATIONS.get();
+        }
+    }
+    (ALLOCATIONS.get() - before, state)
+}
+
+#[test]
+fn a_loop_of_a_million_rounds_allocates_nothing() {
+    // a ;; (b # (c, d, (e ; f)))
+    let tail = Expression::Sequence(Box::new(run(4)), Box::new(run(5)));
+    let group = Expression::Concurrent(vec![run(2), run(3), tail]);
+    let body = Expression::Disable(vec![run(1), group]);
+    let program = program(6, Expression::Recurrent(Box::new(run(0)), Box::new(body)));
+    let (allocations, state) = drive(&program, &Value::EMPTY, 5_000_010);
+    assert_eq!(allocations, 0);
+    assert!(state.activation(0) > Activation(1_000_000), "{:?}", state.activation(0));
+}
+
+#[test]
+fn values_that_are_passed_on_are_shared() {
+    // (a : b) ;; (c else d)
+    let first = Expression::Conditional(Box::new(run(0)), Box::new(run(1)));
+    let second = Expression::Otherwise(Box::new(run(2)), Box::new(run(3)));
+    let program = program(4, Expression::Recurrent(Box::new(first), Box::new(second)));
+    assert_eq!(drive(&program, &Value::new(b"a pose"), 300_000).0, 0);
+}

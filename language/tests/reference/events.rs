@@ -1,0 +1,190 @@
+//! `C --e--> R` and `stop(C) = R`, and what can be seen of a configuration.
+
+use super::World;
+use super::completion::{drain, hold, is_unconfirmed, running};
+use super::term::{Command, Config, Declared, Event, Held, Outcome, R, Reason, Slot};
+
+impl World {
+    /// `C --e--> R`; a part that the event does not concern is left as it is.
+    pub(super) fn react(&mut self, c: Config, e: &Event) -> R {
+        match c {
+            Config::Active(i, n, l) => self.react_active(i, n, l, e),
+            Config::Stopping(i, n, l) => self.react_stopping(i, n, l, e),
+            // [e-timer]
+            Config::Armed(t, n) if *e == Event::Elapsed(t, n) => R::O(Outcome::Done(vec![])),
+            Config::Armed(..) | Config::Never => R::C(c),
+            // [e-ctx]
+            Config::Seq(c, f) => {
+                let r = self.react(*c, e);
+                self.seq(r, &f)
+            }
+            Config::Cond(c, f) => {
+                let r = self.react(*c, e);
+                self.cond(r, &f)
+            }
+            Config::Else(c, f) => {
+                let r = self.react(*c, e);
+                self.or_else(r, &f)
+            }
+            Config::Rec1(c, p, q) => {
+                let r = self.react(*c, e);
+                self.rec1(r, &p, &q, &[])
+            }
+            Config::Rec2(c, p, q) => {
+                let r = self.react(*c, e);
+                self.rec2(r, &p, &q, &[])
+            }
+            Config::Dis(cs) => {
+                let rs = cs.into_iter().map(|c| self.react(c, e)).collect();
+                self.dis(rs)
+            }
+            Config::Drain(o, cs) => {
+                let rs = cs.into_iter().map(|c| self.react(c, e)).collect();
+                drain(o, rs)
+            }
+            Config::Par(ks) => {
+                let ks = self.react_slots(ks, e);
+                self.par(ks)
+            }
+            Config::Ff(ks) => {
+                let ks = self.react_slots(ks, e);
+                self.ff(ks)
+            }
+            Config::Any(k, ks) => {
+                let ks = self.react_slots(ks, e);
+                self.any(k, ks)
+            }
+        }
+    }
+
+    fn react_slots(&mut self, mut ks: Vec<Slot>, e: &Event) -> Vec<Slot> {
+        for j in 0..ks.len() {
+            if let Held::Runs(c) = ks[j].held.clone() {
+                ks[j].held = match self.react(c, e) {
+                    R::C(c) => Held::Runs(c),
+                    R::O(o) => hold(o, &ks),
+                };
+            }
+        }
+        ks
+    }
+
+    fn react_active(&mut self, i: u32, n: u32, l: Vec<u32>, e: &Event) -> R {
+        if concerns(e) != Some((i, n)) {
+            return R::C(Config::Active(i, n, l));
+        }
+        self.disconnect(i, &l);
+        R::O(match e {
+            // [e-done], L7
+            Event::Done(_, _, v) => match self.declared[i as usize] {
+                Declared::Service => Outcome::Aborted(Reason::ServiceEnded(i)),
+                Declared::Task | Declared::ServiceGroup => Outcome::Done(v.clone()),
+            },
+            // [e-abort]
+            Event::Aborted(_, _, r) => Outcome::Aborted(Reason::Reported(i, r.clone())),
+            // Nobody asked it to: it failed.
+            Event::Stopped(..) => Outcome::Aborted(Reason::Reported(i, vec![])),
+            Event::Unconfirmed(..) => Outcome::Aborted(Reason::Unconfirmed(i)),
+            Event::Start(_) | Event::Stop | Event::Elapsed(..) => unreachable!("no event of a leaf"),
+        })
+    }
+
+    fn react_stopping(&mut self, i: u32, n: u32, l: Vec<u32>, e: &Event) -> R {
+        if concerns(e) != Some((i, n)) {
+            return R::C(Config::Stopping(i, n, l));
+        }
+        self.disconnect(i, &l);
+        R::O(match e {
+            // [e-stopped]
+            Event::Done(..) | Event::Aborted(..) | Event::Stopped(..) => Outcome::Killed,
+            // [e-unconf]
+            Event::Unconfirmed(..) => Outcome::Aborted(Reason::Unconfirmed(i)),
+            Event::Start(_) | Event::Stop | Event::Elapsed(..) => unreachable!("no event of a leaf"),
+        })
+    }
+
+    fn disconnect(&mut self, i: u32, l: &[u32]) {
+        self.busy.remove(&i);
+        self.commands.extend(l.iter().map(|&set| Command::Disconnect(set)));
+    }
+}
+
+impl World {
+    pub(super) fn stop(&mut self, c: Config) -> R {
+        match c {
+            Config::Active(i, n, l) => {
+                self.commands.push(Command::Stop(i, n));
+                R::C(Config::Stopping(i, n, l))
+            }
+            Config::Stopping(..) => R::C(c),
+            Config::Armed(t, n) => {
+                self.commands.push(Command::Cancel(t, n));
+                R::O(Outcome::Killed)
+            }
+            Config::Never => R::O(Outcome::Killed),
+            Config::Seq(c, _) | Config::Cond(c, _) | Config::Else(c, _) | Config::Rec1(c, ..) | Config::Rec2(c, ..) => {
+                self.stop(*c)
+            }
+            Config::Par(ks) | Config::Ff(ks) | Config::Any(_, ks) => self.drain_stopping(Outcome::Killed, running(ks)),
+            Config::Dis(cs) => self.drain_stopping(Outcome::Killed, cs),
+            Config::Drain(o, cs) if is_unconfirmed(&o) => R::C(Config::Drain(o, cs)),
+            Config::Drain(_, cs) => R::C(Config::Drain(Outcome::Killed, cs)),
+        }
+    }
+}
+
+/// Returns the activation that an event is of.
+fn concerns(e: &Event) -> Option<(u32, u32)> {
+    match *e {
+        Event::Done(i, n, _) | Event::Aborted(i, n, _) | Event::Stopped(i, n) | Event::Unconfirmed(i, n) => {
+            Some((i, n))
+        }
+        Event::Start(_) | Event::Stop | Event::Elapsed(..) => None,
+    }
+}
+
+pub(super) fn leaves(c: &Config, see: &mut impl FnMut(&Config)) {
+    match c {
+        Config::Active(..) | Config::Stopping(..) | Config::Armed(..) | Config::Never => see(c),
+        Config::Seq(c, _) | Config::Cond(c, _) | Config::Else(c, _) | Config::Rec1(c, ..) | Config::Rec2(c, ..) => {
+            leaves(c, see);
+        }
+        Config::Par(ks) | Config::Ff(ks) | Config::Any(_, ks) => {
+            for k in ks {
+                if let Held::Runs(c) = &k.held {
+                    leaves(c, see);
+                }
+            }
+        }
+        Config::Dis(cs) | Config::Drain(_, cs) => cs.iter().for_each(|c| leaves(c, see)),
+    }
+}
+
+/// Takes away what cannot matter any more: activation numbers, and all aborts of a join but the first.
+pub(super) fn forget(c: Config) -> Config {
+    let boxed = |c: Box<Config>| Box::new(forget(*c));
+    let slots = |ks: Vec<Slot>| {
+        let held = |held| match held {
+            Held::Runs(c) => Held::Runs(forget(c)),
+            Held::Aborted(1.., _) => Held::Aborted(1, Reason::Instant),
+            Held::Done(_) | Held::Aborted(0, _) => held,
+        };
+        ks.into_iter().map(|k| Slot { held: held(k.held), ..k }).collect()
+    };
+    match c {
+        Config::Active(i, _, l) => Config::Active(i, 0, l),
+        Config::Stopping(i, _, l) => Config::Stopping(i, 0, l),
+        Config::Armed(t, _) => Config::Armed(t, 0),
+        Config::Never => Config::Never,
+        Config::Seq(c, f) => Config::Seq(boxed(c), f),
+        Config::Cond(c, f) => Config::Cond(boxed(c), f),
+        Config::Else(c, f) => Config::Else(boxed(c), f),
+        Config::Rec1(c, e, f) => Config::Rec1(boxed(c), e, f),
+        Config::Rec2(c, e, f) => Config::Rec2(boxed(c), e, f),
+        Config::Par(ks) => Config::Par(slots(ks)),
+        Config::Ff(ks) => Config::Ff(slots(ks)),
+        Config::Any(k, ks) => Config::Any(k, slots(ks)),
+        Config::Dis(cs) => Config::Dis(cs.into_iter().map(forget).collect()),
+        Config::Drain(o, cs) => Config::Drain(o, cs.into_iter().map(forget).collect()),
+    }
+}

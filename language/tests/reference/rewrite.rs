@@ -1,0 +1,137 @@
+//! A second interpreter of the process algebra, for tests alone: configurations are terms, rules rewrite them.
+//!
+//! It shares nothing with `language::algebra`: its own terms, values, commands and reasons, no arrays, no phases, no
+//! parent links, no speed. Each rule stands here as it is written, so that a reader can compare it with the paper page:
+//!
+//! ```text
+//! R ::= C | o        o ::= done(v) | aborted(r) | killed
+//! v |- E ~> R        `start`          C --e--> R    `react`          stop(C) = R    `stop`
+//! ```
+
+mod completion;
+mod events;
+mod start;
+mod term;
+
+use self::events::{forget, leaves};
+use std::collections::{BTreeMap, BTreeSet};
+
+use self::term::R;
+pub(crate) use self::term::{Command, Config, Declared, Event, Outcome, Reason, Term};
+
+/// A group: its expression, what it is made of, and where it is.
+#[derive(Clone, Debug)]
+pub(crate) struct Machine {
+    expression: Term,
+    always: Vec<u32>,
+    root: Option<Config>,
+    world: World,
+}
+
+#[derive(Clone, Debug)]
+struct World {
+    declared: Vec<Declared>,
+    epochs: BTreeMap<u32, u32>,
+    arms: BTreeMap<u32, u32>,
+    busy: BTreeSet<u32>,
+    commands: Vec<Command>,
+}
+
+impl Machine {
+    /// Returns an idle group.
+    pub(crate) fn new(expression: Term, declared: Vec<Declared>, always: Vec<u32>) -> Self {
+        let world = World {
+            declared,
+            epochs: BTreeMap::new(),
+            arms: BTreeMap::new(),
+            busy: BTreeSet::new(),
+            commands: Vec::new(),
+        };
+        Self { expression, always, root: None, world }
+    }
+
+    /// Takes an event.
+    pub(crate) fn handle(&mut self, event: &Event) -> (Vec<Command>, Option<Outcome>) {
+        let outcome = match (self.root.take(), event) {
+            (None, Event::Start(v)) => {
+                self.world.commands.extend(self.always.iter().map(|&set| Command::Connect(set)));
+                let r = self.world.start(&self.expression, v.clone());
+                self.settle(r)
+            }
+            (None, Event::Stop) => Some(Outcome::Killed),
+            (None, _) => None,
+            (Some(c), Event::Start(_)) => self.settle(R::C(c)),
+            (Some(c), Event::Stop) => {
+                let r = self.world.stop(c);
+                self.settle(r)
+            }
+            (Some(c), event) => {
+                let r = self.world.react(c, event);
+                self.settle(r)
+            }
+        };
+        (std::mem::take(&mut self.world.commands), outcome)
+    }
+
+    fn settle(&mut self, r: R) -> Option<Outcome> {
+        match r {
+            R::C(c) => {
+                self.root = Some(c);
+                None
+            }
+            R::O(o) => {
+                self.world.commands.extend(self.always.iter().map(|&set| Command::Disconnect(set)));
+                Some(o)
+            }
+        }
+    }
+
+    /// Returns the configuration with all activation numbers set to 0.
+    pub(crate) fn shape(&self) -> Option<Config> {
+        self.root.clone().map(forget)
+    }
+
+    /// Returns the members that are active and those that are stopping.
+    pub(crate) fn members(&self) -> (BTreeSet<u32>, BTreeSet<u32>) {
+        let (mut active, mut stopping) = (BTreeSet::new(), BTreeSet::new());
+        if let Some(root) = &self.root {
+            leaves(root, &mut |c| {
+                if let Config::Active(i, ..) = c {
+                    active.insert(*i);
+                }
+                if let Config::Stopping(i, ..) = c {
+                    stopping.insert(*i);
+                }
+            });
+        }
+        (active, stopping)
+    }
+
+    /// Returns the timers that are armed.
+    pub(crate) fn timers(&self) -> BTreeSet<u32> {
+        let mut armed = BTreeSet::new();
+        if let Some(root) = &self.root {
+            leaves(root, &mut |c| {
+                if let Config::Armed(t, _) = c {
+                    armed.insert(*t);
+                }
+            });
+        }
+        armed
+    }
+
+    /// Returns the number of a member's latest activation.
+    pub(crate) fn epoch(&self, member: u32) -> u32 {
+        self.world.epochs.get(&member).copied().unwrap_or(0)
+    }
+
+    /// Returns the number of a timer's latest arm.
+    pub(crate) fn arm(&self, timer: u32) -> u32 {
+        self.world.arms.get(&timer).copied().unwrap_or(0)
+    }
+
+    /// Returns whether no fault-free run of the group ends.
+    pub(crate) fn is_service(&self) -> bool {
+        self.world.service(&self.expression)
+    }
+}

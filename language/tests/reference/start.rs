@@ -1,0 +1,103 @@
+//! `v |- E ~> R`: the start rules.
+
+use super::World;
+use super::completion::{Phase, hold};
+use super::term::{Command, Config, Declared, Held, Outcome, R, Reason, Slot, Term, Value};
+
+impl World {
+    /// `v |- E ~> R`
+    pub(super) fn start(&mut self, e: &Term, v: Value) -> R {
+        match e {
+            // [s-busy]
+            Term::Leaf(i, _) if self.busy.contains(i) => R::O(Outcome::Aborted(Reason::Busy(*i))),
+            // [s-leaf]
+            Term::Leaf(i, l) => {
+                let n = self.epochs.get(i).copied().unwrap_or(0) + 1;
+                self.epochs.insert(*i, n);
+                self.busy.insert(*i);
+                self.commands.extend(l.iter().map(|&set| Command::Connect(set)));
+                self.commands.push(Command::Activate(*i, n, v));
+                R::C(Config::Active(*i, n, l.clone()))
+            }
+            // [s-const]
+            Term::Skip => R::O(Outcome::Done(vec![])),
+            Term::Fail(r) => R::O(Outcome::Aborted(Reason::Failed(r.clone()))),
+            Term::Never => R::C(Config::Never),
+            Term::Wait(t) => {
+                let n = self.arms.get(t).copied().unwrap_or(0) + 1;
+                self.arms.insert(*t, n);
+                self.commands.push(Command::Arm(*t, n));
+                R::C(Config::Armed(*t, n))
+            }
+            // [s-seq] [s-cond] [s-rec]
+            Term::Seq(e, f) => {
+                let r = self.start(e, v);
+                self.seq(r, f)
+            }
+            Term::Cond(e, f) => {
+                let r = self.start(e, v);
+                self.cond(r, f)
+            }
+            Term::Else(e, f) => {
+                let r = self.start(e, v);
+                self.or_else(r, f)
+            }
+            Term::Rec(e, f) => {
+                let r = self.start(e, v);
+                self.rec1(r, e, f, &[Phase::P])
+            }
+            // [s-par]
+            Term::Par(es) => {
+                let ks = self.start_all(es, &v);
+                self.par(ks)
+            }
+            Term::Ff(es) => {
+                let ks = self.start_all(es, &v);
+                self.ff(ks)
+            }
+            Term::Any(k, es) => {
+                let ks = self.start_all(es, &v);
+                self.any(*k, ks)
+            }
+            // [s-dis]
+            Term::Dis(es) => {
+                let mut rs = Vec::new();
+                for e in es {
+                    let r = self.start(e, v.clone());
+                    let ended = matches!(r, R::O(_));
+                    rs.push(r);
+                    if ended {
+                        break;
+                    }
+                }
+                self.dis(rs)
+            }
+        }
+    }
+
+    fn start_all(&mut self, es: &[Term], v: &Value) -> Vec<Slot> {
+        let mut ks: Vec<Slot> = Vec::new();
+        for e in es {
+            let held = match self.start(e, v.clone()) {
+                R::C(c) => Held::Runs(c),
+                R::O(o) => hold(o, &ks),
+            };
+            ks.push(Slot { service: self.service(e), held });
+        }
+        ks
+    }
+
+    /// service(E): no fault-free run of E ends.
+    pub(super) fn service(&self, e: &Term) -> bool {
+        match e {
+            Term::Leaf(i, _) => self.declared[*i as usize] != Declared::Task,
+            Term::Never | Term::Rec(..) => true,
+            Term::Skip | Term::Fail(_) | Term::Wait(_) => false,
+            Term::Seq(e, f) | Term::Cond(e, f) => self.service(e) || self.service(f),
+            Term::Else(e, _) => self.service(e),
+            Term::Par(es) | Term::Dis(es) => es.iter().all(|e| self.service(e)),
+            Term::Ff(es) => es.iter().any(|e| self.service(e)),
+            Term::Any(k, es) => es.iter().filter(|e| !self.service(e)).count() < *k,
+        }
+    }
+}

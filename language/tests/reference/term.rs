@@ -1,0 +1,165 @@
+//! Terms, configurations, events, commands: the vocabulary of the reference.
+
+/// Bytes that one process leaves for the next.
+pub(crate) type Value = Vec<u8>;
+
+/// `E`: an expression.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(crate) enum Term {
+    /// `i[L]`
+    Leaf(u32, Vec<u32>),
+    /// `skip`
+    Skip,
+    /// `never`
+    Never,
+    /// `fail(r)`
+    Fail(String),
+    /// `wait(d)`: the number of the timer; every timer runs 1 s.
+    Wait(u32),
+    /// `E ; F`
+    Seq(Box<Self>, Box<Self>),
+    /// `E : F`
+    Cond(Box<Self>, Box<Self>),
+    /// `E ;; F`
+    Rec(Box<Self>, Box<Self>),
+    /// `E else F`
+    Else(Box<Self>, Box<Self>),
+    /// `E , F , ..`
+    Par(Vec<Self>),
+    /// `E & F & ..`
+    Ff(Vec<Self>),
+    /// `any k of (E, F, ..)`
+    Any(usize, Vec<Self>),
+    /// `E # F # ..`
+    Dis(Vec<Self>),
+}
+
+/// `r`: why something aborted.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(crate) enum Reason {
+    /// A member says so.
+    Reported(u32, Value),
+    /// A member was active already.
+    Busy(u32),
+    /// A member could not confirm its stop.
+    Unconfirmed(u32),
+    /// A service ended.
+    ServiceEnded(u32),
+    /// `fail(r)`
+    Failed(String),
+    /// A loop whose round takes no time.
+    Instant,
+}
+
+/// `o`: an outcome.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(crate) enum Outcome {
+    /// Normal.
+    Done(Value),
+    /// A failure.
+    Aborted(Reason),
+    /// Stopped from outside.
+    Killed,
+}
+
+/// `C`: a configuration.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(crate) enum Config {
+    /// `a.i<n>` with its connection sets.
+    Active(u32, u32, Vec<u32>),
+    /// `s.i<n>`
+    Stopping(u32, u32, Vec<u32>),
+    /// `w(d)`, armed for the n-th time.
+    Armed(u32, u32),
+    /// `never`
+    Never,
+    /// `C;F`
+    Seq(Box<Self>, Term),
+    /// `C:F`
+    Cond(Box<Self>, Term),
+    /// `C else F`
+    Else(Box<Self>, Term),
+    /// `rec1(C,E,F)`
+    Rec1(Box<Self>, Term, Term),
+    /// `rec2(C,E,F)`
+    Rec2(Box<Self>, Term, Term),
+    /// `par[k1..km]`
+    Par(Vec<Slot>),
+    /// `ff[k1..km]`
+    Ff(Vec<Slot>),
+    /// `anyk[k1..km]`
+    Any(usize, Vec<Slot>),
+    /// `dis[C1..Cm]`
+    Dis(Vec<Self>),
+    /// `drain(o,{C..})`
+    Drain(Outcome, Vec<Self>),
+}
+
+/// `k`: an operand of a join, and whether it is a service.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(crate) struct Slot {
+    pub(super) service: bool,
+    pub(super) held: Held,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(super) enum Held {
+    Runs(Config),
+    Done(Value),
+    /// With the number of aborts that the join had seen before.
+    Aborted(usize, Reason),
+}
+
+/// `R`: a configuration or an outcome.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum R {
+    C(Config),
+    O(Outcome),
+}
+
+/// `e`: what happened.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(crate) enum Event {
+    /// The group is started.
+    Start(Value),
+    /// The group is asked to stop.
+    Stop,
+    /// `done(i,n,v)`
+    Done(u32, u32, Value),
+    /// `aborted(i,n,r)`
+    Aborted(u32, u32, Value),
+    /// `stopped(i,n)`
+    Stopped(u32, u32),
+    /// `stop_unconfirmed(i,n)`
+    Unconfirmed(u32, u32),
+    /// `elapsed(w,n)`
+    Elapsed(u32, u32),
+}
+
+/// What to do.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum Command {
+    /// Open a set.
+    Connect(u32),
+    /// Close a set.
+    Disconnect(u32),
+    /// `activate(i,n,v)`
+    Activate(u32, u32, Value),
+    /// `stop(i,n)`
+    Stop(u32, u32),
+    /// Start a timer.
+    Arm(u32, u32),
+    /// Forget a timer.
+    Cancel(u32, u32),
+}
+
+/// What is declared of a member.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(crate) enum Declared {
+    /// A leaf that ends.
+    Task,
+    /// A leaf declared `service`.
+    Service,
+    /// A group that is inferred to be a service.
+    ServiceGroup,
+}
