@@ -26,8 +26,8 @@ pub(crate) fn check(spec: &Source, interfaces: &[Source], name: &str) -> (Option
     let mut model = spec::Spec::default();
     let mut diagnostics = Vec::new();
     for (origin, source) in sources {
-        let Parse { root, diagnostics: found } = parse(source, origin);
-        declare::declare(&mut model, root, origin, &found, &mut diagnostics);
+        let Parse { root, diagnostics: found, damage } = parse(source, origin);
+        declare::declare(&mut model, root, origin, &damage, &mut diagnostics);
         diagnostics.extend(found);
     }
     types::check(&mut model, &mut diagnostics);

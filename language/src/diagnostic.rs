@@ -63,6 +63,9 @@ pub struct Diagnostic {
     pub fix: Option<Fix>,
 }
 
+/// The most secondary places of one diagnostic.
+const REASONS_MAX: usize = 12;
+
 impl Diagnostic {
     pub(crate) fn new(code: Code, span: Span, message: impl Into<String>) -> Self {
         Self {
@@ -81,8 +84,11 @@ impl Diagnostic {
         self
     }
 
+    /// Adds a place where the reason is; a reader is shown the first few.
     pub(crate) fn reason(mut self, span: Span, text: impl Into<String>) -> Self {
-        self.secondary.push(Label { span, text: text.into() });
+        if self.secondary.len() < REASONS_MAX {
+            self.secondary.push(Label { span, text: text.into() });
+        }
         self
     }
 

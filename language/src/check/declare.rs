@@ -6,22 +6,20 @@ mod process;
 use super::names::twice;
 use super::spec::{Param, Spec, ValueKind};
 use super::value::value;
-use crate::diagnostic::{Code, Diagnostic, Severity};
+use crate::diagnostic::{Code, Diagnostic};
 use crate::source::{Origin, Span};
 use crate::syntax::SyntaxKind::{self, Constant, Type};
 use crate::syntax::SyntaxNode;
 use crate::syntax::ast::Node;
 
-/// Adds everything that a tree declares to the spec.
+/// Adds everything that a tree declares to the spec; `damage` is where its text could not be read.
 pub(super) fn declare(
     spec: &mut Spec,
     root: SyntaxNode,
     origin: Origin,
-    syntax: &[Diagnostic],
+    damage: &[Span],
     diagnostics: &mut Vec<Diagnostic>,
 ) {
-    let errors = syntax.iter().filter(|found| found.severity == Severity::Error);
-    let errors: Vec<Span> = errors.map(|found| found.primary.span).collect();
     for item in Node::new(root, origin).children() {
         if item.kind() == SyntaxKind::Module {
             if let Some(module) = module::module(&item, diagnostics) {
@@ -31,7 +29,7 @@ pub(super) fn declare(
             if origin != Origin::Spec {
                 let message = "an interface consists of `module` blocks only";
                 diagnostics.push(Diagnostic::new(Code::E0108, item.span(), message));
-            } else if let Some(process) = process::process(&item, &errors, diagnostics) {
+            } else if let Some(process) = process::process(&item, damage, diagnostics) {
                 add_process(spec, process, diagnostics);
             }
         }

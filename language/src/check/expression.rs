@@ -3,7 +3,7 @@
 use super::names::Names;
 use super::spec::{Damage, Expr, ExprKind, Set};
 use super::value::duration;
-use crate::diagnostic::{Code, Diagnostic};
+use crate::diagnostic::{Code, Diagnostic, Edit};
 use crate::similar::{is_look_alike, nearest, spell};
 use crate::source::Span;
 use crate::syntax::SyntaxKind::{self, Colon, Constant, Labels, Number, Question, Recur, Text};
@@ -68,6 +68,7 @@ fn expression(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<Diagnost
     let Some((_, make)) = operators.iter().find(|(operator, _)| *operator == kind) else {
         return special(node, group, diagnostics);
     };
+    diagnostics.extend(side_by_side(node));
     let mut parts = parts(node, group, diagnostics);
     match parts.len() {
         0 => Expr { span, kind: ExprKind::Broken },
@@ -75,6 +76,22 @@ fn expression(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<Diagnost
         1 => parts.remove(0),
         _ => Expr { span, kind: make(parts) },
     }
+}
+
+/// `a ; b # c` and `a # b , c`: right by the precedence, but read wrongly by many.
+fn side_by_side(node: &Node) -> Option<Diagnostic> {
+    let is_bare = |child: &Node| match node.kind() == SyntaxKind::Disable {
+        true => child.kind() == SyntaxKind::Sequence,
+        false => child.kind() == SyntaxKind::Disable,
+    };
+    let child = node.children().find(is_bare)?;
+    let (outer, inner) = (node.kind().describe(), child.kind().describe());
+    let span = child.span();
+    let message = format!("{inner} stands beside {outer} without parentheses");
+    let diagnostic = Diagnostic::new(Code::W0404, span, message).label("these belong together");
+    let insert = |span: Span, text: &str| Edit { span, text: text.to_owned() };
+    let edits = vec![insert(span.at_start(), "("), insert(span.at_end(), ")")];
+    Some(diagnostic.fix("put parentheses around it", edits))
 }
 
 fn parts(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<Diagnostic>) -> Vec<Expr> {
@@ -212,7 +229,10 @@ fn run(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<Diagnostic>) ->
         let kind = if name.text == "skip" { ExprKind::Skip } else { ExprKind::Never };
         return Expr { span, kind };
     }
-    let Some(slot) = group.names.lenient(&name, diagnostics) else { return Expr { span, kind: ExprKind::Broken } };
+    let Some(slot) = group.names.lenient(&name, diagnostics) else {
+        group.damage.names = true;
+        return Expr { span, kind: ExprKind::Broken };
+    };
     group.run.push(slot);
     let sets = activated(&name, slot, &labels, group, diagnostics);
     Expr { span, kind: ExprKind::Run(slot, sets) }

@@ -12,14 +12,17 @@ pub(super) fn check(spec: &mut Spec, diagnostics: &mut Vec<Diagnostic>) {
     service::infer(spec);
     for process in spec.processes.iter().filter(|process| !process.damage.actions) {
         let Some(actions) = &process.actions else { continue };
-        instances_of(process, actions, diagnostics);
+        let mut clashes = BTreeMap::new();
+        instances_of(actions, &mut clashes);
+        diagnostics.extend(clashes.into_iter().map(|(slot, places)| runs_twice(process, slot, places)));
         check_loops(actions, diagnostics);
         service::check(spec, process, actions, diagnostics);
     }
 }
 
-/// Returns the instances that an expression runs, each with one place; reports those that run twice at once.
-fn instances_of(process: &Process, expr: &Expr, diagnostics: &mut Vec<Diagnostic>) -> BTreeMap<usize, Span> {
+/// Returns the instances that an expression runs, each with one place; collects those that run twice at once, each with
+/// two places.
+fn instances_of(expr: &Expr, clashes: &mut BTreeMap<usize, (Span, Span)>) -> BTreeMap<usize, Span> {
     let is_parallel = match &expr.kind {
         ExprKind::Run(slot, _) => return BTreeMap::from([(*slot, expr.span)]),
         ExprKind::Concurrent(_) | ExprKind::FailFast(_) | ExprKind::AnyOf(..) | ExprKind::Disable(_) => true,
@@ -37,19 +40,21 @@ fn instances_of(process: &Process, expr: &Expr, diagnostics: &mut Vec<Diagnostic
     };
     let mut all: BTreeMap<usize, Span> = BTreeMap::new();
     for part in expr.parts() {
-        for (slot, span) in instances_of(process, part, diagnostics) {
+        for (slot, span) in instances_of(part, clashes) {
             let first = *all.entry(slot).or_insert(span);
             if is_parallel && first != span {
-                let name = &process.instances[slot].name;
-                let message = format!("`{}` can run twice at the same time", name.text);
-                let diagnostic = Diagnostic::new(Code::E0401, span, message).reason(first, "runs here too");
-                let declared = name.span;
-                let help = "declare a second instance, or run it once";
-                diagnostics.push(diagnostic.reason(declared, "this is one instance").help(help));
+                clashes.entry(slot).or_insert((first, span));
             }
         }
     }
     all
+}
+
+fn runs_twice(process: &Process, slot: usize, (first, second): (Span, Span)) -> Diagnostic {
+    let name = &process.instances[slot].name;
+    let message = format!("`{}` can run twice at the same time", name.text);
+    let diagnostic = Diagnostic::new(Code::E0401, second, message).reason(first, "runs here too");
+    diagnostic.reason(name.span, "this is one instance").help("declare a second instance, or run it once")
 }
 
 /// How an expression can end without running or waiting for anything.

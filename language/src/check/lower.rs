@@ -4,13 +4,20 @@ mod expression;
 mod tree;
 mod wires;
 
-use super::spec::{Direction, Spec, Target};
+use super::spec::{Direction, Process, Spec, Target};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::{Plan, PlanError, Wire};
 use std::collections::{BTreeMap, BTreeSet};
 
+/// The most operators and operands of one group's event actions, written out.
+const EXPRESSION_MAX: u64 = 100_000;
+
 /// Makes the plan of a spec without errors; what only shows here is reported.
 pub(super) fn lower(spec: &Spec, root: usize, name: &str, diagnostics: &mut Vec<Diagnostic>) -> Option<Plan> {
+    if let Some(diagnostic) = spec.processes.iter().find_map(too_large) {
+        diagnostics.push(diagnostic);
+        return None;
+    }
     let mut tree = tree::Tree::new(spec, root, diagnostics);
     let mut wires = wires::Wires::default();
     for group in 0..tree.groups.len() {
@@ -33,6 +40,13 @@ pub(super) fn lower(spec: &Spec, root: usize, name: &str, diagnostics: &mut Vec<
             None
         }
     }
+}
+
+/// Nested `retry` multiplies copies: an expression is measured before it is written out.
+fn too_large(process: &Process) -> Option<Diagnostic> {
+    let actions = process.actions.as_ref().filter(|actions| expression::size(actions) > EXPRESSION_MAX)?;
+    let message = format!("the event actions of `{}` come to more than {EXPRESSION_MAX} operators", process.name.text);
+    Some(Diagnostic::new(Code::E0701, actions.span, message).help("try again fewer times"))
 }
 
 /// Limits that only the finished plan shows.
@@ -60,15 +74,15 @@ fn check_inputs(spec: &Spec, tree: &tree::Tree, wires: &[Wire], diagnostics: &mu
         }
     }
     for (process, inputs) in unfed {
-        let process = &spec.processes[process];
-        let name = |slot: usize| &process.instances[slot].name;
+        let source = &spec.processes[process];
+        let name = |slot: usize| &source.instances[slot].name;
         let listed: Vec<String> = inputs.iter().map(|&(slot, port)| format!("`{}.{port}`", name(slot).text)).collect();
         let message = match listed.len() {
             1 => format!("nothing is ever sent to input {}", listed[0]),
             _ => format!("nothing is ever sent to inputs {}", listed.join(", ")),
         };
         let slots: BTreeSet<usize> = inputs.iter().map(|&(slot, _)| slot).collect();
-        let mut diagnostic = Diagnostic::new(Code::W0310, process.name.span, message);
+        let mut diagnostic = Diagnostic::new(Code::W0310, source.name.span, message);
         for slot in slots {
             diagnostic = diagnostic.reason(name(slot).span, "has unconnected inputs");
         }

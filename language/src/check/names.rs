@@ -20,6 +20,8 @@ pub(super) struct Names<'a> {
     reported: BTreeSet<String>,
     /// Whether the instances could not be read whole, so that an unknown name proves nothing.
     is_damaged: bool,
+    /// Whether the text around is damaged, so that a word may be no name at all unless it looks like one.
+    pub(super) is_doubtful: bool,
 }
 
 impl<'a> Names<'a> {
@@ -34,7 +36,7 @@ impl<'a> Names<'a> {
                 by_type.entry(kind.text.as_str()).or_default().push(slot);
             }
         }
-        Self { instances, exact, by_type, folded, reported: BTreeSet::new(), is_damaged }
+        Self { instances, exact, by_type, folded, reported: BTreeSet::new(), is_damaged, is_doubtful: false }
     }
 
     /// The instance that is called exactly so; anything else is reported.
@@ -115,12 +117,14 @@ impl<'a> Names<'a> {
     }
 
     fn unknown(&mut self, name: &Name) -> Option<Diagnostic> {
-        if self.is_damaged || !self.reported.insert(name.text.clone()) {
+        let suggestion = self.suggestion(&name.text);
+        let is_noise = self.is_damaged || self.is_doubtful && suggestion.is_none();
+        if is_noise || !self.reported.insert(name.text.clone()) {
             return None;
         }
         let message = format!("unknown process `{}`", name.text);
         let diagnostic = Diagnostic::new(Code::E0201, name.span, message).label("not an instance of this group");
-        Some(match self.suggestion(&name.text) {
+        Some(match suggestion {
             Some(slot) => {
                 let instance = &self.instances[slot].name;
                 let diagnostic = diagnostic.reason(instance.span, "an instance with a similar name");

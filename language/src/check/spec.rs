@@ -39,6 +39,8 @@ pub(crate) struct Damage {
     pub(crate) external: bool,
     pub(crate) connections: bool,
     pub(crate) actions: bool,
+    /// An event action names something that is not there.
+    pub(crate) names: bool,
 }
 
 /// A parameter of a process or of a module.

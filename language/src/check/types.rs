@@ -15,7 +15,7 @@ pub(super) use recursion::is_finite;
 pub(super) fn check(spec: &mut Spec, diagnostics: &mut Vec<Diagnostic>) {
     resolve::resolve(spec, diagnostics);
     for process in &spec.processes {
-        check_actions(spec, process, diagnostics);
+        check_actions(process, diagnostics);
         for instance in &process.instances {
             let (params, is_module) = match instance.target {
                 Target::Process(target) if spec.processes[target].damage.header => continue,
@@ -52,6 +52,7 @@ pub(super) fn without_host(args: &[Arg]) -> &[Arg] {
 fn check_args(kind: &str, params: &[Param], args: &[Arg], span: Span, diagnostics: &mut Vec<Diagnostic>) {
     let positional = args.iter().filter(|arg| arg.name.is_none()).count();
     let mut given: Vec<bool> = (0..params.len()).map(|index| index < positional).collect();
+    let mut is_known = true;
     for name in args.iter().filter_map(|arg| arg.name.as_ref()).filter(|name| name.text != "host") {
         match params.iter().position(|param| param.name.text == name.text) {
             Some(index) if given[index] => {
@@ -60,6 +61,7 @@ fn check_args(kind: &str, params: &[Param], args: &[Arg], span: Span, diagnostic
             }
             Some(index) => given[index] = true,
             None => {
+                is_known = false;
                 let message = format!("`{kind}` has no parameter `{}`", name.text);
                 let diagnostic = Diagnostic::new(Code::E0211, name.span, message);
                 diagnostics.push(match nearest(&name.text, params.iter().map(|param| param.name.text.as_str())) {
@@ -73,7 +75,7 @@ fn check_args(kind: &str, params: &[Param], args: &[Arg], span: Span, diagnostic
         .filter(|(param, given)| !**given && param.default.is_none())
         .map(|(param, _)| format!("`{}`", param.name.text))
         .collect();
-    if positional <= params.len() && missing.is_empty() {
+    if positional <= params.len() && (missing.is_empty() || !is_known) {
         return;
     }
     let message = match missing.is_empty() {
@@ -97,7 +99,7 @@ fn count(params: usize) -> String {
 }
 
 /// Instances that nothing runs.
-fn check_actions(spec: &Spec, process: &super::spec::Process, diagnostics: &mut Vec<Diagnostic>) {
+fn check_actions(process: &super::spec::Process, diagnostics: &mut Vec<Diagnostic>) {
     if process.damage.actions || process.damage.instances {
         return;
     }
@@ -106,8 +108,11 @@ fn check_actions(spec: &Spec, process: &super::spec::Process, diagnostics: &mut 
         diagnostics.push(Diagnostic::new(Code::W0121, process.name.span, message));
         return;
     }
+    if process.damage.names {
+        return;
+    }
     let idle = process.instances.iter().filter(|instance| !instance.is_run);
-    for instance in idle.filter(|_| !spec.processes.is_empty()) {
+    for instance in idle {
         let message = format!("`{}` is never run", instance.name.text);
         diagnostics.push(Diagnostic::new(Code::W0120, instance.name.span, message));
     }

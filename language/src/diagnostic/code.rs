@@ -150,6 +150,8 @@ codes! {
         "`,` waits for each of its processes that can end. A sensor or a controller that never ends says so with `service;` in its interface; then `,` ends with the others."
     W0403 Warning "never ends"
         "A service has no normal end, so what comes after it never starts, and a sequence that ends with it never finishes."
+    W0404 Warning "operators side by side"
+        "`#` binds more loosely than `;` and more tightly than `,`. Parentheses show which operands belong together."
     E0410 Error "endless loop at one instant"
         "Each way through a repeated expression has to run a process or to wait."
     E0701 Error "too many processes"

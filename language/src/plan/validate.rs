@@ -211,3 +211,78 @@ fn unique<'a>(what: &'static str, names: impl Iterator<Item = &'a String>) -> Re
     }
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Options, Source, compile};
+
+    fn plan() -> Plan {
+        let text = "process Arm(h) {
+            host{h}
+            instantiated_processes { a instof A(h); b instof B(h); }
+            internal_connections(a) { a, Out -> b, In; }
+            internal_event_actions { a, b }
+        }
+        process main() {
+            instantiated_processes { left instof Arm(c1); right instof Arm(c2); }
+            internal_event_actions { left # right }
+        }";
+        compile(&Source::new("arms.dca", text), &[], &Options::named("arms")).plan.unwrap()
+    }
+
+    fn check(damage: impl FnOnce(&mut Plan), expect: &str) {
+        let mut plan = plan();
+        assert_eq!(plan.validate(), Ok(()));
+        damage(&mut plan);
+        assert_eq!(plan.validate().map_err(|error| error.to_string()), Err(expect.to_owned()));
+    }
+
+    #[test]
+    fn each_broken_invariant_is_named() {
+        check(|plan| plan.groups.clear(), "the plan has no groups");
+        check(|plan| plan.hosts.push("c1".to_owned()), "host `c1` is empty or not unique");
+        check(|plan| plan.leaves[1].path.clear(), "path `` is empty or not unique");
+        check(|plan| plan.leaves[0].host = 7, "`main/left/a` points to host 7, which is not there");
+        check(|plan| plan.wires[0].to.leaf = 9, "`wire at port In` points to leaf 9, which is not there");
+        check(|plan| plan.groups[1].sets[0].wires.push(5), "`main/left` points to wire 5, which is not there");
+        check(|plan| plan.groups[1].sets_always.push(5), "`main/left` points to connection set 5, which is not there");
+        check(
+            |plan| plan.groups[0].members[0].kind = MemberKind::Group(8),
+            "`main/left` points to group 8, which is not there",
+        );
+        check(
+            |plan| plan.groups[2].members[0].kind = MemberKind::Leaf(0),
+            "`main/left/a` is not a member of exactly one group below `main`",
+        );
+        check(
+            |plan| plan.groups[1].members[0].kind = MemberKind::Group(0),
+            "`main/left/a` is not a member of exactly one group below `main`",
+        );
+        check(
+            |plan| drop(plan.groups[0].members.pop()),
+            "`main/right` is not a member of exactly one group below `main`",
+        );
+        check(
+            |plan| plan.groups[0].expression = Expression::Run { member: 2, sets: vec![] },
+            "`main` points to member 2, which is not there",
+        );
+        check(
+            |plan| plan.groups[0].expression = Expression::AnyOf { count: 2, of: vec![Expression::Skip] },
+            "the event actions of `main` have an operator with a wrong number of operands",
+        );
+        check(
+            |plan| {
+                for _ in 0..DEPTH_MAX {
+                    let inner = std::mem::replace(&mut plan.groups[0].expression, Expression::Skip);
+                    plan.groups[0].expression = Expression::Disable(vec![inner]);
+                }
+            },
+            "the event actions of `main` are nested deeper than 64 levels",
+        );
+        check(
+            |plan| plan.leaves = vec![plan.leaves[0].clone(); LEAVES_MAX + 1],
+            "the plan has 10001 leaves; the limit is 10000",
+        );
+    }
+}

@@ -64,10 +64,14 @@ impl Node {
         self.tokens().filter(|token| token.kind() == Ident).map(|token| token.name())
     }
 
-    /// The name that follows the node's opening word.
+    /// The name that follows the node's opening word, which may be misspelt or missing.
     pub(crate) fn title(&self) -> Option<Name> {
-        let has_word = self.tokens().next().is_some_and(|token| ["process", "module"].contains(&token.text()));
-        self.names().nth(usize::from(has_word))
+        let mut names = self.names();
+        match (names.next(), names.next()) {
+            (Some(_), Some(title)) => Some(title),
+            (Some(title), None) if !["process", "module"].contains(&title.text.as_str()) => Some(title),
+            (Some(_) | None, _) => None,
+        }
     }
 }
 

@@ -128,13 +128,12 @@ fn text_length(rest: &str) -> usize {
 
 /// Returns whether a string or a comment lacks its end.
 pub(super) fn is_open(kind: SyntaxKind, text: &str) -> bool {
-    match kind == SyntaxKind::Text {
-        true => {
-            let escapes = text[..text.len() - 1].chars().rev().take_while(|&c| c == '\\').count();
-            text.len() < 2 || !text.ends_with('"') || escapes % 2 == 1
-        }
-        false => kind == SyntaxKind::Comment && text.starts_with("/*") && (text.len() < 4 || !text.ends_with("*/")),
+    if kind == SyntaxKind::Text {
+        let Some(inner) = text.strip_prefix('"').and_then(|rest| rest.strip_suffix('"')) else { return true };
+        // An odd number of `\\` before the quote escapes it.
+        return inner.chars().rev().take_while(|&c| c == '\\').count() % 2 == 1;
     }
+    kind == SyntaxKind::Comment && text.starts_with("/*") && (text.len() < 4 || !text.ends_with("*/"))
 }
 
 #[cfg(test)]

@@ -10,10 +10,13 @@ mod process;
 mod repair;
 
 use super::{SyntaxKind, SyntaxNode, Token, lex, lexer};
-use crate::diagnostic::{Code, Diagnostic, Edit};
+use crate::diagnostic::{Code, Diagnostic, Edit, Severity};
 use crate::plan::DEPTH_MAX;
 use crate::source::{Origin, SOURCE_MAX, Source, Span};
 use rowan::{Checkpoint, GreenNodeBuilder, Language};
+
+/// As many tokens have to be read after an error before the next one is believed to have a cause of its own.
+const SHADOW: usize = 3;
 
 /// A parsed text.
 pub(crate) struct Parse {
@@ -21,6 +24,8 @@ pub(crate) struct Parse {
     pub(crate) root: SyntaxNode,
     /// What is wrong with the text as a text.
     pub(crate) diagnostics: Vec<Diagnostic>,
+    /// Where it is damaged.
+    pub(crate) damage: Vec<Span>,
 }
 
 /// Returns the tree of a text; of one that is too long, an empty tree and the reason.
@@ -33,7 +38,7 @@ pub(crate) fn parse(source: &Source, origin: Origin) -> Parse {
     parser.check_tokens();
     parser.file();
     let root = SyntaxNode::new_root(parser.builder.finish());
-    Parse { root, diagnostics: parser.diagnostics }
+    Parse { root, diagnostics: parser.diagnostics, damage: parser.damage }
 }
 
 struct Parser<'t> {
@@ -48,7 +53,9 @@ struct Parser<'t> {
     placed: usize,
     builder: GreenNodeBuilder<'static>,
     diagnostics: Vec<Diagnostic>,
-    /// Where the last report was made: one place gets one report.
+    /// Where the text is damaged, reported or not.
+    damage: Vec<Span>,
+    /// Where the last error was found.
     reported_at: Option<usize>,
     depth: usize,
 }
@@ -67,6 +74,7 @@ impl<'t> Parser<'t> {
             placed: 0,
             builder: GreenNodeBuilder::new(),
             diagnostics: Vec::new(),
+            damage: Vec::new(),
             reported_at: None,
             depth: 0,
         }
@@ -173,11 +181,16 @@ impl<'t> Parser<'t> {
 
     // ---- reporting ----
 
+    /// Reports something about the next token. Errors close to the last one have the same cause: they leave a mark for
+    /// the checker and are not reported again.
     fn report(&mut self, code: Code, message: impl Into<String>) -> Option<&mut Diagnostic> {
-        if self.reported_at == Some(self.cursor) {
-            return None;
+        if code.severity() == Severity::Error {
+            self.damage.push(self.span());
+            let last = self.reported_at.replace(self.cursor);
+            if last.is_some_and(|last| self.cursor < last + SHADOW) {
+                return None;
+            }
         }
-        self.reported_at = Some(self.cursor);
         self.diagnostics.push(Diagnostic::new(code, self.span(), message));
         self.diagnostics.last_mut()
     }
@@ -242,6 +255,7 @@ impl<'t> Parser<'t> {
                 false => continue,
             };
             self.diagnostics.push(report);
+            self.damage.push(span);
         }
     }
 }

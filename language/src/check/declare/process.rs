@@ -12,9 +12,9 @@ use crate::source::Span;
 use crate::syntax::SyntaxKind::{self, BackArrow, Equals, Text};
 use crate::syntax::ast::{Name, Node};
 
-/// Reads a process; `errors` are the places where its text is damaged.
-pub(super) fn process(node: &Node, errors: &[Span], diagnostics: &mut Vec<Diagnostic>) -> Option<Process> {
-    let mut damage = damage(node, errors);
+/// Reads a process; `places` are where the text is damaged.
+pub(super) fn process(node: &Node, places: &[Span], diagnostics: &mut Vec<Diagnostic>) -> Option<Process> {
+    let mut damage = damage(node, places);
     let name = node.title()?;
     check_sections(node, diagnostics);
     let params = node.child(SyntaxKind::Params).map(|node| super::params(&node, diagnostics)).unwrap_or_default();
@@ -25,8 +25,10 @@ pub(super) fn process(node: &Node, errors: &[Span], diagnostics: &mut Vec<Diagno
     let (sets, are_whole) = sets(node, &mut names, diagnostics);
     damage.connections |= !are_whole;
     let actions = node.children_of(SyntaxKind::Actions).next();
+    names.is_doubtful = damage.actions;
     let mut group = expression::Group { names, sets: &sets, damage, run: Vec::new(), useless: Vec::new() };
     let actions = actions.and_then(|node| expression::actions(&node, &mut group, diagnostics));
+    damage.names = group.damage.names;
     let run = group.run;
     for slot in run {
         instances[slot].is_run = true;
@@ -35,15 +37,15 @@ pub(super) fn process(node: &Node, errors: &[Span], diagnostics: &mut Vec<Diagno
 }
 
 /// Finds out which parts of the process contain damaged text. Damage between sections may belong to any of them.
-fn damage(node: &Node, errors: &[Span]) -> Damage {
-    let inside: Vec<Span> = errors.iter().copied().filter(|&error| node.span().contains(error.at_start())).collect();
+fn damage(node: &Node, places: &[Span]) -> Damage {
+    let inside: Vec<Span> = places.iter().copied().filter(|&error| node.span().contains(error.at_start())).collect();
     let mut damage = Damage::default();
     for error in inside {
         let is_here = |part: &Node| part.span().contains(error.at_start());
         let part = node.children().find(is_here).map(|part| part.kind());
         let in_part = |kind: SyntaxKind| part == Some(kind);
         let is_between = part.is_none() || in_part(SyntaxKind::Error);
-        damage.header |= is_between || in_part(SyntaxKind::Params);
+        damage.header |= is_between || in_part(SyntaxKind::Params) || in_part(SyntaxKind::Host);
         damage.instances |= is_between || in_part(SyntaxKind::Instances);
         damage.external |= is_between || in_part(SyntaxKind::External);
         damage.connections |= is_between || in_part(SyntaxKind::Connections);

@@ -50,6 +50,12 @@ fn balance(mut parts: Vec<Expression>, join: fn(Box<Expression>, Box<Expression>
     join(Box::new(balance(parts, join)), Box::new(balance(right, join)))
 }
 
+/// Returns how many operators and operands the written-out expression has.
+pub(super) fn size(expr: &Expr) -> u64 {
+    let parts: u64 = expr.parts().into_iter().map(size).fold(1, u64::saturating_add);
+    if let ExprKind::Retry(times, _) = &expr.kind { parts.saturating_mul(u64::from(*times) + 1) } else { parts }
+}
+
 fn index(index: usize) -> u32 {
     u32::try_from(index).expect("a text of at most 16 MiB declares fewer than 2^32 names")
 }

@@ -41,6 +41,8 @@ struct Builder<'a> {
     hosts: BTreeMap<String, u32>,
     /// Groups reported for having no host.
     hostless: Vec<usize>,
+    /// Places reported for being no host.
+    hostless_spans: Vec<Span>,
 }
 
 impl Tree {
@@ -54,9 +56,17 @@ impl Tree {
             place_of: Vec::new(),
         };
         let (group_places, leaf_places) = (Vec::new(), Vec::new());
-        let hostless = Vec::new();
-        let mut builder =
-            Builder { spec, diagnostics, tree, group_places, leaf_places, hosts: BTreeMap::new(), hostless };
+        let (hostless, hostless_spans) = (Vec::new(), Vec::new());
+        let mut builder = Builder {
+            spec,
+            diagnostics,
+            tree,
+            group_places,
+            leaf_places,
+            hosts: BTreeMap::new(),
+            hostless,
+            hostless_spans,
+        };
         let params = spec.processes[root].params.iter();
         // A root without `main` has parameters without values: they stand for themselves.
         let values = params.map(|param| param.default.clone().unwrap_or(Constant::Text(param.name.text.clone())));
@@ -70,7 +80,7 @@ impl Builder<'_> {
     fn group(&mut self, process: usize, path: String, values: &[Constant], outer: Place) -> u32 {
         let spec = self.spec;
         let source = &spec.processes[process];
-        let place = self.group_place(process, source, values, outer);
+        let place = self.group_place(process, values, outer, &path);
         let index = self.tree.groups.len();
         self.tree.groups.push(Group {
             path: path.clone(),
@@ -105,9 +115,10 @@ impl Builder<'_> {
         number(index)
     }
 
-    fn group_place(&mut self, process: usize, source: &Process, values: &[Constant], outer: Place) -> Place {
+    fn group_place(&mut self, process: usize, values: &[Constant], outer: Place, path: &str) -> Place {
+        let source = &self.spec.processes[process];
         match &source.host {
-            Some(host) => self.named(host, values).unwrap_or(outer),
+            Some(host) => self.named(host, values, path).unwrap_or(outer),
             None => {
                 if !self.tree.groups.is_empty() && !self.hostless.contains(&process) {
                     self.hostless.push(process);
@@ -120,7 +131,7 @@ impl Builder<'_> {
     }
 
     /// The place that a value names; anything but a text is reported.
-    fn named(&mut self, value: &Value, values: &[Constant]) -> Option<Place> {
+    fn named(&mut self, value: &Value, values: &[Constant], path: &str) -> Option<Place> {
         match constant(value, values)? {
             Constant::Text(host) if !host.is_empty() => {
                 let next = number(self.hosts.len());
@@ -131,7 +142,10 @@ impl Builder<'_> {
                 Some(Place::Named(host))
             }
             Constant::Text(_) | Constant::Number(_) | Constant::Truth(_) => {
-                self.diagnostics.push(not_a_host(value.span));
+                if !self.hostless_spans.contains(&value.span) {
+                    self.hostless_spans.push(value.span);
+                    self.diagnostics.push(not_a_host(value.span, path));
+                }
                 None
             }
         }
@@ -147,7 +161,7 @@ impl Builder<'_> {
         let rest = without_host(&instance.args);
         let by_name = rest.iter().find(|arg| arg.name.as_ref().is_some_and(|name| name.text == "host"));
         let host = if rest.len() < instance.args.len() { instance.args.first() } else { by_name };
-        let place = host.and_then(|arg| self.named(&arg.value, values)).unwrap_or_else(|| outer.clone());
+        let place = host.and_then(|arg| self.named(&arg.value, values, &path)).unwrap_or_else(|| outer.clone());
         let rest = rest.iter().filter(|arg| arg.name.as_ref().is_none_or(|name| name.text != "host"));
         let mut arguments: Vec<Argument> = rest
             .filter_map(|arg| {
@@ -223,8 +237,8 @@ fn kind_of(instance: &Instance) -> String {
     instance.kind.as_ref().map(|kind| kind.text.clone()).unwrap_or_default()
 }
 
-fn not_a_host(span: Span) -> Diagnostic {
-    Diagnostic::new(Code::E0107, span, "this is not the name of a host")
+fn not_a_host(span: Span, path: &str) -> Diagnostic {
+    Diagnostic::new(Code::E0107, span, format!("the host of `{path}` is not a name"))
         .help("write a name or a string: `c1`, `\"c1.example\"`")
 }
 

@@ -8,13 +8,14 @@ use std::collections::BTreeMap;
 
 /// Sets the target of every instance. Groups that the file defines win over modules.
 pub(super) fn resolve(spec: &mut Spec, diagnostics: &mut Vec<Diagnostic>) {
-    let mut unknown: BTreeMap<String, Vec<Name>> = BTreeMap::new();
+    let mut unknown: BTreeMap<&str, Vec<(usize, &Name)>> = BTreeMap::new();
+    let mut types = Types { spec, known: BTreeMap::new() };
     let mut targets = Vec::new();
     for (index, process) in spec.processes.iter().enumerate() {
         for instance in &process.instances {
-            let target = instance.kind.as_ref().map(|kind| find(spec, index, kind, diagnostics));
+            let target = instance.kind.as_ref().map(|kind| types.find(index, kind, diagnostics));
             if let (Some(Target::Unknown), Some(kind)) = (target, &instance.kind) {
-                unknown.entry(kind.text.clone()).or_default().push(kind.clone());
+                unknown.entry(&kind.text).or_default().push((index, kind));
             }
             targets.push(target.unwrap_or(Target::Unknown));
         }
@@ -28,42 +29,60 @@ pub(super) fn resolve(spec: &mut Spec, diagnostics: &mut Vec<Diagnostic>) {
     }
 }
 
-fn find(spec: &Spec, enclosing: usize, kind: &Name, diagnostics: &mut Vec<Diagnostic>) -> Target {
-    if let Some(&process) = spec.process_names.get(&kind.text) {
-        return Target::Process(process);
+struct Types<'a> {
+    spec: &'a Spec,
+    /// The candidates of each lenient step for names that were looked up before.
+    known: BTreeMap<&'a str, [Vec<(&'a Name, Target)>; 2]>,
+}
+
+impl<'a> Types<'a> {
+    fn find(&mut self, enclosing: usize, kind: &'a Name, diagnostics: &mut Vec<Diagnostic>) -> Target {
+        let spec = self.spec;
+        if let Some(&process) = spec.process_names.get(&kind.text) {
+            return Target::Process(process);
+        }
+        if let Some(&module) = spec.module_names.get(&kind.text) {
+            return Target::Module(module);
+        }
+        for step in self.known.entry(&kind.text).or_insert_with(|| candidates(spec, &kind.text)) {
+            // A group is never meant by a lenient name inside itself: that would be a recursion nobody wrote.
+            let mut found = step.iter().filter(|(_, target)| *target != Target::Process(enclosing));
+            if let (Some((name, target)), None) = (found.next(), found.next()) {
+                let message = format!("no type is called exactly `{}`", kind.text);
+                let diagnostic = Diagnostic::new(Code::W0204, kind.span, message);
+                let diagnostic =
+                    diagnostic.label(format!("read as `{}`", name.text)).reason(name.span, "declared here");
+                diagnostics.push(diagnostic.replace(kind.span, &name.text));
+                return *target;
+            }
+        }
+        Target::Unknown
     }
-    if let Some(&module) = spec.module_names.get(&kind.text) {
-        return Target::Module(module);
-    }
-    // A group is never meant by a lenient name inside itself: that would be a recursion nobody wrote.
-    let processes = spec.processes.iter().enumerate().filter(|(index, _)| *index != enclosing);
+}
+
+/// The types that equal `kind` but for case, and those that abbreviate it or that it abbreviates.
+fn candidates<'a>(spec: &'a Spec, kind: &str) -> [Vec<(&'a Name, Target)>; 2] {
+    let processes = spec.processes.iter().enumerate();
     let processes = processes.map(|(index, process)| (&process.name, Target::Process(index)));
     let modules = spec.modules.iter().enumerate().map(|(index, module)| (&module.name, Target::Module(index)));
-    let candidates: Vec<(&Name, Target)> = processes.chain(modules).collect();
-    let same_but_case = |name: &str| name.to_lowercase() == kind.text.to_lowercase();
-    let steps: [&dyn Fn(&str) -> bool; 2] = [&same_but_case, &|name| is_abbreviation(&kind.text, name)];
-    for step in steps {
-        let mut found = candidates.iter().filter(|(name, _)| step(&name.text));
-        if let (Some((name, target)), None) = (found.next(), found.next()) {
-            let message = format!("no type is called exactly `{}`", kind.text);
-            let diagnostic = Diagnostic::new(Code::W0204, kind.span, message).label(format!("read as `{}`", name.text));
-            diagnostics.push(diagnostic.reason(name.span, "declared here").replace(kind.span, &name.text));
-            return *target;
-        }
-    }
-    Target::Unknown
+    let all: Vec<(&Name, Target)> = processes.chain(modules).collect();
+    let folded = kind.to_lowercase();
+    let same_but_case = all.iter().copied().filter(|(name, _)| name.text.to_lowercase() == folded).collect();
+    let abbreviated = all.iter().copied().filter(|(name, _)| is_abbreviation(kind, &name.text)).collect();
+    [same_but_case, abbreviated]
 }
 
 /// One report for all instances of a type.
-fn no_interface(spec: &Spec, names: &[Name]) -> Option<Diagnostic> {
-    let (first, others) = names.split_first()?;
+fn no_interface(spec: &Spec, names: &[(usize, &Name)]) -> Option<Diagnostic> {
+    let ((enclosing, first), others) = names.split_first()?;
     let message = format!("no interface of `{}` is known: its ports and arguments are not checked", first.text);
     let mut diagnostic = Diagnostic::new(Code::W0205, first.span, message);
-    for other in others {
+    for (_, other) in others {
         diagnostic = diagnostic.reason(other.span, "nor here");
     }
-    let known = spec.process_names.keys().chain(spec.module_names.keys()).map(String::as_str);
-    if let Some(near) = nearest(&first.text, known) {
+    let enclosing = &spec.processes[*enclosing].name.text;
+    let known = spec.process_names.keys().filter(|name| *name != enclosing).chain(spec.module_names.keys());
+    if let Some(near) = nearest(&first.text, known.map(String::as_str)) {
         diagnostic = diagnostic.help(format!("did you mean `{near}`?"));
     }
     Some(diagnostic)

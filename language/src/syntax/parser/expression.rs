@@ -183,6 +183,9 @@ impl Parser<'_> {
             self.parenthesised();
         } else if !self.at(Ident) || self.ends_block() {
             self.expected("a process");
+            if self.at(LeftBracket) {
+                self.labels();
+            }
         } else if self.at_word("any") && self.kind(1) == Number {
             self.any_of();
         } else if self.kind(1) == LeftParen && ["fail", "wait"].contains(&self.word(0)) {

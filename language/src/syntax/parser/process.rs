@@ -27,6 +27,10 @@ impl Parser<'_> {
     }
 
     fn item(&mut self) {
+        if self.is_item(0) {
+            // A new item is sound ground: what is wrong from here on has causes of its own.
+            self.reported_at = None;
+        }
         if self.at_word("module") {
             self.module();
         } else if self.at_word("process") {
@@ -91,10 +95,22 @@ impl Parser<'_> {
                 self.expected("a section");
                 self.skip_as_error();
             }
-            self.section();
+            self.empty_statements();
+            if !self.at(RightBrace) && !self.is_item(0) {
+                self.section();
+            }
         }
         self.expect(RightBrace);
         self.finish();
+        self.empty_statements();
+    }
+
+    /// `;` where no statement is: a habit from other languages.
+    fn empty_statements(&mut self) {
+        while self.at_any(&[Semicolon, SyntaxKind::Recur]) {
+            self.report(Code::W0009, "an empty statement");
+            self.bump();
+        }
     }
 
     pub(super) fn params(&mut self) {
@@ -236,12 +252,10 @@ impl Parser<'_> {
         self.expect(LeftBrace);
         while !self.ends_block() {
             let before = self.cursor;
-            if self.at(Semicolon) || self.at(SyntaxKind::Recur) {
-                self.report(Code::W0009, "an empty statement");
-                self.bump();
-                continue;
+            self.empty_statements();
+            if !self.ends_block() {
+                statement(self);
             }
-            statement(self);
             if self.cursor == before {
                 self.skip_as_error();
             }
@@ -280,13 +294,7 @@ impl Parser<'_> {
                 self.report(Code::E0006, "arrays of instances are not supported yet");
                 self.skip_tree();
             }
-            if !self.eat_word("instof") {
-                self.expected("`instof`");
-                if self.at(Ident) && self.kind(1) == Ident && self.word(1) == "instof" {
-                    self.bump();
-                    self.bump();
-                }
-            }
+            self.instof();
         }
         if self.at(Ident) {
             self.type_name();
@@ -296,6 +304,26 @@ impl Parser<'_> {
         self.args();
         self.end_statement();
         self.finish();
+    }
+
+    /// The word between the name and the type: missing, misspelt, or behind the type.
+    fn instof(&mut self) {
+        if self.eat_word("instof") {
+            return;
+        }
+        let span = self.span();
+        let is_misspelt = self.at(Ident) && self.kind(1) == Ident;
+        let diagnostic = self.expected("`instof`");
+        if let (Some(diagnostic), true) = (diagnostic, is_misspelt) {
+            let edits = vec![Edit { span, text: "instof".to_owned() }];
+            diagnostic.fix = Some(Fix { title: "replace with `instof`".to_owned(), edits });
+        }
+        if is_misspelt {
+            self.skip_as_error();
+            if self.at_word("instof") {
+                self.bump();
+            }
+        }
     }
 
     fn args(&mut self) {
