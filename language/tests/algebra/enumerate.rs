@@ -17,10 +17,8 @@ pub(crate) enum Operators {
 pub(crate) enum Leaves {
     /// Members only, all different: each a task or a service.
     Distinct,
-    /// Members, also the same one several times.
-    Shared,
-    /// And `skip`, `never`, `fail`, `wait`.
-    Constants,
+    /// Members, also the same one several times, and `skip`, `never`, `fail`, `wait`.
+    Any,
 }
 
 /// Calls `visit` with every expression of `leaves` leaves.
@@ -95,7 +93,7 @@ fn labels(size: usize, leaves: Leaves) -> Vec<(Vec<Term>, u32)> {
             let runs = (from..=members).map(|member| (Term::Leaf(member, vec![member]), members.max(member + 1)));
             let constants =
                 [Term::Skip, Term::Never, Term::Fail("f".into()), Term::Wait(0)].map(|term| (term, members));
-            let constants = constants.into_iter().filter(|_| leaves == Leaves::Constants);
+            let constants = constants.into_iter().filter(|_| leaves == Leaves::Any);
             for (term, members) in runs.chain(constants) {
                 longer.push(([&terms[..], &[term]].concat(), members));
             }

@@ -110,15 +110,18 @@ fn tasks(task: u32) -> Vec<Term> {
     [vec![a], binary.to_vec(), n_ary.to_vec()].concat()
 }
 
-/// Calls `check` with all P, Q, R without common members.
-fn triples(kind: fn(u32) -> Vec<Term>, check: impl Fn(&Term, &Term, &Term)) {
+/// Calls `check` with all P, Q without common members.
+fn pairs(kind: fn(u32) -> Vec<Term>, check: impl Fn(&Term, &Term)) {
     for p in kind(0) {
         for q in kind(1) {
-            for r in kind(2) {
-                check(&p, &q, &r);
-            }
+            check(&p, &q);
         }
     }
+}
+
+/// Calls `check` with all P, Q, R without common members.
+fn triples(kind: fn(u32) -> Vec<Term>, check: impl Fn(&Term, &Term, &Term)) {
+    pairs(kind, |p, q| kind(2).iter().for_each(|r| check(p, q, r)));
 }
 
 fn any_operands(which: u32) -> Vec<Term> {
@@ -148,7 +151,7 @@ fn sequence_and_condition_are_associative() {
 
 #[test]
 fn recurrence_unfolds() {
-    triples(with_constants, |p, q, _| {
+    pairs(with_constants, |p, q| {
         let recurrent = two(Term::Rec, p, q);
         law(&recurrent, &two(Term::Cond, p, &two(Term::Seq, q, &recurrent)), UpTo::Nothing);
     });
@@ -178,12 +181,13 @@ fn constants_are_units_and_zeros() {
 
 #[test]
 fn disabling_and_concurrency_commute() {
-    triples(any_operands, |p, q, r| {
+    pairs(any_operands, |p, q| {
         for operator in [Term::Dis, Term::Par, Term::Ff] {
             law(&many(operator, &[p, q]), &many(operator, &[q, p]), UpTo::Order);
         }
-        law(&many(Term::Dis, &[p, q, r]), &many(Term::Dis, &[r, p, q]), UpTo::Order);
     });
+    let r = leaf(4);
+    pairs(any_operands, |p, q| law(&many(Term::Dis, &[p, q, &r]), &many(Term::Dis, &[&r, p, q]), UpTo::Order));
 }
 
 /// Up to the reason: in the nested form the first abort of `P, Q` counts from when the last of them has ended.

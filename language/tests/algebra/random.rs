@@ -103,6 +103,9 @@ fn choose(pair: &Pair<'_>, choice: usize) -> Event {
 
 #[test]
 fn random_expressions_agree() {
-    let (events, outcomes) = run(4_000, 1);
-    assert!(events > 100_000 && outcomes > 4_000, "the words must get somewhere: {events} events, {outcomes} outcomes");
+    let (events, outcomes) = run(20_000, 1);
+    assert!(
+        events > 500_000 && outcomes > 100_000,
+        "the words must get somewhere: {events} events, {outcomes} outcomes"
+    );
 }

@@ -160,7 +160,8 @@ pub(super) fn leaves(c: &Config, see: &mut impl FnMut(&Config)) {
     }
 }
 
-/// Takes away what cannot matter any more: activation numbers, and all aborts of a join but the first.
+/// Takes away what cannot matter any more: activation numbers, all aborts of a join but the first, and the value of a
+/// service that `,` does not wait for.
 pub(super) fn forget(c: Config) -> Config {
     let boxed = |c: Box<Config>| Box::new(forget(*c));
     let slots = |ks: Vec<Slot>| {
@@ -181,7 +182,15 @@ pub(super) fn forget(c: Config) -> Config {
         Config::Else(c, f) => Config::Else(boxed(c), f),
         Config::Rec1(c, e, f) => Config::Rec1(boxed(c), e, f),
         Config::Rec2(c, e, f) => Config::Rec2(boxed(c), e, f),
-        Config::Par(ks) => Config::Par(slots(ks)),
+        Config::Par(mut ks) => {
+            let tasks = ks.iter().any(|k| !k.service);
+            for k in ks.iter_mut().filter(|k| tasks && k.service) {
+                if let Held::Done(u) = &mut k.held {
+                    u.clear();
+                }
+            }
+            Config::Par(slots(ks))
+        }
         Config::Ff(ks) => Config::Ff(slots(ks)),
         Config::Any(k, ks) => Config::Any(k, slots(ks)),
         Config::Dis(cs) => Config::Dis(cs.into_iter().map(forget).collect()),

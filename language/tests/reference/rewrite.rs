@@ -15,22 +15,23 @@ mod term;
 
 use self::events::{forget, leaves};
 use std::collections::{BTreeMap, BTreeSet};
+use std::rc::Rc;
 
 use self::term::R;
 pub(crate) use self::term::{Command, Config, Declared, Event, Outcome, Reason, Term};
 
 /// A group: its expression, what it is made of, and where it is.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Machine {
-    expression: Term,
-    always: Vec<u32>,
+    expression: Rc<Term>,
+    always: Rc<[u32]>,
     root: Option<Config>,
     world: World,
 }
 
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 struct World {
-    declared: Vec<Declared>,
+    declared: Rc<[Declared]>,
     epochs: BTreeMap<u32, u32>,
     arms: BTreeMap<u32, u32>,
     busy: BTreeSet<u32>,
@@ -41,13 +42,13 @@ impl Machine {
     /// Returns an idle group.
     pub(crate) fn new(expression: Term, declared: Vec<Declared>, always: Vec<u32>) -> Self {
         let world = World {
-            declared,
+            declared: declared.into(),
             epochs: BTreeMap::new(),
             arms: BTreeMap::new(),
             busy: BTreeSet::new(),
             commands: Vec::new(),
         };
-        Self { expression, always, root: None, world }
+        Self { expression: expression.into(), always: always.into(), root: None, world }
     }
 
     /// Takes an event.
