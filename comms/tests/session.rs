@@ -1,6 +1,6 @@
 //! Node sessions over Unix sockets: calls, streams, messages and presence, also through a client of another node.
 
-use comms::io::session::{CallError, NodeOptions, Presence, Reach, Session};
+use comms::io::session::{CallError, NodeOptions, Presence, Reach, Server, Session};
 use comms::logic::key::{self, HostName};
 use comms::logic::port::Policy;
 use std::io::{BufRead, BufReader, Write};
@@ -37,8 +37,7 @@ async fn node(dir: &Dir, name: &str, peers: &[&str]) -> Session {
 }
 
 /// Serves until its session closes: echoes, counts, refuses, and leaves one call hanging.
-async fn serve(session: &Session, host: &str) {
-    let mut server = session.serve(&key::rpc_any(host)).unwrap();
+async fn serve(mut server: Server, host: &str) {
     let mut hanging = Vec::new();
     while let Some(request) = server.next().await {
         let (to, verb) = key::parse_rpc(request.key()).unwrap();
@@ -93,16 +92,17 @@ async fn nodes_and_a_client() {
     // `a` is told of `b` before there is a `b`.
     let a = node(&dir, "a", &["b"]).await;
     let b = node(&dir, "b", &[]).await;
+    // A node serves before it says that it is up.
+    let server = b.serve(&key::rpc_any("b")).unwrap();
     let _here = b.announce(&key::live("b", 1)).unwrap();
     appears(&a, "b").await;
-    tokio::select! {
-        () = serve(&b, "b") => unreachable!(),
-        () = check_calls(&a, "b") => {}
-    }
     let client = Session::open_client(&dir.socket("a")).await.unwrap();
     tokio::select! {
-        () = serve(&b, "b") => unreachable!(),
-        () = check_calls(&client, "b") => {}
+        () = serve(server, "b") => unreachable!(),
+        () = async {
+            check_calls(&a, "b").await;
+            check_calls(&client, "b").await;
+        } => {}
     }
     client.close().await;
 
@@ -135,10 +135,11 @@ async fn other_node() {
         peers: Vec::new(),
     };
     let session = Session::open_node(options).await.unwrap();
+    let server = session.serve(&key::rpc_any("other")).unwrap();
     let _here = session.announce(&key::live("other", 7)).unwrap();
     println!("ready");
     std::io::stdout().flush().unwrap();
-    serve(&session, "other").await;
+    serve(server, "other").await;
 }
 
 fn start_other(dir: &Dir) -> Child {

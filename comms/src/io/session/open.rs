@@ -5,7 +5,7 @@ use super::OpenError;
 use super::config::Settings;
 use crate::io::queue::{self, Receiver};
 use crate::logic::port::Policy;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use tokio::task::JoinSet;
@@ -26,12 +26,19 @@ const LOSSES_MAX: usize = 1024;
 pub(crate) struct Opened {
     pub(crate) session: zenoh::Session,
     runtime: Runtime,
-    kept: Arc<Kept>,
+    links: Arc<Mutex<Links>>,
     keeper: tokio::task::JoinHandle<()>,
 }
 
-/// Peers that are dialled again when their link is lost: locators by session id.
-type Kept = Mutex<BTreeMap<String, Vec<Locator>>>;
+/// Links by session id.
+#[derive(Default)]
+struct Links {
+    /// Those that stand, as zenoh's events say. It is also asked itself before dialling, but for a moment after a loss
+    /// it still answers that there is a link.
+    standing: BTreeSet<String>,
+    /// Those that are dialled again when they are lost, and where.
+    kept: BTreeMap<String, Vec<Locator>>,
+}
 
 impl std::fmt::Debug for Opened {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
@@ -60,15 +67,25 @@ impl Opened {
             .map_err(failed)?;
         let session = zenoh::session::init(runtime.clone().into()).wait().map_err(failed)?;
         let (lost_tx, lost) = queue::channel(Policy::reject(LOSSES_MAX));
+        let links = Arc::new(Mutex::new(Links::default()));
+        let noted = Arc::clone(&links);
         let on_event = move |event: TransportEvent| {
-            if event.kind() == SampleKind::Delete {
-                lost_tx.push(event.transport().zid().to_string());
+            let session = event.transport().zid().to_string();
+            match event.kind() {
+                SampleKind::Put => {
+                    lock(&noted).standing.insert(session);
+                }
+                SampleKind::Delete => {
+                    lock(&noted).standing.remove(&session);
+                    lost_tx.push(session);
+                }
             }
         };
-        session.info().transport_events_listener().callback(on_event).background().wait().map_err(failed)?;
-        let kept = Arc::new(Kept::default());
-        let keeper = ZRuntime::Net.spawn(keep(runtime.clone(), Arc::clone(&kept), lost));
-        Ok(Self { session, runtime, kept, keeper })
+        let info = session.info();
+        let listener = info.transport_events_listener().history(true).callback(on_event).background();
+        listener.wait().map_err(failed)?;
+        let keeper = ZRuntime::Net.spawn(keep(runtime.clone(), Arc::clone(&links), lost));
+        Ok(Self { session, runtime, links, keeper })
     }
 
     /// Returns the session's id as it is written in a `Dial`.
@@ -91,11 +108,11 @@ impl Opened {
             return Err("it listens nowhere that can be reached from here".to_owned());
         }
         // Before the first attempt, so that a link lost right after it is noticed.
-        lock(&self.kept).insert(session.to_owned(), locators.clone());
-        let linked = ZRuntime::Net
-            .block_in_place(async { tokio::time::timeout(within, connect(&self.runtime, id, &locators)).await });
+        lock(&self.links).kept.insert(session.to_owned(), locators.clone());
+        let connecting = connect(&self.runtime, &self.links, id, &locators);
+        let linked = ZRuntime::Net.block_in_place(async { tokio::time::timeout(within, connecting).await });
         linked.map_err(|_elapsed| {
-            lock(&self.kept).remove(session);
+            lock(&self.links).kept.remove(session);
             let places: Vec<String> = locators.iter().map(ToString::to_string).collect();
             format!("nobody answers at {} within {within:?}", places.join(", "))
         })
@@ -111,7 +128,7 @@ impl Opened {
 }
 
 /// Dials kept peers again as their links are lost, until the session closes.
-async fn keep(runtime: Runtime, kept: Arc<Kept>, mut lost: Receiver<String>) {
+async fn keep(runtime: Runtime, links: Arc<Mutex<Links>>, mut lost: Receiver<String>) {
     let mut dialling = JoinSet::new();
     loop {
         let session = tokio::select! {
@@ -119,18 +136,23 @@ async fn keep(runtime: Runtime, kept: Arc<Kept>, mut lost: Receiver<String>) {
             Some(_) = dialling.join_next() => continue,
         };
         let Some(session) = session else { return };
-        let Some(locators) = lock(&kept).get(&session).cloned() else { continue };
+        let Some(locators) = lock(&links).kept.get(&session).cloned() else { continue };
         let Ok(id) = session.parse() else { continue };
-        let runtime = runtime.clone();
         tracing::debug!(session, "link lost, dialling again");
-        dialling.spawn(async move { connect(&runtime, id, &locators).await });
+        let (runtime, links) = (runtime.clone(), Arc::clone(&links));
+        dialling.spawn(async move { connect(&runtime, &links, id, &locators).await });
     }
 }
 
-/// Dials until there is a link. Two attempts for one peer at a time do no harm: zenoh lets one through.
-async fn connect(runtime: &Runtime, id: ZenohId, locators: &[Locator]) {
-    let mut wait = RETRY_MIN;
-    while !runtime.connect_peer(&id.into(), locators).await && !runtime.is_closed() {
+/// Dials until the link stands. Two at a time for one peer do no harm: zenoh lets one through.
+async fn connect(runtime: &Runtime, links: &Mutex<Links>, id: ZenohId, locators: &[Locator]) {
+    let (session, mut wait) = (id.to_string(), RETRY_MIN);
+    loop {
+        // What it says is old news when a link has just been lost; the events decide.
+        runtime.connect_peer(&id.into(), locators).await;
+        if lock(links).standing.contains(&session) || runtime.is_closed() {
+            return;
+        }
         tokio::time::sleep(wait.mul_f64(jitter())).await;
         wait = RETRY_MAX.min(wait.mul_f64(1.5));
     }
@@ -156,7 +178,7 @@ pub(crate) fn plain(cause: &zenoh::Error) -> String {
     text[..end].trim_end_matches('.').to_owned()
 }
 
-fn lock(kept: &Kept) -> MutexGuard<'_, BTreeMap<String, Vec<Locator>>> {
-    // A map of plain values is valid whatever happened to the thread that held it.
-    kept.lock().unwrap_or_else(PoisonError::into_inner)
+fn lock(links: &Mutex<Links>) -> MutexGuard<'_, Links> {
+    // Maps of plain values are valid whatever happened to the thread that held them.
+    links.lock().unwrap_or_else(PoisonError::into_inner)
 }
