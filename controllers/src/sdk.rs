@@ -58,6 +58,7 @@ pub mod harness;
 mod interface;
 mod module;
 mod port;
+pub mod process;
 mod random;
 mod registry;
 

@@ -1,0 +1,203 @@
+//! A controller as a program of its own: started by a node, told what to do over a control socket, its data on a session
+//! of its own.
+//!
+//! Three parties share the process. The *listener* (the main thread) reads the node's orders, makes the links and opens
+//! and closes wires. The *cycle* (a thread with absolute deadlines) owns the controller and nothing else ever calls it.
+//! Zenoh's threads hand arriving samples over and wake the cycle. Invariant: each activation ends with exactly one notice,
+//! after `stop` has finished.
+//!
+//! What a program is told by its environment: `DCA_CONTROL`, the node's socket; `DCA_INSTANCE`, its path in the plan;
+//! `DCA_DATA_SOCKET`, where its data session listens; `DCA_REMOTE`, present when other hosts must reach it.
+
+mod cycle;
+mod inbox;
+mod links;
+
+use super::interface::Interface;
+use super::module::Module;
+use super::registry::{CreateError, Registry};
+use comms::io::control::{self, ControlError, NoticeSender, OrderReceiver};
+use comms::io::data::DataSession;
+use comms::io::session::{OpenError, Reach, prepare_process};
+use comms::logic::control::{Notice, Order, VERSION};
+use cycle::{Command, Cycle};
+use inbox::Inbox;
+use links::Links;
+use signal_hook::consts::SIGTERM;
+use signal_hook::iterator::Signals;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::Arc;
+use thiserror::Error;
+
+const USAGE: &str = "usage: PROGRAM TYPE [[NAME=]VALUE]...   started by a node
+       PROGRAM --list              the controller types it offers
+       PROGRAM --dca-interface     their interfaces, as `module` blocks";
+
+/// Why a program cannot take part.
+#[derive(Debug, Error)]
+enum ProcessError {
+    #[error("a controller is started by `dca-node` or `dca run`, not by hand: {variable} is not set\n{USAGE}")]
+    NoNode { variable: &'static str },
+    #[error("{0}\n{USAGE}")]
+    Create(#[from] CreateError),
+    #[error("cannot open a data session: {0}")]
+    Session(#[from] OpenError),
+    #[error("cannot talk to the node: {0}")]
+    Control(#[from] ControlError),
+    #[error("cannot start a thread: {0}")]
+    Thread(#[from] std::io::Error),
+}
+
+/// Runs this process as the controller that its arguments name. Everything `main` has to do.
+pub fn run(registry: &Registry) -> ExitCode {
+    prepare_process();
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let text = match arguments.first().map(String::as_str) {
+        None | Some("--help" | "-h") => return tell(USAGE, ExitCode::from(2)),
+        Some("--dca-interface") => registry.interface_text(),
+        Some("--list") => registry.interfaces().map(|one| format!("{}\n", one.type_name)).collect(),
+        Some(name) => {
+            return match take_part(registry, name, arguments.get(1..).unwrap_or_default()) {
+                Ok(code) => code,
+                Err(error @ (ProcessError::Create(_) | ProcessError::NoNode { .. })) => {
+                    tell(&error.to_string(), ExitCode::from(2))
+                }
+                Err(error) => tell(&error.to_string(), ExitCode::FAILURE),
+            };
+        }
+    };
+    let written = std::io::stdout().write_all(text.as_bytes());
+    if written.is_ok() { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+}
+
+fn tell(text: &str, code: ExitCode) -> ExitCode {
+    // Where should one say that standard error is gone?
+    drop(std::io::stderr().write_all(format!("{text}\n").as_bytes()));
+    code
+}
+
+fn take_part(registry: &Registry, name: &str, arguments: &[String]) -> Result<ExitCode, ProcessError> {
+    let module = registry.create(name, arguments)?;
+    let variable = |variable| std::env::var_os(variable).ok_or(ProcessError::NoNode { variable });
+    let (socket, instance) = (PathBuf::from(variable("DCA_CONTROL")?), variable("DCA_INSTANCE")?);
+    let instance = instance.to_string_lossy().into_owned();
+    let interface = module.interface().clone();
+    let session = if needs_session(&interface) {
+        let reach = if std::env::var_os("DCA_REMOTE").is_some() { Reach::Lan } else { Reach::Host };
+        Some(Arc::new(DataSession::open(Path::new(&variable("DCA_DATA_SOCKET")?), reach)?))
+    } else {
+        None
+    };
+    let (notices, orders) = control::connect(&socket)?;
+    notices.send(&hello(&interface, &instance, session.as_deref()))?;
+    let program = Program { interface, instance, session, notices };
+    program.serve(module, orders)
+}
+
+fn needs_session(interface: &Interface) -> bool {
+    !interface.ports.is_empty() || interface.about.signals_every.is_some()
+}
+
+fn hello(interface: &Interface, instance: &str, session: Option<&DataSession>) -> Notice {
+    let names = |devices: Vec<&'static str>| devices.into_iter().map(str::to_owned).collect();
+    Notice::Hello {
+        version: VERSION,
+        instance: instance.to_owned(),
+        location: session.map(DataSession::location),
+        owns: names(interface.owns()),
+        needs: names(interface.needs()),
+        signals: interface.about.signals_every.is_some(),
+    }
+}
+
+/// What stays the same for the life of the program.
+struct Program {
+    interface: Interface,
+    instance: String,
+    session: Option<Arc<DataSession>>,
+    notices: NoticeSender,
+}
+
+impl Program {
+    /// Obeys the node until it says `Exit`, or is gone: then stops what runs, and leaves.
+    fn serve(self, module: Box<dyn Module>, mut orders: OrderReceiver) -> Result<ExitCode, ProcessError> {
+        let inbox = Arc::new(Inbox::default());
+        let links = Arc::new(Links::default());
+        let cycle = Cycle::new(module, Arc::clone(&inbox), Arc::clone(&links), self.notices.clone());
+        let running = std::thread::Builder::new().name("cycle".to_owned()).spawn(move || cycle.run())?;
+        obey_sigterm(&inbox)?;
+        let code = loop {
+            match orders.recv() {
+                Ok(Some(Order::Exit)) => break ExitCode::SUCCESS,
+                Ok(Some(order)) => {
+                    if self.obey(order, &inbox, &links).is_err() {
+                        break ExitCode::FAILURE;
+                    }
+                }
+                Ok(None) => break tell("the node is gone", ExitCode::FAILURE),
+                Err(error) => break tell(&format!("the node cannot be understood: {error}"), ExitCode::FAILURE),
+            }
+        };
+        inbox.command(Command::Leave);
+        if running.join().is_err() {
+            return Ok(tell("the control loop panicked", ExitCode::FAILURE));
+        }
+        links.clear();
+        if let Some(session) = self.session.and_then(Arc::into_inner) {
+            session.close();
+        }
+        Ok(code)
+    }
+
+    fn obey(&self, order: Order, inbox: &Arc<Inbox>, links: &Arc<Links>) -> Result<(), ControlError> {
+        match order {
+            Order::Connect { robot, incoming, outgoing, devices } => {
+                let made = match &self.session {
+                    Some(session) => {
+                        let wanted = links::Wanted { robot, incoming, outgoing, devices };
+                        links.make(session, &self.interface, &self.instance, wanted, inbox)
+                    }
+                    None => Ok(()),
+                };
+                self.notices.send(&match made {
+                    Ok(()) => Notice::Connected,
+                    Err(reason) => Notice::ConnectFailed { reason },
+                })
+            }
+            Order::Open { wires, generation } => {
+                links.switch(&wires, true);
+                self.notices.send(&Notice::Switched { generation })
+            }
+            Order::Close { wires, generation } => {
+                links.switch(&wires, false);
+                self.notices.send(&Notice::Switched { generation })
+            }
+            Order::Activate { activation, value } => {
+                inbox.command(Command::Activate { activation, value });
+                Ok(())
+            }
+            Order::Stop { activation } => {
+                inbox.command(Command::Stop { activation });
+                Ok(())
+            }
+            Order::Exit => Ok(()),
+        }
+    }
+}
+
+/// On SIGTERM the controller stops as it does when its node is gone; then the process leaves at once.
+fn obey_sigterm(inbox: &Arc<Inbox>) -> Result<(), ProcessError> {
+    let (mut signals, inbox) = (Signals::new([SIGTERM])?, Arc::clone(inbox));
+    let obey = move || {
+        if signals.forever().next().is_some() {
+            inbox.command(Command::Leave);
+            inbox.wait_left();
+            std::process::exit(128 + SIGTERM);
+        }
+    };
+    // Lives as long as the process: there is nobody who could join a thread that waits for a signal.
+    std::thread::Builder::new().name("signals".to_owned()).spawn(obey)?;
+    Ok(())
+}

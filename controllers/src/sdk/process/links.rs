@@ -1,0 +1,222 @@
+//! The data links of one program: who hears what it sends, and what it hears.
+
+use super::inbox::Inbox;
+use crate::sdk::interface::{Binding, Direction, Interface, PortInterface};
+use comms::io::data::{Answering, DataSession, Hearing, Priority, Publisher};
+use comms::logic::codec;
+use comms::logic::control::{Device, Dial, Incoming, Outgoing};
+use comms::logic::key::{self, Channel};
+use comms::logic::signals::Signals;
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+/// How long another program has to be reached.
+const DIAL_WITHIN: Duration = Duration::from_secs(5);
+
+/// What the node wants linked.
+#[derive(Debug)]
+pub(super) struct Wanted {
+    pub(super) robot: String,
+    pub(super) incoming: Vec<Incoming>,
+    pub(super) outgoing: Vec<Outgoing>,
+    pub(super) devices: Vec<Device>,
+}
+
+/// An output's way to one consumer.
+#[derive(Debug)]
+struct Wire {
+    port: &'static str,
+    open: bool,
+    way: Way,
+}
+
+#[derive(Debug)]
+enum Way {
+    Push(Publisher),
+    /// The latest value, for the consumer to fetch; kept only while the wire is open.
+    Pull { latest: Arc<Mutex<Option<Vec<u8>>>>, _answering: Answering },
+}
+
+/// A pull wire's other end.
+#[derive(Debug)]
+pub(super) struct Fetch {
+    pub(super) port: &'static str,
+    key: String,
+    session: Arc<DataSession>,
+}
+
+#[derive(Debug, Default)]
+struct Made {
+    wires: BTreeMap<u32, Wire>,
+    devices: Vec<(&'static str, Publisher)>,
+    signals: Option<Publisher>,
+    fetches: Vec<Arc<Fetch>>,
+    hearing: Vec<Hearing>,
+}
+
+/// Every link of the program. Flags are flipped by the listener while the cycle sends.
+#[derive(Debug, Default)]
+pub(super) struct Links {
+    made: Mutex<Made>,
+}
+
+impl Links {
+    /// Makes every link; the wires stay closed.
+    pub(super) fn make(
+        &self,
+        session: &Arc<DataSession>,
+        interface: &Interface,
+        instance: &str,
+        wanted: Wanted,
+        inbox: &Arc<Inbox>,
+    ) -> Result<(), String> {
+        let mut made = Made::default();
+        for outgoing in &wanted.outgoing {
+            made.wires.insert(outgoing.wire, wire(session, interface, outgoing)?);
+        }
+        for port in interface.ports.iter().filter(|port| port.binding != Binding::Wire) {
+            made.device_port(session, &wanted.robot, port, inbox)?;
+        }
+        if interface.about.signals_every.is_some() {
+            let key = key::signals(&wanted.robot, instance);
+            made.signals = Some(session.publisher(&key, Priority::Background).map_err(|error| error.to_string())?);
+        }
+        let dial = |to: &Dial| session.dial(to, DIAL_WITHIN).map_err(|error| error.to_string());
+        for device in &wanted.devices {
+            dial(&device.owner).map_err(|why| format!("device `{}`: {why}", device.device))?;
+        }
+        for incoming in wanted.incoming {
+            dial(&incoming.producer).map_err(|why| format!("input `{}`: {why}", incoming.port))?;
+            let port = port(interface, &incoming.port, Direction::In)?.name;
+            if incoming.pull {
+                made.fetches.push(Arc::new(Fetch { port, key: incoming.key, session: Arc::clone(session) }));
+            } else {
+                made.hear(session, &incoming.key, port, inbox)?;
+            }
+        }
+        *self.lock() = made;
+        Ok(())
+    }
+
+    /// Opens or closes wires. What was sent before is not delivered late.
+    pub(super) fn switch(&self, wires: &[u32], open: bool) {
+        let mut made = self.lock();
+        for wire in wires {
+            let Some(wire) = made.wires.get_mut(wire) else { continue };
+            wire.open = open;
+            if let Way::Pull { latest, .. } = &wire.way {
+                *latest.lock().unwrap_or_else(PoisonError::into_inner) = None;
+            }
+        }
+    }
+
+    /// Sends a value of an output to whoever is to have it now.
+    pub(super) fn send(&self, port: &str, bytes: &[u8]) {
+        let made = self.lock();
+        for (_, device) in made.devices.iter().filter(|(name, _)| *name == port) {
+            put(device, bytes);
+        }
+        for wire in made.wires.values().filter(|wire| wire.open && wire.port == port) {
+            match &wire.way {
+                Way::Push(publisher) => put(publisher, bytes),
+                Way::Pull { latest, .. } => {
+                    *latest.lock().unwrap_or_else(PoisonError::into_inner) = Some(bytes.to_vec());
+                }
+            }
+        }
+    }
+
+    /// Publishes signals.
+    pub(super) fn show(&self, signals: &Signals) {
+        let made = self.lock();
+        if let (Some(publisher), Ok(bytes)) = (&made.signals, codec::encode(signals)) {
+            put(publisher, &bytes);
+        }
+    }
+
+    /// Returns the inputs that have to be fetched before each calculation.
+    pub(super) fn fetches(&self) -> Vec<Arc<Fetch>> {
+        self.lock().fetches.clone()
+    }
+
+    /// Drops every link.
+    pub(super) fn clear(&self) {
+        *self.lock() = Made::default();
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Made> {
+        self.made.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Fetch {
+    /// Returns the producer's latest value; none while its wire is closed, or when it does not answer in time.
+    pub(super) fn fetch(&self, within: Duration) -> Option<Vec<u8>> {
+        self.session.fetch(&self.key, within).unwrap_or_else(|error| {
+            tracing::debug!(port = self.port, %error, "nothing fetched");
+            None
+        })
+    }
+}
+
+impl Made {
+    fn device_port(
+        &mut self,
+        session: &DataSession,
+        robot: &str,
+        port: &PortInterface,
+        inbox: &Arc<Inbox>,
+    ) -> Result<(), String> {
+        let device = port.device_key().ok_or_else(|| format!("`{}` is no device key", port.name))?;
+        let channel = if device.channel == "state" { Channel::State } else { Channel::Command };
+        let key = key::hardware(robot, device.name, channel);
+        match port.direction {
+            Direction::In => self.hear(session, &key, port.name, inbox),
+            Direction::Out => {
+                let publisher = session.publisher(&key, Priority::Device).map_err(|error| error.to_string())?;
+                self.devices.push((port.name, publisher));
+                Ok(())
+            }
+        }
+    }
+
+    fn hear(
+        &mut self,
+        session: &DataSession,
+        key: &str,
+        port: &'static str,
+        inbox: &Arc<Inbox>,
+    ) -> Result<(), String> {
+        let inbox = Arc::clone(inbox);
+        let hearing = session.on_sample(key, move |bytes| inbox.sample(port, bytes));
+        self.hearing.push(hearing.map_err(|error| error.to_string())?);
+        Ok(())
+    }
+}
+
+fn wire(session: &DataSession, interface: &Interface, outgoing: &Outgoing) -> Result<Wire, String> {
+    let port = port(interface, &outgoing.port, Direction::Out)?.name;
+    let failed = |error: comms::io::data::DataError| format!("output `{port}`: {error}");
+    let way = if outgoing.pull {
+        let latest: Arc<Mutex<Option<Vec<u8>>>> = Arc::default();
+        let theirs = Arc::clone(&latest);
+        let answer = move || theirs.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        Way::Pull { latest, _answering: session.answer(&outgoing.key, answer).map_err(failed)? }
+    } else {
+        Way::Push(session.publisher(&outgoing.key, Priority::Wire).map_err(failed)?)
+    };
+    Ok(Wire { port, open: false, way })
+}
+
+fn port<'a>(interface: &'a Interface, name: &str, direction: Direction) -> Result<&'a PortInterface, String> {
+    let found = interface.port(name).filter(|port| port.direction == direction && port.binding == Binding::Wire);
+    let word = if direction == Direction::In { "input" } else { "output" };
+    found.ok_or_else(|| format!("`{}` has no {word} `{name}`", interface.type_name))
+}
+
+fn put(publisher: &Publisher, bytes: &[u8]) {
+    if let Err(error) = publisher.put(bytes.to_vec()) {
+        tracing::debug!(%error, "a sample was not sent");
+    }
+}
