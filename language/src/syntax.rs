@@ -32,3 +32,18 @@ impl rowan::Language for Dca {
 pub(crate) type SyntaxNode = rowan::SyntaxNode<Dca>;
 /// A leaf of the tree.
 pub(crate) type SyntaxToken = rowan::SyntaxToken<Dca>;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::source::{Origin, Source};
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn the_tree_keeps_every_byte(text in "(process|a|\\{|\\}|\\(|\\)|;|,|#|\\[|\\]| |\n|//x\n|internal_event_actions|é|\"){0,60}") {
+            let Parse { root, .. } = parse(&Source::new("any", &*text), Origin::Spec);
+            prop_assert_eq!(root.text().to_string(), text);
+        }
+    }
+}

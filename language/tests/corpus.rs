@@ -3,7 +3,8 @@
 //! `name.dca` is compiled alone and compared with `name.expected`; where there is a `name.interface`, it is compiled with
 //! these interfaces too and compared with `name.interface.expected`. `UPDATE_EXPECT=1` writes the expected files anew.
 
-use language::plan::{Expression, Group, LeafPort, Plan};
+use language::algebra::Program;
+use language::plan::{Expression, Group, LeafPort, MemberKind, Plan};
 use language::{Compiled, Options, Severity, Source, Style, apply_fixes, compile, render};
 use std::path::{Path, PathBuf};
 
@@ -47,9 +48,19 @@ fn check(path: &Path, interfaces: &[Source], expected: &Path) {
     assert_eq!(plan.is_none(), is_refused, "{}", path.display());
     if let Some(plan) = plan {
         assert_eq!(plan.validate(), Ok(()));
+        check_services(&plan);
         text.push_str(&describe(&plan));
     }
     expect_test::expect_file![expected].assert_eq(&text);
+}
+
+/// What is inferred from the text agrees with what the algebra makes of the plan.
+fn check_services(plan: &Plan) {
+    for member in plan.groups.iter().flat_map(|group| &group.members) {
+        if let MemberKind::Group(group) = member.kind {
+            assert_eq!(member.service, Program::compile(&plan.groups[group as usize]).is_service(), "{}", member.name);
+        }
+    }
 }
 
 /// A plan as lines: one for each leaf, group and wire.

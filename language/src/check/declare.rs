@@ -20,9 +20,12 @@ pub(super) fn declare(
     damage: &[Span],
     diagnostics: &mut Vec<Diagnostic>,
 ) {
+    let mut damage = damage.to_vec();
+    damage.sort_unstable();
     for item in Node::new(root, origin).children() {
+        let damage = within(&damage, item.span());
         if item.kind() == SyntaxKind::Module {
-            if let Some(module) = module::module(&item, diagnostics) {
+            if let Some(module) = module::module(&item, damage, diagnostics) {
                 add_module(spec, module, origin, diagnostics);
             }
         } else if item.kind() == SyntaxKind::Process {
@@ -34,6 +37,13 @@ pub(super) fn declare(
             }
         }
     }
+}
+
+/// The places, which are sorted, that start in a span.
+fn within(places: &[Span], span: Span) -> &[Span] {
+    let from = places.partition_point(|place| place.start < span.start);
+    let length = places[from..].partition_point(|place| place.start <= span.end);
+    &places[from..from + length]
 }
 
 fn add_process(spec: &mut Spec, process: super::spec::Process, diagnostics: &mut Vec<Diagnostic>) {

@@ -68,7 +68,8 @@ fn check_inputs(spec: &Spec, tree: &tree::Tree, wires: &[Wire], diagnostics: &mu
     for (leaf, &(group, slot)) in (0_u32..).zip(&tree.place_of) {
         let process = tree.process_of[group];
         let Target::Module(module) = spec.processes[process].instances[slot].target else { continue };
-        let inputs = spec.modules[module].ports.iter().filter(|port| port.direction == Direction::In);
+        let inputs =
+            spec.modules[module].ports.iter().filter(|port| port.direction == Direction::In && !port.is_optional);
         for port in inputs.filter(|port| !fed.contains(&(leaf, port.name.text.as_str()))) {
             unfed.entry(process).or_default().insert((slot, &port.name.text));
         }

@@ -107,11 +107,11 @@ fn find<'a>(spec: &'a Spec, process: &'a Process, endpoint: &'a Endpoint) -> Fou
                 let module = &spec.modules[module];
                 return match module.ports.iter().find(|known| known.name.text == *port) {
                     Some(port) => Found::Port(port),
-                    None if is_direct => {
+                    None if is_direct && !module.is_damaged => {
                         let known = module.ports.iter().map(|port| &port.name).collect();
                         Found::Missing { owner: &module.name, known }
                     }
-                    // Reported where the group exports it.
+                    // Reported where the group exports it, or where its text is damaged.
                     None => Found::Unknown,
                 };
             }

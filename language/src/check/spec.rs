@@ -140,6 +140,8 @@ pub(crate) struct Module {
     pub(crate) exec: Option<String>,
     pub(crate) kind: LeafKind,
     pub(crate) stop_within: Duration,
+    /// Whether its text could not be read whole, so that a missing port proves nothing.
+    pub(crate) is_damaged: bool,
 }
 
 #[derive(Debug)]
@@ -147,6 +149,8 @@ pub(crate) struct Port {
     pub(crate) name: Name,
     pub(crate) direction: Direction,
     pub(crate) kind: Option<String>,
+    /// Whether the module works without it being connected.
+    pub(crate) is_optional: bool,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

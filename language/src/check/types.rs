@@ -3,7 +3,7 @@
 mod recursion;
 mod resolve;
 
-use super::spec::{Arg, Param, Spec, Target};
+use super::spec::{Arg, Param, Spec, Target, ValueKind};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::Constant;
 use crate::similar::nearest;
@@ -32,17 +32,17 @@ pub(super) fn check(spec: &mut Spec, diagnostics: &mut Vec<Diagnostic>) {
             }
             let args: &[Arg] = if is_module { without_host(&instance.args) } else { &instance.args };
             check_args(&kind.text, params, args, instance.args_span, diagnostics);
+            check_kinds(params, args, diagnostics);
         }
     }
 }
 
 /// The arguments of a module after its host: the first argument, when it is a name or a string without a name.
 pub(super) fn without_host(args: &[Arg]) -> &[Arg] {
-    use super::spec::ValueKind::{Broken, Constant as Fixed, Param as Symbol};
     match args.first() {
         Some(Arg { name: None, value }) => match value.kind {
-            Fixed(Constant::Text(_)) | Symbol(_) | Broken => &args[1..],
-            Fixed(Constant::Number(_) | Constant::Truth(_)) => args,
+            ValueKind::Constant(Constant::Text(_)) | ValueKind::Param(_) | ValueKind::Broken => &args[1..],
+            ValueKind::Constant(Constant::Number(_) | Constant::Truth(_)) => args,
         },
         Some(Arg { name: Some(name), .. }) if name.text == "host" => &args[1..],
         Some(_) | None => args,
@@ -88,6 +88,28 @@ fn check_args(kind: &str, params: &[Param], args: &[Arg], span: Span, diagnostic
         diagnostic = diagnostic.reason(span, "its parameters");
     }
     diagnostics.push(diagnostic);
+}
+
+/// What is written as a constant is of the kind that the parameter declares.
+fn check_kinds(params: &[Param], args: &[Arg], diagnostics: &mut Vec<Diagnostic>) {
+    let mut places = params.iter();
+    for arg in args {
+        let param = match &arg.name {
+            Some(name) => params.iter().find(|param| param.name.text == name.text),
+            None => places.next(),
+        };
+        let Some(Param { name, kind: Some(kind), .. }) = param else { continue };
+        let ValueKind::Constant(value) = &arg.value.kind else { continue };
+        let is_wrong = match value {
+            Constant::Text(_) => ["Number", "Truth"].contains(&kind.as_str()),
+            Constant::Number(_) => ["Text", "Truth", "Host"].contains(&kind.as_str()),
+            Constant::Truth(_) => ["Text", "Number", "Host"].contains(&kind.as_str()),
+        };
+        if is_wrong {
+            let message = format!("`{}` has to be a {kind}", name.text);
+            diagnostics.push(Diagnostic::new(Code::E0213, arg.value.span, message).reason(name.span, "declared here"));
+        }
+    }
 }
 
 fn count(params: usize) -> String {

@@ -5,6 +5,7 @@ use crate::check::spec::{Direction, Module, Port};
 use crate::check::value::duration;
 use crate::diagnostic::Diagnostic;
 use crate::plan::LeafKind;
+use crate::source::Span;
 use crate::syntax::SyntaxKind::{self, Constant, Params, Text, Type};
 use crate::syntax::ast::Node;
 use std::time::Duration;
@@ -12,9 +13,10 @@ use std::time::Duration;
 /// How long a module may take to stop, unless its interface says otherwise.
 const STOP_WITHIN: Duration = Duration::from_secs(2);
 
-/// Reads a `module` block.
-pub(super) fn module(node: &Node, diagnostics: &mut Vec<Diagnostic>) -> Option<Module> {
-    let params = node.child(Params).map(|node| super::params(&node, diagnostics));
+/// Reads a `module` block; `places` are where its text is damaged.
+pub(super) fn module(node: &Node, places: &[Span], diagnostics: &mut Vec<Diagnostic>) -> Option<Module> {
+    let is_damaged = !places.is_empty();
+    let params = node.child(Params).filter(|_| !is_damaged).map(|node| super::params(&node, diagnostics));
     let mut module = Module {
         name: node.title()?,
         params: params.map(|params| params.into_iter().filter(|param| !is_host(param)).collect()),
@@ -24,6 +26,7 @@ pub(super) fn module(node: &Node, diagnostics: &mut Vec<Diagnostic>) -> Option<M
         exec: None,
         kind: LeafKind::Controller,
         stop_within: STOP_WITHIN,
+        is_damaged,
     };
     for item in node.children() {
         read_item(&mut module, &item, diagnostics);
@@ -63,5 +66,7 @@ fn add_port(module: &mut Module, item: &Node, diagnostics: &mut Vec<Diagnostic>)
         return;
     }
     let direction = if word.text == "in" { Direction::In } else { Direction::Out };
-    module.ports.push(Port { name, direction, kind: item.child(Type).map(|node| node.compact_text()) });
+    let is_optional = names.any(|word| word.text == "optional");
+    let kind = item.child(Type).map(|node| node.compact_text()).filter(|kind| !kind.is_empty());
+    module.ports.push(Port { name, direction, kind, is_optional });
 }

@@ -12,7 +12,7 @@ use crate::source::Span;
 use crate::syntax::SyntaxKind::{self, BackArrow, Equals, Text};
 use crate::syntax::ast::{Name, Node};
 
-/// Reads a process; `places` are where the text is damaged.
+/// Reads a process; `places` are where its text is damaged.
 pub(super) fn process(node: &Node, places: &[Span], diagnostics: &mut Vec<Diagnostic>) -> Option<Process> {
     let mut damage = damage(node, places);
     let name = node.title()?;
@@ -38,9 +38,8 @@ pub(super) fn process(node: &Node, places: &[Span], diagnostics: &mut Vec<Diagno
 
 /// Finds out which parts of the process contain damaged text. Damage between sections may belong to any of them.
 fn damage(node: &Node, places: &[Span]) -> Damage {
-    let inside: Vec<Span> = places.iter().copied().filter(|&error| node.span().contains(error.at_start())).collect();
     let mut damage = Damage::default();
-    for error in inside {
+    for error in places {
         let is_here = |part: &Node| part.span().contains(error.at_start());
         let part = node.children().find(is_here).map(|part| part.kind());
         let in_part = |kind: SyntaxKind| part == Some(kind);

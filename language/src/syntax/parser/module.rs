@@ -34,7 +34,7 @@ impl Parser<'_> {
         }
     }
 
-    /// `in Port: Type;`
+    /// `in Port: Type;`, `in Port: Type optional;`
     fn port(&mut self) {
         self.start(SyntaxKind::Port);
         self.bump();
@@ -42,7 +42,7 @@ impl Parser<'_> {
         if self.eat(Colon) {
             self.type_name();
         }
-        if self.at(Ident) && self.kind(1) == Semicolon {
+        if !self.eat_word("optional") && self.at(Ident) && self.kind(1) == Semicolon {
             self.report(Code::W0007, format!("`{}` is not supported yet and has no effect", self.word(0)));
             self.bump();
         }
