@@ -3,6 +3,8 @@
 #[path = "reference/rewrite.rs"]
 mod reference;
 
+#[path = "algebra/edges.rs"]
+mod edges;
 #[path = "algebra/enumerate.rs"]
 mod enumerate;
 #[path = "algebra/exhaustive.rs"]
