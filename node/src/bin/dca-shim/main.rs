@@ -1,0 +1,260 @@
+//! The parent of one program: starts it, reports how it ends, and leaves nothing of it behind.
+//!
+//! The agent can be killed and replaced while this runs on, so no exit code is ever lost. As a subreaper it inherits every
+//! process that the program leaves behind, daemons included; so "no child is left" means "nothing of it is left".
+//!
+//! The instance *is* its main process: when that ends, what it leaves behind is killed at once. Three threads send events
+//! to the main one: orders (standard input), output (the program's), and reaper (children that end).
+
+mod descendants;
+mod output;
+
+use comms::io::clock::now;
+use comms::logic::time::Time;
+use descendants::kill_descendants;
+use node::logic::child::{EXIT_FILE, Gate, ShimOrder, ShimReport, ShimStart};
+use output::Output;
+use rustix::io::Errno;
+use rustix::process::{Pid, PidfdFlags, Signal, WaitOptions, WaitStatus, pidfd_open, pidfd_send_signal};
+use std::fs::File;
+use std::io::{self, Write};
+use std::os::fd::OwnedFd;
+use std::os::unix::process::CommandExt;
+use std::path::Path;
+use std::process::{Command, ExitCode, Stdio};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
+use std::time::Duration;
+
+/// Until descendants are looked for again.
+const KILL_AGAIN: Duration = Duration::from_millis(20);
+/// How long the last output may take to reach its file before the end is reported without it.
+const SETTLE: Duration = Duration::from_millis(500);
+
+/// What the main thread waits for.
+enum Event {
+    Order(ShimOrder),
+    AgentGone,
+    Ended(Pid, WaitStatus),
+    NoneLeft,
+}
+
+fn main() -> ExitCode {
+    let start = match ShimStart::parse(std::env::args_os().skip(1)) {
+        Ok(start) => start,
+        Err(error) => {
+            complain(&format!("dca-shim: {error}"));
+            return ExitCode::from(2);
+        }
+    };
+    // Out of the agent's session, so that a Ctrl-C for the agent is not one for the program. Fails for a leader of one.
+    rustix::process::setsid().map(drop).unwrap_or_default();
+    match supervise(&start) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            complain(&format!("dca-shim: {error}"));
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// Runs the program from the gate to the last report.
+fn supervise(start: &ShimStart) -> io::Result<()> {
+    rustix::process::set_child_subreaper(Some(rustix::process::getpid()))?;
+    let (events_tx, events) = sync_channel(64);
+    let orders_tx = events_tx.clone();
+    std::thread::Builder::new().name("orders".into()).spawn(move || hear_orders(&orders_tx))?;
+    if start.gate == Gate::Exec {
+        report(&ShimReport::Ready);
+        if !is_opened(&events) {
+            report(&ShimReport::Gone);
+            return Ok(());
+        }
+    }
+    let output = Output::open(&start.dir)?;
+    match execute(start, &output) {
+        Ok(program) => {
+            report(&ShimReport::Started { pid: program.pid.as_raw_nonzero().get().cast_unsigned() });
+            std::thread::Builder::new().name("reaper".into()).spawn(move || reap(&events_tx))?;
+            Supervision { start, program, output: &output, deadline: None, killing: false }.run(&events);
+        }
+        Err(reason) => conclude(&start.dir, &ShimReport::ExecFailed { reason }),
+    }
+    output.settle(SETTLE);
+    report(&ShimReport::Gone);
+    Ok(())
+}
+
+/// Waits at the gate; says whether it was opened.
+fn is_opened(events: &Receiver<Event>) -> bool {
+    matches!(events.recv(), Ok(Event::Order(ShimOrder::Go)))
+}
+
+/// The main process.
+struct Program {
+    pid: Pid,
+    /// Names it and nobody else, even after its number has been given to another process.
+    pidfd: OwnedFd,
+}
+
+/// Starts the program, or says why not.
+fn execute(start: &ShimStart, output: &Output) -> Result<Program, String> {
+    let (name, arguments) = start.command.split_first().ok_or("there is no program")?;
+    if !start.working_directory.is_dir() {
+        return Err(format!("the working directory {:?} is not there", start.working_directory));
+    }
+    let failed = |error: &io::Error| format!("cannot execute `{name}`: {}", plain(error));
+    let child = Command::new(name)
+        .args(arguments)
+        .env_clear()
+        .envs(start.environment.iter().map(|(name, value)| (name, value)))
+        .current_dir(&start.working_directory)
+        // `kill 0` in a script means the script and what it started, not this shim.
+        .process_group(0)
+        .stdin(Stdio::null())
+        .stdout(output.writer().map_err(|error| failed(&error))?)
+        .stderr(output.writer().map_err(|error| failed(&error))?)
+        .spawn()
+        .map_err(|error| failed(&error))?;
+    output.started();
+    let pid = Pid::from_child(&child);
+    // The reaper is not running yet, so the number still means this process.
+    let pidfd = pidfd_open(pid, PidfdFlags::empty()).map_err(|error| failed(&error.into()))?;
+    Ok(Program { pid, pidfd })
+}
+
+/// From the start of the program to its end.
+struct Supervision<'a> {
+    start: &'a ShimStart,
+    program: Program,
+    output: &'a Output,
+    /// When the grace is over, or descendants are looked for again.
+    deadline: Option<Time>,
+    killing: bool,
+}
+
+impl Supervision<'_> {
+    fn run(&mut self, events: &Receiver<Event>) {
+        loop {
+            match self.next(events) {
+                Some(Event::Order(ShimOrder::Go)) => {}
+                Some(Event::Order(ShimOrder::Stop { grace })) => self.stop(grace),
+                Some(Event::Order(ShimOrder::Kill)) | None => self.kill(),
+                Some(Event::AgentGone) => self.stop(self.start.agent_loss_grace),
+                Some(Event::Ended(pid, status)) if pid == self.program.pid => {
+                    self.output.settle(SETTLE);
+                    conclude(&self.start.dir, &ending(status));
+                    self.kill();
+                }
+                Some(Event::Ended(..)) => {}
+                Some(Event::NoneLeft) => return,
+            }
+        }
+    }
+
+    /// Returns the next event; none when the deadline has come.
+    fn next(&self, events: &Receiver<Event>) -> Option<Event> {
+        let next = match self.deadline {
+            Some(deadline) => events.recv_timeout(deadline.since(now())),
+            None => events.recv().map_err(RecvTimeoutError::from),
+        };
+        match next {
+            Ok(event) => Some(event),
+            Err(RecvTimeoutError::Timeout) => None,
+            // The reaper ends with this event.
+            Err(RecvTimeoutError::Disconnected) => Some(Event::NoneLeft),
+        }
+    }
+
+    /// Kills everything, at once and then again and again until there is nothing left.
+    fn kill(&mut self) {
+        if self.killing && self.deadline.is_some_and(|again| again > now()) {
+            return;
+        }
+        self.killing = true;
+        kill_descendants();
+        self.deadline = Some(now() + KILL_AGAIN);
+    }
+
+    /// Asks the main process to end; a second, shorter grace counts.
+    fn stop(&mut self, grace: Duration) {
+        if self.killing {
+            return;
+        }
+        let until = now() + grace;
+        self.deadline = Some(self.deadline.map_or(until, |earlier| earlier.min(until)));
+        // A stopped process could not hear the first without the second; one that is gone needs neither.
+        for signal in [Signal::TERM, Signal::CONT] {
+            pidfd_send_signal(&self.program.pidfd, signal).unwrap_or_default();
+        }
+    }
+}
+
+fn hear_orders(events: &SyncSender<Event>) {
+    for line in io::stdin().lines() {
+        let Ok(line) = line else { break };
+        let Some(order) = ShimOrder::parse(&line) else {
+            complain(&format!("dca-shim: `{line}` is no order"));
+            continue;
+        };
+        if events.send(Event::Order(order)).is_err() {
+            return;
+        }
+    }
+    events.send(Event::AgentGone).unwrap_or_default();
+}
+
+/// Collects every child that ends, its own and those inherited, until there is none.
+fn reap(events: &SyncSender<Event>) {
+    loop {
+        match rustix::process::wait(WaitOptions::empty()) {
+            Ok(Some((pid, status))) if events.send(Event::Ended(pid, status)).is_err() => return,
+            Ok(_) | Err(Errno::INTR) => {}
+            Err(_none_left) => break,
+        }
+    }
+    events.send(Event::NoneLeft).unwrap_or_default();
+}
+
+fn ending(status: WaitStatus) -> ShimReport {
+    match (status.exit_status(), status.terminating_signal()) {
+        (Some(code), _) => ShimReport::Exited { code },
+        (None, Some(signal)) => ShimReport::Signalled { signal },
+        // `wait` without options returns for no other reason.
+        (None, None) => ShimReport::Exited { code: -1 },
+    }
+}
+
+/// Makes the end durable, then reports it.
+fn conclude(dir: &Path, end: &ShimReport) {
+    if let Err(error) = record(dir, end) {
+        complain(&format!("dca-shim: cannot write {:?}: {error}", dir.join(EXIT_FILE)));
+    }
+    report(end);
+}
+
+fn record(dir: &Path, end: &ShimReport) -> io::Result<()> {
+    let unfinished = dir.join("exit.new");
+    let mut file = File::create(&unfinished)?;
+    writeln!(file, "{end}")?;
+    file.sync_all()?;
+    std::fs::rename(&unfinished, dir.join(EXIT_FILE))?;
+    File::open(dir)?.sync_all()
+}
+
+/// Tells the agent. One that is gone does not hear it; its successor reads the record.
+fn report(report: &ShimReport) {
+    let mut stdout = io::stdout().lock();
+    writeln!(stdout, "{report}").and_then(|()| stdout.flush()).unwrap_or_default();
+}
+
+fn complain(text: &str) {
+    writeln!(io::stderr(), "{text}").unwrap_or_default();
+}
+
+/// Returns `no such file or directory` for what the standard library calls `No such file or directory (os error 2)`.
+fn plain(error: &io::Error) -> String {
+    let text = error.to_string();
+    let text = text.split(" (os error").next().unwrap_or_default();
+    let mut chars = text.chars();
+    chars.next().map(|first| first.to_lowercase().chain(chars).collect()).unwrap_or_default()
+}

@@ -1,0 +1,275 @@
+//! The real shim around real programs: every way a program can end, and nothing left of it afterwards.
+
+use node::logic::child::{
+    EXIT_FILE, Gate, OUTPUT_FILE, OUTPUT_FILE_OLD, OUTPUT_SIZE_MAX, ShimOrder, ShimReport, ShimStart,
+};
+use std::io::{BufRead, BufReader, Lines, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::time::Duration;
+
+/// A shim under test, in an instance directory of its own.
+struct Shim {
+    dir: PathBuf,
+    child: Child,
+    orders: Option<ChildStdin>,
+    reports: Lines<BufReader<ChildStdout>>,
+}
+
+impl Shim {
+    fn start(gate: Gate, command: &[&str]) -> Self {
+        Self::start_with(|start| {
+            start.gate = gate;
+            start.command = command.iter().map(ToString::to_string).collect();
+        })
+    }
+
+    fn shell(script: &str) -> Self {
+        Self::start(Gate::None, &["sh", "-c", script])
+    }
+
+    fn start_with(adjust: impl FnOnce(&mut ShimStart)) -> Self {
+        static COUNT: AtomicU32 = AtomicU32::new(0);
+        let number = COUNT.fetch_add(1, Ordering::Relaxed);
+        let dir = std::env::temp_dir().join(format!("dca-shim-{}-{number}", std::process::id()));
+        std::fs::create_dir_all(&dir).unwrap();
+        let mut start = ShimStart {
+            dir: dir.clone(),
+            working_directory: dir.clone(),
+            gate: Gate::None,
+            agent_loss_grace: Duration::from_millis(200),
+            environment: vec![("PATH".into(), "/usr/bin:/bin".into()), ("DCA_INSTANCE".into(), "main/x".into())],
+            command: Vec::new(),
+        };
+        adjust(&mut start);
+        let mut child = Command::new(env!("CARGO_BIN_EXE_dca-shim"))
+            .args(start.arguments())
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let reports = BufReader::new(child.stdout.take().unwrap()).lines();
+        Self { dir, orders: child.stdin.take(), child, reports }
+    }
+
+    fn order(&mut self, order: &ShimOrder) {
+        writeln!(self.orders.as_mut().unwrap(), "{order}").unwrap();
+    }
+
+    /// The next report, with the process id left out of `started`.
+    fn next(&mut self) -> Option<ShimReport> {
+        let line = self.reports.next()?.unwrap();
+        Some(match ShimReport::parse(&line).unwrap() {
+            ShimReport::Started { .. } => ShimReport::Started { pid: 0 },
+            report => report,
+        })
+    }
+
+    /// Reads reports to the end, and checks that the shim leaves.
+    #[track_caller]
+    fn expect(mut self, expected: &[ShimReport]) -> Over {
+        let mut got = Vec::new();
+        while let Some(report) = self.next() {
+            got.push(report);
+        }
+        assert_eq!(got, expected);
+        assert!(self.child.wait().unwrap().success());
+        Over { dir: self.dir }
+    }
+}
+
+/// What a shim leaves behind: files, no process.
+struct Over {
+    dir: PathBuf,
+}
+
+impl Over {
+    fn read(&self, name: &str) -> String {
+        String::from_utf8_lossy(&std::fs::read(self.dir.join(name)).unwrap_or_default()).into_owned()
+    }
+}
+
+impl Drop for Over {
+    fn drop(&mut self) {
+        std::fs::remove_dir_all(&self.dir).unwrap();
+    }
+}
+
+const STARTED: ShimReport = ShimReport::Started { pid: 0 };
+const LONG: Duration = Duration::from_secs(60);
+
+fn exited(code: i32) -> ShimReport {
+    ShimReport::Exited { code }
+}
+
+fn signalled(signal: i32) -> ShimReport {
+    ShimReport::Signalled { signal }
+}
+
+/// Waits until the program has written a line to `name`, as the sign that it is where the test wants it.
+fn wait_for(dir: &Path, name: &str) -> String {
+    for _ in 0..200_000 {
+        match std::fs::read_to_string(dir.join(name)) {
+            Ok(text) if text.ends_with('\n') => return text,
+            _ => std::thread::yield_now(),
+        }
+    }
+    panic!("the program never wrote `{name}`");
+}
+
+fn is_running(pid: &str) -> bool {
+    Path::new("/proc").join(pid.trim()).exists()
+}
+
+#[test]
+fn exit_code_is_reported_and_recorded() {
+    let over = Shim::shell("echo out; echo err >&2; pwd; exit 7").expect(&[STARTED, exited(7), ShimReport::Gone]);
+    assert_eq!(over.read(EXIT_FILE), "exited 7\n");
+    assert_eq!(over.read(OUTPUT_FILE), format!("out\nerr\n{}\n", over.dir.display()));
+}
+
+#[test]
+fn environment_is_what_was_declared_and_nothing_else() {
+    let shim = Shim::start(Gate::None, &["env"]);
+    let over = shim.expect(&[STARTED, exited(0), ShimReport::Gone]);
+    assert_eq!(over.read(OUTPUT_FILE), "DCA_INSTANCE=main/x\nPATH=/usr/bin:/bin\n");
+}
+
+#[test]
+fn signal_is_reported() {
+    let over = Shim::shell("kill -SEGV $$").expect(&[STARTED, signalled(11), ShimReport::Gone]);
+    assert_eq!(over.read(EXIT_FILE), "signalled 11\n");
+}
+
+#[test]
+fn a_script_that_kills_its_group_does_not_kill_the_shim() {
+    Shim::shell("kill -KILL 0").expect(&[STARTED, signalled(9), ShimReport::Gone]);
+}
+
+#[test]
+fn failure_to_execute_says_why() {
+    let failed = |reason: &str| ShimReport::ExecFailed { reason: reason.to_owned() };
+    let over = Shim::start(Gate::None, &["/no/such/program"])
+        .expect(&[failed("cannot execute `/no/such/program`: no such file or directory"), ShimReport::Gone]);
+    assert!(over.read(EXIT_FILE).starts_with("exec-failed cannot execute"));
+    Shim::start(Gate::None, &["/dev/null"])
+        .expect(&[failed("cannot execute `/dev/null`: permission denied"), ShimReport::Gone]);
+    let shim = Shim::start_with(|start| {
+        start.command = vec!["true".into()];
+        start.working_directory = "/no/such/folder".into();
+    });
+    shim.expect(&[failed("the working directory \"/no/such/folder\" is not there"), ShimReport::Gone]);
+}
+
+#[test]
+fn gate_holds_until_go() {
+    let mut shim = Shim::start(Gate::Exec, &["sh", "-c", "exit 3"]);
+    assert_eq!(shim.next(), Some(ShimReport::Ready));
+    assert!(!shim.dir.join(OUTPUT_FILE).exists(), "nothing of the program's exists at the gate");
+    shim.order(&ShimOrder::Go);
+    shim.expect(&[STARTED, exited(3), ShimReport::Gone]);
+}
+
+#[test]
+fn stop_at_the_gate_starts_nothing() {
+    for order in [ShimOrder::Kill, ShimOrder::Stop { grace: LONG }] {
+        let mut shim = Shim::start(Gate::Exec, &["sh", "-c", "echo started"]);
+        shim.order(&order);
+        let over = shim.expect(&[ShimReport::Ready, ShimReport::Gone]);
+        assert_eq!(over.read(OUTPUT_FILE), "");
+    }
+}
+
+#[test]
+fn stop_gives_the_program_its_grace() {
+    let mut shim = Shim::shell("trap 'echo bye; exit 5' TERM; echo up > up; while :; do sleep 0.01; done");
+    wait_for(&shim.dir, "up");
+    shim.order(&ShimOrder::Stop { grace: LONG });
+    let over = shim.expect(&[STARTED, exited(5), ShimReport::Gone]);
+    assert_eq!(over.read(OUTPUT_FILE), "bye\n");
+}
+
+#[test]
+fn a_program_that_does_not_listen_is_killed() {
+    let mut shim = Shim::shell("trap '' TERM; echo up > up; while :; do sleep 0.01; done");
+    wait_for(&shim.dir, "up");
+    shim.order(&ShimOrder::Stop { grace: Duration::from_millis(50) });
+    shim.expect(&[STARTED, signalled(9), ShimReport::Gone]);
+}
+
+#[test]
+fn a_stopped_program_hears_the_stop() {
+    let mut shim = Shim::shell("echo up > up; kill -STOP $$; exit 1");
+    wait_for(&shim.dir, "up");
+    shim.order(&ShimOrder::Stop { grace: LONG });
+    shim.expect(&[STARTED, signalled(15), ShimReport::Gone]);
+}
+
+#[test]
+fn daemons_go_with_their_program() {
+    // Each is in a session of its own, immune to SIGTERM, and its parent is gone.
+    let daemons = "for i in 1 2 3 4 5; do \
+                   setsid sh -c '(trap \"\" TERM HUP; sh -c \"echo \\$PPID\" >> pids; while :; do sleep 0.01; done) &'; \
+                   done; while [ $(wc -l < pids) -lt 5 ]; do sleep 0.01; done; echo up > up;";
+    let check = |script: &str, end: ShimReport, order: Option<ShimOrder>| {
+        let mut shim = Shim::shell(&format!("{daemons} {script}"));
+        wait_for(&shim.dir, "up");
+        if let Some(order) = order {
+            shim.order(&order);
+        }
+        let over = shim.expect(&[STARTED, end, ShimReport::Gone]);
+        let pids = over.read("pids");
+        assert_eq!(pids.lines().count(), 5);
+        for pid in pids.lines() {
+            assert!(!is_running(pid), "{pid} of {script}");
+        }
+    };
+    check("exit 0", exited(0), None);
+    check("exec sleep 60", signalled(15), Some(ShimOrder::Stop { grace: LONG }));
+    check("exec sleep 60", signalled(9), Some(ShimOrder::Kill));
+}
+
+#[test]
+fn a_fork_bomb_ends() {
+    let mut shim = Shim::shell("echo up > up; f() { sleep 30 & sleep 0.001; f; }; f & f & f & f");
+    wait_for(&shim.dir, "up");
+    shim.order(&ShimOrder::Kill);
+    shim.expect(&[STARTED, signalled(9), ShimReport::Gone]);
+}
+
+#[test]
+fn nothing_outlives_a_lost_agent() {
+    let script = "trap '' TERM; setsid sleep 60 & echo $! > pid; echo $$ > up; while :; do sleep 0.01; done";
+    let mut shim = Shim::shell(script);
+    let pids = [wait_for(&shim.dir, "up"), wait_for(&shim.dir, "pid")];
+    drop(shim.orders.take());
+    let over = shim.expect(&[STARTED, signalled(9), ShimReport::Gone]);
+    assert_eq!(over.read(EXIT_FILE), "signalled 9\n");
+    assert!(!pids.iter().any(|pid| is_running(pid)));
+
+    let mut shim = Shim::start(Gate::Exec, &["sh", "-c", "echo started"]);
+    drop(shim.orders.take());
+    shim.expect(&[ShimReport::Ready, ShimReport::Gone]);
+}
+
+#[test]
+fn a_flood_of_output_is_bounded_and_keeps_its_end() {
+    let over = Shim::shell("head -c 20000000 /dev/zero | tr '\\0' 'x'; echo; echo last words").expect(&[
+        STARTED,
+        exited(0),
+        ShimReport::Gone,
+    ]);
+    let sizes = [OUTPUT_FILE, OUTPUT_FILE_OLD].map(|name| over.read(name).len() as u64);
+    assert!(sizes.iter().all(|size| *size < OUTPUT_SIZE_MAX + (2 << 20)), "{sizes:?}");
+    assert!(sizes[1] >= OUTPUT_SIZE_MAX);
+    let text = over.read(OUTPUT_FILE_OLD) + &over.read(OUTPUT_FILE);
+    assert!(text.ends_with("last words\n") || text.contains("bytes of output were dropped here"));
+}
+
+#[test]
+fn wrong_arguments_are_usage() {
+    let output = Command::new(env!("CARGO_BIN_EXE_dca-shim")).arg("--gate").output().unwrap();
+    assert_eq!(output.status.code(), Some(2));
+    assert_eq!(String::from_utf8_lossy(&output.stderr), "dca-shim: argument `--gate`: needs a value\n");
+}
