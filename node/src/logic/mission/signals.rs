@@ -34,7 +34,8 @@ impl Track {
             peak if peak >= 1000.0 => 0,
             peak if peak >= 10.0 => 1,
             peak if peak >= 1.0 => 2,
-            _ => 3,
+            peak if peak > 0.0 => 3,
+            _ => 1,
         };
         format!("{value:.decimals$}")
     }

@@ -1,0 +1,50 @@
+//! The page as a whole.
+
+use super::*;
+use crate::logic::mission::tests::{OPENING, door, event_table, seconds};
+use crate::logic::protocol::{Deployment, Ending, Report};
+use crate::logic::record::{Entry, Header};
+use expect_test::expect_file;
+
+fn run(end: Option<Ending>) -> Run {
+    let text = "process main() {\n    // a < b\n}\n".to_owned();
+    let header = Header { file: "door.dca".to_owned(), text, plan: door(), started: Some(seconds(1e9)) };
+    let deployment = Deployment { name: "test".to_owned(), epoch: 3 };
+    let mut entries = vec![
+        Entry::Report(Report::Accepted { deployment }),
+        Entry::Report(Report::Go { took: seconds(0.8), signals: Vec::new() }),
+    ];
+    entries.extend(event_table(OPENING));
+    let report = |ending| Entry::Report(Report::Finished { ending, at: seconds(22.1), unconfirmed: Vec::new() });
+    entries.extend(end.map(report));
+    Run { header, entries, damage: None }
+}
+
+#[test]
+fn the_same_run_gives_the_same_page_and_needs_nothing_else() {
+    let run = run(Some(Ending::Done(Vec::new())));
+    let page = page(&run);
+    assert_eq!(page, super::page(&run));
+    for foreign in ["http:", "https:", "src=", "@import", "url("] {
+        assert!(!page.contains(foreign), "{foreign}");
+    }
+    assert!(page.contains("// a &lt; b") && page.contains("test@3") && page.contains("2001-09-09 01:46 UTC"));
+}
+
+#[test]
+fn a_page_of_few_words() {
+    let mut run = run(None);
+    run.damage = Some("it ends before its end was written".to_owned());
+    let page = page(&run);
+    let body = &page[page.find("<main>").unwrap()..page.find("<script>").unwrap()];
+    expect_file!["body.html"].assert_eq(body);
+}
+
+#[test]
+fn a_refusal_shows_its_reasons_and_no_pictures() {
+    let mut run = run(None);
+    run.entries = vec![Entry::Report(Report::Refused { reasons: vec!["host `c3` could not be reached".to_owned()] })];
+    let page = page(&run);
+    assert!(page.contains("✕ refused") && page.contains("<p class=\"alarm\">host `c3` could not be reached</p>"));
+    assert!(!page.contains("<figure>"));
+}
