@@ -1,5 +1,8 @@
 //! What a checked spec does not contain but a plan may, and limits.
 
+use crate::pair::Pair;
+use crate::reference::{Declared, Event as Told, Outcome as Expected, Reason, Term};
+use crate::spec::{Spec, number_timers};
 use language::algebra::{Activation, Activity, Command, Event, Outcome, Program, State, Value, step};
 use language::plan::{DEPTH_MAX, Expression, Group, Member, MemberKind};
 use std::time::Duration;
@@ -93,4 +96,27 @@ fn values_form_tuples_by_position() {
     assert_eq!(Value::tuple(values[..1].iter()), values[0]);
     assert_eq!(Value::tuple([Value::EMPTY, Value::EMPTY].iter()), Value::EMPTY);
     assert_eq!(Value::tuple([].iter()), Value::EMPTY);
+}
+
+/// The guard counts rounds within one reaction: the loop `((m0? # m1) ;; (wait # skip))` turns as often as it likes while
+/// `m0` can run, and is aborted when `m0` is busy elsewhere, so that a round takes no time.
+#[test]
+fn a_loop_is_aborted_in_the_reaction_in_which_its_round_takes_no_time() {
+    let leaf = |member| Term::Leaf(member, vec![]);
+    let both = |operator: fn(Box<Term>, Box<Term>) -> Term, e, f| operator(Box::new(e), Box::new(f));
+    let body = Term::Dis(vec![both(Term::Else, leaf(0), Term::Skip), leaf(1)]);
+    let recurrent = both(Term::Rec, body, Term::Dis(vec![Term::Wait(0), Term::Skip]));
+    let mut term = Term::Ff(vec![recurrent, both(Term::Seq, leaf(2), leaf(0))]);
+    number_timers(&mut term);
+    let spec = Spec { term, declared: vec![Declared::Task; 3] };
+    let program = Program::compile(&spec.group());
+    let mut pair = Pair::new(&spec, &program);
+    let round = [Told::Done(0, 1, vec![]), Told::Stopped(1, 1)];
+    let taken = [Told::Done(0, 2, vec![]), Told::Done(2, 1, vec![]), Told::Stopped(1, 2), Told::Stopped(0, 3)];
+    let mut outcome = None;
+    for event in [&[Told::Start(vec![])], &round[..], &taken].concat() {
+        assert_eq!(outcome, None, "before {event:?}");
+        outcome = pair.send(&event).unwrap();
+    }
+    assert_eq!(outcome, Some(Expected::Aborted(Reason::Instant)));
 }
