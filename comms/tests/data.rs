@@ -1,5 +1,7 @@
 //! Data sessions over dialled Unix sockets: in one process, in two, and through a link that is cut.
 
+#![expect(clippy::unwrap_used, reason = "a test stops where something is not as it should be")]
+
 use comms::io::data::{DataSession, Priority, Publisher};
 use comms::io::session::Reach;
 use comms::logic::control::Dial;
@@ -9,6 +11,7 @@ use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::mpsc::{Receiver, sync_channel};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 const LONG: Duration = Duration::from_secs(20);
@@ -107,21 +110,33 @@ fn send_until_heard(wire: &Publisher, heard: &Receiver<Vec<u8>>, number: u8) {
 }
 
 /// Stands between two sessions and can cut what goes through it.
+#[derive(Default)]
 struct Proxy {
-    listener: UnixListener,
-    to: PathBuf,
+    streams: Arc<Mutex<Vec<UnixStream>>>,
 }
 
 impl Proxy {
-    /// Lets one link through; the streams returned are to be shut down.
-    fn pass(&self) -> [UnixStream; 2] {
-        let (near, _) = self.listener.accept().unwrap();
-        let far = UnixStream::connect(&self.to).unwrap();
-        for (from, to) in [(&near, &far), (&far, &near)] {
-            let (mut from, mut to) = (from.try_clone().unwrap(), to.try_clone().unwrap());
-            std::thread::spawn(move || std::io::copy(&mut from, &mut to));
+    /// Lets every link through, for as long as the test lasts.
+    fn start(at: &Path, to: PathBuf) -> Self {
+        let (listener, proxy) = (UnixListener::bind(at).unwrap(), Self::default());
+        let streams = Arc::clone(&proxy.streams);
+        std::thread::spawn(move || {
+            for near in listener.incoming() {
+                let (near, far) = (near.unwrap(), UnixStream::connect(&to).unwrap());
+                for (from, to) in [(&near, &far), (&far, &near)] {
+                    let (mut from, mut to) = (from.try_clone().unwrap(), to.try_clone().unwrap());
+                    std::thread::spawn(move || std::io::copy(&mut from, &mut to));
+                }
+                streams.lock().unwrap().extend([near, far]);
+            }
+        });
+        proxy
+    }
+
+    fn cut(&self) {
+        for stream in self.streams.lock().unwrap().drain(..) {
+            stream.shutdown(Shutdown::Both).unwrap_or_default();
         }
-        [near, far]
     }
 }
 
@@ -129,24 +144,17 @@ impl Proxy {
 fn a_cut_link_is_dialled_again() {
     let dir = Dir::new("cut");
     let (producer, consumer) = (dir.open("p.sock"), dir.open("c.sock"));
-    let proxy = Proxy { listener: UnixListener::bind(dir.socket("x.sock")).unwrap(), to: dir.socket("p.sock") };
+    let proxy = Proxy::start(&dir.socket("x.sock"), dir.socket("p.sock"));
     let wire = publisher(&producer, "dca/d/t/1/w/0");
     let (_hearing, heard) = hear(&consumer, "dca/d/t/1/w/0");
     let through = format!("unixsock-stream/{}", dir.socket("x.sock").display());
     let dial = Dial { session: dial_of(&producer).session, locators: vec![through] };
-
-    std::thread::scope(|scope| {
-        let dialling = scope.spawn(|| consumer.dial(&dial, LONG));
-        let mut streams = proxy.pass();
-        dialling.join().unwrap().unwrap();
-        for cut in 0..3_u8 {
-            send_until_heard(&wire, &heard, cut);
-            for stream in &streams {
-                stream.shutdown(Shutdown::Both).unwrap();
-            }
-            streams = proxy.pass();
-        }
-    });
+    consumer.dial(&dial, LONG).unwrap();
+    for cut in 0..5 {
+        send_until_heard(&wire, &heard, cut);
+        proxy.cut();
+    }
+    send_until_heard(&wire, &heard, 5);
     consumer.close();
     producer.close();
 }

@@ -1,5 +1,7 @@
 //! Node sessions over Unix sockets: calls, streams, messages and presence, also through a client of another node.
 
+#![expect(clippy::unwrap_used, reason = "a test stops where something is not as it should be")]
+
 use comms::io::session::{CallError, NodeOptions, Presence, Reach, Server, Session};
 use comms::logic::key::{self, HostName};
 use comms::logic::port::Policy;
@@ -169,6 +171,19 @@ async fn a_killed_node_vanishes_and_its_calls_end() {
         assert_eq!(watch.next().await, Some(Presence::Vanished(key::live("other", 7))));
         assert!(matches!(hanging.next().await, Some(Err(CallError::Unreachable { .. }))));
     }
+    a.close().await;
+}
+
+/// A node that is killed is started again while the programs that it started run on.
+#[tokio::test]
+async fn a_child_does_not_keep_the_socket() {
+    let dir = Dir::new("lock");
+    let a = node(&dir, "a", &[]).await;
+    let mut child = Command::new("cat").stdin(Stdio::piped()).stdout(Stdio::null()).spawn().unwrap();
+    a.close().await;
+    let a = node(&dir, "a", &[]).await;
+    drop(child.stdin.take());
+    child.wait().unwrap();
     a.close().await;
 }
 

@@ -1,5 +1,7 @@
 //! The real shim around real programs: every way a program can end, and nothing left of it afterwards.
 
+#![expect(clippy::unwrap_used, reason = "a test stops where something is not as it should be")]
+
 use node::logic::child::{
     EXIT_FILE, Gate, OUTPUT_FILE, OUTPUT_FILE_OLD, OUTPUT_SIZE_MAX, ShimOrder, ShimReport, ShimStart,
 };

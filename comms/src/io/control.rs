@@ -282,3 +282,133 @@ fn not_yet(done: io::Result<usize>) -> io::Result<Option<usize>> {
         Err(cause) => Err(cause),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::logic::control::VERSION;
+
+    /// A directory of its own for each test, removed afterwards.
+    struct Dir(PathBuf);
+
+    impl Dir {
+        fn new(name: &str) -> Self {
+            let path = std::env::temp_dir().join(format!("dca-control-{name}-{}", std::process::id()));
+            std::fs::create_dir_all(&path).unwrap();
+            Self(path)
+        }
+        fn socket(&self) -> PathBuf {
+            self.0.join("control.sock")
+        }
+    }
+
+    impl Drop for Dir {
+        fn drop(&mut self) {
+            std::fs::remove_dir_all(&self.0).unwrap();
+        }
+    }
+
+    fn hello() -> Notice {
+        let (instance, owns, needs) = ("main/x".to_owned(), vec![], vec![]);
+        Notice::Hello { version: VERSION, instance, location: None, owns, needs, signals: false }
+    }
+
+    fn large() -> Vec<u8> {
+        vec![5; 3_000_000]
+    }
+
+    #[tokio::test]
+    async fn orders_and_notices_pass_both_ways() {
+        let dir = Dir::new("both");
+        let listener = Listener::bind(&dir.socket()).unwrap();
+        let mode = std::fs::metadata(dir.socket()).unwrap().permissions().mode();
+        assert_eq!(mode & 0o777, 0o600);
+        let path = dir.socket();
+        let program = std::thread::spawn(move || {
+            let (notices, mut orders) = connect(&path).unwrap();
+            notices.send(&hello()).unwrap();
+            let mut values = 0;
+            while let Some(order) = orders.recv().unwrap() {
+                let Order::Activate { activation, value } = order else { return values };
+                values += value.len();
+                notices.send(&Notice::Done { activation, value }).unwrap();
+            }
+            panic!("the node has gone");
+        });
+        let (orders, mut notices) = listener.accept().await.unwrap();
+        assert_eq!(notices.recv().await.unwrap(), Some(hello()));
+        for activation in 0..20 {
+            orders.send(&Order::Activate { activation, value: vec![1] }).unwrap();
+        }
+        orders.send(&Order::Activate { activation: 20, value: large() }).unwrap();
+        for activation in 0..20 {
+            assert_eq!(notices.recv().await.unwrap(), Some(Notice::Done { activation, value: vec![1] }));
+        }
+        assert_eq!(notices.recv().await.unwrap(), Some(Notice::Done { activation: 20, value: large() }));
+        orders.send(&Order::Exit).unwrap();
+        assert_eq!(notices.recv().await.unwrap(), None);
+        assert_eq!(program.join().unwrap(), 3_000_020);
+    }
+
+    #[tokio::test]
+    async fn waiting_for_a_notice_can_be_given_up_at_any_time() {
+        let dir = Dir::new("cancel");
+        let listener = Listener::bind(&dir.socket()).unwrap();
+        let path = dir.socket();
+        let program = std::thread::spawn(move || {
+            let (notices, mut orders) = connect(&path).unwrap();
+            for activation in 0..500 {
+                notices.send(&Notice::Running { activation }).unwrap();
+                assert_eq!(orders.recv().unwrap(), Some(Order::Stop { activation }));
+            }
+        });
+        let (orders, mut notices) = listener.accept().await.unwrap();
+        for activation in 0..500 {
+            let notice = loop {
+                tokio::select! {
+                    biased;
+                    notice = notices.recv() => break notice.unwrap(),
+                    () = tokio::task::yield_now() => {}
+                }
+            };
+            assert_eq!(notice, Some(Notice::Running { activation }));
+            orders.send(&Order::Stop { activation }).unwrap();
+        }
+        assert_eq!(notices.recv().await.unwrap(), None);
+        program.join().unwrap();
+    }
+
+    #[tokio::test]
+    async fn a_program_that_does_not_read_fills_its_own_queue_only() {
+        let dir = Dir::new("stuck");
+        let listener = Listener::bind(&dir.socket()).unwrap();
+        let (_notices, _orders) = connect(&dir.socket()).unwrap();
+        let (orders, _receiver) = listener.accept().await.unwrap();
+        for _ in 0..ORDERS_MAX {
+            orders.send(&Order::Exit).unwrap();
+        }
+        assert!(matches!(orders.send(&Order::Exit), Err(ControlError::Stuck)));
+    }
+
+    #[tokio::test]
+    async fn garbage_and_half_frames_are_errors() {
+        let dir = Dir::new("garbage");
+        let listener = Listener::bind(&dir.socket()).unwrap();
+        let check = async |bytes: &[u8], expect: &str| {
+            std::os::unix::net::UnixStream::connect(dir.socket()).unwrap().write_all(bytes).unwrap();
+            let (_orders, mut notices) = listener.accept().await.unwrap();
+            let error = notices.recv().await.unwrap_err().to_string();
+            assert!(error.contains(expect), "{error}");
+        };
+        check(b"GET / HTTP/1.1", "a frame of 542393671 bytes is longer").await;
+        check(&[7, 0, 0, 0, 1], "the control channel broke").await;
+        check(&[2, 0, 0, 0, 1, 1], "not a DCA message").await;
+        check(&frame::encode(&codec::encode(&Order::Exit).unwrap(), 100).unwrap(), "kind 1 instead of kind 2").await;
+    }
+
+    #[test]
+    fn nobody_listens() {
+        let error = connect(Path::new("/no/such/socket")).unwrap_err().to_string();
+        assert!(error.starts_with("no node listens on \"/no/such/socket\""), "{error}");
+    }
+}

@@ -5,7 +5,10 @@ use super::OpenError;
 use super::config::Settings;
 use crate::io::queue::{self, Receiver};
 use crate::logic::port::Policy;
+use rustix::io::{FdFlags, fcntl_setfd};
 use std::collections::{BTreeMap, BTreeSet};
+use std::os::fd::BorrowedFd;
+use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use tokio::task::JoinSet;
@@ -65,6 +68,11 @@ impl Opened {
                 }
             })
             .map_err(failed)?;
+        for locator in runtime.get_locators() {
+            if locator.protocol().as_str() == "unixsock-stream" {
+                keep_from_children(&format!("{}.lock", locator.address().as_str()));
+            }
+        }
         let session = zenoh::session::init(runtime.clone().into()).wait().map_err(failed)?;
         let (lost_tx, lost) = queue::channel(Policy::reject(LOSSES_MAX));
         let links = Arc::new(Mutex::new(Links::default()));
@@ -162,6 +170,24 @@ async fn connect(runtime: &Runtime, links: &Mutex<Links>, id: ZenohId, locators:
 fn jitter() -> f64 {
     let millionth = crate::io::clock::now().nanos() % 1_000_000;
     0.75 + f64::from(u32::try_from(millionth).unwrap_or(0)) / 2e6
+}
+
+/// Marks zenoh's lock on a Unix socket as not for children.
+///
+/// Zenoh opens it without `O_CLOEXEC`. Every program started later would hold the lock, and a node that is killed and
+/// started again could not listen before the last of its programs has ended.
+#[expect(unsafe_code, reason = "a descriptor that zenoh keeps to itself can only be named by its number")]
+fn keep_from_children(lock: &str) {
+    let entries = std::fs::read_dir("/proc/self/fd").into_iter().flatten().flatten();
+    for entry in entries.filter(|entry| std::fs::read_link(entry.path()).is_ok_and(|file| file == Path::new(lock))) {
+        let Some(number) = entry.file_name().to_str().and_then(|name| name.parse().ok()) else { continue };
+        // SAFETY: zenoh keeps the lock open for as long as it listens, and the caller has just opened the listener and
+        // holds it; the descriptor is only borrowed, to set a flag.
+        let borrowed = unsafe { BorrowedFd::borrow_raw(number) };
+        if let Err(error) = fcntl_setfd(borrowed, FdFlags::CLOEXEC) {
+            tracing::warn!(%error, lock, "programs started from here will keep the socket locked");
+        }
+    }
 }
 
 /// Returns the addresses of this host on which others can reach it: the IPv4 address of each interface that is up and
