@@ -1,0 +1,430 @@
+//! The rules of the house that no compiler checks: who may import whom, what is pure, what is where.
+//!
+//! Each test reads the sources as text and names every line that breaks its rule. ARCHITECTURE.md has the reasons.
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// The longest file, without its tests.
+const LINES_MAX: usize = 500;
+/// Which rooms a room may import. `dca-tests` sees every room, and no room sees it.
+const FLOORS: [(&str, &[&str]); 6] = [
+    ("language", &[]),
+    ("comms", &[]),
+    ("dbmanager", &["comms"]),
+    ("controllers", &["comms"]),
+    ("node", &["comms", "dbmanager", "language"]),
+    ("tests", &["comms", "controllers", "dbmanager", "language", "node"]),
+];
+/// Every room, by the name under which it is imported.
+const ROOMS: [&str; 6] = ["language", "comms", "dbmanager", "controllers", "node", "dca_tests"];
+/// Folders and files in which the same input has to give the same output, besides every `logic`.
+const PURE: [&str; 6] = [
+    "language/src/",
+    "controllers/src/control",
+    "controllers/src/library",
+    "controllers/src/message",
+    "controllers/src/robot",
+    "controllers/src/sdk/",
+];
+/// What of those talks to the outside after all.
+const IMPURE: [&str; 1] = ["controllers/src/sdk/process"];
+/// What no pure code names. `std::{` would hide the others.
+const HIDDEN_INPUTS: [&str; 21] = [
+    "Instant",
+    "SystemTime",
+    "std::fs",
+    "std::net",
+    "std::thread",
+    "std::process",
+    "std::env",
+    "std::{",
+    "tokio",
+    "zenoh",
+    "rustix",
+    "HashMap",
+    "HashSet",
+    "static mut",
+    "thread_local",
+    "OnceLock",
+    "LazyLock",
+    "AtomicU64",
+    "AtomicBool",
+    "stdin",
+    "rand::",
+];
+/// What looks like a key expression and is none: the name of an encoding.
+const NO_KEYS: [&str; 1] = ["dca/refused"];
+
+/// A source file.
+struct Source {
+    /// From the root of the workspace.
+    path: String,
+    /// As it is.
+    text: String,
+}
+
+impl Source {
+    /// Returns whether the file is a room's own code: not a test, not an example, not a benchmark.
+    fn is_shipped(&self) -> bool {
+        let parts: Vec<&str> = self.path.split('/').collect();
+        parts.get(1) == Some(&"src") && parts[0] != "tests" && !parts.iter().any(|part| part.starts_with("tests"))
+    }
+
+    /// Returns the code without comments and without the tests at the end, line by line from 1; strings are kept or emptied.
+    fn code(&self, strings: Strings) -> Vec<(usize, String)> {
+        let code = without_comments(&self.text, strings);
+        code.lines().map(str::to_owned).enumerate().map(|(index, line)| (index + 1, line)).take(self.length()).collect()
+    }
+
+    /// Returns how many lines there are before the tests.
+    fn length(&self) -> usize {
+        let lines: Vec<&str> = self.text.lines().collect();
+        let is_tail = |pair: &[&str]| pair[0] == "#[cfg(test)]" && pair[1].contains("mod ");
+        lines.windows(2).position(is_tail).unwrap_or(lines.len())
+    }
+
+    fn is_pure(&self) -> bool {
+        let logic = self.path.split('/').any(|part| part == "logic" || part == "logic.rs");
+        let listed = |paths: &[&str]| paths.iter().any(|path| self.path.starts_with(path));
+        self.is_shipped() && (logic || listed(&PURE)) && !listed(&IMPURE)
+    }
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Strings {
+    Kept,
+    Emptied,
+}
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("the crate is a folder of the workspace").to_owned()
+}
+
+/// Returns every file of the workspace, with its path from the root.
+fn files() -> Vec<(String, PathBuf)> {
+    let root = root();
+    let (mut found, mut folders) = (Vec::new(), vec![root.clone()]);
+    while let Some(folder) = folders.pop() {
+        for entry in fs::read_dir(&folder).expect("the workspace can be listed") {
+            let path = entry.expect("the workspace can be listed").path();
+            let name = path.strip_prefix(&root).ok().and_then(Path::to_str).expect("every name is text").to_owned();
+            if path.is_dir() {
+                if !["target", "runs", ".git"].contains(&name.as_str()) {
+                    folders.push(path);
+                }
+            } else {
+                found.push((name, path));
+            }
+        }
+    }
+    found.sort();
+    found
+}
+
+fn sources() -> Vec<Source> {
+    let is_source = |path: &String| path.ends_with(".rs");
+    let read = |(path, file): (String, PathBuf)| Source {
+        path,
+        text: fs::read_to_string(file).expect("a source can be read"),
+    };
+    files().into_iter().filter(|(path, _)| is_source(path)).map(read).collect()
+}
+
+/// Returns `text` with comments as spaces, and strings emptied if asked for. Lines stay where they are.
+fn without_comments(text: &str, strings: Strings) -> String {
+    let mut code = String::with_capacity(text.len());
+    let mut rest = text;
+    while let Some(first) = rest.chars().next() {
+        let length = if rest.starts_with("//") {
+            rest.find('\n').unwrap_or(rest.len())
+        } else if rest.starts_with("/*") {
+            rest.find("*/").map_or(rest.len(), |end| end + 2)
+        } else if let Some(length) = string_length(rest) {
+            if strings == Strings::Kept {
+                code.push_str(&rest[..length]);
+                rest = &rest[length..];
+                continue;
+            }
+            length
+        } else {
+            // A quote in a character literal begins no string.
+            let length = ["'\"'", "'\\''", "'\\\"'"]
+                .iter()
+                .find(|literal| rest.starts_with(**literal))
+                .map(|literal| literal.len());
+            let length = length.unwrap_or(first.len_utf8());
+            code.push_str(&rest[..length]);
+            rest = &rest[length..];
+            continue;
+        };
+        code.extend(rest[..length].chars().filter(|character| *character == '\n'));
+        code.push(' ');
+        rest = &rest[length..];
+    }
+    code
+}
+
+/// Returns the length of the string literal that `text` begins with.
+fn string_length(text: &str) -> Option<usize> {
+    if let Some(raw) = text.strip_prefix('r') {
+        let hashes = raw.bytes().take_while(|byte| *byte == b'#').count();
+        if raw[hashes..].starts_with('"') {
+            let close = format!("\"{}", "#".repeat(hashes));
+            let body = &raw[hashes + 1..];
+            return Some(1 + hashes + 1 + body.find(&close).map_or(body.len(), |end| end + close.len()));
+        }
+    }
+    let body = text.strip_prefix('"')?;
+    let mut escaped = false;
+    for (index, byte) in body.bytes().enumerate() {
+        match byte {
+            _ if escaped => escaped = false,
+            b'\\' => escaped = true,
+            b'"' => return Some(index + 2),
+            _ => {}
+        }
+    }
+    Some(text.len())
+}
+
+/// Returns whether `word` stands in `line` and is not the end or the beginning of another word.
+fn names(line: &str, word: &str) -> bool {
+    let part = |character: char| character.is_alphanumeric() || character == '_';
+    line.match_indices(word).any(|(at, _)| {
+        let before = line[..at].chars().next_back().is_some_and(part);
+        let after = line[at + word.len()..].chars().next().is_some_and(part);
+        !(before && word.starts_with(part) || after && word.ends_with(part))
+    })
+}
+
+/// Returns the lines of `sources` for which `breaks` says why they break a rule.
+fn broken<'a>(
+    sources: impl IntoIterator<Item = &'a Source>,
+    strings: Strings,
+    breaks: impl Fn(&Source, &str) -> Option<String>,
+) -> Vec<String> {
+    let mut broken = Vec::new();
+    for source in sources {
+        for (number, line) in source.code(strings) {
+            broken.extend(breaks(source, &line).map(|why| format!("{}:{number}: {why}", source.path)));
+        }
+    }
+    broken
+}
+
+#[track_caller]
+fn check(rule: &str, broken: &[String]) {
+    assert!(broken.is_empty(), "{rule}\n  {}\n", broken.join("\n  "));
+}
+
+/// Returns the entries of the tables of a manifest whose name ends in `dependencies`.
+fn dependencies(manifest: &str) -> Vec<String> {
+    let mut inside = false;
+    let mut names = Vec::new();
+    for line in manifest.lines() {
+        if line.starts_with('[') {
+            inside = line.trim_end_matches(']').ends_with("dependencies");
+        } else if inside && !line.starts_with('#') {
+            names.extend(line.split(['.', '=', ' ']).next().filter(|name| !name.is_empty()).map(str::to_owned));
+        }
+    }
+    names
+}
+
+#[test]
+fn imports_only_go_down() {
+    let mut wrong = Vec::new();
+    for (folder, allowed) in FLOORS {
+        let Ok(manifest) = fs::read_to_string(root().join(folder).join("Cargo.toml")) else { continue };
+        let rooms = dependencies(&manifest).into_iter().map(|name| name.replace('-', "_"));
+        let rooms = rooms.filter(|name| ROOMS.contains(&name.as_str()) && !allowed.contains(&name.as_str()));
+        wrong.extend(rooms.map(|room| format!("{folder}/Cargo.toml: `{folder}` must not depend on `{room}`")));
+    }
+    let all = sources();
+    wrong.extend(broken(&all, Strings::Emptied, |source, line| {
+        let folder = source.path.split('/').next()?;
+        let (_, allowed) = FLOORS.iter().find(|(name, _)| *name == folder)?;
+        let path = line.trim().trim_start_matches("pub ").strip_prefix("use ")?;
+        let room = path.split([':', ';', ' ']).next()?;
+        let own = room == folder || room == "dca_tests" && folder == "tests";
+        let wrong = ROOMS.contains(&room) && !own && !allowed.contains(&room);
+        wrong.then(|| format!("`{folder}` must not import `{room}`"))
+    }));
+    check("imports go down: node → dbmanager → comms, node → language, controllers → comms", &wrong);
+}
+
+#[test]
+fn inside_a_room_logic_knows_no_io_and_io_no_command_line() {
+    let wrong = broken(&sources(), Strings::Emptied, |source, line| {
+        let within = |layer: &str| {
+            source.path.contains(&format!("/src/{layer}/")) || source.path.ends_with(&format!("/src/{layer}.rs"))
+        };
+        let upward = |above: &str| line.contains(&format!("crate::{above}"));
+        let io = within("logic") && (upward("io") || upward("cli"));
+        (io || within("io") && upward("cli")).then(|| line.trim().to_owned())
+    });
+    check("cli → io → logic, never the other way", &wrong);
+}
+
+#[test]
+fn logic_has_no_hidden_input() {
+    let all = sources();
+    let pure: Vec<&Source> = all.iter().filter(|source| source.is_pure()).collect();
+    assert!(pure.len() > 30, "only {} pure files were found: do the folders have other names now?", pure.len());
+    let wrong = broken(pure, Strings::Emptied, |_, line| {
+        let word = HIDDEN_INPUTS.iter().find(|word| names(line, word))?;
+        Some(format!("names `{word}`"))
+    });
+    check("pure code has no clock, socket, file, thread, global, random source or hash order", &wrong);
+}
+
+#[test]
+fn files_are_short_and_stand_beside_their_folder() {
+    let mut wrong = Vec::new();
+    for source in sources() {
+        let length = source.length();
+        if length > LINES_MAX {
+            wrong.push(format!("{}: {length} lines without tests, of {LINES_MAX}", source.path));
+        }
+        if source.path.ends_with("/mod.rs") {
+            wrong.push(format!("{}: `foo.rs` + `foo/`, never `mod.rs`", source.path));
+        }
+    }
+    check("a file is one idea", &wrong);
+}
+
+/// Checks that only code in `places` names one of `words`.
+#[track_caller]
+fn only_in(rule: &str, places: &[&str], words: &[&str]) {
+    let all = sources();
+    for place in places {
+        let there = all.iter().any(|source| source.path.starts_with(place));
+        assert!(there, "`{place}` is not there any more: mend this test");
+    }
+    let others =
+        all.iter().filter(|source| source.is_shipped() && !places.iter().any(|place| source.path.starts_with(place)));
+    let wrong = broken(others, Strings::Emptied, |_, line| {
+        // Asking whether somebody looks is not printing.
+        let line = line.replace("stderr().is_terminal", "");
+        words.iter().find(|word| names(&line, word)).map(|word| format!("names `{word}`"))
+    });
+    check(rule, &wrong);
+}
+
+#[test]
+fn one_place_opens_zenoh() {
+    only_in("only the sessions of comms name zenoh", &["comms/src/io/session", "comms/src/io/data.rs"], &["zenoh::"]);
+    only_in("only one place opens a session of zenoh", &["comms/src/io/session"], &["zenoh::open"]);
+}
+
+#[test]
+fn one_place_reads_a_clock() {
+    let words = ["Instant::now", "SystemTime", "clock_gettime", "UNIX_EPOCH"];
+    only_in("only the clock of comms reads a clock", &["comms/src/io/clock.rs"], &words);
+}
+
+#[test]
+fn one_place_of_each_program_prints() {
+    let places = ["node/src/cli/output.rs", "node/src/bin/dca-shim/main.rs", "controllers/src/sdk/process.rs"];
+    let words = ["println!", "print!", "eprintln!", "eprint!", "dbg!", "stdout()", "stderr()"];
+    only_in("only `output` prints, and the one place of the shim and of a controller", &places, &words);
+}
+
+#[test]
+fn one_place_builds_keys() {
+    let all = sources();
+    let others = all.iter().filter(|source| source.is_shipped() && source.path != "comms/src/logic/key.rs");
+    let key = ["\"dca", "/"].concat();
+    let wrong = broken(others, Strings::Kept, |_, line| {
+        let line = NO_KEYS.iter().fold(line.to_owned(), |line, other| line.replace(other, ""));
+        line.contains(&key).then(|| line.trim().to_owned())
+    });
+    check("key expressions are built and parsed in comms/src/logic/key.rs alone", &wrong);
+}
+
+#[test]
+fn no_destructor_kills() {
+    let mut wrong = Vec::new();
+    for source in sources().iter().filter(|source| source.is_shipped()) {
+        let mut inside = false;
+        for (number, line) in source.code(Strings::Emptied) {
+            // Code is formatted: a block ends with a brace under its beginning.
+            inside =
+                (inside || line.starts_with("impl") && names(&line, "Drop") && line.contains(" for ")) && line != "}";
+            let sends = ["kill", "pidfd_send_signal", "Signal", "terminate"].iter().find(|word| line.contains(**word));
+            wrong.extend(sends.filter(|_| inside).map(|word| format!("{}:{number}: names `{word}`", source.path)));
+        }
+    }
+    check("no `Drop` sends a signal: what ends a program is a decision", &wrong);
+}
+
+#[test]
+fn every_spec_is_used_by_a_test() {
+    let all = sources();
+    let tests: Vec<&Source> = all.iter().filter(|source| !source.path.ends_with("tidy.rs")).collect();
+    let specs = files().into_iter().filter(|(path, _)| path.starts_with("specs/") && path.ends_with(".dca"));
+    let used = |path: &str| tests.iter().any(|test| test.text.contains(path));
+    let unused: Vec<String> = specs.map(|(path, _)| path).filter(|path| !used(path)).collect();
+    check("each spec is a test: it is compiled, verified, formatted and run", &unused);
+}
+
+#[test]
+fn every_dependency_has_its_reason() {
+    let Ok(reasons) = fs::read_to_string(root().join("ARCHITECTURE.md")) else {
+        println!("skipped: there is no ARCHITECTURE.md yet; with it, each dependency needs a line there");
+        return;
+    };
+    let manifest = fs::read_to_string(root().join("Cargo.toml")).unwrap();
+    let ours: BTreeSet<&str> = ROOMS.into_iter().collect();
+    let missing = dependencies(&manifest).into_iter().filter(|name| !ours.contains(name.replace('-', "_").as_str()));
+    let missing: Vec<String> = missing.filter(|name| !reasons.contains(&format!("`{name}`"))).collect();
+    check(
+        "each crate in [workspace.dependencies] has a line in ARCHITECTURE.md: what it does for us, why this one",
+        &missing,
+    );
+}
+
+#[test]
+fn nothing_names_somebody_s_machine() {
+    let homes = [["/ho", "me/"], ["/ro", "ot/"], ["/Us", "ers/"], ["C:\\", "Users"]].map(|parts| parts.concat());
+    let mut wrong = Vec::new();
+    for (path, file) in files() {
+        let Ok(text) = fs::read_to_string(file) else { continue };
+        for (index, line) in text.lines().enumerate() {
+            let number = index + 1;
+            if let Some(home) = homes.iter().find(|home| line.contains(home.as_str())) {
+                wrong.push(format!("{path}:{number}: an absolute path in `{home}`"));
+            }
+            let source = line.trim().strip_prefix("source = ").filter(|_| path == "Cargo.lock");
+            if source.is_some_and(|source| source != "\"registry+https://github.com/rust-lang/crates.io-index\"") {
+                wrong.push(format!("{path}:{number}: a crate from elsewhere than crates.io"));
+            }
+            let config = path.starts_with(".cargo/") || path.ends_with("Cargo.toml");
+            let foreign = ["[source", "[registr", "registry =", "replace-with", "index ="];
+            if config && foreign.iter().any(|word| line.trim().starts_with(word)) {
+                wrong.push(format!("{path}:{number}: a registry of one's own"));
+            }
+        }
+    }
+    check("what is committed works on every machine", &wrong);
+}
+
+#[test]
+fn the_reader_of_sources_is_right() {
+    let code = "let a = \"// no\"; // yes \"\nlet b = '\"'; /* x\ny */ let c = r#\"a\"b\"#;\nd(\"\\\"//\");";
+    assert_eq!(
+        without_comments(code, Strings::Kept),
+        "let a = \"// no\";  \nlet b = '\"'; \n  let c = r#\"a\"b\"#;\nd(\"\\\"//\");"
+    );
+    assert_eq!(without_comments(code, Strings::Emptied), "let a =  ;  \nlet b = '\"'; \n  let c =  ;\nd( );");
+    assert!(names("use tokio::x", "tokio") && names("a tokio", "tokio") && names("std::fs::read", "fs::"));
+    assert!(!names("use tokios::x", "tokio") && !names("offs::x", "fs::") && !names("eprintln!()", "println!"));
+    let source = Source { path: "a/src/b.rs".to_owned(), text: "one\n#[cfg(test)]\nmod tests {\n".to_owned() };
+    assert_eq!(source.length(), 1);
+    assert_eq!(
+        dependencies("[package]\na = 1\n[dependencies]\nb.workspace = true\n\n[dev-dependencies]\nc = \"1\"\n"),
+        ["b", "c"]
+    );
+}
