@@ -12,7 +12,7 @@
 //!   s.i<n>                   Stopping                 F of C;F, C:F, else; rec2     Second  (second operand active)
 //!   par[..] ff[..] anyk[..]  Running, open, done      stop(C;F) and the like        Stopping (the rest is forgotten)
 //!   dis[..]                  Running                  drain(o,{C..})                Draining, outcome = o, open = |{C..}|
-//!   slot done(v)             Done, outcome = done(v)  slot aborted(r)               Aborted; the first r is the
+//!   slot done(v)             Done, outcome = done(v)  slot aborted(r)               Idle; the first r is the
 //!                                                                                   operator's outcome
 //! ```
 //!
@@ -55,14 +55,13 @@ pub(super) enum Phase {
     Stopping,
     Draining,
     Done,
-    Aborted,
 }
 
 impl Phase {
     pub(super) fn is_active(self) -> bool {
         match self {
             Self::Running | Self::Second | Self::Stopping | Self::Draining => true,
-            Self::Idle | Self::Done | Self::Aborted => false,
+            Self::Idle | Self::Done => false,
         }
     }
 }

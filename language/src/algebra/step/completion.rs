@@ -1,6 +1,6 @@
 //! The completion functions, used after a start and after an event alike.
 
-use super::{Phase, Reaction};
+use super::{Cell, Phase, Reaction};
 use crate::algebra::event::{Cause, Outcome, Reason, Value};
 
 /// Why a `;;` whose round takes no time is aborted.
@@ -87,13 +87,11 @@ impl Reaction<'_> {
     pub(super) fn slot(&mut self, node: usize, operand: usize, outcome: Outcome) {
         let cell = self.cell(node);
         cell.open -= 1;
-        if let Outcome::Aborted(reason) = outcome {
-            cell.outcome.get_or_insert(Outcome::Aborted(reason));
-            self.enter(operand, Phase::Aborted);
+        if matches!(outcome, Outcome::Aborted(_)) {
+            cell.outcome.get_or_insert(outcome);
         } else {
             cell.done += 1;
-            self.enter(operand, Phase::Done);
-            self.cell(operand).outcome = Some(outcome);
+            *self.cell(operand) = Cell { phase: Phase::Done, outcome: Some(outcome), ..Cell::default() };
         }
     }
 
@@ -126,7 +124,7 @@ impl Reaction<'_> {
     pub(super) fn any(&mut self, node: usize, count: u32) -> Option<Outcome> {
         let cell = self.cell(node);
         if cell.done >= count {
-            let outcome = self.done_of(node, count as usize);
+            let outcome = self.done(node);
             return self.drain(node, outcome);
         }
         if cell.done + cell.open < count {
@@ -136,18 +134,15 @@ impl Reaction<'_> {
         None
     }
 
-    /// Returns `done(<u1..uk>)` of the slots that are done.
+    /// Returns `done(<u1..uk>)` of the slots that are done. Of `any k of` more than `k` are done only if they were so at the
+    /// start, and then their values are empty, and the tuple of any number of these is empty.
     fn done(&self, node: usize) -> Outcome {
-        self.done_of(node, usize::MAX)
-    }
-
-    /// Returns `done` with the values of the first `count` slots that are done, in textual order.
-    fn done_of(&self, node: usize, count: usize) -> Outcome {
-        let values = self.program.operands(node).filter_map(|operand| match &self.state.cells[operand].outcome {
-            Some(Outcome::Done(value)) if self.state.cells[operand].phase == Phase::Done => Some(value),
-            Some(Outcome::Done(_) | Outcome::Aborted(_) | Outcome::Stopped) | None => None,
+        let cells = self.program.operands(node).map(|operand| &self.state.cells[operand]);
+        let values = cells.filter_map(|cell| match (cell.phase, &cell.outcome) {
+            (Phase::Done, Some(Outcome::Done(value))) => Some(value),
+            (_, _) => None,
         });
-        Outcome::Done(Value::tuple(values.take(count)))
+        Outcome::Done(Value::tuple(values))
     }
 }
 

@@ -5,18 +5,12 @@ use crate::algebra::event::{Cause, Command, Outcome};
 use crate::algebra::program::Kind;
 
 impl Reaction<'_> {
-    /// DRAIN(o, stop of all operands that are active); outcomes that slots hold are dropped.
+    /// DRAIN(o, stop of all operands); values that slots hold are dropped.
     pub(super) fn drain(&mut self, node: usize, outcome: Outcome) -> Option<Outcome> {
         let mut open = 0;
         for operand in self.program.operands(node) {
-            match self.cell(operand).phase {
-                Phase::Idle => {}
-                Phase::Done | Phase::Aborted => self.clear(operand),
-                Phase::Running | Phase::Second | Phase::Stopping | Phase::Draining => {
-                    if self.stop(operand) == Stop::Waits {
-                        open += 1;
-                    }
-                }
+            if self.stop(operand) == Stop::Waits {
+                open += 1;
             }
         }
         self.clear(node);
@@ -46,27 +40,27 @@ impl Reaction<'_> {
     /// stop(C): what has not started is forgotten, what runs is asked to stop.
     pub(super) fn stop(&mut self, node: usize) -> Stop {
         match (&self.program.nodes[node].kind, self.cell(node).phase) {
-            (_, Phase::Idle | Phase::Done | Phase::Aborted) => Stop::Killed,
+            (_, Phase::Idle) => Stop::Killed,
+            (_, Phase::Done) => self.kill(node),
             (_, Phase::Stopping) => Stop::Waits,
             (_, Phase::Draining) => self.stop_drain(node),
-            (Kind::Run { member, .. }, Phase::Running | Phase::Second) => self.stop_leaf(node, *member),
-            (Kind::Wait { timer, .. }, Phase::Running | Phase::Second) => self.stop_wait(node, *timer),
-            (Kind::Skip | Kind::Never | Kind::Fail(_), Phase::Running | Phase::Second) => {
-                self.clear(node);
-                Stop::Killed
-            }
+            (Kind::Run { member, .. }, _) => self.stop_leaf(node, *member),
+            (Kind::Wait { timer, .. }, _) => self.stop_wait(node, *timer),
+            (Kind::Skip | Kind::Never | Kind::Fail(_), _) => self.kill(node),
             (_, Phase::Second) => self.stop_operand(node, self.program.second(node)),
             (Kind::Sequence | Kind::Conditional | Kind::Recurrent | Kind::Otherwise, Phase::Running) => {
                 self.stop_operand(node, self.program.first(node))
             }
             (Kind::Concurrent { .. } | Kind::FailFast { .. } | Kind::AnyOf { .. } | Kind::Disable, Phase::Running) => {
-                if self.drain(node, Outcome::Stopped).is_some() {
-                    Stop::Killed
-                } else {
-                    Stop::Waits
-                }
+                self.drain(node, Outcome::Stopped).map_or(Stop::Waits, |_| Stop::Killed)
             }
         }
+    }
+
+    /// stop(never) = killed, and so for what a slot holds.
+    fn kill(&mut self, node: usize) -> Stop {
+        self.clear(node);
+        Stop::Killed
     }
 
     /// stop(a.i<n>) = s.i<n>
@@ -79,10 +73,9 @@ impl Reaction<'_> {
 
     /// stop(w(d)) = killed
     fn stop_wait(&mut self, node: usize, timer: u32) -> Stop {
-        self.clear(node);
         let activation = self.state.timers[timer as usize];
         self.commands.push(Command::Cancel { timer, activation });
-        Stop::Killed
+        self.kill(node)
     }
 
     /// stop(C;F) = stop(C), and so for `:`, `;;`, `else`.
