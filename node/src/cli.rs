@@ -7,6 +7,9 @@ pub mod check;
 pub mod client;
 pub mod deploy;
 pub mod display;
+pub mod explain;
+pub mod fix;
+pub mod fmt;
 pub mod follow;
 pub mod logs;
 pub mod nodes;
@@ -39,6 +42,12 @@ enum Verb {
     Deploy(deploy::Arguments),
     /// Print what is wrong with a spec
     Check(check::Arguments),
+    /// Apply every fix that is likely right to a spec
+    Fix(fix::Arguments),
+    /// Write specs in their one form
+    Fmt(fmt::Arguments),
+    /// Say what a diagnostic code means
+    Explain(explain::Arguments),
     /// List the nodes that can be reached
     Nodes(nodes::Arguments),
     /// Show what runs where
@@ -96,6 +105,9 @@ pub fn main() -> ExitCode {
         Verb::Run(arguments) => run::run(arguments),
         Verb::Deploy(arguments) => deploy::run(arguments),
         Verb::Check(arguments) => check::run(&arguments),
+        Verb::Fix(arguments) => fix::run(&arguments),
+        Verb::Fmt(arguments) => fmt::run(&arguments),
+        Verb::Explain(arguments) => explain::run(&arguments),
         Verb::Nodes(arguments) => nodes::run(&arguments),
         Verb::Status(arguments) => status::run(&arguments),
         Verb::Logs(arguments) => logs::run(&arguments),

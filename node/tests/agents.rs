@@ -1,5 +1,7 @@
 //! Whole nodes on virtual time: agents, the frames between them, and programs that behave as a script says.
 
+#![expect(clippy::wildcard_enum_match_arm, reason = "a test looks for one variant and shows any other")]
+
 use comms::logic::control::{Location, Notice, Order};
 use comms::logic::time::Time;
 use language::{Options, Source, compile};
@@ -45,8 +47,7 @@ impl World {
     fn new(hosts: &[&str]) -> Self {
         let mut world = Self::default();
         for (boot, host) in (1..).zip(hosts) {
-            let identity =
-                Identity { host: (*host).into(), boot, pid: 1, machine: (*host).into(), epoch: 0 };
+            let identity = Identity { host: (*host).into(), boot, pid: 1, machine: (*host).into(), epoch: 0 };
             let mut programs = Programs::default();
             programs.offer("controllers", ["Step", "Long", "Sensor", "Stubborn"].map(str::to_owned));
             world.agents.insert((*host).into(), Agent::new(identity, programs, Time::ZERO));
@@ -294,7 +295,15 @@ fn a_program_that_died_idle_fails_when_its_turn_comes() {
 #[test]
 fn stop_ends_it_everywhere_even_what_does_not_listen() {
     let mut world = World::new(&["c1", "c2"]);
-    let call = world.deploy("c1", &TWO_HOSTS.replace("first instof Step", "first instof Stubborn").replace("[feed]", "").replace("[on]", "").replace("sensor, Out -> first, In;", "").replace("first, Out -> second, In;", ""));
+    let call = world.deploy(
+        "c1",
+        &TWO_HOSTS
+            .replace("first instof Step", "first instof Stubborn")
+            .replace("[feed]", "")
+            .replace("[on]", "")
+            .replace("sensor, Out -> first, In;", "")
+            .replace("first, Out -> second, In;", ""),
+    );
     world.run_for(Duration::from_millis(500));
     let stop = world.stop("c1");
     world.run_for(Duration::from_secs(10));

@@ -156,8 +156,9 @@ impl Program {
             Order::Connect { robot, incoming, outgoing, devices } => {
                 let made = match &self.session {
                     Some(session) => {
-                        let wanted = links::Wanted { robot, incoming, outgoing, devices };
-                        links.make(session, &self.interface, &self.instance, wanted, inbox)
+                        let instance = self.instance.clone();
+                        let wanted = links::Wanted { instance, robot, incoming, outgoing, devices };
+                        links.make(session, &self.interface, wanted, inbox)
                     }
                     None => Ok(()),
                 };

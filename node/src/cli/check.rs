@@ -1,10 +1,14 @@
 //! `dca check`: what is wrong with a spec.
 
+mod json;
+mod sarif;
+
 use crate::cli::follow::Spec;
-use crate::cli::{Controllers, Failure, output};
+use crate::cli::{Controllers, Failure, fix, output};
 use crate::io::programs;
 use anyhow::Context;
-use language::{Options, Severity, Source, Style, apply_fixes, compile, render};
+use language::plan::Plan;
+use language::{Compiled, Diagnostic, Options, Origin, Severity, Source, Span, Style, compile, render};
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 
@@ -19,15 +23,66 @@ pub struct Arguments {
     /// Apply every fix that is certain, then check again
     #[arg(long)]
     fix: bool,
+    /// How to print what there is to say: for a person on standard error, for programs on standard output
+    #[arg(long, value_enum, default_value_t = Format::Text)]
+    format: Format,
     #[command(flatten)]
     controllers: Controllers,
+}
+
+/// Who reads the diagnostics.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum Format {
+    /// A person
+    Text,
+    /// A program
+    Json,
+    /// A code host or an editor: SARIF 2.1.0
+    Sarif,
+}
+
+/// A spec with all that is to be said about it.
+struct Checked {
+    spec: Source,
+    interfaces: Vec<Source>,
+    plan: Option<Plan>,
+    diagnostics: Vec<Diagnostic>,
+}
+
+impl Checked {
+    /// Reads and compiles a spec.
+    fn read(file: &Path, controllers: &Controllers, deny_lenient_names: bool) -> Result<Self, Failure> {
+        let spec = read(file)?;
+        let interfaces = interfaces(controllers)?;
+        let Compiled { plan, diagnostics } = compile(&spec, &interfaces, &options(file, deny_lenient_names));
+        Ok(Self { spec, interfaces, plan, diagnostics })
+    }
+
+    /// The text that a span is in.
+    fn source(&self, span: Span) -> &Source {
+        match span.origin {
+            Origin::Spec => &self.spec,
+            Origin::Interface(index) => self.interfaces.get(index as usize).unwrap_or(&self.spec),
+        }
+    }
 }
 
 /// Runs the verb.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if arguments.fix {
-        fix(arguments)?;
+        fix::apply(&arguments.file, &arguments.controllers)?;
     }
+    let print = match arguments.format {
+        Format::Text => return check(arguments),
+        Format::Json => json::json,
+        Format::Sarif => sarif::sarif,
+    };
+    let checked = Checked::read(&arguments.file, &arguments.controllers, arguments.deny.is_some())?;
+    output::say(&print(&checked));
+    if checked.plan.is_some() { Ok(()) } else { Err(Failure::Told) }
+}
+
+fn check(arguments: &Arguments) -> Result<(), Failure> {
     let plan = load(&arguments.file, &arguments.controllers, arguments.deny.is_some())?.plan;
     let (groups, leaves, hosts) = (plan.groups.len(), plan.leaves.len(), plan.hosts.join(", "));
     let file = arguments.file.display();
@@ -37,19 +92,72 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
 
 /// Reads and compiles a spec; diagnostics go to standard error.
 pub(crate) fn load(file: &Path, controllers: &Controllers, deny_lenient_names: bool) -> Result<Spec, Failure> {
-    let spec = read(file)?;
-    let interfaces = interfaces(controllers)?;
-    let compiled = compile(&spec, &interfaces, &options(file, deny_lenient_names));
-    if !compiled.diagnostics.is_empty() {
-        output::note(&render(&compiled.diagnostics, &spec, &interfaces, style()));
+    let Checked { spec, interfaces, plan, diagnostics } = Checked::read(file, controllers, deny_lenient_names)?;
+    if !diagnostics.is_empty() {
+        output::note(&render(&diagnostics, &spec, &interfaces, style()));
     }
-    let count = |severity| compiled.diagnostics.iter().filter(|diagnostic| diagnostic.severity == severity).count();
+    let count = |severity| diagnostics.iter().filter(|diagnostic| diagnostic.severity == severity).count();
     let (errors, warnings) = (count(Severity::Error), count(Severity::Warning));
     if errors + warnings > 0 {
         let plural = |count: usize, word| format!("{count} {word}{}", if count == 1 { "" } else { "s" });
         output::note(&format!("{}: {}, {}", spec.name, plural(errors, "error"), plural(warnings, "warning")));
     }
-    let plan = compiled.plan.ok_or(Failure::Told)?;
+    let plan = plan.ok_or(Failure::Told)?;
+    Ok(Spec { file: file.to_owned(), text: spec.text, plan })
+}
+
+fn read(file: &Path, controllers: &Controllers, deny_lenient_names: bool) -> Result<Self, Failure> {
+        let spec = read(file)?;
+        let interfaces = interfaces(controllers)?;
+        let Compiled { plan, diagnostics } = compile(&spec, &interfaces, &options(file, deny_lenient_names));
+        Ok(Self { spec, interfaces, plan, diagnostics })
+    }
+
+    /// The text that a span is in.
+    fn source(&self, span: Span) -> &Source {
+        match span.origin {
+            Origin::Spec => &self.spec,
+            Origin::Interface(index) => self.interfaces.get(index as usize).unwrap_or(&self.spec),
+        }
+    }
+}
+
+/// Runs the verb.
+pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    if arguments.fix {
+        fix::apply(&arguments.file, &arguments.controllers)?;
+    }
+    let print = match arguments.format {
+        Format::Text => return check(arguments),
+        Format::Json => json::json,
+        Format::Sarif => sarif::sarif,
+    };
+    let checked = Checked::read(&arguments.file, &arguments.controllers, arguments.deny.is_some())?;
+    output::say(&print(&checked));
+    if checked.plan.is_some() { Ok(()) } else { Err(Failure::Told) }
+}
+
+fn check(arguments: &Arguments) -> Result<(), Failure> {
+    let plan = load(&arguments.file, &arguments.controllers, arguments.deny.is_some())?.plan;
+    let (groups, leaves, hosts) = (plan.groups.len(), plan.leaves.len(), plan.hosts.join(", "));
+    let file = arguments.file.display();
+    output::say(&format!("{file}: {groups} groups, {leaves} programs, on {hosts}: no errors"));
+    Ok(())
+}
+
+/// Reads and compiles a spec; diagnostics go to standard error.
+pub(crate) fn load(file: &Path, controllers: &Controllers, deny_lenient_names: bool) -> Result<Spec, Failure> {
+    let Checked { spec, interfaces, plan, diagnostics } = Checked::read(file, controllers, deny_lenient_names)?;
+    if !diagnostics.is_empty() {
+        output::note(&render(&diagnostics, &spec, &interfaces, style()));
+    }
+    let count = |severity| diagnostics.iter().filter(|diagnostic| diagnostic.severity == severity).count();
+    let (errors, warnings) = (count(Severity::Error), count(Severity::Warning));
+    if errors + warnings > 0 {
+        let plural = |count: usize, word| format!("{count} {word}{}", if count == 1 { "" } else { "s" });
+        output::note(&format!("{}: {}, {}", spec.name, plural(errors, "error"), plural(warnings, "warning")));
+    }
+    let plan = plan.ok_or(Failure::Told)?;
     Ok(Spec { file: file.to_owned(), text: spec.text, plan })
 }
 
@@ -65,12 +173,12 @@ fn fix(arguments: &Arguments) -> Result<(), Failure> {
     Ok(())
 }
 
-fn read(file: &Path) -> Result<Source, Failure> {
+pub(crate) fn read(file: &Path) -> Result<Source, Failure> {
     let text = std::fs::read_to_string(file).with_context(|| format!("cannot read the spec `{}`", file.display()))?;
     Ok(Source::new(file.display().to_string(), text))
 }
 
-fn interfaces(controllers: &Controllers) -> Result<Vec<Source>, Failure> {
+pub(crate) fn interfaces(controllers: &Controllers) -> Result<Vec<Source>, Failure> {
     let ask = |program: &PathBuf| {
         let text = programs::interfaces(program)?;
         Ok(Source::new(program.display().to_string(), text))
@@ -78,11 +186,34 @@ fn interfaces(controllers: &Controllers) -> Result<Vec<Source>, Failure> {
     programs::chosen(&controllers.programs).iter().map(ask).collect()
 }
 
-fn options(file: &Path, deny_lenient_names: bool) -> Options {
+pub(crate) fn options(file: &Path, deny_lenient_names: bool) -> Options {
     let name = file.file_stem().map_or_else(|| "spec".to_owned(), |stem| stem.to_string_lossy().into_owned());
     Options { deny_lenient_names, ..Options::named(name) }
 }
 
-fn style() -> Style {
+pub(crate) fn style() -> Style {
     if std::io::stderr().is_terminal() { Style::Colour } else { Style::Plain }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use expect_test::expect;
+
+    fn checked() -> Checked {
+        let text = "process main(){\n    instantiated_processes{ arm instof Arm(c1); }\n    internal_event_actions{ Arm }\n}\n";
+        let (spec, interfaces) = (Source::new("a.dca", text), vec![Source::new("arms", "module Arm(host) { done; }")]);
+        let Compiled { plan, diagnostics } = compile(&spec, &interfaces, &Options::named("a"));
+        Checked { spec, interfaces, plan, diagnostics }
+    }
+
+    #[test]
+    fn programs_read_json() {
+        expect![].assert_eq(&json::json(&checked()));
+    }
+
+    #[test]
+    fn code_hosts_read_sarif() {
+        expect![].assert_eq(&sarif::sarif(&checked()));
+    }
 }

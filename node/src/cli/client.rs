@@ -45,13 +45,16 @@ impl Client {
             let session = Session::open_scout().await.context("looking for nodes on the network");
             return Ok(Self { session: session.map_err(Failure::Unreachable)? });
         }
-        let none = || anyhow!("no node runs on this machine; start one with `dca-node --name NAME`, or look further with `--lan`");
+        let none = || {
+            anyhow!("no node runs on this machine; start one with `dca-node --name NAME`, or look further with `--lan`")
+        };
         Err(Failure::Unreachable(problem.unwrap_or_else(none)))
     }
 
     /// Connects to the node that has this socket.
     pub(crate) async fn to_socket(socket: PathBuf) -> Result<Self, Failure> {
-        let session = Session::open_client(&socket).await.with_context(|| format!("connecting to {}", socket.display()));
+        let session =
+            Session::open_client(&socket).await.with_context(|| format!("connecting to {}", socket.display()));
         Ok(Self { session: session.map_err(Failure::Unreachable)? })
     }
 
@@ -95,10 +98,9 @@ impl Client {
     pub(crate) async fn statuses(&self) -> Result<Vec<NodeStatus>, Failure> {
         let mut statuses = Vec::new();
         for host in self.hosts(&[]).await? {
-            match self.ask(&host, &Request::Status, ANSWER_WITHIN).await? {
-                Answer::Status(status) => statuses.push(status),
-                other => return Err(anyhow!("host `{host}` gave an answer to another question: {other:?}").into()),
-            }
+            let answer = self.ask(&host, &Request::Status, ANSWER_WITHIN).await?;
+            let Answer::Status(status) = answer else { return Err(unasked(&host, &answer)) };
+            statuses.push(status);
         }
         Ok(statuses)
     }
@@ -117,6 +119,13 @@ impl Answers {
     }
 }
 
+/// Says that a node answered something that was not asked; its own refusals are passed on as they are.
+pub(crate) fn unasked(host: &str, answer: &Answer) -> Failure {
+    if let Answer::Refused(why) = answer {
+        return anyhow!("host `{host}`: {why}").into();
+    }
+    anyhow!("host `{host}` answered something that was not asked: {answer:?}").into()
+}
 
 fn call_failure(host: &str, error: CallError) -> Failure {
     Failure::Unreachable(anyhow!(error).context(format!("asking the node `{host}`")))

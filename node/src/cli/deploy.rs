@@ -1,9 +1,9 @@
 //! `dca deploy`: runs a spec on the hosts it names, and stays until it has ended.
 
 use crate::cli::client::{Client, block_on};
+use crate::cli::follow::Spec;
 use crate::cli::{Controllers, Failure, Reaching, check, follow};
 use anyhow::anyhow;
-use crate::cli::follow::Spec;
 use std::path::PathBuf;
 
 /// What `dca deploy` is told.

@@ -1,6 +1,6 @@
 //! Follows a mission from the request to its end: progress, record, report, summary.
 
-use crate::cli::client::{Answers, Client};
+use crate::cli::client::{Answers, Client, unasked};
 use crate::cli::display::{Display, UPDATE_EVERY};
 use crate::cli::output::Output;
 use crate::cli::{Failure, report};
@@ -54,6 +54,7 @@ struct Watch {
     samples: mpsc::Sender<Sample>,
     go_at: Option<Time>,
     name: String,
+    home: String,
 }
 
 /// Deploys a spec and stays until it has ended; Ctrl-C stops it everywhere.
@@ -71,6 +72,7 @@ pub(crate) async fn follow(client: &Client, spec: Spec, following: &Following) -
         samples,
         go_at: None,
         name: spec.plan.name.clone(),
+        home: home.clone(),
     };
     let request = Request::Deploy { request: request_number(), plan: spec.plan };
     let answers = client.ask_on(&home, &request)?;
@@ -129,11 +131,7 @@ impl Watch {
     }
 
     async fn take(&mut self, answer: Answer) -> Result<(), Failure> {
-        let report = match answer {
-            Answer::Report(report) => report,
-            Answer::Refused(why) => return Err(anyhow!(why).into()),
-            other => return Err(anyhow!("the node gave an answer to another question: {other:?}").into()),
-        };
+        let Answer::Report(report) = answer else { return Err(unasked(&self.home, &answer)) };
         if let Report::Go { signals, .. } = &report {
             self.go_at = Some(clock::now());
             if !signals.is_empty() {
@@ -207,5 +205,8 @@ fn free_folder(runs: &Path, name: &str) -> anyhow::Result<PathBuf> {
             Err(error) => return Err(error).with_context(context),
         }
     }
-    Err(anyhow!("`{}` holds too many runs of `{name}`; remove some, or choose another folder with `--runs`", runs.display()))
+    Err(anyhow!(
+        "`{}` holds too many runs of `{name}`; remove some, or choose another folder with `--runs`",
+        runs.display()
+    ))
 }

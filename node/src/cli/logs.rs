@@ -1,6 +1,6 @@
 //! `dca logs`: what a process has written, wherever it runs.
 
-use crate::cli::client::{Client, block_on};
+use crate::cli::client::{Client, block_on, unasked};
 use crate::cli::{Failure, Reaching, output};
 use crate::logic::protocol::{Answer, NodeStatus, Request};
 use anyhow::anyhow;
@@ -46,11 +46,9 @@ async fn print(client: &Client, arguments: &Arguments) -> Result<(), Failure> {
     let request = Request::Logs { deployment: Some(deployment), process, follow: arguments.follow };
     let mut answers = client.ask_on(&host, &request)?;
     while let Some(answer) = answers.next().await {
-        match answer? {
-            Answer::Output(bytes) => output::pass(&bytes)?,
-            Answer::Refused(why) => return Err(anyhow!(why).into()),
-            other => return Err(anyhow!("host `{host}` gave an answer to another question: {other:?}").into()),
-        }
+        let answer = answer?;
+        let Answer::Output(bytes) = answer else { return Err(unasked(&host, &answer)) };
+        output::pass(&bytes)?;
     }
     Ok(())
 }

@@ -2,13 +2,13 @@
 //! ends, however it ends, nothing of it stays.
 
 use crate::cli::client::{Client, block_on};
+use crate::cli::follow::Spec;
 use crate::cli::{Controllers, Failure, check, deploy, follow};
 use crate::io::driver::{self, Config};
 use crate::io::{programs, run_dir};
 use anyhow::{Context, anyhow};
 use comms::io::clock;
 use comms::io::session::Reach;
-use crate::cli::follow::Spec;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use tokio::sync::watch;
@@ -49,7 +49,7 @@ pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
 
 impl Nodes {
     async fn start(hosts: &[String], controllers: &Controllers) -> Result<Self, Failure> {
-        let base = run_dir::default_base().join(format!("run-{}", std::process::id()));
+        let base = run_dir::of_this_command(&run_dir::default_base());
         let mut nodes = Self { base, leave: watch::Sender::new(false), running: JoinSet::new() };
         for host in hosts {
             let config = Config {

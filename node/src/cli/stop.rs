@@ -1,6 +1,6 @@
 //! `dca stop`: ends a deployment on every host.
 
-use crate::cli::client::{Client, block_on};
+use crate::cli::client::{Client, block_on, unasked};
 use crate::cli::{Failure, Reaching, output};
 use crate::logic::protocol::{Answer, Request, StopReply};
 use anyhow::anyhow;
@@ -36,9 +36,10 @@ async fn stop(client: &Client, name: &str) -> Result<(), Failure> {
         return Err(anyhow!("no deployment `{name}` is running; `dca status` lists them").into());
     };
     let request = Request::Stop { name: name.to_owned() };
-    match client.ask(&part.home, &request, STOP_WITHIN).await? {
-        Answer::Stop(StopReply::Stopped) => Ok(()),
-        Answer::Stop(StopReply::Unknown) => Err(anyhow!("`{name}` has just ended by itself").into()),
-        other => Err(anyhow!("host `{}` gave an answer to another question: {other:?}", part.home).into()),
+    let answer = client.ask(&part.home, &request, STOP_WITHIN).await?;
+    let Answer::Stop(reply) = answer else { return Err(unasked(&part.home, &answer)) };
+    match reply {
+        StopReply::Stopped => Ok(()),
+        StopReply::Unknown => Err(anyhow!("`{name}` has just ended by itself").into()),
     }
 }

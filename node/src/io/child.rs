@@ -69,7 +69,9 @@ impl ShimEar {
             let Some(report) = ShimReport::parse(&line) else { continue };
             let last_words = match report {
                 ShimReport::Exited { .. } | ShimReport::Signalled { .. } => last_line(&dir.join(OUTPUT_FILE)),
-                ShimReport::Ready | ShimReport::Started { .. } | ShimReport::ExecFailed { .. } | ShimReport::Gone => None,
+                ShimReport::Ready | ShimReport::Started { .. } | ShimReport::ExecFailed { .. } | ShimReport::Gone => {
+                    None
+                }
             };
             gone |= report == ShimReport::Gone;
             if sink.send((report, last_words)).await.is_err() {

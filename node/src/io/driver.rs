@@ -14,8 +14,8 @@ use anyhow::Context;
 use comms::io::clock;
 use comms::io::control::{ControlReceiver, ControlSender, Listener};
 use comms::io::session::{NodeOptions, Reach};
-use comms::logic::key::HostName;
 use comms::logic::control::Notice;
+use comms::logic::key::HostName;
 use comms::logic::time::Time;
 use language::plan::LeafKind;
 use std::collections::BTreeMap;
@@ -272,8 +272,8 @@ impl Driver {
         };
         let shim = self.shim.clone();
         let instance = order.path.clone();
-        let (shim, ear) = child::start(&shim, &start, &instance)
-            .with_context(|| format!("starting {}", self.shim.display()))?;
+        let (shim, ear) =
+            child::start(&shim, &start, &instance).with_context(|| format!("starting {}", self.shim.display()))?;
         self.shims.insert(process.clone(), shim);
         let (events, process) = (self.events.clone(), process.clone());
         self.tasks.spawn(async move {

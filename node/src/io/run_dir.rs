@@ -22,6 +22,9 @@ use std::path::{Path, PathBuf};
 /// The longest path of a Unix socket that Linux accepts, less its final zero. Source: unix(7).
 const SOCKET_PATH_MAX: usize = 107;
 
+/// How the folder of a command's own nodes begins; its process id follows.
+const COMMAND_PREFIX: &str = "run-";
+
 /// Why a folder cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum RunDirError {
@@ -71,6 +74,20 @@ pub fn running(base: &Path) -> Vec<(String, PathBuf)> {
         .collect();
     nodes.sort();
     nodes
+}
+
+/// Makes a folder for the nodes of this command alone; removes those that commands which were killed have left.
+pub fn of_this_command(base: &Path) -> PathBuf {
+    for entry in fs::read_dir(base).into_iter().flatten().flatten() {
+        let (name, path) = (entry.file_name(), entry.path());
+        let pid = name.to_str().and_then(|name| name.strip_prefix(COMMAND_PREFIX)?.parse::<u32>().ok());
+        // A command that is starting has no locks yet, but it is alive.
+        let alive = pid.is_none_or(|pid| Path::new(&format!("/proc/{pid}")).exists());
+        if !alive && running(&path).is_empty() {
+            drop(fs::remove_dir_all(&path));
+        }
+    }
+    base.join(format!("{COMMAND_PREFIX}{}", std::process::id()))
 }
 
 fn is_locked(lock: &Path) -> bool {

@@ -7,7 +7,8 @@ use crate::logic::link::{Frame, Link};
 use crate::logic::nameserver::NameServer;
 use crate::logic::programs::Programs;
 use crate::logic::protocol::{
-    Answer, Deployment, Ending, Failure, FailureCause, Message, NodeStatus, Report, Request, StopReply, Target,
+    Answer, Body, Deployment, Ending, Failure, FailureCause, Message, NodeStatus, Report, Request, StopReply, ToHome,
+    ToTenant,
 };
 use crate::logic::tenant::Tenant;
 use comms::logic::control::Notice;
@@ -220,48 +221,28 @@ impl Agent {
     }
 
     fn deliver(&mut self, message: Message, from: &str, out: &mut Out<'_>) {
-        let Some(deployment) = deployment_of(&message).cloned() else { return };
-        let to_home = match &message {
-            Message::Prepared { .. }
-            | Message::Refused { .. }
-            | Message::Connected { .. }
-            | Message::Released { .. }
-            | Message::Happened { .. } => true,
-            Message::Ended { target, .. } => *target == Target::Group(0),
-            Message::Prepare { .. }
-            | Message::Connect { .. }
-            | Message::Go { .. }
-            | Message::Release { .. }
-            | Message::Activate { .. }
-            | Message::Stop { .. }
-            | Message::Switch { .. }
-            | Message::Switched { .. }
-            | Message::Void => false,
-        };
-        if to_home {
-            if let Some(home) = self.homes.get_mut(&deployment) {
-                home.receive(message, from, out);
-            }
-            return;
-        }
-        match message {
-            Message::Prepare { deployment, plan } => self.prepare(deployment, plan, from, out),
-            Message::Release { ref deployment } if !self.tenants.contains_key(deployment) => {
-                out.send(from, Message::Released { deployment: deployment.clone() });
-            }
-            message => {
-                if let Some(tenant) = self.tenants.get_mut(&deployment) {
-                    tenant.receive(message, from, out);
+        let Message { deployment, body } = message;
+        match body {
+            Body::Void => {}
+            Body::Home(message) => {
+                if let Some(home) = self.homes.get_mut(&deployment) {
+                    home.receive(message, from, out);
                 }
             }
+            Body::Tenant(message) => match (self.tenants.get_mut(&deployment), message) {
+                (Some(tenant), message) => tenant.receive(message, from, out),
+                (None, ToTenant::Prepare { plan }) => self.prepare(deployment, plan, from, out),
+                (None, ToTenant::Release) => out.send(from, deployment.to_home(ToHome::Released)),
+                // It is over here; who still speaks to it will hear that from its home.
+                (None, _) => {}
+            },
         }
     }
 
     fn prepare(&mut self, deployment: Deployment, plan: Plan, from: &str, out: &mut Out<'_>) {
         let host = &self.identity.host;
         let refuse = |why: String, out: &mut Out<'_>| {
-            let deployment = deployment.clone();
-            out.send(from, Message::Refused { deployment, reasons: vec![format!("host `{host}`: {why}")] });
+            out.send(from, deployment.to_home(ToHome::Refused { reasons: vec![format!("host `{host}`: {why}")] }));
         };
         if self.leaving {
             return refuse("its node is leaving".into(), out);
@@ -291,34 +272,38 @@ impl Agent {
             out.effects.push(Effect::Transmit { to: to.to_owned(), frame: Box::new(frame) });
             return;
         }
+        if let Message { deployment, body: Body::Tenant(message) } = message {
+            self.answer_for_lost(to, &deployment, message, out);
+        }
+    }
+
+    /// Says what a host that cannot be reached would have to say.
+    fn answer_for_lost(&mut self, lost: &str, deployment: &Deployment, message: ToTenant, out: &mut Out<'_>) {
         let here = self.identity.host.clone();
+        let ended = |target, activation, ending| deployment.to_tenant(ToTenant::Ended { target, activation, ending });
         match message {
-            Message::Prepare { deployment, .. } => {
-                let reasons = vec![format!("host `{to}` cannot be reached; start `dca-node --name {to} --lan` on it")];
-                self.homes.get_mut(&deployment).into_iter().for_each(|home| {
-                    home.receive(Message::Refused { deployment: deployment.clone(), reasons: reasons.clone() }, to, out);
-                });
+            ToTenant::Prepare { .. } => {
+                let reason = format!("host `{lost}` cannot be reached; start `dca-node --name {lost} --lan` on it");
+                self.tell_home(deployment, ToHome::Refused { reasons: vec![reason] }, lost, out);
             }
             // A host that never took part has nothing to release; one that was lost is told about as unconfirmed.
-            Message::Release { deployment } => {
-                if let Some(home) = self.homes.get_mut(&deployment) {
-                    home.receive(Message::Released { deployment: deployment.clone() }, to, out);
-                }
-            }
-            Message::Activate { deployment, target, activation, .. } => {
-                let cause = FailureCause::HostLost(to.to_owned());
+            ToTenant::Release => self.tell_home(deployment, ToHome::Released, lost, out),
+            ToTenant::Activate { target, activation, .. } => {
+                let cause = FailureCause::HostLost(lost.to_owned());
                 let failure = Failure { origin: String::new(), cause, at: Duration::ZERO };
-                let ending = Ending::Aborted(failure);
-                out.send(&here, Message::Ended { deployment, target, activation, ending });
+                out.send(&here, ended(target, activation, Ending::Aborted(failure)));
             }
-            Message::Stop { deployment, target, activation } => {
-                let ending = Ending::Unconfirmed;
-                out.send(&here, Message::Ended { deployment, target, activation, ending });
+            ToTenant::Stop { target, activation } => out.send(&here, ended(target, activation, Ending::Unconfirmed)),
+            ToTenant::Switch { group, generation, .. } => {
+                out.send(&here, deployment.to_tenant(ToTenant::Switched { group, generation }));
             }
-            Message::Switch { deployment, group, generation, .. } => {
-                out.send(&here, Message::Switched { deployment, group, generation });
-            }
-            _ => {}
+            ToTenant::Connect { .. } | ToTenant::Go | ToTenant::Ended { .. } | ToTenant::Switched { .. } => {}
+        }
+    }
+
+    fn tell_home(&mut self, deployment: &Deployment, message: ToHome, from: &str, out: &mut Out<'_>) {
+        if let Some(home) = self.homes.get_mut(deployment) {
+            home.receive(message, from, out);
         }
     }
 
@@ -348,7 +333,11 @@ impl Agent {
                         return;
                     }
                     [] => answer(call, Answer::Refused(format!("no process `{process}` on host `{host}`")), out),
-                    _ => answer(call, Answer::Refused(format!("several processes end in `{process}`; give more of the path")), out),
+                    _ => answer(
+                        call,
+                        Answer::Refused(format!("several processes end in `{process}`; give more of the path")),
+                        out,
+                    ),
                 }
             }
         }
@@ -356,7 +345,8 @@ impl Agent {
     }
 
     fn deploy(&mut self, call: u64, request: u64, plan: Plan, out: &mut Out<'_>) {
-        let home_is_here = plan.groups.first().and_then(|main| plan.hosts.get(main.host as usize)) == Some(&self.identity.host);
+        let home_is_here =
+            plan.groups.first().and_then(|main| plan.hosts.get(main.host as usize)) == Some(&self.identity.host);
         let refusal = if self.leaving {
             Some("this node is leaving".to_owned())
         } else if let Err(why) = plan.validate() {
@@ -450,24 +440,4 @@ impl Agent {
 
 fn answer(call: u64, answer: Answer, out: &mut Out<'_>) {
     out.effects.push(Effect::Answer { call, answer: Box::new(answer) });
-}
-
-fn deployment_of(message: &Message) -> Option<&Deployment> {
-    match message {
-        Message::Void => None,
-        Message::Prepare { deployment, .. }
-        | Message::Prepared { deployment, .. }
-        | Message::Refused { deployment, .. }
-        | Message::Connect { deployment, .. }
-        | Message::Connected { deployment }
-        | Message::Go { deployment }
-        | Message::Release { deployment }
-        | Message::Released { deployment }
-        | Message::Activate { deployment, .. }
-        | Message::Stop { deployment, .. }
-        | Message::Ended { deployment, .. }
-        | Message::Switch { deployment, .. }
-        | Message::Switched { deployment, .. }
-        | Message::Happened { deployment, .. } => Some(deployment),
-    }
 }

@@ -5,7 +5,7 @@
 //! two sets may share one.
 
 use crate::logic::effect::{Out, earliest};
-use crate::logic::protocol::{Deployment, Ending, Failure, FailureCause, Message, Target};
+use crate::logic::protocol::{Deployment, Ending, Failure, FailureCause, Target, ToTenant};
 use comms::logic::time::Time;
 use language::algebra::{Activation, Activity, Cause, Command, Event, Outcome, Program, Reason, State, Value, step};
 use language::plan::{Group, MemberKind, Plan};
@@ -73,7 +73,13 @@ impl Executer {
     }
 
     /// Starts the group. Returns how it ended if it ended at once.
-    pub fn activate(&mut self, activation: u32, value: &[u8], at: Surroundings<'_>, out: &mut Out<'_>) -> Option<Ending> {
+    pub fn activate(
+        &mut self,
+        activation: u32,
+        value: &[u8],
+        at: Surroundings<'_>,
+        out: &mut Out<'_>,
+    ) -> Option<Ending> {
         if self.running {
             return None;
         }
@@ -201,7 +207,6 @@ impl Executer {
 
     fn carry_out(&mut self, command: Command, at: Surroundings<'_>, out: &mut Out<'_>) {
         let Some(group) = at.plan.groups.get(self.group as usize) else { return };
-        let deployment = at.deployment.clone();
         match command {
             Command::Connect { set } => self.switch(set, true, at, out),
             Command::Disconnect { set } => self.switch(set, false, at, out),
@@ -209,11 +214,12 @@ impl Executer {
                 let Some((target, host)) = member_target(at.plan, group, member) else { return };
                 self.active.insert(member, activation);
                 let value = value.bytes().to_vec();
-                out.send(host, Message::Activate { deployment, target, activation, value });
+                let order = ToTenant::Activate { target, activation, value };
+                out.send(host, at.deployment.to_tenant(order));
             }
             Command::Stop { member, activation: Activation(activation) } => {
                 let Some((target, host)) = member_target(at.plan, group, member) else { return };
-                out.send(host, Message::Stop { deployment, target, activation });
+                out.send(host, at.deployment.to_tenant(ToTenant::Stop { target, activation }));
             }
             Command::Arm { timer, activation: Activation(number), after } => {
                 self.timers.insert((out.now + after, timer, number));
@@ -244,8 +250,8 @@ impl Executer {
             if open {
                 self.unconfirmed.insert(generation, host.to_owned());
             }
-            let (deployment, group) = (at.deployment.clone(), self.group);
-            out.send(host, Message::Switch { deployment, wires, open, group, generation });
+            let order = ToTenant::Switch { wires, open, group: self.group, generation };
+            out.send(host, at.deployment.to_tenant(order));
         }
     }
 

@@ -10,7 +10,7 @@
 use crate::logic::effect::{Effect, Out};
 use crate::logic::executer::group_host;
 use crate::logic::protocol::{
-    Answer, Change, Deployment, Ending, LeafFacts, Message, Report, StopReply, Target,
+    Answer, Change, Deployment, Ending, LeafFacts, Report, StopReply, Target, ToHome, ToTenant,
 };
 use crate::logic::wiring::{Registrations, observe};
 use comms::logic::time::Time;
@@ -25,6 +25,8 @@ const PREPARE_WITHIN: Duration = Duration::from_secs(30);
 const CONNECT_WITHIN: Duration = Duration::from_secs(20);
 /// How long all hosts have to remove everything.
 const RELEASE_WITHIN: Duration = Duration::from_secs(10);
+/// How long the other hosts have to add their reasons once one has refused.
+const REASONS_WITHIN: Duration = Duration::from_secs(2);
 /// How many reports are kept for those who ask later.
 const REPORTS_MAX: usize = 100_000;
 
@@ -82,8 +84,8 @@ impl Home {
         };
         home.report(Report::Accepted { deployment: home.deployment.clone() }, out);
         for host in home.hosts.clone() {
-            let (deployment, plan) = (home.deployment.clone(), (*home.plan).clone());
-            out.send(&host, Message::Prepare { deployment, plan });
+            let plan = (*home.plan).clone();
+            out.send(&host, home.deployment.to_tenant(ToTenant::Prepare { plan }));
         }
         home
     }
@@ -94,37 +96,32 @@ impl Home {
     }
 
     /// Takes a message of a host.
-    pub fn receive(&mut self, message: Message, from: &str, out: &mut Out<'_>) {
+    pub fn receive(&mut self, message: ToHome, from: &str, out: &mut Out<'_>) {
+        let starting = matches!(self.phase, Phase::Preparing | Phase::Connecting);
         match message {
-            Message::Prepared { facts, machine, .. } if self.phase == Phase::Preparing => {
-                self.prepared(from, facts, machine, out);
-            }
-            Message::Connected { .. } if self.phase == Phase::Connecting => {
-                self.waiting.remove(from);
-                self.report(Report::Connected { host: from.to_owned() }, out);
-                if self.waiting.is_empty() {
-                    self.go(out);
+            ToHome::Prepared { facts, machine } => {
+                if self.phase == Phase::Preparing {
+                    self.prepared(from, facts, machine, out);
                 }
             }
-            Message::Refused { reasons, .. } if matches!(self.phase, Phase::Preparing | Phase::Connecting) => {
-                self.reasons.extend(reasons);
-                self.waiting.remove(from);
-                // The others get the chance to say everything that is wrong with them, too.
-                if self.waiting.is_empty() {
-                    self.end(None, out);
-                } else {
-                    self.deadline = Some(self.deadline.map_or(out.now, |at| at.min(out.now + Duration::from_secs(2))));
+            ToHome::Connected => {
+                if self.phase == Phase::Connecting {
+                    self.connected(from, out);
                 }
             }
-            Message::Released { .. } => {
+            ToHome::Refused { reasons } => {
+                if starting {
+                    self.refused(from, reasons, out);
+                }
+            }
+            ToHome::Released => {
                 self.waiting.remove(from);
                 if self.phase == Phase::Ending && self.waiting.is_empty() {
                     self.finish(out);
                 }
             }
-            Message::Ended { target: Target::Group(0), ending, .. } => self.end(Some(ending), out),
-            Message::Happened { target, change, .. } => self.happened(target, change, out),
-            _ => {}
+            ToHome::MainEnded { ending } => self.end(Some(ending), out),
+            ToHome::Happened { target, change } => self.happened(target, change, out),
         }
     }
 
@@ -138,8 +135,8 @@ impl Home {
             }
             Phase::Running => {
                 let Some(home) = group_host(&self.plan, 0).map(str::to_owned) else { return };
-                let deployment = self.deployment.clone();
-                out.send(&home, Message::Stop { deployment, target: Target::Group(0), activation: 1 });
+                let order = ToTenant::Stop { target: Target::Group(0), activation: 1 };
+                out.send(&home, self.deployment.to_tenant(order));
             }
             Phase::Ending | Phase::Over => {}
         }
@@ -218,10 +215,29 @@ impl Home {
         self.deadline = Some(out.now + CONNECT_WITHIN);
         self.waiting = self.hosts.iter().cloned().collect();
         for host in self.hosts.clone() {
-            let deployment = self.deployment.clone();
             let facts = self.registrations.facts.values().cloned().collect();
             let machines = self.registrations.machines.clone();
-            out.send(&host, Message::Connect { deployment, facts, machines });
+            out.send(&host, self.deployment.to_tenant(ToTenant::Connect { facts, machines }));
+        }
+    }
+
+    fn connected(&mut self, from: &str, out: &mut Out<'_>) {
+        self.waiting.remove(from);
+        self.report(Report::Connected { host: from.to_owned() }, out);
+        if self.waiting.is_empty() {
+            self.go(out);
+        }
+    }
+
+    /// The other hosts get a moment to say what is wrong with them, too.
+    fn refused(&mut self, from: &str, reasons: Vec<String>, out: &mut Out<'_>) {
+        self.reasons.extend(reasons);
+        self.waiting.remove(from);
+        if self.waiting.is_empty() {
+            self.end(None, out);
+        } else {
+            let soon = out.now + REASONS_WITHIN;
+            self.deadline = Some(self.deadline.map_or(soon, |at| at.min(soon)));
         }
     }
 
@@ -238,11 +254,11 @@ impl Home {
         let signals = signals.collect();
         self.report(Report::Go { took: out.now - self.begun, signals }, out);
         for host in self.hosts.clone() {
-            out.send(&host, Message::Go { deployment: self.deployment.clone() });
+            out.send(&host, self.deployment.to_tenant(ToTenant::Go));
         }
         let Some(home) = group_host(&self.plan, 0).map(str::to_owned) else { return };
-        let (deployment, target) = (self.deployment.clone(), Target::Group(0));
-        out.send(&home, Message::Activate { deployment, target, activation: 1, value: Vec::new() });
+        let order = ToTenant::Activate { target: Target::Group(0), activation: 1, value: Vec::new() };
+        out.send(&home, self.deployment.to_tenant(order));
     }
 
     fn happened(&mut self, target: Target, change: Change, out: &mut Out<'_>) {
@@ -265,7 +281,7 @@ impl Home {
         self.deadline = Some(out.now + RELEASE_WITHIN);
         self.waiting = self.hosts.iter().cloned().collect();
         for host in self.hosts.clone() {
-            out.send(&host, Message::Release { deployment: self.deployment.clone() });
+            out.send(&host, self.deployment.to_tenant(ToTenant::Release));
         }
     }
 

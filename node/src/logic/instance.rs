@@ -157,7 +157,8 @@ impl Instance {
                     self.tell_shim(ShimOrder::Go, moment);
                 }
             }
-            Stage::Running { activation: other } | Stage::Stopping { activation: other, .. } if other == activation => {}
+            Stage::Running { activation: other } | Stage::Stopping { activation: other, .. } if other == activation => {
+            }
             Stage::Running { .. } | Stage::Stopping { .. } => self.end(activation, FailureCause::Busy, moment),
             Stage::Starting { .. } | Stage::Prepared | Stage::Connecting { .. } => {
                 self.end(activation, FailureCause::NotAvailable("it is not connected".into()), moment);
@@ -190,13 +191,20 @@ impl Instance {
         match self.stage {
             Stage::Dead => moment.notes.push(Note::Gone),
             Stage::Leaving { .. } => {}
-            Stage::Prepared | Stage::Connecting { .. } | Stage::Idle | Stage::Running { .. } | Stage::Stopping { .. }
-                if self.is_controller() =>
-            {
-                self.stage = Stage::Leaving { until: moment.now + self.stop_within + GRACE, forced: false };
-                self.tell(Order::Exit, moment);
+            // One that has not said hello has no channel for an order yet.
+            Stage::Starting { .. } => self.force_out(moment),
+            Stage::Prepared
+            | Stage::Connecting { .. }
+            | Stage::Idle
+            | Stage::Running { .. }
+            | Stage::Stopping { .. } => {
+                if self.is_controller() {
+                    self.stage = Stage::Leaving { until: moment.now + self.stop_within + GRACE, forced: false };
+                    self.tell(Order::Exit, moment);
+                } else {
+                    self.force_out(moment);
+                }
             }
-            _ => self.force_out(moment),
         }
     }
 
@@ -268,7 +276,8 @@ impl Instance {
         }
         match self.stage {
             Stage::Starting { .. } => {
-                let words = self.last_words.as_ref().map(|words| format!("; it last said: {words}")).unwrap_or_default();
+                let words =
+                    self.last_words.as_ref().map(|words| format!("; it last said: {words}")).unwrap_or_default();
                 self.refuse(&format!("it did not report within {} s{words}", START_WITHIN.as_secs()), moment);
             }
             Stage::Connecting { .. } => {
@@ -303,9 +312,10 @@ impl Instance {
                 self.refuse(&words, moment);
             }
             Stage::Running { activation } => {
-                let ending = match cause {
-                    FailureCause::Exit(0) if !self.is_controller() => Ending::Done(Vec::new()),
-                    cause => Ending::Aborted(self.failure(cause, moment)),
+                let ending = if cause == FailureCause::Exit(0) && !self.is_controller() {
+                    Ending::Done(Vec::new())
+                } else {
+                    Ending::Aborted(self.failure(cause, moment))
                 };
                 moment.notes.push(Note::Ended(activation, ending));
                 self.again(moment);
@@ -330,18 +340,22 @@ impl Instance {
         moment.effects.push(Effect::Spawn(Box::new(self.order.clone())));
     }
 
+    /// Takes the controller's word that an activation is over. A stop that has gone as far as a signal ends with the
+    /// program, not with its last words.
     fn ended(&mut self, activation: u32, ending: Ending, moment: &mut Moment<'_>) {
-        match self.stage {
-            Stage::Running { activation: current } | Stage::Stopping { activation: current, .. }
-                if current == activation =>
-            {
-                // A stop that has gone as far as a signal ends with the program, not with its last words.
-                if !matches!(self.stage, Stage::Stopping { forced: true, .. }) {
-                    self.stage = Stage::Idle;
-                    moment.notes.push(Note::Ended(activation, ending));
-                }
-            }
-            _ => {}
+        let current = match self.stage {
+            Stage::Running { activation } | Stage::Stopping { activation, forced: false, .. } => Some(activation),
+            Stage::Stopping { forced: true, .. }
+            | Stage::Starting { .. }
+            | Stage::Prepared
+            | Stage::Connecting { .. }
+            | Stage::Idle
+            | Stage::Leaving { .. }
+            | Stage::Dead => None,
+        };
+        if current == Some(activation) {
+            self.stage = Stage::Idle;
+            moment.notes.push(Note::Ended(activation, ending));
         }
     }
 
@@ -375,4 +389,3 @@ impl Instance {
         moment.effects.push(Effect::Shim { process: self.order.process.clone(), order });
     }
 }
-

@@ -4,7 +4,7 @@
 //! again (go-back-N). A link belongs to one pair of boots: when either node restarts, both sides begin anew at 1, because
 //! the state that the old messages spoke of is gone. Invariant: a message is delivered once, after all earlier ones.
 
-use crate::logic::protocol::{Message, VERSION};
+use crate::logic::protocol::{Body, Message, VERSION};
 use comms::logic::codec::Enveloped;
 use comms::logic::time::Time;
 use serde::{Deserialize, Serialize};
@@ -73,7 +73,7 @@ impl Link {
 
     /// Empties the messages that have not arrived: the peer counts as lost, and must not act on them when it is back.
     pub fn abandon(&mut self) {
-        self.backlog.iter_mut().for_each(|(_, message)| *message = Message::Void);
+        self.backlog.iter_mut().for_each(|(_, message)| message.body = Body::Void);
     }
 
     /// Takes a frame of the peer. Returns the message it delivers, if any, and the acknowledgement to send, if any.
@@ -124,10 +124,10 @@ impl Link {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::logic::protocol::Deployment;
+    use crate::logic::protocol::{Deployment, ToTenant};
 
     fn numbered(epoch: u64) -> Message {
-        Message::Go { deployment: Deployment { name: "d".into(), epoch } }
+        Deployment { name: "d".into(), epoch }.to_tenant(ToTenant::Go)
     }
 
     /// A pair of links over a line that loses, repeats and swaps frames as a seeded generator says.

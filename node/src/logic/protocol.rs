@@ -39,63 +39,78 @@ pub enum Target {
 
 /// From node to node, in order and once (see `link`).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub enum Message {
-    /// Home to host: start every program of yours, idle.
-    Prepare {
-        /// Which deployment.
-        deployment: Deployment,
-        /// What to start and how it hangs together.
-        plan: Plan,
-    },
-    /// Host to home: every program is started and has told where it is.
+pub struct Message {
+    /// Which deployment it is about.
+    pub deployment: Deployment,
+    /// What it says.
+    pub body: Body,
+}
+
+/// Whom a message is for.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Body {
+    /// The deployment at its home.
+    Home(ToHome),
+    /// The deployment's part on the receiving host.
+    Tenant(ToTenant),
+    /// Nobody: it takes the place of a message whose sender no longer means it.
+    Void,
+}
+
+/// From a host that takes part in a deployment to its home.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum ToHome {
+    /// Every program is started and has told where it is.
     Prepared {
-        /// Which deployment.
-        deployment: Deployment,
         /// One entry for each leaf of the host.
         facts: Vec<LeafFacts>,
         /// Names the machine and its network: programs with the same one reach each other's Unix sockets.
         machine: String,
     },
-    /// Host to home: not possible, with every reason at once.
+    /// Not possible, with every reason at once.
     Refused {
-        /// Which deployment.
-        deployment: Deployment,
         /// Sentences for a person.
         reasons: Vec<String>,
     },
-    /// Home to host: make the links.
+    /// Every link of the host's programs stands, all closed.
+    Connected,
+    /// Nothing of it is left here.
+    Released,
+    /// `main` has ended.
+    MainEnded {
+        /// How.
+        ending: Ending,
+    },
+    /// For the people who watch.
+    Happened {
+        /// Which process.
+        target: Target,
+        /// What.
+        change: Change,
+    },
+}
+
+/// From the home of a deployment, or a supervisor of it, to a host that takes part.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum ToTenant {
+    /// Start every program of yours, idle.
+    Prepare {
+        /// What to start and how it hangs together.
+        plan: Plan,
+    },
+    /// Make the links.
     Connect {
-        /// Which deployment.
-        deployment: Deployment,
         /// Facts of every leaf of the deployment.
         facts: Vec<LeafFacts>,
         /// The machine of each host of the plan, in the plan's order.
         machines: Vec<String>,
     },
-    /// Host to home: every link of the host's programs stands, all closed.
-    Connected {
-        /// Which deployment.
-        deployment: Deployment,
-    },
-    /// Home to host: the whole tree is confirmed; from now on activations may come.
-    Go {
-        /// Which deployment.
-        deployment: Deployment,
-    },
-    /// Home to host: end every program and forget the deployment.
-    Release {
-        /// Which deployment.
-        deployment: Deployment,
-    },
-    /// Host to home: nothing of it is left here.
-    Released {
-        /// Which deployment.
-        deployment: Deployment,
-    },
-    /// Supervisor to the host of a member.
+    /// The whole tree is confirmed; from now on activations may come.
+    Go,
+    /// End every program and forget the deployment.
+    Release,
+    /// Run a process.
     Activate {
-        /// Which deployment.
-        deployment: Deployment,
         /// Which process.
         target: Target,
         /// Echoed in the ending.
@@ -103,19 +118,15 @@ pub enum Message {
         /// For its `Init`.
         value: Vec<u8>,
     },
-    /// Supervisor to the host of a member.
+    /// Stop a process.
     Stop {
-        /// Which deployment.
-        deployment: Deployment,
         /// Which process.
         target: Target,
         /// Which activation.
         activation: u32,
     },
-    /// Host of a member to its supervisor: exactly one for each activation.
+    /// A process that you supervise has ended: exactly one for each activation.
     Ended {
-        /// Which deployment.
-        deployment: Deployment,
         /// Which process.
         target: Target,
         /// Which activation.
@@ -123,39 +134,36 @@ pub enum Message {
         /// How.
         ending: Ending,
     },
-    /// Supervisor to the host of producers: open or close wires.
+    /// Open or close wires whose producers are yours.
     Switch {
-        /// Which deployment.
-        deployment: Deployment,
         /// Indices into `Plan::wires`.
         wires: Vec<u32>,
         /// Open or close.
         open: bool,
-        /// The supervisor's group and a number, echoed.
+        /// The group whose supervisor asks, and its number for this, echoed.
         group: u32,
         /// Echoed.
         generation: u64,
     },
-    /// Host of producers to the supervisor.
+    /// The wires that a group of yours asked for are switched.
     Switched {
-        /// Which deployment.
-        deployment: Deployment,
         /// Echoed.
         group: u32,
         /// Echoed.
         generation: u64,
     },
-    /// Host to home, for the people who watch.
-    Happened {
-        /// Which deployment.
-        deployment: Deployment,
-        /// Which process.
-        target: Target,
-        /// What.
-        change: Change,
-    },
-    /// Takes the place of a message whose sender no longer means it.
-    Void,
+}
+
+impl Deployment {
+    /// Returns a message about this deployment to its home.
+    pub fn to_home(&self, what: ToHome) -> Message {
+        Message { deployment: self.clone(), body: Body::Home(what) }
+    }
+
+    /// Returns a message about this deployment to a part of it.
+    pub fn to_tenant(&self, what: ToTenant) -> Message {
+        Message { deployment: self.clone(), body: Body::Tenant(what) }
+    }
 }
 
 /// What a program told about itself when it was started.

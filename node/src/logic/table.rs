@@ -1,7 +1,7 @@
 //! Text for people: aligned columns, and the tree of what runs where.
 
 use crate::logic::protocol::{Deployment, NodeStatus, ProcessStatus};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Returns rows in aligned columns, without trailing blanks.
 pub fn table(rows: &[Vec<String>]) -> String {
@@ -15,21 +15,27 @@ pub fn table(rows: &[Vec<String>]) -> String {
     rows.iter().map(line).collect::<Vec<_>>().join("\n")
 }
 
+/// What all nodes say of one deployment: its phases, and each process with its host.
+#[derive(Default)]
+struct Parts<'a> {
+    phases: BTreeSet<&'a str>,
+    processes: BTreeMap<&'a str, (&'a str, &'a ProcessStatus)>,
+}
+
 /// Returns every deployment as one tree, put together from what each node says of its own part.
 pub fn tree(statuses: &[NodeStatus]) -> String {
-    let mut deployments: BTreeMap<&Deployment, (Vec<&str>, BTreeMap<&str, (&str, &ProcessStatus)>)> = BTreeMap::new();
+    let mut deployments: BTreeMap<&Deployment, Parts<'_>> = BTreeMap::new();
     for status in statuses {
         for part in &status.deployments {
-            let (phases, processes) = deployments.entry(&part.deployment).or_default();
-            phases.push(&part.phase);
-            processes.extend(part.processes.iter().map(|one| (one.path.as_str(), (status.host.as_str(), one))));
+            let parts = deployments.entry(&part.deployment).or_default();
+            parts.phases.insert(&part.phase);
+            parts.processes.extend(part.processes.iter().map(|one| (one.path.as_str(), (status.host.as_str(), one))));
         }
     }
     let mut blocks = Vec::new();
-    for (deployment, (mut phases, processes)) in deployments {
-        phases.sort_unstable();
-        phases.dedup();
-        let mut rows = vec![vec![format!("{deployment}"), phases.join("/"), String::new(), String::new()]];
+    for (deployment, Parts { phases, processes }) in deployments {
+        let phases = phases.into_iter().collect::<Vec<_>>().join("/");
+        let mut rows = vec![vec![format!("{deployment}"), phases, String::new(), String::new()]];
         for (path, (host, process)) in processes {
             let depth = path.matches('/').count();
             let name = path.rsplit('/').next().unwrap_or(path);
@@ -74,9 +80,9 @@ mod tests {
             node("c2", vec![process("main/hit", "HitDetector", "dead: SIGSEGV", Some(12))]),
         ];
         let expected = "\
-door@2                 running
-  main: main           running        c1
-    hit: HitDetector   dead: SIGSEGV  c2  pid 12";
+door@2                running
+  main: main          running        c1
+    hit: HitDetector  dead: SIGSEGV  c2  pid 12";
         assert_eq!(tree(&statuses), expected);
     }
 }

@@ -10,7 +10,7 @@ use crate::logic::executer::{Executer, Surroundings, group_host, leaf_host};
 use crate::logic::instance::{Instance, Moment, Note};
 use crate::logic::programs::Programs;
 use crate::logic::protocol::{
-    Change, Deployment, DeploymentStatus, Ending, LeafFacts, Message, ProcessStatus, Target,
+    Change, Deployment, DeploymentStatus, Ending, LeafFacts, ProcessStatus, Target, ToHome, ToTenant,
 };
 use crate::logic::wiring::{Registrations, links};
 use comms::logic::control::{Notice, Order};
@@ -87,33 +87,28 @@ impl Tenant {
     }
 
     /// Takes a message about this deployment.
-    pub fn receive(&mut self, message: Message, from: &str, out: &mut Out<'_>) {
+    pub fn receive(&mut self, message: ToTenant, from: &str, out: &mut Out<'_>) {
         match message {
-            Message::Connect { facts, machines, .. } => self.connect(facts, machines, out),
-            Message::Go { .. } => self.go(out.now),
-            Message::Release { .. } => self.leave(out),
-            Message::Activate { target, activation, value, .. } => {
+            // It is prepared already: that is how it came to be.
+            ToTenant::Prepare { .. } => {}
+            ToTenant::Connect { facts, machines } => self.connect(facts, machines, out),
+            ToTenant::Go => self.go(out.now),
+            ToTenant::Release => self.leave(out),
+            ToTenant::Activate { target, activation, value } => {
                 self.go(out.now);
                 self.activate(target, activation, value, out);
             }
-            Message::Stop { target, activation, .. } => self.stop(target, activation, out),
-            Message::Ended { target, activation, ending, .. } => self.member_ended(target, activation, ending, out),
-            Message::Switch { wires, open, group, generation, .. } => {
+            ToTenant::Stop { target, activation } => self.stop(target, activation, out),
+            ToTenant::Ended { target, activation, ending } => self.member_ended(target, activation, ending, out),
+            ToTenant::Switch { wires, open, group, generation } => {
                 self.switch(&wires, open, (group, generation, from), out);
             }
-            Message::Switched { group, generation, .. } => {
+            ToTenant::Switched { group, generation } => {
                 self.with_executer(group, out, |executer, at, out| {
                     executer.switched(generation, at, out);
                     None
                 });
             }
-            Message::Prepare { .. }
-            | Message::Prepared { .. }
-            | Message::Refused { .. }
-            | Message::Connected { .. }
-            | Message::Released { .. }
-            | Message::Happened { .. }
-            | Message::Void => {}
         }
     }
 
@@ -123,13 +118,7 @@ impl Tenant {
     }
 
     /// Takes a word from a shim.
-    pub fn observe(
-        &mut self,
-        leaf: u32,
-        report: ShimReport,
-        last_words: Option<String>,
-        out: &mut Out<'_>,
-    ) {
+    pub fn observe(&mut self, leaf: u32, report: ShimReport, last_words: Option<String>, out: &mut Out<'_>) {
         self.with_instance(leaf, out, |instance, moment| instance.observe(report, last_words, moment));
     }
 
@@ -328,12 +317,15 @@ impl Tenant {
     }
 
     fn confirm_switches(&mut self, out: &mut Out<'_>) {
-        let done: Vec<u64> =
-            self.switching.iter().filter(|(_, (.., waiting, _))| waiting.is_empty()).map(|(ticket, _)| *ticket).collect();
+        let done: Vec<u64> = self
+            .switching
+            .iter()
+            .filter(|(_, (.., waiting, _))| waiting.is_empty())
+            .map(|(ticket, _)| *ticket)
+            .collect();
         for ticket in done {
             if let Some((group, generation, _, host)) = self.switching.remove(&ticket) {
-                let deployment = self.deployment.clone();
-                out.send(&host, Message::Switched { deployment, group, generation });
+                out.send(&host, self.deployment.to_tenant(ToTenant::Switched { group, generation }));
             }
         }
     }
@@ -414,46 +406,43 @@ impl Tenant {
     }
 
     fn tell_supervisor(&self, target: Target, activation: u32, ending: Ending, out: &mut Out<'_>) {
-        let supervisor = self.supervisors.get(&target).and_then(|(group, _)| group_host(&self.plan, *group));
-        let deployment = self.deployment.clone();
-        let host = supervisor.unwrap_or(&self.home);
-        out.send(host, Message::Ended { deployment, target, activation, ending });
+        match self.supervisors.get(&target).and_then(|(group, _)| group_host(&self.plan, *group)) {
+            Some(host) => out.send(host, self.deployment.to_tenant(ToTenant::Ended { target, activation, ending })),
+            None => out.send(&self.home, self.deployment.to_home(ToHome::MainEnded { ending })),
+        }
     }
 
     fn happened(&self, target: Target, change: Change, out: &mut Out<'_>) {
-        let deployment = self.deployment.clone();
-        out.send(&self.home, Message::Happened { deployment, target, change });
+        out.send(&self.home, self.deployment.to_home(ToHome::Happened { target, change }));
     }
 
     fn report_prepared(&mut self, out: &mut Out<'_>) {
         if self.phase != Phase::Preparing || !self.waiting.is_empty() {
             return;
         }
-        let deployment = self.deployment.clone();
         let message = if self.reasons.is_empty() {
-            Message::Prepared { deployment, facts: std::mem::take(&mut self.facts), machine: self.machine.clone() }
+            ToHome::Prepared { facts: std::mem::take(&mut self.facts), machine: self.machine.clone() }
         } else {
-            Message::Refused { deployment, reasons: std::mem::take(&mut self.reasons) }
+            ToHome::Refused { reasons: std::mem::take(&mut self.reasons) }
         };
-        out.send(&self.home, message);
+        out.send(&self.home, self.deployment.to_home(message));
     }
 
     fn report_connected(&mut self, out: &mut Out<'_>) {
         if self.phase != Phase::Connecting || !self.waiting.is_empty() {
             return;
         }
-        let deployment = self.deployment.clone();
         let message = if self.reasons.is_empty() {
-            Message::Connected { deployment }
+            ToHome::Connected
         } else {
-            Message::Refused { deployment, reasons: std::mem::take(&mut self.reasons) }
+            ToHome::Refused { reasons: std::mem::take(&mut self.reasons) }
         };
-        out.send(&self.home, message);
+        out.send(&self.home, self.deployment.to_home(message));
     }
 
     fn report_released(&self, out: &mut Out<'_>) {
         if self.is_over() {
-            out.send(&self.home, Message::Released { deployment: self.deployment.clone() });
+            out.send(&self.home, self.deployment.to_home(ToHome::Released));
         }
     }
 

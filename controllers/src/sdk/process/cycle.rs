@@ -57,12 +57,7 @@ pub(super) struct Cycle {
 }
 
 impl Cycle {
-    pub(super) fn new(
-        module: Box<dyn Module>,
-        inbox: Arc<Inbox>,
-        links: Arc<Links>,
-        notices: NoticeSender,
-    ) -> Self {
+    pub(super) fn new(module: Box<dyn Module>, inbox: Arc<Inbox>, links: Arc<Links>, notices: NoticeSender) -> Self {
         let about = module.interface().about.clone();
         Self {
             module,
@@ -184,9 +179,9 @@ impl Cycle {
             Phase::Idle => {}
             Phase::Running => {
                 for fetch in self.links.fetches() {
-                    let delivered = fetch.fetch(self.schedule.period / 2).map(|bytes| {
-                        self.module.deliver(fetch.port, &bytes, now())
-                    });
+                    let delivered = fetch
+                        .fetch(self.schedule.period / 2)
+                        .map(|bytes| self.module.deliver(fetch.port, &bytes, now()));
                     if let Some(Err(error)) = delivered {
                         tracing::warn!(%error, "a fetched sample was not taken");
                     }

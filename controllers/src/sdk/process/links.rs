@@ -17,6 +17,7 @@ const DIAL_WITHIN: Duration = Duration::from_secs(5);
 /// What the node wants linked.
 #[derive(Debug)]
 pub(super) struct Wanted {
+    pub(super) instance: String,
     pub(super) robot: String,
     pub(super) incoming: Vec<Incoming>,
     pub(super) outgoing: Vec<Outgoing>,
@@ -35,7 +36,10 @@ struct Wire {
 enum Way {
     Push(Publisher),
     /// The latest value, for the consumer to fetch; kept only while the wire is open.
-    Pull { latest: Arc<Mutex<Option<Vec<u8>>>>, _answering: Answering },
+    Pull {
+        latest: Arc<Mutex<Option<Vec<u8>>>>,
+        _answering: Answering,
+    },
 }
 
 /// A pull wire's other end.
@@ -67,7 +71,6 @@ impl Links {
         &self,
         session: &Arc<DataSession>,
         interface: &Interface,
-        instance: &str,
         wanted: Wanted,
         inbox: &Arc<Inbox>,
     ) -> Result<(), String> {
@@ -79,7 +82,7 @@ impl Links {
             made.device_port(session, &wanted.robot, port, inbox)?;
         }
         if interface.about.signals_every.is_some() {
-            let key = key::signals(&wanted.robot, instance);
+            let key = key::signals(&wanted.robot, &wanted.instance);
             made.signals = Some(session.publisher(&key, Priority::Background).map_err(|error| error.to_string())?);
         }
         let dial = |to: &Dial| session.dial(to, DIAL_WITHIN).map_err(|error| error.to_string());
@@ -181,13 +184,7 @@ impl Made {
         }
     }
 
-    fn hear(
-        &mut self,
-        session: &DataSession,
-        key: &str,
-        port: &'static str,
-        inbox: &Arc<Inbox>,
-    ) -> Result<(), String> {
+    fn hear(&mut self, session: &DataSession, key: &str, port: &'static str, inbox: &Arc<Inbox>) -> Result<(), String> {
         let inbox = Arc::clone(inbox);
         let hearing = session.on_sample(key, move |bytes| inbox.sample(port, bytes));
         self.hearing.push(hearing.map_err(|error| error.to_string())?);

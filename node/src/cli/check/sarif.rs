@@ -1,0 +1,82 @@
+//! Diagnostics for code hosts and editors: SARIF 2.1.0 (OASIS Standard, "Static Analysis Results Interchange Format").
+
+use super::Checked;
+use language::{Code, Diagnostic, Edit, Severity, Span};
+use serde_json::{Value, json};
+use std::collections::BTreeSet;
+
+/// Where the format is described.
+const SCHEMA: &str = "https://json.schemastore.org/sarif-2.1.0.json";
+
+/// Returns the log of one run; the rules are the codes that occur in it.
+pub(super) fn sarif(checked: &Checked) -> String {
+    let codes: BTreeSet<Code> = checked.diagnostics.iter().map(|found| found.code).collect();
+    let results: Vec<Value> = checked.diagnostics.iter().map(|found| result(found, checked)).collect();
+    let driver = json!({
+        "name": "dca",
+        "version": env!("CARGO_PKG_VERSION"),
+        "rules": codes.into_iter().map(rule).collect::<Vec<_>>(),
+    });
+    let run = json!({"tool": {"driver": driver}, "columnKind": "unicodeCodePoints", "results": results});
+    let document = json!({"$schema": SCHEMA, "version": "2.1.0", "runs": [run]});
+    format!("{document:#}")
+}
+
+fn rule(code: Code) -> Value {
+    json!({
+        "id": code.as_str(),
+        "shortDescription": {"text": code.title()},
+        "fullDescription": {"text": code.explanation()},
+        "defaultConfiguration": {"level": level(code.severity())},
+    })
+}
+
+fn level(severity: Severity) -> &'static str {
+    match severity {
+        Severity::Error => "error",
+        Severity::Warning => "warning",
+    }
+}
+
+fn result(found: &Diagnostic, checked: &Checked) -> Value {
+    let related = found.secondary.iter().map(|label| {
+        let mut location = location(label.span, checked);
+        location["message"] = json!({"text": label.text});
+        location
+    });
+    let mut result = json!({
+        "ruleId": found.code.as_str(),
+        "level": level(found.severity),
+        "message": {"text": message(found)},
+        "locations": [location(found.primary.span, checked)],
+        "relatedLocations": related.collect::<Vec<_>>(),
+    });
+    if let Some(fix) = &found.fix {
+        let replacements: Vec<Value> = fix.edits.iter().map(|edit| replacement(edit, checked)).collect();
+        let change = json!({"artifactLocation": {"uri": checked.spec.name}, "replacements": replacements});
+        result["fixes"] = json!([{"description": {"text": fix.title}, "artifactChanges": [change]}]);
+    }
+    result
+}
+
+/// The sentence with its label and help, since a reader of the log sees no carets.
+fn message(found: &Diagnostic) -> String {
+    let label = Some(&found.primary.text).filter(|text| !text.is_empty());
+    let parts: Vec<&str> = std::iter::once(&found.message).chain(label).chain(&found.help).map(String::as_str).collect();
+    parts.join("; ")
+}
+
+fn location(span: Span, checked: &Checked) -> Value {
+    let uri = &checked.source(span).name;
+    json!({"physicalLocation": {"artifactLocation": {"uri": uri}, "region": region(span, checked)}})
+}
+
+fn region(span: Span, checked: &Checked) -> Value {
+    let source = checked.source(span);
+    let (start, end) = (source.position(span.start), source.position(span.end));
+    json!({"startLine": start.line, "startColumn": start.column, "endLine": end.line, "endColumn": end.column})
+}
+
+fn replacement(edit: &Edit, checked: &Checked) -> Value {
+    json!({"deletedRegion": region(edit.span, checked), "insertedContent": {"text": edit.text}})
+}
