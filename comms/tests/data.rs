@@ -62,6 +62,7 @@ fn samples_and_fetches_over_one_link() {
     let wire = publisher(&producer, "dca/d/t/1/w/0");
     let (_hearing, heard) = hear(&consumer, "dca/d/t/1/w/0");
     assert!(!wire.is_heard());
+    consumer.dial(&dial_of(&consumer), LONG).unwrap();
     assert_eq!(consumer.fetch("dca/d/t/1/w/1", LONG).unwrap(), None);
 
     consumer.dial(&dial_of(&producer), LONG).unwrap();

@@ -129,7 +129,9 @@ impl Session {
                 Scouting::On
             }
         };
-        let session = Self::open(Settings::node(scouting).listen(&listen).connect(&options.peers)).await?;
+        let settings = Settings::node(scouting).listen(&listen).connect(&options.peers);
+        let session = Self::open(settings).await?;
+        session.opened.keep_found()?;
         tracing::debug!(host = options.name.as_str(), locators = ?session.locators(), "node session is open");
         Ok(session)
     }

@@ -16,12 +16,15 @@ use zenoh::Wait;
 use zenoh::config::{Locator, ZenohId};
 use zenoh::internal::runtime::{Runtime, RuntimeBuilder, ZRuntime};
 use zenoh::sample::SampleKind;
-use zenoh::session::TransportEvent;
+use zenoh::session::{LinkEvent, TransportEvent};
 
 /// Waits between two attempts to dial: from here,
 const RETRY_MIN: Duration = Duration::from_millis(100);
 /// and half as much again each time, to here.
 const RETRY_MAX: Duration = Duration::from_millis(500);
+/// How long a node that scouting found is dialled where it was; after that only scouting finds it, which takes up to 8 s
+/// more. A node that was started again listens elsewhere.
+const FOUND_AGAIN_WITHIN: Duration = Duration::from_secs(60);
 /// Lost links whose loss has not been looked at yet. More can only be lost by a process with more peers than that.
 const LOSSES_MAX: usize = 1024;
 
@@ -39,8 +42,16 @@ struct Links {
     /// Those that stand, as zenoh's events say. It is also asked itself before dialling, but for a moment after a loss
     /// it still answers that there is a link.
     standing: BTreeSet<String>,
-    /// Those that are dialled again when they are lost, and where.
-    kept: BTreeMap<String, Vec<Locator>>,
+    /// Those that are dialled again when they are lost.
+    kept: BTreeMap<String, Place>,
+}
+
+/// Where to dial a session again.
+#[derive(Clone)]
+struct Place {
+    locators: Vec<Locator>,
+    /// For how long; none for as long as this session lives.
+    within: Option<Duration>,
 }
 
 impl std::fmt::Debug for Opened {
@@ -112,11 +123,15 @@ impl Opened {
         let id: ZenohId = session.parse().map_err(|_unhelpful| format!("`{session}` is not a session"))?;
         let locators: Result<Vec<Locator>, _> = locators.iter().map(|locator| locator.parse()).collect();
         let locators = locators.map_err(|cause: zenoh::Error| plain(&cause))?;
+        if session == self.id() {
+            return Ok(());
+        }
         if locators.is_empty() {
             return Err("it listens nowhere that can be reached from here".to_owned());
         }
         // Before the first attempt, so that a link lost right after it is noticed.
-        lock(&self.links).kept.insert(session.to_owned(), locators.clone());
+        let place = Place { locators: locators.clone(), within: None };
+        lock(&self.links).kept.insert(session.to_owned(), place);
         let connecting = connect(&self.runtime, &self.links, id, &locators);
         let linked = ZRuntime::Net.block_in_place(async { tokio::time::timeout(within, connecting).await });
         linked.map_err(|_elapsed| {
@@ -124,6 +139,23 @@ impl Opened {
             let places: Vec<String> = locators.iter().map(ToString::to_string).collect();
             format!("nobody answers at {} within {within:?}", places.join(", "))
         })
+    }
+
+    /// Dials peers that scouting found again when their link is lost: scouting itself asks only every 8 s.
+    pub(crate) fn keep_found(&self) -> Result<(), OpenError> {
+        let (runtime, links) = (self.runtime.clone(), Arc::clone(&self.links));
+        let on_event = move |event: LinkEvent| {
+            let link = event.link();
+            // The other side of a link that we accepted listens elsewhere, and dials us.
+            let dialled = link.dst().protocol().as_str() == "tcp" && !runtime.get_locators().contains(link.src());
+            if event.kind() == SampleKind::Put && dialled {
+                let place = Place { locators: vec![link.dst().clone()], within: Some(FOUND_AGAIN_WITHIN) };
+                lock(&links).kept.entry(link.zid().to_string()).or_insert(place);
+            }
+        };
+        let info = self.session.info();
+        let listener = info.link_events_listener().history(true).callback(on_event).background();
+        listener.wait().map_err(|cause| OpenError::Zenoh { cause: plain(&cause) })
     }
 
     /// Closes the session. Blocks for up to 20 s when a peer has vanished without a word.
@@ -144,11 +176,21 @@ async fn keep(runtime: Runtime, links: Arc<Mutex<Links>>, mut lost: Receiver<Str
             Some(_) = dialling.join_next() => continue,
         };
         let Some(session) = session else { return };
-        let Some(locators) = lock(&links).kept.get(&session).cloned() else { continue };
+        let Some(place) = lock(&links).kept.get(&session).cloned() else { continue };
         let Ok(id) = session.parse() else { continue };
         tracing::debug!(session, "link lost, dialling again");
         let (runtime, links) = (runtime.clone(), Arc::clone(&links));
-        dialling.spawn(async move { connect(&runtime, &links, id, &locators).await });
+        dialling.spawn(async move {
+            let connecting = connect(&runtime, &links, id, &place.locators);
+            match place.within {
+                None => connecting.await,
+                Some(within) => {
+                    if tokio::time::timeout(within, connecting).await.is_err() {
+                        lock(&links).kept.remove(&session);
+                    }
+                }
+            }
+        });
     }
 }
 
