@@ -14,6 +14,7 @@ mod gripper;
 mod model;
 mod motion;
 mod press;
+mod rate;
 mod redundancy;
 mod servoing;
 mod world;
@@ -49,6 +50,8 @@ pub(crate) fn registry() -> Registry {
         .add::<model::ModelBasedCtrl>()
         .add::<motion::LinearTrajectory>()
         .add::<press::PressHandle>()
+        .add::<rate::RateMonitor>()
+        .add::<rate::RateSource>()
         .add::<redundancy::RedundancyResolution>()
         .add::<servoing::VisualServoing>()
         .add::<world::DoorWorld>();
