@@ -130,8 +130,7 @@ impl Session {
             }
         };
         let settings = Settings::node(scouting).listen(&listen).connect(&options.peers);
-        let session = Self::open(settings).await?;
-        session.opened.keep_found()?;
+        let session = Self::open(settings, Opened::keep_found).await?;
         tracing::debug!(host = options.name.as_str(), locators = ?session.locators(), "node session is open");
         Ok(session)
     }
@@ -148,7 +147,7 @@ impl Session {
         // Asks the socket first: the system says why, zenoh only that.
         UnixStream::connect(socket)
             .map_err(|cause| OpenError::NoNode { path: socket.to_owned(), cause: cause.to_string() })?;
-        Self::open(Settings::client(&locator)).await
+        Self::open(Settings::client(&locator), |_| Ok(())).await
     }
 
     /// Opens the session of a command line on a host without a node: looks for nodes on the local network, and returns
@@ -160,13 +159,17 @@ impl Session {
     /// # Cancellation
     /// The session is opened and closed again in the background.
     pub async fn open_scout() -> Result<Self, OpenError> {
-        Self::open(Settings::node(Scouting::Ask).await_peers(SCOUT_MS)).await
+        Self::open(Settings::node(Scouting::Ask).await_peers(SCOUT_MS), |_| Ok(())).await
     }
 
-    async fn open(settings: Settings) -> Result<Self, OpenError> {
+    async fn open(settings: Settings, then: fn(&Opened) -> Result<(), OpenError>) -> Result<Self, OpenError> {
         // Zenoh blocks while it opens, and panics on a single-threaded runtime.
-        let opened = on_thread("dca-open", move || Opened::open(settings)).await.ok_or(OpenError::NoThread)?;
-        opened.map(|opened| Self { opened })
+        let opening = on_thread("dca-open", move || {
+            let opened = Opened::open(settings)?;
+            then(&opened)?;
+            Ok(Self { opened })
+        });
+        opening.await.ok_or(OpenError::NoThread)?
     }
 
     /// Returns the session's id, lower-case hex.
