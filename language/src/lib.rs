@@ -33,12 +33,16 @@
 pub mod algebra;
 mod check;
 mod diagnostic;
+mod fix;
+mod format;
 pub mod plan;
 mod similar;
 mod source;
 pub mod syntax;
 
 pub use diagnostic::{Code, Diagnostic, Edit, Fix, Label, Severity, Style, apply_fixes, render};
+pub use fix::fix;
+pub use format::format;
 pub use source::{Origin, Position, SOURCE_MAX, Source, Span};
 
 /// What a caller may choose.

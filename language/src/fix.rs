@@ -1,0 +1,32 @@
+//! All fixes of a spec: `dca fix`.
+
+use crate::source::Source;
+use crate::{Options, apply_fixes, compile};
+
+/// One fix may bring another to light, but not for ever.
+const ROUNDS_MAX: usize = 16;
+
+/// Returns the spec's text with every fix applied, and those that then appear, until nothing changes.
+///
+/// ```
+/// use language::{Options, Source, fix};
+///
+/// // The `;` first; then the name can be seen to be wrong.
+/// let spec = Source::new("a.dca", "process main() {
+///     instantiated_processes { camera instof Camera(c1) }
+///     internal_event_actions { camara }
+/// }");
+/// assert!(fix(&spec, &[], &Options::named("a")).contains("camera instof Camera(c1);"));
+/// assert!(fix(&spec, &[], &Options::named("a")).contains("{ camera }"));
+/// ```
+pub fn fix(spec: &Source, interfaces: &[Source], options: &Options) -> String {
+    let mut fixed = spec.clone();
+    for _ in 0..ROUNDS_MAX {
+        let text = apply_fixes(&fixed.text, &compile(&fixed, interfaces, options).diagnostics);
+        if text == fixed.text {
+            break;
+        }
+        fixed.text = text;
+    }
+    fixed.text
+}

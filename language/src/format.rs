@@ -1,0 +1,138 @@
+//! One way to write a spec: `dca fmt`.
+//!
+//! The formatter changes white space only (and writes `;;` for its older spelling `:;`). Tokens and comments stay, in
+//! their order, with two liberties: a comment before an operator moves behind it, where the line ends; and an empty line
+//! stands between two items. What fits stays on one line; what does not is broken at its loosest operator, and so is an
+//! operator that the author broke. Hence formatting twice is formatting once.
+
+mod expression;
+mod piece;
+mod printer;
+
+use crate::diagnostic::{Diagnostic, Severity};
+use crate::source::{Origin, Source};
+use crate::syntax::{Parse, parse};
+use printer::Printer;
+
+/// The columns of a line that is not broken where it could be.
+pub(crate) const COLUMNS: usize = 100;
+
+/// Returns the text in its one form.
+///
+/// # Errors
+/// Returns what is wrong with the text as a text: what cannot be read is not rewritten.
+pub fn format(source: &Source) -> Result<String, Vec<Diagnostic>> {
+    let Parse { root, mut diagnostics, .. } = parse(source, Origin::Spec);
+    diagnostics.retain(|found| found.severity == Severity::Error);
+    if !diagnostics.is_empty() {
+        diagnostics.sort_by_key(|found| (found.primary.span, found.code));
+        return Err(diagnostics);
+    }
+    Ok(Printer::new(&root).file(&root))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use expect_test::{Expect, expect};
+
+    fn check(text: &str, expect: &Expect) {
+        let once = format(&Source::new("a.dca", text)).unwrap();
+        expect.assert_eq(&once);
+        assert_eq!(format(&Source::new("a.dca", &*once)), Ok(once));
+    }
+
+    #[test]
+    fn groups_have_one_shape() {
+        check(
+            "process  main( a:Host=c1 ) { host { c1 }  external_io{\n\n} instantiated_processes { x instof X( c1,-5 m / s ) ; } internal_connections ( x , l ) { x,Out->y.In pull ; } internal_event_actions { x[ l ]<v>? within 5s:;y } } module M { service ; in In:T[6] optional; }\n\n\n",
+            &expect![[r#"
+                process main(a: Host = c1){
+                    host{c1}
+                    external_io{}
+                    instantiated_processes{
+                        x instof X(c1, -5 m/s);
+                    }
+                    internal_connections(x, l){
+                        x, Out -> y.In pull;
+                    }
+                    internal_event_actions{
+                        x[l]<v>? within 5 s ;; y
+                    }
+                }
+
+                module M { service; in In: T[6] optional; }
+            "#]],
+        );
+        check("", &expect![""]);
+    }
+
+    #[test]
+    fn comments_stay_where_they_are() {
+        check(
+            "// first\nprocess a(){//why\n host{/* h */ c1}\n\n\n // own\n\n internal_event_actions{ a // left\n # b /* x */ ,\n// own\nc } // end\n // last in a\n } // a\n // of b\n process b(){\n}\n// end",
+            &expect![[r#"
+                // first
+                process a(){ //why
+                    host{ /* h */ c1}
+
+                    // own
+
+                    internal_event_actions{
+                        a # // left
+                            b, /* x */
+                        // own
+                        c
+                    } // end
+                    // last in a
+                } // a
+
+                // of b
+                process b(){}
+                // end
+            "#]],
+        );
+    }
+
+    #[test]
+    fn long_expressions_break_at_the_loosest_operator() {
+        check(
+            "process p(){internal_event_actions{motionctrl,((visualserv[lbl1]#distdetect);((opengrip,approach[lbl1])#hit);closegrip;presshandle[lbl1];dooropen[lbl1])}}
+             process q(){internal_event_actions{ a ;\n b ; (c # d) }}
+             process r(){instantiated_processes{some_long_name instof SomeLongType(the_first_argument, \"second argument\", third = 100 m/s);}}",
+            &expect![[r#"
+                process p(){
+                    internal_event_actions{
+                        motionctrl, (
+                            (visualserv[lbl1] # distdetect) ;
+                            ((opengrip, approach[lbl1]) # hit) ;
+                            closegrip ;
+                            presshandle[lbl1] ;
+                            dooropen[lbl1]
+                        )
+                    }
+                }
+
+                process q(){
+                    internal_event_actions{
+                        a ;
+                        b ;
+                        (c # d)
+                    }
+                }
+
+                process r(){
+                    instantiated_processes{
+                        some_long_name instof SomeLongType(the_first_argument, "second argument", third = 100 m/s);
+                    }
+                }
+            "#]],
+        );
+    }
+
+    #[test]
+    fn what_cannot_be_read_is_left_alone() {
+        let found = format(&Source::new("a.dca", "process main( {")).unwrap_err();
+        assert_eq!(found[0].code, crate::diagnostic::Code::E0001);
+    }
+}

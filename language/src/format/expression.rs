@@ -1,0 +1,122 @@
+//! Event-action expressions: in one line, or broken at the loosest operator.
+
+use super::printer::Printer;
+use crate::syntax::SyntaxKind::{self, AnyOf, Chain, Concurrent, Disable, FailFast, Otherwise, Paren, Sequence};
+use crate::syntax::SyntaxNode;
+use rowan::NodeOrToken;
+
+/// A last operand in parentheses may hang at the end of a line when there are no more operands than this.
+const HANGING_MAX: usize = 3;
+/// The columns of the longest operator with the blank before it: ` else`.
+const OPERATOR: usize = 5;
+
+/// Whether a node has operands of its own.
+pub(super) fn is_expression(kind: SyntaxKind) -> bool {
+    is_operator(kind) || kind == Paren
+}
+
+fn is_operator(kind: SyntaxKind) -> bool {
+    [Concurrent, FailFast, Disable, Sequence, Otherwise, Chain].contains(&kind)
+}
+
+impl Printer {
+    /// Writes an operator with its operands, or parentheses.
+    pub(super) fn expression(&mut self, node: &SyntaxNode, reserve: usize) {
+        let range = self.range(node);
+        if !self.is_forced(node) && self.fits(&range, reserve) {
+            return self.flat(&range);
+        }
+        if node.kind() == Paren {
+            self.parentheses(node);
+        } else if self.hangs(node) {
+            self.walk(node, reserve);
+        } else {
+            self.operands(node, reserve);
+        }
+    }
+
+    /// Whether the author or a comment broke a line somewhere inside.
+    fn is_forced(&self, node: &SyntaxNode) -> bool {
+        self.is_commented(&self.range(node)) || node.descendants().any(|part| self.is_broken_here(&part))
+    }
+
+    /// Whether the author broke the line at one of the node's own operators.
+    fn is_broken_here(&self, node: &SyntaxNode) -> bool {
+        if !is_operator(node.kind()) {
+            return false;
+        }
+        let end = self.range(node).end;
+        node.children_with_tokens().filter_map(NodeOrToken::into_token).filter(|token| !token.kind().is_trivia()).any(
+            |operator| {
+                let start: u32 = operator.text_range().start().into();
+                let index = self.pieces.partition_point(|piece| piece.start < start);
+                let breaks =
+                    |index: usize| index < end && (self.pieces[index].is_broken || self.pieces[index].forces_lines());
+                breaks(index) || breaks(index + 1)
+            },
+        )
+    }
+
+    /// `a, (` with the rest on the lines below.
+    fn hangs(&self, node: &SyntaxNode) -> bool {
+        let operands: Vec<SyntaxNode> = node.children().collect();
+        let Some((last, before)) = operands.split_last() else { return false };
+        let range = self.range(node);
+        let last_range = self.range(last);
+        let is_last = last_range.end == range.end;
+        let hangs = last.kind() == Paren || last.kind() == AnyOf;
+        is_last
+            && hangs
+            && operands.len() <= HANGING_MAX
+            && !self.is_broken_here(node)
+            && !before.iter().any(|operand| self.is_forced(operand))
+            && self.fits(&(range.start..last_range.start + 1), 0)
+    }
+
+    /// Each operand in lines of its own, the operator at the end.
+    fn operands(&mut self, node: &SyntaxNode, reserve: usize) {
+        let is_nested = node.parent().is_some_and(|parent| is_operator(parent.kind()));
+        let last = node.children().last();
+        let mut is_first = true;
+        for part in node.children_with_tokens() {
+            match part {
+                NodeOrToken::Token(token) if token.kind().is_trivia() => {}
+                NodeOrToken::Token(_) => {
+                    self.operator();
+                    if is_first && is_nested {
+                        self.indent += 1;
+                    }
+                    is_first = false;
+                    self.next_line();
+                }
+                NodeOrToken::Node(part) => {
+                    let is_last = last.as_ref() == Some(&part);
+                    self.node(&part, if is_last { reserve } else { OPERATOR });
+                }
+            }
+        }
+        if is_nested && !is_first {
+            self.indent -= 1;
+        }
+    }
+
+    /// Writes an operator; comments before it move behind it.
+    fn operator(&mut self) {
+        let mut moved = std::mem::take(&mut self.pieces[self.cursor].comments);
+        if let Some(next) = self.pieces.get_mut(self.cursor + 1) {
+            moved.append(&mut next.comments);
+            next.comments = moved;
+        }
+        self.starts_line = false;
+        self.token();
+    }
+
+    fn parentheses(&mut self, node: &SyntaxNode) {
+        self.token();
+        self.open();
+        for part in node.children() {
+            self.node(&part, 0);
+        }
+        self.close();
+    }
+}

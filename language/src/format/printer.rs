@@ -1,0 +1,287 @@
+//! Tokens onto lines.
+
+use super::COLUMNS;
+use super::piece::{Piece, is_apart, is_bracketed, pieces};
+use crate::syntax::SyntaxKind::{
+    Actions, Comma, Connections, External, Host, Instances, LeftBrace, LeftBracket, LeftParen, Less, Module, Process,
+    RightBrace,
+};
+use crate::syntax::SyntaxNode;
+use rowan::NodeOrToken;
+use std::ops::Range;
+
+/// The columns of one level.
+const INDENT: usize = 4;
+
+pub(super) struct Printer {
+    pub(super) pieces: Vec<Piece>,
+    /// The next token to be written.
+    pub(super) cursor: usize,
+    out: String,
+    /// Characters since the last line break.
+    column: usize,
+    pub(super) indent: usize,
+    /// Whether what comes next starts a line.
+    pub(super) starts_line: bool,
+    /// Whether an empty line may stand before that line.
+    keeps_space: bool,
+    /// Whether an empty line has to stand before that line.
+    needs_space: bool,
+    /// Whether nothing has been written yet in the current block.
+    is_block_start: bool,
+    /// Whether the last thing written is a comment within a line.
+    is_after_comment: bool,
+}
+
+impl Printer {
+    pub(super) fn new(root: &SyntaxNode) -> Self {
+        Self {
+            pieces: pieces(root),
+            cursor: 0,
+            out: String::new(),
+            column: 0,
+            indent: 0,
+            starts_line: true,
+            keeps_space: true,
+            needs_space: false,
+            is_block_start: true,
+            is_after_comment: false,
+        }
+    }
+
+    /// Writes the whole text.
+    pub(super) fn file(mut self, root: &SyntaxNode) -> String {
+        let mut was_line = true;
+        for (index, item) in root.children().enumerate() {
+            self.new_line();
+            let is_line = self.is_one_line(&item);
+            self.needs_space = index > 0 && !(is_line && was_line);
+            was_line = is_line;
+            self.node(&item, 0);
+            // What stands between two items is a surplus `;`.
+            let end = item.next_sibling().map_or(self.pieces.len() - 1, |next| self.range(&next).start);
+            self.flat(&(self.cursor..end));
+        }
+        self.comments();
+        if !self.out.is_empty() {
+            self.out.push('\n');
+        }
+        self.out
+    }
+
+    // ---- measuring ----
+
+    /// The tokens of a node.
+    pub(super) fn range(&self, node: &SyntaxNode) -> Range<usize> {
+        let range = node.text_range();
+        let index = |offset: u32| self.pieces.partition_point(|piece| piece.start < offset);
+        index(range.start().into())..index(range.end().into())
+    }
+
+    /// Whether a comment inside keeps these tokens from standing in one line.
+    pub(super) fn is_commented(&self, range: &Range<usize>) -> bool {
+        self.pieces[range.clone()].iter().skip(1).any(Piece::forces_lines)
+    }
+
+    /// The columns of these tokens in one line, with the blank before the first unless it starts the text, and without
+    /// the comments before the first.
+    fn width(&self, range: Range<usize>) -> usize {
+        let gap = |index: usize| usize::from(index > 0 && is_apart(&self.pieces[index - 1], &self.pieces[index]));
+        let start = range.start;
+        let comments = |index: usize| if index == start { 0 } else { self.pieces[index].comments_width() };
+        range.map(|index| self.pieces[index].text.chars().count() + gap(index) + comments(index)).sum()
+    }
+
+    /// Whether these tokens fit into the current line, with as many columns reserved for what follows.
+    pub(super) fn fits(&self, range: &Range<usize>, reserve: usize) -> bool {
+        let column = if self.starts_line { self.indent * INDENT } else { self.column };
+        column + self.width(range.clone()) + reserve <= COLUMNS
+    }
+
+    fn is_one_line(&self, item: &SyntaxNode) -> bool {
+        let range = self.range(item);
+        let is_broken = self.pieces[range.clone()].iter().skip(1).any(|piece| piece.is_broken);
+        let is_short = self.indent * INDENT + self.width(range) <= COLUMNS;
+        item.kind() != Process && !is_broken && is_short
+    }
+
+    // ---- writing ----
+
+    /// Starts a new line for what comes next; an empty line of the source is kept.
+    pub(super) fn new_line(&mut self) {
+        self.starts_line = true;
+        self.keeps_space = true;
+    }
+
+    /// Starts a new line for what comes next, directly below.
+    pub(super) fn next_line(&mut self) {
+        self.starts_line = true;
+        self.keeps_space = false;
+    }
+
+    /// Writes the next token after its comments.
+    pub(super) fn token(&mut self) {
+        self.comments();
+        let piece = &self.pieces[self.cursor];
+        let is_spaced = piece.is_spaced && self.keeps_space;
+        let is_apart = self.cursor > 0 && is_apart(&self.pieces[self.cursor - 1], piece);
+        let text = piece.text.clone();
+        if self.starts_line {
+            self.break_line(is_spaced);
+        } else if is_apart || self.is_after_comment {
+            self.push(" ");
+        }
+        self.push(&text);
+        self.cursor += 1;
+        (self.is_block_start, self.is_after_comment) = (false, false);
+    }
+
+    /// Writes the comments before the next token, once.
+    pub(super) fn comments(&mut self) {
+        for comment in std::mem::take(&mut self.pieces[self.cursor].comments) {
+            if comment.is_own_line || self.is_after_line_comment() {
+                self.break_line(comment.is_spaced);
+                self.starts_line = true;
+            } else if self.column > 0 {
+                self.push(" ");
+            }
+            self.push(&comment.text);
+            self.starts_line |= comment.ends_line();
+            (self.is_block_start, self.is_after_comment) = (false, true);
+        }
+    }
+
+    fn is_after_line_comment(&self) -> bool {
+        self.starts_line && self.is_after_comment
+    }
+
+    fn break_line(&mut self, is_spaced: bool) {
+        let is_spaced = is_spaced && !self.is_block_start || self.needs_space;
+        if !self.out.is_empty() {
+            self.out.push_str(if is_spaced { "\n\n" } else { "\n" });
+        }
+        self.out.push_str(&" ".repeat(self.indent * INDENT));
+        self.column = self.indent * INDENT;
+        (self.starts_line, self.needs_space) = (false, false);
+    }
+
+    fn push(&mut self, text: &str) {
+        self.out.push_str(text);
+        let line = text.rfind('\n').map_or(text, |newline| &text[newline + 1..]);
+        self.column = line.chars().count() + if line.len() == text.len() { self.column } else { 0 };
+    }
+
+    // ---- structure ----
+
+    /// Writes a node; `reserve` columns follow it in its last line.
+    pub(super) fn node(&mut self, node: &SyntaxNode, reserve: usize) {
+        let kind = node.kind();
+        if [Process, Instances, External, Connections, Actions].contains(&kind)
+            || kind == Module && (!self.is_one_line(node) || self.is_commented(&self.range(node)))
+            || kind == Host && self.is_commented(&self.range(node))
+        {
+            self.block(node);
+        } else if is_bracketed(kind) {
+            self.list(node, reserve);
+        } else if super::expression::is_expression(kind) {
+            self.expression(node, reserve);
+        } else {
+            self.walk(node, reserve);
+        }
+    }
+
+    /// Writes tokens and nodes as they come.
+    pub(super) fn walk(&mut self, node: &SyntaxNode, reserve: usize) {
+        let end = self.range(node).end;
+        for part in node.children_with_tokens() {
+            match part {
+                NodeOrToken::Token(token) if token.kind().is_trivia() => {}
+                NodeOrToken::Token(_) => self.token(),
+                NodeOrToken::Node(part) => {
+                    let rest = self.width(self.range(&part).end..end);
+                    self.node(&part, rest + reserve);
+                }
+            }
+        }
+    }
+
+    /// Writes tokens in one line, whatever their nodes.
+    pub(super) fn flat(&mut self, range: &Range<usize>) {
+        while self.cursor < range.end {
+            self.token();
+        }
+    }
+
+    /// `word head { part part }`, each part on lines of its own.
+    fn block(&mut self, node: &SyntaxNode) {
+        let mut is_open = false;
+        for part in node.children_with_tokens() {
+            match part {
+                NodeOrToken::Token(token) if token.kind().is_trivia() => {}
+                NodeOrToken::Token(token) if token.kind() == RightBrace && is_open => self.close(),
+                NodeOrToken::Token(token) => {
+                    self.token();
+                    if token.kind() == LeftBrace {
+                        self.open();
+                        is_open = true;
+                    }
+                }
+                NodeOrToken::Node(part) => {
+                    if is_open {
+                        self.new_line();
+                    }
+                    self.node(&part, usize::from(!is_open));
+                }
+            }
+        }
+    }
+
+    /// After an opening bracket that ends its line.
+    pub(super) fn open(&mut self) {
+        self.indent += 1;
+        let is_empty = self.pieces[self.cursor].kind == RightBrace && self.pieces[self.cursor].comments.is_empty();
+        if !is_empty {
+            self.new_line();
+            self.is_block_start = true;
+        }
+    }
+
+    /// The counterpart: comments before a closing bracket belong to what it closes.
+    pub(super) fn close(&mut self) {
+        let is_empty = self.is_empty_block();
+        self.comments();
+        self.indent = self.indent.saturating_sub(1);
+        if !is_empty {
+            self.next_line();
+        }
+        self.token();
+    }
+
+    fn is_empty_block(&self) -> bool {
+        let before = self.cursor.checked_sub(1).map(|index| self.pieces[index].kind);
+        before == Some(LeftBrace) && self.pieces[self.cursor].comments.is_empty()
+    }
+
+    /// `( item, item )`: in one line, else one item a line.
+    fn list(&mut self, node: &SyntaxNode, reserve: usize) {
+        let range = self.range(node);
+        if !self.is_commented(&range) && self.fits(&range, reserve) {
+            return self.flat(&range);
+        }
+        let mut is_open = false;
+        while self.cursor < range.end {
+            let kind = self.pieces[self.cursor].kind;
+            if self.cursor + 1 == range.end && is_open {
+                self.close();
+            } else {
+                self.token();
+                if [LeftParen, LeftBracket, Less].contains(&kind) && !is_open {
+                    is_open = true;
+                    self.open();
+                } else if kind == Comma {
+                    self.next_line();
+                }
+            }
+        }
+    }
+}
