@@ -42,7 +42,9 @@ fn operators_without_operands_end_as_their_rules_say() {
     assert_eq!(start(Expression::FailFast(vec![])).0, done());
     assert_eq!(start(Expression::AnyOf { count: 3, of: vec![] }).0, done());
     assert_eq!(start(Expression::Disable(vec![])).0, None);
-    for (expression, service) in [(Expression::Concurrent(vec![]), false), (Expression::Disable(vec![]), true)] {
+    let one = Expression::Concurrent(vec![Expression::Never]);
+    let kinds = [(Expression::Concurrent(vec![]), false), (one, true), (Expression::Disable(vec![]), true)];
+    for (expression, service) in kinds {
         assert_eq!(Program::compile(&group(expression)).is_service(), service);
     }
 }
