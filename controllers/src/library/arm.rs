@@ -10,6 +10,8 @@ use nalgebra::Vector6;
 use std::time::Duration;
 
 const ACCELERATION_MAX: f64 = 8.0;
+/// Five time constants of the drives: then the arm stands.
+const SETTLING: Duration = Duration::from_millis(100);
 /// A joint this close to its limit moves away from it only [rad].
 const LIMIT_MARGIN: f64 = 0.03;
 /// After a gap this long the drives have stopped by themselves.
@@ -39,6 +41,7 @@ crate::outputs! {
 struct Servo {
     command: Joints,
     watch: Watch,
+    resting: Duration,
 }
 
 impl Servo {
@@ -69,7 +72,9 @@ impl Servo {
     fn stop(&mut self, tick: Tick, owner: &str, command: &mut Out<ArmCommand>) -> Stopping {
         let step = ACCELERATION_MAX * ramp_dt(tick);
         self.command = self.command.map(|rate| towards(rate, 0.0, step));
-        let rests = self.command.amax() <= 0.0;
+        let still = self.command.amax() <= 0.0;
+        self.resting = if still { self.resting + tick.elapsed } else { Duration::ZERO };
+        let rests = self.resting >= SETTLING;
         let rates = (!rests).then(|| self.command.into());
         command.send(ArmCommand { owner: owner.to_owned(), rates });
         if rests { Stopping::Finished } else { Stopping::Again }

@@ -9,6 +9,8 @@ use comms::logic::signals::Signal;
 use std::time::Duration;
 
 const ACCELERATION_MAX: f64 = 1.5;
+/// Five time constants of the drives: then the base stands.
+const SETTLING: Duration = Duration::from_millis(400);
 
 crate::inputs! {
     /// What [`Xr4000Ctrl`] hears.
@@ -29,6 +31,7 @@ crate::outputs! {
 #[derive(Debug, Default)]
 pub(super) struct Xr4000Ctrl {
     command: [f64; 3],
+    resting: Duration,
 }
 
 impl Xr4000Ctrl {
@@ -69,7 +72,9 @@ impl Controller for Xr4000Ctrl {
 
     fn stop(&mut self, tick: Tick, _: &CtrlInputs, outputs: &mut CtrlOutputs) -> Stopping {
         let velocity = self.step(tick, [0.0; 3]);
-        let rests = velocity.iter().all(|v| v.abs() <= 0.0);
+        let still = velocity.iter().all(|v| v.abs() <= 0.0);
+        self.resting = if still { self.resting + tick.elapsed } else { Duration::ZERO };
+        let rests = self.resting >= SETTLING;
         let velocity = (!rests).then_some(velocity);
         outputs.command.send(BaseCommand { owner: Self::TYPE.to_owned(), velocity });
         if rests { Stopping::Finished } else { Stopping::Again }

@@ -16,8 +16,8 @@ const SECTOR_DEG: f64 = 40.0;
 /// Points this close to the line are the wall [m]: four deviations of the laser.
 const TOLERANCE: f64 = 0.02;
 /// A hand that still approaches by more than this in [`SETTLE`] sweeps has not arrived [m].
-const SETTLED: f64 = 0.004;
-const SETTLE: usize = 6;
+const SETTLED: f64 = 0.003;
+const SETTLE: usize = 8;
 
 crate::inputs! {
     /// What [`LaserSensor`] hears.
@@ -113,7 +113,7 @@ impl Controller for DistanceThreshold {
     const TYPE: &'static str = "DistanceThreshold";
 
     fn about() -> About {
-        const THRESHOLD: &[Parameter] = &[Parameter::new("threshold", Kind::Number(0.05, 2.0)).or("0.27")];
+        const THRESHOLD: &[Parameter] = &[Parameter::new("threshold", Kind::Number(0.05, 2.0)).or("0.258")];
         About::task("Ends when the hand has come to rest near the wall ahead [m], leaving the distance.")
             .every(Duration::from_millis(100))
             .triggered_by("In")

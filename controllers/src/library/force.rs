@@ -176,7 +176,7 @@ impl Controller for ForceThreshold {
     const TYPE: &'static str = "ForceThreshold";
 
     fn about() -> About {
-        const THRESHOLD: &[Parameter] = &[Parameter::new("threshold", Kind::Number(1.0, 200.0)).or("10")];
+        const THRESHOLD: &[Parameter] = &[Parameter::new("threshold", Kind::Number(1.0, 200.0)).or("8")];
         About::task("Ends when three forces in a row exceed a threshold [N], leaving the last of them.")
             .every(Duration::from_millis(50))
             .triggered_by("In")

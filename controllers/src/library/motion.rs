@@ -30,7 +30,7 @@ impl Controller for LinearTrajectory {
 
     fn about() -> About {
         const PARAMETERS: &[Parameter] = &[
-            Parameter::new("speed", Kind::Number(0.001, 0.25)).or("0.025"),
+            Parameter::new("speed", Kind::Number(0.001, 0.25)).or("0.018"),
             Parameter::new("length", Kind::Number(0.001, 2.0)).or("0.25"),
         ];
         About::task("Moves the hand straight along its approach axis, at a speed [m/s], over a length [m].")

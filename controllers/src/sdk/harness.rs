@@ -280,6 +280,21 @@ impl Harness {
         }
     }
 
+    /// Kills a module as `kill -9` does: nothing of it runs any more, its devices hear nothing, a report says so.
+    pub fn crash(&mut self, module: ModuleId) {
+        let (now, slot) = (self.now, &mut self.slots[module.0]);
+        if !matches!(slot.state, State::Idle) {
+            slot.state = State::Idle;
+            slot.token += 1;
+            self.reports.push(Report { at: now, module, ending: Ending::Aborted("SIGKILL".to_owned()) });
+        }
+    }
+
+    /// Makes the machine and the network better or worse from now on; the seed stays.
+    pub fn disturb(&mut self, disturbance: Disturbance) {
+        self.disturbance = disturbance;
+    }
+
     /// Lets time pass until an activation ends, at most until `until`.
     pub fn run(&mut self, until: Time) -> Option<Report> {
         loop {
