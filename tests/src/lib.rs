@@ -1,1 +1,3 @@
-//! Skeleton.
+//! Whole-system tests: what needs more than one room.
+
+pub mod simulation;

@@ -1,0 +1,307 @@
+//! A whole deployment in one thread on virtual time: the real plan, the real algebra, the real controllers.
+//!
+//! Every group is run by `algebra::step`, every leaf by its controller under the virtual harness; events and orders
+//! between a leaf and its supervisor, and between supervisors, take one fixed latency. Nothing else is simulated: no
+//! node, no network, no process.
+
+use comms::logic::time::Time;
+use controllers::sdk::harness::{Disturbance, Ending, Harness, ModuleId, Report, WireId};
+use language::algebra::{Activation, Cause, Command, Event, Outcome, Program, Reason, State, Value, step};
+use language::plan::{Argument, Constant, MemberKind, Plan};
+use language::{Options, Source, Style, compile, render};
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+/// From a leaf's end to its supervisor's reaction, and from one supervisor to the next.
+pub const LATENCY: Duration = Duration::from_millis(1);
+const SLICE: Duration = Duration::from_millis(4);
+
+/// Compiles a spec against the interfaces of all controllers.
+///
+/// # Errors
+/// Returns the diagnostics as a person reads them.
+pub fn plan(name: &str, text: &str) -> Result<Plan, String> {
+    let spec = Source::new(name, text);
+    let interfaces = [Source::new("controllers", controllers::registry().interface_text())];
+    let compiled = compile(&spec, &interfaces, &Options::named(name));
+    compiled.plan.ok_or_else(|| render(&compiled.diagnostics, &spec, &interfaces, Style::Plain))
+}
+
+/// How a deployment ended.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Finish {
+    /// Normally.
+    Done,
+    /// By a failure: the leaf it began with, and its reason.
+    Aborted(String),
+    /// It was still running at the limit.
+    Unfinished,
+}
+
+/// A deployment at work.
+#[derive(Debug)]
+pub struct Simulation {
+    plan: Plan,
+    harness: Harness,
+    groups: Vec<Supervisor>,
+    leaves: Vec<Leaf>,
+    wires: Vec<WireId>,
+    queue: BTreeMap<(Time, u64), (usize, Event)>,
+    numbered: u64,
+    finish: Option<Finish>,
+}
+
+/// A group at work. `parent` is its group and its slot there.
+#[derive(Debug)]
+struct Supervisor {
+    program: Program,
+    state: State,
+    parent: Option<(usize, u32)>,
+    activation: Activation,
+}
+
+#[derive(Debug)]
+struct Leaf {
+    module: ModuleId,
+    parent: (usize, u32),
+    activation: Activation,
+}
+
+impl Simulation {
+    /// Makes every leaf and every wire of a plan; nothing runs yet.
+    ///
+    /// # Errors
+    /// Names the leaf or wire that cannot be made.
+    pub fn new(plan: Plan, disturbance: Disturbance) -> Result<Self, String> {
+        let registry = controllers::registry();
+        let mut harness = Harness::new(disturbance);
+        let mut modules = Vec::new();
+        for leaf in &plan.leaves {
+            let arguments: Vec<String> = leaf.arguments.iter().map(spelled).collect();
+            let made = registry.create(&leaf.module, &arguments);
+            modules.push(harness.add(made.map_err(|error| format!("{}: {error}", leaf.path))?));
+        }
+        let mut wires = Vec::new();
+        for wire in &plan.wires {
+            let from = (modules[wire.from.leaf as usize], wire.from.port.as_str());
+            let to = (modules[wire.to.leaf as usize], wire.to.port.as_str());
+            wires.push(harness.connect(from, to).map_err(|error| error.to_string())?);
+        }
+        let mut parents = BTreeMap::new();
+        let mut leaf_parents = BTreeMap::new();
+        for (group, spec) in plan.groups.iter().enumerate() {
+            for (slot, member) in (0..).zip(&spec.members) {
+                match member.kind {
+                    MemberKind::Leaf(leaf) => leaf_parents.insert(leaf as usize, (group, slot)),
+                    MemberKind::Group(child) => parents.insert(child as usize, (group, slot)),
+                };
+            }
+        }
+        let supervisor = |(index, group)| {
+            let program = Program::compile(group);
+            let state = State::new(&program);
+            Supervisor { program, state, parent: parents.get(&index).copied(), activation: Activation(0) }
+        };
+        let groups = plan.groups.iter().enumerate().map(supervisor).collect();
+        let leaf = |(index, module)| Leaf { module, parent: leaf_parents[&index], activation: Activation(0) };
+        let leaves = modules.into_iter().enumerate().map(leaf).collect();
+        let queue = BTreeMap::from([((Time::ZERO, 0), (0, Event::Start(Value::EMPTY)))]);
+        Ok(Self { plan, harness, groups, leaves, wires, queue, numbered: 0, finish: None })
+    }
+
+    /// Returns the present time.
+    pub fn now(&self) -> Time {
+        self.harness.now()
+    }
+
+    /// Returns how many samples have been sent.
+    pub fn samples_sent(&self) -> u64 {
+        self.harness.samples_sent()
+    }
+
+    /// Returns whether the leaf whose path ends with `path` is running or stopping.
+    pub fn is_active(&self, path: &str) -> bool {
+        self.leaf(path).is_some_and(|leaf| self.harness.is_active(leaf))
+    }
+
+    /// Returns a signal of the leaf whose path ends with `path`; NaN if there is none.
+    pub fn signal(&self, path: &str, name: &str) -> f64 {
+        let signals = self.leaf(path).map(|leaf| self.harness.signals(leaf)).unwrap_or_default();
+        signals.iter().find(|signal| signal.name == name).map_or(f64::NAN, |signal| signal.value)
+    }
+
+    /// Kills the leaf whose path ends with `path`, as `kill -9` does; says whether it was active.
+    pub fn crash(&mut self, path: &str) -> bool {
+        let leaf = self.leaf(path).filter(|leaf| self.harness.is_active(*leaf));
+        if let Some(leaf) = leaf {
+            self.harness.crash(leaf);
+        }
+        leaf.is_some()
+    }
+
+    /// Makes the machine and the network better or worse from now on.
+    pub fn disturb(&mut self, disturbance: Disturbance) {
+        self.harness.disturb(disturbance);
+    }
+
+    /// Returns the paths of all leaves.
+    pub fn leaves(&self) -> impl Iterator<Item = &str> {
+        self.plan.leaves.iter().map(|leaf| leaf.path.as_str())
+    }
+
+    fn leaf(&self, path: &str) -> Option<ModuleId> {
+        let index = self.plan.leaves.iter().position(|leaf| leaf.path.ends_with(path))?;
+        self.leaves.get(index).map(|leaf| leaf.module)
+    }
+
+    /// Asks the root to stop, as Ctrl-C does.
+    pub fn stop(&mut self) {
+        self.put(self.now(), 0, Event::Stop);
+    }
+
+    /// Runs to the end, at most until `limit`; `observe` sees it every 4 ms.
+    pub fn run(&mut self, limit: Time, observe: &mut dyn FnMut(&mut Self)) -> Finish {
+        while self.finish.is_none() && self.now() < limit {
+            let slice = self.now() + SLICE;
+            self.run_until(slice);
+            observe(self);
+        }
+        self.finish.clone().unwrap_or(Finish::Unfinished)
+    }
+
+    fn run_until(&mut self, until: Time) {
+        while self.finish.is_none() {
+            let event_at = self.queue.first_key_value().map(|(key, _)| key.0).filter(|at| *at <= until);
+            if let Some(report) = self.harness.run(event_at.unwrap_or(until)) {
+                self.report(report);
+            } else if event_at.is_some() {
+                if let Some((_, (group, event))) = self.queue.pop_first() {
+                    self.react(group, event);
+                }
+            } else {
+                return;
+            }
+        }
+    }
+
+    fn put(&mut self, at: Time, group: usize, event: Event) {
+        self.numbered += 1;
+        self.queue.insert((at, self.numbered), (group, event));
+    }
+
+    fn report(&mut self, report: Report) {
+        let Some(index) = self.leaves.iter().position(|leaf| leaf.module == report.module) else { return };
+        let ((group, member), activation) = (self.leaves[index].parent, self.leaves[index].activation);
+        let event = match report.ending {
+            Ending::Done(value) => Event::Done { member, activation, value: Value::new(&value) },
+            Ending::Aborted(reason) => {
+                let text = format!("{}: {reason}", self.plan.leaves[index].path);
+                Event::Aborted { member, activation, report: Value::new(text.as_bytes()) }
+            }
+            Ending::Stopped => Event::Stopped { member, activation },
+        };
+        self.put(self.now() + LATENCY, group, event);
+    }
+
+    fn react(&mut self, group: usize, event: Event) {
+        let starts = matches!(event, Event::Start(_));
+        let mut commands = Vec::new();
+        let supervisor = &mut self.groups[group];
+        let outcome = step(&supervisor.program, &mut supervisor.state, event, &mut commands);
+        if starts {
+            for set in self.plan.groups[group].sets_always.clone() {
+                self.switch(group, set, Harness::open);
+            }
+        }
+        for command in commands {
+            self.obey(group, command);
+        }
+        if let Some(outcome) = outcome {
+            for set in self.plan.groups[group].sets_always.clone() {
+                self.switch(group, set, Harness::close);
+            }
+            self.end(group, outcome);
+        }
+    }
+
+    fn switch(&mut self, group: usize, set: u32, switch: fn(&mut Harness, WireId)) {
+        for wire in &self.plan.groups[group].sets[set as usize].wires {
+            switch(&mut self.harness, self.wires[*wire as usize]);
+        }
+    }
+
+    fn obey(&mut self, group: usize, command: Command) {
+        let soon = self.now() + LATENCY;
+        match command {
+            Command::Connect { set } => self.switch(group, set, Harness::open),
+            Command::Disconnect { set } => self.switch(group, set, Harness::close),
+            Command::Activate { member, activation, value } => match self.kind(group, member) {
+                MemberKind::Leaf(leaf) => {
+                    let leaf = &mut self.leaves[leaf as usize];
+                    leaf.activation = activation;
+                    self.harness.activate(leaf.module, value.bytes());
+                }
+                MemberKind::Group(child) => {
+                    self.groups[child as usize].activation = activation;
+                    self.put(soon, child as usize, Event::Start(value));
+                }
+            },
+            Command::Stop { member, .. } => match self.kind(group, member) {
+                MemberKind::Leaf(leaf) => self.harness.stop(self.leaves[leaf as usize].module),
+                MemberKind::Group(child) => self.put(soon, child as usize, Event::Stop),
+            },
+            Command::Arm { timer, activation, after } => {
+                self.put(self.now() + after, group, Event::Elapsed { timer, activation });
+            }
+            // A timer that elapses late is dropped by its activation number.
+            Command::Cancel { .. } => {}
+        }
+    }
+
+    fn kind(&self, group: usize, member: u32) -> MemberKind {
+        self.plan.groups[group].members[member as usize].kind
+    }
+
+    fn end(&mut self, group: usize, outcome: Outcome) {
+        let Some((parent, member)) = self.groups[group].parent else {
+            self.finish = Some(match outcome {
+                Outcome::Done(_) | Outcome::Stopped => Finish::Done,
+                Outcome::Aborted(reason) => Finish::Aborted(self.why(group, &reason)),
+            });
+            return;
+        };
+        let activation = self.groups[group].activation;
+        let event = match outcome {
+            Outcome::Done(value) => Event::Done { member, activation, value },
+            Outcome::Aborted(reason) => {
+                let report = Value::new(self.why(group, &reason).as_bytes());
+                Event::Aborted { member, activation, report }
+            }
+            Outcome::Stopped => Event::Stopped { member, activation },
+        };
+        self.put(self.now() + LATENCY, parent, event);
+    }
+
+    fn why(&self, group: usize, reason: &Reason) -> String {
+        let group = &self.plan.groups[group];
+        let member = reason.member.and_then(|slot| group.members.get(slot as usize));
+        let path = member.map_or_else(|| group.path.clone(), |member| format!("{}/{}", group.path, member.name));
+        match &reason.cause {
+            Cause::Reported(report) => String::from_utf8_lossy(report.bytes()).into_owned(),
+            Cause::Busy => format!("{path}: it was already running"),
+            Cause::StopUnconfirmed => format!("{path}: nobody confirms that it stopped"),
+            Cause::ServiceEnded => format!("{path}: a service ended"),
+            Cause::Failed(text) => format!("{path}: {text}"),
+        }
+    }
+}
+
+/// Returns an argument as the controller kit reads it.
+fn spelled(argument: &Argument) -> String {
+    let value = match &argument.value {
+        Constant::Text(text) => format!("\"{text}\""),
+        Constant::Number(number) => number.to_string(),
+        Constant::Truth(truth) => truth.to_string(),
+    };
+    argument.name.as_ref().map_or(value.clone(), |name| format!("{name}={value}"))
+}
