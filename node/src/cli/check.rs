@@ -106,78 +106,13 @@ pub(crate) fn load(file: &Path, controllers: &Controllers, deny_lenient_names: b
     Ok(Spec { file: file.to_owned(), text: spec.text, plan })
 }
 
-fn read(file: &Path, controllers: &Controllers, deny_lenient_names: bool) -> Result<Self, Failure> {
-        let spec = read(file)?;
-        let interfaces = interfaces(controllers)?;
-        let Compiled { plan, diagnostics } = compile(&spec, &interfaces, &options(file, deny_lenient_names));
-        Ok(Self { spec, interfaces, plan, diagnostics })
-    }
-
-    /// The text that a span is in.
-    fn source(&self, span: Span) -> &Source {
-        match span.origin {
-            Origin::Spec => &self.spec,
-            Origin::Interface(index) => self.interfaces.get(index as usize).unwrap_or(&self.spec),
-        }
-    }
-}
-
-/// Runs the verb.
-pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    if arguments.fix {
-        fix::apply(&arguments.file, &arguments.controllers)?;
-    }
-    let print = match arguments.format {
-        Format::Text => return check(arguments),
-        Format::Json => json::json,
-        Format::Sarif => sarif::sarif,
-    };
-    let checked = Checked::read(&arguments.file, &arguments.controllers, arguments.deny.is_some())?;
-    output::say(&print(&checked));
-    if checked.plan.is_some() { Ok(()) } else { Err(Failure::Told) }
-}
-
-fn check(arguments: &Arguments) -> Result<(), Failure> {
-    let plan = load(&arguments.file, &arguments.controllers, arguments.deny.is_some())?.plan;
-    let (groups, leaves, hosts) = (plan.groups.len(), plan.leaves.len(), plan.hosts.join(", "));
-    let file = arguments.file.display();
-    output::say(&format!("{file}: {groups} groups, {leaves} programs, on {hosts}: no errors"));
-    Ok(())
-}
-
-/// Reads and compiles a spec; diagnostics go to standard error.
-pub(crate) fn load(file: &Path, controllers: &Controllers, deny_lenient_names: bool) -> Result<Spec, Failure> {
-    let Checked { spec, interfaces, plan, diagnostics } = Checked::read(file, controllers, deny_lenient_names)?;
-    if !diagnostics.is_empty() {
-        output::note(&render(&diagnostics, &spec, &interfaces, style()));
-    }
-    let count = |severity| diagnostics.iter().filter(|diagnostic| diagnostic.severity == severity).count();
-    let (errors, warnings) = (count(Severity::Error), count(Severity::Warning));
-    if errors + warnings > 0 {
-        let plural = |count: usize, word| format!("{count} {word}{}", if count == 1 { "" } else { "s" });
-        output::note(&format!("{}: {}, {}", spec.name, plural(errors, "error"), plural(warnings, "warning")));
-    }
-    let plan = plan.ok_or(Failure::Told)?;
-    Ok(Spec { file: file.to_owned(), text: spec.text, plan })
-}
-
-fn fix(arguments: &Arguments) -> Result<(), Failure> {
-    let spec = read(&arguments.file)?;
-    let interfaces = interfaces(&arguments.controllers)?;
-    let compiled = compile(&spec, &interfaces, &options(&arguments.file, false));
-    let fixed = apply_fixes(&spec.text, &compiled.diagnostics);
-    if fixed != spec.text {
-        let file = &arguments.file;
-        std::fs::write(file, fixed).with_context(|| format!("cannot write the spec `{}`", file.display()))?;
-    }
-    Ok(())
-}
-
+/// Reads the text of a spec.
 pub(crate) fn read(file: &Path) -> Result<Source, Failure> {
     let text = std::fs::read_to_string(file).with_context(|| format!("cannot read the spec `{}`", file.display()))?;
     Ok(Source::new(file.display().to_string(), text))
 }
 
+/// Asks the controllers' programs for their interfaces.
 pub(crate) fn interfaces(controllers: &Controllers) -> Result<Vec<Source>, Failure> {
     let ask = |program: &PathBuf| {
         let text = programs::interfaces(program)?;
@@ -186,11 +121,13 @@ pub(crate) fn interfaces(controllers: &Controllers) -> Result<Vec<Source>, Failu
     programs::chosen(&controllers.programs).iter().map(ask).collect()
 }
 
+/// The options for the spec of a file.
 pub(crate) fn options(file: &Path, deny_lenient_names: bool) -> Options {
     let name = file.file_stem().map_or_else(|| "spec".to_owned(), |stem| stem.to_string_lossy().into_owned());
     Options { deny_lenient_names, ..Options::named(name) }
 }
 
+/// How texts on standard error are dressed.
 pub(crate) fn style() -> Style {
     if std::io::stderr().is_terminal() { Style::Colour } else { Style::Plain }
 }
@@ -209,11 +146,176 @@ mod tests {
 
     #[test]
     fn programs_read_json() {
-        expect![].assert_eq(&json::json(&checked()));
+        expect![[r#"
+            {
+              "accepted": true,
+              "diagnostics": [
+                {
+                  "code": "W0201",
+                  "fix": {
+                    "edits": [
+                      {
+                        "place": {
+                          "end": {
+                            "column": 32,
+                            "line": 3,
+                            "offset": 97
+                          },
+                          "file": "a.dca",
+                          "start": {
+                            "column": 29,
+                            "line": 3,
+                            "offset": 94
+                          }
+                        },
+                        "text": "arm"
+                      }
+                    ],
+                    "title": "replace with `arm`"
+                  },
+                  "help": [],
+                  "label": "read as `arm`, the only instance of Arm",
+                  "message": "process type `Arm` used where an instance is expected",
+                  "place": {
+                    "end": {
+                      "column": 32,
+                      "line": 3,
+                      "offset": 97
+                    },
+                    "file": "a.dca",
+                    "start": {
+                      "column": 29,
+                      "line": 3,
+                      "offset": 94
+                    }
+                  },
+                  "reasons": [
+                    {
+                      "place": {
+                        "end": {
+                          "column": 32,
+                          "line": 2,
+                          "offset": 47
+                        },
+                        "file": "a.dca",
+                        "start": {
+                          "column": 29,
+                          "line": 2,
+                          "offset": 44
+                        }
+                      },
+                      "text": "declared here"
+                    }
+                  ],
+                  "severity": "warning"
+                }
+              ],
+              "spec": "a.dca",
+              "version": 1
+            }"#]]
+        .assert_eq(&json::json(&checked()));
     }
 
     #[test]
     fn code_hosts_read_sarif() {
-        expect![].assert_eq(&sarif::sarif(&checked()));
+        expect![[r#"
+            {
+              "$schema": "https://json.schemastore.org/sarif-2.1.0.json",
+              "runs": [
+                {
+                  "columnKind": "unicodeCodePoints",
+                  "results": [
+                    {
+                      "fixes": [
+                        {
+                          "artifactChanges": [
+                            {
+                              "artifactLocation": {
+                                "uri": "a.dca"
+                              },
+                              "replacements": [
+                                {
+                                  "deletedRegion": {
+                                    "endColumn": 32,
+                                    "endLine": 3,
+                                    "startColumn": 29,
+                                    "startLine": 3
+                                  },
+                                  "insertedContent": {
+                                    "text": "arm"
+                                  }
+                                }
+                              ]
+                            }
+                          ],
+                          "description": {
+                            "text": "replace with `arm`"
+                          }
+                        }
+                      ],
+                      "level": "warning",
+                      "locations": [
+                        {
+                          "physicalLocation": {
+                            "artifactLocation": {
+                              "uri": "a.dca"
+                            },
+                            "region": {
+                              "endColumn": 32,
+                              "endLine": 3,
+                              "startColumn": 29,
+                              "startLine": 3
+                            }
+                          }
+                        }
+                      ],
+                      "message": {
+                        "text": "process type `Arm` used where an instance is expected; read as `arm`, the only instance of Arm"
+                      },
+                      "relatedLocations": [
+                        {
+                          "message": {
+                            "text": "declared here"
+                          },
+                          "physicalLocation": {
+                            "artifactLocation": {
+                              "uri": "a.dca"
+                            },
+                            "region": {
+                              "endColumn": 32,
+                              "endLine": 2,
+                              "startColumn": 29,
+                              "startLine": 2
+                            }
+                          }
+                        }
+                      ],
+                      "ruleId": "W0201"
+                    }
+                  ],
+                  "tool": {
+                    "driver": {
+                      "name": "dca",
+                      "rules": [
+                        {
+                          "defaultConfiguration": {
+                            "level": "warning"
+                          },
+                          "fullDescription": {
+                            "text": "The name is the type of exactly one instance and is read as that instance."
+                          },
+                          "id": "W0201",
+                          "shortDescription": {
+                            "text": "type name used"
+                          }
+                        }
+                      ],
+                      "version": "0.1.0"
+                    }
+                  }
+                }
+              ],
+              "version": "2.1.0"
+            }"#]].assert_eq(&sarif::sarif(&checked()));
     }
 }

@@ -62,7 +62,8 @@ fn result(found: &Diagnostic, checked: &Checked) -> Value {
 /// The sentence with its label and help, since a reader of the log sees no carets.
 fn message(found: &Diagnostic) -> String {
     let label = Some(&found.primary.text).filter(|text| !text.is_empty());
-    let parts: Vec<&str> = std::iter::once(&found.message).chain(label).chain(&found.help).map(String::as_str).collect();
+    let parts: Vec<&str> =
+        std::iter::once(&found.message).chain(label).chain(&found.help).map(String::as_str).collect();
     parts.join("; ")
 }
 
