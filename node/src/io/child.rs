@@ -47,6 +47,30 @@ pub fn start(shim: &Path, start: &ShimStart, instance: &str) -> io::Result<(Shim
     Ok((Shim { orders }, ShimEar { child, reports, dir, instance }))
 }
 
+/// Checks that a command names something that can be executed, so that a spec is refused before anything runs.
+///
+/// # Errors
+/// It is not there, or must not be executed by this user.
+pub fn check_executable(command: &[String]) -> io::Result<()> {
+    let name = command.first().map_or("", String::as_str);
+    let found = if name.contains('/') {
+        vec![PathBuf::from(name)]
+    } else {
+        let path = std::env::var_os("PATH").unwrap_or_default();
+        std::env::split_paths(&path).map(|folder| folder.join(name)).filter(|file| file.is_file()).collect()
+    };
+    let Some(file) = found.first().filter(|file| file.is_file()) else {
+        return Err(io::Error::new(io::ErrorKind::NotFound, format!("there is no program `{name}`")));
+    };
+    if rustix::fs::access(file, rustix::fs::Access::EXEC_OK).is_err() {
+        return Err(io::Error::new(
+            io::ErrorKind::PermissionDenied,
+            format!("`{name}` is not executable by this user"),
+        ));
+    }
+    Ok(())
+}
+
 impl Shim {
     /// Gives an order. A shim that is gone is told nothing; its reports say what became of it.
     pub async fn tell(&mut self, order: ShimOrder) {

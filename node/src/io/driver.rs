@@ -245,6 +245,7 @@ impl Driver {
 
     async fn try_spawn(&mut self, order: &SpawnOrder) -> anyhow::Result<()> {
         let process = &order.process;
+        child::check_executable(&order.command)?;
         let dir = self.dir.make_process(process).context("making its folder")?;
         if order.kind == LeafKind::Controller && !self.listeners.contains_key(&process.deployment) {
             self.listen(&process.deployment).context("opening its control socket")?;

@@ -80,13 +80,10 @@ pub struct Moment<'a> {
 }
 
 impl Instance {
-    /// Starts a program. A plain one is held by its shim and needs no more preparation.
+    /// Starts a program; a plain one is held by its shim.
     pub fn spawn(order: SpawnOrder, stop_within: Duration, moment: &mut Moment<'_>) -> Self {
         moment.effects.push(Effect::Spawn(Box::new(order.clone())));
-        let stage = match order.kind {
-            LeafKind::Controller => Stage::Starting { until: moment.now + START_WITHIN },
-            LeafKind::Plain => Stage::Prepared,
-        };
+        let stage = Stage::Starting { until: moment.now + START_WITHIN };
         Self { order, stop_within, stage, pid: None, cause: None, last_words: None }
     }
 
@@ -244,7 +241,12 @@ impl Instance {
     /// Takes a word from the shim. `last_words` is the last line of the program's output.
     pub fn observe(&mut self, report: ShimReport, last_words: Option<String>, moment: &mut Moment<'_>) {
         match report {
-            ShimReport::Ready => {}
+            ShimReport::Ready => {
+                if matches!(self.stage, Stage::Starting { .. }) && !self.is_controller() {
+                    self.stage = Stage::Prepared;
+                    moment.notes.push(Note::Prepared(LeafFacts::plain(self.order.process.leaf)));
+                }
+            }
             ShimReport::Started { pid } => {
                 self.pid = Some(pid);
                 moment.notes.push(Note::Changed(Change::Started { pid }));

@@ -219,12 +219,7 @@ impl Tenant {
         for (number, order, stop_within) in orders {
             let (mut notes, since_go) = (Vec::new(), Duration::ZERO);
             let mut moment = Moment { now: out.now, since_go, effects: out.effects, notes: &mut notes };
-            match order.kind {
-                LeafKind::Controller => {
-                    self.waiting.insert(number);
-                }
-                LeafKind::Plain => self.facts.push(LeafFacts::plain(number)),
-            }
+            self.waiting.insert(number);
             self.instances.insert(number, Instance::spawn(order, stop_within, &mut moment));
         }
     }
