@@ -28,7 +28,7 @@ impl Display {
     /// When nobody reads standard output any more.
     pub fn finish(&mut self, mission: &Mission, files: &Files, output: &mut Output) -> io::Result<()> {
         self.update(mission, output);
-        output.clear();
+        output.note("");
         output.result(&summary(mission, files))
     }
 }
@@ -52,6 +52,6 @@ mod tests {
         let files = Files::default();
         display.finish(&mission, &files, &mut output).unwrap();
         assert_eq!(results.text(), summary(&mission, &files));
-        assert!(notes.text().ends_with("✓ pull                      9.5 s  done\n"), "{}", notes.text());
+        assert!(notes.text().ends_with("✓ pull                      9.5 s  done\n\n"), "{}", notes.text());
     }
 }

@@ -108,7 +108,11 @@ fn live_line(mission: &Mission) -> String {
 }
 
 fn end_line(mission: &Mission, phase: &Phase) -> String {
-    let mark = if phase.failed() { '✗' } else { '✓' };
+    let mark = match &phase.decided {
+        Some(_) if phase.failed() => '✗',
+        Some(_) => '✓',
+        None => '■',
+    };
     let end = phase.end.unwrap_or(phase.begin);
     line(mission, (end, mark, &phase.name, phase.took(end)), &phase.ended())
 }

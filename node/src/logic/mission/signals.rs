@@ -37,7 +37,10 @@ impl Track {
             peak if peak > 0.0 => 3,
             _ => 1,
         };
-        format!("{value:.decimals$}")
+        let text = format!("{value:.decimals$}");
+        // `-0.000` would be a number that nobody asked for.
+        let is_zero = text.bytes().all(|byte| matches!(byte, b'-' | b'0' | b'.'));
+        if is_zero { text.trim_start_matches('-').to_owned() } else { text }
     }
 }
 

@@ -122,7 +122,10 @@ fn table(mission: &Mission, text: &mut String) {
 }
 
 fn phase_cells(phase: &Phase, now: Duration, cells: &dyn Fn([&str; 4]) -> Vec<String>) -> Vec<String> {
-    cells([&phase.name, &time(phase.begin), &time(phase.took(now)), &phase.ended()])
+    let ended = phase.ended();
+    // The reason of a failure stands above the table, in full.
+    let ended = ended.split(": ").next().unwrap_or_default();
+    cells([&phase.name, &time(phase.begin), &time(phase.took(now)), ended])
 }
 
 fn peaks(phase: &Phase, signals: &[(usize, &Track)]) -> Vec<String> {
@@ -216,7 +219,7 @@ mod tests {
                   1.0 s  sys/near aborted: SIGKILL
 
                   phase          from   took  ended by
-                  servo # near  0.0 s  1.1 s  near aborted: SIGKILL
+                  servo # near  0.0 s  1.1 s  near aborted
                   whole run            1.2 s
 
                   record  runs/test-1/run.mcap
