@@ -248,5 +248,10 @@ pub(crate) fn short(path: &str) -> &str {
     path.strip_prefix("main/").unwrap_or(path)
 }
 
+/// Returns `22.1 s`.
+pub(crate) fn seconds(time: Duration) -> String {
+    format!("{:.1} s", time.as_secs_f64())
+}
+
 #[cfg(test)]
 pub(crate) mod tests;

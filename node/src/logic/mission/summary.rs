@@ -1,7 +1,7 @@
 //! The one screen at the end of a mission.
 
 use crate::logic::mission::progress::cut;
-use crate::logic::mission::{Mission, Note, Outcome, Phase, Track, short};
+use crate::logic::mission::{Mission, Note, Outcome, Phase, Track, seconds, short};
 use std::time::Duration;
 
 /// The most rows of phases; a screen has about 24.
@@ -109,7 +109,7 @@ fn table(mission: &Mission, text: &mut String) {
         rows.push((phase_cells(phase, now, &cells), peaks(phase, &signals)));
     }
     let whole = signals.iter().map(|(_, track)| track.text(track.peak)).collect();
-    rows.push((cells(["whole run", "", &time(now), ""]), whole));
+    rows.push((cells(["whole run", "", &seconds(now), ""]), whole));
     let last = signals.iter().map(|(_, track)| track.text(track.last)).collect();
     if !signals.is_empty() {
         rows.push((cells(["at the end", "", "", ""]), last));
@@ -125,16 +125,12 @@ fn phase_cells(phase: &Phase, now: Duration, cells: &dyn Fn([&str; 4]) -> Vec<St
     let ended = phase.ended();
     // The reason of a failure stands above the table, in full.
     let ended = ended.split(": ").next().unwrap_or_default();
-    cells([&phase.name, &time(phase.begin), &time(phase.took(now)), ended])
+    cells([&phase.name, &seconds(phase.begin), &seconds(phase.took(now)), ended])
 }
 
 fn peaks(phase: &Phase, signals: &[(usize, &Track)]) -> Vec<String> {
     let peak = |(index, track): &(usize, &Track)| phase.peak(*index).map_or("·".to_owned(), |peak| track.text(peak));
     signals.iter().map(peak).collect()
-}
-
-fn time(time: Duration) -> String {
-    format!("{:.1} s", time.as_secs_f64())
 }
 
 /// Returns the rows with names to the left and numbers to the right of their columns.
@@ -163,7 +159,7 @@ fn aligned(rows: &[Row]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::logic::mission::tests::{OPENING, door, feed, seconds};
+    use crate::logic::mission::tests::{OPENING, door, feed, seconds as at};
     use crate::logic::protocol::{Ending, Failure, FailureCause, Report};
     use expect_test::{Expect, expect};
 
@@ -180,7 +176,7 @@ mod tests {
 
     #[test]
     fn a_mission_that_is_done() {
-        let end = Report::Finished { ending: Ending::Done(Vec::new()), at: seconds(22.1), unconfirmed: Vec::new() };
+        let end = Report::Finished { ending: Ending::Done(Vec::new()), at: at(22.1), unconfirmed: Vec::new() };
         check(
             OPENING,
             end,
@@ -206,9 +202,9 @@ mod tests {
     fn a_mission_that_failed() {
         let table = "0 servo activated \n 0 near activated \n 1 near killed \n 1 servo stopping \n 1.1 servo stopped";
         let cause = FailureCause::Signal(9);
-        let failure = Failure { origin: "main/sys/near/laser".to_owned(), cause, at: seconds(1.0) };
+        let failure = Failure { origin: "main/sys/near/laser".to_owned(), cause, at: at(1.0) };
         let unconfirmed = vec!["c2".to_owned()];
-        let end = Report::Finished { ending: Ending::Aborted(failure), at: seconds(1.2), unconfirmed };
+        let end = Report::Finished { ending: Ending::Aborted(failure), at: at(1.2), unconfirmed };
         check(
             table,
             end,

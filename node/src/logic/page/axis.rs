@@ -1,7 +1,7 @@
 //! The axis of time that every picture shares, with the phases on it; and axes of values.
 
-use crate::logic::mission::Mission;
-use crate::logic::page::text::{escape, seconds};
+use crate::logic::mission::{Mission, seconds};
+use crate::logic::page::text::escape;
 use std::time::Duration;
 
 /// Width of every picture, in its own units.

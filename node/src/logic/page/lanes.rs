@@ -1,8 +1,8 @@
 //! A lane for each process: when it ran, and how that ended.
 
-use crate::logic::mission::{Mission, short};
+use crate::logic::mission::{Mission, seconds, short};
 use crate::logic::page::axis::{LEFT, TimeAxis, svg};
-use crate::logic::page::text::{escape, seconds};
+use crate::logic::page::text::escape;
 use crate::logic::protocol::{Change, Ending, Report};
 use crate::logic::record::{Entry, Run, change_text};
 use language::plan::{MemberKind, Plan};

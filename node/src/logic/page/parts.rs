@@ -1,7 +1,7 @@
 //! Everything on the page that is words and numbers.
 
-use crate::logic::mission::{Mission, Outcome, Track, failure_chain};
-use crate::logic::page::text::{date, escape, seconds};
+use crate::logic::mission::{Mission, Outcome, Track, failure_chain, seconds};
+use crate::logic::page::text::{date, escape};
 use crate::logic::protocol::Report;
 use crate::logic::record::{Entry, Run, change_text, report_text};
 use std::time::Duration;

@@ -18,11 +18,6 @@ pub(super) fn escape(text: &str) -> String {
     escaped
 }
 
-/// Returns `22.1 s`.
-pub(super) fn seconds(time: Duration) -> String {
-    format!("{:.1} s", time.as_secs_f64())
-}
-
 /// Returns a date and time in UTC. Source: H. Hinnant, "chrono-compatible low-level date algorithms", `civil_from_days`.
 pub(super) fn date(since_1970: Duration) -> String {
     let (days, rest) = (since_1970.as_secs() / 86_400, since_1970.as_secs() % 86_400);
