@@ -98,6 +98,14 @@ impl Links {
                 made.hear(session, &incoming.key, port, inbox)?;
             }
         }
+        // Consumers have their inputs before anybody sends: a value that is sent once must not find nobody there.
+        for wire in made.wires.values() {
+            if let Way::Push(publisher) = &wire.way
+                && !publisher.wait_heard(DIAL_WITHIN)
+            {
+                return Err(format!("output `{}`: its consumer has not come within {DIAL_WITHIN:?}", wire.port));
+            }
+        }
         *self.lock() = made;
         Ok(())
     }
