@@ -7,18 +7,23 @@ use crate::cli::{Failure, report};
 use crate::io::observer::{Observer, Sample};
 use crate::io::recorder::Recorder;
 use crate::logic::mission::{Files, Mission, Outcome};
-use crate::logic::protocol::{Answer, Report, Request};
+use crate::logic::protocol::{Answer, Deployment, Report, Request};
 use crate::logic::record::{Entry, Header};
 use anyhow::{Context, anyhow};
 use comms::io::clock;
 use comms::logic::time::Time;
 use language::plan::Plan;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::mpsc;
 
 /// How many samples wait to be shown and recorded; more are left out and counted.
 const SAMPLES_MAX: usize = 4096;
+/// How long the home node has to be back when its answers are cut off.
+const BACK_WITHIN: Duration = Duration::from_secs(15);
+/// How often it is looked for, once it was not there.
+const LOOK_EVERY: Duration = Duration::from_millis(200);
 /// How many folders of earlier runs are stepped over to find a free name.
 const RUNS_MAX: u32 = 100_000;
 
@@ -55,6 +60,9 @@ struct Watch {
     go_at: Option<Time>,
     name: String,
     home: String,
+    deployment: Option<Deployment>,
+    seen: u64,
+    cut_off: Option<Time>,
 }
 
 /// Deploys a spec and stays until it has ended; Ctrl-C stops it everywhere.
@@ -73,6 +81,9 @@ pub(crate) async fn follow(client: &Client, spec: Spec, following: &Following) -
         go_at: None,
         name: spec.plan.name.clone(),
         home: home.clone(),
+        deployment: None,
+        seen: 0,
+        cut_off: None,
     };
     let request = Request::Deploy { request: request_number(), plan: spec.plan };
     let answers = client.ask_on(&home, &request)?;
@@ -99,8 +110,11 @@ impl Watch {
         loop {
             tokio::select! {
                 answer = answers.next() => match answer {
-                    Some(answer) => self.take(answer?).await?,
-                    None => return self.answers_over(home),
+                    Some(Ok(answer)) => self.take(answer).await?,
+                    cut_off => match self.again(client, cut_off.and_then(Result::err)).await? {
+                        Some(more) => answers = more,
+                        None => return Ok(()),
+                    },
                 },
                 Some(sample) = samples.recv() => self.sample(sample),
                 _ = refresh.tick() => {
@@ -113,11 +127,27 @@ impl Watch {
         }
     }
 
-    fn answers_over(&self, home: &str) -> Result<(), Failure> {
-        if self.mission.verdict().is_some() {
-            return Ok(());
+    /// Goes on watching after the answers have ended, unless that was the end of the mission: the home node may have been
+    /// out of reach for a moment, which the mission itself survives.
+    async fn again(&mut self, client: &Client, why: Option<anyhow::Error>) -> Result<Option<Answers>, Failure> {
+        let Some(deployment) = self.deployment.clone().filter(|_| self.mission.verdict().is_none()) else {
+            return why.map_or(Ok(None), |why| Err(why.into()));
+        };
+        // The first look back is taken at once, others after a pause.
+        let now = clock::now();
+        let deadline = self.cut_off.get_or_insert(now).to_owned() + BACK_WITHIN;
+        if deadline < now + BACK_WITHIN {
+            clock::sleep_until(now + LOOK_EVERY).await;
         }
-        Err(Failure::Unreachable(anyhow!("the node `{home}` went away in the middle; `{}` may still run", self.name)))
+        while clock::now() < deadline {
+            if client.hosts(std::slice::from_ref(&self.home)).await?.contains(&self.home) {
+                let request = Request::Watch { deployment: deployment.clone(), seen: self.seen };
+                return Ok(Some(client.ask_on(&self.home, &request)?));
+            }
+        }
+        let (home, name) = (&self.home, &self.name);
+        let gone = anyhow!("the node `{home}` went away in the middle; `{name}` may still run: see `dca status`");
+        Err(Failure::Unreachable(gone))
     }
 
     /// Asks for the end once; the mission's own reports say when it has come. The second time nobody waits.
@@ -132,6 +162,11 @@ impl Watch {
 
     async fn take(&mut self, answer: Answer) -> Result<(), Failure> {
         let Answer::Report(report) = answer else { return Err(unasked(&self.home, &answer)) };
+        self.seen += 1;
+        self.cut_off = None;
+        if let Report::Accepted { deployment } = &report {
+            self.deployment = Some(deployment.clone());
+        }
         if let Report::Go { signals, .. } = &report {
             self.go_at = Some(clock::now());
             if !signals.is_empty() {
@@ -167,13 +202,18 @@ impl Watch {
         }
         let mut files = Files::default();
         if let Some(recorder) = self.recorder.take() {
-            let (record, dropped) = recorder.finish()?;
-            let page = record.with_file_name("report.html");
+            let (record, finished) = (recorder.path().to_owned(), recorder.finish());
+            match finished {
+                Ok((_, dropped)) => files.dropped = dropped,
+                // What was recorded before is good, and the mission has its own outcome.
+                Err(error) => self.output.note(&format!("warning: the record is not complete: {error:#}")),
+            }
+            let page = record.with_file_name(report::FILE);
             match report::write(&record, &page) {
                 Ok(()) => files.report = Some(page.display().to_string()),
                 Err(error) => self.output.note(&format!("warning: no report was made: {error:#}")),
             }
-            (files.record, files.dropped) = (Some(record.display().to_string()), dropped);
+            files.record = Some(record.display().to_string());
         }
         self.output.clear();
         watched?;

@@ -2,7 +2,7 @@
 
 use crate::logic::child::ShimReport;
 use crate::logic::effect::{Effect, Out, ProcessId, earliest};
-use crate::logic::home::Home;
+use crate::logic::home::{Home, tell_missed};
 use crate::logic::link::{Frame, Link};
 use crate::logic::nameserver::NameServer;
 use crate::logic::programs::Programs;
@@ -23,6 +23,8 @@ const DEPLOYMENTS_MAX: usize = 64;
 
 /// How long a deployment waits for hosts that this node has not seen yet.
 const GATHER_WITHIN: Duration = Duration::from_secs(2);
+/// How many deployments that are over are remembered.
+const OVER_MAX: usize = 8;
 /// How many requests are remembered, so that repeating one is harmless.
 const REQUESTS_MAX: usize = 10_000;
 
@@ -106,6 +108,8 @@ pub struct Agent {
     tenants: BTreeMap<Deployment, Tenant>,
     requests: BTreeSet<u64>,
     gathering: Vec<Gathering>,
+    /// Reports of deployments that are over, for those who were cut off when it happened.
+    over: VecDeque<(Deployment, Vec<Report>)>,
     leaving: bool,
 }
 
@@ -130,6 +134,7 @@ impl Agent {
             tenants: BTreeMap::new(),
             requests: BTreeSet::new(),
             gathering: Vec::new(),
+            over: VecDeque::new(),
             leaving: false,
         }
     }
@@ -317,6 +322,15 @@ impl Agent {
                 }
                 answer(call, Answer::Stop(StopReply::Unknown), out);
             }
+            Request::Watch { deployment, seen } => {
+                if let Some(home) = self.homes.get_mut(&deployment) {
+                    return home.watch(call, seen, out);
+                }
+                match self.over.iter().find(|(over, _)| *over == deployment) {
+                    Some((_, reports)) => tell_missed(reports, call, seen, out),
+                    None => answer(call, Answer::Refused(format!("`{deployment}` is not known here")), out),
+                }
+            }
             Request::Logs { deployment, process, follow } => {
                 let named = |id: &Deployment| deployment.as_ref().is_none_or(|name| *name == id.name);
                 let tenants = self.tenants.iter().filter(|(id, _)| named(id));
@@ -427,7 +441,10 @@ impl Agent {
 
     /// Drops what is over. A node that leaves says so when nothing is left.
     fn tidy_up(&mut self, effects: &mut Vec<Effect>) {
-        self.homes.retain(|_, home| !home.is_over());
+        for (deployment, home) in self.homes.extract_if(.., |_, home| home.is_over()) {
+            self.over.push_front((deployment, home.into_reports()));
+        }
+        self.over.truncate(OVER_MAX);
         for (_, tenant) in self.tenants.iter().filter(|(_, tenant)| tenant.is_over()) {
             effects.extend(tenant.processes().map(|process| Effect::Forget { process }));
         }

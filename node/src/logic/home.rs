@@ -27,8 +27,8 @@ const CONNECT_WITHIN: Duration = Duration::from_secs(20);
 const RELEASE_WITHIN: Duration = Duration::from_secs(10);
 /// How long the other hosts have to add their reasons once one has refused.
 const REASONS_WITHIN: Duration = Duration::from_secs(2);
-/// How many reports are kept for those who ask later.
-const REPORTS_MAX: usize = 100_000;
+/// How many reports are kept for those who were cut off; past that, changes of processes are left out.
+const REPORTS_MAX: usize = 20_000;
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum Phase {
@@ -57,7 +57,7 @@ pub struct Home {
     ending: Option<Ending>,
     watchers: Vec<u64>,
     stoppers: Vec<u64>,
-    reports: usize,
+    reports: Vec<Report>,
 }
 
 impl Home {
@@ -80,7 +80,7 @@ impl Home {
             ending: None,
             watchers: vec![watcher],
             stoppers: Vec::new(),
-            reports: 0,
+            reports: Vec::new(),
         };
         home.report(Report::Accepted { deployment: home.deployment.clone() }, out);
         for host in home.hosts.clone() {
@@ -140,6 +140,17 @@ impl Home {
             }
             Phase::Ending | Phase::Over => {}
         }
+    }
+
+    /// Goes on reporting to somebody who has the first `seen` reports.
+    pub fn watch(&mut self, call: u64, seen: u64, out: &mut Out<'_>) {
+        tell_missed(&self.reports, call, seen, out);
+        self.watchers.push(call);
+    }
+
+    /// Returns every report, once it is over.
+    pub fn into_reports(self) -> Vec<Report> {
+        self.reports
     }
 
     /// Forgets a caller that has gone away.
@@ -266,7 +277,7 @@ impl Home {
             Target::Leaf(leaf) => self.plan.leaves.get(leaf as usize).map(|leaf| leaf.path.clone()),
             Target::Group(group) => self.plan.groups.get(group as usize).map(|group| group.path.clone()),
         };
-        if let Some(path) = path.filter(|_| self.reports < REPORTS_MAX) {
+        if let Some(path) = path.filter(|_| self.reports.len() < REPORTS_MAX) {
             let at = self.go_at.map_or(Duration::ZERO, |go| out.now - go);
             self.report(Report::Process { path, change, at }, out);
         }
@@ -306,9 +317,17 @@ impl Home {
     }
 
     fn report(&mut self, report: Report, out: &mut Out<'_>) {
-        self.reports += 1;
         for &call in &self.watchers {
             out.effects.push(Effect::Answer { call, answer: Box::new(Answer::Report(report.clone())) });
         }
+        self.reports.push(report);
+    }
+}
+
+/// Repeats the reports that somebody who has the first `seen` of them has missed.
+pub fn tell_missed(reports: &[Report], call: u64, seen: u64, out: &mut Out<'_>) {
+    let missed = usize::try_from(seen).ok().and_then(|seen| reports.get(seen..)).unwrap_or_default();
+    for report in missed {
+        out.effects.push(Effect::Answer { call, answer: Box::new(Answer::Report(report.clone())) });
     }
 }

@@ -5,7 +5,8 @@
 //!     any ─program ended, nothing left─▶ Dead          any ─leave─▶ Leaving ─▶ Dead
 //! ```
 //! Invariants: exactly one ending for each activation, and only when the controller has finished its `Stop()` or when
-//! nothing of the program is left; a stop is bounded by `stop_within`, then by [`GRACE`], then by [`KILL_WITHIN`].
+//! nothing of the program is left; a stop is bounded by `stop_within`, then by the grace after SIGTERM, then by the
+//! time the kernel has to remove what was killed.
 
 use crate::logic::child::{ShimOrder, ShimReport};
 use crate::logic::effect::{Effect, SpawnOrder};

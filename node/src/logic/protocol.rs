@@ -329,6 +329,13 @@ pub enum Request {
         /// Goes on as output comes.
         follow: bool,
     },
+    /// Answered as `Deploy` is, for somebody whose answers were cut off.
+    Watch {
+        /// The deployment.
+        deployment: Deployment,
+        /// How many of its reports the asker has.
+        seen: u64,
+    },
 }
 
 /// An element of the answer to a [`Request`].
