@@ -1,7 +1,7 @@
 //! The whole comparison of the algebra with its reference, of which the test suite runs a slice:
 //!
 //! ```text
-//! cargo run --release -p language --example algebra_full                 everything: most of an hour
+//! cargo run --release -p language --example algebra_full                 everything: hours, nearly all of it for `most`
 //! cargo run --release -p language --example algebra_full -- random 9     1,000,000 random cases from seed 9: a minute
 //! ```
 //!
