@@ -9,18 +9,23 @@ mod flow;
 mod lower;
 mod names;
 mod ports;
-mod spec;
+pub(crate) mod spec;
 mod types;
 mod unit;
 mod value;
 
 use crate::diagnostic::{Code, Diagnostic, Severity};
-use crate::plan::Plan;
 use crate::source::{Origin, Source};
 use crate::syntax::{Parse, parse};
+use crate::{Compiled, Options};
 
-/// Checks a spec against the interfaces of the modules; returns its plan unless something is wrong.
-pub(crate) fn check(spec: &Source, interfaces: &[Source], name: &str) -> (Option<Plan>, Vec<Diagnostic>) {
+/// Checks a spec against the interfaces of the modules; returns its plan unless something is wrong, what the plan was made
+/// from, and the root in it.
+pub(crate) fn compile_with_model(
+    spec: &Source,
+    interfaces: &[Source],
+    options: &Options,
+) -> (Compiled, spec::Spec, Option<usize>) {
     let origins = (0..).map(Origin::Interface);
     let sources = std::iter::once((Origin::Spec, spec)).chain(origins.zip(interfaces));
     let mut model = spec::Spec::default();
@@ -36,17 +41,21 @@ pub(crate) fn check(spec: &Source, interfaces: &[Source], name: &str) -> (Option
         ports::check(&model, &mut diagnostics);
         flow::check(&mut model, &mut diagnostics);
     }
+    if options.deny_lenient_names {
+        let lenient = diagnostics.iter_mut().filter(|found| is_lenient_name(found.code));
+        lenient.for_each(|found| found.severity = Severity::Error);
+    }
     let is_wrong = |diagnostics: &[Diagnostic]| diagnostics.iter().any(|found| found.severity == Severity::Error);
     let plan = match root {
-        Some(root) if !is_wrong(&diagnostics) => lower::lower(&model, root, name, &mut diagnostics),
+        Some(root) if !is_wrong(&diagnostics) => lower::lower(&model, root, &options.name, &mut diagnostics),
         Some(_) | None => None,
     };
     diagnostics.sort_by_key(|found| (found.primary.span, found.code));
     let plan = plan.filter(|_| !is_wrong(&diagnostics));
-    (plan, diagnostics)
+    (Compiled { plan, diagnostics }, model, root)
 }
 
 /// Whether a code is a name that was read leniently.
-pub(crate) fn is_lenient_name(code: Code) -> bool {
+fn is_lenient_name(code: Code) -> bool {
     [Code::W0201, Code::W0202, Code::W0203, Code::W0204].contains(&code)
 }

@@ -35,6 +35,7 @@ mod check;
 mod diagnostic;
 mod fix;
 mod format;
+mod graph;
 pub mod plan;
 mod similar;
 mod source;
@@ -43,6 +44,7 @@ pub mod syntax;
 pub use diagnostic::{Code, Diagnostic, Edit, Fix, Label, Severity, Style, apply_fixes, render};
 pub use fix::fix;
 pub use format::format;
+pub use graph::{Graph, graph};
 pub use source::{Origin, Position, SOURCE_MAX, Source, Span};
 
 /// What a caller may choose.
@@ -72,12 +74,6 @@ pub struct Compiled {
 
 /// Compiles a spec. `interfaces` are texts that consist of `module` blocks, as controller programs print them.
 pub fn compile(spec: &Source, interfaces: &[Source], options: &Options) -> Compiled {
-    let (mut plan, mut diagnostics) = check::check(spec, interfaces, &options.name);
-    if options.deny_lenient_names {
-        for diagnostic in diagnostics.iter_mut().filter(|found| check::is_lenient_name(found.code)) {
-            diagnostic.severity = Severity::Error;
-            plan = None;
-        }
-    }
-    Compiled { plan, diagnostics }
+    let (compiled, _, _) = check::compile_with_model(spec, interfaces, options);
+    compiled
 }

@@ -11,6 +11,7 @@ pub mod explain;
 pub mod fix;
 pub mod fmt;
 pub mod follow;
+pub mod graph;
 pub mod logs;
 pub mod nodes;
 pub mod output;
@@ -46,6 +47,8 @@ enum Verb {
     Fix(fix::Arguments),
     /// Write specs in their one form
     Fmt(fmt::Arguments),
+    /// Draw a spec: processes, ports and connections
+    Graph(graph::Arguments),
     /// Say what a diagnostic code means
     Explain(explain::Arguments),
     /// List the nodes that can be reached
@@ -107,6 +110,7 @@ pub fn main() -> ExitCode {
         Verb::Check(arguments) => check::run(&arguments),
         Verb::Fix(arguments) => fix::run(&arguments),
         Verb::Fmt(arguments) => fmt::run(&arguments),
+        Verb::Graph(arguments) => graph::run(&arguments),
         Verb::Explain(arguments) => explain::run(&arguments),
         Verb::Nodes(arguments) => nodes::run(&arguments),
         Verb::Status(arguments) => status::run(&arguments),

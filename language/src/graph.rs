@@ -1,0 +1,66 @@
+//! A spec as a picture: `dca graph`.
+//!
+//! Boxes are processes, boxes in boxes are groups, and ports sit on the borders: inputs on the left, outputs on the right.
+//! The band at the top of a box has the colour of its host. Arrows of one connection set have one colour and carry its
+//! label. To be seen at a glance: a service (double border), a port that nothing is connected to (hollow, red), a
+//! connection whose set is never open (dotted, crossed), and a connection that is fetched (dashed).
+//!
+//! The layout is layered from left to right, and a function of the spec alone: the same text gives the same picture, and
+//! a small change a small one.
+
+mod column;
+mod dot;
+mod layout;
+mod model;
+mod place;
+mod route;
+mod svg;
+
+use crate::check;
+use crate::diagnostic::Diagnostic;
+use crate::source::Source;
+use crate::{Compiled, Options};
+use model::Unit;
+
+/// What there is to draw of a spec.
+#[derive(Clone, Debug)]
+pub struct Graph {
+    root: Unit,
+    hosts: Vec<String>,
+}
+
+/// Returns the picture of a spec, absent when there is an error, and everything there is to say.
+///
+/// ```
+/// use language::{Options, Source, graph};
+///
+/// let spec = Source::new("blink.dca", "process main() {
+///     instantiated_processes { lamp instof Lamp(c1); switch instof Switch(c2); }
+///     internal_connections(switch, on) { switch, Out -> lamp, In; }
+///     internal_event_actions { lamp, switch[on] }
+/// }");
+/// let (graph, _) = graph(&spec, &[], &Options::named("blink"));
+/// let graph = graph.unwrap();
+/// assert!(graph.svg().starts_with("<svg "));
+/// assert!(graph.dot().contains("u1:o0 -> u0:i0"));
+/// ```
+pub fn graph(spec: &Source, interfaces: &[Source], options: &Options) -> (Option<Graph>, Vec<Diagnostic>) {
+    let (Compiled { plan, diagnostics }, model, root) = check::compile_with_model(spec, interfaces, options);
+    let graph = plan.zip(root).map(|(plan, root)| {
+        let root = model::unit(&model, root, &plan);
+        Graph { root, hosts: plan.hosts }
+    });
+    (graph, diagnostics)
+}
+
+impl Graph {
+    /// Returns the picture as SVG.
+    pub fn svg(&self) -> String {
+        svg::svg(&self.root, &self.hosts)
+    }
+
+    /// Returns the picture in the language of Graphviz, for other layouts.
+    pub fn dot(&self) -> String {
+        dot::dot(&self.root, &self.hosts)
+    }
+}

@@ -1,0 +1,89 @@
+//! How large a box is and where its parts are: heights first, column by column.
+
+use super::column::{Columns, Item};
+use super::layout::{GAP, PASS_GAP, PORT_STEP, Placed, TOP};
+use super::model::{End, Link};
+use std::collections::BTreeMap;
+
+/// The heights of everything in the columns of one group.
+#[derive(Debug, Default)]
+pub(super) struct Heights {
+    /// The upper edge of each item of each column.
+    pub(super) tops: Vec<BTreeMap<Item, i32>>,
+    /// Where the lowest item ends.
+    pub(super) bottom: i32,
+}
+
+impl Heights {
+    /// Stacks the items of each column as close to their neighbours as they fit.
+    pub(super) fn new(columns: &Columns, links: &[Link], inner: &[Placed]) -> Self {
+        let mut heights = Self { tops: vec![BTreeMap::new(); columns.items.len()], bottom: TOP };
+        let count = columns.items.len();
+        for column in 0..count {
+            heights.stack(columns, links, inner, column, column.checked_sub(1));
+        }
+        for column in (0..count.saturating_sub(1)).rev() {
+            heights.stack(columns, links, inner, column, Some(column + 1));
+        }
+        for column in 1..count {
+            heights.stack(columns, links, inner, column, Some(column - 1));
+        }
+        let lowest = heights.tops.iter().flat_map(|tops| tops.values()).min().copied().unwrap_or(TOP);
+        for top in heights.tops.iter_mut().flat_map(|tops| tops.values_mut()) {
+            *top += TOP - lowest;
+        }
+        let ends = heights.tops.iter().flat_map(|tops| tops.iter().map(|(&item, &top)| top + height(item, inner)));
+        heights.bottom = ends.max().unwrap_or(TOP);
+        heights
+    }
+
+    fn stack(&mut self, columns: &Columns, links: &[Link], inner: &[Placed], column: usize, other: Option<usize>) {
+        let mut tops = BTreeMap::new();
+        let mut end = i32::MIN;
+        for &item in &columns.items[column] {
+            let wish = other.and_then(|other| self.wish(columns, links, inner, item, other));
+            let wish = wish.or_else(|| self.tops[column].get(&item).copied());
+            let top = wish.unwrap_or(if end == i32::MIN { TOP } else { end }).max(end);
+            tops.insert(item, top);
+            end = top + height(item, inner) + if let Item::Unit(_) = item { GAP } else { PASS_GAP };
+        }
+        self.tops[column] = tops;
+    }
+
+    /// Where an item would stand so that its arrows from or to another column run straight, on average.
+    fn wish(&self, columns: &Columns, links: &[Link], inner: &[Placed], item: Item, other: usize) -> Option<i32> {
+        let mut wishes = Vec::new();
+        for (index, net) in columns.nets.iter().enumerate() {
+            let mut ends = vec![(end_item(net.from), net.from.port), (Some(Item::Pass(index)), 0)];
+            ends.extend(net.links.iter().map(|&link| (end_item(links[link].to), links[link].to.port)));
+            let own: Vec<usize> = ends.iter().filter(|(end, _)| *end == Some(item)).map(|&(_, port)| port).collect();
+            for (end, port) in ends.iter().filter(|(end, _)| *end != Some(item)) {
+                let Some(top) = end.and_then(|end| self.tops[other].get(&end)) else { continue };
+                let there = top + end.map_or(0, |end| offset(end, *port, inner));
+                wishes.extend(own.iter().map(|&port| there - offset(item, port, inner)));
+            }
+        }
+        let count = i32::try_from(wishes.len()).ok().filter(|&count| count > 0)?;
+        Some(wishes.iter().sum::<i32>() / count)
+    }
+}
+
+fn end_item(end: End) -> Option<Item> {
+    end.unit.map(Item::Unit)
+}
+
+/// The height of an item.
+pub(super) fn height(item: Item, inner: &[Placed]) -> i32 {
+    match item {
+        Item::Unit(member) => inner[member].height,
+        Item::Pass(_) => PORT_STEP / 2,
+    }
+}
+
+/// Where a port of an item is, below the item's upper edge.
+pub(super) fn offset(item: Item, port: usize, inner: &[Placed]) -> i32 {
+    match item {
+        Item::Unit(member) => inner[member].ports[port].1,
+        Item::Pass(_) => PORT_STEP / 4,
+    }
+}

@@ -1,0 +1,175 @@
+//! The picture as SVG text.
+
+use super::layout::{BAND, Placed, labels, layout, text_width};
+use super::model::{Link, Unit};
+use crate::check::spec::Direction;
+use std::fmt::Write as _;
+
+/// The room around the whole.
+const MARGIN: i32 = 16;
+/// The line with the hosts below the whole.
+const LEGEND: i32 = 26;
+/// Bands of hosts: a strong colour, and a light one for what is inside.
+const HOSTS: [(&str, &str); 6] = [
+    ("#b9d3ee", "#f3f8fd"),
+    ("#f6d5a8", "#fdf8f0"),
+    ("#c3e3b5", "#f5fbf2"),
+    ("#e3c6e8", "#fbf5fc"),
+    ("#f0c2c2", "#fdf4f4"),
+    ("#c9d8d6", "#f4f8f7"),
+];
+/// Colours of connection sets.
+const SETS: [&str; 8] = ["#1f5fa8", "#b3541e", "#2b7a3d", "#7d3c98", "#a8781f", "#1f8a8a", "#a83260", "#4a5568"];
+/// Arrows from and to the ports that a group exports.
+const EXPORT: &str = "#666666";
+/// What is not as it should be.
+const WRONG: &str = "#c81e1e";
+
+pub(super) fn svg(root: &Unit, hosts: &[String]) -> String {
+    let placed = layout(root, hosts);
+    let legend = hosts.iter().map(|host| text_width(host) + 40).sum::<i32>();
+    let (width, height) = (placed.width.max(legend) + 2 * MARGIN, placed.height + 2 * MARGIN + LEGEND);
+    let mut out = format!(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" viewBox=\"0 0 {width} {height}\" \
+         font-family=\"Helvetica, Arial, sans-serif\" font-size=\"12\">\n<rect width=\"100%\" height=\"100%\" fill=\"white\"/>\n"
+    );
+    draw(&mut out, root, &placed, (MARGIN, MARGIN), hosts);
+    let mut x = MARGIN;
+    for (index, host) in hosts.iter().enumerate() {
+        let y = height - LEGEND;
+        let (band, _) = HOSTS[index % HOSTS.len()];
+        line(
+            &mut out,
+            format_args!("<rect x=\"{x}\" y=\"{y}\" width=\"14\" height=\"14\" fill=\"{band}\" stroke=\"#555\"/>"),
+        );
+        text(&mut out, (x + 20, y + 11), "", host);
+        x += text_width(host) + 40;
+    }
+    out + "</svg>\n"
+}
+
+fn line(out: &mut String, text: std::fmt::Arguments<'_>) {
+    // A string takes whatever is written to it.
+    let written = out.write_fmt(text);
+    debug_assert!(written.is_ok());
+    out.push('\n');
+}
+
+fn text(out: &mut String, (x, y): (i32, i32), attributes: &str, text: &str) {
+    line(out, format_args!("<text x=\"{x}\" y=\"{y}\"{attributes}>{}</text>", escape(text)));
+}
+
+fn escape(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}
+
+/// Draws a box, its content, and its ports on top.
+fn draw(out: &mut String, unit: &Unit, placed: &Placed, (x, y): (i32, i32), hosts: &[String]) {
+    let Placed { width, height, .. } = placed;
+    let (band, fill) = HOSTS[unit.host % HOSTS.len()];
+    let host = hosts.get(unit.host).map_or("", String::as_str);
+    let title = format!("{}: {}{}, on {host}", unit.name, unit.kind, if unit.is_service { ", a service" } else { "" });
+    line(out, format_args!("<g><title>{}</title>", escape(&title)));
+    let stroke = if unit.is_group { 1.6 } else { 1.0 };
+    let place = format!("x=\"{x}\" y=\"{y}\" width=\"{width}\" height=\"{height}\" rx=\"3\"");
+    line(out, format_args!("<rect {place} fill=\"{fill}\" stroke=\"#333\" stroke-width=\"{stroke}\"/>"));
+    line(
+        out,
+        format_args!(
+            "<path d=\"M{x} {} v-{BAND} h{width} v{BAND} z\" fill=\"{band}\" stroke=\"#333\" stroke-width=\"0.6\"/>",
+            y + BAND
+        ),
+    );
+    if unit.is_service {
+        let (x, y, width, height) = (x - 3, y - 3, width + 6, height + 6);
+        line(
+            out,
+            format_args!(
+                "<rect x=\"{x}\" y=\"{y}\" width=\"{width}\" height=\"{height}\" rx=\"5\" fill=\"none\" stroke=\"#333\" stroke-width=\"0.8\"/>"
+            ),
+        );
+    }
+    head(out, unit, placed, (x, y), host);
+    for (link, points) in unit.links.iter().zip(&placed.lines) {
+        arrow(out, link, points, (x, y));
+    }
+    for (net, indent) in labels(unit) {
+        let link = &unit.links[net];
+        let Some(start) = placed.lines[net].first() else { continue };
+        let style = format!(" font-size=\"9\" fill=\"{}\"", colour(link));
+        text(out, (x + start.0 + 8 + indent, y + start.1 - 3), &style, &link.label);
+    }
+    for (inner, place) in unit.units.iter().zip(&placed.inner) {
+        draw(out, inner, place, (x + place.x, y + place.y), hosts);
+    }
+    for (port, &(port_x, port_y)) in unit.ports.iter().zip(&placed.ports) {
+        // The arrows of a group's own ports go on inside: its names stand above them.
+        let above = if unit.is_group { 5 } else { -4 };
+        port_mark(out, port, (x + port_x, y + port_y), above);
+    }
+    line(out, format_args!("</g>"));
+}
+
+fn head(out: &mut String, unit: &Unit, placed: &Placed, (x, y): (i32, i32), host: &str) {
+    let name = if unit.is_service { format!("{} ∞", unit.name) } else { unit.name.clone() };
+    text(out, (x + 8, y + 15), " font-weight=\"bold\"", &name);
+    text(out, (x + placed.width - 8, y + 15), " text-anchor=\"end\" font-size=\"10\" fill=\"#444\"", host);
+    if unit.is_group {
+        text(out, (x + 8 + text_width(&name) + 8, y + 15), " fill=\"#444\"", &unit.kind);
+    } else {
+        text(
+            out,
+            (x + placed.width / 2, y + BAND + 13),
+            " text-anchor=\"middle\" font-size=\"11\" fill=\"#555\"",
+            &unit.kind,
+        );
+    }
+}
+
+/// An input points into the box, an output out of it; what is connected to nothing is hollow.
+fn port_mark(out: &mut String, port: &super::model::Port, (x, y): (i32, i32), above: i32) {
+    let (fill, stroke) = if port.is_used { ("#222", "#222") } else { ("white", WRONG) };
+    line(out, format_args!("<path d=\"M{} {} l9 5 l-9 5 z\" fill=\"{fill}\" stroke=\"{stroke}\"/>", x - 4, y - 5));
+    let colour = if port.is_used { "#222" } else { WRONG };
+    let (x, anchor) = if port.direction == Direction::In { (x + 8, "start") } else { (x - 8, "end") };
+    text(out, (x, y - above), &format!(" text-anchor=\"{anchor}\" font-size=\"10\" fill=\"{colour}\""), &port.name);
+}
+
+fn arrow(out: &mut String, link: &Link, points: &[(i32, i32)], (x, y): (i32, i32)) {
+    let colour = colour(link);
+    let dash = match (link.is_cut, link.is_pull) {
+        (true, _) => " stroke-dasharray=\"2 4\"",
+        (false, true) => " stroke-dasharray=\"7 3\"",
+        (false, false) => "",
+    };
+    let corners: Vec<String> = points.iter().map(|(px, py)| format!("{} {}", x + px, y + py)).collect();
+    let path = corners.join(" L");
+    line(
+        out,
+        format_args!(
+            "<path d=\"M{path}\" fill=\"none\" stroke=\"{colour}\" stroke-width=\"1.5\" stroke-linejoin=\"round\"{dash}/>"
+        ),
+    );
+    let Some(&(end_x, end_y)) = points.last() else { return };
+    line(out, format_args!("<path d=\"M{} {} l-8 -4 v8 z\" fill=\"{colour}\"/>", x + end_x - 3, y + end_y));
+    if link.is_cut && points.len() > 1 {
+        let (a, b) = (points[points.len() / 2 - 1], points[points.len() / 2]);
+        let (middle_x, middle_y) = (x + i32::midpoint(a.0, b.0), y + i32::midpoint(a.1, b.1));
+        line(
+            out,
+            format_args!(
+                "<path d=\"M{} {} l8 8 m0 -8 l-8 8\" stroke=\"{WRONG}\" stroke-width=\"2\"/>",
+                middle_x - 4,
+                middle_y - 4
+            ),
+        );
+    }
+}
+
+fn colour(link: &Link) -> &'static str {
+    match link.set {
+        _ if link.is_cut => WRONG,
+        Some(set) => SETS[set % SETS.len()],
+        None => EXPORT,
+    }
+}

@@ -1,0 +1,32 @@
+//! Pictures of small specs, to the letter; `UPDATE_EXPECT=1` writes them anew. Look at them after a change.
+
+use language::{Graph, Options, Source, graph};
+use std::path::{Path, PathBuf};
+
+fn folder() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/graph")
+}
+
+fn draw(path: &Path) -> Graph {
+    let read = |path: &Path| Source::new(path.to_string_lossy(), std::fs::read_to_string(path).unwrap());
+    let interface = folder().join(path.file_name().unwrap()).with_extension("interface");
+    let interfaces = if interface.exists() { vec![read(&interface)] } else { Vec::new() };
+    graph(&read(path), &interfaces, &Options::named("graph")).0.unwrap()
+}
+
+#[test]
+fn what_is_wrong_is_visible() {
+    let path = folder().join("remarkable.dca");
+    let graph = draw(&path);
+    expect_test::expect_file![path.with_extension("svg")].assert_eq(&graph.svg());
+    expect_test::expect_file![path.with_extension("dot")].assert_eq(&graph.dot());
+}
+
+#[test]
+fn the_door_looks_like_the_papers_figures() {
+    let path = folder().join("../../../specs/door_opening.dca");
+    let graph = draw(&path);
+    expect_test::expect_file![folder().join("door_opening.svg")].assert_eq(&graph.svg());
+    // The layout depends on nothing but the spec.
+    assert_eq!(draw(&path).svg(), graph.svg());
+}
