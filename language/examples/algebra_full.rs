@@ -1,13 +1,13 @@
 //! The whole comparison of the algebra with its reference, of which the test suite runs a slice:
 //!
 //! ```text
-//! cargo run --release -p language --example algebra_full                 everything: hours, nearly all of it for `most`
+//! cargo run --release -p language --example algebra_full                 everything: hours, mostly for `most`
 //! cargo run --release -p language --example algebra_full -- random 9     1,000,000 random cases from seed 9: a minute
 //! ```
 //!
-//! Parts: `small` (1 to 3 leaves, all operators), `core` (4 leaves, the five operators of the paper), `all` (4 leaves, all
-//! operators, different members), `most` (4 leaves, all operators, any leaves), `random` (up to 12 leaves). Where nothing
-//! is said, leaves are constants and members that may occur twice.
+//! Parts: `small` (1 to 3 leaves, all operators), `core` (4 leaves, the five operators of the paper), `all` (4 leaves,
+//! all operators, different members), `most` (4 leaves, all operators, any leaves), `random` (up to 12 leaves). Where
+//! nothing is said, leaves are constants and members that may occur twice.
 #![expect(clippy::print_stdout, reason = "its output is its result")]
 
 #[path = "../tests/algebra/enumerate.rs"]

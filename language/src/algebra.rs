@@ -1,7 +1,7 @@
 //! The process algebra: what an event-action expression does with an event.
 //!
-//! One pure function, [`step`], is called by the supervisor (one event at a time), by the verifier (all of them), by the
-//! simulator and by the log checker. It reads no clock, does no I/O and is deterministic. The rules are in the
+//! One pure function, [`step`], is called by the supervisor (one event at a time), by the verifier (all of them), by
+//! the simulator and by the log checker. It reads no clock, does no I/O and is deterministic. The rules are in the
 //! documentation of the `step` module's source, where each rule is one function.
 //!
 //! ```

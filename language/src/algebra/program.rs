@@ -29,8 +29,9 @@ pub struct Program {
     pub(super) sets: Vec<u32>,
     /// The sets that are open for as long as the group runs.
     pub(super) sets_always: Vec<u32>,
-    /// For each member slot, whether its normal end is a breach of its contract (L7): leaves declared `service`. A group
-    /// that is a service by inference may end, namely after a fault that its own expression tolerates (`logger?`).
+    /// For each member slot, whether its normal end is a breach of its contract (L7): leaves declared `service`. A
+    /// group that is a service by inference may end, namely after a fault that its own expression tolerates
+    /// (`logger?`).
     pub(super) endless: Vec<bool>,
     /// For each timer, its `Wait` node.
     pub(super) timers: Vec<usize>,
@@ -163,8 +164,8 @@ impl Program {
         }
     }
 
-    /// The service rules, upward from the members. `any k of` is one when fewer than `k` operands are tasks, `&` when one
-    /// operand is, since it waits for all of them; `fail` and `wait` end by themselves.
+    /// The service rules, upward from the members. `any k of` is one when fewer than `k` operands are tasks, `&` when
+    /// one operand is, since it waits for all of them; `fail` and `wait` end by themselves.
     fn infer_service(&self, node: usize, members: &[Member]) -> bool {
         let mut services = self.operands(node).map(|operand| self.nodes[operand].service);
         match &self.nodes[node].kind {

@@ -11,7 +11,7 @@
 //!   a.i<n>, w(d), never      Running                  C;F  C:F  rec1  C else F      Running (first operand active)
 //!   s.i<n>                   Stopping                 F of C;F, C:F, else; rec2     Second  (second operand active)
 //!   par[..] ff[..] anyk[..]  Running, open, done      stop(C;F) and the like        Stopping (the rest is forgotten)
-//!   dis[..]                  Running                  drain(o,{C..})                Draining, outcome = o, open = |{C..}|
+//!   dis[..]                  Running                  drain(o,Cs)                   Draining: outcome = o, open = |Cs|
 //!   slot done(v)             Done, outcome = done(v)  slot aborted(r)               Idle; the first r is the
 //!                                                                                   operator's outcome
 //! ```

@@ -1,11 +1,11 @@
 //! The transition function: one function for each rule, in the order of the rules.
 //!
 //! # How a reaction runs
-//! An event reaches one leaf through its seat (or one timer, or the root), the leaf yields an [`Outcome`], and the outcome
-//! climbs along the parent links: at each operator its completion function either absorbs the outcome (the operator goes
-//! on, the reaction ends) or turns it into the operator's own. On the way, operators start and stop whole operands, which
-//! descends by recursion, at most `DEPTH_MAX` deep. A `;;` loops in place. So a reaction costs the depth of the leaf plus the
-//! number of nodes that it starts or stops, and terminates.
+//! An event reaches one leaf through its seat (or one timer, or the root), the leaf yields an [`Outcome`], and the
+//! outcome climbs along the parent links: at each operator its completion function either absorbs the outcome (the
+//! operator goes on, the reaction ends) or turns it into the operator's own. On the way, operators start and stop whole
+//! operands, which descends by recursion, at most `DEPTH_MAX` deep. A `;;` loops in place. So a reaction costs the
+//! depth of the leaf plus the number of nodes that it starts or stops, and terminates.
 //!
 //! [`Outcome::Stopped`] is the `killed` of the rules: only a drain consumes it.
 //!
@@ -36,14 +36,16 @@
 //! ```
 //!
 //! Four points are settled here beyond the study they come from:
-//! - **Unconfirmed stops are never swallowed.** A stopping leaf that cannot confirm yields `aborted(StopUnconfirmed)`; a
-//!   drain takes the first of these from what it waits for as its own outcome, and a later stop does not erase it. So a
-//!   group that is asked to stop never says `Stopped` while one of its leaves may still run.
+//! - **Unconfirmed stops are never swallowed.** A stopping leaf that cannot confirm yields `aborted(StopUnconfirmed)`;
+//!   a drain takes the first of these from what it waits for as its own outcome, and a later stop does not erase it. So
+//!   a group that is asked to stop never says `Stopped` when one of the leaves it waited for did not confirm. Once such
+//!   an abort is the outcome of an operand it is an abort like any other: `else` may tolerate it, a join may drop it.
 //! - **`stop(P else Q)` forgets `Q` for good**, even when stopping `P` ends in such an abort.
-//! - **A `;;` whose round takes no time aborts** ([rec-instant]) instead of turning for ever: in one reaction it enters each
-//!   of its phases at most once. A spec with such a loop is refused before; a plan from elsewhere must not hang a node.
-//! - **A member that stops without being asked has failed**: `Stopped` or `StopUnconfirmed` from an active member is its
-//!   abort, since it will never end otherwise.
+//! - **A `;;` whose round takes no time aborts** ([rec-instant]) instead of turning for ever: in one reaction it enters
+//!   each of its phases at most once. A spec with such a loop is refused before; a plan from elsewhere must not hang a
+//!   node.
+//! - **A member that stops without being asked has failed**: `Stopped` or `StopUnconfirmed` from an active member is
+//!   its abort, since it will never end otherwise.
 
 mod completion;
 mod drain;

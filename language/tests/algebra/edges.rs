@@ -100,8 +100,8 @@ fn values_form_tuples_by_position() {
     assert_eq!(Value::tuple([].iter()), Value::EMPTY);
 }
 
-/// The guard counts rounds within one reaction: the loop `((m0? # m1) ;; (wait # skip))` turns as often as it likes while
-/// `m0` can run, and is aborted when `m0` is busy elsewhere, so that a round takes no time.
+/// The guard counts rounds within one reaction: the loop `((m0? # m1) ;; (wait # skip))` turns as often as it likes
+/// while `m0` can run, and is aborted when `m0` is busy elsewhere, so that a round takes no time.
 #[test]
 fn a_loop_is_aborted_in_the_reaction_in_which_its_round_takes_no_time() {
     let leaf = |member| Term::Leaf(member, vec![]);

@@ -109,8 +109,8 @@ pub(crate) struct Figures {
 }
 
 /// Explores the product of both interpreters with every event in every state. That nothing ever differs makes the pairs
-/// that are reached a bisimulation. Also checked: a state stands for one configuration, a stale event changes nothing, at an
-/// outcome nothing runs (T4), and a stop issued here converges (T5).
+/// that are reached a bisimulation. Also checked: a state stands for one configuration, a stale event changes nothing,
+/// at an outcome nothing runs (T4), and a stop issued here converges (T5).
 pub(crate) fn explore(spec: &Spec) -> Result<Figures, String> {
     let program = Program::compile(&spec.group());
     let first = Pair::new(spec, &program);

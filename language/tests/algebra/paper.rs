@@ -78,7 +78,8 @@ fn the_door_stays_shut_without_services() {
     assert_eq!((states, ran.len(), ends), (2, 6, false));
 }
 
-/// Sends events of first activations and returns the outcome of the last one and who is active and who is stopping then.
+/// Sends events of first activations and returns the outcome of the last one and who is active and who is stopping
+/// then.
 fn scenario(spec: &Spec, events: &[Event]) -> (Option<Outcome>, Vec<u32>, Vec<u32>) {
     let program = Program::compile(&spec.group());
     let mut pair = Pair::new(spec, &program);

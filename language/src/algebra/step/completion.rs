@@ -134,8 +134,8 @@ impl Reaction<'_> {
         None
     }
 
-    /// Returns `done(<u1..uk>)` of the slots that are done. Of `any k of` more than `k` are done only if they were so at the
-    /// start, and then their values are empty, and the tuple of any number of these is empty.
+    /// Returns `done(<u1..uk>)` of the slots that are done. Of `any k of` more than `k` are done only if they were so
+    /// at the start, and then their values are empty, and the tuple of any number of these is empty.
     fn done(&self, node: usize) -> Outcome {
         let cells = self.program.operands(node).map(|operand| &self.state.cells[operand]);
         let values = cells.filter_map(|cell| match (cell.phase, &cell.outcome) {
