@@ -1,0 +1,23 @@
+//! A configuration database that is on every robot: always writable, in step as far as the links allow, and honest about it.
+//!
+//! The guarantee is *transactional causal+ consistency*: a transaction becomes visible at each replica as a whole, after
+//! everything that its writer had seen, and replicas that hold the same transactions show the same state. Writes that did
+//! not see each other are kept side by side until somebody resolves them. Nothing is ever refused for its date, and
+//! nothing is ever forgotten because time has passed.
+//!
+//! [`logic`] is all of it, as state machines without I/O; its page says which module proves what. [`io`] is the disk.
+//!
+//! ```
+//! use dbmanager::logic::cut::Origin;
+//! use dbmanager::logic::key::Key;
+//! use dbmanager::logic::txn::{Condition, Draft};
+//!
+//! let key = Key::new("team/camera/gain")?;
+//! let draft = Draft::new("new lens").require(key.clone(), Condition::Absent).put(key.clone(), b"1.5");
+//! assert_eq!(draft.writes().count(), 1);
+//! # let _ = Origin::new(7);
+//! # Ok::<(), dbmanager::logic::key::KeyError>(())
+//! ```
+
+pub mod io;
+pub mod logic;

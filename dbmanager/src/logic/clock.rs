@@ -1,0 +1,240 @@
+//! The hybrid clock: stamps that extend causality, and follow the wall clock as far as that can be believed.
+//!
+//! *State.* The largest stamp issued or seen, and the best date that a peer with a trusted clock has shown lately.
+//!
+//! *Rule.* A new stamp is one tick above the largest known one, lifted to the wall clock only if that is trusted and not
+//! far ahead of what better clocks have shown. A stamp is `(epoch, hlc, origin)`; `hlc` is 48 bits of milliseconds and a
+//! counter of 16 bits, one number, so that a full counter carries into the milliseconds by itself.
+//!
+//! *Why it is right.* Each stamp is larger than all that its replica has issued or seen, whatever the wall clock says;
+//! whoever sees a transaction has seen its stamp; so `a` before `b` in causality means `stamp(a) < stamp(b)` (I11). Stamps
+//! order writes that did not see each other, and nothing else: a wrong date can make a write lose against a concurrent one
+//! (which is then listed as a conflict), but can never hide a write from somebody who saw it. Hence no date is refused: a
+//! replica that refused what others accept would differ from them for ever.
+
+use crate::logic::cut::Origin;
+use comms::logic::time::Time;
+use serde::{Deserialize, Serialize};
+use std::time::Duration;
+
+/// How far the wall clock may be ahead of the dates of better clocks before it is not followed.
+const LEAD_MAX_MS: u64 = 3_600_000;
+/// How long a date that a peer has shown is remembered.
+const REFERENCE_AGE_MAX: Duration = Duration::from_secs(86_400);
+/// Bits of the counter within a millisecond.
+const COUNTER_BITS: u32 = 16;
+
+/// How much a wall clock is to be believed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+pub enum Quality {
+    /// Nobody has set it.
+    #[default]
+    Unset,
+    /// Set from a battery-backed clock.
+    Battery,
+    /// Kept in step by NTP or PTP.
+    Network,
+    /// Kept in step by a satellite receiver.
+    Satellite,
+}
+
+/// What a wall clock says.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Wall {
+    /// Milliseconds since 1970.
+    pub millis: u64,
+    /// Whether to believe it.
+    pub quality: Quality,
+}
+
+/// The place of a transaction in the one order of all. Compared epoch first, then `hlc`, then origin.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+pub struct Stamp {
+    /// Goes up when an operator heals the clocks.
+    pub epoch: u16,
+    /// 48 bits of milliseconds, 16 bits of counter.
+    pub hlc: u64,
+    /// Who issued it.
+    pub origin: Origin,
+}
+
+impl Stamp {
+    /// Returns its milliseconds since 1970, as far as the clocks were right.
+    pub fn millis(self) -> u64 {
+        self.hlc >> COUNTER_BITS
+    }
+}
+
+/// The clock of one replica.
+#[derive(Clone, Debug)]
+pub struct Clock {
+    origin: Origin,
+    epoch: u16,
+    last: u64,
+    reference: Option<Reference>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Reference {
+    wall: Wall,
+    seen: Time,
+}
+
+impl Clock {
+    /// Returns a clock that continues after `last`, the largest stamp of the log.
+    pub fn new(origin: Origin, last: Stamp) -> Self {
+        Self { origin, epoch: last.epoch, last: last.hlc, reference: None }
+    }
+
+    /// Issues the next stamp; `None` when there is none left, which only a forged stamp can bring about.
+    pub fn tick(&mut self, now: Time, wall: Wall) -> Option<Stamp> {
+        let lift = if self.follows(now, wall) { wall.millis.checked_mul(1 << COUNTER_BITS).unwrap_or(0) } else { 0 };
+        let next = match self.last.checked_add(1) {
+            Some(next) => next,
+            None => {
+                self.epoch = self.epoch.checked_add(1)?;
+                1
+            }
+        };
+        self.last = next.max(lift);
+        Some(Stamp { epoch: self.epoch, hlc: self.last, origin: self.origin })
+    }
+
+    /// Takes note of a stamp that somebody else issued, and of the wall clock it was issued by.
+    pub fn observe(&mut self, now: Time, stamp: Stamp, wall: Wall) {
+        let seen = (stamp.epoch, stamp.hlc);
+        (self.epoch, self.last) = (self.epoch, self.last).max(seen);
+        if wall.quality < Quality::Network {
+            return;
+        }
+        let better = |known: &Reference| {
+            let fresh = now.since(known.seen) < REFERENCE_AGE_MAX;
+            !fresh || (wall.quality, wall.millis) >= (known.wall.quality, known.wall.millis)
+        };
+        if self.reference.as_ref().is_none_or(better) {
+            self.reference = Some(Reference { wall, seen: now });
+        }
+    }
+
+    /// Begins a new epoch: stamps from now on are above all others, and near the wall clock again.
+    ///
+    /// Returns whether there was an epoch left.
+    pub fn heal(&mut self) -> bool {
+        let Some(epoch) = self.epoch.checked_add(1) else { return false };
+        (self.epoch, self.last, self.reference) = (epoch, 0, None);
+        true
+    }
+
+    /// Returns by how much `stamp` is ahead of a trusted wall clock, if that is suspicious.
+    pub fn suspects(stamp: Stamp, wall: Wall) -> Option<Duration> {
+        let ahead = stamp.millis().saturating_sub(wall.millis);
+        (wall.quality >= Quality::Network && ahead > LEAD_MAX_MS).then(|| Duration::from_millis(ahead))
+    }
+
+    fn follows(&self, now: Time, wall: Wall) -> bool {
+        if wall.quality < Quality::Network {
+            return false;
+        }
+        let restrains = |known: &Reference| {
+            let fresh = now.since(known.seen) < REFERENCE_AGE_MAX;
+            fresh && known.wall.quality > wall.quality && wall.millis > known.wall.millis.saturating_add(LEAD_MAX_MS)
+        };
+        !self.reference.as_ref().is_some_and(restrains)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const ME: Origin = Origin::new(1);
+    const YEAR_2099_MS: u64 = 4_070_908_800_000;
+    const YEAR_2026_MS: u64 = 1_790_000_000_000;
+
+    fn wall(millis: u64, quality: Quality) -> Wall {
+        Wall { millis, quality }
+    }
+
+    fn clock() -> Clock {
+        Clock::new(ME, Stamp::default())
+    }
+
+    #[test]
+    fn clock_1970_boot() {
+        let seen = Stamp { epoch: 0, hlc: YEAR_2026_MS << 16, origin: Origin::new(2) };
+        let mut clock = Clock::new(ME, seen);
+        let stamp = clock.tick(Time::ZERO, wall(5, Quality::Unset)).unwrap();
+        assert!(stamp > seen && stamp.millis() == YEAR_2026_MS, "goes on from the log, not from 1970");
+    }
+
+    #[test]
+    fn clock_2099_boot_then_heal() {
+        let mut clock = clock();
+        let far = clock.tick(Time::ZERO, wall(YEAR_2099_MS, Quality::Network)).unwrap();
+        assert!(Clock::suspects(far, wall(YEAR_2026_MS, Quality::Network)).is_some());
+        assert_eq!(Clock::suspects(far, wall(0, Quality::Unset)), None, "a clock that is not trusted suspects nobody");
+        let mut other = Clock::new(Origin::new(2), Stamp::default());
+        other.observe(Time::ZERO, far, wall(YEAR_2099_MS, Quality::Network));
+        let pinned = other.tick(Time::ZERO, wall(YEAR_2026_MS, Quality::Network)).unwrap();
+        assert!(pinned > far && pinned.millis() == YEAR_2099_MS);
+        assert!(other.heal());
+        let healed = other.tick(Time::ZERO, wall(YEAR_2026_MS, Quality::Network)).unwrap();
+        assert!(healed > pinned && healed.millis() == YEAR_2026_MS);
+    }
+
+    #[test]
+    fn clock_steps_back_during_commit() {
+        let mut clock = clock();
+        let first = clock.tick(Time::ZERO, wall(1000, Quality::Network)).unwrap();
+        let second = clock.tick(Time::ZERO, wall(10, Quality::Network)).unwrap();
+        assert_eq!((second.millis(), second.hlc), (1000, first.hlc + 1));
+    }
+
+    #[test]
+    fn hlc_counter_overflow() {
+        let mut clock = clock();
+        let first = clock.tick(Time::ZERO, wall(7, Quality::Network)).unwrap();
+        let mut last = first;
+        for _ in 0..70_000 {
+            let next = clock.tick(Time::ZERO, wall(7, Quality::Network)).unwrap();
+            assert!(next > last);
+            last = next;
+        }
+        assert_eq!(last.millis(), 8);
+    }
+
+    #[test]
+    fn a_worse_clock_does_not_run_ahead_of_a_better_one() {
+        let mut clock = clock();
+        clock.observe(Time::ZERO, Stamp::default(), wall(YEAR_2026_MS, Quality::Satellite));
+        let held = clock.tick(Time::ZERO, wall(YEAR_2099_MS, Quality::Network)).unwrap();
+        assert_eq!(held.millis(), 0);
+        let equal = clock.tick(Time::ZERO, wall(YEAR_2099_MS, Quality::Satellite)).unwrap();
+        assert_eq!(equal.millis(), YEAR_2099_MS);
+    }
+
+    #[test]
+    fn forged_stamps_use_up_the_epochs_and_then_commits_fail() {
+        let mut clock = clock();
+        clock.observe(Time::ZERO, Stamp { epoch: 3, hlc: u64::MAX, origin: ME }, Wall::default());
+        assert_eq!(clock.tick(Time::ZERO, Wall::default()).map(|stamp| (stamp.epoch, stamp.hlc)), Some((4, 1)));
+        clock.observe(Time::ZERO, Stamp { epoch: u16::MAX, hlc: u64::MAX, origin: ME }, Wall::default());
+        assert_eq!(clock.tick(Time::ZERO, Wall::default()), None);
+        assert!(!clock.heal());
+    }
+
+    proptest! {
+        #[test]
+        fn stamps_grow_whatever_the_wall_says(walls in proptest::collection::vec((any::<u64>(), 0..4_u8), 1..50)) {
+            let mut clock = clock();
+            let mut last = Stamp::default();
+            for (millis, quality) in walls {
+                let quality = [Quality::Unset, Quality::Battery, Quality::Network, Quality::Satellite][usize::from(quality)];
+                let next = clock.tick(Time::ZERO, wall(millis, quality)).unwrap();
+                prop_assert!(next > last);
+                last = next;
+            }
+        }
+    }
+}

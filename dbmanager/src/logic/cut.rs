@@ -1,0 +1,198 @@
+//! Origins, dots and cuts: who wrote, which of its transactions, and up to where.
+//!
+//! The transactions of one origin are numbered from 1 without gaps and are taken over in that order. So a cut (one number
+//! for each origin) says exactly which transactions somebody has, and the difference of two cuts is exactly what one side
+//! lacks: no search tree and no set reconciliation is needed.
+
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::fmt;
+
+/// One life of one store: random, minted when the store is made, never derived from a robot's name.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+pub struct Origin(u64);
+
+impl Origin {
+    /// Returns the origin with this number.
+    pub const fn new(number: u64) -> Self {
+        Self(number)
+    }
+
+    /// Returns its number.
+    pub const fn number(self) -> u64 {
+        self.0
+    }
+
+    /// Reads what [`Display`](fmt::Display) wrote.
+    pub fn parse(text: &str) -> Option<Self> {
+        let plain = text.len() == 16 && text.bytes().all(|byte| matches!(byte, b'0'..=b'9' | b'a'..=b'f'));
+        plain.then(|| u64::from_str_radix(text, 16).ok().map(Self))?
+    }
+}
+
+impl fmt::Display for Origin {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:016x}", self.0)
+    }
+}
+
+/// The name of one transaction.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+pub struct Dot {
+    /// Who committed it.
+    pub origin: Origin,
+    /// Its number there, from 1.
+    pub seq: u64,
+}
+
+impl fmt::Display for Dot {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}:{}", self.origin, self.seq)
+    }
+}
+
+/// All transactions of each origin up to a number. Origins without transactions are not in it.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(from = "Vec<(Origin, u64)>", into = "Vec<(Origin, u64)>")]
+pub struct Cut(BTreeMap<Origin, u64>);
+
+impl From<Vec<(Origin, u64)>> for Cut {
+    fn from(entries: Vec<(Origin, u64)>) -> Self {
+        entries.into_iter().collect()
+    }
+}
+
+impl FromIterator<(Origin, u64)> for Cut {
+    fn from_iter<T: IntoIterator<Item = (Origin, u64)>>(entries: T) -> Self {
+        let mut cut = Self::default();
+        for (origin, seq) in entries {
+            cut.include(Dot { origin, seq });
+        }
+        cut
+    }
+}
+
+impl From<Cut> for Vec<(Origin, u64)> {
+    fn from(cut: Cut) -> Self {
+        cut.0.into_iter().collect()
+    }
+}
+
+impl Cut {
+    /// Returns up to which number `origin`'s transactions are in it; 0 for none.
+    pub fn get(&self, origin: Origin) -> u64 {
+        self.0.get(&origin).copied().unwrap_or(0)
+    }
+
+    /// Returns whether the transaction is in it.
+    pub fn contains(&self, dot: Dot) -> bool {
+        dot.seq <= self.get(dot.origin)
+    }
+
+    /// Returns whether everything in `other` is in it.
+    pub fn dominates(&self, other: &Self) -> bool {
+        other.0.iter().all(|(origin, seq)| self.get(*origin) >= *seq)
+    }
+
+    /// Grows so that the transaction, and all earlier ones of its origin, are in it.
+    pub fn include(&mut self, dot: Dot) {
+        if dot.seq > self.get(dot.origin) {
+            self.0.insert(dot.origin, dot.seq);
+        }
+    }
+
+    /// Grows so that `other` is in it.
+    pub fn join(&mut self, other: &Self) {
+        for (origin, seq) in other.iter() {
+            self.include(Dot { origin, seq });
+        }
+    }
+
+    /// Shrinks to what is in `other` too.
+    pub fn meet(&mut self, other: &Self) {
+        self.0.retain(|origin, seq| {
+            *seq = (*seq).min(other.get(*origin));
+            *seq > 0
+        });
+    }
+
+    /// Returns the entries that are larger than in `base`.
+    pub fn beyond(&self, base: &Self) -> Self {
+        Self(self.0.iter().filter(|(origin, seq)| **seq > base.get(**origin)).map(|(o, s)| (*o, *s)).collect())
+    }
+
+    /// Returns the entries by origin.
+    pub fn iter(&self) -> impl Iterator<Item = (Origin, u64)> {
+        self.0.iter().map(|(origin, seq)| (*origin, *seq))
+    }
+
+    /// Returns how many origins are in it.
+    pub fn len(&self) -> usize {
+        self.0.len()
+    }
+
+    /// Returns whether nothing is in it.
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    /// Returns eight bytes that two equal cuts share and two others practically never do.
+    pub fn digest(&self) -> u64 {
+        let mut hasher = blake3::Hasher::new();
+        for (origin, seq) in self.iter() {
+            hasher.update(&origin.number().to_le_bytes()).update(&seq.to_le_bytes());
+        }
+        let mut digest = [0; 8];
+        digest.copy_from_slice(&hasher.finalize().as_bytes()[..8]);
+        u64::from_le_bytes(digest)
+    }
+}
+
+impl fmt::Display for Cut {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut between = "";
+        for (origin, seq) in self.iter() {
+            write!(f, "{between}{origin}:{seq}")?;
+            between = " ";
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn cut() -> impl Strategy<Value = Cut> {
+        proptest::collection::vec((0..4_u64, 0..4_u64), 0..6)
+            .prop_map(|entries| entries.into_iter().map(|(origin, seq)| (Origin::new(origin), seq)).collect())
+    }
+
+    proptest! {
+        #[test]
+        fn join_and_meet_are_a_lattice(a in cut(), b in cut()) {
+            let (mut join, mut meet) = (a.clone(), a.clone());
+            join.join(&b);
+            meet.meet(&b);
+            prop_assert!(join.dominates(&a) && join.dominates(&b) && a.dominates(&meet) && b.dominates(&meet));
+            prop_assert_eq!(a.dominates(&b) && b.dominates(&a), a == b);
+            let mut again = a.clone();
+            again.join(&join.beyond(&a));
+            prop_assert_eq!(&again, &join);
+            prop_assert_eq!(a.digest() == b.digest(), a == b);
+            let bytes = postcard::to_stdvec(&a).unwrap();
+            prop_assert_eq!(postcard::from_bytes::<Cut>(&bytes).unwrap(), a);
+        }
+    }
+
+    #[test]
+    fn origins_are_read_as_they_are_written() {
+        let origin = Origin::new(0xab);
+        assert_eq!(Origin::parse(&origin.to_string()), Some(origin));
+        assert_eq!(
+            [Origin::parse("ab"), Origin::parse("00000000000000AB"), Origin::parse("+0000000000000ab")],
+            [None; 3]
+        );
+    }
+}

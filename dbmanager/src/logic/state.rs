@@ -1,0 +1,212 @@
+//! The versions of each key, and the whole merge rule.
+//!
+//! *State.* `key -> {version}`, a version being `(dot, stamp, value | deleted)`: the writes that no other write has seen.
+//!
+//! *Merge rule.* A transaction `T` with context `ctx` is applied once, after everything in `ctx`. At each key it writes, it
+//! takes away the versions whose dot is in `ctx` (and deletions in the floor of a rebased transaction) and adds its own.
+//! A read shows the version with the largest stamp; more than one version is a conflict.
+//!
+//! *T1, convergence.* Write `w ▷ v` if `w` takes away `v`: a relation between writes, fixed when `w` is committed. Since
+//! `w ▷ v` needs `v` in `w`'s context or floor, and both must be here before `w` is applied, each pair is met in this order,
+//! `v` first. So after any order of application that the guard allows, the versions of a key are `{v | no w ▷ v}`, which
+//! depends on the set of transactions alone. Equal cuts are equal sets (T6), hence equal states; sets grow by union, which
+//! is a semilattice.
+//!
+//! *T2, one serial order.* Stamps extend causality, so the largest stamp among the versions is the largest of all writes to
+//! the key: what it was taken away by has a larger stamp. The visible state is that of running all transactions one after
+//! another by stamp, the same order for every key, so that none ends up half overwritten in different ways.
+//!
+//! *T3, whole transactions.* All writes of a transaction go in in one call, and readers see the state before or after it.
+//!
+//! *Deletions* are versions without a value, until nobody can write without having seen them: see
+//! `collect`. The digest leaves out keys that are only deleted, so that dropping them is no change.
+
+use crate::logic::clock::Stamp;
+use crate::logic::cut::{Cut, Dot};
+use crate::logic::key::Key;
+use crate::logic::mutant::Mutant;
+use crate::logic::txn::{Condition, Require, TxnError, Value, Write};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::ops::Bound;
+
+/// A write that no other write has seen.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Version {
+    /// Which transaction wrote it.
+    pub dot: Dot,
+    /// When, in the one order of all.
+    pub stamp: Stamp,
+    /// What; `None` for a deletion.
+    pub value: Option<Value>,
+}
+
+/// What a transaction had seen when it was committed.
+#[derive(Clone, Copy, Debug)]
+pub struct Seen<'a> {
+    /// Its context.
+    pub context: &'a Cut,
+    /// Deletions in here count as seen too.
+    pub floor: Option<&'a Cut>,
+}
+
+impl Seen<'_> {
+    fn takes_away(&self, version: &Version) -> bool {
+        let dropped = |floor: &Cut| version.value.is_none() && floor.contains(version.dot);
+        self.context.contains(version.dot) || self.floor.is_some_and(dropped)
+    }
+}
+
+/// The versions of every key.
+#[derive(Clone, Debug, Default)]
+pub struct State {
+    entries: BTreeMap<Key, Vec<Version>>,
+    digest: u128,
+    mutant: Mutant,
+}
+
+impl PartialEq for State {
+    fn eq(&self, other: &Self) -> bool {
+        let held = |state: &Self| state.entries.iter().filter(|(_, versions)| !is_deleted(versions)).count();
+        let same =
+            |(key, versions): (&Key, &Vec<Version>)| is_deleted(versions) || other.entries.get(key) == Some(versions);
+        held(self) == held(other) && self.entries.iter().all(same)
+    }
+}
+
+impl State {
+    /// Returns a state without keys.
+    pub fn new(mutant: Mutant) -> Self {
+        Self { mutant, ..Self::default() }
+    }
+
+    /// Applies one transaction. What it has seen must be applied already, and itself not yet.
+    pub fn apply(&mut self, dot: Dot, stamp: Stamp, seen: Seen<'_>, writes: &[Write]) {
+        let writes = if self.mutant.is(Mutant::HalfApplied) { &writes[writes.len() / 2..] } else { writes };
+        for Write { key, value } in writes {
+            let mut versions = self.take(key);
+            if !self.mutant.is(Mutant::ContextIgnored) {
+                versions.retain(|version| !seen.takes_away(version));
+            }
+            if self.mutant.is(Mutant::SiblingsDropped) {
+                versions.clear();
+            }
+            versions.push(Version { dot, stamp, value: value.clone() });
+            if !self.mutant.is(Mutant::LastArrivalWins) {
+                versions.sort_by_key(|version| version.stamp);
+            }
+            if self.mutant.is(Mutant::TombstoneAtOnce) {
+                versions.retain(|version| version.value.is_some());
+            }
+            self.put(key.clone(), versions);
+        }
+    }
+
+    /// Returns the versions of a key, by stamp: the last is what a read shows.
+    pub fn versions(&self, key: &Key) -> &[Version] {
+        self.entries.get(key).map_or(&[], Vec::as_slice)
+    }
+
+    /// Returns what a read shows; `None` if there is nothing, or a deletion.
+    pub fn get(&self, key: &Key) -> Option<&Version> {
+        self.versions(key).last().filter(|version| version.value.is_some())
+    }
+
+    /// Returns whether there are writes to the key that did not see each other.
+    pub fn is_conflict(&self, key: &Key) -> bool {
+        self.versions(key).len() > 1
+    }
+
+    /// Returns the keys below `prefix`, deleted ones included, with their versions.
+    pub fn scan<'a>(&'a self, prefix: &'a str) -> impl Iterator<Item = (&'a Key, &'a [Version])> {
+        // A prefix that is itself no key has no smaller neighbour to begin at.
+        let start = Key::new(prefix.trim_end_matches('/')).map_or(Bound::Unbounded, Bound::Included);
+        let below = move |key: &Key| key.as_str().starts_with(prefix);
+        let behind = move |key: &Key| key.as_str() > prefix && !key.as_str().starts_with(prefix);
+        let keys = self.entries.range((start, Bound::Unbounded)).take_while(move |(key, _)| !behind(key));
+        keys.filter(move |(key, _)| below(key)).map(|(key, versions)| (key, versions.as_slice()))
+    }
+
+    /// Returns the keys below `prefix` with more than one version.
+    pub fn conflicts<'a>(&'a self, prefix: &'a str) -> impl Iterator<Item = (&'a Key, &'a [Version])> {
+        self.scan(prefix).filter(|(_, versions)| versions.len() > 1)
+    }
+
+    /// Returns a number that equal states share, and two others practically never.
+    pub fn digest(&self) -> u128 {
+        self.digest
+    }
+
+    /// Checks a condition.
+    ///
+    /// # Errors
+    /// If it does not hold, with what is there.
+    pub fn check(&self, require: &Require) -> Result<(), TxnError> {
+        let Require { key, condition } = require;
+        let holds = match condition {
+            Condition::Absent => self.get(key).is_none() && !self.is_conflict(key),
+            Condition::Exists => self.get(key).is_some(),
+            Condition::Is(dot) => self.get(key).is_some_and(|version| version.dot == *dot) && !self.is_conflict(key),
+        };
+        if holds {
+            return Ok(());
+        }
+        let values = self.versions(key).iter().filter(|version| version.value.is_some());
+        let actual = values.map(|version| version.dot).collect();
+        Err(TxnError::Precondition { key: key.clone(), condition: *condition, actual })
+    }
+
+    /// Drops keys that are only deleted, and by nothing but transactions in `stable`. Returns them.
+    pub(crate) fn drop_deleted(&mut self, stable: &Cut) -> Vec<Key> {
+        let gone = |versions: &[Version]| is_deleted(versions) && versions.iter().all(|v| stable.contains(v.dot));
+        let keys: Vec<Key> = self.entries.iter().filter(|(_, v)| gone(v)).map(|(key, _)| key.clone()).collect();
+        for key in &keys {
+            self.entries.remove(key);
+        }
+        keys
+    }
+
+    /// Puts back a key as it was stored.
+    pub(crate) fn restore(&mut self, key: Key, versions: Vec<Version>) {
+        drop(self.take(&key));
+        self.put(key, versions);
+    }
+
+    fn take(&mut self, key: &Key) -> Vec<Version> {
+        let versions = self.entries.remove(key).unwrap_or_default();
+        self.digest = self.digest.wrapping_sub(digest(key, &versions));
+        versions
+    }
+
+    fn put(&mut self, key: Key, versions: Vec<Version>) {
+        self.digest = self.digest.wrapping_add(digest(&key, &versions));
+        if !versions.is_empty() {
+            self.entries.insert(key, versions);
+        }
+    }
+}
+
+/// Returns whether nothing but deletions is there.
+fn is_deleted(versions: &[Version]) -> bool {
+    versions.iter().all(|version| version.value.is_none())
+}
+
+fn digest(key: &Key, versions: &[Version]) -> u128 {
+    if is_deleted(versions) {
+        return 0;
+    }
+    let mut hasher = blake3::Hasher::new();
+    hasher.update(key.as_str().as_bytes());
+    for Version { dot, stamp, value } in versions {
+        hasher.update(&[0xff]).update(&dot.origin.number().to_le_bytes()).update(&dot.seq.to_le_bytes());
+        hasher.update(&stamp.epoch.to_le_bytes()).update(&stamp.hlc.to_le_bytes());
+        let bytes = value.as_ref().map_or(&[][..], |value| &value.bytes);
+        hasher.update(&[u8::from(value.is_some())]).update(&bytes.len().to_le_bytes()).update(bytes);
+    }
+    let mut digest = [0; 16];
+    digest.copy_from_slice(&hasher.finalize().as_bytes()[..16]);
+    u128::from_le_bytes(digest)
+}
+
+#[cfg(test)]
+mod tests;
