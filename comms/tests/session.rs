@@ -35,7 +35,7 @@ async fn node(dir: &Dir, name: &str, peers: &[&str]) -> Session {
     let peers = peers.iter().map(|peer| format!("unixsock-stream/{}", dir.socket(peer).display())).collect();
     let name = HostName::parse(name).unwrap();
     let socket = dir.socket(name.as_str());
-    Session::open_node(NodeOptions { name, socket, reach: Reach::Host, peers }).await.unwrap()
+    Session::open_node(NodeOptions { name, socket, reach: Reach::Host, port: 0, peers }).await.unwrap()
 }
 
 /// Serves until its session closes: echoes, counts, refuses, and leaves one call hanging.
@@ -131,6 +131,7 @@ async fn nodes_and_a_client() {
 async fn other_node() {
     let Some(socket) = std::env::var_os("DCA_TEST_SOCKET") else { return };
     let options = NodeOptions {
+        port: 0,
         name: HostName::parse("other").unwrap(),
         socket: Path::new(&socket).to_owned(),
         reach: Reach::Host,
@@ -193,6 +194,7 @@ async fn opens_on_a_single_threaded_runtime_and_says_what_is_wrong() {
     let a = node(&dir, "a", &[]).await;
     assert_eq!(a.locators(), [format!("unixsock-stream/{}", dir.socket("a").display())]);
     let options = NodeOptions {
+        port: 0,
         name: HostName::parse("a").unwrap(),
         socket: dir.socket("a"),
         reach: Reach::Host,

@@ -41,6 +41,8 @@ struct World {
     answers: BTreeMap<u64, Vec<Answer>>,
     wires_open: BTreeSet<u32>,
     log: Vec<String>,
+    /// Whether shims fail to end their programs.
+    immortal: bool,
 }
 
 impl World {
@@ -173,6 +175,7 @@ impl World {
                 self.notice(5, host, &process, hello);
             }
             Effect::Shim { process, order } => match order {
+                ShimOrder::Stop { .. } | ShimOrder::Kill if self.immortal => {}
                 ShimOrder::Stop { .. } | ShimOrder::Kill => {
                     self.die(host, &process, ShimReport::Signalled { signal: 15 });
                 }
@@ -369,6 +372,32 @@ fn a_lost_host_aborts_what_ran_there_and_a_short_cut_does_not() {
         }
         assert_eq!(world.alive, BTreeSet::new(), "a host that lost its home leaves by itself");
     }
+}
+
+/// Here `Stubborn` ignores the stop, and its shim cannot kill it either: the detector of the inner group fires, and what
+/// stays unconfirmed there must not look like a clean stop to the group above.
+#[test]
+fn a_stop_that_nobody_confirms_is_told_to_the_top() {
+    let text = r#"
+process Inner(here) {
+    instantiated_processes { rock instof Stubborn(here); hit instof Step(here); }
+    internal_event_actions { rock # hit }
+}
+process main() {
+    host { "c1" }
+    instantiated_processes { inner instof Inner("c1"); last instof Step("c1"); }
+    internal_event_actions { inner ; last }
+}
+"#;
+    let mut world = World::new(&["c1"]);
+    world.immortal = true;
+    let call = world.deploy("c1", text);
+    world.run_for(Duration::from_secs(30));
+    let Report::Finished { ending: Ending::Aborted(failure), .. } = world.last_report(call) else {
+        panic!("not aborted")
+    };
+    assert_eq!((failure.origin.as_str(), &failure.cause), ("main/inner/rock", &FailureCause::StopUnconfirmed));
+    assert_eq!(world.log, ["Stubborn with wires {}", "Step with wires {}"], "`last` must not run beside `rock`");
 }
 
 #[test]

@@ -7,10 +7,11 @@ use crate::logic::control::{Notice, Order};
 use crate::logic::frame::{self, Decoder, FrameError, PREFIX_SIZE};
 use crate::logic::port::{Policy, Pushed, Queue};
 use rustix::net::sockopt::socket_peercred;
-use std::io::{self, Read, Write};
+use rustix::net::{Shutdown, shutdown};
+use std::io::{self, BufReader, Read, Write};
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use thiserror::Error;
 use tokio::net::{UnixListener, UnixStream};
@@ -71,23 +72,30 @@ pub struct Listener {
 /// Sends orders to one program.
 #[derive(Clone, Debug)]
 pub struct ControlSender {
-    shared: Arc<Outbox>,
+    channel: Arc<Channel>,
 }
 
-/// Receives the notices of one program, and does the writing for its [`ControlSender`].
+/// Receives the notices of one program, and writes what its [`ControlSender`] could not write at once. The channel closes
+/// when it is dropped.
 #[derive(Debug)]
 pub struct ControlReceiver {
-    stream: UnixStream,
-    shared: Arc<Outbox>,
+    channel: Arc<Channel>,
     decoder: Decoder,
-    /// A frame on its way out, and how much of it is written.
-    writing: (Vec<u8>, usize),
 }
 
 #[derive(Debug)]
-struct Outbox {
-    frames: Mutex<Queue<Vec<u8>>>,
+struct Channel {
+    stream: UnixStream,
+    outbox: Mutex<Outbox>,
     filled: Notify,
+}
+
+/// What the socket has not taken yet.
+#[derive(Debug)]
+struct Outbox {
+    frames: Queue<Vec<u8>>,
+    /// A frame on its way out, and how much of it is written.
+    writing: (Vec<u8>, usize),
 }
 
 impl Listener {
@@ -117,24 +125,30 @@ impl Listener {
     pub async fn accept(&self) -> Result<(ControlSender, ControlReceiver), ControlError> {
         let (stream, _) = self.listener.accept().await?;
         check_user(stream.peer_cred()?.uid())?;
-        let outbox = Outbox { frames: Mutex::new(Queue::new(Policy::reject(ORDERS_MAX))), filled: Notify::new() };
-        let shared = Arc::new(outbox);
-        let sender = ControlSender { shared: Arc::clone(&shared) };
-        let decoder = Decoder::new(Notice::SIZE_MAX);
-        Ok((sender, ControlReceiver { stream, shared, decoder, writing: (Vec::new(), 0) }))
+        let outbox = Outbox { frames: Queue::new(Policy::reject(ORDERS_MAX)), writing: (Vec::new(), 0) };
+        let channel = Arc::new(Channel { stream, outbox: Mutex::new(outbox), filled: Notify::new() });
+        let sender = ControlSender { channel: Arc::clone(&channel) };
+        Ok((sender, ControlReceiver { channel, decoder: Decoder::new(Notice::SIZE_MAX) }))
     }
 }
 
 impl ControlSender {
-    /// Puts an order in the queue; it travels while [`ControlReceiver::recv`] is waited for.
+    /// Sends an order. It is written at once, since the way through another task would cost as much as the way to the
+    /// program; what the socket does not take travels while [`ControlReceiver::recv`] is waited for.
     ///
     /// # Errors
     /// If the order is too long, or 256 wait already. An order to a program that is gone is not an error: its receiver
     /// says so.
     pub fn send(&self, order: &Order) -> Result<(), ControlError> {
         let frame = frame::encode(&codec::encode(order)?, Order::SIZE_MAX)?;
-        let pushed = self.shared.frames.lock().unwrap_or_else(PoisonError::into_inner).push(frame);
-        self.shared.filled.notify_one();
+        let (pushed, written) = {
+            let mut outbox = self.channel.outbox();
+            (outbox.frames.push(frame), outbox.write(&self.channel.stream))
+        };
+        // The receiver goes on where this has stopped, and says why if the channel is broken.
+        if !matches!(written, Ok(true)) {
+            self.channel.filled.notify_one();
+        }
         match pushed {
             Pushed::Stored | Pushed::Replaced(_) => Ok(()),
             Pushed::Rejected(_) => Err(ControlError::Stuck),
@@ -155,30 +169,26 @@ impl ControlReceiver {
             if let Some(body) = self.decoder.next_frame()? {
                 return Ok(Some(codec::decode(&body)?));
             }
-            if self.writing.1 == self.writing.0.len() {
-                let next = self.shared.frames.lock().unwrap_or_else(PoisonError::into_inner).pop();
-                self.writing = (next.unwrap_or_default(), 0);
-            }
-            let idle = self.writing.0.is_empty();
+            let idle = self.channel.outbox().is_empty();
             tokio::select! {
-                ready = self.stream.readable() => {
+                ready = self.channel.stream.readable() => {
                     ready?;
                     if self.read_some()? == Some(0) {
                         return self.end();
                     }
                 }
-                ready = self.stream.writable(), if !idle => {
+                ready = self.channel.stream.writable(), if !idle => {
                     ready?;
-                    self.write_some()?;
+                    self.channel.outbox().write(&self.channel.stream)?;
                 }
-                () = self.shared.filled.notified(), if idle => {}
+                () = self.channel.filled.notified(), if idle => {}
             }
         }
     }
 
     fn read_some(&mut self) -> io::Result<Option<usize>> {
         let mut bytes = [0; READ_SIZE];
-        let read = match not_yet(self.stream.try_read(&mut bytes)) {
+        let read = match not_yet(self.channel.stream.try_read(&mut bytes)) {
             Err(cause) if is_gone(&cause) => Some(0),
             read => read?,
         };
@@ -186,22 +196,49 @@ impl ControlReceiver {
         Ok(read)
     }
 
-    fn write_some(&mut self) -> io::Result<()> {
-        let (frame, done) = &mut self.writing;
-        match not_yet(self.stream.try_write(&frame[*done..])) {
-            Ok(written) => *done += written.unwrap_or(0),
-            // A program that is going reads no more, but may have said something before: read that to the end.
-            Err(cause) if is_gone(&cause) => *done = frame.len(),
-            Err(cause) => return Err(cause),
-        }
-        Ok(())
-    }
-
     fn end(&self) -> Result<Option<Notice>, ControlError> {
         if self.decoder.is_between_frames() {
             Ok(None)
         } else {
             Err(io::Error::from(io::ErrorKind::UnexpectedEof).into())
+        }
+    }
+}
+
+impl Drop for ControlReceiver {
+    fn drop(&mut self) {
+        // The senders share the socket; a program that nobody hears must notice.
+        shutdown(&self.channel.stream, Shutdown::Both).unwrap_or_default();
+    }
+}
+
+impl Channel {
+    fn outbox(&self) -> MutexGuard<'_, Outbox> {
+        // Nothing in a critical section of this file can panic.
+        self.outbox.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Outbox {
+    fn is_empty(&self) -> bool {
+        self.frames.is_empty() && self.writing.0.len() == self.writing.1
+    }
+
+    /// Writes what the socket takes; says whether that was everything.
+    fn write(&mut self, stream: &UnixStream) -> io::Result<bool> {
+        loop {
+            if self.writing.1 == self.writing.0.len() {
+                let Some(next) = self.frames.pop() else { return Ok(true) };
+                self.writing = (next, 0);
+            }
+            let (frame, done) = &mut self.writing;
+            match not_yet(stream.try_write(&frame[*done..])) {
+                Ok(Some(written)) => *done += written,
+                Ok(None) => return Ok(false),
+                // A program that is going reads no more, but may have said something before: read that to the end.
+                Err(cause) if is_gone(&cause) => *done = frame.len(),
+                Err(cause) => return Err(cause),
+            }
         }
     }
 }
@@ -215,7 +252,8 @@ pub struct NoticeSender {
 /// Receives the node's orders.
 #[derive(Debug)]
 pub struct OrderReceiver {
-    stream: std::os::unix::net::UnixStream,
+    /// Most orders are shorter than its buffer, and cost one call of the system.
+    stream: BufReader<std::os::unix::net::UnixStream>,
 }
 
 /// Connects a program to its node.
@@ -228,7 +266,7 @@ pub fn connect(path: &Path) -> Result<(NoticeSender, OrderReceiver), ControlErro
     check_user(socket_peercred(&stream).map_err(io::Error::from)?.uid.as_raw())?;
     stream.set_write_timeout(Some(WRITE_WITHIN))?;
     let writer = stream.try_clone()?;
-    Ok((NoticeSender { stream: Arc::new(Mutex::new(writer)) }, OrderReceiver { stream }))
+    Ok((NoticeSender { stream: Arc::new(Mutex::new(writer)) }, OrderReceiver { stream: BufReader::new(stream) }))
 }
 
 impl NoticeSender {

@@ -6,12 +6,14 @@
 
 use crate::io::session::{OpenError, Opened, Reach, Settings, addresses, unix_locator};
 use crate::logic::control::{Dial, Location};
+use std::borrow::Cow;
 use std::path::Path;
 use std::sync::mpsc::{RecvTimeoutError, sync_channel};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::Duration;
 use thiserror::Error;
 use zenoh::Wait;
+use zenoh::bytes::ZBytes;
 use zenoh::pubsub::Subscriber;
 use zenoh::qos::CongestionControl;
 use zenoh::query::{Query, Queryable, Reply};
@@ -72,6 +74,10 @@ pub struct Publisher {
     publisher: zenoh::pubsub::Publisher<'static>,
     heard: Arc<Heard>,
 }
+
+/// Bytes to be sent; a clone is the same bytes, not a copy.
+#[derive(Clone, Debug)]
+pub struct Payload(ZBytes);
 
 /// Hears one key until it is dropped.
 #[derive(Debug)]
@@ -165,16 +171,17 @@ impl DataSession {
         Ok(Publisher { publisher, heard })
     }
 
-    /// Calls `on_sample` with each sample put on `key`. It runs on zenoh's threads, so it must only put the sample away.
+    /// Calls `on_sample` with each sample put on `key`. It runs on zenoh's threads, so it must only put the sample away. What
+    /// came in pieces is owned already.
     ///
     /// # Errors
     /// If the session is closed.
     pub fn on_sample(
         &self,
         key: &str,
-        mut on_sample: impl FnMut(&[u8]) + Send + Sync + 'static,
+        mut on_sample: impl FnMut(Cow<'_, [u8]>) + Send + Sync + 'static,
     ) -> Result<Hearing, DataError> {
-        let on_sample = move |sample: Sample| on_sample(&sample.payload().to_bytes());
+        let on_sample = move |sample: Sample| on_sample(sample.payload().to_bytes());
         let subscriber = self.opened.session.declare_subscriber(key).callback_mut(on_sample).wait();
         subscriber.map(|subscriber| Hearing { _subscriber: subscriber }).map_err(|cause| session_error(key, &cause))
     }
@@ -240,8 +247,11 @@ impl Publisher {
     ///
     /// # Errors
     /// If the session is closed.
-    pub fn put(&self, bytes: Vec<u8>) -> Result<(), DataError> {
-        self.publisher.put(bytes).wait().map_err(|cause| session_error(self.publisher.key_expr().as_str(), &cause))
+    pub fn put(&self, payload: impl Into<Payload>) -> Result<(), DataError> {
+        self.publisher
+            .put(payload.into().0)
+            .wait()
+            .map_err(|cause| session_error(self.publisher.key_expr().as_str(), &cause))
     }
 
     /// Returns whether anybody listens.
@@ -254,6 +264,12 @@ impl Publisher {
         let matching = self.heard.matching.lock().unwrap_or_else(PoisonError::into_inner);
         let waited = self.heard.changed.wait_timeout_while(matching, within, |matching| !*matching);
         *waited.unwrap_or_else(PoisonError::into_inner).0
+    }
+}
+
+impl From<Vec<u8>> for Payload {
+    fn from(bytes: Vec<u8>) -> Self {
+        Self(bytes.into())
     }
 }
 

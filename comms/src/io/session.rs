@@ -18,6 +18,7 @@ pub(crate) use open::{Opened, addresses, plain};
 
 use crate::logic::key::HostName;
 use config::Scouting;
+use std::net::TcpListener;
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -50,6 +51,8 @@ pub struct NodeOptions {
     pub socket: PathBuf,
     /// Who can reach it.
     pub reach: Reach,
+    /// The TCP port to listen on with [`Reach::Lan`]; 0 for any that is free.
+    pub port: u16,
     /// Locators of nodes known ahead; they may be absent, and are dialled until they are there.
     pub peers: Vec<String>,
 }
@@ -76,6 +79,18 @@ pub enum OpenError {
     NoNode {
         /// The socket tried.
         path: PathBuf,
+        /// The system's words.
+        cause: String,
+    },
+    /// The TCP port cannot be had.
+    #[error(
+        "cannot listen on port {port} of {address}: {cause}; choose another with `--port`, or none for any that is free"
+    )]
+    Port {
+        /// Which.
+        port: u16,
+        /// Of which address.
+        address: String,
         /// The system's words.
         cause: String,
     },
@@ -108,6 +123,16 @@ fn set_variable(name: &str, value: &str) {
     unsafe { std::env::set_var(name, value) };
 }
 
+/// Asks the system for the port first: it says why not, zenoh only that.
+fn check_port(addresses: &[String], port: u16) -> Result<(), OpenError> {
+    for address in addresses.iter().filter(|_| port != 0) {
+        if let Err(cause) = TcpListener::bind(format!("{address}:{port}")) {
+            return Err(OpenError::Port { port, address: address.clone(), cause: cause.to_string() });
+        }
+    }
+    Ok(())
+}
+
 impl Session {
     /// Opens the session of a node.
     ///
@@ -125,7 +150,9 @@ impl Session {
         let scouting = match options.reach {
             Reach::Host => Scouting::Off,
             Reach::Lan => {
-                listen.extend(addresses().iter().map(|address| format!("tcp/{address}:0")));
+                let addresses = addresses();
+                check_port(&addresses, options.port)?;
+                listen.extend(addresses.iter().map(|address| format!("tcp/{address}:{}", options.port)));
                 Scouting::On
             }
         };

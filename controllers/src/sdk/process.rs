@@ -46,6 +46,8 @@ enum ProcessError {
     Session(#[from] OpenError),
     #[error("cannot talk to the node: {0}")]
     Control(#[from] ControlError),
+    #[error("the controller does not take its orders: it is stuck in a calculation")]
+    Stuck,
     #[error("cannot start a thread: {0}")]
     Thread(#[from] std::io::Error),
 }
@@ -132,8 +134,8 @@ impl Program {
             match orders.recv() {
                 Ok(Some(Order::Exit)) => break ExitCode::SUCCESS,
                 Ok(Some(order)) => {
-                    if self.obey(order, &inbox, &links).is_err() {
-                        break ExitCode::FAILURE;
+                    if let Err(error) = self.obey(order, &inbox, &links) {
+                        break tell(&error.to_string(), ExitCode::FAILURE);
                     }
                 }
                 Ok(None) => break tell("the node is gone", ExitCode::FAILURE),
@@ -151,7 +153,7 @@ impl Program {
         Ok(code)
     }
 
-    fn obey(&self, order: Order, inbox: &Arc<Inbox>, links: &Arc<Links>) -> Result<(), ControlError> {
+    fn obey(&self, order: Order, inbox: &Arc<Inbox>, links: &Arc<Links>) -> Result<(), ProcessError> {
         match order {
             Order::Connect { robot, incoming, outgoing, devices } => {
                 let made = match &self.session {
@@ -162,30 +164,29 @@ impl Program {
                     }
                     None => Ok(()),
                 };
-                self.notices.send(&match made {
-                    Ok(()) => Notice::Connected,
-                    Err(reason) => Notice::ConnectFailed { reason },
-                })
+                let notice = made.map_or_else(|reason| Notice::ConnectFailed { reason }, |()| Notice::Connected);
+                self.notices.send(&notice)?;
             }
             Order::Open { wires, generation } => {
                 links.switch(&wires, true);
-                self.notices.send(&Notice::Switched { generation })
+                self.notices.send(&Notice::Switched { generation })?;
             }
             Order::Close { wires, generation } => {
                 links.switch(&wires, false);
-                self.notices.send(&Notice::Switched { generation })
+                self.notices.send(&Notice::Switched { generation })?;
             }
             Order::Activate { activation, value } => {
-                inbox.command(Command::Activate { activation, value });
-                Ok(())
+                hand_over(inbox, Command::Activate { activation, value })?;
             }
-            Order::Stop { activation } => {
-                inbox.command(Command::Stop { activation });
-                Ok(())
-            }
-            Order::Exit => Ok(()),
+            Order::Stop { activation } => hand_over(inbox, Command::Stop { activation })?,
+            Order::Exit => {}
         }
+        Ok(())
     }
+}
+
+fn hand_over(inbox: &Inbox, command: Command) -> Result<(), ProcessError> {
+    if inbox.command(command) { Ok(()) } else { Err(ProcessError::Stuck) }
 }
 
 /// On SIGTERM the controller stops as it does when its node is gone; then the process leaves at once.

@@ -23,6 +23,9 @@ struct Arguments {
     /// Open this node to the local network, unauthenticated
     #[arg(long)]
     lan: bool,
+    /// The TCP port to listen on with `--lan` [default: any that is free]
+    #[arg(long, requires = "lan", default_value_t = 0, hide_default_value = true)]
+    port: u16,
     /// A node known beforehand, for networks without multicast; may be given more than once
     #[arg(long = "peer", value_name = "tcp/ADDRESS:PORT")]
     peers: Vec<String>,
@@ -56,6 +59,7 @@ fn run(arguments: Arguments) -> Result<(), Failure> {
         base: arguments.run_dir.unwrap_or_else(run_dir::default_base),
         reach: if arguments.lan { Reach::Lan } else { Reach::Host },
         controllers: programs::chosen(&arguments.controllers),
+        port: arguments.port,
         peers: arguments.peers,
         agent_loss_grace,
     };

@@ -56,6 +56,7 @@ impl Nodes {
                 name: host.clone(),
                 base: nodes.base.clone(),
                 reach: Reach::Host,
+                port: 0,
                 controllers: programs::chosen(&controllers.programs),
                 peers: Vec::new(),
                 agent_loss_grace: Duration::from_secs(1),

@@ -39,6 +39,8 @@ pub struct Config {
     pub base: PathBuf,
     /// Who can reach it.
     pub reach: Reach,
+    /// The TCP port it listens on when the network can reach it; 0 for any that is free.
+    pub port: u16,
     /// Programs that offer controller types.
     pub controllers: Vec<PathBuf>,
     /// Locators of nodes known beforehand.
@@ -150,6 +152,7 @@ impl Driver {
             name: HostName::parse(&config.name)?,
             socket: dir.socket(),
             reach: config.reach,
+            port: config.port,
             peers: siblings.chain(config.peers.iter().cloned()).collect(),
         };
         let peers = Peers::open(options, boot, sink, &mut tasks).await?;
@@ -310,8 +313,14 @@ impl Driver {
         Ok(())
     }
 
+    /// Lets go of a program; with the last one of a deployment, of the socket where they reported.
     fn forget(&mut self, process: &ProcessId) {
         self.programs.remove(process);
+        self.paths.retain(|_, other| other != process);
+        let more = self.paths.keys().any(|(deployment, _)| *deployment == process.deployment);
+        if !more && let Some(listener) = self.listeners.remove(&process.deployment) {
+            listener.abort();
+        }
     }
 
     fn tail(&mut self, call: u64, process: &ProcessId, follow: bool) {

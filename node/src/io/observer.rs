@@ -46,7 +46,7 @@ impl Observer {
                 let sink = sink.clone();
                 let key = key::signals(&robot, &path);
                 hearing.push(session.on_sample(&key, move |bytes| {
-                    if let Ok(signals) = codec::decode::<Signals>(bytes) {
+                    if let Ok(signals) = codec::decode::<Signals>(&bytes) {
                         let sample = Sample { path: path.clone(), arrived: clock::now(), signals };
                         // A full queue means that the screen or the disk is slow; the robot must not feel it.
                         sink.try_send(sample).unwrap_or_default();

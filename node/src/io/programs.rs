@@ -11,12 +11,12 @@ const INTERFACE_MAX: u64 = 4 << 20;
 #[derive(Debug, thiserror::Error)]
 pub enum ProgramsError {
     /// It cannot be run.
-    #[error("cannot run {program:?}: {source}")]
+    #[error("cannot run {program:?}: {cause}")]
     Run {
         /// Which.
         program: PathBuf,
         /// Why.
-        source: std::io::Error,
+        cause: std::io::Error,
     },
     /// It ran, and failed.
     #[error("{program:?} does not tell its interface: `{argument}` {status}")]
@@ -59,7 +59,7 @@ pub fn types(program: &Path) -> Result<Vec<String>, ProgramsError> {
 }
 
 fn ask(program: &Path, argument: &'static str) -> Result<String, ProgramsError> {
-    let run = |source| ProgramsError::Run { program: program.to_owned(), source };
+    let run = |cause| ProgramsError::Run { program: program.to_owned(), cause };
     let mut child = Command::new(program)
         .arg(argument)
         .stdin(Stdio::null())

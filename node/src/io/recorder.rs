@@ -27,36 +27,36 @@ pub const FLUSH_EVERY: Duration = Duration::from_secs(1);
 #[derive(Debug, thiserror::Error)]
 pub enum RecordError {
     /// The folder or the file cannot be made.
-    #[error("creating the record `{path}`: {source}")]
+    #[error("creating the record `{path}`: {cause}")]
     Create {
         /// Of the record.
         path: PathBuf,
         /// Why.
-        source: io::Error,
+        cause: io::Error,
     },
     /// The file cannot be written.
-    #[error("writing the record `{path}`: {source}")]
+    #[error("writing the record `{path}`: {cause}")]
     Write {
         /// Of the record.
         path: PathBuf,
         /// Why.
-        source: McapError,
+        cause: McapError,
     },
     /// The file cannot be opened.
-    #[error("reading the record `{path}`: {source}")]
+    #[error("reading the record `{path}`: {cause}")]
     Open {
         /// Of the record.
         path: PathBuf,
         /// Why.
-        source: io::Error,
+        cause: io::Error,
     },
     /// The file is no record.
-    #[error("reading the record `{path}`: {source}")]
+    #[error("reading the record `{path}`: {cause}")]
     Read {
         /// Of the record.
         path: PathBuf,
         /// Why.
-        source: ReadError,
+        cause: ReadError,
     },
 }
 
@@ -65,8 +65,8 @@ pub enum RecordError {
 /// # Errors
 /// When there is no such file, or it does not say what was run.
 pub fn read(path: &Path) -> Result<Run, RecordError> {
-    let bytes = fs::read(path).map_err(|source| RecordError::Open { path: path.to_owned(), source })?;
-    Run::from_bytes(&bytes).map_err(|source| RecordError::Read { path: path.to_owned(), source })
+    let bytes = fs::read(path).map_err(|cause| RecordError::Open { path: path.to_owned(), cause })?;
+    Run::from_bytes(&bytes).map_err(|cause| RecordError::Read { path: path.to_owned(), cause })
 }
 
 /// A record that is being written. Dropped, it is finished without a word.
@@ -85,13 +85,13 @@ impl Recorder {
     pub fn create(folder: &Path, header: &Header) -> Result<Self, RecordError> {
         let path = folder.join(FILE);
         let made = fs::create_dir_all(folder).and_then(|()| File::create(&path));
-        let file = made.map_err(|source| RecordError::Create { path: path.clone(), source })?;
+        let file = made.map_err(|cause| RecordError::Create { path: path.clone(), cause })?;
         let written = Log::begin(file, header);
-        let log = written.map_err(|source| RecordError::Write { path: path.clone(), source })?;
+        let log = written.map_err(|cause| RecordError::Write { path: path.clone(), cause })?;
         let queue = Arc::new(Queue::default());
         let theirs = Arc::clone(&queue);
         let thread = thread::Builder::new().name("recorder".to_owned()).spawn(move || log.run(&theirs));
-        let thread = Some(thread.map_err(|source| RecordError::Create { path: path.clone(), source })?);
+        let thread = Some(thread.map_err(|cause| RecordError::Create { path: path.clone(), cause })?);
         Ok(Self { path, queue, thread })
     }
 
@@ -117,7 +117,7 @@ impl Recorder {
         let path = self.path.clone();
         match self.end() {
             Ok(()) => Ok((path, self.queue.dropped())),
-            Err(source) => Err(RecordError::Write { path, source }),
+            Err(cause) => Err(RecordError::Write { path, cause }),
         }
     }
 

@@ -29,12 +29,12 @@ const COMMAND_PREFIX: &str = "run-";
 #[derive(Debug, thiserror::Error)]
 pub enum RunDirError {
     /// The folder cannot be made or read.
-    #[error("cannot use the folder {path:?}: {source}")]
+    #[error("cannot use the folder {path:?}: {cause}")]
     Unusable {
         /// Which.
         path: PathBuf,
         /// Why.
-        source: io::Error,
+        cause: io::Error,
     },
     /// The folder belongs to somebody else, so its sockets cannot be trusted.
     #[error("the folder {path:?} belongs to user {owner}; remove it, or choose another with `--run-dir`")]
@@ -110,7 +110,7 @@ impl RunDir {
         private_folder(base)?;
         let path = base.join(name);
         private_folder(&path)?;
-        let unusable = |source| RunDirError::Unusable { path: path.clone(), source };
+        let unusable = |cause| RunDirError::Unusable { path: path.clone(), cause };
         let lock = OpenOptions::new().create(true).truncate(false).write(true).mode(0o600).open(path.join("lock"));
         let lock = lock.map_err(unusable)?;
         flock(&lock, FlockOperation::NonBlockingLockExclusive)
@@ -120,7 +120,7 @@ impl RunDir {
             return Err(RunDirError::TooDeep { path });
         }
         let dir = Self { path, _lock: lock };
-        remove_leftover(&dir.socket()).map_err(|source| RunDirError::Unusable { path: dir.socket(), source })?;
+        remove_leftover(&dir.socket()).map_err(|cause| RunDirError::Unusable { path: dir.socket(), cause })?;
         Ok(dir)
     }
 
@@ -164,7 +164,7 @@ impl RunDir {
 }
 
 fn private_folder(path: &Path) -> Result<(), RunDirError> {
-    let unusable = |source| RunDirError::Unusable { path: path.to_owned(), source };
+    let unusable = |cause| RunDirError::Unusable { path: path.to_owned(), cause };
     fs::DirBuilder::new().recursive(true).mode(0o700).create(path).map_err(unusable)?;
     let owner = fs::symlink_metadata(path).map_err(unusable)?.uid();
     if owner == rustix::process::getuid().as_raw() {

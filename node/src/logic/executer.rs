@@ -121,8 +121,14 @@ impl Executer {
                     failure.origin = group.and_then(|group| member_path(at.plan, group, slot)).unwrap_or_default();
                     failure.at = at.since_go;
                 }
+                // What nobody could confirm inside a group stays unconfirmed at its boundary.
+                let unconfirmed = failure.cause == FailureCause::StopUnconfirmed;
                 self.failures.insert(slot, failure);
-                Event::Aborted { member, activation, report: Value::EMPTY }
+                if unconfirmed {
+                    Event::StopUnconfirmed { member, activation }
+                } else {
+                    Event::Aborted { member, activation, report: Value::EMPTY }
+                }
             }
             Ending::Stopped => Event::Stopped { member, activation },
             Ending::Unconfirmed => Event::StopUnconfirmed { member, activation },
@@ -260,13 +266,17 @@ impl Executer {
         let here = group.map_or_else(String::new, |group| group.path.clone());
         let member = reason.member;
         let origin = group.zip(member).and_then(|(group, slot)| member_path(at.plan, group, slot)).unwrap_or(here);
+        let reported = || member.and_then(|slot| self.failures.get(&slot)).cloned();
         let cause = match &reason.cause {
-            Cause::Reported(_) => match member.and_then(|slot| self.failures.get(&slot)) {
-                Some(failure) => return failure.clone(),
+            Cause::Reported(_) => match reported() {
+                Some(failure) => return failure,
                 None => FailureCause::NotAvailable("it gave no reason".into()),
             },
+            Cause::StopUnconfirmed => match reported() {
+                Some(failure) if failure.cause == FailureCause::StopUnconfirmed => return failure,
+                _ => FailureCause::StopUnconfirmed,
+            },
             Cause::Busy => FailureCause::Busy,
-            Cause::StopUnconfirmed => FailureCause::StopUnconfirmed,
             Cause::ServiceEnded => FailureCause::ServiceEnded,
             Cause::Failed(why) => FailureCause::Failed(why.to_string()),
         };

@@ -221,7 +221,7 @@ impl Cycle {
 
     fn send(&mut self) {
         let links = &self.links;
-        self.module.drain(&mut |port, bytes| links.send(port, &bytes));
+        self.module.drain(&mut |port, bytes| links.send(port, bytes));
     }
 
     fn show(&mut self, time: Time) {

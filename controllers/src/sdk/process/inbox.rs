@@ -6,8 +6,10 @@ use comms::logic::time::Time;
 use std::collections::VecDeque;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 
-/// How many samples wait; the oldest gives way.
-const SAMPLES_MAX: usize = 256;
+/// How many samples wait for one input; its oldest gives way, so that one busy input cannot push out another's.
+const SAMPLES_MAX: usize = 64;
+/// How many commands wait; a controller that has not taken so many is stuck.
+const COMMANDS_MAX: usize = 64;
 
 /// A sample that has arrived.
 #[derive(Debug)]
@@ -33,17 +35,28 @@ pub(super) struct Inbox {
 }
 
 impl Inbox {
-    pub(super) fn command(&self, command: Command) {
-        self.lock().commands.push_back(command);
+    /// Puts a command in the queue; says whether there was room.
+    pub(super) fn command(&self, command: Command) -> bool {
+        let room = {
+            let commands = &mut self.lock().commands;
+            let room = commands.len() < COMMANDS_MAX || matches!(command, Command::Leave);
+            if room {
+                commands.push_back(command);
+            }
+            room
+        };
         self.wakeup.wake();
+        room
     }
 
-    pub(super) fn sample(&self, port: &'static str, bytes: &[u8]) {
-        let arrived = Arrived { port, bytes: bytes.to_vec(), at: now() };
+    pub(super) fn sample(&self, port: &'static str, bytes: Vec<u8>) {
+        let arrived = Arrived { port, bytes, at: now() };
         {
             let mut waiting = self.lock();
-            if waiting.samples.len() == SAMPLES_MAX {
-                waiting.samples.pop_front();
+            let same = |other: &Arrived| other.port == port;
+            if waiting.samples.iter().filter(|other| same(other)).count() >= SAMPLES_MAX {
+                let oldest = waiting.samples.iter().position(same);
+                oldest.and_then(|oldest| waiting.samples.remove(oldest));
             }
             waiting.samples.push_back(arrived);
         }

@@ -2,7 +2,7 @@
 
 use super::inbox::Inbox;
 use crate::sdk::interface::{Binding, Direction, Interface, PortInterface};
-use comms::io::data::{Answering, DataSession, Hearing, Priority, Publisher};
+use comms::io::data::{Answering, DataSession, Hearing, Payload, Priority, Publisher};
 use comms::logic::codec;
 use comms::logic::control::{Device, Dial, Incoming, Outgoing};
 use comms::logic::key::{self, Channel};
@@ -123,17 +123,21 @@ impl Links {
     }
 
     /// Sends a value of an output to whoever is to have it now.
-    pub(super) fn send(&self, port: &str, bytes: &[u8]) {
+    pub(super) fn send(&self, port: &str, bytes: Vec<u8>) {
         let made = self.lock();
-        for (_, device) in made.devices.iter().filter(|(name, _)| *name == port) {
-            put(device, bytes);
+        let wires = || made.wires.values().filter(|wire| wire.open && wire.port == port);
+        for wire in wires() {
+            if let Way::Pull { latest, .. } = &wire.way {
+                *latest.lock().unwrap_or_else(PoisonError::into_inner) = Some(bytes.clone());
+            }
         }
-        for wire in made.wires.values().filter(|wire| wire.open && wire.port == port) {
-            match &wire.way {
-                Way::Push(publisher) => put(publisher, bytes),
-                Way::Pull { latest, .. } => {
-                    *latest.lock().unwrap_or_else(PoisonError::into_inner) = Some(bytes.to_vec());
-                }
+        let payload = Payload::from(bytes);
+        for (_, device) in made.devices.iter().filter(|(name, _)| *name == port) {
+            put(device, payload.clone());
+        }
+        for wire in wires() {
+            if let Way::Push(publisher) = &wire.way {
+                put(publisher, payload.clone());
             }
         }
     }
@@ -142,7 +146,7 @@ impl Links {
     pub(super) fn show(&self, signals: &Signals) {
         let made = self.lock();
         if let (Some(publisher), Ok(bytes)) = (&made.signals, codec::encode(signals)) {
-            put(publisher, &bytes);
+            put(publisher, bytes.into());
         }
     }
 
@@ -194,7 +198,7 @@ impl Made {
 
     fn hear(&mut self, session: &DataSession, key: &str, port: &'static str, inbox: &Arc<Inbox>) -> Result<(), String> {
         let inbox = Arc::clone(inbox);
-        let hearing = session.on_sample(key, move |bytes| inbox.sample(port, bytes));
+        let hearing = session.on_sample(key, move |bytes| inbox.sample(port, bytes.into_owned()));
         self.hearing.push(hearing.map_err(|error| error.to_string())?);
         Ok(())
     }
@@ -220,8 +224,8 @@ fn port<'a>(interface: &'a Interface, name: &str, direction: Direction) -> Resul
     found.ok_or_else(|| format!("`{}` has no {word} `{name}`", interface.type_name))
 }
 
-fn put(publisher: &Publisher, bytes: &[u8]) {
-    if let Err(error) = publisher.put(bytes.to_vec()) {
+fn put(publisher: &Publisher, payload: Payload) {
+    if let Err(error) = publisher.put(payload) {
         tracing::debug!(%error, "a sample was not sent");
     }
 }
