@@ -38,6 +38,7 @@ mod format;
 mod graph;
 pub mod plan;
 mod similar;
+mod simulate;
 mod source;
 pub mod syntax;
 
@@ -45,6 +46,7 @@ pub use diagnostic::{Code, Diagnostic, Edit, Fix, Label, Severity, Style, apply_
 pub use fix::fix;
 pub use format::format;
 pub use graph::{Graph, graph};
+pub use simulate::{Chance, Ending, Happening, Simulation, SimulationError, What};
 pub use source::{Origin, Position, SOURCE_MAX, Source, Span};
 
 /// What a caller may choose.

@@ -17,6 +17,7 @@ pub mod nodes;
 pub mod output;
 pub mod report;
 pub mod run;
+pub mod sim;
 pub mod status;
 pub mod stop;
 
@@ -49,6 +50,8 @@ enum Verb {
     Fmt(fmt::Arguments),
     /// Draw a spec: processes, ports and connections
     Graph(graph::Arguments),
+    /// Run the event actions of a spec with fake processes
+    Sim(sim::Arguments),
     /// Say what a diagnostic code means
     Explain(explain::Arguments),
     /// List the nodes that can be reached
@@ -111,6 +114,7 @@ pub fn main() -> ExitCode {
         Verb::Fix(arguments) => fix::run(&arguments),
         Verb::Fmt(arguments) => fmt::run(&arguments),
         Verb::Graph(arguments) => graph::run(&arguments),
+        Verb::Sim(arguments) => sim::run(&arguments),
         Verb::Explain(arguments) => explain::run(&arguments),
         Verb::Nodes(arguments) => nodes::run(&arguments),
         Verb::Status(arguments) => status::run(&arguments),

@@ -1,0 +1,283 @@
+//! A plan with fake leaves: `dca sim`.
+//!
+//! Groups react by the same [`step`] as in a deployment; leaves only begin, and end when they are told to. Stopping takes
+//! no time. The clock is virtual and moves when it is told to.
+
+mod chance;
+mod command;
+
+use crate::algebra::{Activation, Cause, Command, Event, Outcome, Program, Reason, State, Value, step};
+use crate::plan::{MemberKind, Plan};
+use std::collections::{BTreeMap, VecDeque};
+use std::time::Duration;
+
+pub use chance::Chance;
+pub use command::SimulationError;
+
+/// What became of something, when.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Happening {
+    /// When, from the start.
+    pub at: Duration,
+    /// Path of the group or leaf.
+    pub path: String,
+    /// What.
+    pub what: What,
+}
+
+/// What became of a process.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum What {
+    /// It runs.
+    Started,
+    /// It has ended normally.
+    Done,
+    /// It has failed.
+    Aborted(String),
+    /// It was stopped.
+    Stopped,
+    /// A wait begins that lasts so long.
+    Waits(Duration),
+}
+
+/// How a leaf ends.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Ending {
+    /// Normally.
+    Done,
+    /// By a failure, for this reason.
+    Aborted(String),
+}
+
+/// Which activation of which member of which group.
+#[derive(Clone, Copy, Debug)]
+struct Seat {
+    group: usize,
+    member: u32,
+    activation: Activation,
+}
+
+/// A running plan.
+#[derive(Debug)]
+pub struct Simulation<'a> {
+    plan: &'a Plan,
+    programs: Vec<Program>,
+    states: Vec<State>,
+    now: Duration,
+    /// The leaves that run.
+    leaves: BTreeMap<u32, Seat>,
+    /// For each group that runs below `main`, where its end is awaited.
+    seats: BTreeMap<usize, Seat>,
+    /// The waits, by when they end and when they began.
+    timers: BTreeMap<(Duration, u64), (usize, u32, Activation)>,
+    counter: u64,
+    queue: VecDeque<(usize, Event)>,
+    happenings: Vec<Happening>,
+    outcome: Option<What>,
+}
+
+impl<'a> Simulation<'a> {
+    /// Starts a valid plan.
+    ///
+    /// ```
+    /// use language::{Ending, Options, Simulation, Source, What, compile};
+    ///
+    /// let spec = Source::new("a.dca", "process main() {
+    ///     instantiated_processes { hit instof Hit(c1); arm instof Arm(c1); }
+    ///     internal_event_actions { hit # arm }
+    /// }");
+    /// let plan = compile(&spec, &[], &Options::named("a")).plan.unwrap();
+    /// let mut simulation = Simulation::start(&plan);
+    /// assert_eq!(simulation.running(), ["main/hit", "main/arm"]);
+    /// simulation.end("hit", Ending::Done).unwrap();
+    /// assert_eq!(simulation.outcome(), Some(&What::Done));
+    /// ```
+    pub fn start(plan: &'a Plan) -> Self {
+        let programs: Vec<Program> = plan.groups.iter().map(Program::compile).collect();
+        let states = programs.iter().map(State::new).collect();
+        let mut simulation = Self {
+            plan,
+            programs,
+            states,
+            now: Duration::ZERO,
+            leaves: BTreeMap::new(),
+            seats: BTreeMap::new(),
+            timers: BTreeMap::new(),
+            counter: 0,
+            queue: VecDeque::from([(0, Event::Start(Value::EMPTY))]),
+            happenings: Vec::new(),
+            outcome: None,
+        };
+        simulation.note(plan.groups[0].path.clone(), What::Started);
+        simulation.react();
+        simulation
+    }
+
+    /// Returns how much time has passed.
+    pub fn now(&self) -> Duration {
+        self.now
+    }
+
+    /// Returns how `main` ended, once it has.
+    pub fn outcome(&self) -> Option<&What> {
+        self.outcome.as_ref()
+    }
+
+    /// Returns the paths of the leaves that run, in the order of the plan.
+    pub fn running(&self) -> Vec<&'a str> {
+        self.leaves.keys().map(|&leaf| self.plan.leaves[leaf as usize].path.as_str()).collect()
+    }
+
+    /// Returns when the next wait ends.
+    pub fn next_timer(&self) -> Option<Duration> {
+        self.timers.keys().next().map(|&(due, _)| due)
+    }
+
+    /// Returns what has happened since this was last asked.
+    pub fn take_happenings(&mut self) -> Vec<Happening> {
+        std::mem::take(&mut self.happenings)
+    }
+
+    /// Ends a leaf that runs. It is named by its path, or by as much of the end of it as names one alone.
+    ///
+    /// # Errors
+    /// When no leaf that runs is called so, or more than one.
+    pub fn end(&mut self, name: &str, ending: Ending) -> Result<(), SimulationError> {
+        let leaf = self.find(name)?;
+        self.end_leaf(leaf, ending);
+        Ok(())
+    }
+
+    /// Asks `main` to stop.
+    pub fn stop(&mut self) {
+        self.queue.push_back((0, Event::Stop));
+        self.react();
+    }
+
+    /// Lets time pass; waits that end on the way do so in order.
+    pub fn pass(&mut self, time: Duration) {
+        let until = self.now.saturating_add(time);
+        while let Some((&(due, number), &(group, timer, activation))) = self.timers.first_key_value() {
+            if due > until || self.outcome.is_some() {
+                break;
+            }
+            self.timers.remove(&(due, number));
+            self.now = due;
+            self.queue.push_back((group, Event::Elapsed { timer, activation }));
+            self.react();
+        }
+        self.now = until;
+    }
+
+    fn end_leaf(&mut self, leaf: u32, ending: Ending) {
+        let Some(Seat { group, member, activation }) = self.leaves.remove(&leaf) else { return };
+        let path = self.plan.leaves[leaf as usize].path.clone();
+        let event = match ending {
+            Ending::Done => {
+                self.note(path, What::Done);
+                Event::Done { member, activation, value: Value::EMPTY }
+            }
+            Ending::Aborted(why) => {
+                self.note(path, What::Aborted(why.clone()));
+                Event::Aborted { member, activation, report: Value::new(why.as_bytes()) }
+            }
+        };
+        self.queue.push_back((group, event));
+        self.react();
+    }
+
+    fn note(&mut self, path: String, what: What) {
+        self.happenings.push(Happening { at: self.now, path, what });
+    }
+
+    /// Reacts until nothing is left to react to.
+    fn react(&mut self) {
+        let mut commands = Vec::new();
+        while let Some((group, event)) = self.queue.pop_front() {
+            let outcome = step(&self.programs[group], &mut self.states[group], event, &mut commands);
+            for command in commands.drain(..) {
+                self.obey_command(group, command);
+            }
+            if let Some(outcome) = outcome {
+                self.ended(group, outcome);
+            }
+        }
+    }
+
+    fn obey_command(&mut self, group: usize, command: Command) {
+        match command {
+            Command::Connect { .. } | Command::Disconnect { .. } => {}
+            Command::Activate { member, activation, value } => {
+                let seat = Seat { group, member, activation };
+                match self.plan.groups[group].members[member as usize].kind {
+                    MemberKind::Leaf(leaf) => {
+                        self.note(self.plan.leaves[leaf as usize].path.clone(), What::Started);
+                        self.leaves.insert(leaf, seat);
+                    }
+                    MemberKind::Group(inner) => {
+                        self.note(self.plan.groups[inner as usize].path.clone(), What::Started);
+                        self.seats.insert(inner as usize, seat);
+                        self.queue.push_back((inner as usize, Event::Start(value)));
+                    }
+                }
+            }
+            Command::Stop { member, activation } => match self.plan.groups[group].members[member as usize].kind {
+                MemberKind::Leaf(leaf) => {
+                    if self.leaves.remove(&leaf).is_some() {
+                        self.note(self.plan.leaves[leaf as usize].path.clone(), What::Stopped);
+                    }
+                    self.queue.push_back((group, Event::Stopped { member, activation }));
+                }
+                MemberKind::Group(inner) => self.queue.push_back((inner as usize, Event::Stop)),
+            },
+            Command::Arm { timer, activation, after } => {
+                self.counter += 1;
+                self.note(self.plan.groups[group].path.clone(), What::Waits(after));
+                let due = self.now.saturating_add(after);
+                self.timers.insert((due, self.counter), (group, timer, activation));
+            }
+            Command::Cancel { timer, activation } => {
+                self.timers.retain(|_, &mut armed| armed != (group, timer, activation));
+            }
+        }
+    }
+
+    /// The end of a group: an event for the group around it.
+    fn ended(&mut self, group: usize, outcome: Outcome) {
+        let path = &self.plan.groups[group].path;
+        let what = match &outcome {
+            Outcome::Done(_) => What::Done,
+            Outcome::Aborted(reason) => What::Aborted(self.explain(group, reason)),
+            Outcome::Stopped => What::Stopped,
+        };
+        self.note(path.clone(), what.clone());
+        if group == 0 {
+            self.outcome = Some(what);
+            return;
+        }
+        let Some(Seat { group, member, activation }) = self.seats.remove(&group) else { return };
+        let event = match outcome {
+            Outcome::Done(value) => Event::Done { member, activation, value },
+            Outcome::Aborted(_) => {
+                let text = if let What::Aborted(text) = &what { text.as_str() } else { "" };
+                Event::Aborted { member, activation, report: Value::new(text.as_bytes()) }
+            }
+            Outcome::Stopped => Event::Stopped { member, activation },
+        };
+        self.queue.push_back((group, event));
+    }
+
+    fn explain(&self, group: usize, reason: &Reason) -> String {
+        let cause = match &reason.cause {
+            Cause::Reported(report) => String::from_utf8_lossy(report.bytes()).into_owned(),
+            Cause::Busy => "it was running already".to_owned(),
+            Cause::StopUnconfirmed => "nobody could confirm that it stopped".to_owned(),
+            Cause::ServiceEnded => "a service ended".to_owned(),
+            Cause::Failed(why) => why.to_string(),
+        };
+        match reason.member {
+            Some(member) => format!("`{}`: {cause}", self.plan.groups[group].members[member as usize].name),
+            None => cause,
+        }
+    }
+}

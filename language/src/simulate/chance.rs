@@ -1,0 +1,109 @@
+//! Leaves that end by chance: the same seed gives the same run.
+
+use super::{Ending, Simulation};
+use crate::plan::{MemberKind, Plan};
+use std::collections::{BTreeMap, BTreeSet};
+use std::time::Duration;
+
+/// How long a leaf runs, in milliseconds.
+const RUN_MIN: u64 = 500;
+const RUN_MAX: u64 = 10_000;
+
+/// When leaves end, and how.
+#[derive(Clone, Debug)]
+pub struct Chance {
+    state: u64,
+    /// Of a hundred ends, how many are failures.
+    faults: u64,
+    services: BTreeSet<String>,
+    /// When each leaf that runs will end.
+    due: BTreeMap<String, (Duration, Ending)>,
+}
+
+impl Chance {
+    /// Returns the course of events of a seed; `faults` of a hundred ends are failures. Services end only by failure.
+    pub fn new(plan: &Plan, seed: u64, faults: u64) -> Self {
+        let members = plan.groups.iter().flat_map(|group| &group.members).filter(|member| member.service);
+        let services = members.filter_map(|member| match member.kind {
+            MemberKind::Leaf(leaf) => Some(plan.leaves[leaf as usize].path.clone()),
+            MemberKind::Group(_) => None,
+        });
+        Self { state: seed, faults: faults.min(100), services: services.collect(), due: BTreeMap::new() }
+    }
+
+    /// Lets the next thing happen: a wait or a leaf ends. Returns false when nothing will ever end.
+    pub fn step(&mut self, simulation: &mut Simulation<'_>) -> bool {
+        let running: BTreeSet<String> = simulation.running().into_iter().map(str::to_owned).collect();
+        self.due.retain(|path, _| running.contains(path));
+        for path in running {
+            if !self.due.contains_key(&path) {
+                let (run, ending) = self.draw();
+                let is_endless = self.services.contains(&path) && ending == Ending::Done;
+                let due = if is_endless { Duration::MAX } else { simulation.now().saturating_add(run) };
+                self.due.insert(path, (due, ending));
+            }
+        }
+        let next = self.due.iter().min_by_key(|(_, (due, _))| *due).filter(|(_, (due, _))| *due < Duration::MAX);
+        let next = next.map(|(path, (due, ending))| (*due, path.clone(), ending.clone()));
+        match (next, simulation.next_timer()) {
+            (None, None) => return false,
+            (Some((due, path, ending)), timer) if timer.is_none_or(|timer| due < timer) => {
+                simulation.pass(due.saturating_sub(simulation.now()));
+                self.due.remove(&path);
+                // It may have been stopped by what happened before.
+                drop(simulation.end(&path, ending));
+            }
+            (_, Some(timer)) => simulation.pass(timer.saturating_sub(simulation.now())),
+            (Some(_), None) => {}
+        }
+        true
+    }
+
+    fn draw(&mut self) -> (Duration, Ending) {
+        let run = Duration::from_millis(RUN_MIN + self.next() % (RUN_MAX - RUN_MIN));
+        let is_fault = self.next() % 100 < self.faults;
+        (run, if is_fault { Ending::Aborted("a fault by chance".to_owned()) } else { Ending::Done })
+    }
+
+    /// Source: Steele, Lea, Flood, "Fast splittable pseudorandom number generators" (SplitMix64).
+    fn next(&mut self) -> u64 {
+        self.state = self.state.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.state;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        z ^ (z >> 31)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Options, Source, What, compile};
+
+    fn run(seed: u64, faults: u64) -> (Vec<super::super::Happening>, Option<What>) {
+        let spec = "
+            module Sensor(host) { service; }
+            process main() {
+                host{c1}
+                instantiated_processes { a instof A(c1); b instof A(c1); c instof A(c1); s instof Sensor(c1); }
+                internal_event_actions { s, ((a # b) ; (c within 5 s)?) }
+            }";
+        let plan = compile(&Source::new("a.dca", spec), &[], &Options::named("a")).plan.unwrap();
+        let mut simulation = Simulation::start(&plan);
+        let mut chance = Chance::new(&plan, seed, faults);
+        for _ in 0..100 {
+            if simulation.outcome().is_some() || !chance.step(&mut simulation) {
+                break;
+            }
+        }
+        (simulation.take_happenings(), simulation.outcome().cloned())
+    }
+
+    #[test]
+    fn a_seed_gives_one_run_and_faults_give_others() {
+        assert_eq!(run(1, 0), run(1, 0));
+        assert_ne!(run(1, 0).0, run(2, 0).0);
+        assert!((0..50).all(|seed| run(seed, 0).1 == Some(What::Done)));
+        assert!((0..50).any(|seed| matches!(run(seed, 50).1, Some(What::Aborted(_)))));
+    }
+}

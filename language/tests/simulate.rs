@@ -1,0 +1,51 @@
+//! Every file of `specs/` and every good file of the corpus runs in simulation, with and without faults.
+
+use language::{Chance, Options, Simulation, Source, What, compile};
+use std::path::{Path, PathBuf};
+
+/// As many things may happen in one run.
+const STEPS_MAX: usize = 500;
+
+fn files(folder: &str) -> Vec<PathBuf> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join(folder);
+    let entries = std::fs::read_dir(folder).expect("a folder of specs");
+    let mut files: Vec<PathBuf> = entries.filter_map(|entry| Some(entry.ok()?.path())).collect();
+    files.retain(|path| path.extension().is_some_and(|extension| extension == "dca"));
+    files.sort();
+    files
+}
+
+/// Runs a spec by chance; returns how it ended, if it is one that can be run and that has ended.
+fn run(path: &Path, seed: u64, faults: u64) -> Option<Option<What>> {
+    let read = |path: &Path| Source::new(path.to_string_lossy(), std::fs::read_to_string(path).unwrap());
+    let interface = path.with_extension("interface");
+    let interfaces = if interface.exists() { vec![read(&interface)] } else { Vec::new() };
+    let plan = compile(&read(path), &interfaces, &Options::named("sim")).plan?;
+    let mut simulation = Simulation::start(&plan);
+    let mut chance = Chance::new(&plan, seed, faults);
+    for _ in 0..STEPS_MAX {
+        if simulation.outcome().is_some() || !chance.step(&mut simulation) {
+            break;
+        }
+    }
+    if simulation.outcome().is_some() {
+        assert_eq!(simulation.running(), Vec::<&str>::new(), "{} leaves something behind", path.display());
+    }
+    Some(simulation.outcome().cloned())
+}
+
+#[test]
+fn every_spec_comes_to_its_end() {
+    for path in files("../specs") {
+        for seed in 0..20 {
+            assert_eq!(run(&path, seed, 0), Some(Some(What::Done)), "{} with seed {seed}", path.display());
+            assert!(run(&path, seed, 30).flatten().is_some(), "{} with seed {seed} and faults", path.display());
+        }
+    }
+}
+
+#[test]
+fn nothing_of_the_corpus_is_left_behind() {
+    let ended = files("tests/corpus").iter().filter_map(|path| run(path, 7, 10)).count();
+    assert!(ended > 5, "{ended}");
+}

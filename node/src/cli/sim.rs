@@ -1,0 +1,139 @@
+//! `dca sim`: the event actions of a spec with fake leaves, from the keyboard, from a script, or by chance.
+
+use crate::cli::{Controllers, Failure, check, output};
+use anyhow::{Context as _, anyhow};
+use language::plan::Plan;
+use language::{Chance, Happening, Simulation, What};
+use std::io::{BufRead as _, IsTerminal as _};
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// As many things may happen by chance, unless the command line says otherwise.
+const STEPS: u64 = 1000;
+
+/// What `dca sim` is told.
+#[derive(Debug, clap::Args)]
+pub struct Arguments {
+    /// The spec
+    file: PathBuf,
+    /// A file with one line for each thing that happens: `arm`, `arm abort why`, `5 s`, `stop` [default: standard input]
+    #[arg(long, value_name = "FILE", conflicts_with = "seed")]
+    script: Option<PathBuf>,
+    /// Let processes end by chance; the same number gives the same run
+    #[arg(long, value_name = "NUMBER")]
+    seed: Option<u64>,
+    /// Of a hundred ends by chance, how many are failures
+    #[arg(long, value_name = "PERCENT", default_value_t = 0, requires = "seed")]
+    faults: u64,
+    /// How many things may happen by chance
+    #[arg(long, value_name = "NUMBER", default_value_t = STEPS, requires = "seed")]
+    steps: u64,
+    #[command(flatten)]
+    controllers: Controllers,
+}
+
+/// Runs the verb; fails unless `main` ended normally.
+pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let plan = check::load(&arguments.file, &arguments.controllers, false)?.plan;
+    let mut simulation = Simulation::start(&plan);
+    match (arguments.seed, &arguments.script) {
+        (Some(seed), _) => by_chance(&plan, &mut simulation, seed, arguments),
+        (None, Some(script)) => from_script(&mut simulation, script)?,
+        (None, None) => from_keyboard(&mut simulation)?,
+    }
+    match simulation.outcome() {
+        Some(What::Done) => Ok(()),
+        Some(What::Aborted(_)) => Err(Failure::Told),
+        Some(What::Stopped | What::Started | What::Waits(_)) => Ok(()),
+        None => Err(anyhow!("`main` has not ended; {}", running(&simulation)).into()),
+    }
+}
+
+fn by_chance(plan: &Plan, simulation: &mut Simulation<'_>, seed: u64, arguments: &Arguments) {
+    let mut chance = Chance::new(plan, seed, arguments.faults);
+    show(simulation);
+    for _ in 0..arguments.steps {
+        if simulation.outcome().is_some() || !chance.step(simulation) {
+            break;
+        }
+        show(simulation);
+    }
+}
+
+fn from_script(simulation: &mut Simulation<'_>, script: &Path) -> Result<(), Failure> {
+    let text = std::fs::read_to_string(script).with_context(|| format!("reading the script `{}`", script.display()))?;
+    show(simulation);
+    for (number, line) in (1..).zip(text.lines()) {
+        if simulation.outcome().is_some() {
+            break;
+        }
+        simulation.obey(line).with_context(|| format!("line {number} of `{}`", script.display()))?;
+        show(simulation);
+    }
+    Ok(())
+}
+
+fn from_keyboard(simulation: &mut Simulation<'_>) -> Result<(), Failure> {
+    let stdin = std::io::stdin();
+    let is_person = stdin.is_terminal();
+    if is_person {
+        output::note("`arm` ends a process, `arm abort why` makes it fail, `5 s` lets time pass, `stop` stops it all");
+    }
+    show(simulation);
+    for line in stdin.lock().lines() {
+        let line = line.context("reading standard input")?;
+        match simulation.obey(&line) {
+            Ok(()) => show(simulation),
+            Err(error) if is_person => output::note(&error.to_string()),
+            Err(error) => return Err(error.into()),
+        }
+        if simulation.outcome().is_some() {
+            break;
+        }
+    }
+    Ok(())
+}
+
+/// Prints what has happened, and what runs now.
+fn show(simulation: &mut Simulation<'_>) {
+    let happenings = simulation.take_happenings();
+    if happenings.is_empty() {
+        return;
+    }
+    let lines: String = happenings.iter().map(line).collect();
+    let rest =
+        if simulation.outcome().is_some() { String::new() } else { format!("{:>10}  {}\n", "", running(simulation)) };
+    output::say(&(lines + &rest));
+}
+
+fn line(happening: &Happening) -> String {
+    let what = match &happening.what {
+        What::Started => "starts".to_owned(),
+        What::Done => "done".to_owned(),
+        What::Aborted(why) => format!("aborted: {why}"),
+        What::Stopped => "stopped".to_owned(),
+        What::Waits(time) => format!("waits {}", seconds(*time)),
+    };
+    format!("{:>10}  {} {what}\n", seconds(happening.at), happening.path)
+}
+
+fn seconds(time: Duration) -> String {
+    format!("{:.3} s", time.as_secs_f64())
+}
+
+fn running(simulation: &Simulation<'_>) -> String {
+    let running = simulation.running();
+    if running.is_empty() { "nothing runs".to_owned() } else { format!("runs: {}", running.join(", ")) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_happens_is_one_line_each() {
+        let what = What::Aborted("no grip".to_owned());
+        let happening = Happening { at: Duration::from_millis(2500), path: "main/arm".to_owned(), what };
+        assert_eq!(line(&happening), "   2.500 s  main/arm aborted: no grip\n");
+    }
+}
