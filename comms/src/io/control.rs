@@ -351,6 +351,7 @@ mod tests {
         Notice::Hello { version: VERSION, instance, location: None, owns, needs, signals: false }
     }
 
+    /// More than the kernel keeps for one socket.
     fn large() -> Vec<u8> {
         vec![5; 3_000_000]
     }
@@ -422,10 +423,22 @@ mod tests {
         let listener = Listener::bind(&dir.socket()).unwrap();
         let (_notices, _orders) = connect(&dir.socket()).unwrap();
         let (orders, _receiver) = listener.accept().await.unwrap();
-        for _ in 0..ORDERS_MAX {
-            orders.send(&Order::Exit).unwrap();
-        }
-        assert!(matches!(orders.send(&Order::Exit), Err(ControlError::Stuck)));
+        // What the kernel takes before the program reads comes on top.
+        let order = Order::Activate { activation: 0, value: large() };
+        let sent = (0..2 * ORDERS_MAX).take_while(|_| orders.send(&order).is_ok()).count();
+        assert!((ORDERS_MAX..ORDERS_MAX + 2).contains(&sent), "{sent}");
+        assert!(matches!(orders.send(&order), Err(ControlError::Stuck)));
+    }
+
+    #[tokio::test]
+    async fn a_program_that_nobody_hears_notices() {
+        let dir = Dir::new("deaf");
+        let listener = Listener::bind(&dir.socket()).unwrap();
+        let (_notices, mut program) = connect(&dir.socket()).unwrap();
+        let (orders, receiver) = listener.accept().await.unwrap();
+        drop(receiver);
+        assert_eq!(program.recv().unwrap(), None);
+        orders.send(&Order::Exit).unwrap();
     }
 
     #[tokio::test]

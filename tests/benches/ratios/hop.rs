@@ -1,0 +1,47 @@
+//! One hop from controller to controller, beside zenoh alone and beside a Unix socket.
+
+use crate::figures::{Round, Subject, Table, cell};
+use crate::raw::{self, Way};
+use crate::sdk;
+use anyhow::Context;
+use std::path::Path;
+
+/// How often everything is measured, in turn.
+const ROUNDS: u32 = 9;
+/// What is sent: bytes, round trips that are timed, and round trips before those.
+const SIZES: [(&str, u32, u32, u32); 2] = [("64 B", 64, 2000, 300), ("64 KiB", 64 << 10, 400, 60)];
+/// The most that a hop may cost of what zenoh alone costs.
+const TARGET: f64 = 1.15;
+
+/// Measures, and adds its lines.
+pub(crate) async fn measure(dir: &Path, table: &mut Table) -> anyhow::Result<()> {
+    let mut controllers = sdk::Pair::start(dir).await?;
+    let mut socket = raw::Pair::start(Way::Socket, dir)?;
+    let mut zenoh = raw::Pair::start(Way::Zenoh, dir)?;
+    let mut bytes = raw::Pair::start(Way::ZenohBytes, dir)?;
+    let mut callback = raw::Pair::start(Way::ZenohCallback, dir)?;
+    for (name, size, count, warm_up) in SIZES {
+        let mut subjects: [Subject; 5] = Default::default();
+        for _ in 0..ROUNDS {
+            let [ours, plain, owned, quick, raw] = &mut subjects;
+            raw.push(socket.measure(size, count, warm_up)?.halved());
+            plain.push(zenoh.measure(size, count, warm_up)?.halved());
+            let times = controllers.measure(size, count, warm_up).await?;
+            ours.push(Round::of(times).context("no samples")?.halved());
+            owned.push(bytes.measure(size, count, warm_up)?.halved());
+            quick.push(callback.measure(size, count, warm_up)?.halved());
+        }
+        let [ours, plain, owned, quick, raw] = &subjects;
+        table.heading(&format!("one hop, {name}, two processes"), "of zenoh", "of socket");
+        let of_socket = |subject: &Subject| cell(subject.ratio(raw), None);
+        table.line("controller to controller", ours, [cell(ours.ratio(plain), Some(TARGET)), of_socket(ours)]);
+        table.line("zenoh alone, thread to thread", plain, ["1".into(), of_socket(plain)]);
+        table.line("the same, bytes of one's own", owned, [cell(owned.ratio(plain), None), of_socket(owned)]);
+        table.line("zenoh alone, answered in its callback", quick, [cell(quick.ratio(plain), None), of_socket(quick)]);
+        table.line("Unix socket", raw, [String::new(), "1".into()]);
+    }
+    for pair in [socket, zenoh, bytes, callback] {
+        pair.end()?;
+    }
+    controllers.end().await
+}

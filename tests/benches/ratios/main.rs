@@ -1,0 +1,87 @@
+//! What DCA costs beside what the machine can do without it, measured side by side in one run: `cargo bench -p dca-tests`.
+//!
+//! Three things: a hop between two controllers, the way from the end of one process to the run of the next, and the start
+//! of a whole deployment. The programs that are measured are this executable again, started with other arguments.
+
+mod event;
+mod figures;
+mod hop;
+mod node;
+mod programs;
+mod raw;
+mod sdk;
+mod start;
+
+use anyhow::Context;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    comms::io::session::prepare_process();
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let result = match arguments.first().map(String::as_str) {
+        Some("raw") => raw::side(&arguments[1..]),
+        Some("--bench") => bench(arguments.get(1).map(String::as_str)),
+        Some(_) => return controllers::sdk::process::run(&programs::registry()),
+        None => say("this measures only when it is started by `cargo bench`"),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            writeln!(std::io::stderr(), "the benchmark failed: {error:#}").unwrap_or_default();
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// Measures everything, or only what is named: `hop`, `event` or `start`.
+fn bench(only: Option<&str>) -> anyhow::Result<()> {
+    let folder = Folder::new()?;
+    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build()?;
+    let wanted = |name| only.is_none_or(|only| only == name);
+    let mut table = figures::Table::default();
+    runtime.block_on(async {
+        if wanted("hop") {
+            say("one hop between two controllers …")?;
+            hop::measure(&folder.0, &mut table).await?;
+        }
+        if wanted("event") {
+            say("from the end of one process to the run of the next …")?;
+            event::measure(&folder.0, &mut table).await?;
+        }
+        if wanted("start") {
+            say("from PREPARE to GO …")?;
+            start::measure(&folder.0, &mut table).await?;
+        }
+        anyhow::Ok(())
+    })?;
+    say(&table.text())
+}
+
+fn say(text: &str) -> anyhow::Result<()> {
+    Ok(writeln!(std::io::stdout(), "{text}")?)
+}
+
+/// A folder for sockets, removed at the end.
+struct Folder(PathBuf);
+
+impl Folder {
+    fn new() -> anyhow::Result<Self> {
+        let path = std::env::temp_dir().join(format!("dca-bench-{}", std::process::id()));
+        std::fs::create_dir(&path).with_context(|| format!("making {}", path.display()))?;
+        Ok(Self(path))
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        remove(&self.0);
+    }
+}
+
+fn remove(path: &Path) {
+    if let Err(error) = std::fs::remove_dir_all(path) {
+        writeln!(std::io::stderr(), "{} stays behind: {error}", path.display()).unwrap_or_default();
+    }
+}

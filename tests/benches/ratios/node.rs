@@ -1,0 +1,123 @@
+//! A real node, its programs under shims, and a client that deploys.
+
+use anyhow::{Context, bail, ensure};
+use comms::io::clock::now;
+use comms::io::session::{Replies, Session};
+use comms::logic::time::Time;
+use comms::logic::{codec, key};
+use language::{Options, Source, Style, compile, render};
+use node::logic::protocol::{Answer, Report, Request};
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::Duration;
+
+/// The node's name.
+pub(crate) const HOST: &str = "bench";
+/// How long the next report may take.
+const WITHIN: Duration = Duration::from_secs(40);
+
+/// A running `dca-node`.
+#[derive(Debug)]
+pub(crate) struct Node {
+    child: Child,
+    client: Session,
+    request: u64,
+}
+
+/// The reports of one deployment.
+#[derive(Debug)]
+pub(crate) struct Deployment {
+    replies: Replies,
+    pub(crate) asked: Time,
+}
+
+impl Node {
+    /// Starts the node that stands beside this program, after bringing it up to date.
+    pub(crate) async fn start(dir: &Path) -> anyhow::Result<Self> {
+        let program = built()?.join("dca-node");
+        let mut child = Command::new(&program)
+            .args(["--name", HOST, "--controllers"])
+            .arg(std::env::current_exe()?)
+            .arg("--run-dir")
+            .arg(dir)
+            .stdout(Stdio::piped())
+            .spawn()
+            .with_context(|| format!("starting {}", program.display()))?;
+        let mut said = String::new();
+        BufReader::new(child.stdout.take().context("no pipe")?).read_line(&mut said)?;
+        ensure!(said.contains("ready"), "the node said `{said}`");
+        let client = Session::open_client(&dir.join(HOST).join("node.sock")).await?;
+        Ok(Self { child, client, request: 0 })
+    }
+
+    /// Asks the node to run a spec.
+    pub(crate) fn deploy(&mut self, spec: &str) -> anyhow::Result<Deployment> {
+        let source = Source::new("bench.dca", spec);
+        let interfaces = [Source::new("bench", crate::programs::registry().interface_text())];
+        let compiled = compile(&source, &interfaces, &Options::named("bench"));
+        let problems = || render(&compiled.diagnostics, &source, &interfaces, Style::Plain);
+        let plan = compiled.plan.clone().with_context(problems)?;
+        self.request += 1;
+        let bytes = codec::encode(&Request::Deploy { request: self.request, plan })?;
+        let asked = now();
+        Ok(Deployment { replies: self.client.call_stream(&key::rpc(HOST, "request"), bytes)?, asked })
+    }
+
+    /// Ends the deployment, and waits until nothing of it is left.
+    pub(crate) async fn stop(&self, mut deployment: Deployment) -> anyhow::Result<()> {
+        let (request, key) = (codec::encode(&Request::Stop { name: "bench".into() })?, key::rpc(HOST, "request"));
+        // Both go on at once: reports that nobody takes would be an overrun.
+        let stopping = self.client.call(&key, request, WITHIN);
+        let finishing = async {
+            while deployment.next().await?.is_some() {}
+            anyhow::Ok(())
+        };
+        let (stopped, finished) = tokio::join!(stopping, finishing);
+        stopped?;
+        finished
+    }
+
+    /// Ends the node.
+    pub(crate) async fn end(mut self) -> anyhow::Result<()> {
+        self.client.close().await;
+        let pid = rustix::process::Pid::from_child(&self.child);
+        rustix::process::kill_process(pid, rustix::process::Signal::TERM)?;
+        ensure!(self.child.wait()?.success(), "the node failed");
+        Ok(())
+    }
+}
+
+impl Deployment {
+    /// Returns the next report; none at the end.
+    pub(crate) async fn next(&mut self) -> anyhow::Result<Option<Report>> {
+        let Some(reply) = tokio::time::timeout(WITHIN, self.replies.next()).await? else { return Ok(None) };
+        let answer = codec::decode::<Answer>(&reply?)?;
+        let Answer::Report(report) = answer else { bail!("no report but {answer:?}") };
+        if let Report::Refused { reasons } = &report {
+            bail!("refused: {}", reasons.join("; "));
+        }
+        Ok(Some(report))
+    }
+
+    /// Waits for GO; says how long it took from PREPARE, as the node says.
+    pub(crate) async fn go(&mut self) -> anyhow::Result<Duration> {
+        loop {
+            if let Report::Go { took, .. } = self.next().await?.context("it ended before GO")? {
+                return Ok(took);
+            }
+        }
+    }
+}
+
+/// Returns the folder of the node's programs, up to date.
+fn built() -> anyhow::Result<PathBuf> {
+    let own = std::env::current_exe()?;
+    let folder = own.ancestors().nth(2).context("this program stands in no target folder")?.to_owned();
+    if let Some(cargo) = std::env::var_os("CARGO") {
+        let mut command = Command::new(cargo);
+        command.args(["build", "--quiet", "--release", "-p", "node", "--bins"]).current_dir(env!("CARGO_MANIFEST_DIR"));
+        ensure!(command.status()?.success(), "the node does not build");
+    }
+    Ok(folder)
+}

@@ -1,0 +1,243 @@
+//! The controllers that are measured. Each is as small as a controller can be; none reads a clock.
+
+use comms::logic::time::Time;
+use controllers::sdk::{About, Arguments, Controller, Kind, Message, Parameter, Progress, Registry, Tick};
+use serde::de::Visitor;
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use std::fmt;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// How long a ping waits before it counts as lost and is sent again.
+const LOST_AFTER: Duration = Duration::from_secs(1);
+
+/// Bytes of any length: what an image or a scan is to the one who carries it. A clone is no copy.
+#[derive(Clone, Debug)]
+pub(crate) struct Blob(Arc<[u8]>);
+
+impl Message for Blob {
+    const TYPE: &'static str = "Blob";
+}
+
+impl Serialize for Blob {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_bytes(&self.0)
+    }
+}
+
+impl<'de> Deserialize<'de> for Blob {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Bytes;
+        impl Visitor<'_> for Bytes {
+            type Value = Blob;
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("bytes")
+            }
+            fn visit_bytes<E>(self, bytes: &[u8]) -> Result<Blob, E> {
+                Ok(Blob(bytes.into()))
+            }
+        }
+        deserializer.deserialize_bytes(Bytes)
+    }
+}
+
+controllers::inputs! {
+    /// What is heard.
+    pub(crate) struct Hears {
+        /// From the other side.
+        heard: Blob = optional("In"),
+    }
+}
+controllers::outputs! {
+    /// What is said.
+    pub(crate) struct Says {
+        /// To the other side.
+        said: Blob = optional("Out"),
+    }
+}
+
+/// Returns everything that this program can be as a controller.
+pub(crate) fn registry() -> Registry {
+    let mut registry = Registry::default();
+    registry.add::<Ping>();
+    registry.add::<Echo>();
+    registry.add::<Turn>();
+    registry.add::<Link>();
+    registry
+}
+
+/// What a [`Ping`] is initialised with: the size of its messages, how many are timed, and how many go before those.
+pub(crate) fn ping_value(size: u32, count: u32, warm_up: u32) -> Vec<u8> {
+    [size, count, warm_up].iter().flat_map(|number| number.to_le_bytes()).collect()
+}
+
+/// Returns the round-trip times that a [`Ping`] left.
+pub(crate) fn times_of(value: &[u8]) -> Vec<Duration> {
+    let numbers = value.chunks_exact(8).filter_map(|bytes| Some(u64::from_le_bytes(bytes.try_into().ok()?)));
+    numbers.map(Duration::from_nanos).collect()
+}
+
+fn value_of(times: &[Duration]) -> Vec<u8> {
+    times.iter().flat_map(|time| u64::try_from(time.as_nanos()).unwrap_or(u64::MAX).to_le_bytes()).collect()
+}
+
+/// Sends, waits for the answer, sends again. A round trip is the time from one calculation to the next.
+#[derive(Debug, Default)]
+pub(crate) struct Ping {
+    bytes: Arc<[u8]>,
+    left: u32,
+    warm_up: u32,
+    sent: Option<Time>,
+    times: Vec<Duration>,
+}
+
+impl Controller for Ping {
+    type Inputs = Hears;
+    type Outputs = Says;
+    const TYPE: &'static str = "Ping";
+
+    fn about() -> About {
+        About::task("Measures round trips.").every(LOST_AFTER).triggered_by("In")
+    }
+
+    fn new(_: &Arguments) -> Result<Self, String> {
+        Ok(Self::default())
+    }
+
+    fn init(&mut self, value: &[u8]) -> Result<(), String> {
+        let numbers: Vec<u32> =
+            value.chunks_exact(4).filter_map(|bytes| Some(u32::from_le_bytes(bytes.try_into().ok()?))).collect();
+        let [size, count, warm_up] = numbers[..] else { return Err("three numbers are needed".to_owned()) };
+        *self = Self {
+            bytes: vec![1; size as usize].into(),
+            left: count + warm_up,
+            warm_up,
+            sent: None,
+            times: Vec::new(),
+        };
+        Ok(())
+    }
+
+    fn main_calc(&mut self, tick: Tick, inputs: &Hears, outputs: &mut Says) -> Progress {
+        if let Some(sent) = self.sent.filter(|_| inputs.heard.fresh().is_some()) {
+            self.left -= 1;
+            if self.warm_up > 0 {
+                self.warm_up -= 1;
+            } else {
+                self.times.push(tick.now.since(sent));
+            }
+            if self.left == 0 {
+                return Progress::Done(value_of(&self.times));
+            }
+        }
+        self.sent = Some(tick.now);
+        outputs.said.send(Blob(Arc::clone(&self.bytes)));
+        Progress::Continue
+    }
+}
+
+/// Answers each message with the same.
+#[derive(Debug)]
+pub(crate) struct Echo;
+
+impl Controller for Echo {
+    type Inputs = Hears;
+    type Outputs = Says;
+    const TYPE: &'static str = "Echo";
+
+    fn about() -> About {
+        About::service("Answers with what it hears.").every(LOST_AFTER).triggered_by("In")
+    }
+
+    fn new(_: &Arguments) -> Result<Self, String> {
+        Ok(Self)
+    }
+
+    fn main_calc(&mut self, _: Tick, inputs: &Hears, outputs: &mut Says) -> Progress {
+        if let Some(heard) = inputs.heard.fresh() {
+            outputs.said.send(heard.clone());
+        }
+        Progress::Continue
+    }
+}
+
+/// How long a [`Turn`] that rests takes.
+pub(crate) const REST: Duration = Duration::from_millis(2);
+
+/// Is done at once, or after a rest, and leaves the time of its last calculation. What the one before it left tells how
+/// long it took from there to here. Writes all it has seen to a file when its program ends.
+#[derive(Debug)]
+pub(crate) struct Turn {
+    file: PathBuf,
+    rests: bool,
+    calculations: u32,
+    before: Option<Time>,
+    times: Vec<Duration>,
+}
+
+impl Controller for Turn {
+    type Inputs = ();
+    type Outputs = ();
+    const TYPE: &'static str = "Turn";
+
+    fn about() -> About {
+        const PARAMETERS: &[Parameter] = &[
+            Parameter { name: "file", kind: Kind::Text(&[]), default: None },
+            Parameter { name: "rests", kind: Kind::Truth, default: None },
+        ];
+        About::task("Is done soon.").every(REST).with(PARAMETERS)
+    }
+
+    fn new(arguments: &Arguments) -> Result<Self, String> {
+        let (file, rests) = (arguments.text("file").into(), arguments.truth("rests"));
+        Ok(Self { file, rests, calculations: 0, before: None, times: Vec::new() })
+    }
+
+    fn init(&mut self, value: &[u8]) -> Result<(), String> {
+        self.calculations = 0;
+        self.before = value.try_into().ok().map(|bytes| Time::from_nanos(u64::from_le_bytes(bytes)));
+        Ok(())
+    }
+
+    fn run(&mut self, now: Time) {
+        self.times.extend(self.before.map(|before| now.since(before)));
+    }
+
+    fn main_calc(&mut self, tick: Tick, (): &(), (): &mut ()) -> Progress {
+        self.calculations += 1;
+        if self.rests && self.calculations == 1 {
+            return Progress::Continue;
+        }
+        Progress::Done(tick.now.nanos().to_le_bytes().to_vec())
+    }
+}
+
+impl Drop for Turn {
+    fn drop(&mut self) {
+        // The reader says that the file is missing.
+        std::fs::write(&self.file, value_of(&self.times)).unwrap_or_default();
+    }
+}
+
+/// Does nothing, with an input and an output.
+#[derive(Debug)]
+pub(crate) struct Link;
+
+impl Controller for Link {
+    type Inputs = Hears;
+    type Outputs = Says;
+    const TYPE: &'static str = "Link";
+
+    fn about() -> About {
+        About::service("Does nothing.").every(LOST_AFTER)
+    }
+
+    fn new(_: &Arguments) -> Result<Self, String> {
+        Ok(Self)
+    }
+
+    fn main_calc(&mut self, _: Tick, _: &Hears, _: &mut Says) -> Progress {
+        Progress::Continue
+    }
+}

@@ -1,0 +1,143 @@
+//! Controllers as programs of their own, with this process in the place of their node.
+
+use anyhow::{Context, bail, ensure};
+use comms::io::control::{ControlReceiver, ControlSender, Listener};
+use comms::logic::control::{Dial, Incoming, Location, Notice, Order, Outgoing};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::Duration;
+
+/// How long a program has for anything that it is told.
+const WITHIN: Duration = Duration::from_secs(20);
+
+/// Where programs report.
+#[derive(Debug)]
+pub(crate) struct Place {
+    listener: Listener,
+    dir: PathBuf,
+}
+
+/// A program that has said hello.
+#[derive(Debug)]
+pub(crate) struct Program {
+    sender: ControlSender,
+    receiver: ControlReceiver,
+    location: Option<Location>,
+    instance: String,
+}
+
+impl Place {
+    pub(crate) fn new(dir: &Path) -> anyhow::Result<Self> {
+        let dir = dir.to_owned();
+        Ok(Self { listener: Listener::bind(&dir.join("control"))?, dir })
+    }
+
+    /// Starts a program as a shim would.
+    pub(crate) fn start(&self, controller: &str, instance: &str) -> anyhow::Result<Child> {
+        let mut command = Command::new(std::env::current_exe()?);
+        command.arg(controller).env_clear().stdin(Stdio::null()).stdout(Stdio::null());
+        command.env("DCA_CONTROL", self.dir.join("control")).env("DCA_INSTANCE", instance);
+        Ok(command.env("DCA_DATA_SOCKET", self.dir.join(format!("{instance}.sock"))).spawn()?)
+    }
+
+    /// Waits for the next program to say hello.
+    pub(crate) async fn hello(&self) -> anyhow::Result<Program> {
+        let (sender, mut receiver) = tokio::time::timeout(WITHIN, self.listener.accept()).await??;
+        let hello = tokio::time::timeout(WITHIN, receiver.recv()).await??;
+        let Some(Notice::Hello { location, instance, .. }) = hello else { bail!("no hello but {hello:?}") };
+        Ok(Program { sender, receiver, location, instance })
+    }
+}
+
+impl Program {
+    /// Gives an order and returns the notice that answers it; `Running` is passed over.
+    async fn order(&mut self, order: &Order) -> anyhow::Result<Notice> {
+        self.sender.send(order)?;
+        loop {
+            match tokio::time::timeout(WITHIN, self.receiver.recv()).await?? {
+                Some(Notice::Running { .. }) => {}
+                Some(notice) => return Ok(notice),
+                None => bail!("`{}` has left", self.instance),
+            }
+        }
+    }
+
+    /// Gives an order and waits until it has started to run.
+    async fn run(&mut self, activation: u32) -> anyhow::Result<()> {
+        self.sender.send(&Order::Activate { activation, value: Vec::new() })?;
+        let notice = tokio::time::timeout(WITHIN, self.receiver.recv()).await??;
+        ensure!(matches!(notice, Some(Notice::Running { .. })), "`{}` does not run: {notice:?}", self.instance);
+        Ok(())
+    }
+
+    /// Tells the program to leave, and waits until it has closed its side.
+    pub(crate) async fn leave(mut self) -> anyhow::Result<()> {
+        self.sender.send(&Order::Exit)?;
+        while tokio::time::timeout(WITHIN, self.receiver.recv()).await??.is_some() {}
+        Ok(())
+    }
+
+    fn dial(&self) -> anyhow::Result<Dial> {
+        let location = self.location.clone().context("it has no data session")?;
+        Ok(Dial { session: location.session, locators: location.local })
+    }
+}
+
+/// A ping and an echo, each a program, wired both ways.
+#[derive(Debug)]
+pub(crate) struct Pair {
+    ping: Program,
+    echo: Program,
+    children: [Child; 2],
+    activation: u32,
+}
+
+impl Pair {
+    pub(crate) async fn start(dir: &Path) -> anyhow::Result<Self> {
+        let place = Place::new(dir)?;
+        let ping_child = place.start("Ping", "ping")?;
+        let mut ping = place.hello().await?;
+        let echo_child = place.start("Echo", "echo")?;
+        let mut echo = place.hello().await?;
+        let outgoing = |wire: u32| Outgoing { wire, port: "Out".into(), key: format!("hop/{wire}"), pull: false };
+        let connect = |out: u32, producer: Dial| Order::Connect {
+            robot: "bench".into(),
+            incoming: vec![Incoming {
+                wire: 1 - out,
+                port: "In".into(),
+                key: format!("hop/{}", 1 - out),
+                producer,
+                pull: false,
+            }],
+            outgoing: vec![outgoing(out)],
+            devices: Vec::new(),
+        };
+        let (to_ping, to_echo) = (ping.dial()?, echo.dial()?);
+        // Each waits for the other to come, so both are told before either has answered.
+        let (to_ping, to_echo) = (connect(1, to_ping), connect(0, to_echo));
+        let connected = tokio::try_join!(ping.order(&to_echo), echo.order(&to_ping))?;
+        ensure!(connected == (Notice::Connected, Notice::Connected), "not connected: {connected:?}");
+        ping.order(&Order::Open { wires: vec![0], generation: 1 }).await?;
+        echo.order(&Order::Open { wires: vec![1], generation: 1 }).await?;
+        echo.run(1).await?;
+        Ok(Self { ping, echo, children: [ping_child, echo_child], activation: 0 })
+    }
+
+    /// Measures `count` round trips of `size` bytes.
+    pub(crate) async fn measure(&mut self, size: u32, count: u32, warm_up: u32) -> anyhow::Result<Vec<Duration>> {
+        self.activation += 1;
+        let value = crate::programs::ping_value(size, count, warm_up);
+        let notice = self.ping.order(&Order::Activate { activation: self.activation, value }).await?;
+        let Notice::Done { value, .. } = notice else { bail!("the ping is not done: {notice:?}") };
+        Ok(crate::programs::times_of(&value))
+    }
+
+    pub(crate) async fn end(self) -> anyhow::Result<()> {
+        self.ping.leave().await?;
+        self.echo.leave().await?;
+        for mut child in self.children {
+            child.wait()?;
+        }
+        Ok(())
+    }
+}
