@@ -12,11 +12,12 @@ mod ports;
 pub(crate) mod spec;
 mod types;
 mod unit;
+mod uses;
 mod value;
 
 use crate::diagnostic::{Code, Diagnostic, Severity};
-use crate::source::{Origin, Source};
-use crate::syntax::{Parse, parse};
+use crate::source::{Origin, Role, Source};
+use crate::syntax::{Parse, ast, parse};
 use crate::{Compiled, Options};
 
 /// Checks a spec against the interfaces of the modules; returns its plan unless something is wrong, what the plan was made
@@ -30,10 +31,17 @@ pub(crate) fn compile_with_model(
     let sources = std::iter::once((Origin::Spec, spec)).chain(origins.zip(interfaces));
     let mut model = spec::Spec::default();
     let mut diagnostics = Vec::new();
+    let mut trees = Vec::new();
     for (origin, source) in sources {
         let Parse { root, diagnostics: found, damage } = parse(source, origin);
-        declare::declare(&mut model, root, origin, &damage, &mut diagnostics);
+        let root = ast::Node::new(root, origin);
+        declare::constants(&mut model, &root, &mut diagnostics);
+        uses::check(&root, source, spec, interfaces, &mut diagnostics);
+        trees.push((root, (origin, origin == Origin::Spec || source.role == Role::Part), damage));
         diagnostics.extend(found);
+    }
+    for (root, origin, damage) in &trees {
+        declare::declare(&mut model, root, *origin, damage, &mut diagnostics);
     }
     types::check(&mut model, &mut diagnostics);
     let root = types::root(&model, &mut diagnostics);

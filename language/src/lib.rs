@@ -35,6 +35,7 @@ mod check;
 mod diagnostic;
 mod fix;
 mod format;
+mod gather;
 mod graph;
 pub mod plan;
 mod similar;
@@ -45,9 +46,10 @@ pub mod syntax;
 pub use diagnostic::{Code, Diagnostic, Edit, Fix, Label, Severity, Style, apply_fixes, render};
 pub use fix::fix;
 pub use format::format;
+pub use gather::gather;
 pub use graph::{Graph, graph};
 pub use simulate::{Chance, Ending, Happening, Simulation, SimulationError, What};
-pub use source::{Origin, Position, SOURCE_MAX, Source, Span};
+pub use source::{Origin, Position, Role, SOURCE_MAX, Source, Span};
 
 /// What a caller may choose.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -139,6 +139,29 @@ pub struct Wire {
     pub to: LeafPort,
     /// Who asks for the data to move.
     pub transfer: Transfer,
+    /// How data moves.
+    pub quality: Quality,
+}
+
+/// How data moves on a wire; the default is as the ports themselves do it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+pub struct Quality {
+    /// Whether the last value is kept for who is connected later.
+    pub retention: Retention,
+    /// How many values wait at most; without it, as many as the input says.
+    pub queue: Option<u32>,
+    /// The shortest time between two values.
+    pub period_min: Option<Duration>,
+}
+
+/// Whether a wire keeps its last value.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+pub enum Retention {
+    /// Who is connected later waits for the next value.
+    #[default]
+    Drop,
+    /// Who is connected later gets the last value at once.
+    Latch,
 }
 
 /// A named port of a leaf.

@@ -10,12 +10,25 @@ pub struct Source {
     pub name: String,
     /// Its content.
     pub text: String,
+    /// What it is to the spec.
+    pub role: Role,
+}
+
+/// What a text is to the spec that is compiled.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Role {
+    /// The spec itself, or the interfaces that a program prints of itself.
+    Whole,
+    /// A file that the spec uses, directly or through others.
+    Part,
+    /// A file that it uses but that could not be read, for this reason.
+    Missing(String),
 }
 
 impl Source {
     /// Returns a source that diagnostics call `name`.
     pub fn new(name: impl Into<String>, text: impl Into<String>) -> Self {
-        Self { name: name.into(), text: text.into() }
+        Self { name: name.into(), text: text.into(), role: Role::Whole }
     }
 
     /// Returns the line and column of a byte offset; an offset beyond the end is at the end.

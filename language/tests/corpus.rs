@@ -1,11 +1,13 @@
 //! Every file of the corpus says what it always said.
 //!
 //! `name.dca` is compiled alone and compared with `name.expected`; where there is a `name.interface`, it is compiled with
-//! these interfaces too and compared with `name.interface.expected`. `UPDATE_EXPECT=1` writes the expected files anew.
+//! these interfaces too and compared with `name.interface.expected`. Files that a spec uses are in `parts/`.
+//! `UPDATE_EXPECT=1` writes the expected files anew.
 
 use language::algebra::Program;
-use language::plan::{Expression, Group, LeafPort, MemberKind, Plan};
-use language::{Compiled, Options, Severity, Source, Style, apply_fixes, compile, render};
+use language::plan::{Expression, Group, LeafPort, MemberKind, Plan, Retention};
+use language::{Code, Compiled, Options, Severity, Source, Style, apply_fixes, compile, gather, render};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 fn corpus() -> PathBuf {
@@ -42,6 +44,7 @@ fn every_file_says_what_it_always_said() {
 
 fn check(path: &Path, interfaces: &[Source], expected: &Path) {
     let spec = read(path);
+    let interfaces = &with_parts(&spec, interfaces);
     let Compiled { plan, diagnostics } = compile(&spec, interfaces, &options(path));
     let mut text = render(&diagnostics, &spec, interfaces, Style::Plain);
     let is_refused = diagnostics.iter().any(|found| found.severity == Severity::Error);
@@ -52,6 +55,34 @@ fn check(path: &Path, interfaces: &[Source], expected: &Path) {
         text.push_str(&describe(&plan));
     }
     expect_test::expect_file![expected].assert_eq(&text);
+}
+
+/// The files that a spec uses, and the interfaces.
+fn with_parts(spec: &Source, interfaces: &[Source]) -> Vec<Source> {
+    let read = |path: &str| std::fs::read_to_string(corpus().join(path)).map_err(|_error| "no such file".to_owned());
+    let mut parts = gather(spec, &read);
+    parts.extend_from_slice(interfaces);
+    parts
+}
+
+/// Every remark that can be made is made in some file; but that a text is too long is not worth 16 MiB.
+#[test]
+fn every_code_occurs() {
+    let mut missing: BTreeSet<Code> = Code::ALL.iter().copied().collect();
+    for path in files() {
+        let interface = path.with_extension("interface");
+        let interfaces = if interface.exists() { vec![read(&interface)] } else { Vec::new() };
+        for interfaces in [Vec::new(), interfaces] {
+            let spec = read(&path);
+            let compiled = compile(&spec, &with_parts(&spec, &interfaces), &options(&path));
+            missing.retain(|code| compiled.diagnostics.iter().all(|found| found.code != *code));
+        }
+    }
+    let long = Source::new("long.dca", " ".repeat(language::SOURCE_MAX + 1));
+    for found in compile(&long, &[], &Options::named("long")).diagnostics {
+        missing.remove(&found.code);
+    }
+    assert_eq!(missing, BTreeSet::new());
 }
 
 /// What is inferred from the text agrees with what the algebra makes of the plan.
@@ -79,7 +110,14 @@ fn describe(plan: &Plan) -> String {
     }
     for (index, wire) in plan.wires.iter().enumerate() {
         let port = |end: &LeafPort| format!("{}.{}", plan.leaves[end.leaf as usize].path, end.port);
-        text += &format!("{index}: {} -> {} {:?}\n", port(&wire.from), port(&wire.to), wire.transfer);
+        text += &format!("{index}: {} -> {} {:?}", port(&wire.from), port(&wire.to), wire.transfer);
+        let quality = wire.quality;
+        if quality.retention == Retention::Latch {
+            text += " latch";
+        }
+        text += &quality.queue.map_or(String::new(), |queue| format!(" queue {queue}"));
+        text += &quality.period_min.map_or(String::new(), |period| format!(" every {period:?}"));
+        text.push('\n');
     }
     text
 }

@@ -8,10 +8,11 @@ fn folder() -> PathBuf {
 }
 
 fn draw(path: &Path) -> Graph {
-    let read = |path: &Path| Source::new(path.to_string_lossy(), std::fs::read_to_string(path).unwrap());
-    let interface = folder().join(path.file_name().unwrap()).with_extension("interface");
+    let read =
+        |path: &Path| Source::new(path.to_string_lossy(), std::fs::read_to_string(path).expect("a spec is text"));
+    let interface = folder().join(path.file_name().expect("a spec has a name")).with_extension("interface");
     let interfaces = if interface.exists() { vec![read(&interface)] } else { Vec::new() };
-    graph(&read(path), &interfaces, &Options::named("graph")).0.unwrap()
+    graph(&read(path), &interfaces, &Options::named("graph")).0.expect("the spec is good")
 }
 
 #[test]

@@ -128,7 +128,7 @@ fn names_in_actions(text: &str) -> Vec<Range<usize>> {
     for token in tokens(text) {
         let word = &text[token.clone()];
         is_inside = (is_inside || word == "internal_event_actions") && word != "}";
-        let is_name = word.starts_with(|c: char| c.is_ascii_lowercase()) && word.len() >= 4;
+        let is_name = word.is_ascii() && word.starts_with(|c: char| c.is_ascii_lowercase()) && word.len() >= 4;
         let words = ["internal_event_actions", "else", "within", "retry", "wait", "fail", "skip", "never"];
         if is_inside && is_name && !words.contains(&word) {
             names.push(token);

@@ -17,7 +17,8 @@ fn files(folder: &str) -> Vec<PathBuf> {
 
 /// Runs a spec by chance; returns how it ended, if it is one that can be run and that has ended.
 fn run(path: &Path, seed: u64, faults: u64) -> Option<Option<What>> {
-    let read = |path: &Path| Source::new(path.to_string_lossy(), std::fs::read_to_string(path).unwrap());
+    let read =
+        |path: &Path| Source::new(path.to_string_lossy(), std::fs::read_to_string(path).expect("a spec is text"));
     let interface = path.with_extension("interface");
     let interfaces = if interface.exists() { vec![read(&interface)] } else { Vec::new() };
     let plan = compile(&read(path), &interfaces, &Options::named("sim")).plan?;

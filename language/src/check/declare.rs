@@ -4,35 +4,48 @@ mod module;
 mod process;
 
 use super::names::twice;
-use super::spec::{Param, Spec, ValueKind};
+use super::spec::{Const, Consts, Param, Scope, Spec, ValueKind};
 use super::value::value;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::source::{Origin, Span};
 use crate::syntax::SyntaxKind::{self, Constant, Type};
-use crate::syntax::SyntaxNode;
 use crate::syntax::ast::Node;
 
-/// Adds everything that a tree declares to the spec; `damage` is where its text could not be read.
+/// Adds the constants of a tree: they are known everywhere, whatever the order of the text.
+pub(super) fn constants(spec: &mut Spec, root: &Node, diagnostics: &mut Vec<Diagnostic>) {
+    for item in root.children_of(SyntaxKind::ConstItem) {
+        let (Some(name), Some(node)) = (item.title(), item.child(Constant)) else { continue };
+        let scope = Scope { params: &[], consts: &spec.consts };
+        let value = value(&node, scope, diagnostics);
+        if let Some(first) = spec.consts.get(&name.text) {
+            diagnostics.push(twice("constant", &name.text, name.span, first.name.span));
+        } else if let ValueKind::Constant(constant) = value.kind {
+            spec.consts.insert(name.text.clone(), Const { name, value: constant, dimension: value.dimension });
+        }
+    }
+}
+
+/// Adds everything else that a tree declares to the spec; `damage` is where its text could not be read.
 pub(super) fn declare(
     spec: &mut Spec,
-    root: SyntaxNode,
-    origin: Origin,
+    root: &Node,
+    (origin, is_part): (Origin, bool),
     damage: &[Span],
     diagnostics: &mut Vec<Diagnostic>,
 ) {
     let mut damage = damage.to_vec();
     damage.sort_unstable();
-    for item in Node::new(root, origin).children() {
+    for item in root.children() {
         let damage = within(&damage, item.span());
         if item.kind() == SyntaxKind::Module {
-            if let Some(module) = module::module(&item, damage, diagnostics) {
+            if let Some(module) = module::module(&item, damage, &spec.consts, diagnostics) {
                 add_module(spec, module, origin, diagnostics);
             }
         } else if item.kind() == SyntaxKind::Process {
-            if origin != Origin::Spec {
+            if !is_part {
                 let message = "an interface consists of `module` blocks only";
                 diagnostics.push(Diagnostic::new(Code::E0108, item.span(), message));
-            } else if let Some(process) = process::process(&item, damage, diagnostics) {
+            } else if let Some(process) = process::process(&item, damage, &spec.consts, diagnostics) {
                 add_process(spec, process, diagnostics);
             }
         }
@@ -74,7 +87,7 @@ fn add_module(spec: &mut Spec, module: super::spec::Module, origin: Origin, diag
 }
 
 /// Reads a list of parameters.
-fn params(node: &Node, diagnostics: &mut Vec<Diagnostic>) -> Vec<Param> {
+fn params(node: &Node, consts: &Consts, diagnostics: &mut Vec<Diagnostic>) -> Vec<Param> {
     let mut params: Vec<Param> = Vec::new();
     for node in node.children_of(SyntaxKind::Param) {
         let Some(name) = node.names().next() else { continue };
@@ -82,10 +95,11 @@ fn params(node: &Node, diagnostics: &mut Vec<Diagnostic>) -> Vec<Param> {
             diagnostics.push(twice("parameter", &name.text, name.span, first.name.span));
             continue;
         }
-        let default = node.child(Constant).and_then(|node| match value(&node, &[], diagnostics).kind {
-            ValueKind::Constant(constant) => Some(constant),
-            ValueKind::Param(_) | ValueKind::Broken => None,
-        });
+        let default =
+            node.child(Constant).and_then(|node| match value(&node, Scope { params: &[], consts }, diagnostics).kind {
+                ValueKind::Constant(constant) => Some(constant),
+                ValueKind::Param(_) | ValueKind::Broken => None,
+            });
         params.push(Param { name, kind: node.child(Type).map(|node| node.compact_text()), default });
     }
     params

@@ -1,7 +1,7 @@
 //! Event-action expressions: tree to slots.
 
 use super::names::Names;
-use super::spec::{Damage, Expr, ExprKind, Set};
+use super::spec::{Consts, Damage, Expr, ExprKind, Set};
 use super::value::duration;
 use crate::diagnostic::{Code, Diagnostic, Edit};
 use crate::similar::{is_look_alike, nearest, spell};
@@ -20,6 +20,7 @@ type Make = fn(Vec<Expr>) -> ExprKind;
 /// What an expression may refer to, and what was found on the way.
 pub(super) struct Group<'a> {
     pub(super) names: Names<'a>,
+    pub(super) consts: &'a Consts,
     pub(super) sets: &'a [Set],
     pub(super) damage: Damage,
     /// The slots that are run, in the order of the text.
@@ -112,7 +113,7 @@ fn special(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<Diagnostic>
     } else if node.kind() == SyntaxKind::Fail {
         node.token(Text).map(|reason| ExprKind::Fail(reason.content()))
     } else if node.kind() == SyntaxKind::Wait {
-        let limit = node.child(Constant).and_then(|node| duration(&node, diagnostics));
+        let limit = node.child(Constant).and_then(|node| duration(&node, group.consts, diagnostics));
         limit.map(ExprKind::Wait)
     } else {
         None
@@ -183,7 +184,7 @@ fn suffixed(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<Diagnostic
             let skip = Expr { span: suffix.span(), kind: ExprKind::Skip };
             ExprKind::Otherwise(vec![inner, skip])
         } else {
-            match limits.next().and_then(|node| duration(&node, diagnostics)) {
+            match limits.next().and_then(|node| duration(&node, group.consts, diagnostics)) {
                 Some(limit) => ExprKind::Within(limit, Box::new(inner)),
                 None => ExprKind::Broken,
             }

@@ -1,6 +1,7 @@
 //! The plan: every group and leaf with its absolute path, every wire from leaf to leaf.
 
 mod expression;
+mod together;
 mod tree;
 mod wires;
 
@@ -31,6 +32,7 @@ pub(super) fn lower(spec: &Spec, root: usize, name: &str, diagnostics: &mut Vec<
         }
     }
     check_inputs(spec, &tree, &wires.all, diagnostics);
+    together::check(spec, &tree, diagnostics);
     let tree::Tree { hosts, groups, leaves, process_of, .. } = tree;
     let plan = Plan { name: name.to_owned(), hosts, groups, leaves, wires: wires.all };
     match plan.validate() {

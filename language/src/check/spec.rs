@@ -1,6 +1,7 @@
 //! A spec between tree and plan: what is declared, with names resolved inside each group and every span kept.
 
-use crate::plan::{Constant, LeafKind, Transfer};
+use super::unit::Dimension;
+use crate::plan::{Constant, LeafKind, Quality, Transfer};
 use crate::source::Span;
 use crate::syntax::ast::Name;
 use std::collections::BTreeMap;
@@ -13,6 +14,27 @@ pub(crate) struct Spec {
     pub(crate) modules: Vec<Module>,
     pub(crate) process_names: BTreeMap<String, usize>,
     pub(crate) module_names: BTreeMap<String, usize>,
+    pub(crate) consts: Consts,
+}
+
+/// The named constants of a file and of the files it uses.
+pub(crate) type Consts = BTreeMap<String, Const>;
+
+/// A named constant.
+#[derive(Debug)]
+pub(crate) struct Const {
+    pub(crate) name: Name,
+    pub(crate) value: Constant,
+    /// What it measures, when it has a unit.
+    pub(crate) dimension: Option<Dimension>,
+}
+
+/// What a name may mean where a value stands.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Scope<'a> {
+    /// The parameters of the enclosing process.
+    pub(crate) params: &'a [Param],
+    pub(crate) consts: &'a Consts,
 }
 
 /// A process group.
@@ -86,6 +108,8 @@ pub(crate) struct Arg {
 pub(crate) struct Value {
     pub(crate) span: Span,
     pub(crate) kind: ValueKind,
+    /// What it measures, when it has a unit.
+    pub(crate) dimension: Option<Dimension>,
 }
 
 #[derive(Clone, Debug)]
@@ -124,6 +148,7 @@ pub(crate) struct Connection {
     pub(crate) from: Endpoint,
     pub(crate) to: Endpoint,
     pub(crate) transfer: Transfer,
+    pub(crate) quality: Quality,
     pub(crate) span: Span,
 }
 
@@ -140,8 +165,16 @@ pub(crate) struct Module {
     pub(crate) exec: Option<String>,
     pub(crate) kind: LeafKind,
     pub(crate) stop_within: Duration,
+    pub(crate) claims: Vec<Claim>,
     /// Whether its text could not be read whole, so that a missing port proves nothing.
     pub(crate) is_damaged: bool,
+}
+
+/// Something that only one process can write to at a time: a device of the host that the module runs on.
+#[derive(Debug)]
+pub(crate) struct Claim {
+    pub(crate) name: Name,
+    pub(crate) is_write: bool,
 }
 
 #[derive(Debug)]

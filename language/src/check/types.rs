@@ -3,11 +3,12 @@
 mod recursion;
 mod resolve;
 
-use super::spec::{Arg, Param, Spec, Target, ValueKind};
+use super::spec::{Arg, Param, Spec, Target, Value, ValueKind};
+use super::unit::{self, Dimension};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::Constant;
 use crate::similar::nearest;
-use crate::source::Span;
+use crate::source::{Origin, Span};
 
 pub(super) use recursion::is_finite;
 
@@ -32,7 +33,7 @@ pub(super) fn check(spec: &mut Spec, diagnostics: &mut Vec<Diagnostic>) {
             }
             let args: &[Arg] = if is_module { without_host(&instance.args) } else { &instance.args };
             check_args(&kind.text, params, args, instance.args_span, diagnostics);
-            check_kinds(params, args, diagnostics);
+            check_kinds(params, args, &process.params, diagnostics);
         }
     }
 }
@@ -91,7 +92,7 @@ fn check_args(kind: &str, params: &[Param], args: &[Arg], span: Span, diagnostic
 }
 
 /// What is written as a constant is of the kind that the parameter declares.
-fn check_kinds(params: &[Param], args: &[Arg], diagnostics: &mut Vec<Diagnostic>) {
+fn check_kinds(params: &[Param], args: &[Arg], outer: &[Param], diagnostics: &mut Vec<Diagnostic>) {
     let mut places = params.iter();
     for arg in args {
         let param = match &arg.name {
@@ -99,6 +100,14 @@ fn check_kinds(params: &[Param], args: &[Arg], diagnostics: &mut Vec<Diagnostic>
             None => places.next(),
         };
         let Some(Param { name, kind: Some(kind), .. }) = param else { continue };
+        if let Some((dimension, example)) = unit::of_type(kind) {
+            if !is_quantity(&arg.value, dimension, outer) {
+                let message = format!("`{}` is of type {kind}: expected a quantity such as `{example}`", name.text);
+                let diagnostic = Diagnostic::new(Code::E0213, arg.value.span, message);
+                diagnostics.push(diagnostic.reason(name.span, "declared here"));
+            }
+            continue;
+        }
         let ValueKind::Constant(value) = &arg.value.kind else { continue };
         let is_wrong = match value {
             Constant::Text(_) => ["Number", "Truth"].contains(&kind.as_str()),
@@ -109,6 +118,19 @@ fn check_kinds(params: &[Param], args: &[Arg], diagnostics: &mut Vec<Diagnostic>
             let message = format!("`{}` has to be a {kind}", name.text);
             diagnostics.push(Diagnostic::new(Code::E0213, arg.value.span, message).reason(name.span, "declared here"));
         }
+    }
+}
+
+/// Whether a value measures what a parameter expects; what is not known is believed.
+fn is_quantity(value: &Value, dimension: Dimension, outer: &[Param]) -> bool {
+    match &value.kind {
+        ValueKind::Constant(Constant::Number(_)) => value.dimension == Some(dimension),
+        ValueKind::Constant(Constant::Text(_) | Constant::Truth(_)) => false,
+        ValueKind::Param(index) => {
+            let kind = outer.get(*index).and_then(|param| param.kind.as_deref());
+            kind.and_then(unit::of_type).is_none_or(|(other, _)| other == dimension)
+        }
+        ValueKind::Broken => true,
     }
 }
 
@@ -151,7 +173,9 @@ pub(super) fn root(spec: &Spec, diagnostics: &mut Vec<Diagnostic>) -> Option<usi
         .collect();
     let unused: Vec<usize> = (0..spec.processes.len()).filter(|process| !used.contains(process)).collect();
     if let Some(&main) = spec.process_names.get("main") {
-        for &process in unused.iter().filter(|&&process| process != main) {
+        // A file that is used by others may have more than this spec needs.
+        let own = |process: &&usize| spec.processes[**process].name.span.origin == Origin::Spec;
+        for &process in unused.iter().filter(|&&process| process != main).filter(own) {
             let name = &spec.processes[process].name;
             let message = format!("process `{}` is never instantiated", name.text);
             diagnostics.push(Diagnostic::new(Code::W0122, name.span, message));
@@ -181,7 +205,7 @@ pub(super) fn root(spec: &Spec, diagnostics: &mut Vec<Diagnostic>) -> Option<usi
 fn no_root(spec: &Spec, unused: &[usize]) -> Option<Diagnostic> {
     let help = "add `process main() { instantiated_processes { ... } internal_event_actions { ... } }`";
     let Some(&last) = unused.last().or_else(|| spec.processes.len().checked_sub(1).as_ref().map(|_| &0)) else {
-        let start = Span { origin: crate::source::Origin::Spec, start: 0, end: 0 };
+        let start = Span { origin: Origin::Spec, start: 0, end: 0 };
         return Some(Diagnostic::new(Code::E0101, start, "there is no process to run").help(help));
     };
     if unused.is_empty() {

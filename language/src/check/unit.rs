@@ -59,6 +59,31 @@ pub(crate) fn unit(symbol: &str, per: Option<&str>) -> Option<(f64, Dimension)> 
     Some((factor / divisor, dimension.per(below)))
 }
 
+/// Types of arguments that are quantities, each with an example; the unit of the example says what is measured.
+const TYPES: &[(&str, &str, &str, Option<&str>)] = &[
+    ("Time", "5 s", "s", None),
+    ("Length", "0.2 m", "m", None),
+    ("Angle", "90 deg", "rad", None),
+    ("Speed", "0.1 m/s", "m", Some("s")),
+    ("AngularSpeed", "10 deg/s", "rad", Some("s")),
+    ("Acceleration", "1 m/s2", "m", Some("s2")),
+    ("Frequency", "50 Hz", "Hz", None),
+    ("Mass", "2 kg", "kg", None),
+    ("Force", "20 N", "N", None),
+    ("Torque", "3 Nm", "Nm", None),
+    ("Stiffness", "500 N/m", "N", Some("m")),
+    ("Power", "10 W", "W", None),
+    ("Current", "1.5 A", "A", None),
+    ("Voltage", "24 V", "V", None),
+    ("Size", "4 MB", "B", None),
+];
+
+/// Returns the dimension of a type of quantities, and an example of it.
+pub(crate) fn of_type(name: &str) -> Option<(Dimension, &'static str)> {
+    let &(_, example, symbol, per) = TYPES.iter().find(|(known, _, _, _)| *known == name)?;
+    unit(symbol, per).map(|(_, dimension)| (dimension, example))
+}
+
 /// Returns the symbols of all units.
 pub(crate) fn symbols() -> impl Iterator<Item = &'static str> {
     UNITS.iter().map(|(symbol, _, _)| *symbol)
@@ -75,5 +100,7 @@ mod tests {
         assert!((factor - 1e-3).abs() < 1e-18);
         assert_eq!(speed, unit("km", Some("h")).unwrap().1);
         assert_eq!(unit("parsec", None), None);
+        assert!(TYPES.iter().all(|(name, _, _, _)| of_type(name).is_some()));
+        assert_eq!(of_type("Time").unwrap().0, Dimension::TIME);
     }
 }

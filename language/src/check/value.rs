@@ -1,6 +1,6 @@
 //! Constants, quantities and durations.
 
-use super::spec::{Param, Value, ValueKind};
+use super::spec::{Consts, Scope, Value, ValueKind};
 use super::unit::{self, Dimension};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::Constant;
@@ -13,34 +13,45 @@ use std::time::Duration;
 /// The longest time that a spec can name: a hundred years.
 const SECONDS_MAX: f64 = 100.0 * 366.0 * 86_400.0;
 
-/// Reads a constant node; a name may be one of `params`, else it stands for itself.
-pub(super) fn value(node: &Node, params: &[Param], diagnostics: &mut Vec<Diagnostic>) -> Value {
+/// Reads a constant node; a name may be a parameter or a named constant, else it stands for itself.
+pub(super) fn value(node: &Node, scope: Scope<'_>, diagnostics: &mut Vec<Diagnostic>) -> Value {
     let span = node.span();
-    let kind = if let Some(text) = node.token(Text) {
-        ValueKind::Constant(Constant::Text(text.content()))
-    } else if node.token(Number).is_some() {
-        let number = quantity(node, diagnostics).map(|(number, _)| ValueKind::Constant(Constant::Number(number)));
-        number.unwrap_or(ValueKind::Broken)
-    } else {
-        node.names().next().map_or(ValueKind::Broken, |name| symbol(&name, params, diagnostics))
-    };
-    Value { span, kind }
+    if let Some(text) = node.token(Text) {
+        return Value { span, kind: ValueKind::Constant(Constant::Text(text.content())), dimension: None };
+    }
+    if node.token(Number).is_some() {
+        let (kind, dimension) = match quantity(node, diagnostics) {
+            Some((number, dimension)) => (ValueKind::Constant(Constant::Number(number)), dimension),
+            None => (ValueKind::Broken, None),
+        };
+        return Value { span, kind, dimension };
+    }
+    match node.names().next() {
+        Some(name) => Value { span, ..symbol(&name, scope, diagnostics) },
+        None => Value { span, kind: ValueKind::Broken, dimension: None },
+    }
 }
 
-/// What a name means as a value: a truth, a parameter, or itself.
-pub(super) fn symbol(name: &Name, params: &[Param], diagnostics: &mut Vec<Diagnostic>) -> ValueKind {
+/// What a name means as a value: a truth, a parameter, a named constant, or itself.
+pub(super) fn symbol(name: &Name, scope: Scope<'_>, diagnostics: &mut Vec<Diagnostic>) -> Value {
+    let value = |kind| Value { span: name.span, kind, dimension: None };
     if let "true" | "false" = name.text.as_str() {
-        return ValueKind::Constant(Constant::Truth(name.text == "true"));
+        return value(ValueKind::Constant(Constant::Truth(name.text == "true")));
     }
-    if let Some(index) = params.iter().position(|param| param.name.text == name.text) {
-        return ValueKind::Param(index);
+    if let Some(index) = scope.params.iter().position(|param| param.name.text == name.text) {
+        return value(ValueKind::Param(index));
     }
-    if let Some(near) = nearest(&name.text, params.iter().map(|param| param.name.text.as_str())) {
+    if let Some(named) = scope.consts.get(&name.text) {
+        let kind = ValueKind::Constant(named.value.clone());
+        return Value { span: name.span, kind, dimension: named.dimension };
+    }
+    let params = scope.params.iter().map(|param| param.name.text.as_str());
+    if let Some(near) = nearest(&name.text, params.chain(scope.consts.keys().map(String::as_str))) {
         let message = format!("`{}` is no parameter: it stands for itself", name.text);
         let diagnostic = Diagnostic::new(Code::W0106, name.span, message).label(format!("did you mean `{near}`?"));
         diagnostics.push(diagnostic.help(format!("write `\"{}\"` if it is meant as text", name.text)));
     }
-    ValueKind::Constant(Constant::Text(name.text.clone()))
+    value(ValueKind::Constant(Constant::Text(name.text.clone())))
 }
 
 /// Reads a number with an optional unit; returns it in SI.
@@ -75,14 +86,21 @@ fn unknown_unit(first: &Name, per: Option<&Name>) -> Diagnostic {
     }
 }
 
-/// Reads a time; reports anything else.
-pub(super) fn duration(node: &Node, diagnostics: &mut Vec<Diagnostic>) -> Option<Duration> {
+/// Reads a time, or the name of one; reports anything else.
+pub(super) fn duration(node: &Node, consts: &Consts, diagnostics: &mut Vec<Diagnostic>) -> Option<Duration> {
     let span: Span = node.span();
-    if node.kind() != SyntaxKind::Constant || node.token(Number).is_none() {
+    let named = node.names().next().filter(|_| node.token(Number).is_none());
+    let (seconds, dimension) = if let Some(named) = named.and_then(|name| consts.get(&name.text)) {
+        match named.value {
+            Constant::Number(number) => (number, named.dimension),
+            Constant::Text(_) | Constant::Truth(_) => (0.0, None),
+        }
+    } else if node.kind() == SyntaxKind::Constant && node.token(Number).is_some() {
+        quantity(node, diagnostics)?
+    } else {
         diagnostics.push(Diagnostic::new(Code::E0009, span, "expected a time, such as `5 s`"));
         return None;
-    }
-    let (seconds, dimension) = quantity(node, diagnostics)?;
+    };
     if dimension != Some(Dimension::TIME) || !(0.0..=SECONDS_MAX).contains(&seconds) {
         let written = node.compact_text();
         let diagnostic = Diagnostic::new(Code::E0009, span, format!("`{written}` is not a time"));

@@ -1,6 +1,6 @@
 //! Boxes in boxes: sizes and places, the innermost first. All lengths are pixels; a place is relative to the box around.
 
-use super::column::columns;
+use super::column::{Item, columns};
 use super::model::{End, Unit};
 use super::place::Heights;
 use super::route::{Router, Routes};
@@ -97,10 +97,11 @@ fn group(unit: &Unit, hosts: &[String]) -> Placed {
     let heights = Heights::new(&columns, &unit.links, &inner);
     let margins = (names_width(unit, Direction::In), names_width(unit, Direction::Out));
     let Routes { xs, width, bottom, border, lines } = Router::new(unit, &columns, &heights, &inner).routes(margins);
+    let tops = heights.tops;
     for (&member, &column) in &columns.of {
         let (left, room) = xs[column];
         inner[member].x = left + (room - inner[member].width) / 2;
-        inner[member].y = heights.tops[column][&super::column::Item::Unit(member)];
+        inner[member].y = tops[column][&Item::Unit(member)];
     }
     let mut placed = Placed { ports: border, inner, lines, ..Placed::default() };
     let is_apart = |member: &usize| !columns.of.contains_key(member);

@@ -14,7 +14,7 @@ pub(super) struct Unit {
     pub(super) is_service: bool,
     pub(super) is_group: bool,
     pub(super) ports: Vec<Port>,
-    pub(super) units: Vec<Unit>,
+    pub(super) units: Vec<Self>,
     pub(super) links: Vec<Link>,
 }
 

@@ -6,27 +6,30 @@ use super::model::{End, Link};
 use std::collections::BTreeMap;
 
 /// The heights of everything in the columns of one group.
-#[derive(Debug, Default)]
-pub(super) struct Heights {
+#[derive(Debug)]
+pub(super) struct Heights<'a> {
+    columns: &'a Columns,
+    links: &'a [Link],
+    inner: &'a [Placed],
     /// The upper edge of each item of each column.
     pub(super) tops: Vec<BTreeMap<Item, i32>>,
     /// Where the lowest item ends.
     pub(super) bottom: i32,
 }
 
-impl Heights {
+impl<'a> Heights<'a> {
     /// Stacks the items of each column as close to their neighbours as they fit.
-    pub(super) fn new(columns: &Columns, links: &[Link], inner: &[Placed]) -> Self {
-        let mut heights = Self { tops: vec![BTreeMap::new(); columns.items.len()], bottom: TOP };
+    pub(super) fn new(columns: &'a Columns, links: &'a [Link], inner: &'a [Placed]) -> Self {
         let count = columns.items.len();
+        let mut heights = Self { columns, links, inner, tops: vec![BTreeMap::new(); count], bottom: TOP };
         for column in 0..count {
-            heights.stack(columns, links, inner, column, column.checked_sub(1));
+            heights.stack(column, column.checked_sub(1));
         }
         for column in (0..count.saturating_sub(1)).rev() {
-            heights.stack(columns, links, inner, column, Some(column + 1));
+            heights.stack(column, Some(column + 1));
         }
         for column in 1..count {
-            heights.stack(columns, links, inner, column, Some(column - 1));
+            heights.stack(column, Some(column - 1));
         }
         let lowest = heights.tops.iter().flat_map(|tops| tops.values()).min().copied().unwrap_or(TOP);
         for top in heights.tops.iter_mut().flat_map(|tops| tops.values_mut()) {
@@ -37,30 +40,30 @@ impl Heights {
         heights
     }
 
-    fn stack(&mut self, columns: &Columns, links: &[Link], inner: &[Placed], column: usize, other: Option<usize>) {
+    fn stack(&mut self, column: usize, other: Option<usize>) {
         let mut tops = BTreeMap::new();
         let mut end = i32::MIN;
-        for &item in &columns.items[column] {
-            let wish = other.and_then(|other| self.wish(columns, links, inner, item, other));
+        for &item in &self.columns.items[column] {
+            let wish = other.and_then(|other| self.wish(item, other));
             let wish = wish.or_else(|| self.tops[column].get(&item).copied());
             let top = wish.unwrap_or(if end == i32::MIN { TOP } else { end }).max(end);
             tops.insert(item, top);
-            end = top + height(item, inner) + if let Item::Unit(_) = item { GAP } else { PASS_GAP };
+            end = top + height(item, self.inner) + if let Item::Unit(_) = item { GAP } else { PASS_GAP };
         }
         self.tops[column] = tops;
     }
 
     /// Where an item would stand so that its arrows from or to another column run straight, on average.
-    fn wish(&self, columns: &Columns, links: &[Link], inner: &[Placed], item: Item, other: usize) -> Option<i32> {
+    fn wish(&self, item: Item, other: usize) -> Option<i32> {
         let mut wishes = Vec::new();
-        for (index, net) in columns.nets.iter().enumerate() {
+        for (index, net) in self.columns.nets.iter().enumerate() {
             let mut ends = vec![(end_item(net.from), net.from.port), (Some(Item::Pass(index)), 0)];
-            ends.extend(net.links.iter().map(|&link| (end_item(links[link].to), links[link].to.port)));
+            ends.extend(net.links.iter().map(|&link| (end_item(self.links[link].to), self.links[link].to.port)));
             let own: Vec<usize> = ends.iter().filter(|(end, _)| *end == Some(item)).map(|&(_, port)| port).collect();
             for (end, port) in ends.iter().filter(|(end, _)| *end != Some(item)) {
                 let Some(top) = end.and_then(|end| self.tops[other].get(&end)) else { continue };
-                let there = top + end.map_or(0, |end| offset(end, *port, inner));
-                wishes.extend(own.iter().map(|&port| there - offset(item, port, inner)));
+                let there = top + end.map_or(0, |end| offset(end, *port, self.inner));
+                wishes.extend(own.iter().map(|&port| there - offset(item, port, self.inner)));
             }
         }
         let count = i32::try_from(wishes.len()).ok().filter(|&count| count > 0)?;

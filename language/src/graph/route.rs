@@ -39,14 +39,14 @@ enum Turn {
 pub(super) struct Router<'a> {
     unit: &'a Unit,
     columns: &'a Columns,
-    heights: &'a Heights,
+    heights: &'a Heights<'a>,
     inner: &'a [Placed],
     /// The height of each port of the group itself.
     border: Vec<i32>,
 }
 
 impl<'a> Router<'a> {
-    pub(super) fn new(unit: &'a Unit, columns: &'a Columns, heights: &'a Heights, inner: &'a [Placed]) -> Self {
+    pub(super) fn new(unit: &'a Unit, columns: &'a Columns, heights: &'a Heights<'a>, inner: &'a [Placed]) -> Self {
         let mut router = Self { unit, columns, heights, inner, border: vec![TOP; unit.ports.len()] };
         for direction in [Direction::In, Direction::Out] {
             let ports = (0..unit.ports.len()).filter(|&port| unit.ports[port].direction == direction);

@@ -119,111 +119,123 @@ mod tests {
             for found in simulation.take_happenings() {
                 text += &format!("{:?} {} {:?}\n", found.at, found.path, found.what);
             }
-            text += &format!("    {}\n", simulation.running().join(" "));
+            text += &format!("    runs: {}\n", simulation.running().join(" "));
         }
         expect.assert_eq(&text);
     }
 
     #[test]
     fn the_expression_runs_as_it_would() {
-        check(&["hit/threshold // the hand touches", "1 s", "5 s", "home done", "threshold"], &expect![[r#"
-            0ns main Started
-            0ns main/log Started
-            0ns main/hit Started
-            0ns main/arm Started
-            0ns main Waits(10s)
-            0ns main/hit/sensor Started
-            0ns main/hit/threshold Started
-                main/hit/sensor main/hit/threshold main/arm main/log
-            0ns main/hit/threshold Done
-            0ns main/hit/sensor Stopped
-            0ns main/hit Done
-            0ns main/arm Stopped
-            0ns main Waits(2s)
-                main/log
-                main/log
-            2s main/home Started
-                main/home main/log
-            6s main/home Done
-            6s main/other Started
-            6s main/other/sensor Started
-            6s main/other/threshold Started
-                main/log main/other/sensor main/other/threshold
-            6s main/other/threshold Done
-            6s main/other/sensor Stopped
-            6s main/other Done
-            6s main/log Stopped
-            6s main Done
-    
-        "#]]);
+        check(
+            &["hit/threshold // the hand touches", "1 s", "5 s", "home done", "threshold"],
+            &expect![[r#"
+                0ns main Started
+                0ns main/log Started
+                0ns main/hit Started
+                0ns main/arm Started
+                0ns main Waits(10s)
+                0ns main/hit/sensor Started
+                0ns main/hit/threshold Started
+                    runs: main/hit/sensor main/hit/threshold main/arm main/log
+                0ns main/hit/threshold Done
+                0ns main/hit/sensor Stopped
+                0ns main/hit Done
+                0ns main/arm Stopped
+                0ns main Waits(2s)
+                    runs: main/log
+                    runs: main/log
+                2s main/home Started
+                    runs: main/home main/log
+                6s main/home Done
+                6s main/other Started
+                6s main/other/sensor Started
+                6s main/other/threshold Started
+                    runs: main/log main/other/sensor main/other/threshold
+                6s main/other/threshold Done
+                6s main/other/sensor Stopped
+                6s main/other Done
+                6s main/log Stopped
+                6s main Done
+                    runs: 
+            "#]],
+        );
     }
 
     #[test]
     fn failures_are_explained_and_mistakes_are_said() {
-        check(&["", "20 s", "arm", "threshold", "what is this", "home abort no way"], &expect![[r#"
-            0ns main Started
-            0ns main/log Started
-            0ns main/hit Started
-            0ns main/arm Started
-            0ns main Waits(10s)
-            0ns main/hit/sensor Started
-            0ns main/hit/threshold Started
-                main/hit/sensor main/hit/threshold main/arm main/log
-                main/hit/sensor main/hit/threshold main/arm main/log
-            10s main/arm Stopped
-            10s main/hit/sensor Stopped
-            10s main/hit/threshold Stopped
-            10s main/hit Stopped
-            10s main Waits(2s)
-            12s main/home Started
-                main/home main/log
-            no running process is called `arm`
-                main/home main/log
-            no running process is called `threshold`
-                main/home main/log
-            expected `process`, `process abort why`, `5 s` or `stop`, found `what is this`
-                main/home main/log
-            20s main/home Aborted("no way")
-            20s main/log Stopped
-            20s main Aborted("`home`: no way")
-    
-        "#]]);
-        check(&["sensor abort broken cable", "log abort disk full"], &expect![[r#"
-            0ns main Started
-            0ns main/log Started
-            0ns main/hit Started
-            0ns main/arm Started
-            0ns main Waits(10s)
-            0ns main/hit/sensor Started
-            0ns main/hit/threshold Started
-                main/hit/sensor main/hit/threshold main/arm main/log
-            0ns main/hit/sensor Aborted("broken cable")
-            0ns main/hit/threshold Stopped
-            0ns main/hit Aborted("`sensor`: broken cable")
-            0ns main/arm Stopped
-            0ns main Waits(2s)
-                main/log
-            0ns main/log Aborted("disk full")
-            0ns main Aborted("`log`: disk full")
-    
-        "#]]);
-        check(&["stop"], &expect![[r#"
-            0ns main Started
-            0ns main/log Started
-            0ns main/hit Started
-            0ns main/arm Started
-            0ns main Waits(10s)
-            0ns main/hit/sensor Started
-            0ns main/hit/threshold Started
-                main/hit/sensor main/hit/threshold main/arm main/log
-            0ns main/log Stopped
-            0ns main/arm Stopped
-            0ns main/hit/sensor Stopped
-            0ns main/hit/threshold Stopped
-            0ns main/hit Stopped
-            0ns main Stopped
-    
-        "#]]);
+        check(
+            &["", "20 s", "arm", "threshold", "what is this", "home abort no way"],
+            &expect![[r#"
+                0ns main Started
+                0ns main/log Started
+                0ns main/hit Started
+                0ns main/arm Started
+                0ns main Waits(10s)
+                0ns main/hit/sensor Started
+                0ns main/hit/threshold Started
+                    runs: main/hit/sensor main/hit/threshold main/arm main/log
+                    runs: main/hit/sensor main/hit/threshold main/arm main/log
+                10s main/arm Stopped
+                10s main/hit/sensor Stopped
+                10s main/hit/threshold Stopped
+                10s main/hit Stopped
+                10s main Waits(2s)
+                12s main/home Started
+                    runs: main/home main/log
+                no running process is called `arm`
+                    runs: main/home main/log
+                no running process is called `threshold`
+                    runs: main/home main/log
+                expected `process`, `process abort why`, `5 s` or `stop`, found `what is this`
+                    runs: main/home main/log
+                20s main/home Aborted("no way")
+                20s main/log Stopped
+                20s main Aborted("`home`: no way")
+                    runs: 
+            "#]],
+        );
+        check(
+            &["sensor abort broken cable", "log abort disk full"],
+            &expect![[r#"
+                0ns main Started
+                0ns main/log Started
+                0ns main/hit Started
+                0ns main/arm Started
+                0ns main Waits(10s)
+                0ns main/hit/sensor Started
+                0ns main/hit/threshold Started
+                    runs: main/hit/sensor main/hit/threshold main/arm main/log
+                0ns main/hit/sensor Aborted("broken cable")
+                0ns main/hit/threshold Stopped
+                0ns main/hit Aborted("`sensor`: broken cable")
+                0ns main/arm Stopped
+                0ns main Waits(2s)
+                    runs: main/log
+                0ns main/log Aborted("disk full")
+                0ns main Aborted("`log`: disk full")
+                    runs: 
+            "#]],
+        );
+        check(
+            &["stop"],
+            &expect![[r#"
+                0ns main Started
+                0ns main/log Started
+                0ns main/hit Started
+                0ns main/arm Started
+                0ns main Waits(10s)
+                0ns main/hit/sensor Started
+                0ns main/hit/threshold Started
+                    runs: main/hit/sensor main/hit/threshold main/arm main/log
+                0ns main/log Stopped
+                0ns main/arm Stopped
+                0ns main/hit/sensor Stopped
+                0ns main/hit/threshold Stopped
+                0ns main/hit Stopped
+                0ns main Stopped
+                    runs: 
+            "#]],
+        );
     }
 
     #[test]

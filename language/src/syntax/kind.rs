@@ -67,6 +67,8 @@ kinds! {
     File "a file"
     Process "a process group"
     Module "a module interface"
+    ConstItem "a named constant"
+    Use "a use of another file"
     Params "parameters"
     Param "a parameter"
     Type "a type"
@@ -89,6 +91,8 @@ kinds! {
     Exec "a program"
     StopWithin "a stop limit"
     Flag "a module property"
+    Claims "claims"
+    Claim "a claim"
     // nodes: expressions
     Concurrent "`,`"
     FailFast "`&`"

@@ -8,7 +8,7 @@ use crate::cli::{Controllers, Failure, fix, output};
 use crate::io::programs;
 use anyhow::Context;
 use language::plan::Plan;
-use language::{Compiled, Diagnostic, Options, Origin, Severity, Source, Span, Style, compile, render};
+use language::{Compiled, Diagnostic, Options, Origin, Severity, Source, Span, Style, compile, gather, render};
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 
@@ -53,7 +53,7 @@ impl Checked {
     /// Reads and compiles a spec.
     fn read(file: &Path, controllers: &Controllers, deny_lenient_names: bool) -> Result<Self, Failure> {
         let spec = read(file)?;
-        let interfaces = interfaces(controllers)?;
+        let interfaces = others(&spec, controllers)?;
         let Compiled { plan, diagnostics } = compile(&spec, &interfaces, &options(file, deny_lenient_names));
         Ok(Self { spec, interfaces, plan, diagnostics })
     }
@@ -113,12 +113,20 @@ pub(crate) fn read(file: &Path) -> Result<Source, Failure> {
 }
 
 /// Asks the controllers' programs for their interfaces.
-pub(crate) fn interfaces(controllers: &Controllers) -> Result<Vec<Source>, Failure> {
+fn interfaces(controllers: &Controllers) -> Result<Vec<Source>, Failure> {
     let ask = |program: &PathBuf| {
         let text = programs::interfaces(program)?;
         Ok(Source::new(program.display().to_string(), text))
     };
     programs::chosen(&controllers.programs).iter().map(ask).collect()
+}
+
+/// The texts that a spec is compiled with: the files it uses, and the interfaces of the controllers.
+pub(crate) fn others(spec: &Source, controllers: &Controllers) -> Result<Vec<Source>, Failure> {
+    let read = |path: &str| std::fs::read_to_string(path).map_err(|error| error.to_string());
+    let mut others = gather(spec, &read);
+    others.extend(interfaces(controllers)?);
+    Ok(others)
 }
 
 /// The options for the spec of a file.

@@ -25,7 +25,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
 /// Rewrites the file if there is something to fix.
 pub(crate) fn apply(file: &Path, controllers: &Controllers) -> Result<bool, Failure> {
     let spec = check::read(file)?;
-    let interfaces = check::interfaces(controllers)?;
+    let interfaces = check::others(&spec, controllers)?;
     let fixed = language::fix(&spec, &interfaces, &check::options(file, false));
     let is_changed = fixed != spec.text;
     if is_changed {

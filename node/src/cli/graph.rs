@@ -23,7 +23,7 @@ pub struct Arguments {
 /// Runs the verb; of what there is to say about the spec only errors are said.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let spec = check::read(&arguments.file)?;
-    let interfaces = check::interfaces(&arguments.controllers)?;
+    let interfaces = check::others(&spec, &arguments.controllers)?;
     let (graph, mut diagnostics) = language::graph(&spec, &interfaces, &check::options(&arguments.file, false));
     let Some(graph) = graph else {
         diagnostics.retain(|found| found.severity == Severity::Error);

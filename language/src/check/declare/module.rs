@@ -1,7 +1,7 @@
 //! Interfaces of controller modules.
 
 use crate::check::names::twice;
-use crate::check::spec::{Direction, Module, Port};
+use crate::check::spec::{Claim, Consts, Direction, Module, Port};
 use crate::check::value::duration;
 use crate::diagnostic::Diagnostic;
 use crate::plan::LeafKind;
@@ -14,9 +14,14 @@ use std::time::Duration;
 const STOP_WITHIN: Duration = Duration::from_secs(2);
 
 /// Reads a `module` block; `places` are where its text is damaged.
-pub(super) fn module(node: &Node, places: &[Span], diagnostics: &mut Vec<Diagnostic>) -> Option<Module> {
+pub(super) fn module(
+    node: &Node,
+    places: &[Span],
+    consts: &Consts,
+    diagnostics: &mut Vec<Diagnostic>,
+) -> Option<Module> {
     let is_damaged = !places.is_empty();
-    let params = node.child(Params).filter(|_| !is_damaged).map(|node| super::params(&node, diagnostics));
+    let params = node.child(Params).filter(|_| !is_damaged).map(|node| super::params(&node, consts, diagnostics));
     let mut module = Module {
         name: node.title()?,
         params: params.map(|params| params.into_iter().filter(|param| !is_host(param)).collect()),
@@ -26,10 +31,11 @@ pub(super) fn module(node: &Node, places: &[Span], diagnostics: &mut Vec<Diagnos
         exec: None,
         kind: LeafKind::Controller,
         stop_within: STOP_WITHIN,
+        claims: Vec::new(),
         is_damaged,
     };
     for item in node.children() {
-        read_item(&mut module, &item, diagnostics);
+        read_item(&mut module, &item, consts, diagnostics);
     }
     Some(module)
 }
@@ -39,7 +45,7 @@ fn is_host(param: &crate::check::spec::Param) -> bool {
     param.name.text == "host" || param.kind.as_deref() == Some("Host")
 }
 
-fn read_item(module: &mut Module, item: &Node, diagnostics: &mut Vec<Diagnostic>) {
+fn read_item(module: &mut Module, item: &Node, consts: &Consts, diagnostics: &mut Vec<Diagnostic>) {
     let words: Vec<String> = item.names().map(|name| name.text).collect();
     let word = words.first().map_or("", String::as_str);
     if item.kind() == SyntaxKind::Port {
@@ -53,8 +59,15 @@ fn read_item(module: &mut Module, item: &Node, diagnostics: &mut Vec<Diagnostic>
     } else if item.kind() == SyntaxKind::Exec {
         module.exec = item.token(Text).map(|token| token.content());
     } else if item.kind() == SyntaxKind::StopWithin {
-        let limit = item.child(Constant).and_then(|node| duration(&node, diagnostics));
+        let limit = item.child(Constant).and_then(|node| duration(&node, consts, diagnostics));
         module.stop_within = limit.unwrap_or(STOP_WITHIN);
+    } else if item.kind() == SyntaxKind::Claims {
+        for claim in item.children_of(SyntaxKind::Claim) {
+            let mut names = claim.names();
+            let Some(name) = names.next() else { continue };
+            let is_write = names.next().is_none_or(|access| access.text == "write");
+            module.claims.push(Claim { name, is_write });
+        }
     }
 }
 

@@ -1,9 +1,11 @@
 //! Process groups.
 
+mod quality;
+
 use crate::check::expression;
 use crate::check::names::{Names, twice};
 use crate::check::spec::{
-    Arg, Connection, Damage, Endpoint, Export, Instance, Param, Process, Set, Target, Value, ValueKind,
+    Arg, Connection, Consts, Damage, Endpoint, Export, Instance, Process, Scope, Set, Target, Value, ValueKind,
 };
 use crate::check::value::{symbol, value};
 use crate::diagnostic::{Code, Diagnostic};
@@ -13,20 +15,27 @@ use crate::syntax::SyntaxKind::{self, BackArrow, Equals, Text};
 use crate::syntax::ast::{Name, Node};
 
 /// Reads a process; `places` are where its text is damaged.
-pub(super) fn process(node: &Node, places: &[Span], diagnostics: &mut Vec<Diagnostic>) -> Option<Process> {
+pub(super) fn process(
+    node: &Node,
+    places: &[Span],
+    consts: &Consts,
+    diagnostics: &mut Vec<Diagnostic>,
+) -> Option<Process> {
     let mut damage = damage(node, places);
     let name = node.title()?;
     check_sections(node, diagnostics);
-    let params = node.child(SyntaxKind::Params).map(|node| super::params(&node, diagnostics)).unwrap_or_default();
-    let host = node.child(SyntaxKind::Host).and_then(|node| host(&node, &params, diagnostics));
-    let mut instances = instances(node, &params, diagnostics);
+    let params =
+        node.child(SyntaxKind::Params).map(|node| super::params(&node, consts, diagnostics)).unwrap_or_default();
+    let scope = Scope { params: &params, consts };
+    let host = node.child(SyntaxKind::Host).and_then(|node| host(&node, scope, diagnostics));
+    let mut instances = instances(node, scope, diagnostics);
     let mut names = Names::new(&instances, damage.instances);
     let exports = exports(node, &mut names, diagnostics);
     let (sets, are_whole) = sets(node, &mut names, diagnostics);
     damage.connections |= !are_whole;
     let actions = node.children_of(SyntaxKind::Actions).next();
     names.is_doubtful = damage.actions;
-    let mut group = expression::Group { names, sets: &sets, damage, run: Vec::new(), useless: Vec::new() };
+    let mut group = expression::Group { names, consts, sets: &sets, damage, run: Vec::new(), useless: Vec::new() };
     let actions = actions.and_then(|node| expression::actions(&node, &mut group, diagnostics));
     damage.names = group.damage.names;
     let run = group.run;
@@ -64,23 +73,27 @@ fn check_sections(node: &Node, diagnostics: &mut Vec<Diagnostic>) {
     }
 }
 
-fn host(node: &Node, params: &[Param], diagnostics: &mut Vec<Diagnostic>) -> Option<Value> {
+fn host(node: &Node, scope: Scope<'_>, diagnostics: &mut Vec<Diagnostic>) -> Option<Value> {
     if let Some(text) = node.token(Text) {
-        return Some(Value { span: text.span(), kind: ValueKind::Constant(Constant::Text(text.content())) });
+        return Some(Value {
+            span: text.span(),
+            kind: ValueKind::Constant(Constant::Text(text.content())),
+            dimension: None,
+        });
     }
     let name = node.names().nth(1)?;
     let before = diagnostics.len();
-    let kind = symbol(&name, params, diagnostics);
-    let is_parameter = matches!(kind, ValueKind::Param(_));
-    if !is_parameter && !params.is_empty() && diagnostics.len() == before {
+    let value = symbol(&name, scope, diagnostics);
+    let is_known = matches!(value.kind, ValueKind::Param(_)) || scope.consts.contains_key(&name.text);
+    if !is_known && !scope.params.is_empty() && diagnostics.len() == before {
         let message = format!("`{}` is no parameter: it stands for the host of that name", name.text);
         let help = format!("write `\"{}\"` if it is meant so", name.text);
         diagnostics.push(Diagnostic::new(Code::W0106, name.span, message).help(help));
     }
-    Some(Value { span: name.span, kind })
+    Some(value)
 }
 
-fn instances(node: &Node, params: &[Param], diagnostics: &mut Vec<Diagnostic>) -> Vec<Instance> {
+fn instances(node: &Node, scope: Scope<'_>, diagnostics: &mut Vec<Diagnostic>) -> Vec<Instance> {
     let mut instances: Vec<Instance> = Vec::new();
     let mut first: std::collections::BTreeMap<String, Span> = std::collections::BTreeMap::new();
     let sections = node.children_of(SyntaxKind::Instances);
@@ -97,17 +110,17 @@ fn instances(node: &Node, params: &[Param], diagnostics: &mut Vec<Diagnostic>) -
         let args = node.child(SyntaxKind::Args);
         let args_span = args.as_ref().map_or(node.span().at_end(), Node::span);
         let kind = kind.map(|kind| Name { text: kind.compact_text(), span: kind.span() });
-        let args = args.map(|args| arguments(&args, params, diagnostics)).unwrap_or_default();
+        let args = args.map(|args| arguments(&args, scope, diagnostics)).unwrap_or_default();
         instances.push(Instance { name, kind, target: Target::Unknown, args, args_span, is_run: false });
     }
     instances
 }
 
-fn arguments(node: &Node, params: &[Param], diagnostics: &mut Vec<Diagnostic>) -> Vec<Arg> {
+fn arguments(node: &Node, scope: Scope<'_>, diagnostics: &mut Vec<Diagnostic>) -> Vec<Arg> {
     let args = node.children_of(SyntaxKind::Arg).filter_map(|arg| {
         let name = arg.token(Equals).and_then(|_| arg.names().next());
         let constant = arg.child(SyntaxKind::Constant)?;
-        Some(Arg { name, value: value(&constant, params, diagnostics) })
+        Some(Arg { name, value: value(&constant, scope, diagnostics) })
     });
     args.collect()
 }
@@ -183,7 +196,8 @@ fn connections(section: &Node, names: &mut Names<'_>, diagnostics: &mut Vec<Diag
             true => Transfer::Pull,
             false => Transfer::Push,
         };
-        connections.push(Connection { from: from.clone(), to: to.clone(), transfer, span: node.span() });
+        let quality = quality::quality(&node, diagnostics);
+        connections.push(Connection { from: from.clone(), to: to.clone(), transfer, quality, span: node.span() });
     }
     connections
 }

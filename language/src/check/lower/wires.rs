@@ -2,14 +2,14 @@
 
 use super::tree::Tree;
 use crate::check::spec::{Endpoint, Spec};
-use crate::plan::{ConnectionSet, LeafPort, MemberKind, Transfer, Wire};
+use crate::plan::{ConnectionSet, LeafPort, MemberKind, Quality, Transfer, Wire};
 use std::collections::BTreeMap;
 
 /// All wires, each once: a wire that stands in two sets is shared by them.
 #[derive(Default)]
 pub(super) struct Wires {
     pub(super) all: Vec<Wire>,
-    known: BTreeMap<(u32, String, u32, String, bool), u32>,
+    known: BTreeMap<(u32, String, u32, String, bool, Quality), u32>,
 }
 
 impl Wires {
@@ -20,7 +20,7 @@ impl Wires {
             let wires = set.connections.iter().filter_map(|connection| {
                 let from = leaf_port(tree, spec, group, &connection.from)?;
                 let to = leaf_port(tree, spec, group, &connection.to)?;
-                Some(self.add(Wire { from, to, transfer: connection.transfer }))
+                Some(self.add(Wire { from, to, transfer: connection.transfer, quality: connection.quality }))
             });
             let mut wires: Vec<u32> = wires.collect();
             wires.dedup();
@@ -35,7 +35,7 @@ impl Wires {
 
     fn add(&mut self, wire: Wire) -> u32 {
         let is_pull = wire.transfer == Transfer::Pull;
-        let key = (wire.from.leaf, wire.from.port.clone(), wire.to.leaf, wire.to.port.clone(), is_pull);
+        let key = (wire.from.leaf, wire.from.port.clone(), wire.to.leaf, wire.to.port.clone(), is_pull, wire.quality);
         let next = number(self.all.len());
         *self.known.entry(key).or_insert_with(|| {
             self.all.push(wire);
@@ -45,7 +45,7 @@ impl Wires {
 }
 
 /// Follows a port of a group's member down to the leaf that has it.
-fn leaf_port(tree: &Tree, spec: &Spec, group: usize, endpoint: &Endpoint) -> Option<LeafPort> {
+pub(super) fn leaf_port(tree: &Tree, spec: &Spec, group: usize, endpoint: &Endpoint) -> Option<LeafPort> {
     let (mut group, mut endpoint) = (group, endpoint);
     loop {
         match tree.groups[group].members[endpoint.slot].kind {

@@ -275,6 +275,9 @@ impl Parser<'_> {
             self.report(Code::E0006, "arrays of instances are not supported yet");
             self.bump();
         }
+        if self.at(RightBracket) {
+            self.expected("a label");
+        }
         while !self.at(RightBracket) {
             if !self.eat(Ident) {
                 self.expected("a label");

@@ -23,12 +23,13 @@ impl Parser<'_> {
             "done" | "service" | "plain" => self.flag(),
             "exec" => self.exec(),
             "stop" => self.stop_within(),
-            "aborts" | "claims" | "duration" | "resumable" => {
+            "claims" => self.claims(),
+            "aborts" | "duration" | "resumable" => {
                 self.report(Code::W0007, format!("`{}` is not supported yet and has no effect", self.word(0)));
                 self.skip_statement();
             }
             _ => {
-                self.expected("`in`, `out`, `service`, `done`, `exec`, `plain` or `stop within`");
+                self.expected("`in`, `out`, `service`, `done`, `claims`, `exec`, `plain` or `stop within`");
                 self.skip_statement();
             }
         }
@@ -56,6 +57,28 @@ impl Parser<'_> {
         self.bump();
         if self.at(LeftParen) {
             self.skip_tree();
+        }
+        self.end_statement();
+        self.finish();
+    }
+
+    /// `claims arm, gripper(read);`
+    fn claims(&mut self) {
+        self.start(SyntaxKind::Claims);
+        self.bump();
+        loop {
+            self.start(SyntaxKind::Claim);
+            self.expect_name("what is claimed");
+            if self.eat(LeftParen) {
+                if !self.eat_word("read") && !self.eat_word("write") {
+                    self.expected("`read` or `write`");
+                }
+                self.expect(SyntaxKind::RightParen);
+            }
+            self.finish();
+            if !self.eat(SyntaxKind::Comma) {
+                break;
+            }
         }
         self.end_statement();
         self.finish();

@@ -11,7 +11,7 @@ use crate::syntax::SyntaxKind::{
 use rowan::Language;
 
 /// Connection qualities that are read; `push` and `pull` mean something already.
-const QUALITIES: [&str; 7] = ["push", "pull", "latch", "drop", "queue", "depth", "rate"];
+const QUALITIES: [&str; 6] = ["push", "pull", "latch", "drop", "queue", "rate"];
 /// Words that go on after a number and are no unit.
 const NO_UNITS: [&str; 4] = ["else", "within", "of", "pause"];
 
@@ -35,6 +35,10 @@ impl Parser<'_> {
             self.module();
         } else if self.at_word("process") {
             self.process();
+        } else if self.is_item(0) && self.at_word("const") {
+            self.const_item();
+        } else if self.is_item(0) {
+            self.use_item();
         } else if self.is_section(0) {
             // The process was closed too early; its sections are read for their own errors.
             self.report(Code::E0001, format!("`{}` stands outside of any process", self.word(0)));
@@ -61,6 +65,26 @@ impl Parser<'_> {
             }
             self.finish();
         }
+    }
+
+    /// `const name = 5 s ;`
+    fn const_item(&mut self) {
+        self.start(SyntaxKind::ConstItem);
+        self.bump();
+        self.bump();
+        self.bump();
+        self.constant();
+        self.end_statement();
+        self.finish();
+    }
+
+    /// `use "file.dca" ;`
+    fn use_item(&mut self) {
+        self.start(SyntaxKind::Use);
+        self.bump();
+        self.bump();
+        self.end_statement();
+        self.finish();
     }
 
     /// `proces Name (`: a word that is nearly one of ours is taken as such.
@@ -395,12 +419,15 @@ impl Parser<'_> {
 
     fn quality(&mut self) {
         if !["push", "pull"].contains(&self.word(0)) {
-            self.report(Code::W0007, format!("`{}` is not supported yet and has no effect", self.word(0)));
+            self.report(Code::W0007, format!("`{}` is part of the plan, but nodes do not heed it yet", self.word(0)));
         }
         self.start(SyntaxKind::Quality);
+        let is_rate = self.at_word("rate");
         self.bump();
-        if self.eat(Number) {
-            self.unit();
+        if is_rate && self.at(Number) {
+            self.constant();
+        } else {
+            self.eat(Number);
         }
         self.finish();
     }

@@ -19,8 +19,16 @@ impl Parser<'_> {
         self.kind(ahead) == Ident && SECTIONS.contains(&self.word(ahead)) && opens
     }
 
-    /// Whether an item surely starts `ahead` tokens from here: its word, its name and its bracket.
+    /// Whether an item surely starts `ahead` tokens from here: its word, its name and its bracket, `const name =`, or
+    /// `use "file"`.
     pub(super) fn is_item(&self, ahead: usize) -> bool {
+        let (first, second) = (self.kind(ahead + 1), self.kind(ahead + 2));
+        if self.kind(ahead) == Ident && self.word(ahead) == "const" {
+            return first == Ident && second == SyntaxKind::Equals;
+        }
+        if self.kind(ahead) == Ident && self.word(ahead) == "use" {
+            return first == SyntaxKind::Text;
+        }
         let opens = self.kind(ahead + 2) == LeftParen || self.kind(ahead + 2) == LeftBrace;
         self.kind(ahead) == Ident && ITEMS.contains(&self.word(ahead)) && self.kind(ahead + 1) == Ident && opens
     }

@@ -1,0 +1,237 @@
+//! What may run at the same time, seen from the event actions alone: two writers of one input, two owners of one device.
+//!
+//! Two processes may run together when the operator that joins them is one of `, & # any`. Groups pass this down: what is
+//! in one of them may run together with what is in the other.
+
+use super::tree::Tree;
+use super::wires::leaf_port;
+use crate::check::spec::{Claim, Connection, Expr, ExprKind, Module, Process, Spec, Target};
+use crate::diagnostic::{Code, Diagnostic};
+use crate::plan::MemberKind;
+use crate::source::Span;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Of so many users of one thing each is compared with each.
+const USERS_MAX: usize = 200;
+
+/// A place in the event actions of a group where an instance is run.
+struct Place {
+    slot: usize,
+    sets: Vec<usize>,
+    span: Span,
+    /// From the root of the expression: which operand, and whether the operands run at the same time.
+    path: Vec<(usize, bool)>,
+}
+
+/// Something that is the case while certain places of a group run.
+#[derive(Clone)]
+struct Activity<'a> {
+    group: usize,
+    places: Vec<&'a Place>,
+    /// Whether it is the case for as long as the group runs.
+    is_always: bool,
+}
+
+/// A connection into some input.
+#[derive(Clone, Copy)]
+struct Writer<'a> {
+    group: usize,
+    set: usize,
+    connection: &'a Connection,
+}
+
+/// A leaf that claims something.
+#[derive(Clone, Copy)]
+struct Owner<'a> {
+    group: usize,
+    slot: usize,
+    module: &'a Module,
+    claim: &'a Claim,
+}
+
+struct Together<'a> {
+    spec: &'a Spec,
+    tree: &'a Tree,
+    /// The places of each process.
+    places: Vec<Vec<Place>>,
+    /// The group around each group, and the slot in it.
+    around: Vec<Option<(usize, usize)>>,
+}
+
+/// Reports inputs with two writers at once, and devices with two owners at once.
+pub(super) fn check(spec: &Spec, tree: &Tree, diagnostics: &mut Vec<Diagnostic>) {
+    let places = spec.processes.iter().map(|process| {
+        let mut places = Vec::new();
+        if let Some(actions) = &process.actions {
+            collect(actions, &mut Vec::new(), &mut places);
+        }
+        places
+    });
+    let mut around = vec![None; tree.groups.len()];
+    for (index, group) in tree.groups.iter().enumerate() {
+        for (slot, member) in group.members.iter().enumerate() {
+            if let MemberKind::Group(inner) = member.kind {
+                around[inner as usize] = Some((index, slot));
+            }
+        }
+    }
+    let together = Together { spec, tree, places: places.collect(), around };
+    together.check_writers(diagnostics);
+    together.check_claims(diagnostics);
+}
+
+fn collect(expr: &Expr, path: &mut Vec<(usize, bool)>, places: &mut Vec<Place>) {
+    if let ExprKind::Run(slot, sets) = &expr.kind {
+        places.push(Place { slot: *slot, sets: sets.clone(), span: expr.span, path: path.clone() });
+    }
+    let is_parallel = matches!(
+        expr.kind,
+        ExprKind::Concurrent(_) | ExprKind::FailFast(_) | ExprKind::AnyOf(..) | ExprKind::Disable(_)
+    );
+    for (index, part) in expr.parts().into_iter().enumerate() {
+        path.push((index, is_parallel));
+        collect(part, path, places);
+        path.pop();
+    }
+}
+
+/// Whether two places run at the same time: the first operator that joins them decides.
+fn meet(one: &Place, other: &Place) -> bool {
+    let differs = std::iter::zip(&one.path, &other.path).find(|((a, _), (b, _))| a != b);
+    differs.is_none_or(|((_, is_parallel), _)| *is_parallel)
+}
+
+impl<'a> Together<'a> {
+    fn process(&self, group: usize) -> &'a Process {
+        &self.spec.processes[self.tree.process_of[group]]
+    }
+
+    fn of_slot(&'a self, group: usize, slot: usize) -> Activity<'a> {
+        let places = self.places[self.tree.process_of[group]].iter().filter(|place| place.slot == slot);
+        Activity { group, places: places.collect(), is_always: false }
+    }
+
+    fn of_set(&'a self, group: usize, set: usize) -> Activity<'a> {
+        let places = self.places[self.tree.process_of[group]].iter().filter(|place| place.sets.contains(&set));
+        let is_always = self.process(group).sets[set].owner.is_none();
+        Activity { group, places: places.collect(), is_always }
+    }
+
+    /// The groups around a group, the outermost first, and itself.
+    fn chain(&self, group: usize) -> Vec<usize> {
+        let outwards = std::iter::successors(Some(group), |&group| self.around[group].map(|(outer, _)| outer));
+        let mut chain: Vec<usize> = outwards.collect();
+        chain.reverse();
+        chain
+    }
+
+    /// The same activity as it is seen from a group around its own.
+    fn lift(&'a self, mut activity: Activity<'a>, until: usize) -> Activity<'a> {
+        while activity.group != until {
+            let Some((outer, slot)) = self.around[activity.group] else { break };
+            activity = self.of_slot(outer, slot);
+        }
+        activity
+    }
+
+    /// Returns where both run at the same time, if they can; nowhere when one of them lasts as long as its group.
+    fn meeting(&'a self, one: &Activity<'a>, other: &Activity<'a>) -> Option<Vec<Span>> {
+        let (outer, inner) = (self.chain(one.group), self.chain(other.group));
+        let common = std::iter::zip(&outer, &inner).take_while(|(a, b)| a == b).last().map(|(&group, _)| group)?;
+        let (one, other) = (self.lift(one.clone(), common), self.lift(other.clone(), common));
+        if one.is_always && (other.is_always || !other.places.is_empty()) || other.is_always && !one.places.is_empty() {
+            return Some(Vec::new());
+        }
+        let pairs = one.places.iter().flat_map(|a| other.places.iter().map(move |b| (a, b)));
+        let (a, b) = pairs.into_iter().find(|(a, b)| meet(a, b))?;
+        Some(if a.span == b.span { vec![a.span] } else { vec![a.span, b.span] })
+    }
+
+    fn check_writers(&'a self, diagnostics: &mut Vec<Diagnostic>) {
+        let mut writers: BTreeMap<(u32, String), Vec<Writer<'_>>> = BTreeMap::new();
+        for group in 0..self.tree.groups.len() {
+            for (set, source) in self.process(group).sets.iter().enumerate() {
+                for connection in &source.connections {
+                    if let Some(to) = leaf_port(self.tree, self.spec, group, &connection.to) {
+                        writers.entry((to.leaf, to.port)).or_default().push(Writer { group, set, connection });
+                    }
+                }
+            }
+        }
+        let mut reported = BTreeSet::new();
+        for ((leaf, port), writers) in writers.iter().filter(|(_, writers)| writers.len() <= USERS_MAX) {
+            for (index, &one) in writers.iter().enumerate() {
+                for &other in &writers[index + 1..] {
+                    let Some(places) = self.write_together(one, other) else { continue };
+                    if reported.insert(other.connection.span) {
+                        let path = &self.tree.leaves[*leaf as usize].path;
+                        let message = format!("two processes write to `{path}`, `{port}` at the same time");
+                        let diagnostic = Diagnostic::new(Code::W0306, other.connection.span, message);
+                        let diagnostic = diagnostic.reason(one.connection.span, "the other connection");
+                        let help = "open the connections in turn, or merge the values in a process of its own";
+                        diagnostics.push(at(diagnostic, &places).help(help));
+                    }
+                }
+            }
+        }
+    }
+
+    /// Where two connections are open at the same time, unless both have one source.
+    fn write_together(&'a self, one: Writer<'_>, other: Writer<'_>) -> Option<Vec<Span>> {
+        let source = |writer: Writer<'_>| leaf_port(self.tree, self.spec, writer.group, &writer.connection.from);
+        if source(one) == source(other) {
+            return None;
+        }
+        self.meeting(&self.of_set(one.group, one.set), &self.of_set(other.group, other.set))
+    }
+
+    fn check_claims(&'a self, diagnostics: &mut Vec<Diagnostic>) {
+        let mut owners: BTreeMap<(u32, &str), Vec<Owner<'_>>> = BTreeMap::new();
+        for (leaf, &(group, slot)) in self.tree.leaves.iter().zip(&self.tree.place_of) {
+            let Target::Module(module) = self.process(group).instances[slot].target else { continue };
+            let module = &self.spec.modules[module];
+            for claim in &module.claims {
+                let owner = Owner { group, slot, module, claim };
+                owners.entry((leaf.host, &claim.name.text)).or_default().push(owner);
+            }
+        }
+        let mut reported = BTreeSet::new();
+        for ((host, device), owners) in owners.iter().filter(|(_, owners)| owners.len() <= USERS_MAX) {
+            for (index, &one) in owners.iter().enumerate() {
+                for &other in &owners[index + 1..] {
+                    let Some(places) = self.own_together(one, other) else { continue };
+                    let (first, second) = (self.name(one), self.name(other));
+                    if reported.insert((first, second)) {
+                        let host = &self.tree.hosts[*host as usize];
+                        let message =
+                            format!("`{device}` on `{host}` can be claimed by two processes at the same time");
+                        let diagnostic = Diagnostic::new(Code::E0501, second, message).label(access(other));
+                        let diagnostic = at(diagnostic.reason(first, access(one)), &places);
+                        diagnostics.push(diagnostic.help("run them in turn, or claim it `(read)`"));
+                    }
+                }
+            }
+        }
+    }
+
+    /// Where two owners run at the same time, unless both only read.
+    fn own_together(&'a self, one: Owner<'_>, other: Owner<'_>) -> Option<Vec<Span>> {
+        if !one.claim.is_write && !other.claim.is_write {
+            return None;
+        }
+        self.meeting(&self.of_slot(one.group, one.slot), &self.of_slot(other.group, other.slot))
+    }
+
+    fn name(&self, owner: Owner<'_>) -> Span {
+        self.process(owner.group).instances[owner.slot].name.span
+    }
+}
+
+fn access(owner: Owner<'_>) -> String {
+    format!("{} {} it", owner.module.name.text, if owner.claim.is_write { "writes" } else { "reads" })
+}
+
+fn at(diagnostic: Diagnostic, places: &[Span]) -> Diagnostic {
+    let texts: &[&str] = if places.len() > 1 { &["runs here", "and here at the same time"] } else { &["runs here"] };
+    std::iter::zip(places, texts).fold(diagnostic, |diagnostic, (&place, &text)| diagnostic.reason(place, text))
+}
