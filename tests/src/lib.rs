@@ -1,3 +1,4 @@
 //! Whole-system tests: what needs more than one room.
 
+pub mod cluster;
 pub mod simulation;

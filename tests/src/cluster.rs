@@ -1,0 +1,236 @@
+//! Real processes: the workspace's own programs, started by a test in a folder of its own.
+//!
+//! A [`Cluster`] is that folder. A [`Host`] is a place in it where commands and nodes are started: this machine, or one
+//! end of a [`Network`]. A [`Program`] is a started command with its output. Everything that descends from a test works
+//! in its folder or names it, so [`Cluster::left`] finds all of it, wherever its parents went.
+
+mod network;
+mod processes;
+mod program;
+mod trace;
+
+pub use network::Network;
+pub use processes::{Process, descriptors, threads};
+pub use program::{Ended, Program, Stream};
+pub use trace::{Sample, Trace, peak};
+
+use comms::io::clock::{Wakeup, now};
+use node::logic::protocol::{NodeStatus, ProcessStatus};
+use rustix::process::{Signal, getpid};
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::time::Duration;
+
+/// How long a command has that answers at once; a machine that builds something else at the same time is slow.
+pub const SOON: Duration = Duration::from_secs(30);
+/// How often a condition is looked at that nobody announces.
+const LOOK_EVERY: Duration = Duration::from_millis(20);
+
+/// Waits until `condition` holds, for what no event announces: processes and files of others. Returns how long it took;
+/// none when it did not hold within `within`.
+pub fn wait_until(within: Duration, mut condition: impl FnMut() -> bool) -> Option<Duration> {
+    let (began, pause) = (now(), Wakeup::default());
+    loop {
+        if condition() {
+            return Some(now() - began);
+        }
+        if now() - began > within {
+            return None;
+        }
+        pause.wait(Some(now() + LOOK_EVERY));
+    }
+}
+
+/// Lets `time` pass, for a test that measures what happens meanwhile.
+pub fn pass(time: Duration) {
+    Wakeup::default().wait(Some(now() + time));
+}
+
+/// Returns the path of one of the workspace's specs.
+pub fn spec(name: &str) -> String {
+    format!("{}/../specs/{name}.dca", env!("CARGO_MANIFEST_DIR"))
+}
+
+/// Returns the path of a program of this workspace, built with the same profile as the test.
+///
+/// # Panics
+/// It has not been built.
+pub fn executable(name: &str) -> PathBuf {
+    let test = std::env::current_exe().expect("Linux tells a process its executable");
+    // target/PROFILE/deps/TEST
+    let profile = test.parent().and_then(Path::parent).expect("a test stands in `deps`");
+    let path = profile.join(name);
+    assert!(path.is_file(), "{path:?} is not there; build it with `cargo build -p node -p controllers`");
+    path
+}
+
+/// The folder of one test, with everything that was started from it. Dropped, it ends what is left and removes itself.
+#[derive(Debug)]
+pub struct Cluster {
+    folder: PathBuf,
+}
+
+impl Default for Cluster {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Cluster {
+    /// Makes an empty folder with a short path, because sockets are made below it.
+    ///
+    /// # Panics
+    /// The folder cannot be made.
+    pub fn new() -> Self {
+        static COUNT: AtomicU32 = AtomicU32::new(0);
+        let number = COUNT.fetch_add(1, Ordering::Relaxed);
+        // With a letter at its end no name begins another, so that looking for one does not find both.
+        let folder = std::env::temp_dir().join(format!("dt{}-{number}t", getpid().as_raw_nonzero()));
+        std::fs::create_dir_all(&folder).expect("the folder for temporary files can be written");
+        Self { folder }
+    }
+
+    /// Returns the folder.
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    /// Writes a file; returns its path.
+    ///
+    /// # Panics
+    /// It cannot be written.
+    pub fn file(&self, name: &str, text: &str) -> String {
+        let path = self.folder.join(name);
+        std::fs::write(&path, text).expect("a test can write in its own folder");
+        path.display().to_string()
+    }
+
+    /// Returns this machine.
+    pub fn here(&self) -> Host {
+        Host { folder: self.folder.clone(), run_dir: self.folder.join("n"), namespace: None }
+    }
+
+    /// Returns host `number` of a network, with a folder for sockets of its own as on a machine of its own.
+    pub fn host(&self, network: &Network, number: usize) -> Host {
+        let run_dir = self.folder.join(format!("n{number}"));
+        Host { folder: self.folder.clone(), run_dir, namespace: Some(network.namespace(number)) }
+    }
+
+    /// Returns every process that descends from this test, but for the test itself.
+    pub fn left(&self) -> Vec<Process> {
+        processes::of_folder(&self.folder)
+    }
+
+    /// Waits until nothing is left; returns how long that took.
+    ///
+    /// # Panics
+    /// Something is left after `within`; names it.
+    #[track_caller]
+    pub fn expect_nothing_left(&self, within: Duration) -> Duration {
+        let took = wait_until(within, || self.left().is_empty());
+        took.unwrap_or_else(|| panic!("left after {within:?}: {:#?}", self.left()))
+    }
+
+    /// Returns the program that a node has started for `path`, which is the one that bears its mark.
+    pub fn leaf(&self, path: &str) -> Option<Process> {
+        let mark = format!("DCA_INSTANCE={path}");
+        self.left().into_iter().find(|process| process.environment.contains(&mark))
+    }
+}
+
+impl Drop for Cluster {
+    fn drop(&mut self) {
+        for process in self.left() {
+            process.signal(Signal::KILL);
+        }
+        // A process that is being killed may still write; what it leaves is for the next cleaning of temporary files.
+        drop(std::fs::remove_dir_all(&self.folder));
+    }
+}
+
+/// A place where commands are started.
+#[derive(Clone, Debug)]
+pub struct Host {
+    folder: PathBuf,
+    run_dir: PathBuf,
+    namespace: Option<String>,
+}
+
+impl Host {
+    /// Returns the same machine with another folder for the sockets of its nodes.
+    #[must_use]
+    pub fn with_run_dir(self, run_dir: impl Into<PathBuf>) -> Self {
+        Self { run_dir: run_dir.into(), ..self }
+    }
+
+    /// Returns the folder with the sockets of this host's nodes.
+    pub fn run_dir(&self) -> &Path {
+        &self.run_dir
+    }
+
+    /// Starts `dca` with these arguments; verbs that talk to nodes are told where.
+    pub fn dca(&self, arguments: &[&str]) -> Program {
+        let mut command = self.command("dca");
+        command.args(arguments);
+        if matches!(arguments.first(), Some(&("deploy" | "nodes" | "status" | "logs" | "stop"))) {
+            command.arg("--run-dir").arg(&self.run_dir);
+        }
+        Program::start(command)
+    }
+
+    /// Runs `dca` to its end.
+    pub fn ask(&self, arguments: &[&str]) -> Ended {
+        self.dca(arguments).ended(SOON)
+    }
+
+    /// Starts a node, whatever becomes of it.
+    pub fn start_node(&self, name: &str, arguments: &[&str]) -> Program {
+        let mut command = self.command("dca-node");
+        command.arg("--name").arg(name).arg("--run-dir").arg(&self.run_dir).args(arguments);
+        Program::start(command)
+    }
+
+    /// Starts a node and waits until it can be called.
+    pub fn node(&self, name: &str, arguments: &[&str]) -> Program {
+        let node = self.start_node(name, arguments);
+        node.wait_for(Stream::Out, &format!("node `{name}` is ready"), SOON);
+        node
+    }
+
+    /// Returns what `dca status` says of every node.
+    ///
+    /// # Panics
+    /// It is not the documented JSON.
+    pub fn statuses(&self, arguments: &[&str]) -> Vec<NodeStatus> {
+        let ended = self.ask(&[&["status", "--json"], arguments].concat());
+        assert_eq!(ended.code, Some(0), "{ended}");
+        serde_json::from_str(&ended.out).expect("`dca status --json` prints statuses")
+    }
+
+    /// Returns every leaf and group that `dca status` shows, with its host.
+    pub fn processes(&self, arguments: &[&str]) -> Vec<(String, ProcessStatus)> {
+        let parts = |node: NodeStatus| {
+            let host = node.host;
+            let processes = node.deployments.into_iter().flat_map(|part| part.processes);
+            processes.map(move |process| (host.clone(), process)).collect::<Vec<_>>()
+        };
+        self.statuses(arguments).into_iter().flat_map(parts).collect()
+    }
+
+    fn command(&self, name: &str) -> Command {
+        let executable = executable(name);
+        let mut command = match &self.namespace {
+            None => Command::new(executable),
+            Some(namespace) => {
+                let mut command = Command::new("ip");
+                // It executes the program in its own place, so that its process id is the program's.
+                command.args(["netns", "exec", namespace]).arg(executable);
+                command
+            }
+        };
+        // Relative paths and temporary files are the test's own, and every descendant is known by its folder.
+        command.current_dir(&self.folder).env("TMPDIR", &self.folder).env_remove("RUST_LOG");
+        command
+    }
+}

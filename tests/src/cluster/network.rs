@@ -1,0 +1,91 @@
+//! Hosts on a network of their own: namespaces, each with one end of a wire, the other ends on a bridge.
+//!
+//! The bridge has a namespace too, so nothing of the machine's own network is touched, and several tests can have the
+//! same addresses at the same time.
+
+use rustix::process::{getpid, getuid};
+use std::io::Write;
+use std::process::Command;
+use std::sync::atomic::{AtomicU32, Ordering};
+
+/// Hosts 1, 2, … on one bridge, as 10.77.0.1, 10.77.0.2, …. Dropped, they are removed.
+#[derive(Debug)]
+pub struct Network {
+    name: String,
+    hosts: usize,
+}
+
+impl Network {
+    /// Makes a network; none, with a word of why on the terminal, where a test cannot have one.
+    ///
+    /// # Panics
+    /// The kernel refuses a step.
+    pub fn new(hosts: usize) -> Option<Self> {
+        let test = std::thread::current().name().unwrap_or("a test").to_owned();
+        let skip = |why: &str| {
+            // The test harness keeps what its macros print; this is for everyone to see.
+            writeln!(std::io::stderr(), "{test}: skipped: {why}").unwrap_or_default();
+            None
+        };
+        if !getuid().is_root() {
+            return skip("needs root, for network namespaces");
+        }
+        if Command::new("ip").arg("-V").output().is_err() {
+            return skip("needs the program `ip` (iproute2), for network namespaces");
+        }
+        static COUNT: AtomicU32 = AtomicU32::new(0);
+        let name = format!("dt{}x{}", getpid().as_raw_nonzero(), COUNT.fetch_add(1, Ordering::Relaxed));
+        if let Err(why) = try_ip(&format!("netns add {name}b")) {
+            return skip(&format!("needs network namespaces: {why}"));
+        }
+        // From here on, whatever fails, what was made is removed.
+        let network = Self { name, hosts };
+        network.make();
+        Some(network)
+    }
+
+    /// Returns the namespace of host `number`.
+    pub fn namespace(&self, number: usize) -> String {
+        format!("{}h{number}", self.name)
+    }
+
+    fn make(&self) {
+        let bridge = format!("{}b", self.name);
+        ip(&format!("-n {bridge} link add br0 type bridge"));
+        ip(&format!("-n {bridge} link set br0 up"));
+        for number in 1..=self.hosts {
+            let host = self.namespace(number);
+            ip(&format!("netns add {host}"));
+            ip(&format!("link add eth0 netns {host} type veth peer name port{number} netns {bridge}"));
+            ip(&format!("-n {bridge} link set port{number} master br0 up"));
+            ip(&format!("-n {host} link set lo up"));
+            ip(&format!("-n {host} address add 10.77.0.{number}/24 dev eth0"));
+            ip(&format!("-n {host} link set eth0 up"));
+            // As on a machine with a gateway: multicast goes out of the one interface.
+            ip(&format!("-n {host} route add default via 10.77.0.254"));
+        }
+    }
+}
+
+impl Drop for Network {
+    fn drop(&mut self) {
+        for number in 1..=self.hosts {
+            drop(try_ip(&format!("netns del {}", self.namespace(number))));
+        }
+        drop(try_ip(&format!("netns del {}b", self.name)));
+    }
+}
+
+fn ip(arguments: &str) {
+    if let Err(why) = try_ip(arguments) {
+        panic!("ip {arguments}: {why}");
+    }
+}
+
+fn try_ip(arguments: &str) -> Result<(), String> {
+    let output = Command::new("ip").args(arguments.split(' ')).output().map_err(|error| error.to_string())?;
+    if output.status.success() {
+        return Ok(());
+    }
+    Err(String::from_utf8_lossy(&output.stderr).trim().to_owned())
+}

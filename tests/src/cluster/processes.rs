@@ -1,0 +1,72 @@
+//! What runs on this machine, as `/proc` tells it.
+
+use rustix::process::{Pid, Signal, getpid, kill_process};
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+/// A process that was alive when it was looked at.
+#[derive(Clone)]
+pub struct Process {
+    /// Its id.
+    pub pid: i32,
+    /// Its arguments, its own name first.
+    pub command: Vec<String>,
+    /// Its environment as `NAME=value`; empty when it has none.
+    pub environment: Vec<String>,
+    folder: Option<PathBuf>,
+}
+
+impl fmt::Debug for Process {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} {}", self.pid, self.command.join(" "))
+    }
+}
+
+impl Process {
+    /// Sends a signal; one that has ended meanwhile needs none.
+    pub fn signal(&self, signal: Signal) {
+        if let Some(pid) = Pid::from_raw(self.pid) {
+            kill_process(pid, signal).unwrap_or_default();
+        }
+    }
+
+    /// Returns a process; none if it is not there. A zombie has no command and counts as gone.
+    fn look(pid: i32) -> Option<Self> {
+        let lines = |name: &str| {
+            let bytes = std::fs::read(format!("/proc/{pid}/{name}")).unwrap_or_default();
+            let lines = bytes.split(|byte| *byte == 0).map(|line| String::from_utf8_lossy(line).into_owned());
+            lines.filter(|line| !line.is_empty()).collect::<Vec<_>>()
+        };
+        let command = lines("cmdline");
+        let folder = std::fs::read_link(format!("/proc/{pid}/cwd")).ok();
+        (!command.is_empty()).then(|| Self { pid, command, environment: lines("environ"), folder })
+    }
+
+    fn is_of(&self, folder: &Path) -> bool {
+        let name = folder.to_string_lossy();
+        let names = |text: &String| text.contains(&*name);
+        self.folder.as_ref().is_some_and(|own| own.starts_with(folder))
+            || self.command.iter().any(names)
+            || self.environment.iter().any(names)
+    }
+}
+
+/// Returns every process that works in `folder`, or names it in its arguments or its environment.
+pub(super) fn of_folder(folder: &Path) -> Vec<Process> {
+    let entries = std::fs::read_dir("/proc").into_iter().flatten().flatten();
+    let pids = entries.filter_map(|entry| entry.file_name().to_str()?.parse::<i32>().ok());
+    let others = pids.filter(|pid| *pid != getpid().as_raw_nonzero().get());
+    others.filter_map(Process::look).filter(|process| process.is_of(folder)).collect()
+}
+
+/// Returns how many threads a process has.
+pub fn threads(pid: u32) -> usize {
+    std::fs::read_dir(format!("/proc/{pid}/task")).map_or(0, Iterator::count)
+}
+
+/// Returns what each open file descriptor of a process stands for.
+pub fn descriptors(pid: u32) -> Vec<String> {
+    let entries = std::fs::read_dir(format!("/proc/{pid}/fd")).into_iter().flatten().flatten();
+    let targets = entries.filter_map(|entry| std::fs::read_link(entry.path()).ok());
+    targets.map(|target| target.display().to_string()).collect()
+}

@@ -1,0 +1,112 @@
+//! The record of a run, read back.
+
+use comms::logic::time::Time;
+use node::io::recorder;
+use node::logic::mission::{Mission, Phase};
+use node::logic::protocol::{Change, Ending, Report};
+use node::logic::record::{Entry, Run};
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// The record of a run.
+#[derive(Debug)]
+pub struct Trace {
+    folder: PathBuf,
+    run: Run,
+    mission: Mission,
+}
+
+/// A value of a signal.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sample {
+    /// When it came to the recorder, since GO.
+    pub at: Duration,
+    /// When it was published, on the clock of its host.
+    pub stamp: Time,
+    /// In the signal's unit.
+    pub value: f64,
+}
+
+impl Trace {
+    /// Reads the record in `folder`.
+    ///
+    /// # Panics
+    /// There is none, or it is damaged.
+    pub fn read(folder: &Path) -> Self {
+        let run = recorder::read(&folder.join(recorder::FILE)).unwrap_or_else(|error| panic!("{error}"));
+        assert_eq!(run.damage, None, "{folder:?}");
+        let mission = run.mission();
+        Self { folder: folder.to_owned(), run, mission }
+    }
+
+    /// Returns whether the page of the run stands beside its record and closes its last tag.
+    pub fn has_page(&self) -> bool {
+        let page = std::fs::read_to_string(self.folder.join("report.html")).unwrap_or_default();
+        page.trim_end().ends_with("</html>")
+    }
+
+    /// Returns how `main` ended, and when, since GO.
+    ///
+    /// # Panics
+    /// It did not.
+    pub fn finished(&self) -> (Ending, Duration) {
+        let finished = self.reports().find_map(|report| match report {
+            Report::Finished { ending, at, .. } => Some((ending.clone(), *at)),
+            Report::Accepted { .. }
+            | Report::Prepared { .. }
+            | Report::Connected { .. }
+            | Report::Go { .. }
+            | Report::Process { .. }
+            | Report::Refused { .. } => None,
+        });
+        finished.expect("the record of a run that is over has its end")
+    }
+
+    /// Returns what happened to the process with this path, in order.
+    pub fn changes(&self, wanted: &str) -> Vec<&Change> {
+        let changes = self.reports().filter_map(|report| match report {
+            Report::Process { path, change, .. } => (path == wanted).then_some(change),
+            Report::Accepted { .. }
+            | Report::Prepared { .. }
+            | Report::Connected { .. }
+            | Report::Go { .. }
+            | Report::Refused { .. }
+            | Report::Finished { .. } => None,
+        });
+        changes.collect()
+    }
+
+    /// Returns the phase with `part` in its name.
+    ///
+    /// # Panics
+    /// There was none.
+    pub fn phase(&self, part: &str) -> &Phase {
+        let phases = self.mission.phases();
+        phases.iter().find(|phase| phase.name.contains(part)).unwrap_or_else(|| panic!("no phase `{part}`: {phases:?}"))
+    }
+
+    /// Returns a signal of the program with this path.
+    pub fn signal(&self, program: &str, name: &str) -> Vec<Sample> {
+        let sample = |entry: &Entry| match entry {
+            Entry::Signals { path, at, sample } if path == program => {
+                let signal = sample.values.iter().find(|signal| signal.name == name)?;
+                Some(Sample { at: *at, stamp: sample.stamp, value: signal.value })
+            }
+            Entry::Signals { .. } | Entry::Report(_) => None,
+        };
+        self.run.entries.iter().filter_map(sample).collect()
+    }
+
+    fn reports(&self) -> impl Iterator<Item = &Report> {
+        self.run.entries.iter().filter_map(|entry| match entry {
+            Entry::Report(report) => Some(report),
+            Entry::Signals { .. } => None,
+        })
+    }
+}
+
+/// Returns the largest magnitude among samples that came from `from` to `to`.
+pub fn peak(samples: &[Sample], from: Duration, to: Duration) -> f64 {
+    let within = samples.iter().filter(|sample| (from..=to).contains(&sample.at));
+    within.map(|sample| sample.value.abs()).fold(f64::NAN, f64::max)
+}

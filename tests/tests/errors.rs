@@ -1,0 +1,182 @@
+//! Acceptance 9: whatever is wrong is said in one clear sentence, with the right exit code, and leaves nothing behind.
+
+use dca_tests::cluster::{Cluster, Ended, Program, SOON, Stream, spec};
+use rustix::fs::{Gid, Uid};
+use rustix::process::{Signal, getuid};
+use std::os::unix::fs::PermissionsExt;
+use std::time::Duration;
+
+/// One plain program on host `c1`.
+const IDLE: &str = "
+module Idle(host) { exec \"sleep 3600\"; plain; }
+process main() { host { c1 } instantiated_processes { idle instof Idle(c1); } internal_event_actions { idle } }
+";
+
+/// Takes the end of a command: its exit code, and a sentence in one line of what it said.
+#[track_caller]
+fn check(cluster: &Cluster, ended: &Ended, code: i32, sentence: &[&str]) {
+    assert_eq!(ended.code, Some(code), "{ended}");
+    let mut lines = ended.err.lines().chain(ended.out.lines());
+    assert!(lines.any(|line| sentence.iter().all(|part| line.contains(part))), "expected {sentence:?}\n{ended}");
+    // A cause that is told twice, or as a programmer sees it.
+    for noise in ["(os error 2): No such", "panicked", "Error {", "RUST_BACKTRACE"] {
+        assert!(!ended.err.contains(noise), "{ended}");
+    }
+    cluster.expect_nothing_left(Duration::from_secs(2));
+}
+
+#[track_caller]
+fn check_run(file: &dyn Fn(&Cluster) -> String, code: i32, sentence: &[&str]) {
+    let cluster = Cluster::new();
+    let ended = cluster.here().ask(&["run", &file(&cluster)]);
+    check(&cluster, &ended, code, sentence);
+}
+
+fn end(node: Program) {
+    node.signal(Signal::TERM);
+    let ended = node.ended(SOON);
+    assert_eq!(ended.code, Some(0), "{ended}");
+}
+
+#[test]
+fn a_file_that_cannot_be_read() {
+    check_run(&|_| "nowhere.dca".to_owned(), 1, &["cannot read the spec `nowhere.dca`: No such file"]);
+    check_run(&|_| ".".to_owned(), 1, &["cannot read the spec `.`: Is a directory"]);
+    let binary = |cluster: &Cluster| {
+        std::fs::write(cluster.folder().join("binary.dca"), [0xff, 0xfe]).expect("a test can write in its own folder");
+        "binary.dca".to_owned()
+    };
+    check_run(&binary, 1, &["cannot read the spec `binary.dca`", "UTF-8"]);
+    if getuid().is_root() {
+        return; // Root may read everything.
+    }
+    let secret = |cluster: &Cluster| {
+        let path = cluster.file("secret.dca", IDLE);
+        std::fs::set_permissions(&path, PermissionsExt::from_mode(0o000)).expect("the file is the test's own");
+        path
+    };
+    check_run(&secret, 1, &["cannot read the spec", "Permission denied"]);
+}
+
+#[test]
+fn a_host_that_nobody_answers_for() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let none = here.ask(&["deploy", &spec("door_opening")]);
+    check(&cluster, &none, 3, &["no node runs on this machine; start one with `dca-node --name NAME`"]);
+    for verb in [&["nodes"][..], &["status"], &["stop", "door_opening"], &["logs", "hit"]] {
+        check(&cluster, &here.ask(verb), 3, &["no node runs on this machine"]);
+    }
+    let c3 = here.node("c3", &[]);
+    let ended = here.ask(&["deploy", &spec("door_opening")]);
+    let sentence =
+        ["no node answers for the host `c1`, `c2`", "nodes seen: c3", "start `dca-node --name c1 --lan` on it"];
+    assert_eq!(cluster.left().len(), 1, "only the node: {:?}", cluster.left());
+    end(c3);
+    check(&cluster, &ended, 3, &sentence);
+}
+
+#[test]
+fn a_controller_type_that_nobody_offers() {
+    let unknown = |cluster: &Cluster| cluster.file("unknown.dca", &IDLE.replace("Idle(c1)", "Lidar(c1)"));
+    check_run(&unknown, 1, &["host `c1`", "no program here offers the controller type `Lidar`"]);
+}
+
+#[test]
+fn a_program_that_does_not_exist() {
+    let missing = |cluster: &Cluster| cluster.file("missing.dca", &IDLE.replace("sleep 3600", "/nowhere/beep aloud"));
+    check_run(&missing, 1, &["`main/idle` cannot take part", "`/nowhere/beep`"]);
+    let no_program = |cluster: &Cluster| {
+        let file = cluster.file("data", "no program");
+        cluster.file("data.dca", &IDLE.replace("sleep 3600", &file))
+    };
+    check_run(&no_program, 1, &["`main/idle` cannot take part", "/data`"]);
+}
+
+/// A program that fails says so itself; its last words are told.
+#[test]
+fn a_program_that_fails() {
+    let fails = |cluster: &Cluster| {
+        let script = cluster.file("fails.sh", "echo the lens is dirty >&2\nexit 7\n");
+        cluster.file("fails.dca", &IDLE.replace("sleep 3600", &format!("sh {script}")))
+    };
+    check_run(&fails, 1, &["main ← idle: left with exit code 7 before it was done at "]);
+}
+
+#[test]
+fn a_program_that_offers_no_controllers() {
+    let cluster = Cluster::new();
+    let (here, file) = (cluster.here(), cluster.file("idle.dca", IDLE));
+    let silent = here.ask(&["run", "--controllers", "/bin/false", &file]);
+    check(&cluster, &silent, 1, &["\"/bin/false\" does not tell its interface"]);
+    let missing = here.ask(&["run", "--controllers", "/nowhere/controllers", &file]);
+    check(&cluster, &missing, 1, &["cannot run \"/nowhere/controllers\": No such file"]);
+    let node = here.start_node("c1", &["--controllers", "/bin/false"]).ended(SOON);
+    check(&cluster, &node, 1, &["\"/bin/false\" does not tell its interface"]);
+}
+
+#[test]
+fn a_folder_that_cannot_be_used() {
+    let cluster = Cluster::new();
+    // A file stands where the folder should be, which stops even root.
+    let file = cluster.file("file", "");
+    let node = cluster.here().with_run_dir(format!("{file}/n")).start_node("c1", &[]);
+    check_node(&cluster, node, &["cannot use the folder", "/file/n", "Not a directory"]);
+    let node = cluster.here().with_run_dir(cluster.folder().join("d".repeat(60))).start_node("c1", &[]);
+    check_node(&cluster, node, &["is too deep for sockets", "choose a shorter one with `--run-dir`"]);
+    let runs = cluster.here().ask(&["run", "--runs", &format!("{file}/runs"), &cluster.file("idle.dca", IDLE)]);
+    check(&cluster, &runs, 1, &["making a folder for the record in", "/file/runs", "Not a directory"]);
+    if !getuid().is_root() {
+        return; // Only root can give a folder away.
+    }
+    let theirs = cluster.folder().join("theirs");
+    std::fs::create_dir(&theirs).expect("a test can write in its own folder");
+    rustix::fs::chown(&theirs, Some(Uid::from_raw(65534)), Some(Gid::from_raw(65534))).expect("root gives it away");
+    let node = cluster.here().with_run_dir(theirs).start_node("c1", &[]);
+    check_node(&cluster, node, &["belongs to user 65534; remove it, or choose another with `--run-dir`"]);
+}
+
+#[track_caller]
+fn check_node(cluster: &Cluster, node: Program, sentence: &[&str]) {
+    check(cluster, &node.ended(SOON), 1, sentence);
+}
+
+#[test]
+fn two_nodes_of_one_name() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let first = here.node("c1", &[]);
+    let second = here.start_node("c1", &[]).ended(SOON);
+    assert!(first.is_running());
+    end(first);
+    check(&cluster, &second, 1, &["a node named `c1` is already running on this machine"]);
+    let strange = here.start_node("c 1", &[]).ended(SOON);
+    check(&cluster, &strange, 1, &["`c 1` is not a host name"]);
+}
+
+#[test]
+fn a_deployment_that_is_already_there() {
+    let cluster = Cluster::new();
+    let (here, file) = (cluster.here(), cluster.file("idle.dca", IDLE));
+    let node = here.node("c1", &[]);
+    let first = here.dca(&["deploy", &file]);
+    first.wait_for(Stream::Err, "▸", SOON);
+    let second = here.ask(&["deploy", &file]);
+    assert!(first.is_running(), "the first goes on");
+    let stop = here.ask(&["stop", "idle"]);
+    assert_eq!(stop.code, Some(0), "{stop}");
+    assert_eq!(first.ended(SOON).code, Some(1));
+    let again = here.ask(&["stop", "idle"]);
+    let logs = here.ask(&["logs", "idle"]);
+    end(node);
+    check(&cluster, &second, 1, &["`idle` is already deployed; `dca stop idle` ends it"]);
+    check(&cluster, &again, 1, &["no deployment `idle` is running"]);
+    check(&cluster, &logs, 1, &["no process `idle`"]);
+}
+
+/// A spec with an error is refused before anything is started.
+#[test]
+fn a_spec_with_errors() {
+    let misspelt = |cluster: &Cluster| cluster.file("misspelt.dca", &IDLE.replace("{ idle }", "{ idel, idel }"));
+    check_run(&misspelt, 1, &["error[E0201]: unknown process `idel`"]);
+}

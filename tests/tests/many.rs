@@ -1,0 +1,85 @@
+//! A large spec, again and again: nothing is left of it, and the node does not grow.
+
+use dca_tests::cluster::{Cluster, Process, SOON, Stream, descriptors, threads, wait_until};
+use node::logic::protocol::NodeStatus;
+use std::fmt::Write;
+use std::time::Duration;
+
+const ROUNDS: usize = 20;
+const GROUPS: usize = 5;
+const LEAVES_PER_GROUP: usize = 40;
+/// How long the node's sockets, and shims that have said their last word, may take to settle after a round.
+const SETTLE: Duration = Duration::from_secs(5);
+/// How long threads of a pool may stay without work: tokio keeps them for 10 s.
+const POOL: Duration = Duration::from_secs(30);
+
+/// Acceptance 7: 200 leaves in 5 nested groups deploy and stop on one machine; no thread, descriptor or process is left
+/// over 20 rounds.
+#[test]
+fn two_hundred_leaves_come_and_go() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let node = here.node("local", &[]);
+    let file = cluster.file("many.dca", &nested());
+    let threads_first = threads(node.pid());
+    let mut descriptors_first = None;
+    for round in 1..=ROUNDS {
+        let deployed = here.dca(&["deploy", "--no-record", &file]);
+        deployed.wait_for(Stream::Err, "200 programs on 1 host, started in", SOON);
+        if round == 1 {
+            expect_running(&here.statuses(&[]));
+        }
+        let stop = here.ask(&["stop", "many"]);
+        assert_eq!(stop.code, Some(0), "{stop}");
+        // A shim that has said its last word takes a moment to end.
+        let is_other = |process: &Process| {
+            process.pid.cast_unsigned() != node.pid() && process.pid.cast_unsigned() != deployed.pid()
+        };
+        let left = || cluster.left().into_iter().filter(is_other).collect::<Vec<_>>();
+        wait_until(SETTLE, || left().is_empty()).unwrap_or_else(|| panic!("after round {round}: {:?}", left()));
+        let ended = deployed.ended(SOON);
+        assert!(ended.code == Some(1) && ended.out.starts_with("many: stopped after"), "{ended}");
+
+        let count = descriptors(node.pid()).len();
+        let limit = *descriptors_first.get_or_insert(count);
+        let is_as_before = || descriptors(node.pid()).len() <= limit;
+        let grown = || format!("{limit} after round 1, more after {round}: {:#?}", descriptors(node.pid()));
+        wait_until(SETTLE, is_as_before).unwrap_or_else(|| panic!("descriptors: {}", grown()));
+    }
+    let took = wait_until(POOL, || threads(node.pid()) <= threads_first);
+    println!("{threads_first} threads at first, {} {took:?} after the last round", threads(node.pid()));
+    assert!(took.is_some(), "{threads_first} threads at first, {} after the last round", threads(node.pid()));
+}
+
+fn expect_running(statuses: &[NodeStatus]) {
+    let processes = statuses.iter().flat_map(|node| &node.deployments).flat_map(|part| &part.processes);
+    let leaves: Vec<_> = processes.filter(|process| process.pid.is_some()).collect();
+    assert_eq!(leaves.len(), GROUPS * LEAVES_PER_GROUP);
+    assert!(leaves.iter().all(|leaf| leaf.state == "running"), "{leaves:?}");
+}
+
+/// Returns a spec of groups within each other, each with plain programs and one pair of controllers.
+fn nested() -> String {
+    let mut text = "module Idle(host) { exec \"sleep 3600\"; plain; service; }\n".to_owned();
+    for group in 1..=GROUPS {
+        let name = if group == 1 { "main".to_owned() } else { format!("Group{group}") };
+        let plain = LEAVES_PER_GROUP - 2;
+        let mut members: Vec<String> = (1..=plain).map(|leaf| format!("idle{leaf}")).collect();
+        let mut declared: String = members.iter().map(|leaf| format!("{leaf} instof Idle(local); ")).collect();
+        declared += "source instof RateSource(local); monitor instof RateMonitor(local); ";
+        members.extend(["source[lbl1]".to_owned(), "monitor".to_owned()]);
+        if group < GROUPS {
+            write!(declared, "inner instof Group{}(); ", group + 1).expect("a string takes everything");
+            members.push("inner".to_owned());
+        }
+        let connections = "internal_connections(source, lbl1) { source, Out -> monitor, In; }";
+        let members = members.join(", ");
+        writeln!(
+            text,
+            "process {name}() {{\n  host {{ local }}\n  instantiated_processes {{ {declared}}}\n  {connections}\n  \
+             internal_event_actions {{ {members} }}\n}}"
+        )
+        .expect("a string takes everything");
+    }
+    text
+}

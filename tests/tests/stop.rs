@@ -1,0 +1,102 @@
+//! Every way to end a mission before its time leaves nothing behind.
+
+use dca_tests::cluster::{Cluster, Program, SOON, Stream, Trace, spec, wait_until};
+use node::logic::protocol::Ending;
+use rustix::process::Signal;
+use std::time::Duration;
+
+/// How long anything may last once nobody holds it.
+const ORPHAN_MAX: Duration = Duration::from_secs(10);
+const SERVOING: &str = "▸ visualserv # distdetect";
+
+/// Starts a mission and waits until it has been servoing for a while.
+fn servoing(mission: Program) -> Program {
+    mission.wait_for_times(Stream::Err, SERVOING, 2, SOON);
+    mission
+}
+
+/// Acceptance 5: Ctrl-C stops the mission cleanly.
+#[test]
+fn an_interrupt_ends_the_mission() {
+    for signal in [Signal::INT, Signal::TERM] {
+        let cluster = Cluster::new();
+        let mission = servoing(cluster.here().dca(&["run", &spec("door_opening")]));
+        mission.signal(signal);
+        let ended = mission.ended(SOON);
+        assert_eq!(ended.code, Some(1), "{ended}");
+        assert!(ended.out.starts_with("door_opening: stopped after"), "{ended}");
+        cluster.expect_nothing_left(Duration::from_secs(2));
+        let trace = Trace::read(&cluster.folder().join("runs/door_opening-1"));
+        assert_eq!(trace.finished().0, Ending::Stopped);
+        assert!(trace.has_page());
+    }
+}
+
+/// Acceptance 5: an interrupt before the mission has begun leaves nothing either.
+#[test]
+fn an_interrupt_at_once_ends_the_mission() {
+    let cluster = Cluster::new();
+    let mission = cluster.here().dca(&["run", &spec("door_opening")]);
+    mission.wait_for(Stream::Err, "starting 20 programs", SOON);
+    mission.signal(Signal::INT);
+    let ended = mission.ended(SOON);
+    assert_eq!(ended.code, Some(1), "{ended}");
+    cluster.expect_nothing_left(Duration::from_secs(2));
+}
+
+/// Acceptance 5: `kill -9` of `dca run` leaves no process after 10 s.
+#[test]
+fn a_killed_command_leaves_nothing() {
+    let cluster = Cluster::new();
+    let mission = servoing(cluster.here().dca(&["run", &spec("door_opening")]));
+    assert!(cluster.left().len() > 40, "20 programs and their shims: {:?}", cluster.left());
+    mission.signal(Signal::KILL);
+    assert_eq!(mission.ended(SOON).signal, Some(9));
+    let took = cluster.expect_nothing_left(ORPHAN_MAX);
+    println!("nothing left {took:.1?} after the kill");
+}
+
+/// The rule for orphans: `kill -9` of one node of three leaves nothing of its host within 10 s, and the mission ends.
+#[test]
+fn a_killed_node_leaves_nothing_on_its_host() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let [_c1, c2, _c3] = ["c1", "c2", "c3"].map(|name| here.node(name, &[]));
+    let mission = servoing(here.dca(&["deploy", &spec("door_opening")]));
+    let of_c2 = || {
+        let folder = here.run_dir().join("c2").display().to_string();
+        let shims_and_programs = cluster.left().into_iter();
+        shims_and_programs.filter(|one| format!("{one:?} {:?}", one.environment).contains(&folder)).count()
+    };
+    assert_eq!(of_c2(), 8, "four programs and their shims: {:?}", cluster.left());
+    c2.signal(Signal::KILL);
+    assert_eq!(c2.ended(SOON).signal, Some(9));
+    let took = wait_until(ORPHAN_MAX, || of_c2() == 0).unwrap_or_else(|| panic!("left: {:?}", cluster.left()));
+    println!("nothing left on c2 {took:.1?} after the kill");
+
+    let ended = mission.ended(SOON);
+    assert_eq!(ended.code, Some(1), "{ended}");
+    assert!(ended.out.contains("host `c2` could not be reached any more"), "{ended}");
+    assert!(ended.out.contains("not confirmed that nothing is left on: c2"), "{ended}");
+    let programs = || cluster.left().into_iter().filter(|one| one.command[0].ends_with("dca-shim")).count();
+    wait_until(ORPHAN_MAX, || programs() == 0).unwrap_or_else(|| panic!("left: {:?}", cluster.left()));
+}
+
+/// A node that is told to leave ends what it has a part in, and goes.
+#[test]
+fn a_node_that_leaves_takes_its_programs_along() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let nodes = ["c1", "c2", "c3"].map(|name| here.node(name, &[]));
+    let mission = servoing(here.dca(&["deploy", &spec("door_opening")]));
+    for node in &nodes {
+        node.signal(Signal::TERM);
+    }
+    for node in nodes {
+        let ended = node.ended(SOON);
+        assert_eq!(ended.code, Some(0), "{ended}");
+    }
+    let ended = mission.ended(SOON);
+    assert!(ended.code == Some(1) || ended.code == Some(3), "{ended}");
+    cluster.expect_nothing_left(Duration::from_secs(2));
+}
