@@ -3,12 +3,26 @@
 //! | module | holds | shows |
 //! |---|---|---|
 //! | [`key`], [`cut`], [`txn`] | the words: keys, dots and cuts, transactions | |
-//! | [`clock`] | the hybrid clock of one replica | order of stamps extends causality; no date is refused |
-//! | [`state`] | the versions of each key | T1 convergence, T2 one serial order, T3 whole transactions, after their causes |
+//! | [`clock`] | the hybrid clock of one replica | stamps extend causality; no date is refused |
+//! | [`state`] | the versions of each key | T1 convergence, T2 one serial order, T3 whole transactions |
+//! | [`log`] | each origin's transactions, gap-free and chained | T6 a dot names one transaction, T7 liveness |
+//! | [`member`] | who belongs to the team | admission and the retire barrier |
+//! | [`collect`] | what everybody has | T5 nothing comes back |
+//! | [`record`] | what is on the disk | T4 durability: a batch goes before what promises it |
+//! | [`message`], [`snapshot`] | what replicas say to each other | |
+//! | [`replica`] | the machine that drives all of it | |
 
 pub mod clock;
+pub mod collect;
 pub mod cut;
 pub mod key;
+pub mod log;
+pub mod member;
+pub mod message;
 pub mod mutant;
+pub mod random;
+pub mod record;
+pub mod replica;
+pub mod snapshot;
 pub mod state;
 pub mod txn;

@@ -116,6 +116,11 @@ impl Clock {
         }
     }
 
+    /// Goes on under another origin.
+    pub fn move_to(&mut self, origin: Origin) {
+        self.origin = origin;
+    }
+
     /// Begins a new epoch: stamps from now on are above all others, and near the wall clock again.
     ///
     /// Returns whether there was an epoch left.

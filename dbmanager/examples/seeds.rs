@@ -1,0 +1,47 @@
+//! Runs many seeds of the simulation: `cargo run --release -p dbmanager --example seeds -- <first> <count>`.
+//!
+//! With `--features mutants` and `mutants` as a third argument it runs them with each planted bug until one of them finds
+//! it, and prints which.
+
+#[expect(dead_code, reason = "the named cases use more of it than random worlds do")]
+#[path = "../tests/simulation/world.rs"]
+mod world;
+
+use dbmanager::logic::mutant::Mutant;
+use std::process::ExitCode;
+
+#[expect(clippy::print_stdout, reason = "a program for people")]
+fn main() -> ExitCode {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let number =
+        |index: usize, otherwise: u64| arguments.get(index).and_then(|text| text.parse().ok()).unwrap_or(otherwise);
+    let (first, count) = (number(0, 1), number(1, 1000));
+    let seeds = first..first.saturating_add(count);
+    if arguments.get(2).is_some_and(|word| word == "mutants") {
+        let mut survivors = 0;
+        for mutant in Mutant::ALL {
+            let killed = seeds.clone().find_map(|seed| Some((seed, world::run(seed, mutant).err()?)));
+            survivors += u32::from(killed.is_none());
+            match killed {
+                Some((seed, broken)) => {
+                    println!("{mutant:?}: seed {seed}: {}", broken.lines().next().unwrap_or_default())
+                }
+                None => println!("{mutant:?}: SURVIVES {count} seeds"),
+            }
+        }
+        println!("{survivors} survive");
+        return ExitCode::from(u8::from(survivors > 0));
+    }
+    let (mut failed, mut transactions) = (0, 0);
+    for seed in seeds {
+        match world::run(seed, Mutant::None) {
+            Ok(count) => transactions += count,
+            Err(broken) => {
+                failed += 1;
+                println!("seed {seed}: {broken}");
+            }
+        }
+    }
+    println!("{count} seeds, {transactions} transactions, {failed} failed");
+    ExitCode::from(u8::from(failed > 0))
+}

@@ -1,0 +1,85 @@
+//! Who belongs to the team, as the replicated state itself says.
+//!
+//! *State.* `sys/members/<origin>`: the origin is a member; `sys/retired/<origin>`: it is not any more. Both only appear:
+//! nothing deletes them, so whoever has more transactions knows more, and a retirement beats a membership in any order.
+//!
+//! *Joining.* An origin is admitted by a member (its sponsor), before it has shown a transaction to anybody, and begins with
+//! the sponsor's state. So whoever counts what the sponsor had after the admission knows of the newcomer, and whoever counts
+//! what the sponsor had before it counts nothing that the newcomer has not begun with.
+//!
+//! *Retiring.* A replica that has applied a retirement takes and gives nothing from and to the retired origin any more, but
+//! takes its transactions from others. The origin still counts for garbage until each remaining member has the retirement
+//! (the *barrier*): from then on nobody takes anything new from it, and all that anybody took is here.
+
+use crate::logic::clock::Stamp;
+use crate::logic::cut::{Cut, Dot, Origin};
+use crate::logic::key::Key;
+use crate::logic::state::{State, Version};
+use crate::logic::txn::{Encoding, Value, Write};
+use std::collections::BTreeMap;
+
+const MEMBERS: &str = "sys/members/";
+const RETIRED: &str = "sys/retired/";
+
+/// The team, at one cut.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Members {
+    active: BTreeMap<Origin, String>,
+    retired: BTreeMap<Origin, Vec<(Dot, Stamp)>>,
+}
+
+/// Returns the write that makes `origin` a member.
+pub fn admission(origin: Origin, robot: &str) -> Option<Write> {
+    let value = Value { encoding: Encoding::Text, bytes: robot.as_bytes().into() };
+    Some(Write { key: Key::new(format!("{MEMBERS}{origin}")).ok()?, value: Some(value) })
+}
+
+/// Returns the write that retires `origin`.
+pub fn retirement(origin: Origin) -> Option<Write> {
+    let value = Value { encoding: Encoding::Text, bytes: [].into() };
+    Some(Write { key: Key::new(format!("{RETIRED}{origin}")).ok()?, value: Some(value) })
+}
+
+impl Members {
+    /// Reads them from a state.
+    pub fn of(state: &State) -> Self {
+        let origin = |key: &Key, prefix: &str| Origin::parse(key.as_str().strip_prefix(prefix)?);
+        let by = |versions: &[Version]| versions.iter().map(|version| (version.dot, version.stamp)).collect();
+        let retired: BTreeMap<Origin, Vec<(Dot, Stamp)>> =
+            state.scan(RETIRED).filter_map(|(key, versions)| Some((origin(key, RETIRED)?, by(versions)))).collect();
+        let name = |versions: &[Version]| {
+            let value = versions.last()?.value.as_ref()?;
+            Some(String::from_utf8_lossy(&value.bytes).into_owned())
+        };
+        let active = state.scan(MEMBERS).filter_map(|(key, versions)| Some((origin(key, MEMBERS)?, name(versions)?)));
+        Self { active: active.filter(|(origin, _)| !retired.contains_key(origin)).collect(), retired }
+    }
+
+    /// Returns whether `origin` is a member.
+    pub fn is_active(&self, origin: Origin) -> bool {
+        self.active.contains_key(&origin)
+    }
+
+    /// Returns the robot of a member.
+    pub fn robot(&self, origin: Origin) -> Option<&str> {
+        self.active.get(&origin).map(String::as_str)
+    }
+
+    /// Returns the members.
+    pub fn active(&self) -> impl Iterator<Item = (Origin, &str)> {
+        self.active.iter().map(|(origin, robot)| (*origin, robot.as_str()))
+    }
+
+    /// Returns the stamp of the first known retirement of `origin`.
+    pub fn retired(&self, origin: Origin) -> Option<Stamp> {
+        self.retired.get(&origin)?.iter().map(|(_, stamp)| *stamp).min()
+    }
+
+    /// Returns the retired origins for which not every member is known to have a retirement, given what members have.
+    pub fn before_barrier<'a>(&'a self, has: impl Fn(Origin) -> Option<&'a Cut>) -> impl Iterator<Item = Origin> {
+        let everywhere =
+            move |dot: Dot| self.active.keys().all(|origin| has(*origin).is_some_and(|cut| cut.contains(dot)));
+        let open = move |by: &Vec<(Dot, Stamp)>| !by.iter().any(|(dot, _)| everywhere(*dot));
+        self.retired.iter().filter(move |(_, by)| open(by)).map(|(origin, _)| *origin)
+    }
+}

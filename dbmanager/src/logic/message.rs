@@ -1,0 +1,107 @@
+//! What replicas say to each other: six messages, as data.
+//!
+//! Pushing is only a shortcut: pulls alone converge. The cut in a [`Pull`] is the token to resume from, and the only digest
+//! that is needed; a connection that is cut costs one chunk. Each message may be lost, repeated, late or out of order.
+
+use crate::logic::clock::{Stamp, Wall};
+use crate::logic::cut::{Cut, Origin};
+use crate::logic::snapshot::{Manifest, Name};
+use crate::logic::txn::{Frame, Link};
+use serde::{Deserialize, Serialize};
+
+/// The most bytes of frames in one push.
+pub const PUSH_SIZE_MAX: usize = 32 << 10;
+/// The most bytes of frames in one chunk, unless a single one is longer.
+pub const CHUNK_SIZE_MAX: usize = 64 << 10;
+
+/// A message. Append only.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Message {
+    /// To all: new transactions.
+    Push(Vec<Frame>),
+    /// To all, from time to time: who is here, and in which state.
+    Hello(Hello),
+    /// To one: what I lack, please.
+    Pull(Pull),
+    /// The answer.
+    Chunk(Chunk),
+    /// To one: one chunk of a snapshot, please.
+    Snap(Name),
+    /// The answer; without bytes if there is no such chunk any more.
+    SnapChunk {
+        /// Which chunk.
+        name: Name,
+        /// What it is.
+        bytes: Option<Vec<u8>>,
+    },
+    /// To one who waits for it: what I have, durably.
+    Ack(Cut),
+}
+
+/// Who is here.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Hello {
+    /// Name of the robot.
+    pub robot: String,
+    /// A random number for each boot: two boots of one origin at a time are a clone.
+    pub boot: u64,
+    /// The newest format it reads.
+    pub format: u8,
+    /// Whether it may be asked for transactions.
+    pub member: bool,
+    /// [`Cut::digest`] of what it has.
+    pub cut: u64,
+    /// Digest of the state that this gives.
+    pub state: u128,
+    /// Number and link of its own last transaction.
+    pub head: (u64, Link),
+    /// Its wall clock.
+    pub wall: Wall,
+}
+
+/// A question for transactions.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Pull {
+    /// What I have, durably.
+    pub cut: Cut,
+    /// About how many bytes to answer with.
+    pub size_max: u32,
+    /// Set by who is no member: please make me one.
+    pub join: Option<Join>,
+}
+
+/// A wish to become a member.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Join {
+    /// The origin to admit; it has written nothing.
+    pub origin: Origin,
+    /// Name of the robot.
+    pub robot: String,
+    /// Origins that it has given up.
+    pub replaces: Vec<Origin>,
+}
+
+/// An answer.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Chunk {
+    /// Transactions, in an order in which they can be applied.
+    Frames {
+        /// What I have.
+        cut: Cut,
+        /// Some of what you lack.
+        frames: Vec<Frame>,
+        /// Whether there is more.
+        more: bool,
+    },
+    /// The transactions are gone: take the state.
+    Snapshot(Manifest),
+    /// You were retired, by a transaction with this stamp.
+    Retired(Stamp),
+    /// I know your last transaction as this one, and yours is older or another.
+    Fork {
+        /// Its number.
+        seq: u64,
+        /// Its link.
+        link: Link,
+    },
+}

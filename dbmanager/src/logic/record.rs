@@ -1,0 +1,204 @@
+//! What a replica keeps on its disk: records, written in batches that are there as a whole or not at all.
+//!
+//! | record | holds |
+//! |---|---|
+//! | `i` | identity: origin, robot, what was given up |
+//! | `s` | digests of the cut and of the state, to notice a damaged disk |
+//! | `h` origin | the head of an origin |
+//! | `l` origin number | a frame, and its place in the order of application |
+//! | `k` key | the versions of a key |
+
+use crate::logic::cut::{Dot, Origin};
+use crate::logic::key::Key;
+use crate::logic::log::{Head, Log, Logged};
+use crate::logic::mutant::Mutant;
+use crate::logic::state::{State, Version};
+use crate::logic::txn::Frame;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use thiserror::Error;
+
+/// Everything in a store, by name.
+pub type Records = BTreeMap<Vec<u8>, Vec<u8>>;
+
+/// Changes to a store that belong together; `None` removes a record.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Batch(pub BTreeMap<Vec<u8>, Option<Vec<u8>>>);
+
+/// Who the store is.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub(crate) struct Identity {
+    /// Whose number its transactions have now.
+    pub(crate) origin: Origin,
+    /// Name of the robot.
+    pub(crate) robot: String,
+    /// What it wants to be admitted as, if it is no member.
+    pub(crate) joining: Option<Origin>,
+    /// Origins it has given up, and up to where others surely have their transactions.
+    pub(crate) past: Vec<(Origin, u64)>,
+    /// Up to where others surely have its own transactions.
+    pub(crate) told: u64,
+}
+
+/// Why a store is not opened. The remedy is to put it aside and to join again from the others.
+#[derive(Clone, Debug, Error, PartialEq, Eq)]
+pub enum OpenError {
+    /// A record cannot be read.
+    #[error("a record of kind `{kind}` is malformed")]
+    Record {
+        /// Its kind.
+        kind: char,
+    },
+    /// The records do not belong together.
+    #[error("the store is damaged: {what}")]
+    Damaged {
+        /// What does not fit.
+        what: &'static str,
+    },
+    /// It is another robot's.
+    #[error("the store belongs to the robot `{found}`, not to `{expected}`")]
+    Robot {
+        /// In the store.
+        found: String,
+        /// In the configuration.
+        expected: String,
+    },
+}
+
+/// What a store says.
+#[derive(Debug, Default)]
+pub(crate) struct Stored {
+    pub(crate) identity: Option<Identity>,
+    pub(crate) log: Log,
+    pub(crate) state: State,
+}
+
+impl Batch {
+    /// Returns whether nothing is to be written.
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    pub(crate) fn identity(&mut self, identity: &Identity) {
+        self.put(vec![b'i'], identity);
+    }
+
+    pub(crate) fn digests(&mut self, log: &Log, state: &State) {
+        self.put(vec![b's'], &(log.cut().digest(), state.digest()));
+    }
+
+    pub(crate) fn head(&mut self, origin: Origin, head: &Head) {
+        self.put(name(b'h', &origin.number().to_be_bytes()), head);
+    }
+
+    pub(crate) fn no_head(&mut self, origin: Origin) {
+        self.0.insert(name(b'h', &origin.number().to_be_bytes()), None);
+    }
+
+    pub(crate) fn frame(&mut self, dot: Dot, index: u64, frame: &Frame) {
+        self.put(frame_name(dot), &(index, frame));
+    }
+
+    pub(crate) fn no_frame(&mut self, dot: Dot) {
+        self.0.insert(frame_name(dot), None);
+    }
+
+    pub(crate) fn versions(&mut self, key: &Key, versions: &[Version]) {
+        let name = name(b'k', key.as_str().as_bytes());
+        if versions.is_empty() {
+            self.0.insert(name, None);
+        } else {
+            self.put(name, versions);
+        }
+    }
+
+    fn put(&mut self, name: Vec<u8>, record: &(impl Serialize + ?Sized)) {
+        // Encoding to memory fails for lengths that are not known beforehand only, and records have none.
+        let bytes = postcard::to_stdvec(record).unwrap_or_default();
+        self.0.insert(name, Some(bytes));
+    }
+}
+
+fn name(kind: u8, rest: &[u8]) -> Vec<u8> {
+    [&[kind], rest].concat()
+}
+
+fn frame_name(dot: Dot) -> Vec<u8> {
+    name(b'l', &[dot.origin.number().to_be_bytes(), dot.seq.to_be_bytes()].concat())
+}
+
+fn read<'a, T: Deserialize<'a>>(kind: u8, bytes: &'a [u8]) -> Result<T, OpenError> {
+    match postcard::take_from_bytes(bytes) {
+        Ok((record, [])) => Ok(record),
+        _ => Err(OpenError::Record { kind: char::from(kind) }),
+    }
+}
+
+fn number(kind: u8, bytes: &[u8]) -> Result<u64, OpenError> {
+    bytes.try_into().map(u64::from_be_bytes).map_err(|_cause| OpenError::Record { kind: char::from(kind) })
+}
+
+/// Reads a store.
+///
+/// # Errors
+/// If anything in it does not fit: a record, a chain of frames, or the digests.
+pub(crate) fn load(records: &Records, mutant: Mutant) -> Result<Stored, OpenError> {
+    let (mut identity, mut digests) = (None, None);
+    let mut heads = BTreeMap::new();
+    let mut frames: Vec<(Dot, u64, Frame)> = Vec::new();
+    let mut state = State::new(mutant);
+    for (name, bytes) in records {
+        match name.split_first() {
+            Some((b'i', [])) => identity = Some(read(b'i', bytes)?),
+            Some((b's', [])) => digests = Some(read::<(u64, u128)>(b's', bytes)?),
+            Some((b'h', origin)) => {
+                heads.insert(Origin::new(number(b'h', origin)?), read::<Head>(b'h', bytes)?);
+            }
+            Some((b'l', rest)) => {
+                let (origin, seq) = rest.split_at_checked(8).ok_or(OpenError::Record { kind: 'l' })?;
+                let dot = Dot { origin: Origin::new(number(b'l', origin)?), seq: number(b'l', seq)? };
+                let (index, frame) = read(b'l', bytes)?;
+                frames.push((dot, index, frame));
+            }
+            Some((b'k', key)) => {
+                let key = String::from_utf8(key.to_vec()).ok().and_then(|key| Key::new(key).ok());
+                state.restore(key.ok_or(OpenError::Record { kind: 'k' })?, read(b'k', bytes)?);
+            }
+            _ => return Err(OpenError::Damaged { what: "a record of an unknown kind" }),
+        }
+    }
+    check_chains(&heads, &frames)?;
+    let mut log = Log::new(heads, mutant);
+    for (dot, index, frame) in frames {
+        log.restore(dot, Logged { index, frame });
+    }
+    if digests.unwrap_or((log.cut().digest(), 0)) != (log.cut().digest(), state.digest()) {
+        return Err(OpenError::Damaged { what: "the digests are of another state" });
+    }
+    Ok(Stored { identity, log, state })
+}
+
+/// Checks that the frames of each origin follow each other up to its head. They are in order of their names.
+fn check_chains(heads: &BTreeMap<Origin, Head>, frames: &[(Dot, u64, Frame)]) -> Result<(), OpenError> {
+    let damaged = |what| Err(OpenError::Damaged { what });
+    for (index, (dot, _, frame)) in frames.iter().enumerate() {
+        let Some(head) = heads.get(&dot.origin) else { return damaged("frames without a head") };
+        let Ok(txn) = frame.open() else { return damaged("a frame is malformed") };
+        if txn.dot() != *dot {
+            return damaged("a frame is at the place of another");
+        }
+        match frames.get(index + 1).filter(|(next, ..)| next.origin == dot.origin) {
+            Some((next, _, following)) => {
+                let prev = following.open().map(|txn| txn.prev);
+                if next.seq != dot.seq + 1 || prev != Ok(frame.link()) {
+                    return damaged("frames that do not follow each other");
+                }
+            }
+            None if (dot.seq, frame.link()) != (head.seq, head.link) => {
+                return damaged("the last frame is not the head");
+            }
+            None => {}
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,368 @@
+//! One replica: what it is told, what it does about it.
+//!
+//! [`Replica::handle`] takes an [`Input`] and says what is to be done, in order: the driver carries out [`Effect::Persist`],
+//! durably, before anything that comes after it (T4: what is acknowledged or sent is on the disk, and what another has
+//! from here cannot be forgotten here). If it fails, the driver drops the effects behind it and the replica, and opens the
+//! store again: a sync that is tried once more may succeed without having written anything.
+//!
+//! A replica is a *member*, or it wants to become one. Until then it may be written to, but shows its transactions to
+//! nobody; once admitted it begins with its sponsor's state and brings them in under the origin that was admitted, with
+//! what they had seen. The same way back is taken by who was retired while away, by who finds that others know more of
+//! its own transactions than itself (a lost tail, a restored backup), and by both of two clones.
+//!
+//! `sync` talks to peers, `commit` writes, `join` begins anew.
+
+mod commit;
+mod join;
+mod sync;
+
+use crate::logic::clock::{Clock, Wall};
+use crate::logic::collect::{Acks, Stable};
+use crate::logic::cut::{Cut, Dot, Origin};
+use crate::logic::key::Key;
+use crate::logic::log::{Log, Verdict};
+use crate::logic::member::Members;
+use crate::logic::message::Message;
+use crate::logic::mutant::Mutant;
+use crate::logic::random::Random;
+use crate::logic::record::{self, Batch, Identity, OpenError, Records};
+use crate::logic::state::{Seen, State};
+use crate::logic::txn::{Draft, Frame, FrameError, Txn, TxnError};
+use comms::logic::time::Time;
+use std::collections::BTreeSet;
+use std::time::Duration;
+
+/// What a replica is started with.
+#[derive(Clone, Debug)]
+pub struct Config {
+    /// Name of the robot.
+    pub robot: String,
+    /// From real randomness: origins are made of it.
+    pub seed: u64,
+    /// How many bytes of transactions are kept although everybody has them.
+    pub log_size: usize,
+    /// A planted bug.
+    pub mutant: Mutant,
+}
+
+/// How far a transaction has to have got.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Level {
+    /// It is on the disk here.
+    Local,
+    /// It is on the disks of so many other robots.
+    Replicated(usize),
+    /// It is on the disks of these robots.
+    On(BTreeSet<String>),
+    /// It is on the disks of all members.
+    Everywhere,
+}
+
+/// A wish to commit.
+#[derive(Clone, Debug)]
+pub struct Request {
+    /// Named in the answers.
+    pub ticket: u64,
+    /// What.
+    pub draft: Draft,
+    /// What the caller waits for.
+    pub level: Level,
+    /// Until when.
+    pub until: Time,
+}
+
+/// What a replica is told.
+#[derive(Clone, Debug)]
+pub enum Input {
+    /// It begins; or it is time, as [`Replica::deadline`] asked for.
+    Tick(Wall),
+    /// Callers want to commit. Those that wait at the same time go to the disk together.
+    Commit(Vec<Request>, Wall),
+    /// A message has arrived.
+    Received(Origin, Message, Wall),
+    /// An operator: this is the first member of a team.
+    Found(Wall),
+    /// An operator: this origin will never write again.
+    Retire(Origin, Wall),
+    /// An operator: dates have gone wrong, begin a new epoch.
+    HealClock(Wall),
+}
+
+/// What the caller of a commit learns.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Answer {
+    /// Nothing was written.
+    Refused(TxnError),
+    /// It is durable here, and will be everywhere.
+    Committed(Dot),
+    /// It has got as far as was asked for.
+    Reached(Dot),
+    /// It has not in time, but still may. It stays committed.
+    Pending(Dot),
+}
+
+/// What an operator has to know.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Alarm {
+    /// A transaction is dated far ahead of our trusted clock.
+    ClockSuspect {
+        /// Whose.
+        origin: Origin,
+        /// By how much.
+        ahead_by: Duration,
+    },
+    /// An origin has used a number twice.
+    Fork(Origin),
+    /// A peer has the same transactions and another state.
+    Diverged(Origin),
+    /// A peer writes a format that this program cannot read.
+    NeedsUpgrade(u8),
+    /// A peer sent what no peer sends.
+    Malformed(Origin),
+    /// We have to begin under a new origin.
+    Rejoining {
+        /// The one given up.
+        from: Origin,
+    },
+}
+
+/// What is to be done, in order.
+#[derive(Clone, Debug)]
+pub enum Effect {
+    /// Write this, and return only when it is on the disk.
+    Persist(Batch),
+    /// Send this to everybody.
+    Broadcast(Message),
+    /// Send this to one.
+    Send(Origin, Message),
+    /// Tell the caller of a ticket.
+    Answer(u64, Answer),
+    /// Tell watchers: this transaction is visible now.
+    Visible(Dot, Frame),
+    /// A transaction has a new name, since its origin had to be given up.
+    Renamed(Dot, Dot),
+    /// Watchers begin anew: the state was replaced by a snapshot.
+    Replaced,
+    /// Tell an operator.
+    Alarm(Alarm),
+}
+
+/// The machine.
+#[derive(Debug)]
+pub struct Replica {
+    config: Config,
+    identity: Identity,
+    boot: u64,
+    log: Log,
+    state: State,
+    clock: Clock,
+    wall: Wall,
+    members: Members,
+    acks: Acks,
+    collected: Cut,
+    random: Random,
+    sync: sync::Sync,
+    waiting: commit::Waiting,
+    download: Option<join::Download>,
+    offer: join::Offer,
+    batch: Batch,
+}
+
+impl Replica {
+    /// Opens a replica on what its store says.
+    ///
+    /// # Errors
+    /// If the store is damaged, or another robot's.
+    pub fn open(config: Config, records: &Records) -> Result<Self, OpenError> {
+        let mut random = Random::new(config.seed);
+        let boot = random.next();
+        let stored = record::load(records, config.mutant)?;
+        let mut batch = Batch::default();
+        let identity = match stored.identity {
+            Some(identity) if identity.robot == config.robot => identity,
+            Some(identity) => return Err(OpenError::Robot { found: identity.robot, expected: config.robot }),
+            None if records.is_empty() => {
+                let (origin, joining) = (Origin::new(random.next()), Origin::new(random.next()));
+                let robot = config.robot.clone();
+                let identity = Identity { origin, robot, joining: Some(joining), past: Vec::new(), told: 0 };
+                batch.identity(&identity);
+                identity
+            }
+            None => return Err(OpenError::Damaged { what: "there is no identity" }),
+        };
+        Ok(Self {
+            clock: Clock::new(identity.origin, stored.log.last_stamp()),
+            members: Members::of(&stored.state),
+            sync: sync::Sync::default(),
+            waiting: commit::Waiting::default(),
+            log: stored.log,
+            state: stored.state,
+            wall: Wall::default(),
+            acks: Acks::default(),
+            collected: Cut::default(),
+            download: None,
+            offer: join::Offer::default(),
+            config,
+            identity,
+            boot,
+            random,
+            batch,
+        })
+    }
+
+    /// Takes one input.
+    pub fn handle(&mut self, now: Time, input: Input, effects: &mut Vec<Effect>) {
+        let mut after = Vec::new();
+        match input {
+            Input::Tick(wall) => {
+                self.wall = wall;
+                self.tick(now, &mut after);
+            }
+            Input::Commit(requests, wall) => {
+                self.wall = wall;
+                self.commit_all(now, requests, &mut after);
+            }
+            Input::Received(from, message, wall) => {
+                self.wall = wall;
+                self.receive(now, (from, message), &mut after);
+            }
+            Input::Found(wall) => {
+                self.wall = wall;
+                self.found(now, &mut after);
+            }
+            Input::Retire(origin, wall) => {
+                self.wall = wall;
+                self.retire(now, origin, &mut after);
+            }
+            Input::HealClock(wall) => {
+                self.wall = wall;
+                if !self.clock.heal() {
+                    after.push(Effect::Alarm(Alarm::Malformed(self.identity.origin)));
+                }
+            }
+        }
+        self.persist(after, effects);
+    }
+
+    /// Returns when it wants to be told the time.
+    pub fn deadline(&self) -> Option<Time> {
+        [Some(self.sync.deadline(self.pulls_max())), self.waiting.deadline(), self.download_deadline()]
+            .into_iter()
+            .flatten()
+            .min()
+    }
+
+    /// Returns what can be read.
+    pub fn state(&self) -> &State {
+        &self.state
+    }
+
+    /// Returns the transactions that are still here.
+    pub fn log(&self) -> &Log {
+        &self.log
+    }
+
+    /// Returns the team.
+    pub fn members(&self) -> &Members {
+        &self.members
+    }
+
+    /// Returns under which origin it writes.
+    pub fn origin(&self) -> Origin {
+        self.identity.origin
+    }
+
+    /// Returns the name under which others know it: its origin, or the one it wants to be admitted as.
+    pub fn address(&self) -> Origin {
+        self.identity.joining.unwrap_or(self.identity.origin)
+    }
+
+    /// Returns whether it belongs to the team, as far as it knows.
+    pub fn is_member(&self) -> bool {
+        self.identity.joining.is_none() && self.members.is_active(self.identity.origin)
+    }
+
+    /// Returns what everybody has, as far as it knows, and who has less.
+    pub fn stable(&self) -> Stable {
+        self.acks.stable(self.identity.origin, self.log.cut(), &self.members, self.config.mutant)
+    }
+
+    /// Puts what is to be written before what was decided because of it.
+    fn persist(&mut self, after: Vec<Effect>, effects: &mut Vec<Effect>) {
+        if self.batch.is_empty() {
+            effects.extend(after);
+            return;
+        }
+        self.batch.digests(&self.log, &self.state);
+        let persist = Effect::Persist(std::mem::take(&mut self.batch));
+        if self.config.mutant.is(Mutant::AckBeforeDisk) {
+            effects.extend(after);
+            effects.push(persist);
+        } else {
+            effects.push(persist);
+            effects.extend(after);
+        }
+    }
+
+    /// Applies a transaction that may be next; the one place where log and state change.
+    fn apply(&mut self, now: Time, frame: Frame, effects: &mut Vec<Effect>) -> Result<Verdict, FrameError> {
+        let txn = frame.open()?;
+        let verdict = self.log.judge(&txn, &frame);
+        if verdict != Verdict::Next {
+            return Ok(verdict);
+        }
+        if txn.stamp.origin != self.identity.origin {
+            if let Some(ahead_by) = Clock::suspects(txn.stamp, self.wall) {
+                effects.push(Effect::Alarm(Alarm::ClockSuspect { origin: txn.stamp.origin, ahead_by }));
+            }
+            if !self.config.mutant.is(Mutant::StampsUnseen) {
+                self.clock.observe(now, txn.stamp, txn.wall);
+            }
+        }
+        self.enter(&txn, &frame);
+        effects.push(Effect::Visible(txn.dot(), frame));
+        Ok(verdict)
+    }
+
+    /// Enters a transaction into state, log and batch.
+    fn enter(&mut self, txn: &Txn, frame: &Frame) {
+        let (dot, context) = (txn.dot(), self.log.context(txn));
+        let floor = txn.rebase.as_ref().map(|rebase| &rebase.floor);
+        let floor = floor.filter(|_| !self.config.mutant.is(Mutant::FloorForgotten));
+        self.state.apply(dot, txn.stamp, Seen { context: &context, floor }, &txn.writes);
+        let index = self.log.append(txn, frame.clone());
+        self.batch.frame(dot, index, frame);
+        if let Some(head) = self.log.head(dot.origin) {
+            self.batch.head(dot.origin, head);
+        }
+        for write in &txn.writes {
+            self.batch.versions(&write.key, self.state.versions(&write.key));
+        }
+        if txn.writes.iter().any(|write| is_system(&write.key)) {
+            self.members = Members::of(&self.state);
+        }
+    }
+
+    /// Drops what nobody needs any more.
+    fn collect(&mut self) {
+        self.acks.settle(self.log.cut(), self.config.mutant);
+        if !self.is_member() {
+            return;
+        }
+        let stable = self.stable().cut;
+        if stable != self.collected {
+            for key in self.state.drop_deleted(&stable) {
+                self.batch.versions(&key, &[]);
+            }
+            self.collected = stable;
+        }
+        let own = self.config.mutant.is(Mutant::LogCutAtOwn).then(|| self.log.cut().clone());
+        for dot in self.log.truncate(own.as_ref().unwrap_or(&self.collected), self.config.log_size) {
+            self.batch.no_frame(dot);
+        }
+    }
+}
+
+fn is_system(key: &Key) -> bool {
+    key.as_str().starts_with("sys/")
+}

@@ -1,0 +1,211 @@
+//! Writing: conditions, a place in history, and how far it has got.
+
+use super::{Alarm, Answer, Effect, Level, Replica, Request};
+use crate::logic::clock::Stamp;
+use crate::logic::cut::{Cut, Dot, Origin};
+use crate::logic::key::{Key, Namespace};
+use crate::logic::log::Head;
+use crate::logic::member;
+use crate::logic::message::{Message, PUSH_SIZE_MAX};
+use crate::logic::mutant::Mutant;
+use crate::logic::txn::{Draft, Frame, Require, Txn, TxnError, Write};
+use comms::logic::time::Time;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// The most tickets that wait; whoever comes later hears at once that it is pending.
+const WAITING_MAX: usize = 1024;
+
+/// Who waits for a transaction to get further.
+#[derive(Debug, Default)]
+pub(super) struct Waiting(BTreeMap<u64, (Dot, Level, Time)>);
+
+impl Waiting {
+    pub(super) fn deadline(&self) -> Option<Time> {
+        self.0.values().map(|(_, _, until)| *until).min()
+    }
+}
+
+/// What a transaction does, without its place in history.
+#[derive(Debug, Default)]
+pub(super) struct Change {
+    pub(super) reason: String,
+    pub(super) requires: Vec<Require>,
+    pub(super) writes: Vec<Write>,
+    pub(super) wants_ack: bool,
+}
+
+impl Replica {
+    /// Returns whether a transaction has got this far, as far as is known here. A ticket that is pending can be asked
+    /// for in this way after a restart too.
+    pub fn has_reached(&self, dot: Dot, level: &Level) -> bool {
+        let me = self.identity.origin;
+        let here = self.log.cut().contains(dot);
+        let has = |origin: Origin| origin == me || self.acks.said(origin).is_some_and(|cut| cut.contains(dot));
+        let others = || self.members.active().filter(|(origin, _)| *origin != me);
+        let robots = || others().filter(|(origin, _)| has(*origin)).map(|(_, robot)| robot).collect::<BTreeSet<_>>();
+        here && match level {
+            Level::Local => true,
+            Level::Replicated(count) => {
+                robots().iter().filter(|robot| **robot != self.identity.robot).count() >= *count
+            }
+            Level::On(names) => {
+                let reached = robots();
+                names.iter().all(|name| *name == self.identity.robot || reached.contains(name.as_str()))
+            }
+            Level::Everywhere => self.is_member() && others().all(|(origin, _)| has(origin)),
+        }
+    }
+
+    /// Commits what callers want.
+    pub(super) fn commit_all(&mut self, now: Time, requests: Vec<Request>, effects: &mut Vec<Effect>) {
+        let mut frames = Vec::new();
+        for Request { ticket, draft, level, until } in requests {
+            let wants_ack = level != Level::Local;
+            let frame = self.check(&draft).and_then(|()| {
+                let (reason, requires, writes) = draft.into_parts();
+                self.commit(now, Change { reason, requires, writes, wants_ack })
+            });
+            let (dot, frame) = match frame {
+                Ok(committed) => committed,
+                Err(error) => {
+                    effects.push(Effect::Answer(ticket, Answer::Refused(error)));
+                    continue;
+                }
+            };
+            effects.push(Effect::Visible(dot, frame.clone()));
+            effects.push(Effect::Answer(ticket, Answer::Committed(dot)));
+            frames.push(frame);
+            if !wants_ack {
+                continue;
+            }
+            if self.has_reached(dot, &level) {
+                effects.push(Effect::Answer(ticket, Answer::Reached(dot)));
+            } else if self.waiting.0.len() >= WAITING_MAX || until <= now {
+                effects.push(Effect::Answer(ticket, Answer::Pending(dot)));
+            } else {
+                self.waiting.0.insert(ticket, (dot, level, until));
+            }
+        }
+        self.push(now, frames, effects);
+    }
+
+    /// Makes this the first member of a team.
+    pub(super) fn found(&mut self, now: Time, effects: &mut Vec<Effect>) {
+        if self.identity.joining.is_none() || self.members.active().next().is_some() {
+            return;
+        }
+        let change = Change {
+            reason: "found the team".into(),
+            writes: member::admission(self.identity.origin, &self.identity.robot).into_iter().collect(),
+            ..Change::default()
+        };
+        self.system(now, change, effects);
+        self.identity.joining = None;
+        self.identity.past.clear();
+        self.batch.identity(&self.identity);
+    }
+
+    /// Retires an origin.
+    pub(super) fn retire(&mut self, now: Time, origin: Origin, effects: &mut Vec<Effect>) {
+        if !self.is_member() || origin == self.identity.origin || !self.members.is_active(origin) {
+            return;
+        }
+        let writes = member::retirement(origin).into_iter().collect();
+        self.system(now, Change { reason: "retire".into(), writes, ..Change::default() }, effects);
+    }
+
+    /// Commits what the database itself writes.
+    pub(super) fn system(&mut self, now: Time, change: Change, effects: &mut Vec<Effect>) {
+        match self.commit(now, change) {
+            Ok((dot, frame)) => {
+                effects.push(Effect::Visible(dot, frame.clone()));
+                self.push(now, vec![frame], effects);
+            }
+            Err(_exhausted) => effects.push(Effect::Alarm(Alarm::Malformed(self.identity.origin))),
+        }
+    }
+
+    /// Tells callers what others have by now, and whose time is over.
+    pub(super) fn settle_tickets(&mut self, now: Time, effects: &mut Vec<Effect>) {
+        let mut waiting = std::mem::take(&mut self.waiting.0);
+        waiting.retain(|ticket, (dot, level, until)| {
+            let answer = if self.has_reached(*dot, level) {
+                Answer::Reached(*dot)
+            } else if *until <= now {
+                Answer::Pending(*dot)
+            } else {
+                return true;
+            };
+            effects.push(Effect::Answer(*ticket, answer));
+            false
+        });
+        self.waiting.0 = waiting;
+    }
+
+    /// Gives waiting tickets the new names of their transactions.
+    pub(super) fn rename_tickets(&mut self, names: &BTreeMap<Dot, Dot>) {
+        for (dot, ..) in self.waiting.0.values_mut() {
+            *dot = names.get(dot).copied().unwrap_or(*dot);
+        }
+    }
+
+    fn check(&self, draft: &Draft) -> Result<(), TxnError> {
+        draft.check()?;
+        for (key, _) in draft.writes() {
+            self.check_owner(key)?;
+        }
+        draft.requires().iter().try_for_each(|require| self.state.check(require))
+    }
+
+    fn check_owner(&self, key: &Key) -> Result<(), TxnError> {
+        match key.namespace() {
+            Namespace::Team => Ok(()),
+            Namespace::Robot(name) if name == self.identity.robot => Ok(()),
+            Namespace::Robot(name) => Err(TxnError::NotOwner { key: key.clone(), owner: name.to_owned() }),
+            Namespace::System | Namespace::Local => Err(TxnError::Reserved { key: key.clone() }),
+        }
+    }
+
+    /// Gives a change its place in history, and applies it.
+    fn commit(&mut self, now: Time, change: Change) -> Result<(Dot, Frame), TxnError> {
+        let origin = self.identity.origin;
+        let mut clock = self.clock.clone();
+        let mut stamp = clock.tick(now, self.wall).ok_or(TxnError::Clock)?;
+        let none = Head::default();
+        let head = self.log.head(origin).unwrap_or(&none);
+        if self.config.mutant.is(Mutant::WallClock) {
+            stamp = Stamp { epoch: 0, hlc: (self.wall.millis << 16).max(head.stamp.hlc + 1), origin };
+        }
+        // What one's own transactions have seen is in one's own number.
+        let mut context: Cut = self.log.cut().beyond(&head.context);
+        context = context.iter().filter(|(of, _)| *of != origin).collect();
+        let txn = Txn {
+            stamp,
+            seq: head.seq + 1,
+            prev: head.link,
+            wall: self.wall,
+            context,
+            reason: change.reason,
+            requires: change.requires,
+            writes: change.writes,
+            wants_ack: change.wants_ack,
+            rebase: None,
+        };
+        let frame = Frame::seal(&txn)?;
+        self.clock = clock;
+        self.enter(&txn, &frame);
+        Ok((txn.dot(), frame))
+    }
+
+    /// Tells others of new transactions, unless they are long: those are pulled.
+    fn push(&mut self, now: Time, frames: Vec<Frame>, effects: &mut Vec<Effect>) {
+        if frames.is_empty() || !self.is_member() {
+            return;
+        }
+        self.sync.changed(now);
+        let size: usize = frames.iter().map(Frame::size).sum();
+        if size <= PUSH_SIZE_MAX {
+            effects.push(Effect::Broadcast(Message::Push(frames)));
+        }
+    }
+}

@@ -1,0 +1,319 @@
+//! Beginning anew: admission, the state of another, and what one had written before.
+//!
+//! *Rule.* A replica that is no member writes under a provisional origin that it shows to nobody, and asks to be admitted as
+//! another, fresh one. It then takes the sponsor's state in place of its own and commits its own transactions that the state
+//! does not have once more, under the admitted origin, with their old stamps. All of it is one batch.
+//!
+//! *Why nothing acknowledged is lost and nothing is hidden.* A transaction committed once more has the context it had, as far
+//! as that is in the new state, renamed where it is of its own past. So it takes away what it took away before, and stands
+//! beside what it never saw. Deletions alone differ: some replicas may have dropped them, since the replica that had not
+//! seen them did not count any more. Each that was dropped anywhere before the admission was known was so with the
+//! sponsor's consent, hence is within the sponsor's cut: the floor, within which deletions count as seen.
+//!
+//! A member whose question is answered with a state (the log is gone) keeps its origin and applies what it has beyond that
+//! state once more, under the same names.
+
+use super::commit::Change;
+use super::{Alarm, Effect, Replica};
+use crate::logic::clock::{Stamp, Wall};
+use crate::logic::cut::{Cut, Dot, Origin};
+use crate::logic::log::{Log, Verdict};
+use crate::logic::member::{self, Members};
+use crate::logic::message::{Chunk, Join, Message};
+use crate::logic::mutant::Mutant;
+use crate::logic::snapshot::{self, CHUNKS_MAX, Manifest, Name};
+use crate::logic::state::State;
+use crate::logic::txn::{Frame, Rebase, Txn};
+use comms::logic::time::Time;
+use std::collections::{BTreeMap, BTreeSet};
+use std::time::Duration;
+
+/// How long chunks are waited for before they are asked for once more.
+const CHUNK_TIME: Duration = Duration::from_secs(2);
+/// How often.
+const TRIES_MAX: u32 = 4;
+/// How many chunks are asked for at a time.
+const CHUNKS_ASKED: usize = 8;
+
+/// A snapshot that others may take.
+#[derive(Debug, Default)]
+pub(super) struct Offer {
+    latest: Option<(Cut, Manifest)>,
+    chunks: BTreeMap<Name, Vec<u8>>,
+    before: BTreeMap<Name, Vec<u8>>,
+}
+
+/// A snapshot that is being taken over.
+#[derive(Debug)]
+pub(super) struct Download {
+    from: Origin,
+    manifest: Manifest,
+    chunks: BTreeMap<Name, Vec<u8>>,
+    asked: BTreeSet<Name>,
+    until: Time,
+    tries: u32,
+}
+
+/// A transaction of one's own that a new state does not have.
+struct Orphan {
+    txn: Txn,
+    context: Cut,
+}
+
+impl Offer {
+    /// Returns the snapshot of now; the one before it can still be taken over too.
+    pub(super) fn take(&mut self, state: &State, log: &Log) -> Manifest {
+        match &self.latest {
+            Some((cut, manifest)) if cut == log.cut() => manifest.clone(),
+            _ => {
+                let (manifest, chunks) = snapshot::take(state, log.heads());
+                self.before = std::mem::replace(&mut self.chunks, chunks);
+                self.latest = Some((log.cut().clone(), manifest.clone()));
+                manifest
+            }
+        }
+    }
+
+    pub(super) fn chunk(&self, name: Name) -> Option<Vec<u8>> {
+        self.chunks.get(&name).or_else(|| self.before.get(&name)).cloned()
+    }
+}
+
+impl Download {
+    /// Returns the chunks to ask for now.
+    fn ask(&mut self) -> Vec<Effect> {
+        let missing = self.manifest.chunks.iter().filter(|name| !self.chunks.contains_key(name));
+        let new: Vec<Name> = missing.filter(|name| !self.asked.contains(name)).copied().collect();
+        let new = new.into_iter().take(CHUNKS_ASKED.saturating_sub(self.asked.len()));
+        let from = self.from;
+        let asked = &mut self.asked;
+        new.filter(|name| asked.insert(*name)).map(|name| Effect::Send(from, Message::Snap(name))).collect()
+    }
+}
+
+impl Replica {
+    pub(super) fn download_deadline(&self) -> Option<Time> {
+        self.download.as_ref().map(|download| download.until)
+    }
+
+    pub(super) fn is_downloading(&self) -> bool {
+        self.download.is_some()
+    }
+
+    /// Gives up the origin. Others have its transactions up to `told`, if that is known for sure to be less than they say.
+    pub(super) fn rejoin(&mut self, now: Time, told: Option<u64>, effects: &mut Vec<Effect>) {
+        let from = self.identity.origin;
+        self.identity.past.push((from, told.unwrap_or(u64::MAX)));
+        self.identity.origin = Origin::new(self.random.next());
+        self.identity.joining = Some(Origin::new(self.random.next()));
+        self.identity.told = 0;
+        self.clock.move_to(self.identity.origin);
+        self.batch.identity(&self.identity);
+        self.sync.reset(now);
+        self.download = None;
+        effects.push(Effect::Alarm(Alarm::Rejoining { from }));
+    }
+
+    /// Admits somebody.
+    pub(super) fn sponsor(&mut self, now: Time, (from, join): (Origin, &Join), effects: &mut Vec<Effect>) {
+        let origin = join.origin;
+        if from != origin {
+            effects.push(Effect::Alarm(Alarm::Malformed(from)));
+            return;
+        }
+        if let Some(stamp) = self.members.retired(origin) {
+            effects.push(Effect::Send(from, Message::Chunk(Chunk::Retired(stamp))));
+            return;
+        }
+        if !self.members.is_active(origin) {
+            let me = self.identity.origin;
+            let replaced = join.replaces.iter().filter(|past| self.members.is_active(**past) && **past != me);
+            let mut writes: Vec<_> = replaced.filter_map(|past| member::retirement(*past)).collect();
+            writes.extend(member::admission(origin, &join.robot));
+            writes.sort_by(|a, b| a.key.cmp(&b.key));
+            writes.dedup_by(|a, b| a.key == b.key);
+            self.system(now, Change { reason: "admit".into(), writes, ..Change::default() }, effects);
+        }
+        let manifest = self.offer.take(&self.state, &self.log);
+        effects.push(Effect::Send(from, Message::Chunk(Chunk::Snapshot(manifest))));
+    }
+
+    pub(super) fn begin_download(
+        &mut self,
+        now: Time,
+        (from, manifest): (Origin, Manifest),
+        effects: &mut Vec<Effect>,
+    ) {
+        let useless = self.is_member() && self.log.cut().dominates(&manifest.cut());
+        if self.download.is_some() || useless || manifest.chunks.len() > CHUNKS_MAX {
+            return;
+        }
+        let (chunks, asked, until) = (BTreeMap::new(), BTreeSet::new(), now + CHUNK_TIME);
+        let mut download = Download { from, manifest, chunks, asked, until, tries: 0 };
+        effects.extend(download.ask());
+        self.download = Some(download);
+        self.try_install(now, effects);
+    }
+
+    pub(super) fn tick_download(&mut self, now: Time, effects: &mut Vec<Effect>) {
+        let Some(download) = self.download.as_mut().filter(|download| download.until <= now) else { return };
+        download.tries += 1;
+        if download.tries > TRIES_MAX {
+            self.download = None;
+            return;
+        }
+        download.until = now + CHUNK_TIME;
+        download.asked.clear();
+        effects.extend(download.ask());
+    }
+
+    pub(super) fn take_snap_chunk(
+        &mut self,
+        now: Time,
+        (from, name, bytes): (Origin, Name, Option<Vec<u8>>),
+        effects: &mut Vec<Effect>,
+    ) {
+        let Some(download) = self.download.as_mut() else { return };
+        if !download.asked.remove(&name) {
+            return;
+        }
+        match bytes {
+            Some(bytes) if Name::of(&bytes) == name => {
+                download.chunks.insert(name, bytes);
+                (download.until, download.tries) = (now + CHUNK_TIME, 0);
+                effects.extend(download.ask());
+                self.try_install(now, effects);
+            }
+            Some(_) => effects.push(Effect::Alarm(Alarm::Malformed(from))),
+            // The peer has gone on, or was started anew: the next pull brings its new manifest.
+            None => self.download = None,
+        }
+    }
+
+    /// Takes over a state as soon as it is whole.
+    fn try_install(&mut self, now: Time, effects: &mut Vec<Effect>) {
+        let whole = |d: &Download| d.manifest.chunks.iter().all(|name| d.chunks.contains_key(name));
+        let Some(download) = self.download.take_if(|download| whole(download)) else { return };
+        let Ok(state) = download.manifest.assemble(&download.chunks, self.config.mutant) else {
+            effects.push(Effect::Alarm(Alarm::Malformed(download.from)));
+            return;
+        };
+        let members = Members::of(&state);
+        if self.identity.joining.is_some_and(|joining| !members.is_active(joining)) {
+            return;
+        }
+        let cut = download.manifest.cut();
+        let old = std::mem::replace(
+            &mut self.log,
+            Log::new(download.manifest.heads.into_iter().collect(), self.config.mutant),
+        );
+        self.erase(&old);
+        (self.state, self.members) = (state, members);
+        self.restate();
+        effects.push(Effect::Replaced);
+        match self.identity.joining {
+            Some(joining) => self.bring_in(joining, &orphans(&old, &self.mine(), &cut), (&cut, effects)),
+            None => self.apply_again(now, &old, effects),
+        }
+        self.clock.observe(now, self.log.last_stamp(), Wall::default());
+        self.collected = Cut::default();
+        self.acks.note(download.from, &cut);
+        self.sync.reset(now);
+    }
+
+    /// Returns the own origins, past and present, with up to where others surely have their transactions.
+    fn mine(&self) -> BTreeMap<Origin, u64> {
+        self.identity.past.iter().copied().chain([(self.identity.origin, u64::MAX)]).collect()
+    }
+
+    /// Commits orphans once more.
+    fn bring_in(&mut self, joining: Origin, orphans: &[Orphan], (floor, effects): (&Cut, &mut Vec<Effect>)) {
+        let mine = self.mine();
+        let mut names = BTreeMap::new();
+        let forgets = self.config.mutant.is(Mutant::RejoinForgets);
+        for Orphan { txn, context } in orphans.iter().filter(|_| !forgets) {
+            let from = txn.dot();
+            let mut seen = Cut::default();
+            for (origin, seq) in context.iter() {
+                let surely = mine.get(&origin).copied().unwrap_or(u64::MAX);
+                seen.include(Dot { origin, seq: seq.min(floor.get(origin)).min(surely) });
+                let renamed = names.range(Dot { origin, seq: 0 }..=Dot { origin, seq }).next_back();
+                seen.join(&renamed.map(|(_, dot): (_, &Dot)| (dot.origin, dot.seq)).into_iter().collect());
+            }
+            let head = self.log.head(joining).cloned().unwrap_or_default();
+            let again = Txn {
+                stamp: Stamp { origin: joining, ..txn.stamp },
+                seq: head.seq + 1,
+                prev: head.link,
+                context: seen.beyond(&head.context).iter().filter(|(origin, _)| *origin != joining).collect(),
+                rebase: Some(Rebase { from, floor: floor.clone() }),
+                ..txn.clone()
+            };
+            // It may not fit any more with its floor; then it stays what it was: too long a transaction.
+            let Ok(frame) = Frame::seal(&again) else { continue };
+            self.enter(&again, &frame);
+            names.insert(from, again.dot());
+            effects.push(Effect::Renamed(from, again.dot()));
+            effects.push(Effect::Visible(again.dot(), frame));
+        }
+        self.identity.origin = joining;
+        (self.identity.joining, self.identity.told) = (None, 0);
+        self.identity.past.clear();
+        self.clock.move_to(joining);
+        self.batch.identity(&self.identity);
+        self.rename_tickets(&names);
+    }
+
+    /// Applies what a log has beyond the state that was taken over.
+    fn apply_again(&mut self, now: Time, old: &Log, effects: &mut Vec<Effect>) {
+        let loses = self.config.mutant.is(Mutant::SnapshotLoses);
+        for (dot, frame) in old.in_order() {
+            if self.log.cut().contains(dot) || loses {
+                continue;
+            }
+            if !matches!(self.apply(now, frame.clone(), effects), Ok(Verdict::Next)) {
+                effects.push(Effect::Alarm(Alarm::Fork(dot.origin)));
+            }
+        }
+    }
+
+    /// Removes the records of log and state.
+    fn erase(&mut self, old: &Log) {
+        for (dot, _) in old.in_order() {
+            self.batch.no_frame(dot);
+        }
+        for origin in old.heads().keys() {
+            self.batch.no_head(*origin);
+        }
+        for (key, _) in self.state.scan("") {
+            self.batch.versions(key, &[]);
+        }
+    }
+
+    /// Writes the records of log and state.
+    fn restate(&mut self) {
+        for (origin, head) in self.log.heads() {
+            self.batch.head(*origin, head);
+        }
+        for (key, versions) in self.state.scan("") {
+            self.batch.versions(key, versions);
+        }
+    }
+}
+
+/// Returns the own transactions that are not in `cut`, with their full contexts.
+fn orphans(old: &Log, mine: &BTreeMap<Origin, u64>, cut: &Cut) -> Vec<Orphan> {
+    let mut contexts: BTreeMap<Origin, Cut> = BTreeMap::new();
+    let mut orphans = Vec::new();
+    for (dot, frame) in old.in_order() {
+        let (Some(told), Ok(txn)) = (mine.get(&dot.origin), frame.open()) else { continue };
+        let context = contexts.entry(dot.origin).or_default();
+        context.join(&txn.context);
+        if dot.seq > cut.get(dot.origin).min(*told) {
+            let mut context = context.clone();
+            context.include(Dot { origin: dot.origin, seq: dot.seq - 1 });
+            orphans.push(Orphan { txn, context });
+        }
+    }
+    orphans
+}

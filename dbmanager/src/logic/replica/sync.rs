@@ -1,0 +1,367 @@
+//! Talking to peers: hello, pull, chunk, push, ack.
+//!
+//! *State.* For each peer whether it may have more than is here, and when it may be asked; the pulls that wait for an answer.
+//!
+//! *Rule.* Whoever says hello with another cut is pulled from; whoever pulls says what it has, and is pulled from if that is
+//! more. A pull without an answer is over after [`PULL_TIME`], and the peer is left alone for a while that doubles. A push
+//! that cannot be applied is dropped, and pulled instead.
+
+use super::{Alarm, Effect, Replica};
+use crate::logic::cut::{Dot, Origin};
+use crate::logic::log::{Head, Verdict};
+use crate::logic::message::{CHUNK_SIZE_MAX, Chunk, Hello, Join, Message, Pull};
+use crate::logic::mutant::Mutant;
+use crate::logic::txn::{FORMAT, Frame, FrameError, Link};
+use comms::logic::time::Time;
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+/// How long an answer to a pull is waited for.
+const PULL_TIME: Duration = Duration::from_secs(2);
+/// How many pulls may wait for an answer.
+const PULLS_MAX: usize = 2;
+/// How long after a push that did not fit its sender is pulled from: the one before it may be on its way.
+const PULL_AFTER_PUSH: Duration = Duration::from_millis(50);
+/// The shortest and the longest time between two hellos.
+const HELLO_PERIOD: [Duration; 2] = [Duration::from_secs(1), Duration::from_secs(10)];
+/// How many peers are known at most, members or not.
+const PEERS_MAX: usize = 1024;
+
+/// What is known of the conversation with others.
+#[derive(Debug)]
+pub(super) struct Sync {
+    peers: BTreeMap<Origin, Peer>,
+    hello_at: Time,
+    hello_period: Duration,
+}
+
+#[derive(Debug, Default)]
+struct Peer {
+    /// It may have more than is here.
+    ahead: bool,
+    /// It may be asked from then on.
+    ask_at: Time,
+    /// An answer is waited for until then.
+    pulling: Option<Time>,
+    /// How often it has not answered since it last did.
+    silent: u32,
+}
+
+impl Default for Sync {
+    fn default() -> Self {
+        Self { peers: BTreeMap::new(), hello_at: Time::ZERO, hello_period: HELLO_PERIOD[0] }
+    }
+}
+
+impl Sync {
+    pub(super) fn deadline(&self, pulls_max: usize) -> Time {
+        let pulling = self.peers.values().filter(|peer| peer.pulling.is_some()).count();
+        let due = |peer: &Peer| match peer.pulling {
+            Some(until) => Some(until),
+            None if peer.ahead && pulling < pulls_max => Some(peer.ask_at),
+            None => None,
+        };
+        self.peers.values().filter_map(due).chain([self.hello_at]).min().unwrap_or(self.hello_at)
+    }
+
+    /// Something is new here: others hear of it soon.
+    pub(super) fn changed(&mut self, now: Time) {
+        self.hello_period = HELLO_PERIOD[0];
+        self.hello_at = self.hello_at.min(now + HELLO_PERIOD[0]);
+    }
+
+    /// Forgets all conversations.
+    pub(super) fn reset(&mut self, now: Time) {
+        *self = Self { hello_at: now, ..Self::default() };
+    }
+
+    fn peer(&mut self, origin: Origin) -> Option<&mut Peer> {
+        if self.peers.len() >= PEERS_MAX && !self.peers.contains_key(&origin) {
+            return None;
+        }
+        Some(self.peers.entry(origin).or_default())
+    }
+
+    fn ahead(&mut self, origin: Origin, ask_at: Time) {
+        if let Some(peer) = self.peer(origin) {
+            peer.ask_at = if peer.ahead { peer.ask_at.min(ask_at) } else { peer.ask_at.max(ask_at) };
+            peer.ahead = true;
+        }
+    }
+
+    fn answered(&mut self, origin: Origin) {
+        if let Some(peer) = self.peers.get_mut(&origin) {
+            (peer.pulling, peer.ahead, peer.silent) = (None, false, 0);
+        }
+    }
+}
+
+impl Replica {
+    /// Does what is due.
+    pub(super) fn tick(&mut self, now: Time, effects: &mut Vec<Effect>) {
+        for peer in self.sync.peers.values_mut() {
+            let over = peer.pulling.is_some_and(|until| until <= now);
+            if over && !self.config.mutant.is(Mutant::PullForEver) {
+                peer.pulling = None;
+                peer.silent = (peer.silent + 1).min(4);
+                peer.ask_at = now + PULL_AFTER_PUSH * (1 << (2 * peer.silent));
+            }
+        }
+        self.tick_download(now, effects);
+        if self.identity.joining.is_none() && self.members.retired(self.identity.origin).is_some() {
+            self.rejoin(now, None, effects);
+        }
+        if self.sync.hello_at <= now {
+            effects.push(Effect::Broadcast(Message::Hello(self.hello())));
+            let period = self.sync.hello_period;
+            let jitter = self.random.below(u64::try_from(period.as_nanos() / 5).unwrap_or(1));
+            self.sync.hello_at = now + period * 9 / 10 + Duration::from_nanos(jitter);
+            self.sync.hello_period = (period * 2).min(HELLO_PERIOD[1]);
+            self.collect();
+        }
+        self.settle_tickets(now, effects);
+        self.pull(now, effects);
+    }
+
+    /// Takes a message.
+    pub(super) fn receive(&mut self, now: Time, (from, message): (Origin, Message), effects: &mut Vec<Effect>) {
+        let stranger = self.is_member() && !self.members.is_active(from);
+        if stranger && self.members.retired(from).is_some() && !self.config.mutant.is(Mutant::RetiredServed) {
+            return self.answer_retired(now, (from, &message), effects);
+        }
+        match message {
+            Message::Hello(hello) => self.take_hello(now, (from, &hello), effects),
+            Message::Pull(pull) => self.take_pull(now, (from, &pull), effects),
+            Message::Chunk(chunk) => self.take_chunk(now, (from, chunk), effects),
+            Message::Snap(name) => {
+                let bytes = self.offer.chunk(name);
+                effects.push(Effect::Send(from, Message::SnapChunk { name, bytes }));
+            }
+            Message::SnapChunk { name, bytes } => self.take_snap_chunk(now, (from, name, bytes), effects),
+            Message::Push(frames) if self.is_member() && !stranger => {
+                if self.take_frames(now, (from, frames), effects) {
+                    self.sync.ahead(from, now + PULL_AFTER_PUSH);
+                }
+            }
+            Message::Ack(cut) if !stranger => {
+                self.acks.note(from, &cut);
+            }
+            Message::Push(_) | Message::Ack(_) => {}
+        }
+        self.settle_tickets(now, effects);
+        self.pull(now, effects);
+    }
+
+    fn hello(&self) -> Hello {
+        let none = Head::default();
+        let head = self.log.head(self.identity.origin).unwrap_or(&none);
+        Hello {
+            robot: self.identity.robot.clone(),
+            boot: self.boot,
+            format: FORMAT,
+            member: self.is_member(),
+            cut: self.log.cut().digest(),
+            state: self.state.digest(),
+            head: (head.seq, head.link),
+            wall: self.wall,
+        }
+    }
+
+    fn take_hello(&mut self, now: Time, (from, hello): (Origin, &Hello), effects: &mut Vec<Effect>) {
+        if from == self.identity.origin {
+            // Two boots of one origin: somebody has copied the disk.
+            if hello.boot != self.boot {
+                self.rejoin(now, Some(self.identity.told), effects);
+            }
+            return;
+        }
+        if !self.is_member() {
+            if hello.member {
+                self.sync.ahead(from, now);
+            }
+            return;
+        }
+        if !hello.member {
+            return;
+        }
+        if !self.members.is_active(from) {
+            // Somebody has admitted it whom we have not heard of late: it can tell us itself.
+            return self.sync.ahead(from, now);
+        }
+        let none = Head::default();
+        let known = self.log.head(from).unwrap_or(&none);
+        let (seq, link) = hello.head;
+        if seq < known.seq || seq == known.seq && link != known.link {
+            let (seq, link) = (known.seq, known.link);
+            // An old hello may have been overtaken by what it announces: who gets this knows better.
+            effects.push(Effect::Send(from, Message::Chunk(Chunk::Fork { seq, link })));
+        } else if hello.cut == self.log.cut().digest() {
+            let cut = self.log.cut().clone();
+            self.acks.note(from, &cut);
+            if hello.state == self.state.digest() {
+                self.learn_told();
+            } else {
+                effects.push(Effect::Alarm(Alarm::Diverged(from)));
+            }
+        } else if !self.config.mutant.is(Mutant::PushOnly) {
+            self.sync.ahead(from, now);
+        }
+    }
+
+    fn take_pull(&mut self, now: Time, (from, pull): (Origin, &Pull), effects: &mut Vec<Effect>) {
+        if !self.is_member() {
+            return;
+        }
+        if let Some(join) = &pull.join {
+            return self.sponsor(now, (from, join), effects);
+        }
+        if !self.members.is_active(from) {
+            return;
+        }
+        if pull.cut.get(from) < self.log.cut().get(from) {
+            let head = self.log.head(from).cloned().unwrap_or_default();
+            effects.push(Effect::Send(from, Message::Chunk(Chunk::Fork { seq: head.seq, link: head.link })));
+            return;
+        }
+        self.acks.note(from, &pull.cut);
+        if !self.log.cut().dominates(&pull.cut) && !self.config.mutant.is(Mutant::PushOnly) {
+            self.sync.ahead(from, now);
+        }
+        let size_max = usize::try_from(pull.size_max).unwrap_or(CHUNK_SIZE_MAX).min(CHUNK_SIZE_MAX);
+        let chunk = match self.log.beyond(&pull.cut, size_max) {
+            Some((mut frames, more)) => {
+                if self.config.mutant.is(Mutant::NoRelay) {
+                    let own = self.identity.origin;
+                    frames.retain(|frame| frame.open().is_ok_and(|txn| txn.stamp.origin == own));
+                }
+                Chunk::Frames { cut: self.log.cut().clone(), frames, more }
+            }
+            None => Chunk::Snapshot(self.offer.take(&self.state, &self.log)),
+        };
+        effects.push(Effect::Send(from, Message::Chunk(chunk)));
+    }
+
+    fn take_chunk(&mut self, now: Time, (from, chunk): (Origin, Chunk), effects: &mut Vec<Effect>) {
+        self.sync.answered(from);
+        match chunk {
+            Chunk::Frames { cut, frames, more } if self.is_member() => {
+                let missing = self.take_frames(now, (from, frames), effects);
+                self.acks.note(from, &cut);
+                if (more || !self.log.cut().dominates(&cut)) && !missing {
+                    self.sync.ahead(from, now);
+                }
+            }
+            Chunk::Frames { .. } => {}
+            Chunk::Snapshot(manifest) => self.begin_download(now, (from, manifest), effects),
+            Chunk::Retired(stamp) => {
+                // If each has retired the other, the earlier retirement stands.
+                let mine = self.members.retired(from);
+                if self.identity.joining.is_none() && mine.is_none_or(|mine| stamp < mine) {
+                    self.rejoin(now, None, effects);
+                }
+            }
+            Chunk::Fork { seq, link } => self.take_fork(now, (seq, link), effects),
+        }
+    }
+
+    /// A peer knows the own transaction `seq` by this link.
+    fn take_fork(&mut self, now: Time, (seq, link): (u64, Link), effects: &mut Vec<Effect>) {
+        let origin = self.identity.origin;
+        if self.identity.joining.is_some() || self.config.mutant.is(Mutant::Reuse) {
+            return;
+        }
+        let known = self.log.frame(Dot { origin, seq }).map(Frame::link);
+        let none = Head::default();
+        let head = self.log.head(origin).unwrap_or(&none);
+        let older = seq > head.seq || seq == head.seq && link != head.link;
+        if older || known.is_some_and(|known| known != link) {
+            self.rejoin(now, Some(self.identity.told), effects);
+        }
+    }
+
+    /// Applies frames; returns whether one could not be.
+    fn take_frames(&mut self, now: Time, (from, frames): (Origin, Vec<Frame>), effects: &mut Vec<Effect>) -> bool {
+        let mut missing = false;
+        let mut waiting: Vec<Origin> = Vec::new();
+        for frame in frames {
+            let waits = frame.open().ok().filter(|txn| txn.wants_ack).map(|txn| txn.stamp.origin);
+            let origin = frame.open().map(|txn| txn.stamp.origin);
+            match self.apply(now, frame, effects) {
+                Ok(Verdict::Next) => waiting.extend(waits.filter(|origin| !waiting.contains(origin))),
+                Ok(Verdict::Known) => {}
+                Ok(Verdict::Early) => missing = true,
+                Ok(Verdict::Fork) => {
+                    let origin = origin.unwrap_or(from);
+                    let head = self.log.head(origin).cloned().unwrap_or_default();
+                    effects.push(Effect::Alarm(Alarm::Fork(origin)));
+                    effects.push(Effect::Send(origin, Message::Chunk(Chunk::Fork { seq: head.seq, link: head.link })));
+                    missing = true;
+                }
+                Err(FrameError::Format { format }) => {
+                    effects.push(Effect::Alarm(Alarm::NeedsUpgrade(format)));
+                    missing = true;
+                }
+                Err(FrameError::Long { .. } | FrameError::Body { .. }) => {
+                    effects.push(Effect::Alarm(Alarm::Malformed(from)));
+                    missing = true;
+                }
+            }
+        }
+        if !self.batch.is_empty() {
+            self.sync.changed(now);
+        }
+        let cut = self.log.cut();
+        effects.extend(waiting.into_iter().map(|origin| Effect::Send(origin, Message::Ack(cut.clone()))));
+        missing
+    }
+
+    fn answer_retired(&mut self, now: Time, (from, message): (Origin, &Message), effects: &mut Vec<Effect>) {
+        if let (Message::Hello(_) | Message::Pull(_), Some(stamp)) = (message, self.members.retired(from)) {
+            effects.push(Effect::Send(from, Message::Chunk(Chunk::Retired(stamp))));
+        }
+        if let Message::Chunk(Chunk::Retired(stamp)) = message {
+            self.take_chunk(now, (from, Chunk::Retired(*stamp)), effects);
+        }
+    }
+
+    /// Returns how many pulls may wait for an answer at a time.
+    pub(super) fn pulls_max(&self) -> usize {
+        match (self.is_downloading(), self.is_member()) {
+            (true, _) => 0,
+            (false, false) => 1,
+            (false, true) => PULLS_MAX,
+        }
+    }
+
+    /// Asks peers that may have more, as many as may be asked at a time.
+    fn pull(&mut self, now: Time, effects: &mut Vec<Effect>) {
+        loop {
+            let pulling = self.sync.peers.values().filter(|peer| peer.pulling.is_some()).count();
+            let may = |peer: &Peer| peer.ahead && peer.pulling.is_none() && peer.ask_at <= now;
+            let ready: Vec<Origin> = self.sync.peers.iter().filter(|(_, p)| may(p)).map(|(o, _)| *o).collect();
+            let choice = self.random.below(u64::try_from(ready.len()).unwrap_or(0));
+            let Some(peer) = usize::try_from(choice).ok().and_then(|choice| ready.get(choice)) else { return };
+            if pulling >= self.pulls_max() {
+                return;
+            }
+            let (cut, size_max) = (self.log.cut().clone(), u32::try_from(CHUNK_SIZE_MAX).unwrap_or(u32::MAX));
+            let replaces = || self.identity.past.iter().map(|(origin, _)| *origin).collect();
+            let robot = || self.identity.robot.clone();
+            let join = self.identity.joining.map(|origin| Join { origin, robot: robot(), replaces: replaces() });
+            effects.push(Effect::Send(*peer, Message::Pull(Pull { cut, size_max, join })));
+            if let Some(peer) = self.sync.peers.get_mut(peer) {
+                peer.pulling = Some(now + PULL_TIME);
+            }
+        }
+    }
+
+    /// Remembers that others have all own transactions. That one says so of a number is not enough: it may know another
+    /// transaction by it, if the store was set back.
+    fn learn_told(&mut self) {
+        let head = self.log.cut().get(self.identity.origin);
+        if head > self.identity.told && self.identity.joining.is_none() {
+            self.identity.told = head;
+            self.batch.identity(&self.identity);
+        }
+    }
+}

@@ -1,0 +1,111 @@
+//! The whole state in pieces, for who cannot be served from the log.
+//!
+//! A snapshot is the versions of all keys at a cut, the deleted ones included, and the head of each origin. It is cut into
+//! chunks at keys whose hash says so, and chunks are named by their hashes: two replicas with nearly the same state have
+//! most chunks in common, so that a download that was broken off goes on with another peer.
+
+use crate::logic::cut::{Cut, Origin};
+use crate::logic::key::Key;
+use crate::logic::log::Head;
+use crate::logic::mutant::Mutant;
+use crate::logic::state::{State, Version};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use thiserror::Error;
+
+/// The size at which a chunk ends at the latest, except for one key more.
+const CHUNK_SIZE_MAX: usize = 48 << 10;
+/// One in so many keys ends a chunk.
+const CHUNK_KEYS: u8 = 64;
+/// The most chunks.
+pub const CHUNKS_MAX: usize = 65_536;
+
+/// The hash of a chunk.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+pub struct Name(pub [u8; 32]);
+
+impl Name {
+    /// Returns the name of these bytes.
+    pub fn of(bytes: &[u8]) -> Self {
+        Self(*blake3::hash(bytes).as_bytes())
+    }
+}
+
+/// What a snapshot consists of.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Manifest {
+    /// The last transaction of each origin in it.
+    pub heads: Vec<(Origin, Head)>,
+    /// Digest of the state.
+    pub state: u128,
+    /// Its chunks, by key.
+    pub chunks: Vec<Name>,
+}
+
+/// Why chunks are not a snapshot.
+#[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
+pub enum SnapshotError {
+    /// A chunk is missing.
+    #[error("a chunk of the snapshot is missing")]
+    Missing,
+    /// The bytes of a chunk are not what its name says, or no entries.
+    #[error("a chunk of the snapshot is malformed")]
+    Chunk,
+    /// The whole is not what the manifest says.
+    #[error("the chunks are another state than the manifest says")]
+    Digest,
+}
+
+impl Manifest {
+    /// Returns the cut of the snapshot.
+    pub fn cut(&self) -> Cut {
+        self.heads.iter().map(|(origin, head)| (*origin, head.seq)).collect()
+    }
+
+    /// Puts the chunks together.
+    ///
+    /// # Errors
+    /// If they are not this snapshot.
+    pub fn assemble(&self, chunks: &BTreeMap<Name, Vec<u8>>, mutant: Mutant) -> Result<State, SnapshotError> {
+        let mut state = State::new(mutant);
+        for name in &self.chunks {
+            let bytes = chunks.get(name).ok_or(SnapshotError::Missing)?;
+            let Ok(entries) = postcard::from_bytes::<Vec<(Key, Vec<Version>)>>(bytes) else {
+                return Err(SnapshotError::Chunk);
+            };
+            for (key, versions) in entries {
+                state.restore(key, versions);
+            }
+        }
+        if state.digest() == self.state { Ok(state) } else { Err(SnapshotError::Digest) }
+    }
+}
+
+/// Returns the snapshot of a state, with its chunks.
+pub fn take(state: &State, heads: &BTreeMap<Origin, Head>) -> (Manifest, BTreeMap<Name, Vec<u8>>) {
+    let (mut chunks, mut names) = (BTreeMap::new(), Vec::new());
+    let mut entries: Vec<(&Key, &[Version])> = Vec::new();
+    let mut size = 0;
+    let mut close = |entries: &mut Vec<(&Key, &[Version])>| {
+        // Encoding to memory fails for lengths that are not known beforehand only, and these are slices.
+        let bytes = postcard::to_stdvec(entries).unwrap_or_default();
+        let name = Name::of(&bytes);
+        chunks.insert(name, bytes);
+        names.push(name);
+        entries.clear();
+    };
+    for (key, versions) in state.scan("") {
+        entries.push((key, versions));
+        size += key.as_str().len()
+            + versions.iter().map(|v| 32 + v.value.as_ref().map_or(0, |v| v.bytes.len())).sum::<usize>();
+        if size >= CHUNK_SIZE_MAX || blake3::hash(key.as_str().as_bytes()).as_bytes()[0] % CHUNK_KEYS == 0 {
+            close(&mut entries);
+            size = 0;
+        }
+    }
+    if !entries.is_empty() {
+        close(&mut entries);
+    }
+    let heads = heads.iter().map(|(origin, head)| (*origin, head.clone())).collect();
+    (Manifest { heads, state: state.digest(), chunks: names }, chunks)
+}
