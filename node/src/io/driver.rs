@@ -18,7 +18,7 @@ use comms::logic::control::Notice;
 use comms::logic::key::HostName;
 use comms::logic::time::Time;
 use language::plan::LeafKind;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::path::PathBuf;
 use std::time::Duration;
 use tokio::sync::mpsc::{self, Receiver, Sender};
@@ -27,6 +27,8 @@ use tokio::task::JoinSet;
 
 /// How many events wait for the driver.
 const EVENTS_MAX: usize = 4096;
+/// How many deployments that are over keep their folders.
+const BURIED_MAX: usize = 8;
 /// Variables that a program inherits from its node, where they are set.
 const INHERITED: [&str; 6] = ["PATH", "HOME", "USER", "LANG", "TZ", "RUST_LOG"];
 
@@ -72,6 +74,7 @@ struct Driver {
     programs: BTreeMap<ProcessId, ControlSender>,
     listeners: BTreeMap<Deployment, tokio::task::AbortHandle>,
     paths: BTreeMap<(Deployment, String), ProcessId>,
+    buried: VecDeque<Deployment>,
     events: Sender<Event>,
     tasks: JoinSet<()>,
 }
@@ -175,6 +178,7 @@ impl Driver {
             programs: BTreeMap::new(),
             listeners: BTreeMap::new(),
             paths: BTreeMap::new(),
+            buried: VecDeque::new(),
             events,
             tasks,
         })
@@ -223,6 +227,7 @@ impl Driver {
                 }
             }
             Effect::Forget { process } => self.forget(&process),
+            Effect::Bury { deployment } => self.bury(deployment),
             Effect::Commit { deployment } => self.journal.commit(&deployment).context("writing the journal")?,
             Effect::Answer { call, answer } => {
                 if !self.peers.answer(call, *answer) {
@@ -314,6 +319,22 @@ impl Driver {
     }
 
     /// Lets go of a program; with the last one of a deployment, of the socket where they reported.
+    /// Closes what belongs to a deployment; the output of the last few stays in their folders.
+    fn bury(&mut self, deployment: Deployment) {
+        if let Some(listener) = self.listeners.remove(&deployment) {
+            listener.abort();
+        }
+        self.paths.retain(|(of, _), _| *of != deployment);
+        self.programs.retain(|process, _| process.deployment != deployment);
+        self.buried.push_back(deployment);
+        if self.buried.len() > BURIED_MAX {
+            let folder = self.buried.pop_front().map(|oldest| self.dir.deployment(&oldest));
+            if let Some(Err(error)) = folder.map(std::fs::remove_dir_all) {
+                tracing::debug!(%error, "the folder of an old deployment stays");
+            }
+        }
+    }
+
     fn forget(&mut self, process: &ProcessId) {
         self.programs.remove(process);
         self.paths.retain(|_, other| other != process);

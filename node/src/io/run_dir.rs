@@ -120,8 +120,19 @@ impl RunDir {
             return Err(RunDirError::TooDeep { path });
         }
         let dir = Self { path, _lock: lock };
+        dir.remove_deployments();
         remove_leftover(&dir.socket()).map_err(|cause| RunDirError::Unusable { path: dir.socket(), cause })?;
         Ok(dir)
+    }
+
+    /// Removes the deployments of an earlier run, whose programs have ended with it.
+    fn remove_deployments(&self) {
+        for entry in fs::read_dir(&self.path).into_iter().flatten().flatten() {
+            let folder = entry.path();
+            if entry.file_name().to_string_lossy().contains('.') && folder.is_dir() {
+                drop(fs::remove_dir_all(&folder));
+            }
+        }
     }
 
     /// Returns the socket of the node's session.

@@ -445,10 +445,9 @@ impl Agent {
             self.over.push_front((deployment, home.into_reports()));
         }
         self.over.truncate(OVER_MAX);
-        for (_, tenant) in self.tenants.iter().filter(|(_, tenant)| tenant.is_over()) {
-            effects.extend(tenant.processes().map(|process| Effect::Forget { process }));
+        for (deployment, _) in self.tenants.extract_if(.., |_, tenant| tenant.is_over()) {
+            effects.push(Effect::Bury { deployment });
         }
-        self.tenants.retain(|_, tenant| !tenant.is_over());
         if self.leaving && self.homes.is_empty() && self.tenants.is_empty() {
             effects.push(Effect::Leave);
         }

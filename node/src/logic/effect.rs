@@ -60,6 +60,11 @@ pub enum Effect {
         /// Which.
         process: ProcessId,
     },
+    /// A deployment is over on this host: close its socket, and keep its output for a while.
+    Bury {
+        /// Which.
+        deployment: Deployment,
+    },
     /// Write durably that a deployment was committed.
     Commit {
         /// Which.

@@ -444,11 +444,6 @@ impl Tenant {
     fn since_go(&self, now: Time) -> Duration {
         self.go_at.map_or(Duration::ZERO, |at| now - at)
     }
-
-    /// Returns the programs of this host, for the driver to clean up after.
-    pub fn processes(&self) -> impl Iterator<Item = ProcessId> {
-        self.instances.keys().map(|leaf| ProcessId { deployment: self.deployment.clone(), leaf: *leaf })
-    }
 }
 
 /// For each process, the group and slot that supervise it.
