@@ -6,15 +6,20 @@ use crate::logic::codec::{self, CodecError, Enveloped};
 use crate::logic::control::{Notice, Order};
 use crate::logic::frame::{self, Decoder, FrameError, PREFIX_SIZE};
 use crate::logic::port::{Policy, Pushed, Queue};
+use rustix::event::{PollFd, PollFlags, poll};
+use rustix::io::Errno;
 use rustix::net::sockopt::socket_peercred;
 use rustix::net::{Shutdown, shutdown};
 use std::io::{self, BufReader, Read, Write};
 use std::os::unix::fs::PermissionsExt;
+use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use thiserror::Error;
-use tokio::net::{UnixListener, UnixStream};
+use tokio::io::Interest;
+use tokio::io::unix::{AsyncFd, AsyncFdReadyGuard};
+use tokio::net::UnixListener;
 use tokio::sync::Notify;
 
 /// Orders that the program has not taken yet.
@@ -81,11 +86,14 @@ pub struct ControlSender {
 pub struct ControlReceiver {
     channel: Arc<Channel>,
     decoder: Decoder,
+    /// The same socket, while it takes no more.
+    full: Option<AsyncFd<UnixStream>>,
 }
 
 #[derive(Debug)]
 struct Channel {
-    stream: UnixStream,
+    /// Waited for to be read only: one that is waited for to be written wakes a task whenever the other side reads.
+    stream: AsyncFd<UnixStream>,
     outbox: Mutex<Outbox>,
     filled: Notify,
 }
@@ -125,10 +133,11 @@ impl Listener {
     pub async fn accept(&self) -> Result<(ControlSender, ControlReceiver), ControlError> {
         let (stream, _) = self.listener.accept().await?;
         check_user(stream.peer_cred()?.uid())?;
+        let stream = register(stream.into_std()?, Interest::READABLE)?;
         let outbox = Outbox { frames: Queue::new(Policy::reject(ORDERS_MAX)), writing: (Vec::new(), 0) };
         let channel = Arc::new(Channel { stream, outbox: Mutex::new(outbox), filled: Notify::new() });
         let sender = ControlSender { channel: Arc::clone(&channel) };
-        Ok((sender, ControlReceiver { channel, decoder: Decoder::new(Notice::SIZE_MAX) }))
+        Ok((sender, ControlReceiver { channel, decoder: Decoder::new(Notice::SIZE_MAX), full: None }))
     }
 }
 
@@ -143,7 +152,7 @@ impl ControlSender {
         let frame = frame::encode(&codec::encode(order)?, Order::SIZE_MAX)?;
         let (pushed, written) = {
             let mut outbox = self.channel.outbox();
-            (outbox.frames.push(frame), outbox.write(&self.channel.stream))
+            (outbox.frames.push(frame), outbox.write(self.channel.stream.get_ref()))
         };
         // The receiver goes on where this has stopped, and says why if the channel is broken.
         if !matches!(written, Ok(true)) {
@@ -169,31 +178,27 @@ impl ControlReceiver {
             if let Some(body) = self.decoder.next_frame()? {
                 return Ok(Some(codec::decode(&body)?));
             }
-            let idle = self.channel.outbox().is_empty();
+            let stream = self.channel.stream.get_ref();
+            if self.channel.outbox().is_empty() {
+                self.full = None;
+            } else if self.full.is_none() {
+                self.full = Some(register(stream.try_clone()?, Interest::WRITABLE)?);
+            }
             tokio::select! {
                 ready = self.channel.stream.readable() => {
-                    ready?;
-                    if self.read_some()? == Some(0) {
+                    if read_some(ready?, &mut self.decoder)? == Some(0) {
                         return self.end();
                     }
                 }
-                ready = self.channel.stream.writable(), if !idle => {
-                    ready?;
-                    self.channel.outbox().write(&self.channel.stream)?;
+                ready = writable(self.full.as_ref()) => {
+                    let mut ready = ready?;
+                    if !self.channel.outbox().write(stream)? {
+                        ready.clear_ready();
+                    }
                 }
-                () = self.channel.filled.notified(), if idle => {}
+                () = self.channel.filled.notified(), if self.full.is_none() => {}
             }
         }
-    }
-
-    fn read_some(&mut self) -> io::Result<Option<usize>> {
-        let mut bytes = [0; READ_SIZE];
-        let read = match not_yet(self.channel.stream.try_read(&mut bytes)) {
-            Err(cause) if is_gone(&cause) => Some(0),
-            read => read?,
-        };
-        self.decoder.push(&bytes[..read.unwrap_or(0)]);
-        Ok(read)
     }
 
     fn end(&self) -> Result<Option<Notice>, ControlError> {
@@ -208,7 +213,7 @@ impl ControlReceiver {
 impl Drop for ControlReceiver {
     fn drop(&mut self) {
         // The senders share the socket; a program that nobody hears must notice.
-        shutdown(&self.channel.stream, Shutdown::Both).unwrap_or_default();
+        shutdown(self.channel.stream.get_ref(), Shutdown::Both).unwrap_or_default();
     }
 }
 
@@ -225,14 +230,14 @@ impl Outbox {
     }
 
     /// Writes what the socket takes; says whether that was everything.
-    fn write(&mut self, stream: &UnixStream) -> io::Result<bool> {
+    fn write(&mut self, mut stream: &UnixStream) -> io::Result<bool> {
         loop {
             if self.writing.1 == self.writing.0.len() {
                 let Some(next) = self.frames.pop() else { return Ok(true) };
                 self.writing = (next, 0);
             }
             let (frame, done) = &mut self.writing;
-            match not_yet(stream.try_write(&frame[*done..])) {
+            match not_yet(stream.write(&frame[*done..])) {
                 Ok(Some(written)) => *done += written,
                 Ok(None) => return Ok(false),
                 // A program that is going reads no more, but may have said something before: read that to the end.
@@ -246,14 +251,14 @@ impl Outbox {
 /// Sends notices to the node. Clones share one channel.
 #[derive(Clone, Debug)]
 pub struct NoticeSender {
-    stream: Arc<Mutex<std::os::unix::net::UnixStream>>,
+    stream: Arc<Mutex<UnixStream>>,
 }
 
 /// Receives the node's orders.
 #[derive(Debug)]
 pub struct OrderReceiver {
     /// Most orders are shorter than its buffer, and cost one call of the system.
-    stream: BufReader<std::os::unix::net::UnixStream>,
+    stream: BufReader<UnixStream>,
 }
 
 /// Connects a program to its node.
@@ -262,7 +267,7 @@ pub struct OrderReceiver {
 /// If nobody listens on `path`, or a stranger does.
 pub fn connect(path: &Path) -> Result<(NoticeSender, OrderReceiver), ControlError> {
     let failed = |cause| ControlError::Connect { path: path.to_owned(), cause };
-    let stream = std::os::unix::net::UnixStream::connect(path).map_err(failed)?;
+    let stream = UnixStream::connect(path).map_err(failed)?;
     check_user(socket_peercred(&stream).map_err(io::Error::from)?.uid.as_raw())?;
     stream.set_write_timeout(Some(WRITE_WITHIN))?;
     let writer = stream.try_clone()?;
@@ -287,6 +292,9 @@ impl OrderReceiver {
     /// # Errors
     /// If the channel breaks or the node does not keep to the protocol.
     pub fn recv(&mut self) -> Result<Option<Order>, ControlError> {
+        if self.stream.buffer().is_empty() {
+            wait_readable(self.stream.get_ref())?;
+        }
         let mut prefix = [0; PREFIX_SIZE];
         match self.stream.read(&mut prefix[..1]) {
             Ok(0) => return Ok(None),
@@ -302,6 +310,45 @@ impl OrderReceiver {
         self.stream.read_exact(&mut body)?;
         Ok(Some(codec::decode(&body)?))
     }
+}
+
+/// Waits until there is something to read. A blocking read would wake, too, whenever the node takes a notice.
+fn wait_readable(stream: &UnixStream) -> io::Result<()> {
+    loop {
+        match poll(&mut [PollFd::new(stream, PollFlags::IN)], None) {
+            Err(Errno::INTR) => {}
+            waited => return Ok(waited.map(drop)?),
+        }
+    }
+}
+
+#[expect(unsafe_code, reason = "tokio cannot know of every type that it keeps its descriptor")]
+fn register(stream: UnixStream, interest: Interest) -> io::Result<AsyncFd<UnixStream>> {
+    // SAFETY: a stream owns its descriptor, which is open and the same one until the stream is dropped.
+    Ok(unsafe { AsyncFd::register_with_interest(stream, interest) }?)
+}
+
+/// Waits until a socket takes more; for ever if there is none.
+async fn writable(full: Option<&AsyncFd<UnixStream>>) -> io::Result<AsyncFdReadyGuard<'_, UnixStream>> {
+    match full {
+        Some(stream) => stream.writable().await,
+        None => std::future::pending().await,
+    }
+}
+
+/// Reads what there is; returns how much, none if there was nothing after all.
+fn read_some(mut ready: AsyncFdReadyGuard<'_, UnixStream>, decoder: &mut Decoder) -> io::Result<Option<usize>> {
+    let mut bytes = [0; READ_SIZE];
+    let read = match not_yet(ready.get_inner().read(&mut bytes)) {
+        Err(cause) if is_gone(&cause) => Some(0),
+        read => read?,
+    };
+    // Less than there is room for: that was all.
+    if read.is_none_or(|read| read < READ_SIZE) {
+        ready.clear_ready();
+    }
+    decoder.push(&bytes[..read.unwrap_or(0)]);
+    Ok(read)
 }
 
 fn check_user(uid: u32) -> Result<(), ControlError> {
@@ -446,7 +493,7 @@ mod tests {
         let dir = Dir::new("garbage");
         let listener = Listener::bind(&dir.socket()).unwrap();
         let check = async |bytes: &[u8], expect: &str| {
-            std::os::unix::net::UnixStream::connect(dir.socket()).unwrap().write_all(bytes).unwrap();
+            UnixStream::connect(dir.socket()).unwrap().write_all(bytes).unwrap();
             let (_orders, mut notices) = listener.accept().await.unwrap();
             let error = notices.recv().await.unwrap_err().to_string();
             assert!(error.contains(expect), "{error}");

@@ -22,7 +22,9 @@ fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let result = match arguments.first().map(String::as_str) {
         Some("raw") => raw::side(&arguments[1..]),
-        Some("--bench") => bench(arguments.get(1).map(String::as_str)),
+        Some(_) if arguments.iter().any(|argument| argument == "--bench") => {
+            bench(arguments.iter().map(String::as_str).find(|argument| !argument.starts_with('-')))
+        }
         Some(_) => return controllers::sdk::process::run(&programs::registry()),
         None => say("this measures only when it is started by `cargo bench`"),
     };
