@@ -6,6 +6,7 @@
 mod declare;
 mod expression;
 mod flow;
+mod index;
 mod lower;
 mod names;
 mod ports;

@@ -4,7 +4,7 @@ mod module;
 mod process;
 
 use super::names::twice;
-use super::spec::{Const, Consts, Param, Scope, Spec, ValueKind};
+use super::spec::{Const, Consts, Param, Scope, Spec, Value, ValueKind};
 use super::value::value;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::source::{Origin, Span};
@@ -15,12 +15,15 @@ use crate::syntax::ast::Node;
 pub(super) fn constants(spec: &mut Spec, root: &Node, diagnostics: &mut Vec<Diagnostic>) {
     for item in root.children_of(SyntaxKind::ConstItem) {
         let (Some(name), Some(node)) = (item.title(), item.child(Constant)) else { continue };
-        let scope = Scope { params: &[], consts: &spec.consts };
-        let value = value(&node, scope, diagnostics);
+        let scope = Scope { params: &[], consts: &spec.consts, indices: &[] };
+        let list = node.child(SyntaxKind::List);
+        let nodes = list.as_ref().map_or_else(|| vec![node.clone()], |list| list.children_of(Constant).collect());
+        let values: Vec<Value> = nodes.iter().map(|node| value(node, scope, diagnostics)).collect();
+        let is_broken = values.iter().any(|value| matches!(value.kind, ValueKind::Broken));
         if let Some(first) = spec.consts.get(&name.text) {
             diagnostics.push(twice("constant", &name.text, name.span, first.name.span));
-        } else if let ValueKind::Constant(constant) = value.kind {
-            spec.consts.insert(name.text.clone(), Const { name, value: constant, dimension: value.dimension });
+        } else if !is_broken {
+            spec.consts.insert(name.text.clone(), Const { name, values, is_list: list.is_some() });
         }
     }
 }
@@ -95,11 +98,12 @@ fn params(node: &Node, consts: &Consts, diagnostics: &mut Vec<Diagnostic>) -> Ve
             diagnostics.push(twice("parameter", &name.text, name.span, first.name.span));
             continue;
         }
-        let default =
-            node.child(Constant).and_then(|node| match value(&node, Scope { params: &[], consts }, diagnostics).kind {
+        let default = node.child(Constant).and_then(|node| {
+            match value(&node, Scope { params: &[], consts, indices: &[] }, diagnostics).kind {
                 ValueKind::Constant(constant) => Some(constant),
                 ValueKind::Param(_) | ValueKind::Broken => None,
-            });
+            }
+        });
         params.push(Param { name, kind: node.child(Type).map(|node| node.compact_text()), default });
     }
     params

@@ -1,12 +1,14 @@
 //! Event-action expressions: tree to slots.
 
+mod replicate;
+
 use super::names::Names;
-use super::spec::{Consts, Damage, Expr, ExprKind, Set};
+use super::spec::{Binding, Consts, Damage, Expr, ExprKind, Set};
 use super::value::duration;
 use crate::diagnostic::{Code, Diagnostic, Edit};
 use crate::similar::{is_look_alike, nearest, spell};
 use crate::source::Span;
-use crate::syntax::SyntaxKind::{self, Colon, Constant, Labels, Number, Question, Recur, Text};
+use crate::syntax::SyntaxKind::{self, Colon, Constant, Number, Question, Recur, Text};
 use crate::syntax::ast::{Name, Node};
 
 /// The most tries of a `retry`: each is a copy of its operand.
@@ -21,6 +23,8 @@ type Make = fn(Vec<Expr>) -> ExprKind;
 pub(super) struct Group<'a> {
     pub(super) names: Names<'a>,
     pub(super) consts: &'a Consts,
+    /// The index variables around, with their values.
+    pub(super) indices: Vec<Binding>,
     pub(super) sets: &'a [Set],
     pub(super) damage: Damage,
     /// The slots that are run, in the order of the text.
@@ -106,6 +110,8 @@ fn special(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<Diagnostic>
         return chain(node, group, diagnostics);
     } else if node.kind() == SyntaxKind::Suffixed {
         return suffixed(node, group, diagnostics);
+    } else if node.kind() == SyntaxKind::AllOf {
+        replicate::all_of(node, group, diagnostics)
     } else if node.kind() == SyntaxKind::Retry {
         retry(node, group, diagnostics)
     } else if node.kind() == SyntaxKind::AnyOf {
@@ -225,7 +231,10 @@ fn any_of(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<Diagnostic>)
 fn run(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<Diagnostic>) -> Expr {
     let span = node.span();
     let Some(name) = node.names().next() else { return Expr { span, kind: ExprKind::Broken } };
-    let labels: Vec<Name> = node.child(Labels).map(|node| node.names().collect()).unwrap_or_default();
+    let Some((name, labels)) = replicate::run_of(node, name, group, diagnostics) else {
+        group.damage.names = true;
+        return Expr { span, kind: ExprKind::Broken };
+    };
     if let ("skip" | "never", None) = (name.text.as_str(), group.names.find(&name.text)) {
         let kind = if name.text == "skip" { ExprKind::Skip } else { ExprKind::Never };
         return Expr { span, kind };

@@ -18,6 +18,8 @@ pub(super) struct Names<'a> {
     folded: BTreeMap<String, Vec<usize>>,
     /// Unknown names that were reported: one cause is one report.
     reported: BTreeSet<String>,
+    /// How many instances each array has.
+    pub(super) arrays: BTreeMap<String, usize>,
     /// Whether the instances could not be read whole, so that an unknown name proves nothing.
     is_damaged: bool,
     /// Whether the text around is damaged, so that a word may be no name at all unless it looks like one.
@@ -36,7 +38,16 @@ impl<'a> Names<'a> {
                 by_type.entry(kind.text.as_str()).or_default().push(slot);
             }
         }
-        Self { instances, exact, by_type, folded, reported: BTreeSet::new(), is_damaged, is_doubtful: false }
+        Self {
+            instances,
+            exact,
+            by_type,
+            folded,
+            reported: BTreeSet::new(),
+            arrays: BTreeMap::new(),
+            is_damaged,
+            is_doubtful: false,
+        }
     }
 
     /// The instance that is called exactly so; anything else is reported.

@@ -24,9 +24,9 @@ pub(crate) type Consts = BTreeMap<String, Const>;
 #[derive(Debug)]
 pub(crate) struct Const {
     pub(crate) name: Name,
-    pub(crate) value: Constant,
-    /// What it measures, when it has a unit.
-    pub(crate) dimension: Option<Dimension>,
+    /// One value, or those of a list.
+    pub(crate) values: Vec<Value>,
+    pub(crate) is_list: bool,
 }
 
 /// What a name may mean where a value stands.
@@ -35,12 +35,18 @@ pub(crate) struct Scope<'a> {
     /// The parameters of the enclosing process.
     pub(crate) params: &'a [Param],
     pub(crate) consts: &'a Consts,
+    pub(crate) indices: &'a [Binding],
 }
+
+/// An index variable and its value.
+pub(crate) type Binding = (String, usize);
 
 /// A process group.
 #[derive(Debug)]
 pub(crate) struct Process {
     pub(crate) name: Name,
+    /// What its doc comments say.
+    pub(crate) doc: String,
     pub(crate) params: Vec<Param>,
     pub(crate) host: Option<Value>,
     pub(crate) instances: Vec<Instance>,
@@ -156,6 +162,8 @@ pub(crate) struct Connection {
 #[derive(Debug)]
 pub(crate) struct Module {
     pub(crate) name: Name,
+    /// What its doc comments say.
+    pub(crate) doc: String,
     /// The parameters after the host; nothing when the interface does not say.
     pub(crate) params: Option<Vec<Param>>,
     pub(crate) ports: Vec<Port>,

@@ -1,5 +1,6 @@
 //! Constants, quantities and durations.
 
+use super::index;
 use super::spec::{Consts, Scope, Value, ValueKind};
 use super::unit::{self, Dimension};
 use crate::diagnostic::{Code, Diagnostic};
@@ -26,9 +27,38 @@ pub(super) fn value(node: &Node, scope: Scope<'_>, diagnostics: &mut Vec<Diagnos
         };
         return Value { span, kind, dimension };
     }
-    match node.names().next() {
-        Some(name) => Value { span, ..symbol(&name, scope, diagnostics) },
-        None => Value { span, kind: ValueKind::Broken, dimension: None },
+    if let Some(list) = node.child(SyntaxKind::List) {
+        let message =
+            "a list can only be a named constant, of which one value is picked: `const hosts = [c1, c2];`, `hosts[0]`";
+        diagnostics.push(Diagnostic::new(Code::E0006, list.span(), message));
+        return Value { span, kind: ValueKind::Broken, dimension: None };
+    }
+    let Some(name) = node.names().next() else { return Value { span, kind: ValueKind::Broken, dimension: None } };
+    match node.child(SyntaxKind::Index) {
+        Some(index) => picked(&name, &index, scope, diagnostics),
+        None => Value { span, ..symbol(&name, scope, diagnostics) },
+    }
+}
+
+/// `hosts[i]`: one value of a list.
+fn picked(name: &Name, index: &Node, scope: Scope<'_>, diagnostics: &mut Vec<Diagnostic>) -> Value {
+    let span = Span { end: index.span().end, ..name.span };
+    let broken = Value { span, kind: ValueKind::Broken, dimension: None };
+    let list = scope.consts.get(&name.text).filter(|named| named.is_list);
+    let Some(list) = list else {
+        let message = format!("`{}` is no list", name.text);
+        diagnostics.push(Diagnostic::new(Code::E0203, name.span, message).help("name one: `const hosts = [c1, c2];`"));
+        return broken;
+    };
+    let Some(place) = index::known(index, scope.indices, diagnostics) else { return broken };
+    match list.values.get(place) {
+        Some(value) => Value { span, ..value.clone() },
+        None => {
+            let message = format!("`{}` has {} values, so there is none at {place}", name.text, list.values.len());
+            let diagnostic = Diagnostic::new(Code::E0203, span, message).reason(list.name.span, "declared here");
+            diagnostics.push(diagnostic.help("the first one is at 0"));
+            broken
+        }
     }
 }
 
@@ -38,12 +68,22 @@ pub(super) fn symbol(name: &Name, scope: Scope<'_>, diagnostics: &mut Vec<Diagno
     if let "true" | "false" = name.text.as_str() {
         return value(ValueKind::Constant(Constant::Truth(name.text == "true")));
     }
+    if let Some((_, index)) = scope.indices.iter().rev().find(|(known, _)| *known == name.text) {
+        return value(ValueKind::Constant(Constant::Number(index::number(*index))));
+    }
     if let Some(index) = scope.params.iter().position(|param| param.name.text == name.text) {
         return value(ValueKind::Param(index));
     }
     if let Some(named) = scope.consts.get(&name.text) {
-        let kind = ValueKind::Constant(named.value.clone());
-        return Value { span: name.span, kind, dimension: named.dimension };
+        return match named.values.first().filter(|_| !named.is_list) {
+            Some(one) => Value { span: name.span, ..one.clone() },
+            None => {
+                let message = format!("`{0}` is a list: pick one of it, as `{0}[0]`", name.text);
+                let diagnostic = Diagnostic::new(Code::E0203, name.span, message);
+                diagnostics.push(diagnostic.reason(named.name.span, "declared here"));
+                value(ValueKind::Broken)
+            }
+        };
     }
     let params = scope.params.iter().map(|param| param.name.text.as_str());
     if let Some(near) = nearest(&name.text, params.chain(scope.consts.keys().map(String::as_str))) {
@@ -91,9 +131,9 @@ pub(super) fn duration(node: &Node, consts: &Consts, diagnostics: &mut Vec<Diagn
     let span: Span = node.span();
     let named = node.names().next().filter(|_| node.token(Number).is_none());
     let (seconds, dimension) = if let Some(named) = named.and_then(|name| consts.get(&name.text)) {
-        match named.value {
-            Constant::Number(number) => (number, named.dimension),
-            Constant::Text(_) | Constant::Truth(_) => (0.0, None),
+        match named.values.as_slice() {
+            [Value { kind: ValueKind::Constant(Constant::Number(number)), dimension, .. }] => (*number, *dimension),
+            [..] => (0.0, None),
         }
     } else if node.kind() == SyntaxKind::Constant && node.token(Number).is_some() {
         quantity(node, diagnostics)?

@@ -118,6 +118,8 @@ codes! {
         "One of the name and exactly one instance begins with the other, and it is read as that instance."
     E0202 Error "ambiguous name"
         "The name could mean more than one instance."
+    E0203 Error "wrong index"
+        "`robot[4] instof Robot(hosts[i])` makes four instances, `robot[0]` to `robot[3]`; in their arguments `i` is the index of each. A list is a named constant: `const hosts = [c1, c2];`. Where one of several has to be chosen, its index stands in brackets; `all i in 0..4 (robot[i])` runs them all."
     W0204 Warning "type abbreviated"
         "No type has this name, but exactly one has it but for case, or with the same words written out."
     W0205 Warning "no interface known"

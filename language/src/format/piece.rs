@@ -2,8 +2,8 @@
 
 use crate::syntax::SyntaxKind::{
     self, Args, Binder, Chain, Colon, Comma, Dot, DotDot, Greater, Labels, LeftBrace, LeftBracket, LeftParen, Less,
-    Minus, Module, Owner, Params, Paren, Question, Recur, RightBrace, RightBracket, RightParen, Semicolon, Sequence,
-    Slash, Whitespace,
+    List, Minus, Module, Owner, Params, Paren, Question, Recur, RightBrace, RightBracket, RightParen, Semicolon,
+    Sequence, Slash, Whitespace,
 };
 use crate::syntax::SyntaxNode;
 
@@ -109,6 +109,9 @@ pub(super) fn is_apart(before: &Piece, next: &Piece) -> bool {
         let is_empty = before.kind == LeftBrace && next.kind == RightBrace;
         return !is_empty && (before.parent == Module || next.parent == Module);
     }
+    if next.kind == LeftBracket && next.parent == List {
+        return ![LeftParen, LeftBracket].contains(&before.kind);
+    }
     let tight_after = [LeftParen, LeftBracket, Dot, Minus, DotDot, Less, Slash];
     let tight_before = [RightParen, RightBracket, Comma, Dot, Question, LeftBracket, Greater, DotDot, Less, Slash];
     if tight_after.contains(&before.kind) || tight_before.contains(&next.kind) {
@@ -119,5 +122,5 @@ pub(super) fn is_apart(before: &Piece, next: &Piece) -> bool {
 
 /// Whether the node is a list in brackets.
 pub(super) fn is_bracketed(kind: SyntaxKind) -> bool {
-    [Params, Args, Owner, Labels, Binder].contains(&kind)
+    [Params, Args, Owner, Labels, Binder, List].contains(&kind)
 }

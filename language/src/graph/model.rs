@@ -9,6 +9,8 @@ use std::collections::{BTreeMap, BTreeSet};
 pub(super) struct Unit {
     pub(super) name: String,
     pub(super) kind: String,
+    /// What the doc comments of its type say.
+    pub(super) doc: String,
     /// Index into the hosts.
     pub(super) host: usize,
     pub(super) is_service: bool,
@@ -78,6 +80,7 @@ fn group(known: &Known<'_>, index: usize, name: &str, path: &str) -> Unit {
     let mut unit = Unit {
         name: name.to_owned(),
         kind: process.name.text.clone(),
+        doc: process.doc.clone(),
         host: known.hosts.get(path).copied().unwrap_or(0),
         is_service: process.is_service,
         is_group: true,
@@ -116,6 +119,7 @@ fn leaf(known: &Known<'_>, process: &Process, slot: usize, path: &str) -> Unit {
     Unit {
         name: instance.name.text.clone(),
         kind: instance.kind.as_ref().map(|kind| kind.text.clone()).unwrap_or_default(),
+        doc: module.map(|module| module.doc.clone()).unwrap_or_default(),
         host: known.hosts.get(path).copied().unwrap_or(0),
         is_service: module.is_some_and(|module| module.is_service),
         is_group: false,

@@ -69,7 +69,8 @@ fn draw(out: &mut String, unit: &Unit, placed: &Placed, (x, y): (i32, i32), host
     let (band, fill) = HOSTS[unit.host % HOSTS.len()];
     let host = hosts.get(unit.host).map_or("", String::as_str);
     let title = format!("{}: {}{}, on {host}", unit.name, unit.kind, if unit.is_service { ", a service" } else { "" });
-    line(out, format_args!("<g><title>{}</title>", escape(&title)));
+    let doc = if unit.doc.is_empty() { String::new() } else { format!("\n{}", unit.doc) };
+    line(out, format_args!("<g><title>{}</title>", escape(&(title + &doc))));
     let stroke = if unit.is_group { 1.6 } else { 1.0 };
     let place = format!("x=\"{x}\" y=\"{y}\" width=\"{width}\" height=\"{height}\" rx=\"3\"");
     line(out, format_args!("<rect {place} fill=\"{fill}\" stroke=\"#333\" stroke-width=\"{stroke}\"/>"));

@@ -37,6 +37,16 @@ impl Node {
         tokens.filter(|token| !token.kind().is_trivia()).map(|token| token.text().to_owned()).collect()
     }
 
+    /// The doc comments directly before the node, without their slashes.
+    pub(crate) fn doc(&self) -> String {
+        let before = std::iter::successors(self.syntax.prev_sibling_or_token(), |part| part.prev_sibling_or_token());
+        let tokens = before.map_while(rowan::NodeOrToken::into_token).take_while(|token| token.kind().is_trivia());
+        let docs = tokens.filter(|token| token.kind() == SyntaxKind::DocComment);
+        let mut lines: Vec<String> = docs.map(|token| token.text().trim_start_matches('/').trim().to_owned()).collect();
+        lines.reverse();
+        lines.join("\n")
+    }
+
     pub(crate) fn children(&self) -> impl Iterator<Item = Self> + '_ {
         self.syntax.children().map(|child| Self::new(child, self.origin))
     }

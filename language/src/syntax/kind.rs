@@ -75,6 +75,9 @@ kinds! {
     Host "a host section"
     Instances "a section of instances"
     Instance "an instance"
+    Count "a number of instances"
+    Index "an index"
+    List "a list"
     Args "arguments"
     Arg "an argument"
     Constant "a constant"
@@ -109,5 +112,6 @@ kinds! {
     Fail "`fail`"
     Wait "`wait`"
     AnyOf "`any`"
+    AllOf "`all`"
     Error "something unreadable"
 }

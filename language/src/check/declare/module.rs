@@ -24,6 +24,7 @@ pub(super) fn module(
     let params = node.child(Params).filter(|_| !is_damaged).map(|node| super::params(&node, consts, diagnostics));
     let mut module = Module {
         name: node.title()?,
+        doc: node.doc(),
         params: params.map(|params| params.into_iter().filter(|param| !is_host(param)).collect()),
         ports: Vec::new(),
         is_service: false,

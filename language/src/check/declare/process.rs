@@ -3,9 +3,10 @@
 mod quality;
 
 use crate::check::expression;
+use crate::check::index;
 use crate::check::names::{Names, twice};
 use crate::check::spec::{
-    Arg, Connection, Consts, Damage, Endpoint, Export, Instance, Process, Scope, Set, Target, Value, ValueKind,
+    Arg, Binding, Connection, Consts, Damage, Endpoint, Export, Instance, Process, Scope, Set, Target, Value, ValueKind,
 };
 use crate::check::value::{symbol, value};
 use crate::diagnostic::{Code, Diagnostic};
@@ -13,6 +14,7 @@ use crate::plan::{Constant, Transfer};
 use crate::source::Span;
 use crate::syntax::SyntaxKind::{self, BackArrow, Equals, Text};
 use crate::syntax::ast::{Name, Node};
+use std::collections::BTreeMap;
 
 /// Reads a process; `places` are where its text is damaged.
 pub(super) fn process(
@@ -26,23 +28,32 @@ pub(super) fn process(
     check_sections(node, diagnostics);
     let params =
         node.child(SyntaxKind::Params).map(|node| super::params(&node, consts, diagnostics)).unwrap_or_default();
-    let scope = Scope { params: &params, consts };
+    let scope = Scope { params: &params, consts, indices: &[] };
     let host = node.child(SyntaxKind::Host).and_then(|node| host(&node, scope, diagnostics));
-    let mut instances = instances(node, scope, diagnostics);
+    let (mut instances, arrays) = instances(node, scope, diagnostics);
     let mut names = Names::new(&instances, damage.instances);
+    names.arrays = arrays;
     let exports = exports(node, &mut names, diagnostics);
     let (sets, are_whole) = sets(node, &mut names, diagnostics);
     damage.connections |= !are_whole;
     let actions = node.children_of(SyntaxKind::Actions).next();
     names.is_doubtful = damage.actions;
-    let mut group = expression::Group { names, consts, sets: &sets, damage, run: Vec::new(), useless: Vec::new() };
+    let mut group = expression::Group {
+        names,
+        consts,
+        indices: Vec::new(),
+        sets: &sets,
+        damage,
+        run: Vec::new(),
+        useless: Vec::new(),
+    };
     let actions = actions.and_then(|node| expression::actions(&node, &mut group, diagnostics));
     damage.names = group.damage.names;
     let run = group.run;
     for slot in run {
         instances[slot].is_run = true;
     }
-    Some(Process { name, params, host, instances, exports, sets, actions, damage, is_service: false })
+    Some(Process { name, doc: node.doc(), params, host, instances, exports, sets, actions, damage, is_service: false })
 }
 
 /// Finds out which parts of the process contain damaged text. Damage between sections may belong to any of them.
@@ -93,9 +104,14 @@ fn host(node: &Node, scope: Scope<'_>, diagnostics: &mut Vec<Diagnostic>) -> Opt
     Some(value)
 }
 
-fn instances(node: &Node, scope: Scope<'_>, diagnostics: &mut Vec<Diagnostic>) -> Vec<Instance> {
+fn instances(
+    node: &Node,
+    scope: Scope<'_>,
+    diagnostics: &mut Vec<Diagnostic>,
+) -> (Vec<Instance>, BTreeMap<String, usize>) {
     let mut instances: Vec<Instance> = Vec::new();
-    let mut first: std::collections::BTreeMap<String, Span> = std::collections::BTreeMap::new();
+    let mut arrays = BTreeMap::new();
+    let mut first: BTreeMap<String, Span> = BTreeMap::new();
     let sections = node.children_of(SyntaxKind::Instances);
     let nodes: Vec<Node> =
         sections.flat_map(|section| section.children_of(SyntaxKind::Instance).collect::<Vec<_>>()).collect();
@@ -110,10 +126,48 @@ fn instances(node: &Node, scope: Scope<'_>, diagnostics: &mut Vec<Diagnostic>) -
         let args = node.child(SyntaxKind::Args);
         let args_span = args.as_ref().map_or(node.span().at_end(), Node::span);
         let kind = kind.map(|kind| Name { text: kind.compact_text(), span: kind.span() });
-        let args = args.map(|args| arguments(&args, scope, diagnostics)).unwrap_or_default();
-        instances.push(Instance { name, kind, target: Target::Unknown, args, args_span, is_run: false });
+        let count = node.child(SyntaxKind::Count).map(|count| count_of(&count, scope, diagnostics));
+        let mut add = |name: Name, scope: Scope<'_>, diagnostics: &mut Vec<Diagnostic>| {
+            let args = args.as_ref().map(|args| arguments(args, scope, diagnostics)).unwrap_or_default();
+            let kind = kind.clone();
+            instances.push(Instance { name, kind, target: Target::Unknown, args, args_span, is_run: false });
+        };
+        let Some(count) = count else {
+            add(name, scope, diagnostics);
+            continue;
+        };
+        for index in 0..count {
+            let indices = [("i".to_owned(), index)];
+            let element = Name { text: index::element(&name.text, index), span: name.span };
+            // What is wrong with one of them is wrong with most, and is said once.
+            let mut found = Vec::new();
+            add(element.clone(), Scope { indices: &indices, ..scope }, &mut found);
+            found.retain(|found| !diagnostics.contains(found));
+            diagnostics.append(&mut found);
+            first.insert(element.text, name.span);
+        }
+        arrays.insert(name.text, count);
     }
-    instances
+    (instances, arrays)
+}
+
+/// How many instances there are: `[4]`, or the name of a constant.
+fn count_of(node: &Node, scope: Scope<'_>, diagnostics: &mut Vec<Diagnostic>) -> usize {
+    let written = node.token(SyntaxKind::Number).map(|number| number.text().to_owned());
+    let named = node.names().next().and_then(|name| scope.consts.get(&name.text)).filter(|named| !named.is_list);
+    let named = named.and_then(|named| match &named.values.first()?.kind {
+        ValueKind::Constant(Constant::Number(number)) => Some(number.to_string()),
+        ValueKind::Constant(Constant::Text(_) | Constant::Truth(_)) | ValueKind::Param(_) | ValueKind::Broken => None,
+    });
+    let count = written.or(named).and_then(|text| text.parse().ok());
+    match count.filter(|count| (1..=index::COUNT_MAX).contains(count)) {
+        Some(count) => count,
+        None => {
+            let message = format!("expected how many instances there are, from 1 to {}", index::COUNT_MAX);
+            diagnostics.push(Diagnostic::new(Code::E0009, node.span(), message));
+            1
+        }
+    }
 }
 
 fn arguments(node: &Node, scope: Scope<'_>, diagnostics: &mut Vec<Diagnostic>) -> Vec<Arg> {
@@ -131,7 +185,7 @@ fn exports(node: &Node, names: &mut Names<'_>, diagnostics: &mut Vec<Diagnostic>
     let nodes: Vec<Node> =
         sections.flat_map(|section| section.children_of(SyntaxKind::Export).collect::<Vec<_>>()).collect();
     for node in nodes {
-        let endpoint = node.child(SyntaxKind::Endpoint).and_then(|node| endpoint(&node, names, diagnostics));
+        let endpoint = node.child(SyntaxKind::Endpoint).and_then(|node| endpoint(&node, names, &[], diagnostics));
         let (Some(name), Some(endpoint)) = (node.names().next(), endpoint) else { continue };
         match exports.iter().find(|export| export.name.text == name.text) {
             Some(first) => diagnostics.push(twice("external port", &name.text, name.span, first.name.span)),
@@ -141,63 +195,105 @@ fn exports(node: &Node, names: &mut Names<'_>, diagnostics: &mut Vec<Diagnostic>
     exports
 }
 
-fn endpoint(node: &Node, names: &mut Names<'_>, diagnostics: &mut Vec<Diagnostic>) -> Option<Endpoint> {
-    let mut parts = node.names();
-    let (instance, port) = (parts.next()?, parts.next()?);
+fn endpoint(
+    node: &Node,
+    names: &mut Names<'_>,
+    bindings: &[Binding],
+    diagnostics: &mut Vec<Diagnostic>,
+) -> Option<Endpoint> {
+    let port = node.names().nth(1)?;
+    let instance = index::name(node, names, bindings, diagnostics)?;
     Some(Endpoint { slot: names.exact(&instance, diagnostics)?, port })
 }
 
 /// Returns the sets, and whether all of them could be read.
 fn sets(node: &Node, names: &mut Names<'_>, diagnostics: &mut Vec<Diagnostic>) -> (Vec<Set>, bool) {
     let mut sets: Vec<Set> = Vec::new();
-    let mut first: std::collections::BTreeMap<(Option<usize>, Option<String>), Span> =
-        std::collections::BTreeMap::new();
+    let mut first = Known::new();
     let mut are_whole = true;
     for section in node.children_of(SyntaxKind::Connections) {
-        let head: Vec<Name> = section.child(SyntaxKind::Owner).map(|owner| owner.names().collect()).unwrap_or_default();
-        let owner = head.first().map(|owner| names.exact(owner, diagnostics));
-        let connections = connections(&section, names, diagnostics);
-        are_whole &= owner != Some(None);
-        let labels: Vec<Option<Name>> = match head.get(1..) {
-            Some(labels) if !labels.is_empty() => labels.iter().cloned().map(Some).collect(),
-            Some(_) | None => vec![None],
-        };
-        if owner == Some(None) {
-            continue;
-        }
-        let owner = owner.flatten();
-        for label in labels {
-            let key = (owner, label.as_ref().map(|label| label.text.clone()));
-            match (&label, first.get(&key)) {
-                (Some(label), Some(&first)) => {
-                    diagnostics.push(twice("connection set", &label.text, label.span, first));
-                }
-                (Some(_) | None, _) => {
-                    let span = label.as_ref().map_or(section.span(), |label| label.span);
-                    first.insert(key, span);
-                    sets.push(Set { owner, label, connections: connections.clone() });
-                }
+        // A set of each instance of an array: `internal_connections(robot[i], on)`.
+        let owner = section.child(SyntaxKind::Owner);
+        let variable = owner.as_ref().and_then(|owner| index::unbound(std::slice::from_ref(owner), names, &[]));
+        let rounds = variable.as_ref().map_or(1, |(_, count)| *count);
+        for round in 0..rounds {
+            let bindings: Vec<Binding> = variable.iter().map(|(name, _)| (name.clone(), round)).collect();
+            let mut found = Vec::new();
+            let head = owner.as_ref().and_then(|owner| index::name(owner, names, &bindings, &mut found));
+            let slot = head.as_ref().map(|owner| names.exact(owner, &mut found));
+            let is_unknown =
+                owner.as_ref().is_some_and(|owner| owner.names().next().is_some()) && slot.flatten().is_none();
+            let connections = connections(&section, names, &bindings, &mut found);
+            are_whole &= !is_unknown;
+            if !is_unknown {
+                let labels: Vec<Name> =
+                    owner.iter().flat_map(|owner| owner.names().skip(1).collect::<Vec<_>>()).collect();
+                add_sets(&mut sets, &mut first, (slot.flatten(), labels, section.span()), &connections, &mut found);
             }
+            found.retain(|found| !diagnostics.contains(found));
+            diagnostics.append(&mut found);
         }
     }
     (sets, are_whole)
 }
 
-fn connections(section: &Node, names: &mut Names<'_>, diagnostics: &mut Vec<Diagnostic>) -> Vec<Connection> {
+/// Where each set stands, by owner and label.
+type Known = BTreeMap<(Option<usize>, Option<String>), Span>;
+
+/// Adds one set for each label, or the one without a label.
+fn add_sets(
+    sets: &mut Vec<Set>,
+    first: &mut Known,
+    (owner, labels, section): (Option<usize>, Vec<Name>, Span),
+    connections: &[Connection],
+    diagnostics: &mut Vec<Diagnostic>,
+) {
+    let is_bare = labels.is_empty();
+    for label in labels.into_iter().map(Some).chain(is_bare.then_some(None)) {
+        let key = (owner, label.as_ref().map(|label| label.text.clone()));
+        match (&label, first.get(&key)) {
+            (Some(label), Some(&first)) => {
+                diagnostics.push(twice("connection set", &label.text, label.span, first));
+            }
+            (Some(_) | None, _) => {
+                let span = label.as_ref().map_or(section, |label| label.span);
+                first.insert(key, span);
+                sets.push(Set { owner, label, connections: connections.to_vec() });
+            }
+        }
+    }
+}
+
+fn connections(
+    section: &Node,
+    names: &mut Names<'_>,
+    bindings: &[Binding],
+    diagnostics: &mut Vec<Diagnostic>,
+) -> Vec<Connection> {
     let mut connections = Vec::new();
     for node in section.children_of(SyntaxKind::Connection) {
-        let ends = node.children_of(SyntaxKind::Endpoint);
-        let ends: Vec<Option<Endpoint>> = ends.map(|end| endpoint(&end, names, diagnostics)).collect();
-        let [Some(left), Some(right)] = ends.as_slice() else { continue };
-        let is_backwards = node.token(BackArrow).is_some();
-        let (from, to) = if is_backwards { (right, left) } else { (left, right) };
-        let is_pull = |quality: Node| quality.names().next().is_some_and(|name| name.text == "pull");
-        let transfer = match node.children_of(SyntaxKind::Quality).any(is_pull) {
-            true => Transfer::Pull,
-            false => Transfer::Push,
-        };
+        let ends: Vec<Node> = node.children_of(SyntaxKind::Endpoint).collect();
         let quality = quality::quality(&node, diagnostics);
-        connections.push(Connection { from: from.clone(), to: to.clone(), transfer, quality, span: node.span() });
+        // `robot[i], Out -> map, In` stands for one connection of each robot.
+        let variable = index::unbound(&ends, names, bindings);
+        let rounds = variable.as_ref().map_or(1, |(_, count)| *count);
+        for round in 0..rounds {
+            let bound: Vec<Binding> =
+                bindings.iter().cloned().chain(variable.iter().map(|(name, _)| (name.clone(), round))).collect();
+            let mut found = Vec::new();
+            let ends: Vec<Option<Endpoint>> = ends.iter().map(|end| endpoint(end, names, &bound, &mut found)).collect();
+            found.retain(|found| !diagnostics.contains(found));
+            diagnostics.append(&mut found);
+            let [Some(left), Some(right)] = ends.as_slice() else { continue };
+            let is_backwards = node.token(BackArrow).is_some();
+            let (from, to) = if is_backwards { (right, left) } else { (left, right) };
+            let is_pull = |quality: Node| quality.names().next().is_some_and(|name| name.text == "pull");
+            let transfer = match node.children_of(SyntaxKind::Quality).any(is_pull) {
+                true => Transfer::Pull,
+                false => Transfer::Push,
+            };
+            connections.push(Connection { from: from.clone(), to: to.clone(), transfer, quality, span: node.span() });
+        }
     }
     connections
 }

@@ -15,7 +15,11 @@ pub(super) fn resolve(spec: &mut Spec, diagnostics: &mut Vec<Diagnostic>) {
         for instance in &process.instances {
             let target = instance.kind.as_ref().map(|kind| types.find(index, kind, diagnostics));
             if let (Some(Target::Unknown), Some(kind)) = (target, &instance.kind) {
-                unknown.entry(&kind.text).or_default().push((index, kind));
+                let places = unknown.entry(&kind.text).or_default();
+                // The instances of an array are declared in one place.
+                if places.last().is_none_or(|(_, last)| last.span != kind.span) {
+                    places.push((index, kind));
+                }
             }
             targets.push(target.unwrap_or(Target::Unknown));
         }

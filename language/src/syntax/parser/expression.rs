@@ -188,6 +188,8 @@ impl Parser<'_> {
             }
         } else if self.at_word("any") && self.kind(1) == Number {
             self.any_of();
+        } else if ["all", "race"].contains(&self.word(0)) && self.kind(1) == Ident && self.word(2) == "in" {
+            self.all_of();
         } else if self.kind(1) == LeftParen && ["fail", "wait"].contains(&self.word(0)) {
             self.call();
         } else if [LeftParen, LeftBrace].contains(&self.kind(1)) && LATER.contains(&self.word(0)) {
@@ -247,7 +249,28 @@ impl Parser<'_> {
         self.finish();
     }
 
-    /// `name[label, label]<value>`
+    /// `all i in 0..4 (p[i])`, `race i in 0..4 (p[i])`
+    fn all_of(&mut self) {
+        self.start(SyntaxKind::AllOf);
+        self.bump();
+        self.bump();
+        self.bump();
+        let has_start = self.eat(Number) || self.eat(Ident);
+        if !has_start || !self.eat(SyntaxKind::DotDot) {
+            self.expected("a range such as `0..4`");
+        }
+        if !self.eat(Number) && !self.eat(Ident) {
+            self.expected("the end of the range");
+        }
+        if self.at(LeftParen) {
+            self.parenthesised();
+        } else {
+            self.expected("`(`");
+        }
+        self.finish();
+    }
+
+    /// `name[label, label]<value>`, `name[index][label]`
     fn run(&mut self) {
         self.start(SyntaxKind::Run);
         self.bump();
@@ -258,6 +281,9 @@ impl Parser<'_> {
         }
         if self.at(LeftBracket) || (self.at(Ident) && self.kind(1) == RightBracket) {
             self.labels();
+            if self.at(LeftBracket) {
+                self.labels();
+            }
         }
         if self.at(Less) {
             self.start(SyntaxKind::Binder);
@@ -271,9 +297,9 @@ impl Parser<'_> {
     fn labels(&mut self) {
         self.start(SyntaxKind::Labels);
         self.expect(LeftBracket);
-        if self.at(Number) {
-            self.report(Code::E0006, "arrays of instances are not supported yet");
-            self.bump();
+        if self.eat(Number) {
+            self.expect(RightBracket);
+            return self.finish();
         }
         if self.at(RightBracket) {
             self.expected("a label");

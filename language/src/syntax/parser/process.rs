@@ -184,11 +184,16 @@ impl Parser<'_> {
             self.unit();
         } else if is_negative {
             self.expected("a number");
-        } else if self.at_any(&[LeftBracket, LeftBrace]) {
-            self.report(Code::E0006, "lists and records are not supported yet");
-            self.skip_tree();
-        } else if !self.eat(Text) {
-            self.expect_name("a value");
+        } else if self.at(LeftBracket) {
+            self.start(SyntaxKind::List);
+            self.bump();
+            self.list(RightBracket, "a value", Self::list_item);
+            self.finish();
+        } else if self.at(LeftBrace) {
+            self.report(Code::E0006, "records are not supported yet");
+            self.skip_as_error();
+        } else if !self.eat(Text) && self.expect_name("a value") {
+            self.index();
         }
         self.finish();
     }
@@ -315,8 +320,7 @@ impl Parser<'_> {
         } else {
             self.expect_name("the name of an instance");
             if self.at(LeftBracket) {
-                self.report(Code::E0006, "arrays of instances are not supported yet");
-                self.skip_tree();
+                self.bracketed(SyntaxKind::Count, "how many instances there are");
             }
             self.instof();
         }
@@ -348,6 +352,39 @@ impl Parser<'_> {
                 self.bump();
             }
         }
+    }
+
+    /// `[4]`, `[i]`
+    fn bracketed(&mut self, kind: SyntaxKind, what: &str) {
+        self.start(kind);
+        self.bump();
+        if !self.eat(Number) && !self.eat(Ident) {
+            self.expected(what);
+        }
+        self.expect(RightBracket);
+        self.finish();
+    }
+
+    fn index(&mut self) {
+        if self.at(LeftBracket) {
+            self.bracketed(SyntaxKind::Index, "an index");
+        }
+    }
+
+    fn owner_name(&mut self) -> bool {
+        let is_there = self.eat(Ident);
+        if is_there {
+            self.index();
+        }
+        is_there
+    }
+
+    fn list_item(&mut self) -> bool {
+        let is_there = self.at_any(&[Ident, Text, Number, Minus]);
+        if is_there {
+            self.constant();
+        }
+        is_there
     }
 
     fn args(&mut self) {
@@ -392,7 +429,7 @@ impl Parser<'_> {
         if self.at_any(&[LeftParen, Ident]) && !self.ends_block() {
             self.start(SyntaxKind::Owner);
             self.expect(LeftParen);
-            self.list(RightParen, "a name", |parser| parser.eat(Ident));
+            self.list(RightParen, "a name", Self::owner_name);
             self.finish();
         }
         self.statements(Self::connection);
@@ -436,6 +473,7 @@ impl Parser<'_> {
     fn endpoint(&mut self) {
         self.start(SyntaxKind::Endpoint);
         self.expect_name("an instance");
+        self.index();
         if self.eat(Comma) || self.eat(Dot) {
             self.expect_name("a port");
         } else {

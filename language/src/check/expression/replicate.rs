@@ -1,0 +1,115 @@
+//! `all i in 0..4 (p[i])` written out, and `p[2]`.
+
+use super::Group;
+use crate::check::index;
+use crate::check::spec::{Consts, Expr, ExprKind, ValueKind};
+use crate::diagnostic::{Code, Diagnostic};
+use crate::plan::Constant;
+use crate::source::Span;
+use crate::syntax::SyntaxKind::{DotDot, Labels, Number, Paren};
+use crate::syntax::ast::{Name, Node};
+use std::collections::BTreeMap;
+
+/// Writes a replication out: `all` with `,`, `race` with `#`.
+pub(super) fn all_of(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<Diagnostic>) -> Option<ExprKind> {
+    let words: Vec<Name> = node.names().collect();
+    let (word, variable) = (words.first()?, words.get(1)?);
+    let parens = node.child(Paren)?;
+    // Without `..` the text is damaged, which is reported already.
+    node.token(DotDot)?;
+    let range = range(node, group.consts);
+    let Some((start, end)) = range.filter(|(start, end)| start < end && end - start <= index::COUNT_MAX) else {
+        let message = format!("expected a range such as `0..4`, of at most {}", index::COUNT_MAX);
+        diagnostics.push(Diagnostic::new(Code::E0009, node.span(), message));
+        return None;
+    };
+    let mut copies: Vec<Expr> = Vec::new();
+    let mut runs: BTreeMap<usize, Span> = BTreeMap::new();
+    for value in start..end {
+        group.indices.push((variable.text.clone(), value));
+        let mut found = Vec::new();
+        let copy = super::expression(&parens, group, &mut found);
+        group.indices.pop();
+        found.retain(|found| !diagnostics.contains(found));
+        diagnostics.append(&mut found);
+        if let Some(shared) = shared(&copy, &mut runs, value > start) {
+            let message = format!("one instance is run for each `{}`, all at the same time", variable.text);
+            let diagnostic = Diagnostic::new(Code::E0401, shared, message);
+            diagnostics
+                .push(diagnostic.help(format!("run an instance of its own in each: `robot[{}]`", variable.text)));
+            return None;
+        }
+        copies.push(copy);
+    }
+    if copies.len() == 1 {
+        return copies.pop().map(|only| only.kind);
+    }
+    Some(if word.text == "race" { ExprKind::Disable(copies) } else { ExprKind::Concurrent(copies) })
+}
+
+/// An instance that this copy and one before both run.
+fn shared(copy: &Expr, runs: &mut BTreeMap<usize, Span>, is_later: bool) -> Option<Span> {
+    let mut own = BTreeMap::new();
+    collect(copy, &mut own);
+    let shared = own.iter().find(|(slot, _)| is_later && runs.contains_key(slot)).map(|(_, &span)| span);
+    runs.extend(own);
+    shared
+}
+
+fn collect(expr: &Expr, runs: &mut BTreeMap<usize, Span>) {
+    if let ExprKind::Run(slot, _) = &expr.kind {
+        runs.insert(*slot, expr.span);
+    }
+    expr.parts().into_iter().for_each(|part| collect(part, runs));
+}
+
+/// The two ends of `0..4`; either may be the name of a constant.
+fn range(node: &Node, consts: &Consts) -> Option<(usize, usize)> {
+    let tokens: Vec<_> = node.tokens().collect();
+    let dots = tokens.iter().position(|token| token.kind() == DotDot)?;
+    let value = |place: usize| {
+        let token = tokens.get(place)?;
+        if token.kind() == Number {
+            return token.text().parse().ok();
+        }
+        let named = consts.get(token.text()).filter(|named| !named.is_list)?;
+        match &named.values.first()?.kind {
+            ValueKind::Constant(Constant::Number(number)) => number.to_string().parse().ok(),
+            ValueKind::Constant(Constant::Text(_) | Constant::Truth(_)) | ValueKind::Param(_) | ValueKind::Broken => {
+                None
+            }
+        }
+    };
+    Some((value(dots.checked_sub(1)?)?, value(dots + 1)?))
+}
+
+/// The instance that `name[index][labels]` runs, and the labels. What is in brackets is an index when it is a number, or
+/// when the name is that of an array and no label has been read.
+pub(super) fn run_of(
+    node: &Node,
+    name: Name,
+    group: &Group<'_>,
+    diagnostics: &mut Vec<Diagnostic>,
+) -> Option<(Name, Vec<Name>)> {
+    let brackets: Vec<Node> = node.children_of(Labels).collect();
+    let is_array = group.names.arrays.contains_key(&name.text);
+    let is_number = brackets.first().is_some_and(|first| first.token(Number).is_some());
+    match brackets.split_first() {
+        Some((first, rest)) if is_array || is_number => {
+            let name = index::written_out(&name, first, &group.names, &group.indices, diagnostics)?;
+            Some((name, rest.iter().flat_map(|labels| labels.names().collect::<Vec<_>>()).collect()))
+        }
+        None if is_array => {
+            diagnostics.push(index::without_index(&name, group.names.arrays[&name.text]));
+            None
+        }
+        Some(_) if group.names.find(&name.text).is_none() && index::misspelt(&name, &group.names).is_some() => {
+            diagnostics.extend(index::misspelt(&name, &group.names));
+            None
+        }
+        Some(_) | None => {
+            let labels = brackets.iter().flat_map(|labels| labels.names().collect::<Vec<_>>()).collect();
+            Some((name, labels))
+        }
+    }
+}

@@ -1,0 +1,113 @@
+//! Replication: `robot[4]`, `robot[i]`, `hosts[i]`. Instances of an array are instances of their own, called `robot_0` and so
+//! on; an indexed name is written out before anything else looks at it.
+
+use super::names::Names;
+use super::spec::Binding;
+use crate::diagnostic::{Code, Diagnostic};
+use crate::similar::nearest;
+use crate::syntax::SyntaxKind::{Index, Number};
+use crate::syntax::ast::{Name, Node};
+
+/// The most instances of one array.
+pub(super) const COUNT_MAX: usize = 1000;
+
+/// The name of one instance of an array.
+pub(super) fn element(array: &str, index: usize) -> String {
+    format!("{array}_{index}")
+}
+
+/// An index as a number of the language.
+pub(super) fn number(index: usize) -> f64 {
+    u32::try_from(index).map_or(f64::MAX, f64::from)
+}
+
+/// The value of `[2]` or `[i]`; a variable that is not bound is reported.
+pub(super) fn known(index: &Node, bindings: &[Binding], diagnostics: &mut Vec<Diagnostic>) -> Option<usize> {
+    if let Some(number) = index.token(Number) {
+        let value = number.text().parse().ok();
+        if value.is_none() {
+            diagnostics.push(Diagnostic::new(Code::E0203, number.span(), "an index is a whole number"));
+        }
+        return value;
+    }
+    let name = index.names().next()?;
+    let bound = bindings.iter().rev().find(|(known, _)| *known == name.text);
+    if bound.is_none() {
+        let message = format!("`{}` is no index here", name.text);
+        let help = "an index is a number, the `i` of a replicated instance or connection, or the name after `all`";
+        diagnostics.push(Diagnostic::new(Code::E0203, name.span, message).help(help));
+    }
+    bound.map(|&(_, value)| value)
+}
+
+/// The first name of a node with its index written out.
+pub(super) fn name(
+    node: &Node,
+    names: &Names<'_>,
+    bindings: &[Binding],
+    diagnostics: &mut Vec<Diagnostic>,
+) -> Option<Name> {
+    let name = node.names().next()?;
+    match node.child(Index) {
+        Some(index) => written_out(&name, &index, names, bindings, diagnostics),
+        None if names.arrays.contains_key(&name.text) => {
+            diagnostics.push(without_index(&name, names.arrays[&name.text]));
+            None
+        }
+        None => Some(name),
+    }
+}
+
+pub(super) fn without_index(name: &Name, count: usize) -> Diagnostic {
+    let message = format!("`{}` is an array of {count} instances", name.text);
+    let diagnostic = Diagnostic::new(Code::E0203, name.span, message);
+    diagnostic.help(format!("write `{0}[0]` for one, `all i in 0..{count} ({0}[i])` for all", name.text))
+}
+
+/// A name that is nearly that of an array.
+pub(super) fn misspelt(name: &Name, names: &Names<'_>) -> Option<Diagnostic> {
+    let near = nearest(&name.text, names.arrays.keys().map(String::as_str))?;
+    let message = format!("unknown process `{}`", name.text);
+    let diagnostic = Diagnostic::new(Code::E0201, name.span, message).label("not an instance of this group");
+    Some(diagnostic.help(format!("did you mean `{near}`?")).replace(name.span, near))
+}
+
+/// `robot[2]` as `robot_2`.
+pub(super) fn written_out(
+    name: &Name,
+    index: &Node,
+    names: &Names<'_>,
+    bindings: &[Binding],
+    diagnostics: &mut Vec<Diagnostic>,
+) -> Option<Name> {
+    let Some(&count) = names.arrays.get(&name.text) else {
+        if names.find(&name.text).is_some() {
+            let message = format!("`{}` is one instance, no array", name.text);
+            diagnostics.push(Diagnostic::new(Code::E0203, name.span, message));
+            return None;
+        }
+        if let Some(diagnostic) = misspelt(name, names) {
+            diagnostics.push(diagnostic);
+            return None;
+        }
+        // An unknown name is reported as such.
+        return Some(name.clone());
+    };
+    let value = known(index, bindings, diagnostics)?;
+    if value >= count {
+        let message = format!("`{}` has {count} instances, so there is none at {value}", name.text);
+        diagnostics.push(Diagnostic::new(Code::E0203, index.span(), message).help("the first one is at 0"));
+        return None;
+    }
+    Some(Name { text: element(&name.text, value), span: name.span })
+}
+
+/// The index variables of a node's own parts that are not bound yet, each with how many values it takes.
+pub(super) fn unbound(parts: &[Node], names: &Names<'_>, bindings: &[Binding]) -> Option<(String, usize)> {
+    parts.iter().find_map(|part| {
+        let variable = part.child(Index)?.names().next()?;
+        let count = names.arrays.get(&part.names().next()?.text)?;
+        let is_bound = bindings.iter().any(|(known, _)| *known == variable.text);
+        (!is_bound).then_some((variable.text, *count))
+    })
+}
