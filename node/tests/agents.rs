@@ -414,3 +414,99 @@ fn watchers_see_every_change() {
         .collect();
     assert_eq!(changes, ["main", "main/pair", "main/pair/sensor", "main/pair/first", "main/pair/second", "main/last"]);
 }
+
+/// Rounds that end at once must not keep the node from anything else: found by a reader, both hung the agent.
+#[test]
+fn a_loop_that_takes_no_time_can_be_stopped() {
+    let main = |body: &str| {
+        format!(
+            r#"process main() {{
+    host {{ "c1" }}
+    instantiated_processes {{ a instof Step("c1"); }}
+    internal_event_actions {{ {body} }}
+}}"#
+        )
+    };
+    for body in ["a? ;; skip", "(a? , wait(0 s)) ;; wait(0 s)"] {
+        let mut world = World::new(&["c1"]);
+        let call = world.deploy("c1", &main(body));
+        world.run_for(Duration::from_millis(300));
+        world.kill("c1", 0);
+        world.run_for(Duration::from_secs(1));
+        world.stop("c1");
+        world.run_for(Duration::from_secs(5));
+        assert_eq!(world.ending(call), &Ending::Stopped, "{body}");
+    }
+}
+
+#[test]
+fn a_node_that_leaves_is_not_waited_for() {
+    // While it prepares: nothing runs without it.
+    let mut world = World::new(&["c1", "c2"]);
+    let call = world.deploy("c1", TWO_HOSTS);
+    world.run_for(Duration::from_millis(4));
+    world.at(0, "c2", Coming::Input(Input::Leave));
+    world.run_for(Duration::from_secs(5));
+    let Report::Refused { reasons } = world.last_report(call) else { panic!("{:?}", world.last_report(call)) };
+    assert!(reasons.iter().any(|reason| reason.contains("host `c2`")), "{reasons:?}");
+    assert_eq!(world.alive, BTreeSet::new());
+
+    // While something runs there: that has failed.
+    let mut world = World::new(&["c1", "c2"]);
+    let call = world.deploy("c1", &TWO_HOSTS.replace("first instof Step", "first instof Long"));
+    world.run_for(Duration::from_millis(500));
+    world.at(0, "c2", Coming::Input(Input::Leave));
+    world.run_for(Duration::from_secs(10));
+    let Report::Finished { ending: Ending::Aborted(failure), .. } = world.last_report(call) else {
+        panic!("{:?}", world.last_report(call))
+    };
+    assert_eq!(failure.cause, FailureCause::NotAvailable("its node left".into()));
+    assert_eq!(world.alive, BTreeSet::new());
+}
+
+#[test]
+fn what_has_not_begun_can_be_stopped() {
+    let mut world = World::new(&["c1"]);
+    let call = world.deploy("c1", TWO_HOSTS);
+    world.run_for(Duration::from_millis(100));
+    let stop = world.stop("c1");
+    world.run_for(Duration::from_secs(5));
+    assert!(matches!(world.last_report(call), Report::Refused { .. }));
+    assert_eq!(world.answers[&stop], [Answer::Stop(StopReply::Stopped)]);
+    assert_eq!(world.alive, BTreeSet::new());
+}
+
+/// The host of a group's supervisor is lost: what it ran here is stopped before something takes its place.
+#[test]
+fn a_lost_supervisor_leaves_nothing_running() {
+    let text = r#"
+process Pair(here, there) {
+    host { there }
+    instantiated_processes { slow instof Long(here); }
+    internal_event_actions { slow }
+}
+process main() {
+    host { "c1" }
+    instantiated_processes { pair instof Pair("c1", "c2"); fallback instof Long("c1"); }
+    internal_event_actions { pair else fallback }
+}
+"#;
+    let mut world = World::new(&["c1", "c2"]);
+    world.deploy("c1", text);
+    world.run_for(Duration::from_secs(1));
+    assert_eq!(world.running.len(), 1);
+    world.cut.insert("c2".into());
+    world.at(900, "c1", Coming::Input(Input::Vanished { host: "c2".into(), boot: 2 }));
+    world.run_for(Duration::from_millis(6500));
+    let running: Vec<u32> = world.running.keys().map(|(_, process)| process.leaf).collect();
+    assert_eq!(running.len(), 1, "the fallback alone");
+    // It comes back with the same boot: its part of the deployment is fenced off.
+    world.cut.clear();
+    world.at(0, "c1", Coming::Input(Input::Appeared { host: "c2".into(), boot: 2 }));
+    world.run_for(Duration::from_secs(3));
+    assert!(world.alive.iter().all(|(host, _)| host == "c1"));
+    let stop = world.stop("c1");
+    world.run_for(Duration::from_secs(30));
+    assert_eq!(world.answers[&stop], [Answer::Stop(StopReply::Stopped)]);
+    assert_eq!(world.alive, BTreeSet::new());
+}

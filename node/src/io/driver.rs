@@ -75,6 +75,7 @@ struct Driver {
     listeners: BTreeMap<Deployment, tokio::task::AbortHandle>,
     paths: BTreeMap<(Deployment, String), ProcessId>,
     buried: VecDeque<Deployment>,
+    pending: VecDeque<Input>,
     events: Sender<Event>,
     tasks: JoinSet<()>,
 }
@@ -100,15 +101,8 @@ pub async fn run(config: Config, mut leave: watch::Receiver<bool>, ready: watch:
                 Some(Input::Leave)
             }
         };
-        let mut effects = Vec::new();
-        if let Some(input) = input {
-            driver.agent.handle(clock::now(), input, &mut effects);
-        }
-        let over = effects.contains(&Effect::Leave);
-        for effect in effects {
-            driver.carry_out(effect).await?;
-        }
-        if over {
+        driver.pending.extend(input);
+        if driver.work_off().await {
             return driver.close().await;
         }
     }
@@ -179,9 +173,24 @@ impl Driver {
             listeners: BTreeMap::new(),
             paths: BTreeMap::new(),
             buried: VecDeque::new(),
+            pending: VecDeque::new(),
             events,
             tasks,
         })
+    }
+
+    /// Gives what waits to the agent and carries its effects out, which may bring more. Says whether the node is to leave.
+    async fn work_off(&mut self) -> bool {
+        let mut over = false;
+        while let Some(input) = self.pending.pop_front() {
+            let mut effects = Vec::new();
+            self.agent.handle(clock::now(), input, &mut effects);
+            for effect in effects {
+                over |= effect == Effect::Leave;
+                self.carry_out(effect).await;
+            }
+        }
+        over
     }
 
     /// Turns an event into an input; keeps the channels it brings.
@@ -211,7 +220,7 @@ impl Driver {
         }
     }
 
-    async fn carry_out(&mut self, effect: Effect) -> anyhow::Result<()> {
+    async fn carry_out(&mut self, effect: Effect) {
         match effect {
             Effect::Transmit { to, frame } => self.peers.send(&to, &frame),
             Effect::Spawn(order) => self.spawn(&order).await,
@@ -221,32 +230,38 @@ impl Driver {
                 }
             }
             Effect::Control { process, order } => {
-                let sent = self.programs.get(&process).map(|sender| sender.send(&order));
-                if let Some(Err(error)) = sent {
-                    tracing::warn!(leaf = process.leaf, %error, "a program does not take its orders");
-                }
+                let why = match self.programs.get(&process).map(|sender| sender.send(&order)) {
+                    Some(Ok(())) => return,
+                    Some(Err(error)) => error.to_string(),
+                    None => "it has no control channel".to_owned(),
+                };
+                self.pending.push_back(Input::Undelivered { process, why });
             }
             Effect::Forget { process } => self.forget(&process),
             Effect::Bury { deployment } => self.bury(deployment),
-            Effect::Commit { deployment } => self.journal.commit(&deployment).context("writing the journal")?,
+            Effect::Commit { deployment } => {
+                // The mission can go on without the line; another one must not reuse its epoch while this node lives.
+                if let Err(error) = self.journal.commit(&deployment) {
+                    tracing::error!(%deployment, %error, "a commit was not written");
+                }
+            }
             Effect::Answer { call, answer } => {
                 if !self.peers.answer(call, *answer) {
                     self.peers.end(call);
-                    self.events.try_send(Event::Arrival(Arrival::Input(Input::CallGone { call }))).unwrap_or_default();
+                    self.pending.push_back(Input::CallGone { call });
                 }
             }
             Effect::EndAnswers { call } => drop(self.peers.end(call)),
             Effect::Tail { call, process, follow } => self.tail(call, &process, follow),
             Effect::Leave => {}
         }
-        Ok(())
     }
 
     async fn spawn(&mut self, order: &SpawnOrder) {
         if let Err(error) = self.try_spawn(order).await {
             let reason = format!("{error:#}");
             for report in [ShimReport::ExecFailed { reason }, ShimReport::Gone] {
-                self.events.send(Event::Shim(order.process.clone(), report, None)).await.unwrap_or_default();
+                self.pending.push_back(Input::Shim { process: order.process.clone(), report, last_words: None });
             }
         }
     }
@@ -351,10 +366,13 @@ impl Driver {
             let (sink, mut chunks) = mpsc::channel(4);
             let reading = tail::tail(dir, follow, sink);
             let sending = async {
-                while let Some(chunk) = chunks.recv().await {
+                // Silence is an answer, too: a call that ends without any looks as if nobody had heard it.
+                let mut next = Some(Vec::new());
+                while let Some(chunk) = next {
                     if answers.send(Answer::Output(chunk)).await.is_err() {
                         return;
                     }
+                    next = chunks.recv().await;
                 }
             };
             tokio::select! {

@@ -8,7 +8,7 @@
 //!     journal               what it has committed
 //!     door_opening.1/       one deployment
 //!       control.sock        where its programs talk to the node
-//!       12/                 one program: output.log, exit, data.sock
+//!       12/                 one program: out.log, exit, data.sock
 //! ```
 
 use crate::logic::effect::ProcessId;
@@ -67,6 +67,8 @@ pub fn default_base() -> PathBuf {
 
 /// Returns the nodes of this machine that are running, in order of name, with their sockets.
 pub fn running(base: &Path) -> Vec<(String, PathBuf)> {
+    // Sockets are named by whole paths; a base that has none has no entries either.
+    let base = std::path::absolute(base).unwrap_or_default();
     let entries = fs::read_dir(base).into_iter().flatten().flatten();
     let mut nodes: Vec<(String, PathBuf)> = entries
         .filter(|entry| is_locked(&entry.path().join("lock")))
@@ -108,6 +110,7 @@ impl RunDir {
     /// The folder cannot be used, or a node of that name is running.
     pub fn take(base: &Path, name: &str) -> Result<Self, RunDirError> {
         private_folder(base)?;
+        let base = std::path::absolute(base).map_err(|cause| RunDirError::Unusable { path: base.to_owned(), cause })?;
         let path = base.join(name);
         private_folder(&path)?;
         let unusable = |cause| RunDirError::Unusable { path: path.clone(), cause };
@@ -147,8 +150,9 @@ impl RunDir {
 
     /// Returns the folder of a deployment.
     pub fn deployment(&self, deployment: &Deployment) -> PathBuf {
-        // Long names are cut: the epoch alone makes the folder unique on this node.
-        let name: String = deployment.name.chars().take(24).collect();
+        // A name comes from the network: it must not lead elsewhere, and sockets need short paths.
+        let plain = |c: char| if c.is_ascii_alphanumeric() || "_-".contains(c) { c } else { '_' };
+        let name: String = deployment.name.chars().map(plain).take(24).collect();
         self.path.join(format!("{name}.{}", deployment.epoch))
     }
 

@@ -90,6 +90,13 @@ pub enum Input {
         /// What.
         notice: Notice,
     },
+    /// An order did not reach a controller.
+    Undelivered {
+        /// Which.
+        process: ProcessId,
+        /// Why, for a person.
+        why: String,
+    },
     /// Leave: stop everything that has its home here, and release everything else.
     Leave,
     /// A deadline may have passed.
@@ -185,8 +192,14 @@ impl Agent {
                     tenant.hear(process.leaf, notice, out);
                 }
             }
+            Input::Undelivered { process, why } => {
+                if let Some(tenant) = self.tenants.get_mut(&process.deployment) {
+                    tenant.undelivered(process.leaf, why, out);
+                }
+            }
             Input::Leave => {
                 self.leaving = true;
+                self.stop_gathering(|_| true, out);
                 self.homes.values_mut().for_each(|home| home.stop(None, out));
                 let homes = &self.homes;
                 let away = self.tenants.iter_mut().filter(|(deployment, _)| !homes.contains_key(deployment));
@@ -208,6 +221,7 @@ impl Agent {
         if self.links.get(host).is_none_or(|link| link.boot_peer() != boot) {
             self.links.insert(host.to_owned(), Link::new(&self.identity.host, self.identity.boot, boot));
         }
+        self.homes.values_mut().for_each(|home| home.host_back(host, out));
     }
 
     fn frame(&mut self, frame: Frame, out: &mut Out<'_>) {
@@ -234,13 +248,33 @@ impl Agent {
                     home.receive(message, from, out);
                 }
             }
-            Body::Tenant(message) => match (self.tenants.get_mut(&deployment), message) {
-                (Some(tenant), message) => tenant.receive(message, from, out),
-                (None, ToTenant::Prepare { plan }) => self.prepare(deployment, plan, from, out),
-                (None, ToTenant::Release) => out.send(from, deployment.to_home(ToHome::Released)),
-                // It is over here; who still speaks to it will hear that from its home.
-                (None, _) => {}
-            },
+            Body::Tenant(message) => self.deliver_to_tenant(&deployment, message, from, out),
+        }
+    }
+
+    /// A tenant obeys its own home alone; one that is not there any more says so.
+    fn deliver_to_tenant(&mut self, deployment: &Deployment, message: ToTenant, from: &str, out: &mut Out<'_>) {
+        let Some(tenant) = self.tenants.get_mut(deployment) else {
+            return match message {
+                ToTenant::Prepare { plan } => self.prepare(deployment.clone(), plan, from, out),
+                ToTenant::Release => out.send(from, deployment.to_home(ToHome::Released)),
+                message => {
+                    let gone = FailureCause::NotAvailable("its node has left the deployment".to_owned());
+                    if let Some(answer) = answer_of_absent(message, gone) {
+                        out.send(from, deployment.to_tenant(answer));
+                    }
+                }
+            };
+        };
+        let is_home = tenant.home() == from;
+        match message {
+            ToTenant::Prepare { .. } => {
+                let reason = format!("host `{}`: `{deployment}` is already there", self.identity.host);
+                out.send(from, deployment.to_home(ToHome::Refused { reasons: vec![reason] }));
+            }
+            ToTenant::Release if !is_home => out.send(from, deployment.to_home(ToHome::Released)),
+            ToTenant::Connect { .. } | ToTenant::Go if !is_home => {}
+            message => tenant.receive(message, from, out),
         }
     }
 
@@ -277,6 +311,11 @@ impl Agent {
             out.effects.push(Effect::Transmit { to: to.to_owned(), frame: Box::new(frame) });
             return;
         }
+        if self.names.knows(to) {
+            // So much is unacknowledged that it counts as lost.
+            self.names.lose(to);
+            self.host_lost(to, out);
+        }
         if let Message { deployment, body: Body::Tenant(message) } = message {
             self.answer_for_lost(to, &deployment, message, out);
         }
@@ -285,7 +324,6 @@ impl Agent {
     /// Says what a host that cannot be reached would have to say.
     fn answer_for_lost(&mut self, lost: &str, deployment: &Deployment, message: ToTenant, out: &mut Out<'_>) {
         let here = self.identity.host.clone();
-        let ended = |target, activation, ending| deployment.to_tenant(ToTenant::Ended { target, activation, ending });
         match message {
             ToTenant::Prepare { .. } => {
                 let reason = format!("host `{lost}` cannot be reached; start `dca-node --name {lost} --lan` on it");
@@ -293,16 +331,11 @@ impl Agent {
             }
             // A host that never took part has nothing to release; one that was lost is told about as unconfirmed.
             ToTenant::Release => self.tell_home(deployment, ToHome::Released, lost, out),
-            ToTenant::Activate { target, activation, .. } => {
-                let cause = FailureCause::HostLost(lost.to_owned());
-                let failure = Failure { origin: String::new(), cause, at: Duration::ZERO };
-                out.send(&here, ended(target, activation, Ending::Aborted(failure)));
+            message => {
+                if let Some(answer) = answer_of_absent(message, FailureCause::HostLost(lost.to_owned())) {
+                    out.send(&here, deployment.to_tenant(answer));
+                }
             }
-            ToTenant::Stop { target, activation } => out.send(&here, ended(target, activation, Ending::Unconfirmed)),
-            ToTenant::Switch { group, generation, .. } => {
-                out.send(&here, deployment.to_tenant(ToTenant::Switched { group, generation }));
-            }
-            ToTenant::Connect { .. } | ToTenant::Go | ToTenant::Ended { .. } | ToTenant::Switched { .. } => {}
         }
     }
 
@@ -320,7 +353,8 @@ impl Agent {
                 if let Some((_, home)) = self.homes.iter_mut().find(|(deployment, _)| deployment.name == name) {
                     return home.stop(Some(call), out);
                 }
-                answer(call, Answer::Stop(StopReply::Unknown), out);
+                let stopped = self.stop_gathering(|plan| plan.name == name, out);
+                answer(call, Answer::Stop(if stopped { StopReply::Stopped } else { StopReply::Unknown }), out);
             }
             Request::Watch { deployment, seen } => {
                 if let Some(home) = self.homes.get_mut(&deployment) {
@@ -391,6 +425,17 @@ impl Agent {
         self.homes.keys().any(|other| other.name == name) || self.gathering.iter().any(|one| one.plan.name == name)
     }
 
+    /// Ends deployments that have not begun; says whether there were any.
+    fn stop_gathering(&mut self, which: impl Fn(&Plan) -> bool, out: &mut Out<'_>) -> bool {
+        let stopped: Vec<Gathering> = self.gathering.extract_if(.., |one| which(&one.plan)).collect();
+        for Gathering { call, .. } in &stopped {
+            let reasons = vec!["it was stopped before it ran".to_owned()];
+            answer(*call, Answer::Report(Report::Refused { reasons }), out);
+            out.effects.push(Effect::EndAnswers { call: *call });
+        }
+        !stopped.is_empty()
+    }
+
     /// Begins the deployments whose hosts are all there, or have had their time.
     fn begin_gathered(&mut self, out: &mut Out<'_>) {
         let (here, names) = (&self.identity.host, &self.names);
@@ -404,8 +449,7 @@ impl Agent {
     fn begin(&mut self, call: u64, plan: Plan, out: &mut Out<'_>) {
         self.identity.epoch += 1;
         let deployment = Deployment { name: plan.name.clone(), epoch: self.identity.epoch };
-        let machine = self.identity.machine.clone();
-        self.homes.insert(deployment.clone(), Home::begin(deployment, Arc::new(plan), &machine, call, out));
+        self.homes.insert(deployment.clone(), Home::begin(deployment, Arc::new(plan), call, out));
     }
 
     fn status(&self, now: Time) -> NodeStatus {
@@ -456,4 +500,26 @@ impl Agent {
 
 fn answer(call: u64, answer: Answer, out: &mut Out<'_>) {
     out.effects.push(Effect::Answer { call, answer: Box::new(answer) });
+}
+
+/// Returns what a part of a deployment that is not there would have to say to its supervisor, so that nobody waits for
+/// ever.
+fn answer_of_absent(message: ToTenant, cause: FailureCause) -> Option<ToTenant> {
+    match message {
+        ToTenant::Activate { target, activation, .. } => {
+            // The supervisor knows the path and the time.
+            let failure = Failure { origin: String::new(), cause, at: Duration::ZERO };
+            Some(ToTenant::Ended { target, activation, ending: Ending::Aborted(failure) })
+        }
+        ToTenant::Stop { target, activation } => {
+            Some(ToTenant::Ended { target, activation, ending: Ending::Unconfirmed })
+        }
+        ToTenant::Switch { group, generation, .. } => Some(ToTenant::Switched { group, generation }),
+        ToTenant::Prepare { .. }
+        | ToTenant::Connect { .. }
+        | ToTenant::Go
+        | ToTenant::Release
+        | ToTenant::Ended { .. }
+        | ToTenant::Switched { .. } => None,
+    }
 }

@@ -15,6 +15,11 @@ use std::time::Duration;
 /// How long producers have to confirm that wires are open; then the consumer runs anyway and its own freshness checks
 /// decide.
 const SWITCH_WITHIN: Duration = Duration::from_secs(1);
+/// The shortest time between two activations of one member, and the shortest wait: a loop whose rounds end at once must
+/// not keep a node from everything else.
+const PACE: Duration = Duration::from_millis(10);
+/// The most bytes that a process may be initialised with.
+const VALUE_MAX: usize = 8 << 20;
 
 /// The fixed surroundings of an executer.
 #[derive(Clone, Copy, Debug)]
@@ -40,6 +45,8 @@ pub struct Executer {
     generation: u64,
     unconfirmed: BTreeMap<u64, String>,
     switch_until: Option<Time>,
+    pace_until: Option<Time>,
+    activated: BTreeMap<u32, Time>,
     timers: BTreeSet<(Time, u32, u32)>,
     active: BTreeMap<u32, u32>,
     failures: BTreeMap<u32, Failure>,
@@ -61,6 +68,8 @@ impl Executer {
             generation: 0,
             unconfirmed: BTreeMap::new(),
             switch_until: None,
+            pace_until: None,
+            activated: BTreeMap::new(),
             timers: BTreeSet::new(),
             active: BTreeMap::new(),
             failures: BTreeMap::new(),
@@ -96,6 +105,16 @@ impl Executer {
         self.react(Event::Stop, at, out)
     }
 
+    /// Returns whether the group runs.
+    pub fn is_running(&self) -> bool {
+        self.running
+    }
+
+    /// Ends the group without waiting for anything: its node leaves.
+    pub fn abandon(&mut self) {
+        self.running = false;
+    }
+
     /// Returns the activation that [`Executer::activate`] was given last.
     pub fn activation(&self) -> u32 {
         self.activation
@@ -109,7 +128,8 @@ impl Executer {
         at: Surroundings<'_>,
         out: &mut Out<'_>,
     ) -> Option<Ending> {
-        if self.active.get(&slot) == Some(&activation) {
+        let current = self.active.get(&slot) == Some(&activation);
+        if current {
             self.active.remove(&slot);
         }
         let (member, activation) = (slot, Activation(activation));
@@ -123,7 +143,9 @@ impl Executer {
                 }
                 // What nobody could confirm inside a group stays unconfirmed at its boundary.
                 let unconfirmed = failure.cause == FailureCause::StopUnconfirmed;
-                self.failures.insert(slot, failure);
+                if current {
+                    self.failures.insert(slot, failure);
+                }
                 if unconfirmed {
                     Event::StopUnconfirmed { member, activation }
                 } else {
@@ -169,8 +191,15 @@ impl Executer {
             self.unconfirmed.clear();
             self.flush(at, out);
         }
-        while let Some(&(due, timer, number)) = self.timers.first().filter(|(due, ..)| *due <= out.now) {
-            self.timers.remove(&(due, timer, number));
+        if self.pace_until.is_some_and(|until| until <= out.now) {
+            self.flush(at, out);
+        }
+        let due: Vec<_> = self.timers.iter().copied().take_while(|(due, ..)| *due <= out.now).collect();
+        for (due, timer, number) in due {
+            // An earlier one of them may have cancelled it.
+            if !self.timers.remove(&(due, timer, number)) {
+                continue;
+            }
             let ending = self.react(Event::Elapsed { timer, activation: Activation(number) }, at, out);
             if ending.is_some() {
                 return ending;
@@ -181,7 +210,8 @@ impl Executer {
 
     /// Returns when [`Executer::tick`] wants to be called.
     pub fn deadline(&self) -> Option<Time> {
-        earliest(self.switch_until, self.timers.first().map(|(due, ..)| *due))
+        let timer = self.timers.first().map(|(due, ..)| *due);
+        earliest(earliest(self.switch_until, self.pace_until), timer)
     }
 
     fn react(&mut self, event: Event, at: Surroundings<'_>, out: &mut Out<'_>) -> Option<Ending> {
@@ -199,10 +229,18 @@ impl Executer {
     }
 
     fn flush(&mut self, at: Surroundings<'_>, out: &mut Out<'_>) {
+        self.pace_until = None;
         while let Some(command) = self.queue.front() {
-            if matches!(command, Command::Activate { .. }) && !self.unconfirmed.is_empty() {
-                self.switch_until.get_or_insert(out.now + SWITCH_WITHIN);
-                return;
+            if let Command::Activate { member, .. } = command {
+                if !self.unconfirmed.is_empty() {
+                    self.switch_until.get_or_insert(out.now + SWITCH_WITHIN);
+                    return;
+                }
+                if let Some(last) = self.activated.get(member).filter(|last| **last + PACE > out.now) {
+                    self.pace_until = Some(*last + PACE);
+                    return;
+                }
+                self.switch_until = None;
             }
             if let Some(command) = self.queue.pop_front() {
                 self.carry_out(command, at, out);
@@ -219,7 +257,11 @@ impl Executer {
             Command::Activate { member, activation: Activation(activation), value } => {
                 let Some((target, host)) = member_target(at.plan, group, member) else { return };
                 self.active.insert(member, activation);
+                self.activated.insert(member, out.now);
                 let value = value.bytes().to_vec();
+                if value.len() > VALUE_MAX {
+                    return self.refuse_value((target, activation), value.len(), at, out);
+                }
                 let order = ToTenant::Activate { target, activation, value };
                 out.send(host, at.deployment.to_tenant(order));
             }
@@ -228,11 +270,21 @@ impl Executer {
                 out.send(host, at.deployment.to_tenant(ToTenant::Stop { target, activation }));
             }
             Command::Arm { timer, activation: Activation(number), after } => {
-                self.timers.insert((out.now + after, timer, number));
+                self.timers.insert((out.now + after.max(PACE), timer, number));
             }
             Command::Cancel { timer, activation: Activation(number) } => {
                 self.timers.retain(|(_, other, armed)| (*other, *armed) != (timer, number));
             }
+        }
+    }
+
+    fn refuse_value(&self, process: (Target, u32), size: usize, at: Surroundings<'_>, out: &mut Out<'_>) {
+        let (target, activation) = process;
+        let cause =
+            FailureCause::Reported(format!("the value for its `Init` has {size} bytes; {VALUE_MAX} are allowed"));
+        let ending = Ending::Aborted(Failure { origin: String::new(), cause, at: at.since_go });
+        if let Some(here) = group_host(at.plan, self.group) {
+            out.send(here, at.deployment.to_tenant(ToTenant::Ended { target, activation, ending }));
         }
     }
 

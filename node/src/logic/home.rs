@@ -23,7 +23,7 @@ use std::time::Duration;
 const PREPARE_WITHIN: Duration = Duration::from_secs(30);
 /// How long all hosts have to make their links.
 const CONNECT_WITHIN: Duration = Duration::from_secs(20);
-/// How long all hosts have to remove everything.
+/// How long all hosts have to remove everything, beyond the time that their programs may take to stop.
 const RELEASE_WITHIN: Duration = Duration::from_secs(10);
 /// How long the other hosts have to add their reasons once one has refused.
 const REASONS_WITHIN: Duration = Duration::from_secs(2);
@@ -45,7 +45,6 @@ pub struct Home {
     deployment: Deployment,
     plan: Arc<Plan>,
     hosts: Vec<String>,
-    machine: String,
     phase: Phase,
     begun: Time,
     go_at: Option<Time>,
@@ -62,13 +61,12 @@ pub struct Home {
 
 impl Home {
     /// Begins a deployment: asks every host of the plan to prepare. `watcher` is the call that asked for it.
-    pub fn begin(deployment: Deployment, plan: Arc<Plan>, machine: &str, watcher: u64, out: &mut Out<'_>) -> Self {
+    pub fn begin(deployment: Deployment, plan: Arc<Plan>, watcher: u64, out: &mut Out<'_>) -> Self {
         let hosts: Vec<String> = plan.hosts.clone();
         let mut home = Self {
             registrations: Registrations { facts: Default::default(), machines: vec![String::new(); hosts.len()] },
             waiting: hosts.iter().cloned().collect(),
             hosts,
-            machine: machine.to_owned(),
             deployment,
             plan,
             phase: Phase::Preparing,
@@ -114,9 +112,14 @@ impl Home {
                     self.refused(from, reasons, out);
                 }
             }
-            ToHome::Released => {
-                self.waiting.remove(from);
-                if self.phase == Phase::Ending && self.waiting.is_empty() {
+            ToHome::Released | ToHome::Unconfirmed => {
+                if starting {
+                    return self.refused(from, vec![format!("host `{from}`: its node left")], out);
+                }
+                if message == ToHome::Unconfirmed {
+                    self.lost.insert(from.to_owned());
+                }
+                if self.phase == Phase::Ending && self.waiting.remove(from) && self.waiting.is_empty() {
                     self.finish(out);
                 }
             }
@@ -179,6 +182,13 @@ impl Home {
                 }
             }
             Phase::Over => {}
+        }
+    }
+
+    /// Takes note that a host is back. What it still has of this deployment is fenced off: its part counts as failed.
+    pub fn host_back(&mut self, host: &str, out: &mut Out<'_>) {
+        if self.lost.contains(host) && self.phase == Phase::Running {
+            out.send(host, self.deployment.to_tenant(ToTenant::Release));
         }
     }
 
@@ -259,7 +269,7 @@ impl Home {
         out.effects.push(Effect::Commit { deployment: self.deployment.clone() });
         let signals = self.registrations.facts.values().filter(|facts| facts.signals).filter_map(|facts| {
             let leaf = self.plan.leaves.get(facts.leaf as usize)?;
-            let dial = observe(&self.plan, &self.registrations, facts.leaf, &self.machine)?;
+            let dial = observe(&self.registrations, facts.leaf)?;
             Some((leaf.path.clone(), dial))
         });
         let signals = signals.collect();
@@ -277,7 +287,7 @@ impl Home {
             Target::Leaf(leaf) => self.plan.leaves.get(leaf as usize).map(|leaf| leaf.path.clone()),
             Target::Group(group) => self.plan.groups.get(group as usize).map(|group| group.path.clone()),
         };
-        if let Some(path) = path.filter(|_| self.reports.len() < REPORTS_MAX) {
+        if let Some(path) = path {
             let at = self.go_at.map_or(Duration::ZERO, |go| out.now - go);
             self.report(Report::Process { path, change, at }, out);
         }
@@ -289,7 +299,8 @@ impl Home {
         }
         self.phase = Phase::Ending;
         self.ending = ending;
-        self.deadline = Some(out.now + RELEASE_WITHIN);
+        let slowest = self.plan.leaves.iter().map(|leaf| leaf.stop_within).max().unwrap_or_default();
+        self.deadline = Some(out.now + slowest + RELEASE_WITHIN);
         self.waiting = self.hosts.iter().cloned().collect();
         for host in self.hosts.clone() {
             out.send(&host, self.deployment.to_tenant(ToTenant::Release));
@@ -320,14 +331,23 @@ impl Home {
         for &call in &self.watchers {
             out.effects.push(Effect::Answer { call, answer: Box::new(Answer::Report(report.clone())) });
         }
-        self.reports.push(report);
+        // Of a very long mission only the beginning and the end are repeated to those who were cut off.
+        if self.reports.len() < REPORTS_MAX || is_last(&report) {
+            self.reports.push(report);
+        }
     }
 }
 
 /// Repeats the reports that somebody who has the first `seen` of them has missed.
 pub fn tell_missed(reports: &[Report], call: u64, seen: u64, out: &mut Out<'_>) {
-    let missed = usize::try_from(seen).ok().and_then(|seen| reports.get(seen..)).unwrap_or_default();
+    let seen = usize::try_from(seen).unwrap_or(usize::MAX);
+    let last = reports.len() - usize::from(reports.last().is_some_and(is_last));
+    let missed = reports.get(seen.min(last)..).unwrap_or_default();
     for report in missed {
         out.effects.push(Effect::Answer { call, answer: Box::new(Answer::Report(report.clone())) });
     }
+}
+
+fn is_last(report: &Report) -> bool {
+    matches!(report, Report::Finished { .. } | Report::Refused { .. })
 }

@@ -22,18 +22,36 @@ const START_WITHIN: Duration = Duration::from_secs(15);
 const CONNECT_WITHIN: Duration = Duration::from_secs(10);
 /// How long a program has between SIGTERM and SIGKILL.
 const GRACE: Duration = Duration::from_secs(1);
+/// The most bytes that a process may leave for the next.
+const VALUE_MAX: usize = 1 << 20;
 /// How long the kernel has to remove a killed program.
 const KILL_WITHIN: Duration = Duration::from_secs(2);
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Stage {
-    Starting { until: Time },
+    Starting {
+        until: Time,
+    },
     Prepared,
-    Connecting { until: Time },
+    Connecting {
+        until: Time,
+    },
     Idle,
-    Running { activation: u32 },
-    Stopping { activation: u32, until: Time, forced: bool },
-    Leaving { until: Time, forced: bool },
+    Running {
+        activation: u32,
+    },
+    Stopping {
+        activation: u32,
+        until: Time,
+        forced: bool,
+    },
+    /// It cannot take part, and has said so.
+    Refused,
+    Leaving {
+        until: Time,
+        forced: bool,
+        activation: Option<u32>,
+    },
     Dead,
 }
 
@@ -93,6 +111,7 @@ impl Instance {
         let word = match self.stage {
             Stage::Starting { .. } => "starting",
             Stage::Prepared | Stage::Connecting { .. } => "connecting",
+            Stage::Refused => "refused",
             Stage::Idle => "idle",
             Stage::Running { .. } => "running",
             Stage::Stopping { .. } => "stopping",
@@ -121,7 +140,7 @@ impl Instance {
             | Stage::Connecting { until }
             | Stage::Stopping { until, .. }
             | Stage::Leaving { until, .. } => Some(until),
-            Stage::Prepared | Stage::Idle | Stage::Running { .. } | Stage::Dead => None,
+            Stage::Prepared | Stage::Idle | Stage::Running { .. } | Stage::Refused | Stage::Dead => None,
         }
     }
 
@@ -158,7 +177,7 @@ impl Instance {
             Stage::Running { activation: other } | Stage::Stopping { activation: other, .. } if other == activation => {
             }
             Stage::Running { .. } | Stage::Stopping { .. } => self.end(activation, FailureCause::Busy, moment),
-            Stage::Starting { .. } | Stage::Prepared | Stage::Connecting { .. } => {
+            Stage::Starting { .. } | Stage::Prepared | Stage::Connecting { .. } | Stage::Refused => {
                 self.end(activation, FailureCause::NotAvailable("it is not connected".into()), moment);
             }
             Stage::Leaving { .. } | Stage::Dead => {
@@ -184,20 +203,54 @@ impl Instance {
         }
     }
 
+    /// Stops whatever activation runs: its supervisor is lost.
+    pub fn stop_current(&mut self, moment: &mut Moment<'_>) {
+        if let Stage::Running { activation } = self.stage {
+            self.stop(activation, moment);
+        }
+    }
+
+    /// Takes note that an order did not reach the program: it is of no more use.
+    pub fn undelivered(&mut self, why: String, moment: &mut Moment<'_>) {
+        if !matches!(self.stage, Stage::Dead | Stage::Leaving { .. }) {
+            self.cause.get_or_insert(FailureCause::NotAvailable(why));
+            self.tell_shim(ShimOrder::Stop { grace: GRACE }, moment);
+        }
+    }
+
+    /// Returns whether the program may still be there although everything was done to end it.
+    pub fn is_unconfirmed(&self) -> bool {
+        self.stage == Stage::Dead && self.cause == Some(FailureCause::StopUnconfirmed)
+    }
+
+    fn activation(&self) -> Option<u32> {
+        match self.stage {
+            Stage::Running { activation } | Stage::Stopping { activation, .. } => Some(activation),
+            Stage::Leaving { activation, .. } => activation,
+            Stage::Starting { .. }
+            | Stage::Prepared
+            | Stage::Connecting { .. }
+            | Stage::Idle
+            | Stage::Refused
+            | Stage::Dead => None,
+        }
+    }
+
     /// Ends the program.
     pub fn leave(&mut self, moment: &mut Moment<'_>) {
         match self.stage {
             Stage::Dead => moment.notes.push(Note::Gone),
             Stage::Leaving { .. } => {}
             // One that has not said hello has no channel for an order yet.
-            Stage::Starting { .. } => self.force_out(moment),
+            Stage::Starting { .. } | Stage::Refused => self.force_out(moment),
             Stage::Prepared
             | Stage::Connecting { .. }
             | Stage::Idle
             | Stage::Running { .. }
             | Stage::Stopping { .. } => {
                 if self.is_controller() {
-                    self.stage = Stage::Leaving { until: moment.now + self.stop_within + GRACE, forced: false };
+                    let (until, activation) = (moment.now + self.stop_within + GRACE, self.activation());
+                    self.stage = Stage::Leaving { until, forced: false, activation };
                     self.tell(Order::Exit, moment);
                 } else {
                     self.force_out(moment);
@@ -229,7 +282,15 @@ impl Instance {
                 self.refuse(&reason, moment);
             }
             Notice::Switched { generation } => moment.notes.push(Note::Switched(generation)),
-            Notice::Done { activation, value } => self.ended(activation, Ending::Done(value), moment),
+            Notice::Done { activation, value } => {
+                let ending = if value.len() <= VALUE_MAX {
+                    Ending::Done(value)
+                } else {
+                    let why = format!("it leaves a value of {} bytes; {VALUE_MAX} are allowed", value.len());
+                    Ending::Aborted(self.failure(FailureCause::Reported(why), moment))
+                };
+                self.ended(activation, ending, moment);
+            }
             Notice::Aborted { activation, reason } => {
                 let failure = self.failure(FailureCause::Reported(reason), moment);
                 self.ended(activation, Ending::Aborted(failure), moment);
@@ -253,14 +314,16 @@ impl Instance {
                 moment.notes.push(Note::Changed(Change::Started { pid }));
             }
             ShimReport::Exited { code } => {
-                self.cause = Some(FailureCause::Exit(code));
+                self.cause.get_or_insert(FailureCause::Exit(code));
                 self.last_words = last_words;
             }
             ShimReport::Signalled { signal } => {
-                self.cause = Some(FailureCause::Signal(signal));
+                self.cause.get_or_insert(FailureCause::Signal(signal));
                 self.last_words = last_words;
             }
-            ShimReport::ExecFailed { reason } => self.cause = Some(FailureCause::Exec(reason)),
+            ShimReport::ExecFailed { reason } => {
+                self.cause.get_or_insert(FailureCause::Exec(reason));
+            }
             ShimReport::Gone => self.gone(moment),
         }
     }
@@ -301,7 +364,7 @@ impl Instance {
                 self.cause = Some(FailureCause::StopUnconfirmed);
                 self.gone(moment);
             }
-            Stage::Prepared | Stage::Idle | Stage::Running { .. } | Stage::Dead => {}
+            Stage::Prepared | Stage::Idle | Stage::Running { .. } | Stage::Refused | Stage::Dead => {}
         }
     }
 
@@ -328,8 +391,15 @@ impl Instance {
                 self.again(moment);
             }
             Stage::Idle => moment.notes.push(Note::Changed(Change::Died(cause))),
-            Stage::Leaving { .. } => moment.notes.push(Note::Gone),
-            Stage::Dead => {}
+            Stage::Leaving { activation, .. } => {
+                if let Some(activation) = activation {
+                    let ending =
+                        Ending::Aborted(self.failure(FailureCause::NotAvailable("its node left".into()), moment));
+                    moment.notes.push(Note::Ended(activation, ending));
+                }
+                moment.notes.push(Note::Gone);
+            }
+            Stage::Refused | Stage::Dead => {}
         }
     }
 
@@ -353,6 +423,7 @@ impl Instance {
             | Stage::Prepared
             | Stage::Connecting { .. }
             | Stage::Idle
+            | Stage::Refused
             | Stage::Leaving { .. }
             | Stage::Dead => None,
         };
@@ -372,11 +443,15 @@ impl Instance {
     }
 
     fn refuse(&mut self, why: &str, moment: &mut Moment<'_>) {
+        if self.stage != Stage::Dead {
+            self.stage = Stage::Refused;
+        }
         moment.notes.push(Note::Refused(format!("`{}` cannot take part: {why}", self.order.path)));
     }
 
     fn force_out(&mut self, moment: &mut Moment<'_>) {
-        self.stage = Stage::Leaving { until: moment.now + GRACE + KILL_WITHIN, forced: true };
+        let (until, activation) = (moment.now + GRACE + KILL_WITHIN, self.activation());
+        self.stage = Stage::Leaving { until, forced: true, activation };
         self.tell_shim(ShimOrder::Stop { grace: GRACE }, moment);
     }
 

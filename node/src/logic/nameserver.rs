@@ -42,6 +42,11 @@ impl NameServer {
         self.peers.contains_key(host)
     }
 
+    /// Forgets a node that counts as lost.
+    pub fn lose(&mut self, host: &str) {
+        self.peers.remove(host);
+    }
+
     /// Returns whether a node can be reached right now.
     pub fn reaches(&self, host: &str) -> bool {
         self.peers.get(host).is_some_and(|peer| peer.missing_since.is_none())

@@ -88,6 +88,8 @@ pub enum ToHome {
         /// What.
         change: Change,
     },
+    /// Everything was done to end it here, and something may be left.
+    Unconfirmed,
 }
 
 /// From the home of a deployment, or a supervisor of it, to a host that takes part.

@@ -10,7 +10,8 @@ use crate::logic::executer::{Executer, Surroundings, group_host, leaf_host};
 use crate::logic::instance::{Instance, Moment, Note};
 use crate::logic::programs::Programs;
 use crate::logic::protocol::{
-    Change, Deployment, DeploymentStatus, Ending, LeafFacts, ProcessStatus, Target, ToHome, ToTenant,
+    Change, Deployment, DeploymentStatus, Ending, Failure, FailureCause, LeafFacts, ProcessStatus, Target, ToHome,
+    ToTenant,
 };
 use crate::logic::wiring::{Registrations, links};
 use comms::logic::control::{Notice, Order};
@@ -128,19 +129,54 @@ impl Tenant {
             self.leave(out);
             return;
         }
+        self.stop_orphans(host, out);
         for group in self.executers.keys().copied().collect::<Vec<_>>() {
             self.with_executer(group, out, |executer, at, out| executer.host_lost(host, at, out));
         }
+    }
+
+    /// Stops what runs here for a supervisor on a lost host: nobody waits for it, and something may take its place.
+    fn stop_orphans(&mut self, host: &str, out: &mut Out<'_>) {
+        let orphaned = |(_, (group, _)): &(&Target, &(u32, u32))| group_host(&self.plan, *group) == Some(host);
+        let targets: Vec<Target> = self.supervisors.iter().filter(orphaned).map(|(target, _)| *target).collect();
+        for target in targets {
+            match target {
+                Target::Leaf(leaf) => self.with_instance(leaf, out, Instance::stop_current),
+                Target::Group(group) => {
+                    self.with_executer(group, out, |executer, at, out| executer.stop(executer.activation(), at, out));
+                }
+            }
+        }
+    }
+
+    /// Takes note that an order did not reach a program.
+    pub fn undelivered(&mut self, leaf: u32, why: String, out: &mut Out<'_>) {
+        self.with_instance(leaf, out, |instance, moment| instance.undelivered(why, moment));
     }
 
     /// Tells every program to go.
     pub fn leave(&mut self, out: &mut Out<'_>) {
         if self.phase != Phase::Leaving {
             self.phase = Phase::Leaving;
+            self.abandon_groups(out);
             for leaf in self.instances.keys().copied().collect::<Vec<_>>() {
                 self.with_instance(leaf, out, Instance::leave);
             }
             self.report_released(out);
+        }
+    }
+
+    fn abandon_groups(&mut self, out: &mut Out<'_>) {
+        let at = self.since_go(out.now);
+        for (&group, executer) in self.executers.iter_mut().filter(|(_, executer)| executer.is_running()) {
+            executer.abandon();
+            let origin = self.plan.groups.get(group as usize).map(|group| group.path.clone()).unwrap_or_default();
+            let failure = Failure { origin, cause: FailureCause::NotAvailable("its node left".into()), at };
+            let (target, activation) = (Target::Group(group), executer.activation());
+            let ending = Ending::Aborted(failure);
+            if let Some(host) = self.supervisors.get(&target).and_then(|(group, _)| group_host(&self.plan, *group)) {
+                out.send(host, self.deployment.to_tenant(ToTenant::Ended { target, activation, ending }));
+            }
         }
     }
 
@@ -261,6 +297,15 @@ impl Tenant {
                 self.with_instance(leaf, out, |instance, moment| instance.activate(activation, value, moment));
             }
             Target::Group(group) => {
+                if let Some(executer) = self.executers.get(&group).filter(|executer| executer.is_running()) {
+                    if executer.activation() != activation {
+                        let origin = self.plan.groups.get(group as usize).map(|group| group.path.clone());
+                        let (origin, at) = (origin.unwrap_or_default(), self.since_go(out.now));
+                        let failure = Failure { origin, cause: FailureCause::Busy, at };
+                        self.tell_supervisor(target, activation, Ending::Aborted(failure), out);
+                    }
+                    return;
+                }
                 self.happened(target, Change::Activated, out);
                 self.with_executer(group, out, |executer, at, out| executer.activate(activation, &value, at, out));
             }
@@ -437,7 +482,9 @@ impl Tenant {
 
     fn report_released(&self, out: &mut Out<'_>) {
         if self.is_over() {
-            out.send(&self.home, self.deployment.to_home(ToHome::Released));
+            let unconfirmed = self.instances.values().any(Instance::is_unconfirmed);
+            let message = if unconfirmed { ToHome::Unconfirmed } else { ToHome::Released };
+            out.send(&self.home, self.deployment.to_home(message));
         }
     }
 
