@@ -141,6 +141,18 @@ fn check_node(cluster: &Cluster, node: Program, sentence: &[&str]) {
     check(cluster, &node.ended(SOON), 1, sentence);
 }
 
+/// A path that is not whole is no mistake.
+#[test]
+fn a_folder_with_a_relative_path() {
+    let cluster = Cluster::new();
+    let here = cluster.here().with_run_dir("relative");
+    let node = here.node("c1", &[]);
+    let nodes = here.ask(&["nodes"]);
+    assert!(nodes.code == Some(0) && nodes.out.contains("\nc1 "), "{nodes}");
+    end(node);
+    cluster.expect_nothing_left(Duration::from_secs(2));
+}
+
 #[test]
 fn two_nodes_of_one_name() {
     let cluster = Cluster::new();

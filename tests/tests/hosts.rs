@@ -124,8 +124,8 @@ fn logs_come_from_any_host() {
         "module Talker(host) {{ exec \"sh {script}\"; plain; service; }}
         process main() {{
             host {{ c1 }}
-            instantiated_processes {{ talker instof Talker(c2); other instof Talker(c3); }}
-            internal_event_actions {{ talker, other }}
+            instantiated_processes {{ talker instof Talker(c2); other instof Talker(c3); silent instof RateSource(c3); }}
+            internal_event_actions {{ talker, other, silent }}
         }}"
     );
     let deployed = hosts.host(1).dca(&["deploy", &hosts.cluster.file("talk.dca", &text)]);
@@ -134,6 +134,8 @@ fn logs_come_from_any_host() {
     follower.wait_for(Stream::Out, "first\noops\n", SOON);
     let other = hosts.host(2).ask(&["logs", "main/other"]);
     assert_eq!(other.out, "first\noops\n", "{other}");
+    let silent = hosts.host(3).ask(&["logs", "silent"]);
+    assert!(silent.code == Some(0) && silent.out.is_empty(), "{silent}");
     // Both wait for a line; it goes to both, as it comes while they read.
     std::fs::write(&gate, "go\ngo\n").expect("a pipe with readers takes a line");
     follower.wait_for(Stream::Out, "second\n", SOON);
