@@ -1,14 +1,15 @@
 //! The agent of a host: routes every input to the machine it belongs to, and nothing else.
 
+mod calls;
+
 use crate::logic::child::ShimReport;
 use crate::logic::effect::{Effect, Out, ProcessId, earliest};
-use crate::logic::home::{Home, tell_missed};
+use crate::logic::home::Home;
 use crate::logic::link::{Frame, Link};
 use crate::logic::nameserver::NameServer;
 use crate::logic::programs::Programs;
 use crate::logic::protocol::{
-    Answer, Body, Deployment, Ending, Failure, FailureCause, Message, NodeStatus, Report, Request, StopReply, ToHome,
-    ToTenant,
+    Body, Deployment, Ending, Failure, FailureCause, Message, NodeStatus, Report, Request, ToHome, ToTenant,
 };
 use crate::logic::tenant::Tenant;
 use comms::logic::control::Notice;
@@ -21,12 +22,8 @@ use std::time::Duration;
 /// How many deployments a node takes part in at once.
 const DEPLOYMENTS_MAX: usize = 64;
 
-/// How long a deployment waits for hosts that this node has not seen yet.
-const GATHER_WITHIN: Duration = Duration::from_secs(2);
 /// How many deployments that are over are remembered.
 const OVER_MAX: usize = 8;
-/// How many requests are remembered, so that repeating one is harmless.
-const REQUESTS_MAX: usize = 10_000;
 
 /// What an agent is told once, at its start.
 #[derive(Clone, Debug)]
@@ -255,26 +252,28 @@ impl Agent {
     /// A tenant obeys its own home alone; one that is not there any more says so.
     fn deliver_to_tenant(&mut self, deployment: &Deployment, message: ToTenant, from: &str, out: &mut Out<'_>) {
         let Some(tenant) = self.tenants.get_mut(deployment) else {
-            return match message {
-                ToTenant::Prepare { plan } => self.prepare(deployment.clone(), plan, from, out),
-                ToTenant::Release => out.send(from, deployment.to_home(ToHome::Released)),
-                message => {
-                    let gone = FailureCause::NotAvailable("its node has left the deployment".to_owned());
-                    if let Some(answer) = answer_of_absent(message, gone) {
-                        out.send(from, deployment.to_tenant(answer));
-                    }
-                }
-            };
+            return self.answer_without_tenant(deployment, message, from, out);
         };
         let is_home = tenant.home() == from;
-        match message {
-            ToTenant::Prepare { .. } => {
-                let reason = format!("host `{}`: `{deployment}` is already there", self.identity.host);
-                out.send(from, deployment.to_home(ToHome::Refused { reasons: vec![reason] }));
-            }
-            ToTenant::Release if !is_home => out.send(from, deployment.to_home(ToHome::Released)),
-            ToTenant::Connect { .. } | ToTenant::Go if !is_home => {}
-            message => tenant.receive(message, from, out),
+        if matches!(message, ToTenant::Prepare { .. }) {
+            let reason = format!("host `{}`: `{deployment}` is already there", self.identity.host);
+            out.send(from, deployment.to_home(ToHome::Refused { reasons: vec![reason] }));
+        } else if message == ToTenant::Release && !is_home {
+            out.send(from, deployment.to_home(ToHome::Released));
+        } else if is_home || !matches!(message, ToTenant::Connect { .. } | ToTenant::Go) {
+            tenant.receive(message, from, out);
+        }
+    }
+
+    fn answer_without_tenant(&mut self, deployment: &Deployment, message: ToTenant, from: &str, out: &mut Out<'_>) {
+        if let ToTenant::Prepare { plan } = message {
+            self.prepare(deployment.clone(), plan, from, out);
+        } else if message == ToTenant::Release {
+            out.send(from, deployment.to_home(ToHome::Released));
+        } else {
+            let gone = FailureCause::NotAvailable("its node has left the deployment".to_owned());
+            let answer = answer_of_absent(message, gone);
+            answer.into_iter().for_each(|answer| out.send(from, deployment.to_tenant(answer)));
         }
     }
 
@@ -323,19 +322,16 @@ impl Agent {
 
     /// Says what a host that cannot be reached would have to say.
     fn answer_for_lost(&mut self, lost: &str, deployment: &Deployment, message: ToTenant, out: &mut Out<'_>) {
-        let here = self.identity.host.clone();
-        match message {
-            ToTenant::Prepare { .. } => {
-                let reason = format!("host `{lost}` cannot be reached; start `dca-node --name {lost} --lan` on it");
-                self.tell_home(deployment, ToHome::Refused { reasons: vec![reason] }, lost, out);
-            }
+        if matches!(message, ToTenant::Prepare { .. }) {
+            let reason = format!("host `{lost}` cannot be reached; start `dca-node --name {lost} --lan` on it");
+            self.tell_home(deployment, ToHome::Refused { reasons: vec![reason] }, lost, out);
+        } else if message == ToTenant::Release {
             // A host that never took part has nothing to release; one that was lost is told about as unconfirmed.
-            ToTenant::Release => self.tell_home(deployment, ToHome::Released, lost, out),
-            message => {
-                if let Some(answer) = answer_of_absent(message, FailureCause::HostLost(lost.to_owned())) {
-                    out.send(&here, deployment.to_tenant(answer));
-                }
-            }
+            self.tell_home(deployment, ToHome::Released, lost, out);
+        } else {
+            let answer = answer_of_absent(message, FailureCause::HostLost(lost.to_owned()));
+            let here = self.identity.host.clone();
+            answer.into_iter().for_each(|answer| out.send(&here, deployment.to_tenant(answer)));
         }
     }
 
@@ -343,113 +339,6 @@ impl Agent {
         if let Some(home) = self.homes.get_mut(deployment) {
             home.receive(message, from, out);
         }
-    }
-
-    fn call(&mut self, call: u64, request: Request, out: &mut Out<'_>) {
-        match request {
-            Request::Deploy { request, plan } => return self.deploy(call, request, plan, out),
-            Request::Status => answer(call, Answer::Status(self.status(out.now)), out),
-            Request::Stop { name } => {
-                if let Some((_, home)) = self.homes.iter_mut().find(|(deployment, _)| deployment.name == name) {
-                    return home.stop(Some(call), out);
-                }
-                let stopped = self.stop_gathering(|plan| plan.name == name, out);
-                answer(call, Answer::Stop(if stopped { StopReply::Stopped } else { StopReply::Unknown }), out);
-            }
-            Request::Watch { deployment, seen } => {
-                if let Some(home) = self.homes.get_mut(&deployment) {
-                    return home.watch(call, seen, out);
-                }
-                match self.over.iter().find(|(over, _)| *over == deployment) {
-                    Some((_, reports)) => tell_missed(reports, call, seen, out),
-                    None => answer(call, Answer::Refused(format!("`{deployment}` is not known here")), out),
-                }
-            }
-            Request::Logs { deployment, process, follow } => {
-                let named = |id: &Deployment| deployment.as_ref().is_none_or(|name| *name == id.name);
-                let tenants = self.tenants.iter().filter(|(id, _)| named(id));
-                let found: Vec<ProcessId> = tenants
-                    .flat_map(|(id, tenant)| {
-                        let leaves = tenant.find(&process);
-                        leaves.into_iter().map(|leaf| ProcessId { deployment: id.clone(), leaf })
-                    })
-                    .collect();
-                let host = &self.identity.host;
-                match &found[..] {
-                    [one] => {
-                        out.effects.push(Effect::Tail { call, process: one.clone(), follow });
-                        return;
-                    }
-                    [] => answer(call, Answer::Refused(format!("no process `{process}` on host `{host}`")), out),
-                    _ => answer(
-                        call,
-                        Answer::Refused(format!("several processes end in `{process}`; give more of the path")),
-                        out,
-                    ),
-                }
-            }
-        }
-        out.effects.push(Effect::EndAnswers { call });
-    }
-
-    fn deploy(&mut self, call: u64, request: u64, plan: Plan, out: &mut Out<'_>) {
-        let home_is_here =
-            plan.groups.first().and_then(|main| plan.hosts.get(main.host as usize)) == Some(&self.identity.host);
-        let refusal = if self.leaving {
-            Some("this node is leaving".to_owned())
-        } else if let Err(why) = plan.validate() {
-            Some(format!("the plan is not sound: {why}"))
-        } else if !home_is_here {
-            Some(format!("`main` does not run on `{}`", self.identity.host))
-        } else if self.requests.contains(&request) {
-            Some("this request was made before".to_owned())
-        } else if self.is_deployed(&plan.name) {
-            Some(format!("`{}` is already deployed; `dca stop {}` ends it", plan.name, plan.name))
-        } else {
-            None
-        };
-        if let Some(reason) = refusal {
-            answer(call, Answer::Report(Report::Refused { reasons: vec![reason] }), out);
-            out.effects.push(Effect::EndAnswers { call });
-            return;
-        }
-        self.requests.insert(request);
-        if self.requests.len() > REQUESTS_MAX {
-            self.requests.pop_first();
-        }
-        self.gathering.push(Gathering { until: out.now + GATHER_WITHIN, call, plan });
-        self.begin_gathered(out);
-    }
-
-    fn is_deployed(&self, name: &str) -> bool {
-        self.homes.keys().any(|other| other.name == name) || self.gathering.iter().any(|one| one.plan.name == name)
-    }
-
-    /// Ends deployments that have not begun; says whether there were any.
-    fn stop_gathering(&mut self, which: impl Fn(&Plan) -> bool, out: &mut Out<'_>) -> bool {
-        let stopped: Vec<Gathering> = self.gathering.extract_if(.., |one| which(&one.plan)).collect();
-        for Gathering { call, .. } in &stopped {
-            let reasons = vec!["it was stopped before it ran".to_owned()];
-            answer(*call, Answer::Report(Report::Refused { reasons }), out);
-            out.effects.push(Effect::EndAnswers { call: *call });
-        }
-        !stopped.is_empty()
-    }
-
-    /// Begins the deployments whose hosts are all there, or have had their time.
-    fn begin_gathered(&mut self, out: &mut Out<'_>) {
-        let (here, names) = (&self.identity.host, &self.names);
-        let there = |host: &String| host == here || names.reaches(host);
-        let ready = |one: &mut Gathering| one.until <= out.now || one.plan.hosts.iter().all(there);
-        for Gathering { call, plan, .. } in self.gathering.extract_if(.., ready).collect::<Vec<_>>() {
-            self.begin(call, plan, out);
-        }
-    }
-
-    fn begin(&mut self, call: u64, plan: Plan, out: &mut Out<'_>) {
-        self.identity.epoch += 1;
-        let deployment = Deployment { name: plan.name.clone(), epoch: self.identity.epoch };
-        self.homes.insert(deployment.clone(), Home::begin(deployment, Arc::new(plan), call, out));
     }
 
     fn status(&self, now: Time) -> NodeStatus {
@@ -496,10 +385,6 @@ impl Agent {
             effects.push(Effect::Leave);
         }
     }
-}
-
-fn answer(call: u64, answer: Answer, out: &mut Out<'_>) {
-    out.effects.push(Effect::Answer { call, answer: Box::new(answer) });
 }
 
 /// Returns what a part of a deployment that is not there would have to say to its supervisor, so that nobody waits for

@@ -4,15 +4,14 @@
 //! `Running` → `Leaving` (every program told to go) → nothing. The home node moves it along; if the home node is lost the
 //! tenant leaves by itself.
 
+mod status;
+
 use crate::logic::child::ShimReport;
 use crate::logic::effect::{Out, ProcessId, SpawnOrder, earliest};
 use crate::logic::executer::{Executer, Surroundings, group_host, leaf_host};
 use crate::logic::instance::{Instance, Moment, Note};
 use crate::logic::programs::Programs;
-use crate::logic::protocol::{
-    Change, Deployment, DeploymentStatus, Ending, Failure, FailureCause, LeafFacts, ProcessStatus, Target, ToHome,
-    ToTenant,
-};
+use crate::logic::protocol::{Change, Deployment, Ending, Failure, FailureCause, LeafFacts, Target, ToHome, ToTenant};
 use crate::logic::wiring::{Registrations, links};
 use comms::logic::control::{Notice, Order};
 use comms::logic::time::Time;
@@ -200,38 +199,6 @@ impl Tenant {
         let instances = self.instances.values().map(Instance::deadline);
         let executers = self.executers.values().map(Executer::deadline);
         instances.chain(executers).fold(None, earliest)
-    }
-
-    /// Returns what runs here, in the plan's order.
-    pub fn status(&self) -> DeploymentStatus {
-        let group = |(number, executer): (&u32, &Executer)| {
-            let group = self.plan.groups.get(*number as usize)?;
-            let (path, kind) = (group.path.clone(), group.process.clone());
-            Some(ProcessStatus { path, kind, state: executer.state().to_owned(), pid: None })
-        };
-        let leaf = |(number, instance): (&u32, &Instance)| {
-            let leaf = self.plan.leaves.get(*number as usize)?;
-            let (path, kind) = (leaf.path.clone(), leaf.module.clone());
-            Some(ProcessStatus { path, kind, state: instance.state(), pid: instance.pid() })
-        };
-        let mut processes: Vec<ProcessStatus> =
-            self.executers.iter().filter_map(group).chain(self.instances.iter().filter_map(leaf)).collect();
-        processes.sort_by(|a, b| a.path.cmp(&b.path));
-        let phase = match self.phase {
-            Phase::Preparing => "preparing",
-            Phase::Connecting => "connecting",
-            Phase::Running => "running",
-            Phase::Leaving => "ending",
-        };
-        let (deployment, home) = (self.deployment.clone(), self.home.clone());
-        DeploymentStatus { deployment, home, phase: phase.to_owned(), processes }
-    }
-
-    /// Returns the leaves of this host whose absolute path is `process` or ends in it.
-    pub fn find(&self, process: &str) -> Vec<u32> {
-        let matches = |path: &str| path == process || path.ends_with(&format!("/{process}"));
-        let path = |leaf: &u32| self.plan.leaves.get(*leaf as usize).is_some_and(|leaf| matches(&leaf.path));
-        self.instances.keys().copied().filter(path).collect()
     }
 
     fn start_programs(&mut self, host: &str, programs: &Programs, out: &mut Out<'_>) {

@@ -1,0 +1,122 @@
+//! What command lines ask of an agent.
+
+use super::{Agent, Gathering};
+use crate::logic::effect::{Effect, Out, ProcessId};
+use crate::logic::home::{Home, tell_missed};
+use crate::logic::protocol::{Answer, Deployment, Report, Request, StopReply};
+use language::plan::Plan;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// How many requests are remembered, so that repeating one is harmless.
+const REQUESTS_MAX: usize = 10_000;
+/// How long a deployment waits for hosts that this node has not seen yet.
+const GATHER_WITHIN: Duration = Duration::from_secs(2);
+
+impl Agent {
+    pub(super) fn call(&mut self, call: u64, request: Request, out: &mut Out<'_>) {
+        match request {
+            Request::Deploy { request, plan } => return self.deploy(call, request, plan, out),
+            Request::Status => answer(call, Answer::Status(self.status(out.now)), out),
+            Request::Stop { name } => {
+                if let Some((_, home)) = self.homes.iter_mut().find(|(deployment, _)| deployment.name == name) {
+                    return home.stop(Some(call), out);
+                }
+                let stopped = self.stop_gathering(|plan| plan.name == name, out);
+                answer(call, Answer::Stop(if stopped { StopReply::Stopped } else { StopReply::Unknown }), out);
+            }
+            Request::Watch { deployment, seen } => {
+                if let Some(home) = self.homes.get_mut(&deployment) {
+                    return home.watch(call, seen, out);
+                }
+                match self.over.iter().find(|(over, _)| *over == deployment) {
+                    Some((_, reports)) => tell_missed(reports, call, seen, out),
+                    None => answer(call, Answer::Refused(format!("`{deployment}` is not known here")), out),
+                }
+            }
+            Request::Logs { deployment, process, follow } => match self.find(deployment.as_deref(), &process) {
+                Ok(process) => return out.effects.push(Effect::Tail { call, process, follow }),
+                Err(why) => answer(call, Answer::Refused(why), out),
+            },
+        }
+        out.effects.push(Effect::EndAnswers { call });
+    }
+
+    fn deploy(&mut self, call: u64, request: u64, plan: Plan, out: &mut Out<'_>) {
+        let home_is_here =
+            plan.groups.first().and_then(|main| plan.hosts.get(main.host as usize)) == Some(&self.identity.host);
+        let refusal = if self.leaving {
+            Some("this node is leaving".to_owned())
+        } else if let Err(why) = plan.validate() {
+            Some(format!("the plan is not sound: {why}"))
+        } else if !home_is_here {
+            Some(format!("`main` does not run on `{}`", self.identity.host))
+        } else if self.requests.contains(&request) {
+            Some("this request was made before".to_owned())
+        } else if self.is_deployed(&plan.name) {
+            Some(format!("`{}` is already deployed; `dca stop {}` ends it", plan.name, plan.name))
+        } else {
+            None
+        };
+        if let Some(reason) = refusal {
+            answer(call, Answer::Report(Report::Refused { reasons: vec![reason] }), out);
+            out.effects.push(Effect::EndAnswers { call });
+            return;
+        }
+        self.requests.insert(request);
+        if self.requests.len() > REQUESTS_MAX {
+            self.requests.pop_first();
+        }
+        self.gathering.push(Gathering { until: out.now + GATHER_WITHIN, call, plan });
+        self.begin_gathered(out);
+    }
+
+    fn is_deployed(&self, name: &str) -> bool {
+        self.homes.keys().any(|other| other.name == name) || self.gathering.iter().any(|one| one.plan.name == name)
+    }
+
+    /// Ends deployments that have not begun; says whether there were any.
+    pub(super) fn stop_gathering(&mut self, which: impl Fn(&Plan) -> bool, out: &mut Out<'_>) -> bool {
+        let stopped: Vec<Gathering> = self.gathering.extract_if(.., |one| which(&one.plan)).collect();
+        for Gathering { call, .. } in &stopped {
+            let reasons = vec!["it was stopped before it ran".to_owned()];
+            answer(*call, Answer::Report(Report::Refused { reasons }), out);
+            out.effects.push(Effect::EndAnswers { call: *call });
+        }
+        !stopped.is_empty()
+    }
+
+    /// Begins the deployments whose hosts are all there, or have had their time.
+    pub(super) fn begin_gathered(&mut self, out: &mut Out<'_>) {
+        let (here, names) = (&self.identity.host, &self.names);
+        let there = |host: &String| host == here || names.reaches(host);
+        let ready = |one: &mut Gathering| one.until <= out.now || one.plan.hosts.iter().all(there);
+        for Gathering { call, plan, .. } in self.gathering.extract_if(.., ready).collect::<Vec<_>>() {
+            self.begin(call, plan, out);
+        }
+    }
+
+    fn begin(&mut self, call: u64, plan: Plan, out: &mut Out<'_>) {
+        self.identity.epoch += 1;
+        let deployment = Deployment { name: plan.name.clone(), epoch: self.identity.epoch };
+        self.homes.insert(deployment.clone(), Home::begin(deployment, Arc::new(plan), call, out));
+    }
+
+    /// Finds the one leaf of this host that is meant.
+    fn find(&self, deployment: Option<&str>, process: &str) -> Result<ProcessId, String> {
+        let tenants = self.tenants.iter().filter(|(id, _)| deployment.is_none_or(|name| name == id.name));
+        let mut found = tenants.flat_map(|(id, tenant)| {
+            let leaves = tenant.find(process);
+            leaves.into_iter().map(|leaf| ProcessId { deployment: id.clone(), leaf })
+        });
+        match (found.next(), found.next()) {
+            (Some(one), None) => Ok(one),
+            (None, _) => Err(format!("no process `{process}` on host `{}`", self.identity.host)),
+            (Some(_), Some(_)) => Err(format!("several processes end in `{process}`; give more of the path")),
+        }
+    }
+}
+
+fn answer(call: u64, answer: Answer, out: &mut Out<'_>) {
+    out.effects.push(Effect::Answer { call, answer: Box::new(answer) });
+}

@@ -1,0 +1,40 @@
+//! A tenant as people see it.
+
+use super::{Phase, Tenant};
+use crate::logic::executer::Executer;
+use crate::logic::instance::Instance;
+use crate::logic::protocol::{DeploymentStatus, ProcessStatus};
+
+impl Tenant {
+    /// Returns what runs here, in the plan's order.
+    pub fn status(&self) -> DeploymentStatus {
+        let group = |(number, executer): (&u32, &Executer)| {
+            let group = self.plan.groups.get(*number as usize)?;
+            let (path, kind) = (group.path.clone(), group.process.clone());
+            Some(ProcessStatus { path, kind, state: executer.state().to_owned(), pid: None })
+        };
+        let leaf = |(number, instance): (&u32, &Instance)| {
+            let leaf = self.plan.leaves.get(*number as usize)?;
+            let (path, kind) = (leaf.path.clone(), leaf.module.clone());
+            Some(ProcessStatus { path, kind, state: instance.state(), pid: instance.pid() })
+        };
+        let mut processes: Vec<ProcessStatus> =
+            self.executers.iter().filter_map(group).chain(self.instances.iter().filter_map(leaf)).collect();
+        processes.sort_by(|a, b| a.path.cmp(&b.path));
+        let phase = match self.phase {
+            Phase::Preparing => "preparing",
+            Phase::Connecting => "connecting",
+            Phase::Running => "running",
+            Phase::Leaving => "ending",
+        };
+        let (deployment, home) = (self.deployment.clone(), self.home.clone());
+        DeploymentStatus { deployment, home, phase: phase.to_owned(), processes }
+    }
+
+    /// Returns the leaves of this host whose absolute path is `process` or ends in it.
+    pub fn find(&self, process: &str) -> Vec<u32> {
+        let matches = |path: &str| path == process || path.ends_with(&format!("/{process}"));
+        let path = |leaf: &u32| self.plan.leaves.get(*leaf as usize).is_some_and(|leaf| matches(&leaf.path));
+        self.instances.keys().copied().filter(path).collect()
+    }
+}
