@@ -225,6 +225,7 @@ mod tests {
     }
 
     #[test]
+    #[expect(clippy::too_many_lines, reason = "most of it is the text that is expected")]
     fn code_hosts_read_sarif() {
         expect![[r#"
             {

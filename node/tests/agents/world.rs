@@ -1,0 +1,239 @@
+//! Several agents on virtual time, the frames between them, and programs that behave as a script says.
+
+use comms::logic::control::{Location, Notice, Order};
+use comms::logic::time::Time;
+use language::{Options, Source, compile};
+use node::logic::agent::{Agent, Identity, Input};
+use node::logic::child::{ShimOrder, ShimReport};
+use node::logic::effect::{Effect, ProcessId};
+use node::logic::programs::Programs;
+use node::logic::protocol::{Answer, Ending, Report, Request};
+use std::collections::{BTreeMap, BTreeSet};
+use std::time::Duration;
+
+const MODULES: &str = "
+module Step(host) { in In: Number; out Out: Number; done; }
+module Long(host) { in In: Number; out Out: Number; done; }
+module Sensor(host) { out Out: Number; service; }
+module Stubborn(host) { done; stop within 100 ms; }
+";
+
+/// Something that will happen to a host.
+#[derive(Debug)]
+pub(super) enum Coming {
+    Input(Input),
+    /// The end of an activation, if it is still running.
+    Finish(ProcessId, u32),
+}
+
+#[derive(Debug, Default)]
+pub(super) struct World {
+    pub(super) now: Time,
+    pub(super) agents: BTreeMap<String, Agent>,
+    pub(super) coming: BTreeMap<(Time, u64), (String, Coming)>,
+    pub(super) counter: u64,
+    pub(super) running: BTreeMap<(String, ProcessId), u32>,
+    pub(super) modules: BTreeMap<ProcessId, String>,
+    pub(super) alive: BTreeSet<(String, ProcessId)>,
+    pub(super) cut: BTreeSet<String>,
+    pub(super) answers: BTreeMap<u64, Vec<Answer>>,
+    pub(super) wires_open: BTreeSet<u32>,
+    pub(super) log: Vec<String>,
+    /// Whether shims fail to end their programs.
+    pub(super) immortal: bool,
+}
+
+impl World {
+    pub(super) fn new(hosts: &[&str]) -> Self {
+        let mut world = Self::default();
+        for (boot, host) in (1..).zip(hosts) {
+            let identity = Identity { host: (*host).into(), boot, pid: 1, machine: (*host).into(), epoch: 0 };
+            let mut programs = Programs::default();
+            programs.offer("controllers", ["Step", "Long", "Sensor", "Stubborn"].map(str::to_owned));
+            world.agents.insert((*host).into(), Agent::new(identity, programs, Time::ZERO));
+        }
+        for (boot, from) in (1..).zip(hosts) {
+            for to in hosts.iter().filter(|to| *to != from) {
+                world.at(0, to, Coming::Input(Input::Appeared { host: (*from).into(), boot }));
+            }
+        }
+        world
+    }
+
+    pub(super) fn at(&mut self, millis: u64, host: &str, coming: Coming) {
+        self.counter += 1;
+        self.coming.insert((self.now + Duration::from_millis(millis), self.counter), (host.into(), coming));
+    }
+
+    pub(super) fn deploy(&mut self, home: &str, text: &str) -> u64 {
+        let options = Options::named("test");
+        let spec = Source::new("test.dca", text);
+        let compiled = compile(&spec, &[Source::new("modules", MODULES)], &options);
+        let plan = compiled.plan.unwrap_or_else(|| panic!("{:#?}", compiled.diagnostics));
+        self.counter += 1;
+        let call = self.counter;
+        let request = Box::new(Request::Deploy { request: call, plan });
+        self.at(0, home, Coming::Input(Input::Call { call, request }));
+        call
+    }
+
+    pub(super) fn stop(&mut self, home: &str) -> u64 {
+        self.counter += 1;
+        let call = self.counter;
+        let request = Box::new(Request::Stop { name: "test".into() });
+        self.at(0, home, Coming::Input(Input::Call { call, request }));
+        call
+    }
+
+    pub(super) fn run_for(&mut self, span: Duration) {
+        let end = self.now + span;
+        loop {
+            let event = self.coming.first_key_value().map(|((time, _), _)| *time);
+            let timer = self.agents.values().filter_map(Agent::deadline).min();
+            let Some(next) = event.into_iter().chain(timer).min().filter(|next| *next <= end) else { break };
+            self.now = self.now.max(next);
+            let due = self.coming.first_key_value().is_some_and(|((time, _), _)| *time <= self.now);
+            if let Some((_, (host, coming))) = due.then(|| self.coming.pop_first()).flatten() {
+                self.happen(&host, coming);
+            } else {
+                for host in self.agents.keys().cloned().collect::<Vec<_>>() {
+                    self.give(&host, Input::Tick);
+                }
+            }
+        }
+        self.now = end;
+    }
+
+    fn happen(&mut self, host: &str, coming: Coming) {
+        match coming {
+            Coming::Input(input) => self.give(host, input),
+            Coming::Finish(process, activation) => {
+                if self.running.get(&(host.into(), process.clone())) == Some(&activation) {
+                    self.running.remove(&(host.to_owned(), process.clone()));
+                    let notice = Notice::Done { activation, value: vec![] };
+                    self.give(host, Input::Control { process, notice });
+                }
+            }
+        }
+    }
+
+    fn give(&mut self, host: &str, input: Input) {
+        let Some(agent) = self.agents.get_mut(host) else { return };
+        let mut effects = Vec::new();
+        agent.handle(self.now, input, &mut effects);
+        for effect in effects {
+            self.carry_out(host, effect);
+        }
+    }
+
+    fn notice(&mut self, millis: u64, host: &str, process: &ProcessId, notice: Notice) {
+        if self.alive.contains(&(host.to_owned(), process.clone())) {
+            self.at(millis, host, Coming::Input(Input::Control { process: process.clone(), notice }));
+        }
+    }
+
+    fn report(&mut self, host: &str, process: &ProcessId, report: ShimReport) {
+        let input = Input::Shim { process: process.clone(), report, last_words: None };
+        self.at(1, host, Coming::Input(input));
+    }
+
+    /// Ends a program as `kill -9` does.
+    pub(super) fn kill(&mut self, host: &str, leaf: u32) {
+        let found = self.alive.iter().find(|(on, process)| on == host && process.leaf == leaf);
+        let (_, process) = found.expect("the program is alive").clone();
+        self.die(host, &process, ShimReport::Signalled { signal: 9 });
+    }
+
+    fn die(&mut self, host: &str, process: &ProcessId, how: ShimReport) {
+        self.alive.remove(&(host.to_owned(), process.clone()));
+        self.running.remove(&(host.to_owned(), process.clone()));
+        self.report(host, process, how);
+        self.report(host, process, ShimReport::Gone);
+    }
+
+    fn carry_out(&mut self, host: &str, effect: Effect) {
+        match effect {
+            Effect::Transmit { to, frame } => {
+                if !self.cut.contains(host) && !self.cut.contains(&to) {
+                    self.at(1, &to, Coming::Input(Input::Frame(frame)));
+                }
+            }
+            Effect::Spawn(order) => {
+                let process = order.process.clone();
+                self.alive.insert((host.into(), process.clone()));
+                self.modules.insert(process.clone(), order.command[1].clone());
+                self.report(host, &process, ShimReport::Started { pid: 100 + process.leaf });
+                let location = Some(Location {
+                    session: format!("{host}{}", process.leaf),
+                    local: vec!["unix".into()],
+                    remote: vec!["tcp".into()],
+                });
+                let (owns, needs) = (vec![], vec![]);
+                let hello = Notice::Hello { version: 1, instance: order.path, location, owns, needs, signals: false };
+                self.notice(5, host, &process, hello);
+            }
+            Effect::Shim { process, order } => match order {
+                ShimOrder::Stop { .. } | ShimOrder::Kill if self.immortal => {}
+                ShimOrder::Stop { .. } | ShimOrder::Kill => {
+                    self.die(host, &process, ShimReport::Signalled { signal: 15 });
+                }
+                ShimOrder::Go => {}
+            },
+            Effect::Control { process, order } => self.order(host, &process, order),
+            Effect::Answer { call, answer } => self.answers.entry(call).or_default().push(*answer),
+            Effect::Commit { .. } | Effect::EndAnswers { .. } | Effect::Forget { .. } | Effect::Bury { .. } => {}
+            Effect::Tail { .. } | Effect::Leave => {}
+        }
+    }
+
+    fn order(&mut self, host: &str, process: &ProcessId, order: Order) {
+        let module = self.modules[process].clone();
+        match order {
+            Order::Connect { .. } => self.notice(3, host, process, Notice::Connected),
+            Order::Open { wires, generation } => {
+                self.wires_open.extend(wires);
+                self.notice(2, host, process, Notice::Switched { generation });
+            }
+            Order::Close { wires, generation } => {
+                self.wires_open.retain(|wire| !wires.contains(wire));
+                self.notice(2, host, process, Notice::Switched { generation });
+            }
+            Order::Activate { activation, .. } => {
+                self.log.push(format!("{module} with wires {:?}", self.wires_open));
+                self.running.insert((host.into(), process.clone()), activation);
+                self.notice(1, host, process, Notice::Running { activation });
+                let lasts = match module.as_str() {
+                    "Step" => 50,
+                    "Long" => 10_000,
+                    _ => return,
+                };
+                self.at(lasts, host, Coming::Finish(process.clone(), activation));
+            }
+            Order::Stop { activation } => {
+                self.running.remove(&(host.to_owned(), process.clone()));
+                if module != "Stubborn" {
+                    self.notice(4, host, process, Notice::Stopped { activation });
+                }
+            }
+            Order::Exit => self.die(host, process, ShimReport::Exited { code: 0 }),
+        }
+    }
+
+    /// Returns how the deployment ended.
+    pub(super) fn last_report(&self, call: u64) -> &Report {
+        match self.answers[&call].last() {
+            Some(Answer::Report(report)) => report,
+            other => panic!("no report but {other:?}"),
+        }
+    }
+
+    pub(super) fn ending(&self, call: u64) -> &Ending {
+        match self.last_report(call) {
+            Report::Finished { ending, unconfirmed, .. } => {
+                assert_eq!(unconfirmed, &Vec::<String>::new());
+                ending
+            }
+            other => panic!("not finished: {other:?}"),
+        }
+    }
+}
