@@ -139,7 +139,8 @@ fn restored_backup_isolated_writes_then_meets() {
     world.put(1, "team/c", 3);
     world.put(1, "team/d", 4);
     world.join_network(1);
-    world.settle().unwrap();
+    // One origin has written twice under one number: the reference cannot say what is right, but we can.
+    world.converge().unwrap();
     for (key, value) in [("team/a", 1), ("team/b", 2), ("team/c", 3), ("team/d", 4)] {
         assert_eq!((world.value(0, key), world.value(1, key)), (Some(value), Some(value)), "{key}");
     }

@@ -59,6 +59,15 @@ pub struct Stamp {
 }
 
 impl Stamp {
+    /// Returns the smallest stamp of the same origin that is larger.
+    #[must_use]
+    pub fn next(self) -> Self {
+        match self.hlc.checked_add(1) {
+            Some(hlc) => Self { hlc, ..self },
+            None => Self { epoch: self.epoch.saturating_add(1), hlc: 0, ..self },
+        }
+    }
+
     /// Returns its milliseconds since 1970, as far as the clocks were right.
     pub fn millis(self) -> u64 {
         self.hlc >> COUNTER_BITS

@@ -93,6 +93,16 @@ impl Log {
         self.frames.get(&dot).map(|logged| &logged.frame)
     }
 
+    /// Returns how many frames there are.
+    pub fn len(&self) -> usize {
+        self.frames.len()
+    }
+
+    /// Returns whether there is no frame.
+    pub fn is_empty(&self) -> bool {
+        self.frames.is_empty()
+    }
+
     /// Returns about how many bytes the frames take.
     pub fn size(&self) -> usize {
         self.size

@@ -1,9 +1,10 @@
-//! What a replica keeps on its disk: records, written in batches that are there as a whole or not at all.
+//! What a replica keeps on its disk: records, written in batches that are there as a whole or not at all. Each ends with a
+//! sum of its name and its bytes.
 //!
 //! | record | holds |
 //! |---|---|
 //! | `i` | identity: origin, robot, what was given up |
-//! | `s` | digests of the cut and of the state, to notice a damaged disk |
+//! | `s` | digests of cut and state, how many frames and keys there are: to notice a damaged disk |
 //! | `h` origin | the head of an origin |
 //! | `l` origin number | a frame, and its place in the order of application |
 //! | `k` key | the versions of a key |
@@ -79,12 +80,22 @@ impl Batch {
         self.0.is_empty()
     }
 
+    /// Carries out the changes.
+    pub fn apply(&self, records: &mut Records) {
+        for (name, record) in &self.0 {
+            match record {
+                Some(record) => records.insert(name.clone(), record.clone()),
+                None => records.remove(name),
+            };
+        }
+    }
+
     pub(crate) fn identity(&mut self, identity: &Identity) {
         self.put(vec![b'i'], identity);
     }
 
     pub(crate) fn digests(&mut self, log: &Log, state: &State) {
-        self.put(vec![b's'], &(log.cut().digest(), state.digest()));
+        self.put(vec![b's'], &summary(log, state));
     }
 
     pub(crate) fn head(&mut self, origin: Origin, head: &Head) {
@@ -114,9 +125,15 @@ impl Batch {
 
     fn put(&mut self, name: Vec<u8>, record: &(impl Serialize + ?Sized)) {
         // Encoding to memory fails for lengths that are not known beforehand only, and records have none.
-        let bytes = postcard::to_stdvec(record).unwrap_or_default();
+        let mut bytes = postcard::to_stdvec(record).unwrap_or_default();
+        bytes.extend(sum(&name, &bytes));
         self.0.insert(name, Some(bytes));
     }
+}
+
+/// Returns by what a store shows that nothing is missing: digests of cut and state, how many frames and keys there are.
+fn summary(log: &Log, state: &State) -> (u64, u128, usize, usize) {
+    (log.cut().digest(), state.digest(), log.len(), state.len())
 }
 
 fn name(kind: u8, rest: &[u8]) -> Vec<u8> {
@@ -127,11 +144,23 @@ fn frame_name(dot: Dot) -> Vec<u8> {
     name(b'l', &[dot.origin.number().to_be_bytes(), dot.seq.to_be_bytes()].concat())
 }
 
-fn read<'a, T: Deserialize<'a>>(kind: u8, bytes: &'a [u8]) -> Result<T, OpenError> {
-    match postcard::take_from_bytes(bytes) {
-        Ok((record, [])) => Ok(record),
-        _ => Err(OpenError::Record { kind: char::from(kind) }),
+fn read<'a, T: Deserialize<'a>>(name: &[u8], bytes: &'a [u8]) -> Result<T, OpenError> {
+    let damaged = || OpenError::Record { kind: char::from(name.first().copied().unwrap_or_default()) };
+    let (record, found) = bytes.split_last_chunk().ok_or_else(damaged)?;
+    if *found != sum(name, record) {
+        return Err(damaged());
     }
+    match postcard::take_from_bytes(record) {
+        Ok((record, [])) => Ok(record),
+        _ => Err(damaged()),
+    }
+}
+
+/// Returns four bytes by which a record shows that it is whole and in its place.
+fn sum(name: &[u8], record: &[u8]) -> [u8; 4] {
+    let hash = blake3::Hasher::new().update(name).update(&[0]).update(record).finalize();
+    let [a, b, c, d, ..] = *hash.as_bytes();
+    [a, b, c, d]
 }
 
 fn number(kind: u8, bytes: &[u8]) -> Result<u64, OpenError> {
@@ -149,20 +178,20 @@ pub(crate) fn load(records: &Records, mutant: Mutant) -> Result<Stored, OpenErro
     let mut state = State::new(mutant);
     for (name, bytes) in records {
         match name.split_first() {
-            Some((b'i', [])) => identity = Some(read(b'i', bytes)?),
-            Some((b's', [])) => digests = Some(read::<(u64, u128)>(b's', bytes)?),
+            Some((b'i', [])) => identity = Some(read(name, bytes)?),
+            Some((b's', [])) => digests = Some(read::<(u64, u128, usize, usize)>(name, bytes)?),
             Some((b'h', origin)) => {
-                heads.insert(Origin::new(number(b'h', origin)?), read::<Head>(b'h', bytes)?);
+                heads.insert(Origin::new(number(b'h', origin)?), read::<Head>(name, bytes)?);
             }
             Some((b'l', rest)) => {
                 let (origin, seq) = rest.split_at_checked(8).ok_or(OpenError::Record { kind: 'l' })?;
                 let dot = Dot { origin: Origin::new(number(b'l', origin)?), seq: number(b'l', seq)? };
-                let (index, frame) = read(b'l', bytes)?;
+                let (index, frame) = read(name, bytes)?;
                 frames.push((dot, index, frame));
             }
             Some((b'k', key)) => {
                 let key = String::from_utf8(key.to_vec()).ok().and_then(|key| Key::new(key).ok());
-                state.restore(key.ok_or(OpenError::Record { kind: 'k' })?, read(b'k', bytes)?);
+                state.restore(key.ok_or(OpenError::Record { kind: 'k' })?, read(name, bytes)?);
             }
             _ => return Err(OpenError::Damaged { what: "a record of an unknown kind" }),
         }
@@ -172,8 +201,9 @@ pub(crate) fn load(records: &Records, mutant: Mutant) -> Result<Stored, OpenErro
     for (dot, index, frame) in frames {
         log.restore(dot, Logged { index, frame });
     }
-    if digests.unwrap_or((log.cut().digest(), 0)) != (log.cut().digest(), state.digest()) {
-        return Err(OpenError::Damaged { what: "the digests are of another state" });
+    let fresh = records.keys().all(|name| name == b"i");
+    if digests != Some(summary(&log, &state)) && !fresh {
+        return Err(OpenError::Damaged { what: "something is missing" });
     }
     Ok(Stored { identity, log, state })
 }

@@ -102,6 +102,16 @@ impl State {
         }
     }
 
+    /// Returns how many keys there are, deleted ones included.
+    pub fn len(&self) -> usize {
+        self.entries.len()
+    }
+
+    /// Returns whether there is no key.
+    pub fn is_empty(&self) -> bool {
+        self.entries.is_empty()
+    }
+
     /// Returns the versions of a key, by stamp: the last is what a read shows.
     pub fn versions(&self, key: &Key) -> &[Version] {
         self.entries.get(key).map_or(&[], Vec::as_slice)
@@ -200,8 +210,8 @@ fn digest(key: &Key, versions: &[Version]) -> u128 {
     for Version { dot, stamp, value } in versions {
         hasher.update(&[0xff]).update(&dot.origin.number().to_le_bytes()).update(&dot.seq.to_le_bytes());
         hasher.update(&stamp.epoch.to_le_bytes()).update(&stamp.hlc.to_le_bytes());
-        let bytes = value.as_ref().map_or(&[][..], |value| &value.bytes);
-        hasher.update(&[u8::from(value.is_some())]).update(&bytes.len().to_le_bytes()).update(bytes);
+        let (encoding, bytes) = value.as_ref().map_or((0, &[][..]), |value| (1 + value.encoding as u8, &value.bytes));
+        hasher.update(&[encoding]).update(&bytes.len().to_le_bytes()).update(bytes);
     }
     let mut digest = [0; 16];
     digest.copy_from_slice(&hasher.finalize().as_bytes()[..16]);

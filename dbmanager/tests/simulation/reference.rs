@@ -21,6 +21,8 @@ pub(super) struct Reference {
     names: BTreeMap<Dot, Dot>,
     /// What watchers at each robot have seen.
     shown: BTreeMap<usize, Cut>,
+    /// Dots that name two transactions.
+    twice: Vec<Dot>,
     broken: Option<String>,
 }
 
@@ -70,7 +72,10 @@ impl Reference {
         let mut context = self.events.get(&before).map(|event| event.context.clone()).unwrap_or_default();
         context.join(&txn.context);
         context.include(before);
-        self.events.entry(dot).or_insert(Event { txn, context: context.clone() });
+        let event = self.events.entry(dot).or_insert(Event { txn: txn.clone(), context: context.clone() });
+        if event.txn != txn {
+            self.twice.push(dot);
+        }
         context
     }
 
@@ -100,6 +105,9 @@ impl Reference {
                 return Err(format!("I1: equal cuts, different states{differing}"));
             }
         }
+        if let Some(dot) = self.twice.first() {
+            return Err(format!("T6: {dot} names two transactions"));
+        }
         for (dot, node) in &self.acknowledged {
             let name = std::iter::successors(Some(dot), |dot| self.names.get(dot)).last().unwrap_or(dot);
             if !cut.contains(*name) {
@@ -114,7 +122,7 @@ impl Reference {
             }
         }
         self.check_stamps(&events)?;
-        Self::check_versions(&events, first)
+        self.check_versions(&events, first)
     }
 
     /// I11: stamps extend causality.
@@ -131,7 +139,7 @@ impl Reference {
     }
 
     /// I2 and I10: each key has exactly the writes that no other write took away, the latest last.
-    fn check_versions(events: &[(&Dot, &Event)], replica: &Replica) -> Result<(), String> {
+    fn check_versions(&self, events: &[(&Dot, &Event)], replica: &Replica) -> Result<(), String> {
         let mut writes: BTreeMap<&Key, Vec<(&Event, bool)>> = BTreeMap::new();
         for (_, event) in events {
             for write in &event.txn.writes {
@@ -155,7 +163,10 @@ impl Reference {
             let shown: Vec<Dot> = versions.iter().map(|version| version.dot).collect();
             let deleted = versions.iter().all(|version| version.value.is_none());
             if shown != expected && !(deleted && expected.is_empty()) {
-                return Err(format!("I2, I10: {key} has {shown:?}, not {expected:?}"));
+                let why = |dot: Dot| self.events.get(&dot).map(|event| (dot, &event.context, &event.txn.rebase));
+                let all = writes.iter().map(|(event, _)| event.txn.dot());
+                let why: Vec<_> = all.filter_map(|dot| why(dot).map(|why| format!("{why:?}"))).collect();
+                return Err(format!("I2, I10: {key} has {shown:?}, not {expected:?}\n{why:#?}"));
             }
         }
         let known: BTreeSet<&Key> = writes.into_keys().collect();

@@ -384,17 +384,13 @@ impl World {
             match effect {
                 Effect::Persist(_) if dies && before => return self.crash(node),
                 Effect::Persist(batch) => {
-                    for (name, record) in batch.0 {
-                        match record {
-                            Some(record) => self.nodes[node].disk.insert(name, record),
-                            None => self.nodes[node].disk.remove(&name),
-                        };
-                    }
+                    batch.apply(&mut self.nodes[node].disk);
                     if dies {
-                        effects.for_each(|effect| {
-                            if let Effect::Visible(dot, frame) = effect {
-                                self.reference.happened(dot, &frame);
-                            }
+                        // It is on the disk, although nobody was told.
+                        effects.for_each(|effect| match effect {
+                            Effect::Visible(dot, frame) => drop(self.reference.happened(dot, &frame)),
+                            Effect::Renamed(from, to) => self.reference.renamed(from, to),
+                            _ => {}
                         });
                         return self.crash(node);
                     }

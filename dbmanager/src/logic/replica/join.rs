@@ -2,7 +2,7 @@
 //!
 //! *Rule.* A replica that is no member writes under a provisional origin that it shows to nobody, and asks to be admitted as
 //! another, fresh one. It then takes the sponsor's state in place of its own and commits its own transactions that the state
-//! does not have once more, under the admitted origin, with their old stamps. All of it is one batch.
+//! does not have once more, under the admitted origin, with their old stamps; so with those of origins that are no members. All of it is one batch.
 //!
 //! *Why nothing acknowledged is lost and nothing is hidden.* A transaction committed once more has the context it had, as far
 //! as that is in the new state, renamed where it is of its own past. So it takes away what it took away before, and stands
@@ -54,7 +54,7 @@ pub(super) struct Download {
     tries: u32,
 }
 
-/// A transaction of one's own that a new state does not have.
+/// A transaction that a new state does not have.
 struct Orphan {
     txn: Txn,
     context: Cut,
@@ -203,6 +203,10 @@ impl Replica {
             return;
         }
         let cut = download.manifest.cut();
+        if self.identity.joining.is_none() && !cut.dominates(&self.log.low()) {
+            // It was long on its way: what would have to be applied to it again is not all here any more.
+            return;
+        }
         let old = std::mem::replace(
             &mut self.log,
             Log::new(download.manifest.heads.into_iter().collect(), self.config.mutant),
@@ -212,7 +216,7 @@ impl Replica {
         self.restate();
         effects.push(Effect::Replaced);
         match self.identity.joining {
-            Some(joining) => self.bring_in(joining, &orphans(&old, &self.mine(), &cut), (&cut, effects)),
+            Some(joining) => self.bring_in(joining, &self.orphans(&old, &cut), (&cut, effects)),
             None => self.apply_again(now, &old, effects),
         }
         self.clock.observe(now, self.log.last_stamp(), Wall::default());
@@ -224,6 +228,28 @@ impl Replica {
     /// Returns the own origins, past and present, with up to where others surely have their transactions.
     fn mine(&self) -> BTreeMap<Origin, u64> {
         self.identity.past.iter().copied().chain([(self.identity.origin, u64::MAX)]).collect()
+    }
+
+    /// Returns the transactions that are not in `cut` and that nobody else brings in: the own ones, and those of origins
+    /// that are no members in the new state. Their robots may bring them in too; twice is a conflict that can be resolved,
+    /// never is a loss.
+    fn orphans(&self, old: &Log, cut: &Cut) -> Vec<Orphan> {
+        let mine = self.mine();
+        let mut contexts: BTreeMap<Origin, Cut> = BTreeMap::new();
+        let mut orphans = Vec::new();
+        for (dot, frame) in old.in_order() {
+            let Ok(txn) = frame.open() else { continue };
+            let context = contexts.entry(dot.origin).or_default();
+            context.join(&txn.context);
+            let told = mine.get(&dot.origin).copied().unwrap_or(u64::MAX);
+            if !self.members.is_active(dot.origin) && dot.seq > cut.get(dot.origin).min(told) {
+                let mut context = context.clone();
+                context.include(Dot { origin: dot.origin, seq: dot.seq - 1 });
+                orphans.push(Orphan { txn, context });
+            }
+        }
+        orphans.sort_by_key(|orphan| orphan.txn.stamp);
+        orphans
     }
 
     /// Commits orphans once more.
@@ -242,7 +268,7 @@ impl Replica {
             }
             let head = self.log.head(joining).cloned().unwrap_or_default();
             let again = Txn {
-                stamp: Stamp { origin: joining, ..txn.stamp },
+                stamp: Stamp { origin: joining, ..txn.stamp }.max(head.stamp.next()),
                 seq: head.seq + 1,
                 prev: head.link,
                 context: seen.beyond(&head.context).iter().filter(|(origin, _)| *origin != joining).collect(),
@@ -299,21 +325,4 @@ impl Replica {
             self.batch.versions(key, versions);
         }
     }
-}
-
-/// Returns the own transactions that are not in `cut`, with their full contexts.
-fn orphans(old: &Log, mine: &BTreeMap<Origin, u64>, cut: &Cut) -> Vec<Orphan> {
-    let mut contexts: BTreeMap<Origin, Cut> = BTreeMap::new();
-    let mut orphans = Vec::new();
-    for (dot, frame) in old.in_order() {
-        let (Some(told), Ok(txn)) = (mine.get(&dot.origin), frame.open()) else { continue };
-        let context = contexts.entry(dot.origin).or_default();
-        context.join(&txn.context);
-        if dot.seq > cut.get(dot.origin).min(*told) {
-            let mut context = context.clone();
-            context.include(Dot { origin: dot.origin, seq: dot.seq - 1 });
-            orphans.push(Orphan { txn, context });
-        }
-    }
-    orphans
 }
