@@ -98,7 +98,7 @@ pub fn take(state: &State, heads: &BTreeMap<Origin, Head>) -> (Manifest, BTreeMa
         entries.push((key, versions));
         size += key.as_str().len()
             + versions.iter().map(|v| 32 + v.value.as_ref().map_or(0, |v| v.bytes.len())).sum::<usize>();
-        if size >= CHUNK_SIZE_MAX || blake3::hash(key.as_str().as_bytes()).as_bytes()[0] % CHUNK_KEYS == 0 {
+        if size >= CHUNK_SIZE_MAX || blake3::hash(key.as_str().as_bytes()).as_bytes()[0].is_multiple_of(CHUNK_KEYS) {
             close(&mut entries);
             size = 0;
         }

@@ -162,6 +162,7 @@ mod tests {
     }
 
     #[test]
+    #[expect(clippy::too_many_lines, reason = "most of it is the text that is expected")]
     fn failures_are_explained_and_mistakes_are_said() {
         check(
             &["", "20 s", "arm", "threshold", "what is this", "home abort no way"],
