@@ -3,10 +3,14 @@
 #![expect(clippy::print_stdout, reason = "the measured figures are for the reader of the test")]
 
 use language::syntax::lex;
-use language::{Compiled, Options, Severity, Source, Style, apply_fixes, compile, render};
+use language::{
+    Chance, Compiled, Options, Severity, Simulation, Source, Style, apply_fixes, compile, fix, format, gather, graph,
+    render,
+};
 use proptest::prelude::*;
 use std::ops::Range;
 use std::path::Path;
+use std::sync::OnceLock;
 
 /// The most errors that one damaged token should cost.
 const ERRORS_MAX: usize = 2;
@@ -195,23 +199,74 @@ proptest! {
     /// Any text at all.
     #[test]
     fn no_text_makes_it_panic(text in "\\PC{0,120}") {
-        let source = Source::new("any", text);
-        let compiled = run(&source, &[]);
-        render(&compiled.diagnostics, &source, &[], Style::Plain);
-        apply_fixes(&source.text, &compiled.diagnostics);
+        use_everything(&Source::new("any", text));
+    }
+
+    /// A good file in which a few tokens are lost, doubled or exchanged for words of the language.
+    #[test]
+    fn no_damaged_file_makes_it_panic(file in 0_usize..200, changes in proptest::collection::vec((0_usize..500, 0..WORDS.len(), 0..3), 0..4)) {
+        static FILES: OnceLock<Vec<(Source, Vec<Source>)>> = OnceLock::new();
+        let files = FILES.get_or_init(good_files);
+        let (spec, _) = &files[file % files.len()];
+        let mut words: Vec<&str> = tokens(&spec.text).into_iter().map(|token| &spec.text[token]).collect();
+        for (place, word, change) in changes {
+            let place = place % words.len().max(1);
+            match change {
+                0 if place < words.len() => drop(words.remove(place)),
+                1 => words.insert(place, WORDS[word]),
+                _ if place < words.len() => words[place] = WORDS[word],
+                _ => {}
+            }
+        }
+        use_everything(&Source::new("any", words.join(" ")));
     }
 
     /// Tokens of the language in any order.
     #[test]
     fn no_tokens_make_it_panic(words in proptest::collection::vec(proptest::sample::select(WORDS), 0..80)) {
         let source = Source::new("any", words.join(" "));
+        use_everything(&source);
         let compiled = run(&source, &[]);
-        render(&compiled.diagnostics, &source, &[], Style::Plain);
         run(&Source::new("fixed", apply_fixes(&source.text, &compiled.diagnostics)), std::slice::from_ref(&source));
     }
 }
 
+/// Does with a text all that the command line does.
+fn use_everything(source: &Source) {
+    let parts = gather(source, &|path| Err(format!("no file `{path}`")));
+    let compiled = run(source, &parts);
+    render(&compiled.diagnostics, source, &parts, Style::Plain);
+    fix(source, &parts, &Options::named("test"));
+    if let Ok(once) = format(source) {
+        assert_eq!(format(&Source::new("again", &*once)), Ok(once));
+    }
+    if let (Some(graph), _) = graph(source, &parts, &Options::named("test")) {
+        assert!(graph.svg().len() > graph.dot().len() / 10);
+    }
+    if let Some(plan) = compiled.plan {
+        let (mut simulation, mut chance) = (Simulation::start(&plan), Chance::new(&plan, 1, 20));
+        for _ in 0..50 {
+            if simulation.outcome().is_some() || !chance.step(&mut simulation) {
+                break;
+            }
+        }
+    }
+}
+
 const WORDS: &[&str] = &[
+    "const",
+    "use",
+    "all i in 0..2 (",
+    "race",
+    "[i]",
+    "[2]",
+    "[l]",
+    "claims",
+    "latch",
+    "queue 3",
+    "rate 5 Hz",
+    "5 Hz",
+    "i",
     "process",
     "module",
     "main",
