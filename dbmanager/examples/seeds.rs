@@ -3,7 +3,7 @@
 //! With `--features mutants` and `mutants` as a third argument it runs them with each planted bug until one of them finds
 //! it, and prints which.
 
-#[expect(dead_code, reason = "the named cases use more of it than random worlds do")]
+#[expect(dead_code, clippy::unwrap_used, reason = "it is part of the tests, and the named cases use more of it")]
 #[path = "../tests/simulation/world.rs"]
 mod world;
 
@@ -24,7 +24,7 @@ fn main() -> ExitCode {
             survivors += u32::from(killed.is_none());
             match killed {
                 Some((seed, broken)) => {
-                    println!("{mutant:?}: seed {seed}: {}", broken.lines().next().unwrap_or_default())
+                    println!("{mutant:?}: seed {seed}: {}", broken.lines().next().unwrap_or_default());
                 }
                 None => println!("{mutant:?}: SURVIVES {count} seeds"),
             }

@@ -1,5 +1,6 @@
 //! Whole teams of replicas on virtual time, over a network and disks that fail: many seeds, and named cases.
 
+#[expect(clippy::unwrap_used, reason = "it is part of the tests")]
 #[path = "simulation/world.rs"]
 mod world;
 

@@ -26,7 +26,7 @@ impl Dir {
 
 impl Drop for Dir {
     fn drop(&mut self) {
-        drop(fs::remove_dir_all(self.0.parent().unwrap()));
+        drop(fs::remove_dir_all(self.0.parent().expect("it was joined to one")));
     }
 }
 
@@ -104,7 +104,7 @@ fn config() -> Config {
 
 /// Commits a value; returns the answers, none of which is given unless the store has it.
 fn put(replica: &mut Replica, store: &mut impl Store, key: &str, value: Value) -> Vec<Answer> {
-    let draft = Draft::new("test").put(Key::new(key).unwrap(), value);
+    let draft = Draft::new("test").put(Key::new(key).expect("tests use keys"), value);
     let request = Request { ticket: 1, draft, level: Level::Local, until: Time::ZERO };
     run(replica, store, Input::Commit(vec![request], Wall::default()))
 }
@@ -116,7 +116,8 @@ fn run(replica: &mut Replica, store: &mut impl Store, input: Input) -> Vec<Answe
         match effect {
             Effect::Persist(batch) if store.commit(&batch).is_err() => break,
             Effect::Answer(_, answer) => answers.push(answer),
-            _ => {}
+            Effect::Persist(_) | Effect::Broadcast(_) | Effect::Send(..) | Effect::Visible(..) => {}
+            Effect::Renamed(..) | Effect::Replaced | Effect::Alarm(_) => {}
         }
     }
     answers

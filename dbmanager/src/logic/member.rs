@@ -5,7 +5,8 @@
 //!
 //! *Joining.* An origin is admitted by a member (its sponsor), before it has shown a transaction to anybody, and begins with
 //! the sponsor's state. So whoever counts what the sponsor had after the admission knows of the newcomer, and whoever counts
-//! what the sponsor had before it counts nothing that the newcomer has not begun with.
+//! what the sponsor had before it counts nothing that the newcomer has not begun with. Who has retired the sponsor counts it
+//! no more, so for them a newcomer that they do not know is retired too; who knows neither of the two waits.
 //!
 //! *Retiring.* A replica that has applied a retirement takes and gives nothing from and to the retired origin any more, but
 //! takes its transactions from others. The origin still counts for garbage until each remaining member has the retirement
@@ -25,6 +26,7 @@ const RETIRED: &str = "sys/retired/";
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Members {
     active: BTreeMap<Origin, String>,
+    sponsors: BTreeMap<Origin, Origin>,
     retired: BTreeMap<Origin, Vec<(Dot, Stamp)>>,
 }
 
@@ -52,7 +54,11 @@ impl Members {
             Some(String::from_utf8_lossy(&value.bytes).into_owned())
         };
         let active = state.scan(MEMBERS).filter_map(|(key, versions)| Some((origin(key, MEMBERS)?, name(versions)?)));
-        Self { active: active.filter(|(origin, _)| !retired.contains_key(origin)).collect(), retired }
+        let sponsor = |versions: &[Version]| versions.first().map(|version| version.dot.origin);
+        let sponsors =
+            state.scan(MEMBERS).filter_map(|(key, versions)| Some((origin(key, MEMBERS)?, sponsor(versions)?)));
+        let sponsors = sponsors.collect();
+        Self { active: active.filter(|(origin, _)| !retired.contains_key(origin)).collect(), sponsors, retired }
     }
 
     /// Returns whether `origin` is a member.
@@ -63,6 +69,11 @@ impl Members {
     /// Returns the robot of a member.
     pub fn robot(&self, origin: Origin) -> Option<&str> {
         self.active.get(&origin).map(String::as_str)
+    }
+
+    /// Returns who has admitted an origin, the first of them by stamp.
+    pub fn sponsor(&self, origin: Origin) -> Option<Origin> {
+        self.sponsors.get(&origin).copied()
     }
 
     /// Returns the members.

@@ -387,10 +387,12 @@ impl World {
                     batch.apply(&mut self.nodes[node].disk);
                     if dies {
                         // It is on the disk, although nobody was told.
-                        effects.for_each(|effect| match effect {
-                            Effect::Visible(dot, frame) => drop(self.reference.happened(dot, &frame)),
-                            Effect::Renamed(from, to) => self.reference.renamed(from, to),
-                            _ => {}
+                        effects.for_each(|effect| {
+                            if let Effect::Visible(dot, frame) = effect {
+                                drop(self.reference.happened(dot, &frame));
+                            } else if let Effect::Renamed(from, to) = effect {
+                                self.reference.renamed(from, to);
+                            }
                         });
                         return self.crash(node);
                     }

@@ -89,10 +89,11 @@ impl Sync {
         }
     }
 
-    fn answered(&mut self, origin: Origin) {
-        if let Some(peer) = self.peers.get_mut(&origin) {
-            (peer.pulling, peer.ahead, peer.silent) = (None, false, 0);
-        }
+    /// Notes an answer; returns whether one was waited for.
+    fn answered(&mut self, origin: Origin) -> bool {
+        let Some(peer) = self.peers.get_mut(&origin) else { return false };
+        (peer.ahead, peer.silent) = (false, 0);
+        peer.pulling.take().is_some()
     }
 }
 
@@ -160,6 +161,7 @@ impl Replica {
             boot: self.boot,
             format: FORMAT,
             member: self.is_member(),
+            sponsor: self.members.sponsor(self.identity.origin).unwrap_or(self.identity.origin),
             cut: self.log.cut().digest(),
             state: self.state.digest(),
             head: (head.seq, head.link),
@@ -185,8 +187,13 @@ impl Replica {
             return;
         }
         if !self.members.is_active(from) {
-            // Somebody has admitted it whom we have not heard of late: it can tell us itself.
-            return self.sync.ahead(from, now);
+            if let Some(stamp) = self.members.retired(hello.sponsor) {
+                effects.push(Effect::Send(from, Message::Chunk(Chunk::Retired(stamp))));
+            } else if self.members.is_active(hello.sponsor) {
+                // A member has admitted it, from whom we have not heard of late: it can tell us itself.
+                self.sync.ahead(from, now);
+            }
+            return;
         }
         let none = Head::default();
         let known = self.log.head(from).unwrap_or(&none);
@@ -242,17 +249,17 @@ impl Replica {
     }
 
     fn take_chunk(&mut self, now: Time, (from, chunk): (Origin, Chunk), effects: &mut Vec<Effect>) {
-        self.sync.answered(from);
+        let asked = self.sync.answered(from);
         match chunk {
-            Chunk::Frames { cut, frames, more } if self.is_member() => {
+            Chunk::Frames { cut, frames, more } if self.is_member() && (asked || self.members.is_active(from)) => {
                 let missing = self.take_frames(now, (from, frames), effects);
                 self.acks.note(from, &cut);
                 if (more || !self.log.cut().dominates(&cut)) && !missing {
                     self.sync.ahead(from, now);
                 }
             }
-            Chunk::Frames { .. } => {}
-            Chunk::Snapshot(manifest) => self.begin_download(now, (from, manifest), effects),
+            Chunk::Snapshot(manifest) if asked => self.begin_download(now, (from, manifest), effects),
+            Chunk::Frames { .. } | Chunk::Snapshot(_) => {}
             Chunk::Retired(stamp) => {
                 // If each has retired the other, the earlier retirement stands.
                 let mine = self.members.retired(from);

@@ -13,8 +13,11 @@ struct Event {
     writes: Vec<Write>,
 }
 
-/// A history: what each of three origins did, and whose state it then took over.
-fn history() -> impl Strategy<Value = Vec<(u8, u8, Vec<(u8, bool)>)>> {
+/// Who commits, whose state it has taken over before, and at which keys it puts or deletes.
+type Step = (u8, u8, Vec<(u8, bool)>);
+
+/// A history of three origins.
+fn history() -> impl Strategy<Value = Vec<Step>> {
     let writes = proptest::collection::vec((0..4_u8, any::<bool>()), 0..4);
     proptest::collection::vec((0..3_u8, 0..3_u8, writes), 1..14)
 }
@@ -24,7 +27,7 @@ fn key(number: u8) -> Key {
 }
 
 /// Runs a history: in each step one origin learns all that another knows, and commits.
-fn events(steps: Vec<(u8, u8, Vec<(u8, bool)>)>) -> Vec<Event> {
+fn events(steps: Vec<Step>) -> Vec<Event> {
     let mut cuts = vec![Cut::default(); 3];
     let mut clocks = [0_u64; 3];
     let mut events = Vec::new();
