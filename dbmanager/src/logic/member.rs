@@ -6,7 +6,7 @@
 //! *Joining.* An origin is admitted by a member (its sponsor), before it has shown a transaction to anybody, and begins with
 //! the sponsor's state. So whoever counts what the sponsor had after the admission knows of the newcomer, and whoever counts
 //! what the sponsor had before it counts nothing that the newcomer has not begun with. Who has retired the sponsor counts it
-//! no more, so for them a newcomer that they do not know is retired too; who knows neither of the two waits.
+//! no more, so for them a newcomer that they do not know is retired too. Of a sponsor that is not known, its sponsor decides.
 //!
 //! *Retiring.* A replica that has applied a retirement takes and gives nothing from and to the retired origin any more, but
 //! takes its transactions from others. The origin still counts for garbage until each remaining member has the retirement
@@ -21,6 +21,8 @@ use std::collections::BTreeMap;
 
 const MEMBERS: &str = "sys/members/";
 const RETIRED: &str = "sys/retired/";
+/// How many sponsors of sponsors are told to others.
+pub const SPONSORS_MAX: usize = 32;
 
 /// The team, at one cut.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -71,9 +73,10 @@ impl Members {
         self.active.get(&origin).map(String::as_str)
     }
 
-    /// Returns who has admitted an origin, the first of them by stamp.
-    pub fn sponsor(&self, origin: Origin) -> Option<Origin> {
-        self.sponsors.get(&origin).copied()
+    /// Returns who has admitted an origin, who has admitted that one, and so on, as far as [`SPONSORS_MAX`].
+    pub fn sponsors(&self, origin: Origin) -> Vec<Origin> {
+        let sponsor = |of: &Origin| self.sponsors.get(of).copied().filter(|by| by != of);
+        std::iter::successors(Some(origin), sponsor).skip(1).take(SPONSORS_MAX).collect()
     }
 
     /// Returns the members.

@@ -49,8 +49,8 @@ pub struct Hello {
     pub format: u8,
     /// Whether it may be asked for transactions.
     pub member: bool,
-    /// Who has admitted it; itself if it is the first.
-    pub sponsor: Origin,
+    /// Who has admitted it, who has admitted that one, and so on.
+    pub sponsors: Vec<Origin>,
     /// [`Cut::digest`] of what it has.
     pub cut: u64,
     /// Digest of the state that this gives.

@@ -10,6 +10,10 @@
 //! seen them did not count any more. Each that was dropped anywhere before the admission was known was so with the
 //! sponsor's consent, hence is within the sponsor's cut: the floor, within which deletions count as seen.
 //!
+//! *Where it still loses (seeds 17233 and 18374 of the simulation).* When a whole side of a partition was retired, and has
+//! cut its logs in the belief that all of its members have them, it has such transactions as versions only, not as frames
+//! that could be committed once more.
+//!
 //! A member whose question is answered with a state (the log is gone) keeps its origin and applies what it has beyond that
 //! state once more, under the same names.
 

@@ -161,7 +161,7 @@ impl Replica {
             boot: self.boot,
             format: FORMAT,
             member: self.is_member(),
-            sponsor: self.members.sponsor(self.identity.origin).unwrap_or(self.identity.origin),
+            sponsors: self.members.sponsors(self.identity.origin),
             cut: self.log.cut().digest(),
             state: self.state.digest(),
             head: (head.seq, head.link),
@@ -187,9 +187,11 @@ impl Replica {
             return;
         }
         if !self.members.is_active(from) {
-            if let Some(stamp) = self.members.retired(hello.sponsor) {
+            let known = |origin: &&Origin| self.members.is_active(**origin) || self.members.retired(**origin).is_some();
+            let Some(sponsor) = hello.sponsors.iter().find(known) else { return };
+            if let Some(stamp) = self.members.retired(*sponsor) {
                 effects.push(Effect::Send(from, Message::Chunk(Chunk::Retired(stamp))));
-            } else if self.members.is_active(hello.sponsor) {
+            } else {
                 // A member has admitted it, from whom we have not heard of late: it can tell us itself.
                 self.sync.ahead(from, now);
             }
