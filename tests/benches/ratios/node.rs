@@ -20,9 +20,30 @@ const WITHIN: Duration = Duration::from_secs(40);
 /// A running `dca-node`.
 #[derive(Debug)]
 pub(crate) struct Node {
-    child: Child,
+    running: Running,
     client: Session,
     request: u64,
+}
+
+/// The node's process; it is asked to leave, with all it has started, when a measurement fails.
+#[derive(Debug)]
+struct Running(Child);
+
+impl Running {
+    fn end(&mut self) -> anyhow::Result<()> {
+        if self.0.try_wait()?.is_none() {
+            let pid = rustix::process::Pid::from_child(&self.0);
+            rustix::process::kill_process(pid, rustix::process::Signal::TERM)?;
+        }
+        ensure!(self.0.wait()?.success(), "the node failed");
+        Ok(())
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        self.end().unwrap_or_default();
+    }
 }
 
 /// The reports of one deployment.
@@ -36,7 +57,7 @@ impl Node {
     /// Starts the node that stands beside this program, after bringing it up to date.
     pub(crate) async fn start(dir: &Path) -> anyhow::Result<Self> {
         let program = built()?.join("dca-node");
-        let mut child = Command::new(&program)
+        let child = Command::new(&program)
             .args(["--name", HOST, "--controllers"])
             .arg(std::env::current_exe()?)
             .arg("--run-dir")
@@ -44,11 +65,11 @@ impl Node {
             .stdout(Stdio::piped())
             .spawn()
             .with_context(|| format!("starting {}", program.display()))?;
-        let mut said = String::new();
-        BufReader::new(child.stdout.take().context("no pipe")?).read_line(&mut said)?;
+        let (mut running, mut said) = (Running(child), String::new());
+        BufReader::new(running.0.stdout.take().context("no pipe")?).read_line(&mut said)?;
         ensure!(said.contains("ready"), "the node said `{said}`");
         let client = Session::open_client(&dir.join(HOST).join("node.sock")).await?;
-        Ok(Self { child, client, request: 0 })
+        Ok(Self { running, client, request: 0 })
     }
 
     /// Asks the node to run a spec.
@@ -81,10 +102,7 @@ impl Node {
     /// Ends the node.
     pub(crate) async fn end(mut self) -> anyhow::Result<()> {
         self.client.close().await;
-        let pid = rustix::process::Pid::from_child(&self.child);
-        rustix::process::kill_process(pid, rustix::process::Signal::TERM)?;
-        ensure!(self.child.wait()?.success(), "the node failed");
-        Ok(())
+        self.running.end()
     }
 }
 
