@@ -13,6 +13,7 @@ pub mod fmt;
 pub mod follow;
 pub mod graph;
 pub mod logs;
+pub mod new;
 pub mod nodes;
 pub mod output;
 pub mod report;
@@ -44,6 +45,8 @@ enum Verb {
     Deploy(deploy::Arguments),
     /// Print what is wrong with a spec
     Check(check::Arguments),
+    /// Make a folder with a spec, and a controller program for it, to begin with
+    New(new::Arguments),
     /// Apply every fix that is likely right to a spec
     Fix(fix::Arguments),
     /// Write specs in their one form
@@ -111,6 +114,7 @@ pub fn main() -> ExitCode {
         Verb::Run(arguments) => run::run(arguments),
         Verb::Deploy(arguments) => deploy::run(arguments),
         Verb::Check(arguments) => check::run(&arguments),
+        Verb::New(arguments) => new::run(&arguments),
         Verb::Fix(arguments) => fix::run(&arguments),
         Verb::Fmt(arguments) => fmt::run(&arguments),
         Verb::Graph(arguments) => graph::run(&arguments),
