@@ -13,6 +13,9 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::time::Duration;
 
+/// The exit code of a program whose loop has panicked, as of any other that panics in Rust.
+const PANICKED: i32 = 101;
+
 /// What the cycle is told.
 #[derive(Debug)]
 pub(super) enum Command {
@@ -76,8 +79,16 @@ impl Cycle {
         }
     }
 
-    /// Runs until it is told to leave and nothing runs any more.
-    pub(super) fn run(mut self) {
+    /// Runs until it is told to leave and nothing runs any more. If the loop itself panics, the whole process leaves: a
+    /// program without its loop would look alive to the node.
+    pub(super) fn run(self) {
+        if catch_unwind(AssertUnwindSafe(|| self.obey())).is_err() {
+            // The panic has been told on standard error.
+            std::process::exit(PANICKED);
+        }
+    }
+
+    fn obey(mut self) {
         make_punctual();
         loop {
             while let Some(command) = self.inbox.next_command() {
@@ -124,13 +135,28 @@ impl Cycle {
         let time = now();
         (self.due, self.signals_due, self.overruns) = (time, time, 0);
         self.phase = Phase::Running;
-        match guarded(|| self.module.init(value, time)).and_then(|initialised| initialised) {
-            Ok(()) => {
+        match self.call(|module| module.init(value, time)) {
+            Some(Ok(())) => {
                 self.send();
                 self.tell(&Notice::Running { activation });
             }
-            Err(reason) => self.end(Ending::Aborted(reason)),
+            Some(Err(reason)) => self.end(Ending::Aborted(reason)),
+            None => {}
         }
+    }
+
+    /// Calls the controller. A panic of its code ends the activation; one while it stops ends the stop, with a last call.
+    fn call<T>(&mut self, call: impl FnOnce(&mut dyn Module) -> T) -> Option<T> {
+        let reason = match guarded(|| call(self.module.as_mut())) {
+            Ok(result) => return Some(result),
+            Err(reason) => reason,
+        };
+        if let Phase::Stopping { until, .. } = &mut self.phase {
+            let time = now();
+            (*until, self.due) = (time, time);
+        }
+        self.end(Ending::Aborted(reason));
+        None
     }
 
     /// Begins to stop; a second reason to end changes nothing.
@@ -149,10 +175,10 @@ impl Cycle {
             if matches!(self.phase, Phase::Idle) {
                 continue;
             }
-            match self.module.deliver(sample.port, &sample.bytes, sample.at) {
-                Ok(Delivery::Triggers) => triggered = true,
-                Ok(Delivery::Stored) => {}
-                Err(error) => tracing::warn!(%error, "a sample was not taken"),
+            match self.call(|module| module.deliver(sample.port, &sample.bytes, sample.at)) {
+                Some(Ok(Delivery::Triggers)) => triggered = true,
+                Some(Ok(Delivery::Stored)) | None => {}
+                Some(Err(error)) => tracing::warn!(%error, "a sample was not taken"),
             }
         }
         triggered && matches!(self.phase, Phase::Running)
@@ -177,32 +203,34 @@ impl Cycle {
     fn work(&mut self, time: Time) {
         match &self.phase {
             Phase::Idle => {}
-            Phase::Running => {
-                for fetch in self.links.fetches() {
-                    let delivered = fetch
-                        .fetch(self.schedule.period / 2)
-                        .map(|bytes| self.module.deliver(fetch.port, &bytes, now()));
-                    if let Some(Err(error)) = delivered {
-                        tracing::warn!(%error, "a fetched sample was not taken");
-                    }
-                }
-                let progress = guarded(|| self.module.calculate(time)).unwrap_or_else(Progress::Aborted);
+            Phase::Running => self.calculate(time),
+            Phase::Stopping { .. } => {
+                let stopping = self.call(|module| module.stop(time));
                 self.send();
-                self.show(time);
-                match progress {
-                    Progress::Continue => {}
-                    Progress::Done(value) => self.end(Ending::Done(value)),
-                    Progress::Aborted(reason) => self.end(Ending::Aborted(reason)),
-                }
-            }
-            Phase::Stopping { until, .. } => {
-                let late = time >= *until;
-                let stopping = guarded(|| self.module.stop(time)).unwrap_or(Stopping::Finished);
-                self.send();
-                if stopping == Stopping::Finished || late {
+                let late = matches!(self.phase, Phase::Stopping { until, .. } if now() >= until);
+                if late || stopping != Some(Stopping::Again) {
                     self.ended();
                 }
             }
+        }
+    }
+
+    fn calculate(&mut self, time: Time) {
+        for fetch in self.links.fetches() {
+            let Some(bytes) = fetch.fetch(self.schedule.period / 2) else { continue };
+            match self.call(|module| module.deliver(fetch.port, &bytes, now())) {
+                Some(Ok(_)) => {}
+                Some(Err(error)) => tracing::warn!(%error, "a fetched sample was not taken"),
+                None => return,
+            }
+        }
+        let Some(progress) = self.call(|module| module.calculate(time)) else { return };
+        self.send();
+        self.show(time);
+        match progress {
+            Progress::Continue => {}
+            Progress::Done(value) => self.end(Ending::Done(value)),
+            Progress::Aborted(reason) => self.end(Ending::Aborted(reason)),
         }
     }
 
@@ -220,8 +248,8 @@ impl Cycle {
     }
 
     fn send(&mut self) {
-        let links = &self.links;
-        self.module.drain(&mut |port, bytes| links.send(port, bytes));
+        let links = Arc::clone(&self.links);
+        self.call(|module| module.drain(&mut |port, bytes| links.send(port, bytes)));
     }
 
     fn show(&mut self, time: Time) {
@@ -230,7 +258,7 @@ impl Cycle {
             return;
         }
         self.signals_due = time + every;
-        let mut values = self.module.signals();
+        let Some(mut values) = self.call(|module| module.signals()) else { return };
         #[expect(clippy::cast_precision_loss, reason = "a count for people")]
         let value = self.overruns as f64;
         values.push(Signal { name: "overruns".to_owned(), unit: String::new(), value, headline: false });
@@ -251,4 +279,120 @@ fn guarded<T>(call: impl FnOnce() -> T) -> Result<T, String> {
         let text = panic.downcast_ref::<&str>().copied().or_else(|| panic.downcast_ref::<String>().map(String::as_str));
         format!("the controller panicked: {}", text.unwrap_or("no message"))
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sdk::controller::About;
+    use crate::sdk::interface::Interface;
+    use crate::sdk::module::DeliveryError;
+    use comms::io::control;
+    use comms::logic::codec;
+    use comms::logic::frame::Decoder;
+    use std::cell::Cell;
+    use std::io::Read;
+    use std::os::unix::net::{UnixListener, UnixStream};
+
+    /// Panics once, in the call of this name.
+    struct Fragile {
+        interface: Interface,
+        breaks_in: Cell<&'static str>,
+    }
+
+    impl Fragile {
+        fn at(&self, call: &'static str) {
+            if self.breaks_in.get() == call {
+                self.breaks_in.set("");
+                panic!("in {call}");
+            }
+        }
+    }
+
+    impl Module for Fragile {
+        fn interface(&self) -> &Interface {
+            &self.interface
+        }
+        fn deliver(&mut self, _: &str, _: &[u8], _: Time) -> Result<Delivery, DeliveryError> {
+            self.at("deliver");
+            Ok(Delivery::Stored)
+        }
+        fn init(&mut self, _: &[u8], _: Time) -> Result<(), String> {
+            self.at("init");
+            Ok(())
+        }
+        fn calculate(&mut self, _: Time) -> Progress {
+            self.at("calculate");
+            Progress::Continue
+        }
+        fn stop(&mut self, _: Time) -> Stopping {
+            self.at("stop");
+            Stopping::Finished
+        }
+        fn drain(&mut self, _: &mut dyn FnMut(&'static str, Vec<u8>)) {
+            self.at("drain");
+        }
+        fn signals(&self) -> Vec<Signal> {
+            self.at("signals");
+            Vec::new()
+        }
+    }
+
+    fn next(stream: &mut UnixStream, decoder: &mut Decoder) -> Notice {
+        loop {
+            if let Some(body) = decoder.next_frame().unwrap() {
+                return codec::decode(&body).unwrap();
+            }
+            let mut bytes = [0; 256];
+            let size = stream.read(&mut bytes).unwrap();
+            assert_ne!(size, 0, "the loop is gone");
+            decoder.push(&bytes[..size]);
+        }
+    }
+
+    /// Runs a controller that panics in `call`, and then once more.
+    fn check(call: &'static str, expected: &[Notice]) {
+        let path = std::env::temp_dir().join(format!("dca-cycle-{}-{call}", std::process::id()));
+        let listener = UnixListener::bind(&path).unwrap();
+        let (notices, _orders) = control::connect(&path).unwrap();
+        let (mut stream, mut decoder) = (listener.accept().unwrap().0, Decoder::new(1 << 16));
+        std::fs::remove_file(&path).unwrap();
+        let period = Duration::from_millis(1);
+        let about = About::service("Panics once.").every(period).signals_every(period);
+        let interface = Interface { type_name: "Fragile", about, ports: Vec::new() };
+        let module = Box::new(Fragile { interface, breaks_in: Cell::new(call) });
+        let inbox = Arc::new(Inbox::default());
+        let cycle = Cycle::new(module, Arc::clone(&inbox), Arc::default(), notices);
+        let running = std::thread::spawn(move || cycle.run());
+        let activate = |activation| assert!(inbox.command(Command::Activate { activation, value: Vec::new() }));
+        let stop = |activation| assert!(inbox.command(Command::Stop { activation }));
+
+        activate(1);
+        for notice in expected {
+            assert_eq!(next(&mut stream, &mut decoder), *notice, "{call}");
+            match call {
+                "deliver" => inbox.sample("In", Vec::new()),
+                "stop" => stop(1),
+                _ => {}
+            }
+        }
+        activate(2);
+        assert_eq!(next(&mut stream, &mut decoder), Notice::Running { activation: 2 }, "{call}");
+        stop(2);
+        assert_eq!(next(&mut stream, &mut decoder), Notice::Stopped { activation: 2 }, "{call}");
+        inbox.command(Command::Leave);
+        running.join().unwrap();
+    }
+
+    #[test]
+    fn a_panic_anywhere_ends_the_activation_and_not_the_loop() {
+        let running = Notice::Running { activation: 1 };
+        let aborted =
+            |call: &str| Notice::Aborted { activation: 1, reason: format!("the controller panicked: in {call}") };
+        check("init", &[aborted("init")]);
+        for call in ["deliver", "calculate", "drain", "signals"] {
+            check(call, &[running.clone(), aborted(call)]);
+        }
+        check("stop", &[running, Notice::Stopped { activation: 1 }]);
+    }
 }
