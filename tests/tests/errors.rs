@@ -163,7 +163,7 @@ fn two_nodes_of_one_name() {
     end(first);
     check(&cluster, &second, 1, &["a node named `c1` is already running on this machine"]);
     let strange = here.start_node("c 1", &[]).ended(SOON);
-    check(&cluster, &strange, 1, &["`c 1` is not a host name"]);
+    check(&cluster, &strange, 2, &["`c 1` is not a host name"]);
 }
 
 #[test]

@@ -1,12 +1,13 @@
 //! `dca-node`: the agent of a host, until it is asked to leave (SIGTERM, SIGINT).
 
-use crate::cli::client::block_on;
+use crate::cli::client::{block_on, ended};
 use crate::cli::{Failure, finish, output, start_logging};
 use crate::io::driver::{self, Config};
 use crate::io::{programs, run_dir};
 use anyhow::Context;
 use clap::Parser;
 use comms::io::session::{self, Reach};
+use comms::logic::key::HostName;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
@@ -18,8 +19,8 @@ use tokio::sync::watch;
 #[command(name = "dca-node", version)]
 struct Arguments {
     /// The host's name in specs
-    #[arg(long)]
-    name: String,
+    #[arg(long, value_parser = HostName::parse)]
+    name: HostName,
     /// Open this node to the local network, unauthenticated
     #[arg(long)]
     lan: bool,
@@ -55,7 +56,7 @@ fn run(arguments: Arguments) -> Result<(), Failure> {
     let seconds = arguments.agent_loss_grace;
     let agent_loss_grace = Duration::try_from_secs_f64(seconds).context("`--agent-loss-grace` must not be negative")?;
     let config = Config {
-        name: arguments.name,
+        name: arguments.name.as_str().to_owned(),
         base: arguments.run_dir.unwrap_or_else(run_dir::default_base),
         reach: if arguments.lan { Reach::Lan } else { Reach::Host },
         controllers: programs::chosen(&arguments.controllers),
@@ -78,10 +79,7 @@ fn run(arguments: Arguments) -> Result<(), Failure> {
         let (mut terminate, mut interrupt) = (signal(SignalKind::terminate())?, signal(SignalKind::interrupt())?);
         loop {
             tokio::select! {
-                ended = node.join_next() => {
-                    let ended = ended.map_or_else(|| Ok(()), |joined| joined.unwrap_or_else(|panic| Err(panic.into())));
-                    return Ok(ended?);
-                }
+                ended = ended(&mut node) => return Ok(ended?),
                 () = &mut announcing, if !announced => announced = true,
                 _ = terminate.recv() => { leave.send_replace(true); }
                 _ = interrupt.recv() => { leave.send_replace(true); }

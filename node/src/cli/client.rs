@@ -1,15 +1,17 @@
 //! A command line's connection to the nodes: through a node of this machine when there is one, else over the network.
 
-use crate::cli::{Failure, Reaching};
+use crate::cli::{Failure, Reaching, output};
 use crate::io::run_dir;
 use crate::logic::protocol::{Answer, NodeStatus, Request};
 use anyhow::{Context, anyhow};
 use comms::io::clock;
 use comms::io::session::{CallError, Presence, Replies, Session};
+use comms::logic::time::Time;
 use comms::logic::{codec, key};
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::time::Duration;
+use tokio::task::JoinSet;
 
 /// How long a node has to answer a question that it can answer at once.
 const ANSWER_WITHIN: Duration = Duration::from_secs(3);
@@ -24,10 +26,20 @@ pub(crate) struct Client {
     session: Session,
 }
 
-/// The answers to one request, as they come.
+/// The answers of a node to one request, as they come.
 #[derive(Debug)]
 pub(crate) struct Answers {
+    host: String,
     replies: Replies,
+}
+
+/// What the nodes say of themselves.
+#[derive(Debug)]
+pub(crate) struct Statuses {
+    /// The state of every node that answers, in order of name.
+    pub(crate) nodes: Vec<NodeStatus>,
+    /// The nodes that are there and do not answer.
+    pub(crate) silent: Vec<String>,
 }
 
 impl Client {
@@ -83,26 +95,40 @@ impl Client {
     pub(crate) async fn ask(&self, host: &str, request: &Request, within: Duration) -> Result<Answer, Failure> {
         let bytes = codec::encode(request)?;
         let reply = self.session.call(&key::rpc(host, VERB), bytes, within).await;
-        let reply = reply.map_err(|error| call_failure(host, error))?;
-        Ok(codec::decode(&reply)?)
+        read(host, &reply.map_err(|error| call_failure(host, error))?)
     }
 
     /// Asks a node something that has a stream of answers.
     pub(crate) fn ask_on(&self, host: &str, request: &Request) -> Result<Answers, Failure> {
         let bytes = codec::encode(request)?;
         let replies = self.session.call_stream(&key::rpc(host, VERB), bytes);
-        Ok(Answers { replies: replies.map_err(|error| call_failure(host, error))? })
+        Ok(Answers { host: host.to_owned(), replies: replies.map_err(|error| call_failure(host, error))? })
     }
 
-    /// Returns the state of every node that answers, in order of name.
-    pub(crate) async fn statuses(&self) -> Result<Vec<NodeStatus>, Failure> {
-        let mut statuses = Vec::new();
-        for host in self.hosts(&[]).await? {
-            let answer = self.ask(&host, &Request::Status, ANSWER_WITHIN).await?;
-            let Answer::Status(status) = answer else { return Err(unasked(&host, &answer)) };
-            statuses.push(status);
+    /// Asks every node at once how it is; those that do not answer are noted, and left out.
+    pub(crate) async fn statuses(&self) -> Result<Statuses, Failure> {
+        let hosts = self.hosts(&[]).await?.into_iter();
+        let asked: Vec<_> = hosts.map(|host| (self.ask_on(&host, &Request::Status), host)).collect();
+        let deadline = clock::now() + ANSWER_WITHIN;
+        let (mut nodes, mut silent) = (Vec::new(), Vec::new());
+        for (answers, host) in asked {
+            let status = match answers {
+                Ok(answers) => status(answers, deadline).await,
+                Err(failure) => Err(failure),
+            };
+            match status {
+                Ok(status) => nodes.push(status),
+                Err(failure) => {
+                    output::note(&format!("warning: {}; it is left out", words(&failure)));
+                    silent.push(host);
+                }
+            }
         }
-        Ok(statuses)
+        if nodes.is_empty() {
+            let none = anyhow!("no node answers; start one with `dca-node --name NAME --lan`");
+            return Err(Failure::Unreachable(none));
+        }
+        Ok(Statuses { nodes, silent })
     }
 
     /// Closes the connection.
@@ -113,10 +139,34 @@ impl Client {
 
 impl Answers {
     /// Returns the next answer; none when the node has said everything, or is gone.
-    pub(crate) async fn next(&mut self) -> Option<anyhow::Result<Answer>> {
+    ///
+    /// # Cancellation
+    /// Safe.
+    pub(crate) async fn next(&mut self) -> Option<Result<Answer, Failure>> {
         let reply = self.replies.next().await?;
-        Some(reply.map_err(anyhow::Error::from).and_then(|bytes| Ok(codec::decode(&bytes)?)))
+        Some(reply.map_err(|error| call_failure(&self.host, error)).and_then(|bytes| read(&self.host, &bytes)))
     }
+}
+
+/// Waits for a node to say how it is.
+async fn status(mut answers: Answers, deadline: Time) -> Result<NodeStatus, Failure> {
+    let answer = tokio::select! {
+        // An answer that is there counts, however late it is looked at.
+        biased;
+        answer = answers.next() => answer,
+        () = clock::sleep_until(deadline) => None,
+    };
+    let host = &answers.host;
+    match answer {
+        Some(Ok(Answer::Status(status))) => Ok(status),
+        Some(Ok(other)) => Err(unasked(host, &other)),
+        Some(Err(failure)) => Err(failure),
+        None => Err(Failure::Unreachable(anyhow!("the node `{host}` does not answer"))),
+    }
+}
+
+fn read(host: &str, bytes: &[u8]) -> Result<Answer, Failure> {
+    Ok(codec::decode(bytes).with_context(|| format!("reading an answer of the node `{host}`"))?)
 }
 
 /// Says that a node answered something that was not asked; its own refusals are passed on as they are.
@@ -127,12 +177,49 @@ pub(crate) fn unasked(host: &str, answer: &Answer) -> Failure {
     anyhow!("host `{host}` answered something that was not asked: {answer:?}").into()
 }
 
+/// Says why a call has no answer: in the node's own words if it refused, else without the key that was called.
 fn call_failure(host: &str, error: CallError) -> Failure {
-    Failure::Unreachable(anyhow!(error).context(format!("asking the node `{host}`")))
+    match error {
+        CallError::Refused { reason } => Failure::Refused(anyhow!("host `{host}`: {reason}")),
+        CallError::Overrun { .. } => {
+            Failure::Refused(anyhow!("the answers of the node `{host}` came faster than they were taken"))
+        }
+        CallError::Unreachable { .. } => Failure::Unreachable(anyhow!("the node `{host}` cannot be reached")),
+        CallError::Timeout { within, .. } => {
+            Failure::Unreachable(anyhow!("the node `{host}` has not answered within {within:?}"))
+        }
+        CallError::Session { cause, .. } => Failure::Unreachable(anyhow!("the node `{host}` cannot be asked: {cause}")),
+    }
+}
+
+/// Returns what a failure says.
+pub(crate) fn words(failure: &Failure) -> String {
+    match failure {
+        Failure::Refused(error) | Failure::Unreachable(error) => format!("{error:#}"),
+        Failure::Told => String::new(),
+    }
 }
 
 fn unreachable(error: impl Into<anyhow::Error>) -> Failure {
     Failure::Unreachable(error.into())
+}
+
+/// Waits for the first of some tasks to end, and returns how it did; one that panicked has failed.
+///
+/// # Cancellation
+/// Safe.
+pub(crate) async fn ended(tasks: &mut JoinSet<anyhow::Result<()>>) -> anyhow::Result<()> {
+    let ended = tasks.join_next().await;
+    ended.map_or(Ok(()), |joined| joined.unwrap_or_else(|panic| Err(panic.into())))
+}
+
+/// Says that no node that answers has something; one that does not answer may have it.
+pub(crate) fn missing(what: &str, silent: &[String]) -> Failure {
+    if silent.is_empty() {
+        return Failure::Refused(anyhow!("no {what} is running; `dca status` lists what is"));
+    }
+    let silent = silent.join("`, `");
+    Failure::Unreachable(anyhow!("no node that answers has the {what}, and `{silent}` does not answer"))
 }
 
 /// Runs a verb that talks to nodes.
@@ -141,4 +228,59 @@ pub(crate) fn block_on<T>(work: impl Future<Output = Result<T, Failure>>) -> Res
     let result = runtime.block_on(work);
     runtime.shutdown_timeout(Duration::from_secs(2));
     result
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use comms::io::session::{NodeOptions, Reach};
+    use comms::logic::key::HostName;
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn a_node_that_does_not_answer_does_not_hide_the_others() {
+        let folder = std::env::temp_dir().join(format!("dca-client-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let socket = folder.join("s");
+        let name = HostName::parse("c1").unwrap();
+        let options = NodeOptions { name, socket: socket.clone(), reach: Reach::Host, port: 0, peers: Vec::new() };
+        let nodes = Session::open_node(options).await.unwrap();
+        // One that is well, one that refuses, one that is announced and serves nothing.
+        let announced = ["c1", "c2", "c3"].map(|host| nodes.announce(&key::live(host, 1)).unwrap());
+        let mut well = nodes.serve(&key::rpc_any("c1")).unwrap();
+        let mut full = nodes.serve(&key::rpc_any("c2")).unwrap();
+        let serving = async {
+            let (one, other) = tokio::join!(well.next(), full.next());
+            one.unwrap().reply(codec::encode(&Answer::Status(idle("c1"))).unwrap());
+            other.unwrap().refuse("it is full");
+        };
+        let client = Client::to_socket(socket).await.unwrap_or_else(|why| panic!("{}", words(&why)));
+        let (statuses, ()) = tokio::join!(client.statuses(), serving);
+        let Statuses { nodes: seen, silent } = statuses.unwrap_or_else(|why| panic!("{}", words(&why)));
+        assert_eq!((seen, silent), (vec![idle("c1")], vec!["c2".to_owned(), "c3".to_owned()]));
+        client.close().await;
+        drop((announced, well, full));
+        nodes.close().await;
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+
+    fn idle(host: &str) -> NodeStatus {
+        let (peers, deployments) = (Vec::new(), Vec::new());
+        NodeStatus { host: host.into(), pid: 1, version: "0".into(), up: Duration::ZERO, peers, deployments }
+    }
+
+    #[test]
+    fn a_call_without_an_answer_is_told_with_the_host_and_without_the_key() {
+        let (key, within) = (|| key::rpc("c1", VERB), Duration::from_secs(3));
+        let check = |error, unreachable, text: &str| {
+            let failure = call_failure("c1", error);
+            assert_eq!((matches!(failure, Failure::Unreachable(_)), words(&failure).as_str()), (unreachable, text));
+        };
+        check(CallError::Refused { reason: "it is full".into() }, false, "host `c1`: it is full");
+        check(CallError::Unreachable { key: key() }, true, "the node `c1` cannot be reached");
+        check(CallError::Timeout { key: key(), within }, true, "the node `c1` has not answered within 3s");
+        let closed = CallError::Session { key: key(), cause: "closed".into() };
+        check(closed, true, "the node `c1` cannot be asked: closed");
+        let text = "the answers of the node `c1` came faster than they were taken";
+        check(CallError::Overrun { key: key() }, false, text);
+    }
 }

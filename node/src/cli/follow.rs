@@ -1,13 +1,13 @@
 //! Follows a mission from the request to its end: progress, record, report, summary.
 
-use crate::cli::client::{Answers, Client, unasked};
+use crate::cli::client::{Answers, Client, unasked, words};
 use crate::cli::display::{Display, UPDATE_EVERY};
 use crate::cli::output::Output;
 use crate::cli::{Failure, report};
-use crate::io::observer::{Observer, Sample};
+use crate::io::observer::{Observer, Sample, Sight};
 use crate::io::recorder::Recorder;
 use crate::logic::mission::{Files, Mission, Outcome};
-use crate::logic::protocol::{Answer, Deployment, Report, Request};
+use crate::logic::protocol::{Answer, Deployment, Report, Request, StopReply};
 use crate::logic::record::{Entry, Header};
 use anyhow::{Context, anyhow};
 use comms::io::clock;
@@ -18,8 +18,8 @@ use std::time::Duration;
 use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::mpsc;
 
-/// How many samples wait to be shown and recorded; more are left out and counted.
-const SAMPLES_MAX: usize = 4096;
+/// How many samples wait to be shown and recorded; more are left out.
+const SIGHTS_MAX: usize = 4096;
 /// How long the home node has to be back when its answers are cut off.
 const BACK_WITHIN: Duration = Duration::from_secs(15);
 /// How often it is looked for, once it was not there.
@@ -56,7 +56,7 @@ struct Watch {
     output: Output,
     recorder: Option<Recorder>,
     observer: Option<Observer>,
-    samples: mpsc::Sender<Sample>,
+    sights: mpsc::Sender<Sight>,
     go_at: Option<Time>,
     name: String,
     home: String,
@@ -69,7 +69,7 @@ struct Watch {
 pub(crate) async fn follow(client: &Client, spec: Spec, following: &Following) -> Result<(), Failure> {
     let home = spec.plan.groups.first().and_then(|main| spec.plan.hosts.get(main.host as usize)).cloned();
     let home = home.context("the plan names no host for `main`")?;
-    let (samples, arriving) = mpsc::channel(SAMPLES_MAX);
+    let (sights, arriving) = mpsc::channel(SIGHTS_MAX);
     let recorder = if following.no_record { None } else { Some(start_record(&spec, &following.runs)?) };
     let mut watch = Watch {
         mission: Mission::new(&spec.plan),
@@ -77,7 +77,7 @@ pub(crate) async fn follow(client: &Client, spec: Spec, following: &Following) -
         output: Output::standard(),
         recorder,
         observer: None,
-        samples,
+        sights,
         go_at: None,
         name: spec.plan.name.clone(),
         home: home.clone(),
@@ -102,7 +102,7 @@ impl Watch {
         client: &Client,
         home: &str,
         mut answers: Answers,
-        mut samples: mpsc::Receiver<Sample>,
+        mut sights: mpsc::Receiver<Sight>,
     ) -> Result<(), Failure> {
         let (mut interrupt, mut terminate) = (signal(SignalKind::interrupt())?, signal(SignalKind::terminate())?);
         let mut refresh = tokio::time::interval(UPDATE_EVERY);
@@ -110,13 +110,17 @@ impl Watch {
         loop {
             tokio::select! {
                 answer = answers.next() => match answer {
-                    Some(Ok(answer)) => self.take(answer).await?,
+                    Some(Ok(answer)) => self.take(answer)?,
                     cut_off => match self.again(client, cut_off.and_then(Result::err)).await? {
                         Some(more) => answers = more,
                         None => return Ok(()),
                     },
                 },
-                Some(sample) = samples.recv() => self.sample(sample),
+                Some(sight) = sights.recv() => match sight {
+                    Sight::Sample(sample) => self.sample(sample),
+                    Sight::Unseen(why) => self.output.note(&format!("warning: {why}")),
+                },
+                Some(answer) = next(&mut stopping) => self.stop_answered(answer),
                 _ = refresh.tick() => {
                     self.mission.tick(self.go_at.map_or_else(Default::default, |go| clock::now() - go));
                     self.display.update(&self.mission, &mut self.output);
@@ -129,9 +133,14 @@ impl Watch {
 
     /// Goes on watching after the answers have ended, unless that was the end of the mission: the home node may have been
     /// out of reach for a moment, which the mission itself survives.
-    async fn again(&mut self, client: &Client, why: Option<anyhow::Error>) -> Result<Option<Answers>, Failure> {
-        let Some(deployment) = self.deployment.clone().filter(|_| self.mission.verdict().is_none()) else {
-            return why.map_or(Ok(None), |why| Err(why.into()));
+    async fn again(&mut self, client: &Client, why: Option<Failure>) -> Result<Option<Answers>, Failure> {
+        if self.mission.verdict().is_some() {
+            return Ok(None);
+        }
+        let Some(deployment) = self.deployment.clone() else {
+            let (home, name) = (&self.home, &self.name);
+            let gone = || Failure::Unreachable(anyhow!("the node `{home}` went away before it took `{name}` on"));
+            return Err(why.unwrap_or_else(gone));
         };
         // The first look back is taken at once, others after a pause.
         let now = clock::now();
@@ -160,7 +169,17 @@ impl Watch {
         Ok(())
     }
 
-    async fn take(&mut self, answer: Answer) -> Result<(), Failure> {
+    /// Says so when the end that was asked for is not taken on. If it is, the mission's own reports say the rest.
+    fn stop_answered(&mut self, answer: Result<Answer, Failure>) {
+        let why = match answer {
+            Ok(Answer::Stop(StopReply::Stopped | StopReply::Unknown)) => return,
+            Ok(other) => unasked(&self.home, &other),
+            Err(why) => why,
+        };
+        self.output.note(&format!("warning: nobody stops it: {}", words(&why)));
+    }
+
+    fn take(&mut self, answer: Answer) -> Result<(), Failure> {
         let Answer::Report(report) = answer else { return Err(unasked(&self.home, &answer)) };
         self.seen += 1;
         self.cut_off = None;
@@ -170,10 +189,7 @@ impl Watch {
         if let Report::Go { signals, .. } = &report {
             self.go_at = Some(clock::now());
             if !signals.is_empty() {
-                match Observer::open(&self.name, signals, self.samples.clone()).await {
-                    Ok(observer) => self.observer = Some(observer),
-                    Err(error) => self.output.note(&format!("warning: signals cannot be seen: {error:#}")),
-                }
+                self.observer = Some(Observer::open(&self.name, signals, self.sights.clone()));
             }
         }
         self.mission.report(&report);
@@ -223,6 +239,14 @@ impl Watch {
             _ => Err(Failure::Told),
         }
     }
+}
+
+/// Returns the next answer, if anything was asked.
+///
+/// # Cancellation
+/// Safe.
+async fn next(asked: &mut Option<Answers>) -> Option<Result<Answer, Failure>> {
+    asked.as_mut()?.next().await
 }
 
 fn start_record(spec: &Spec, runs: &Path) -> Result<Recorder, Failure> {

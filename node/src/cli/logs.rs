@@ -1,9 +1,10 @@
 //! `dca logs`: what a process has written, wherever it runs.
 
-use crate::cli::client::{Client, block_on, unasked};
+use crate::cli::client::{self, Client, block_on, unasked};
 use crate::cli::{Failure, Reaching, output};
-use crate::logic::protocol::{Answer, NodeStatus, Request};
+use crate::logic::protocol::{Answer, Deployment, NodeStatus, ProcessStatus, Request};
 use anyhow::anyhow;
+use std::collections::BTreeSet;
 
 /// What `dca logs` is told.
 #[derive(Debug, clap::Args)]
@@ -34,10 +35,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
 }
 
 async fn print(client: &Client, arguments: &Arguments) -> Result<(), Failure> {
-    let found = find(&client.statuses().await?, arguments);
-    let (host, deployment, process) = match &found[..] {
+    let statuses = client.statuses().await?;
+    let found = find(&statuses.nodes, arguments);
+    let (host, deployment, process) = match &Vec::from_iter(found)[..] {
         [one] => one.clone(),
-        [] => return Err(anyhow!("no process `{}`; `dca status` lists them", arguments.process).into()),
+        [] => return Err(client::missing(&format!("process `{}`", arguments.process), &statuses.silent)),
         many => {
             let paths: Vec<String> = many.iter().map(|(_, _, path)| format!("`{path}`")).collect();
             return Err(anyhow!("`{}` may be any of {}", arguments.process, paths.join(", ")).into());
@@ -53,16 +55,75 @@ async fn print(client: &Client, arguments: &Arguments) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Returns host, deployment and path of every leaf that is meant.
-fn find(statuses: &[NodeStatus], arguments: &Arguments) -> Vec<(String, String, String)> {
+/// Returns host, deployment and path of every leaf that is meant, whether its program is alive or not.
+fn find(statuses: &[NodeStatus], arguments: &Arguments) -> BTreeSet<(String, String, String)> {
     let named = |name: &str| arguments.deployment.as_ref().is_none_or(|wanted| wanted == name);
     let meant = |path: &str| path == arguments.process || path.ends_with(&format!("/{}", arguments.process));
-    let mut found = Vec::new();
-    for node in statuses {
-        for part in node.deployments.iter().filter(|part| named(&part.deployment.name)) {
-            let leaves = part.processes.iter().filter(|one| one.pid.is_some() && meant(&one.path));
-            found.extend(leaves.map(|one| (node.host.clone(), part.deployment.name.clone(), one.path.clone())));
-        }
+    let parts = || statuses.iter().flat_map(|node| node.deployments.iter().map(move |part| (node, part)));
+    // A leaf has nothing below it, on any host.
+    let groups: BTreeSet<(&Deployment, &str)> = parts()
+        .flat_map(|(_, part)| part.processes.iter().map(move |one| (&part.deployment, one.path.as_str())))
+        .filter_map(|(deployment, path)| Some((deployment, path.rsplit_once('/')?.0)))
+        .collect();
+    let mut found = BTreeSet::new();
+    for (node, part) in parts().filter(|(_, part)| named(&part.deployment.name)) {
+        let leaf = |one: &&ProcessStatus| !groups.contains(&(&part.deployment, one.path.as_str())) && meant(&one.path);
+        let leaves = part.processes.iter().filter(leaf);
+        found.extend(leaves.map(|one| (node.host.clone(), part.deployment.name.clone(), one.path.clone())));
     }
     found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::logic::protocol::DeploymentStatus;
+    use clap::Parser;
+    use std::time::Duration;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        arguments: Arguments,
+    }
+
+    #[test]
+    fn a_leaf_is_found_dead_or_alive_and_a_group_is_not() {
+        let node = |host: &str, processes: &[(&str, &str, Option<u32>)]| NodeStatus {
+            host: host.into(),
+            pid: 1,
+            version: "0".into(),
+            up: Duration::ZERO,
+            peers: vec![],
+            deployments: vec![DeploymentStatus {
+                deployment: Deployment { name: "door".into(), epoch: 1 },
+                home: "c1".into(),
+                phase: "running".into(),
+                processes: processes
+                    .iter()
+                    .map(|(path, state, pid)| ProcessStatus {
+                        path: (*path).into(),
+                        kind: "Any".into(),
+                        state: (*state).into(),
+                        pid: *pid,
+                    })
+                    .collect(),
+            }],
+        };
+        let statuses = [
+            node("c1", &[("main", "running", None), ("main/hit", "running", None), ("main/arm", "running", Some(7))]),
+            node("c2", &[("main/hit/force", "dead: SIGSEGV", None)]),
+        ];
+        let check = |line: &[&str], expected: &[(&str, &str)]| {
+            let line = Line::parse_from(["logs"].iter().chain(line));
+            let found = find(&statuses, &line.arguments);
+            let found: Vec<_> = found.iter().map(|(host, _, path)| (host.as_str(), path.as_str())).collect();
+            assert_eq!(found, expected);
+        };
+        check(&["force"], &[("c2", "main/hit/force")]);
+        check(&["main/arm", "--deployment", "door"], &[("c1", "main/arm")]);
+        check(&["main/arm", "--deployment", "window"], &[]);
+        check(&["hit"], &[]);
+        check(&["main"], &[]);
+    }
 }

@@ -1,11 +1,12 @@
 //! `dca run`: a spec on this machine alone. A node for each of its hosts is started inside this command; when the command
 //! ends, however it ends, nothing of it stays.
 
-use crate::cli::client::{Client, block_on};
+use crate::cli::client::{Client, block_on, ended};
 use crate::cli::follow::Spec;
 use crate::cli::{Controllers, Failure, check, deploy, follow};
 use crate::io::driver::{self, Config};
 use crate::io::{programs, run_dir};
+use crate::logic::child::AGENT_LOSS_GRACE;
 use anyhow::{Context, anyhow};
 use comms::io::clock;
 use comms::io::session::Reach;
@@ -59,15 +60,14 @@ impl Nodes {
                 port: 0,
                 controllers: programs::chosen(&controllers.programs),
                 peers: Vec::new(),
-                agent_loss_grace: Duration::from_secs(1),
+                agent_loss_grace: AGENT_LOSS_GRACE,
             };
             let ready = watch::Sender::new(false);
             let mut is_ready = ready.subscribe();
             nodes.running.spawn(driver::run(config, nodes.leave.subscribe(), ready));
             tokio::select! {
                 _ = is_ready.wait_for(|ready| *ready) => {}
-                ended = nodes.running.join_next() => {
-                    let why = ended.map_or_else(|| Ok(()), |joined| joined.unwrap_or_else(|panic| Err(panic.into())));
+                why = ended(&mut nodes.running) => {
                     nodes.leave().await;
                     return Err(why.err().unwrap_or_else(|| anyhow!("the node `{host}` ended at once")).into());
                 }
@@ -82,8 +82,7 @@ impl Nodes {
         let client = Client::to_socket(self.base.join(&home).join("node.sock")).await?;
         let result = tokio::select! {
             result = deploy::deploy(&client, spec, following) => result,
-            ended = self.running.join_next() => {
-                let why = ended.map_or_else(|| Ok(()), |joined| joined.unwrap_or_else(|panic| Err(panic.into())));
+            why = ended(&mut self.running) => {
                 Err(why.err().unwrap_or_else(|| anyhow!("a node ended in the middle")).into())
             }
         };

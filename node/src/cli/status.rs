@@ -22,7 +22,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         let client = Client::open(&arguments.reaching).await?;
         let statuses = client.statuses().await;
         client.close().await;
-        statuses
+        Ok(statuses?.nodes)
     })?;
     if let Some(name) = &arguments.name {
         for status in &mut statuses {

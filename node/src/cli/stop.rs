@@ -1,6 +1,6 @@
 //! `dca stop`: ends a deployment on every host.
 
-use crate::cli::client::{Client, block_on, unasked};
+use crate::cli::client::{Client, Statuses, block_on, missing, unasked};
 use crate::cli::{Failure, Reaching, output};
 use crate::logic::protocol::{Answer, Request, StopReply};
 use anyhow::anyhow;
@@ -31,10 +31,15 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
 }
 
 async fn stop(client: &Client, name: &str) -> Result<(), Failure> {
-    let parts = client.statuses().await?.into_iter().flat_map(|node| node.deployments);
-    let Some(part) = parts.into_iter().find(|part| part.deployment.name == name) else {
-        return Err(anyhow!("no deployment `{name}` is running; `dca status` lists them").into());
+    let Statuses { nodes, silent } = client.statuses().await?;
+    let mut parts = nodes.into_iter().flat_map(|node| node.deployments);
+    let Some(part) = parts.find(|part| part.deployment.name == name) else {
+        return Err(missing(&format!("deployment `{name}`"), &silent));
     };
+    if silent.contains(&part.home) {
+        let home = part.home;
+        return Err(Failure::Unreachable(anyhow!("the node `{home}`, where `{name}` has its home, does not answer")));
+    }
     let request = Request::Stop { name: name.to_owned() };
     let answer = client.ask(&part.home, &request, STOP_WITHIN).await?;
     let Answer::Stop(reply) = answer else { return Err(unasked(&part.home, &answer)) };

@@ -1,11 +1,16 @@
 //! Asks executables which controller types they offer.
 
-use std::io::Read;
+use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
+use std::io::{self, Read};
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::mpsc::sync_channel;
+use std::time::Duration;
 
 /// The most text an executable may answer.
 const INTERFACE_MAX: u64 = 4 << 20;
+/// How long an executable may take for it.
+const ANSWER_WITHIN: Duration = Duration::from_secs(10);
 
 /// Why an executable's controller types are not known.
 #[derive(Debug, thiserror::Error)]
@@ -16,7 +21,7 @@ pub enum ProgramsError {
         /// Which.
         program: PathBuf,
         /// Why.
-        cause: std::io::Error,
+        cause: io::Error,
     },
     /// It ran, and failed.
     #[error("{program:?} does not tell its interface: `{argument}` {status}")]
@@ -26,7 +31,17 @@ pub enum ProgramsError {
         /// What it was asked.
         argument: &'static str,
         /// How it ended.
-        status: std::process::ExitStatus,
+        status: ExitStatus,
+    },
+    /// It runs, and says nothing.
+    #[error("{program:?} does not tell its interface: `{argument}` has no answer within {within:?}")]
+    Silent {
+        /// Which.
+        program: PathBuf,
+        /// What it was asked.
+        argument: &'static str,
+        /// The time given.
+        within: Duration,
     },
 }
 
@@ -45,35 +60,66 @@ pub fn chosen(given: &[PathBuf]) -> Vec<PathBuf> {
 /// Returns the interfaces of every controller type an executable offers, as `module` blocks.
 ///
 /// # Errors
-/// It cannot be run, or fails.
+/// It cannot be run, fails, or does not answer within 10 s.
 pub fn interfaces(program: &Path) -> Result<String, ProgramsError> {
-    ask(program, "--dca-interface")
+    ask(program, "--dca-interface", ANSWER_WITHIN)
 }
 
 /// Returns the names of the controller types an executable offers.
 ///
 /// # Errors
-/// It cannot be run, or fails.
+/// It cannot be run, fails, or does not answer within 10 s.
 pub fn types(program: &Path) -> Result<Vec<String>, ProgramsError> {
-    Ok(ask(program, "--list")?.split_whitespace().map(str::to_owned).collect())
+    Ok(ask(program, "--list", ANSWER_WITHIN)?.split_whitespace().map(str::to_owned).collect())
 }
 
-fn ask(program: &Path, argument: &'static str) -> Result<String, ProgramsError> {
+fn ask(program: &Path, argument: &'static str, within: Duration) -> Result<String, ProgramsError> {
     let run = |cause| ProgramsError::Run { program: program.to_owned(), cause };
-    let mut child = Command::new(program)
+    let child = Command::new(program)
         .arg(argument)
         .stdin(Stdio::null())
         .stdout(Stdio::piped())
         .stderr(Stdio::null())
         .spawn()
         .map_err(run)?;
-    let mut text = String::new();
-    let read = child.stdout.take().map(|out| out.take(INTERFACE_MAX).read_to_string(&mut text));
-    let status = child.wait().map_err(run)?;
-    read.transpose().map_err(run)?;
+    // Names this very child, also once the thread has seen its end.
+    let pidfd = pidfd_open(Pid::from_child(&child), PidfdFlags::empty()).map_err(|errno| run(errno.into()))?;
+    let (heard_tx, heard) = sync_channel(1);
+    let hearing = move || drop(heard_tx.send(hear(child)));
+    // Nobody joins it: what the child has started may hold its output open for longer than anybody waits.
+    let started = std::thread::Builder::new().name("ask".to_owned()).spawn(hearing);
+    let answer = started.map(|_| heard.recv_timeout(within).ok());
+    if !matches!(answer, Ok(Some(_))) {
+        // One that has just ended needs no signal.
+        pidfd_send_signal(&pidfd, Signal::KILL).unwrap_or_default();
+    }
+    let silent = || ProgramsError::Silent { program: program.to_owned(), argument, within };
+    let (text, status) = answer.map_err(run)?.ok_or_else(silent)?.map_err(run)?;
     if status.success() {
         Ok(text)
     } else {
         Err(ProgramsError::Failed { program: program.to_owned(), argument, status })
+    }
+}
+
+/// Reads what a program says until its end, and how that was.
+fn hear(mut child: Child) -> io::Result<(String, ExitStatus)> {
+    let mut text = String::new();
+    // Dropping the pipe ends a program that says more.
+    let read = child.stdout.take().map(|out| out.take(INTERFACE_MAX).read_to_string(&mut text));
+    let status = child.wait()?;
+    read.transpose()?;
+    Ok((text, status))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_program_that_does_not_answer_is_not_waited_for() {
+        let silent = ask(Path::new("sleep"), "3600", Duration::from_millis(20)).unwrap_err();
+        assert_eq!(silent.to_string(), "\"sleep\" does not tell its interface: `3600` has no answer within 20ms");
+        assert_eq!(ask(Path::new("echo"), "word", ANSWER_WITHIN).unwrap(), "word\n");
     }
 }
