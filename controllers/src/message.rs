@@ -20,16 +20,16 @@ macro_rules! messages {
 messages! {
     /// How the hand shall move, and what the rest of the robot may do meanwhile.
     Velocity {
-        /// Linear [m/s], then angular [rad/s], of the grasp point along tool axes.
+        /// Linear (m/s), then angular (rad/s), of the grasp point along tool axes.
         twist: [f64; 6],
-        /// A wish for what the hand does not notice: base x, y [m/s], yaw [rad/s], six joints [rad/s].
+        /// A wish for what the hand does not notice: base x, y (m/s), yaw (rad/s), six joints (rad/s).
         null: [f64; 9],
     }
     /// A force and a torque on the hand, by what it touches.
     Wrench {
-        /// [N], tool axes.
+        /// (N), tool axes.
         force: [f64; 3],
-        /// [Nm] about the grasp point, tool axes.
+        /// (Nm) about the grasp point, tool axes.
         torque: [f64; 3],
     }
     /// The direction in which the hand is led, for compliance beside it.
@@ -43,70 +43,70 @@ messages! {
     }
     /// The arm's joints.
     JointState {
-        /// [rad].
+        /// (rad).
         angles: [f64; 6],
-        /// [rad/s].
+        /// (rad/s).
         rates: [f64; 6],
     }
     /// How the arm's joints shall move.
     JointVelocity {
-        /// [rad/s].
+        /// (rad/s).
         rates: [f64; 6],
     }
     /// How the base shall move.
     BaseVelocity {
-        /// x, y [m/s], yaw [rad/s], base axes.
+        /// x, y (m/s), yaw (rad/s), base axes.
         rates: [f64; 3],
     }
     /// Where the base is by dead reckoning.
     BasePose {
-        /// x, y [m], yaw [rad], in the frame of the first sample.
+        /// x, y (m), yaw (rad), in the frame of the first sample.
         pose: [f64; 3],
     }
     /// One sweep of the laser.
     LaserScan {
-        /// From right to left, half a degree apart, from -90 to 90 degrees about straight ahead [m].
+        /// From right to left, half a degree apart, from -90 to 90 degrees about straight ahead (m).
         ranges: Vec<f64>,
     }
     /// Device `arm`: what its encoders say.
     ArmState {
         /// On the device's clock.
         stamp: Time,
-        /// [rad].
+        /// (rad).
         angles: [f64; 6],
-        /// [rad/s].
+        /// (rad/s).
         rates: [f64; 6],
     }
     /// Device `arm`: joint velocities to hold for at most 100 ms.
     ArmCommand {
         /// Who speaks; another speaker is not heard until 100 ms after this one's last word.
         owner: String,
-        /// [rad/s]; none to let go of the device.
+        /// (rad/s); none to let go of the device.
         rates: Option<[f64; 6]>,
     }
     /// Device `base`: what its encoders say.
     BaseState {
         /// On the device's clock.
         stamp: Time,
-        /// Steering angles of the casters [rad].
+        /// Steering angles of the casters (rad).
         steering: [f64; 4],
-        /// Rolling angles of the wheels [rad].
+        /// Rolling angles of the wheels (rad).
         rolling: [f64; 4],
     }
     /// Device `base`: a velocity to hold for at most 100 ms.
     BaseCommand {
         /// As for the arm.
         owner: String,
-        /// x, y [m/s], yaw [rad/s], base axes; none to let go of the device.
+        /// x, y (m/s), yaw (rad/s), base axes; none to let go of the device.
         velocity: Option<[f64; 3]>,
     }
     /// Device `ft`: the wrench on the hand, tool axes, tool weight removed.
     FtState {
         /// On the device's clock.
         stamp: Time,
-        /// [N].
+        /// (N).
         force: [f64; 3],
-        /// [Nm].
+        /// (Nm).
         torque: [f64; 3],
         /// How often it has been set to zero.
         zeroed: u32,
@@ -120,30 +120,30 @@ messages! {
     GripperState {
         /// On the device's clock.
         stamp: Time,
-        /// Between the fingers [m].
+        /// Between the fingers (m).
         width: f64,
-        /// With which they press [N].
+        /// With which they press (N).
         force: f64,
     }
     /// Device `gripper`: a width to go to; it holds what it was told last.
     GripperCommand {
         /// As for the arm.
         owner: String,
-        /// [m]; none to let go of the device.
+        /// (m); none to let go of the device.
         width: Option<f64>,
     }
     /// Device `laser`: one sweep, as in [`LaserScan`].
     LaserState {
         /// On the device's clock.
         stamp: Time,
-        /// [m].
+        /// (m).
         ranges: Vec<f64>,
     }
     /// Device `camera`: the marks of a lever handle, as found in one image.
     CameraState {
         /// On the device's clock.
         stamp: Time,
-        /// Column, row [px] and depth [m] of each mark that is seen.
+        /// Column, row (px) and depth (m) of each mark that is seen.
         marks: [Option<[f64; 3]>; 4],
     }
 }

@@ -10,17 +10,17 @@
 use nalgebra::{SMatrix, SVector, Vector3};
 use std::f64::consts::FRAC_PI_4;
 
-/// Wheel radius r [m].
+/// Wheel radius r (m).
 pub const WHEEL_RADIUS: f64 = 0.055;
-/// Caster offset b [m].
+/// Caster offset b (m).
 pub const OFFSET: f64 = 0.020;
-/// Distance h of the steering axes from the centre [m].
+/// Distance h of the steering axes from the centre (m).
 pub const ARM: f64 = 0.24;
 
-/// Steering angles phi (4) [rad], then rolling angles rho (4) [rad]; or their rates.
+/// Steering angles phi (4) (rad), then rolling angles rho (4) (rad); or their rates.
 pub type Casters = SVector<f64, 8>;
 
-/// Returns C (8×3) with `rates = C · (vx, vy, w)` for the steering angles [rad]; `wheel_radius` in metres.
+/// Returns C (8×3) with `rates = C · (vx, vy, w)` for the steering angles (rad); `wheel_radius` in metres.
 pub fn rates_from_body(steering: &[f64; 4], wheel_radius: f64) -> SMatrix<f64, 8, 3> {
     let mut matrix = SMatrix::<f64, 8, 3>::zeros();
     for (i, phi) in steering.iter().enumerate() {
@@ -33,7 +33,7 @@ pub fn rates_from_body(steering: &[f64; 4], wheel_radius: f64) -> SMatrix<f64, 8
     matrix
 }
 
-/// A planar pose: x, y [m], yaw [rad].
+/// A planar pose: x, y (m), yaw (rad).
 pub type Pose = Vector3<f64>;
 
 /// Dead reckoning from the casters' encoders.
@@ -46,9 +46,9 @@ pub struct Odometry {
 /// What one step of dead reckoning found.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Moved {
-    /// Motion in base axes since the last step: x, y [m], yaw [rad].
+    /// Motion in base axes since the last step: x, y (m), yaw (rad).
     pub by: Vector3<f64>,
-    /// Norm of what no rigid motion explains, per caster [rad]: wheels slip when it is large.
+    /// Norm of what no rigid motion explains, per caster (rad): wheels slip when it is large.
     pub residual: f64,
 }
 

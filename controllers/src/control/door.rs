@@ -3,7 +3,7 @@
 //! The hand moves along the tangent of the estimated circle and turns with the door. The pull is limited by force: it
 //! fades from 35 N and is gone at 60 N, so a door that does not move is leant on, not torn at.
 //!
-//! Source: after the fused scheme that "DCA", section 5, ascribes to its reference [9]; the law is ours, close to
+//! Source: after the fused scheme that "DCA", section 5, ascribes to its reference \[9\]; the law is ours, close to
 //! Karayiannidis et al., "Open Sesame", IROS 2012 (tangential velocity, radial force to zero, hinge on line).
 
 use super::compliant::Guide;
@@ -11,11 +11,11 @@ use super::filter::LowPass;
 use super::hinge::Hinge;
 use nalgebra::{Isometry3, Vector2, Vector3, Vector6};
 
-/// Speed of the handle [m/s].
+/// Speed of the handle (m/s).
 pub const SPEED: f64 = 0.12;
-/// Where the pull is gone [N].
+/// Where the pull is gone (N).
 pub const PULL_MAX: f64 = 60.0;
-/// A force on the hand that ends everything [N].
+/// A force on the hand that ends everything (N).
 pub const FORCE_MAX: f64 = 150.0;
 const PULL_FADE: f64 = 25.0;
 const RAMP: f64 = 1.0;
@@ -45,7 +45,7 @@ pub struct Pull {
     pub twist_in_tool: Vector6<f64>,
     /// For the compliance beside it.
     pub guide: Guide,
-    /// How far the door is open by the estimate [rad].
+    /// How far the door is open by the estimate (rad).
     pub angle: f64,
     /// Why it cannot go on.
     pub failure: Option<Failure>,
@@ -62,7 +62,7 @@ pub enum Failure {
 
 impl Opening {
     /// Begins with the hand at `odometry_from_tool`, holding a lever that points to the hinge, which should be about
-    /// `radius` [m] away. The hand faces the door, so the door opens towards its back.
+    /// `radius` (m) away. The hand faces the door, so the door opens towards its back.
     pub fn new(odometry_from_tool: &Isometry3<f64>, radius: f64) -> Self {
         let back = -horizontal(&(odometry_from_tool.rotation * Vector3::z()));
         let lever = horizontal(&(odometry_from_tool.rotation * Vector3::x()));
@@ -78,7 +78,7 @@ impl Opening {
         &self.hinge
     }
 
-    /// Takes the pose of the hand and the force on it [N, tool axes], `dt` [s] after the last call.
+    /// Takes the pose of the hand and the force on it (N, tool axes), `dt` (s) after the last call.
     pub fn update(&mut self, odometry_from_tool: &Isometry3<f64>, force_in_tool: &Vector3<f64>, dt: f64) -> Pull {
         let hand = odometry_from_tool.translation.vector.xy();
         let velocity = (hand - self.last) / dt.max(1e-3);

@@ -8,12 +8,12 @@ pub struct LowPass<const N: usize> {
 }
 
 impl<const N: usize> LowPass<N> {
-    /// Returns a filter with its -3 dB point at `cutoff` [Hz], at rest at zero.
+    /// Returns a filter with its -3 dB point at `cutoff` (Hz), at rest at zero.
     pub const fn new(cutoff: f64) -> Self {
         Self { cutoff, state: [0.0; N] }
     }
 
-    /// Returns the filtered value after `dt` [s] of `input`: exact for an input that is constant over the step.
+    /// Returns the filtered value after `dt` (s) of `input`: exact for an input that is constant over the step.
     pub fn update(&mut self, input: &[f64; N], dt: f64) -> [f64; N] {
         let share = 1.0 - (-std::f64::consts::TAU * self.cutoff * dt).exp();
         for (state, input) in self.state.iter_mut().zip(input) {

@@ -24,7 +24,7 @@ pub struct Hinge {
 }
 
 impl Hinge {
-    /// Returns the prior: the hand is at `start` [m], the hinge `radius` [m] away along the unit vector `along_door`.
+    /// Returns the prior: the hand is at `start` (m), the hinge `radius` (m) away along the unit vector `along_door`.
     pub fn new(start: Vector2<f64>, along_door: Vector2<f64>, radius: f64) -> Self {
         let across = Vector2::new(-along_door.y, along_door.x);
         // The direction to the hinge is known better than its distance: deviations of 0.14 m and 0.30 m.
@@ -32,7 +32,7 @@ impl Hinge {
         Self { start, last: start, to_hinge: along_door * radius, covariance, arc: 0.0 }
     }
 
-    /// Takes the hand's position [m], in the frame of the first.
+    /// Takes the hand's position (m), in the frame of the first.
     pub fn update(&mut self, hand: Vector2<f64>) {
         let step = (hand - self.last).norm();
         if step < STEP_MIN {
@@ -49,12 +49,12 @@ impl Hinge {
         self.covariance -= gain * x.transpose() * self.covariance;
     }
 
-    /// Returns where the hinge is [m].
+    /// Returns where the hinge is (m).
     pub fn centre(&self) -> Vector2<f64> {
         self.start + self.to_hinge
     }
 
-    /// Returns how far it is from the handle [m].
+    /// Returns how far it is from the handle (m).
     pub fn radius(&self) -> f64 {
         self.to_hinge.norm()
     }
@@ -64,7 +64,7 @@ impl Hinge {
         self.arc > ARC_MIN
     }
 
-    /// Returns the angle about the hinge from the start to `hand` [rad], positive counter-clockwise, in (-pi, pi].
+    /// Returns the angle about the hinge from the start to `hand` (rad), positive counter-clockwise, in (-pi, pi].
     pub fn angle(&self, hand: Vector2<f64>) -> f64 {
         let (from, to) = (-self.to_hinge, hand - self.centre());
         from.perp(&to).atan2(from.dot(&to))

@@ -13,13 +13,13 @@ const TRIALS: u32 = 40;
 pub struct Line {
     /// Unit normal, pointing from the origin to the line.
     pub normal: Vector2<f64>,
-    /// Distance of the line from the origin [m], not negative.
+    /// Distance of the line from the origin (m), not negative.
     pub distance: f64,
     /// How many points lie on it.
     pub inliers: usize,
 }
 
-/// Returns the line that most `points` [m] lie on, to within `tolerance` [m]; none if that is less than a third of them,
+/// Returns the line that most `points` (m) lie on, to within `tolerance` (m); none if that is less than a third of them,
 /// or fewer than ten.
 pub fn fit(points: &[Vector2<f64>], tolerance: f64, random: &mut Random) -> Option<Line> {
     let mut best: Option<Line> = None;

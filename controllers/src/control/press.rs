@@ -6,11 +6,11 @@
 
 use nalgebra::{Isometry3, Vector3, Vector6};
 
-/// Speed of the hand [m/s].
+/// Speed of the hand (m/s).
 pub const SPEED: f64 = 0.035;
-/// From the lever's axis to where it is held [m], nominally.
+/// From the lever's axis to where it is held (m), nominally.
 pub const LEVER: f64 = 0.09;
-/// How far down is pressed [m].
+/// How far down is pressed (m).
 pub const DEPTH: f64 = 0.050;
 const STOP_DEPTH: f64 = 0.030;
 const STOP_FORCE: f64 = 40.0;
@@ -31,7 +31,7 @@ pub struct Press {
 pub struct Down {
     /// Velocity of the hand (m/s, rad/s, tool axes).
     pub twist_in_tool: Vector6<f64>,
-    /// How far the hand has gone down [m].
+    /// How far the hand has gone down (m).
     pub depth: f64,
     /// Whether the lever is down: deep enough, or against its stop.
     pub finished: bool,

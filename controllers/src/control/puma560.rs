@@ -10,26 +10,26 @@
 use nalgebra::{Isometry3, Matrix6, Translation3, UnitQuaternion, Vector3, Vector6};
 use std::f64::consts::FRAC_PI_2;
 
-/// Six joint angles [rad] or rates [rad/s].
+/// Six joint angles (rad) or rates (rad/s).
 pub type Joints = Vector6<f64>;
 
-/// Height of the arm's foot above the floor [m].
+/// Height of the arm's foot above the floor (m).
 pub const MOUNT_HEIGHT: f64 = 0.40;
-/// Distance from flange to grasp point, along the approach [m].
+/// Distance from flange to grasp point, along the approach (m).
 pub const TOOL_LENGTH: f64 = 0.20;
-/// Link offsets d [m].
+/// Link offsets d (m).
 pub const D: [f64; 6] = [0.67183, 0.0, 0.15005, 0.4318, 0.0, 0.0];
-/// Link lengths a [m].
+/// Link lengths a (m).
 pub const A: [f64; 6] = [0.0, 0.4318, 0.0203, 0.0, 0.0, 0.0];
-/// Link twists alpha [rad].
+/// Link twists alpha (rad).
 pub const ALPHA: [f64; 6] = [FRAC_PI_2, 0.0, -FRAC_PI_2, FRAC_PI_2, -FRAC_PI_2, 0.0];
-/// Lower ends of the joint ranges [deg].
+/// Lower ends of the joint ranges (deg).
 pub const LOWEST_DEG: [f64; 6] = [-160.0, -45.0, -225.0, -266.0, -100.0, -266.0];
-/// Upper ends of the joint ranges [deg].
+/// Upper ends of the joint ranges (deg).
 pub const HIGHEST_DEG: [f64; 6] = [160.0, 225.0, 45.0, 266.0, 100.0, 266.0];
-/// Largest joint rates [rad/s].
+/// Largest joint rates (rad/s).
 pub const RATES_MAX: [f64; 6] = [1.4, 1.0, 1.8, 3.0, 3.0, 3.0];
-/// The posture to work at a door from [deg]: hand level, x along the lever, z ahead.
+/// The posture to work at a door from (deg): hand level, x along the lever, z ahead.
 pub const DOOR_POSTURE_DEG: [f64; 6] = [0.0, 45.0, -180.0, 0.0, 45.0, 90.0];
 
 /// Where the tool is, and how it moves with the joints.
@@ -42,22 +42,22 @@ pub struct Forward {
     pub jacobian_in_base: Matrix6<f64>,
 }
 
-/// Returns the lower ends of the joint ranges [rad].
+/// Returns the lower ends of the joint ranges (rad).
 pub fn lowest() -> Joints {
     Joints::from(LOWEST_DEG.map(f64::to_radians))
 }
 
-/// Returns the upper ends of the joint ranges [rad].
+/// Returns the upper ends of the joint ranges (rad).
 pub fn highest() -> Joints {
     Joints::from(HIGHEST_DEG.map(f64::to_radians))
 }
 
-/// Returns the posture to work at a door from [rad].
+/// Returns the posture to work at a door from (rad).
 pub fn door_posture() -> Joints {
     Joints::from(DOOR_POSTURE_DEG.map(f64::to_radians))
 }
 
-/// Returns pose and Jacobian for joint angles `q` [rad].
+/// Returns pose and Jacobian for joint angles `q` (rad).
 pub fn forward(q: &Joints) -> Forward {
     let mut base_from_link = Isometry3::translation(0.0, 0.0, MOUNT_HEIGHT);
     let mut axes = [(Vector3::zeros(), Vector3::zeros()); 6];
@@ -75,7 +75,7 @@ pub fn forward(q: &Joints) -> Forward {
     Forward { base_from_tool, jacobian_in_base }
 }
 
-/// Returns the joint rates [rad/s] that move the hand with `twist_in_tool` (m/s, rad/s, tool axes), base at rest.
+/// Returns the joint rates (rad/s) that move the hand with `twist_in_tool` (m/s, rad/s, tool axes), base at rest.
 ///
 /// Damped least squares with a damping of 0.05: exact to a percent away from singular postures, bounded at them.
 /// Source: Nakamura and Hanafusa, J. Dynamic Systems 108, 1986.

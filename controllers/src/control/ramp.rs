@@ -16,17 +16,17 @@ pub struct Trapezoid {
 }
 
 impl Trapezoid {
-    /// Returns the motion over `length` [m] at most at `speed` [m/s] with `acceleration` [m/s²], all positive.
+    /// Returns the motion over `length` (m) at most at `speed` (m/s) with `acceleration` (m/s²), all positive.
     pub fn new(length: f64, speed: f64, acceleration: f64) -> Self {
         Self { length, speed: speed.min((length * acceleration).sqrt()), acceleration }
     }
 
-    /// Returns how long it takes [s].
+    /// Returns how long it takes (s).
     pub fn duration(&self) -> f64 {
         self.length / self.speed + self.speed / self.acceleration
     }
 
-    /// Returns the speed [m/s] at `time` [s] since the start; zero before and after.
+    /// Returns the speed (m/s) at `time` (s) since the start; zero before and after.
     pub fn speed_at(&self, time: f64) -> f64 {
         let left = (self.duration() - time).min(time);
         (self.acceleration * left).clamp(0.0, self.speed)

@@ -13,16 +13,16 @@ use super::puma560::{self, Forward, Joints};
 use super::ramp::towards;
 use nalgebra::{Matrix6, SMatrix, SVector, Vector3, Vector6};
 
-/// Base rates (x, y [m/s], yaw [rad/s], in base axes), then six joint rates [rad/s].
+/// Base rates (x, y (m/s), yaw (rad/s), in base axes), then six joint rates (rad/s).
 pub type Rates = SVector<f64, 9>;
 
-/// Largest base speeds: x, y [m/s], yaw [rad/s].
+/// Largest base speeds: x, y (m/s), yaw (rad/s).
 pub const BASE_RATES_MAX: [f64; 3] = [0.5, 0.5, 0.6];
-/// Largest changes of rate: base x, y [m/s²], yaw [rad/s²].
+/// Largest changes of rate: base x, y (m/s²), yaw (rad/s²).
 pub const BASE_ACCELERATION_MAX: [f64; 3] = [1.5, 1.5, 1.5];
-/// Time constant of the base's drives [s].
+/// Time constant of the base's drives (s).
 pub const BASE_LAG: f64 = 0.08;
-/// Largest change of a joint rate [rad/s²].
+/// Largest change of a joint rate (rad/s²).
 pub const JOINT_ACCELERATION_MAX: f64 = 6.0;
 
 const WEIGHTS: [f64; 9] = [4.0, 4.0, 3.0, 1.0, 1.0, 1.0, 0.5, 0.5, 0.5];
@@ -82,7 +82,7 @@ impl Resolver {
     }
 
     /// Returns the rates for a hand velocity `twist_in_tool` (m/s, rad/s, tool axes, at the grasp point), with a wish
-    /// `null` for what the hand does not notice. `dt` [s] is the time since the last call.
+    /// `null` for what the hand does not notice. `dt` (s) is the time since the last call.
     pub fn resolve(&mut self, q: &Joints, twist_in_tool: &Vector6<f64>, null: &Rates, dt: f64) -> Resolved {
         let forward = puma560::forward(q);
         let rotation = forward.base_from_tool.rotation;

@@ -5,17 +5,17 @@
 
 use nalgebra::{SMatrix, SVector, Vector3, Vector6};
 
-/// Focal length [px].
+/// Focal length (px).
 pub const FOCAL: f64 = 600.0;
-/// Width and height of the image [px]; its centre is the principal point.
+/// Width and height of the image (px); its centre is the principal point.
 pub const IMAGE: [f64; 2] = [640.0, 480.0];
-/// How far the camera is behind the grasp point, along the approach [m]; its axes are the tool's.
+/// How far the camera is behind the grasp point, along the approach (m); its axes are the tool's.
 pub const CAMERA_BEHIND: f64 = 0.12;
 /// The marks on the lever (m, handle frame: x along the lever, z into the door, origin where it is held).
 pub const MARKS: [[f64; 3]; 4] = [[-0.05, -0.015, 0.0], [-0.05, 0.015, 0.0], [0.04, -0.012, 0.0], [0.04, 0.012, 0.0]];
-/// From the camera to the lever when the hand stands before it [m].
+/// From the camera to the lever when the hand stands before it (m).
 pub const DISTANCE: f64 = 0.30;
-/// [1/s]; at 0.9 half a pixel of noise turned the hand by up to 1.7 degrees.
+/// (1/s); at 0.9 half a pixel of noise turned the hand by up to 1.7 degrees.
 const GAIN: f64 = 0.7;
 const LINEAR_MAX: f64 = 0.15;
 const ANGULAR_MAX: f64 = 0.4;
@@ -23,9 +23,9 @@ const ANGULAR_MAX: f64 = 0.4;
 /// A mark as the camera sees it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Seen {
-    /// Column and row [px].
+    /// Column and row (px).
     pub pixel: [f64; 2],
-    /// Distance along the optical axis [m].
+    /// Distance along the optical axis (m).
     pub depth: f64,
 }
 
@@ -34,11 +34,11 @@ pub struct Seen {
 pub struct Servo {
     /// Velocity of the hand (m/s, rad/s, tool axes, at the grasp point).
     pub twist_in_tool: Vector6<f64>,
-    /// The largest distance of a mark from where it should be, along one image axis [px].
+    /// The largest distance of a mark from where it should be, along one image axis (px).
     pub error: f64,
 }
 
-/// Returns where a point of the camera frame [m] appears, if it is in front and within the image.
+/// Returns where a point of the camera frame (m) appears, if it is in front and within the image.
 pub fn project(point_in_camera: &Vector3<f64>) -> Option<Seen> {
     let (x, y, depth) = (point_in_camera.x, point_in_camera.y, point_in_camera.z);
     if depth < 0.02 {

@@ -12,7 +12,7 @@ use std::time::Duration;
 const ACCELERATION_MAX: f64 = 8.0;
 /// Five time constants of the drives: then the arm stands.
 const SETTLING: Duration = Duration::from_millis(100);
-/// A joint this close to its limit moves away from it only [rad].
+/// A joint this close to its limit moves away from it only (rad).
 const LIMIT_MARGIN: f64 = 0.03;
 /// After a gap this long the drives have stopped by themselves.
 const GAP: f64 = 0.08;
@@ -45,7 +45,7 @@ struct Servo {
 }
 
 impl Servo {
-    /// Moves the command towards `wanted` [rad/s]; gives up when the arm is silent.
+    /// Moves the command towards `wanted` (rad/s); gives up when the arm is silent.
     fn step(&mut self, tick: Tick, state: Option<&ArmState>, wanted: &Joints) -> Result<[f64; 6], String> {
         if self.watch.is_silent(tick.now, state.is_some()) {
             return Err("no word from the arm for 1 s".to_owned());

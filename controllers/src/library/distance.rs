@@ -11,11 +11,11 @@ use nalgebra::Vector2;
 use std::time::Duration;
 
 const IN_A_ROW: u32 = 3;
-/// The sector that may show the door [deg].
+/// The sector that may show the door (deg).
 const SECTOR_DEG: f64 = 40.0;
 /// Points this close to the line are the wall [m]: four deviations of the laser.
 const TOLERANCE: f64 = 0.02;
-/// A hand that still approaches by more than this in [`SETTLE`] sweeps has not arrived [m].
+/// A hand that still approaches by more than this in [`SETTLE`] sweeps has not arrived (m).
 const SETTLED: f64 = 0.003;
 const SETTLE: usize = 8;
 
@@ -91,7 +91,7 @@ pub(super) struct DistanceThreshold {
 }
 
 impl DistanceThreshold {
-    /// From the hand to the line that the laser sees ahead [m].
+    /// From the hand to the line that the laser sees ahead (m).
     fn distance(&mut self, ranges: &[f64], angles: &[f64; 6]) -> Option<f64> {
         let sector = SECTOR_DEG.to_radians();
         let points: Vec<Vector2<f64>> = ranges

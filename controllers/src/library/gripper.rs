@@ -9,7 +9,7 @@ use std::time::Duration;
 
 const OPEN: f64 = 0.08;
 const OPEN_ENOUGH: f64 = 0.075;
-/// Fingers this close together hold nothing [m].
+/// Fingers this close together hold nothing (m).
 const EMPTY: f64 = 0.006;
 const HOLD_FORCE: f64 = 20.0;
 const TIMEOUT: Duration = Duration::from_secs(4);

@@ -8,7 +8,7 @@ use comms::logic::signals::Signal;
 use nalgebra::Vector6;
 use std::time::Duration;
 
-/// After a gap this long the drives have stopped by themselves [s].
+/// After a gap this long the drives have stopped by themselves (s).
 const GAP: f64 = 0.08;
 
 crate::inputs! {

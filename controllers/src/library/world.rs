@@ -17,7 +17,7 @@ use std::time::Duration;
 /// A plant that was held up longer than this loses the time.
 const CATCH_UP_MAX: Duration = Duration::from_secs(2);
 const SIGNALS_EVERY: Duration = Duration::from_millis(40);
-/// A visitor's push grows for this long [s], then ends.
+/// A visitor's push grows for this long (s), then ends.
 const PUSH_TIME: f64 = 4.0;
 
 crate::inputs! {
@@ -56,7 +56,7 @@ crate::outputs! {
 pub(super) struct DoorWorld {
     description: Description,
     seed: u64,
-    /// When a visitor begins to push the hand [s], never if negative, and how hard in the end [N].
+    /// When a visitor begins to push the hand (s), never if negative, and how hard in the end (N).
     push: (f64, f64),
     state: Option<Box<State>>,
 }

@@ -7,10 +7,10 @@ use nalgebra::{Isometry3, Point3, Translation3, Vector3};
 
 const PIXEL_NOISE: f64 = 0.5;
 const DEPTH_NOISE: f64 = 0.03;
-/// Beyond this a mark is too small to be found [m].
+/// Beyond this a mark is too small to be found (m).
 const DEPTH_MAX: f64 = 3.0;
 
-/// Returns column, row [px] and depth [m] of each mark in view: in front, within the image, on the side that faces it.
+/// Returns column, row (px) and depth (m) of each mark in view: in front, within the image, on the side that faces it.
 pub fn look(world_from_tool: &Isometry3<f64>, handle: &Handle, random: &mut Random) -> [Option<[f64; 3]>; 4] {
     let world_from_camera = world_from_tool * Translation3::new(0.0, 0.0, -CAMERA_BEHIND);
     let depth_error = 1.0 + random.normal(DEPTH_NOISE);

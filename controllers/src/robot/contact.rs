@@ -3,7 +3,7 @@
 use super::door::Handle;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
-/// Thickness of the lever between the fingers [m].
+/// Thickness of the lever between the fingers (m).
 pub const LEVER_THICKNESS: f64 = 0.02;
 const PUSH_STIFFNESS: f64 = 8000.0;
 const PUSH_DAMPING: f64 = 40.0;
@@ -14,7 +14,7 @@ const DAMPING: f64 = 60.0;
 /// Rotational, handle axes: weak about y, where the lever slips in the fingers, and about z.
 const TURN_STIFFNESS: [f64; 3] = [25.0, 8.0, 6.0];
 const TURN_DAMPING: f64 = 0.4;
-/// A held lever slips out at this force [N].
+/// A held lever slips out at this force (N).
 const SLIP_FORCE: f64 = 160.0;
 
 /// The hand as the contact sees it, world frame.
@@ -22,18 +22,18 @@ const SLIP_FORCE: f64 = 160.0;
 pub struct Hand {
     /// Pose of the grasp point.
     pub world_from_tool: Isometry3<f64>,
-    /// [m/s].
+    /// (m/s).
     pub velocity: Vector3<f64>,
-    /// [rad/s].
+    /// (rad/s).
     pub angular: Vector3<f64>,
 }
 
-/// A force [N] and a torque [Nm] about the grasp point on the hand, world axes.
+/// A force (N) and a torque (Nm) about the grasp point on the hand, world axes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Push {
-    /// [N].
+    /// (N).
     pub force: Vector3<f64>,
-    /// [Nm].
+    /// (Nm).
     pub torque: Vector3<f64>,
 }
 

@@ -2,13 +2,13 @@
 
 use nalgebra::{Isometry3, Rotation3, UnitQuaternion, Vector2, Vector3};
 
-/// Height of the lever's axis [m].
+/// Height of the lever's axis (m).
 pub const LEVER_HEIGHT: f64 = 1.05;
-/// From the lever's axis to where it is held [m].
+/// From the lever's axis to where it is held (m).
 pub const LEVER_ARM: f64 = 0.09;
-/// From the leaf to the lever [m].
+/// From the leaf to the lever (m).
 pub const LEVER_STANDOFF: f64 = 0.06;
-/// Width of the leaf [m] beyond the radius of the handle.
+/// Width of the leaf (m) beyond the radius of the handle.
 pub const LEAF_BEYOND: f64 = 0.08;
 
 const INERTIA: f64 = 6.75;
@@ -19,9 +19,9 @@ const LEVER_INERTIA: f64 = 0.01;
 /// What a door is like.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Description {
-    /// From the hinge to where the lever is held [m].
+    /// From the hinge to where the lever is held (m).
     pub radius: f64,
-    /// Torque of the closer at rest [Nm].
+    /// Torque of the closer at rest (Nm).
     pub closer: f64,
     /// Whether the lever frees the latch.
     pub lock: Lock,
@@ -40,10 +40,10 @@ pub enum Lock {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Door {
     description: Description,
-    /// Angle [rad] and rate [rad/s] of the leaf, positive open.
+    /// Angle (rad) and rate (rad/s) of the leaf, positive open.
     pub angle: f64,
     rate: f64,
-    /// Angle [rad] and rate [rad/s] of the lever, positive down.
+    /// Angle (rad) and rate (rad/s) of the lever, positive down.
     pub lever: f64,
     lever_rate: f64,
 }
@@ -53,13 +53,13 @@ pub struct Door {
 pub struct Handle {
     /// Pose: x along the lever from its axis outwards, z into the door.
     pub world_from_handle: Isometry3<f64>,
-    /// The lever's axis [m].
+    /// The lever's axis (m).
     pub axis: Vector3<f64>,
     /// Out of the door, towards the robot.
     pub outward: Vector3<f64>,
-    /// Of the handle's origin [m/s].
+    /// Of the handle's origin (m/s).
     pub velocity: Vector3<f64>,
-    /// [rad/s].
+    /// (rad/s).
     pub angular: Vector3<f64>,
 }
 
@@ -69,12 +69,12 @@ impl Door {
         Self { description, angle: 0.0, rate: 0.0, lever: 0.0, lever_rate: 0.0 }
     }
 
-    /// Returns where the hinge is [m].
+    /// Returns where the hinge is (m).
     pub fn hinge(&self) -> Vector2<f64> {
         Vector2::new(0.0, self.description.radius)
     }
 
-    /// Returns the free edge of the leaf [m].
+    /// Returns the free edge of the leaf (m).
     pub fn edge(&self) -> Vector2<f64> {
         self.hinge() + self.along() * (self.description.radius + LEAF_BEYOND)
     }
@@ -110,7 +110,7 @@ impl Door {
         (-self.along().push(0.0)).cross(&-Vector3::z())
     }
 
-    /// Lets `dt` [s] pass with a force [N] and a torque [Nm] on the handle, in world axes.
+    /// Lets `dt` (s) pass with a force (N) and a torque (Nm) on the handle, in world axes.
     pub fn step(&mut self, force: &Vector3<f64>, torque: &Vector3<f64>, dt: f64) {
         let handle = self.handle();
         let origin = handle.world_from_handle.translation.vector;

@@ -46,7 +46,7 @@ pub struct Drive<const N: usize> {
 /// What a drive can do.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits<const N: usize> {
-    /// Time constant [s].
+    /// Time constant (s).
     pub lag: f64,
     /// Per axis, m/s² or rad/s².
     pub acceleration: [f64; N],
@@ -69,7 +69,7 @@ impl<const N: usize> Drive<N> {
         }
     }
 
-    /// Lets `dt` [s] pass until `now`.
+    /// Lets `dt` (s) pass until `now`.
     pub fn step(&mut self, now: Time, dt: f64) {
         let alive = self.heard.is_some_and(|heard| now.since(heard) <= WATCHDOG);
         for i in 0..N {

@@ -9,7 +9,7 @@ const TORQUE_NOISE: f64 = 0.02;
 /// Samples of 1 ms averaged when it is set to zero.
 const ZERO_SAMPLES: u32 = 100;
 
-/// The sensor's state; wrenches are force [N], then torque [Nm], tool axes.
+/// The sensor's state; wrenches are force (N), then torque (Nm), tool axes.
 #[derive(Clone, Debug)]
 pub struct ForceTorque {
     filter: LowPass<6>,
@@ -40,7 +40,7 @@ impl ForceTorque {
         self.zeroed
     }
 
-    /// Lets `dt` [s] pass with `wrench` on the hand.
+    /// Lets `dt` (s) pass with `wrench` on the hand.
     pub fn step(&mut self, wrench: &[f64; 6], dt: f64) {
         self.filtered = self.filter.update(wrench, dt);
         if let Some((count, sum)) = &mut self.zeroing {

@@ -6,18 +6,18 @@ use nalgebra::{Vector2, Vector3};
 
 /// Rays in a sweep.
 pub const RAYS: u32 = 361;
-/// From the centre of the base to the laser, straight ahead [m].
+/// From the centre of the base to the laser, straight ahead (m).
 pub const AHEAD: f64 = 0.30;
-/// What no echo reads [m].
+/// What no echo reads (m).
 pub const RANGE_MAX: f64 = 8.0;
 const NOISE: f64 = 0.005;
 
-/// Returns the direction of a ray about straight ahead [rad].
+/// Returns the direction of a ray about straight ahead (rad).
 pub fn bearing(ray: u32) -> f64 {
     (0.5 * f64::from(ray) - 90.0).to_radians()
 }
 
-/// Returns one sweep [m] from a base at `base` (x, y [m], yaw [rad]).
+/// Returns one sweep (m) from a base at `base` (x, y (m), yaw (rad)).
 pub fn sweep(base: &Vector3<f64>, door: &Door, random: &mut Random) -> Vec<f64> {
     let (s, c) = base.z.sin_cos();
     let from = base.xy() + Vector2::new(c, s) * AHEAD;

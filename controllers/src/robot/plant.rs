@@ -15,7 +15,7 @@ use std::time::Duration;
 
 /// One step.
 pub const STEP: Duration = Duration::from_millis(1);
-/// The widest the fingers open [m].
+/// The widest the fingers open (m).
 pub const GRIP_MAX: f64 = 0.10;
 const DT: f64 = 1e-3;
 const GRIP_SPEED: f64 = 0.12;
@@ -33,9 +33,9 @@ pub struct Plant {
     pub now: Time,
     /// The door.
     pub door: Door,
-    /// The drives of the base: x, y [m/s], yaw [rad/s], base axes.
+    /// The drives of the base: x, y (m/s), yaw (rad/s), base axes.
     pub base_drive: Drive<3>,
-    /// The drives of the arm [rad/s].
+    /// The drives of the arm (rad/s).
     pub arm_drive: Drive<6>,
     /// The wrist sensor.
     pub force_torque: ForceTorque,
@@ -79,27 +79,27 @@ impl Plant {
         }
     }
 
-    /// Returns where the base is: x, y [m], yaw [rad].
+    /// Returns where the base is: x, y (m), yaw (rad).
     pub fn base(&self) -> &Pose {
         &self.base
     }
 
-    /// Returns the joint angles [rad].
+    /// Returns the joint angles (rad).
     pub fn joints(&self) -> &Joints {
         &self.joints
     }
 
-    /// Returns the encoders of the casters [rad].
+    /// Returns the encoders of the casters (rad).
     pub fn casters(&self) -> &Casters {
         &self.casters
     }
 
-    /// Returns the width between the fingers [m] and the force with which they press [N].
+    /// Returns the width between the fingers (m) and the force with which they press (N).
     pub fn grip(&self) -> (f64, f64) {
         (self.grip, self.grip_force)
     }
 
-    /// Returns the force on the hand by what it touches [N], world axes.
+    /// Returns the force on the hand by what it touches (N), world axes.
     pub fn force(&self) -> &Vector3<f64> {
         &self.push.force
     }
@@ -109,7 +109,7 @@ impl Plant {
         self.limits_hit
     }
 
-    /// Sends the fingers to a width [m].
+    /// Sends the fingers to a width (m).
     pub fn grip_to(&mut self, width: f64) {
         self.grip_target = width.clamp(0.0, GRIP_MAX);
     }
@@ -130,7 +130,7 @@ impl Plant {
         }
     }
 
-    /// Lets one millisecond pass, while a visitor pushes the hand with a force [N], world axes. A push is felt by the
+    /// Lets one millisecond pass, while a visitor pushes the hand with a force (N), world axes. A push is felt by the
     /// sensor; the drives are stiff.
     pub fn step(&mut self, visitor: &Vector3<f64>) {
         self.now = self.now + STEP;
