@@ -5,9 +5,9 @@
 //!
 //! ```
 //! let registry = controllers::registry();
-//! let gripper = registry.create("GripperControl", &("open")).expect("it is there");
+//! let gripper = registry.create("GripperControl", &["open"]).expect("it is there");
 //! assert!(!gripper.interface().about.service);
-//! assert!(registry.create("GripperControl", &("ajar")).is_err());
+//! assert!(registry.create("GripperControl", &["ajar"]).is_err());
 //! ```
 
 pub mod control;
