@@ -1,4 +1,4 @@
-//! From the last calculation of one process to the run of the next: two programs, a node, and the algebra between them.
+//! From the last calculation of one process to the run of the next: programs, a node, and the algebra between them.
 
 use crate::figures::{Round, Subject, Table, cell};
 use crate::node::{HOST, Node};
@@ -11,9 +11,10 @@ use std::time::Duration;
 
 /// How often everything is measured, in turn.
 const ROUNDS: u32 = 7;
-/// How many turns of a round: of processes that take a while, as processes do, and of those that end at once. In the
-/// second case both cores are busy with the reports of the turns before.
-const TURNS: [(&str, bool, u32); 2] = [("a ;; b, 2 ms each", true, 200), ("a ;; b, at once", false, 1500)];
+/// How many turns the two processes of a loop take.
+const TURNS: u32 = 80;
+/// How many processes there are in a row, each of which runs once: a node paces loops that turn faster than that.
+const ROW: u32 = 40;
 /// The most that it may cost of a round trip through a Unix socket.
 const TARGET: f64 = 3.0;
 
@@ -23,44 +24,62 @@ pub(crate) async fn measure(dir: &Path, table: &mut Table) -> anyhow::Result<()>
     std::fs::create_dir(&dir)?;
     let mut node = Node::start(&dir).await?;
     let mut socket = Pair::start(Way::Socket, &dir)?;
-    table.heading("end of a process to run of the next, one host", "", "of socket");
-    for (name, rests, turns) in TURNS {
-        let (mut ours, mut raw) = (Subject::default(), Subject::default());
-        let rest = if rests { REST } else { Duration::ZERO };
-        for _ in 0..ROUNDS {
-            raw.push(socket.measure_paced(64, turns, turns / 10, rest)?);
-            ours.push(take_turns(&mut node, &dir, rests, turns).await?);
-        }
-        table.line(name, &ours, [String::new(), cell(ours.ratio(&raw), Some(TARGET))]);
-        let name = if rests { "Unix socket, there and back, every 2 ms" } else { "Unix socket, there and back" };
-        table.line(name, &raw, [String::new(), "1".into()]);
+    let [mut row, mut busy, mut pair, mut idle] = <[Subject; 4]>::default();
+    for _ in 0..ROUNDS {
+        busy.push(socket.measure(64, 2000, 200)?);
+        row.push(run_row(&mut node, &dir).await?);
+        idle.push(socket.measure_paced(64, TURNS, TURNS / 10, REST)?);
+        pair.push(take_turns(&mut node, &dir).await?);
     }
+    table.heading("end of a process to run of the next, one host", "", "of socket");
+    let ratio = |subject: &Subject, base: &Subject| [String::new(), cell(subject.ratio(base), Some(TARGET))];
+    table.line("a : b : c ..., each done at once", &row, ratio(&row, &busy));
+    table.line("Unix socket, there and back", &busy, [String::new(), "1".into()]);
+    table.line("a ;; b, each done after 8 ms", &pair, ratio(&pair, &idle));
+    table.line("Unix socket, there and back every 8 ms", &idle, [String::new(), "1".into()]);
     socket.end()?;
     node.end().await
 }
 
+/// Deploys a row of processes, each of which is done at once.
+async fn run_row(node: &mut Node, dir: &Path) -> anyhow::Result<Round> {
+    let files: Vec<_> = (0..ROW).map(|number| dir.join(number.to_string())).collect();
+    let names: Vec<String> = (0..ROW).map(|number| format!("p{number}")).collect();
+    let instances: Vec<String> = names
+        .iter()
+        .zip(&files)
+        .map(|(name, file)| format!("{name} instof Turn(\"{HOST}\", {file:?}, false);"))
+        .collect();
+    let mut deployment = node.deploy(&main(&instances.concat(), &names.join(" : ")))?;
+    while deployment.next().await?.is_some() {}
+    let times: std::io::Result<Vec<_>> = files.iter().map(|file| Ok(times_of(&std::fs::read(file)?))).collect();
+    Round::of(times?.concat()).context("no samples")
+}
+
 /// Deploys two processes that take turns; returns how long it took from each end of the first to a run of the second.
-async fn take_turns(node: &mut Node, dir: &Path, rests: bool, turns: u32) -> anyhow::Result<Round> {
+async fn take_turns(node: &mut Node, dir: &Path) -> anyhow::Result<Round> {
     let (first, second) = (dir.join("first"), dir.join("second"));
-    let spec = format!(
-        "process main() {{
-            host {{ \"{HOST}\" }}
-            instantiated_processes {{
-                a instof Turn(\"{HOST}\", {first:?}, {rests});
-                b instof Turn(\"{HOST}\", {second:?}, {rests});
-            }}
-            internal_event_actions {{ a ;; b }}
-        }}"
-    );
-    let mut deployment = node.deploy(&spec)?;
+    let instances = format!("a instof Turn(\"{HOST}\", {first:?}, true); b instof Turn(\"{HOST}\", {second:?}, true);");
+    let mut deployment = node.deploy(&main(&instances, "a ;; b"))?;
     deployment.go().await?;
     let mut taken = 0;
-    while taken < turns {
+    while taken < TURNS {
         let report = deployment.next().await?.context("it ended by itself")?;
         if matches!(report, Report::Process { path, change: Change::Activated, .. } if path == "main/b") {
             taken += 1;
         }
     }
     node.stop(deployment).await?;
-    Round::of(times_of(&std::fs::read(&second)?)).context("no samples")
+    let times: Vec<Duration> = times_of(&std::fs::read(&second)?);
+    Round::of(times).context("no samples")
+}
+
+fn main(instances: &str, actions: &str) -> String {
+    format!(
+        "process main() {{
+            host {{ \"{HOST}\" }}
+            instantiated_processes {{ {instances} }}
+            internal_event_actions {{ {actions} }}
+        }}"
+    )
 }

@@ -163,7 +163,7 @@ impl Controller for Echo {
 }
 
 /// How long a [`Turn`] that rests takes.
-pub(crate) const REST: Duration = Duration::from_millis(2);
+pub(crate) const REST: Duration = Duration::from_millis(8);
 
 /// Is done at once, or after a rest, and leaves the time of its last calculation. What the one before it left tells how
 /// long it took from there to here. Writes all it has seen to a file when its program ends.
