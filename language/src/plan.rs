@@ -32,6 +32,14 @@ pub struct Plan {
     pub wires: Vec<Wire>,
 }
 
+impl Plan {
+    /// Returns the host of `main`; none only for a plan that is not sound.
+    pub fn home(&self) -> Option<&str> {
+        let main = self.groups.first()?;
+        self.hosts.get(main.host as usize).map(String::as_str)
+    }
+}
+
 /// One instance of a process group.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Group {

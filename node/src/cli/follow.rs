@@ -67,8 +67,7 @@ struct Watch {
 
 /// Deploys a spec and stays until it has ended; Ctrl-C stops it everywhere.
 pub(crate) async fn follow(client: &Client, spec: Spec, following: &Following) -> Result<(), Failure> {
-    let home = spec.plan.groups.first().and_then(|main| spec.plan.hosts.get(main.host as usize)).cloned();
-    let home = home.context("the plan names no host for `main`")?;
+    let home = spec.plan.home().context("the plan names no host for `main`")?.to_owned();
     let (sights, arriving) = mpsc::channel(SIGHTS_MAX);
     let recorder = if following.no_record { None } else { Some(start_record(&spec, &following.runs)?) };
     let mut watch = Watch {

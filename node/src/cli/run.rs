@@ -77,8 +77,7 @@ impl Nodes {
     }
 
     async fn carry(&mut self, spec: Spec, following: &follow::Following) -> Result<(), Failure> {
-        let home = spec.plan.groups.first().and_then(|main| spec.plan.hosts.get(main.host as usize)).cloned();
-        let home = home.context("the plan names no host for `main`")?;
+        let home = spec.plan.home().context("the plan names no host for `main`")?.to_owned();
         let client = Client::to_socket(self.base.join(&home).join("node.sock")).await?;
         let result = tokio::select! {
             result = deploy::deploy(&client, spec, following) => result,

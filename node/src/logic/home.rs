@@ -8,7 +8,6 @@
 //! of the deployment is left on any host that can be reached.
 
 use crate::logic::effect::{Effect, Out};
-use crate::logic::executer::group_host;
 use crate::logic::protocol::{
     Answer, Change, Deployment, Ending, LeafFacts, Report, StopReply, Target, ToHome, ToTenant,
 };
@@ -137,7 +136,7 @@ impl Home {
                 self.end(None, out);
             }
             Phase::Running => {
-                let Some(home) = group_host(&self.plan, 0).map(str::to_owned) else { return };
+                let Some(home) = self.plan.home().map(str::to_owned) else { return };
                 let order = ToTenant::Stop { target: Target::Group(0), activation: 1 };
                 out.send(&home, self.deployment.to_tenant(order));
             }
@@ -277,7 +276,7 @@ impl Home {
         for host in self.hosts.clone() {
             out.send(&host, self.deployment.to_tenant(ToTenant::Go));
         }
-        let Some(home) = group_host(&self.plan, 0).map(str::to_owned) else { return };
+        let Some(home) = self.plan.home().map(str::to_owned) else { return };
         let order = ToTenant::Activate { target: Target::Group(0), activation: 1, value: Vec::new() };
         out.send(&home, self.deployment.to_tenant(order));
     }

@@ -56,7 +56,7 @@ impl Tenant {
         programs: &Programs,
         out: &mut Out<'_>,
     ) -> Self {
-        let home = group_host(&plan, 0).unwrap_or(host).to_owned();
+        let home = plan.home().unwrap_or(host).to_owned();
         let groups = (0_u32..).zip(&plan.groups).filter(|(number, _)| group_host(&plan, *number) == Some(host));
         let executers =
             groups.filter_map(|(number, _)| Executer::new(&plan, number).map(|executer| (number, executer))).collect();

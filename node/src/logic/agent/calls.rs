@@ -43,8 +43,7 @@ impl Agent {
     }
 
     fn deploy(&mut self, call: u64, request: u64, plan: Plan, out: &mut Out<'_>) {
-        let home_is_here =
-            plan.groups.first().and_then(|main| plan.hosts.get(main.host as usize)) == Some(&self.identity.host);
+        let home_is_here = plan.home() == Some(&self.identity.host);
         let refusal = if self.leaving {
             Some("this node is leaving".to_owned())
         } else if let Err(why) = plan.validate() {
