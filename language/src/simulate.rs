@@ -4,10 +4,12 @@
 //! no time. The clock is virtual and moves when it is told to.
 
 mod chance;
+mod chart;
 mod command;
 
 use crate::algebra::{Activation, Cause, Command, Event, Outcome, Program, Reason, State, Value, step};
 use crate::plan::{MemberKind, Plan};
+use chart::Course;
 use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
 
@@ -57,6 +59,15 @@ struct Seat {
     activation: Activation,
 }
 
+/// A wait of a group that has begun.
+#[derive(Clone, Copy, Debug)]
+struct Timer {
+    group: usize,
+    timer: u32,
+    activation: Activation,
+    after: Duration,
+}
+
 /// A running plan.
 #[derive(Debug)]
 pub struct Simulation<'a> {
@@ -69,10 +80,11 @@ pub struct Simulation<'a> {
     /// For each group that runs below `main`, where its end is awaited.
     seats: BTreeMap<usize, Seat>,
     /// The waits, by when they end and when they began.
-    timers: BTreeMap<(Duration, u64), (usize, u32, Activation)>,
+    timers: BTreeMap<(Duration, u64), Timer>,
     counter: u64,
     queue: VecDeque<(usize, Event)>,
     happenings: Vec<Happening>,
+    course: Course,
     outcome: Option<What>,
 }
 
@@ -106,6 +118,7 @@ impl<'a> Simulation<'a> {
             counter: 0,
             queue: VecDeque::from([(0, Event::Start(Value::EMPTY))]),
             happenings: Vec::new(),
+            course: Course::default(),
             outcome: None,
         };
         simulation.note(plan.groups[0].path.clone(), What::Started);
@@ -138,6 +151,11 @@ impl<'a> Simulation<'a> {
         std::mem::take(&mut self.happenings)
     }
 
+    /// Returns what ran when until now, as a picture (SVG).
+    pub fn chart(&self) -> String {
+        self.course.svg(self.plan, self.now)
+    }
+
     /// Ends a leaf that runs. It is named by its path, or by as much of the end of it as names one alone.
     ///
     /// # Errors
@@ -157,12 +175,14 @@ impl<'a> Simulation<'a> {
     /// Lets time pass; waits that end on the way do so in order.
     pub fn pass(&mut self, time: Duration) {
         let until = self.now.saturating_add(time);
-        while let Some((&(due, number), &(group, timer, activation))) = self.timers.first_key_value() {
+        while let Some((&(due, number), &ends)) = self.timers.first_key_value() {
             if due > until || self.outcome.is_some() {
                 break;
             }
             self.timers.remove(&(due, number));
             self.now = due;
+            self.note_wait(ends, &What::Done);
+            let Timer { group, timer, activation, .. } = ends;
             self.queue.push_back((group, Event::Elapsed { timer, activation }));
             self.react();
         }
@@ -187,7 +207,14 @@ impl<'a> Simulation<'a> {
     }
 
     fn note(&mut self, path: String, what: What) {
+        self.course.note(&path, self.now, &what);
         self.happenings.push(Happening { at: self.now, path, what });
+    }
+
+    /// Notes what became of a wait; it has a line of its own in the chart.
+    fn note_wait(&mut self, Timer { group, after, .. }: Timer, what: &What) {
+        let line = format!("{}/wait({} s)", self.plan.groups[group].path, after.as_secs_f64());
+        self.course.note(&line, self.now, what);
     }
 
     /// Reacts until nothing is left to react to.
@@ -234,10 +261,17 @@ impl<'a> Simulation<'a> {
                 self.counter += 1;
                 self.note(self.plan.groups[group].path.clone(), What::Waits(after));
                 let due = self.now.saturating_add(after);
-                self.timers.insert((due, self.counter), (group, timer, activation));
+                let timer = Timer { group, timer, activation, after };
+                self.note_wait(timer, &What::Started);
+                self.timers.insert((due, self.counter), timer);
             }
             Command::Cancel { timer, activation } => {
-                self.timers.retain(|_, &mut armed| armed != (group, timer, activation));
+                let is_it = |armed: &Timer| (armed.group, armed.timer, armed.activation) == (group, timer, activation);
+                let found = self.timers.iter().find(|(_, armed)| is_it(armed)).map(|(due, armed)| (*due, *armed));
+                if let Some((due, cancelled)) = found {
+                    self.timers.remove(&due);
+                    self.note_wait(cancelled, &What::Stopped);
+                }
             }
         }
     }

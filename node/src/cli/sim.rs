@@ -28,6 +28,9 @@ pub struct Arguments {
     /// How many things may happen by chance
     #[arg(long, value_name = "NUMBER", default_value_t = STEPS, requires = "seed")]
     steps: u64,
+    /// Draw what ran when, as SVG
+    #[arg(long, value_name = "FILE")]
+    chart: Option<PathBuf>,
     #[command(flatten)]
     controllers: Controllers,
 }
@@ -40,6 +43,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         (Some(seed), _) => by_chance(&plan, &mut simulation, seed, arguments),
         (None, Some(script)) => from_script(&mut simulation, script)?,
         (None, None) => from_keyboard(&mut simulation)?,
+    }
+    if let Some(file) = &arguments.chart {
+        std::fs::write(file, simulation.chart()).with_context(|| format!("writing the chart `{}`", file.display()))?;
     }
     match simulation.outcome() {
         Some(What::Done) => Ok(()),
