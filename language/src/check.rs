@@ -7,12 +7,12 @@ mod declare;
 mod expression;
 mod flow;
 mod index;
-mod lower;
+pub(crate) mod lower;
 mod names;
 mod ports;
 pub(crate) mod spec;
 mod types;
-mod unit;
+pub(crate) mod unit;
 mod uses;
 mod value;
 

@@ -37,6 +37,7 @@ mod fix;
 mod format;
 mod gather;
 mod graph;
+pub mod ide;
 pub mod plan;
 mod similar;
 mod simulate;

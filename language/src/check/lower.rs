@@ -1,7 +1,7 @@
 //! The plan: every group and leaf with its absolute path, every wire from leaf to leaf.
 
 mod expression;
-mod together;
+pub(crate) mod together;
 mod tree;
 mod wires;
 

@@ -84,6 +84,11 @@ pub(crate) fn of_type(name: &str) -> Option<(Dimension, &'static str)> {
     unit(symbol, per).map(|(_, dimension)| (dimension, example))
 }
 
+/// Returns the types of quantities, each with an example.
+pub(crate) fn types() -> impl Iterator<Item = (&'static str, &'static str)> {
+    TYPES.iter().map(|&(name, example, ..)| (name, example))
+}
+
 /// Returns the symbols of all units.
 pub(crate) fn symbols() -> impl Iterator<Item = &'static str> {
     UNITS.iter().map(|(symbol, _, _)| *symbol)

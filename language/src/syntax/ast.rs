@@ -23,6 +23,10 @@ impl Node {
         Self { syntax, origin }
     }
 
+    pub(crate) fn syntax(&self) -> &SyntaxNode {
+        &self.syntax
+    }
+
     pub(crate) fn kind(&self) -> SyntaxKind {
         self.syntax.kind()
     }

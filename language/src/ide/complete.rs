@@ -1,0 +1,162 @@
+//! What could stand where the cursor is.
+//!
+//! A letter that nobody writes is put at the cursor and the text is read again: so there is a word at the cursor in any
+//! case, and the parser, which survives any text, says what kind of word it is.
+
+mod names;
+mod place;
+
+use super::Analysis;
+use super::words::{self, Place};
+use crate::source::Source;
+use crate::syntax::SyntaxKind;
+use crate::syntax::ast::Node;
+
+/// What marks the cursor.
+const MARK: char = 'ꙮ';
+
+/// What is offered.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CompletionKind {
+    /// A word of the language.
+    Keyword,
+    /// A process or module.
+    Type,
+    /// An instance.
+    Instance,
+    /// A port.
+    Port,
+    /// The label of a connection set.
+    Label,
+    /// A parameter, or the name of an argument.
+    Parameter,
+    /// A named constant.
+    Constant,
+    /// A host.
+    Host,
+    /// A unit.
+    Unit,
+}
+
+/// Something to write.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Completion {
+    /// What it is.
+    pub kind: CompletionKind,
+    /// What to write.
+    pub label: String,
+    /// In a few words, what it is; may be empty.
+    pub detail: String,
+    /// Markdown: what there is to know of it; may be empty.
+    pub documentation: String,
+    /// What to write instead of the label, with `$0` and `${1:name}` where something is to be filled in.
+    pub snippet: Option<String>,
+}
+
+impl Completion {
+    fn new(kind: CompletionKind, label: impl Into<String>) -> Self {
+        Self { kind, label: label.into(), detail: String::new(), documentation: String::new(), snippet: None }
+    }
+
+    fn detail(self, detail: impl Into<String>) -> Self {
+        Self { detail: detail.into(), ..self }
+    }
+
+    fn documentation(self, documentation: impl Into<String>) -> Self {
+        Self { documentation: documentation.into(), ..self }
+    }
+}
+
+impl Analysis {
+    /// Returns what could stand at a byte offset of the spec, the likeliest first, whatever has been typed of it already; and
+    /// the bytes of that.
+    pub fn complete(&self, offset: usize) -> (std::ops::Range<usize>, Vec<Completion>) {
+        let text = &self.spec.text;
+        let offset = (0..=offset.min(text.len())).rev().find(|&offset| text.is_char_boundary(offset)).unwrap_or(0);
+        let part = |c: char| c.is_alphanumeric() || c == '_';
+        let start =
+            text[..offset].rfind(|c| !part(c)).map_or(0, |at| at + text[at..].chars().next().map_or(1, char::len_utf8));
+        let end = text[offset..].find(|c| !part(c)).map_or(text.len(), |length| offset + length);
+        let marked = Source { text: format!("{}{MARK}{}", &text[..offset], &text[offset..]), ..self.spec.clone() };
+        let marked = Self::new(marked, self.others.clone(), &self.options);
+        // What is typed of a number is no name.
+        let start = text[start..offset].find(|c: char| !c.is_ascii_digit()).map_or(offset, |digits| start + digits);
+        (start..end, marked.candidates(offset))
+    }
+
+    /// What could stand in place of the marked word.
+    fn candidates(&self, offset: usize) -> Vec<Completion> {
+        let Some(token) = self.token_at(offset).filter(|token| token.kind() == SyntaxKind::Ident) else {
+            return Vec::new();
+        };
+        let Some(at) = place::Cursor::new(&token) else { return Vec::new() };
+        let mut found = match at.parent.kind() {
+            SyntaxKind::Endpoint => self.end_of_connection(&at),
+            SyntaxKind::Owner if at.place == 0 => self.instances(&at),
+            SyntaxKind::Labels => self.labels_of(&at),
+            SyntaxKind::Run if at.follows_operand() => keywords(Place::Suffix),
+            SyntaxKind::Run => self.actions(&at),
+            SyntaxKind::Type => self.types(&at),
+            SyntaxKind::Host => self.values(&at, true),
+            SyntaxKind::Constant => self.constants(&at),
+            SyntaxKind::Claim => self.claims(),
+            SyntaxKind::Instance if at.place > 0 => inside("instof"),
+            SyntaxKind::Connection | SyntaxKind::Quality => keywords(Place::Quality),
+            SyntaxKind::Count | SyntaxKind::AllOf => self.consts(),
+            SyntaxKind::Port if at.place > 1 => inside("optional"),
+            SyntaxKind::AnyOf => inside("of"),
+            _ => at.words(),
+        };
+        found.retain(|offer| !offer.label.contains(MARK));
+        found
+    }
+
+    /// `instance, Port`
+    fn end_of_connection(&self, at: &place::Cursor) -> Vec<Completion> {
+        if at.place == 0 {
+            return if at.begins_statement() { self.instances(at) } else { keywords(Place::Quality) };
+        }
+        let Some(name) = at.parent.names().next() else { return Vec::new() };
+        self.ports_of(at, &name.text)
+    }
+
+    /// What can begin an event action.
+    fn actions(&self, at: &place::Cursor) -> Vec<Completion> {
+        let mut found = self.instances(at);
+        found.extend(keywords(Place::Action));
+        found
+    }
+
+    /// A type: of an instance, of a parameter, or of messages.
+    fn types(&self, at: &place::Cursor) -> Vec<Completion> {
+        match at.grand.as_ref().map(Node::kind) {
+            Some(SyntaxKind::Instance) if at.before != "instof" => inside("instof"),
+            Some(SyntaxKind::Instance) => self.instance_types(at),
+            Some(SyntaxKind::Param) => value_types(),
+            _ => self.message_types(),
+        }
+    }
+}
+
+/// The words of a place.
+fn keywords(place: Place) -> Vec<Completion> {
+    words::at(place).map(keyword).collect()
+}
+
+fn inside(word: &str) -> Vec<Completion> {
+    words::find(word, &[Place::Inside]).map(keyword).into_iter().collect()
+}
+
+fn keyword(word: &words::Word) -> Completion {
+    let mut offer = Completion::new(CompletionKind::Keyword, word.text).documentation(word.meaning);
+    offer.snippet = (word.snippet != word.text).then(|| word.snippet.to_owned());
+    offer
+}
+
+/// The types that a parameter can have.
+fn value_types() -> Vec<Completion> {
+    let plain = [("Host", "a host"), ("Text", "a string"), ("Number", "a number"), ("Truth", "`true` or `false`")];
+    let quantities = crate::check::unit::types();
+    let all = plain.into_iter().chain(quantities);
+    all.map(|(name, detail)| Completion::new(CompletionKind::Type, name).detail(detail)).collect()
+}

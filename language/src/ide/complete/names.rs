@@ -1,0 +1,267 @@
+//! The names that are known where the cursor is.
+
+use super::place::Cursor;
+use super::{Completion, CompletionKind, inside, keywords};
+use crate::check::spec::{Direction, Instance, Param, Process, Target, ValueKind};
+use crate::check::unit;
+use crate::ide::Analysis;
+use crate::ide::hover::interface;
+use crate::ide::words::Place;
+use crate::plan::Constant;
+use crate::syntax::SyntaxKind::{self, Arrow, Equals, Number};
+use crate::syntax::ast::Node;
+use std::collections::{BTreeMap, BTreeSet};
+
+impl Analysis {
+    /// The process around the cursor, if it could be read.
+    fn process_at(&self, at: &Cursor) -> Option<&Process> {
+        let title = at.inside(SyntaxKind::Process)?.title()?;
+        self.model.processes.iter().find(|process| process.name.span == title.span)
+    }
+
+    /// The instance of the process around that is written so.
+    fn instance_at(&self, at: &Cursor, name: &str) -> Option<&Instance> {
+        let mut instances = self.process_at(at)?.instances.iter();
+        instances.find(|instance| instance.name.text == name || self.text(instance.name.span) == name)
+    }
+
+    /// The instances of the process around.
+    pub(super) fn instances(&self, at: &Cursor) -> Vec<Completion> {
+        let Some(process) = self.process_at(at) else { return Vec::new() };
+        let mut seen = BTreeSet::new();
+        let instances = process.instances.iter().filter(|instance| seen.insert(instance.name.span));
+        let offers = instances.map(|instance| {
+            let name = self.text(instance.name.span);
+            let kind = instance.kind.as_ref().map_or("", |kind| kind.text.as_str());
+            let mut offer = Completion::new(CompletionKind::Instance, name).detail(kind);
+            if instance.name.text != name {
+                offer.snippet = Some(format!("{name}[${{1:i}}]"));
+            }
+            offer.documentation(self.target_text(instance.target))
+        });
+        offers.collect()
+    }
+
+    fn target_text(&self, target: Target) -> String {
+        match target {
+            Target::Process(process) => self.process_text(process),
+            Target::Module(module) => self.module_text(module),
+            Target::Unknown => String::new(),
+        }
+    }
+
+    /// The types that an instance can have; not the process itself.
+    pub(super) fn instance_types(&self, at: &Cursor) -> Vec<Completion> {
+        let own = self.process_at(at).map(|process| process.name.span);
+        let is_other = |process: &&Process| Some(process.name.span) != own && process.name.text != "main";
+        let offer = |name: &str, params: Vec<String>, target, detail: &str| {
+            let holes = params.iter().zip(1..).map(|(param, place)| format!("${{{place}:{param}}}"));
+            let holes: Vec<String> = holes.collect();
+            let mut offer = Completion::new(CompletionKind::Type, name).detail(detail);
+            offer.snippet = Some(format!("{name}({})", holes.join(", ")));
+            offer.documentation(self.target_text(target))
+        };
+        let needed = |params: &[Param]| -> Vec<String> {
+            let needed = params.iter().filter(|param| param.default.is_none());
+            needed.map(|param| param.name.text.clone()).collect()
+        };
+        let processes = self.model.processes.iter().enumerate().filter(|(_, process)| is_other(process));
+        let processes = processes.map(|(index, process)| {
+            offer(&process.name.text, needed(&process.params), Target::Process(index), "process")
+        });
+        let modules = self.model.modules.iter().enumerate().map(|(index, module)| {
+            let params = needed(module.params.as_deref().unwrap_or_default());
+            let params = std::iter::once("host".to_owned()).chain(params).collect();
+            offer(&module.name.text, params, Target::Module(index), "module")
+        });
+        processes.chain(modules).collect()
+    }
+
+    /// The types of messages that some port has.
+    pub(super) fn message_types(&self) -> Vec<Completion> {
+        let ports = self.model.modules.iter().flat_map(|module| &module.ports);
+        let known: BTreeSet<&String> = ports.filter_map(|port| port.kind.as_ref()).collect();
+        known.into_iter().map(|name| Completion::new(CompletionKind::Type, name)).collect()
+    }
+
+    /// The ports of an instance that fit the side of the arrow.
+    pub(super) fn ports_of(&self, at: &Cursor, name: &str) -> Vec<Completion> {
+        let Some(instance) = self.instance_at(at, name) else { return Vec::new() };
+        let wanted = direction(at);
+        let fits = |direction: Option<Direction>| wanted.is_none() || direction.is_none() || direction == wanted;
+        let offer = |name: &str, port: Option<&crate::check::spec::Port>| {
+            let shown = interface::shown_port(name, port);
+            let known = port.map(|port| port.direction);
+            fits(known).then(|| Completion::new(CompletionKind::Port, name).detail(shown))
+        };
+        match instance.target {
+            Target::Module(module) => {
+                let ports = self.model.modules[module].ports.iter();
+                ports.filter_map(|port| offer(&port.name.text, Some(port))).collect()
+            }
+            Target::Process(target) => {
+                let process = &self.model.processes[target];
+                let exports = process.exports.iter();
+                exports.filter_map(|it| offer(&it.name.text, self.port_behind(process, &it.endpoint))).collect()
+            }
+            Target::Unknown => Vec::new(),
+        }
+    }
+
+    /// The labels of the instance before the bracket.
+    pub(super) fn labels_of(&self, at: &Cursor) -> Vec<Completion> {
+        let name = at.grand.as_ref().and_then(|run| run.names().next());
+        let (Some(process), Some(name)) = (self.process_at(at), name) else { return Vec::new() };
+        let Some(instance) = self.instance_at(at, &name.text) else { return Vec::new() };
+        let is_own = |slot: usize| process.instances[slot].name.span == instance.name.span;
+        let sets = process.sets.iter().filter(|set| set.owner.is_some_and(is_own));
+        let labels: BTreeMap<&str, usize> =
+            sets.filter_map(|set| Some((set.label.as_ref()?.text.as_str(), set.connections.len()))).collect();
+        let counted =
+            |count: usize| if count == 1 { "1 connection".to_owned() } else { format!("{count} connections") };
+        let offers = labels.into_iter();
+        offers.map(|(label, count)| Completion::new(CompletionKind::Label, label).detail(counted(count))).collect()
+    }
+
+    /// What stands for a value: in an argument, a limit, a constant.
+    pub(super) fn constants(&self, at: &Cursor) -> Vec<Completion> {
+        if at.parent.token(Number).is_some() {
+            return self.units(at);
+        }
+        let Some(arg) = at.inside(SyntaxKind::Arg) else {
+            // A name directly behind the number of a limit ends it.
+            return self.consts();
+        };
+        let args = at.inside(SyntaxKind::Args);
+        let place = args.map_or(0, |args| args.children().take_while(|other| other.span() != arg.span()).count());
+        let is_named = arg.token(Equals).is_some();
+        let mut found = if is_named { Vec::new() } else { self.argument_names(at) };
+        found.extend(self.values(at, place == 0 && !is_named));
+        found
+    }
+
+    /// The units, those first that the parameter measures.
+    fn units(&self, at: &Cursor) -> Vec<Completion> {
+        let is_limit = at.inside(SyntaxKind::Arg).is_none() && at.inside(SyntaxKind::Actions).is_some();
+        let kind =
+            if is_limit { Some("Time".to_owned()) } else { self.param_at(at).and_then(|param| param.kind.clone()) };
+        let wanted = kind.and_then(|kind| unit::of_type(&kind)).map(|(dimension, _)| dimension);
+        let fits = |symbol: &&str| {
+            let dimension = unit::unit(symbol, None).map(|(_, dimension)| dimension);
+            wanted.is_none() || dimension == wanted
+        };
+        let mut found: Vec<Completion> =
+            unit::symbols().filter(fits).map(|symbol| Completion::new(CompletionKind::Unit, symbol)).collect();
+        if is_limit {
+            found.extend(keywords(Place::Suffix));
+        } else if at.grand.as_ref().is_some_and(|grand| grand.kind() == SyntaxKind::AnyOf) {
+            found = inside("of");
+        }
+        found
+    }
+
+    /// The parameter that the argument around the cursor is for.
+    fn param_at(&self, at: &Cursor) -> Option<&Param> {
+        let (arg, args) = (at.inside(SyntaxKind::Arg)?, at.inside(SyntaxKind::Args)?);
+        let (params, is_module) = self.params_at(at)?;
+        if arg.token(Equals).is_some() {
+            let name = arg.names().next()?;
+            return params.iter().find(|param| param.name.text == name.text);
+        }
+        let place = args.children().take_while(|other| other.span() != arg.span()).count();
+        params.get(place.checked_sub(usize::from(is_module))?)
+    }
+
+    /// The parameters of the instance around the cursor, and whether a host comes before them.
+    fn params_at(&self, at: &Cursor) -> Option<(&[Param], bool)> {
+        let node: &Node = at.inside(SyntaxKind::Instance)?;
+        let mut instances = self.process_at(at)?.instances.iter();
+        let instance = instances.find(|instance| node.names().any(|name| name.span == instance.name.span))?;
+        match instance.target {
+            Target::Process(process) => Some((&self.model.processes[process].params, false)),
+            Target::Module(module) => Some((self.model.modules[module].params.as_deref()?, true)),
+            Target::Unknown => None,
+        }
+    }
+
+    /// The names of arguments that are not given yet: `force = `.
+    fn argument_names(&self, at: &Cursor) -> Vec<Completion> {
+        let (Some((params, _)), Some(args)) = (self.params_at(at), at.inside(SyntaxKind::Args)) else {
+            return Vec::new();
+        };
+        let given: BTreeSet<String> = args
+            .children()
+            .filter(|arg| arg.token(Equals).is_some())
+            .filter_map(|arg| arg.names().next())
+            .map(|name| name.text)
+            .collect();
+        let open = params.iter().filter(|param| !given.contains(&param.name.text));
+        let offer = |param: &Param| {
+            let mut offer = Completion::new(CompletionKind::Parameter, format!("{} = ", param.name.text));
+            offer.detail = interface::param(param);
+            offer
+        };
+        open.map(offer).collect()
+    }
+
+    /// Parameters of the process around, named constants, and hosts where one is expected.
+    pub(super) fn values(&self, at: &Cursor, with_hosts: bool) -> Vec<Completion> {
+        let params = self.process_at(at).map_or(&[][..], |process| &process.params);
+        let mut found: Vec<Completion> = params
+            .iter()
+            .map(|param| Completion::new(CompletionKind::Parameter, &param.name.text).detail(interface::param(param)))
+            .collect();
+        if with_hosts {
+            let hosts = self.hosts();
+            found.extend(hosts.into_iter().map(|host| Completion::new(CompletionKind::Host, host).detail("host")));
+        }
+        found.extend(self.consts());
+        found
+    }
+
+    /// Words that stand for a host somewhere: in `host{}`, or as the first argument of an instance.
+    fn hosts(&self) -> BTreeSet<&str> {
+        let places = self.model.processes.iter().flat_map(|process| {
+            let first = process.instances.iter().filter_map(|instance| instance.args.first());
+            process.host.iter().chain(first.filter(|arg| arg.name.is_none()).map(|arg| &arg.value))
+        });
+        let hosts = places.filter_map(|value| match &value.kind {
+            ValueKind::Constant(Constant::Text(host)) => Some(host.as_str()),
+            ValueKind::Constant(Constant::Number(_) | Constant::Truth(_)) | ValueKind::Param(_) | ValueKind::Broken => {
+                None
+            }
+        });
+        hosts.collect()
+    }
+
+    /// The named constants.
+    pub(super) fn consts(&self) -> Vec<Completion> {
+        self.model
+            .consts
+            .iter()
+            .map(|(name, constant)| {
+                let mut offer = Completion::new(CompletionKind::Constant, name).detail("constant");
+                if constant.is_list {
+                    offer.snippet = Some(format!("{name}[${{1:0}}]"));
+                }
+                offer
+            })
+            .collect()
+    }
+
+    /// The devices that some module claims.
+    pub(super) fn claims(&self) -> Vec<Completion> {
+        let claims = self.model.modules.iter().flat_map(|module| &module.claims);
+        let known: BTreeSet<&str> = claims.map(|claim| claim.name.text.as_str()).collect();
+        known.into_iter().map(|name| Completion::new(CompletionKind::Parameter, name).detail("device")).collect()
+    }
+}
+
+/// What a port at the cursor has to be: data goes from an output to an input.
+fn direction(at: &Cursor) -> Option<Direction> {
+    let connection = at.grand.as_ref().filter(|grand| grand.kind() == SyntaxKind::Connection)?;
+    let is_first = connection.children().next()?.span() == at.parent.span();
+    let arrow = connection.tokens().find(|token| [Arrow, SyntaxKind::BackArrow].contains(&token.kind()));
+    let is_forward = arrow.is_none_or(|arrow| arrow.kind() == Arrow);
+    Some(if is_first == is_forward { Direction::Out } else { Direction::In })
+}

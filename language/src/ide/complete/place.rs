@@ -1,0 +1,96 @@
+//! What is around the cursor.
+
+use super::{Completion, inside, keywords};
+use crate::ide::words::Place;
+use crate::source::Origin;
+use crate::syntax::ast::Node;
+use crate::syntax::{SyntaxKind, SyntaxToken};
+
+/// The marked word and its surroundings.
+pub(super) struct Cursor {
+    /// The node that the word belongs to.
+    pub(super) parent: Node,
+    /// The node around that.
+    pub(super) grand: Option<Node>,
+    /// How many names of the same node stand before it.
+    pub(super) place: usize,
+    /// The text of the token before; empty at the beginning of the file.
+    pub(super) before: String,
+    /// What kind of token that is.
+    before_kind: SyntaxKind,
+    /// All nodes around, the innermost first.
+    pub(super) around: Vec<Node>,
+}
+
+impl Cursor {
+    pub(super) fn new(token: &SyntaxToken) -> Option<Self> {
+        let parent = token.parent()?;
+        let earlier = std::iter::successors(token.prev_token(), SyntaxToken::prev_token);
+        let before = earlier.into_iter().find(|token| !token.kind().is_trivia());
+        let around: Vec<Node> = parent.ancestors().map(|node| Node::new(node, Origin::Spec)).collect();
+        let parent = around.first()?.clone();
+        let start = u32::from(token.text_range().start());
+        let place = parent.names().take_while(|name| name.span.start < start).count();
+        Some(Self {
+            parent,
+            grand: around.get(1).cloned(),
+            place,
+            before: before.as_ref().map_or(String::new(), |token| token.text().to_owned()),
+            before_kind: before.map_or(SyntaxKind::End, |token| token.kind()),
+            around,
+        })
+    }
+
+    /// The nearest node of a kind around the word.
+    pub(super) fn inside(&self, kind: SyntaxKind) -> Option<&Node> {
+        self.around.iter().find(|node| node.kind() == kind)
+    }
+
+    /// Whether the word stands directly behind something that an operator would have to follow.
+    pub(super) fn follows_operand(&self) -> bool {
+        let is_word =
+            self.before_kind == SyntaxKind::Ident && !["else", "within", "of", "in"].contains(&self.before.as_str());
+        let ends = [SyntaxKind::RightParen, SyntaxKind::RightBracket, SyntaxKind::Question, SyntaxKind::Greater];
+        let after_retry = self.parent.kind() == SyntaxKind::Run
+            && self.grand.as_ref().is_some_and(|grand| grand.kind() == SyntaxKind::Retry);
+        (is_word || ends.contains(&self.before_kind)) && !after_retry
+    }
+
+    /// Whether a statement begins with the word.
+    pub(super) fn begins_statement(&self) -> bool {
+        let starts = [SyntaxKind::LeftBrace, SyntaxKind::Semicolon, SyntaxKind::RightBrace];
+        let joins = [SyntaxKind::Arrow, SyntaxKind::BackArrow, SyntaxKind::Equals];
+        starts.contains(&self.before_kind) || joins.contains(&self.before_kind)
+    }
+
+    /// Words where no name can stand: items, sections, properties of a module.
+    pub(super) fn words(&self) -> Vec<Completion> {
+        let begins = [SyntaxKind::LeftBrace, SyntaxKind::Semicolon, SyntaxKind::RightBrace, SyntaxKind::End];
+        if self.before_kind == SyntaxKind::LeftParen && self.inside(SyntaxKind::Module).is_some() {
+            return ["read", "write"].into_iter().flat_map(inside).collect();
+        }
+        if !begins.contains(&self.before_kind) {
+            return Vec::new();
+        }
+        let is_first = self.before_kind == SyntaxKind::End;
+        let is_title = |node: &Node| self.parent.span() == node.span() && self.place == 0;
+        if let Some(process) = self.inside(SyntaxKind::Process).filter(|node| !is_first && !is_title(node)) {
+            return sections(process);
+        }
+        if self.inside(SyntaxKind::Module).is_some_and(|node| !is_first && !is_title(node)) {
+            return keywords(Place::ModuleItem);
+        }
+        keywords(Place::Item)
+    }
+}
+
+/// The sections that a process lacks; it can have any number of connection sets.
+fn sections(process: &Node) -> Vec<Completion> {
+    let mut offers = keywords(Place::Section);
+    let is_there = |word: &str| {
+        let mut heads = process.children().filter_map(|section| section.names().next());
+        word != "internal_connections" && heads.any(|head| head.text == word)
+    };
+    offers.retain(|offer| !is_there(&offer.label));
+    offers
+}

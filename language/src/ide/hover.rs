@@ -1,0 +1,187 @@
+//! What a person wants to know of a name, an operator, a unit.
+
+pub(super) mod interface;
+
+use super::Analysis;
+use super::index::{Kind, Symbol};
+use super::words::{self, Place};
+use crate::check::lower::together;
+use crate::check::spec::{Instance, Param, Set, Target, ValueKind};
+use crate::check::unit;
+use crate::source::{Origin, Span};
+use crate::syntax::{SyntaxKind, SyntaxToken};
+use std::collections::BTreeSet;
+use std::fmt::Write as _;
+
+/// At most so many names are listed.
+const NAMES_MAX: usize = 12;
+
+/// What is said of a place.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Hover {
+    /// What it is said of.
+    pub span: Span,
+    /// Markdown.
+    pub text: String,
+}
+
+impl Analysis {
+    /// Returns what there is to know of the name, word, operator or unit at a byte offset of the spec.
+    pub fn hover(&self, offset: usize) -> Option<Hover> {
+        if let Some((span, symbol)) = self.index().place_at(offset) {
+            return Some(Hover { span, text: self.describe(&self.index().symbols[symbol]) });
+        }
+        let token = self.token_at(offset)?;
+        let range = token.text_range();
+        let span = Span { origin: Origin::Spec, start: range.start().into(), end: range.end().into() };
+        Some(Hover { span, text: unit_text(&token).or_else(|| word_text(&token))? })
+    }
+
+    fn describe(&self, symbol: &Symbol) -> String {
+        match symbol.kind {
+            Kind::Process(process) => self.process_text(process),
+            Kind::Module(module) => self.module_text(module),
+            Kind::Constant => self.constant_text(&symbol.name),
+            Kind::Param(owner, place) => self.param_text(owner, place),
+            Kind::Instance(process, slot) => self.instance_text(process, slot),
+            Kind::Export(process, place) => self.export_text(process, place),
+            Kind::Port(module, port) => self.port_text(module, port),
+            Kind::Label(process, set) => self.set_text(process, &self.model.processes[process].sets[set]),
+            Kind::Variable => "The variable of a replication: one copy is made for each of its values.".to_owned(),
+        }
+    }
+
+    /// A named constant, in SI units.
+    fn constant_text(&self, name: &str) -> String {
+        let Some(constant) = self.model.consts.get(name) else { return String::new() };
+        let values = constant.values.iter().take(NAMES_MAX).map(|value| match &value.kind {
+            ValueKind::Constant(value) => interface::constant(value),
+            ValueKind::Param(_) | ValueKind::Broken => "?".to_owned(),
+        });
+        let values = values.collect::<Vec<_>>().join(", ");
+        let values = if constant.is_list { format!("[{values}]") } else { values };
+        let dimension = constant.values.first().and_then(|value| value.dimension);
+        let si = if dimension.is_some() { "\nIn SI units." } else { "" };
+        format!("{}{si}", code(&format!("const {name} = {values};")))
+    }
+
+    /// `name: Type = value` and what its type measures.
+    fn param_text(&self, owner: Target, place: usize) -> String {
+        let (params, name): (&[Param], &str) = match owner {
+            Target::Process(process) => {
+                let process = &self.model.processes[process];
+                (&process.params, &process.name.text)
+            }
+            Target::Module(module) => {
+                let module = &self.model.modules[module];
+                (module.params.as_deref().unwrap_or_default(), &module.name.text)
+            }
+            Target::Unknown => (&[], ""),
+        };
+        let Some(param) = params.get(place) else { return String::new() };
+        let mut text = code(&interface::param(param));
+        let _infallible = write!(text, "\nA parameter of `{name}`.");
+        if let Some((_, example)) = param.kind.as_deref().and_then(unit::of_type) {
+            let _infallible = write!(text, " A quantity such as `{example}`.");
+        }
+        text
+    }
+
+    fn instance_text(&self, process: usize, slot: usize) -> String {
+        let group = &self.model.processes[process];
+        let instance = &group.instances[slot];
+        let kind = instance.kind.as_ref().map_or("?", |kind| kind.text.as_str());
+        let mut text = code(&format!("{} instof {kind}", self.written(instance)));
+        text += &match instance.target {
+            Target::Process(target) => format!("\n{}", self.process_text(target)),
+            Target::Module(target) => format!("\n{}", self.module_text(target)),
+            Target::Unknown => "\nNo interface is known: ports and arguments are not checked.".to_owned(),
+        };
+        let hosts = self.hosts_of(process, slot);
+        if !hosts.is_empty() {
+            let _infallible = write!(text, "\n\nRuns on {}.", list(hosts.iter().map(String::as_str)));
+        }
+        if let Some(actions) = &group.actions {
+            let pairs = together::pairs(actions);
+            let others = pairs.iter().filter(|(one, _)| *one == slot).map(|&(_, other)| other);
+            let others: BTreeSet<&str> = others.map(|other| self.written(&group.instances[other])).collect();
+            let _infallible = match others.is_empty() {
+                true => write!(text, "\n\nOf `{}`, nothing runs together with it.", group.name.text),
+                false => write!(text, "\n\nMay run together with {}.", list(others.into_iter())),
+            };
+        }
+        text
+    }
+
+    /// The name of an instance as it is written; of an array, that of the array.
+    fn written(&self, instance: &Instance) -> &str {
+        self.text(instance.name.span)
+    }
+
+    /// The hosts of everything that is made of an instance.
+    fn hosts_of(&self, process: usize, slot: usize) -> Vec<String> {
+        let Some(plan) = &self.plan else { return Vec::new() };
+        let (group, name) = (&self.model.processes[process], &self.model.processes[process].instances[slot].name.text);
+        let around = plan.groups.iter().filter(|other| other.process == group.name.text);
+        let paths: BTreeSet<String> = around.map(|around| format!("{}/{name}", around.path)).collect();
+        let leaves = plan.leaves.iter().filter(|leaf| paths.contains(&leaf.path)).map(|leaf| leaf.host);
+        let groups = plan.groups.iter().filter(|group| paths.contains(&group.path)).map(|group| group.host);
+        let hosts: BTreeSet<u32> = leaves.chain(groups).collect();
+        hosts.into_iter().filter_map(|host| plan.hosts.get(host as usize).cloned()).collect()
+    }
+
+    /// A connection set, as it is written.
+    fn set_text(&self, process: usize, set: &Set) -> String {
+        let group = &self.model.processes[process];
+        let name = |slot: usize| self.written(&group.instances[slot]);
+        let owner = set.owner.map_or("", name);
+        let label = set.label.as_ref().map_or("", |label| label.text.as_str());
+        let mut lines = format!("internal_connections({owner}, {label})");
+        for connection in set.connections.iter().take(NAMES_MAX) {
+            let (from, to) = (&connection.from, &connection.to);
+            let ends = (name(from.slot), &from.port.text, name(to.slot), &to.port.text);
+            let _infallible = write!(lines, "\n    {}, {} -> {}, {};", ends.0, ends.1, ends.2, ends.3);
+        }
+        if set.connections.len() > NAMES_MAX {
+            lines += "\n    ...";
+        }
+        format!("{}\nOpen while `{owner}` runs as `{owner}[{label}]`.", code(&lines))
+    }
+}
+
+/// What a unit measures.
+fn unit_text(token: &SyntaxToken) -> Option<String> {
+    let is_unit = token.kind() == SyntaxKind::Ident && token.parent()?.kind() == SyntaxKind::Constant;
+    let (factor, dimension) = unit::unit(token.text(), None).filter(|_| is_unit)?;
+    let measures = |name: &str| unit::of_type(name).is_some_and(|(other, _)| other == dimension);
+    let kind = unit::types().find(|(name, _)| measures(name));
+    let kind = kind.map_or(String::new(), |(name, _)| format!(" A unit of type `{name}`."));
+    Some(format!("`1 {}` is `{factor}` in SI units.{kind}", token.text()))
+}
+
+/// What a word or an operator does.
+fn word_text(token: &SyntaxToken) -> Option<String> {
+    let parent = token.parent()?.kind();
+    let in_actions = token.parent_ancestors().any(|node| node.kind() == SyntaxKind::Actions);
+    let places: &[Place] = match token.kind() {
+        SyntaxKind::Ident if parent == SyntaxKind::Quality => &[Place::Quality],
+        SyntaxKind::Ident if in_actions => &[Place::Section, Place::Action, Place::Suffix, Place::Inside],
+        SyntaxKind::Ident => &[Place::Item, Place::Section, Place::ModuleItem, Place::Inside],
+        _ if in_actions && parent != SyntaxKind::Labels => &[Place::Operator],
+        _ => return None,
+    };
+    words::find(token.text(), places).map(|word| word.meaning.to_owned())
+}
+
+/// A block of the language.
+fn code(text: &str) -> String {
+    format!("```dca\n{text}\n```")
+}
+
+/// Names in a sentence.
+fn list<'a>(names: impl Iterator<Item = &'a str>) -> String {
+    let names: Vec<String> = names.map(|name| format!("`{name}`")).collect();
+    let shown = names.len().min(NAMES_MAX);
+    let more = if shown < names.len() { " and others" } else { "" };
+    format!("{}{more}", names[..shown].join(", "))
+}

@@ -1,0 +1,118 @@
+//! Interfaces as a person reads them: what a type takes, sends, claims, and whether it ends.
+
+use super::code;
+use crate::check::spec::{Direction, Endpoint, Module, Param, Port, Process, Target};
+use crate::ide::Analysis;
+use crate::plan::{Constant, LeafKind};
+use std::fmt::Write as _;
+
+impl Analysis {
+    /// A process group: its parameters, its ports, whether it ends.
+    pub(in crate::ide) fn process_text(&self, process: usize) -> String {
+        let process = &self.model.processes[process];
+        let params: Vec<String> = process.params.iter().map(param).collect();
+        let mut lines = format!("process {}({})", process.name.text, params.join(", "));
+        for export in &process.exports {
+            let port = self.port_behind(process, &export.endpoint);
+            let _infallible = write!(lines, "\n    {}", shown_port(&export.name.text, port));
+        }
+        let end = match process.is_service {
+            true => "A *service*: nothing in it ends by itself, so `,` does not wait for it.",
+            false => "A *task*: it can end.",
+        };
+        told(&lines, &process.doc, end)
+    }
+
+    /// A module: its parameters, ports and claims, whether it ends, how it is run.
+    pub(in crate::ide) fn module_text(&self, module: usize) -> String {
+        let module = &self.model.modules[module];
+        let params = module.params.as_deref().unwrap_or_default();
+        let params: Vec<String> = std::iter::once("host".to_owned()).chain(params.iter().map(param)).collect();
+        let mut lines = format!("module {}({})", module.name.text, params.join(", "));
+        for port in &module.ports {
+            let _infallible = write!(lines, "\n    {}", shown_port(&port.name.text, Some(port)));
+        }
+        for claim in &module.claims {
+            let access = if claim.is_write { "" } else { "(read)" };
+            let _infallible = write!(lines, "\n    claims {}{access}", claim.name.text);
+        }
+        if let Some(exec) = &module.exec {
+            let _infallible = write!(lines, "\n    exec \"{exec}\"");
+        }
+        told(&lines, &module.doc, end_of(module))
+    }
+
+    pub(super) fn export_text(&self, process: usize, place: usize) -> String {
+        let process = &self.model.processes[process];
+        let export = &process.exports[place];
+        let port = self.port_behind(process, &export.endpoint);
+        let inner = self.text(process.instances[export.endpoint.slot].name.span);
+        let shown = code(&shown_port(&export.name.text, port));
+        format!("{shown}\nA port of `{}`: that of `{inner}`, `{}`.", process.name.text, export.endpoint.port.text)
+    }
+
+    pub(super) fn port_text(&self, module: usize, port: usize) -> String {
+        let module = &self.model.modules[module];
+        let port = &module.ports[port];
+        let optional = if port.is_optional { " The module works without it." } else { "" };
+        format!("{}\nA port of `{}`.{optional}", code(&shown_port(&port.name.text, Some(port))), module.name.text)
+    }
+
+    /// The port of a module behind a port of a group.
+    pub(in crate::ide) fn port_behind<'a>(&'a self, process: &'a Process, endpoint: &'a Endpoint) -> Option<&'a Port> {
+        let (mut process, mut endpoint) = (process, endpoint);
+        for _ in 0..crate::plan::DEPTH_MAX {
+            match process.instances[endpoint.slot].target {
+                Target::Module(module) => {
+                    let mut ports = self.model.modules[module].ports.iter();
+                    return ports.find(|port| port.name.text == endpoint.port.text);
+                }
+                Target::Process(target) => {
+                    process = &self.model.processes[target];
+                    let mut exports = process.exports.iter();
+                    endpoint = &exports.find(|export| export.name.text == endpoint.port.text)?.endpoint;
+                }
+                Target::Unknown => return None,
+            }
+        }
+        None
+    }
+}
+
+/// `name: Type = value`
+pub(in crate::ide) fn param(param: &Param) -> String {
+    let kind = param.kind.as_ref().map_or(String::new(), |kind| format!(": {kind}"));
+    let default = param.default.as_ref().map_or(String::new(), |value| format!(" = {}", constant(value)));
+    format!("{}{kind}{default}", param.name.text)
+}
+
+pub(super) fn constant(value: &Constant) -> String {
+    match value {
+        Constant::Text(text) => format!("\"{text}\""),
+        Constant::Number(number) => number.to_string(),
+        Constant::Truth(truth) => truth.to_string(),
+    }
+}
+
+/// `in Port: Type`
+pub(in crate::ide) fn shown_port(name: &str, port: Option<&Port>) -> String {
+    let Some(port) = port else { return name.to_owned() };
+    let direction = if port.direction == Direction::In { "in" } else { "out" };
+    let kind = port.kind.as_ref().map_or(String::new(), |kind| format!(": {kind}"));
+    let optional = if port.is_optional { " optional" } else { "" };
+    format!("{direction} {name}{kind}{optional}")
+}
+
+fn end_of(module: &Module) -> &'static str {
+    match (module.is_service, module.has_end, module.kind) {
+        (true, _, _) => "A *service*: it never ends by itself, so `,` does not wait for it.",
+        (false, true, _) => "A *task*: it ends by itself.",
+        (false, false, LeafKind::Plain) => "A plain program: done when it exits with 0.",
+        (false, false, LeafKind::Controller) => "Taken as a *task*: its interface does not say whether it ends.",
+    }
+}
+
+fn told(lines: &str, doc: &str, end: &str) -> String {
+    let doc = if doc.is_empty() { String::new() } else { format!("\n\n{doc}") };
+    format!("{}{doc}\n\n{end}", code(lines))
+}

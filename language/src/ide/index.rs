@@ -1,0 +1,173 @@
+//! Every name of a spec: what it means, and where it stands.
+//!
+//! Declarations come from what the checker has made of the text, references from a walk over the trees that asks it. So
+//! a name means here what it means when it runs, lenient names too.
+
+mod walk;
+
+use crate::check::spec::{Expr, ExprKind, Param, Process, Spec, Target};
+use crate::source::{Origin, Span};
+use crate::syntax::ast::{Name, Node};
+use std::collections::BTreeMap;
+
+/// What was declared, with its place in the model.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Kind {
+    Process(usize),
+    Module(usize),
+    Constant,
+    /// A parameter, of which type.
+    Param(Target, usize),
+    /// An instance: the process it is in, and its slot; of an array the first one.
+    Instance(usize, usize),
+    /// An external port: of which process.
+    Export(usize, usize),
+    /// A port of a module.
+    Port(usize, usize),
+    /// A connection set of a process.
+    Label(usize, usize),
+    /// The variable of `all i in 0..4`.
+    Variable,
+}
+
+/// A name that is declared somewhere.
+#[derive(Clone, Debug)]
+pub(super) struct Symbol {
+    pub(super) kind: Kind,
+    /// As it is declared.
+    pub(super) name: String,
+    pub(super) declaration: Span,
+}
+
+/// All names of a spec, of the files it uses and of the interfaces.
+#[derive(Debug, Default)]
+pub(super) struct Index {
+    pub(super) symbols: Vec<Symbol>,
+    /// What stands where, declarations too.
+    places: BTreeMap<Span, usize>,
+}
+
+/// Where to look a name up: by the symbol that it belongs to and its text.
+#[derive(Debug, Default)]
+struct Tables {
+    /// What is declared where.
+    declared: BTreeMap<Span, usize>,
+    consts: BTreeMap<String, usize>,
+    /// The instances of each process, by the names they can be called by exactly.
+    instances: BTreeMap<(usize, String), usize>,
+    /// The connection sets of an instance, by label.
+    labels: BTreeMap<(usize, String), usize>,
+    /// The instances that an event action runs, by the place of the action.
+    runs: BTreeMap<Span, usize>,
+}
+
+impl Index {
+    /// Makes the index; `text` returns what stands in a span.
+    pub(super) fn new<'t>(model: &Spec, trees: &[Node], text: &dyn Fn(Span) -> &'t str) -> Self {
+        let mut index = Self::default();
+        let mut tables = Tables::default();
+        for (number, process) in model.processes.iter().enumerate() {
+            index.add(&mut tables, Kind::Process(number), &process.name);
+            index.add_params(&mut tables, Target::Process(number), &process.params);
+            index.add_process(&mut tables, (number, process), text);
+        }
+        for (number, module) in model.modules.iter().enumerate() {
+            index.add(&mut tables, Kind::Module(number), &module.name);
+            index.add_params(&mut tables, Target::Module(number), module.params.as_deref().unwrap_or_default());
+            for (port, declared) in module.ports.iter().enumerate() {
+                index.add(&mut tables, Kind::Port(number, port), &declared.name);
+            }
+        }
+        for (name, constant) in &model.consts {
+            let symbol = index.add(&mut tables, Kind::Constant, &constant.name);
+            tables.consts.insert(name.clone(), symbol);
+        }
+        walk::walk(&mut index, &tables, model, trees);
+        index
+    }
+
+    /// The symbol at a byte offset of the spec, also directly after its last character.
+    pub(super) fn at(&self, offset: usize) -> Option<usize> {
+        self.place_at(offset).map(|(_, symbol)| symbol)
+    }
+
+    /// The symbol at a byte offset of the spec, and its place there.
+    pub(super) fn place_at(&self, offset: usize) -> Option<(Span, usize)> {
+        let offset = u32::try_from(offset).ok()?;
+        let last = Span { origin: Origin::Spec, start: offset, end: u32::MAX };
+        let mut before = self.places.range(..=last).rev();
+        let found = before.next().filter(|(span, _)| span.origin == Origin::Spec && span.end >= offset);
+        found.map(|(&span, &symbol)| (span, symbol))
+    }
+
+    /// What stands exactly there.
+    pub(super) fn of(&self, span: Span) -> Option<&Symbol> {
+        self.places.get(&span).map(|&symbol| &self.symbols[symbol])
+    }
+
+    /// All names and what they mean, in the order of the text.
+    pub(super) fn all(&self) -> impl Iterator<Item = (Span, usize)> + '_ {
+        self.places.iter().map(|(&span, &symbol)| (span, symbol))
+    }
+
+    /// Where a symbol stands.
+    pub(super) fn places(&self, symbol: usize) -> impl Iterator<Item = Span> + '_ {
+        self.all().filter(move |(_, other)| *other == symbol).map(|(span, _)| span)
+    }
+
+    /// Adds a declaration, unless it is there: the instances of an array are declared in one place.
+    fn add(&mut self, tables: &mut Tables, kind: Kind, name: &Name) -> usize {
+        if let Some(&known) = tables.declared.get(&name.span) {
+            return known;
+        }
+        let symbol = self.symbols.len();
+        self.symbols.push(Symbol { kind, name: name.text.clone(), declaration: name.span });
+        tables.declared.insert(name.span, symbol);
+        self.places.insert(name.span, symbol);
+        symbol
+    }
+
+    fn add_params(&mut self, tables: &mut Tables, owner: Target, params: &[Param]) {
+        for (place, param) in params.iter().enumerate() {
+            self.add(tables, Kind::Param(owner, place), &param.name);
+        }
+    }
+
+    fn add_process<'t>(
+        &mut self,
+        tables: &mut Tables,
+        (number, process): (usize, &Process),
+        text: &dyn Fn(Span) -> &'t str,
+    ) {
+        let mut of_slot = Vec::with_capacity(process.instances.len());
+        for (slot, instance) in process.instances.iter().enumerate() {
+            let written = text(instance.name.span).to_owned();
+            let symbol = self.add(
+                tables,
+                Kind::Instance(number, slot),
+                &Name { text: written.clone(), span: instance.name.span },
+            );
+            of_slot.push(symbol);
+            tables.instances.entry((number, written)).or_insert(symbol);
+            tables.instances.entry((number, instance.name.text.clone())).or_insert(symbol);
+        }
+        for (place, export) in process.exports.iter().enumerate() {
+            self.add(tables, Kind::Export(number, place), &export.name);
+        }
+        for (place, set) in process.sets.iter().enumerate() {
+            let (Some(label), Some(owner)) = (&set.label, set.owner) else { continue };
+            let symbol = self.add(tables, Kind::Label(number, place), label);
+            tables.labels.entry((of_slot[owner], label.text.clone())).or_insert(symbol);
+        }
+        if let Some(actions) = &process.actions {
+            collect_runs(actions, &of_slot, tables);
+        }
+    }
+}
+
+fn collect_runs(expr: &Expr, of_slot: &[usize], tables: &mut Tables) {
+    if let ExprKind::Run(slot, _) = &expr.kind {
+        tables.runs.entry(expr.span).or_insert(of_slot[*slot]);
+    }
+    expr.parts().into_iter().for_each(|part| collect_runs(part, of_slot, tables));
+}

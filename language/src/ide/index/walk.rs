@@ -1,0 +1,219 @@
+//! References: from the tree, name by name.
+//!
+//! What a node's names are is known by the kind of the node and their order; a kind that is not listed has no names of its
+//! own, only parts.
+
+use super::{Index, Kind, Symbol, Tables};
+use crate::check::spec::{Param, Spec, Target};
+use crate::syntax::SyntaxKind::{self, DotDot, Equals, Number};
+use crate::syntax::ast::{Name, Node};
+use std::collections::BTreeMap;
+
+/// Adds every reference in the trees.
+pub(super) fn walk(index: &mut Index, tables: &Tables, spec: &Spec, trees: &[Node]) {
+    let types = spec.processes.iter().flat_map(|process| &process.instances);
+    let types = types.filter_map(|instance| {
+        let name = match instance.target {
+            Target::Process(process) => &spec.processes[process].name,
+            Target::Module(module) => &spec.modules[module].name,
+            Target::Unknown => return None,
+        };
+        Some((instance.kind.as_ref()?.span, *tables.declared.get(&name.span)?))
+    });
+    let types: BTreeMap<_, _> = types.collect();
+    for tree in trees {
+        for item in tree.children() {
+            let enclosing = item.title().and_then(|title| tables.declared.get(&title.span));
+            let process = match enclosing.map(|&symbol| index.symbols[symbol].kind) {
+                Some(Kind::Process(process)) => Some(process),
+                Some(_) | None => None,
+            };
+            let mut walk = Walk { index, tables, spec, types: &types, process, variables: Vec::new() };
+            walk.node(&item);
+        }
+    }
+}
+
+struct Walk<'a> {
+    index: &'a mut Index,
+    tables: &'a Tables,
+    spec: &'a Spec,
+    /// What the types of instances mean, by their place.
+    types: &'a BTreeMap<crate::Span, usize>,
+    /// The process around.
+    process: Option<usize>,
+    /// The variables of the `all` and `race` around.
+    variables: Vec<(String, usize)>,
+}
+
+impl Walk<'_> {
+    fn node(&mut self, node: &Node) {
+        let names: Vec<Name> = node.names().collect();
+        match node.kind() {
+            SyntaxKind::Host => self.value(names.get(1)),
+            SyntaxKind::Type => self.type_name(node),
+            SyntaxKind::Constant if node.token(Number).is_none() => self.value(names.first()),
+            SyntaxKind::Count => self.constant(names.first()),
+            SyntaxKind::Index => self.variable(names.first()),
+            SyntaxKind::Instance => return self.instance(node),
+            SyntaxKind::Owner => {
+                self.instance_name(names.first());
+            }
+            SyntaxKind::Endpoint => self.endpoint(&names),
+            SyntaxKind::Run => return self.run(node, names.first()),
+            SyntaxKind::AllOf => return self.all_of(node),
+            _ => {}
+        }
+        for part in node.children() {
+            self.node(&part);
+        }
+    }
+
+    fn add(&mut self, name: &Name, symbol: usize) {
+        self.index.places.entry(name.span).or_insert(symbol);
+    }
+
+    /// A name where a value stands: a variable, a parameter, a named constant, or itself.
+    fn value(&mut self, name: Option<&Name>) {
+        let Some(name) = name else { return };
+        if self.variables.iter().any(|(known, _)| *known == name.text) {
+            return self.variable(Some(name));
+        }
+        let params: &[Param] = self.process.map_or(&[], |process| &self.spec.processes[process].params);
+        match params.iter().find(|param| param.name.text == name.text) {
+            Some(param) => self.add(name, self.tables.declared[&param.name.span]),
+            None => self.constant(Some(name)),
+        }
+    }
+
+    fn constant(&mut self, name: Option<&Name>) {
+        if let Some((name, &symbol)) = name.and_then(|name| Some((name, self.tables.consts.get(&name.text)?))) {
+            self.add(name, symbol);
+        }
+    }
+
+    fn variable(&mut self, name: Option<&Name>) {
+        let Some(name) = name else { return };
+        if let Some(&(_, symbol)) = self.variables.iter().rev().find(|(known, _)| *known == name.text) {
+            self.add(name, symbol);
+        }
+    }
+
+    fn type_name(&mut self, node: &Node) {
+        if let (Some(&symbol), Some(name)) = (self.types.get(&node.span()), node.names().next()) {
+            self.add(&name, symbol);
+        }
+    }
+
+    /// An instance by its exact name.
+    fn instance_name(&mut self, name: Option<&Name>) -> Option<usize> {
+        let (name, process) = (name?, self.process?);
+        let symbol = *self.tables.instances.get(&(process, name.text.clone()))?;
+        self.add(name, symbol);
+        Some(symbol)
+    }
+
+    /// What an instance symbol is an instance of.
+    fn target(&self, symbol: usize) -> Target {
+        match self.index.symbols[symbol].kind {
+            Kind::Instance(process, slot) => self.spec.processes[process].instances[slot].target,
+            _ => Target::Unknown,
+        }
+    }
+
+    /// `name instof Type(param = value)`
+    fn instance(&mut self, node: &Node) {
+        let declared = node.names().find_map(|name| self.tables.declared.get(&name.span).copied());
+        let target = declared.map_or(Target::Unknown, |symbol| self.target(symbol));
+        let params = match target {
+            Target::Process(process) => self.spec.processes[process].params.as_slice(),
+            Target::Module(module) => self.spec.modules[module].params.as_deref().unwrap_or_default(),
+            Target::Unknown => &[],
+        };
+        for arg in node.children_of(SyntaxKind::Args).flat_map(|args| args.children().collect::<Vec<_>>()) {
+            let name = arg.token(Equals).and_then(|_| arg.names().next());
+            let param = |name: &Name| params.iter().find(|param| param.name.text == name.text);
+            if let Some((name, param)) = name.and_then(|name| param(&name).map(|param| (name, param))) {
+                self.add(&name, self.tables.declared[&param.name.span]);
+            }
+        }
+        for part in node.children() {
+            self.node(&part);
+        }
+    }
+
+    /// `instance, Port`
+    fn endpoint(&mut self, names: &[Name]) {
+        let symbol = self.instance_name(names.first());
+        let (Some(symbol), Some(port)) = (symbol, names.get(1)) else { return };
+        let spec = self.spec;
+        let declared = match self.target(symbol) {
+            Target::Process(process) => {
+                let exports = &spec.processes[process].exports;
+                exports.iter().map(|export| &export.name).find(|name| name.text == port.text)
+            }
+            Target::Module(module) => {
+                let ports = &spec.modules[module].ports;
+                ports.iter().map(|port| &port.name).find(|name| name.text == port.text)
+            }
+            Target::Unknown => None,
+        };
+        if let Some(declared) = declared {
+            self.add(port, self.tables.declared[&declared.span]);
+        }
+    }
+
+    /// `name[labels]`, `name[index][labels]`
+    fn run(&mut self, node: &Node, name: Option<&Name>) {
+        let lenient = self.tables.runs.get(&node.span()).copied();
+        let symbol = match (self.instance_name(name), lenient, name) {
+            (Some(symbol), _, _) => symbol,
+            (None, Some(symbol), Some(name)) => {
+                self.add(name, symbol);
+                symbol
+            }
+            (None, _, _) => return,
+        };
+        let is_array = self.is_array(symbol, name);
+        for (place, brackets) in node.children_of(SyntaxKind::Labels).enumerate() {
+            for label in brackets.names() {
+                if place == 0 && is_array {
+                    self.variable(Some(&label));
+                } else if let Some(&set) = self.tables.labels.get(&(symbol, label.text.clone())) {
+                    self.add(&label, set);
+                }
+            }
+        }
+    }
+
+    /// Whether a name is that of all instances of an array.
+    fn is_array(&self, symbol: usize, name: Option<&Name>) -> bool {
+        let Kind::Instance(process, slot) = self.index.symbols[symbol].kind else { return false };
+        let Symbol { name: declared, .. } = &self.index.symbols[symbol];
+        let element = &self.spec.processes[process].instances[slot].name.text;
+        element != declared && name.is_some_and(|name| name.text == *declared)
+    }
+
+    /// `all i in 0..4 (p[i])`
+    fn all_of(&mut self, node: &Node) {
+        let names: Vec<Name> = node.names().collect();
+        let dots = node.token(DotDot).map(|token| token.span().start);
+        let is_bound = |name: &&Name| name.text != "in" && dots.is_some();
+        for bound in names.iter().skip(2).filter(is_bound) {
+            self.constant(Some(bound));
+        }
+        let Some(variable) = names.get(1) else { return };
+        let symbol = self.index.symbols.len();
+        self.index.symbols.push(Symbol {
+            kind: Kind::Variable,
+            name: variable.text.clone(),
+            declaration: variable.span,
+        });
+        self.add(variable, symbol);
+        self.variables.push((variable.text.clone(), symbol));
+        for part in node.children() {
+            self.node(&part);
+        }
+        self.variables.pop();
+    }
+}

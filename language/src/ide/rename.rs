@@ -1,0 +1,225 @@
+//! Another name for something, everywhere.
+//!
+//! A rename is right when every name of the new text means what it meant before. That is what is checked, by reading the
+//! new text: so it does not matter by which rule of the language a name would have come to mean something else.
+
+use super::index::{Index, Kind};
+use super::{Analysis, Declaration};
+use crate::source::{Origin, Role, Source, Span};
+use crate::syntax::{SyntaxKind, lex};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// The longest name.
+const NAME_MAX: usize = 200;
+
+/// Why something cannot have another name.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum RenameError {
+    /// There is no name there that is declared anywhere.
+    #[error("there is nothing here that has a name of its own")]
+    Nameless,
+    /// It is declared in the interface of a program.
+    #[error("`{name}` is declared by the program {program}: rename it there")]
+    Foreign {
+        /// What.
+        name: String,
+        /// By which program.
+        program: String,
+    },
+    /// The language gives it its meaning.
+    #[error("`main` is where a deployment starts, so its name stays")]
+    Main,
+    /// It cannot be a name.
+    #[error("`{to}` is no name: letters, digits and `_`, and no digit first")]
+    Invalid {
+        /// What was asked for.
+        to: String,
+    },
+    /// Something around it is called so.
+    #[error("`{to}` is taken: {what} has this name")]
+    Taken {
+        /// What was asked for.
+        to: String,
+        /// What has it: "an instance of `main`".
+        what: String,
+    },
+    /// Some name would mean something else.
+    #[error("with `{to}` some name in {file} would mean something else")]
+    Meaning {
+        /// What was asked for.
+        to: String,
+        /// In which text.
+        file: String,
+    },
+}
+
+/// A change in one of several texts.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct FileEdit {
+    /// Name of the source.
+    pub file: String,
+    /// First byte of what is replaced.
+    pub start: u32,
+    /// One after its last byte.
+    pub end: u32,
+    /// What stands there afterwards.
+    pub text: String,
+}
+
+impl Analysis {
+    /// Returns the place of the name at a byte offset of the spec, if it can have another one.
+    ///
+    /// # Errors
+    /// There is no name, or it is not for this text to change.
+    pub fn prepare_rename(&self, offset: usize) -> Result<Span, RenameError> {
+        let (span, symbol) = self.index().place_at(offset).ok_or(RenameError::Nameless)?;
+        self.check_own(symbol)?;
+        Ok(span)
+    }
+
+    /// Whether the texts at hand are all that declare a symbol.
+    fn check_own(&self, symbol: usize) -> Result<(), RenameError> {
+        let symbol = &self.index().symbols[symbol];
+        let source = self.source(symbol.declaration);
+        if symbol.declaration.origin != Origin::Spec && source.role != Role::Part {
+            return Err(RenameError::Foreign { name: symbol.name.clone(), program: source.name.clone() });
+        }
+        let is_main = matches!(symbol.kind, Kind::Process(_)) && symbol.name == "main";
+        if is_main { Err(RenameError::Main) } else { Ok(()) }
+    }
+
+    /// What of the same sort has a name already.
+    fn taken(&self, symbol: usize, to: &str) -> Option<String> {
+        let kind = self.index().symbols[symbol].kind;
+        let group = |process: usize| self.model.processes[process].name.text.as_str();
+        let what = match kind {
+            Kind::Process(_) | Kind::Module(_) => "a type".to_owned(),
+            Kind::Constant => "a constant".to_owned(),
+            Kind::Param(..) => "a parameter".to_owned(),
+            Kind::Instance(process, _) => format!("an instance of `{}`", group(process)),
+            Kind::Export(process, _) => format!("a port of `{}`", group(process)),
+            Kind::Port(module, _) => format!("a port of `{}`", self.model.modules[module].name.text),
+            Kind::Label(process, _) => format!("a connection set of `{}`", group(process)),
+            Kind::Variable => return None,
+        };
+        let owner = |set: usize, process: usize| self.model.processes[process].sets[set].owner;
+        let is_beside = |other: Kind| match (kind, other) {
+            (Kind::Process(_) | Kind::Module(_), Kind::Process(_) | Kind::Module(_)) => true,
+            (Kind::Constant, Kind::Constant) => true,
+            (Kind::Param(one, _), Kind::Param(other, _)) => one == other,
+            (Kind::Instance(one, _), Kind::Instance(other, _)) => one == other,
+            (Kind::Export(one, _), Kind::Export(other, _)) => one == other,
+            (Kind::Port(one, _), Kind::Port(other, _)) => one == other,
+            (Kind::Label(one, a), Kind::Label(other, b)) => one == other && owner(a, one) == owner(b, one),
+            (_, _) => false,
+        };
+        let mut others = self.index().symbols.iter();
+        let is_taken = others.any(|other| other.name == to && is_beside(other.kind));
+        is_taken.then_some(what)
+    }
+
+    /// The edits of this spec and of the files it uses.
+    fn rename_edits(&self, symbol: usize, to: &str) -> Vec<(Span, String)> {
+        let name = &self.index().symbols[symbol].name;
+        let edit = |span: Span| {
+            // `robot_0` is an instance of the array `robot`.
+            let element = self.text(span).strip_prefix(name.as_str()).filter(|rest| is_element(rest));
+            (span, format!("{to}{}", element.unwrap_or_default()))
+        };
+        self.index().places(symbol).map(edit).collect()
+    }
+
+    /// The same spec with other texts.
+    fn with(&self, edits: &[(Span, String)]) -> Self {
+        let of = |origin: Origin, source: &Source| {
+            let own = edits.iter().filter(|(span, _)| span.origin == origin);
+            Source { text: edited(&source.text, own), ..source.clone() }
+        };
+        let others = (0..).map(Origin::Interface).zip(&self.others).map(|(origin, other)| of(origin, other));
+        Self::new(of(Origin::Spec, &self.spec), others.collect(), &self.options)
+    }
+}
+
+/// Returns the edits that give another name to what is declared there, in all of the texts, each once. The specs have to
+/// be all that may know of the name; those that do not are left alone.
+///
+/// # Errors
+/// A sentence for a person: the name is not theirs to change, is no name, is taken, or would change the meaning.
+pub fn rename(specs: &[&Analysis], declaration: &Declaration, to: &str) -> Result<Vec<FileEdit>, RenameError> {
+    if !is_name(to) {
+        return Err(RenameError::Invalid { to: to.to_owned() });
+    }
+    let mut edits = BTreeSet::new();
+    let mut is_known = false;
+    for spec in specs {
+        let Some(symbol) = spec.find(declaration) else { continue };
+        is_known = true;
+        spec.check_own(symbol)?;
+        if spec.index().symbols[symbol].name == to {
+            continue;
+        }
+        if let Some(what) = spec.taken(symbol, to) {
+            return Err(RenameError::Taken { to: to.to_owned(), what });
+        }
+        if matches!(spec.index().symbols[symbol].kind, Kind::Process(_)) && to == "main" {
+            return Err(RenameError::Main);
+        }
+        let own = spec.rename_edits(symbol, to);
+        if !same_meaning(spec.index(), spec.with(&own).index(), &own) {
+            return Err(RenameError::Meaning { to: to.to_owned(), file: spec.spec.name.clone() });
+        }
+        edits.extend(own.into_iter().map(|(span, text)| FileEdit {
+            file: spec.source(span).name.clone(),
+            start: span.start,
+            end: span.end,
+            text,
+        }));
+    }
+    if is_known { Ok(edits.into_iter().collect()) } else { Err(RenameError::Nameless) }
+}
+
+/// Whether a text is one name.
+fn is_name(text: &str) -> bool {
+    let tokens = lex(text);
+    text.len() <= NAME_MAX && tokens.len() == 1 && tokens[0].kind == SyntaxKind::Ident
+}
+
+fn is_element(rest: &str) -> bool {
+    rest.strip_prefix('_').is_some_and(|number| !number.is_empty() && number.bytes().all(|byte| byte.is_ascii_digit()))
+}
+
+/// Whether each name means what it meant: the same places, moved by the edits, have the same declarations.
+fn same_meaning(before: &Index, after: &Index, edits: &[(Span, String)]) -> bool {
+    let moved: BTreeMap<Span, Span> = before.all().map(|(span, _)| (span, moved(span, edits))).collect();
+    let old = before.all().map(|(span, symbol)| (moved[&span], moved[&before.symbols[symbol].declaration]));
+    let new = after.all().map(|(span, symbol)| (span, after.symbols[symbol].declaration));
+    old.eq(new)
+}
+
+/// Where a span lies after the edits.
+fn moved(span: Span, edits: &[(Span, String)]) -> Span {
+    let (mut start, mut end) = (i64::from(span.start), i64::from(span.end));
+    for (edit, text) in edits.iter().filter(|(edit, _)| edit.origin == span.origin) {
+        let growth = i64::try_from(text.len()).unwrap_or_default() - i64::from(edit.end - edit.start);
+        if edit.start < span.start {
+            start += growth;
+        }
+        if edit.start < span.end {
+            end += growth;
+        }
+    }
+    let offset = |value: i64| u32::try_from(value).unwrap_or_default();
+    Span { start: offset(start), end: offset(end), ..span }
+}
+
+/// A text with edits, which are in its order.
+fn edited<'a>(text: &str, edits: impl Iterator<Item = &'a (Span, String)>) -> String {
+    let mut edited = String::with_capacity(text.len());
+    let mut end = 0;
+    for (span, new) in edits {
+        edited.push_str(text.get(end..span.start as usize).unwrap_or_default());
+        edited.push_str(new);
+        end = span.end as usize;
+    }
+    edited + text.get(end..).unwrap_or_default()
+}

@@ -1,0 +1,117 @@
+//! The words and operators of the language, each with what it does: for completion and for a hand that rests on one.
+//!
+//! A new word of the language needs one line here.
+
+/// Where a word stands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Place {
+    /// Between the items of a file.
+    Item,
+    /// Between the sections of a process.
+    Section,
+    /// Between the items of a module.
+    ModuleItem,
+    /// Where an event action begins.
+    Action,
+    /// Behind an event action.
+    Suffix,
+    /// Behind a connection.
+    Quality,
+    /// An operator; nothing to complete.
+    Operator,
+    /// Inside something else.
+    Inside,
+}
+
+/// A word or an operator.
+#[derive(Debug)]
+pub(super) struct Word {
+    pub(super) place: Place,
+    pub(super) text: &'static str,
+    /// What to write, with `$0` where the cursor ends and `${1:name}` where something is to be filled in.
+    pub(super) snippet: &'static str,
+    /// What it does, in a sentence or two.
+    pub(super) meaning: &'static str,
+}
+
+/// Returns the word or operator that is written so, at the most likely place.
+pub(super) fn find(text: &str, places: &[Place]) -> Option<&'static Word> {
+    let text = if text == ":;" { ";;" } else { text };
+    WORDS.iter().find(|word| word.text == text && places.contains(&word.place))
+}
+
+/// Returns the words of a place.
+pub(super) fn at(place: Place) -> impl Iterator<Item = &'static Word> {
+    WORDS.iter().filter(move |word| word.place == place)
+}
+
+macro_rules! words {
+    ($($place:ident $text:literal $snippet:literal $meaning:literal)*) => {
+        const WORDS: &[Word] = &[$(Word { place: Place::$place, text: $text, snippet: $snippet, meaning: $meaning },)*];
+    };
+}
+
+words! {
+    Item "process" "process ${1:Name}(${2}){\n    instantiated_processes{\n        $0\n    }\n    internal_event_actions{\n    }\n}"
+        "A process group: instances, how they are connected, and what happens next. `main` is where a deployment starts."
+    Item "module" "module ${1:Name}(host) { $0 }"
+        "The interface of a controller: its ports, whether it ends, what it claims. Controller programs print theirs with `--dca-interface`."
+    Item "const" "const ${1:name} = $0;"
+        "A named value, or a list of them of which one is picked: `const hosts = [c1, c2];`, `hosts[0]`."
+    Item "use" "use \"$0\";"
+        "What another file declares; its path is relative to this one."
+    Section "host" "host{$0}"
+        "Where the supervisor of this group runs, and what of it names no host of its own."
+    Section "instantiated_processes" "instantiated_processes{\n    $0\n}"
+        "The instances of the group: `name instof Type(host, argument);`."
+    Section "external_io" "external_io{\n    $0\n}"
+        "The ports that the group shows to the outside: `Out = instance, Port;`."
+    Section "internal_connections" "internal_connections(${1:owner}, ${2:label}){\n    $0\n}"
+        "A connection set: open while its owner runs with this label, `owner[label]`. Without an owner it is always open."
+    Section "internal_event_actions" "internal_event_actions{\n    $0\n}"
+        "What happens, and what happens next: instances, joined by `, ; : # ;;`."
+    ModuleItem "in" "in ${1:In}: ${2:Type};"
+        "An input, and the type of message that it takes; `optional` if the module works without."
+    ModuleItem "out" "out ${1:Out}: ${2:Type};"
+        "An output, and the type of message that it sends."
+    ModuleItem "service" "service;"
+        "It never ends by itself. `,` does not wait for it, and losing it fails the composition at once."
+    ModuleItem "done" "done;"
+        "It ends by itself, so `,` waits for it and `;` goes on after it."
+    ModuleItem "plain" "plain;"
+        "Any program: exit code 0 is DONE, anything else ABORTED."
+    ModuleItem "exec" "exec \"$0\";"
+        "The program that runs it, and its arguments."
+    ModuleItem "stop" "stop within ${1:2 s};"
+        "How long it may take to stop before it is killed."
+    ModuleItem "claims" "claims ${1:device};"
+        "A device of its host that only one process may write to at a time; `(read)` if it only reads."
+    Action "skip" "skip" "Done at once."
+    Action "never" "never" "Runs until it is stopped."
+    Action "wait" "wait(${1:1 s})" "Done when the time has passed."
+    Action "fail" "fail(\"${1:why}\")" "Aborts at once, for this reason."
+    Action "any" "any ${1:2} of ($0)" "Done when so many of them are done; the others are stopped."
+    Action "all" "all ${1:i} in 0..${2:4} ($0)" "Written out for each `i` and joined with `,`."
+    Action "race" "race ${1:i} in 0..${2:4} ($0)" "Written out for each `i` and joined with `#`."
+    Action "retry" "retry(${1:3}) $0" "Tries again after an abort, so many times at most."
+    Suffix "else" "else $0" "`P else Q`: Q if P aborts."
+    Suffix "within" "within ${1:5 s}" "Aborts what takes longer."
+    Quality "push" "push" "The producer sends each new value: so it is without a word."
+    Quality "pull" "pull" "The consumer fetches the latest value before each calculation."
+    Quality "latch" "latch" "Who is connected later gets the last value at once."
+    Quality "drop" "drop" "Who is connected later waits for the next value."
+    Quality "queue" "queue ${1:1}" "How many values wait at most."
+    Quality "rate" "rate ${1:50 Hz}" "At most so many values a second."
+    Operator "," "" "`P , Q`: both at once; ends when every task in it has ended. A service is not waited for, and losing one fails it."
+    Operator ";" "" "`P ; Q`: P, then Q if P did not abort."
+    Operator ":" "" "`P : Q`: P, then Q if P did not abort, and what P leaves initialises Q."
+    Operator "#" "" "`P # Q`: both; the first to end stops the other."
+    Operator ";;" "" "`P ;; Q`: P, then Q, then again."
+    Operator "&" "" "`P & Q`: both or neither: the first to abort stops the other."
+    Operator "?" "" "`P?`: an abort of P is tolerated."
+    Inside "instof" "instof ${1:Type}($0);" "`name instof Type(arguments);` makes an instance of a process or a module."
+    Inside "optional" "optional" "The module works without this input."
+    Inside "of" "of" "`any 2 of (P, Q, R)`: done when so many of them are done."
+    Inside "read" "read" "It only looks at the device: any number of processes may, beside none that writes."
+    Inside "write" "write" "It moves or changes the device, alone."
+}
