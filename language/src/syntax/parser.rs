@@ -38,6 +38,7 @@ pub(crate) fn parse(source: &Source, origin: Origin) -> Parse {
     parser.check_tokens();
     parser.file();
     let root = SyntaxNode::new_root(parser.builder.finish());
+    debug_assert!(!is_short || root.text() == source.text.as_str(), "the tree keeps every byte");
     Parse { root, diagnostics: parser.diagnostics, damage: parser.damage }
 }
 
