@@ -27,7 +27,8 @@ const WRONG: &str = "#c81e1e";
 
 pub(super) fn svg(root: &Unit, hosts: &[String]) -> String {
     let placed = layout(root, hosts);
-    let legend = hosts.iter().map(|host| text_width(host) + 40).sum::<i32>();
+    let keys: Vec<Key> = (0..hosts.len()).map(Key::Host).chain(marks(root)).collect();
+    let legend = keys.iter().map(|key| key.width(hosts)).sum::<i32>();
     let (width, height) = (placed.width.max(legend) + 2 * MARGIN, placed.height + 2 * MARGIN + LEGEND);
     let mut out = format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" viewBox=\"0 0 {width} {height}\" \
@@ -35,17 +36,84 @@ pub(super) fn svg(root: &Unit, hosts: &[String]) -> String {
     );
     draw(&mut out, root, &placed, (MARGIN, MARGIN), hosts);
     let mut x = MARGIN;
-    for (index, host) in hosts.iter().enumerate() {
-        let y = height - LEGEND;
-        let (band, _) = HOSTS[index % HOSTS.len()];
-        line(
-            &mut out,
-            format_args!("<rect x=\"{x}\" y=\"{y}\" width=\"14\" height=\"14\" fill=\"{band}\" stroke=\"#555\"/>"),
-        );
-        text(&mut out, (x + 20, y + 11), "", host);
-        x += text_width(host) + 40;
+    for key in keys {
+        key.draw(&mut out, (x, height - LEGEND), hosts);
+        x += key.width(hosts);
     }
     out + "</svg>\n"
+}
+
+/// An entry of the legend. A mark is explained where it occurs.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Key {
+    /// The colour of a host.
+    Host(usize),
+    Service,
+    Unused,
+    Cut,
+    Pull,
+}
+
+/// The marks that occur in a picture.
+fn marks(root: &Unit) -> impl Iterator<Item = Key> {
+    let has = |key: &Key| {
+        any(root, &|unit| match key {
+            Key::Host(_) => false,
+            Key::Service => unit.is_service,
+            Key::Unused => unit.ports.iter().any(|port| !port.is_used),
+            Key::Cut => unit.links.iter().any(|link| link.is_cut),
+            Key::Pull => unit.links.iter().any(|link| link.is_pull && !link.is_cut),
+        })
+    };
+    [Key::Service, Key::Unused, Key::Cut, Key::Pull].into_iter().filter(has).collect::<Vec<_>>().into_iter()
+}
+
+/// Whether something holds for a process or for one inside it.
+fn any(unit: &Unit, holds: &dyn Fn(&Unit) -> bool) -> bool {
+    holds(unit) || unit.units.iter().any(|inner| any(inner, holds))
+}
+
+impl Key {
+    fn word(self, hosts: &[String]) -> &str {
+        match self {
+            Self::Host(host) => hosts.get(host).map_or("", String::as_str),
+            Self::Service => "never ends by itself",
+            Self::Unused => "connected to nothing",
+            Self::Cut => "never open",
+            Self::Pull => "fetched by the consumer",
+        }
+    }
+
+    fn width(self, hosts: &[String]) -> i32 {
+        text_width(self.word(hosts)) + 40
+    }
+
+    fn draw(self, out: &mut String, (x, y): (i32, i32), hosts: &[String]) {
+        let (left, middle) = (x, y + 7);
+        match self {
+            Self::Host(host) => {
+                let (band, _) = HOSTS[host % HOSTS.len()];
+                let place = format!("x=\"{x}\" y=\"{y}\" width=\"14\" height=\"14\"");
+                line(out, format_args!("<rect {place} fill=\"{band}\" stroke=\"#555\"/>"));
+            }
+            Self::Service => text(out, (x, y + 12), " font-weight=\"bold\"", "∞"),
+            Self::Unused => {
+                line(
+                    out,
+                    format_args!("<path d=\"M{left} {y} m3 2 l9 5 l-9 5 z\" fill=\"white\" stroke=\"{WRONG}\"/>"),
+                );
+            }
+            Self::Cut => {
+                let style = format!("stroke=\"{WRONG}\" stroke-width=\"1.5\" stroke-dasharray=\"2 4\"");
+                line(out, format_args!("<path d=\"M{left} {middle} h16\" {style}/>"));
+            }
+            Self::Pull => {
+                let style = format!("stroke=\"{EXPORT}\" stroke-width=\"1.5\" stroke-dasharray=\"7 3\"");
+                line(out, format_args!("<path d=\"M{left} {middle} h17\" {style}/>"));
+            }
+        }
+        text(out, (x + 20, y + 11), "", self.word(hosts));
+    }
 }
 
 fn line(out: &mut String, text: std::fmt::Arguments<'_>) {
