@@ -1,0 +1,246 @@
+//! Typed values: what the bytes at a key mean.
+//!
+//! A stored [`Value`] is a number that says how it is meant, its *tag*, and bytes. A [`Datum`] is the same, read. No
+//! bytes are refused and none are lost: what a newer program wrote under a tag that is not known here, and what is
+//! malformed, is shown as [`Datum::Opaque`] and written back as it was, inside of lists and tables too. So reading and
+//! writing back is the identity on stored values, and equal data have equal bytes.
+//!
+//! | tag | meaning | bytes |
+//! |---|---|---|
+//! | 0 | bytes | themselves |
+//! | 1 | text | UTF-8 |
+//! | 2 | bool | `0` or `1` |
+//! | 3 | integer | 64 bits, little-endian, two's complement |
+//! | 4 | sealed for some readers | an envelope, which nobody else looks into |
+//! | 5 | float | IEEE 754 binary64, little-endian; of all NaNs only one |
+//! | 6 | list | count, then each value with its tag and length (postcard) |
+//! | 7 | table | count, then each name and value, by name (postcard) |
+//!
+//! **A table, or a key for each field?** The database merges keys, not what is inside of them: two robots that change
+//! two fields of one table at a time are in conflict, and one of the tables is shown. Give each field a key of its own
+//! (`team/camera/gain`, `team/camera/exposure`) and write them in one transaction: then only those who change the same
+//! field meet. A table is right for what makes sense as a whole only, like a pose or the coefficients of a calibration.
+
+mod json;
+pub(in crate::logic::view) mod text;
+
+pub use text::{TextError, quote};
+
+use crate::logic::txn::{Encoding, VALUE_SIZE_MAX, Value};
+use std::collections::BTreeMap;
+use std::fmt;
+use thiserror::Error;
+
+/// How deep lists and tables may lie in each other.
+pub const DEPTH_MAX: usize = 32;
+
+const BOOL: Encoding = Encoding(2);
+const INTEGER: Encoding = Encoding(3);
+const SEALED: Encoding = Encoding(4);
+const FLOAT: Encoding = Encoding(5);
+const LIST: Encoding = Encoding(6);
+const TABLE: Encoding = Encoding(7);
+
+/// A typed value.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Datum {
+    /// Yes or no.
+    Bool(bool),
+    /// A whole number; never the same as a float.
+    Integer(i64),
+    /// A number.
+    Float(Float),
+    /// Text.
+    Text(String),
+    /// Bytes.
+    Bytes(Vec<u8>),
+    /// Values in order.
+    List(Vec<Self>),
+    /// Values by name.
+    Table(BTreeMap<String, Self>),
+    /// An envelope that not everybody can open.
+    Sealed(Vec<u8>),
+    /// Something that this program cannot read.
+    Opaque {
+        /// How it is meant.
+        tag: u8,
+        /// What was stored.
+        bytes: Vec<u8>,
+    },
+}
+
+/// A 64-bit float that is equal to itself, NaN included; `-0` and `0` are two.
+#[derive(Clone, Copy)]
+pub struct Float(f64);
+
+/// Why a value cannot be stored.
+#[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
+pub enum DatumError {
+    /// More bytes than a key holds.
+    #[error("the value takes {size} bytes, more than {VALUE_SIZE_MAX}; give its parts keys of their own")]
+    Long {
+        /// Its size as stored.
+        size: usize,
+    },
+    /// Nested too deeply.
+    #[error("lists and tables lie more than {DEPTH_MAX} deep in each other; give its parts keys of their own")]
+    Deep,
+}
+
+impl Float {
+    /// Returns the float; of all NaNs there is only one.
+    pub const fn new(number: f64) -> Self {
+        Self(if number.is_nan() { f64::NAN } else { number })
+    }
+
+    /// Returns the number.
+    pub const fn get(self) -> f64 {
+        self.0
+    }
+}
+
+impl PartialEq for Float {
+    fn eq(&self, other: &Self) -> bool {
+        self.0.to_bits() == other.0.to_bits()
+    }
+}
+
+impl Eq for Float {}
+
+impl fmt::Debug for Float {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0.fmt(f)
+    }
+}
+
+impl Datum {
+    /// Returns a float.
+    pub const fn float(number: f64) -> Self {
+        Self::Float(Float::new(number))
+    }
+
+    /// Reads a stored value.
+    pub fn of(value: &Value) -> Self {
+        let datum = read(value, DEPTH_MAX);
+        // There is more than one way to write a length; what was not written by `encode` must not be changed by
+        // reading.
+        if datum.to_value() == *value { datum } else { opaque(value) }
+    }
+
+    /// Returns the value to store.
+    ///
+    /// # Errors
+    /// If it is longer or deeper than allowed.
+    pub fn encode(&self) -> Result<Value, DatumError> {
+        if self.depth(DEPTH_MAX + 1) > DEPTH_MAX {
+            return Err(DatumError::Deep);
+        }
+        let value = self.to_value();
+        let size = value.bytes.len();
+        if size > VALUE_SIZE_MAX { Err(DatumError::Long { size }) } else { Ok(value) }
+    }
+
+    /// Returns the word for what it is.
+    pub const fn kind(&self) -> &'static str {
+        match self {
+            Self::Bool(_) => "bool",
+            Self::Integer(_) => "integer",
+            Self::Float(_) => "float",
+            Self::Text(_) => "text",
+            Self::Bytes(_) => "bytes",
+            Self::List(_) => "list",
+            Self::Table(_) => "table",
+            Self::Sealed(_) => "sealed",
+            Self::Opaque { .. } => "opaque",
+        }
+    }
+
+    /// Returns how deep lists and tables lie in each other, counted up to `limit`.
+    fn depth(&self, limit: usize) -> usize {
+        let Some(below) = limit.checked_sub(1) else { return 0 };
+        match self {
+            Self::List(items) => 1 + items.iter().map(|item| item.depth(below)).max().unwrap_or(0),
+            Self::Table(fields) => 1 + fields.values().map(|field| field.depth(below)).max().unwrap_or(0),
+            Self::Bool(_) | Self::Integer(_) | Self::Float(_) | Self::Text(_) => 0,
+            Self::Bytes(_) | Self::Sealed(_) | Self::Opaque { .. } => 0,
+        }
+    }
+
+    fn to_value(&self) -> Value {
+        // Encoding to memory fails for lengths that are not known beforehand only, and these are known.
+        let (encoding, bytes) = match self {
+            Self::Bool(yes) => (BOOL, vec![u8::from(*yes)]),
+            Self::Integer(number) => (INTEGER, number.to_le_bytes().to_vec()),
+            Self::Float(number) => (FLOAT, number.0.to_bits().to_le_bytes().to_vec()),
+            Self::Text(text) => (Encoding::TEXT, text.as_bytes().to_vec()),
+            Self::Bytes(bytes) => (Encoding::BYTES, bytes.clone()),
+            Self::Sealed(bytes) => (SEALED, bytes.clone()),
+            Self::Opaque { tag, bytes } => (Encoding(*tag), bytes.clone()),
+            Self::List(items) => {
+                let items: Vec<Value> = items.iter().map(Self::to_value).collect();
+                (LIST, postcard::to_stdvec(&items).unwrap_or_default())
+            }
+            Self::Table(fields) => {
+                let fields: BTreeMap<&str, Value> =
+                    fields.iter().map(|(name, field)| (name.as_str(), field.to_value())).collect();
+                (TABLE, postcard::to_stdvec(&fields).unwrap_or_default())
+            }
+        };
+        Value { encoding, bytes: bytes.into() }
+    }
+}
+
+fn opaque(value: &Value) -> Datum {
+    Datum::Opaque { tag: value.encoding.0, bytes: value.bytes.to_vec() }
+}
+
+/// Reads a value in which lists and tables lie up to `depth` deep.
+fn read(value: &Value, depth: usize) -> Datum {
+    let bytes = &*value.bytes;
+    let number = <[u8; 8]>::try_from(bytes).map(u64::from_le_bytes);
+    let datum = match (value.encoding, depth.checked_sub(1)) {
+        (Encoding::BYTES, _) => Some(Datum::Bytes(bytes.to_vec())),
+        (Encoding::TEXT, _) => std::str::from_utf8(bytes).ok().map(|text| Datum::Text(text.to_owned())),
+        (BOOL, _) => match bytes {
+            [0] => Some(Datum::Bool(false)),
+            [1] => Some(Datum::Bool(true)),
+            _ => None,
+        },
+        (INTEGER, _) => number.ok().map(|bits| Datum::Integer(bits.cast_signed())),
+        (FLOAT, _) => number.ok().map(|bits| Datum::float(f64::from_bits(bits))),
+        (SEALED, _) => Some(Datum::Sealed(bytes.to_vec())),
+        (LIST, Some(below)) => {
+            let items = postcard::from_bytes::<Vec<Value>>(bytes).ok();
+            items.map(|items| Datum::List(items.iter().map(|item| read(item, below)).collect()))
+        }
+        (TABLE, Some(below)) => {
+            let fields = postcard::from_bytes::<BTreeMap<String, Value>>(bytes).ok();
+            let read = |(name, field): (String, Value)| (name, read(&field, below));
+            fields.map(|fields| Datum::Table(fields.into_iter().map(read).collect()))
+        }
+        _ => None,
+    };
+    datum.unwrap_or_else(|| opaque(value))
+}
+
+impl From<&str> for Datum {
+    fn from(text: &str) -> Self {
+        Self::Text(text.to_owned())
+    }
+}
+
+impl From<i64> for Datum {
+    fn from(number: i64) -> Self {
+        Self::Integer(number)
+    }
+}
+
+/// As TOML.
+impl fmt::Display for Datum {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.to_toml())
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests;

@@ -1,0 +1,230 @@
+//! Values as text: TOML and JSON, both ways, without loss.
+//!
+//! What a form has no word for is a table with one name that begins with `$`: `{"$bytes" = "00ff"}`, likewise `$sealed`,
+//! `{"$opaque" = "9:00ff"}` with the tag before the bytes, and in JSON `{"$float": "inf"}`. A table that happens to look
+//! like that has one `$` more: `{"$$bytes" = …}`. Bytes are hexadecimal.
+
+use super::{DEPTH_MAX, Datum, Float};
+use std::collections::BTreeMap;
+use std::fmt;
+use thiserror::Error;
+use toml::Spanned;
+use toml::de::{DeInteger, DeValue};
+
+/// Why a text is no value, and where.
+#[derive(Clone, Debug, Error, PartialEq, Eq)]
+pub struct TextError {
+    /// The line, from 1.
+    pub line: usize,
+    /// The character in it, from 1.
+    pub column: usize,
+    /// What is wrong.
+    pub what: String,
+    /// What to do about it; may be empty.
+    pub hint: String,
+}
+
+impl fmt::Display for TextError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "line {}, column {}: {}", self.line, self.column, self.what)?;
+        if self.hint.is_empty() { Ok(()) } else { write!(f, " ({})", self.hint) }
+    }
+}
+
+/// What is wrong with a part of a text, and what to do about it.
+pub(super) type Fault = (String, &'static str);
+
+impl Datum {
+    /// Returns it as a TOML value on one line.
+    pub fn to_toml(&self) -> String {
+        let mut text = String::new();
+        write(self, &mut text);
+        text
+    }
+
+    /// Reads a TOML value.
+    ///
+    /// # Errors
+    /// If it is none.
+    pub fn from_toml(text: &str) -> Result<Self, TextError> {
+        let value = DeValue::parse(text).map_err(|error| {
+            let word = text.trim();
+            if word.is_empty() {
+                return at(text, 0, ("there is no value".to_owned(), "an empty text is \"\""), String::new());
+            }
+            let bare = word.starts_with(char::is_alphabetic) && !word.contains(['"', '\'', '\n']);
+            let hint = if bare { format!("a text stands in quotes: {}", quote(word)) } else { String::new() };
+            at(text, error.span().map_or(0, |span| span.start), (error.message().trim().replace('\n', ", "), ""), hint)
+        })?;
+        of_toml(text, &value)
+    }
+}
+
+/// Turns a part of a TOML document into a value; `text` is the document.
+pub(in crate::logic::view) fn of_toml(text: &str, value: &Spanned<DeValue<'_>>) -> Result<Datum, TextError> {
+    nested(text, value, 0)
+}
+
+fn nested(text: &str, value: &Spanned<DeValue<'_>>, depth: usize) -> Result<Datum, TextError> {
+    let refuse = |fault: Fault| at(text, value.span().start, fault, String::new());
+    if depth > DEPTH_MAX {
+        return Err(refuse(("lists and tables lie too deep in each other".to_owned(), "")));
+    }
+    match value.get_ref() {
+        DeValue::String(text) => Ok(Datum::Text(text.to_string())),
+        DeValue::Integer(number) => integer(number).map(Datum::Integer).map_err(refuse),
+        DeValue::Float(number) => match number.as_str().parse::<f64>() {
+            Ok(parsed) if parsed.is_finite() || number.as_str().contains(['i', 'n']) => Ok(Datum::float(parsed)),
+            _ => Err(refuse((format!("{number} is no 64-bit float"), ""))),
+        },
+        DeValue::Boolean(yes) => Ok(Datum::Bool(*yes)),
+        DeValue::Datetime(_) => Err(refuse(("a date is no value".to_owned(), "write it as a text, in quotes"))),
+        DeValue::Array(items) => {
+            items.iter().map(|item| nested(text, item, depth + 1)).collect::<Result<_, _>>().map(Datum::List)
+        }
+        DeValue::Table(fields) => {
+            let read = |(name, field): (&Spanned<_>, _)| {
+                let name: &std::borrow::Cow<'_, str> = name.get_ref();
+                Ok((name.to_string(), nested(text, field, depth + 1)?))
+            };
+            untag(fields.iter().map(read).collect::<Result<_, _>>()?).map_err(refuse)
+        }
+    }
+}
+
+fn integer(number: &DeInteger<'_>) -> Result<i64, Fault> {
+    i64::from_str_radix(number.as_str(), number.radix()).map_err(|_cause| too_large(number.as_str()))
+}
+
+pub(super) fn too_large(number: &str) -> Fault {
+    let hint = "a float has a point or an exponent; a longer number is best a text";
+    (format!("the integer {number} does not fit into 64 bits with a sign"), hint)
+}
+
+/// Returns what a table stands for.
+pub(super) fn untag(mut fields: BTreeMap<String, Datum>) -> Result<Datum, Fault> {
+    let Some(tag) = tag_of(&fields).map(str::to_owned) else { return Ok(Datum::Table(fields)) };
+    let content = fields.remove(&tag);
+    if let (Some(name), Some(field)) = (tag.strip_prefix('$').filter(|name| name.starts_with('$')), &content) {
+        return Ok(Datum::Table(BTreeMap::from([(name.to_owned(), field.clone())])));
+    }
+    let hint = "a name that begins with `$` and is alone in its table has one `$` more";
+    let text = match content {
+        Some(Datum::Text(text)) => text,
+        _ => return Err((format!("`{tag}` is no kind of value"), hint)),
+    };
+    let datum = match tag.as_str() {
+        "$bytes" => unhex(&text).map(Datum::Bytes),
+        "$sealed" => unhex(&text).map(Datum::Sealed),
+        "$opaque" => text.split_once(':').and_then(|(tag, digits)| {
+            let (tag, bytes) = (tag.parse().ok()?, unhex(digits)?);
+            Some(Datum::Opaque { tag, bytes })
+        }),
+        "$float" => NAMED_FLOATS.iter().find(|(name, _)| *name == text).map(|(_, number)| Datum::float(*number)),
+        _ => return Err((format!("`{tag}` is no kind of value"), hint)),
+    };
+    datum.ok_or_else(|| (format!("{} is no `{tag}`", quote(&text)), hint))
+}
+
+/// The floats that JSON has no digits for.
+const NAMED_FLOATS: [(&str, f64); 3] = [("inf", f64::INFINITY), ("-inf", f64::NEG_INFINITY), ("nan", f64::NAN)];
+
+/// Returns the only name of a table if it begins with `$`.
+pub(super) fn tag_of(fields: &BTreeMap<String, Datum>) -> Option<&str> {
+    let (name, _) = fields.first_key_value()?;
+    (fields.len() == 1 && name.starts_with('$')).then_some(name)
+}
+
+/// Returns the name and the content of the table that stands for a value without digits or words of its own.
+pub(super) fn tagged(datum: &Datum) -> Option<(&'static str, String)> {
+    match datum {
+        Datum::Bytes(bytes) => Some(("$bytes", hex(bytes))),
+        Datum::Sealed(bytes) => Some(("$sealed", hex(bytes))),
+        Datum::Opaque { tag, bytes } => Some(("$opaque", format!("{tag}:{}", hex(bytes)))),
+        Datum::Float(number) => {
+            let same = |(_, known): &&(&str, f64)| Float::new(*known) == *number;
+            NAMED_FLOATS.iter().find(same).map(|(name, _)| ("$float", (*name).to_owned()))
+        }
+        Datum::Bool(_) | Datum::Integer(_) | Datum::Text(_) | Datum::List(_) | Datum::Table(_) => None,
+    }
+}
+
+fn write(datum: &Datum, text: &mut String) {
+    match datum {
+        Datum::Bool(yes) => text.push_str(if *yes { "true" } else { "false" }),
+        Datum::Integer(number) => text.push_str(&number.to_string()),
+        Datum::Float(number) if number.get().is_nan() => text.push_str("nan"),
+        // The shortest digits that give the same number again, with a point or an exponent.
+        Datum::Float(number) => text.push_str(&format!("{number:?}")),
+        Datum::Text(content) => text.push_str(&quote(content)),
+        Datum::List(items) => {
+            text.push('[');
+            for (index, item) in items.iter().enumerate() {
+                text.push_str(if index == 0 { "" } else { ", " });
+                write(item, text);
+            }
+            text.push(']');
+        }
+        Datum::Table(fields) => {
+            text.push('{');
+            for (index, (name, field)) in fields.iter().enumerate() {
+                text.push_str(if index == 0 { "" } else { ", " });
+                match tag_of(fields) {
+                    Some(tag) => text.push_str(&quote(&format!("${tag}"))),
+                    None => text.push_str(&name_in_table(name)),
+                }
+                text.push_str(" = ");
+                write(field, text);
+            }
+            text.push('}');
+        }
+        Datum::Bytes(_) | Datum::Sealed(_) | Datum::Opaque { .. } => {
+            let (tag, content) = tagged(datum).unwrap_or_default();
+            text.push_str(&format!("{{\"{tag}\" = {}}}", quote(&content)));
+        }
+    }
+}
+
+fn name_in_table(name: &str) -> String {
+    let plain = |character: char| character.is_ascii_alphanumeric() || matches!(character, '-' | '_');
+    if !name.is_empty() && name.chars().all(plain) { name.to_owned() } else { quote(name) }
+}
+
+/// Returns a text in quotes, as both TOML and JSON read it.
+pub fn quote(text: &str) -> String {
+    let mut quoted = String::with_capacity(text.len() + 2);
+    quoted.push('"');
+    for character in text.chars() {
+        match character {
+            '"' => quoted.push_str("\\\""),
+            '\\' => quoted.push_str("\\\\"),
+            '\n' => quoted.push_str("\\n"),
+            '\r' => quoted.push_str("\\r"),
+            '\t' => quoted.push_str("\\t"),
+            // TOML wants these escaped; all of them are below U+10000.
+            _ if character.is_control() => quoted.push_str(&format!("\\u{:04x}", u32::from(character))),
+            _ => quoted.push(character),
+        }
+    }
+    quoted.push('"');
+    quoted
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+fn unhex(digits: &str) -> Option<Vec<u8>> {
+    let (pairs, []) = digits.as_bytes().as_chunks::<2>() else { return None };
+    let digit = |byte: u8| char::from(byte).to_digit(16).and_then(|digit| u8::try_from(digit).ok());
+    pairs.iter().map(|[high, low]| Some(digit(*high)? << 4 | digit(*low)?)).collect()
+}
+
+/// Returns the error at a byte of a text.
+pub(in crate::logic::view) fn at(text: &str, byte: usize, (what, why): Fault, hint: String) -> TextError {
+    let before = text.get(..byte).unwrap_or(text);
+    let line = before.matches('\n').count() + 1;
+    let column = before.rsplit('\n').next().unwrap_or(before).chars().count() + 1;
+    let hint = if why.is_empty() { hint } else { why.to_owned() };
+    TextError { line, column, what, hint }
+}
