@@ -1,0 +1,152 @@
+//! The state as it was, and what has changed between two states.
+//!
+//! A moment is a cut. It can be shown if the log still has every transaction behind a known state, its *base*: the
+//! empty state if nothing was ever dropped. Transactions are applied by the same rule as in the replica, so the state
+//! at the present cut is the present state, to the digest.
+//!
+//! A date names a cut, too: all transactions that were committed by then by a clock in step, and all that those had
+//! seen. What was written without such a clock counts by its stamp, which is no earlier than any date that its writer
+//! had seen.
+
+use super::past::{Past, When};
+use super::value::Datum;
+use crate::logic::cut::{Cut, Dot, Origin};
+use crate::logic::key::Key;
+use crate::logic::log::Head;
+use crate::logic::state::{Seen, State, Version};
+use serde::{Deserialize, Serialize};
+use std::collections::{BTreeMap, BTreeSet};
+use thiserror::Error;
+
+/// A state from which later ones can be worked out.
+#[derive(Clone, Debug, Default)]
+pub struct Base {
+    /// The last transaction of each origin in it.
+    pub heads: BTreeMap<Origin, Head>,
+    /// What they led to.
+    pub state: State,
+}
+
+/// Why a moment cannot be shown.
+#[derive(Clone, Debug, Error, PartialEq, Eq, Serialize, Deserialize)]
+pub enum MomentError {
+    /// What would be needed is not kept any more.
+    #[error(
+        "what was before is not kept any more; the oldest moment that can be shown is {}",
+        super::token::token(oldest)
+    )]
+    Compacted {
+        /// The oldest moment that can be shown.
+        oldest: Cut,
+    },
+    /// Some of it has not arrived here.
+    #[error(
+        "this robot lacks some of what was seen at that moment ({}); ask again when it has arrived",
+        super::token::token(missing)
+    )]
+    Ahead {
+        /// Up to which transactions.
+        missing: Cut,
+    },
+}
+
+/// A key that two states show differently.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Difference {
+    /// Which key.
+    pub key: Key,
+    /// What was shown before.
+    pub before: Option<Datum>,
+    /// What is shown after.
+    pub after: Option<Datum>,
+    /// How many writes stand beside each other after.
+    pub beside: usize,
+}
+
+impl Base {
+    /// Returns the base of a log, if there is one: nothing if the log is complete, or `older` if it goes on from that.
+    fn of(past: &Past<'_>, older: Option<&Self>) -> Result<Self, MomentError> {
+        let low = past.log.low();
+        match older.filter(|base| base.cut().dominates(&low)) {
+            _ if low.is_empty() => Ok(Self::default()),
+            Some(base) => Ok(base.clone()),
+            None => Err(MomentError::Compacted { oldest: past.log.cut().clone() }),
+        }
+    }
+
+    /// Returns what is in it.
+    pub fn cut(&self) -> Cut {
+        self.heads.iter().map(|(origin, head)| (*origin, head.seq)).collect()
+    }
+}
+
+impl Past<'_> {
+    /// Returns the state at a cut; of one that is not closed under what its transactions had seen, at the largest
+    /// closed part. `base` is a state before it, if there is one.
+    ///
+    /// # Errors
+    /// If it is not kept any more, or not here yet.
+    pub fn at(&self, cut: &Cut, base: Option<&Base>) -> Result<State, MomentError> {
+        if cut == self.log.cut() {
+            return Ok(self.state.clone());
+        }
+        if !self.log.cut().dominates(cut) {
+            return Err(MomentError::Ahead { missing: cut.beyond(self.log.cut()) });
+        }
+        let Base { heads, mut state } = Base::of(self, base)?;
+        let mut applied: Cut = heads.iter().map(|(origin, head)| (*origin, head.seq)).collect();
+        if !cut.dominates(&applied) {
+            return Err(MomentError::Compacted { oldest: applied });
+        }
+        self.walk(&heads, |txn, context| {
+            if !cut.contains(txn.dot()) || applied.contains(txn.dot()) || !applied.dominates(context) {
+                return;
+            }
+            let only = txn.rebase.as_ref().map(|rebase| rebase.takes.as_slice());
+            let own = txn.dot().origin;
+            let seen = if only.is_some() { context.clone().without(own) } else { context.clone() };
+            state.apply(txn.dot(), txn.written(), Seen { context: &seen, only }, &txn.writes);
+            applied.include(txn.dot());
+        });
+        Ok(state)
+    }
+
+    /// Returns the cut at a date, in milliseconds since 1970.
+    ///
+    /// # Errors
+    /// If it is not kept any more.
+    pub fn cut_at(&self, millis: u64, base: Option<&Base>) -> Result<Cut, MomentError> {
+        let base = Base::of(self, base)?;
+        let mut cut = base.cut();
+        if base.heads.values().any(|head| head.stamp.millis() > millis) {
+            return Err(MomentError::Compacted { oldest: cut });
+        }
+        self.walk(&base.heads, |txn, context| {
+            if When::of(txn.wall, txn.stamp).millis <= millis {
+                cut.join(context);
+                cut.include(txn.dot());
+            }
+        });
+        Ok(cut)
+    }
+}
+
+/// Returns the keys below `prefix` that two states show differently, by key.
+pub fn diff(before: &State, after: &State, prefix: &str) -> Vec<Difference> {
+    let keys: BTreeSet<&Key> = before.scan(prefix).chain(after.scan(prefix)).map(|(key, _)| key).collect();
+    let shown = |versions: &[Version]| versions.last().and_then(|version| version.value.as_ref().map(Datum::of));
+    let difference = |key: &Key| {
+        let (old, new) = (before.versions(key), after.versions(key));
+        if old == new {
+            return None;
+        }
+        let dots = |versions: &[Version]| versions.iter().map(|version| version.dot).collect::<Vec<Dot>>();
+        let (before, after) = (shown(old), shown(new));
+        let settled_or_new = (old.len() > 1 || new.len() > 1) && dots(old) != dots(new);
+        (before != after || settled_or_new).then(|| Difference { key: key.clone(), before, after, beside: new.len() })
+    };
+    keys.into_iter().filter_map(difference).collect()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,131 @@
+use super::*;
+use crate::logic::clock::Quality;
+use crate::logic::mutant::Mutant;
+use crate::logic::snapshot;
+use crate::logic::txn::Draft;
+use crate::logic::view::table;
+use crate::logic::view::tests::{MORNING, Robot, heal, key, play, steps};
+use expect_test::expect;
+use proptest::prelude::*;
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    #[test]
+    fn every_moment_is_shown_as_it_was(steps in steps(), keep in 0_usize..3000, from in any::<prop::sample::Index>()) {
+        let mut team = Robot::team(3);
+        let mut moments: Vec<Robot> = team.clone();
+        play(&mut team, &steps, |robot| moments.push(robot.clone()));
+        heal(&mut team);
+        let last = team[0].clone();
+        for moment in &moments {
+            let shown = last.past().at(moment.log.cut(), None).unwrap();
+            prop_assert_eq!(&shown, &moment.state);
+            prop_assert_eq!(shown.digest(), moment.state.digest());
+        }
+        // From a base on, the same: what it had is all that is missing in the log.
+        team[0].forget(keep);
+        let low = team[0].log.low();
+        let base = from.get(&moments);
+        let base = Base { heads: base.log.heads().clone(), state: base.state.clone() };
+        for later in &moments {
+            match team[0].past().at(later.log.cut(), Some(&base)) {
+                Ok(shown) => prop_assert_eq!(&shown, &later.state),
+                Err(MomentError::Compacted { .. }) => {
+                    let reaches = base.cut().dominates(&low) && later.log.cut().dominates(&base.cut());
+                    prop_assert!(!reaches && later.log.cut() != team[0].log.cut() && !low.is_empty());
+                }
+                Err(other) => prop_assert!(false, "{}", other),
+            }
+        }
+    }
+
+    #[test]
+    fn a_difference_is_what_leads_from_one_to_the_other(steps in steps(), at in any::<prop::sample::Index>()) {
+        let mut team = Robot::team(3);
+        let mut moments: Vec<Robot> = team.clone();
+        play(&mut team, &steps, |robot| moments.push(robot.clone()));
+        heal(&mut team);
+        let (before, after) = (&moments[at.index(moments.len())].state, &team[0].state);
+        let shown = |state: &State| -> BTreeMap<Key, Datum> {
+            let value = |(key, versions): (&Key, &[Version])| {
+                Some((key.clone(), Datum::of(versions.last()?.value.as_ref()?)))
+            };
+            state.scan("").filter_map(value).collect()
+        };
+        let mut walked = shown(before);
+        for difference in diff(before, after, "") {
+            prop_assert_eq!(walked.get(&difference.key), difference.before.as_ref());
+            match difference.after {
+                Some(datum) => walked.insert(difference.key, datum),
+                None => walked.remove(&difference.key),
+            };
+        }
+        prop_assert_eq!(walked, shown(after));
+        prop_assert_eq!(diff(after, after, ""), vec![]);
+    }
+}
+
+#[test]
+fn what_was_dropped_is_not_made_up() {
+    let mut team = Robot::team(2);
+    let early = team[0].cut();
+    team[0].put("a", "team/a", "1");
+    let mid = team[0].cut();
+    team[0].put("b", "team/a", "2");
+    let (manifest, chunks) = snapshot::take(&team[0].state, team[0].log.heads());
+    let late = team[0].cut();
+    team[0].forget(0);
+    let past = team[0].past();
+    assert_eq!(past.at(&mid, None), Err(MomentError::Compacted { oldest: late.clone() }));
+    assert_eq!(past.at(&late, None).unwrap(), team[0].state);
+    let heads = manifest.heads.iter().cloned().collect();
+    let base = Base { heads, state: manifest.assemble(&chunks, Mutant::None).unwrap() };
+    assert_eq!(past.at(&early, Some(&base)), Err(MomentError::Compacted { oldest: late }));
+    let ahead = team[1].past().at(&mid, None);
+    expect![
+        "this robot lacks some of what was seen at that moment (0000000000000001:2); ask again when it has arrived"
+    ]
+    .assert_eq(&ahead.unwrap_err().to_string());
+}
+
+#[test]
+fn a_date_is_a_cut() {
+    let mut team = Robot::team(2);
+    team[0].put("at 10:00:02", "team/a", "1");
+    team[1].wall = crate::logic::clock::Wall { millis: 5000, quality: Quality::Unset };
+    team[1].put("in 1970", "team/b", "1");
+    team[0].put("at 10:00:03", "team/a", "2");
+    heal(&mut team);
+    team[0].wall.millis = MORNING + 10_000;
+    team[0].put("at 10:00:11", "team/a", "3");
+    let past = team[0].past();
+    let at = |seconds: u64| {
+        let state = past.at(&past.cut_at(MORNING + 1000 * seconds, None).unwrap(), None).unwrap();
+        let read = |text: &str| state.get(&key(text)).map(|v| Datum::of(v.value.as_ref().unwrap()).to_toml());
+        (read("team/a"), read("team/b"))
+    };
+    let one = || Some("1".to_owned());
+    assert_eq!(at(0), (None, None));
+    assert_eq!(at(2), (one(), one()), "without a clock, it counts from the last date that was seen there");
+    assert_eq!(at(3), (Some("2".into()), one()));
+    assert_eq!(at(60), (Some("3".into()), one()));
+}
+
+#[test]
+fn what_has_changed() {
+    let mut team = Robot::team(2);
+    team[0].commit(Draft::new("").put(key("team/same"), b"x").put(key("team/old"), b"x").put(key("team/gain"), b"1"));
+    let before = team[0].clone();
+    team[1].pull(&before);
+    team[0].commit(Draft::new("").delete(key("team/old")).put(key("team/same"), b"x"));
+    team[0].put("", "team/new", "[1, 2.5]");
+    team[0].put("", "team/gain", "1");
+    team[1].put("", "team/gain", "2");
+    heal(&mut team);
+    expect![[r#"
+        ~ team/gain  {"$bytes" = "31"} → 1  ! 2 writes beside each other
+        + team/new   [1, 2.5]
+        - team/old   {"$bytes" = "78"}"#]]
+    .assert_eq(&table::differences(&diff(&before.state, &team[0].state, "team/")));
+}

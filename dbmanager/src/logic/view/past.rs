@@ -1,0 +1,209 @@
+//! What was done: the history of a key, and the audit of all.
+//!
+//! Both are read from the log, so they reach back as far as it does. Of two transactions that are kept, the later one
+//! in the order of application cannot have been seen by the earlier one; whether it has seen the earlier one is in its
+//! context. The frames carry contexts as differences, and what was cut off the log is missing from the sum. That is
+//! never a kept transaction: frames go in the order of application, and what a dropped one had seen was applied before
+//! it.
+//!
+//! A transaction that was brought in from another life of its replica has lost its context. Of such a one it is only
+//! known which versions it took away; what else it had seen may be shown as beside it.
+
+use super::value::Datum;
+use crate::logic::clock::{Quality, Stamp, Wall};
+use crate::logic::cut::{Cut, Dot, Origin};
+use crate::logic::key::Key;
+use crate::logic::log::{Head, Log};
+use crate::logic::state::State;
+use crate::logic::txn::{Txn, Write};
+use serde::{Deserialize, Serialize};
+use std::collections::{BTreeMap, VecDeque};
+
+/// The most transactions that are named as beside one.
+const BESIDE_MAX: usize = 16;
+
+/// When something was done, as far as clocks are to be believed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+pub struct When {
+    /// Milliseconds since 1970.
+    pub millis: u64,
+    /// Whether the clock was kept in step. If not, it is the latest date that had been seen there.
+    pub trusted: bool,
+}
+
+/// One transaction, as people see it.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Deed {
+    /// Its name.
+    pub dot: Dot,
+    /// The robot, or the origin if its robot is not known.
+    pub by: String,
+    /// When.
+    pub when: When,
+    /// Why.
+    pub reason: String,
+    /// What it changed of what was asked for; without a value, it deleted.
+    pub changes: Vec<(Key, Option<Datum>)>,
+    /// How many other keys it changed.
+    pub others: usize,
+    /// Transactions that changed one of these keys without either having seen the other; only the first few.
+    pub beside: Vec<Dot>,
+    /// Its name before its robot had to begin under a new origin.
+    pub before: Option<Dot>,
+}
+
+/// Which keys are asked for.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Keys {
+    /// One.
+    Only(Key),
+    /// All that begin so.
+    Below(String),
+}
+
+/// What is asked for.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Filter {
+    /// Which keys.
+    pub keys: Keys,
+    /// Only what this robot did.
+    pub by: Option<String>,
+    /// Only what was done at or after this time, in milliseconds since 1970.
+    pub from: Option<u64>,
+    /// Only what was done before this time.
+    pub until: Option<u64>,
+    /// Only the last so many.
+    pub limit: usize,
+}
+
+/// What is known of the past.
+#[derive(Clone, Copy, Debug)]
+pub struct Past<'a> {
+    /// The transactions.
+    pub log: &'a Log,
+    /// What they led to.
+    pub state: &'a State,
+}
+
+impl Keys {
+    /// Returns whether a key is asked for.
+    pub fn contains(&self, key: &Key) -> bool {
+        match self {
+            Self::Only(only) => key == only,
+            Self::Below(prefix) => key.as_str().starts_with(prefix),
+        }
+    }
+}
+
+impl Filter {
+    /// Returns the question for the last `limit` transactions that changed these keys.
+    pub const fn new(keys: Keys, limit: usize) -> Self {
+        Self { keys, by: None, from: None, until: None, limit }
+    }
+
+    fn admits(&self, deed: &Deed) -> bool {
+        self.from.is_none_or(|from| deed.when.millis >= from)
+            && self.until.is_none_or(|until| deed.when.millis < until)
+            && self.by.as_ref().is_none_or(|robot| *robot == deed.by)
+    }
+}
+
+impl When {
+    /// Returns when a transaction was committed.
+    pub fn of(wall: Wall, stamp: Stamp) -> Self {
+        // A stamp is above every date that its writer had seen: where no clock was kept, it is the better guess.
+        match wall.quality {
+            Quality::Network | Quality::Satellite => Self { millis: wall.millis, trusted: true },
+            Quality::Unset | Quality::Battery => Self { millis: stamp.millis(), trusted: false },
+        }
+    }
+}
+
+impl Past<'_> {
+    /// Returns what was asked for, in the order in which it became visible here.
+    pub fn deeds(&self, filter: &Filter) -> Vec<Deed> {
+        let mut deeds: VecDeque<Deed> = VecDeque::new();
+        let mut writers: BTreeMap<Key, BTreeMap<Origin, Vec<Dot>>> = BTreeMap::new();
+        let mut beside: BTreeMap<Dot, Vec<Dot>> = BTreeMap::new();
+        self.walk(&BTreeMap::new(), |txn, seen| {
+            let Some(deed) = self.deed(txn, &filter.keys).filter(|deed| filter.admits(deed)) else { return };
+            for (key, _) in &deed.changes {
+                let earlier = writers.entry(key.clone()).or_default();
+                // Of each origin, what was not seen is the end of its chain.
+                let unseen = earlier.values().flat_map(|chain| {
+                    chain.iter().rev().take_while(|other| !has_seen(txn, seen, **other)).take(BESIDE_MAX)
+                });
+                for (one, two) in unseen.flat_map(|other| [(deed.dot, *other), (*other, deed.dot)]) {
+                    let names = beside.entry(one).or_default();
+                    if names.len() < BESIDE_MAX && !names.contains(&two) {
+                        names.push(two);
+                    }
+                }
+                earlier.entry(deed.dot.origin).or_default().push(deed.dot);
+            }
+            deeds.push_back(deed);
+            if deeds.len() > filter.limit {
+                deeds.pop_front();
+            }
+        });
+        let mark = |deed: Deed| Deed { beside: beside.remove(&deed.dot).unwrap_or_default(), ..deed };
+        deeds.into_iter().map(mark).collect()
+    }
+
+    /// Returns a transaction as people see it, if it changed one of the keys.
+    pub(super) fn deed(&self, txn: &Txn, keys: &Keys) -> Option<Deed> {
+        let (changes, others): (Vec<_>, Vec<_>) = txn.writes.iter().partition(|write| keys.contains(&write.key));
+        if changes.is_empty() {
+            return None;
+        }
+        let change = |write: &Write| (write.key.clone(), write.value.as_ref().map(Datum::of));
+        Some(Deed {
+            dot: txn.dot(),
+            by: self.robot(txn.written().origin),
+            when: When::of(txn.wall, txn.written()),
+            reason: txn.reason.clone(),
+            changes: changes.into_iter().map(change).collect(),
+            others: others.len(),
+            beside: Vec::new(),
+            before: txn.rebase.as_ref().and_then(|rebase| rebase.from),
+        })
+    }
+
+    /// Returns the robot of an origin, retired ones included; the origin itself if nobody has told.
+    pub fn robot(&self, origin: Origin) -> String {
+        let named = || {
+            let key = Key::new(format!("sys/members/{origin}")).ok()?;
+            match Datum::of(self.state.versions(&key).last()?.value.as_ref()?) {
+                Datum::Text(name) => Some(name),
+                _ => None,
+            }
+        };
+        named().unwrap_or_else(|| origin.to_string())
+    }
+
+    /// Visits each kept transaction in the order of application, with what it had seen; `heads` are those from before.
+    pub(super) fn walk(&self, heads: &BTreeMap<Origin, Head>, mut visit: impl FnMut(&Txn, &Cut)) {
+        let mut contexts: BTreeMap<Origin, Cut> =
+            heads.iter().map(|(origin, head)| (*origin, head.context.clone())).collect();
+        for (_, frame) in self.log.in_order() {
+            // What cannot be read was not applied either.
+            let Ok(txn) = frame.open() else { continue };
+            let Dot { origin, seq } = txn.dot();
+            let context = contexts.entry(origin).or_default();
+            context.join(&txn.context);
+            context.include(Dot { origin, seq: seq.saturating_sub(1) });
+            visit(&txn, context);
+        }
+    }
+}
+
+/// Returns whether a transaction, which has seen these, has seen another.
+pub(super) fn has_seen(txn: &Txn, seen: &Cut, other: Dot) -> bool {
+    match &txn.rebase {
+        Some(rebase) => rebase.takes.contains(&other),
+        None => seen.contains(other),
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,135 @@
+//! What the other modules return, as text for people: aligned columns under headings, what is to be done marked with
+//! `!`.
+
+use super::conflict::{Conflict, Party, Race, Sibling};
+use super::date;
+use super::moment::Difference;
+use super::past::{Deed, When};
+use super::value::Datum;
+use crate::logic::cut::Dot;
+use crate::logic::txn::Condition;
+
+/// How much of a value or a reason is shown in a table, in characters.
+const CELL_MAX: usize = 48;
+
+/// Returns rows in aligned columns, without trailing blanks.
+pub fn table(rows: &[Vec<String>]) -> String {
+    let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
+    let width = |column: usize| rows.iter().filter_map(|row| row.get(column)).map(|cell| cell.chars().count()).max();
+    let widths: Vec<usize> = (0..columns).map(|column| width(column).unwrap_or(0)).collect();
+    let line = |row: &Vec<String>| {
+        let cells = row.iter().zip(&widths).map(|(cell, width)| format!("{cell:<width$}"));
+        cells.collect::<Vec<_>>().join("  ").trim_end().to_owned()
+    };
+    rows.iter().map(line).collect::<Vec<_>>().join("\n")
+}
+
+/// Which keys a list of transactions is about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Span {
+    /// One, which need not be named.
+    Key,
+    /// Many.
+    All,
+}
+
+/// Returns transactions, the oldest first: one line for each key that was changed.
+pub fn deeds(deeds: &[Deed], span: Span) -> String {
+    let mut rows = vec![head(match span {
+        Span::Key => &["WHEN (UTC)", "BY", "VALUE", "WHY", "TRANSACTION", ""],
+        Span::All => &["WHEN (UTC)", "BY", "KEY", "VALUE", "WHY", "TRANSACTION", ""],
+    })];
+    let short = |dot: &Dot| match deeds.iter().find(|deed| deed.dot == *dot) {
+        Some(deed) => format!("{}'s {}", deed.by, date::text(deed.when.millis)),
+        None => dot.to_string(),
+    };
+    for deed in deeds {
+        let mut note = String::new();
+        if !deed.beside.is_empty() {
+            note = format!("! beside {}", deed.beside.iter().map(short).collect::<Vec<_>>().join(", "));
+        }
+        for (index, (key, value)) in deed.changes.iter().enumerate() {
+            let first = |text: String| if index == 0 { text } else { String::new() };
+            let mut row = vec![first(when(deed.when)), first(deed.by.clone())];
+            row.extend((span == Span::All).then(|| key.to_string()));
+            let why = first(shortened(&deed.reason));
+            row.extend([shown(value.as_ref()), why, first(deed.dot.to_string()), first(note.clone())]);
+            rows.push(row);
+        }
+    }
+    table(&rows)
+}
+
+/// Returns what has changed: `+` appeared, `-` is gone, `~` is another.
+pub fn differences(differences: &[Difference]) -> String {
+    let row = |difference: &Difference| {
+        let Difference { key, before, after, beside } = difference;
+        let (sign, values) = match (before, after) {
+            (None, Some(after)) => ("+", shown(Some(after))),
+            (Some(before), None) => ("-", shown(Some(before))),
+            (Some(before), Some(after)) if before == after => ("~", shown(Some(after))),
+            _ => ("~", format!("{} → {}", shown(before.as_ref()), shown(after.as_ref()))),
+        };
+        let note = match beside {
+            0 | 1 => String::new(),
+            count => format!("! {count} writes beside each other"),
+        };
+        vec![format!("{sign} {key}"), values, note]
+    };
+    table(&differences.iter().map(row).collect::<Vec<_>>())
+}
+
+/// Returns what nobody has settled, a block for each.
+pub fn conflicts(conflicts: &[Conflict], races: &[Race]) -> String {
+    let mut blocks = Vec::new();
+    for Conflict { key, versions } in conflicts {
+        let mut rows = Vec::new();
+        for (index, sibling) in versions.iter().enumerate() {
+            let Sibling { dot, value, by, when: at, reason } = sibling;
+            let mark = if index + 1 == versions.len() { "shown" } else { "" };
+            let why = reason.as_deref().map_or("(too long ago to tell why)".to_owned(), shortened);
+            rows.push(vec![shown(value.as_ref()), mark.to_owned(), by.clone(), when(*at), dot.to_string(), why]);
+        }
+        blocks.push(format!("{key}: {} writes did not see each other\n{}", versions.len(), indented(&table(&rows))));
+    }
+    for Race { key, relied, condition, changed } in races {
+        let on = match condition {
+            Condition::Absent => "there being nothing",
+            Condition::Exists => "there being a value",
+            Condition::Is(_) => "the value it had read",
+        };
+        let row = |what: &str, party: &Party| {
+            let Party { dot, by, when: at, reason } = party;
+            vec![what.to_owned(), by.clone(), when(*at), dot.to_string(), shortened(reason)]
+        };
+        let rows = [row("relied on it", relied), row("had changed it", changed)];
+        blocks.push(format!("{key}: {} relied on {on}, unaware of a change\n{}", relied.by, indented(&table(&rows))));
+    }
+    blocks.join("\n\n")
+}
+
+/// Returns a date; `~` before it says that no clock was kept.
+fn when(when: When) -> String {
+    format!("{}{}", if when.trusted { "" } else { "~" }, date::text(when.millis))
+}
+
+fn shown(value: Option<&Datum>) -> String {
+    value.map_or("(deleted)".to_owned(), |datum| shortened(&datum.to_toml()))
+}
+
+/// Returns a text on one line, with its end left out if it is long.
+fn shortened(text: &str) -> String {
+    let line: String = text.chars().map(|character| if character.is_control() { ' ' } else { character }).collect();
+    match line.char_indices().nth(CELL_MAX) {
+        Some((end, _)) => format!("{}…", &line[..end]),
+        None => line,
+    }
+}
+
+fn head(names: &[&str]) -> Vec<String> {
+    names.iter().map(|name| (*name).to_owned()).collect()
+}
+
+fn indented(text: &str) -> String {
+    text.lines().map(|line| format!("  {line}")).collect::<Vec<_>>().join("\n")
+}

@@ -1,0 +1,168 @@
+//! A few robots that write and take over from each other by the replica's own rules, without its protocol.
+
+use crate::logic::clock::{Quality, Stamp, Wall};
+use crate::logic::cut::{Cut, Dot, Origin};
+use crate::logic::key::Key;
+use crate::logic::log::{Head, Log, Verdict};
+use crate::logic::member;
+use crate::logic::state::{Seen, State};
+use crate::logic::txn::{Draft, Frame, Txn};
+use crate::logic::view::past::Past;
+use crate::logic::view::value::Datum;
+use proptest::prelude::*;
+
+/// 2026-11-21 10:00:00 UTC.
+pub(super) const MORNING: u64 = 1_795_255_200_000;
+
+pub(super) fn key(text: &str) -> Key {
+    Key::new(text).unwrap()
+}
+
+pub(super) fn toml(text: &str) -> Datum {
+    Datum::from_toml(text).unwrap()
+}
+
+/// A robot.
+#[derive(Clone, Debug)]
+pub(super) struct Robot {
+    pub(super) origin: Origin,
+    pub(super) log: Log,
+    pub(super) state: State,
+    pub(super) wall: Wall,
+}
+
+impl Robot {
+    /// Returns robots `r1`, `r2`, … that know each other as members, and nothing else.
+    pub(super) fn team(count: u64) -> Vec<Self> {
+        let robot = |number| Self {
+            origin: Origin::new(number),
+            log: Log::default(),
+            state: State::default(),
+            wall: Wall { millis: MORNING, quality: Quality::Network },
+        };
+        let mut team: Vec<Self> = (1..=count).map(robot).collect();
+        let mut found = Draft::new("found the team");
+        for number in 1..=count {
+            let write = member::admission(Origin::new(number), &format!("r{number}")).unwrap();
+            found = found.put(write.key, write.value.unwrap());
+        }
+        team[0].commit(found);
+        let first = team[0].clone();
+        team.iter_mut().skip(1).for_each(|robot| robot.pull(&first));
+        team
+    }
+
+    pub(super) fn past(&self) -> Past<'_> {
+        Past { log: &self.log, state: &self.state }
+    }
+
+    pub(super) fn cut(&self) -> Cut {
+        self.log.cut().clone()
+    }
+
+    pub(super) fn put(&mut self, reason: &str, at: &str, value: &str) -> Dot {
+        self.commit(Draft::new(reason).put(key(at), toml(value).encode().unwrap()))
+    }
+
+    /// Commits a second after the last time.
+    pub(super) fn commit(&mut self, draft: Draft) -> Dot {
+        draft.requires().iter().for_each(|require| self.state.check(require).unwrap());
+        self.wall.millis += 1000;
+        let none = Head::default();
+        let head = self.log.head(self.origin).unwrap_or(&none);
+        let kept = self.wall.quality >= Quality::Network;
+        let lift = if kept { self.wall.millis << 16 } else { 0 };
+        let (reason, requires, writes) = draft.into_parts();
+        let txn = Txn {
+            stamp: Stamp { epoch: 0, hlc: lift.max(self.log.last_stamp().hlc + 1), origin: self.origin },
+            seq: head.seq + 1,
+            prev: head.link,
+            wall: self.wall,
+            context: self.log.cut().beyond(&head.context).without(self.origin),
+            reason,
+            requires,
+            writes,
+            wants_ack: false,
+            rebase: None,
+        };
+        self.take(&Frame::seal(&txn).unwrap());
+        txn.dot()
+    }
+
+    /// Takes over everything that another has.
+    pub(super) fn pull(&mut self, from: &Self) {
+        let (frames, _) = from.log.beyond(self.log.cut(), usize::MAX).unwrap();
+        frames.iter().for_each(|frame| self.take(frame));
+        self.wall.millis = self.wall.millis.max(from.wall.millis);
+    }
+
+    fn take(&mut self, frame: &Frame) {
+        let txn = frame.open().unwrap();
+        assert_eq!(self.log.judge(&txn, frame), Verdict::Next);
+        let context = self.log.context(&txn);
+        self.state.apply(txn.dot(), txn.stamp, Seen { context: &context, only: None }, &txn.writes);
+        self.log.append(&txn, frame.clone());
+    }
+
+    /// Forgets the oldest transactions that everybody has, as if only so many bytes were to be kept.
+    pub(super) fn forget(&mut self, size_max: usize) {
+        self.forget_within(&self.cut(), size_max);
+    }
+
+    /// Forgets the oldest transactions within a cut.
+    pub(super) fn forget_within(&mut self, stable: &Cut, size_max: usize) {
+        self.log.truncate(stable, size_max);
+    }
+}
+
+/// What happens to a team of three.
+#[derive(Clone, Debug)]
+pub(super) enum Step {
+    /// A robot writes these values, or deletions, at these keys.
+    Write(usize, Vec<(u8, Option<i64>)>),
+    /// One takes over from another.
+    Pull(usize, usize),
+}
+
+pub(super) fn steps() -> impl Strategy<Value = Vec<Step>> {
+    let change = (0_u8..4, proptest::option::weighted(0.8, 0_i64..9));
+    let step = prop_oneof![
+        (0_usize..3, proptest::collection::vec(change, 1..3)).prop_map(|(robot, changes)| Step::Write(robot, changes)),
+        (0_usize..3, 0_usize..3).prop_map(|(to, from)| Step::Pull(to, from)),
+    ];
+    proptest::collection::vec(step, 0..40)
+}
+
+/// Plays the steps; tells of each robot after each of its steps.
+pub(super) fn play(team: &mut [Robot], steps: &[Step], mut after: impl FnMut(&Robot)) {
+    for step in steps {
+        let robot = match step {
+            Step::Write(robot, changes) => {
+                let draft = changes.iter().fold(Draft::new("step"), |draft, (at, value)| match value {
+                    Some(number) => draft.put(key(&format!("team/k{at}")), Datum::Integer(*number).encode().unwrap()),
+                    None => draft.delete(key(&format!("team/k{at}"))),
+                });
+                team[*robot].commit(draft);
+                *robot
+            }
+            Step::Pull(to, from) => {
+                let from = team[*from].clone();
+                team[*to].pull(&from);
+                *to
+            }
+        };
+        after(&team[robot]);
+    }
+}
+
+/// Lets everybody have everything.
+pub(super) fn heal(team: &mut [Robot]) {
+    for _ in 0..2 {
+        for to in 0..team.len() {
+            for from in 0..team.len() {
+                let from = team[from].clone();
+                team[to].pull(&from);
+            }
+        }
+    }
+}
