@@ -1,0 +1,182 @@
+use super::*;
+use crate::logic::cut::{Dot, Origin};
+use crate::logic::txn::Draft;
+use crate::logic::view::tests::{Robot, Step, heal, key, play, steps};
+use crate::logic::view::token;
+use proptest::prelude::*;
+use std::collections::BTreeMap;
+
+fn all() -> Keys {
+    Keys::Below(String::new())
+}
+
+/// Returns everything there is at the moment.
+fn drain(watch: &mut Watch, robot: &Robot) -> Vec<Told> {
+    let mut all = Vec::new();
+    loop {
+        let News { told, more } = watch.next(&robot.past(), 2);
+        all.extend(told);
+        if !more {
+            return all;
+        }
+    }
+}
+
+fn dots(told: &[Told]) -> Vec<Dot> {
+    let dot = |told: &Told| match told {
+        Told::Event(event) => event.deed.dot,
+        other => panic!("{other:?}"),
+    };
+    told.iter().map(dot).collect()
+}
+
+/// Somebody who watches one robot, with little room, and checks what it is told.
+struct Watcher {
+    watch: Watch,
+    /// What it was told of, or has read in the state.
+    has: Cut,
+    lagged: usize,
+}
+
+impl Watcher {
+    fn look(&mut self, robot: &Robot, room: usize, contexts: &BTreeMap<Dot, Cut>) -> Result<(), TestCaseError> {
+        let News { told, more } = self.watch.next(&robot.past(), room);
+        prop_assert!(told.len() <= room.max(1) && !(more && told.is_empty()));
+        for told in told {
+            match told {
+                Told::Event(event) => {
+                    let dot = event.deed.dot;
+                    prop_assert_eq!(self.has.get(dot.origin) + 1, dot.seq, "each once, none left out");
+                    prop_assert!(self.has.dominates(&contexts[&dot]), "after all that it had seen");
+                    self.has.include(dot);
+                }
+                Told::Lagged { resume } => {
+                    self.lagged += 1;
+                    prop_assert!(resume.dominates(&self.has));
+                    self.has = resume;
+                }
+                Told::Replaced { .. } => prop_assert!(false, "nothing was replaced"),
+            }
+        }
+        prop_assert_eq!(self.watch.told(), &self.has);
+        Ok(())
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(128))]
+
+    #[test]
+    fn each_transaction_once_or_told_of_the_gap(
+        steps in steps(),
+        rooms in proptest::collection::vec(0_usize..3, 1..20),
+        forget in proptest::option::of(0_usize..2000),
+    ) {
+        let mut team = Robot::team(3);
+        let begin = Watch::new(all(), Cut::default(), &team[0].log).unwrap();
+        let mut watcher = Watcher { watch: begin, has: Cut::default(), lagged: 0 };
+        let mut rooms = rooms.into_iter().cycle();
+        for step in steps.chunks(1) {
+            play(&mut team, step, |_| ());
+            // What each had seen does not change; a log that is whole tells it.
+            let mut contexts = BTreeMap::new();
+            team[0].past().walk(&BTreeMap::new(), |txn, seen| drop(contexts.insert(txn.dot(), seen.clone())));
+            watcher.look(&team[0], rooms.next().unwrap(), &contexts)?;
+            if let (Some(size), Step::Write(..)) = (forget, &step[0]) {
+                // Others must still be served: only what all of them have may go.
+                let mut common = team[0].cut();
+                team.iter().for_each(|robot| common.meet(robot.log.cut()));
+                team[0].forget_within(&common, size);
+            }
+        }
+        let whole = forget.is_none();
+        let last = team[0].clone();
+        for _ in 0..100 {
+            let mut contexts = BTreeMap::new();
+            last.past().walk(&BTreeMap::new(), |txn, seen| drop(contexts.insert(txn.dot(), seen.clone())));
+            watcher.look(&last, 3, &contexts)?;
+        }
+        prop_assert_eq!(&watcher.has, last.log.cut());
+        prop_assert!(!whole || watcher.lagged == 0);
+    }
+}
+
+#[test]
+fn watch_resume_after_compaction() {
+    let mut team = Robot::team(1);
+    let mut watch = Watch::new(all(), team[0].cut(), &team[0].log).unwrap();
+    let told = team[0].put("", "team/a", "1");
+    assert_eq!(dots(&drain(&mut watch, &team[0])), [told]);
+    let text = token::token(watch.told());
+    drop(watch);
+    let missed = team[0].put("", "team/a", "2");
+    let resume = |robot: &Robot| Watch::new(all(), token::cut(&text).unwrap(), &robot.log);
+    assert_eq!(dots(&drain(&mut resume(&team[0]).unwrap(), &team[0])), [missed], "nothing is told twice");
+    team[0].forget(0);
+    let refused = resume(&team[0]).unwrap_err();
+    assert_eq!(refused, MomentError::Compacted { oldest: team[0].cut() }, "what was missed cannot be told any more");
+    assert!(Watch::new(all(), team[0].cut(), &team[0].log).is_ok());
+}
+
+#[test]
+fn slow_watcher() {
+    let mut team = Robot::team(1);
+    let mut watch = Watch::new(all(), team[0].cut(), &team[0].log).unwrap();
+    let names: Vec<Dot> = (0..100).map(|number| team[0].put("", "team/a", &number.to_string())).collect();
+    assert_eq!(watch.next(&team[0].past(), 0), News { told: vec![], more: false }, "no room: it keeps its place");
+    let first = watch.next(&team[0].past(), 3);
+    assert_eq!((dots(&first.told), first.more), (names[..3].to_vec(), true));
+    team[0].forget(0);
+    let resume = team[0].cut();
+    assert_eq!(drain(&mut watch, &team[0]), [Told::Lagged { resume }]);
+    let next = team[0].put("", "team/a", "100");
+    assert_eq!(dots(&drain(&mut watch, &team[0])), [next]);
+}
+
+#[test]
+fn goes_on_at_another_robot() {
+    let mut team = Robot::team(2);
+    let mut watch = Watch::new(all(), team[0].cut(), &team[0].log).unwrap();
+    let first = team[0].put("", "team/a", "1");
+    assert_eq!(dots(&drain(&mut watch, &team[0])), [first]);
+    let mut elsewhere = Watch::new(all(), watch.told().clone(), &team[1].log).unwrap();
+    let second = team[1].put("", "team/b", "1");
+    assert_eq!(dots(&drain(&mut elsewhere, &team[1])), [second], "what has not arrived there is known already");
+    heal(&mut team);
+    assert_eq!(drain(&mut elsewhere, &team[1]), []);
+}
+
+#[test]
+fn only_what_is_watched_and_whole() {
+    let mut team = Robot::team(2);
+    let mut watch = Watch::new(Keys::Below("team/cam/".into()), team[0].cut(), &team[0].log).unwrap();
+    team[0].put("", "team/arm", "1");
+    let both = Draft::new("").put(key("team/cam/a"), b"1").put(key("team/cam/b"), b"1").delete(key("team/arm"));
+    team[0].commit(both);
+    team[1].put("", "team/cam/b", "2");
+    heal(&mut team);
+    let told = drain(&mut watch, &team[0]);
+    let events: Vec<(usize, usize, usize)> = told
+        .iter()
+        .map(|told| match told {
+            Told::Event(event) => (event.deed.changes.len(), event.deed.others, event.conflicts.len()),
+            other => panic!("{other:?}"),
+        })
+        .collect();
+    assert_eq!(events, [(2, 1, 1), (1, 0, 1)]);
+    assert_eq!(watch.told(), team[0].log.cut(), "what is not watched is behind it, too");
+}
+
+#[test]
+fn begins_anew_when_the_state_was_replaced() {
+    let mut team = Robot::team(2);
+    let mut watch = Watch::new(all(), team[0].cut(), &team[0].log).unwrap();
+    team[0].put("", "team/a", "1");
+    // Its robot was retired while it was away, and begins under a new origin with what the other has.
+    let mut anew = team[1].clone();
+    anew.origin = Origin::new(9);
+    watch.replaced();
+    assert_eq!(drain(&mut watch, &anew), [Told::Replaced { resume: anew.cut() }]);
+    let next = anew.put("", "team/a", "1");
+    assert_eq!(dots(&drain(&mut watch, &anew)), [next]);
+}
