@@ -1,0 +1,190 @@
+//! The database as a text file: to read, to edit, to compare, and to keep under version control.
+//!
+//! ```toml
+//! # A database of DCA, one key a line.
+//! format = 1
+//! below = "team/"
+//!
+//! [values]
+//! "team/camera/gain" = 1.5
+//! # 2 writes beside each other, also: 3
+//! "team/camera/rate" = 2
+//! ```
+//!
+//! The file is TOML, sorted by key, a line for each, so that two of them differ where the databases do. What is shown
+//! of a key is in it; what stands beside it is a comment. The database's own records (`sys/`) are left out, and so is
+//! what never leaves the robot (`local/`), unless it is asked for.
+//!
+//! To import is to write what differs. A file that was not changed changes nothing; above all it settles no conflict.
+
+use super::moment::Difference;
+use super::past::Keys;
+use super::value::{Datum, TextError, quote, text};
+use crate::logic::key::{Key, Namespace};
+use crate::logic::state::{State, Version};
+use crate::logic::txn::{CHANGES_MAX, Draft, TXN_SIZE_MAX, Value};
+use std::collections::BTreeMap;
+use toml::Spanned;
+use toml::de::{DeTable, DeValue};
+
+/// The format of the file.
+const FORMAT: i64 = 1;
+/// About how many bytes of writes go into one transaction: the rest is for what else is in it.
+const WRITES_SIZE_MAX: usize = TXN_SIZE_MAX - (32 << 10);
+/// The longest file, in bytes.
+pub const FILE_SIZE_MAX: usize = 256 << 20;
+
+/// What to do about keys that are not in the file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Absent {
+    /// Leave them.
+    Keep,
+    /// Delete them, if they are below the prefix that the file is about.
+    Delete,
+}
+
+/// What a file would change.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Import {
+    /// The transactions, in order. More than one if they do not fit into one: then others may see some without the
+    /// rest.
+    pub drafts: Vec<Draft>,
+    /// What they would change.
+    pub differences: Vec<Difference>,
+    /// Which conflicts they would settle.
+    pub settles: Vec<Key>,
+}
+
+/// Returns the keys below `prefix` as a file.
+pub fn export(state: &State, prefix: &str) -> String {
+    let mut file =
+        format!("# A database of DCA, one key a line.\nformat = {FORMAT}\nbelow = {}\n\n[values]\n", quote(prefix));
+    for (key, versions) in state.scan(prefix).filter(|(key, _)| is_about(prefix, key)) {
+        let Some(value) = versions.last().and_then(|version| version.value.as_ref()) else { continue };
+        if let [others @ .., _] = versions
+            && !others.is_empty()
+        {
+            let other = |version: &Version| match &version.value {
+                Some(value) => Datum::of(value).to_toml(),
+                None => "(deleted)".to_owned(),
+            };
+            let others = others.iter().map(other).collect::<Vec<_>>().join(", ");
+            file.push_str(&format!("# {} writes beside each other, also: {others}\n", versions.len()));
+        }
+        file.push_str(&format!("{} = {}\n", quote(key.as_str()), Datum::of(value).to_toml()));
+    }
+    file
+}
+
+/// Returns what a file would change.
+///
+/// # Errors
+/// If it is no such file, with the place.
+pub fn import(file: &str, state: &State, absent: Absent, reason: &str) -> Result<Import, TextError> {
+    let File { below, values } = read(file)?;
+    let mut wanted: BTreeMap<Key, Option<(Datum, Value)>> =
+        values.into_iter().map(|(key, value)| (key, Some(value))).collect();
+    if absent == Absent::Delete {
+        for (key, _) in state.scan(&below).filter(|(key, _)| is_about(&below, key)) {
+            wanted.entry(key.clone()).or_insert(None);
+        }
+    }
+    let mut import = Import::default();
+    let mut size = 0;
+    for (key, wanted) in wanted {
+        let versions = state.versions(&key);
+        let before = versions.last().and_then(|version| version.value.as_ref()).map(Datum::of);
+        let (after, value) = wanted.unzip();
+        if before == after {
+            continue;
+        }
+        if versions.len() > 1 {
+            import.settles.push(key.clone());
+        }
+        let bytes = key.as_str().len() + value.as_ref().map_or(0, |value| value.bytes.len()) + 16;
+        let full = |draft: &Draft| size + bytes > WRITES_SIZE_MAX || draft.writes().count() >= CHANGES_MAX;
+        let draft = match import.drafts.pop_if(|draft| !full(draft)) {
+            Some(draft) => draft,
+            None => {
+                size = 0;
+                Draft::new(reason)
+            }
+        };
+        size += bytes;
+        import.drafts.push(match value {
+            Some(value) => draft.put(key.clone(), value),
+            None => draft.delete(key.clone()),
+        });
+        import.differences.push(Difference { key, before, after, beside: 1 });
+    }
+    Ok(import)
+}
+
+/// Returns whether a key belongs into the file about `prefix`.
+fn is_about(prefix: &str, key: &Key) -> bool {
+    let below = Keys::Below(prefix.to_owned()).contains(key);
+    below
+        && match key.namespace() {
+            Namespace::Team | Namespace::Robot(_) => true,
+            Namespace::Local => prefix.starts_with("local"),
+            Namespace::System => false,
+        }
+}
+
+struct File {
+    below: String,
+    values: BTreeMap<Key, (Datum, Value)>,
+}
+
+fn read(file: &str) -> Result<File, TextError> {
+    let refuse = |byte: usize, what: String, hint: &'static str| text::at(file, byte, (what, hint), String::new());
+    if file.len() > FILE_SIZE_MAX {
+        return Err(refuse(0, format!("the file has more than {FILE_SIZE_MAX} bytes"), ""));
+    }
+    let document = DeTable::parse(file).map_err(|error| {
+        let byte = error.span().map_or(0, |span| span.start);
+        refuse(byte, error.message().trim().replace('\n', ", "), "")
+    })?;
+    let fields: BTreeMap<&str, &Spanned<DeValue<'_>>> =
+        document.get_ref().iter().map(|(name, value)| (name.get_ref().as_ref(), value)).collect();
+    if let Some((name, value)) = fields.iter().find(|(name, _)| !["format", "below", "values"].contains(*name)) {
+        let hint = "keys with their values stand under [values], each key in quotes";
+        return Err(refuse(value.span().start, format!("`{name}` is not known here"), hint));
+    }
+    match fields.get("format").map(|format| text::of_toml(file, format)).transpose()? {
+        Some(Datum::Integer(FORMAT)) => {}
+        Some(other) => {
+            let at = fields.get("format").map_or(0, |format| format.span().start);
+            let hint = "a newer program can read it";
+            return Err(refuse(at, format!("the file has format {}, and this program reads {FORMAT}", other), hint));
+        }
+        None => return Err(refuse(0, "the file does not say its format".to_owned(), "it begins with `format = 1`")),
+    }
+    let below = match fields.get("below").map(|below| text::of_toml(file, below)).transpose()? {
+        Some(Datum::Text(below)) => below,
+        _ => {
+            let hint = "it says so by `below = \"team/\"`";
+            return Err(refuse(0, "the file does not say which keys it is about".to_owned(), hint));
+        }
+    };
+    let mut values = BTreeMap::new();
+    let table = match fields.get("values").map(|values| values.get_ref()) {
+        Some(DeValue::Table(table)) => table,
+        _ => return Err(refuse(0, "the file has no [values]".to_owned(), "")),
+    };
+    for (name, value) in table {
+        let at = name.span().start;
+        let key = Key::new(name.get_ref().as_ref()).map_err(|error| refuse(at, error.to_string(), ""))?;
+        if !is_about(&below, &key) {
+            let hint = "its `below` says which it is about; what the database itself writes (`sys/`) is never in it";
+            return Err(refuse(at, format!("`{key}` is not what the file is about"), hint));
+        }
+        let datum = text::of_toml(file, value)?;
+        let stored = datum.encode().map_err(|error| refuse(value.span().start, error.to_string(), ""))?;
+        values.insert(key, (datum, stored));
+    }
+    Ok(File { below, values })
+}
+
+#[cfg(test)]
+mod tests;
