@@ -1,0 +1,239 @@
+//! Schemas: what the keys below a prefix are meant to hold.
+//!
+//! A schema is an ordinary value, a table at `team/schema/<pattern>`: it is written, replicated, watched and in
+//! conflict like any other. A segment `+` of the pattern stands for any one segment, so that `robot/+/params/force` is
+//! about every robot.
+//!
+//! ```toml
+//! type = "float"           # bool, integer, float, text, bytes, list, table
+//! min = 0.0                # the ends are in the range; of lists and texts it is the length
+//! max = 200.0
+//! unit = "N"
+//! one_of = [0.0, 200.0]    # an enumeration
+//! default = 50.0           # what a reader takes if there is nothing
+//! required = true          # it is not to be deleted
+//! merge = "owned"          # siblings (if it says nothing), owned, decided
+//! doc = "largest force of the gripper"
+//! ```
+//!
+//! Of several that match a key, the one with the longest pattern counts, and of these the one whose first `+` comes
+//! last.
+//!
+//! *A schema is advice to writers.* It is asked before a commit, where somebody can still mend what he wrote. What is
+//! stored is never refused or rewritten: it may come from a robot that had not heard of the schema, and a replica that
+//! refused what others have would differ from them for ever. Fields that this program does not know are left alone.
+
+mod check;
+
+pub use check::Breach;
+
+use super::value::Datum;
+use crate::logic::key::Key;
+use crate::logic::state::State;
+use serde::{Deserialize, Serialize};
+use std::cmp::Ordering;
+use std::collections::BTreeMap;
+use thiserror::Error;
+
+/// Below this prefix are the schemas.
+pub const SCHEMA: &str = "team/schema/";
+/// The segment of a pattern that stands for any one.
+const ANY: &str = "+";
+/// The words for types, as [`Datum::kind`] has them.
+const KINDS: [&str; 7] = ["bool", "integer", "float", "text", "bytes", "list", "table"];
+
+/// What is to become of writes that did not see each other.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Merge {
+    /// The one with the latest stamp is shown, and the others are kept beside it until somebody settles it.
+    #[default]
+    Siblings,
+    /// There are none: only the owner of the prefix writes.
+    Owned,
+    /// There are none: a majority decides on each write.
+    Decided,
+}
+
+/// What the keys below a prefix are meant to hold.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Schema {
+    /// Of which type, in the word of [`Datum::kind`].
+    pub kind: Option<String>,
+    /// The least number, or the shortest length.
+    pub min: Option<Datum>,
+    /// The largest number, or the greatest length.
+    pub max: Option<Datum>,
+    /// The unit of a number.
+    pub unit: Option<String>,
+    /// Only one of these.
+    pub one_of: Vec<Datum>,
+    /// What counts if there is nothing.
+    pub default: Option<Datum>,
+    /// Whether there has to be something.
+    pub required: bool,
+    /// What is to become of writes that did not see each other.
+    pub merge: Merge,
+    /// What it is, for people.
+    pub doc: String,
+}
+
+/// Why a value is no schema.
+#[derive(Clone, Debug, Error, PartialEq, Eq, Serialize, Deserialize)]
+pub enum SchemaError {
+    /// It is not a table.
+    #[error("a schema is a table, such as {{type = \"float\", min = 0.0, max = 200.0, unit = \"N\"}}; this is {found}")]
+    NoTable {
+        /// What it is.
+        found: String,
+    },
+    /// A field is of another type.
+    #[error("the field `{field}` of a schema must be {expected}, got {found}")]
+    Field {
+        /// Which field.
+        field: String,
+        /// What it has to be.
+        expected: String,
+        /// What it is.
+        found: String,
+    },
+}
+
+/// All schemas of a team, at one cut.
+#[derive(Clone, Debug, Default)]
+pub struct Schemas {
+    by_pattern: BTreeMap<String, Schema>,
+    malformed: Vec<(Key, SchemaError)>,
+}
+
+impl Schema {
+    /// Reads a schema.
+    ///
+    /// # Errors
+    /// If it is none.
+    pub fn of(datum: &Datum) -> Result<Self, SchemaError> {
+        let Datum::Table(fields) = datum else {
+            return Err(SchemaError::NoTable { found: datum.to_string() });
+        };
+        let mut schema = Self::default();
+        for (field, datum) in fields {
+            schema.set(field, datum).map_err(|expected| SchemaError::Field {
+                field: field.clone(),
+                expected,
+                found: datum.to_string(),
+            })?;
+        }
+        schema.check_own()?;
+        Ok(schema)
+    }
+
+    /// Takes a field; says what it has to be if it is not.
+    fn set(&mut self, field: &str, datum: &Datum) -> Result<(), String> {
+        let text = || match datum {
+            Datum::Text(text) => Ok(text.clone()),
+            _ => Err("a text".to_owned()),
+        };
+        match field {
+            "type" => {
+                let kind = text()?;
+                let known = KINDS.contains(&kind.as_str());
+                self.kind = Some(known.then_some(kind).ok_or_else(|| format!("one of {}", KINDS.join(", ")))?);
+            }
+            "min" | "max" => {
+                let number =
+                    matches!(datum, Datum::Integer(_)) || matches!(datum, Datum::Float(f) if !f.get().is_nan());
+                let end = number.then(|| datum.clone()).ok_or_else(|| "a number".to_owned())?;
+                *(if field == "min" { &mut self.min } else { &mut self.max }) = Some(end);
+            }
+            "unit" => self.unit = Some(text()?),
+            "doc" => self.doc = text()?,
+            "one_of" => match datum {
+                Datum::List(items) if !items.is_empty() => self.one_of.clone_from(items),
+                _ => return Err("a list with at least one value".to_owned()),
+            },
+            "default" => self.default = Some(datum.clone()),
+            "required" => match datum {
+                Datum::Bool(yes) => self.required = *yes,
+                _ => return Err("true or false".to_owned()),
+            },
+            "merge" => {
+                self.merge = match text()?.as_str() {
+                    "siblings" => Merge::Siblings,
+                    "owned" => Merge::Owned,
+                    "decided" => Merge::Decided,
+                    _ => return Err("one of siblings, owned, decided".to_owned()),
+                }
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    /// Checks that what it says of itself agrees with the rest of it.
+    fn check_own(&self) -> Result<(), SchemaError> {
+        if let (Some(min), Some(max)) = (&self.min, &self.max)
+            && check::compare(min, max) == Some(Ordering::Greater)
+        {
+            let (field, expected) = ("max".to_owned(), format!("at least min, which is {min}"));
+            return Err(SchemaError::Field { field, expected, found: max.to_string() });
+        }
+        match self.default.as_ref().and_then(|default| Some((default, self.breach(default)?))) {
+            Some((default, breach)) => {
+                let found = default.to_string();
+                Err(SchemaError::Field { field: "default".to_owned(), expected: breach.must_be, found })
+            }
+            None => Ok(()),
+        }
+    }
+}
+
+impl Schemas {
+    /// Reads the schemas of a state. What is none is told apart, and is no obstacle to the others.
+    pub fn of(state: &State) -> Self {
+        let mut schemas = Self::default();
+        for (key, versions) in state.scan(SCHEMA) {
+            let Some(value) = versions.last().and_then(|version| version.value.as_ref()) else { continue };
+            let pattern = key.as_str().strip_prefix(SCHEMA).unwrap_or_default();
+            match Schema::of(&Datum::of(value)) {
+                Ok(schema) => drop(schemas.by_pattern.insert(pattern.to_owned(), schema)),
+                Err(error) => schemas.malformed.push((key.clone(), error)),
+            }
+        }
+        schemas
+    }
+
+    /// Returns what is at the place of a schema and is none.
+    pub fn malformed(&self) -> &[(Key, SchemaError)] {
+        &self.malformed
+    }
+
+    /// Returns the schemas by pattern.
+    pub fn iter(&self) -> impl Iterator<Item = (&str, &Schema)> {
+        self.by_pattern.iter().map(|(pattern, schema)| (pattern.as_str(), schema))
+    }
+
+    /// Returns the schema that counts for a key.
+    pub fn find(&self, key: &Key) -> Option<&Schema> {
+        // There are at most as many patterns as somebody has written by hand, so that all of them can be looked at.
+        let matching = self.by_pattern.iter().filter(|(pattern, _)| matches(pattern, key.as_str()));
+        let rank = |pattern: &str| {
+            let literal = pattern.split('/').map(|segment| segment != ANY).collect::<Vec<_>>();
+            (literal.len(), literal)
+        };
+        matching.max_by_key(|(pattern, _)| rank(pattern)).map(|(_, schema)| schema)
+    }
+
+    /// Returns the value that a reader of a key takes: what is there, or the default.
+    pub fn read(&self, state: &State, key: &Key) -> Option<Datum> {
+        let stored = state.get(key).and_then(|version| version.value.as_ref()).map(Datum::of);
+        stored.or_else(|| self.find(key)?.default.clone())
+    }
+}
+
+/// Returns whether a key is at or below a pattern.
+fn matches(pattern: &str, key: &str) -> bool {
+    let mut segments = key.split('/');
+    pattern.split('/').all(|expected| segments.next().is_some_and(|found| expected == ANY || expected == found))
+}
+
+#[cfg(test)]
+mod tests;

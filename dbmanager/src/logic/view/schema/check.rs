@@ -1,0 +1,180 @@
+//! Whether values are what a schema says, and what to tell who wrote them.
+
+use super::{ANY, SCHEMA, Schema, SchemaError, Schemas};
+use crate::logic::key::Key;
+use crate::logic::state::State;
+use crate::logic::txn::Draft;
+use crate::logic::view::value::Datum;
+use serde::{Deserialize, Serialize};
+use std::cmp::Ordering;
+use std::fmt;
+
+/// A value that is not what it is meant to be: one sentence.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Breach {
+    /// Which key.
+    pub key: String,
+    /// What it must be, or must not.
+    pub(super) must_be: String,
+    /// What it is; nothing if it is to be deleted.
+    pub(super) found: Option<String>,
+    /// What to do about it; may be empty.
+    pub(super) hint: String,
+}
+
+impl fmt::Display for Breach {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { key, must_be, found, hint } = self;
+        write!(f, "{key} must {}{must_be}", if found.is_some() { "be " } else { "" })?;
+        if let Some(found) = found {
+            write!(f, ", got {found}")?;
+        }
+        if hint.is_empty() { Ok(()) } else { write!(f, " ({hint})") }
+    }
+}
+
+impl Schema {
+    /// Returns in what a value differs from what the schema says.
+    pub fn breach(&self, datum: &Datum) -> Option<Breach> {
+        let breach = |must_be: String, hint: &str| {
+            let (found, hint) = (Some(datum.to_string()), hint.to_owned());
+            Some(Breach { key: String::new(), must_be, found, hint })
+        };
+        // What nobody can look into cannot be checked.
+        if matches!(datum, Datum::Sealed(_) | Datum::Opaque { .. }) {
+            return None;
+        }
+        if let Some(kind) = self.kind.as_deref().filter(|kind| *kind != datum.kind()) {
+            let article = if kind == "integer" { "an" } else { "a" };
+            let article = if kind == "bytes" { String::new() } else { format!("{article} ") };
+            let hint = match (kind, datum) {
+                ("float", Datum::Integer(number)) => format!("as a float it is written {number}.0"),
+                ("text", _) => "a text stands in quotes".to_owned(),
+                _ => String::new(),
+            };
+            return breach(format!("{article}{kind}"), &hint);
+        }
+        if !self.one_of.is_empty() && !self.one_of.contains(datum) {
+            let all: Vec<String> = self.one_of.iter().map(Datum::to_string).collect();
+            return breach(format!("one of {}", all.join(", ")), "");
+        }
+        let (size, what) = match datum {
+            Datum::Integer(_) | Datum::Float(_) => (datum.clone(), ""),
+            Datum::Text(text) => (length(text.chars().count()), " characters"),
+            Datum::Bytes(bytes) => (length(bytes.len()), " bytes"),
+            Datum::List(items) => (length(items.len()), " values"),
+            Datum::Bool(_) | Datum::Table(_) | Datum::Sealed(_) | Datum::Opaque { .. } => return None,
+        };
+        // What cannot be compared, NaN, is in no range.
+        let within = |end: &Option<Datum>, wrong: Ordering| {
+            end.as_ref().is_none_or(|end| compare(&size, end).is_some_and(|order| order != wrong))
+        };
+        if within(&self.min, Ordering::Less) && within(&self.max, Ordering::Greater) {
+            return None;
+        }
+        let long = if what.is_empty() { "" } else { " long" };
+        let unit = match &self.unit {
+            Some(unit) if what.is_empty() => format!(" {unit}"),
+            _ => what.to_owned(),
+        };
+        let range = match (&self.min, &self.max) {
+            (Some(min), Some(max)) if min == max => format!("{}{unit}{long}", number(min)),
+            (Some(min), Some(max)) => format!("between {} and {}{unit}{long}", number(min), number(max)),
+            (Some(min), None) => format!("at least {}{unit}{long}", number(min)),
+            (None, Some(max)) => format!("at most {}{unit}{long}", number(max)),
+            (None, None) => return None,
+        };
+        let found = if what.is_empty() { number(&size) } else { format!("{}{what}", number(&size)) };
+        Some(Breach { key: String::new(), must_be: range, found: Some(found), hint: String::new() })
+    }
+}
+
+impl Schemas {
+    /// Returns what in a transaction is not what it is meant to be, by key. It says so before the commit; who insists
+    /// may commit all the same.
+    pub fn check(&self, draft: &Draft) -> Vec<Breach> {
+        let breach = |(key, value): (&Key, Option<&_>)| {
+            let datum = value.map(Datum::of);
+            if let Some(datum) = datum.as_ref().filter(|_| key.as_str().starts_with(SCHEMA)) {
+                return Schema::of(datum).err().map(|error| own(key, error));
+            }
+            let schema = self.find(key)?;
+            let breach = match &datum {
+                Some(datum) => schema.breach(datum)?,
+                None if schema.required => {
+                    let (key, hint) = (String::new(), schema.doc.clone());
+                    Breach { key, must_be: "not be deleted: it is required".to_owned(), found: None, hint }
+                }
+                None => return None,
+            };
+            Some(Breach { key: key.to_string(), ..breach })
+        };
+        draft.writes().filter_map(breach).collect()
+    }
+
+    /// Returns what of a state is not what it is meant to be: written before the schema, or by somebody who insisted;
+    /// and the keys without `+` that are required and hold nothing.
+    pub fn audit(&self, state: &State) -> Vec<Breach> {
+        let mut breaches: Vec<Breach> = Vec::new();
+        for (key, versions) in state.scan("") {
+            let Some(value) = versions.last().and_then(|version| version.value.as_ref()) else { continue };
+            let breach = self.find(key).and_then(|schema| schema.breach(&Datum::of(value)));
+            breaches.extend(breach.map(|breach| Breach { key: key.to_string(), ..breach }));
+        }
+        let required = self.iter().filter(|(pattern, schema)| {
+            let one = schema.required && schema.default.is_none() && !pattern.split('/').any(|segment| segment == ANY);
+            one && Key::new(*pattern).is_ok_and(|key| state.get(&key).is_none())
+        });
+        breaches.extend(required.map(|(pattern, schema)| Breach {
+            key: pattern.to_owned(),
+            must_be: "have a value: it is required".to_owned(),
+            found: None,
+            hint: schema.doc.clone(),
+        }));
+        breaches.extend(self.malformed.iter().map(|(key, error)| own(key, error.clone())));
+        breaches
+    }
+}
+
+/// Returns what is wrong with a schema itself.
+fn own(key: &Key, error: SchemaError) -> Breach {
+    Breach { key: key.to_string(), must_be: "hold a schema".to_owned(), found: None, hint: error.to_string() }
+}
+
+/// Returns how two numbers are ordered, exactly; none if one is no number.
+pub(super) fn compare(left: &Datum, right: &Datum) -> Option<Ordering> {
+    match (left, right) {
+        (Datum::Integer(left), Datum::Integer(right)) => Some(left.cmp(right)),
+        (Datum::Float(left), Datum::Float(right)) => left.get().partial_cmp(&right.get()),
+        (Datum::Integer(left), Datum::Float(right)) => mixed(*left, right.get()),
+        (Datum::Float(left), Datum::Integer(right)) => mixed(*right, left.get()).map(Ordering::reverse),
+        _ => None,
+    }
+}
+
+/// Returns how an integer and a float are ordered: as floats first, since rounding keeps the order; if these are equal,
+/// the float is whole, and they are compared as integers.
+fn mixed(integer: i64, float: f64) -> Option<Ordering> {
+    #[expect(clippy::cast_precision_loss, reason = "rounding to the nearest keeps the order")]
+    let rounded = integer as f64;
+    match rounded.partial_cmp(&float)? {
+        #[expect(
+            clippy::cast_possible_truncation,
+            reason = "it is whole, and within 2^63, which is still larger than any i64"
+        )]
+        Ordering::Equal => Some(i128::from(integer).cmp(&(float as i128))),
+        order => Some(order),
+    }
+}
+
+fn length(count: usize) -> Datum {
+    Datum::Integer(i64::try_from(count).unwrap_or(i64::MAX))
+}
+
+/// Returns a number as a person writes it: `200`, not `200.0`.
+fn number(datum: &Datum) -> String {
+    match datum {
+        Datum::Float(number) if !number.get().is_nan() => number.get().to_string(),
+        other => other.to_string(),
+    }
+}
