@@ -1,0 +1,65 @@
+//! How far others are behind: counted in transactions and bytes, and since when.
+//!
+//! A member that lacks something keeps old things from being forgotten (see [`collect`](crate::logic::collect)): what
+//! it lacks has to be there when it comes back. The oldest transaction it lacks says since when that is so.
+
+use super::past::{Past, When};
+use crate::logic::cut::{Cut, Dot};
+use serde::{Deserialize, Serialize};
+
+/// What somebody lacks.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Lag {
+    /// How many transactions.
+    pub transactions: u64,
+    /// About how many bytes that is on the wire; of those that are still kept.
+    pub bytes: u64,
+    /// How many of them are not kept any more, so that the whole state has to be sent.
+    pub dropped: u64,
+    /// When the oldest of those that are kept was committed.
+    pub since: Option<When>,
+}
+
+impl Past<'_> {
+    /// Returns what of the transactions here is not within a cut.
+    pub fn lag(&self, cut: &Cut) -> Lag {
+        let here = self.log.cut();
+        let transactions = here.beyond(cut).iter().map(|(origin, seq)| seq - cut.get(origin)).sum();
+        let mut lag = Lag { transactions, dropped: transactions, ..Lag::default() };
+        for (origin, seq) in here.beyond(cut).iter() {
+            let kept = (cut.get(origin) + 1..=seq).rev().map_while(|seq| self.log.frame(Dot { origin, seq }));
+            for frame in kept {
+                lag.dropped -= 1;
+                lag.bytes += u64::try_from(frame.size()).unwrap_or(u64::MAX);
+                if let Ok(txn) = frame.open() {
+                    let when = When::of(txn.wall, txn.stamp);
+                    lag.since = Some(lag.since.map_or(when, |since| since.min(when)));
+                }
+            }
+        }
+        lag
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::logic::view::tests::{MORNING, Robot};
+
+    #[test]
+    fn who_is_away_lacks_what_was_written_since() {
+        let mut team = Robot::team(2);
+        let away = team[1].cut();
+        assert_eq!(team[0].past().lag(&away), Lag::default());
+        for number in 0..5 {
+            team[0].put("", "team/a", &number.to_string());
+        }
+        let lag = team[0].past().lag(&away);
+        let since = Some(When { millis: MORNING + 2000, trusted: true });
+        assert_eq!((lag.transactions, lag.dropped, lag.since), (5, 0, since));
+        assert!((5 * 30..5 * 60).contains(&lag.bytes), "{lag:?}");
+        team[0].forget(100);
+        let lag = team[0].past().lag(&away);
+        assert!(lag.transactions == 5 && lag.dropped > 0 && lag.bytes <= 100 && lag.since > since, "{lag:?}");
+    }
+}
