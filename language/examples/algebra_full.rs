@@ -23,7 +23,7 @@ mod reference;
 #[path = "../tests/algebra/spec.rs"]
 mod spec;
 
-use enumerate::{Leaves, Operators};
+use enumerate::{Leaves, Operators, Size};
 
 fn main() {
     let mut arguments = std::env::args().skip(1);
@@ -31,18 +31,22 @@ fn main() {
     let seed = arguments.next().and_then(|seed| seed.parse().ok()).unwrap_or(1);
     let wanted = |name: &str| part.as_deref().is_none_or(|part| part == name);
     if wanted("small") {
-        for size in 1..=3 {
-            exhaustive(size, Operators::All, Leaves::Any);
+        for (leaves, unary) in [(1, 0), (1, 1), (1, 2), (2, 0), (2, 1), (2, 2), (3, 0), (3, 1)] {
+            exhaustive(Size { leaves, unary }, Operators::All, Leaves::Any);
         }
     }
     if wanted("core") {
-        exhaustive(4, Operators::Core, Leaves::Any);
+        exhaustive(Size { leaves: 4, unary: 0 }, Operators::Core, Leaves::Any);
     }
     if wanted("all") {
-        exhaustive(4, Operators::All, Leaves::Distinct);
+        exhaustive(Size { leaves: 4, unary: 0 }, Operators::All, Leaves::Distinct);
     }
     if wanted("most") {
-        exhaustive(4, Operators::All, Leaves::Any);
+        exhaustive(Size { leaves: 4, unary: 0 }, Operators::All, Leaves::Any);
+    }
+    if wanted("unary") {
+        exhaustive(Size { leaves: 3, unary: 2 }, Operators::All, Leaves::Distinct);
+        exhaustive(Size { leaves: 4, unary: 1 }, Operators::All, Leaves::Distinct);
     }
     if wanted("random") {
         let (events, outcomes) = random::run(1_000_000, seed);
@@ -50,7 +54,7 @@ fn main() {
     }
 }
 
-fn exhaustive(size: usize, operators: Operators, leaves: Leaves) {
+fn exhaustive(size: Size, operators: Operators, leaves: Leaves) {
     let (expressions, figures) = exhaustive::check(size, operators, leaves);
-    println!("{size} leaves, {operators:?}, {leaves:?}: {expressions} expressions, {figures:?}, no difference");
+    println!("{size:?}, {operators:?}, {leaves:?}: {expressions} expressions, {figures:?}, no difference");
 }

@@ -36,7 +36,7 @@ mod program;
 mod state;
 mod step;
 
-pub use event::{Activation, Cause, Command, Event, Outcome, Reason, Value};
+pub use event::{Activation, Cause, Command, Event, Outcome, Reason, TAG_MAX, Value};
 pub use program::Program;
 pub use state::{Activity, Cell, State};
 pub use step::step;

@@ -229,4 +229,54 @@ pub enum Expression {
     Recurrent(Box<Self>, Box<Self>),
     /// `P else Q`; `P?` is `P else skip`.
     Otherwise(Box<Self>, Box<Self>),
+    /// `match { found => P, else => Q }`: goes on as the tag of the value that it starts with says.
+    Match(Vec<Arm>),
+    /// `shield P`, `shield(10 s) P`: a stop waits until P has ended.
+    Shield {
+        /// How long it waits at most.
+        bound: Option<Duration>,
+        /// P.
+        of: Box<Self>,
+    },
+    /// `using(arm) P`: P runs once nothing else of the group that uses one of these does; first come, first served.
+    Using {
+        /// What is used, each once.
+        resources: Vec<String>,
+        /// P.
+        of: Box<Self>,
+    },
+    /// `P ::[n] Q`: each time that P is done it starts anew, beside a Q with its value; `n` of Q at the same time at most.
+    Asynchronous {
+        /// P.
+        source: Box<Self>,
+        /// Q, written out for each that may run at the same time.
+        pool: Vec<Self>,
+    },
+}
+
+impl Expression {
+    /// Returns the direct operands, in the order of the text.
+    pub fn operands(&self) -> Vec<&Self> {
+        match self {
+            Self::Run { .. } | Self::Skip | Self::Never | Self::Fail(_) | Self::Wait(_) => Vec::new(),
+            Self::Concurrent(of) | Self::FailFast(of) | Self::Disable(of) | Self::AnyOf { of, .. } => {
+                of.iter().collect()
+            }
+            Self::Sequence(p, q) | Self::Conditional(p, q) | Self::Recurrent(p, q) | Self::Otherwise(p, q) => {
+                vec![p, q]
+            }
+            Self::Match(arms) => arms.iter().map(|arm| &arm.body).collect(),
+            Self::Shield { of, .. } | Self::Using { of, .. } => vec![of],
+            Self::Asynchronous { source, pool } => std::iter::once(&**source).chain(pool).collect(),
+        }
+    }
+}
+
+/// One way on in a `match`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Arm {
+    /// The tag that it is taken for; without one for every tag that no arm before has.
+    pub tag: Option<String>,
+    /// What to do then, with what stands behind the tag; without a tag with the whole value.
+    pub body: Expression,
 }

@@ -47,6 +47,8 @@ pub enum What {
 pub enum Ending {
     /// Normally.
     Done,
+    /// Normally, with the outcome of this name.
+    Outcome(String),
     /// By a failure, for this reason.
     Aborted(String),
 }
@@ -197,6 +199,10 @@ impl<'a> Simulation<'a> {
                 self.note(path, What::Done);
                 Event::Done { member, activation, value: Value::EMPTY }
             }
+            Ending::Outcome(tag) => {
+                self.note(path, What::Done);
+                Event::Done { member, activation, value: Value::tagged(&tag, &[]).unwrap_or(Value::EMPTY) }
+            }
             Ending::Aborted(why) => {
                 self.note(path, What::Aborted(why.clone()));
                 Event::Aborted { member, activation, report: Value::new(why.as_bytes()) }
@@ -307,6 +313,7 @@ impl<'a> Simulation<'a> {
             Cause::Busy => "it was running already".to_owned(),
             Cause::StopUnconfirmed => "nobody could confirm that it stopped".to_owned(),
             Cause::ServiceEnded => "a service ended".to_owned(),
+            Cause::NoMatch => "no arm of `match` has this outcome".to_owned(),
             Cause::Failed(why) => why.to_string(),
         };
         match reason.member {

@@ -17,5 +17,7 @@ mod pair;
 mod paper;
 #[path = "algebra/random.rs"]
 mod random;
+#[path = "algebra/scopes.rs"]
+mod scopes;
 #[path = "algebra/spec.rs"]
 mod spec;

@@ -1,7 +1,7 @@
 //! Events cost no memory: a counting allocator watches a loop and a mission.
 
 use language::algebra::{Activation, Command, Event, Program, State, Value, step};
-use language::plan::{Expression, Group, Member, MemberKind};
+use language::plan::{Arm, Expression, Group, Member, MemberKind};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 
@@ -96,4 +96,22 @@ fn values_that_are_passed_on_are_shared() {
     let second = Expression::Otherwise(Box::new(run(2)), Box::new(run(3)));
     let program = program(4, Expression::Recurrent(Box::new(first), Box::new(second)));
     assert_eq!(drive(&program, &Value::new(b"a pose"), 300_000).0, 0);
+}
+
+#[test]
+fn scopes_cost_nothing_either() {
+    // (a : match { done => b, else => c }) ;; ((using(r) d ; skip), (using(r) shield e ; skip), (f ::[1] g))
+    let arm = |tag: Option<&str>, member| Arm { tag: tag.map(str::to_owned), body: run(member) };
+    let matching = Expression::Match(vec![arm(Some("done"), 1), arm(None, 2)]);
+    let first = Expression::Conditional(Box::new(run(0)), Box::new(matching));
+    // A tuple of values would need memory of its own.
+    let using = |of| {
+        let using = Expression::Using { resources: vec!["r".to_owned()], of: Box::new(of) };
+        Expression::Sequence(Box::new(using), Box::new(Expression::Skip))
+    };
+    let shield = Expression::Shield { bound: None, of: Box::new(run(4)) };
+    let pool = Expression::Asynchronous { source: Box::new(run(5)), pool: vec![run(6)] };
+    let second = Expression::Concurrent(vec![using(run(3)), using(shield), pool]);
+    let program = program(7, Expression::Recurrent(Box::new(first), Box::new(second)));
+    assert_eq!(drive(&program, &Value::tagged("done", b"12 N").unwrap(), 300_000).0, 0);
 }

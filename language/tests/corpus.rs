@@ -5,7 +5,7 @@
 //! `UPDATE_EXPECT=1` writes the expected files anew.
 
 use language::algebra::Program;
-use language::plan::{Expression, Group, LeafPort, MemberKind, Plan, Retention};
+use language::plan::{Arm, Expression, Group, LeafPort, MemberKind, Plan, Retention};
 use language::{Code, Compiled, Options, Severity, Source, Style, apply_fixes, compile, gather, render};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -158,6 +158,18 @@ fn expression(root: &Expression, name: &dyn Fn(u32) -> String) -> String {
         Expression::Conditional(first, second) => two(first, ":", second),
         Expression::Recurrent(first, second) => two(first, ";;", second),
         Expression::Otherwise(first, second) => two(first, "else", second),
+        Expression::Match(arms) => {
+            let tag = |arm: &Arm| arm.tag.clone().unwrap_or_else(|| "else".to_owned());
+            let arms: Vec<String> =
+                arms.iter().map(|arm| format!("{} => {}", tag(arm), expression(&arm.body, name))).collect();
+            format!("match {{ {} }}", arms.join(", "))
+        }
+        Expression::Shield { bound: Some(bound), of } => format!("shield({bound:?}) {}", expression(of, name)),
+        Expression::Shield { bound: None, of } => format!("shield {}", expression(of, name)),
+        Expression::Using { resources, of } => format!("using({}) {}", resources.join(", "), expression(of, name)),
+        Expression::Asynchronous { source, pool } => {
+            format!("({} ::[{}] {})", expression(source, name), pool.len(), many(" | ", pool))
+        }
     }
 }
 

@@ -3,22 +3,54 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+/// The longest tag of an outcome, in bytes.
+pub const TAG_MAX: usize = 64;
+
 /// Bytes that one process leaves for the next, of any size; its receiver interprets them. Cloning shares the bytes.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub struct Value(Option<Arc<[u8]>>);
+///
+/// # Tags
+/// A process with several normal ends (`done(found: Pose | missing)`) puts the one it took before its value: one byte
+/// with the length of the tag, 1 to [`TAG_MAX`], then the tag, then the value. These are the bytes that postcard makes of
+/// the pair `(tag, value)`, so a controller needs no code of its own for it. Only a `match` looks at a tag, and takes it
+/// off without a copy; nothing in the bytes says whether there is one, so the interface of the process has to.
+#[derive(Clone, Debug, Default)]
+pub struct Value {
+    shared: Option<Arc<[u8]>>,
+    /// How many bytes a `match` has taken off.
+    from: usize,
+}
 
 impl Value {
     /// The empty value.
-    pub const EMPTY: Self = Self(None);
+    pub const EMPTY: Self = Self { shared: None, from: 0 };
 
     /// Returns a value that holds `bytes`.
     pub fn new(bytes: &[u8]) -> Self {
-        if bytes.is_empty() { Self::EMPTY } else { Self(Some(bytes.into())) }
+        if bytes.is_empty() { Self::EMPTY } else { Self { shared: Some(bytes.into()), from: 0 } }
+    }
+
+    /// Returns `bytes` with a tag before them; none if the tag is empty or longer than [`TAG_MAX`].
+    pub fn tagged(tag: &str, bytes: &[u8]) -> Option<Self> {
+        let length = u8::try_from(tag.len()).ok().filter(|&length| (1..=TAG_MAX).contains(&usize::from(length)))?;
+        Some(Self::new(&[&[length], tag.as_bytes(), bytes].concat()))
     }
 
     /// Returns the bytes.
     pub fn bytes(&self) -> &[u8] {
-        self.0.as_deref().unwrap_or(&[])
+        self.shared.as_deref().and_then(|bytes| bytes.get(self.from..)).unwrap_or(&[])
+    }
+
+    /// Returns the tag that the bytes begin with, if they can be read so.
+    pub fn tag(&self) -> Option<&str> {
+        let (&length, rest) = self.bytes().split_first()?;
+        let tag = rest.get(..usize::from(length)).filter(|tag| (1..=TAG_MAX).contains(&tag.len()))?;
+        std::str::from_utf8(tag).ok()
+    }
+
+    /// Returns what stands behind the tag, which the bytes must begin with.
+    pub(super) fn without_tag(self) -> Self {
+        let length = self.tag().map_or(0, |tag| tag.len() + 1);
+        Self { from: self.from + length, ..self }
     }
 
     /// Returns the values that several processes leave together.
@@ -32,7 +64,7 @@ impl Value {
             (Some(value), None) => return value.clone(),
             (Some(_), Some(_)) => {}
         }
-        if values.clone().all(|value| value.0.is_none()) {
+        if values.clone().all(|value| value.bytes().is_empty()) {
             return Self::EMPTY;
         }
         let mut bytes = Vec::new();
@@ -41,6 +73,21 @@ impl Value {
             bytes.extend(value.bytes());
         }
         Self::new(&bytes)
+    }
+}
+
+/// Values are equal when their bytes are, however they are shared.
+impl PartialEq for Value {
+    fn eq(&self, other: &Self) -> bool {
+        self.bytes() == other.bytes()
+    }
+}
+
+impl Eq for Value {}
+
+impl std::hash::Hash for Value {
+    fn hash<H: std::hash::Hasher>(&self, state: &mut H) {
+        self.bytes().hash(state);
     }
 }
 
@@ -176,4 +223,6 @@ pub enum Cause {
     ServiceEnded,
     /// `fail("why")`.
     Failed(Arc<str>),
+    /// No arm of a `match` has the tag of the outcome.
+    NoMatch,
 }

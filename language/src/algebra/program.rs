@@ -13,9 +13,11 @@
 //! - node 0 is the root and the only node without a parent; a parent's index is smaller than its operands';
 //! - the first operand of node `i` is `i + 1`; the operand after `c` is `nodes[c].end`; the last operand's `end` is the
 //!   node's own, which is how the operands of a node are walked without a list of them;
-//! - `;`, `:`, `;;` and `else` have two operands, constants and members none, the others any number;
+//! - `;`, `:`, `;;` and `else` have two operands, `shield` and `using` one, constants and members none, `::` at least one,
+//!   its source, before the copies of its pool, and the others any number;
 //! - a chain of parents has at most [`DEPTH_MAX`] nodes.
 
+use super::state::Phase;
 use crate::plan::{DEPTH_MAX, Expression, Group, Member, MemberKind};
 use std::ops::Range;
 use std::sync::Arc;
@@ -33,8 +35,16 @@ pub struct Program {
     /// group that is a service by inference may end, namely after a fault that its own expression tolerates
     /// (`logger?`).
     pub(super) endless: Vec<bool>,
-    /// For each timer, its `Wait` node.
+    /// For each timer, its `Wait` or `Shield` node.
     pub(super) timers: Vec<usize>,
+    /// The names of what `using` takes, each once.
+    resources: Vec<String>,
+    /// What all `Using` nodes take, one after the other: indices of `resources`.
+    pub(super) taken: Vec<usize>,
+    /// How many `Using` nodes there are.
+    pub(super) usings: usize,
+    /// The tags of all `Match` nodes, one after the other, an arm each; none for `else`.
+    pub(super) tags: Vec<Option<Arc<str>>>,
 }
 
 /// One operator, constant or member.
@@ -87,6 +97,30 @@ pub(super) enum Kind {
     Recurrent,
     /// `else`
     Otherwise,
+    /// `match`
+    Match {
+        /// Where the tags of its arms are in [`Program::tags`].
+        tags: Range<usize>,
+    },
+    /// `shield`
+    Shield {
+        /// How long it holds up a stop; without one, until its operand ends.
+        bound: Option<Bound>,
+    },
+    /// `using`
+    Using {
+        /// Where what it takes is in [`Program::taken`].
+        taken: Range<usize>,
+    },
+    /// `::`
+    Asynchronous,
+}
+
+/// How long a `shield` holds up a stop.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Bound {
+    pub(super) timer: u32,
+    pub(super) after: Duration,
 }
 
 impl Program {
@@ -103,6 +137,10 @@ impl Program {
             sets_always: group.sets_always.clone(),
             endless: group.members.iter().map(endless).collect(),
             timers: Vec::new(),
+            resources: Vec::new(),
+            taken: Vec::new(),
+            usings: 0,
+            tags: Vec::new(),
         };
         program.add(&group.members, &group.expression, None, 1);
         program
@@ -119,13 +157,18 @@ impl Program {
         small(self.timers.len())
     }
 
+    /// Returns the names of what `using` takes, in the order of their first appearance.
+    pub fn resources(&self) -> &[String] {
+        &self.resources
+    }
+
     /// Adds the subtree of `expression`; the operands are added before the node's own flags can be known.
     fn add(&mut self, members: &[Member], expression: &Expression, parent: Option<usize>, depth: usize) {
         assert!(depth <= DEPTH_MAX, "a validated expression is nested at most {DEPTH_MAX} deep");
         let node = self.nodes.len();
         let kind = self.kind(expression);
         self.nodes.push(Node { parent, end: node + 1, service: false, kind });
-        for operand in operands(expression) {
+        for operand in expression.operands() {
             self.add(members, operand, Some(node), depth + 1);
         }
         self.nodes[node].end = self.nodes.len();
@@ -146,10 +189,7 @@ impl Program {
             Expression::Skip => Kind::Skip,
             Expression::Never => Kind::Never,
             Expression::Fail(why) => Kind::Fail(why.as_str().into()),
-            Expression::Wait(after) => {
-                self.timers.push(self.nodes.len());
-                Kind::Wait { timer: small(self.timers.len() - 1), after: *after }
-            }
+            Expression::Wait(after) => Kind::Wait { timer: self.timer(), after: *after },
             Expression::Concurrent(_) => Kind::Concurrent { tasks: 0 },
             Expression::FailFast(of) => Kind::FailFast { operands: small(of.len()) },
             Expression::AnyOf { count, of } => {
@@ -161,21 +201,50 @@ impl Program {
             Expression::Conditional(..) => Kind::Conditional,
             Expression::Recurrent(..) => Kind::Recurrent,
             Expression::Otherwise(..) => Kind::Otherwise,
+            Expression::Match(arms) => {
+                let start = self.tags.len();
+                self.tags.extend(arms.iter().map(|arm| arm.tag.as_deref().map(Arc::from)));
+                Kind::Match { tags: start..self.tags.len() }
+            }
+            Expression::Shield { bound, .. } => {
+                Kind::Shield { bound: bound.map(|after| Bound { timer: self.timer(), after }) }
+            }
+            Expression::Using { resources, .. } => self.using(resources),
+            Expression::Asynchronous { .. } => Kind::Asynchronous,
         }
     }
 
+    /// Numbers the timer of the next node.
+    fn timer(&mut self) -> u32 {
+        self.timers.push(self.nodes.len());
+        small(self.timers.len() - 1)
+    }
+
+    fn using(&mut self, names: &[String]) -> Kind {
+        let start = self.taken.len();
+        for name in names {
+            let known = self.resources.iter().position(|other| other == name);
+            self.taken.push(known.unwrap_or(self.resources.len()));
+            if known.is_none() {
+                self.resources.push(name.clone());
+            }
+        }
+        self.usings += 1;
+        Kind::Using { taken: start..self.taken.len() }
+    }
+
     /// The service rules, upward from the members. `any k of` is one when fewer than `k` operands are tasks, `&` when
-    /// one operand is, since it waits for all of them; `fail` and `wait` end by themselves.
+    /// one operand is, since it waits for all of them, `match` when every arm is; `fail` and `wait` end by themselves.
     fn infer_service(&self, node: usize, members: &[Member]) -> bool {
         let mut services = self.operands(node).map(|operand| self.nodes[operand].service);
         match &self.nodes[node].kind {
             Kind::Run { member, .. } => members[*member as usize].service,
-            Kind::Never | Kind::Recurrent => true,
+            Kind::Never | Kind::Recurrent | Kind::Asynchronous => true,
             Kind::Skip | Kind::Fail(_) | Kind::Wait { .. } => false,
             Kind::Concurrent { .. } => self.end(node) > node + 1 && services.all(|service| service),
-            Kind::Disable => services.all(|service| service),
+            Kind::Disable | Kind::Match { .. } => services.all(|service| service),
             Kind::Sequence | Kind::Conditional | Kind::FailFast { .. } => services.any(|service| service),
-            Kind::Otherwise => self.nodes[node + 1].service,
+            Kind::Otherwise | Kind::Shield { .. } | Kind::Using { .. } => self.nodes[node + 1].service,
             Kind::AnyOf { count, .. } => services.filter(|service| !service).count() < *count as usize,
         }
     }
@@ -183,6 +252,16 @@ impl Program {
     /// Whether `,` waits for this operand: tasks, or every operand when all of them are services.
     pub(super) fn is_task(&self, node: usize, operand: usize) -> bool {
         self.nodes[node].service || !self.nodes[operand].service
+    }
+
+    /// Returns what a `Using` node takes: indices of [`Self::resources`].
+    pub(super) fn taken(&self, node: usize) -> &[usize] {
+        if let Kind::Using { taken } = &self.nodes[node].kind { &self.taken[taken.clone()] } else { &[] }
+    }
+
+    /// Returns the phase in which the timer of a node runs.
+    pub(super) fn armed_phase(&self, node: usize) -> Phase {
+        if matches!(self.nodes[node].kind, Kind::Shield { .. }) { Phase::Second } else { Phase::Running }
     }
 
     /// Returns the operands of a node in textual order.
@@ -204,20 +283,6 @@ impl Program {
 
     fn end(&self, node: usize) -> usize {
         self.nodes[node].end
-    }
-}
-
-fn operands(expression: &Expression) -> Vec<&Expression> {
-    match expression {
-        Expression::Run { .. } | Expression::Skip | Expression::Never | Expression::Fail(_) | Expression::Wait(_) => {
-            Vec::new()
-        }
-        Expression::Concurrent(of) | Expression::FailFast(of) | Expression::Disable(of) => of.iter().collect(),
-        Expression::AnyOf { of, .. } => of.iter().collect(),
-        Expression::Sequence(p, q)
-        | Expression::Conditional(p, q)
-        | Expression::Recurrent(p, q)
-        | Expression::Otherwise(p, q) => vec![p, q],
     }
 }
 

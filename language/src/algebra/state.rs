@@ -14,13 +14,19 @@
 //!   dis[..]                  Running                  drain(o,Cs)                   Draining: outcome = o, open = |Cs|
 //!   slot done(v)             Done, outcome = done(v)  slot aborted(r)               Idle; the first r is the
 //!                                                                                   operator's outcome
+//!   acq(res,E,v)             Waiting, outcome =       shieldK(C)                    Second; `shield` after its bound:
+//!                            done(v), in the queue                                  Stopping
+//!   arec: P done(u), pool    P: Done, outcome =       arec that ends                Draining, but its pool goes on
+//!   full                     done(u)
 //! ```
 //!
 //! Invariants, between two events:
 //! - an active node (`Running`, `Second`, `Stopping`, `Draining`) other than the root has an active parent;
-//! - below a node that is `Stopping` or `Draining`, every active leaf is `Stopping` and no timer is armed;
+//! - below a node that is `Stopping` or `Draining`, every active leaf is `Stopping` and no timer is armed, but for what is
+//!   below a `shield` that is `Second` or a `::`;
 //! - `open` is the number of operands that the operator still waits for, and is greater than 0 in `Draining`;
-//! - a seat names a node exactly while that `Run` node is `Running` or `Stopping`.
+//! - a seat names a node exactly while that `Run` node is `Running` or `Stopping`;
+//! - a `using` is in the queue exactly while it is `Waiting`, and the holder of what it takes while it is otherwise active.
 
 use super::event::{Activation, Outcome};
 use super::program::Program;
@@ -31,6 +37,10 @@ pub struct State {
     pub(super) cells: Vec<Cell>,
     pub(super) seats: Vec<Seat>,
     pub(super) timers: Vec<Activation>,
+    /// The `Using` nodes that wait, the first to come first.
+    pub(super) queue: Vec<usize>,
+    /// For each thing that `using` takes, the node that has it.
+    pub(super) holders: Vec<Option<usize>>,
 }
 
 /// What one node is doing. Opaque, but comparable: see [`State::configuration`].
@@ -55,12 +65,13 @@ pub(super) enum Phase {
     Stopping,
     Draining,
     Done,
+    Waiting,
 }
 
 impl Phase {
     pub(super) fn is_active(self) -> bool {
         match self {
-            Self::Running | Self::Second | Self::Stopping | Self::Draining => true,
+            Self::Running | Self::Second | Self::Stopping | Self::Draining | Self::Waiting => true,
             Self::Idle | Self::Done => false,
         }
     }
@@ -93,6 +104,8 @@ impl State {
             cells: vec![Cell::default(); program.nodes.len()],
             seats: vec![Seat::default(); program.endless.len()],
             timers: vec![Activation::default(); program.timers.len()],
+            queue: Vec::with_capacity(program.usings),
+            holders: vec![None; program.resources().len()],
         }
     }
 
@@ -118,7 +131,7 @@ impl State {
     /// Returns the number of a timer's latest arm and whether it is armed now.
     pub fn timer(&self, program: &Program, timer: u32) -> (Activation, bool) {
         let node = program.timers.get(timer as usize);
-        let armed = node.is_some_and(|&node| self.cells[node].phase == Phase::Running);
+        let armed = node.is_some_and(|&node| self.cells[node].phase == program.armed_phase(node));
         (self.timers.get(timer as usize).copied().unwrap_or_default(), armed)
     }
 
@@ -127,9 +140,15 @@ impl State {
         (0..).zip(&self.seats).filter(|(_, seat)| seat.node.is_some()).map(|(member, _)| member)
     }
 
+    /// Returns the names of what each waiting `using` takes, the first to come first.
+    pub fn waiting<'a>(&'a self, program: &'a Program) -> impl Iterator<Item = impl Iterator<Item = &'a str>> {
+        self.queue.iter().map(|&node| program.taken(node).iter().map(|&index| program.resources()[index].as_str()))
+    }
+
     /// Returns what decides the future but for the numbers of activations: two states of one program with equal
-    /// configurations react alike to the same events. An explorer keys its visited states by this.
-    pub fn configuration(&self) -> &[Cell] {
-        &self.cells
+    /// configurations react alike to the same events. An explorer keys its visited states by this. It is what each node
+    /// does, and which of them wait, the first to come first.
+    pub fn configuration(&self) -> (&[Cell], &[usize]) {
+        (&self.cells, &self.queue)
     }
 }

@@ -30,12 +30,21 @@
 //! ANY        k are done -> DRAIN(done(<those k>), the others)
 //!            fewer than k can still be done -> DRAIN(first abort, the others)
 //! DRAIN      o, once all that is being stopped has confirmed
+//! AREC       P done(u) -> u |- Q in the first free place of the pool, empty |- P;  none free -> once one is
+//!            Q done -> its place is free             aborted(r) -> stop P, aborted(r) once every Q has ended
+//! [s-match]  v |- match{t => E, ..}     the value behind the tag |- the first arm of that tag; `else` gets v
+//!            no such arm -> aborted(NoMatch)
+//! [s-using]  v |- using(res) E    v |- E if all of res are free and nothing that waits wants one of them, else wait
+//! USING      o -> o, and res are free
+//! [e-grant]  at the end of each reaction, the first that waits and can have all it wants starts
+//! SHIELD     o -> o; of a shield that holds up a stop, killed unless o is an unconfirmed stop
 //! [e-done] [e-abort] [e-stopped] [e-unconf] [e-timer]         the leaf's part, which also disconnects L
 //! [e-ctx]    climbs
-//! stop       forgets what has not started, drains what runs
+//! [e-bound]  a shield has held up a stop for as long as it may: stop(C)
+//! stop       forgets what has not started, drains what runs; a shield lets it wait
 //! ```
 //!
-//! Four points are settled here beyond the study they come from:
+//! Six points are settled here beyond the study they come from:
 //! - **Unconfirmed stops are never swallowed.** A stopping leaf that cannot confirm yields `aborted(StopUnconfirmed)`;
 //!   a drain takes the first of these from what it waits for as its own outcome, and a later stop does not erase it. So
 //!   a group that is asked to stop never says `Stopped` when one of the leaves it waited for did not confirm. Once such
@@ -46,10 +55,16 @@
 //!   node.
 //! - **A member that stops without being asked has failed**: `Stopped` or `StopUnconfirmed` from an active member is
 //!   its abort, since it will never end otherwise.
+//! - **`::` goes at once too**: of an instantaneous source, `skip ::[n] Q`, as many Q run as there are places. If they
+//!   are instantaneous too, [rec-instant] holds for it as for `;;`.
+//! - **One reaction grants at most as many times as there are `using`s**, so that loops which hand something to each
+//!   other in no time cannot hang a node; what is left waits for the next event. No spec that was checked gets there.
 
 mod completion;
 mod drain;
 mod leaf;
+mod pool;
+mod scope;
 mod start;
 
 use super::event::{Command, Event, Outcome, Value};
@@ -68,7 +83,8 @@ use super::state::{Cell, Phase, State};
 /// If `state` was made for another program.
 pub fn step(program: &Program, state: &mut State, event: Event, commands: &mut Vec<Command>) -> Option<Outcome> {
     let mut reaction = Reaction { program, state, commands };
-    match event {
+    let ended = match event {
+        Event::Start(_) if !reaction.state.is_idle() => return None,
         Event::Start(value) => reaction.begin(value),
         Event::Stop => reaction.halt(),
         Event::Done { member, activation, value } => {
@@ -93,10 +109,10 @@ pub fn step(program: &Program, state: &mut State, event: Event, commands: &mut V
         }
         Event::Elapsed { timer, activation } => {
             let node = reaction.armed(timer, activation)?;
-            let outcome = reaction.e_timer(node);
-            reaction.e_ctx(node, outcome)
+            reaction.e_timer(node).and_then(|outcome| reaction.e_ctx(node, outcome))
         }
-    }
+    };
+    ended.or_else(|| reaction.e_grant())
 }
 
 /// One event being processed to completion.
@@ -109,9 +125,6 @@ struct Reaction<'a> {
 impl Reaction<'_> {
     /// The group is started: the sets without owner first.
     fn begin(&mut self, value: Value) -> Option<Outcome> {
-        if !self.state.is_idle() {
-            return None;
-        }
         self.commands.extend(self.program.sets_always.iter().map(|&set| Command::Connect { set }));
         let outcome = self.start(0, value)?;
         Some(self.finish(outcome))
@@ -122,10 +135,8 @@ impl Reaction<'_> {
         if self.state.is_idle() {
             return Some(Outcome::Stopped);
         }
-        match self.stop(0) {
-            Stop::Waits => None,
-            Stop::Killed => Some(self.finish(Outcome::Stopped)),
-        }
+        let outcome = self.stop(0)?;
+        Some(self.finish(outcome))
     }
 
     /// The root has an outcome: it is the group's.
@@ -166,6 +177,10 @@ impl Reaction<'_> {
                 self.slot(node, operand, outcome);
                 self.any(node, count)
             }
+            Kind::Match { .. } => self.pass(node, outcome),
+            Kind::Shield { .. } => Some(self.shield(node, outcome)),
+            Kind::Using { .. } => Some(self.using(node, outcome)),
+            Kind::Asynchronous => self.asynchronous(node, operand, outcome),
             Kind::Run { .. } | Kind::Skip | Kind::Never | Kind::Fail(_) | Kind::Wait { .. } => {
                 unreachable!("a node without operands has no operand that ends")
             }
@@ -184,13 +199,4 @@ impl Reaction<'_> {
     fn enter(&mut self, node: usize, phase: Phase) {
         self.cell(node).phase = phase;
     }
-}
-
-/// What is left of a configuration that was asked to stop.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Stop {
-    /// Nothing.
-    Killed,
-    /// Leaves that have to confirm.
-    Waits,
 }

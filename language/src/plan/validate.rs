@@ -1,6 +1,7 @@
 //! Whether a plan keeps its invariants: plans also arrive over a network.
 
-use super::{DEPTH_MAX, Expression, Group, LEAVES_MAX, MemberKind, Plan};
+use super::{Arm, DEPTH_MAX, Expression, Group, LEAVES_MAX, MemberKind, Plan};
+use crate::algebra::TAG_MAX;
 use std::collections::BTreeSet;
 
 /// Which invariant a plan breaks, and where.
@@ -54,6 +55,12 @@ pub enum PlanError {
     ExpressionTooDeep {
         /// Path of the group.
         group: String,
+    },
+    /// A tag is longer than an outcome's may be.
+    #[error("the tag `{tag}` is longer than {TAG_MAX} bytes")]
+    Tag {
+        /// The tag.
+        tag: String,
     },
     /// An operator without operands, or a count that its operands cannot reach.
     #[error("the event actions of `{group}` have an operator with a wrong number of operands")]
@@ -183,9 +190,36 @@ fn check_expression(group: &Group, root: &Expression) -> Result<(), PlanError> {
                 push(first);
                 push(second);
             }
+            Expression::Match(arms) => {
+                check_arms(group, arms)?;
+                arms.iter().for_each(|arm| push(&arm.body));
+            }
+            Expression::Shield { of, .. } => push(of),
+            Expression::Using { resources, of } => {
+                unique("resource", resources.iter())?;
+                push(of);
+            }
+            Expression::Asynchronous { source, pool } => {
+                has_operands(group, 1, pool)?;
+                push(source);
+                pool.iter().for_each(push);
+            }
         }
     }
     Ok(())
+}
+
+/// Tags are unique and fit into an outcome; `else` is the last arm.
+fn check_arms(group: &Group, arms: &[Arm]) -> Result<(), PlanError> {
+    let tags = || arms.iter().filter_map(|arm| arm.tag.as_ref());
+    unique("tag", tags())?;
+    if let Some(long) = tags().find(|tag| tag.len() > TAG_MAX) {
+        return Err(PlanError::Tag { tag: long.clone() });
+    }
+    match arms.split_last() {
+        Some((_, before)) if before.iter().all(|arm| arm.tag.is_some()) => Ok(()),
+        Some(_) | None => Err(PlanError::Operands { group: group.path.clone() }),
+    }
 }
 
 fn has_operands(group: &Group, count_min: usize, parts: &[Expression]) -> Result<(), PlanError> {
@@ -271,6 +305,27 @@ mod tests {
             |plan| plan.groups[0].expression = Expression::AnyOf { count: 2, of: vec![Expression::Skip] },
             "the event actions of `main` have an operator with a wrong number of operands",
         );
+        let matching = |tags: &[Option<&str>]| {
+            let arm = |tag: &Option<&str>| Arm { tag: tag.map(str::to_owned), body: Expression::Skip };
+            Expression::Match(tags.iter().map(arm).collect())
+        };
+        let operands = "the event actions of `main` have an operator with a wrong number of operands";
+        check(|plan| plan.groups[0].expression = matching(&[]), operands);
+        check(|plan| plan.groups[0].expression = matching(&[None, Some("found")]), operands);
+        let twice = [Some("found"), Some("found")];
+        check(|plan| plan.groups[0].expression = matching(&twice), "tag `found` is empty or not unique");
+        let long = "t".repeat(TAG_MAX + 1);
+        let expect = format!("the tag `{long}` is longer than 64 bytes");
+        check(|plan| plan.groups[0].expression = matching(&[Some(&long)]), &expect);
+        check(
+            |plan| {
+                let (resources, of) = (vec!["arm".to_owned(), "arm".to_owned()], Box::new(Expression::Skip));
+                plan.groups[0].expression = Expression::Using { resources, of };
+            },
+            "resource `arm` is empty or not unique",
+        );
+        let source = Box::new(Expression::Skip);
+        check(|plan| plan.groups[0].expression = Expression::Asynchronous { source, pool: vec![] }, operands);
         check(
             |plan| {
                 for _ in 0..DEPTH_MAX {

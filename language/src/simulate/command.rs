@@ -21,7 +21,7 @@ pub enum SimulationError {
         candidates: Vec<String>,
     },
     /// The line is none of those that are understood.
-    #[error("expected `process`, `process abort why`, `5 s` or `stop`, found `{line}`")]
+    #[error("expected `process`, `process done outcome`, `process abort why`, `5 s` or `stop`, found `{line}`")]
     Unreadable {
         /// What was said.
         line: String,
@@ -29,8 +29,8 @@ pub enum SimulationError {
 }
 
 impl Simulation<'_> {
-    /// Obeys one line: `arm` or `arm done` ends a process, `arm abort no grip` makes it fail, `5 s` lets time pass, `stop`
-    /// asks `main` to stop. An empty line and what follows `//` are ignored.
+    /// Obeys one line: `arm` or `arm done` ends a process, `arm done found` with an outcome, `arm abort no grip` makes it
+    /// fail, `5 s` lets time pass, `stop` asks `main` to stop. An empty line and what follows `//` are ignored.
     ///
     /// # Errors
     /// When the line is not understood, or names no process that runs.
@@ -49,6 +49,9 @@ impl Simulation<'_> {
                 Ok(())
             }
             (name, "" | "done", "") => self.end(name, Ending::Done),
+            (name, "done", tag) if !tag.contains(char::is_whitespace) => {
+                self.end(name, Ending::Outcome(tag.to_owned()))
+            }
             (name, "abort", "") => self.end(name, Ending::Aborted("it failed".to_owned())),
             (name, "abort", why) => self.end(name, Ending::Aborted(why.to_owned())),
             (_, _, _) => Err(SimulationError::Unreadable { line: text.to_owned() }),
@@ -187,7 +190,7 @@ mod tests {
                     runs: main/home main/log
                 no running process is called `threshold`
                     runs: main/home main/log
-                expected `process`, `process abort why`, `5 s` or `stop`, found `what is this`
+                expected `process`, `process done outcome`, `process abort why`, `5 s` or `stop`, found `what is this`
                     runs: main/home main/log
                 20s main/home Aborted("no way")
                 20s main/log Stopped

@@ -2,7 +2,7 @@
 
 use crate::pair::Pair;
 use crate::reference::{Declared, Event as Told, Outcome as Expected, Reason, Term};
-use crate::spec::{Spec, number_timers};
+use crate::spec::{Spec, number};
 use language::algebra::{Activation, Activity, Command, Event, Outcome, Program, State, Value, step};
 use language::plan::{DEPTH_MAX, Expression, Group, Member, MemberKind};
 use std::time::Duration;
@@ -109,7 +109,7 @@ fn a_loop_is_aborted_in_the_reaction_in_which_its_round_takes_no_time() {
     let body = Term::Dis(vec![both(Term::Else, leaf(0), Term::Skip), leaf(1)]);
     let recurrent = both(Term::Rec, body, Term::Dis(vec![Term::Wait(0), Term::Skip]));
     let mut term = Term::Ff(vec![recurrent, both(Term::Seq, leaf(2), leaf(0))]);
-    number_timers(&mut term);
+    number(&mut term);
     let spec = Spec { term, declared: vec![Declared::Task; 3] };
     let program = Program::compile(&spec.group());
     let mut pair = Pair::new(&spec, &program);

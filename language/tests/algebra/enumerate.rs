@@ -1,14 +1,15 @@
 //! All expressions of a given size.
 
+use crate::pair::TAGS;
 use crate::reference::{Declared, Term};
-use crate::spec::{Spec, number_timers};
+use crate::spec::{Spec, number};
 
 /// Which operators.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Operators {
     /// `, ; : # ;;`
     Core,
-    /// And `else`, `&`, `any k of`.
+    /// And `else`, `&`, `any k of`, `match`, `::`.
     All,
 }
 
@@ -21,10 +22,19 @@ pub(crate) enum Leaves {
     Any,
 }
 
-/// Calls `visit` with every expression of `leaves` leaves.
-pub(crate) fn all(size: usize, operators: Operators, leaves: Leaves, visit: &mut impl FnMut(Spec)) {
+/// How large an expression is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Size {
+    /// Its leaves.
+    pub(crate) leaves: usize,
+    /// How many times `shield`, `shield(1 s)`, `using(r)` and `match` with one arm stand in it, anywhere.
+    pub(crate) unary: usize,
+}
+
+/// Calls `visit` with every expression of a size.
+pub(crate) fn all(size: Size, operators: Operators, leaves: Leaves, visit: &mut impl FnMut(Spec)) {
     let shapes = shapes(size, operators);
-    let labels = labels(size, leaves);
+    let labels = labels(size.leaves, leaves);
     for shape in &shapes {
         for (terms, members) in &labels {
             for services in 0..1_u32 << members {
@@ -34,7 +44,7 @@ pub(crate) fn all(size: usize, operators: Operators, leaves: Leaves, visit: &mut
                 };
                 let mut term = shape.clone();
                 fill(&mut term, &mut terms.iter());
-                number_timers(&mut term);
+                number(&mut term);
                 visit(Spec { term, declared: (0..*members).map(declared).collect() });
             }
         }
@@ -42,15 +52,12 @@ pub(crate) fn all(size: usize, operators: Operators, leaves: Leaves, visit: &mut
 }
 
 /// Returns all trees with `skip` for every leaf.
-fn shapes(size: usize, operators: Operators) -> Vec<Term> {
-    if size == 1 {
-        return vec![Term::Skip];
-    }
+fn shapes(size: Size, operators: Operators) -> Vec<Term> {
     let mut all = Vec::new();
-    for operands in forests(size, operators) {
-        if operands.len() == 1 {
-            continue;
-        }
+    if size == (Size { leaves: 1, unary: 0 }) {
+        all.push(Term::Skip);
+    }
+    for operands in forests(size, operators).into_iter().filter(|operands| operands.len() > 1) {
         if let [e, f] = &operands[..] {
             let pair = || (Box::new(e.clone()), Box::new(f.clone()));
             let binary = [Term::Seq, Term::Cond, Term::Rec];
@@ -62,21 +69,40 @@ fn shapes(size: usize, operators: Operators) -> Vec<Term> {
         if operators == Operators::All {
             all.push(Term::Ff(operands.clone()));
             all.extend((1..=operands.len()).map(|count| Term::Any(count, operands.clone())));
+            all.push(Term::Match(arms(&operands)));
+            all.push(Term::Arec(Box::new(operands[0].clone()), operands[1..].to_vec()));
         }
         all.push(Term::Par(operands.clone()));
         all.push(Term::Dis(operands));
     }
+    if size.unary > 0 {
+        for inner in shapes(Size { unary: size.unary - 1, ..size }, operators) {
+            all.push(Term::Match(vec![(Some(TAGS[0].to_owned()), inner.clone())]));
+            all.push(Term::Using(0, vec!["r".to_owned()], Box::new(inner.clone())));
+            all.push(Term::Shield(Some(0), Box::new(inner.clone())));
+            all.push(Term::Shield(None, Box::new(inner)));
+        }
+    }
     all
 }
 
-/// Returns all lists of trees that have `size` leaves together; the single tree of that size is left out.
-fn forests(size: usize, operators: Operators) -> Vec<Vec<Term>> {
+/// The arms of a `match`: one tag each, `else` for the last.
+fn arms(operands: &[Term]) -> Vec<(Option<String>, Term)> {
+    let tags = TAGS.iter().take(operands.len() - 1).map(|&tag| Some(tag.to_owned())).chain([None]);
+    tags.zip(operands.iter().cloned()).collect()
+}
+
+/// Returns all lists of trees that have the size together; the single tree of that size is left out.
+fn forests(size: Size, operators: Operators) -> Vec<Vec<Term>> {
     let mut all = Vec::new();
-    for first in 1..size {
-        let mut rests = forests(size - first, operators);
-        rests.extend(shapes(size - first, operators).into_iter().map(|tree| vec![tree]));
-        for tree in shapes(first, operators) {
-            all.extend(rests.iter().map(|rest| [std::slice::from_ref(&tree), &rest[..]].concat()));
+    for leaves in 1..size.leaves {
+        for unary in 0..=size.unary {
+            let left = Size { leaves: size.leaves - leaves, unary: size.unary - unary };
+            let mut rests = forests(left, operators);
+            rests.extend(shapes(left, operators).into_iter().map(|tree| vec![tree]));
+            for tree in shapes(Size { leaves, unary }, operators) {
+                all.extend(rests.iter().map(|rest| [std::slice::from_ref(&tree), &rest[..]].concat()));
+            }
         }
     }
     all
@@ -104,13 +130,9 @@ fn labels(size: usize, leaves: Leaves) -> Vec<(Vec<Term>, u32)> {
 }
 
 fn fill(shape: &mut Term, leaves: &mut std::slice::Iter<'_, Term>) {
-    match shape {
-        Term::Skip => *shape = leaves.next().expect("a shape has as many leaves as it is filled with").clone(),
-        Term::Seq(e, f) | Term::Cond(e, f) | Term::Rec(e, f) | Term::Else(e, f) => {
-            fill(e, leaves);
-            fill(f, leaves);
-        }
-        Term::Par(es) | Term::Ff(es) | Term::Any(_, es) | Term::Dis(es) => es.iter_mut().for_each(|e| fill(e, leaves)),
-        Term::Leaf(..) | Term::Never | Term::Fail(_) | Term::Wait(_) => unreachable!("a shape's leaves are `skip`"),
+    if *shape == Term::Skip {
+        *shape = leaves.next().expect("a shape has as many leaves as it is filled with").clone();
+    } else {
+        shape.parts_mut().into_iter().for_each(|part| fill(part, leaves));
     }
 }

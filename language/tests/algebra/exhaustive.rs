@@ -1,10 +1,10 @@
 //! All small expressions: the product of both interpreters over all events.
 
-use crate::enumerate::{Leaves, Operators, all};
+use crate::enumerate::{Leaves, Operators, Size, all};
 use crate::pair::{Figures, explore};
 
 /// Explores every expression. Returns how many there are and what was seen.
-pub(crate) fn check(size: usize, operators: Operators, leaves: Leaves) -> (u64, Figures) {
+pub(crate) fn check(size: Size, operators: Operators, leaves: Leaves) -> (u64, Figures) {
     let (mut expressions, mut sum) = (0, Figures::default());
     all(size, operators, leaves, &mut |spec| {
         let figures = explore(&spec).unwrap_or_else(|difference| panic!("{spec:?}\n{difference}"));
@@ -17,16 +17,22 @@ pub(crate) fn check(size: usize, operators: Operators, leaves: Leaves) -> (u64, 
 
 #[test]
 fn all_expressions_of_one_and_two_leaves() {
-    assert_eq!(check(1, Operators::All, Leaves::Any).0, 6);
-    assert_eq!(check(2, Operators::All, Leaves::Any).0, 342);
+    let count = |leaves, unary| check(Size { leaves, unary }, Operators::All, Leaves::Any).0;
+    assert_eq!([count(1, 0), count(1, 1), count(1, 2)], [6, 24, 96]);
+    assert_eq!([count(2, 0), count(2, 1)], [418, 5_016]);
 }
 
 #[test]
 fn all_expressions_of_three_leaves() {
-    assert_eq!(check(3, Operators::All, Leaves::Any).0, 42_672);
+    assert_eq!(check(Size { leaves: 3, unary: 0 }, Operators::All, Leaves::Any).0, 63_500);
+}
+
+#[test]
+fn core_expressions_of_three_leaves_with_one_scope() {
+    assert_eq!(check(Size { leaves: 3, unary: 1 }, Operators::Core, Leaves::Distinct).0, 8_256);
 }
 
 #[test]
 fn core_expressions_of_four_leaves() {
-    assert_eq!(check(4, Operators::Core, Leaves::Distinct).0, 10_832);
+    assert_eq!(check(Size { leaves: 4, unary: 0 }, Operators::Core, Leaves::Distinct).0, 10_832);
 }

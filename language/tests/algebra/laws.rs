@@ -3,15 +3,15 @@
 use crate::pair::{command, event_of, outcome_of};
 use crate::reference::{Command, Declared, Event, Outcome, Reason, Term};
 use crate::spec::Spec;
-use language::algebra::{Activity, Program, State, step};
+use language::algebra::{Activity, Cell, Program, State, step};
 use std::collections::HashSet;
 
 /// Members 0 to 5 are tasks, 6 to 8 services.
-const TASKS: u32 = 6;
+pub(crate) const TASKS: u32 = 6;
 const MEMBERS: u32 = 9;
 
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum UpTo {
+pub(crate) enum UpTo {
     /// The same commands and outcomes.
     Nothing,
     /// The commands of one reaction may come in another order.
@@ -38,12 +38,17 @@ fn difference(left: &Term, right: &Term, up_to: UpTo) -> Option<Vec<Event>> {
             if react(&p, &mut s, &event, up_to) != react(&q, &mut t, &event, up_to) {
                 return Some(trace);
             }
-            if seen.insert((s.configuration().to_vec(), t.configuration().to_vec())) {
+            if seen.insert((configuration(&s), configuration(&t))) {
                 todo.push((s, t, trace));
             }
         }
     }
     None
+}
+
+fn configuration(state: &State) -> (Vec<Cell>, Vec<usize>) {
+    let (cells, queue) = state.configuration();
+    (cells.to_vec(), queue.to_vec())
 }
 
 fn react(program: &Program, state: &mut State, event: &Event, up_to: UpTo) -> (Vec<Command>, Option<Outcome>) {
@@ -72,25 +77,25 @@ fn events(state: &State) -> Vec<Event> {
     events
 }
 
-fn law(left: &Term, right: &Term, up_to: UpTo) {
+pub(crate) fn law(left: &Term, right: &Term, up_to: UpTo) {
     if let Some(trace) = difference(left, right, up_to) {
         panic!("{left:?} is not {right:?}: {trace:?}");
     }
 }
 
-fn no_law(left: &Term, right: &Term) {
+pub(crate) fn no_law(left: &Term, right: &Term) {
     assert!(difference(left, right, UpTo::Order).is_some(), "{left:?} is {right:?} after all");
 }
 
-fn leaf(member: u32) -> Term {
+pub(crate) fn leaf(member: u32) -> Term {
     Term::Leaf(member, vec![member])
 }
 
-fn two(operator: fn(Box<Term>, Box<Term>) -> Term, e: &Term, f: &Term) -> Term {
+pub(crate) fn two(operator: fn(Box<Term>, Box<Term>) -> Term, e: &Term, f: &Term) -> Term {
     operator(Box::new(e.clone()), Box::new(f.clone()))
 }
 
-fn many(operator: fn(Vec<Term>) -> Term, es: &[&Term]) -> Term {
+pub(crate) fn many(operator: fn(Vec<Term>) -> Term, es: &[&Term]) -> Term {
     operator(es.iter().copied().cloned().collect())
 }
 
@@ -111,7 +116,7 @@ fn tasks(task: u32) -> Vec<Term> {
 }
 
 /// Calls `check` with all P, Q without common members.
-fn pairs(kind: fn(u32) -> Vec<Term>, check: impl Fn(&Term, &Term)) {
+pub(crate) fn pairs(kind: fn(u32) -> Vec<Term>, check: impl Fn(&Term, &Term)) {
     for p in kind(0) {
         for q in kind(1) {
             check(&p, &q);
@@ -120,11 +125,11 @@ fn pairs(kind: fn(u32) -> Vec<Term>, check: impl Fn(&Term, &Term)) {
 }
 
 /// Calls `check` with all P, Q, R without common members.
-fn triples(kind: fn(u32) -> Vec<Term>, check: impl Fn(&Term, &Term, &Term)) {
+pub(crate) fn triples(kind: fn(u32) -> Vec<Term>, check: impl Fn(&Term, &Term, &Term)) {
     pairs(kind, |p, q| kind(2).iter().for_each(|r| check(p, q, r)));
 }
 
-fn any_operands(which: u32) -> Vec<Term> {
+pub(crate) fn any_operands(which: u32) -> Vec<Term> {
     operands(2 * which, TASKS + which)
 }
 
@@ -132,7 +137,7 @@ fn task_operands(which: u32) -> Vec<Term> {
     tasks(2 * which)
 }
 
-fn with_constants(which: u32) -> Vec<Term> {
+pub(crate) fn with_constants(which: u32) -> Vec<Term> {
     let constants = [Term::Skip, Term::Never, Term::Fail("f".into())];
     [operands(2 * which, TASKS + which), constants.to_vec()].concat()
 }

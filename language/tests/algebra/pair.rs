@@ -1,17 +1,30 @@
 //! Both interpreters in lock step: every event goes to both, and everything that can be seen must agree.
 
-use crate::reference::{self, Config, Event, Machine, Reason};
-use crate::spec::{SET_ALWAYS, Spec};
+use crate::reference::{self, Config, Event, Machine, Reason, Term};
+use crate::spec::{SET_ALWAYS, Spec, any};
 use language::algebra::{self, Activation, Activity, Cause, Cell, Program, State};
 use std::collections::hash_map::{Entry, HashMap};
+
+/// The tags that outcomes carry.
+pub(crate) const TAGS: [&str; 3] = ["a", "bc", "d"];
 
 /// The algebra under test beside the reference.
 #[derive(Clone, Debug)]
 pub(crate) struct Pair<'a> {
     program: &'a Program,
     members: u32,
+    traits: Traits,
     pub(crate) state: State,
     pub(crate) machine: Machine,
+}
+
+/// What makes a difference for the events that are tried.
+#[derive(Clone, Copy, Debug)]
+struct Traits {
+    /// Whether tags are looked at.
+    matches: bool,
+    /// Whether a stop may be held up for ever.
+    shields_for_ever: bool,
 }
 
 impl<'a> Pair<'a> {
@@ -19,7 +32,11 @@ impl<'a> Pair<'a> {
         let machine = Machine::new(spec.term.clone(), spec.declared.clone(), vec![SET_ALWAYS]);
         assert_eq!(program.is_service(), machine.is_service(), "inferred service of {spec:?}");
         let members = u32::try_from(spec.declared.len()).expect("a test has few members");
-        Self { program, members, state: State::new(program), machine }
+        let traits = Traits {
+            matches: any(&spec.term, &|term| matches!(term, Term::Match(_))),
+            shields_for_ever: any(&spec.term, &|term| matches!(term, Term::Shield(None, _))),
+        };
+        Self { program, members, traits, state: State::new(program), machine }
     }
 
     /// Sends an event to both and compares all that can be seen. Returns the outcome, or what differs.
@@ -62,7 +79,14 @@ impl<'a> Pair<'a> {
         let (active, stopping) = self.machine.members();
         let mut events = vec![Event::Start(b"s".to_vec()), Event::Stop];
         for i in active.into_iter().chain(stopping) {
-            events.extend(endings(i, self.machine.epoch(i)));
+            let endings = endings(i, self.machine.epoch(i));
+            if let (true, Event::Done(i, n, value)) = (self.traits.matches, &endings[0]) {
+                events.extend(TAGS[..2].iter().map(|tag| Event::Done(*i, *n, tagged(tag, value))));
+            }
+            events.extend(endings);
+        }
+        if self.traits.matches {
+            events.push(Event::Start(tagged(TAGS[0], b"s")));
         }
         events.extend(self.machine.timers().iter().map(|&timer| Event::Elapsed(timer, self.machine.arm(timer))));
         events
@@ -91,9 +115,18 @@ impl<'a> Pair<'a> {
     }
 
     /// Returns both configurations without activation numbers.
-    pub(crate) fn key(&self) -> (Option<Config>, Vec<Cell>) {
-        (self.machine.shape(), self.state.configuration().to_vec())
+    pub(crate) fn key(&self) -> (Shape, (Vec<Cell>, Vec<usize>)) {
+        let (cells, queue) = self.state.configuration();
+        (self.machine.shape(), (cells.to_vec(), queue.to_vec()))
     }
+}
+
+/// The reference's configuration.
+type Shape = Option<(Config, Vec<u32>)>;
+
+/// Returns a value with a tag.
+pub(crate) fn tagged(tag: &str, value: &[u8]) -> Vec<u8> {
+    [&[u8::try_from(tag.len()).expect("a tag of a test is short")], tag.as_bytes(), value].concat()
 }
 
 fn endings(i: u32, n: u32) -> [Event; 4] {
@@ -150,14 +183,32 @@ pub(crate) fn explore(spec: &Spec) -> Result<Figures, String> {
     Ok(figures)
 }
 
-/// T5: stops the group and confirms for every leaf that is stopping. Returns how many events it took.
+/// As many events are waited for when something may hold up a stop for ever.
+const PATIENCE: usize = 40;
+
+/// T5: stops the group, lets the time of shields run out, and confirms for every leaf that is stopping. Returns how many
+/// events it took. What only a shield without a bound holds up is given a chance to end.
 pub(crate) fn converge(mut pair: Pair<'_>) -> Result<u64, String> {
     let mut outcome = pair.feed(&Event::Stop)?;
+    let mut sent = 1;
+    while let (None, Some(&timer)) = (&outcome, pair.machine.bounds().first()) {
+        outcome = pair.feed(&Event::Elapsed(timer, pair.machine.arm(timer)))?;
+        sent += 1;
+    }
+    if pair.traits.shields_for_ever {
+        for _ in 0..PATIENCE {
+            let Some(event) = pair.ending().filter(|_| outcome.is_none()) else { break };
+            outcome = pair.feed(&event)?;
+            sent += 1;
+        }
+        if outcome.is_none() {
+            return Ok(sent);
+        }
+    }
     let (active, stopping) = pair.machine.members();
     if !active.is_empty() || !pair.machine.timers().is_empty() {
         return Err(format!("after a stop something goes on: {pair:#?}"));
     }
-    let mut sent = 1;
     for member in stopping {
         if outcome.is_some() {
             return Err(format!("{outcome:?} before member {member} has stopped"));
@@ -173,6 +224,20 @@ pub(crate) fn converge(mut pair: Pair<'_>) -> Result<u64, String> {
     }
 }
 
+impl Pair<'_> {
+    /// Returns an event that brings a group that is stopping nearer to its end.
+    fn ending(&self) -> Option<Event> {
+        let (active, stopping) = self.machine.members();
+        let with = |member: u32| (member, self.machine.epoch(member));
+        let stopped = stopping.first().map(|&member| with(member)).map(|(i, n)| Event::Stopped(i, n));
+        let failed = active.first().map(|&member| with(member)).map(|(i, n)| Event::Aborted(i, n, vec![]));
+        let bounds = self.machine.bounds();
+        let timers = self.machine.timers();
+        let timer = bounds.first().or(timers.first());
+        stopped.or(failed).or(timer.map(|&timer| Event::Elapsed(timer, self.machine.arm(timer))))
+    }
+}
+
 pub(crate) fn event_of(event: &Event) -> algebra::Event {
     let value = |bytes: &[u8]| algebra::Value::new(bytes);
     match *event {
@@ -185,6 +250,7 @@ pub(crate) fn event_of(event: &Event) -> algebra::Event {
         Event::Stopped(member, n) => algebra::Event::Stopped { member, activation: Activation(n) },
         Event::Unconfirmed(member, n) => algebra::Event::StopUnconfirmed { member, activation: Activation(n) },
         Event::Elapsed(timer, n) => algebra::Event::Elapsed { timer, activation: Activation(n) },
+        Event::Granted(_) => unreachable!("a group grants by itself"),
     }
 }
 
@@ -218,6 +284,7 @@ pub(crate) fn outcome_of(outcome: algebra::Outcome) -> reference::Outcome {
                 (Some(i), Cause::ServiceEnded) => Reason::ServiceEnded(i),
                 (None, Cause::Failed(_)) if instant => Reason::Instant,
                 (None, Cause::Failed(why)) => Reason::Failed(why.to_string()),
+                (None, Cause::NoMatch) => Reason::NoMatch,
                 (member, cause) => panic!("a reason of {member:?} that is {cause:?}"),
             })
         }

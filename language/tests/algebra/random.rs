@@ -1,8 +1,8 @@
 //! Larger random expressions under random words of events: current, stale and crossing ones, and stops.
 
-use crate::pair::{Pair, converge};
+use crate::pair::{Pair, TAGS, converge};
 use crate::reference::{Declared, Event, Term};
-use crate::spec::{Spec, number_timers};
+use crate::spec::{Spec, number};
 use language::algebra::Program;
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -36,7 +36,7 @@ fn spec() -> impl Strategy<Value = Spec> {
     let declared =
         prop_oneof![4 => Just(Declared::Task), 2 => Just(Declared::Service), 1 => Just(Declared::ServiceGroup)];
     (term(), vec(declared, MEMBERS as usize)).prop_map(|(mut term, declared)| {
-        number_timers(&mut term);
+        number(&mut term);
         Spec { term, declared }
     })
 }
@@ -62,8 +62,27 @@ fn term() -> impl Strategy<Value = Term> {
             3 => several().prop_map(Term::Dis),
             1 => several().prop_map(Term::Ff),
             1 => (several(), 1..5_usize).prop_map(|(es, k)| Term::Any(k.min(es.len()), es)),
+            2 => (several(), any::<bool>()).prop_map(|(es, has_else)| Term::Match(arms(es, has_else))),
+            2 => several().prop_map(|mut es| Term::Arec(Box::new(es.remove(0)), es)),
+            2 => (resources(), inner.clone()).prop_map(|(taken, e)| Term::Using(0, taken, Box::new(e))),
+            1 => (any::<bool>(), inner).prop_map(|(b, e)| Term::Shield(b.then_some(0), Box::new(e))),
         ]
     })
+}
+
+fn arms(es: Vec<Term>, has_else: bool) -> Vec<(Option<String>, Term)> {
+    let tags = TAGS.iter().map(|&tag| Some(tag.to_owned()));
+    let mut arms: Vec<_> = tags.zip(es).collect();
+    if let (true, Some(last)) = (has_else, arms.last_mut()) {
+        last.0 = None;
+    }
+    arms
+}
+
+/// One or two of three things, so that many wait for each other.
+fn resources() -> impl Strategy<Value = Vec<String>> {
+    proptest::sample::subsequence(vec!["r", "s", "t"], 1..=2)
+        .prop_map(|taken| taken.into_iter().map(str::to_owned).collect())
 }
 
 /// Follows a word, whose numbers choose among the events of the states that they meet, through both interpreters, then

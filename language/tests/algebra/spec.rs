@@ -1,7 +1,7 @@
 //! An expression with the kinds of its members, and its translation into a plan's group.
 
 use crate::reference::{Declared, Term};
-use language::plan::{ConnectionSet, Expression, Group, Member, MemberKind};
+use language::plan::{Arm, ConnectionSet, Expression, Group, Member, MemberKind};
 use std::time::Duration;
 
 /// The set that is open for as long as the group runs; member `i` opens set `i`.
@@ -56,26 +56,32 @@ fn expression(term: &Term) -> Expression {
             Expression::AnyOf { count: u32::try_from(*k).expect("`any` of a test is small"), of: all(es) }
         }
         Term::Dis(es) => Expression::Disable(all(es)),
+        Term::Match(arms) => {
+            Expression::Match(arms.iter().map(|(tag, e)| Arm { tag: tag.clone(), body: expression(e) }).collect())
+        }
+        Term::Shield(bound, e) => Expression::Shield { bound: bound.map(|_| Duration::from_secs(1)), of: boxed(e) },
+        Term::Using(_, resources, e) => Expression::Using { resources: resources.clone(), of: boxed(e) },
+        Term::Arec(e, fs) => Expression::Asynchronous { source: boxed(e), pool: all(fs) },
     }
 }
 
-/// Numbers the timers of a term in textual order, as the compiler does.
-pub(crate) fn number_timers(term: &mut Term) {
-    fn visit(term: &mut Term, next: &mut u32) {
-        match term {
-            Term::Wait(timer) => {
-                *timer = *next;
-                *next += 1;
-            }
-            Term::Leaf(..) | Term::Skip | Term::Never | Term::Fail(_) => {}
-            Term::Seq(e, f) | Term::Cond(e, f) | Term::Rec(e, f) | Term::Else(e, f) => {
-                visit(e, next);
-                visit(f, next);
-            }
-            Term::Par(es) | Term::Ff(es) | Term::Any(_, es) | Term::Dis(es) => {
-                es.iter_mut().for_each(|e| visit(e, next));
-            }
+/// Numbers the timers and the `using`s of a term in textual order, as the compiler does.
+pub(crate) fn number(term: &mut Term) {
+    fn visit(term: &mut Term, timers: &mut u32, usings: &mut u32) {
+        if let Term::Wait(timer) | Term::Shield(Some(timer), _) = term {
+            *timer = *timers;
+            *timers += 1;
         }
+        if let Term::Using(using, ..) = term {
+            *using = *usings;
+            *usings += 1;
+        }
+        term.parts_mut().into_iter().for_each(|part| visit(part, timers, usings));
     }
-    visit(term, &mut 0);
+    visit(term, &mut 0, &mut 0);
+}
+
+/// Returns whether something in a term is so.
+pub(crate) fn any(term: &Term, is_so: &impl Fn(&Term) -> bool) -> bool {
+    is_so(term) || term.parts().into_iter().any(|part| any(part, is_so))
 }

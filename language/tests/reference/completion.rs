@@ -130,6 +130,14 @@ impl World {
 
 /// DRAIN: what could not confirm becomes the outcome; the first one stays.
 pub(super) fn drain(o: Outcome, rs: Vec<R>) -> R {
+    match collect(o, rs) {
+        (o, cs) if cs.is_empty() => R::O(o),
+        (o, cs) => R::C(Config::Drain(o, cs)),
+    }
+}
+
+/// What is left of a drain, or of an `arec` that comes to its end.
+pub(super) fn collect(o: Outcome, rs: Vec<R>) -> (Outcome, Vec<Config>) {
     let (mut o, mut cs) = (o, vec![]);
     for r in rs {
         match r {
@@ -140,7 +148,7 @@ pub(super) fn drain(o: Outcome, rs: Vec<R>) -> R {
             R::O(_) => {}
         }
     }
-    if cs.is_empty() { R::O(o) } else { R::C(Config::Drain(o, cs)) }
+    (o, cs)
 }
 
 pub(super) fn is_unconfirmed(o: &Outcome) -> bool {
@@ -185,6 +193,7 @@ pub(crate) fn words(r: Reason) -> Value {
         Reason::Unconfirmed(_) => b"stop unconfirmed".to_vec(),
         Reason::ServiceEnded(_) => b"service ended".to_vec(),
         Reason::Failed(why) => why.into_bytes(),
+        Reason::NoMatch => b"no arm for this outcome".to_vec(),
         Reason::Instant => b"a round of `;;` took no time".to_vec(),
     }
 }

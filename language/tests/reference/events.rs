@@ -2,6 +2,7 @@
 
 use super::World;
 use super::completion::{drain, hold, is_unconfirmed, running};
+use super::scopes::{ending, shield};
 use super::term::{Command, Config, Declared, Event, Held, Outcome, R, Reason, Slot};
 
 impl World {
@@ -54,6 +55,22 @@ impl World {
                 let ks = self.react_slots(ks, e);
                 self.any(k, ks)
             }
+            Config::Shield(t, c) => {
+                let r = self.react(*c, e);
+                shield(t, r)
+            }
+            Config::ShieldK(t, c) => self.react_held_up(t, *c, e),
+            Config::Acquiring(u, res, f, v) if *e == Event::Granted(u) => self.granted(u, res, &f, v),
+            Config::Acquiring(..) => R::C(c),
+            Config::Holding(res, c) => {
+                let r = self.react(*c, e);
+                self.holding(res, r)
+            }
+            Config::Arec(k, cs, p, qs) => self.react_arec(*k, cs, (&p, &qs), e),
+            Config::Ending(o, cs) => {
+                let rs = cs.into_iter().map(|c| self.react(c, e)).collect();
+                ending(o, rs)
+            }
         }
     }
 
@@ -85,7 +102,9 @@ impl World {
             // Nobody asked it to: it failed.
             Event::Stopped(..) => Outcome::Aborted(Reason::Reported(i, vec![])),
             Event::Unconfirmed(..) => Outcome::Aborted(Reason::Unconfirmed(i)),
-            Event::Start(_) | Event::Stop | Event::Elapsed(..) => unreachable!("no event of a leaf"),
+            Event::Start(_) | Event::Stop | Event::Elapsed(..) | Event::Granted(_) => {
+                unreachable!("no event of a leaf")
+            }
         })
     }
 
@@ -99,7 +118,9 @@ impl World {
             Event::Done(..) | Event::Aborted(..) | Event::Stopped(..) => Outcome::Killed,
             // [e-unconf]
             Event::Unconfirmed(..) => Outcome::Aborted(Reason::Unconfirmed(i)),
-            Event::Start(_) | Event::Stop | Event::Elapsed(..) => unreachable!("no event of a leaf"),
+            Event::Start(_) | Event::Stop | Event::Elapsed(..) | Event::Granted(_) => {
+                unreachable!("no event of a leaf")
+            }
         })
     }
 
@@ -129,6 +150,25 @@ impl World {
             Config::Dis(cs) => self.drain_stopping(Outcome::Killed, cs),
             Config::Drain(o, cs) if is_unconfirmed(&o) => R::C(Config::Drain(o, cs)),
             Config::Drain(_, cs) => R::C(Config::Drain(Outcome::Killed, cs)),
+            Config::Shield(t, c) => R::C(Config::ShieldK(t.map(|t| (t, self.arm(t))), c)),
+            Config::ShieldK(..) => R::C(c),
+            Config::Acquiring(u, ..) => {
+                self.queue.retain(|(other, _)| *other != u);
+                R::O(Outcome::Killed)
+            }
+            Config::Holding(res, c) => {
+                let r = self.stop(*c);
+                self.holding(res, r)
+            }
+            Config::Arec(k, cs, ..) => {
+                let p = if let Held::Runs(c) = *k { Some(c) } else { None };
+                let rs = p.into_iter().chain(cs.into_iter().flatten()).map(|c| self.stop(c)).collect();
+                ending(Outcome::Killed, rs)
+            }
+            Config::Ending(o, cs) => {
+                let o = if is_unconfirmed(&o) { o } else { Outcome::Killed };
+                ending(o, cs.into_iter().map(|c| self.stop(c)).collect())
+            }
         }
     }
 }
@@ -139,13 +179,25 @@ fn concerns(e: &Event) -> Option<(u32, u32)> {
         Event::Done(i, n, _) | Event::Aborted(i, n, _) | Event::Stopped(i, n) | Event::Unconfirmed(i, n) => {
             Some((i, n))
         }
-        Event::Start(_) | Event::Stop | Event::Elapsed(..) => None,
+        Event::Start(_) | Event::Stop | Event::Elapsed(..) | Event::Granted(_) => None,
     }
 }
 
 pub(super) fn leaves(c: &Config, see: &mut impl FnMut(&Config)) {
     match c {
         Config::Active(..) | Config::Stopping(..) | Config::Armed(..) | Config::Never => see(c),
+        Config::ShieldK(_, inner) => {
+            see(c);
+            leaves(inner, see);
+        }
+        Config::Shield(_, c) | Config::Holding(_, c) => leaves(c, see),
+        Config::Acquiring(..) => {}
+        Config::Arec(k, cs, ..) => {
+            if let Held::Runs(c) = &**k {
+                leaves(c, see);
+            }
+            cs.iter().flatten().for_each(|c| leaves(c, see));
+        }
         Config::Seq(c, _) | Config::Cond(c, _) | Config::Else(c, _) | Config::Rec1(c, ..) | Config::Rec2(c, ..) => {
             leaves(c, see);
         }
@@ -156,7 +208,7 @@ pub(super) fn leaves(c: &Config, see: &mut impl FnMut(&Config)) {
                 }
             }
         }
-        Config::Dis(cs) | Config::Drain(_, cs) => cs.iter().for_each(|c| leaves(c, see)),
+        Config::Dis(cs) | Config::Drain(_, cs) | Config::Ending(_, cs) => cs.iter().for_each(|c| leaves(c, see)),
     }
 }
 
@@ -195,5 +247,17 @@ pub(super) fn forget(c: Config) -> Config {
         Config::Any(k, ks) => Config::Any(k, slots(ks)),
         Config::Dis(cs) => Config::Dis(cs.into_iter().map(forget).collect()),
         Config::Drain(o, cs) => Config::Drain(o, cs.into_iter().map(forget).collect()),
+        Config::Ending(o, cs) => Config::Ending(o, cs.into_iter().map(forget).collect()),
+        Config::Shield(t, c) => Config::Shield(t, boxed(c)),
+        Config::ShieldK(t, c) => Config::ShieldK(t.map(|(t, _)| (t, 0)), boxed(c)),
+        Config::Acquiring(..) => c,
+        Config::Holding(res, c) => Config::Holding(res, boxed(c)),
+        Config::Arec(k, cs, p, qs) => {
+            let k = match *k {
+                Held::Runs(c) => Held::Runs(forget(c)),
+                held @ (Held::Done(_) | Held::Aborted(..)) => held,
+            };
+            Config::Arec(Box::new(k), cs.into_iter().map(|c| c.map(forget)).collect(), p, qs)
+        }
     }
 }

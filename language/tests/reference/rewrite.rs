@@ -10,6 +10,7 @@
 
 mod completion;
 mod events;
+mod scopes;
 mod start;
 mod term;
 
@@ -35,6 +36,10 @@ struct World {
     epochs: BTreeMap<u32, u32>,
     arms: BTreeMap<u32, u32>,
     busy: BTreeSet<u32>,
+    /// What is held by some `using`.
+    held: BTreeSet<String>,
+    /// The `using`s that wait with what they want, the first to come first.
+    queue: Vec<(u32, Vec<String>)>,
     commands: Vec<Command>,
 }
 
@@ -46,6 +51,8 @@ impl Machine {
             epochs: BTreeMap::new(),
             arms: BTreeMap::new(),
             busy: BTreeSet::new(),
+            held: BTreeSet::new(),
+            queue: Vec::new(),
             commands: Vec::new(),
         };
         Self { expression: expression.into(), always: always.into(), root: None, world }
@@ -57,6 +64,7 @@ impl Machine {
             (None, Event::Start(v)) => {
                 self.world.commands.extend(self.always.iter().map(|&set| Command::Connect(set)));
                 let r = self.world.start(&self.expression, v.clone());
+                let r = self.grant(r);
                 self.settle(r)
             }
             (None, Event::Stop) => Some(Outcome::Killed),
@@ -64,14 +72,28 @@ impl Machine {
             (Some(c), Event::Start(_)) => self.settle(R::C(c)),
             (Some(c), Event::Stop) => {
                 let r = self.world.stop(c);
+                let r = self.grant(r);
                 self.settle(r)
             }
             (Some(c), event) => {
-                let r = self.world.react(c, event);
+                let r = self.world.react(c.clone(), event);
+                // An event that no rule speaks of.
+                let r = if r == R::C(c) { r } else { self.grant(r) };
                 self.settle(r)
             }
         };
         (std::mem::take(&mut self.world.commands), outcome)
+    }
+
+    /// [e-grant], as many times as there are `using`s at most.
+    fn grant(&mut self, mut r: R) -> R {
+        for _ in 0..self.expression.usings() {
+            match (r, self.world.next()) {
+                (R::C(c), Some(using)) => r = self.world.react(c, &Event::Granted(using)),
+                (other, _) => return other,
+            }
+        }
+        r
     }
 
     fn settle(&mut self, r: R) -> Option<Outcome> {
@@ -87,9 +109,10 @@ impl Machine {
         }
     }
 
-    /// Returns the configuration with all activation numbers set to 0.
-    pub(crate) fn shape(&self) -> Option<Config> {
-        self.root.clone().map(forget)
+    /// Returns the configuration with all activation numbers set to 0, and which `using`s wait, the first to come first.
+    pub(crate) fn shape(&self) -> Option<(Config, Vec<u32>)> {
+        let waiting = self.world.queue.iter().map(|(using, _)| *using);
+        self.root.clone().map(|c| (forget(c), waiting.collect()))
     }
 
     /// Returns the members that are active and those that are stopping.
@@ -113,12 +136,25 @@ impl Machine {
         let mut armed = BTreeSet::new();
         if let Some(root) = &self.root {
             leaves(root, &mut |c| {
-                if let Config::Armed(t, _) = c {
+                if let Config::Armed(t, _) | Config::ShieldK(Some((t, _)), _) = c {
                     armed.insert(*t);
                 }
             });
         }
         armed
+    }
+
+    /// Returns the timers of shields that hold up a stop.
+    pub(crate) fn bounds(&self) -> BTreeSet<u32> {
+        let mut bounds = BTreeSet::new();
+        if let Some(root) = &self.root {
+            leaves(root, &mut |c| {
+                if let Config::ShieldK(Some((t, _)), _) = c {
+                    bounds.insert(*t);
+                }
+            });
+        }
+        bounds
     }
 
     /// Returns the number of a member's latest activation.

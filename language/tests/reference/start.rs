@@ -2,6 +2,7 @@
 
 use super::World;
 use super::completion::{Phase, hold};
+use super::scopes::shield;
 use super::term::{Command, Config, Declared, Held, Outcome, R, Reason, Slot, Term, Value};
 
 impl World {
@@ -24,9 +25,7 @@ impl World {
             Term::Fail(r) => R::O(Outcome::Aborted(Reason::Failed(r.clone()))),
             Term::Never => R::C(Config::Never),
             Term::Wait(t) => {
-                let n = self.arms.get(t).copied().unwrap_or(0) + 1;
-                self.arms.insert(*t, n);
-                self.commands.push(Command::Arm(*t, n));
+                let n = self.arm(*t);
                 R::C(Config::Armed(*t, n))
             }
             // [s-seq] [s-cond] [s-rec]
@@ -55,6 +54,16 @@ impl World {
                 let ks = self.start_all(es, &v);
                 self.ff(ks)
             }
+            Term::Match(arms) => self.start_match(arms, v),
+            Term::Shield(t, e) => {
+                let r = self.start(e, v);
+                shield(*t, r)
+            }
+            Term::Using(u, res, e) => self.start_using(*u, res, e, v),
+            Term::Arec(e, fs) => {
+                let r = self.start(e, v);
+                self.arec(r, vec![None; fs.len()], e, fs)
+            }
             Term::Any(k, es) => {
                 let ks = self.start_all(es, &v);
                 self.any(*k, ks)
@@ -75,6 +84,13 @@ impl World {
         }
     }
 
+    pub(super) fn arm(&mut self, t: u32) -> u32 {
+        let n = self.arms.get(&t).copied().unwrap_or(0) + 1;
+        self.arms.insert(t, n);
+        self.commands.push(Command::Arm(t, n));
+        n
+    }
+
     fn start_all(&mut self, es: &[Term], v: &Value) -> Vec<Slot> {
         let mut ks: Vec<Slot> = Vec::new();
         for e in es {
@@ -91,10 +107,11 @@ impl World {
     pub(super) fn service(&self, e: &Term) -> bool {
         match e {
             Term::Leaf(i, _) => self.declared[*i as usize] != Declared::Task,
-            Term::Never | Term::Rec(..) => true,
+            Term::Never | Term::Rec(..) | Term::Arec(..) => true,
             Term::Skip | Term::Fail(_) | Term::Wait(_) => false,
             Term::Seq(e, f) | Term::Cond(e, f) => self.service(e) || self.service(f),
-            Term::Else(e, _) => self.service(e),
+            Term::Else(e, _) | Term::Shield(_, e) | Term::Using(_, _, e) => self.service(e),
+            Term::Match(arms) => arms.iter().all(|(_, e)| self.service(e)),
             Term::Par(es) | Term::Dis(es) => es.iter().all(|e| self.service(e)),
             Term::Ff(es) => es.iter().any(|e| self.service(e)),
             Term::Any(k, es) => es.iter().filter(|e| !self.service(e)).count() < *k,

@@ -32,6 +32,14 @@ pub(crate) enum Term {
     Any(usize, Vec<Self>),
     /// `E # F # ..`
     Dis(Vec<Self>),
+    /// `match { t => E, .. }`; `else` has no tag.
+    Match(Vec<(Option<String>, Self)>),
+    /// `shield E`, or for at most 1 s with the number of the timer.
+    Shield(Option<u32>, Box<Self>),
+    /// `using(res) E`: the number of the `using`, and what it takes.
+    Using(u32, Vec<String>, Box<Self>),
+    /// `E ::[n] F`, with F written out n times.
+    Arec(Box<Self>, Vec<Self>),
 }
 
 /// `r`: why something aborted.
@@ -49,6 +57,8 @@ pub(crate) enum Reason {
     Failed(String),
     /// A loop whose round takes no time.
     Instant,
+    /// No arm for the outcome.
+    NoMatch,
 }
 
 /// `o`: an outcome.
@@ -93,6 +103,18 @@ pub(crate) enum Config {
     Dis(Vec<Self>),
     /// `drain(o,{C..})`
     Drain(Outcome, Vec<Self>),
+    /// `shield(C)`
+    Shield(Option<u32>, Box<Self>),
+    /// `shieldK(C)`, with its timer and which of its arms if it has a bound.
+    ShieldK(Option<(u32, u32)>, Box<Self>),
+    /// `acq(res,E,v)`
+    Acquiring(u32, Vec<String>, Term, Value),
+    /// E of `using(res) E` runs.
+    Holding(Vec<String>, Box<Self>),
+    /// `arec(k,{C or nothing ..},E,F..)`
+    Arec(Box<Held>, Vec<Option<Self>>, Term, Vec<Term>),
+    /// An `arec` that comes to its end or is stopped: `o` once all have ended.
+    Ending(Outcome, Vec<Self>),
 }
 
 /// `k`: an operand of a join, and whether it is a service.
@@ -103,7 +125,7 @@ pub(crate) struct Slot {
 }
 
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
-pub(super) enum Held {
+pub(crate) enum Held {
     Runs(Config),
     Done(Value),
     /// With the number of aborts that the join had seen before.
@@ -134,6 +156,8 @@ pub(crate) enum Event {
     Unconfirmed(u32, u32),
     /// `elapsed(w,n)`
     Elapsed(u32, u32),
+    /// `granted(u)`: what the `using` of that number wants is free. Comes from the group itself alone.
+    Granted(u32),
 }
 
 /// What to do.

@@ -331,6 +331,7 @@ impl Executer {
             Cause::Busy => FailureCause::Busy,
             Cause::ServiceEnded => FailureCause::ServiceEnded,
             Cause::Failed(why) => FailureCause::Failed(why.to_string()),
+            Cause::NoMatch => FailureCause::Failed("no arm of `match` has this outcome".to_owned()),
         };
         Failure { origin, cause, at: at.since_go }
     }

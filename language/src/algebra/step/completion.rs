@@ -4,7 +4,7 @@ use super::{Cell, Phase, Reaction};
 use crate::algebra::event::{Cause, Outcome, Reason, Value};
 
 /// Why a `;;` whose round takes no time is aborted.
-const INSTANT: &str = "a round of `;;` took no time";
+pub(super) const INSTANT: &str = "a round of `;;` took no time";
 
 impl Reaction<'_> {
     /// SEQ: `;` starts its second operand with the empty value.
@@ -38,7 +38,7 @@ impl Reaction<'_> {
     }
 
     /// The outcome of an operand is the operator's own.
-    fn pass(&mut self, node: usize, outcome: Outcome) -> Option<Outcome> {
+    pub(super) fn pass(&mut self, node: usize, outcome: Outcome) -> Option<Outcome> {
         self.clear(node);
         Some(outcome)
     }
@@ -154,9 +154,10 @@ fn report(cause: Cause) -> Value {
         Cause::Busy => Value::new(b"busy"),
         Cause::StopUnconfirmed => Value::new(b"stop unconfirmed"),
         Cause::ServiceEnded => Value::new(b"service ended"),
+        Cause::NoMatch => Value::new(b"no arm for this outcome"),
     }
 }
 
-fn aborted(cause: Cause) -> Outcome {
+pub(super) fn aborted(cause: Cause) -> Outcome {
     Outcome::Aborted(Reason { member: None, cause })
 }

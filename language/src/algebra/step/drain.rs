@@ -1,18 +1,24 @@
 //! DRAIN and `stop`: nothing outlives its scope.
 
-use super::{Phase, Reaction, Stop};
+use super::{Phase, Reaction};
 use crate::algebra::event::{Cause, Command, Outcome};
 use crate::algebra::program::Kind;
 
 impl Reaction<'_> {
     /// DRAIN(o, stop of all operands); values that slots hold are dropped.
-    pub(super) fn drain(&mut self, node: usize, outcome: Outcome) -> Option<Outcome> {
+    pub(super) fn drain(&mut self, node: usize, mut outcome: Outcome) -> Option<Outcome> {
         let mut open = 0;
         for operand in self.program.operands(node) {
-            if self.stop(operand) == Stop::Waits {
-                open += 1;
+            match self.stop(operand) {
+                Some(ended) => prefer_unconfirmed(&mut outcome, ended),
+                None => open += 1,
             }
         }
+        self.drain_open(node, open, outcome)
+    }
+
+    /// DRAIN of so many operands that are still active.
+    pub(super) fn drain_open(&mut self, node: usize, open: u32, outcome: Outcome) -> Option<Outcome> {
         self.clear(node);
         if open == 0 {
             return Some(outcome);
@@ -25,8 +31,8 @@ impl Reaction<'_> {
     /// DRAIN after an operand has ended: it is done with, unless it could not confirm.
     pub(super) fn drained(&mut self, node: usize, outcome: Outcome) -> Option<Outcome> {
         let cell = self.cell(node);
-        if is_unconfirmed(&outcome) && !cell.outcome.as_ref().is_some_and(is_unconfirmed) {
-            cell.outcome = Some(outcome);
+        if let Some(decided) = &mut cell.outcome {
+            prefer_unconfirmed(decided, outcome);
         }
         cell.open -= 1;
         if cell.open > 0 {
@@ -37,68 +43,99 @@ impl Reaction<'_> {
         decided
     }
 
-    /// stop(C): what has not started is forgotten, what runs is asked to stop.
-    pub(super) fn stop(&mut self, node: usize) -> Stop {
+    /// stop(C): what has not started is forgotten, what runs is asked to stop. The outcome, if nothing has to confirm, is
+    /// `Stopped` or that something could not.
+    pub(super) fn stop(&mut self, node: usize) -> Option<Outcome> {
         match (&self.program.nodes[node].kind, self.cell(node).phase) {
-            (_, Phase::Idle) => Stop::Killed,
+            (_, Phase::Idle) => Some(Outcome::Stopped),
             (_, Phase::Done) => self.kill(node),
-            (_, Phase::Stopping) => Stop::Waits,
+            (_, Phase::Waiting) => self.stop_waiting(node),
+            (_, Phase::Stopping) => None,
+            (Kind::Asynchronous, Phase::Draining) => self.stop_pool(node),
             (_, Phase::Draining) => self.stop_drain(node),
             (Kind::Run { member, .. }, _) => self.stop_leaf(node, *member),
             (Kind::Wait { timer, .. }, _) => self.stop_wait(node, *timer),
             (Kind::Skip | Kind::Never | Kind::Fail(_), _) => self.kill(node),
+            (Kind::Shield { bound }, _) => self.stop_shield(node, *bound),
+            (Kind::Using { .. }, _) => self.stop_using(node),
             (_, Phase::Second) => self.stop_operand(node, self.program.second(node)),
+            (Kind::Match { .. }, Phase::Running) => self.stop_match(node),
             (Kind::Sequence | Kind::Conditional | Kind::Recurrent | Kind::Otherwise, Phase::Running) => {
                 self.stop_operand(node, self.program.first(node))
             }
-            (Kind::Concurrent { .. } | Kind::FailFast { .. } | Kind::AnyOf { .. } | Kind::Disable, Phase::Running) => {
-                self.drain(node, Outcome::Stopped).map_or(Stop::Waits, |_| Stop::Killed)
-            }
+            (
+                Kind::Concurrent { .. }
+                | Kind::FailFast { .. }
+                | Kind::AnyOf { .. }
+                | Kind::Disable
+                | Kind::Asynchronous,
+                Phase::Running,
+            ) => self.drain(node, Outcome::Stopped),
         }
     }
 
     /// stop(never) = killed, and so for what a slot holds.
-    fn kill(&mut self, node: usize) -> Stop {
+    pub(super) fn kill(&mut self, node: usize) -> Option<Outcome> {
         self.clear(node);
-        Stop::Killed
+        Some(Outcome::Stopped)
     }
 
     /// stop(a.i<n>) = s.i<n>
-    fn stop_leaf(&mut self, node: usize, member: u32) -> Stop {
+    fn stop_leaf(&mut self, node: usize, member: u32) -> Option<Outcome> {
         self.enter(node, Phase::Stopping);
         let activation = self.state.seats[member as usize].activation;
         self.commands.push(Command::Stop { member, activation });
-        Stop::Waits
+        None
     }
 
     /// stop(w(d)) = killed
-    fn stop_wait(&mut self, node: usize, timer: u32) -> Stop {
+    fn stop_wait(&mut self, node: usize, timer: u32) -> Option<Outcome> {
         let activation = self.state.timers[timer as usize];
         self.commands.push(Command::Cancel { timer, activation });
         self.kill(node)
     }
 
     /// stop(C;F) = stop(C), and so for `:`, `;;`, `else`.
-    fn stop_operand(&mut self, node: usize, operand: usize) -> Stop {
-        let stop = self.stop(operand);
-        match stop {
-            Stop::Killed => self.clear(node),
-            Stop::Waits => self.enter(node, Phase::Stopping),
+    pub(super) fn stop_operand(&mut self, node: usize, operand: usize) -> Option<Outcome> {
+        let outcome = self.stop(operand);
+        match outcome {
+            Some(_) => self.clear(node),
+            None => self.enter(node, Phase::Stopping),
         }
-        stop
+        outcome
+    }
+
+    /// The arm that runs is stopped.
+    fn stop_match(&mut self, node: usize) -> Option<Outcome> {
+        let is_active = |operand: &usize| self.state.cells[*operand].phase.is_active();
+        let arm = self.program.operands(node).find(is_active);
+        self.stop_operand(node, arm.expect("one arm of a `match` that runs is active"))
     }
 
     /// stop(drain(o,Cs)) = drain(killed,Cs), unless `o` is an unconfirmed stop.
-    fn stop_drain(&mut self, node: usize) -> Stop {
+    fn stop_drain(&mut self, node: usize) -> Option<Outcome> {
         let cell = self.cell(node);
         if !cell.outcome.as_ref().is_some_and(is_unconfirmed) {
             cell.outcome = Some(Outcome::Stopped);
         }
-        Stop::Waits
+        None
+    }
+
+    /// stop of a `::` that lets its pool come to an end: the pool is stopped too.
+    fn stop_pool(&mut self, node: usize) -> Option<Outcome> {
+        let decided = self.cell(node).outcome.take();
+        self.drain(node, decided.filter(is_unconfirmed).unwrap_or(Outcome::Stopped))
     }
 }
 
-fn is_unconfirmed(outcome: &Outcome) -> bool {
+/// Keeps the first unconfirmed stop as what has been decided.
+pub(super) fn prefer_unconfirmed(decided: &mut Outcome, outcome: Outcome) {
+    if is_unconfirmed(&outcome) && !is_unconfirmed(decided) {
+        *decided = outcome;
+    }
+}
+
+pub(super) fn is_unconfirmed(outcome: &Outcome) -> bool {
     match outcome {
         Outcome::Aborted(reason) => reason.cause == Cause::StopUnconfirmed,
         Outcome::Done(_) | Outcome::Stopped => false,

@@ -15,7 +15,7 @@ impl Reaction<'_> {
     pub(super) fn armed(&self, timer: u32, activation: Activation) -> Option<usize> {
         let node = *self.program.timers.get(timer as usize)?;
         let current = self.state.timers[timer as usize] == activation;
-        Some(node).filter(|_| current && self.state.cells[node].phase == Phase::Running)
+        Some(node).filter(|_| current && self.state.cells[node].phase == self.program.armed_phase(node))
     }
 
     /// [e-done], and for a leaf that is a service L7: its end breaks its contract.
@@ -46,10 +46,13 @@ impl Reaction<'_> {
         aborted(member, Cause::StopUnconfirmed)
     }
 
-    /// [e-timer]
-    pub(super) fn e_timer(&mut self, node: usize) -> Outcome {
+    /// [e-timer], and [e-bound] of a shield, which has an outcome only if nothing below it has to confirm.
+    pub(super) fn e_timer(&mut self, node: usize) -> Option<Outcome> {
+        if matches!(self.program.nodes[node].kind, Kind::Shield { .. }) {
+            return self.stop_operand(node, self.program.first(node));
+        }
         self.clear(node);
-        Outcome::Done(Value::EMPTY)
+        Some(Outcome::Done(Value::EMPTY))
     }
 
     /// The member's activation is over: frees its seat and closes its sets. Returns its slot and the phase it was in.

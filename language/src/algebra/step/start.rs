@@ -3,6 +3,7 @@
 use super::{Phase, Reaction};
 use crate::algebra::event::{Activation, Cause, Command, Outcome, Reason, Value};
 use crate::algebra::program::Kind;
+use std::ops::Range;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -24,6 +25,10 @@ impl Reaction<'_> {
             Kind::FailFast { operands } => self.s_ff(node, *operands, &value),
             Kind::AnyOf { count, operands } => self.s_any(node, (*count, *operands), &value),
             Kind::Disable => self.s_dis(node, &value),
+            Kind::Match { tags } => self.s_match(node, tags.clone(), value),
+            Kind::Shield { .. } => self.s_shield(node, value),
+            Kind::Using { .. } => self.s_using(node, value),
+            Kind::Asynchronous => self.s_arec(node, value),
         }
     }
 
@@ -50,12 +55,16 @@ impl Reaction<'_> {
 
     /// [s-const] of `wait(d)`.
     fn s_wait(&mut self, node: usize, timer: u32, after: Duration) -> Option<Outcome> {
+        self.enter(node, Phase::Running);
+        self.arm(timer, after);
+        None
+    }
+
+    pub(super) fn arm(&mut self, timer: u32, after: Duration) {
         let armed = &mut self.state.timers[timer as usize];
         *armed = next(*armed);
         let activation = *armed;
-        self.enter(node, Phase::Running);
         self.commands.push(Command::Arm { timer, activation, after });
-        None
     }
 
     /// [s-seq]
@@ -82,7 +91,7 @@ impl Reaction<'_> {
         self.or_else(node, outcome)
     }
 
-    fn start_first(&mut self, node: usize, value: Value) -> Option<Outcome> {
+    pub(super) fn start_first(&mut self, node: usize, value: Value) -> Option<Outcome> {
         self.enter(node, Phase::Running);
         self.start(self.program.first(node), value)
     }
@@ -121,6 +130,21 @@ impl Reaction<'_> {
                 self.slot(node, operand, outcome);
             }
         }
+    }
+
+    /// [s-match]
+    fn s_match(&mut self, node: usize, tags: Range<usize>, value: Value) -> Option<Outcome> {
+        let tag = value.tag();
+        let is_taken = |arm: &Option<Arc<str>>| arm.is_none() || arm.as_deref() == tag;
+        let tags = &self.program.tags[tags];
+        let Some(arm) = tags.iter().position(is_taken) else {
+            return Some(Outcome::Aborted(Reason { member: None, cause: Cause::NoMatch }));
+        };
+        let value = if tags[arm].is_some() { value.without_tag() } else { value };
+        let operand = self.program.operands(node).nth(arm).expect("a `match` has an operand for each tag");
+        self.enter(node, Phase::Running);
+        let outcome = self.start(operand, value)?;
+        self.pass(node, outcome)
     }
 
     /// [s-dis]: an operand that ends at once decides, and those after it are not started.

@@ -45,7 +45,7 @@ fn breadth_first(plan: &Plan) -> Vec<&Group> {
 }
 
 fn has_sequence(expression: &Expression) -> bool {
-    is_sequence(expression) || children(expression).iter().any(|child| has_sequence(child))
+    is_sequence(expression) || expression.operands().iter().any(|child| has_sequence(child))
 }
 
 fn is_sequence(expression: &Expression) -> bool {
@@ -58,21 +58,12 @@ fn sequence(expression: &Expression) -> &Expression {
     if is_sequence(expression) || matches!(expression, Expression::Otherwise(..)) {
         return expression;
     }
-    children(expression).into_iter().find(|child| has_sequence(child)).map_or(expression, sequence)
-}
-
-fn children(expression: &Expression) -> Vec<&Expression> {
-    use Expression as E;
-    match expression {
-        E::Run { .. } | E::Skip | E::Never | E::Fail(_) | E::Wait(_) => Vec::new(),
-        E::Concurrent(of) | E::FailFast(of) | E::Disable(of) | E::AnyOf { of, .. } => of.iter().collect(),
-        E::Sequence(p, q) | E::Conditional(p, q) | E::Recurrent(p, q) | E::Otherwise(p, q) => vec![p, q],
-    }
+    expression.operands().into_iter().find(|child| has_sequence(child)).map_or(expression, sequence)
 }
 
 fn flatten(expression: &Expression, members: &[Member], steps: &mut Vec<Step>) {
     if is_sequence(expression) || matches!(expression, Expression::Otherwise(..)) && has_sequence(expression) {
-        for child in children(expression) {
+        for child in expression.operands() {
             flatten(child, members, steps);
         }
     } else {
@@ -86,7 +77,7 @@ fn collect(expression: &Expression, slots: &mut BTreeSet<u32>) {
     if let Expression::Run { member, .. } = expression {
         slots.insert(*member);
     }
-    for child in children(expression) {
+    for child in expression.operands() {
         collect(child, slots);
     }
 }
@@ -115,7 +106,7 @@ fn text(expression: &Expression, members: &[Member]) -> (u8, String) {
         E::Conditional(..) => (5, " : "),
         E::Recurrent(..) => (5, " ;; "),
     };
-    let parts = children(expression).into_iter().map(|child| match text(child, members) {
+    let parts = expression.operands().into_iter().map(|child| match text(child, members) {
         (inner, text) if inner > level || level == 3 && inner == 3 => text,
         (_, text) => format!("({text})"),
     });

@@ -1,0 +1,192 @@
+//! MATCH, SHIELD, USING, AREC.
+
+use super::World;
+use super::completion::{collect, is_unconfirmed};
+use super::term::{Command, Config, Event, Held, Outcome, R, Reason, Term, Value};
+
+impl World {
+    /// [s-match]
+    pub(super) fn start_match(&mut self, arms: &[(Option<String>, Term)], v: Value) -> R {
+        let (tag, rest) = split(&v);
+        match arms.iter().find(|(t, _)| t.is_none() || *t == tag) {
+            Some((Some(_), e)) => self.start(e, rest),
+            Some((None, e)) => self.start(e, v),
+            None => R::O(Outcome::Aborted(Reason::NoMatch)),
+        }
+    }
+
+    /// [s-using]
+    pub(super) fn start_using(&mut self, u: u32, res: &[String], e: &Term, v: Value) -> R {
+        if self.may_have(res, self.queue.len()) {
+            return self.acquired(res.to_vec(), e, v);
+        }
+        self.queue.push((u, res.to_vec()));
+        R::C(Config::Acquiring(u, res.to_vec(), e.clone(), v))
+    }
+
+    fn may_have(&self, res: &[String], before: usize) -> bool {
+        let is_wanted = |r: &String| self.queue.iter().take(before).any(|(_, wanted)| wanted.contains(r));
+        res.iter().all(|r| !self.held.contains(r) && !is_wanted(r))
+    }
+
+    /// The `using` that is next.
+    pub(super) fn next(&self) -> Option<u32> {
+        let mut waiting = self.queue.iter().enumerate();
+        waiting.find(|(place, (_, res))| self.may_have(res, *place)).map(|(_, (u, _))| *u)
+    }
+
+    /// [e-grant]
+    pub(super) fn granted(&mut self, u: u32, res: Vec<String>, e: &Term, v: Value) -> R {
+        self.queue.retain(|(other, _)| *other != u);
+        self.acquired(res, e, v)
+    }
+
+    fn acquired(&mut self, res: Vec<String>, e: &Term, v: Value) -> R {
+        self.held.extend(res.iter().cloned());
+        let r = self.start(e, v);
+        self.holding(res, r)
+    }
+
+    /// USING
+    pub(super) fn holding(&mut self, res: Vec<String>, r: R) -> R {
+        match r {
+            R::C(c) => R::C(Config::Holding(res, Box::new(c))),
+            R::O(o) => {
+                self.held.retain(|r| !res.contains(r));
+                R::O(o)
+            }
+        }
+    }
+
+    /// A shield that holds up a stop.
+    pub(super) fn react_held_up(&mut self, t: Option<(u32, u32)>, c: Config, e: &Event) -> R {
+        // [e-bound]
+        if let Some((timer, n)) = t
+            && *e == Event::Elapsed(timer, n)
+        {
+            return self.stop(c);
+        }
+        match self.react(c, e) {
+            R::C(c) => R::C(Config::ShieldK(t, Box::new(c))),
+            R::O(o) => {
+                self.commands.extend(t.map(|(timer, n)| Command::Cancel(timer, n)));
+                R::O(if is_unconfirmed(&o) { o } else { Outcome::Killed })
+            }
+        }
+    }
+
+    pub(super) fn react_arec(
+        &mut self,
+        k: Held,
+        mut cs: Vec<Option<Config>>,
+        (p, qs): (&Term, &[Term]),
+        e: &Event,
+    ) -> R {
+        for j in 0..cs.len() {
+            let Some(c) = cs[j].take() else { continue };
+            match self.react(c, e) {
+                R::C(c) => cs[j] = Some(c),
+                R::O(Outcome::Done(_)) => {}
+                R::O(o) => return self.arec_ending(o, Some(k), cs),
+            }
+        }
+        match k {
+            Held::Runs(c) => {
+                let r = self.react(c, e);
+                self.arec(r, cs, p, qs)
+            }
+            Held::Done(u) => self.arec(R::O(Outcome::Done(u)), cs, p, qs),
+            Held::Aborted(..) => panic!("an abort of the source ends the loop"),
+        }
+    }
+
+    /// AREC, with what P has come to.
+    pub(super) fn arec(&mut self, mut r: R, mut cs: Vec<Option<Config>>, p: &Term, qs: &[Term]) -> R {
+        let mut rounds = 0;
+        loop {
+            let u = match r {
+                R::C(c) => return R::C(Config::Arec(Box::new(Held::Runs(c)), cs, p.clone(), qs.to_vec())),
+                R::O(Outcome::Done(u)) => u,
+                R::O(o) => return self.arec_ending(o, None, cs),
+            };
+            // A pool that is not full after so many rounds never will be.
+            if rounds > qs.len() {
+                return self.arec_ending(Outcome::Aborted(Reason::Instant), None, cs);
+            }
+            let Some(j) = cs.iter().position(Option::is_none) else {
+                return R::C(Config::Arec(Box::new(Held::Done(u)), cs, p.clone(), qs.to_vec()));
+            };
+            match self.start(&qs[j], u) {
+                R::C(c) => cs[j] = Some(c),
+                R::O(Outcome::Done(_)) => {}
+                R::O(o) => return self.arec_ending(o, None, cs),
+            }
+            r = self.start(p, vec![]);
+            rounds += 1;
+        }
+    }
+
+    fn arec_ending(&mut self, o: Outcome, k: Option<Held>, cs: Vec<Option<Config>>) -> R {
+        let mut rs = vec![];
+        if let Some(Held::Runs(c)) = k {
+            rs.push(self.stop(c));
+        }
+        rs.extend(cs.into_iter().flatten().map(R::C));
+        ending(o, rs)
+    }
+}
+
+pub(super) fn shield(t: Option<u32>, r: R) -> R {
+    match r {
+        R::C(c) => R::C(Config::Shield(t, Box::new(c))),
+        R::O(o) => R::O(o),
+    }
+}
+
+pub(super) fn ending(o: Outcome, rs: Vec<R>) -> R {
+    match collect(o, rs) {
+        (o, cs) if cs.is_empty() => R::O(o),
+        (o, cs) => R::C(Config::Ending(o, cs)),
+    }
+}
+
+/// The tag of a value, and what stands behind it.
+fn split(v: &Value) -> (Option<String>, Value) {
+    let length = usize::from(v.first().copied().unwrap_or(0));
+    match v.get(1..=length).map(|tag| String::from_utf8(tag.to_vec())) {
+        Some(Ok(tag)) if (1..=64).contains(&length) => (Some(tag), v[1 + length..].to_vec()),
+        Some(Ok(_) | Err(_)) | None => (None, vec![]),
+    }
+}
+
+impl Term {
+    /// Counts the `using`s.
+    pub(super) fn usings(&self) -> usize {
+        let own = usize::from(matches!(self, Self::Using(..)));
+        own + self.parts().into_iter().map(Self::usings).sum::<usize>()
+    }
+
+    /// The direct parts, left to right.
+    pub(crate) fn parts(&self) -> Vec<&Self> {
+        match self {
+            Self::Leaf(..) | Self::Skip | Self::Never | Self::Fail(_) | Self::Wait(_) => vec![],
+            Self::Seq(e, f) | Self::Cond(e, f) | Self::Rec(e, f) | Self::Else(e, f) => vec![e, f],
+            Self::Par(es) | Self::Ff(es) | Self::Any(_, es) | Self::Dis(es) => es.iter().collect(),
+            Self::Match(arms) => arms.iter().map(|(_, e)| e).collect(),
+            Self::Shield(_, e) | Self::Using(_, _, e) => vec![e],
+            Self::Arec(e, fs) => std::iter::once(&**e).chain(fs).collect(),
+        }
+    }
+
+    /// The direct parts, left to right.
+    pub(crate) fn parts_mut(&mut self) -> Vec<&mut Self> {
+        match self {
+            Self::Leaf(..) | Self::Skip | Self::Never | Self::Fail(_) | Self::Wait(_) => vec![],
+            Self::Seq(e, f) | Self::Cond(e, f) | Self::Rec(e, f) | Self::Else(e, f) => vec![e, f],
+            Self::Par(es) | Self::Ff(es) | Self::Any(_, es) | Self::Dis(es) => es.iter_mut().collect(),
+            Self::Match(arms) => arms.iter_mut().map(|(_, e)| e).collect(),
+            Self::Shield(_, e) | Self::Using(_, _, e) => vec![e],
+            Self::Arec(e, fs) => std::iter::once(&mut **e).chain(fs).collect(),
+        }
+    }
+}
