@@ -1,6 +1,7 @@
 //! Event-action expressions: tree to slots.
 
 mod replicate;
+mod scope;
 
 use super::names::Names;
 use super::spec::{Binding, Consts, Damage, Expr, ExprKind, Set};
@@ -8,8 +9,9 @@ use super::value::duration;
 use crate::diagnostic::{Code, Diagnostic, Edit};
 use crate::similar::{is_look_alike, nearest, spell};
 use crate::source::Span;
-use crate::syntax::SyntaxKind::{self, Colon, Constant, Number, Question, Recur, Text};
+use crate::syntax::SyntaxKind::{self, Colon, Constant, DoubleColon, Number, Question, Recur, Text};
 use crate::syntax::ast::{Name, Node};
+use std::collections::BTreeSet;
 
 /// The most tries of a `retry`: each is a copy of its operand.
 const RETRY_MAX: u32 = 100;
@@ -26,9 +28,14 @@ pub(super) struct Group<'a> {
     /// The index variables around, with their values.
     pub(super) indices: Vec<Binding>,
     pub(super) sets: &'a [Set],
+    pub(super) resources: &'a [Name],
+    /// The place in the innermost pool around: the index of what stands there without one.
+    pub(super) pool: Option<usize>,
     pub(super) damage: Damage,
     /// The slots that are run, in the order of the text.
     pub(super) run: Vec<usize>,
+    /// The resources that are used.
+    pub(super) taken: BTreeSet<usize>,
     /// Labels of processes that own no set.
     pub(super) useless: Vec<(Name, Name)>,
 }
@@ -100,7 +107,8 @@ fn side_by_side(node: &Node) -> Option<Diagnostic> {
 }
 
 fn parts(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<Diagnostic>) -> Vec<Expr> {
-    let operands = node.children().filter(|child| child.kind() != Constant);
+    let no_operands = [Constant, SyntaxKind::Count, SyntaxKind::Resources];
+    let operands = node.children().filter(|child| !no_operands.contains(&child.kind()));
     operands.map(|part| expression(&part, group, diagnostics)).collect()
 }
 
@@ -114,6 +122,12 @@ fn special(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<Diagnostic>
         replicate::all_of(node, group, diagnostics)
     } else if node.kind() == SyntaxKind::Retry {
         retry(node, group, diagnostics)
+    } else if node.kind() == SyntaxKind::Shield {
+        scope::shield(node, group, diagnostics)
+    } else if node.kind() == SyntaxKind::Using {
+        scope::using(node, group, diagnostics)
+    } else if node.kind() == SyntaxKind::Match {
+        scope::matching(node, group, diagnostics)
     } else if node.kind() == SyntaxKind::AnyOf {
         any_of(node, group, diagnostics)
     } else if node.kind() == SyntaxKind::Fail {
@@ -127,44 +141,62 @@ fn special(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<Diagnostic>
     Expr { span, kind: kind.unwrap_or(ExprKind::Broken) }
 }
 
-/// `a : b ;; c : d` is `a : (b ;; (c : d))`.
+/// `a : b ;; c : d` is `a : (b ;; (c : d))`, and so for `::`, whose second operand is written out for each place.
 fn chain(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<Diagnostic>) -> Expr {
-    let operators = node.tokens().map(|token| token.kind()).filter(|kind| [Colon, Recur].contains(kind));
-    let operators: Vec<SyntaxKind> = operators.collect();
+    let operators = node.tokens().map(|token| token.kind());
+    let operators: Vec<SyntaxKind> = operators.filter(|kind| [Colon, Recur, DoubleColon].contains(kind)).collect();
     let span = node.span();
-    let mut operands = parts(node, group, diagnostics);
-    let loops = operators.iter().filter(|&&operator| operator == Recur).count();
+    let loops = operators.iter().filter(|&&operator| operator != Colon).count();
+    let parts: Vec<Node> = node.children().filter(|part| part.kind() != SyntaxKind::Count).collect();
     if loops > REPEAT_MAX {
-        diagnostics.push(Diagnostic::new(Code::E0004, span, format!("more than {REPEAT_MAX} `;;` in a chain")));
+        diagnostics.push(Diagnostic::new(
+            Code::E0004,
+            span,
+            format!("more than {REPEAT_MAX} `;;` and `::` in a chain"),
+        ));
     }
-    if loops > REPEAT_MAX || operands.len() != operators.len() + 1 {
+    if loops > REPEAT_MAX || parts.len() != operators.len() + 1 {
         return Expr { span, kind: ExprKind::Broken };
     }
-    // From the right: `conditional` collects the operands that `:` joins.
-    let mut conditional: Vec<Expr> = operands.pop().into_iter().collect();
-    for operator in operators.into_iter().rev() {
-        let Some(operand) = operands.pop() else { break };
-        if operator == Recur {
-            let start = operand.span.start;
-            let body = join(conditional, span);
-            let kind = ExprKind::Recurrent(Box::new(operand), Box::new(body));
-            conditional = vec![Expr { span: Span { start, ..span }, kind }];
-        } else {
-            conditional.push(operand);
-        }
-    }
-    join(conditional, span)
+    let counts: Vec<Node> = node.children_of(SyntaxKind::Count).collect();
+    rest_of_chain(&parts, &operators, &counts, (group, diagnostics))
 }
 
-fn join(mut reversed: Vec<Expr>, span: Span) -> Expr {
-    reversed.reverse();
-    match reversed.len() {
-        1 => reversed.remove(0),
-        _ => {
-            let start = reversed.first().map_or(span.start, |first| first.span.start);
-            Expr { span: Span { start, ..span }, kind: ExprKind::Conditional(reversed) }
-        }
-    }
+/// What comes from one operand on; `counts` are those of the `::` that are left.
+fn rest_of_chain(
+    parts: &[Node],
+    operators: &[SyntaxKind],
+    counts: &[Node],
+    (group, diagnostics): (&mut Group<'_>, &mut Vec<Diagnostic>),
+) -> Expr {
+    let joined = operators.iter().take_while(|&&operator| operator == Colon).count();
+    let operands: Vec<Expr> = parts[..=joined].iter().map(|part| expression(part, group, diagnostics)).collect();
+    let [first, .., last] = [&parts[0], &parts[parts.len() - 1]];
+    let span = Span { start: first.span().start, ..last.span() };
+    let Some((operator, others)) = operators.get(joined).zip(operators.get(joined + 1..)) else {
+        return join(operands, span);
+    };
+    let mut operands = operands;
+    let Some(operand) = operands.pop() else { return Expr { span, kind: ExprKind::Broken } };
+    let (start, parts) = (operand.span.start, &parts[joined + 1..]);
+    let rest = |counts: &[Node], group: &mut Group<'_>, diagnostics: &mut Vec<Diagnostic>| {
+        rest_of_chain(parts, others, counts, (group, diagnostics))
+    };
+    let kind = if *operator == Recur {
+        ExprKind::Recurrent(Box::new(operand), Box::new(rest(counts, group, diagnostics)))
+    } else {
+        let (count, counts) = counts.split_first().map_or((None, counts), |(count, counts)| (Some(count), counts));
+        let pool = count.and_then(|count| {
+            replicate::pool(count, span, (group, diagnostics), &mut |group, found| rest(counts, group, found))
+        });
+        pool.map_or(ExprKind::Broken, |pool| ExprKind::Asynchronous(Box::new(operand), pool))
+    };
+    operands.push(Expr { span: Span { start, ..span }, kind });
+    join(operands, span)
+}
+
+fn join(mut operands: Vec<Expr>, span: Span) -> Expr {
+    if operands.len() == 1 { operands.remove(0) } else { Expr { span, kind: ExprKind::Conditional(operands) } }
 }
 
 /// `p? within 5 s`, from the inside to the outside.
@@ -208,7 +240,11 @@ fn retry(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<Diagnostic>) 
         diagnostics.push(Diagnostic::new(Code::E0009, token.span(), message));
         return None;
     };
-    Some(ExprKind::Retry(times, Box::new(parts.pop()?)))
+    let pause = match node.child(Constant) {
+        Some(pause) => Some(duration(&pause, group.consts, diagnostics)?),
+        None => None,
+    };
+    Some(ExprKind::Retry(times, pause, Box::new(parts.pop()?)))
 }
 
 fn any_of(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<Diagnostic>) -> Option<ExprKind> {

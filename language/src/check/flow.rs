@@ -1,5 +1,7 @@
 //! What runs with what, what ends, and what never does.
 
+mod outcome;
+mod resource;
 mod service;
 
 use super::spec::{Expr, ExprKind, Process, Spec, Target};
@@ -17,7 +19,9 @@ pub(super) fn check(spec: &mut Spec, diagnostics: &mut Vec<Diagnostic>) {
         diagnostics.extend(clashes.into_iter().map(|(slot, places)| runs_twice(process, slot, places)));
         check_loops(actions, diagnostics);
         service::check(spec, process, actions, diagnostics);
+        resource::check(process, actions, diagnostics);
     }
+    outcome::check(spec, diagnostics);
 }
 
 /// Returns the instances that an expression runs, each with one place; collects those that run twice at once, each with
@@ -26,6 +30,7 @@ fn instances_of(expr: &Expr, clashes: &mut BTreeMap<usize, (Span, Span)>) -> BTr
     let is_parallel = match &expr.kind {
         ExprKind::Run(slot, _) => return BTreeMap::from([(*slot, expr.span)]),
         ExprKind::Concurrent(_) | ExprKind::FailFast(_) | ExprKind::AnyOf(..) | ExprKind::Disable(_) => true,
+        ExprKind::Asynchronous(..) => true,
         ExprKind::Skip
         | ExprKind::Never
         | ExprKind::Fail(_)
@@ -36,6 +41,9 @@ fn instances_of(expr: &Expr, clashes: &mut BTreeMap<usize, (Span, Span)>) -> BTr
         | ExprKind::Recurrent(..)
         | ExprKind::Retry(..)
         | ExprKind::Within(..)
+        | ExprKind::Match(_)
+        | ExprKind::Shield(..)
+        | ExprKind::Using(..)
         | ExprKind::Broken => false,
     };
     let mut all: BTreeMap<usize, Span> = BTreeMap::new();
@@ -66,10 +74,12 @@ struct AtOnce {
 
 /// Reports loops that could turn without end at one instant.
 fn check_loops(expr: &Expr, diagnostics: &mut Vec<Diagnostic>) {
-    if let ExprKind::Recurrent(first, second) = &expr.kind
-        && at_once(first).done
-        && at_once(second).done
-    {
+    let is_endless = match &expr.kind {
+        ExprKind::Recurrent(first, second) => at_once(first).done && at_once(second).done,
+        ExprKind::Asynchronous(source, pool) => at_once(source).done && pool.iter().any(|part| at_once(part).done),
+        _ => false,
+    };
+    if is_endless {
         let diagnostic =
             Diagnostic::new(Code::E0410, expr.span, "the repeated expression ends at the instant it starts");
         diagnostics.push(diagnostic.help("put a process or a `wait` on each way through it"));
@@ -103,7 +113,10 @@ fn at_once(expr: &Expr) -> AtOnce {
             let failed = parts.iter().take_while(|part| part.aborted && !part.done).count();
             AtOnce { done: parts.iter().take(failed + 1).any(|part| part.done), aborted: failed == parts.len() }
         }
-        ExprKind::Recurrent(..) => AtOnce { done: false, aborted: any_aborted },
+        ExprKind::Recurrent(..) | ExprKind::Asynchronous(..) => AtOnce { done: false, aborted: any_aborted },
+        ExprKind::Match(_) | ExprKind::Shield(..) | ExprKind::Using(..) => {
+            AtOnce { done: done(&parts) > 0, aborted: any_aborted }
+        }
     }
 }
 

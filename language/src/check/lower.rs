@@ -28,7 +28,7 @@ pub(super) fn lower(spec: &Spec, root: usize, name: &str, diagnostics: &mut Vec<
         tree.groups[group].sets_always = always.collect();
         tree.groups[group].sets = sets;
         if let Some(actions) = &process.actions {
-            tree.groups[group].expression = expression::lower(actions);
+            tree.groups[group].expression = expression::lower(actions, &process.resources);
         }
     }
     check_inputs(spec, &tree, &wires.all, diagnostics);

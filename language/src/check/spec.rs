@@ -52,6 +52,8 @@ pub(crate) struct Process {
     pub(crate) instances: Vec<Instance>,
     pub(crate) exports: Vec<Export>,
     pub(crate) sets: Vec<Set>,
+    /// What `using` may take.
+    pub(crate) resources: Vec<Name>,
     /// Nothing when there is no such section, or an empty one.
     pub(crate) actions: Option<Expr>,
     pub(crate) damage: Damage,
@@ -170,6 +172,8 @@ pub(crate) struct Module {
     pub(crate) is_service: bool,
     /// Whether it says that it can end.
     pub(crate) has_end: bool,
+    /// Its normal ends, when it has several.
+    pub(crate) outcomes: Vec<Outcome>,
     pub(crate) exec: Option<String>,
     pub(crate) kind: LeafKind,
     pub(crate) stop_within: Duration,
@@ -183,6 +187,14 @@ pub(crate) struct Module {
 pub(crate) struct Claim {
     pub(crate) name: Name,
     pub(crate) is_write: bool,
+}
+
+/// A normal end of a module.
+#[derive(Debug)]
+pub(crate) struct Outcome {
+    pub(crate) name: Name,
+    /// The type of the value that comes with it.
+    pub(crate) kind: Option<String>,
 }
 
 #[derive(Debug)]
@@ -223,10 +235,25 @@ pub(crate) enum ExprKind {
     Conditional(Vec<Expr>),
     Otherwise(Vec<Expr>),
     Recurrent(Box<Expr>, Box<Expr>),
-    Retry(u32, Box<Expr>),
+    /// How many times more, and the pause before each.
+    Retry(u32, Option<Duration>, Box<Expr>),
     Within(Duration, Box<Expr>),
+    Match(Vec<Arm>),
+    Shield(Option<Duration>, Box<Expr>),
+    /// What is taken: indices into [`Process::resources`].
+    Using(Vec<usize>, Box<Expr>),
+    /// The source, and the pool written out.
+    Asynchronous(Box<Expr>, Vec<Expr>),
     /// Could not be read or resolved; reported already.
     Broken,
+}
+
+/// One way on in a `match`.
+#[derive(Debug)]
+pub(crate) struct Arm {
+    /// `else` has no tag.
+    pub(crate) tag: Option<Name>,
+    pub(crate) body: Expr,
 }
 
 impl Expr {
@@ -241,7 +268,12 @@ impl Expr {
             | ExprKind::Conditional(parts)
             | ExprKind::Otherwise(parts) => parts.iter().collect(),
             ExprKind::Recurrent(first, second) => vec![first, second],
-            ExprKind::Retry(_, part) | ExprKind::Within(_, part) => vec![part],
+            ExprKind::Retry(_, _, part)
+            | ExprKind::Within(_, part)
+            | ExprKind::Shield(_, part)
+            | ExprKind::Using(_, part) => vec![part],
+            ExprKind::Match(arms) => arms.iter().map(|arm| &arm.body).collect(),
+            ExprKind::Asynchronous(source, pool) => std::iter::once(&**source).chain(pool).collect(),
             ExprKind::Run(..)
             | ExprKind::Skip
             | ExprKind::Never

@@ -1,7 +1,9 @@
 //! Event-action expressions: in one line, or broken at the loosest operator.
 
 use super::printer::Printer;
-use crate::syntax::SyntaxKind::{self, AnyOf, Chain, Concurrent, Disable, FailFast, Otherwise, Paren, Sequence};
+use crate::syntax::SyntaxKind::{
+    self, AnyOf, Chain, Comma, Concurrent, Disable, FailFast, LeftBrace, Match, Otherwise, Paren, RightBrace, Sequence,
+};
 use crate::syntax::SyntaxNode;
 use rowan::NodeOrToken;
 
@@ -12,7 +14,7 @@ const OPERATOR: usize = 5;
 
 /// Whether a node has operands of its own.
 pub(super) fn is_expression(kind: SyntaxKind) -> bool {
-    is_operator(kind) || kind == Paren
+    is_operator(kind) || kind == Paren || kind == Match
 }
 
 fn is_operator(kind: SyntaxKind) -> bool {
@@ -28,6 +30,8 @@ impl Printer {
         }
         if node.kind() == Paren {
             self.parentheses(node);
+        } else if node.kind() == Match {
+            self.arms(node);
         } else if self.hangs(node) {
             self.walk(node, reserve);
         } else {
@@ -109,6 +113,25 @@ impl Printer {
         }
         self.starts_line = false;
         self.token();
+    }
+
+    /// `match {` and each arm in a line of its own.
+    fn arms(&mut self, node: &SyntaxNode) {
+        for part in node.children_with_tokens() {
+            match part {
+                NodeOrToken::Token(token) if token.kind().is_trivia() => {}
+                NodeOrToken::Token(token) if token.kind() == RightBrace => self.close(),
+                NodeOrToken::Token(token) => {
+                    self.token();
+                    if token.kind() == LeftBrace {
+                        self.open();
+                    } else if token.kind() == Comma {
+                        self.next_line();
+                    }
+                }
+                NodeOrToken::Node(arm) => self.node(&arm, 1),
+            }
+        }
     }
 
     fn parentheses(&mut self, node: &SyntaxNode) {

@@ -1,9 +1,9 @@
 //! The tokens of a text with the comments between them: what a formatted text has to keep.
 
 use crate::syntax::SyntaxKind::{
-    self, Args, Binder, Chain, Colon, Comma, Dot, DotDot, Greater, Labels, LeftBrace, LeftBracket, LeftParen, Less,
-    List, Minus, Module, Owner, Params, Paren, Question, Recur, RightBrace, RightBracket, RightParen, Semicolon,
-    Sequence, Slash, Whitespace,
+    self, Args, Binder, Chain, Colon, Comma, Dot, DotDot, DoubleColon, Greater, Labels, LeftBrace, LeftBracket,
+    LeftParen, Less, List, Match, Minus, Module, Owner, Params, Paren, Question, Recur, RightBrace, RightBracket,
+    RightParen, Semicolon, Sequence, Slash, Whitespace,
 };
 use crate::syntax::SyntaxNode;
 
@@ -102,12 +102,19 @@ pub(super) fn is_apart(before: &Piece, next: &Piece) -> bool {
     if next.kind == Colon || next.kind == Recur {
         return next.parent == Chain;
     }
+    let is_roomy = |kind: SyntaxKind| kind == Module || kind == Match;
     if next.kind == LeftBrace {
-        return next.parent == Module;
+        return is_roomy(next.parent);
     }
     if before.kind == LeftBrace || next.kind == RightBrace {
         let is_empty = before.kind == LeftBrace && next.kind == RightBrace;
-        return !is_empty && (before.parent == Module || next.parent == Module);
+        return !is_empty && (is_roomy(before.parent) || is_roomy(next.parent));
+    }
+    if next.kind == DoubleColon {
+        return true;
+    }
+    if before.kind == RightParen && [SyntaxKind::Shield, SyntaxKind::Resources].contains(&before.parent) {
+        return next.kind != Semicolon;
     }
     if next.kind == LeftBracket && next.parent == List {
         return ![LeftParen, LeftBracket].contains(&before.kind);

@@ -89,6 +89,7 @@ kinds! {
     Endpoint "an end of a connection"
     Quality "a connection quality"
     Actions "an event-action section"
+    Resources "resources"
     // nodes: module items
     Port "a port"
     Exec "a program"
@@ -96,6 +97,7 @@ kinds! {
     Flag "a module property"
     Claims "claims"
     Claim "a claim"
+    Outcome "an outcome"
     // nodes: expressions
     Concurrent "`,`"
     FailFast "`&`"
@@ -104,6 +106,10 @@ kinds! {
     Otherwise "`else`"
     Chain "`:`"
     Retry "`retry`"
+    Shield "`shield`"
+    Using "`using`"
+    Match "`match`"
+    Arm "an arm of `match`"
     Suffixed "a suffix"
     Paren "parentheses"
     Run "a process"

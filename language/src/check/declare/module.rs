@@ -1,9 +1,10 @@
 //! Interfaces of controller modules.
 
+use crate::algebra::TAG_MAX;
 use crate::check::names::twice;
-use crate::check::spec::{Claim, Consts, Direction, Module, Port};
+use crate::check::spec::{Claim, Consts, Direction, Module, Outcome, Port};
 use crate::check::value::duration;
-use crate::diagnostic::Diagnostic;
+use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::LeafKind;
 use crate::source::Span;
 use crate::syntax::SyntaxKind::{self, Constant, Params, Text, Type};
@@ -29,6 +30,7 @@ pub(super) fn module(
         ports: Vec::new(),
         is_service: false,
         has_end: false,
+        outcomes: Vec::new(),
         exec: None,
         kind: LeafKind::Controller,
         stop_within: STOP_WITHIN,
@@ -54,6 +56,7 @@ fn read_item(module: &mut Module, item: &Node, consts: &Consts, diagnostics: &mu
     } else if item.kind() == SyntaxKind::Flag {
         module.is_service |= word == "service";
         module.has_end |= word == "done";
+        add_outcomes(module, item, diagnostics);
         if word == "plain" {
             module.kind = LeafKind::Plain;
         }
@@ -68,6 +71,21 @@ fn read_item(module: &mut Module, item: &Node, consts: &Consts, diagnostics: &mu
             let Some(name) = names.next() else { continue };
             let is_write = names.next().is_none_or(|access| access.text == "write");
             module.claims.push(Claim { name, is_write });
+        }
+    }
+}
+
+fn add_outcomes(module: &mut Module, item: &Node, diagnostics: &mut Vec<Diagnostic>) {
+    for outcome in item.children_of(SyntaxKind::Outcome) {
+        let Some(name) = outcome.names().next() else { continue };
+        if let Some(first) = module.outcomes.iter().find(|other| other.name.text == name.text) {
+            diagnostics.push(twice("outcome", &name.text, name.span, first.name.span));
+        } else if name.text.len() > TAG_MAX {
+            let message = format!("the name of an outcome has at most {TAG_MAX} bytes");
+            diagnostics.push(Diagnostic::new(Code::E0009, name.span, message));
+        } else {
+            let kind = outcome.child(Type).map(|node| node.compact_text()).filter(|kind| !kind.is_empty());
+            module.outcomes.push(Outcome { name, kind });
         }
     }
 }

@@ -14,7 +14,7 @@ use crate::plan::{Constant, Transfer};
 use crate::source::Span;
 use crate::syntax::SyntaxKind::{self, BackArrow, Equals, Text};
 use crate::syntax::ast::{Name, Node};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Reads a process; `places` are where its text is damaged.
 pub(super) fn process(
@@ -36,6 +36,7 @@ pub(super) fn process(
     let exports = exports(node, &mut names, diagnostics);
     let (sets, are_whole) = sets(node, &mut names, diagnostics);
     damage.connections |= !are_whole;
+    let resources = resources(node, diagnostics);
     let actions = node.children_of(SyntaxKind::Actions).next();
     names.is_doubtful = damage.actions;
     let mut group = expression::Group {
@@ -43,17 +44,45 @@ pub(super) fn process(
         consts,
         indices: Vec::new(),
         sets: &sets,
+        resources: &resources,
+        pool: None,
         damage,
         run: Vec::new(),
+        taken: BTreeSet::new(),
         useless: Vec::new(),
     };
     let actions = actions.and_then(|node| expression::actions(&node, &mut group, diagnostics));
     damage.names = group.damage.names;
-    let run = group.run;
+    let (run, taken) = (group.run, group.taken);
+    if !damage.actions && !damage.names {
+        diagnostics.extend(unused(&resources, &taken));
+    }
     for slot in run {
         instances[slot].is_run = true;
     }
-    Some(Process { name, doc: node.doc(), params, host, instances, exports, sets, actions, damage, is_service: false })
+    let doc = node.doc();
+    Some(Process { name, doc, params, host, instances, exports, sets, resources, actions, damage, is_service: false })
+}
+
+/// What `using` may take.
+fn resources(node: &Node, diagnostics: &mut Vec<Diagnostic>) -> Vec<Name> {
+    let mut resources: Vec<Name> = Vec::new();
+    for name in node.children_of(SyntaxKind::Resources).flat_map(|node| node.names().skip(1).collect::<Vec<_>>()) {
+        match resources.iter().find(|first| first.text == name.text) {
+            Some(first) => diagnostics.push(twice("resource", &name.text, name.span, first.span)),
+            None => resources.push(name),
+        }
+    }
+    resources
+}
+
+fn unused<'a>(resources: &'a [Name], taken: &BTreeSet<usize>) -> impl Iterator<Item = Diagnostic> + 'a {
+    let is_unused = |(index, name): (usize, &'a Name)| (!taken.contains(&index)).then_some(name);
+    let unused: Vec<&Name> = resources.iter().enumerate().filter_map(is_unused).collect();
+    unused.into_iter().map(|name| {
+        let message = format!("no event action uses `{}`", name.text);
+        Diagnostic::new(Code::W0123, name.span, message).help(format!("write `using({}) process`", name.text))
+    })
 }
 
 /// Finds out which parts of the process contain damaged text. Damage between sections may belong to any of them.

@@ -7,7 +7,7 @@ use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::Constant;
 use crate::source::Span;
 use crate::syntax::SyntaxKind::{DotDot, Labels, Number, Paren};
-use crate::syntax::ast::{Name, Node};
+use crate::syntax::ast::{Name, Node, Token};
 use std::collections::BTreeMap;
 
 /// Writes a replication out: `all` with `,`, `race` with `#`.
@@ -47,6 +47,39 @@ pub(super) fn all_of(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<D
     Some(if word.text == "race" { ExprKind::Disable(copies) } else { ExprKind::Concurrent(copies) })
 }
 
+/// Writes the second operand of `P ::[n] Q` out, once for each place of the pool.
+pub(super) fn pool(
+    count: &Node,
+    span: Span,
+    (group, diagnostics): (&mut Group<'_>, &mut Vec<Diagnostic>),
+    copy: &mut dyn FnMut(&mut Group<'_>, &mut Vec<Diagnostic>) -> Expr,
+) -> Option<Vec<Expr>> {
+    let places = whole(&count.tokens().nth(1)?, group.consts).filter(|places| (1..=index::COUNT_MAX).contains(places));
+    let Some(places) = places else {
+        let message = format!("expected how many may run at the same time, from 1 to {}", index::COUNT_MAX);
+        diagnostics.push(Diagnostic::new(Code::E0009, count.span(), message).help("write `found ::[3] handle`"));
+        return None;
+    };
+    let mut copies = Vec::new();
+    let mut runs: BTreeMap<usize, Span> = BTreeMap::new();
+    for place in 0..places {
+        let around = group.pool.replace(place);
+        let mut found = Vec::new();
+        let copy = copy(group, &mut found);
+        group.pool = around;
+        found.retain(|found| !diagnostics.contains(found));
+        diagnostics.append(&mut found);
+        if let Some(shared) = shared(&copy, &mut runs, place > 0) {
+            let message = format!("one instance would run up to {places} times at the same time");
+            let diagnostic = Diagnostic::new(Code::E0401, shared, message).reason(span, "started anew by each value");
+            diagnostics.push(diagnostic.help(format!("declare one for each: `name[{places}] instof ...`")));
+            return None;
+        }
+        copies.push(copy);
+    }
+    Some(copies)
+}
+
 /// An instance that this copy and one before both run.
 fn shared(copy: &Expr, runs: &mut BTreeMap<usize, Span>, is_later: bool) -> Option<Span> {
     let mut own = BTreeMap::new();
@@ -67,20 +100,20 @@ fn collect(expr: &Expr, runs: &mut BTreeMap<usize, Span>) {
 fn range(node: &Node, consts: &Consts) -> Option<(usize, usize)> {
     let tokens: Vec<_> = node.tokens().collect();
     let dots = tokens.iter().position(|token| token.kind() == DotDot)?;
-    let value = |place: usize| {
-        let token = tokens.get(place)?;
-        if token.kind() == Number {
-            return token.text().parse().ok();
-        }
-        let named = consts.get(token.text()).filter(|named| !named.is_list)?;
-        match &named.values.first()?.kind {
-            ValueKind::Constant(Constant::Number(number)) => number.to_string().parse().ok(),
-            ValueKind::Constant(Constant::Text(_) | Constant::Truth(_)) | ValueKind::Param(_) | ValueKind::Broken => {
-                None
-            }
-        }
-    };
+    let value = |place: usize| whole(tokens.get(place)?, consts);
     Some((value(dots.checked_sub(1)?)?, value(dots + 1)?))
+}
+
+/// A whole number, or the name of a constant that is one.
+fn whole(token: &Token, consts: &Consts) -> Option<usize> {
+    if token.kind() == Number {
+        return token.text().parse().ok();
+    }
+    let named = consts.get(token.text()).filter(|named| !named.is_list)?;
+    match &named.values.first()?.kind {
+        ValueKind::Constant(Constant::Number(number)) => number.to_string().parse().ok(),
+        ValueKind::Constant(Constant::Text(_) | Constant::Truth(_)) | ValueKind::Param(_) | ValueKind::Broken => None,
+    }
 }
 
 /// The instance that `name[index][labels]` runs, and the labels. What is in brackets is an index when it is a number, or
@@ -95,6 +128,17 @@ pub(super) fn run_of(
     let is_array = group.names.arrays.contains_key(&name.text);
     let is_number = brackets.first().is_some_and(|first| first.token(Number).is_some());
     match brackets.split_first() {
+        None | Some(_) if is_array && group.pool.is_some() && !is_number && !is_index(&brackets, group) => {
+            let (place, count) = (group.pool.unwrap_or(0), group.names.arrays[&name.text]);
+            if place >= count {
+                let message = format!("there are more places than the {count} of `{}`", name.text);
+                let help = format!("declare more of them, or write `::[{count}]`");
+                diagnostics.push(Diagnostic::new(Code::E0203, name.span, message).help(help));
+                return None;
+            }
+            let labels = brackets.iter().flat_map(|labels| labels.names().collect::<Vec<_>>()).collect();
+            Some((Name { text: index::element(&name.text, place), span: name.span }, labels))
+        }
         Some((first, rest)) if is_array || is_number => {
             let name = index::written_out(&name, first, &group.names, &group.indices, diagnostics)?;
             Some((name, rest.iter().flat_map(|labels| labels.names().collect::<Vec<_>>()).collect()))
@@ -112,4 +156,10 @@ pub(super) fn run_of(
             Some((name, labels))
         }
     }
+}
+
+/// Whether the first bracket holds an index variable that is bound.
+fn is_index(brackets: &[Node], group: &Group<'_>) -> bool {
+    let names = brackets.first().map(|first| first.names().collect::<Vec<_>>()).unwrap_or_default();
+    names.len() == 1 && group.indices.iter().any(|(known, _)| *known == names[0].text)
 }

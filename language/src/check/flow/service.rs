@@ -39,14 +39,15 @@ fn is_service(expr: &Expr, members: &[bool]) -> bool {
     let rest = |part: &Expr| is_service(part, members);
     match &expr.kind {
         ExprKind::Run(slot, _) => members[*slot],
-        ExprKind::Never | ExprKind::Recurrent(..) => true,
+        ExprKind::Never | ExprKind::Recurrent(..) | ExprKind::Asynchronous(..) => true,
         ExprKind::Skip | ExprKind::Fail(_) | ExprKind::Wait(_) | ExprKind::Within(..) | ExprKind::Broken => false,
         ExprKind::Concurrent(parts) | ExprKind::Disable(parts) => parts.iter().all(rest),
         // `&` waits for every operand, so one that never ends is enough.
         ExprKind::FailFast(parts) | ExprKind::Sequence(parts) | ExprKind::Conditional(parts) => parts.iter().any(rest),
         ExprKind::AnyOf(count, parts) => parts.iter().filter(|part| !rest(part)).count() < *count as usize,
         ExprKind::Otherwise(parts) => parts.first().is_some_and(rest),
-        ExprKind::Retry(_, part) => rest(part),
+        ExprKind::Retry(_, _, part) | ExprKind::Shield(_, part) | ExprKind::Using(_, part) => rest(part),
+        ExprKind::Match(arms) => arms.iter().all(|arm| rest(&arm.body)),
     }
 }
 
@@ -77,6 +78,16 @@ fn walk(context: &Context<'_>, expr: &Expr, diagnostics: &mut Vec<Diagnostic>) {
     }
     if let ExprKind::Recurrent(first, second) = &expr.kind {
         check_order(context, &[first, second], diagnostics);
+    }
+    if let ExprKind::Asynchronous(source, pool) = &expr.kind {
+        check_order(context, &std::iter::once(&**source).chain(pool.first()).collect::<Vec<_>>(), diagnostics);
+    }
+    if let ExprKind::Shield(None, part) = &expr.kind
+        && is_service(part, &context.members)
+    {
+        let message = "a stop would wait for ever: what is shielded has no normal end";
+        let diagnostic = Diagnostic::new(Code::E0411, part.span, message).label("has no normal end");
+        diagnostics.push(diagnostic.help("give the shield a bound: `shield(10 s) process`"));
     }
     if let ExprKind::Disable(parts) = &expr.kind {
         for (index, part) in parts.iter().enumerate() {

@@ -1,11 +1,13 @@
 //! Expressions: what is short for something else is written out.
 
-use crate::check::spec::{Expr, ExprKind};
-use crate::plan::Expression;
+use crate::check::spec::{Arm, Expr, ExprKind};
+use crate::plan::{self, Expression};
+use crate::syntax::ast::Name;
 
 /// Writes an expression in the operators of the plan.
-pub(super) fn lower(expr: &Expr) -> Expression {
-    let all = |parts: &[Expr]| parts.iter().map(lower).collect::<Vec<_>>();
+pub(super) fn lower(expr: &Expr, resources: &[Name]) -> Expression {
+    let rest = |part: &Expr| lower(part, resources);
+    let all = |parts: &[Expr]| parts.iter().map(rest).collect::<Vec<_>>();
     match &expr.kind {
         ExprKind::Run(slot, sets) => {
             Expression::Run { member: index(*slot), sets: sets.iter().copied().map(index).collect() }
@@ -21,17 +23,33 @@ pub(super) fn lower(expr: &Expr) -> Expression {
         ExprKind::Sequence(parts) => balance(all(parts), Expression::Sequence),
         ExprKind::Conditional(parts) => balance(all(parts), Expression::Conditional),
         ExprKind::Otherwise(parts) => balance(all(parts), Expression::Otherwise),
-        ExprKind::Recurrent(first, second) => Expression::Recurrent(Box::new(lower(first)), Box::new(lower(second))),
-        // `retry(2) P` is `P else P else P`.
-        ExprKind::Retry(times, part) => {
-            let tries = (0..=*times).map(|_| lower(part)).collect();
-            balance(tries, Expression::Otherwise)
+        ExprKind::Recurrent(first, second) => Expression::Recurrent(Box::new(rest(first)), Box::new(rest(second))),
+        // `retry(2) P` is `P else P else P`, and with a pause of d `P else (wait(d) ; P) else (wait(d) ; P)`.
+        ExprKind::Retry(times, pause, part) => {
+            let tries = (0..=*times).map(|number| match pause.filter(|_| number > 0) {
+                Some(pause) => Expression::Sequence(Box::new(Expression::Wait(pause)), Box::new(rest(part))),
+                None => rest(part),
+            });
+            balance(tries.collect(), Expression::Otherwise)
         }
         // `P within d` is `P # (wait(d) ; fail("timeout"))`.
         ExprKind::Within(limit, part) => {
             let wait = Box::new(Expression::Wait(*limit));
             let timeout = Expression::Sequence(wait, Box::new(Expression::Fail("timeout".to_owned())));
-            Expression::Disable(vec![lower(part), timeout])
+            Expression::Disable(vec![rest(part), timeout])
+        }
+        ExprKind::Match(arms) => {
+            let arm =
+                |arm: &Arm| plan::Arm { tag: arm.tag.as_ref().map(|tag| tag.text.clone()), body: rest(&arm.body) };
+            Expression::Match(arms.iter().map(arm).collect())
+        }
+        ExprKind::Shield(bound, part) => Expression::Shield { bound: *bound, of: Box::new(rest(part)) },
+        ExprKind::Using(taken, part) => {
+            let resources = taken.iter().map(|&index| resources[index].text.clone()).collect();
+            Expression::Using { resources, of: Box::new(rest(part)) }
+        }
+        ExprKind::Asynchronous(source, pool) => {
+            Expression::Asynchronous { source: Box::new(rest(source)), pool: all(pool) }
         }
     }
 }
@@ -53,7 +71,7 @@ fn balance(mut parts: Vec<Expression>, join: fn(Box<Expression>, Box<Expression>
 /// Returns how many operators and operands the written-out expression has.
 pub(super) fn size(expr: &Expr) -> u64 {
     let parts: u64 = expr.parts().into_iter().map(size).fold(1, u64::saturating_add);
-    if let ExprKind::Retry(times, _) = &expr.kind { parts.saturating_mul(u64::from(*times) + 1) } else { parts }
+    if let ExprKind::Retry(times, ..) = &expr.kind { parts.saturating_mul(u64::from(*times) + 1) } else { parts }
 }
 
 fn index(index: usize) -> u32 {

@@ -19,6 +19,8 @@ struct Place {
     slot: usize,
     sets: Vec<usize>,
     span: Span,
+    /// What the `using`s around take: two that take the same wait for each other.
+    taken: Vec<usize>,
     /// From the root of the expression: which operand, and whether the operands run at the same time.
     path: Vec<(usize, bool)>,
 }
@@ -63,7 +65,7 @@ pub(super) fn check(spec: &Spec, tree: &Tree, diagnostics: &mut Vec<Diagnostic>)
     let places = spec.processes.iter().map(|process| {
         let mut places = Vec::new();
         if let Some(actions) = &process.actions {
-            collect(actions, &mut Vec::new(), &mut places);
+            collect(actions, (&mut Vec::new(), &mut Vec::new()), &mut places);
         }
         places
     });
@@ -80,33 +82,36 @@ pub(super) fn check(spec: &Spec, tree: &Tree, diagnostics: &mut Vec<Diagnostic>)
     together.check_claims(diagnostics);
 }
 
-fn collect(expr: &Expr, path: &mut Vec<(usize, bool)>, places: &mut Vec<Place>) {
+fn collect(expr: &Expr, (path, taken): (&mut Vec<(usize, bool)>, &mut Vec<usize>), places: &mut Vec<Place>) {
     if let ExprKind::Run(slot, sets) = &expr.kind {
-        places.push(Place { slot: *slot, sets: sets.clone(), span: expr.span, path: path.clone() });
+        let place =
+            Place { slot: *slot, sets: sets.clone(), span: expr.span, taken: taken.clone(), path: path.clone() };
+        places.push(place);
     }
     let is_parallel = matches!(
         expr.kind,
-        ExprKind::Concurrent(_) | ExprKind::FailFast(_) | ExprKind::AnyOf(..) | ExprKind::Disable(_)
+        ExprKind::Concurrent(_)
+            | ExprKind::FailFast(_)
+            | ExprKind::AnyOf(..)
+            | ExprKind::Disable(_)
+            | ExprKind::Asynchronous(..)
     );
+    let before = taken.len();
+    if let ExprKind::Using(more, _) = &expr.kind {
+        taken.extend(more);
+    }
     for (index, part) in expr.parts().into_iter().enumerate() {
         path.push((index, is_parallel));
-        collect(part, path, places);
+        collect(part, (path, taken), places);
         path.pop();
     }
+    taken.truncate(before);
 }
 
-/// The pairs of instances of a group that its event actions may run at the same time.
-pub(crate) fn pairs(actions: &Expr) -> BTreeSet<(usize, usize)> {
-    let mut places = Vec::new();
-    collect(actions, &mut Vec::new(), &mut places);
-    let both = places.iter().flat_map(|one| places.iter().map(move |other| (one, other)));
-    both.filter(|(one, other)| one.slot != other.slot && meet(one, other)).map(|(a, b)| (a.slot, b.slot)).collect()
-}
-
-/// Whether two places run at the same time: the first operator that joins them decides.
+/// Whether two places run at the same time: the first operator that joins them decides, unless both take one thing.
 fn meet(one: &Place, other: &Place) -> bool {
     let differs = std::iter::zip(&one.path, &other.path).find(|((a, _), (b, _))| a != b);
-    differs.is_none_or(|((_, is_parallel), _)| *is_parallel)
+    differs.is_none_or(|((_, is_parallel), _)| *is_parallel && !one.taken.iter().any(|it| other.taken.contains(it)))
 }
 
 impl<'a> Together<'a> {

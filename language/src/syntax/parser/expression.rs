@@ -5,12 +5,14 @@
 use super::Parser;
 use crate::diagnostic::Code;
 use crate::syntax::SyntaxKind::{
-    self, Ampersand, Colon, Comma, Disable, DoubleColon, End, FailFast, Greater, Hash, Ident, LeftBrace, LeftBracket,
-    LeftParen, Less, Number, Question, Recur, RightBrace, RightBracket, RightParen, Semicolon, Text,
+    self, Ampersand, Colon, Comma, Disable, DoubleColon, End, FailFast, FatArrow, Greater, Hash, Ident, LeftBrace,
+    LeftBracket, LeftParen, Less, Number, Question, Recur, RightBrace, RightBracket, RightParen, Semicolon, Text,
 };
 
-/// Forms of the language that are known but not read yet.
-const LATER: [&str; 4] = ["match", "shield", "using", "until"];
+/// A form of the language that is known but not read yet.
+const LATER: &str = "until";
+/// Words that go on after an operand, so that what stands before them is one.
+const INFIX: [&str; 2] = ["else", "within"];
 
 impl Parser<'_> {
     /// `internal_event_actions { expression ; }`
@@ -120,14 +122,10 @@ impl Parser<'_> {
         if self.at_any(&[Colon, Recur, DoubleColon]) {
             self.start_at(checkpoint, SyntaxKind::Chain);
             while self.at_any(&[Colon, Recur, DoubleColon]) {
-                if self.at(DoubleColon) {
-                    self.report(Code::E0006, "`::` is not supported yet");
-                    self.bump();
-                    if self.at(LeftBracket) {
-                        self.skip_tree();
-                    }
-                } else {
-                    self.bump();
+                let has_pool = self.at(DoubleColon);
+                self.bump();
+                if has_pool {
+                    self.pool();
                 }
                 self.prefixed();
             }
@@ -135,30 +133,127 @@ impl Parser<'_> {
         }
     }
 
-    /// `retry(3) operand`
-    fn prefixed(&mut self) {
-        if !(self.at_word("retry") && self.kind(1) == LeftParen) {
-            return self.suffixed();
+    /// `[3]` after `::`
+    fn pool(&mut self) {
+        if self.at(LeftBracket) {
+            self.bracketed(SyntaxKind::Count, "how many may run at the same time");
+        } else if let Some(diagnostic) = self.expected("`[` and how many may run at the same time") {
+            diagnostic.help.push("write `found ::[3] handle`".to_owned());
         }
+    }
+
+    /// `retry(3) operand`, `shield operand`, `using(arm) operand`
+    fn prefixed(&mut self) {
+        let head: fn(&mut Self) = if self.at_word("retry") && self.kind(1) == LeftParen {
+            Self::retry
+        } else if self.at_word("using") && self.kind(1) == LeftParen {
+            Self::using
+        } else if self.at_word("shield") && self.opens_operand(1) {
+            Self::shield
+        } else {
+            return self.suffixed();
+        };
         if !self.descend() {
             return self.skip_as_error();
         }
+        head(self);
+        self.prefixed();
+        self.finish();
+        self.ascend();
+    }
+
+    /// Whether an operand may start `ahead` tokens from here, rather than an operator.
+    fn opens_operand(&self, ahead: usize) -> bool {
+        self.kind(ahead) == LeftParen || self.kind(ahead) == Ident && !INFIX.contains(&self.word(ahead))
+    }
+
+    /// `retry(3)`, `retry(3, pause 2 s)`
+    fn retry(&mut self) {
         self.start(SyntaxKind::Retry);
         self.bump();
         self.bump();
         if !self.eat(Number) {
             self.expected("how many times to try again");
         }
-        if self.at(Comma) {
-            self.report(Code::E0006, "a pause between tries is not supported yet");
-            while !self.at(RightParen) && !self.ends_expression() {
-                self.skip_tree();
+        if self.eat(Comma) {
+            if !self.eat_word("pause") {
+                self.expected("`pause`");
             }
+            self.constant();
         }
         self.expect(RightParen);
-        self.prefixed();
+    }
+
+    /// `shield`, `shield(10 s)`; what is in parentheses is a time when an operand follows them.
+    fn shield(&mut self) {
+        self.start(SyntaxKind::Shield);
+        self.bump();
+        let is_named = self.kind(1) == Ident && self.kind(2) == RightParen && self.opens_operand(3);
+        if self.at(LeftParen) && (self.kind(1) == Number || is_named) {
+            self.bump();
+            self.constant();
+            self.expect(RightParen);
+        }
+    }
+
+    /// `using(arm, gripper)`
+    fn using(&mut self) {
+        self.start(SyntaxKind::Using);
+        self.bump();
+        self.start(SyntaxKind::Resources);
+        self.bump();
+        if self.at(RightParen) {
+            self.expected("a resource");
+        }
+        self.list(RightParen, "a resource", |parser| parser.eat(Ident));
         self.finish();
-        self.ascend();
+    }
+
+    /// `resource arm, gripper;`
+    pub(super) fn resources(&mut self) {
+        self.start(SyntaxKind::Resources);
+        self.bump();
+        loop {
+            self.expect_name("a resource");
+            if !self.eat(Comma) {
+                break;
+            }
+        }
+        self.end_statement();
+        self.finish();
+    }
+
+    /// `match { found => a, missing => b, else => c }`; an arm with a `,` in it stands in parentheses.
+    fn matching(&mut self) {
+        self.start(SyntaxKind::Match);
+        self.bump();
+        self.bump();
+        if self.at(RightBrace) {
+            self.expected("an outcome");
+        }
+        while self.at(Ident) && !self.ends_block() {
+            self.start(SyntaxKind::Arm);
+            self.bump();
+            if !self.eat(FatArrow) {
+                self.expected("`=>`");
+            }
+            if self.descend() {
+                self.fail_fast();
+                self.ascend();
+            } else {
+                self.skip_as_error();
+            }
+            self.finish();
+            let goes_on = self.at(Ident) && self.kind(1) == FatArrow;
+            if !self.eat(Comma) && !goes_on {
+                break;
+            }
+            if goes_on {
+                self.expect(Comma);
+            }
+        }
+        self.expect(RightBrace);
+        self.finish();
     }
 
     /// `operand?`, `operand within 5 s`
@@ -192,7 +287,9 @@ impl Parser<'_> {
             self.all_of();
         } else if self.kind(1) == LeftParen && ["fail", "wait"].contains(&self.word(0)) {
             self.call();
-        } else if [LeftParen, LeftBrace].contains(&self.kind(1)) && LATER.contains(&self.word(0)) {
+        } else if self.at_word("match") && self.kind(1) == LeftBrace {
+            self.matching();
+        } else if self.at_word(LATER) && self.kind(1) == LeftParen {
             self.report(Code::E0006, format!("`{}` is not supported yet", self.word(0)));
             self.start(SyntaxKind::Error);
             self.bump();

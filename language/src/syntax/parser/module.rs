@@ -54,12 +54,29 @@ impl Parser<'_> {
     /// `service;`, `plain;`, `done;`, `done(found: Pose | missing);`
     fn flag(&mut self) {
         self.start(SyntaxKind::Flag);
+        let has_outcomes = self.at_word("done");
         self.bump();
-        if self.at(LeftParen) {
-            self.skip_tree();
+        if has_outcomes && self.eat(LeftParen) {
+            self.outcomes();
         }
         self.end_statement();
         self.finish();
+    }
+
+    /// `found: Pose | missing)`
+    fn outcomes(&mut self) {
+        loop {
+            self.start(SyntaxKind::Outcome);
+            self.expect_name("an outcome");
+            if self.eat(Colon) {
+                self.type_name();
+            }
+            self.finish();
+            if !self.eat(SyntaxKind::Bar) {
+                break;
+            }
+        }
+        self.expect(SyntaxKind::RightParen);
     }
 
     /// `claims arm, gripper(read);`

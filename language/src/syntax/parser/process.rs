@@ -216,6 +216,7 @@ impl Parser<'_> {
             "external_io" => self.block(SyntaxKind::External, Self::export),
             "internal_connections" => self.connections(),
             "internal_event_actions" => self.actions(),
+            "resource" if self.kind(1) == Ident => self.resources(),
             _ => self.unknown_section(),
         }
     }
@@ -355,7 +356,7 @@ impl Parser<'_> {
     }
 
     /// `[4]`, `[i]`
-    fn bracketed(&mut self, kind: SyntaxKind, what: &str) {
+    pub(super) fn bracketed(&mut self, kind: SyntaxKind, what: &str) {
         self.start(kind);
         self.bump();
         if !self.eat(Number) && !self.eat(Ident) {

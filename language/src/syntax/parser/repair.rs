@@ -12,11 +12,14 @@ pub(super) const SECTIONS: [&str; 5] =
 pub(super) const ITEMS: [&str; 2] = ["process", "module"];
 
 impl Parser<'_> {
-    /// Whether a section surely starts `ahead` tokens from here: its word and its bracket.
+    /// Whether a section surely starts `ahead` tokens from here: its word and its bracket, or `resource name`.
     pub(super) fn is_section(&self, ahead: usize) -> bool {
         let opens = self.kind(ahead + 1) == LeftBrace
             || self.kind(ahead + 1) == LeftParen && self.word(ahead) == "internal_connections";
-        self.kind(ahead) == Ident && SECTIONS.contains(&self.word(ahead)) && opens
+        let declares = self.word(ahead) == "resource"
+            && self.kind(ahead + 1) == Ident
+            && [SyntaxKind::Comma, Semicolon].contains(&self.kind(ahead + 2));
+        self.kind(ahead) == Ident && (SECTIONS.contains(&self.word(ahead)) && opens || declares)
     }
 
     /// Whether an item surely starts `ahead` tokens from here: its word, its name and its bracket, `const name =`, or

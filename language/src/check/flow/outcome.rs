@@ -1,0 +1,212 @@
+//! Outcomes: which tags an expression can end with, and whether every `match` has an arm for each.
+
+use crate::check::spec::{Arm, Expr, ExprKind, Process, Spec, Target};
+use crate::diagnostic::{Code, Diagnostic, Edit};
+use crate::similar::nearest;
+use crate::source::Span;
+use std::collections::BTreeMap;
+
+/// How an expression can be done.
+#[derive(Clone, Debug, Default)]
+struct Ends {
+    /// The tags, each with where it is declared.
+    tags: BTreeMap<String, Span>,
+    /// Whether it can be done without a tag, and by whom.
+    untagged: Option<Span>,
+    /// Whether something without a known interface decides.
+    is_open: bool,
+}
+
+impl Ends {
+    fn open() -> Self {
+        Self { is_open: true, ..Self::default() }
+    }
+
+    fn untagged(span: Span) -> Self {
+        Self { untagged: Some(span), ..Self::default() }
+    }
+
+    fn or(mut self, other: Self) -> Self {
+        self.tags.extend(other.tags);
+        Self { tags: self.tags, untagged: self.untagged.or(other.untagged), is_open: self.is_open || other.is_open }
+    }
+
+    fn any(all: impl Iterator<Item = Self>) -> Self {
+        all.fold(Self::default(), Self::or)
+    }
+}
+
+/// Checks every `match` against what it is started with.
+pub(super) fn check(spec: &Spec, diagnostics: &mut Vec<Diagnostic>) {
+    let has_match = |process: &&Process| process.actions.as_ref().is_some_and(contains_match);
+    let mut known = vec![None; spec.processes.len()];
+    for process in spec.processes.iter().filter(|process| !process.damage.actions).filter(has_match) {
+        let Some(actions) = &process.actions else { continue };
+        let mut walk = Walk { spec, process, known: &mut known, diagnostics };
+        // What the group itself is started with is the business of the group around it.
+        walk.visit(actions, &Ends::open());
+    }
+}
+
+fn contains_match(expr: &Expr) -> bool {
+    matches!(expr.kind, ExprKind::Match(_)) || expr.parts().into_iter().any(contains_match)
+}
+
+/// How a group can be done; groups nest finitely here.
+fn of_process(spec: &Spec, process: usize, known: &mut Vec<Option<Ends>>) -> Ends {
+    if let Some(ends) = &known[process] {
+        return ends.clone();
+    }
+    let source = &spec.processes[process];
+    let ends = match source.actions.as_ref().filter(|_| !source.damage.actions) {
+        Some(actions) => ends(spec, source, actions, known),
+        None => Ends::open(),
+    };
+    known[process] = Some(ends.clone());
+    ends
+}
+
+fn ends(spec: &Spec, process: &Process, expr: &Expr, known: &mut Vec<Option<Ends>>) -> Ends {
+    let mut rest = |part: &Expr| ends(spec, process, part, known);
+    match &expr.kind {
+        ExprKind::Run(slot, _) => match process.instances[*slot].target {
+            Target::Process(inner) => of_process(spec, inner, known),
+            Target::Unknown => Ends::open(),
+            Target::Module(module) => {
+                let outcomes = &spec.modules[module].outcomes;
+                let tags = outcomes.iter().map(|outcome| (outcome.name.text.clone(), outcome.name.span)).collect();
+                let untagged = outcomes.is_empty().then_some(expr.span);
+                Ends { tags, untagged, is_open: false }
+            }
+        },
+        ExprKind::Skip | ExprKind::Wait(_) => Ends::untagged(expr.span),
+        ExprKind::Never | ExprKind::Fail(_) | ExprKind::Recurrent(..) | ExprKind::Asynchronous(..) => Ends::default(),
+        ExprKind::Broken => Ends::open(),
+        ExprKind::Sequence(parts) | ExprKind::Conditional(parts) => parts.last().map_or(Ends::open(), rest),
+        ExprKind::Disable(parts) | ExprKind::Otherwise(parts) => Ends::any(parts.iter().map(rest)),
+        ExprKind::AnyOf(1, parts) => Ends::any(parts.iter().map(rest)),
+        // The value of one task that is waited for is its own; those of several are put together.
+        ExprKind::Concurrent(parts) => {
+            let mut some = parts.iter().map(rest).filter(|ends| ends.is_open || !ends.tags.is_empty());
+            match (some.next(), some.next()) {
+                (Some(_), _) => Ends::open(),
+                (None, _) => Ends::untagged(expr.span),
+            }
+        }
+        ExprKind::FailFast(_) | ExprKind::AnyOf(..) => Ends::untagged(expr.span),
+        ExprKind::Match(arms) => Ends::any(arms.iter().map(|arm| rest(&arm.body))),
+        ExprKind::Retry(_, _, part)
+        | ExprKind::Within(_, part)
+        | ExprKind::Shield(_, part)
+        | ExprKind::Using(_, part) => rest(part),
+    }
+}
+
+struct Walk<'a> {
+    spec: &'a Spec,
+    process: &'a Process,
+    known: &'a mut Vec<Option<Ends>>,
+    diagnostics: &'a mut Vec<Diagnostic>,
+}
+
+impl Walk<'_> {
+    /// `start` is what the expression is started with.
+    fn visit(&mut self, expr: &Expr, start: &Ends) {
+        let nothing = Ends::untagged(expr.span.at_start());
+        match &expr.kind {
+            ExprKind::Match(arms) => {
+                self.check_match(expr, arms, start);
+                arms.iter().for_each(|arm| self.visit(&arm.body, &Ends::open()));
+            }
+            ExprKind::Conditional(parts) => self.visit_chain(&parts.iter().collect::<Vec<_>>(), start),
+            ExprKind::Recurrent(first, second) => {
+                self.visit(first, &start.clone().or(nothing));
+                let value = self.ends(first);
+                self.visit(second, &value);
+            }
+            ExprKind::Asynchronous(source, pool) => {
+                self.visit(source, &start.clone().or(nothing));
+                let value = self.ends(source);
+                // The places differ by their instances alone.
+                pool.iter().take(1).for_each(|part| self.visit(part, &value));
+            }
+            ExprKind::Sequence(parts) | ExprKind::Otherwise(parts) => {
+                for (index, part) in parts.iter().enumerate() {
+                    self.visit(part, if index == 0 { start } else { &nothing });
+                }
+            }
+            ExprKind::Retry(times, _, part) if *times > 0 => self.visit(part, &start.clone().or(nothing)),
+            _ => expr.parts().into_iter().for_each(|part| self.visit(part, start)),
+        }
+    }
+
+    fn visit_chain(&mut self, parts: &[&Expr], start: &Ends) {
+        let mut start = start.clone();
+        for part in parts {
+            self.visit(part, &start);
+            start = self.ends(part);
+        }
+    }
+
+    fn ends(&mut self, expr: &Expr) -> Ends {
+        ends(self.spec, self.process, expr, self.known)
+    }
+
+    fn check_match(&mut self, expr: &Expr, arms: &[Arm], start: &Ends) {
+        if start.is_open {
+            return;
+        }
+        if start.tags.is_empty() {
+            let message = "there is no outcome to match: what comes before has none, or its value does not get here";
+            let diagnostic = Diagnostic::new(Code::E0423, expr.span, message);
+            let help = "write `process : match { ... }`, and `done(found | missing);` in the interface of the process";
+            self.diagnostics.push(diagnostic.help(help));
+            return;
+        }
+        for tag in arms.iter().filter_map(|arm| arm.tag.as_ref()).filter(|tag| !start.tags.contains_key(&tag.text)) {
+            let message = format!("no outcome is called `{}`", tag.text);
+            let diagnostic = Diagnostic::new(Code::E0421, tag.span, message).label("never taken");
+            let near = nearest(&tag.text, start.tags.keys().map(String::as_str));
+            self.diagnostics.push(match near {
+                Some(near) => diagnostic.reason(start.tags[near], "declared here").replace(tag.span, near),
+                None => diagnostic.help(format!("the outcomes are {}", listed(start.tags.keys()))),
+            });
+        }
+        let has_arm = |tag: &String| arms.iter().any(|arm| arm.tag.as_ref().is_some_and(|name| name.text == *tag));
+        let open: Vec<&String> = start.tags.keys().filter(|tag| !has_arm(tag)).collect();
+        let rest = arms.iter().find(|arm| arm.tag.is_none());
+        if let Some(rest) = rest.filter(|_| open.is_empty() && start.untagged.is_none()) {
+            let message = "every outcome has an arm already";
+            self.diagnostics.push(Diagnostic::new(Code::W0422, rest.body.span, message).label("never taken"));
+        }
+        // A misspelt arm is one cause.
+        let is_misspelt =
+            arms.iter().any(|arm| arm.tag.as_ref().is_some_and(|tag| !start.tags.contains_key(&tag.text)));
+        if rest.is_none() && !is_misspelt && (!open.is_empty() || start.untagged.is_some()) {
+            self.diagnostics.push(unhandled(expr, arms, &open, start));
+        }
+    }
+}
+
+fn unhandled(expr: &Expr, arms: &[Arm], open: &[&String], start: &Ends) -> Diagnostic {
+    let message = match open.len() {
+        0 => "an outcome without a tag has no arm".to_owned(),
+        1 => format!("outcome {} has no arm", listed(open.iter().copied())),
+        _ => format!("outcomes {} have no arm", listed(open.iter().copied())),
+    };
+    let mut diagnostic = Diagnostic::new(Code::E0420, expr.span, message);
+    for tag in open {
+        diagnostic = diagnostic.reason(start.tags[*tag], "declared here");
+    }
+    if let (Some(span), true) = (start.untagged, open.is_empty()) {
+        diagnostic = diagnostic.reason(span, "this one has no tag");
+    }
+    let Some(last) = arms.last() else { return diagnostic };
+    let missing = open.iter().map(|tag| format!(", {tag} => fail(\"{tag}\")")).collect::<String>();
+    let text = if open.is_empty() { ", else => fail(\"no outcome\")".to_owned() } else { missing };
+    diagnostic.fix("add arms that fail", vec![Edit { span: last.body.span.at_end(), text }])
+}
+
+fn listed<'a>(tags: impl Iterator<Item = &'a String>) -> String {
+    tags.map(|tag| format!("`{tag}`")).collect::<Vec<_>>().join(", ")
+}
