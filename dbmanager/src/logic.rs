@@ -6,11 +6,13 @@
 //! | [`clock`] | the hybrid clock of one replica | stamps extend causality; no date is refused |
 //! | [`state`] | the versions of each key | T1 convergence, T2 one serial order, T3 whole transactions |
 //! | [`log`] | each origin's transactions, gap-free and chained | T6 a dot names one transaction, T7 liveness |
+//! | [`merge`] | how two states become one, when a replica comes back | nothing is lost, hidden or brought back |
 //! | [`member`] | who belongs to the team | admission and the retire barrier |
 //! | [`collect`] | what everybody has | T5 nothing comes back |
 //! | [`record`] | what is on the disk | T4 durability: a batch goes before what promises it |
 //! | [`message`], [`snapshot`] | what replicas say to each other | |
 //! | [`replica`] | the machine that drives all of it | |
+//! | [`view`] | what people and programs see of it | |
 
 pub mod clock;
 pub mod collect;
@@ -18,6 +20,7 @@ pub mod cut;
 pub mod key;
 pub mod log;
 pub mod member;
+pub mod merge;
 pub mod message;
 pub mod mutant;
 pub mod random;
@@ -26,3 +29,4 @@ pub mod replica;
 pub mod snapshot;
 pub mod state;
 pub mod txn;
+pub mod view;

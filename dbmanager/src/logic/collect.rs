@@ -10,8 +10,9 @@
 //! member before it had `T`, so within the cut by which that member showed that it has `T`; this cut counted only because
 //! the own one dominates it, so the transaction is applied here already and `T` has met it. Whatever comes later has `T` in
 //! its context. So dropping `T` is no change to anything that is still to come. Newcomers begin with a state that has `T`
-//! (see [`member`](crate::logic::member)), and a transaction that is brought in under a new origin has every deletion that
-//! may have been dropped in its floor.
+//! (see [`member`](crate::logic::member)), and a transaction that is brought in under a new origin takes away every deletion
+//! in its context: whatever was dropped anywhere before the newcomer was known was so with the sponsor's consent, hence is in
+//! the state that the newcomer begins with.
 //!
 //! Counting what members *say* is not enough: one may say that it has `T`, and a concurrent write of it may still be on
 //! its way. Then one replica drops `T` and shows the write, and another orders the two. A member that is away holds the
@@ -102,7 +103,7 @@ mod tests {
         let mut apply = |seq, write| {
             let context = Cut::default();
             let stamp = Stamp { epoch: 0, hlc: seq, origin: me };
-            state.apply(Dot { origin: me, seq }, stamp, Seen { context: &context, floor: None }, &[write]);
+            state.apply(Dot { origin: me, seq }, stamp, Seen { context: &context, only: None }, &[write]);
         };
         for origin in origins {
             apply(*origin, member::admission(Origin::new(*origin), "r").unwrap());

@@ -121,6 +121,13 @@ impl Cut {
         Self(self.0.iter().filter(|(origin, seq)| **seq > base.get(**origin)).map(|(o, s)| (*o, *s)).collect())
     }
 
+    /// Returns it without an origin.
+    #[must_use]
+    pub fn without(mut self, origin: Origin) -> Self {
+        self.0.remove(&origin);
+        self
+    }
+
     /// Returns the entries by origin.
     pub fn iter(&self) -> impl Iterator<Item = (Origin, u64)> {
         self.0.iter().map(|(origin, seq)| (*origin, *seq))

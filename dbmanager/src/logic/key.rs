@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 use std::fmt;
+use std::sync::Arc;
 use thiserror::Error;
 
 /// The longest key, in bytes.
@@ -10,7 +11,7 @@ pub const KEY_SIZE_MAX: usize = 512;
 /// Segments joined by `/`: none is empty, none has a character that key expressions give a meaning.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
-pub struct Key(String);
+pub struct Key(Arc<str>);
 
 /// Why a text is not a key.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
@@ -67,7 +68,7 @@ impl Key {
         if key.split('/').any(str::is_empty) {
             return Err(KeyError::Empty { key });
         }
-        Ok(Self(key))
+        Ok(Self(key.into()))
     }
 
     /// Returns the key as text.
@@ -96,7 +97,7 @@ impl TryFrom<String> for Key {
 
 impl From<Key> for String {
     fn from(key: Key) -> Self {
-        key.0
+        key.0.as_ref().to_owned()
     }
 }
 

@@ -70,6 +70,10 @@ impl Log {
     /// Returns a log that begins after `heads`.
     pub fn new(heads: BTreeMap<Origin, Head>, mutant: Mutant) -> Self {
         let cut = heads.iter().map(|(origin, head)| (*origin, head.seq)).collect();
+        let mut heads = heads;
+        if mutant.is(Mutant::HeadsWithoutContext) {
+            heads.values_mut().for_each(|head| head.context = Cut::default());
+        }
         Self { heads, cut, mutant, ..Self::default() }
     }
 
@@ -135,7 +139,7 @@ impl Log {
         let none = Head::default();
         let head = self.head(dot.origin).unwrap_or(&none);
         if dot.seq <= head.seq {
-            let same = self.frame(dot).is_none_or(|known| known == frame);
+            let same = self.frame(dot).is_none_or(|known| known == frame) || self.mutant.is(Mutant::ForksUnseen);
             return if same && dot.seq > 0 { Verdict::Known } else { Verdict::Fork };
         }
         if dot.seq > head.seq + 1 && !self.mutant.is(Mutant::GapTaken) {
@@ -144,8 +148,9 @@ impl Log {
         if dot.seq == head.seq + 1 && (txn.prev != head.link || txn.stamp <= head.stamp) {
             return Verdict::Fork;
         }
-        let floor = txn.rebase.as_ref().is_none_or(|rebase| self.cut.dominates(&rebase.floor));
-        let seen = self.cut.dominates(&self.context(txn)) && floor;
+        let missing = self.context(txn).beyond(&self.cut);
+        let gap = |origin: Origin| self.mutant.is(Mutant::GapTaken) && origin == dot.origin;
+        let seen = missing.iter().all(|(origin, _)| gap(origin));
         if seen || self.mutant.is(Mutant::GuardOpen) { Verdict::Next } else { Verdict::Early }
     }
 
@@ -170,7 +175,7 @@ impl Log {
     /// Returns the frames beyond `cut` in the order of application, at least one and about `size_max` bytes of them, and
     /// whether there are more; `None` if some that would be needed are gone.
     pub fn beyond(&self, cut: &Cut, size_max: usize) -> Option<(Vec<Frame>, bool)> {
-        if !cut.dominates(&self.low()) {
+        if !cut.dominates(&self.low()) && !self.mutant.is(Mutant::GoneServed) {
             return None;
         }
         let next = |origin, after: u64| {
@@ -201,11 +206,14 @@ impl Log {
     /// Drops the oldest frames within `stable` until no more than `size_max` bytes are left. Returns their names.
     pub(crate) fn truncate(&mut self, stable: &Cut, size_max: usize) -> Vec<Dot> {
         let mut dropped = Vec::new();
-        if self.size <= size_max {
+        if self.size <= size_max || self.mutant.is(Mutant::LogNeverCut) {
             return dropped;
         }
         for (dot, size) in self.in_order().into_iter().map(|(dot, frame)| (dot, frame.size())).collect::<Vec<_>>() {
             // What is applied later may be stable earlier, but a chain is only ever cut from below.
+            if self.mutant.is(Mutant::HoleInLog) && !stable.contains(dot) {
+                continue;
+            }
             if self.size <= size_max || !stable.contains(dot) {
                 break;
             }

@@ -11,6 +11,9 @@
 //! *Retiring.* A replica that has applied a retirement takes and gives nothing from and to the retired origin any more, but
 //! takes its transactions from others. The origin still counts for garbage until each remaining member has the retirement
 //! (the *barrier*): from then on nobody takes anything new from it, and all that anybody took is here.
+//!
+//! *Coming back.* `sys/brought/<origin>/<n>` says what came with that origin when it was admitted: the transactions of origins
+//! that are no members, up to which number. See [`merge`](crate::logic::merge).
 
 use crate::logic::clock::Stamp;
 use crate::logic::cut::{Cut, Dot, Origin};
@@ -21,6 +24,9 @@ use std::collections::BTreeMap;
 
 const MEMBERS: &str = "sys/members/";
 const RETIRED: &str = "sys/retired/";
+const BROUGHT: &str = "sys/brought/";
+/// How many entries one record of what was brought in has.
+const BROUGHT_MAX: usize = 1024;
 /// How many sponsors of sponsors are told to others.
 pub const SPONSORS_MAX: usize = 32;
 
@@ -30,17 +36,44 @@ pub struct Members {
     active: BTreeMap<Origin, String>,
     sponsors: BTreeMap<Origin, Origin>,
     retired: BTreeMap<Origin, Vec<(Dot, Stamp)>>,
+    brought: BTreeMap<Origin, Brought>,
+}
+
+/// Up to where the transactions of an origin that is no member were brought in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Brought {
+    /// The last one.
+    pub last: Dot,
+    /// Its stamp.
+    pub stamp: Stamp,
+    /// The transaction with which all that is left of them is there.
+    pub by: Dot,
+}
+
+/// Returns whether a key is one of these records. They are facts of one team and do not move to another.
+pub fn is_record(key: &Key) -> bool {
+    [MEMBERS, RETIRED, BROUGHT].iter().any(|prefix| key.as_str().starts_with(prefix))
+}
+
+/// Returns the writes that say what came with `origin`: the last transactions of others, with their stamps.
+pub fn arrival(origin: Origin, brought: &[(Dot, Stamp)]) -> Vec<Write> {
+    let records = brought.chunks(BROUGHT_MAX).enumerate().filter_map(|(index, entries)| {
+        let bytes = postcard::to_stdvec(entries).ok()?;
+        let value = Value { encoding: Encoding::BYTES, bytes: bytes.into() };
+        Some(Write { key: Key::new(format!("{BROUGHT}{origin}/{index:06}")).ok()?, value: Some(value) })
+    });
+    records.collect()
 }
 
 /// Returns the write that makes `origin` a member.
 pub fn admission(origin: Origin, robot: &str) -> Option<Write> {
-    let value = Value { encoding: Encoding::Text, bytes: robot.as_bytes().into() };
+    let value = Value { encoding: Encoding::TEXT, bytes: robot.as_bytes().into() };
     Some(Write { key: Key::new(format!("{MEMBERS}{origin}")).ok()?, value: Some(value) })
 }
 
 /// Returns the write that retires `origin`.
 pub fn retirement(origin: Origin) -> Option<Write> {
-    let value = Value { encoding: Encoding::Text, bytes: [].into() };
+    let value = Value { encoding: Encoding::TEXT, bytes: [].into() };
     Some(Write { key: Key::new(format!("{RETIRED}{origin}")).ok()?, value: Some(value) })
 }
 
@@ -60,7 +93,8 @@ impl Members {
         let sponsors =
             state.scan(MEMBERS).filter_map(|(key, versions)| Some((origin(key, MEMBERS)?, sponsor(versions)?)));
         let sponsors = sponsors.collect();
-        Self { active: active.filter(|(origin, _)| !retired.contains_key(origin)).collect(), sponsors, retired }
+        let active = active.filter(|(origin, _)| !retired.contains_key(origin)).collect();
+        Self { active, sponsors, retired, brought: brought(state) }
     }
 
     /// Returns whether `origin` is a member.
@@ -89,6 +123,16 @@ impl Members {
         self.retired.get(&origin)?.iter().map(|(_, stamp)| *stamp).min()
     }
 
+    /// Returns what was brought in of an origin that is no member.
+    pub fn brought(&self, origin: Origin) -> Option<&Brought> {
+        self.brought.get(&origin)
+    }
+
+    /// Returns what was brought in of all such origins.
+    pub fn brought_in(&self) -> impl Iterator<Item = &Brought> {
+        self.brought.values()
+    }
+
     /// Returns the retired origins for which not every member is known to have a retirement, given what members have.
     pub fn before_barrier<'a>(&'a self, has: impl Fn(Origin) -> Option<&'a Cut>) -> impl Iterator<Item = Origin> {
         let everywhere =
@@ -96,4 +140,18 @@ impl Members {
         let open = move |by: &Vec<(Dot, Stamp)>| !by.iter().any(|(dot, _)| everywhere(*dot));
         self.retired.iter().filter(move |(_, by)| open(by)).map(|(origin, _)| *origin)
     }
+}
+
+fn brought(state: &State) -> BTreeMap<Origin, Brought> {
+    let mut brought: BTreeMap<Origin, Brought> = BTreeMap::new();
+    for version in state.scan(BROUGHT).flat_map(|(_, versions)| versions) {
+        let Some(value) = &version.value else { continue };
+        let Ok(entries) = postcard::from_bytes::<Vec<(Dot, Stamp)>>(&value.bytes) else { continue };
+        for (last, stamp) in entries {
+            let entry = Brought { last, stamp, by: version.dot };
+            let known = brought.entry(last.origin).or_insert(entry);
+            *known = entry.max(*known);
+        }
+    }
+    brought
 }

@@ -54,11 +54,65 @@ pub enum Mutant {
     LogCutAtOwn,
     /// The winner among siblings is who came last.
     LastArrivalWins,
+    /// A caller whose time is over is not told so.
+    TicketForgotten,
+    /// The own disk counts as one of the others.
+    SelfCounted,
+    /// A log that begins after a snapshot forgets what had been seen.
+    HeadsWithoutContext,
+    /// After a restart the clock begins at zero.
+    ClockForgotten,
+    /// Epochs of others are not looked at.
+    EpochUnseen,
+    /// What is brought in takes nothing away.
+    TakesForgotten,
+    /// The head of an origin is not written to the disk.
+    HeadNotStored,
+    /// What a transaction has written is not written to the disk, the transaction is.
+    VersionsNotStored,
+    /// That an origin was given up is not written to the disk.
+    MoveNotStored,
+    /// A snapshot has no deletions.
+    SnapshotWithoutDeletions,
+    /// What a snapshot replaces stays on the disk.
+    EraseForgotten,
+    /// What was sent in answer to a question counts as received.
+    SentIsHad,
+    /// What was pushed counts as received.
+    PushedIsHad,
+    /// Two concurrent writes are no conflict yet.
+    PairsNoConflict,
+    /// Conditions are not checked.
+    ConditionsIgnored,
+    /// Anybody may write what belongs to a robot.
+    OwnersIgnored,
+    /// Watchers are shown transactions of others twice.
+    ShownTwice,
+    /// Watchers are not shown what comes along when a replica comes back.
+    NotShown,
+    /// Two transactions with one name count as the same.
+    ForksUnseen,
+    /// Who comes back does not say what came along.
+    ArrivalForgotten,
+    /// A snapshot whose source is gone is waited for.
+    DownloadForEver,
+    /// Frames are dropped as soon as they are stable, also behind others that are not.
+    HoleInLog,
+    /// Who lacks frames that are gone is given the rest.
+    GoneServed,
+    /// No frame is ever dropped.
+    LogNeverCut,
+    /// No deletion is ever dropped.
+    DeletionsForEver,
+    /// A replica that was set back believes that others have all it wrote.
+    ToldForgotten,
+    /// After a move stamps carry the old origin.
+    ClockNotMoved,
 }
 
 impl Mutant {
     /// Every planted bug.
-    pub const ALL: [Self; 23] = [
+    pub const ALL: [Self; 50] = [
         Self::ContextIgnored,
         Self::SiblingsDropped,
         Self::TombstoneAtOnce,
@@ -82,6 +136,33 @@ impl Mutant {
         Self::JoinerUncounted,
         Self::LogCutAtOwn,
         Self::LastArrivalWins,
+        Self::TicketForgotten,
+        Self::SelfCounted,
+        Self::HeadsWithoutContext,
+        Self::ClockForgotten,
+        Self::EpochUnseen,
+        Self::TakesForgotten,
+        Self::HeadNotStored,
+        Self::VersionsNotStored,
+        Self::MoveNotStored,
+        Self::SnapshotWithoutDeletions,
+        Self::EraseForgotten,
+        Self::SentIsHad,
+        Self::PushedIsHad,
+        Self::PairsNoConflict,
+        Self::ConditionsIgnored,
+        Self::OwnersIgnored,
+        Self::ShownTwice,
+        Self::NotShown,
+        Self::ForksUnseen,
+        Self::ArrivalForgotten,
+        Self::DownloadForEver,
+        Self::HoleInLog,
+        Self::GoneServed,
+        Self::LogNeverCut,
+        Self::DeletionsForEver,
+        Self::ToldForgotten,
+        Self::ClockNotMoved,
     ];
 
     /// Returns whether `bug` is planted.

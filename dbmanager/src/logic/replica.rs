@@ -10,13 +10,14 @@
 //! what they had seen. The same way back is taken by who was retired while away, by who finds that others know more of
 //! its own transactions than itself (a lost tail, a restored backup), and by both of two clones.
 //!
-//! `sync` talks to peers, `commit` writes, `join` begins anew.
+//! `sync` talks to peers, `commit` writes, `join` begins anew, `bring` says with what.
 
+mod bring;
 mod commit;
 mod join;
 mod sync;
 
-use crate::logic::clock::{Clock, Wall};
+use crate::logic::clock::{Clock, Stamp, Wall};
 use crate::logic::collect::{Acks, Stable};
 use crate::logic::cut::{Cut, Dot, Origin};
 use crate::logic::key::Key;
@@ -80,6 +81,8 @@ pub enum Input {
     Commit(Vec<Request>, Wall),
     /// A message has arrived.
     Received(Origin, Message, Wall),
+    /// Somebody has come, or come back: it is told at once what is here.
+    Appeared(Wall),
     /// An operator: this is the first member of a team.
     Found(Wall),
     /// An operator: this origin will never write again.
@@ -191,7 +194,10 @@ impl Replica {
             None => return Err(OpenError::Damaged { what: "there is no identity" }),
         };
         Ok(Self {
-            clock: Clock::new(identity.origin, stored.log.last_stamp()),
+            clock: Clock::new(
+                identity.origin,
+                if config.mutant.is(Mutant::ClockForgotten) { Stamp::default() } else { stored.log.last_stamp() },
+            ),
             members: Members::of(&stored.state),
             sync: sync::Sync::default(),
             waiting: commit::Waiting::default(),
@@ -210,6 +216,19 @@ impl Replica {
         })
     }
 
+    /// Opens a replica on a store that may be a copy of one that goes on elsewhere, or older than what others have from it:
+    /// it gives up its origin before it writes anything.
+    ///
+    /// # Errors
+    /// As [`Replica::open`].
+    pub fn open_copied(config: Config, records: &Records) -> Result<Self, OpenError> {
+        let mut replica = Self::open(config, records)?;
+        let told = replica.identity.told;
+        // The alarm is for who did not know; the caller does.
+        replica.rejoin(Time::ZERO, Some(told), &mut Vec::new());
+        Ok(replica)
+    }
+
     /// Takes one input.
     pub fn handle(&mut self, now: Time, input: Input, effects: &mut Vec<Effect>) {
         let mut after = Vec::new();
@@ -225,6 +244,11 @@ impl Replica {
             Input::Received(from, message, wall) => {
                 self.wall = wall;
                 self.receive(now, (from, message), &mut after);
+            }
+            Input::Appeared(wall) => {
+                self.wall = wall;
+                self.sync.met(now);
+                self.tick(now, &mut after);
             }
             Input::Found(wall) => {
                 self.wall = wall;
@@ -282,6 +306,11 @@ impl Replica {
         self.identity.joining.is_none() && self.members.is_active(self.identity.origin)
     }
 
+    /// Returns what a member has said to have.
+    pub fn said(&self, origin: Origin) -> Option<&Cut> {
+        self.acks.said(origin)
+    }
+
     /// Returns what everybody has, as far as it knows, and who has less.
     pub fn stable(&self) -> Stable {
         self.acks.stable(self.identity.origin, self.log.cut(), &self.members, self.config.mutant)
@@ -316,10 +345,14 @@ impl Replica {
                 effects.push(Effect::Alarm(Alarm::ClockSuspect { origin: txn.stamp.origin, ahead_by }));
             }
             if !self.config.mutant.is(Mutant::StampsUnseen) {
-                self.clock.observe(now, txn.stamp, txn.wall);
+                let epoch = if self.config.mutant.is(Mutant::EpochUnseen) { 0 } else { txn.stamp.epoch };
+                self.clock.observe(now, Stamp { epoch, ..txn.stamp }, txn.wall);
             }
         }
         self.enter(&txn, &frame);
+        if self.config.mutant.is(Mutant::ShownTwice) {
+            effects.push(Effect::Visible(txn.dot(), frame.clone()));
+        }
         effects.push(Effect::Visible(txn.dot(), frame));
         Ok(verdict)
     }
@@ -327,15 +360,16 @@ impl Replica {
     /// Enters a transaction into state, log and batch.
     fn enter(&mut self, txn: &Txn, frame: &Frame) {
         let (dot, context) = (txn.dot(), self.log.context(txn));
-        let floor = txn.rebase.as_ref().map(|rebase| &rebase.floor);
-        let floor = floor.filter(|_| !self.config.mutant.is(Mutant::FloorForgotten));
-        self.state.apply(dot, txn.stamp, Seen { context: &context, floor }, &txn.writes);
+        let only = txn.rebase.as_ref().map(|rebase| rebase.takes.as_slice());
+        // What is brought in stands beside what is brought in with it.
+        let seen = if only.is_some() { context.without(dot.origin) } else { context };
+        self.state.apply(dot, txn.written(), Seen { context: &seen, only }, &txn.writes);
         let index = self.log.append(txn, frame.clone());
         self.batch.frame(dot, index, frame);
-        if let Some(head) = self.log.head(dot.origin) {
+        if let Some(head) = self.log.head(dot.origin).filter(|_| !self.config.mutant.is(Mutant::HeadNotStored)) {
             self.batch.head(dot.origin, head);
         }
-        for write in &txn.writes {
+        for write in txn.writes.iter().filter(|_| !self.config.mutant.is(Mutant::VersionsNotStored)) {
             self.batch.versions(&write.key, self.state.versions(&write.key));
         }
         if txn.writes.iter().any(|write| is_system(&write.key)) {

@@ -3,14 +3,15 @@
 //! *State.* `key -> {version}`, a version being `(dot, stamp, value | deleted)`: the writes that no other write has seen.
 //!
 //! *Merge rule.* A transaction `T` with context `ctx` is applied once, after everything in `ctx`. At each key it writes, it
-//! takes away the versions whose dot is in `ctx` (and deletions in the floor of a rebased transaction) and adds its own.
+//! takes away the versions whose dot is in `ctx` and adds its own. One that was brought in from another life of its replica
+//! (see [`merge`](crate::logic::merge)) takes away less: of what is in `ctx`, the versions it names, and deletions.
 //! A read shows the version with the largest stamp; more than one version is a conflict.
 //!
 //! *T1, convergence.* Write `w ▷ v` if `w` takes away `v`: a relation between writes, fixed when `w` is committed. Since
-//! `w ▷ v` needs `v` in `w`'s context or floor, and both must be here before `w` is applied, each pair is met in this order,
-//! `v` first. So after any order of application that the guard allows, the versions of a key are `{v | no w ▷ v}`, which
-//! depends on the set of transactions alone. Equal cuts are equal sets (T6), hence equal states; sets grow by union, which
-//! is a semilattice.
+//! `w ▷ v` needs `v` in `w`'s context, which must be here before `w` is applied, each pair is met in this order, `v` first.
+//! So after any order of application that the guard allows, the versions of a key are `{v | no w ▷ v}`, which depends on
+//! the set of transactions alone. Equal cuts are equal sets (T6), hence equal states; sets grow by union, which is a
+//! semilattice.
 //!
 //! *T2, one serial order.* Stamps extend causality, so the largest stamp among the versions is the largest of all writes to
 //! the key: what it was taken away by has a larger stamp. The visible state is that of running all transactions one after
@@ -26,9 +27,10 @@ use crate::logic::cut::{Cut, Dot};
 use crate::logic::key::Key;
 use crate::logic::mutant::Mutant;
 use crate::logic::txn::{Condition, Require, TxnError, Value, Write};
+use imbl::OrdMap;
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
 use std::ops::Bound;
+use std::sync::Arc;
 
 /// A write that no other write has seen.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -46,21 +48,23 @@ pub struct Version {
 pub struct Seen<'a> {
     /// Its context.
     pub context: &'a Cut,
-    /// Deletions in here count as seen too.
-    pub floor: Option<&'a Cut>,
+    /// Set if it was brought in: of what is in the context, it takes away these (in order) and deletions.
+    pub only: Option<&'a [Dot]>,
 }
 
 impl Seen<'_> {
-    fn takes_away(&self, version: &Version) -> bool {
-        let dropped = |floor: &Cut| version.value.is_none() && floor.contains(version.dot);
-        self.context.contains(version.dot) || self.floor.is_some_and(dropped)
+    fn takes_away(&self, version: &Version, mutant: Mutant) -> bool {
+        let deletion = version.value.is_none() && !mutant.is(Mutant::FloorForgotten);
+        let named =
+            |only: &[Dot]| deletion || only.binary_search(&version.dot).is_ok() && !mutant.is(Mutant::TakesForgotten);
+        self.context.contains(version.dot) && self.only.is_none_or(named)
     }
 }
 
-/// The versions of every key.
+/// The versions of every key. A clone is a snapshot: it shares everything that is not written afterwards, and costs nothing.
 #[derive(Clone, Debug, Default)]
 pub struct State {
-    entries: BTreeMap<Key, Vec<Version>>,
+    entries: OrdMap<Key, Arc<[Version]>>,
     digest: u128,
     mutant: Mutant,
 }
@@ -69,7 +73,7 @@ impl PartialEq for State {
     fn eq(&self, other: &Self) -> bool {
         let held = |state: &Self| state.entries.iter().filter(|(_, versions)| !is_deleted(versions)).count();
         let same =
-            |(key, versions): (&Key, &Vec<Version>)| is_deleted(versions) || other.entries.get(key) == Some(versions);
+            |(key, versions): (&Key, &Arc<[Version]>)| is_deleted(versions) || other.entries.get(key) == Some(versions);
         held(self) == held(other) && self.entries.iter().all(same)
     }
 }
@@ -86,14 +90,14 @@ impl State {
         for Write { key, value } in writes {
             let mut versions = self.take(key);
             if !self.mutant.is(Mutant::ContextIgnored) {
-                versions.retain(|version| !seen.takes_away(version));
+                versions.retain(|version| !seen.takes_away(version, self.mutant));
             }
             if self.mutant.is(Mutant::SiblingsDropped) {
                 versions.clear();
             }
             versions.push(Version { dot, stamp, value: value.clone() });
             if !self.mutant.is(Mutant::LastArrivalWins) {
-                versions.sort_by_key(|version| version.stamp);
+                versions.sort_by_key(|version| (version.stamp, version.dot));
             }
             if self.mutant.is(Mutant::TombstoneAtOnce) {
                 versions.retain(|version| version.value.is_some());
@@ -114,7 +118,7 @@ impl State {
 
     /// Returns the versions of a key, by stamp: the last is what a read shows.
     pub fn versions(&self, key: &Key) -> &[Version] {
-        self.entries.get(key).map_or(&[], Vec::as_slice)
+        self.entries.get(key).map_or(&[], AsRef::as_ref)
     }
 
     /// Returns what a read shows; `None` if there is nothing, or a deletion.
@@ -124,7 +128,7 @@ impl State {
 
     /// Returns whether there are writes to the key that did not see each other.
     pub fn is_conflict(&self, key: &Key) -> bool {
-        self.versions(key).len() > 1
+        self.versions(key).len() > if self.mutant.is(Mutant::PairsNoConflict) { 2 } else { 1 }
     }
 
     /// Returns the keys below `prefix`, deleted ones included, with their versions.
@@ -134,7 +138,7 @@ impl State {
         let below = move |key: &Key| key.as_str().starts_with(prefix);
         let behind = move |key: &Key| key.as_str() > prefix && !key.as_str().starts_with(prefix);
         let keys = self.entries.range((start, Bound::Unbounded)).take_while(move |(key, _)| !behind(key));
-        keys.filter(move |(key, _)| below(key)).map(|(key, versions)| (key, versions.as_slice()))
+        keys.filter(move |(key, _)| below(key)).map(|(key, versions)| (key, versions.as_ref()))
     }
 
     /// Returns the keys below `prefix` with more than one version.
@@ -168,7 +172,11 @@ impl State {
 
     /// Drops keys that are only deleted, and by nothing but transactions in `stable`. Returns them.
     pub(crate) fn drop_deleted(&mut self, stable: &Cut) -> Vec<Key> {
-        let gone = |versions: &[Version]| is_deleted(versions) && versions.iter().all(|v| stable.contains(v.dot));
+        let gone = |versions: &[Version]| {
+            is_deleted(versions)
+                && !self.mutant.is(Mutant::DeletionsForEver)
+                && versions.iter().all(|v| stable.contains(v.dot))
+        };
         let keys: Vec<Key> = self.entries.iter().filter(|(_, v)| gone(v)).map(|(key, _)| key.clone()).collect();
         for key in &keys {
             self.entries.remove(key);
@@ -183,7 +191,7 @@ impl State {
     }
 
     fn take(&mut self, key: &Key) -> Vec<Version> {
-        let versions = self.entries.remove(key).unwrap_or_default();
+        let versions = self.entries.remove(key).map_or_else(Vec::new, |versions| versions.to_vec());
         self.digest = self.digest.wrapping_sub(digest(key, &versions));
         versions
     }
@@ -191,7 +199,7 @@ impl State {
     fn put(&mut self, key: Key, versions: Vec<Version>) {
         self.digest = self.digest.wrapping_add(digest(&key, &versions));
         if !versions.is_empty() {
-            self.entries.insert(key, versions);
+            self.entries.insert(key, versions.into());
         }
     }
 }
@@ -210,8 +218,8 @@ fn digest(key: &Key, versions: &[Version]) -> u128 {
     for Version { dot, stamp, value } in versions {
         hasher.update(&[0xff]).update(&dot.origin.number().to_le_bytes()).update(&dot.seq.to_le_bytes());
         hasher.update(&stamp.epoch.to_le_bytes()).update(&stamp.hlc.to_le_bytes());
-        let (encoding, bytes) = value.as_ref().map_or((0, &[][..]), |value| (1 + value.encoding as u8, &value.bytes));
-        hasher.update(&[encoding]).update(&bytes.len().to_le_bytes()).update(bytes);
+        let (encoding, bytes) = value.as_ref().map_or((0, &[][..]), |value| (value.encoding.0, &value.bytes));
+        hasher.update(&[u8::from(value.is_some()), encoding]).update(&bytes.len().to_le_bytes()).update(bytes);
     }
     let mut digest = [0; 16];
     digest.copy_from_slice(&hasher.finalize().as_bytes()[..16]);

@@ -16,6 +16,8 @@ use thiserror::Error;
 pub const VALUE_SIZE_MAX: usize = 64 << 10;
 /// The longest transaction, in bytes as a frame.
 pub const TXN_SIZE_MAX: usize = 256 << 10;
+/// How many bytes more it may have if it was brought in from another life of its replica.
+pub const REBASE_SIZE_MAX: usize = 64 << 10;
 /// The most writes, and the most conditions, of one transaction.
 pub const CHANGES_MAX: usize = 4096;
 /// The longest reason, in bytes.
@@ -23,20 +25,16 @@ pub const REASON_SIZE_MAX: usize = 1024;
 /// The format that this version writes. Formats are only ever added.
 pub const FORMAT: u8 = 1;
 
-/// How the bytes of a value are meant. Append only.
+/// How the bytes of a value are meant: a number, since programs of other versions know others. The meanings are in
+/// [`view::value`](crate::logic::view::value).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Encoding {
+pub struct Encoding(pub u8);
+
+impl Encoding {
     /// As the writer and its readers have agreed.
-    #[default]
-    Bytes,
+    pub const BYTES: Self = Self(0);
     /// UTF-8.
-    Text,
-    /// A TOML value.
-    Toml,
-    /// A JSON value.
-    Json,
-    /// Sealed for some readers; nobody else looks inside.
-    Sealed,
+    pub const TEXT: Self = Self(1);
 }
 
 /// What a key holds.
@@ -63,7 +61,7 @@ impl From<Value> for (Encoding, Vec<u8>) {
 
 impl<const N: usize> From<&[u8; N]> for Value {
     fn from(bytes: &[u8; N]) -> Self {
-        Self { encoding: Encoding::Bytes, bytes: Arc::from(bytes.as_slice()) }
+        Self { encoding: Encoding::BYTES, bytes: Arc::from(bytes.as_slice()) }
     }
 }
 
@@ -104,10 +102,12 @@ pub struct Link(pub [u8; 8]);
 /// Where a transaction was before its origin had to be given up.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Rebase {
-    /// Its name there, which nobody else has seen.
-    pub from: Dot,
-    /// Deletions within this cut count as seen: some replicas have dropped them, so they must not matter to any.
-    pub floor: Cut,
+    /// Its name there; none if only its effect was left, which is a deletion.
+    pub from: Option<Dot>,
+    /// Its stamp there, which still orders its writes and is their name in all lives.
+    pub stamp: Stamp,
+    /// What it takes away of what is in its context, in order; deletions besides.
+    pub takes: Vec<Dot>,
 }
 
 /// A committed transaction.
@@ -139,6 +139,11 @@ impl Txn {
     /// Returns its name.
     pub fn dot(&self) -> Dot {
         Dot { origin: self.stamp.origin, seq: self.seq }
+    }
+
+    /// Returns the stamp that orders its writes: that of its first life.
+    pub fn written(&self) -> Stamp {
+        self.rebase.as_ref().map_or(self.stamp, |rebase| rebase.stamp)
     }
 }
 
@@ -181,7 +186,8 @@ impl Frame {
     /// If it is too long.
     pub fn seal(txn: &Txn) -> Result<Self, FrameError> {
         let body = postcard::to_stdvec(txn).map_err(|cause| FrameError::Body { cause })?;
-        if body.len() > TXN_SIZE_MAX {
+        let spare = if txn.rebase.is_some() { REBASE_SIZE_MAX } else { 0 };
+        if body.len() > TXN_SIZE_MAX + spare {
             return Err(FrameError::Long { size: body.len() });
         }
         Ok(Self { format: FORMAT, body })
@@ -195,7 +201,7 @@ impl Frame {
         if self.format != FORMAT {
             return Err(FrameError::Format { format: self.format });
         }
-        if self.body.len() > TXN_SIZE_MAX {
+        if self.body.len() > TXN_SIZE_MAX + REBASE_SIZE_MAX {
             return Err(FrameError::Long { size: self.body.len() });
         }
         match postcard::take_from_bytes(&self.body) {
@@ -373,7 +379,11 @@ mod tests {
             requires: vec![Require { key: key("a"), condition: Condition::Is(Dot { origin: me, seq: 1 }) }],
             writes: vec![Write { key: key("a"), value: Some(b"v".into()) }, Write { key: key("b"), value: None }],
             wants_ack: true,
-            rebase: Some(Rebase { from: Dot { origin: me, seq: 7 }, floor: Cut::default() }),
+            rebase: Some(Rebase {
+                from: Some(Dot { origin: me, seq: 7 }),
+                stamp: Stamp { epoch: 0, hlc: 9, origin: me },
+                takes: vec![Dot { origin: me, seq: 1 }],
+            }),
         }
     }
 
@@ -385,7 +395,8 @@ mod tests {
         assert_eq!(hex, GOLDEN);
         assert_eq!(frame.open(), Ok(txn()));
     }
-    const GOLDEN: &str = "01ac020302010101010101010105020102090172010161020301020161010001760162000101030700";
+    const GOLDEN: &str =
+        "01ac020302010101010101010105020102090172010161020301020161010001760162000101010307000903010301";
 
     #[test]
     fn frames_that_are_none() {
@@ -394,14 +405,14 @@ mod tests {
         let mut long = frame.clone();
         long.body.push(0);
         assert!(matches!(long.open(), Err(FrameError::Body { .. })));
-        long.body.resize(TXN_SIZE_MAX + 1, 0);
+        long.body.resize(TXN_SIZE_MAX + REBASE_SIZE_MAX + 1, 0);
         assert!(matches!(long.open(), Err(FrameError::Long { .. })));
         assert_ne!(long.link(), frame.link());
     }
 
     #[test]
     fn max_key_value_sizes() {
-        let value = |size| Value { encoding: Encoding::Bytes, bytes: vec![0; size].into() };
+        let value = |size| Value { encoding: Encoding::BYTES, bytes: vec![0; size].into() };
         assert_eq!(Draft::new("").put(key("a"), value(VALUE_SIZE_MAX)).check(), Ok(()));
         let long = Draft::new("").put(key("a"), value(VALUE_SIZE_MAX + 1)).check();
         assert!(matches!(long, Err(TxnError::Value { .. })));

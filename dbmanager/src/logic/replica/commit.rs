@@ -8,12 +8,14 @@ use crate::logic::log::Head;
 use crate::logic::member;
 use crate::logic::message::{Message, PUSH_SIZE_MAX};
 use crate::logic::mutant::Mutant;
-use crate::logic::txn::{Draft, Frame, Require, Txn, TxnError, Write};
+use crate::logic::txn::{Draft, Frame, Rebase, Require, Txn, TxnError, Write};
 use comms::logic::time::Time;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// The most tickets that wait; whoever comes later hears at once that it is pending.
 const WAITING_MAX: usize = 1024;
+/// How often the name of a transaction may have changed.
+const LIVES_MAX: u32 = 32;
 
 /// Who waits for a transaction to get further.
 #[derive(Debug, Default)]
@@ -32,13 +34,14 @@ pub(super) struct Change {
     pub(super) requires: Vec<Require>,
     pub(super) writes: Vec<Write>,
     pub(super) wants_ack: bool,
+    pub(super) rebase: Option<Rebase>,
 }
 
 impl Replica {
     /// Returns whether a transaction has got this far, as far as is known here. A ticket that is pending can be asked
     /// for in this way after a restart too.
     pub fn has_reached(&self, dot: Dot, level: &Level) -> bool {
-        let me = self.identity.origin;
+        let (me, dot) = (self.identity.origin, self.name_of(dot));
         let here = self.log.cut().contains(dot);
         let has = |origin: Origin| origin == me || self.acks.said(origin).is_some_and(|cut| cut.contains(dot));
         let others = || self.members.active().filter(|(origin, _)| *origin != me);
@@ -46,7 +49,8 @@ impl Replica {
         here && match level {
             Level::Local => true,
             Level::Replicated(count) => {
-                robots().iter().filter(|robot| **robot != self.identity.robot).count() >= *count
+                let own = usize::from(self.config.mutant.is(Mutant::SelfCounted));
+                robots().iter().filter(|robot| **robot != self.identity.robot).count() + own >= *count
             }
             Level::On(names) => {
                 let reached = robots();
@@ -56,6 +60,17 @@ impl Replica {
         }
     }
 
+    /// Returns under which name a transaction has to be asked for. If its origin was given up, that is the transaction with
+    /// which everything that is left of it has arrived.
+    pub fn name_of(&self, mut dot: Dot) -> Dot {
+        for _ in 0..LIVES_MAX {
+            let brought = self.members.brought(dot.origin).filter(|brought| dot.seq <= brought.last.seq);
+            let Some(brought) = brought.filter(|_| !self.log.cut().contains(dot)) else { break };
+            dot = brought.by;
+        }
+        dot
+    }
+
     /// Commits what callers want.
     pub(super) fn commit_all(&mut self, now: Time, requests: Vec<Request>, effects: &mut Vec<Effect>) {
         let mut frames = Vec::new();
@@ -63,7 +78,7 @@ impl Replica {
             let wants_ack = level != Level::Local;
             let frame = self.check(&draft).and_then(|()| {
                 let (reason, requires, writes) = draft.into_parts();
-                self.commit(now, Change { reason, requires, writes, wants_ack })
+                self.commit(now, Change { reason, requires, writes, wants_ack, rebase: None })
             });
             let (dot, frame) = match frame {
                 Ok(committed) => committed,
@@ -131,7 +146,7 @@ impl Replica {
         waiting.retain(|ticket, (dot, level, until)| {
             let answer = if self.has_reached(*dot, level) {
                 Answer::Reached(*dot)
-            } else if *until <= now {
+            } else if *until <= now && !self.config.mutant.is(Mutant::TicketForgotten) {
                 Answer::Pending(*dot)
             } else {
                 return true;
@@ -154,20 +169,23 @@ impl Replica {
         for (key, _) in draft.writes() {
             self.check_owner(key)?;
         }
-        draft.requires().iter().try_for_each(|require| self.state.check(require))
+        let mut requires = draft.requires().iter().filter(|_| !self.config.mutant.is(Mutant::ConditionsIgnored));
+        requires.try_for_each(|require| self.state.check(require))
     }
 
     fn check_owner(&self, key: &Key) -> Result<(), TxnError> {
         match key.namespace() {
             Namespace::Team => Ok(()),
-            Namespace::Robot(name) if name == self.identity.robot => Ok(()),
+            Namespace::Robot(name) if name == self.identity.robot || self.config.mutant.is(Mutant::OwnersIgnored) => {
+                Ok(())
+            }
             Namespace::Robot(name) => Err(TxnError::NotOwner { key: key.clone(), owner: name.to_owned() }),
             Namespace::System | Namespace::Local => Err(TxnError::Reserved { key: key.clone() }),
         }
     }
 
     /// Gives a change its place in history, and applies it.
-    fn commit(&mut self, now: Time, change: Change) -> Result<(Dot, Frame), TxnError> {
+    pub(super) fn commit(&mut self, now: Time, change: Change) -> Result<(Dot, Frame), TxnError> {
         let origin = self.identity.origin;
         let mut clock = self.clock.clone();
         let mut stamp = clock.tick(now, self.wall).ok_or(TxnError::Clock)?;
@@ -178,7 +196,7 @@ impl Replica {
         }
         // What one's own transactions have seen is in one's own number.
         let mut context: Cut = self.log.cut().beyond(&head.context);
-        context = context.iter().filter(|(of, _)| *of != origin).collect();
+        context = context.without(origin);
         let txn = Txn {
             stamp,
             seq: head.seq + 1,
@@ -189,7 +207,7 @@ impl Replica {
             requires: change.requires,
             writes: change.writes,
             wants_ack: change.wants_ack,
-            rebase: None,
+            rebase: change.rebase,
         };
         let frame = Frame::seal(&txn)?;
         self.clock = clock;
@@ -205,6 +223,9 @@ impl Replica {
         self.sync.changed(now);
         let size: usize = frames.iter().map(Frame::size).sum();
         if size <= PUSH_SIZE_MAX {
+            if self.config.mutant.is(Mutant::PushedIsHad) {
+                self.members.active().for_each(|(origin, _)| self.acks.note(origin, self.log.cut()));
+            }
             effects.push(Effect::Broadcast(Message::Push(frames)));
         }
     }

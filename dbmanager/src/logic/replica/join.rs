@@ -1,33 +1,23 @@
 //! Beginning anew: admission, the state of another, and what one had written before.
 //!
 //! *Rule.* A replica that is no member writes under a provisional origin that it shows to nobody, and asks to be admitted as
-//! another, fresh one. It then takes the sponsor's state in place of its own and commits its own transactions that the state
-//! does not have once more, under the admitted origin, with their old stamps; so with those of origins that are no members. All of it is one batch.
-//!
-//! *Why nothing acknowledged is lost and nothing is hidden.* A transaction committed once more has the context it had, as far
-//! as that is in the new state, renamed where it is of its own past. So it takes away what it took away before, and stands
-//! beside what it never saw. Deletions alone differ: some replicas may have dropped them, since the replica that had not
-//! seen them did not count any more. Each that was dropped anywhere before the admission was known was so with the
-//! sponsor's consent, hence is within the sponsor's cut: the floor, within which deletions count as seen.
-//!
-//! *Where it still loses (seeds 17233 and 18374 of the simulation).* When a whole side of a partition was retired, and has
-//! cut its logs in the belief that all of its members have them, it has such transactions as versions only, not as frames
-//! that could be committed once more.
+//! another, fresh one. It then takes the sponsor's state in place of its own, applies what it has of other members besides,
+//! and commits what else it had and the sponsor has not, under the admitted origin: see `bring`. All of it is one batch.
 //!
 //! A member whose question is answered with a state (the log is gone) keeps its origin and applies what it has beyond that
 //! state once more, under the same names.
 
+use super::bring::Old;
 use super::commit::Change;
 use super::{Alarm, Effect, Replica};
-use crate::logic::clock::{Stamp, Wall};
-use crate::logic::cut::{Cut, Dot, Origin};
+use crate::logic::clock::Wall;
+use crate::logic::cut::{Cut, Origin};
 use crate::logic::log::{Log, Verdict};
 use crate::logic::member::{self, Members};
 use crate::logic::message::{Chunk, Join, Message};
 use crate::logic::mutant::Mutant;
 use crate::logic::snapshot::{self, CHUNKS_MAX, Manifest, Name};
 use crate::logic::state::State;
-use crate::logic::txn::{Frame, Rebase, Txn};
 use comms::logic::time::Time;
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
@@ -56,12 +46,6 @@ pub(super) struct Download {
     asked: BTreeSet<Name>,
     until: Time,
     tries: u32,
-}
-
-/// A transaction that a new state does not have.
-struct Orphan {
-    txn: Txn,
-    context: Cut,
 }
 
 impl Offer {
@@ -111,8 +95,12 @@ impl Replica {
         self.identity.origin = Origin::new(self.random.next());
         self.identity.joining = Some(Origin::new(self.random.next()));
         self.identity.told = 0;
-        self.clock.move_to(self.identity.origin);
-        self.batch.identity(&self.identity);
+        if !self.config.mutant.is(Mutant::ClockNotMoved) {
+            self.clock.move_to(self.identity.origin);
+        }
+        if !self.config.mutant.is(Mutant::MoveNotStored) {
+            self.batch.identity(&self.identity);
+        }
         self.sync.reset(now);
         self.download = None;
         effects.push(Effect::Alarm(Alarm::Rejoining { from }));
@@ -162,7 +150,7 @@ impl Replica {
     pub(super) fn tick_download(&mut self, now: Time, effects: &mut Vec<Effect>) {
         let Some(download) = self.download.as_mut().filter(|download| download.until <= now) else { return };
         download.tries += 1;
-        if download.tries > TRIES_MAX {
+        if download.tries > TRIES_MAX && !self.config.mutant.is(Mutant::DownloadForEver) {
             self.download = None;
             return;
         }
@@ -198,7 +186,7 @@ impl Replica {
     fn try_install(&mut self, now: Time, effects: &mut Vec<Effect>) {
         let whole = |d: &Download| d.manifest.chunks.iter().all(|name| d.chunks.contains_key(name));
         let Some(download) = self.download.take_if(|download| whole(download)) else { return };
-        let Ok(state) = download.manifest.assemble(&download.chunks, self.config.mutant) else {
+        let Ok(mut state) = download.manifest.assemble(&download.chunks, self.config.mutant) else {
             effects.push(Effect::Alarm(Alarm::Malformed(download.from)));
             return;
         };
@@ -207,112 +195,53 @@ impl Replica {
             return;
         }
         let cut = download.manifest.cut();
+        if self.config.mutant.is(Mutant::SnapshotWithoutDeletions) {
+            drop(state.drop_deleted(&cut));
+        }
         if self.identity.joining.is_none() && !cut.dominates(&self.log.low()) {
             // It was long on its way: what would have to be applied to it again is not all here any more.
             return;
         }
-        let old = std::mem::replace(
-            &mut self.log,
-            Log::new(download.manifest.heads.into_iter().collect(), self.config.mutant),
-        );
-        self.erase(&old);
-        (self.state, self.members) = (state, members);
-        self.restate();
-        effects.push(Effect::Replaced);
-        match self.identity.joining {
-            Some(joining) => self.bring_in(joining, &self.orphans(&old, &cut), (&cut, effects)),
-            None => self.apply_again(now, &old, effects),
+        let log = Log::new(download.manifest.heads.into_iter().collect(), self.config.mutant);
+        if !self.config.mutant.is(Mutant::EraseForgotten) {
+            self.erase();
         }
+        let old = Old {
+            log: std::mem::replace(&mut self.log, log),
+            state: std::mem::replace(&mut self.state, state),
+            members: std::mem::replace(&mut self.members, members),
+        };
+        self.restate();
         self.clock.observe(now, self.log.last_stamp(), Wall::default());
+        effects.push(Effect::Replaced);
+        self.apply_again(now, &old.log, effects);
+        if let Some(joining) = self.identity.joining {
+            self.bring_in(now, (joining, &old), effects);
+        }
         self.collected = Cut::default();
         self.acks.note(download.from, &cut);
         self.sync.reset(now);
     }
 
-    /// Returns the own origins, past and present, with up to where others surely have their transactions.
-    fn mine(&self) -> BTreeMap<Origin, u64> {
-        self.identity.past.iter().copied().chain([(self.identity.origin, u64::MAX)]).collect()
-    }
-
-    /// Returns the transactions that are not in `cut` and that nobody else brings in: the own ones, and those of origins
-    /// that are no members in the new state. Their robots may bring them in too; twice is a conflict that can be resolved,
-    /// never is a loss.
-    fn orphans(&self, old: &Log, cut: &Cut) -> Vec<Orphan> {
-        let mine = self.mine();
-        let mut contexts: BTreeMap<Origin, Cut> = BTreeMap::new();
-        let mut orphans = Vec::new();
-        for (dot, frame) in old.in_order() {
-            let Ok(txn) = frame.open() else { continue };
-            let context = contexts.entry(dot.origin).or_default();
-            context.join(&txn.context);
-            let told = mine.get(&dot.origin).copied().unwrap_or(u64::MAX);
-            if !self.members.is_active(dot.origin) && dot.seq > cut.get(dot.origin).min(told) {
-                let mut context = context.clone();
-                context.include(Dot { origin: dot.origin, seq: dot.seq - 1 });
-                orphans.push(Orphan { txn, context });
-            }
-        }
-        orphans.sort_by_key(|orphan| orphan.txn.stamp);
-        orphans
-    }
-
-    /// Commits orphans once more.
-    fn bring_in(&mut self, joining: Origin, orphans: &[Orphan], (floor, effects): (&Cut, &mut Vec<Effect>)) {
-        let mine = self.mine();
-        let mut names = BTreeMap::new();
-        let forgets = self.config.mutant.is(Mutant::RejoinForgets);
-        for Orphan { txn, context } in orphans.iter().filter(|_| !forgets) {
-            let from = txn.dot();
-            let mut seen = Cut::default();
-            for (origin, seq) in context.iter() {
-                let surely = mine.get(&origin).copied().unwrap_or(u64::MAX);
-                seen.include(Dot { origin, seq: seq.min(floor.get(origin)).min(surely) });
-                let renamed = names.range(Dot { origin, seq: 0 }..=Dot { origin, seq }).next_back();
-                seen.join(&renamed.map(|(_, dot): (_, &Dot)| (dot.origin, dot.seq)).into_iter().collect());
-            }
-            let head = self.log.head(joining).cloned().unwrap_or_default();
-            let again = Txn {
-                stamp: Stamp { origin: joining, ..txn.stamp }.max(head.stamp.next()),
-                seq: head.seq + 1,
-                prev: head.link,
-                context: seen.beyond(&head.context).iter().filter(|(origin, _)| *origin != joining).collect(),
-                rebase: Some(Rebase { from, floor: floor.clone() }),
-                ..txn.clone()
-            };
-            // It may not fit any more with its floor; then it stays what it was: too long a transaction.
-            let Ok(frame) = Frame::seal(&again) else { continue };
-            self.enter(&again, &frame);
-            names.insert(from, again.dot());
-            effects.push(Effect::Renamed(from, again.dot()));
-            effects.push(Effect::Visible(again.dot(), frame));
-        }
-        self.identity.origin = joining;
-        (self.identity.joining, self.identity.told) = (None, 0);
-        self.identity.past.clear();
-        self.clock.move_to(joining);
-        self.batch.identity(&self.identity);
-        self.rename_tickets(&names);
-    }
-
-    /// Applies what a log has beyond the state that was taken over.
+    /// Applies what a log has beyond the state that was taken over: all of it, or for who is admitted, what others wrote.
     fn apply_again(&mut self, now: Time, old: &Log, effects: &mut Vec<Effect>) {
-        let loses = self.config.mutant.is(Mutant::SnapshotLoses);
+        let (loses, joins) = (self.config.mutant.is(Mutant::SnapshotLoses), self.identity.joining.is_some());
         for (dot, frame) in old.in_order() {
-            if self.log.cut().contains(dot) || loses {
+            if self.log.cut().contains(dot) || loses || joins && !self.members.is_active(dot.origin) {
                 continue;
             }
-            if !matches!(self.apply(now, frame.clone(), effects), Ok(Verdict::Next)) {
+            if !matches!(self.apply(now, frame.clone(), effects), Ok(Verdict::Next)) && !joins {
                 effects.push(Effect::Alarm(Alarm::Fork(dot.origin)));
             }
         }
     }
 
     /// Removes the records of log and state.
-    fn erase(&mut self, old: &Log) {
-        for (dot, _) in old.in_order() {
+    fn erase(&mut self) {
+        for (dot, _) in self.log.in_order() {
             self.batch.no_frame(dot);
         }
-        for origin in old.heads().keys() {
+        for origin in self.log.heads().keys() {
             self.batch.no_head(*origin);
         }
         for (key, _) in self.state.scan("") {

@@ -4,7 +4,8 @@
 //!
 //! *Rule.* Whoever says hello with another cut is pulled from; whoever pulls says what it has, and is pulled from if that is
 //! more. A pull without an answer is over after [`PULL_TIME`], and the peer is left alone for a while that doubles. A push
-//! that cannot be applied is dropped, and pulled instead.
+//! that cannot be applied is dropped, and pulled instead. How much is asked for at a time follows the speed of the link, so
+//! that neither an answer nor what is urgent is late on a slow one.
 
 use super::{Alarm, Effect, Replica};
 use crate::logic::cut::{Dot, Origin};
@@ -20,6 +21,10 @@ use std::time::Duration;
 const PULL_TIME: Duration = Duration::from_secs(2);
 /// How many pulls may wait for an answer.
 const PULLS_MAX: usize = 2;
+/// How long a chunk should be on its way: what is urgent waits behind one at the most.
+const CHUNK_TIME: Duration = Duration::from_millis(250);
+/// What is asked of a peer whose link is not known yet, and at least, in bytes: on the slowest radio it comes in time.
+const CHUNK_SIZE: [usize; 2] = [4 << 10, 1 << 10];
 /// How long after a push that did not fit its sender is pulled from: the one before it may be on its way.
 const PULL_AFTER_PUSH: Duration = Duration::from_millis(50);
 /// The shortest and the longest time between two hellos.
@@ -35,7 +40,7 @@ pub(super) struct Sync {
     hello_period: Duration,
 }
 
-#[derive(Debug, Default)]
+#[derive(Debug)]
 struct Peer {
     /// It may have more than is here.
     ahead: bool,
@@ -43,8 +48,19 @@ struct Peer {
     ask_at: Time,
     /// An answer is waited for until then.
     pulling: Option<Time>,
+    /// When it was asked.
+    asked_at: Time,
+    /// How many bytes it is asked for.
+    chunk: usize,
     /// How often it has not answered since it last did.
     silent: u32,
+}
+
+impl Default for Peer {
+    fn default() -> Self {
+        let (ask_at, asked_at, chunk) = (Time::ZERO, Time::ZERO, CHUNK_SIZE[0]);
+        Self { ahead: false, ask_at, pulling: None, asked_at, chunk, silent: 0 }
+    }
 }
 
 impl Default for Sync {
@@ -70,6 +86,16 @@ impl Sync {
         self.hello_at = self.hello_at.min(now + HELLO_PERIOD[0]);
     }
 
+    /// Somebody has come: it hears of the state here at once, and whoever did not answer may be asked again. A question
+    /// that was lost with the link is not waited for; one that was not is asked twice, which harms nobody.
+    pub(super) fn met(&mut self, now: Time) {
+        (self.hello_at, self.hello_period) = (now, HELLO_PERIOD[0]);
+        for peer in self.peers.values_mut() {
+            peer.ahead |= peer.pulling.take().is_some();
+            (peer.ask_at, peer.silent) = (peer.ask_at.min(now), 0);
+        }
+    }
+
     /// Forgets all conversations.
     pub(super) fn reset(&mut self, now: Time) {
         *self = Self { hello_at: now, ..Self::default() };
@@ -89,11 +115,18 @@ impl Sync {
         }
     }
 
-    /// Notes an answer; returns whether one was waited for.
-    fn answered(&mut self, origin: Origin) -> bool {
+    /// Notes an answer; returns whether one was waited for. One that was `full` shows how fast the link is.
+    fn answered(&mut self, now: Time, origin: Origin, full: bool) -> bool {
         let Some(peer) = self.peers.get_mut(&origin) else { return false };
         (peer.ahead, peer.silent) = (false, 0);
-        peer.pulling.take().is_some()
+        let asked = peer.pulling.take().is_some();
+        if asked && full {
+            let took = now.since(peer.asked_at).max(Duration::from_millis(1));
+            let fits = u128::try_from(peer.chunk).unwrap_or(u128::MAX) * CHUNK_TIME.as_nanos() / took.as_nanos();
+            let fits = usize::try_from(fits).unwrap_or(usize::MAX).min(2 * peer.chunk);
+            peer.chunk = fits.clamp(CHUNK_SIZE[1], CHUNK_SIZE_MAX);
+        }
+        asked
     }
 }
 
@@ -105,6 +138,7 @@ impl Replica {
             if over && !self.config.mutant.is(Mutant::PullForEver) {
                 peer.pulling = None;
                 peer.silent = (peer.silent + 1).min(4);
+                peer.chunk = (peer.chunk / 4).max(CHUNK_SIZE[1]);
                 peer.ask_at = now + PULL_AFTER_PUSH * (1 << (2 * peer.silent));
             }
         }
@@ -247,11 +281,15 @@ impl Replica {
             }
             None => Chunk::Snapshot(self.offer.take(&self.state, &self.log)),
         };
+        if self.config.mutant.is(Mutant::SentIsHad) {
+            self.acks.note(from, self.log.cut());
+        }
         effects.push(Effect::Send(from, Message::Chunk(chunk)));
     }
 
     fn take_chunk(&mut self, now: Time, (from, chunk): (Origin, Chunk), effects: &mut Vec<Effect>) {
-        let asked = self.sync.answered(from);
+        let full = matches!(chunk, Chunk::Frames { more: true, .. });
+        let asked = self.sync.answered(now, from, full);
         match chunk {
             Chunk::Frames { cut, frames, more } if self.is_member() && (asked || self.members.is_active(from)) => {
                 let missing = self.take_frames(now, (from, frames), effects);
@@ -284,7 +322,8 @@ impl Replica {
         let head = self.log.head(origin).unwrap_or(&none);
         let older = seq > head.seq || seq == head.seq && link != head.link;
         if older || known.is_some_and(|known| known != link) {
-            self.rejoin(now, Some(self.identity.told), effects);
+            let told = Some(self.identity.told).filter(|_| !self.config.mutant.is(Mutant::ToldForgotten));
+            self.rejoin(now, told, effects);
         }
     }
 
@@ -353,13 +392,14 @@ impl Replica {
             if pulling >= self.pulls_max() {
                 return;
             }
-            let (cut, size_max) = (self.log.cut().clone(), u32::try_from(CHUNK_SIZE_MAX).unwrap_or(u32::MAX));
+            let chunk = self.sync.peers.get(peer).map_or(CHUNK_SIZE[0], |peer| peer.chunk);
+            let (cut, size_max) = (self.log.cut().clone(), u32::try_from(chunk).unwrap_or(u32::MAX));
             let replaces = || self.identity.past.iter().map(|(origin, _)| *origin).collect();
             let robot = || self.identity.robot.clone();
             let join = self.identity.joining.map(|origin| Join { origin, robot: robot(), replaces: replaces() });
             effects.push(Effect::Send(*peer, Message::Pull(Pull { cut, size_max, join })));
             if let Some(peer) = self.sync.peers.get_mut(peer) {
-                peer.pulling = Some(now + PULL_TIME);
+                (peer.pulling, peer.asked_at) = (Some(now + PULL_TIME), now);
             }
         }
     }

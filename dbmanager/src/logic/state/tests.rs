@@ -3,6 +3,7 @@
 use super::*;
 use crate::logic::cut::Origin;
 use proptest::prelude::*;
+use std::collections::BTreeMap;
 
 /// A committed transaction, with all that it had seen.
 #[derive(Clone, Debug)]
@@ -59,7 +60,7 @@ fn run(events: &[Event], choices: &[u8]) -> State {
         let ready: Vec<usize> = (0..left.len()).filter(|index| ready(&left[*index])).collect();
         assert!(!ready.is_empty(), "T7: among the missing ones the first by causality can always be applied");
         let event = left.remove(ready[usize::from(choices.next().unwrap_or(0)) % ready.len()]);
-        state.apply(event.dot, event.stamp, Seen { context: &event.context, floor: None }, &event.writes);
+        state.apply(event.dot, event.stamp, Seen { context: &event.context, only: None }, &event.writes);
         cut.include(event.dot);
     }
     state
@@ -115,7 +116,7 @@ fn concurrent(count: u64) -> State {
         let stamp = Stamp { epoch: 0, hlc: number, origin };
         let writes = [Write { key: key(0), value: Some(b"x".into()) }];
         let context = Cut::default();
-        state.apply(Dot { origin, seq: 1 }, stamp, Seen { context: &context, floor: None }, &writes);
+        state.apply(Dot { origin, seq: 1 }, stamp, Seen { context: &context, only: None }, &writes);
     }
     state
 }
@@ -127,7 +128,7 @@ fn a_100_way_conflict_on_one_key_is_kept_and_one_write_resolves_it() {
     let context: Cut = (1..=100).map(|number| (Origin::new(number), 1)).collect();
     let stamp = Stamp { epoch: 0, hlc: 101, origin: Origin::new(1) };
     let writes = [Write { key: key(0), value: Some(b"y".into()) }];
-    state.apply(Dot { origin: Origin::new(1), seq: 2 }, stamp, Seen { context: &context, floor: None }, &writes);
+    state.apply(Dot { origin: Origin::new(1), seq: 2 }, stamp, Seen { context: &context, only: None }, &writes);
     assert_eq!((state.versions(&key(0)).len(), state.conflicts("").count()), (1, 0));
 }
 

@@ -1,0 +1,129 @@
+//! Two states into one, when a replica comes back under a new origin.
+//!
+//! It comes with an *old* side (what it had) and takes over a *new* one (what its sponsor has). Its log may be cut, so its
+//! transactions may be there as versions only. What has to be brought in follows from the two states and from what each side
+//! has seen; this is the merge of optimised or-sets (Bieniusa et al., 2012):
+//!
+//! > left = (in both) + (in the old one, not seen by the new one) + (in the new one, not seen by the old one)
+//!
+//! *A write has one name in all its lives: its stamp.* A transaction that is brought in gets a new dot, since numbers have
+//! to be gap-free, but keeps the stamp of its writes. Stamps of one origin grow with its numbers, so a side has seen a write
+//! if it has its dot, or a transaction of the stamp's origin with that stamp or a later one, or if somebody has brought in
+//! what that origin had up to that stamp (`sys/brought/`, see [`member`](crate::logic::member)). The last is why several
+//! replicas of one retired side can come back one after the other: what the first has brought, the next has in common.
+//!
+//! *What is brought in.* One [`Piece`] for each old transaction, with what is left of it: its writes stay together. (Of those
+//! of which nothing is left, the log may have who, when and why.) A piece *takes* versions away by name, not by a cut: pieces stand beside each other in one chain, so
+//! that a cut could not say "the third, but not the second". It takes a version of the new side that the old one has seen
+//! and no longer holds. Versions of *active* origins are left to those, who bring them in themselves.
+//!
+//! *Nothing is hidden, nothing comes back.* Let `d` be in the new state at a key, seen by the old side and not held by it.
+//! Something took it away there, and followed upwards (what takes away that, and so on) this ends at a version `q` that the
+//! old side holds, or at a deletion that it has dropped.
+//! - `q` is not in the new side: it would have taken `d` away there. So `q` is brought in. It has seen `d`, hence nothing that
+//!   is left at a key of `q` is `d`'s transaction, and its stamp is larger. A piece takes `d` if just this holds for it: `q`'s
+//!   does, and where another one does too, `d` was to go anyway. No stamp has to be lifted, so each key shows the same
+//!   winner as if the logs had been there.
+//! - A deletion is dropped from a key that has nothing else, and whoever writes to it later has seen it (T5). So the key is
+//!   not in the old state, and a deletion is committed for it, stamped just above what it takes.
+//!
+//! Whatever is left on either side is seen by the other and held, or not seen by it: no piece takes it. Deletions differ, as
+//! some replicas have dropped them already: a piece takes every deletion in its context at its keys (see
+//! [`state`](crate::logic::state)), so it makes no difference who has.
+//!
+//! *Numbers used twice.* Of an origin in `forked`, transactions are common up to a number only; what is beyond is foreign to
+//! the other side, whatever its name. Then there may be too many versions, never too few.
+
+use crate::logic::clock::Stamp;
+use crate::logic::cut::{Dot, Origin};
+use crate::logic::key::Key;
+use crate::logic::log::Log;
+use crate::logic::member::{self, Members};
+use crate::logic::state::{State, Version};
+use crate::logic::txn::Write;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// What somebody has.
+#[derive(Clone, Copy, Debug)]
+pub struct Side<'a> {
+    /// The versions that are left.
+    pub state: &'a State,
+    /// The transactions seen.
+    pub log: &'a Log,
+    /// Of that state.
+    pub members: &'a Members,
+}
+
+/// Origins that have used a number twice, with the last number before.
+pub type Forked = BTreeMap<Origin, u64>;
+
+/// What is left of a transaction: its writes that nobody has overwritten, with the versions that each takes away.
+pub type Piece = Vec<(Write, BTreeSet<Dot>)>;
+
+/// Where a piece comes from: its stamp, and the dot it had; none for a deletion that had been dropped.
+pub type Source = (Stamp, Option<Dot>);
+
+impl Side<'_> {
+    /// Returns whether a transaction that wrote with this stamp was seen.
+    pub fn has(&self, dot: Dot, stamp: Stamp, forked: &Forked) -> bool {
+        if let Some(common) = forked.get(&dot.origin) {
+            return dot.seq <= self.log.cut().get(dot.origin).min(*common);
+        }
+        let head = || self.log.head(stamp.origin).is_some_and(|head| stamp <= head.stamp);
+        let brought = || self.members.brought(stamp.origin).is_some_and(|brought| stamp <= brought.stamp);
+        let elsewhere = || dot.origin != stamp.origin && head() || brought();
+        self.log.cut().contains(dot) || !forked.contains_key(&stamp.origin) && elsewhere()
+    }
+
+    /// Returns whether it was not, and no active origin will bring it.
+    fn lacks(&self, dot: Dot, stamp: Stamp, forked: &Forked) -> bool {
+        !self.members.is_active(dot.origin) && !self.has(dot, stamp, forked)
+    }
+}
+
+/// Returns up to where the origins that are no members have come with that: their last transactions, with stamps.
+pub fn arrival(old: Side<'_>, new: Side<'_>, forked: &Forked) -> Vec<(Dot, Stamp)> {
+    let heads = old.log.heads().iter().map(|(origin, head)| (Dot { origin: *origin, seq: head.seq }, head.stamp));
+    let heads = heads.filter(|(dot, stamp)| !forked.contains_key(&dot.origin) && new.lacks(*dot, *stamp, forked));
+    let brought = old.members.brought_in().filter(|brought| !new.members.is_active(brought.by.origin));
+    heads.chain(brought.map(|brought| (brought.last, brought.stamp))).collect()
+}
+
+/// Returns what has to be brought into `new`, as `origin`, so that it has all of `old` that no active origin brings in.
+pub fn bring_in(old: Side<'_>, new: Side<'_>, forked: &Forked, origin: Origin) -> BTreeMap<Source, Piece> {
+    let mut pieces: BTreeMap<Source, Piece> = BTreeMap::new();
+    for (dot, frame) in old.log.in_order() {
+        let stamp = frame.open().map(|txn| txn.written()).unwrap_or_default();
+        if new.lacks(dot, stamp, forked) {
+            pieces.entry((stamp, Some(dot))).or_default();
+        }
+    }
+    let mut left: BTreeMap<Source, BTreeSet<Dot>> = BTreeMap::new();
+    let keys: BTreeSet<&Key> = old.state.scan("").chain(new.state.scan("")).map(|(key, _)| key).collect();
+    for key in keys.into_iter().filter(|key| !member::is_record(key)) {
+        let (held, there) = (old.state.versions(key), new.state.versions(key));
+        let gone = |v: &&Version| old.has(v.dot, v.stamp, forked) && !held.iter().any(|other| other.stamp == v.stamp);
+        let (gone, stays): (Vec<&Version>, Vec<&Version>) = there.iter().partition(gone);
+        for version in held.iter().filter(|version| new.lacks(version.dot, version.stamp, forked)) {
+            let source = (version.stamp, Some(version.dot));
+            let takes = gone.iter().filter(|d| d.stamp < version.stamp).map(|d| d.dot).collect();
+            let write = Write { key: key.clone(), value: version.value.clone() };
+            pieces.entry(source).or_default().push((write, takes));
+            left.entry(source).or_default().extend(stays.iter().map(|version| version.dot));
+        }
+        let deleted = held.is_empty() && gone.iter().any(|d| d.value.is_some());
+        if let Some(last) = gone.iter().max_by_key(|d| d.stamp).filter(|_| deleted) {
+            let takes = gone.iter().map(|d| d.dot).collect();
+            let source = (Stamp { origin, ..last.stamp.next() }, None);
+            pieces.entry(source).or_default().push((Write { key: key.clone(), value: None }, takes));
+        }
+    }
+    for (source, piece) in &mut pieces {
+        let left = left.remove(source).unwrap_or_default();
+        piece.iter_mut().for_each(|(_, takes)| takes.retain(|dot| !left.contains(dot)));
+    }
+    pieces
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,146 @@
+//! What comes along when a replica comes back under a new origin.
+//!
+//! *Rule.* Brought in is what the old state and log have, the new ones have not, and no member brings in itself: the own
+//! transactions, and those of origins that are no members. What that is, and why nothing is lost or hidden by it, is worked out
+//! in [`merge`]; here it is committed under the admitted origin.
+//!
+//! The last of these transactions says up to where the old origins were brought in. So whoever comes back later with the same
+//! does not bring it once more, and an old name leads to a new one ([`Replica::name_of`]): to the transaction with which all
+//! that is left of it has arrived. If two come back at a time, with sponsors that do not hear of each other, both bring it:
+//! the copies have one stamp, and count as one among conflicts.
+//!
+//! *Deletions.* Some replicas may have dropped deletions that the one who comes back had not seen, since it did not count any
+//! more. Each that was dropped anywhere before the admission was known was so with the sponsor's consent, hence is within
+//! the sponsor's cut, which is in the context of all that is brought in: and deletions in there are taken away.
+//!
+//! *What does not come along.* The records of the old team (`sys/members` and the like): who retired whom there is not asked
+//! here. Values that were overwritten before anybody here saw them; their transactions come along without writes, as long as
+//! the log has them: who, when and why.
+
+use super::commit::Change;
+use super::{Alarm, Effect, Replica};
+use crate::logic::cut::{Dot, Origin};
+use crate::logic::log::{Head, Log};
+use crate::logic::member::{self, Members};
+use crate::logic::merge::{self, Forked, Side};
+use crate::logic::mutant::Mutant;
+use crate::logic::state::State;
+use crate::logic::txn::{Frame, FrameError, Rebase, Require, TxnError, Write};
+use comms::logic::time::Time;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// What a replica had before.
+pub(super) struct Old {
+    pub(super) log: Log,
+    pub(super) state: State,
+    pub(super) members: Members,
+}
+
+/// A transaction that is brought in, as far as it is not committed yet.
+struct Rest {
+    rebase: Rebase,
+    reason: String,
+    requires: Vec<Require>,
+    writes: Vec<(Write, BTreeSet<Dot>)>,
+}
+
+impl Replica {
+    /// Goes on as `joining`, with all of `old` that nobody else brings in.
+    pub(super) fn bring_in(&mut self, now: Time, (joining, old): (Origin, &Old), effects: &mut Vec<Effect>) {
+        let forked = self.forked(&old.log);
+        let side = Side { state: &old.state, log: &old.log, members: &old.members };
+        let new = Side { state: &self.state, log: &self.log, members: &self.members };
+        let pieces = merge::bring_in(side, new, &forked, joining);
+        let arrival = merge::arrival(side, new, &forked);
+        self.admitted(joining);
+        if arrival.is_empty() && pieces.is_empty() || self.config.mutant.is(Mutant::RejoinForgets) {
+            return;
+        }
+        // The first has the sponsor's cut as its context, so that none of the others is longer for that.
+        let back = || Change { reason: "come back".into(), ..Change::default() };
+        self.system(now, back(), effects);
+        let mut names = BTreeMap::new();
+        for ((stamp, from), writes) in pieces {
+            let known = from.and_then(|dot| old.log.frame(dot)?.open().ok());
+            let (reason, requires) = known.map(|txn| (txn.reason, txn.requires)).unwrap_or_default();
+            let rebase = Rebase { from, stamp, takes: Vec::new() };
+            let name = self.commit_again(now, Rest { rebase, reason, requires, writes }, effects);
+            names.extend(from.zip(name));
+        }
+        effects.extend(names.iter().map(|(from, to)| Effect::Renamed(*from, *to)));
+        let arrival = if self.config.mutant.is(Mutant::ArrivalForgotten) { Vec::new() } else { arrival };
+        for write in member::arrival(joining, &arrival) {
+            self.system(now, Change { writes: vec![write], ..back() }, effects);
+        }
+        self.rename_tickets(&names);
+    }
+
+    /// Writes under the origin that it wanted to be admitted as.
+    pub(super) fn admitted(&mut self, joining: Origin) {
+        self.identity.origin = joining;
+        (self.identity.joining, self.identity.told) = (None, 0);
+        self.identity.past.clear();
+        self.clock.move_to(joining);
+        self.batch.identity(&self.identity);
+    }
+
+    /// Commits a transaction once more, in several if it does not fit any more. Returns the name of the last.
+    fn commit_again(&mut self, now: Time, rest: Rest, effects: &mut Vec<Effect>) -> Option<Dot> {
+        let (mut waiting, mut name) = (vec![rest], None);
+        while let Some(rest) = waiting.pop() {
+            match self.commit(now, rest.change()) {
+                Ok((dot, frame)) => {
+                    if !self.config.mutant.is(Mutant::NotShown) {
+                        effects.push(Effect::Visible(dot, frame));
+                    }
+                    name = Some(dot);
+                }
+                Err(TxnError::Frame(FrameError::Long { .. })) => waiting.extend(rest.shorter()),
+                Err(_exhausted) => effects.push(Effect::Alarm(Alarm::Malformed(self.identity.origin))),
+            }
+        }
+        name
+    }
+
+    /// Returns the origins that have used numbers twice, as far as the logs show, and the own ones that had to be given up
+    /// for it: up to which number they mean the same here and there.
+    fn forked(&self, old: &Log) -> Forked {
+        let other = |(origin, head): (&Origin, &Head)| {
+            let known = old.head(*origin).filter(|known| known.seq == head.seq).map(|known| known.link);
+            let link = old.frame(Dot { origin: *origin, seq: head.seq }).map(Frame::link).or(known)?;
+            (link != head.link).then_some((*origin, 0))
+        };
+        let own = self.identity.past.iter().filter(|(_, told)| *told < u64::MAX).copied();
+        self.log.heads().iter().filter_map(other).chain(own).collect()
+    }
+}
+
+impl Rest {
+    fn change(&self) -> Change {
+        let takes: BTreeSet<Dot> = self.writes.iter().flat_map(|(_, takes)| takes).copied().collect();
+        Change {
+            reason: self.reason.clone(),
+            requires: self.requires.clone(),
+            writes: self.writes.iter().map(|(write, _)| write.clone()).collect(),
+            wants_ack: false,
+            rebase: Some(Rebase { takes: takes.into_iter().collect(), ..self.rebase.clone() }),
+        }
+    }
+
+    /// Returns the same in shorter transactions, the first one last. A single write that takes away too many to name them
+    /// leaves some, which are conflicts then.
+    fn shorter(mut self) -> Vec<Self> {
+        if self.writes.len() > 1 {
+            let writes = self.writes.split_off(self.writes.len() / 2);
+            let rest = Self { rebase: self.rebase.clone(), reason: self.reason.clone(), requires: Vec::new(), writes };
+            return vec![rest, self];
+        }
+        if self.requires.is_empty() {
+            let takes = self.writes.first_mut().map(|(_, takes)| takes).filter(|takes| !takes.is_empty());
+            let Some(takes) = takes else { return Vec::new() };
+            *takes = takes.iter().copied().skip(takes.len().div_ceil(2)).collect();
+        }
+        self.requires.clear();
+        vec![self]
+    }
+}
