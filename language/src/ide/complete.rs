@@ -30,6 +30,8 @@ pub enum CompletionKind {
     Label,
     /// A parameter, or the name of an argument.
     Parameter,
+    /// An outcome.
+    Outcome,
     /// A named constant.
     Constant,
     /// A host.
@@ -105,6 +107,9 @@ impl Analysis {
             SyntaxKind::Count | SyntaxKind::AllOf => self.consts(),
             SyntaxKind::Port if at.place > 1 => inside("optional"),
             SyntaxKind::AnyOf => inside("of"),
+            SyntaxKind::Retry => inside("pause"),
+            SyntaxKind::Match | SyntaxKind::Arm => self.outcomes(&at),
+            SyntaxKind::Resources if at.inside(SyntaxKind::Using).is_some() => self.resources(&at),
             _ => at.words(),
         };
         found.retain(|offer| !offer.label.contains(MARK));

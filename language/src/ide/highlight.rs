@@ -20,9 +20,9 @@ pub enum Class {
     Constant,
     /// A port.
     Port,
-    /// The label of a connection set.
+    /// The label of a connection set, or an outcome.
     Label,
-    /// The variable of a replication.
+    /// The variable of a replication, or a resource.
     Variable,
     /// A number, with its unit.
     Number,
@@ -81,8 +81,8 @@ fn class(kind: Kind) -> Class {
         Kind::Param(..) => Class::Parameter,
         Kind::Constant => Class::Constant,
         Kind::Port(..) | Kind::Export(..) => Class::Port,
-        Kind::Label(..) => Class::Label,
-        Kind::Variable => Class::Variable,
+        Kind::Label(..) | Kind::Outcome => Class::Label,
+        Kind::Variable | Kind::Resource(..) => Class::Variable,
     }
 }
 
@@ -104,7 +104,11 @@ fn word(token: &SyntaxToken) -> Option<Class> {
         SyntaxKind::Index | SyntaxKind::Count => Some(Class::Variable),
         SyntaxKind::Claim if is_first => Some(Class::Parameter),
         // What should be a name, and means nothing.
+        SyntaxKind::Arm if token.text() == "else" => Some(Class::Keyword),
+        SyntaxKind::Resources if is_first && token.text() == "resource" => Some(Class::Keyword),
         SyntaxKind::Run
+        | SyntaxKind::Arm
+        | SyntaxKind::Resources
         | SyntaxKind::Endpoint
         | SyntaxKind::Owner
         | SyntaxKind::Labels

@@ -47,6 +47,8 @@ impl Analysis {
             Kind::Export(process, place) => self.export_text(process, place),
             Kind::Port(module, port) => self.port_text(module, port),
             Kind::Label(process, set) => self.set_text(process, &self.model.processes[process].sets[set]),
+            Kind::Resource(process, _) => self.resource_text(process, &symbol.name),
+            Kind::Outcome => self.outcome_text(&symbol.name),
             Kind::Variable => "The variable of a replication: one copy is made for each of its values.".to_owned(),
         }
     }
@@ -63,6 +65,28 @@ impl Analysis {
         let dimension = constant.values.first().and_then(|value| value.dimension);
         let si = if dimension.is_some() { "\nIn SI units." } else { "" };
         format!("{}{si}", code(&format!("const {name} = {values};")))
+    }
+
+    fn resource_text(&self, process: usize, name: &str) -> String {
+        let group = &self.model.processes[process].name.text;
+        format!(
+            "{}\nOf `{group}`: only one `using({name})` runs at a time, the others wait.",
+            code(&format!("resource {name};"))
+        )
+    }
+
+    /// A tag, and whose it is.
+    fn outcome_text(&self, name: &str) -> String {
+        let mut owners = Vec::new();
+        let mut shown = name.to_owned();
+        for module in &self.model.modules {
+            let Some(outcome) = module.outcomes.iter().find(|outcome| outcome.name.text == name) else { continue };
+            owners.push(module.name.text.as_str());
+            if let Some(kind) = &outcome.kind {
+                shown = format!("{name}: {kind}");
+            }
+        }
+        format!("{}\nAn outcome of {}.", code(&shown), list(owners.into_iter()))
     }
 
     /// `name: Type = value` and what its type measures.

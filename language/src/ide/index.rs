@@ -28,6 +28,10 @@ pub(super) enum Kind {
     Label(usize, usize),
     /// The variable of `all i in 0..4`.
     Variable,
+    /// What `using` takes: of which process.
+    Resource(usize, usize),
+    /// A tag that some process can end with. One word is one outcome, whoever declares it: they meet in a `match`.
+    Outcome,
 }
 
 /// A name that is declared somewhere.
@@ -57,6 +61,9 @@ struct Tables {
     instances: BTreeMap<(usize, String), usize>,
     /// The connection sets of an instance, by label.
     labels: BTreeMap<(usize, String), usize>,
+    outcomes: BTreeMap<String, usize>,
+    /// What each process can take.
+    resources: BTreeMap<(usize, String), usize>,
     /// The instances that an event action runs, by the place of the action.
     runs: BTreeMap<Span, usize>,
 }
@@ -76,6 +83,9 @@ impl Index {
             index.add_params(&mut tables, Target::Module(number), module.params.as_deref().unwrap_or_default());
             for (port, declared) in module.ports.iter().enumerate() {
                 index.add(&mut tables, Kind::Port(number, port), &declared.name);
+            }
+            for outcome in &module.outcomes {
+                index.add_outcome(&mut tables, &outcome.name);
             }
         }
         for (name, constant) in &model.consts {
@@ -127,6 +137,18 @@ impl Index {
         symbol
     }
 
+    fn add_outcome(&mut self, tables: &mut Tables, name: &Name) {
+        match tables.outcomes.get(&name.text) {
+            Some(&known) => {
+                self.places.insert(name.span, known);
+            }
+            None => {
+                let symbol = self.add(tables, Kind::Outcome, name);
+                tables.outcomes.insert(name.text.clone(), symbol);
+            }
+        }
+    }
+
     fn add_params(&mut self, tables: &mut Tables, owner: Target, params: &[Param]) {
         for (place, param) in params.iter().enumerate() {
             self.add(tables, Kind::Param(owner, place), &param.name);
@@ -153,6 +175,10 @@ impl Index {
         }
         for (place, export) in process.exports.iter().enumerate() {
             self.add(tables, Kind::Export(number, place), &export.name);
+        }
+        for (place, resource) in process.resources.iter().enumerate() {
+            let symbol = self.add(tables, Kind::Resource(number, place), resource);
+            tables.resources.insert((number, resource.text.clone()), symbol);
         }
         for (place, set) in process.sets.iter().enumerate() {
             let (Some(label), Some(owner)) = (&set.label, set.owner) else { continue };

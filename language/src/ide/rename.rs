@@ -79,10 +79,12 @@ impl Analysis {
 
     /// Whether the texts at hand are all that declare a symbol.
     fn check_own(&self, symbol: usize) -> Result<(), RenameError> {
+        let is_foreign = |span: &Span| span.origin != Origin::Spec && self.source(*span).role != Role::Part;
+        let foreign = self.index().places(symbol).find(is_foreign);
         let symbol = &self.index().symbols[symbol];
-        let source = self.source(symbol.declaration);
-        if symbol.declaration.origin != Origin::Spec && source.role != Role::Part {
-            return Err(RenameError::Foreign { name: symbol.name.clone(), program: source.name.clone() });
+        if let Some(span) = foreign {
+            let program = self.source(span).name.clone();
+            return Err(RenameError::Foreign { name: symbol.name.clone(), program });
         }
         let is_main = matches!(symbol.kind, Kind::Process(_)) && symbol.name == "main";
         if is_main { Err(RenameError::Main) } else { Ok(()) }
@@ -100,12 +102,15 @@ impl Analysis {
             Kind::Export(process, _) => format!("a port of `{}`", group(process)),
             Kind::Port(module, _) => format!("a port of `{}`", self.model.modules[module].name.text),
             Kind::Label(process, _) => format!("a connection set of `{}`", group(process)),
+            Kind::Resource(process, _) => format!("a resource of `{}`", group(process)),
+            Kind::Outcome => "an outcome".to_owned(),
             Kind::Variable => return None,
         };
         let owner = |set: usize, process: usize| self.model.processes[process].sets[set].owner;
         let is_beside = |other: Kind| match (kind, other) {
             (Kind::Process(_) | Kind::Module(_), Kind::Process(_) | Kind::Module(_)) => true,
-            (Kind::Constant, Kind::Constant) => true,
+            (Kind::Constant, Kind::Constant) | (Kind::Outcome, Kind::Outcome) => true,
+            (Kind::Resource(one, _), Kind::Resource(other, _)) => one == other,
             (Kind::Param(one, _), Kind::Param(other, _)) => one == other,
             (Kind::Instance(one, _), Kind::Instance(other, _)) => one == other,
             (Kind::Export(one, _), Kind::Export(other, _)) => one == other,

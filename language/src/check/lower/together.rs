@@ -108,6 +108,14 @@ fn collect(expr: &Expr, (path, taken): (&mut Vec<(usize, bool)>, &mut Vec<usize>
     taken.truncate(before);
 }
 
+/// The pairs of instances of a group that its event actions may run at the same time.
+pub(crate) fn pairs(actions: &Expr) -> BTreeSet<(usize, usize)> {
+    let mut places = Vec::new();
+    collect(actions, (&mut Vec::new(), &mut Vec::new()), &mut places);
+    let both = places.iter().flat_map(|one| places.iter().map(move |other| (one, other)));
+    both.filter(|(one, other)| one.slot != other.slot && meet(one, other)).map(|(a, b)| (a.slot, b.slot)).collect()
+}
+
 /// Whether two places run at the same time: the first operator that joins them decides, unless both take one thing.
 fn meet(one: &Place, other: &Place) -> bool {
     let differs = std::iter::zip(&one.path, &other.path).find(|((a, _), (b, _))| a != b);

@@ -234,6 +234,41 @@ impl Analysis {
         hosts.collect()
     }
 
+    /// What the process around can take.
+    pub(super) fn resources(&self, at: &Cursor) -> Vec<Completion> {
+        let resources = self.process_at(at).map_or(&[][..], |process| &process.resources);
+        resources.iter().map(|name| Completion::new(CompletionKind::Parameter, &name.text).detail("resource")).collect()
+    }
+
+    /// The outcomes that have no arm yet: of what stands before the `match`, when that is known.
+    pub(super) fn outcomes(&self, at: &Cursor) -> Vec<Completion> {
+        let Some(node) = at.inside(SyntaxKind::Match) else { return Vec::new() };
+        let given: BTreeSet<String> =
+            node.children_of(SyntaxKind::Arm).filter_map(|arm| arm.names().next()).map(|name| name.text).collect();
+        let before = at.inside(SyntaxKind::Chain).and_then(|chain| {
+            let parts = chain.children().take_while(|part| part.span() != node.span());
+            parts.last()?.names().next()
+        });
+        let source = before.and_then(|name| self.instance_at(at, &name.text)).map(|instance| instance.target);
+        let modules = self.model.modules.iter().enumerate();
+        let modules = modules.filter(|(index, _)| match source {
+            Some(Target::Module(module)) => module == *index,
+            Some(Target::Process(_) | Target::Unknown) | None => true,
+        });
+        let tags: BTreeMap<&str, &str> = modules
+            .flat_map(|(_, module)| {
+                module.outcomes.iter().map(move |it| (it.name.text.as_str(), module.name.text.as_str()))
+            })
+            .collect();
+        let open = tags.into_iter().filter(|(tag, _)| !given.contains(*tag));
+        let offer = |(tag, owner): (&str, &str)| {
+            let mut offer = Completion::new(CompletionKind::Outcome, tag).detail(format!("outcome of {owner}"));
+            offer.snippet = Some(format!("{tag} => $0"));
+            offer
+        };
+        open.map(offer).collect()
+    }
+
     /// The named constants.
     pub(super) fn consts(&self) -> Vec<Completion> {
         self.model

@@ -36,6 +36,10 @@ impl Analysis {
             let access = if claim.is_write { "" } else { "(read)" };
             let _infallible = write!(lines, "\n    claims {}{access}", claim.name.text);
         }
+        let outcomes: Vec<&str> = module.outcomes.iter().map(|outcome| outcome.name.text.as_str()).collect();
+        if !outcomes.is_empty() {
+            let _infallible = write!(lines, "\n    done({})", outcomes.join(" | "));
+        }
         if let Some(exec) = &module.exec {
             let _infallible = write!(lines, "\n    exec \"{exec}\"");
         }

@@ -60,6 +60,8 @@ impl Walk<'_> {
                 self.instance_name(names.first());
             }
             SyntaxKind::Endpoint => self.endpoint(&names),
+            SyntaxKind::Arm => self.outcome(names.first()),
+            SyntaxKind::Using => self.resources(node),
             SyntaxKind::Run => return self.run(node, names.first()),
             SyntaxKind::AllOf => return self.all_of(node),
             _ => {}
@@ -96,6 +98,23 @@ impl Walk<'_> {
         let Some(name) = name else { return };
         if let Some(&(_, symbol)) = self.variables.iter().rev().find(|(known, _)| *known == name.text) {
             self.add(name, symbol);
+        }
+    }
+
+    /// The tag of an arm of `match`.
+    fn outcome(&mut self, name: Option<&Name>) {
+        if let Some((name, &symbol)) = name.and_then(|name| Some((name, self.tables.outcomes.get(&name.text)?))) {
+            self.add(name, symbol);
+        }
+    }
+
+    /// `using(arm, gripper)`
+    fn resources(&mut self, node: &Node) {
+        let Some(process) = self.process else { return };
+        for name in node.children_of(SyntaxKind::Resources).flat_map(|list| list.names().collect::<Vec<_>>()) {
+            if let Some(&symbol) = self.tables.resources.get(&(process, name.text.clone())) {
+                self.add(&name, symbol);
+            }
         }
     }
 
