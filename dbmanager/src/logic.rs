@@ -8,6 +8,7 @@
 //! | [`log`] | each origin's transactions, gap-free and chained | T6 a dot names one transaction, T7 liveness |
 //! | [`merge`] | how two states become one, when a replica comes back | nothing is lost, hidden or brought back |
 //! | [`member`] | who belongs to the team | admission and the retire barrier |
+//! | [`owner`] | who writes below a prefix | terms that fence; conditions there hold for the team |
 //! | [`collect`] | what everybody has | T5 nothing comes back |
 //! | [`record`] | what is on the disk | T4 durability: a batch goes before what promises it |
 //! | [`message`], [`snapshot`] | what replicas say to each other | |
@@ -23,6 +24,7 @@ pub mod member;
 pub mod merge;
 pub mod message;
 pub mod mutant;
+pub mod owner;
 pub mod random;
 pub mod record;
 pub mod replica;

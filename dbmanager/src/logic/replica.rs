@@ -25,6 +25,7 @@ use crate::logic::log::{Log, Verdict};
 use crate::logic::member::Members;
 use crate::logic::message::Message;
 use crate::logic::mutant::Mutant;
+use crate::logic::owner::Owners;
 use crate::logic::random::Random;
 use crate::logic::record::{self, Batch, Identity, OpenError, Records};
 use crate::logic::state::{Seen, State};
@@ -161,6 +162,7 @@ pub struct Replica {
     clock: Clock,
     wall: Wall,
     members: Members,
+    owners: Owners,
     acks: Acks,
     collected: Cut,
     random: Random,
@@ -199,6 +201,7 @@ impl Replica {
                 if config.mutant.is(Mutant::ClockForgotten) { Stamp::default() } else { stored.log.last_stamp() },
             ),
             members: Members::of(&stored.state),
+            owners: Owners::of(&stored.state),
             sync: sync::Sync::default(),
             waiting: commit::Waiting::default(),
             log: stored.log,
@@ -291,6 +294,11 @@ impl Replica {
         &self.members
     }
 
+    /// Returns who owns which prefixes.
+    pub fn owners(&self) -> &Owners {
+        &self.owners
+    }
+
     /// Returns under which origin it writes.
     pub fn origin(&self) -> Origin {
         self.identity.origin
@@ -373,7 +381,7 @@ impl Replica {
             self.batch.versions(&write.key, self.state.versions(&write.key));
         }
         if txn.writes.iter().any(|write| is_system(&write.key)) {
-            self.members = Members::of(&self.state);
+            (self.members, self.owners) = (Members::of(&self.state), Owners::of(&self.state));
         }
     }
 
@@ -400,3 +408,6 @@ impl Replica {
 fn is_system(key: &Key) -> bool {
     key.as_str().starts_with("sys/")
 }
+
+#[cfg(test)]
+mod tests;

@@ -5,7 +5,8 @@
 //! *Merge rule.* A transaction `T` with context `ctx` is applied once, after everything in `ctx`. At each key it writes, it
 //! takes away the versions whose dot is in `ctx` and adds its own. One that was brought in from another life of its replica
 //! (see [`merge`](crate::logic::merge)) takes away less: of what is in `ctx`, the versions it names, and deletions.
-//! A read shows the version with the largest stamp; more than one version is a conflict.
+//! A read shows the version with the largest stamp; versions with different values are a conflict. With one value there is
+//! nothing to decide: several replicas that resolve in the same way, or bring in the same write, make no new conflict.
 //!
 //! *T1, convergence.* Write `w ▷ v` if `w` takes away `v`: a relation between writes, fixed when `w` is committed. Since
 //! `w ▷ v` needs `v` in `w`'s context, which must be here before `w` is applied, each pair is met in this order, `v` first.
@@ -128,7 +129,8 @@ impl State {
 
     /// Returns whether there are writes to the key that did not see each other.
     pub fn is_conflict(&self, key: &Key) -> bool {
-        self.versions(key).len() > if self.mutant.is(Mutant::PairsNoConflict) { 2 } else { 1 }
+        let versions = self.versions(key);
+        differ(versions) && !(self.mutant.is(Mutant::PairsNoConflict) && versions.len() == 2)
     }
 
     /// Returns the keys below `prefix`, deleted ones included, with their versions.
@@ -141,9 +143,9 @@ impl State {
         keys.filter(move |(key, _)| below(key)).map(|(key, versions)| (key, versions.as_ref()))
     }
 
-    /// Returns the keys below `prefix` with more than one version.
+    /// Returns the keys below `prefix` with versions that differ.
     pub fn conflicts<'a>(&'a self, prefix: &'a str) -> impl Iterator<Item = (&'a Key, &'a [Version])> {
-        self.scan(prefix).filter(|(_, versions)| versions.len() > 1)
+        self.scan(prefix).filter(|(_, versions)| differ(versions))
     }
 
     /// Returns a number that equal states share, and two others practically never.
@@ -207,6 +209,11 @@ impl State {
 /// Returns whether nothing but deletions is there.
 fn is_deleted(versions: &[Version]) -> bool {
     versions.iter().all(|version| version.value.is_none())
+}
+
+/// Returns whether there are values that somebody has to choose from; a deletion is one too.
+fn differ(versions: &[Version]) -> bool {
+    versions.iter().any(|version| version.value != versions[0].value)
 }
 
 fn digest(key: &Key, versions: &[Version]) -> u128 {

@@ -231,6 +231,16 @@ pub struct Draft {
     reason: String,
     requires: Vec<Require>,
     writes: BTreeMap<Key, Option<Value>>,
+    grants: BTreeMap<Key, Grant>,
+}
+
+/// Who is to own a prefix from now on.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Grant {
+    /// Its owner, or anybody if it has none, gives it to a robot, or releases it.
+    Give(Option<String>),
+    /// An operator takes it from whoever has it, and gives it to a robot.
+    TakeOver(String),
 }
 
 /// Why nothing was committed. The state is as if the transaction had not been tried.
@@ -267,13 +277,15 @@ pub enum TxnError {
     /// Too long as a whole.
     #[error("the transaction does not fit")]
     Frame(#[from] FrameError),
-    /// The prefix belongs to somebody else.
+    /// The prefix belongs to somebody else, on whose robot the transaction can be tried.
     #[error("`{key}` may only be written on the robot `{owner}`")]
     NotOwner {
         /// Which key.
         key: Key,
         /// Whose it is.
         owner: String,
+        /// Since which grant.
+        term: u64,
     },
     /// The namespace is not written by transactions.
     #[error("`{key}` is in a namespace that transactions do not write")]
@@ -295,7 +307,7 @@ pub enum TxnError {
 impl Draft {
     /// Returns a transaction without changes, done for `reason`.
     pub fn new(reason: impl Into<String>) -> Self {
-        Self { reason: reason.into(), requires: Vec::new(), writes: BTreeMap::new() }
+        Self { reason: reason.into(), requires: Vec::new(), writes: BTreeMap::new(), grants: BTreeMap::new() }
     }
 
     /// Adds a condition.
@@ -319,6 +331,18 @@ impl Draft {
         self
     }
 
+    /// Gives a prefix such as `team/arm` to somebody: see [`owner`](crate::logic::owner).
+    #[must_use]
+    pub fn grant(mut self, prefix: Key, grant: Grant) -> Self {
+        self.grants.insert(prefix, grant);
+        self
+    }
+
+    /// Returns which prefixes it gives to somebody.
+    pub fn grants(&self) -> impl Iterator<Item = (&Key, &Grant)> {
+        self.grants.iter()
+    }
+
     /// Returns what it changes.
     pub fn writes(&self) -> impl Iterator<Item = (&Key, Option<&Value>)> {
         self.writes.iter().map(|(key, value)| (key, value.as_ref()))
@@ -335,7 +359,7 @@ impl Draft {
     /// If it exceeds one.
     pub fn check(&self) -> Result<(), TxnError> {
         let limits = [
-            ("writes", self.writes.len(), CHANGES_MAX),
+            ("writes", self.writes.len() + self.grants.len(), CHANGES_MAX),
             ("conditions", self.requires.len(), CHANGES_MAX),
             ("bytes of reason", self.reason.len(), REASON_SIZE_MAX),
         ];

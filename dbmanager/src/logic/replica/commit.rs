@@ -8,12 +8,15 @@ use crate::logic::log::Head;
 use crate::logic::member;
 use crate::logic::message::{Message, PUSH_SIZE_MAX};
 use crate::logic::mutant::Mutant;
-use crate::logic::txn::{Draft, Frame, Rebase, Require, Txn, TxnError, Write};
+use crate::logic::owner::{self, Owner};
+use crate::logic::txn::{Condition, Draft, Frame, Grant, Rebase, Require, Txn, TxnError, Write};
 use comms::logic::time::Time;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// The most tickets that wait; whoever comes later hears at once that it is pending.
 const WAITING_MAX: usize = 1024;
+/// Where the schemas are, which anybody may write.
+const SCHEMAS: &str = "sys/schema/";
 /// How often the name of a transaction may have changed.
 const LIVES_MAX: u32 = 32;
 
@@ -76,10 +79,7 @@ impl Replica {
         let mut frames = Vec::new();
         for Request { ticket, draft, level, until } in requests {
             let wants_ack = level != Level::Local;
-            let frame = self.check(&draft).and_then(|()| {
-                let (reason, requires, writes) = draft.into_parts();
-                self.commit(now, Change { reason, requires, writes, wants_ack, rebase: None })
-            });
+            let frame = self.plan(draft).and_then(|change| self.commit(now, Change { wants_ack, ..change }));
             let (dot, frame) = match frame {
                 Ok(committed) => committed,
                 Err(error) => {
@@ -164,24 +164,49 @@ impl Replica {
         }
     }
 
-    fn check(&self, draft: &Draft) -> Result<(), TxnError> {
+    /// Returns what a draft comes to, if it may be committed.
+    fn plan(&self, draft: Draft) -> Result<Change, TxnError> {
         draft.check()?;
+        let conditions = draft.requires().iter().filter(|_| !self.config.mutant.is(Mutant::ConditionsIgnored));
+        conditions.into_iter().try_for_each(|require| self.state.check(require))?;
+        let mut fences = BTreeMap::new();
         for (key, _) in draft.writes() {
-            self.check_owner(key)?;
+            fences.extend(self.check_owner(key)?);
         }
-        let mut requires = draft.requires().iter().filter(|_| !self.config.mutant.is(Mutant::ConditionsIgnored));
-        requires.try_for_each(|require| self.state.check(require))
+        let mut granted = Vec::new();
+        for (prefix, grant) in draft.grants() {
+            let record = owner::record(prefix).map_err(|_long| TxnError::Reserved { key: prefix.clone() })?;
+            let robot = match grant {
+                Grant::Give(robot) => {
+                    fences.extend(self.check_owner(prefix)?);
+                    robot.as_deref()
+                }
+                Grant::TakeOver(robot) => Some(robot.as_str()),
+            };
+            let term = self.owners.find(prefix).map_or(0, |(_, owner)| owner.term);
+            granted.push(Write { key: record, value: Some(owner::grant(term.saturating_add(1), robot)) });
+        }
+        let (reason, mut requires, mut writes) = draft.into_parts();
+        requires.extend(fences.into_iter().map(|(key, dot)| Require { key, condition: Condition::Is(dot) }));
+        writes.extend(granted);
+        writes.sort_by(|a, b| a.key.cmp(&b.key));
+        Ok(Change { reason, requires, writes, ..Change::default() })
     }
 
-    fn check_owner(&self, key: &Key) -> Result<(), TxnError> {
+    /// Returns the grant on which writing a key here relies, if any, with the key of its record.
+    fn check_owner(&self, key: &Key) -> Result<Option<(Key, Dot)>, TxnError> {
         match key.namespace() {
-            Namespace::Team => Ok(()),
-            Namespace::Robot(name) if name == self.identity.robot || self.config.mutant.is(Mutant::OwnersIgnored) => {
-                Ok(())
-            }
-            Namespace::Robot(name) => Err(TxnError::NotOwner { key: key.clone(), owner: name.to_owned() }),
-            Namespace::System | Namespace::Local => Err(TxnError::Reserved { key: key.clone() }),
+            Namespace::System if key.as_str().starts_with(SCHEMAS) => {}
+            Namespace::System | Namespace::Local => return Err(TxnError::Reserved { key: key.clone() }),
+            Namespace::Team | Namespace::Robot(_) => {}
         }
+        let Some((prefix, Owner { term, robot, grant })) = self.owners.find(key) else { return Ok(None) };
+        let other = robot.filter(|robot| *robot != self.identity.robot);
+        if let Some(owner) = other.filter(|_| !self.config.mutant.is(Mutant::OwnersIgnored)) {
+            return Err(TxnError::NotOwner { key: key.clone(), owner, term });
+        }
+        let record = Key::new(prefix).and_then(|prefix| owner::record(&prefix));
+        Ok(record.ok().zip(grant))
     }
 
     /// Gives a change its place in history, and applies it.

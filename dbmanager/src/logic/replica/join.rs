@@ -16,6 +16,7 @@ use crate::logic::log::{Log, Verdict};
 use crate::logic::member::{self, Members};
 use crate::logic::message::{Chunk, Join, Message};
 use crate::logic::mutant::Mutant;
+use crate::logic::owner::Owners;
 use crate::logic::snapshot::{self, CHUNKS_MAX, Manifest, Name};
 use crate::logic::state::State;
 use comms::logic::time::Time;
@@ -211,6 +212,7 @@ impl Replica {
             state: std::mem::replace(&mut self.state, state),
             members: std::mem::replace(&mut self.members, members),
         };
+        self.owners = Owners::of(&self.state);
         self.restate();
         self.clock.observe(now, self.log.last_stamp(), Wall::default());
         effects.push(Effect::Replaced);

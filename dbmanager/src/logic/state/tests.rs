@@ -114,7 +114,7 @@ fn concurrent(count: u64) -> State {
     for number in 1..=count {
         let origin = Origin::new(number);
         let stamp = Stamp { epoch: 0, hlc: number, origin };
-        let writes = [Write { key: key(0), value: Some(b"x".into()) }];
+        let writes = [Write { key: key(0), value: Some((&number.to_le_bytes()).into()) }];
         let context = Cut::default();
         state.apply(Dot { origin, seq: 1 }, stamp, Seen { context: &context, only: None }, &writes);
     }
@@ -157,4 +157,19 @@ fn utf8_prefix_edge() {
     assert_eq!(scan("a"), ["a", "a/b", "a/é", "ab"]);
     assert_eq!(scan("a/é"), ["a/é"]);
     assert_eq!(scan("c"), Vec::<String>::new());
+}
+
+#[test]
+fn the_same_resolution_twice_is_none() {
+    let mut state = concurrent(2);
+    let context: Cut = [(Origin::new(1), 1), (Origin::new(2), 1)].into_iter().collect();
+    for number in 1..=2 {
+        let origin = Origin::new(number);
+        let stamp = Stamp { epoch: 0, hlc: 10, origin };
+        let writes = [Write { key: key(0), value: Some(b"both".into()) }];
+        state.apply(Dot { origin, seq: 2 }, stamp, Seen { context: &context, only: None }, &writes);
+    }
+    assert_eq!((state.versions(&key(0)).len(), state.is_conflict(&key(0))), (2, false));
+    let require = Require { key: key(0), condition: Condition::Is(Dot { origin: Origin::new(2), seq: 2 }) };
+    assert_eq!(state.check(&require), Ok(()));
 }

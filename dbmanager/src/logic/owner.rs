@@ -1,0 +1,149 @@
+//! Who owns a prefix: only there its keys are written, so that a condition that holds there holds for the team.
+//!
+//! *State.* `sys/own/<prefix>` holds a *term* and the name of a robot, or none if the prefix was released. `robot/<name>/…`
+//! belongs to that robot without a record, with term 0, until a record says otherwise. The longest prefix counts.
+//!
+//! *Rule.* Other robots refuse to write there, and say who owns it, so that the wish can be sent on. Whoever owns a prefix, or
+//! finds it without an owner, may give it to anybody; an operator may *take it over*, by force. Each grant has the term after
+//! the one it knows. Of grants that did not see each other the larger term counts, then the later stamp.
+//!
+//! *Why it fences.* Each write to a prefix with a record carries the condition that the grant it relies on still stands
+//! ([`Condition::Is`](crate::logic::txn::Condition)), as if its writer had asked for it. If the owner was cut off and goes on
+//! writing after a takeover, neither has seen the other; its writes are kept, as everywhere, and each is listed as a race: it
+//! relied on a grant that another transaction had changed. Nothing is dropped, nothing passes unseen.
+//!
+//! *Why conditions at the owner are linearizable.* One robot commits one transaction at a time, and each under a term checks
+//! its conditions on a state with all that came before it under that term: its own. A later term begins at a replica that
+//! has seen the release of the earlier one, hence all before it, unless somebody took over by force: then what the old owner
+//! wrote meanwhile is what the races list.
+
+use crate::logic::clock::Stamp;
+use crate::logic::cut::Dot;
+use crate::logic::key::{Key, KeyError, Namespace};
+use crate::logic::state::{State, Version};
+use crate::logic::txn::{Encoding, Value};
+use std::collections::BTreeMap;
+
+const OWN: &str = "sys/own/";
+
+/// What is known of a prefix.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Owner {
+    /// Goes up with each grant.
+    pub term: u64,
+    /// The robot that owns it, if any.
+    pub robot: Option<String>,
+    /// The transaction that granted it; none for what belongs to a robot by its name.
+    pub grant: Option<Dot>,
+}
+
+/// The owners of all prefixes with a record.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Owners(BTreeMap<String, Owner>);
+
+/// Returns the key with the record of a prefix, such as `team/arm`.
+///
+/// # Errors
+/// If that is no key.
+pub fn record(prefix: &Key) -> Result<Key, KeyError> {
+    Key::new(format!("{OWN}{prefix}"))
+}
+
+/// Returns a record: a term, and who owns the prefix from now on.
+pub fn grant(term: u64, robot: Option<&str>) -> Value {
+    let text = format!("{term} {}", robot.unwrap_or_default());
+    Value { encoding: Encoding::TEXT, bytes: text.trim_end().as_bytes().into() }
+}
+
+impl Owners {
+    /// Reads them from a state.
+    pub fn of(state: &State) -> Self {
+        let standing = |versions: &[Version]| {
+            let known = versions.iter().filter_map(|version| Some((version.stamp, version.dot, read(version)?)));
+            let (_, dot, (term, robot)) = known.max_by_key(|(stamp, _, (term, _))| (*term, *stamp))?;
+            Some(Owner { term, robot, grant: Some(dot) })
+        };
+        let prefix = |key: &Key| key.as_str().strip_prefix(OWN).map(str::to_owned);
+        Self(state.scan(OWN).filter_map(|(key, versions)| Some((prefix(key)?, standing(versions)?))).collect())
+    }
+
+    /// Returns who owns the longest prefix of `key` that has an owner or a record, and the prefix.
+    pub fn find<'a>(&self, key: &'a Key) -> Option<(&'a str, Owner)> {
+        let text = key.as_str();
+        let ends = text.match_indices('/').map(|(end, _)| end).chain([text.len()]);
+        let known = ends.filter_map(|end| self.0.get_key_value(&text[..end]).map(|(_, owner)| (end, owner)));
+        let named = match key.namespace() {
+            Namespace::Robot(name) => Some(name),
+            Namespace::Team | Namespace::System | Namespace::Local => None,
+        };
+        match (known.max_by_key(|(end, _)| *end), named) {
+            (Some((end, owner)), _) => Some((&text[..end], owner.clone())),
+            (None, Some(name)) => {
+                let owner = Owner { term: 0, robot: Some(name.to_owned()), grant: None };
+                Some((&text[..("robot/".len() + name.len()).min(text.len())], owner))
+            }
+            (None, None) => None,
+        }
+    }
+
+    /// Returns every prefix with a record.
+    pub fn iter(&self) -> impl Iterator<Item = (&str, &Owner)> {
+        self.0.iter().map(|(prefix, owner)| (prefix.as_str(), owner))
+    }
+}
+
+fn read(version: &Version) -> Option<(u64, Option<String>)> {
+    let text = std::str::from_utf8(&version.value.as_ref()?.bytes).ok()?;
+    let (term, robot) = text.split_once(' ').unwrap_or((text, ""));
+    Some((term.parse().ok()?, Some(robot.to_owned()).filter(|robot| !robot.is_empty())))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::logic::cut::Origin;
+
+    fn state(records: &[(&str, &str, u64)]) -> State {
+        let mut state = State::default();
+        for (prefix, text, hlc) in records {
+            let key = record(&Key::new(*prefix).unwrap()).unwrap();
+            let origin = Origin::new(*hlc);
+            let value = Some(Value { encoding: Encoding::TEXT, bytes: text.as_bytes().into() });
+            let version = Version { dot: Dot { origin, seq: 1 }, stamp: Stamp { epoch: 0, hlc: *hlc, origin }, value };
+            let mut versions = state.versions(&key).to_vec();
+            versions.push(version);
+            state.restore(key, versions);
+        }
+        state
+    }
+
+    #[test]
+    fn the_longest_prefix_and_the_largest_term_count() {
+        let owners = Owners::of(&state(&[
+            ("team/arm", "2 r2", 1),
+            ("team/arm", "1 r1", 9),
+            ("team/arm/left", "1 r3", 2),
+            ("team/free", "4", 3),
+            ("robot/r5/leg", "1 r6", 4),
+            ("team/bad", "x", 5),
+        ]));
+        let check = |key: &str, expected: Option<(&str, u64, Option<&str>)>| {
+            let key = Key::new(key).unwrap();
+            let found = owners.find(&key);
+            let found = found.as_ref().map(|(prefix, owner)| (*prefix, owner.term, owner.robot.as_deref()));
+            assert_eq!(found, expected, "{key}");
+        };
+        check("team/arm", Some(("team/arm", 2, Some("r2"))));
+        check("team/arm/x", Some(("team/arm", 2, Some("r2"))));
+        check("team/arm/left/x", Some(("team/arm/left", 1, Some("r3"))));
+        check("team/army", None);
+        check("team/free/x", Some(("team/free", 4, None)));
+        check("robot/r5/x", Some(("robot/r5", 0, Some("r5"))));
+        check("robot/r5/leg/x", Some(("robot/r5/leg", 1, Some("r6"))));
+        check("team/bad/x", None);
+        assert_eq!(
+            Owners::of(&state(&[("a", "7 r", 1)])).find(&Key::new("a").unwrap()).unwrap().1.grant.unwrap().seq,
+            1
+        );
+    }
+}

@@ -1,0 +1,167 @@
+//! A few replicas that hear each other at once, on virtual time.
+
+use super::*;
+use crate::logic::clock::Quality;
+use crate::logic::cut::Origin;
+use crate::logic::state::Version;
+use crate::logic::txn::{Condition, Grant, Txn};
+use std::collections::VecDeque;
+
+pub(super) const WALL: Wall = Wall { millis: 1_790_000_000_000, quality: Quality::Network };
+
+/// Robots `r0`, `r1` and so on.
+#[derive(Default)]
+pub(super) struct Team {
+    pub(super) replicas: Vec<Replica>,
+    pub(super) disks: Vec<Records>,
+    mail: VecDeque<(usize, Origin, Message)>,
+    pub(super) answers: Vec<Answer>,
+    pub(super) alarms: Vec<(usize, Alarm)>,
+    /// Who hears nobody.
+    pub(super) away: BTreeSet<usize>,
+    pub(super) now: Time,
+}
+
+impl Team {
+    pub(super) fn of(count: usize) -> Self {
+        let mut team = Self::default();
+        for node in 0..count {
+            team.disks.push(Records::new());
+            let config = team.config(node);
+            team.replicas.push(Replica::open(config, &Records::new()).unwrap());
+        }
+        team.input(0, Input::Found(WALL));
+        team.run(60);
+        assert!(team.replicas.iter().all(Replica::is_member));
+        team
+    }
+
+    pub(super) fn config(&self, node: usize) -> Config {
+        let seed = 1 + node as u64 + 1000 * self.now.nanos();
+        Config { robot: format!("r{node}"), seed, log_size: 1 << 20, mutant: Mutant::None }
+    }
+
+    pub(super) fn input(&mut self, node: usize, input: Input) {
+        let mut effects = Vec::new();
+        self.replicas[node].handle(self.now, input, &mut effects);
+        let address = self.replicas[node].address();
+        for effect in effects {
+            let (to, message) = match effect {
+                Effect::Persist(batch) => {
+                    batch.apply(&mut self.disks[node]);
+                    continue;
+                }
+                Effect::Answer(_, answer) => {
+                    self.answers.push(answer);
+                    continue;
+                }
+                Effect::Alarm(alarm) => {
+                    self.alarms.push((node, alarm));
+                    continue;
+                }
+                Effect::Visible(..) | Effect::Renamed(..) | Effect::Replaced => continue,
+                Effect::Broadcast(message) => (None, message),
+                Effect::Send(to, message) => (Some(to), message),
+            };
+            let hears = |other: &usize| *other != node && !self.away.contains(other) && !self.away.contains(&node);
+            let meant = |other: &usize| to.is_none_or(|to| self.replicas[*other].address() == to);
+            for other in (0..self.replicas.len()).filter(hears).filter(meant) {
+                self.mail.push_back((other, address, message.clone()));
+            }
+        }
+    }
+
+    /// Lets so many seconds pass.
+    pub(super) fn run(&mut self, seconds: u64) {
+        let end = self.now + Duration::from_secs(seconds);
+        loop {
+            if let Some((to, from, message)) = self.mail.pop_front() {
+                self.input(to, Input::Received(from, message, WALL));
+                continue;
+            }
+            let due = self.replicas.iter().enumerate().filter_map(|(node, replica)| Some((replica.deadline()?, node)));
+            let Some((at, node)) = due.min().filter(|(at, _)| *at <= end) else { break };
+            self.now = self.now.max(at);
+            self.input(node, Input::Tick(WALL));
+        }
+        self.now = end;
+    }
+
+    pub(super) fn commit(&mut self, node: usize, draft: Draft) -> Answer {
+        let request = Request { ticket: 0, draft, level: Level::Local, until: self.now };
+        self.answers.clear();
+        self.input(node, Input::Commit(vec![request], WALL));
+        self.answers.remove(0)
+    }
+
+    pub(super) fn versions(&self, node: usize, name: &str) -> &[Version] {
+        self.replicas[node].state().versions(&key(name))
+    }
+
+    fn frames(&self, node: usize) -> Vec<Txn> {
+        self.replicas[node].log().in_order().iter().map(|(_, frame)| frame.open().unwrap()).collect()
+    }
+}
+
+pub(super) fn key(name: &str) -> Key {
+    Key::new(name).unwrap()
+}
+
+pub(super) fn put(name: &str, value: &[u8; 1]) -> Draft {
+    Draft::new("put").put(key(name), value)
+}
+
+fn refused_for(answer: &Answer) -> Option<(&str, u64)> {
+    match answer {
+        Answer::Refused(TxnError::NotOwner { owner, term, .. }) => Some((owner, *term)),
+        _ => None,
+    }
+}
+
+#[test]
+fn conditions_hold_for_the_team_where_the_owner_decides() {
+    let mut team = Team::of(3);
+    let give = |to: Option<&str>| Draft::new("give").grant(key("team/arm"), Grant::Give(to.map(str::to_owned)));
+    assert!(matches!(team.commit(0, give(Some("r1"))), Answer::Committed(_)));
+    team.run(20);
+    let create = || Draft::new("create").require(key("team/arm/x"), Condition::Absent).put(key("team/arm/x"), b"1");
+    assert_eq!(refused_for(&team.commit(0, create())), Some(("r1", 1)), "the wish can be sent on to the owner");
+    assert!(matches!(team.commit(1, create()), Answer::Committed(_)));
+    assert!(matches!(team.commit(1, create()), Answer::Refused(TxnError::Precondition { .. })));
+    assert_eq!(refused_for(&team.commit(0, give(Some("r0")))), Some(("r1", 1)), "only the owner gives");
+    assert!(matches!(team.commit(1, give(Some("r2"))), Answer::Committed(_)));
+    assert_eq!(refused_for(&team.commit(1, put("team/arm/x", b"2"))), Some(("r2", 2)));
+    team.run(20);
+    assert!(matches!(team.commit(2, give(None)), Answer::Committed(_)));
+    team.run(20);
+    assert!(matches!(team.commit(0, put("team/arm/x", b"3")), Answer::Committed(_)), "released, it is anybody's");
+    assert_eq!(refused_for(&team.commit(0, put("robot/r1/x", b"1"))), Some(("r1", 0)));
+    let schema = Draft::new("type").put(key("sys/schema/team/arm"), b"x");
+    assert!(matches!(team.commit(0, schema), Answer::Committed(_)));
+    assert!(matches!(team.commit(0, put("sys/own/team", b"1")), Answer::Refused(TxnError::Reserved { .. })));
+}
+
+#[test]
+fn owner_takeover_old_owner_isolated_keeps_writing() {
+    let mut team = Team::of(3);
+    let take = |to: &str| Draft::new("lost").grant(key("team/arm"), Grant::TakeOver(to.to_owned()));
+    assert!(matches!(team.commit(0, take("r1")), Answer::Committed(_)));
+    team.run(20);
+    team.away.insert(1);
+    assert!(matches!(team.commit(1, put("team/arm/late", b"1")), Answer::Committed(_)), "it cannot know");
+    let Answer::Committed(grant) = team.commit(0, take("r2")) else { panic!("an operator takes it over") };
+    team.run(20);
+    assert!(matches!(team.commit(2, put("team/arm/x", b"2")), Answer::Committed(_)));
+    team.away.clear();
+    team.run(60);
+    for node in 0..3 {
+        assert_eq!(team.versions(node, "team/arm/late").len(), 1, "kept");
+        assert_eq!(team.replicas[node].owners().find(&key("team/arm/x")).unwrap().1.grant, Some(grant));
+        let frames = team.frames(node);
+        let late = frames.iter().find(|txn| txn.writes.iter().any(|write| write.key == key("team/arm/late"))).unwrap();
+        let [fence] = &late.requires[..] else { panic!("it relied on one grant: {late:?}") };
+        assert_eq!(fence.key, key("sys/own/team/arm"));
+        assert!(fence.condition != Condition::Is(grant) && !late.context.contains(grant), "which shows as a race");
+    }
+    assert_eq!(refused_for(&team.commit(1, put("team/arm/x", b"3"))), Some(("r2", 2)));
+}
