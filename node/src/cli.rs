@@ -13,6 +13,7 @@ pub mod fmt;
 pub mod follow;
 pub mod graph;
 pub mod logs;
+pub mod lsp;
 pub mod new;
 pub mod nodes;
 pub mod output;
@@ -57,6 +58,8 @@ enum Verb {
     Sim(sim::Arguments),
     /// Say what a diagnostic code means
     Explain(explain::Arguments),
+    /// Serve editors: diagnostics, completion and all that, over standard input and output
+    Lsp(lsp::Arguments),
     /// List the nodes that can be reached
     Nodes(nodes::Arguments),
     /// Show what runs where
@@ -120,6 +123,7 @@ pub fn main() -> ExitCode {
         Verb::Graph(arguments) => graph::run(&arguments),
         Verb::Sim(arguments) => sim::run(&arguments),
         Verb::Explain(arguments) => explain::run(&arguments),
+        Verb::Lsp(arguments) => lsp::run(&arguments),
         Verb::Nodes(arguments) => nodes::run(&arguments),
         Verb::Status(arguments) => status::run(&arguments),
         Verb::Logs(arguments) => logs::run(&arguments),

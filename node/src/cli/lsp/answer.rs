@@ -1,0 +1,280 @@
+//! What the editor asks, and the answers.
+
+use super::convert::{self, range};
+use super::server::{Refusal, Server};
+use super::workspace::{Document, is_file};
+use language::ide::{Analysis, FileEdit, rename};
+use language::{Diagnostic, Options, Origin, Source, Span, fix, format};
+use lsp_types::{
+    CodeAction, CodeActionKind, CodeActionParams, CodeActionRequest, CodeActionResponse, CompletionParams,
+    CompletionRequest, CompletionResponse, Contents, Definition, DefinitionParams, DefinitionRequest,
+    DefinitionResponse, DocumentFormattingParams, DocumentFormattingRequest, DocumentHighlight,
+    DocumentHighlightParams, DocumentHighlightRequest, DocumentSymbolParams, DocumentSymbolRequest,
+    DocumentSymbolResponse, ErrorCodes, FoldingRange, FoldingRangeParams, FoldingRangeRequest, Hover, HoverParams,
+    HoverRequest, Location, MarkupContent, MarkupKind, Position, PrepareRenameParams, PrepareRenamePlaceholder,
+    PrepareRenameRequest, PrepareRenameResult, ReferenceParams, ReferencesRequest, RenameParams, RenameRequest,
+    Request, SemanticTokens, SemanticTokensParams, SemanticTokensRequest, TextDocumentPositionParams, TextEdit,
+};
+use serde_json::Value;
+use std::rc::Rc;
+
+/// Answers one kind of request.
+fn ask<R: Request>(
+    params: Value,
+    answer: impl FnOnce(R::Params) -> Result<R::Result, Refusal>,
+) -> Result<Value, Refusal> {
+    let unread = |message| Refusal { code: ErrorCodes::InvalidParams.into(), message };
+    let result = answer(super::server::read(params).map_err(unread)?)?;
+    serde_json::to_value(result).map_err(|error| Refusal::failed(error.to_string()))
+}
+
+/// A document, what is known of it, and a place in it.
+struct Place<'a> {
+    document: &'a Document,
+    analysis: Rc<Analysis>,
+    offset: usize,
+}
+
+impl Server {
+    /// Answers a request.
+    pub(super) fn answer(&mut self, method: &str, params: Value) -> Result<Value, Refusal> {
+        match method {
+            "textDocument/completion" => ask::<CompletionRequest>(params, |it| self.completion(&it)),
+            "textDocument/hover" => ask::<HoverRequest>(params, |it| self.hover(&it)),
+            "textDocument/definition" => ask::<DefinitionRequest>(params, |it| self.definition(&it)),
+            "textDocument/references" => ask::<ReferencesRequest>(params, |it| self.references(&it)),
+            "textDocument/documentHighlight" => ask::<DocumentHighlightRequest>(params, |it| self.highlight(&it)),
+            "textDocument/prepareRename" => ask::<PrepareRenameRequest>(params, |it| self.prepare_rename(&it)),
+            "textDocument/rename" => ask::<RenameRequest>(params, |it| self.rename(&it)),
+            "textDocument/codeAction" => ask::<CodeActionRequest>(params, |it| self.actions(&it)),
+            "textDocument/documentSymbol" => ask::<DocumentSymbolRequest>(params, |it| self.outline(&it)),
+            "textDocument/semanticTokens/full" => ask::<SemanticTokensRequest>(params, |it| self.tokens(&it)),
+            "textDocument/foldingRange" => ask::<FoldingRangeRequest>(params, |it| self.folds(&it)),
+            "textDocument/formatting" => ask::<DocumentFormattingRequest>(params, |it| self.formatting(&it)),
+            _ => Err(Refusal {
+                code: ErrorCodes::MethodNotFound.into(),
+                message: format!("`{method}` is not known here"),
+            }),
+        }
+    }
+
+    /// A document and what is known of it.
+    fn document(&mut self, uri: &str) -> Result<(&Document, Rc<Analysis>), Refusal> {
+        let analysis = self.workspace.analysis(uri);
+        let document = self.workspace.document(uri);
+        let document = document.ok_or_else(|| Refusal::failed(format!("`{uri}` is not open")))?;
+        let analysis = analysis.ok_or_else(|| Refusal::failed("the text is too long to be looked at"))?;
+        Ok((document, analysis))
+    }
+
+    fn place(&mut self, at: &TextDocumentPositionParams) -> Result<Place<'_>, Refusal> {
+        let encoding = self.client.encoding;
+        let (document, analysis) = self.document(&at.text_document.uri.0)?;
+        let offset = document.lines.offset(&document.text, at.position, encoding);
+        Ok(Place { document, analysis, offset })
+    }
+
+    fn completion(&mut self, params: &CompletionParams) -> Result<Option<CompletionResponse>, Refusal> {
+        let client = self.client.clone();
+        let Place { document, analysis, offset } = self.place(&params.text_document_position_params)?;
+        let (bytes, offers) = analysis.complete(offset);
+        let range = document.lines.range(&document.text, bytes, client.encoding);
+        Ok(Some(convert::completion(offers, range, &client).into()))
+    }
+
+    fn hover(&mut self, params: &HoverParams) -> Result<Option<Hover>, Refusal> {
+        let encoding = self.client.encoding;
+        let Place { document, analysis, offset } = self.place(&params.text_document_position_params)?;
+        Ok(analysis.hover(offset).map(|hover| Hover {
+            range: Some(range(analysis.spec(), &document.lines, hover.span, encoding)),
+            contents: Contents::MarkupContent(MarkupContent { kind: MarkupKind::Markdown, value: hover.text }),
+        }))
+    }
+
+    fn definition(&mut self, params: &DefinitionParams) -> Result<Option<DefinitionResponse>, Refusal> {
+        let Place { analysis, offset, .. } = self.place(&params.text_document_position_params)?;
+        let Some(span) = analysis.definition(offset) else { return Ok(None) };
+        Ok(Some(DefinitionResponse::Definition(Definition::Location(self.location(&analysis, span)?))))
+    }
+
+    /// Where a span is; what a program has told is written to a file that the editor can show.
+    fn location(&self, analysis: &Analysis, span: Span) -> Result<Location, Refusal> {
+        let source = analysis.source(span);
+        if is_file(source, analysis) {
+            return Ok(convert::location(&self.workspace, source, span, self.client.encoding));
+        }
+        let shown = self.workspace.interfaces.show(source);
+        let name = shown.map_err(|error| Refusal::failed(format!("the interface cannot be shown: {error}")))?;
+        let source = Source { name, ..source.clone() };
+        Ok(convert::location(&self.workspace, &source, span, self.client.encoding))
+    }
+
+    fn references(&mut self, params: &ReferenceParams) -> Result<Option<Vec<Location>>, Refusal> {
+        let Place { analysis, offset, .. } = self.place(&params.text_document_position_params)?;
+        let Some(declaration) = analysis.declaration(offset) else { return Ok(None) };
+        let mut found: Vec<Location> = Vec::new();
+        for user in self.workspace.users(&declaration.file) {
+            let places = user.references(&declaration);
+            for (place, span) in places.into_iter().enumerate() {
+                let is_wanted = place > 0 || params.context.include_declaration;
+                let location = is_wanted.then(|| self.location(&user, span)).transpose()?;
+                found.extend(location.filter(|location| !found.contains(location)));
+            }
+        }
+        Ok(Some(found))
+    }
+
+    fn highlight(&mut self, params: &DocumentHighlightParams) -> Result<Option<Vec<DocumentHighlight>>, Refusal> {
+        let encoding = self.client.encoding;
+        let Place { document, analysis, offset } = self.place(&params.text_document_position_params)?;
+        let Some(declaration) = analysis.declaration(offset) else { return Ok(None) };
+        let places = analysis.references(&declaration).into_iter().filter(|span| span.origin == Origin::Spec);
+        let highlight =
+            |span| DocumentHighlight { range: range(analysis.spec(), &document.lines, span, encoding), kind: None };
+        Ok(Some(places.map(highlight).collect()))
+    }
+
+    fn prepare_rename(&mut self, params: &PrepareRenameParams) -> Result<Option<PrepareRenameResult>, Refusal> {
+        let encoding = self.client.encoding;
+        let Place { document, analysis, offset } = self.place(&params.text_document_position_params)?;
+        let span = analysis.prepare_rename(offset).map_err(|error| Refusal::failed(error.to_string()))?;
+        let placeholder = document.text.get(span.start as usize..span.end as usize).unwrap_or_default().to_owned();
+        let range = range(analysis.spec(), &document.lines, span, encoding);
+        Ok(Some(PrepareRenameResult::PrepareRenamePlaceholder(PrepareRenamePlaceholder { range, placeholder })))
+    }
+
+    fn rename(&mut self, params: &RenameParams) -> Result<Option<lsp_types::WorkspaceEdit>, Refusal> {
+        let Place { analysis, offset, .. } = self.place(&params.text_document_position_params)?;
+        let refused = |error: language::ide::RenameError| Refusal::failed(error.to_string());
+        analysis.prepare_rename(offset).map_err(refused)?;
+        let Some(declaration) = analysis.declaration(offset) else { return Ok(None) };
+        let users = self.workspace.users(&declaration.file);
+        let users: Vec<&Analysis> = users.iter().map(Rc::as_ref).collect();
+        let edits = rename(&users, &declaration, &params.new_name).map_err(refused)?;
+        Ok(Some(convert::workspace_edit(edits, &self.workspace, &self.client)))
+    }
+
+    /// The fixes of what is wrong in a range, and one for all that is wrong anywhere.
+    fn actions(&mut self, params: &CodeActionParams) -> Result<Option<Vec<CodeActionResponse>>, Refusal> {
+        let encoding = self.client.encoding;
+        let (document, analysis) = self.document(&params.text_document.uri.0)?;
+        let offset = |position: Position| document.lines.offset(&document.text, position, encoding);
+        let (start, end) = (offset(params.range.start), offset(params.range.end));
+        let touches =
+            |span: Span| span.origin == Origin::Spec && span.start as usize <= end && start <= span.end as usize;
+        let here = analysis.diagnostics().iter().filter(|found| touches(found.primary.span));
+        let is_wanted = |kind: &CodeActionKind| {
+            let wanted = params.context.only.as_ref();
+            wanted.is_none_or(|wanted| wanted.iter().any(|one| kind.to_string().starts_with(&one.to_string())))
+        };
+        let mut found: Vec<CodeAction> = here.filter_map(|found| self.quick_fix(found, &analysis)).collect();
+        // Asked about nothing that is wrong, the editor gets it only when it asks for it.
+        if !found.is_empty() || params.context.only.is_some() {
+            found.extend(self.fix_all(&analysis));
+        }
+        found.retain(|action| action.kind.as_ref().is_none_or(is_wanted));
+        Ok(Some(found.into_iter().map(CodeActionResponse::CodeAction).collect()))
+    }
+
+    fn quick_fix(&self, found: &Diagnostic, analysis: &Analysis) -> Option<CodeAction> {
+        let fix = found.fix.as_ref()?;
+        let edits = fix.edits.iter().map(|edit| FileEdit {
+            file: analysis.source(edit.span).name.clone(),
+            start: edit.span.start,
+            end: edit.span.end,
+            text: edit.text.clone(),
+        });
+        let edits: Vec<FileEdit> = edits.collect();
+        let document = self.workspace.open_from(&analysis.spec().name)?;
+        let shown = convert::diagnostic(found, (analysis.spec(), &document.lines), Vec::new(), &self.client);
+        Some(CodeAction {
+            title: fix.title.clone(),
+            kind: Some(CodeActionKind::QuickFix),
+            diagnostics: Some(vec![shown]),
+            is_preferred: Some(true),
+            edit: Some(convert::workspace_edit(edits, &self.workspace, &self.client)),
+            ..CodeAction::default()
+        })
+    }
+
+    /// What `dca fix` would do.
+    fn fix_all(&self, analysis: &Analysis) -> Option<CodeAction> {
+        let spec = analysis.spec();
+        let fixed = fix(spec, analysis.others(), &Options::named("fixed"));
+        let (start, end, text) = changed(&spec.text, &fixed);
+        let (start, end) = (super::position::number(start), super::position::number(end));
+        let edit = FileEdit { file: spec.name.clone(), start, end, text };
+        (fixed != spec.text).then(|| CodeAction {
+            title: "apply every fix that is likely right".to_owned(),
+            kind: Some(CodeActionKind::from("source.fixAll.dca".to_owned())),
+            edit: Some(convert::workspace_edit(vec![edit], &self.workspace, &self.client)),
+            ..CodeAction::default()
+        })
+    }
+
+    fn outline(&mut self, params: &DocumentSymbolParams) -> Result<Option<DocumentSymbolResponse>, Refusal> {
+        let client = self.client.clone();
+        let (document, analysis) = self.document(&params.text_document.uri.0)?;
+        let symbols = convert::outline(analysis.outline(), &analysis, &document.lines, &client);
+        Ok(Some(DocumentSymbolResponse::DocumentSymbolList(symbols)))
+    }
+
+    fn tokens(&mut self, params: &SemanticTokensParams) -> Result<Option<SemanticTokens>, Refusal> {
+        let encoding = self.client.encoding;
+        let (document, analysis) = self.document(&params.text_document.uri.0)?;
+        let data = convert::tokens(&analysis.highlights(), &document.text, &document.lines, encoding);
+        Ok(Some(SemanticTokens { result_id: None, data }))
+    }
+
+    fn folds(&mut self, params: &FoldingRangeParams) -> Result<Option<Vec<FoldingRange>>, Refusal> {
+        let encoding = self.client.encoding;
+        let (document, analysis) = self.document(&params.text_document.uri.0)?;
+        let folds = analysis.folds().into_iter().filter_map(|span| {
+            let range = range(analysis.spec(), &document.lines, span, encoding);
+            let (start_line, end_line) = (range.start.line, range.end.line);
+            (start_line < end_line).then(|| FoldingRange { start_line, end_line, ..FoldingRange::default() })
+        });
+        Ok(Some(folds.collect()))
+    }
+
+    fn formatting(&mut self, params: &DocumentFormattingParams) -> Result<Option<Vec<TextEdit>>, Refusal> {
+        let encoding = self.client.encoding;
+        let (document, analysis) = self.document(&params.text_document.uri.0)?;
+        let damaged = |_: Vec<Diagnostic>| Refusal::failed("a text that cannot be read is left as it is");
+        let formatted = format(analysis.spec()).map_err(damaged)?;
+        if formatted == document.text {
+            return Ok(Some(Vec::new()));
+        }
+        let (start, end, new_text) = changed(&document.text, &formatted);
+        Ok(Some(vec![TextEdit { range: document.lines.range(&document.text, start..end, encoding), new_text }]))
+    }
+}
+
+/// The bytes of `old` that differ from `new`, in whole lines, and what stands there in `new`.
+fn changed(old: &str, new: &str) -> (usize, usize, String) {
+    let line = |(one, other): &(&str, &str)| one == other;
+    let same = |pairs: usize| -> usize { old.split_inclusive('\n').take(pairs).map(str::len).sum() };
+    let first = std::iter::zip(old.split_inclusive('\n'), new.split_inclusive('\n')).take_while(line).count();
+    let start = same(first);
+    let (old_rest, new_rest) = (&old[start..], &new[start..]);
+    let backwards = |text: &'_ str| text.split_inclusive('\n').rev().map(str::to_owned).collect::<Vec<_>>();
+    let last = std::iter::zip(backwards(old_rest), backwards(new_rest)).take_while(|(one, other)| one == other);
+    let tail: usize = last.map(|(one, _)| one.len()).sum();
+    (start, old.len() - tail, new_rest[..new_rest.len() - tail].to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::changed;
+
+    #[test]
+    fn only_lines_that_differ_are_replaced() {
+        let cases =
+            [("a\nb\nc\n", "a\nB\nc\n"), ("a\n", "a\na\n"), ("a\na\n", "a\n"), ("", "a"), ("a", ""), ("ä\nb", "ö\nb")];
+        for (old, new) in cases {
+            let (start, end, text) = changed(old, new);
+            assert_eq!(format!("{}{text}{}", &old[..start], &old[end..]), new);
+        }
+        assert_eq!(changed("a\nb\nc\n", "a\nB\nc\n"), (2, 4, "B\n".to_owned()));
+    }
+}

@@ -1,0 +1,43 @@
+//! What the editor at the other end can do.
+
+use super::position::Encoding;
+use serde_json::Value;
+
+/// What an editor said of itself at the beginning.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Client {
+    /// What columns count.
+    pub(super) encoding: Encoding,
+    /// Whether it fills in snippets.
+    pub(super) snippets: bool,
+    /// Whether it takes edits of a certain version of a document.
+    pub(super) versioned_edits: bool,
+    /// Whether it shows where the reason of a diagnostic is.
+    pub(super) related: bool,
+    /// Whether it tells when files on the disk change, if asked to.
+    pub(super) watches: bool,
+    /// The folders that are open, as URIs.
+    pub(super) folders: Vec<String>,
+}
+
+impl Client {
+    /// Reads the parameters of `initialize`; what is missing, or not as it should be, the editor cannot do.
+    pub(super) fn new(params: &Value) -> Self {
+        let is = |path: &str| params.pointer(path).and_then(Value::as_bool).unwrap_or(false);
+        let encodings = params.pointer("/capabilities/general/positionEncodings").and_then(Value::as_array);
+        let counts_bytes = encodings.is_some_and(|encodings| encodings.iter().any(|encoding| encoding == "utf-8"));
+        let uri = |value: &Value| value.get("uri").and_then(Value::as_str).map(str::to_owned);
+        let folders: Vec<String> = match params.get("workspaceFolders").and_then(Value::as_array) {
+            Some(folders) => folders.iter().filter_map(uri).collect(),
+            None => params.get("rootUri").and_then(Value::as_str).map(str::to_owned).into_iter().collect(),
+        };
+        Self {
+            encoding: if counts_bytes { Encoding::Utf8 } else { Encoding::Utf16 },
+            snippets: is("/capabilities/textDocument/completion/completionItem/snippetSupport"),
+            versioned_edits: is("/capabilities/workspace/workspaceEdit/documentChanges"),
+            related: is("/capabilities/textDocument/publishDiagnostics/relatedInformation"),
+            watches: is("/capabilities/workspace/didChangeWatchedFiles/dynamicRegistration"),
+            folders,
+        }
+    }
+}

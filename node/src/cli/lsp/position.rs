@@ -1,0 +1,114 @@
+//! Places in a text as editors count them: lines from 0, and in a line UTF-16 units unless both sides agreed on bytes.
+
+use lsp_types::{Position, Range};
+
+/// What columns count.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) enum Encoding {
+    /// Units of UTF-16: every editor knows these.
+    #[default]
+    Utf16,
+    /// Bytes.
+    Utf8,
+}
+
+/// Where each line of a text begins.
+#[derive(Clone, Debug)]
+pub(super) struct Lines {
+    starts: Vec<usize>,
+}
+
+impl Lines {
+    pub(super) fn new(text: &str) -> Self {
+        let bytes = text.as_bytes();
+        let is_end = |&at: &usize| bytes[at] == b'\n' || bytes[at] == b'\r' && bytes.get(at + 1) != Some(&b'\n');
+        let starts = std::iter::once(0).chain((0..bytes.len()).filter(is_end).map(|at| at + 1)).collect();
+        Self { starts }
+    }
+
+    /// The byte offset of a position; one beyond its line is at the end of the line, one beyond the text at its end.
+    pub(super) fn offset(&self, text: &str, position: Position, encoding: Encoding) -> usize {
+        let line = position.line as usize;
+        let Some(&start) = self.starts.get(line) else { return text.len() };
+        let end = self.starts.get(line + 1).copied().unwrap_or(text.len());
+        let line = text.get(start..end).unwrap_or_default().trim_end_matches(['\n', '\r']);
+        let wanted = position.character as usize;
+        let mut counted = 0;
+        for (at, c) in line.char_indices() {
+            counted += width(c, encoding);
+            if counted > wanted {
+                return start + at;
+            }
+        }
+        start + line.len()
+    }
+
+    /// The position of a byte offset.
+    pub(super) fn position(&self, text: &str, offset: usize, encoding: Encoding) -> Position {
+        let offset = (0..=offset.min(text.len())).rev().find(|&at| text.is_char_boundary(at)).unwrap_or(0);
+        let line = self.starts.partition_point(|&start| start <= offset).saturating_sub(1);
+        let start = self.starts.get(line).copied().unwrap_or(0);
+        let column = text[start..offset].chars().map(|c| width(c, encoding)).sum();
+        Position { line: number(line), character: number(column) }
+    }
+
+    /// The range of a stretch of bytes.
+    pub(super) fn range(&self, text: &str, bytes: std::ops::Range<usize>, encoding: Encoding) -> Range {
+        let start = self.position(text, bytes.start, encoding);
+        Range { start, end: self.position(text, bytes.end.max(bytes.start), encoding) }
+    }
+}
+
+fn width(c: char, encoding: Encoding) -> usize {
+    match encoding {
+        Encoding::Utf16 => c.len_utf16(),
+        Encoding::Utf8 => c.len_utf8(),
+    }
+}
+
+/// A number of the protocol.
+pub(super) fn number(value: usize) -> u32 {
+    u32::try_from(value).unwrap_or(u32::MAX)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TEXT: &str = "a𝄞ö\r\nb\rc\n\nd";
+
+    #[test]
+    fn columns_are_utf_16_units_or_bytes() {
+        let lines = Lines::new(TEXT);
+        let cases = [
+            ((0, 0), 0, (0, 0)),
+            ((0, 1), 1, (0, 1)),
+            ((0, 3), 5, (0, 5)),
+            ((0, 4), 7, (0, 7)),
+            ((1, 0), 9, (1, 0)),
+            ((2, 0), 11, (2, 0)),
+            ((3, 0), 13, (3, 0)),
+            ((4, 1), 15, (4, 1)),
+        ];
+        for ((line, character), offset, (_, byte)) in cases {
+            let position = Position { line, character };
+            assert_eq!(lines.offset(TEXT, position, Encoding::Utf16), offset);
+            assert_eq!(lines.position(TEXT, offset, Encoding::Utf16), position);
+            let position = Position { line, character: byte };
+            assert_eq!(lines.offset(TEXT, position, Encoding::Utf8), offset);
+            assert_eq!(lines.position(TEXT, offset, Encoding::Utf8), position);
+        }
+    }
+
+    #[test]
+    fn any_position_has_an_offset_and_any_offset_a_position() {
+        let lines = Lines::new(TEXT);
+        // Beyond the line, inside a pair of units, beyond the text.
+        let offset = |line, character| lines.offset(TEXT, Position { line, character }, Encoding::Utf16);
+        assert_eq!((offset(0, 99), offset(0, 2), offset(9, 9), offset(1, 7)), (7, 1, TEXT.len(), 10));
+        assert_eq!(lines.position(TEXT, 2, Encoding::Utf16), Position { line: 0, character: 1 });
+        assert_eq!(lines.position(TEXT, 999, Encoding::Utf16), Position { line: 4, character: 1 });
+        let empty = Lines::new("");
+        assert_eq!(empty.position("", 0, Encoding::Utf16), Position::default());
+    }
+}

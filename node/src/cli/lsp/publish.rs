@@ -1,0 +1,137 @@
+//! What is wrong, told to the editor without being asked: at each change, for each file that something is said of.
+
+use super::convert;
+use super::position::Lines;
+use super::server::{Reply, Server, notify};
+use super::workspace::{DOCUMENT_MAX, Document, is_file};
+use language::ide::Analysis;
+use language::{Code, Diagnostic, Role, Severity, Source, Span};
+use lsp_types::{
+    DiagnosticRelatedInformation, DiagnosticSeverity, PublishDiagnosticsNotification, PublishDiagnosticsParams, Range,
+    Uri,
+};
+use std::collections::BTreeMap;
+use std::rc::Rc;
+
+/// The most remarks on one file that an editor is told.
+const REMARKS_MAX: usize = 1000;
+
+/// What the editor was told last.
+#[derive(Debug, Default)]
+pub(super) struct Published {
+    /// Whether something has changed since.
+    pub(super) is_stale: bool,
+    /// By file: the version of the document, and what was said of it.
+    files: BTreeMap<String, Remarks>,
+}
+
+/// The version of a document, and what is said of it.
+type Remarks = (Option<i32>, Vec<lsp_types::Diagnostic>);
+
+impl Server {
+    /// Tells what is wrong with each open document and the files it uses, where that is new.
+    pub(super) fn publish(&mut self, replies: &mut Vec<Reply>) {
+        if !std::mem::take(&mut self.published.is_stale) {
+            return;
+        }
+        self.workspace.interfaces.refresh();
+        let files = self.remarks();
+        let gone: Vec<String> = self.published.files.keys().filter(|uri| !files.contains_key(*uri)).cloned().collect();
+        for uri in gone {
+            self.published.files.remove(&uri);
+            replies.push(told(uri, (None, Vec::new())));
+        }
+        for (uri, remarks) in files {
+            if self.published.files.get(&uri) != Some(&remarks) {
+                replies.push(told(uri.clone(), remarks.clone()));
+                self.published.files.insert(uri, remarks);
+            }
+        }
+    }
+
+    /// What there is to say now, by file.
+    fn remarks(&mut self) -> BTreeMap<String, Remarks> {
+        let mut files: BTreeMap<String, Remarks> = BTreeMap::new();
+        for document in self.workspace.documents() {
+            let remarks = if document.is_short() { Vec::new() } else { vec![too_long()] };
+            files.insert(document.uri.clone(), (Some(document.version), remarks));
+        }
+        for analysis in self.roots() {
+            for found in analysis.diagnostics().iter().filter(|found| self.is_known(found)) {
+                let source = analysis.source(found.primary.span);
+                if !is_file(source, &analysis) {
+                    continue;
+                }
+                let (uri, remark) = self.remark(found, source, &analysis);
+                let (_, remarks) = files.entry(uri).or_default();
+                if remarks.len() < REMARKS_MAX && !remarks.contains(&remark) {
+                    remarks.push(remark);
+                }
+            }
+        }
+        files
+    }
+
+    /// The documents that are checked for themselves. A file that another one uses is checked as a part of that one, unless
+    /// it can run alone.
+    fn roots(&mut self) -> Vec<Rc<Analysis>> {
+        let open: Vec<String> = self.workspace.documents().map(|document| document.uri.clone()).collect();
+        let all: Vec<Rc<Analysis>> = open.iter().filter_map(|uri| self.workspace.analysis(uri)).collect();
+        let uses = |user: &Analysis, used: &str| {
+            user.others().iter().any(|other| other.name == used && other.role == Role::Part)
+        };
+        let is_part = |one: &Rc<Analysis>| {
+            let name = &one.spec().name;
+            all.iter().any(|other| uses(other, name) && !uses(one, &other.spec().name))
+        };
+        let has_root =
+            |one: &Rc<Analysis>| !one.diagnostics().iter().any(|it| [Code::E0101, Code::W0101].contains(&it.code));
+        all.iter().filter(|one| has_root(one) || !is_part(one)).cloned().collect()
+    }
+
+    /// Whether a remark is certain: while a program is still being asked, a warning may be about what it will tell.
+    fn is_known(&self, found: &Diagnostic) -> bool {
+        found.severity == Severity::Error || !self.workspace.interfaces.is_waiting()
+    }
+
+    fn remark(&self, found: &Diagnostic, source: &Source, analysis: &Analysis) -> (String, lsp_types::Diagnostic) {
+        let reasons = match self.client.related {
+            true => found.secondary.iter().filter_map(|label| self.reason(label.span, &label.text, analysis)).collect(),
+            false => Vec::new(),
+        };
+        match self.workspace.open_from(&source.name) {
+            Some(Document { uri, lines, .. }) => {
+                (uri.clone(), convert::diagnostic(found, (source, lines), reasons, &self.client))
+            }
+            None => {
+                let lines = Lines::new(&source.text);
+                let remark = convert::diagnostic(found, (source, &lines), reasons, &self.client);
+                (super::disk::uri(&source.name), remark)
+            }
+        }
+    }
+
+    fn reason(&self, span: Span, text: &str, analysis: &Analysis) -> Option<DiagnosticRelatedInformation> {
+        let source = analysis.source(span);
+        let is_shown = !text.is_empty() && is_file(source, analysis);
+        let location = is_shown.then(|| convert::location(&self.workspace, source, span, self.client.encoding))?;
+        Some(DiagnosticRelatedInformation { location, message: text.to_owned() })
+    }
+}
+
+fn told(uri: String, (version, diagnostics): Remarks) -> Reply {
+    notify::<PublishDiagnosticsNotification>(PublishDiagnosticsParams { uri: Uri(uri), version, diagnostics })
+}
+
+/// Says that a document is not checked.
+fn too_long() -> lsp_types::Diagnostic {
+    let limit = DOCUMENT_MAX >> 20;
+    let message = format!("a text of more than {limit} MiB is not checked while it is written; `dca check` reads it");
+    lsp_types::Diagnostic {
+        range: Range::default(),
+        severity: Some(DiagnosticSeverity::Warning),
+        source: Some("dca".to_owned()),
+        message: message.into(),
+        ..lsp_types::Diagnostic::default()
+    }
+}
