@@ -17,7 +17,6 @@
 //! has seen the release of the earlier one, hence all before it, unless somebody took over by force: then what the old owner
 //! wrote meanwhile is what the races list.
 
-use crate::logic::clock::Stamp;
 use crate::logic::cut::Dot;
 use crate::logic::key::{Key, KeyError, Namespace};
 use crate::logic::state::{State, Version};
@@ -101,6 +100,7 @@ fn read(version: &Version) -> Option<(u64, Option<String>)> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::logic::clock::Stamp;
     use crate::logic::cut::Origin;
 
     fn state(records: &[(&str, &str, u64)]) -> State {

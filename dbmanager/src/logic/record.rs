@@ -35,6 +35,8 @@ pub(crate) struct Identity {
     pub(crate) robot: String,
     /// What it wants to be admitted as, if it is no member.
     pub(crate) joining: Option<Origin>,
+    /// Whom it has asked for that; nobody else is asked for the same.
+    pub(crate) asked: Option<Origin>,
     /// Origins it has given up, and up to where others surely have their transactions.
     pub(crate) past: Vec<(Origin, u64)>,
     /// Up to where others surely have its own transactions.

@@ -189,7 +189,7 @@ impl Replica {
             None if records.is_empty() => {
                 let (origin, joining) = (Origin::new(random.next()), Origin::new(random.next()));
                 let robot = config.robot.clone();
-                let identity = Identity { origin, robot, joining: Some(joining), past: Vec::new(), told: 0 };
+                let identity = Identity { origin, robot, joining: Some(joining), ..Identity::default() };
                 batch.identity(&identity);
                 identity
             }

@@ -78,7 +78,7 @@ impl Replica {
     /// Writes under the origin that it wanted to be admitted as.
     pub(super) fn admitted(&mut self, joining: Origin) {
         self.identity.origin = joining;
-        (self.identity.joining, self.identity.told) = (None, 0);
+        (self.identity.joining, self.identity.asked, self.identity.told) = (None, None, 0);
         self.identity.past.clear();
         self.clock.move_to(joining);
         self.batch.identity(&self.identity);

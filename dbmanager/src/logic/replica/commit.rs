@@ -115,7 +115,7 @@ impl Replica {
             ..Change::default()
         };
         self.system(now, change, effects);
-        self.identity.joining = None;
+        (self.identity.joining, self.identity.asked) = (None, None);
         self.identity.past.clear();
         self.batch.identity(&self.identity);
     }

@@ -4,6 +4,10 @@
 //! another, fresh one. It then takes the sponsor's state in place of its own, applies what it has of other members besides,
 //! and commits what else it had and the sponsor has not, under the admitted origin: see `bring`. All of it is one batch.
 //!
+//! *One sponsor for one origin.* A sponsor counts a newcomer as one who begins with its state. So whoever gets no answer and
+//! asks somebody else asks for another origin, and says that it has given up the first: two sponsors that did not hear of each
+//! other would both count on a state of which the newcomer can take only one.
+//!
 //! A member whose question is answered with a state (the log is gone) keeps its origin and applies what it has beyond that
 //! state once more, under the same names.
 
@@ -27,6 +31,8 @@ use std::time::Duration;
 const CHUNK_TIME: Duration = Duration::from_secs(2);
 /// How often.
 const TRIES_MAX: u32 = 4;
+/// How many origins one admission replaces.
+const REPLACED_MAX: usize = 1024;
 /// How many chunks are asked for at a time.
 const CHUNKS_ASKED: usize = 8;
 
@@ -93,9 +99,11 @@ impl Replica {
     pub(super) fn rejoin(&mut self, now: Time, told: Option<u64>, effects: &mut Vec<Effect>) {
         let from = self.identity.origin;
         self.identity.past.push((from, told.unwrap_or(u64::MAX)));
+        let asked_for = self.identity.joining.filter(|_| self.identity.asked.is_some());
+        self.identity.past.extend(asked_for.map(|origin| (origin, u64::MAX)));
         self.identity.origin = Origin::new(self.random.next());
         self.identity.joining = Some(Origin::new(self.random.next()));
-        self.identity.told = 0;
+        (self.identity.asked, self.identity.told) = (None, 0);
         if !self.config.mutant.is(Mutant::ClockNotMoved) {
             self.clock.move_to(self.identity.origin);
         }
@@ -120,7 +128,9 @@ impl Replica {
         }
         if !self.members.is_active(origin) {
             let me = self.identity.origin;
-            let replaced = join.replaces.iter().filter(|past| self.members.is_active(**past) && **past != me);
+            // Of some it may not have heard yet: a retirement counts whenever the admission comes.
+            let known = |past: &Origin| *past == me || self.members.retired(*past).is_some();
+            let replaced = join.replaces.iter().filter(|past| !known(past)).take(REPLACED_MAX);
             let mut writes: Vec<_> = replaced.filter_map(|past| member::retirement(*past)).collect();
             writes.extend(member::admission(origin, &join.robot));
             writes.sort_by(|a, b| a.key.cmp(&b.key));

@@ -27,6 +27,8 @@ const CHUNK_TIME: Duration = Duration::from_millis(250);
 const CHUNK_SIZE: [usize; 2] = [4 << 10, 1 << 10];
 /// How long after a push that did not fit its sender is pulled from: the one before it may be on its way.
 const PULL_AFTER_PUSH: Duration = Duration::from_millis(50);
+/// How often a sponsor does not answer before another one is asked.
+const SILENT_MAX: u32 = 3;
 /// The shortest and the longest time between two hellos.
 const HELLO_PERIOD: [Duration; 2] = [Duration::from_secs(1), Duration::from_secs(10)];
 /// How many peers are known at most, members or not.
@@ -387,11 +389,14 @@ impl Replica {
             let pulling = self.sync.peers.values().filter(|peer| peer.pulling.is_some()).count();
             let may = |peer: &Peer| peer.ahead && peer.pulling.is_none() && peer.ask_at <= now;
             let ready: Vec<Origin> = self.sync.peers.iter().filter(|(_, p)| may(p)).map(|(o, _)| *o).collect();
+            let ready = self.one_sponsor(ready);
             let choice = self.random.below(u64::try_from(ready.len()).unwrap_or(0));
             let Some(peer) = usize::try_from(choice).ok().and_then(|choice| ready.get(choice)) else { return };
             if pulling >= self.pulls_max() {
                 return;
             }
+            let peer = &peer.to_owned();
+            self.note_asked(*peer);
             let chunk = self.sync.peers.get(peer).map_or(CHUNK_SIZE[0], |peer| peer.chunk);
             let (cut, size_max) = (self.log.cut().clone(), u32::try_from(chunk).unwrap_or(u32::MAX));
             let replaces = || self.identity.past.iter().map(|(origin, _)| *origin).collect();
@@ -402,6 +407,29 @@ impl Replica {
                 (peer.pulling, peer.asked_at) = (Some(now + PULL_TIME), now);
             }
         }
+    }
+
+    /// Narrows down whom to ask for admission: to whoever was asked for it, as long as that one may answer.
+    fn one_sponsor(&mut self, mut ready: Vec<Origin>) -> Vec<Origin> {
+        let Some(asked) = self.identity.asked else { return ready };
+        let asked_peer = self.sync.peers.get(&asked);
+        let Some(peer) = asked_peer.filter(|peer| peer.ahead && peer.silent < SILENT_MAX) else { return ready };
+        let until = peer.ask_at;
+        if !ready.contains(&asked) {
+            self.sync.peers.values_mut().for_each(|peer| peer.ask_at = peer.ask_at.max(until));
+        }
+        ready.retain(|origin| *origin == asked);
+        ready
+    }
+
+    /// Whoever is no member asks one sponsor for one origin, and another one for another.
+    fn note_asked(&mut self, peer: Origin) {
+        let Some(joining) = self.identity.joining.filter(|_| self.identity.asked != Some(peer)) else { return };
+        if self.identity.asked.replace(peer).is_some() {
+            self.identity.past.push((joining, u64::MAX));
+            self.identity.joining = Some(Origin::new(self.random.next()));
+        }
+        self.batch.identity(&self.identity);
     }
 
     /// Remembers that others have all own transactions. That one says so of a number is not enough: it may know another
