@@ -252,11 +252,24 @@ fn every_page_is_listed_and_every_link_leads_somewhere() {
         let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
         assert!(name == "SUMMARY.md" || summary.contains(&format!("({name})")), "{name} is not in the summary");
         for link in read(&path).split("](").skip(1).filter_map(|rest| rest.split_once(')')).map(|(link, _)| link) {
-            let file = link.split('#').next().unwrap_or_default();
-            let is_there = file.is_empty() || file.contains("://") || docs().join(file).exists();
+            let (file, place) = link.split_once('#').unwrap_or((link, ""));
+            let target = if file.is_empty() { path.clone() } else { docs().join(file) };
+            let is_there =
+                file.contains("://") || target.exists() && (place.is_empty() || places(&target).contains(place));
             assert!(is_there, "{name}: `{link}` leads nowhere");
         }
     }
+}
+
+/// What the headings of a page are called in links.
+fn places(page: &Path) -> BTreeSet<String> {
+    let text = read(page);
+    let headings = text.lines().filter(|line| line.starts_with('#')).map(|line| line.trim_start_matches('#').trim());
+    let letters = |heading: &str| -> String {
+        let kept = heading.to_lowercase().replace(' ', "-");
+        kept.chars().filter(|c| c.is_alphanumeric() || ['-', '_'].contains(c)).collect()
+    };
+    headings.map(letters).collect()
 }
 
 /// The words of the grammar are those that the editors know.
