@@ -1,6 +1,6 @@
 //! What nobody has settled: writes beside each other, and conditions that no longer held.
 //!
-//! A *conflict* is a key with more than one version. A *race* is a transaction that relied on a key, and another that
+//! A *conflict* is a key with versions that differ. A *race* is a transaction that relied on a key, and another that
 //! had changed it before, in the one order of all, while neither had seen the other: both were committed, although the
 //! second would have been refused on one robot. No database that takes writes while it is cut off can prevent either;
 //! this one lists them. Both are over when somebody writes the key having seen both.

@@ -4,6 +4,9 @@
 //! empty state if nothing was ever dropped. Transactions are applied by the same rule as in the replica, so the state
 //! at the present cut is the present state, to the digest.
 //!
+//! A replica that has joined a team, or has dropped some of its log, has no state from before. From then on it keeps its
+//! own [`Checkpoints`]: states share what they have in common, so a handful costs little.
+//!
 //! A date names a cut, too: all transactions that were committed by then by a clock in step, and all that those had
 //! seen. What was written without such a clock counts by its stamp, which is no earlier than any date that its writer
 //! had seen.
@@ -15,8 +18,13 @@ use crate::logic::key::Key;
 use crate::logic::log::Head;
 use crate::logic::state::{Seen, State, Version};
 use serde::{Deserialize, Serialize};
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use thiserror::Error;
+
+/// The most states that are kept to work others out from.
+const CHECKPOINTS_MAX: usize = 16;
+/// After how many transactions another one is kept.
+const CHECKPOINT_PERIOD: u64 = 1024;
 
 /// A state from which later ones can be worked out.
 #[derive(Clone, Debug, Default)]
@@ -26,6 +34,10 @@ pub struct Base {
     /// What they led to.
     pub state: State,
 }
+
+/// Some states that were the present one, the oldest first, while the log still goes on from the first of them.
+#[derive(Clone, Debug, Default)]
+pub struct Checkpoints(VecDeque<Base>);
 
 /// Why a moment cannot be shown.
 #[derive(Clone, Debug, Error, PartialEq, Eq, Serialize, Deserialize)]
@@ -59,7 +71,7 @@ pub struct Difference {
     pub before: Option<Datum>,
     /// What is shown after.
     pub after: Option<Datum>,
-    /// How many writes stand beside each other after.
+    /// How many writes stand beside each other after; 1 if they agree.
     pub beside: usize,
 }
 
@@ -77,6 +89,41 @@ impl Base {
     /// Returns what is in it.
     pub fn cut(&self) -> Cut {
         self.heads.iter().map(|(origin, head)| (*origin, head.seq)).collect()
+    }
+}
+
+impl Checkpoints {
+    /// Takes note of the present, now and then. Called after every change, it keeps all moments from the first call on
+    /// within reach, as far as the log goes back.
+    pub fn note(&mut self, past: &Past<'_>) {
+        let low = past.log.low();
+        while self.0.front().is_some_and(|base| !base.cut().dominates(&low)) {
+            self.0.pop_front();
+        }
+        let count = |cut: &Cut| cut.iter().map(|(_, seq)| seq).sum::<u64>();
+        let due = |base: &Base| count(past.log.cut()) >= count(&base.cut()).saturating_add(CHECKPOINT_PERIOD);
+        if low.is_empty() || !self.0.back().is_none_or(due) {
+            return;
+        }
+        self.0.push_back(Base { heads: past.log.heads().clone(), state: past.state.clone() });
+        if self.0.len() > CHECKPOINTS_MAX {
+            // Every second one, but not the oldest: it says how far back one can look.
+            let mut index = 0_usize;
+            self.0.retain(|_| {
+                index += 1;
+                index % 2 == 1
+            });
+        }
+    }
+
+    /// Returns the latest state before a cut, or the oldest.
+    pub fn before(&self, cut: &Cut) -> Option<&Base> {
+        self.0.iter().rev().find(|base| cut.dominates(&base.cut())).or(self.0.front())
+    }
+
+    /// Returns the oldest state.
+    pub fn oldest(&self) -> Option<&Base> {
+        self.0.front()
     }
 }
 
@@ -131,19 +178,30 @@ impl Past<'_> {
     }
 }
 
+/// Returns the state that holds these versions, for whoever was sent them: what takes a state takes them then.
+pub fn state_of(entries: impl IntoIterator<Item = (Key, Vec<Version>)>) -> State {
+    let mut state = State::default();
+    for (key, versions) in entries {
+        state.restore(key, versions);
+    }
+    state
+}
+
 /// Returns the keys below `prefix` that two states show differently, by key.
-pub fn diff(before: &State, after: &State, prefix: &str) -> Vec<Difference> {
-    let keys: BTreeSet<&Key> = before.scan(prefix).chain(after.scan(prefix)).map(|(key, _)| key).collect();
+pub fn diff(earlier: &State, later: &State, prefix: &str) -> Vec<Difference> {
+    let keys: BTreeSet<&Key> = earlier.scan(prefix).chain(later.scan(prefix)).map(|(key, _)| key).collect();
     let shown = |versions: &[Version]| versions.last().and_then(|version| version.value.as_ref().map(Datum::of));
     let difference = |key: &Key| {
-        let (old, new) = (before.versions(key), after.versions(key));
+        let (old, new) = (earlier.versions(key), later.versions(key));
         if old == new {
             return None;
         }
         let dots = |versions: &[Version]| versions.iter().map(|version| version.dot).collect::<Vec<Dot>>();
         let (before, after) = (shown(old), shown(new));
-        let settled_or_new = (old.len() > 1 || new.len() > 1) && dots(old) != dots(new);
-        (before != after || settled_or_new).then(|| Difference { key: key.clone(), before, after, beside: new.len() })
+        let (was, is) = (earlier.is_conflict(key), later.is_conflict(key));
+        let settled_or_new = (was || is) && dots(old) != dots(new);
+        let beside = if is { new.len() } else { 1 };
+        (before != after || settled_or_new).then(|| Difference { key: key.clone(), before, after, beside })
     };
     keys.into_iter().filter_map(difference).collect()
 }

@@ -173,10 +173,8 @@ impl Past<'_> {
     pub fn robot(&self, origin: Origin) -> String {
         let named = || {
             let key = Key::new(format!("sys/members/{origin}")).ok()?;
-            match Datum::of(self.state.versions(&key).last()?.value.as_ref()?) {
-                Datum::Text(name) => Some(name),
-                _ => None,
-            }
+            let Datum::Text(name) = Datum::of(self.state.versions(&key).last()?.value.as_ref()?) else { return None };
+            Some(name)
         };
         named().unwrap_or_else(|| origin.to_string())
     }

@@ -128,9 +128,9 @@ impl Schema {
 
     /// Takes a field; says what it has to be if it is not.
     fn set(&mut self, field: &str, datum: &Datum) -> Result<(), String> {
-        let text = || match datum {
-            Datum::Text(text) => Ok(text.clone()),
-            _ => Err("a text".to_owned()),
+        let text = || {
+            let Datum::Text(text) = datum else { return Err("a text".to_owned()) };
+            Ok(text.clone())
         };
         match field {
             "type" => {
@@ -146,15 +146,18 @@ impl Schema {
             }
             "unit" => self.unit = Some(text()?),
             "doc" => self.doc = text()?,
-            "one_of" => match datum {
-                Datum::List(items) if !items.is_empty() => self.one_of.clone_from(items),
-                _ => return Err("a list with at least one value".to_owned()),
-            },
+            "one_of" => {
+                let Datum::List(items) = datum else { return Err("a list of values".to_owned()) };
+                if items.is_empty() {
+                    return Err("a list with at least one value".to_owned());
+                }
+                self.one_of.clone_from(items);
+            }
             "default" => self.default = Some(datum.clone()),
-            "required" => match datum {
-                Datum::Bool(yes) => self.required = *yes,
-                _ => return Err("true or false".to_owned()),
-            },
+            "required" => {
+                let Datum::Bool(yes) = datum else { return Err("true or false".to_owned()) };
+                self.required = *yes;
+            }
             "merge" => {
                 self.merge = match text()?.as_str() {
                     "siblings" => Merge::Siblings,

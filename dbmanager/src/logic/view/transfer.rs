@@ -62,7 +62,7 @@ pub fn export(state: &State, prefix: &str) -> String {
     for (key, versions) in state.scan(prefix).filter(|(key, _)| is_about(prefix, key)) {
         let Some(value) = versions.last().and_then(|version| version.value.as_ref()) else { continue };
         if let [others @ .., _] = versions
-            && !others.is_empty()
+            && state.is_conflict(key)
         {
             let other = |version: &Version| match &version.value {
                 Some(value) => Datum::of(value).to_toml(),
@@ -98,7 +98,7 @@ pub fn import(file: &str, state: &State, absent: Absent, reason: &str) -> Result
         if before == after {
             continue;
         }
-        if versions.len() > 1 {
+        if state.is_conflict(&key) {
             import.settles.push(key.clone());
         }
         let bytes = key.as_str().len() + value.as_ref().map_or(0, |value| value.bytes.len()) + 16;
@@ -156,21 +156,18 @@ fn read(file: &str) -> Result<File, TextError> {
         Some(other) => {
             let at = fields.get("format").map_or(0, |format| format.span().start);
             let hint = "a newer program can read it";
-            return Err(refuse(at, format!("the file has format {}, and this program reads {FORMAT}", other), hint));
+            return Err(refuse(at, format!("the file has format {other}, and this program reads {FORMAT}"), hint));
         }
         None => return Err(refuse(0, "the file does not say its format".to_owned(), "it begins with `format = 1`")),
     }
-    let below = match fields.get("below").map(|below| text::of_toml(file, below)).transpose()? {
-        Some(Datum::Text(below)) => below,
-        _ => {
-            let hint = "it says so by `below = \"team/\"`";
-            return Err(refuse(0, "the file does not say which keys it is about".to_owned(), hint));
-        }
+    let below = fields.get("below").map(|below| text::of_toml(file, below)).transpose()?;
+    let Some(Datum::Text(below)) = below else {
+        let hint = "it says so by `below = \"team/\"`";
+        return Err(refuse(0, "the file does not say which keys it is about".to_owned(), hint));
     };
     let mut values = BTreeMap::new();
-    let table = match fields.get("values").map(|values| values.get_ref()) {
-        Some(DeValue::Table(table)) => table,
-        _ => return Err(refuse(0, "the file has no [values]".to_owned(), "")),
+    let Some(DeValue::Table(table)) = fields.get("values").map(|values| values.get_ref()) else {
+        return Err(refuse(0, "the file has no [values]".to_owned(), ""));
     };
     for (name, value) in table {
         let at = name.span().start;

@@ -63,6 +63,8 @@ proptest! {
         }
         prop_assert_eq!(walked, shown(after));
         prop_assert_eq!(diff(after, after, ""), vec![]);
+        let sent = after.scan("").map(|(key, versions)| (key.clone(), versions.to_vec()));
+        prop_assert_eq!(state_of(sent).digest(), after.digest());
     }
 }
 
@@ -87,6 +89,43 @@ fn what_was_dropped_is_not_made_up() {
         "this robot lacks some of what was seen at that moment (0000000000000001:2); ask again when it has arrived"
     ]
     .assert_eq(&ahead.unwrap_err().to_string());
+}
+
+#[test]
+fn who_has_joined_can_look_back_to_that() {
+    let mut team = Robot::team(1);
+    let mut checkpoints = Checkpoints::default();
+    checkpoints.note(&team[0].past());
+    assert!(checkpoints.oldest().is_none(), "a log that is whole needs none");
+    let before = team[0].cut();
+    team[0].put("", "team/old", "1");
+    team[0].forget(0);
+    checkpoints.note(&team[0].past());
+    let mut moments = vec![team[0].clone()];
+    for number in 0..20 * CHECKPOINT_PERIOD {
+        team[0].put("", &format!("team/{}", number % 7), &number.to_string());
+        checkpoints.note(&team[0].past());
+        if number % 1000 == 0 {
+            moments.push(team[0].clone());
+        }
+    }
+    let look = |robot: &Robot, checkpoints: &Checkpoints, cut: &Cut| robot.past().at(cut, checkpoints.before(cut));
+    for moment in &moments {
+        assert_eq!(look(&team[0], &checkpoints, moment.log.cut()).unwrap().digest(), moment.state.digest());
+    }
+    let oldest = moments[0].cut();
+    assert_eq!(look(&team[0], &checkpoints, &before), Err(MomentError::Compacted { oldest }));
+    assert!((2..=CHECKPOINTS_MAX).contains(&checkpoints.0.len()));
+    // What the log drops takes the oldest with it; the next one is as good.
+    let half = team[0].log.size() / 2;
+    team[0].forget(half);
+    checkpoints.note(&team[0].past());
+    let reached = checkpoints.oldest().unwrap().cut();
+    for moment in &moments {
+        let shown = look(&team[0], &checkpoints, moment.log.cut());
+        assert_eq!(shown.is_ok(), moment.log.cut().dominates(&reached));
+    }
+    assert!(look(&team[0], &checkpoints, moments[15].log.cut()).is_ok());
 }
 
 #[test]

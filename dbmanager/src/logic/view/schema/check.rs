@@ -143,12 +143,16 @@ fn own(key: &Key, error: SchemaError) -> Breach {
 
 /// Returns how two numbers are ordered, exactly; none if one is no number.
 pub(super) fn compare(left: &Datum, right: &Datum) -> Option<Ordering> {
-    match (left, right) {
-        (Datum::Integer(left), Datum::Integer(right)) => Some(left.cmp(right)),
-        (Datum::Float(left), Datum::Float(right)) => left.get().partial_cmp(&right.get()),
-        (Datum::Integer(left), Datum::Float(right)) => mixed(*left, right.get()),
-        (Datum::Float(left), Datum::Integer(right)) => mixed(*right, left.get()).map(Ordering::reverse),
-        _ => None,
+    if let (Datum::Integer(left), Datum::Integer(right)) = (left, right) {
+        Some(left.cmp(right))
+    } else if let (Datum::Float(left), Datum::Float(right)) = (left, right) {
+        left.get().partial_cmp(&right.get())
+    } else if let (Datum::Integer(left), Datum::Float(right)) = (left, right) {
+        mixed(*left, right.get())
+    } else if let (Datum::Float(left), Datum::Integer(right)) = (left, right) {
+        mixed(*right, left.get()).map(Ordering::reverse)
+    } else {
+        None
     }
 }
 
@@ -157,14 +161,9 @@ pub(super) fn compare(left: &Datum, right: &Datum) -> Option<Ordering> {
 fn mixed(integer: i64, float: f64) -> Option<Ordering> {
     #[expect(clippy::cast_precision_loss, reason = "rounding to the nearest keeps the order")]
     let rounded = integer as f64;
-    match rounded.partial_cmp(&float)? {
-        #[expect(
-            clippy::cast_possible_truncation,
-            reason = "it is whole, and within 2^63, which is still larger than any i64"
-        )]
-        Ordering::Equal => Some(i128::from(integer).cmp(&(float as i128))),
-        order => Some(order),
-    }
+    #[expect(clippy::cast_possible_truncation, reason = "it is whole and no larger than 2^63 where this is looked at")]
+    let whole = float as i128;
+    Some(rounded.partial_cmp(&float)?.then(i128::from(integer).cmp(&whole)))
 }
 
 fn length(count: usize) -> Datum {
@@ -173,8 +172,10 @@ fn length(count: usize) -> Datum {
 
 /// Returns a number as a person writes it: `200`, not `200.0`.
 fn number(datum: &Datum) -> String {
-    match datum {
-        Datum::Float(number) if !number.get().is_nan() => number.get().to_string(),
-        other => other.to_string(),
+    if let Datum::Float(number) = datum
+        && !number.get().is_nan()
+    {
+        return number.get().to_string();
     }
+    datum.to_string()
 }

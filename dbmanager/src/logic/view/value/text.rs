@@ -109,10 +109,7 @@ pub(super) fn untag(mut fields: BTreeMap<String, Datum>) -> Result<Datum, Fault>
         return Ok(Datum::Table(BTreeMap::from([(name.to_owned(), field.clone())])));
     }
     let hint = "a name that begins with `$` and is alone in its table has one `$` more";
-    let text = match content {
-        Some(Datum::Text(text)) => text,
-        _ => return Err((format!("`{tag}` is no kind of value"), hint)),
-    };
+    let Some(Datum::Text(text)) = content else { return Err((format!("`{tag}` is no kind of value"), hint)) };
     let datum = match tag.as_str() {
         "$bytes" => unhex(&text).map(Datum::Bytes),
         "$sealed" => unhex(&text).map(Datum::Sealed),

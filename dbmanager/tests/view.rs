@@ -1,0 +1,183 @@
+//! What people see of real replicas: two robots that write while they cannot hear each other, meet, and one that was retired
+//! while it was away.
+
+#![expect(clippy::unwrap_used, reason = "it is a test")]
+
+use comms::logic::time::Time;
+use dbmanager::logic::clock::{Quality, Wall};
+use dbmanager::logic::cut::Cut;
+use dbmanager::logic::key::Key;
+use dbmanager::logic::message::Message;
+use dbmanager::logic::mutant::Mutant;
+use dbmanager::logic::record::Records;
+use dbmanager::logic::replica::{Answer, Config, Effect, Input, Level, Replica, Request};
+use dbmanager::logic::txn::Draft;
+use dbmanager::logic::view::past::{Deed, Filter, Keys, Past};
+use dbmanager::logic::view::transfer::{self, Absent};
+use dbmanager::logic::view::value::Datum;
+use dbmanager::logic::view::watch::{Event, Told, Watch};
+use std::time::Duration;
+
+fn key(text: &str) -> Key {
+    Key::new(text).unwrap()
+}
+
+fn past(replica: &Replica) -> Past<'_> {
+    Past { log: replica.log(), state: replica.state() }
+}
+
+/// A robot, with somebody who watches it.
+struct Robot {
+    replica: Replica,
+    watch: Watch,
+    told: Vec<Told>,
+}
+
+/// Two robots, and the time.
+struct Team {
+    now: Time,
+    robots: Vec<Robot>,
+}
+
+impl Team {
+    /// Returns a team of which both are members.
+    fn new() -> Self {
+        let robot = |number: u64| {
+            let config = Config { robot: format!("r{number}"), seed: number, log_size: 1 << 20, mutant: Mutant::None };
+            let replica = Replica::open(config, &Records::new()).unwrap();
+            let watch = Watch::new(Keys::Below("team/".into()), Cut::default(), replica.log()).unwrap();
+            Robot { replica, watch, told: Vec::new() }
+        };
+        let mut team = Self { now: Time::ZERO, robots: vec![robot(1), robot(2)] };
+        team.handle(0, Input::Found(team.wall()), true);
+        team.meet();
+        assert!(team.robots.iter().all(|robot| robot.replica.is_member()));
+        team
+    }
+
+    fn wall(&self) -> Wall {
+        let since = u64::try_from(self.now.since(Time::ZERO).as_millis()).unwrap();
+        Wall { millis: 1_795_255_200_000 + since, quality: Quality::Network }
+    }
+
+    /// Hands an input to a robot, and what it sends to the other if they hear each other.
+    fn handle(&mut self, at: usize, input: Input, hears: bool) -> Vec<Answer> {
+        let (mut answers, mut letters) = (Vec::new(), vec![(at, input)]);
+        while let Some((at, input)) = letters.pop() {
+            let (wall, mut effects) = (self.wall(), Vec::new());
+            let Robot { replica, watch, told } = &mut self.robots[at];
+            replica.handle(self.now, input, &mut effects);
+            let from = replica.address();
+            for effect in effects {
+                let message: Option<Message> = match effect {
+                    Effect::Broadcast(message) | Effect::Send(_, message) => Some(message),
+                    Effect::Answer(_, answer) => {
+                        answers.push(answer);
+                        None
+                    }
+                    Effect::Replaced => {
+                        watch.replaced();
+                        None
+                    }
+                    Effect::Persist(_) | Effect::Visible(..) | Effect::Renamed(..) | Effect::Alarm(_) => None,
+                };
+                if let Some(message) = message.filter(|_| hears) {
+                    letters.insert(0, (1 - at, Input::Received(from, message, wall)));
+                }
+            }
+            told.extend(watch.next(&past(replica), 16).told);
+        }
+        answers
+    }
+
+    /// Lets them hear each other for a minute.
+    fn meet(&mut self) {
+        for _ in 0..120 {
+            self.now = self.now + Duration::from_millis(500);
+            for at in 0..2 {
+                self.handle(at, Input::Tick(self.wall()), true);
+            }
+        }
+    }
+
+    /// Commits on a robot that nobody hears.
+    fn commit(&mut self, at: usize, draft: Draft) {
+        self.now = self.now + Duration::from_secs(1);
+        let request = Request { ticket: 1, draft, level: Level::Local, until: self.now };
+        let answers = self.handle(at, Input::Commit(vec![request], self.wall()), false);
+        assert!(matches!(answers[..], [Answer::Committed(_)]), "{answers:?}");
+    }
+
+    fn put(&mut self, at: usize, why: &str, to: &str, number: i64) {
+        self.commit(at, Draft::new(why).put(key(to), Datum::Integer(number).encode().unwrap()));
+    }
+
+    fn history(&self, at: usize, of: &str) -> Vec<Deed> {
+        let mut deeds = past(&self.robots[at].replica).deeds(&Filter::new(Keys::Only(key(of)), 100));
+        deeds.sort_by_key(|deed| deed.when);
+        deeds
+    }
+}
+
+/// Returns the reasons a watcher was told since it last had to begin anew.
+fn reasons(told: &[Told]) -> Vec<&str> {
+    let events = told.iter().rev().map_while(|told| match told {
+        Told::Event(event) => Some(event.deed.reason.as_str()),
+        Told::Lagged { .. } | Told::Replaced { .. } => None,
+    });
+    let mut reasons: Vec<&str> = events.collect();
+    reasons.reverse();
+    reasons
+}
+
+#[test]
+fn two_robots_that_did_not_hear_each_other() {
+    let mut team = Team::new();
+    team.put(0, "one", "team/gain", 1);
+    let early = (team.robots[0].replica.log().cut().clone(), team.robots[0].replica.state().clone());
+    team.put(1, "two", "team/gain", 2);
+    team.put(1, "three", "team/rate", 3);
+    team.meet();
+    let replicas = || team.robots.iter().map(|robot| &robot.replica);
+    let conflicts: Vec<_> = replicas().map(|replica| past(replica).conflicts("")).collect();
+    assert_eq!(conflicts[0], conflicts[1]);
+    let told: Vec<(&str, Option<&str>)> =
+        conflicts[0][0].versions.iter().map(|one| (one.by.as_str(), one.reason.as_deref())).collect();
+    assert_eq!(told, [("r1", Some("one")), ("r2", Some("two"))]);
+    assert_eq!(team.history(0, "team/gain"), team.history(1, "team/gain"));
+    assert!(team.history(0, "team/gain").iter().all(|deed| deed.beside.len() == 1));
+    let mut seen: Vec<Vec<&str>> = team.robots.iter().map(|robot| reasons(&robot.told)).collect();
+    seen[1].sort_unstable();
+    assert_eq!(seen, [vec!["one", "two", "three"], vec!["one", "three", "two"]], "each transaction once");
+    let shown = past(&team.robots[0].replica).at(&early.0, None).unwrap();
+    assert_eq!(shown.digest(), early.1.digest());
+    let file = transfer::export(team.robots[0].replica.state(), "team/");
+    assert_eq!(file, transfer::export(team.robots[1].replica.state(), "team/"));
+    let plan = transfer::import(&file.replace("= 2", "= 5"), &early.1, Absent::Delete, "").unwrap();
+    assert_eq!(plan.differences.len(), 2);
+}
+
+#[test]
+fn retired_while_away_returns_with_writes() {
+    let mut team = Team::new();
+    let away = team.robots[1].replica.origin();
+    team.put(1, "while away", "team/gain", 2);
+    team.now = team.now + Duration::from_secs(1);
+    team.handle(0, Input::Retire(away, team.wall()), false);
+    team.meet();
+    let Robot { replica, told, .. } = &team.robots[1];
+    assert_ne!(replica.origin(), away, "it goes on under another name");
+    assert!(
+        told.iter().any(|told| matches!(told, Told::Replaced { .. })),
+        "and whoever watched it reads anew: {told:?}"
+    );
+    for at in 0..2 {
+        let history = team.history(at, "team/gain");
+        let last = history.last().unwrap();
+        assert_eq!((last.by.as_str(), last.reason.as_str()), ("r2", "while away"), "nothing was lost");
+        assert_eq!(last.before.map(|dot| dot.origin), Some(away));
+    }
+    let known =
+        |told: &Told| matches!(told, Told::Event(event) if matches!(&**event, Event { deed, .. } if deed.by == "r2"));
+    assert!(team.robots[0].told.iter().any(known));
+}
