@@ -53,6 +53,8 @@ pub struct Hello {
     pub sponsors: Vec<Origin>,
     /// [`Cut::digest`] of what it has.
     pub cut: u64,
+    /// The same of what it has besides, but cannot read.
+    pub held: u64,
     /// Digest of the state that this gives.
     pub state: u128,
     /// Number and link of its own last transaction.
@@ -66,6 +68,8 @@ pub struct Hello {
 pub struct Pull {
     /// What I have, durably.
     pub cut: Cut,
+    /// What I have besides, but cannot read.
+    pub held: Cut,
     /// About how many bytes to answer with.
     pub size_max: u32,
     /// Set by who is no member: please make me one.

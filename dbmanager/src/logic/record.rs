@@ -8,6 +8,7 @@
 //! | `h` origin | the head of an origin |
 //! | `l` origin number | a frame, and its place in the order of application |
 //! | `k` key | the versions of a key |
+//! | `o` index | a frame that cannot be read yet |
 
 use crate::logic::cut::{Dot, Origin};
 use crate::logic::key::Key;
@@ -74,6 +75,7 @@ pub(crate) struct Stored {
     pub(crate) identity: Option<Identity>,
     pub(crate) log: Log,
     pub(crate) state: State,
+    pub(crate) held: BTreeMap<u64, (Dot, Frame)>,
 }
 
 impl Batch {
@@ -110,6 +112,14 @@ impl Batch {
 
     pub(crate) fn frame(&mut self, dot: Dot, index: u64, frame: &Frame) {
         self.put(frame_name(dot), &(index, frame));
+    }
+
+    pub(crate) fn held(&mut self, index: u64, held: Option<(Dot, &Frame)>) {
+        let name = name(b'o', &index.to_be_bytes());
+        match held {
+            Some(held) => self.put(name, &held),
+            None => drop(self.0.insert(name, None)),
+        }
     }
 
     pub(crate) fn no_frame(&mut self, dot: Dot) {
@@ -177,7 +187,7 @@ pub(crate) fn load(records: &Records, mutant: Mutant) -> Result<Stored, OpenErro
     let (mut identity, mut digests) = (None, None);
     let mut heads = BTreeMap::new();
     let mut frames: Vec<(Dot, u64, Frame)> = Vec::new();
-    let mut state = State::new(mutant);
+    let (mut state, mut held) = (State::new(mutant), BTreeMap::new());
     for (name, bytes) in records {
         match name.split_first() {
             Some((b'i', [])) => identity = Some(read(name, bytes)?),
@@ -191,6 +201,7 @@ pub(crate) fn load(records: &Records, mutant: Mutant) -> Result<Stored, OpenErro
                 let (index, frame) = read(name, bytes)?;
                 frames.push((dot, index, frame));
             }
+            Some((b'o', index)) => drop(held.insert(number(b'o', index)?, read(name, bytes)?)),
             Some((b'k', key)) => {
                 let key = String::from_utf8(key.to_vec()).ok().and_then(|key| Key::new(key).ok());
                 state.restore(key.ok_or(OpenError::Record { kind: 'k' })?, read(name, bytes)?);
@@ -207,7 +218,7 @@ pub(crate) fn load(records: &Records, mutant: Mutant) -> Result<Stored, OpenErro
     if digests != Some(summary(&log, &state)) && !fresh {
         return Err(OpenError::Damaged { what: "something is missing" });
     }
-    Ok(Stored { identity, log, state })
+    Ok(Stored { identity, log, state, held })
 }
 
 /// Checks that the frames of each origin follow each other up to its head. They are in order of their names.

@@ -10,10 +10,12 @@
 //! what they had seen. The same way back is taken by who was retired while away, by who finds that others know more of
 //! its own transactions than itself (a lost tail, a restored backup), and by both of two clones.
 //!
-//! `sync` talks to peers, `commit` writes, `join` begins anew, `bring` says with what.
+//! `sync` talks to peers, `commit` writes, `join` begins anew, `bring` says with what, `hold`
+//! keeps what cannot be read.
 
 mod bring;
 mod commit;
+mod hold;
 mod join;
 mod sync;
 
@@ -170,6 +172,7 @@ pub struct Replica {
     waiting: commit::Waiting,
     download: Option<join::Download>,
     offer: join::Offer,
+    held: hold::Held,
     batch: Batch,
 }
 
@@ -211,6 +214,7 @@ impl Replica {
             collected: Cut::default(),
             download: None,
             offer: join::Offer::default(),
+            held: hold::Held::new(stored.held),
             config,
             identity,
             boot,

@@ -22,8 +22,10 @@ pub const REBASE_SIZE_MAX: usize = 64 << 10;
 pub const CHANGES_MAX: usize = 4096;
 /// The longest reason, in bytes.
 pub const REASON_SIZE_MAX: usize = 1024;
-/// The format that this version writes. Formats are only ever added.
+/// The format that this version writes. Formats are only ever added, and all begin with a [`Header`].
 pub const FORMAT: u8 = 1;
+/// The format that every version reads.
+pub const FORMAT_FIRST: u8 = 1;
 
 /// How the bytes of a value are meant: a number, since programs of other versions know others. The meanings are in
 /// [`view::value`](crate::logic::view::value).
@@ -147,6 +149,21 @@ impl Txn {
     }
 }
 
+/// What every format begins with: who cannot read the rest still keeps frames in order and passes them on.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Header {
+    /// As in [`Txn`].
+    pub stamp: Stamp,
+    /// As in [`Txn`].
+    pub seq: u64,
+    /// As in [`Txn`].
+    pub prev: Link,
+    /// As in [`Txn`].
+    pub wall: Wall,
+    /// As in [`Txn`].
+    pub context: Cut,
+}
+
 /// A transaction as bytes. What a newer version wrote stays as it is.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Frame {
@@ -209,6 +226,18 @@ impl Frame {
             Ok(_) => Err(FrameError::Body { cause: postcard::Error::DeserializeBadEncoding }),
             Err(cause) => Err(FrameError::Body { cause }),
         }
+    }
+
+    /// Reads its place in history, of any format.
+    ///
+    /// # Errors
+    /// If there is none.
+    pub fn header(&self) -> Result<Header, FrameError> {
+        if self.body.len() > TXN_SIZE_MAX + REBASE_SIZE_MAX {
+            return Err(FrameError::Long { size: self.body.len() });
+        }
+        let header = postcard::take_from_bytes(&self.body).map(|(header, _)| header);
+        header.map_err(|cause| FrameError::Body { cause })
     }
 
     /// Returns what the next frame of the origin calls it.
@@ -418,6 +447,9 @@ mod tests {
         let hex: String = frame.body.iter().map(|byte| format!("{byte:02x}")).collect();
         assert_eq!(hex, GOLDEN);
         assert_eq!(frame.open(), Ok(txn()));
+        let Txn { stamp, seq, prev, wall, context, .. } = txn();
+        let newer = Frame { format: 9, body: [frame.body, vec![7; 9]].concat() };
+        assert_eq!(newer.header(), Ok(Header { stamp, seq, prev, wall, context }), "which every format begins with");
     }
     const GOLDEN: &str =
         "01ac020302010101010101010105020102090172010161020301020161010001760162000101010307000903010301";

@@ -56,12 +56,14 @@ struct Peer {
     chunk: usize,
     /// How often it has not answered since it last did.
     silent: u32,
+    /// The newest format it reads, once it has said so.
+    format: Option<u8>,
 }
 
 impl Default for Peer {
     fn default() -> Self {
         let (ask_at, asked_at, chunk) = (Time::ZERO, Time::ZERO, CHUNK_SIZE[0]);
-        Self { ahead: false, ask_at, pulling: None, asked_at, chunk, silent: 0 }
+        Self { ahead: false, ask_at, pulling: None, asked_at, chunk, silent: 0, format: None }
     }
 }
 
@@ -110,6 +112,11 @@ impl Sync {
         Some(self.peers.entry(origin).or_default())
     }
 
+    /// Returns the newest format that a peer reads, if it has said so.
+    pub(super) fn format(&self, origin: Origin) -> Option<u8> {
+        self.peers.get(&origin)?.format
+    }
+
     fn ahead(&mut self, origin: Origin, ask_at: Time) {
         if let Some(peer) = self.peer(origin) {
             peer.ask_at = if peer.ahead { peer.ask_at.min(ask_at) } else { peer.ask_at.max(ask_at) };
@@ -154,6 +161,7 @@ impl Replica {
             let jitter = self.random.below(u64::try_from(period.as_nanos() / 5).unwrap_or(1));
             self.sync.hello_at = now + period * 9 / 10 + Duration::from_nanos(jitter);
             self.sync.hello_period = (period * 2).min(HELLO_PERIOD[1]);
+            self.release(now, effects);
             self.collect();
         }
         self.settle_tickets(now, effects);
@@ -199,6 +207,7 @@ impl Replica {
             member: self.is_member(),
             sponsors: self.members.sponsors(self.identity.origin),
             cut: self.log.cut().digest(),
+            held: self.held.cut().digest(),
             state: self.state.digest(),
             head: (head.seq, head.link),
             wall: self.wall,
@@ -212,6 +221,9 @@ impl Replica {
                 self.rejoin(now, Some(self.identity.told), effects);
             }
             return;
+        }
+        if let Some(peer) = self.sync.peer(from) {
+            peer.format = Some(hello.format);
         }
         if !self.is_member() {
             if hello.member {
@@ -243,6 +255,9 @@ impl Replica {
         } else if hello.cut == self.log.cut().digest() {
             let cut = self.log.cut().clone();
             self.acks.note(from, &cut);
+            if hello.held != self.held.cut().digest() {
+                self.sync.ahead(from, now);
+            }
             if hello.state == self.state.digest() {
                 self.learn_told();
             } else {
@@ -269,12 +284,19 @@ impl Replica {
             return;
         }
         self.acks.note(from, &pull.cut);
-        if !self.log.cut().dominates(&pull.cut) && !self.config.mutant.is(Mutant::PushOnly) {
+        if !self.have().dominates(&pull.cut) && !self.config.mutant.is(Mutant::PushOnly) {
             self.sync.ahead(from, now);
         }
         let size_max = usize::try_from(pull.size_max).unwrap_or(CHUNK_SIZE_MAX).min(CHUNK_SIZE_MAX);
-        let chunk = match self.log.beyond(&pull.cut, size_max) {
-            Some((mut frames, more)) => {
+        let mut theirs = pull.cut.clone();
+        theirs.join(&pull.held);
+        let chunk = match self.log.beyond(&theirs, size_max) {
+            Some((mut frames, mut more)) => {
+                if !more {
+                    let (held, rest) = self.held.beyond(&theirs, size_max);
+                    frames.extend(held);
+                    more = rest;
+                }
                 if self.config.mutant.is(Mutant::NoRelay) {
                     let own = self.identity.origin;
                     frames.retain(|frame| frame.open().is_ok_and(|txn| txn.stamp.origin == own));
@@ -296,7 +318,7 @@ impl Replica {
             Chunk::Frames { cut, frames, more } if self.is_member() && (asked || self.members.is_active(from)) => {
                 let missing = self.take_frames(now, (from, frames), effects);
                 self.acks.note(from, &cut);
-                if (more || !self.log.cut().dominates(&cut)) && !missing {
+                if (more || !self.have().dominates(&cut)) && !missing {
                     self.sync.ahead(from, now);
                 }
             }
@@ -336,10 +358,10 @@ impl Replica {
         for frame in frames {
             let waits = frame.open().ok().filter(|txn| txn.wants_ack).map(|txn| txn.stamp.origin);
             let origin = frame.open().map(|txn| txn.stamp.origin);
-            match self.apply(now, frame, effects) {
+            match self.apply(now, frame.clone(), effects) {
                 Ok(Verdict::Next) => waiting.extend(waits.filter(|origin| !waiting.contains(origin))),
                 Ok(Verdict::Known) => {}
-                Ok(Verdict::Early) => missing = true,
+                Ok(Verdict::Early) => missing |= !self.hold(&frame),
                 Ok(Verdict::Fork) => {
                     let origin = origin.unwrap_or(from);
                     let head = self.log.head(origin).cloned().unwrap_or_default();
@@ -349,7 +371,7 @@ impl Replica {
                 }
                 Err(FrameError::Format { format }) => {
                     effects.push(Effect::Alarm(Alarm::NeedsUpgrade(format)));
-                    missing = true;
+                    missing |= !self.hold(&frame);
                 }
                 Err(FrameError::Long { .. } | FrameError::Body { .. }) => {
                     effects.push(Effect::Alarm(Alarm::Malformed(from)));
@@ -402,7 +424,7 @@ impl Replica {
             let replaces = || self.identity.past.iter().map(|(origin, _)| *origin).collect();
             let robot = || self.identity.robot.clone();
             let join = self.identity.joining.map(|origin| Join { origin, robot: robot(), replaces: replaces() });
-            effects.push(Effect::Send(*peer, Message::Pull(Pull { cut, size_max, join })));
+            effects.push(Effect::Send(*peer, Message::Pull(Pull { cut, held: self.held.cut(), size_max, join })));
             if let Some(peer) = self.sync.peers.get_mut(peer) {
                 (peer.pulling, peer.asked_at) = (Some(now + PULL_TIME), now);
             }

@@ -165,3 +165,49 @@ fn owner_takeover_old_owner_isolated_keeps_writing() {
     }
     assert_eq!(refused_for(&team.commit(1, put("team/arm/x", b"3"))), Some(("r2", 2)));
 }
+
+#[test]
+fn unknown_format_relay() {
+    let mut team = Team::of(3);
+    let commit = |team: &mut Team, name: &str| match team.commit(1, put(name, b"1")) {
+        Answer::Committed(dot) => team.replicas[1].log().frame(dot).unwrap().clone(),
+        other => panic!("{other:?}"),
+    };
+    team.away.extend([0, 1, 2]);
+    let (newer, after) = (commit(&mut team, "team/a"), commit(&mut team, "team/b"));
+    let newer = Frame { format: 9, body: [newer.body, vec![1, 2]].concat() };
+    let mut after = after.open().unwrap();
+    after.prev = newer.link();
+    let after = Frame::seal(&after).unwrap();
+    let from = team.replicas[1].origin();
+    let cut = team.replicas[0].log().cut().clone();
+    for frame in [&newer, &newer, &after] {
+        team.input(0, Input::Received(from, Message::Push(vec![frame.clone()]), WALL));
+    }
+    assert!(team.alarms.contains(&(0, Alarm::NeedsUpgrade(9))), "{:?}", team.alarms);
+    // It goes on after a restart, and passes both on; the third holds them too.
+    team.replicas[0] = Replica::open(team.config(0), &team.disks[0].clone()).unwrap();
+    team.away = BTreeSet::from([1]);
+    team.run(60);
+    for node in [0, 2] {
+        let replica = &team.replicas[node];
+        assert_eq!((replica.log().cut(), replica.held.beyond(&Cut::default(), 1 << 20).0.len()), (&cut, 2), "{node}");
+        assert!(team.versions(node, "team/b").is_empty(), "it comes after what nobody here can read");
+    }
+    assert!(matches!(team.commit(0, put("team/c", b"2")), Answer::Committed(_)), "it still writes");
+    team.run(20);
+    assert_eq!(team.versions(2, "team/c").len(), 1);
+}
+
+#[test]
+fn what_was_held_is_applied_once_it_can_be_read() {
+    let mut team = Team::of(2);
+    assert_eq!(team.replicas[0].team_format(), crate::logic::txn::FORMAT);
+    team.away.insert(1);
+    let Answer::Committed(dot) = team.commit(1, put("team/a", b"1")) else { panic!() };
+    let frame = team.replicas[1].log().frame(dot).unwrap().clone();
+    assert!(team.replicas[0].hold(&frame) && team.replicas[0].hold(&frame));
+    team.run(20);
+    assert_eq!(team.versions(0, "team/a").len(), 1);
+    assert!(!team.disks[0].keys().any(|name| name[0] == b'o'));
+}
