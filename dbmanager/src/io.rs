@@ -1,3 +1,4 @@
 //! What touches the disk.
 
+pub mod group;
 pub mod store;

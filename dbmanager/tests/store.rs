@@ -1,32 +1,70 @@
-//! The real store on a real disk, and the replica on top of it.
+//! The store on a real disk, the replica on top of it, and what may happen to both: power cuts, kills, full and dying disks,
+//! flipped bits, copies.
+
+#[path = "store/child.rs"]
+mod child;
+#[path = "store/damage.rs"]
+mod damage;
+#[path = "store/disk.rs"]
+mod disk;
+#[path = "store/identity.rs"]
+mod identity;
+#[path = "store/laws.rs"]
+mod laws;
+#[path = "store/on_redb.rs"]
+mod on_redb;
+#[path = "store/platter.rs"]
+mod platter;
+#[path = "store/power_cut.rs"]
+mod power_cut;
+#[path = "store/trace.rs"]
+mod trace;
 
 use comms::logic::time::Time;
-use dbmanager::io::store::memory::MemoryStore;
-use dbmanager::io::store::{DirStore, Store, StoreError};
+use dbmanager::io::store::Store;
 use dbmanager::logic::clock::Wall;
+use dbmanager::logic::cut::Dot;
 use dbmanager::logic::key::Key;
 use dbmanager::logic::mutant::Mutant;
-use dbmanager::logic::record::{Batch, OpenError, Records};
+use dbmanager::logic::record::Batch;
 use dbmanager::logic::replica::{Answer, Config, Effect, Input, Level, Replica, Request};
-use dbmanager::logic::txn::{Draft, Encoding, VALUE_SIZE_MAX, Value};
+use dbmanager::logic::txn::{Draft, Value};
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
+use std::time::Duration;
 
-/// A directory that is gone after the test.
-struct Dir(PathBuf);
+/// A folder that is gone after the test.
+struct Folder(PathBuf);
 
-impl Dir {
+impl Folder {
+    /// Returns a folder on the disk.
     fn new() -> Self {
+        Self::below(&std::env::temp_dir())
+    }
+
+    /// Returns a folder in memory, where that is possible: for what is about the order of writes, not about the disk.
+    fn quick() -> Self {
+        let memory = Path::new("/dev/shm");
+        if memory.is_dir() { Self::below(memory) } else { Self::new() }
+    }
+
+    fn below(parent: &Path) -> Self {
         static NUMBER: AtomicU32 = AtomicU32::new(0);
         let name = format!("dca-store-{}-{}", std::process::id(), NUMBER.fetch_add(1, Ordering::Relaxed));
-        Self(std::env::temp_dir().join(name).join("db"))
+        let folder = parent.join(name);
+        fs::create_dir(&folder).unwrap();
+        Self(folder)
+    }
+
+    fn store(&self) -> PathBuf {
+        self.0.join("db")
     }
 }
 
-impl Drop for Dir {
+impl Drop for Folder {
     fn drop(&mut self) {
-        drop(fs::remove_dir_all(self.0.parent().expect("it was joined to one")));
+        drop(fs::remove_dir_all(&self.0));
     }
 }
 
@@ -34,144 +72,64 @@ fn batch(changes: &[(&[u8], Option<Vec<u8>>)]) -> Batch {
     Batch(changes.iter().map(|(name, record)| (name.to_vec(), record.clone())).collect())
 }
 
-#[test]
-fn what_is_committed_is_there_again() {
-    let dir = Dir::new();
-    let mut expected = Records::new();
-    let long = |size: usize| Some((0..size).map(|byte| u8::try_from(byte % 251).unwrap()).collect());
-    let steps = [
-        batch(&[(b"a", long(3)), (b"ab", long(0)), (b"a\0\0", long(8192))]),
-        batch(&[(b"a", long(200_000)), (b"ab", None)]),
-        batch(&[(b"a", long(8193)), (b"b", long(100)), (b"nothing", None)]),
-        batch(&[(b"a", long(1))]),
-    ];
-    for step in steps {
-        let mut store = DirStore::open(&dir.0).unwrap();
-        store.commit(&step).unwrap();
-        step.apply(&mut expected);
-        assert_eq!(store.load().unwrap(), expected);
-        drop(store);
-        assert_eq!(DirStore::open(&dir.0).unwrap().load().unwrap(), expected);
-    }
-}
-
-#[test]
-fn long_records_make_no_blobs() {
-    let dir = Dir::new();
-    let mut store = DirStore::open(&dir.0).unwrap();
-    for number in 0..100_u32 {
-        store.commit(&batch(&[(&number.to_be_bytes(), Some(vec![7; 64 << 10]))])).unwrap();
-    }
-    assert_eq!(fs::read_dir(dir.0.join("blobs")).unwrap().count(), 0);
-}
-
-#[test]
-fn open_twice_same_dir() {
-    let dir = Dir::new();
-    let first = DirStore::open(&dir.0).unwrap();
-    assert!(matches!(DirStore::open(&dir.0), Err(StoreError::Engine { .. })));
-    drop(first);
-    DirStore::open(&dir.0).unwrap();
-}
-
-#[test]
-fn conf_file_empty() {
-    let dir = Dir::new();
-    let written = batch(&[(b"a", Some(vec![1]))]);
-    DirStore::open(&dir.0).unwrap().commit(&written).unwrap();
-    fs::write(dir.0.join("conf"), "").unwrap();
-    // Whatever the engine makes of it: it may refuse, but not begin anew as if nothing had been.
-    if let Ok(store) = DirStore::open(&dir.0) {
-        assert_eq!(store.load().unwrap().len(), 1);
-    }
-    let aside = DirStore::put_aside(&dir.0).unwrap();
-    assert!(aside.join("db").exists() && !dir.0.exists());
-    assert!(DirStore::open(&dir.0).unwrap().load().unwrap().is_empty());
-}
-
-#[test]
-fn a_store_of_somebody_else_is_left_alone() {
-    let dir = Dir::new();
-    let other = sled::open(&dir.0).unwrap();
-    other.insert("theirs", "1").unwrap();
-    drop(other);
-    assert!(matches!(DirStore::open(&dir.0), Err(StoreError::Foreign { .. })));
+fn put_text(key: &str, text: &str) -> Draft {
+    let value = Value { bytes: text.as_bytes().into(), ..Value::from(b"") };
+    Draft::new("test").put(Key::new(key).unwrap(), value)
 }
 
 fn config() -> Config {
-    Config { robot: "r".into(), seed: 1, log_size: 1 << 20, mutant: Mutant::None }
+    Config { robot: "r".into(), seed: 1, log_size: 64 << 10, mutant: Mutant::None }
 }
 
-/// Commits a value; returns the answers, none of which is given unless the store has it.
-fn put(replica: &mut Replica, store: &mut impl Store, key: &str, value: Value) -> Vec<Answer> {
-    let draft = Draft::new("test").put(Key::new(key).expect("tests use keys"), value);
-    let request = Request { ticket: 1, draft, level: Level::Local, until: Time::ZERO };
-    run(replica, store, Input::Commit(vec![request], Wall::default()))
+/// The only robot of its team, on some store.
+struct Robot<S> {
+    replica: Replica,
+    store: S,
+    now: Time,
 }
 
-fn run(replica: &mut Replica, store: &mut impl Store, input: Input) -> Vec<Answer> {
-    let (mut effects, mut answers) = (Vec::new(), Vec::new());
-    replica.handle(Time::ZERO, input, &mut effects);
-    for effect in effects {
-        match effect {
-            Effect::Persist(batch) if store.commit(&batch).is_err() => break,
-            Effect::Answer(_, answer) => answers.push(answer),
-            Effect::Persist(_) | Effect::Broadcast(_) | Effect::Send(..) | Effect::Visible(..) => {}
-            Effect::Renamed(..) | Effect::Replaced | Effect::Alarm(_) => {}
-        }
+impl<S: Store> Robot<S> {
+    /// Opens the replica in a store, and founds its team.
+    fn open(store: S) -> Result<Self, String> {
+        let records = store.load().map_err(|error| error.to_string())?;
+        let replica = Replica::open(config(), &records).map_err(|error| error.to_string())?;
+        let mut robot = Self { replica, store, now: Time::ZERO };
+        robot.tell(Input::Found(Wall::default()))?;
+        Ok(robot)
     }
-    answers
-}
 
-#[test]
-fn a_replica_is_there_again() {
-    let dir = Dir::new();
-    let value = |byte| Value { encoding: Encoding::Bytes, bytes: vec![byte; VALUE_SIZE_MAX].into() };
-    let mut digest = 0;
-    for boot in 0..3_u8 {
-        let mut store = DirStore::open(&dir.0).unwrap();
-        let mut replica = Replica::open(config(), &store.load().unwrap()).unwrap();
-        assert_eq!(replica.state().digest(), digest);
-        run(&mut replica, &mut store, Input::Found(Wall::default()));
-        for key in ["a", "b", "c"] {
-            assert!(matches!(put(&mut replica, &mut store, key, value(boot))[..], [Answer::Committed(_)]));
-        }
-        assert!(replica.is_member());
-        digest = replica.state().digest();
+    /// Returns how many transactions of its own are durable.
+    fn committed(&self) -> u64 {
+        self.replica.log().cut().get(self.replica.origin())
     }
-}
 
-#[test]
-fn disk_full_then_freed() {
-    let mut store = MemoryStore::default().failing_after(2);
-    let mut replica = Replica::open(config(), &Records::new()).unwrap();
-    run(&mut replica, &mut store, Input::Found(Wall::default()));
-    assert_eq!(put(&mut replica, &mut store, "a", b"1".into()).len(), 1);
-    assert_eq!(put(&mut replica, &mut store, "b", b"2".into()), [], "nothing is promised that the disk does not have");
-    let again = Replica::open(config(), &store.load().unwrap()).unwrap();
-    assert!(
-        again.state().get(&Key::new("a").unwrap()).is_some() && again.state().get(&Key::new("b").unwrap()).is_none()
-    );
-}
-
-#[test]
-fn bit_flip_in_log_tail_middle_kv() {
-    let mut store = MemoryStore::default();
-    let mut replica = Replica::open(config(), &Records::new()).unwrap();
-    run(&mut replica, &mut store, Input::Found(Wall::default()));
-    for key in ["a", "b", "c"] {
-        put(&mut replica, &mut store, key, b"value".into());
+    /// Commits, all together; returns when all are durable.
+    fn commit(&mut self, drafts: impl IntoIterator<Item = Draft>) -> Result<(), String> {
+        let request = |draft| Request { ticket: 1, draft, level: Level::Local, until: Time::ZERO };
+        let requests: Vec<Request> = drafts.into_iter().map(request).collect();
+        let count = requests.len();
+        let committed = self.tell(Input::Commit(requests, Wall::default()))?;
+        assert_eq!(committed.len(), count);
+        Ok(())
     }
-    let records = store.load().unwrap();
-    for (name, record) in &records {
-        for byte in 0..record.len() {
-            let mut damaged = records.clone();
-            damaged.get_mut(name).unwrap()[byte] ^= 4;
-            assert!(matches!(Replica::open(config(), &damaged), Err(OpenError::Record { .. })), "{name:?} {byte}");
+
+    /// Takes an input, and lets time pass; returns what was committed.
+    fn tell(&mut self, input: Input) -> Result<Vec<Dot>, String> {
+        self.now = self.now + Duration::from_millis(10);
+        let mut effects = Vec::new();
+        self.replica.handle(self.now, input, &mut effects);
+        if self.replica.deadline().is_some_and(|deadline| deadline <= self.now) {
+            self.replica.handle(self.now, Input::Tick(Wall::default()), &mut effects);
         }
-        let mut lost = records.clone();
-        lost.remove(name);
-        let refused = Replica::open(config(), &lost).unwrap_err();
-        assert!(matches!(refused, OpenError::Damaged { .. }), "{name:?}: {refused}");
+        let mut committed = Vec::new();
+        for effect in effects {
+            match effect {
+                Effect::Persist(batch) => self.store.commit(&batch).map_err(|error| error.to_string())?,
+                Effect::Answer(_, Answer::Committed(dot)) => committed.push(dot),
+                Effect::Answer(_, answer) => panic!("{answer:?}"),
+                _ => {}
+            }
+        }
+        Ok(committed)
     }
 }

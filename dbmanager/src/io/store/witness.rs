@@ -1,0 +1,153 @@
+//! The witness: a file beside the store that tells whether the store is still the one it was.
+//!
+//! A store that was restored from a backup, or copied to another robot, would number its transactions from where it stood
+//! then; others know other transactions by those numbers already. So each store has a number of its own and counts how
+//! often it was written to after an opening, and the witness, which lies beside the store and not in it, says what both were
+//! last, and which file on which machine it was. A store that does not match begins a new life, under a new origin, with
+//! the first thing that is written to it.
+//!
+//! The count goes up in the store first, with that first batch, and here second, so a store may be one ahead of its witness
+//! after a crash between the two. A card that was copied bit by bit for an equal machine passes; that is noticed when the two meet.
+
+use rustix::fs::{AtFlags, CWD, StatxFlags, statx};
+use std::collections::BTreeMap;
+use std::ffi::OsString;
+use std::fmt;
+use std::fs::{self, File};
+use std::io::{self, Read, Write};
+use std::path::{Path, PathBuf};
+
+/// Files that differ between machines and that anybody may read.
+const MACHINE: [&str; 2] = ["/etc/machine-id", "/proc/device-tree/serial-number"];
+/// The longest witness that is read.
+const SIZE_MAX: u64 = 4096;
+
+/// Whether a store may go on under the origin that it has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Trust {
+    /// It was made just now, or nothing was ever written to it.
+    New,
+    /// It is the one that was open here last.
+    Kept,
+    /// It may be a copy: [`Replica::open_copied`](crate::logic::replica::Replica::open_copied).
+    Doubtful(Doubt),
+}
+
+/// What speaks against a store.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Doubt {
+    /// There is no witness.
+    Missing,
+    /// Another store was here.
+    Another,
+    /// It was written to in more lives, or in fewer, than the witness knows of.
+    Restored,
+    /// Its file is a copy.
+    Copied,
+    /// It was on another machine.
+    Moved,
+}
+
+impl fmt::Display for Doubt {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Missing => "its witness is missing",
+            Self::Another => "another store was here before",
+            Self::Restored => "it is not as it was when it was last open here, as if restored from a backup",
+            Self::Copied => "its file is a copy",
+            Self::Moved => "it comes from another machine",
+        })
+    }
+}
+
+/// Which store it is, and in how many lives it was written to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Life {
+    pub(super) store: u128,
+    pub(super) boots: u64,
+}
+
+impl Life {
+    /// Returns the life of a new store, from the system's randomness.
+    pub(super) fn new() -> io::Result<Self> {
+        let mut store = [0; 16];
+        File::open("/dev/urandom")?.read_exact(&mut store)?;
+        Ok(Self { store: u128::from_le_bytes(store), boots: 0 })
+    }
+
+    pub(super) fn to_bytes(self) -> Vec<u8> {
+        [&self.store.to_le_bytes()[..], &self.boots.to_le_bytes()].concat()
+    }
+
+    pub(super) fn from_bytes(bytes: &[u8]) -> Option<Self> {
+        let (store, boots) = bytes.split_first_chunk()?;
+        Some(Self { store: u128::from_le_bytes(*store), boots: u64::from_le_bytes(boots.try_into().ok()?) })
+    }
+}
+
+/// Asks the witness of the store in `dir` about `life`, and about the file `data`.
+pub(super) fn ask(dir: &Path, life: Life, data: &Path) -> io::Result<Trust> {
+    if life.boots == 0 {
+        return Ok(Trust::New);
+    }
+    let mut said = String::new();
+    match File::open(path(dir)) {
+        Ok(file) => file.take(SIZE_MAX).read_to_string(&mut said)?,
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Trust::Doubtful(Doubt::Missing)),
+        Err(error) => return Err(error),
+    };
+    let said: BTreeMap<&str, &str> = said.lines().filter_map(|line| line.split_once(' ')).collect();
+    let now = testimony(life, data)?;
+    let differs = |word| said.get(word).copied() != now.get(word).map(String::as_str);
+    let boots = said.get("boots").and_then(|boots| boots.parse::<u64>().ok());
+    let in_step = boots.is_some_and(|boots| boots == life.boots || boots.checked_add(1) == Some(life.boots));
+    let doubts = [
+        (differs("store"), Doubt::Another),
+        (differs("machine"), Doubt::Moved),
+        (differs("file"), Doubt::Copied),
+        (!in_step, Doubt::Restored),
+    ];
+    let doubt = doubts.iter().find(|(holds, _)| *holds).map(|(_, doubt)| *doubt);
+    Ok(doubt.map_or(Trust::Kept, Trust::Doubtful))
+}
+
+/// Writes a new witness in place of the old one.
+pub(super) fn swear(dir: &Path, life: Life, data: &Path) -> io::Result<()> {
+    let text: String = testimony(life, data)?.iter().map(|(word, what)| format!("{word} {what}\n")).collect();
+    let (path, new) = (path(dir), beside(dir, ".witness.new"));
+    let mut file = File::create(&new)?;
+    file.write_all(text.as_bytes())?;
+    file.sync_all()?;
+    fs::rename(&new, &path)?;
+    match path.parent().filter(|parent| !parent.as_os_str().is_empty()) {
+        Some(parent) => File::open(parent)?.sync_all(),
+        None => File::open(".")?.sync_all(),
+    }
+}
+
+fn testimony(life: Life, data: &Path) -> io::Result<BTreeMap<&'static str, String>> {
+    let file = statx(CWD, data, AtFlags::empty(), StatxFlags::INO | StatxFlags::BTIME)?;
+    let born = file.stx_btime;
+    let mut machine = blake3::Hasher::new();
+    for path in MACHINE {
+        // What a machine does not have, it did not have before.
+        machine.update(&fs::read(path).unwrap_or_default()).update(&[0]);
+    }
+    Ok(BTreeMap::from([
+        ("store", format!("{:032x}", life.store)),
+        ("boots", life.boots.to_string()),
+        ("file", format!("{} {}.{:09}", file.stx_ino, born.tv_sec, born.tv_nsec)),
+        ("machine", machine.finalize().to_hex()[..16].to_owned()),
+    ]))
+}
+
+fn path(dir: &Path) -> PathBuf {
+    beside(dir, ".witness")
+}
+
+/// Returns the path of a file beside `dir` that has its name and an ending.
+fn beside(dir: &Path, ending: &str) -> PathBuf {
+    let mut name = OsString::from(dir);
+    name.push(ending);
+    PathBuf::from(name)
+}
