@@ -111,7 +111,7 @@ fn files() -> Vec<(String, PathBuf)> {
             let path = entry.expect("the workspace can be listed").path();
             let name = path.strip_prefix(&root).ok().and_then(Path::to_str).expect("every name is text").to_owned();
             if path.is_dir() {
-                if !["target", "runs", ".git"].contains(&name.as_str()) {
+                if !["target", "runs", ".git", "fuzz/target", "fuzz/corpus", "docs/book"].contains(&name.as_str()) {
                     folders.push(path);
                 }
             } else {
@@ -323,6 +323,15 @@ fn one_place_opens_zenoh() {
 fn one_place_reads_a_clock() {
     let words = ["Instant::now", "SystemTime", "clock_gettime", "UNIX_EPOCH"];
     only_in("only the clock of comms reads a clock", &["comms/src/io/clock.rs"], &words);
+}
+
+#[test]
+fn one_place_names_the_engine_of_the_store() {
+    only_in("only the store on sled names sled", &["dbmanager/src/io/store/on_sled.rs"], &["sled::"]);
+    let all = sources();
+    let others = all.iter().filter(|source| source.path != "dbmanager/tests/store/on_redb.rs");
+    let wrong = broken(others, Strings::Emptied, |_, line| names(line, "redb::").then(|| line.trim().to_owned()));
+    check("only the reference names redb, and no robot has it", &wrong);
 }
 
 #[test]
