@@ -142,16 +142,18 @@ fn schemas_that_are_none() {
     assert_eq!(newer, Schema { max: Some(Datum::Integer(3)), merge: Merge::Decided, ..Schema::default() });
 }
 
+#[expect(clippy::cast_possible_truncation, reason = "it is a whole number")]
+fn whole(float: f64) -> i128 {
+    float as i128
+}
+
 proptest! {
     #[test]
     fn integers_and_floats_are_ordered_exactly(integer: i64, near in -3_i64..4, float: f64) {
         // The closest float is where rounding could be wrong.
-        let close = Datum::float(integer.saturating_add(near) as f64);
-        let exact = |datum: &Datum| match datum {
-            Datum::Float(float) => i128::from(integer).cmp(&(float.get() as i128)),
-            _ => unreachable!(),
-        };
-        prop_assert_eq!(check::compare(&Datum::Integer(integer), &close), Some(exact(&close)));
+        let close = integer.saturating_add(near) as f64;
+        let exact = i128::from(integer).cmp(&whole(close));
+        prop_assert_eq!(check::compare(&Datum::Integer(integer), &Datum::float(close)), Some(exact));
         let (left, right) = (Datum::Integer(integer), Datum::float(float));
         prop_assert_eq!(check::compare(&left, &right), check::compare(&right, &left).map(Ordering::reverse));
     }

@@ -104,6 +104,10 @@ fn how_values_look() {
         -9223372036854775808
     "#]],
     );
+}
+
+#[test]
+fn how_texts_and_tables_look() {
     check(
         &Datum::from("a \"b\"\n\u{7f}ä"),
         &expect![[r#"

@@ -23,9 +23,9 @@ fn drain(watch: &mut Watch, robot: &Robot) -> Vec<Told> {
 }
 
 fn dots(told: &[Told]) -> Vec<Dot> {
-    let dot = |told: &Told| match told {
-        Told::Event(event) => event.deed.dot,
-        other => panic!("{other:?}"),
+    let dot = |told: &Told| {
+        let Told::Event(event) = told else { panic!("{told:?}") };
+        event.deed.dot
     };
     told.iter().map(dot).collect()
 }
@@ -158,9 +158,9 @@ fn only_what_is_watched_and_whole() {
     let told = drain(&mut watch, &team[0]);
     let events: Vec<(usize, usize, usize)> = told
         .iter()
-        .map(|told| match told {
-            Told::Event(event) => (event.deed.changes.len(), event.deed.others, event.conflicts.len()),
-            other => panic!("{other:?}"),
+        .map(|told| {
+            let Told::Event(event) = told else { panic!("{told:?}") };
+            (event.deed.changes.len(), event.deed.others, event.conflicts.len())
         })
         .collect();
     assert_eq!(events, [(2, 1, 1), (1, 0, 1)]);
