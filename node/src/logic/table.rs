@@ -1,19 +1,9 @@
 //! Text for people: aligned columns, and the tree of what runs where.
 
+pub use dbmanager::logic::view::table::table;
+
 use crate::logic::protocol::{Deployment, NodeStatus, ProcessStatus};
 use std::collections::{BTreeMap, BTreeSet};
-
-/// Returns rows in aligned columns, without trailing blanks.
-pub fn table(rows: &[Vec<String>]) -> String {
-    let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
-    let width = |column: usize| rows.iter().filter_map(|row| row.get(column)).map(|cell| cell.chars().count()).max();
-    let widths: Vec<usize> = (0..columns).map(|column| width(column).unwrap_or(0)).collect();
-    let line = |row: &Vec<String>| {
-        let cells = row.iter().zip(&widths).map(|(cell, width)| format!("{cell:<width$}"));
-        cells.collect::<Vec<_>>().join("  ").trim_end().to_owned()
-    };
-    rows.iter().map(line).collect::<Vec<_>>().join("\n")
-}
 
 /// What all nodes say of one deployment: its phases, and each process with its host.
 #[derive(Default)]
