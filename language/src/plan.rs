@@ -5,11 +5,13 @@
 //! Invariants, kept by `check::lower` and re-checked by [`Plan::validate`] when a plan arrives over a wire: every index
 //! is in range, `groups[0]` is `main`, every group but `main` is a member of exactly one group, every leaf too.
 
+mod policy;
 mod validate;
 
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
+pub use policy::{LinkLoss, Policy, REALTIME_MAX, Realtime, Restart, Usage};
 pub use validate::PlanError;
 
 /// The deepest nesting of groups and of expressions that is accepted.
@@ -107,6 +109,10 @@ pub struct Leaf {
     pub kind: LeafKind,
     /// How long it may take to stop before it is killed.
     pub stop_within: Duration,
+    /// Its normal ends, when it has declared several.
+    pub outcomes: Vec<String>,
+    /// What becomes of its program when something is lost, and what it may use.
+    pub policy: Policy,
 }
 
 /// How a leaf is controlled.

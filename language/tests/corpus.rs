@@ -5,7 +5,7 @@
 //! `UPDATE_EXPECT=1` writes the expected files anew.
 
 use language::algebra::Program;
-use language::plan::{Arm, Expression, Group, LeafPort, MemberKind, Plan, Retention};
+use language::plan::{Arm, Expression, Group, LeafPort, MemberKind, Plan, Policy, Retention};
 use language::{Code, Compiled, Options, Severity, Source, Style, apply_fixes, compile, gather, render};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -102,6 +102,12 @@ fn describe(plan: &Plan) -> String {
         for argument in &leaf.arguments {
             let name = argument.name.as_ref().map_or(String::new(), |name| format!("{name}="));
             text += &format!(" {name}{:?}", argument.value);
+        }
+        if !leaf.outcomes.is_empty() {
+            text += &format!(" done({})", leaf.outcomes.join(" | "));
+        }
+        if leaf.policy != Policy::default() {
+            text += &format!(" {:?}", leaf.policy);
         }
         text.push('\n');
     }

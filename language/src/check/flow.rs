@@ -74,10 +74,12 @@ struct AtOnce {
 
 /// Reports loops that could turn without end at one instant.
 fn check_loops(expr: &Expr, diagnostics: &mut Vec<Diagnostic>) {
-    let is_endless = match &expr.kind {
-        ExprKind::Recurrent(first, second) => at_once(first).done && at_once(second).done,
-        ExprKind::Asynchronous(source, pool) => at_once(source).done && pool.iter().any(|part| at_once(part).done),
-        _ => false,
+    let is_endless = if let ExprKind::Recurrent(first, second) = &expr.kind {
+        at_once(first).done && at_once(second).done
+    } else if let ExprKind::Asynchronous(source, pool) = &expr.kind {
+        at_once(source).done && pool.iter().any(|part| at_once(part).done)
+    } else {
+        false
     };
     if is_endless {
         let diagnostic =

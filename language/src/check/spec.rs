@@ -1,7 +1,7 @@
 //! A spec between tree and plan: what is declared, with names resolved inside each group and every span kept.
 
 use super::unit::Dimension;
-use crate::plan::{Constant, LeafKind, Quality, Transfer};
+use crate::plan::{Constant, LeafKind, Policy, Quality, Transfer};
 use crate::source::Span;
 use crate::syntax::ast::Name;
 use std::collections::BTreeMap;
@@ -91,6 +91,8 @@ pub(crate) struct Instance {
     pub(crate) target: Target,
     pub(crate) args: Vec<Arg>,
     pub(crate) args_span: Span,
+    /// What it may use, and what becomes of it; with the place where that stands, if it does.
+    pub(crate) policy: (Policy, Option<Span>),
     /// Whether an event action runs it.
     pub(crate) is_run: bool,
 }

@@ -3,10 +3,10 @@
 mod recursion;
 mod resolve;
 
-use super::spec::{Arg, Param, Spec, Target, Value, ValueKind};
+use super::spec::{Arg, Param, Process, Spec, Target, Value, ValueKind};
 use super::unit::{self, Dimension};
 use crate::diagnostic::{Code, Diagnostic};
-use crate::plan::Constant;
+use crate::plan::{Constant, LinkLoss, Restart};
 use crate::similar::nearest;
 use crate::source::{Origin, Span};
 
@@ -17,6 +17,7 @@ pub(super) fn check(spec: &mut Spec, diagnostics: &mut Vec<Diagnostic>) {
     resolve::resolve(spec, diagnostics);
     for process in &spec.processes {
         check_actions(process, diagnostics);
+        check_policies(process, diagnostics);
         for instance in &process.instances {
             let (params, is_module) = match instance.target {
                 Target::Process(target) if spec.processes[target].damage.header => continue,
@@ -34,6 +35,31 @@ pub(super) fn check(spec: &mut Spec, diagnostics: &mut Vec<Diagnostic>) {
             let args: &[Arg] = if is_module { without_host(&instance.args) } else { &instance.args };
             check_args(&kind.text, params, args, instance.args_span, diagnostics);
             check_kinds(params, args, &process.params, diagnostics);
+        }
+    }
+}
+
+/// Policies belong to programs; those that nodes do not heed yet are told.
+fn check_policies(process: &Process, diagnostics: &mut Vec<Diagnostic>) {
+    let mut last = None;
+    for instance in &process.instances {
+        let (policy, Some(span)) = &instance.policy else { continue };
+        // The instances of an array have one text.
+        if last.replace(*span) == Some(*span) {
+            continue;
+        }
+        if let Target::Process(_) = instance.target {
+            let message = format!("`{}` is a group: policies belong to programs", instance.name.text);
+            let diagnostic = Diagnostic::new(Code::E0111, *span, message);
+            diagnostics.push(diagnostic.help("write them at the instances inside the group"));
+        }
+        let ignored = [
+            (policy.restart != Restart::default(), "restart"),
+            (policy.link_loss != LinkLoss::default(), "on_link_loss"),
+        ];
+        for (_, name) in ignored.into_iter().filter(|(is_set, _)| *is_set) {
+            let message = format!("`{name}` is part of the plan, but nodes do not heed it yet");
+            diagnostics.push(Diagnostic::new(Code::W0007, *span, message));
         }
     }
 }
@@ -143,7 +169,7 @@ fn count(params: usize) -> String {
 }
 
 /// Instances that nothing runs.
-fn check_actions(process: &super::spec::Process, diagnostics: &mut Vec<Diagnostic>) {
+fn check_actions(process: &Process, diagnostics: &mut Vec<Diagnostic>) {
     if process.damage.actions || process.damage.instances {
         return;
     }

@@ -100,6 +100,8 @@ codes! {
         "The interfaces that a program prints consist of `module` blocks only."
     E0110 Error "defined twice"
         "A name is defined once: process, parameter, instance, port, connection set, section."
+    E0111 Error "policy of a group"
+        "`restart`, `on_agent_loss`, `on_link_loss`, `memory`, `cpu`, `files`, `nice` and `realtime` say something of a program, so they stand in braces behind an instance of a module: `laser instof Laser(c1) { nice 5; }`."
     W0110 Warning "interface given twice"
         "Two programs describe the same module type. The first is used."
     W0120 Warning "never run"

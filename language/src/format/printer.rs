@@ -3,8 +3,8 @@
 use super::COLUMNS;
 use super::piece::{Piece, is_apart, is_bracketed, pieces};
 use crate::syntax::SyntaxKind::{
-    Actions, Comma, Connections, External, Host, Instances, LeftBrace, LeftBracket, LeftParen, Less, Module, Process,
-    RightBrace,
+    Actions, Comma, Connections, External, Host, Instances, LeftBrace, LeftBracket, LeftParen, Less, Module, Policies,
+    Process, RightBrace,
 };
 use crate::syntax::SyntaxNode;
 use rowan::NodeOrToken;
@@ -176,7 +176,7 @@ impl Printer {
     /// Writes a node; `reserve` columns follow it in its last line.
     pub(super) fn node(&mut self, node: &SyntaxNode, reserve: usize) {
         let kind = node.kind();
-        if [Process, Instances, External, Connections, Actions].contains(&kind)
+        if [Process, Instances, Policies, External, Connections, Actions].contains(&kind)
             || kind == Module && (!self.is_one_line(node) || self.is_commented(&self.range(node)))
             || kind == Host && self.is_commented(&self.range(node))
         {

@@ -16,6 +16,8 @@ pub struct Chance {
     /// Of a hundred ends, how many are failures.
     faults: u64,
     services: BTreeSet<String>,
+    /// The outcomes of each leaf that has several.
+    outcomes: BTreeMap<String, Vec<String>>,
     /// When each leaf that runs will end.
     due: BTreeMap<String, (Duration, Ending)>,
 }
@@ -28,7 +30,9 @@ impl Chance {
             MemberKind::Leaf(leaf) => Some(plan.leaves[leaf as usize].path.clone()),
             MemberKind::Group(_) => None,
         });
-        Self { state: seed, faults: faults.min(100), services: services.collect(), due: BTreeMap::new() }
+        let several = plan.leaves.iter().filter(|leaf| !leaf.outcomes.is_empty());
+        let outcomes = several.map(|leaf| (leaf.path.clone(), leaf.outcomes.clone())).collect();
+        Self { state: seed, faults: faults.min(100), services: services.collect(), outcomes, due: BTreeMap::new() }
     }
 
     /// Lets the next thing happen: a wait or a leaf ends. Returns false when nothing will ever end.
@@ -37,7 +41,7 @@ impl Chance {
         self.due.retain(|path, _| running.contains(path));
         for path in running {
             if !self.due.contains_key(&path) {
-                let (run, ending) = self.draw();
+                let (run, ending) = self.draw(&path);
                 let is_endless = self.services.contains(&path) && ending == Ending::Done;
                 let due = if is_endless { Duration::MAX } else { simulation.now().saturating_add(run) };
                 self.due.insert(path, (due, ending));
@@ -59,10 +63,15 @@ impl Chance {
         true
     }
 
-    fn draw(&mut self) -> (Duration, Ending) {
+    fn draw(&mut self, path: &str) -> (Duration, Ending) {
         let run = Duration::from_millis(RUN_MIN + self.next() % (RUN_MAX - RUN_MIN));
-        let is_fault = self.next() % 100 < self.faults;
-        (run, if is_fault { Ending::Aborted("a fault by chance".to_owned()) } else { Ending::Done })
+        if self.next() % 100 < self.faults {
+            return (run, Ending::Aborted("a fault by chance".to_owned()));
+        }
+        let Some(outcomes) = self.outcomes.get(path) else { return (run, Ending::Done) };
+        let count = outcomes.len() as u64;
+        let which = usize::try_from(self.next() % count).unwrap_or(0);
+        (run, self.outcomes[path].get(which).map_or(Ending::Done, |tag| Ending::Outcome(tag.clone())))
     }
 
     /// Source: Steele, Lea, Flood, "Fast splittable pseudorandom number generators" (SplitMix64).

@@ -75,6 +75,8 @@ kinds! {
     Host "a host section"
     Instances "a section of instances"
     Instance "an instance"
+    Policies "policies"
+    Policy "a policy"
     Count "a number of instances"
     Index "an index"
     List "a list"

@@ -6,6 +6,7 @@
 
 mod expression;
 mod module;
+mod policy;
 mod process;
 mod repair;
 

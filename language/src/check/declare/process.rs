@@ -1,5 +1,6 @@
 //! Process groups.
 
+mod policy;
 mod quality;
 
 use crate::check::expression;
@@ -155,11 +156,12 @@ fn instances(
         let args = node.child(SyntaxKind::Args);
         let args_span = args.as_ref().map_or(node.span().at_end(), Node::span);
         let kind = kind.map(|kind| Name { text: kind.compact_text(), span: kind.span() });
+        let policy = policy::policies(&node, scope.consts, diagnostics);
         let count = node.child(SyntaxKind::Count).map(|count| count_of(&count, scope, diagnostics));
         let mut add = |name: Name, scope: Scope<'_>, diagnostics: &mut Vec<Diagnostic>| {
             let args = args.as_ref().map(|args| arguments(args, scope, diagnostics)).unwrap_or_default();
-            let kind = kind.clone();
-            instances.push(Instance { name, kind, target: Target::Unknown, args, args_span, is_run: false });
+            let (kind, policy) = (kind.clone(), policy.clone());
+            instances.push(Instance { name, kind, target: Target::Unknown, args, args_span, policy, is_run: false });
         };
         let Some(count) = count else {
             add(name, scope, diagnostics);

@@ -136,7 +136,20 @@ impl Walk<'_> {
                 }
             }
             ExprKind::Retry(times, _, part) if *times > 0 => self.visit(part, &start.clone().or(nothing)),
-            _ => expr.parts().into_iter().for_each(|part| self.visit(part, start)),
+            ExprKind::Run(..)
+            | ExprKind::Skip
+            | ExprKind::Never
+            | ExprKind::Fail(_)
+            | ExprKind::Wait(_)
+            | ExprKind::Broken
+            | ExprKind::Concurrent(_)
+            | ExprKind::FailFast(_)
+            | ExprKind::AnyOf(..)
+            | ExprKind::Disable(_)
+            | ExprKind::Retry(..)
+            | ExprKind::Within(..)
+            | ExprKind::Shield(..)
+            | ExprKind::Using(..) => expr.parts().into_iter().for_each(|part| self.visit(part, start)),
         }
     }
 

@@ -13,8 +13,11 @@ struct Nested {
     wants: usize,
     span: Span,
     /// From the root of the expression: which operand, and whether the operands run at the same time.
-    path: Vec<(usize, bool)>,
+    path: Path,
 }
+
+/// The operands that lead to a place, and whether each runs beside the others.
+type Path = Vec<(usize, bool)>;
 
 /// Reports a `using` that can never start, and pairs of them that take the same things in different orders.
 pub(super) fn check(process: &Process, actions: &Expr, diagnostics: &mut Vec<Diagnostic>) {
@@ -39,7 +42,7 @@ pub(super) fn check(process: &Process, actions: &Expr, diagnostics: &mut Vec<Dia
 fn collect(
     process: &Process,
     expr: &Expr,
-    (path, held): (&mut Vec<(usize, bool)>, &mut Vec<(usize, Span)>),
+    (path, held): (&mut Path, &mut Vec<(usize, Span)>),
     (nested, diagnostics): (&mut Vec<Nested>, &mut Vec<Diagnostic>),
 ) {
     let before = held.len();

@@ -179,6 +179,7 @@ impl Builder<'_> {
             }
         }
         let leaf = number(self.tree.leaves.len());
+        let outcomes = module.iter().flat_map(|module| &module.outcomes).map(|outcome| outcome.name.text.clone());
         self.tree.leaves.push(Leaf {
             path,
             module: module.map_or_else(|| kind_of(instance), |module| module.name.text.clone()),
@@ -187,6 +188,8 @@ impl Builder<'_> {
             exec: module.and_then(|module| module.exec.clone()),
             kind: module.map_or(LeafKind::Controller, |module| module.kind),
             stop_within: module.map_or(STOP_WITHIN, |module| module.stop_within),
+            outcomes: outcomes.collect(),
+            policy: instance.policy.0.clone(),
         });
         self.tree.place_of.push(place_of);
         self.leaf_places.push(place);

@@ -13,7 +13,7 @@ use rowan::Language;
 /// Connection qualities that are read; `push` and `pull` mean something already.
 const QUALITIES: [&str; 6] = ["push", "pull", "latch", "drop", "queue", "rate"];
 /// Words that go on after a number and are no unit.
-const NO_UNITS: [&str; 4] = ["else", "within", "of", "pause"];
+const NO_UNITS: [&str; 5] = ["else", "within", "of", "pause", "optional"];
 
 impl Parser<'_> {
     pub(super) fn file(&mut self) {
@@ -331,7 +331,14 @@ impl Parser<'_> {
             self.expected("the type of the instance");
         }
         self.args();
-        self.end_statement();
+        if self.at(LeftBrace) {
+            self.start(SyntaxKind::Policies);
+            self.statements(Self::policy);
+            self.finish();
+            self.eat(Semicolon);
+        } else {
+            self.end_statement();
+        }
         self.finish();
     }
 
@@ -456,9 +463,6 @@ impl Parser<'_> {
     }
 
     fn quality(&mut self) {
-        if !["push", "pull"].contains(&self.word(0)) {
-            self.report(Code::W0007, format!("`{}` is part of the plan, but nodes do not heed it yet", self.word(0)));
-        }
         self.start(SyntaxKind::Quality);
         let is_rate = self.at_word("rate");
         self.bump();

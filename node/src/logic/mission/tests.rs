@@ -6,7 +6,7 @@ use crate::logic::record::Entry;
 use comms::logic::signals::{Signal, Signals};
 use comms::logic::time::Time;
 use expect_test::{Expect, expect};
-use language::plan::{Expression as E, Group, Leaf, LeafKind, Member, MemberKind};
+use language::plan::{Expression as E, Group, Leaf, LeafKind, Member, MemberKind, Policy};
 use std::fmt::Write as _;
 
 pub(crate) fn seconds(seconds: f64) -> Duration {
@@ -28,6 +28,8 @@ pub(crate) fn plan(names: &[&str], expression: Expression) -> Plan {
             exec: None,
             kind: LeafKind::Controller,
             stop_within: seconds(1.0),
+            outcomes: Vec::new(),
+            policy: Policy::default(),
         });
     }
     let group = |path: &str, members, expression| Group {

@@ -1,6 +1,6 @@
 //! The steps of a plan's main sequence, and their names.
 
-use language::plan::{Expression, Group, Member, MemberKind, Plan};
+use language::plan::{Arm, Expression, Group, Member, MemberKind, Plan};
 use std::collections::{BTreeSet, VecDeque};
 
 /// One element of the main sequence.
@@ -105,10 +105,34 @@ fn text(expression: &Expression, members: &[Member]) -> (u8, String) {
         E::Otherwise(..) => (4, " else "),
         E::Conditional(..) => (5, " : "),
         E::Recurrent(..) => (5, " ;; "),
+        E::Match(arms) => {
+            let tag = |arm: &Arm| arm.tag.clone().unwrap_or_else(|| "else".to_owned());
+            let arm = |arm: &Arm| format!("{} => {}", tag(arm), inside(&arm.body, 1, members));
+            return (9, format!("match {{ {} }}", arms.iter().map(arm).collect::<Vec<_>>().join(", ")));
+        }
+        E::Shield { bound, of } => {
+            let bound = bound.map_or(String::new(), |bound| format!("({} s)", bound.as_secs_f64()));
+            return (6, format!("shield{bound} {}", inside(of, 6, members)));
+        }
+        E::Using { resources, of } => {
+            return (6, format!("using({}) {}", resources.join(", "), inside(of, 6, members)));
+        }
+        E::Asynchronous { source, pool } => {
+            let one = pool.first().map_or(String::new(), |one| inside(one, 5, members));
+            return (5, format!("{} ::[{}] {one}", inside(source, 6, members), pool.len()));
+        }
     };
     let parts = expression.operands().into_iter().map(|child| match text(child, members) {
         (inner, text) if inner > level || level == 3 && inner == 3 => text,
         (_, text) => format!("({text})"),
     });
     (level, parts.collect::<Vec<_>>().join(operator))
+}
+
+/// The text of an operand that has to bind as tightly as `level`.
+fn inside(expression: &Expression, level: u8, members: &[Member]) -> String {
+    match text(expression, members) {
+        (own, text) if own >= level => text,
+        (_, text) => format!("({text})"),
+    }
 }

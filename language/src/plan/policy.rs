@@ -1,0 +1,70 @@
+//! What becomes of a leaf's program when something around it is lost, and what it may use of its host.
+
+use serde::{Deserialize, Serialize};
+use std::time::Duration;
+
+/// The highest real-time priority of a program: what is above belongs to the host.
+pub const REALTIME_MAX: u8 = 49;
+
+/// The policies of one leaf; the default is that of a node.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Policy {
+    /// Whether its program is started again when it has ended although nobody asked it to.
+    pub restart: Restart,
+    /// How long it may take to stop once its agent is gone; without it, as long as the node says.
+    pub agent_loss: Option<Duration>,
+    /// What it does while the way to its home is cut.
+    pub link_loss: LinkLoss,
+    /// What it may use.
+    pub usage: Usage,
+}
+
+/// Whether a program is started again.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Restart {
+    /// Never.
+    #[default]
+    Temporary,
+    /// After a failure.
+    Transient,
+    /// Always.
+    Permanent,
+}
+
+/// What a program does while the way to its home is cut.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum LinkLoss {
+    /// What the deployment does: it leaves when its home is lost.
+    #[default]
+    Leave,
+    /// It goes on.
+    Keep,
+    /// It stops by its own rules after so long.
+    SafeStopAfter(Duration),
+    /// It stays as it is, and does nothing new.
+    Hold,
+}
+
+/// What a program may use of its host; none of them is what it is without.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Usage {
+    /// Addressable memory, in bytes.
+    pub memory: Option<u64>,
+    /// Processor time, all in all.
+    pub cpu: Option<Duration>,
+    /// Open files and sockets.
+    pub files: Option<u64>,
+    /// Niceness, -20 to 19.
+    pub nice: Option<i8>,
+    /// The real-time class.
+    pub realtime: Option<Realtime>,
+}
+
+/// First in, first out, before everything that is not real-time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Realtime {
+    /// 1 to [`REALTIME_MAX`].
+    pub priority: u8,
+    /// Whether it runs without when the kernel refuses, rather than not at all.
+    pub is_optional: bool,
+}
