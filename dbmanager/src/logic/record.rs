@@ -8,10 +8,11 @@
 //! | `h` origin | the head of an origin |
 //! | `l` origin number | a frame, and its place in the order of application |
 //! | `k` key | the versions of a key |
+//! | `p` key | the version of a key that never leaves the robot |
 //! | `o` index | a frame that cannot be read yet |
 
 use crate::logic::cut::{Dot, Origin};
-use crate::logic::key::Key;
+use crate::logic::key::{Key, Namespace};
 use crate::logic::log::{Head, Log, Logged};
 use crate::logic::mutant::Mutant;
 use crate::logic::state::{State, Version};
@@ -76,6 +77,7 @@ pub(crate) struct Stored {
     pub(crate) log: Log,
     pub(crate) state: State,
     pub(crate) held: BTreeMap<u64, (Dot, Frame)>,
+    pub(crate) local: State,
 }
 
 impl Batch {
@@ -127,7 +129,8 @@ impl Batch {
     }
 
     pub(crate) fn versions(&mut self, key: &Key, versions: &[Version]) {
-        let name = name(b'k', key.as_str().as_bytes());
+        let kind = if key.namespace() == Namespace::Local { b'p' } else { b'k' };
+        let name = name(kind, key.as_str().as_bytes());
         if versions.is_empty() {
             self.0.insert(name, None);
         } else {
@@ -187,7 +190,7 @@ pub(crate) fn load(records: &Records, mutant: Mutant) -> Result<Stored, OpenErro
     let (mut identity, mut digests) = (None, None);
     let mut heads = BTreeMap::new();
     let mut frames: Vec<(Dot, u64, Frame)> = Vec::new();
-    let (mut state, mut held) = (State::new(mutant), BTreeMap::new());
+    let (mut state, mut local, mut held) = (State::new(mutant), State::default(), BTreeMap::new());
     for (name, bytes) in records {
         match name.split_first() {
             Some((b'i', [])) => identity = Some(read(name, bytes)?),
@@ -202,9 +205,10 @@ pub(crate) fn load(records: &Records, mutant: Mutant) -> Result<Stored, OpenErro
                 frames.push((dot, index, frame));
             }
             Some((b'o', index)) => drop(held.insert(number(b'o', index)?, read(name, bytes)?)),
-            Some((b'k', key)) => {
+            Some((kind @ (b'k' | b'p'), key)) => {
                 let key = String::from_utf8(key.to_vec()).ok().and_then(|key| Key::new(key).ok());
-                state.restore(key.ok_or(OpenError::Record { kind: 'k' })?, read(name, bytes)?);
+                let state = if *kind == b'k' { &mut state } else { &mut local };
+                state.restore(key.ok_or(OpenError::Record { kind: char::from(*kind) })?, read(name, bytes)?);
             }
             _ => return Err(OpenError::Damaged { what: "a record of an unknown kind" }),
         }
@@ -218,7 +222,7 @@ pub(crate) fn load(records: &Records, mutant: Mutant) -> Result<Stored, OpenErro
     if digests != Some(summary(&log, &state)) && !fresh {
         return Err(OpenError::Damaged { what: "something is missing" });
     }
-    Ok(Stored { identity, log, state, held })
+    Ok(Stored { identity, log, state, held, local })
 }
 
 /// Checks that the frames of each origin follow each other up to its head. They are in order of their names.

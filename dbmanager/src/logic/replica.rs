@@ -161,6 +161,7 @@ pub struct Replica {
     boot: u64,
     log: Log,
     state: State,
+    local: State,
     clock: Clock,
     wall: Wall,
     members: Members,
@@ -198,17 +199,18 @@ impl Replica {
             }
             None => return Err(OpenError::Damaged { what: "there is no identity" }),
         };
+        let local = stored.local.scan("").flat_map(|(_, versions)| versions).map(|version| version.stamp);
+        let last = local.chain([stored.log.last_stamp()]).max().unwrap_or_default();
+        let last = if config.mutant.is(Mutant::ClockForgotten) { Stamp::default() } else { last };
         Ok(Self {
-            clock: Clock::new(
-                identity.origin,
-                if config.mutant.is(Mutant::ClockForgotten) { Stamp::default() } else { stored.log.last_stamp() },
-            ),
+            clock: Clock::new(identity.origin, last),
             members: Members::of(&stored.state),
             owners: Owners::of(&stored.state),
             sync: sync::Sync::default(),
             waiting: commit::Waiting::default(),
             log: stored.log,
             state: stored.state,
+            local: stored.local,
             wall: Wall::default(),
             acks: Acks::default(),
             collected: Cut::default(),
@@ -286,6 +288,11 @@ impl Replica {
     /// Returns what can be read.
     pub fn state(&self) -> &State {
         &self.state
+    }
+
+    /// Returns what is at `local/…`, which no other robot sees: neither log, watchers nor history have it.
+    pub fn local(&self) -> &State {
+        &self.local
     }
 
     /// Returns the transactions that are still here.

@@ -6,7 +6,7 @@
 
 use crate::logic::clock::{Stamp, Wall};
 use crate::logic::cut::{Cut, Dot};
-use crate::logic::key::Key;
+use crate::logic::key::{Key, Namespace};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -370,6 +370,12 @@ impl Draft {
     /// Returns which prefixes it gives to somebody.
     pub fn grants(&self) -> impl Iterator<Item = (&Key, &Grant)> {
         self.grants.iter()
+    }
+
+    /// Returns whether it writes what never leaves the robot, and nothing else.
+    pub fn is_local(&self) -> bool {
+        let local = |key: &Key| key.namespace() == Namespace::Local;
+        self.grants.is_empty() && !self.writes.is_empty() && self.writes.keys().all(local)
     }
 
     /// Returns what it changes.

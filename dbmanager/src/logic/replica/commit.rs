@@ -9,6 +9,7 @@ use crate::logic::member;
 use crate::logic::message::{Message, PUSH_SIZE_MAX};
 use crate::logic::mutant::Mutant;
 use crate::logic::owner::{self, Owner};
+use crate::logic::state::Seen;
 use crate::logic::txn::{Condition, Draft, Frame, Grant, Rebase, Require, Txn, TxnError, Write};
 use comms::logic::time::Time;
 use std::collections::{BTreeMap, BTreeSet};
@@ -78,6 +79,11 @@ impl Replica {
     pub(super) fn commit_all(&mut self, now: Time, requests: Vec<Request>, effects: &mut Vec<Effect>) {
         let mut frames = Vec::new();
         for Request { ticket, draft, level, until } in requests {
+            if draft.is_local() {
+                let answer = self.commit_local(now, &draft).map_or_else(Answer::Refused, Answer::Committed);
+                effects.push(Effect::Answer(ticket, answer));
+                continue;
+            }
             let wants_ack = level != Level::Local;
             let frame = self.plan(draft).and_then(|change| self.commit(now, Change { wants_ack, ..change }));
             let (dot, frame) = match frame {
@@ -102,6 +108,25 @@ impl Replica {
             }
         }
         self.push(now, frames, effects);
+    }
+
+    /// Writes what never leaves the robot. Its dot has no origin.
+    fn commit_local(&mut self, now: Time, draft: &Draft) -> Result<Dot, TxnError> {
+        draft.check()?;
+        draft.requires().iter().try_for_each(|require| match require.key.namespace() {
+            Namespace::Local => self.local.check(require),
+            Namespace::Team | Namespace::Robot(_) | Namespace::System => self.state.check(require),
+        })?;
+        let stamp = self.clock.tick(now, self.wall).ok_or(TxnError::Clock)?;
+        let dot = Dot { origin: Origin::default(), seq: stamp.hlc };
+        let all: Cut = [(dot.origin, u64::MAX)].into_iter().collect();
+        for (key, value) in draft.writes() {
+            let write = Write { key: key.clone(), value: value.cloned() };
+            self.local.apply(dot, stamp, Seen { context: &all, only: None }, &[write]);
+            self.local.drop_deleted(&all);
+            self.batch.versions(key, self.local.versions(key));
+        }
+        Ok(dot)
     }
 
     /// Makes this the first member of a team.

@@ -31,6 +31,8 @@ use std::time::Duration;
 const CHUNK_TIME: Duration = Duration::from_secs(2);
 /// How often.
 const TRIES_MAX: u32 = 4;
+/// How many bytes a state that is taken over may have: it has to be in memory as a whole.
+const DOWNLOAD_SIZE_MAX: usize = 1 << 30;
 /// How many origins one admission replaces.
 const REPLACED_MAX: usize = 1024;
 /// How many chunks are asked for at a time.
@@ -180,14 +182,18 @@ impl Replica {
         if !download.asked.remove(&name) {
             return;
         }
+        let size: usize = download.chunks.values().map(Vec::len).sum();
         match bytes {
-            Some(bytes) if Name::of(&bytes) == name => {
+            Some(bytes) if Name::of(&bytes) == name && size + bytes.len() <= DOWNLOAD_SIZE_MAX => {
                 download.chunks.insert(name, bytes);
                 (download.until, download.tries) = (now + CHUNK_TIME, 0);
                 effects.extend(download.ask());
                 self.try_install(now, effects);
             }
-            Some(_) => effects.push(Effect::Alarm(Alarm::Malformed(from))),
+            Some(_) => {
+                self.download = None;
+                effects.push(Effect::Alarm(Alarm::Malformed(from)));
+            }
             // The peer has gone on, or was started anew: the next pull brings its new manifest.
             None => self.download = None,
         }

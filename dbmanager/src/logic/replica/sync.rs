@@ -188,7 +188,7 @@ impl Replica {
                     self.sync.ahead(from, now + PULL_AFTER_PUSH);
                 }
             }
-            Message::Ack(cut) if !stranger => {
+            Message::Ack(cut) if self.members.is_active(from) => {
                 self.acks.note(from, &cut);
             }
             Message::Push(_) | Message::Ack(_) => {}
@@ -317,7 +317,9 @@ impl Replica {
         match chunk {
             Chunk::Frames { cut, frames, more } if self.is_member() && (asked || self.members.is_active(from)) => {
                 let missing = self.take_frames(now, (from, frames), effects);
-                self.acks.note(from, &cut);
+                if self.members.is_active(from) {
+                    self.acks.note(from, &cut);
+                }
                 if (more || !self.have().dominates(&cut)) && !missing {
                     self.sync.ahead(from, now);
                 }

@@ -112,10 +112,8 @@ pub(super) fn put(name: &str, value: &[u8; 1]) -> Draft {
 }
 
 fn refused_for(answer: &Answer) -> Option<(&str, u64)> {
-    match answer {
-        Answer::Refused(TxnError::NotOwner { owner, term, .. }) => Some((owner, *term)),
-        _ => None,
-    }
+    let Answer::Refused(TxnError::NotOwner { owner, term, .. }) = answer else { return None };
+    Some((owner, *term))
 }
 
 #[test]
@@ -169,9 +167,9 @@ fn owner_takeover_old_owner_isolated_keeps_writing() {
 #[test]
 fn unknown_format_relay() {
     let mut team = Team::of(3);
-    let commit = |team: &mut Team, name: &str| match team.commit(1, put(name, b"1")) {
-        Answer::Committed(dot) => team.replicas[1].log().frame(dot).unwrap().clone(),
-        other => panic!("{other:?}"),
+    let commit = |team: &mut Team, name: &str| {
+        let Answer::Committed(dot) = team.commit(1, put(name, b"1")) else { panic!("nothing forbids it") };
+        team.replicas[1].log().frame(dot).unwrap().clone()
     };
     team.away.extend([0, 1, 2]);
     let (newer, after) = (commit(&mut team, "team/a"), commit(&mut team, "team/b"));
@@ -210,4 +208,21 @@ fn what_was_held_is_applied_once_it_can_be_read() {
     team.run(20);
     assert_eq!(team.versions(0, "team/a").len(), 1);
     assert!(!team.disks[0].keys().any(|name| name[0] == b'o'));
+}
+
+#[test]
+fn what_is_local_stays_here_and_survives() {
+    let mut team = Team::of(2);
+    let create = || Draft::new("id").require(key("local/id"), Condition::Absent).put(key("local/id"), b"7");
+    assert!(matches!(team.commit(0, create()), Answer::Committed(_)));
+    assert!(matches!(team.commit(0, create()), Answer::Refused(TxnError::Precondition { .. })));
+    assert!(matches!(team.commit(0, put("local/gone", b"1")), Answer::Committed(_)));
+    assert!(matches!(team.commit(0, Draft::new("").delete(key("local/gone"))), Answer::Committed(_)));
+    let mixed = put("local/a", b"1").put(key("team/a"), b"1");
+    assert!(matches!(team.commit(0, mixed), Answer::Refused(TxnError::Reserved { .. })));
+    team.run(30);
+    team.replicas[0] = Replica::open(team.config(0), &team.disks[0].clone()).unwrap();
+    let local = |node: usize| team.replicas[node].local().scan("").map(|(key, _)| key.as_str()).collect::<Vec<_>>();
+    assert_eq!((local(0), local(1)), (vec!["local/id"], vec![]));
+    assert_eq!(team.replicas[0].state(), team.replicas[1].state());
 }
