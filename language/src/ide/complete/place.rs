@@ -41,6 +41,11 @@ impl Cursor {
         })
     }
 
+    /// Whether the node around the word's own is of a kind.
+    pub(super) fn grand_is(&self, kind: SyntaxKind) -> bool {
+        self.grand.as_ref().is_some_and(|grand| grand.kind() == kind)
+    }
+
     /// The nearest node of a kind around the word.
     pub(super) fn inside(&self, kind: SyntaxKind) -> Option<&Node> {
         self.around.iter().find(|node| node.kind() == kind)
@@ -51,9 +56,10 @@ impl Cursor {
         let is_word =
             self.before_kind == SyntaxKind::Ident && !["else", "within", "of", "in"].contains(&self.before.as_str());
         let ends = [SyntaxKind::RightParen, SyntaxKind::RightBracket, SyntaxKind::Question, SyntaxKind::Greater];
-        let after_retry = self.parent.kind() == SyntaxKind::Run
-            && self.grand.as_ref().is_some_and(|grand| grand.kind() == SyntaxKind::Retry);
-        (is_word || ends.contains(&self.before_kind)) && !after_retry
+        // The parentheses of these open an operand.
+        let prefixes = [SyntaxKind::Retry, SyntaxKind::Using, SyntaxKind::Shield];
+        let after_prefix = prefixes.iter().any(|&kind| self.grand_is(kind));
+        (is_word || ends.contains(&self.before_kind)) && !after_prefix
     }
 
     /// Whether a statement begins with the word.
