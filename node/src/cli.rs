@@ -5,6 +5,7 @@
 pub mod agent;
 pub mod check;
 pub mod client;
+pub mod db;
 pub mod deploy;
 pub mod display;
 pub mod explain;
@@ -68,6 +69,8 @@ enum Verb {
     Logs(logs::Arguments),
     /// Stop a deployment everywhere
     Stop(stop::Arguments),
+    /// Read and write the database that every robot of a team has a copy of
+    Db(db::Arguments),
     /// Make one page to look at from the record of a run
     Report(report::Arguments),
 }
@@ -128,6 +131,7 @@ pub fn main() -> ExitCode {
         Verb::Status(arguments) => status::run(&arguments),
         Verb::Logs(arguments) => logs::run(&arguments),
         Verb::Stop(arguments) => stop::run(&arguments),
+        Verb::Db(arguments) => db::run(arguments),
         Verb::Report(arguments) => report::run(&arguments),
     })
 }

@@ -1,6 +1,7 @@
 //! Where a node's decisions become processes, sockets and files.
 
 pub mod child;
+pub mod database;
 pub mod driver;
 pub mod journal;
 pub mod observer;
@@ -8,4 +9,5 @@ pub mod peers;
 pub mod programs;
 pub mod recorder;
 pub mod run_dir;
+pub mod state_dir;
 pub mod tail;

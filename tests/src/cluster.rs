@@ -113,8 +113,13 @@ impl Cluster {
 
     /// Returns host `number` of a network, with a folder for sockets of its own as on a machine of its own.
     pub fn host(&self, network: &Network, number: usize) -> Host {
-        let run_dir = self.folder.join(format!("n{number}"));
-        Host { folder: self.folder.clone(), run_dir, namespace: Some(network.namespace(number)) }
+        let run_dir = |number| self.folder.join(format!("n{number}"));
+        let others: Vec<PathBuf> = network.hosts().filter(|other| *other != number).map(run_dir).collect();
+        for folder in &others {
+            std::fs::create_dir_all(folder).expect("a test can write in its own folder");
+        }
+        let namespace = Some((network.namespace(number), others));
+        Host { folder: self.folder.clone(), run_dir: run_dir(number), namespace }
     }
 
     /// Returns every process that descends from this test, but for the test itself.
@@ -154,7 +159,8 @@ impl Drop for Cluster {
 pub struct Host {
     folder: PathBuf,
     run_dir: PathBuf,
-    namespace: Option<String>,
+    /// Its name, and the folders with sockets of the other hosts.
+    namespace: Option<(String, Vec<PathBuf>)>,
 }
 
 impl Host {
@@ -173,7 +179,7 @@ impl Host {
     pub fn dca(&self, arguments: &[&str]) -> Program {
         let mut command = self.command("dca");
         command.args(arguments);
-        if matches!(arguments.first(), Some(&("deploy" | "nodes" | "status" | "logs" | "stop"))) {
+        if matches!(arguments.first(), Some(&("deploy" | "nodes" | "status" | "logs" | "stop" | "db"))) {
             command.arg("--run-dir").arg(&self.run_dir);
         }
         Program::start(command)
@@ -188,6 +194,8 @@ impl Host {
     pub fn start_node(&self, name: &str, arguments: &[&str]) -> Program {
         let mut command = self.command("dca-node");
         command.arg("--name").arg(name).arg("--run-dir").arg(&self.run_dir).args(arguments);
+        // Two nodes of one name have different folders for sockets, so these are different too.
+        command.arg("--state").arg(self.run_dir.with_extension("state"));
         Program::start(command)
     }
 
@@ -222,10 +230,14 @@ impl Host {
         let executable = executable(name);
         let mut command = match &self.namespace {
             None => Command::new(executable),
-            Some(namespace) => {
+            Some((namespace, others)) => {
                 let mut command = Command::new("ip");
-                // It executes the program in its own place, so that its process id is the program's.
-                command.args(["netns", "exec", namespace]).arg(executable);
+                // Hosts share no files: a socket of another would be a way around the network. What is mounted here is
+                // seen by this program alone. Each executes the next in its own place, so the process id stays.
+                const HIDE: &str =
+                    "while [ \"$1\" != -- ]; do mount -t tmpfs none \"$1\"; shift; done; shift; exec \"$@\"";
+                command.args(["netns", "exec", namespace, "sh", "-c", HIDE, "sh"]);
+                command.args(others).arg("--").arg(executable);
                 command
             }
         };

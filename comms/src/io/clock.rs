@@ -4,6 +4,7 @@ use crate::logic::time::Time;
 use rustix::thread::set_current_timer_slack;
 use rustix::time::{ClockId, clock_gettime};
 use std::num::NonZeroU64;
+use std::path::Path;
 use std::sync::{Condvar, Mutex, PoisonError};
 use std::time::Duration;
 
@@ -15,6 +16,12 @@ pub fn now() -> Time {
 /// Returns the time since 1970 on this host's calendar clock, for people. It may be wrong, and it may jump.
 pub fn unix_time() -> Duration {
     Duration::from_nanos(since_origin(ClockId::Realtime).nanos())
+}
+
+/// Returns whether this host's calendar clock is kept in step with others. Only systemd says so in a file; a clock that
+/// something else keeps counts as one that nobody has set.
+pub fn is_synchronised() -> bool {
+    Path::new("/run/systemd/timesync/synchronized").exists()
 }
 
 fn since_origin(clock: ClockId) -> Time {

@@ -136,10 +136,11 @@ fn check_size<T: Enveloped>(size: usize) -> Result<(), CodecError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::logic::control::{Device, Dial, Incoming, Location, Outgoing};
+    use crate::logic::control::{Device, Dial, Incoming, Location, Outgoing, Shape};
     use crate::logic::signals::Signal;
     use crate::logic::time::Time;
     use proptest::prelude::*;
+    use std::time::Duration;
 
     fn check<T: Enveloped + PartialEq + std::fmt::Debug>(message: &T, golden: &str) {
         let bytes = encode(message).unwrap();
@@ -164,6 +165,10 @@ mod tests {
         check(&Order::Activate { activation: 9, value: vec![1] }, "44430100010003090101");
         check(&Order::Stop { activation: 9 }, "4443010001000409");
         check(&Order::Exit, "44430100010005");
+        let parameters = vec![("a".to_owned(), "1".to_owned())];
+        check(&Order::Configure { parameters }, "444301000100060101610131");
+        let shape = Shape { wire: 1, latch: true, queue: Some(5), period_min: Some(Duration::from_millis(100)) };
+        check(&Order::Shape { wires: vec![shape] }, "444301000100070101010105010080c2d72f");
     }
 
     #[test]

@@ -8,6 +8,7 @@
 //! idle until [`Order::Activate`].
 
 use serde::{Deserialize, Serialize};
+use std::time::Duration;
 
 /// Version of this protocol.
 pub const VERSION: u16 = 1;
@@ -49,6 +50,19 @@ pub struct Outgoing {
     pub key: String,
     /// Whether the consumer fetches (pull) or receives (push).
     pub pull: bool,
+}
+
+/// How data moves on a wire, where the spec says so. Both ends are told.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Shape {
+    /// Number of the wire in the plan.
+    pub wire: u32,
+    /// Whether a consumer gets the last value when the wire is opened.
+    pub latch: bool,
+    /// How many values wait for the consumer at most.
+    pub queue: Option<u32>,
+    /// The shortest time between two values.
+    pub period_min: Option<Duration>,
 }
 
 /// A link to the program that owns a device.
@@ -111,6 +125,16 @@ pub enum Order {
     },
     /// Leave: stop if running, close the session, exit with code 0.
     Exit,
+    /// Values from the database go over the arguments of the spec; those of the last such order do no more.
+    Configure {
+        /// Parameter names, and values as a spec spells them.
+        parameters: Vec<(String, String)>,
+    },
+    /// How data moves on some wires, other than as the ports do it; comes before [`Order::Connect`].
+    Shape {
+        /// Those wires.
+        wires: Vec<Shape>,
+    },
 }
 
 /// From the program to the node.

@@ -5,6 +5,8 @@
 //! dca/n/<host>/in                    messages from node to node
 //! dca/live/<host>/<boot>             a node is up
 //! dca/d/<deployment>/<epoch>/w/<wire>  samples of one wire
+//! dca/db/<team>/news/<origin>        what a replica of the database tells everybody
+//! dca/db/<team>/to|ask/<origin>      what one is told, and asked
 //! dca/<robot>/hw/<device>/state|cmd  a device; `<robot>` starts with `_` if it is one of the words above
 //! dca/<robot>/signals/<instance path>  what a program shows to people
 //! ```
@@ -19,7 +21,7 @@ use thiserror::Error;
 /// The longest host name. Source: RFC 1123, the length of one label.
 pub const HOST_NAME_SIZE_MAX: usize = 63;
 /// First words that a robot's name must not take.
-const RESERVED: [&str; 3] = ["n", "live", "d"];
+const RESERVED: [&str; 4] = ["n", "live", "d", "db"];
 
 /// The name of a host: letters, digits, `_`, `-` and `.`; it starts with a letter or digit.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -129,6 +131,26 @@ pub fn wire(deployment: &str, epoch: u64, wire: u32) -> String {
     format!("dca/d/{}/{epoch}/w/{wire}", escape(deployment))
 }
 
+/// Returns the key on which a replica of a team's database tells everybody something.
+pub fn db_news(team: &str, origin: u64) -> String {
+    format!("dca/db/{}/news/{origin:016x}", escape(team))
+}
+
+/// Returns the key expression of what any replica tells everybody.
+pub fn db_news_any(team: &str) -> String {
+    format!("dca/db/{}/news/*", escape(team))
+}
+
+/// Returns the key on which one replica is told something.
+pub fn db_inbox(team: &str, origin: u64) -> String {
+    format!("dca/db/{}/to/{origin:016x}", escape(team))
+}
+
+/// Returns the key of questions to exactly one replica.
+pub fn db_ask(team: &str, origin: u64) -> String {
+    format!("dca/db/{}/ask/{origin:016x}", escape(team))
+}
+
 /// Returns the key of one side of a device.
 pub fn hardware(robot: &str, device: &str, channel: Channel) -> String {
     format!("dca/{}/hw/{}/{}", robot_name(robot), escape(device), channel.word())
@@ -197,7 +219,7 @@ fn unescape(escaped: &str) -> Option<String> {
     (escape(&name) == escaped).then_some(name)
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "zenoh"))]
 mod tests {
     use super::*;
     use proptest::prelude::*;
@@ -209,6 +231,8 @@ mod tests {
         assert_eq!(inbox("c1"), "dca/n/c1/in");
         assert_eq!(live("c1", 255), "dca/live/c1/00000000000000ff");
         assert_eq!(wire("door", 2, 17), "dca/d/door/2/w/17");
+        assert_eq!(db_news("dca", 255), "dca/db/dca/news/00000000000000ff");
+        assert_eq!(db_ask("dca", 255), "dca/db/dca/ask/00000000000000ff");
         assert_eq!(hardware("door", "arm", Channel::State), "dca/door/hw/arm/state");
         assert_eq!(hardware("live", "arm", Channel::Command), "dca/_live/hw/arm/cmd");
         assert_eq!(signals("door", "main/hit/force"), "dca/door/signals/main/hit/force");
@@ -238,7 +262,7 @@ mod tests {
         #[test]
         fn every_name_gives_a_plain_key_and_comes_back(a in ".*", b in ".*", boot: u64) {
             for key in [rpc(&a, &b), inbox(&a), live(&a, boot), wire(&a, boot, 3), signals(&a, &b),
-                        hardware(&a, &b, Channel::State)] {
+                        db_news(&a, boot), db_inbox(&a, boot), db_ask(&a, boot), hardware(&a, &b, Channel::State)] {
                 let key = KeyExpr::try_from(key).unwrap();
                 prop_assert!(!key.is_wild());
             }
@@ -250,7 +274,7 @@ mod tests {
         }
 
         #[test]
-        fn robots_stay_apart_from_our_words(a in "_{0,3}(n|live|d|door)", b in "_{0,3}(n|live|d|door)") {
+        fn robots_stay_apart_from_our_words(a in "_{0,3}(n|live|db?|door)", b in "_{0,3}(n|live|db?|door)") {
             prop_assert_eq!(signals(&a, "x") == signals(&b, "x"), a == b);
             let first = signals(&a, "x").split('/').nth(1).unwrap().to_owned();
             prop_assert!(!RESERVED.contains(&first.as_str()));

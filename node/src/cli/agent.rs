@@ -3,7 +3,8 @@
 use crate::cli::client::{block_on, ended};
 use crate::cli::{Failure, finish, output, start_logging};
 use crate::io::driver::{self, Config};
-use crate::io::{programs, run_dir};
+use crate::io::{programs, run_dir, state_dir};
+use crate::logic::database::TEAM;
 use anyhow::Context;
 use clap::Parser;
 use comms::io::session::{self, Reach};
@@ -39,6 +40,12 @@ struct Arguments {
     /// Folder for sockets and output
     #[arg(long, value_name = "DIR")]
     run_dir: Option<PathBuf>,
+    /// Folder for the database, which survives this node [default: /var/lib/dca, or dca in the user's state folder]
+    #[arg(long, value_name = "DIR")]
+    state: Option<PathBuf>,
+    /// The team whose database this robot has a copy of
+    #[arg(long, value_name = "NAME", default_value = TEAM)]
+    team: String,
 }
 
 /// Runs the agent of this process.
@@ -55,7 +62,11 @@ fn run(arguments: Arguments) -> Result<(), Failure> {
     }
     let seconds = arguments.agent_loss_grace;
     let agent_loss_grace = Duration::try_from_secs_f64(seconds).context("`--agent-loss-grace` must not be negative")?;
+    let state = state_dir::take(arguments.state.as_deref(), arguments.name.as_str())?;
     let config = Config {
+        state: Some(state),
+        team: arguments.team,
+        founds: false,
         name: arguments.name.as_str().to_owned(),
         base: arguments.run_dir.unwrap_or_else(run_dir::default_base),
         reach: if arguments.lan { Reach::Lan } else { Reach::Host },

@@ -24,6 +24,8 @@ const VERB: &str = "request";
 #[derive(Debug)]
 pub(crate) struct Client {
     session: Session,
+    /// The node of this machine that it goes through.
+    local: Option<String>,
 }
 
 /// The answers of a node to one request, as they come.
@@ -49,13 +51,13 @@ impl Client {
         let mut problem = None;
         for (name, socket) in run_dir::running(&base) {
             match Session::open_client(&socket).await {
-                Ok(session) => return Ok(Self { session }),
+                Ok(session) => return Ok(Self { session, local: Some(name) }),
                 Err(error) => problem = Some(anyhow!(error).context(format!("connecting to the node `{name}`"))),
             }
         }
         if reaching.lan {
             let session = Session::open_scout().await.context("looking for nodes on the network");
-            return Ok(Self { session: session.map_err(Failure::Unreachable)? });
+            return Ok(Self { session: session.map_err(Failure::Unreachable)?, local: None });
         }
         let none = || {
             anyhow!("no node runs on this machine; start one with `dca-node --name NAME`, or look further with `--lan`")
@@ -67,7 +69,12 @@ impl Client {
     pub(crate) async fn to_socket(socket: PathBuf) -> Result<Self, Failure> {
         let session =
             Session::open_client(&socket).await.with_context(|| format!("connecting to {}", socket.display()));
-        Ok(Self { session: session.map_err(Failure::Unreachable)? })
+        Ok(Self { session: session.map_err(Failure::Unreachable)?, local: None })
+    }
+
+    /// Returns the node of this machine that it goes through, if it does.
+    pub(crate) fn local(&self) -> Option<&str> {
+        self.local.as_deref()
     }
 
     /// Returns the nodes that can be reached: at once when all of `wanted` are there, else after a while.

@@ -84,10 +84,23 @@ pub(crate) async fn follow(client: &Client, spec: Spec, following: &Following) -
         seen: 0,
         cut_off: None,
     };
-    let request = Request::Deploy { request: request_number(), plan: spec.plan };
+    let request = Request::Deploy { request: request_number(), plan: spec.plan, by: whoami() };
     let answers = client.ask_on(&home, &request)?;
     let watched = watch.watch(client, &home, answers, arriving).await;
     watch.finish(watched).await
+}
+
+/// Returns who runs this command, and where: `ann@c1`.
+fn whoami() -> String {
+    let uid = rustix::process::getuid().as_raw().to_string();
+    let users = std::fs::read_to_string("/etc/passwd").unwrap_or_default();
+    let named = |line: &str| {
+        let mut fields = line.split(':');
+        let (name, id) = (fields.next()?, fields.nth(1)?);
+        (id == uid).then(|| name.to_owned())
+    };
+    let user = users.lines().find_map(named).unwrap_or(uid.clone());
+    format!("{user}@{}", rustix::system::uname().nodename().to_string_lossy())
 }
 
 /// A number that no other request has: the time, and who asks.
@@ -110,10 +123,17 @@ impl Watch {
             tokio::select! {
                 answer = answers.next() => match answer {
                     Some(Ok(answer)) => self.take(answer)?,
-                    cut_off => match self.again(client, cut_off.and_then(Result::err)).await? {
-                        Some(more) => answers = more,
-                        None => return Ok(()),
-                    },
+                    cut_off => {
+                        let more = tokio::select! {
+                            more = self.again(client, cut_off.and_then(Result::err)) => more?,
+                            _ = interrupt.recv() => return Err(self.lost()),
+                            _ = terminate.recv() => return Err(self.lost()),
+                        };
+                        match more {
+                            Some(more) => answers = more,
+                            None => return Ok(()),
+                        }
+                    }
                 },
                 Some(sight) = sights.recv() => match sight {
                     Sight::Sample(sample) => self.sample(sample),
@@ -153,9 +173,15 @@ impl Watch {
                 return Ok(Some(client.ask_on(&self.home, &request)?));
             }
         }
+        Err(self.lost())
+    }
+
+    /// What is said when the home node is out of reach, so that nobody can be asked for an end either.
+    fn lost(&self) -> Failure {
         let (home, name) = (&self.home, &self.name);
-        let gone = anyhow!("the node `{home}` went away in the middle; `{name}` may still run: see `dca status`");
-        Err(Failure::Unreachable(gone))
+        Failure::Unreachable(anyhow!(
+            "the node `{home}` went away in the middle; `{name}` may still run: see `dca status`"
+        ))
     }
 
     /// Asks for the end once; the mission's own reports say when it has come. The second time nobody waits.

@@ -5,8 +5,9 @@ use crate::cli::client::{Client, block_on, ended};
 use crate::cli::follow::Spec;
 use crate::cli::{Controllers, Failure, check, deploy, follow};
 use crate::io::driver::{self, Config};
-use crate::io::{programs, run_dir};
+use crate::io::{programs, run_dir, state_dir};
 use crate::logic::child::AGENT_LOSS_GRACE;
+use crate::logic::database::TEAM;
 use anyhow::{Context, anyhow};
 use comms::io::clock;
 use comms::io::session::Reach;
@@ -27,6 +28,9 @@ pub struct Arguments {
     following: follow::Following,
     #[command(flatten)]
     controllers: Controllers,
+    /// Keep the database of its nodes in this folder [default: it is gone when the command ends]
+    #[arg(long, value_name = "DIR")]
+    state: Option<PathBuf>,
 }
 
 /// The nodes inside this command.
@@ -41,7 +45,7 @@ struct Nodes {
 pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
     let spec = check::load(&arguments.file, &arguments.controllers, false)?;
     block_on(async {
-        let mut nodes = Nodes::start(&spec.plan.hosts, &arguments.controllers).await?;
+        let mut nodes = Nodes::start(&spec.plan.hosts, &arguments).await?;
         let result = nodes.carry(spec, &arguments.following).await;
         nodes.leave().await;
         result
@@ -49,7 +53,8 @@ pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
 }
 
 impl Nodes {
-    async fn start(hosts: &[String], controllers: &Controllers) -> Result<Self, Failure> {
+    async fn start(hosts: &[String], arguments: &Arguments) -> Result<Self, Failure> {
+        let (controllers, state) = (&arguments.controllers, arguments.state.as_deref());
         let base = run_dir::of_this_command(&run_dir::default_base());
         let mut nodes = Self { base, leave: watch::Sender::new(false), running: JoinSet::new() };
         for host in hosts {
@@ -60,6 +65,9 @@ impl Nodes {
                 port: 0,
                 controllers: programs::chosen(&controllers.programs),
                 peers: Vec::new(),
+                state: state.map(|state| state_dir::take(Some(state), host)).transpose()?,
+                team: TEAM.to_owned(),
+                founds: hosts.first() == Some(host),
                 agent_loss_grace: AGENT_LOSS_GRACE,
             };
             let ready = watch::Sender::new(false);

@@ -1,25 +1,28 @@
 //! A running node: one `select!` that turns every event into an input of the agent and carries its effects out, in order.
 
 use crate::io::child::{self, Shim};
+use crate::io::database;
 use crate::io::journal::Journal;
 use crate::io::peers::{Arrival, Peers};
 use crate::io::run_dir::RunDir;
 use crate::io::{programs, tail};
 use crate::logic::agent::{Agent, Identity, Input};
 use crate::logic::child::{Gate, ShimReport, ShimStart};
+use crate::logic::database::settings::Settings;
 use crate::logic::effect::{Effect, ProcessId, SpawnOrder};
 use crate::logic::programs::Programs;
-use crate::logic::protocol::{Answer, Deployment};
+use crate::logic::protocol::{Answer, Deployment, Request};
 use anyhow::Context;
 use comms::io::clock;
 use comms::io::control::{ControlReceiver, ControlSender, Listener};
 use comms::io::session::{NodeOptions, Reach};
-use comms::logic::control::Notice;
+use comms::logic::control::{Notice, Order};
 use comms::logic::key::HostName;
 use comms::logic::time::Time;
 use language::plan::LeafKind;
 use std::collections::{BTreeMap, VecDeque};
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::mpsc::{self, Receiver, Sender};
 use tokio::sync::watch;
@@ -49,6 +52,12 @@ pub struct Config {
     pub peers: Vec<String>,
     /// How long programs have to stop when this node is gone.
     pub agent_loss_grace: Duration,
+    /// Folder for what must survive: the database and the journal; none for a node whose memory ends with it.
+    pub state: Option<PathBuf>,
+    /// Name of the team whose database this node has a replica of.
+    pub team: String,
+    /// Whether its database begins a team at once.
+    pub founds: bool,
 }
 
 /// Something that happened outside the agent.
@@ -68,6 +77,7 @@ struct Driver {
     dir: RunDir,
     agent: Agent,
     peers: Peers,
+    database: database::Running,
     journal: Journal,
     shim: PathBuf,
     shims: BTreeMap<ProcessId, Shim>,
@@ -78,6 +88,8 @@ struct Driver {
     pending: VecDeque<Input>,
     events: Sender<Event>,
     tasks: JoinSet<()>,
+    /// What this robot's own keys say.
+    settings: Settings,
 }
 
 /// Runs a node until `leave` turns true and nothing of it is left, or for ever. `ready` turns true when it can be called.
@@ -89,11 +101,17 @@ pub async fn run(config: Config, mut leave: watch::Receiver<bool>, ready: watch:
     let mut driver = Driver::open(config, events).await?;
     ready.send_replace(true);
     let mut leaving = false;
+    let mut settings = driver.database.settings();
     loop {
         let deadline = driver.agent.deadline();
         let input = tokio::select! {
             event = next(&mut arriving) => driver.input(event),
             () = until(deadline) => Some(Input::Tick),
+            Ok(()) = settings.changed() => {
+                let settings = settings.borrow_and_update().clone();
+                driver.configure(settings);
+                None
+            }
             asked = leave.wait_for(|leave| *leave), if !leaving => {
                 leaving = true;
                 // A sender that is gone leaves nobody to ask, which is the same wish.
@@ -130,7 +148,9 @@ async fn next(arriving: &mut Receiver<Event>) -> Event {
 impl Driver {
     async fn open(config: Config, events: Sender<Event>) -> anyhow::Result<Self> {
         let dir = RunDir::take(&config.base, &config.name)?;
-        let journal = Journal::open(&dir.journal()).context("opening the journal")?;
+        let journal =
+            Journal::open(&config.state.as_deref().map_or_else(|| dir.journal(), |state| state.join("journal")))
+                .context("opening the journal")?;
         let mut offered = Programs::default();
         for program in programs::chosen(&config.controllers) {
             let asked = program.clone();
@@ -153,6 +173,14 @@ impl Driver {
             peers: siblings.chain(config.peers.iter().cloned()).collect(),
         };
         let peers = Peers::open(options, boot, sink, &mut tasks).await?;
+        let options = database::Options {
+            robot: config.name.clone(),
+            team: config.team.clone(),
+            folder: config.state.clone(),
+            founds: config.founds,
+        };
+        let session = Arc::clone(peers.session());
+        let database = tokio::task::spawn_blocking(move || database::start(&options, &session)).await??;
         let forward = events.clone();
         tasks.spawn(async move {
             while let Some(arrival) = arrivals.recv().await {
@@ -167,6 +195,7 @@ impl Driver {
             config,
             dir,
             peers,
+            database,
             journal,
             shims: BTreeMap::new(),
             programs: BTreeMap::new(),
@@ -176,6 +205,7 @@ impl Driver {
             pending: VecDeque::new(),
             events,
             tasks,
+            settings: Settings::default(),
         })
     }
 
@@ -197,7 +227,16 @@ impl Driver {
     fn input(&mut self, event: Event) -> Option<Input> {
         while self.tasks.try_join_next().is_some() {}
         match event {
-            Event::Arrival(Arrival::Input(input)) => Some(input),
+            Event::Arrival(Arrival::Input(input)) => {
+                if matches!(input, Input::Appeared { .. }) {
+                    self.database.handle().appeared();
+                }
+                Some(input)
+            }
+            Event::Arrival(Arrival::Call(call, Request::Database(question), sink)) => {
+                self.database.handle().call(call, question, Some(sink));
+                None
+            }
             Event::Arrival(Arrival::Call(call, request, sink)) => {
                 self.peers.expect(call, sink);
                 Some(Input::Call { call, request: Box::new(request) })
@@ -209,7 +248,11 @@ impl Driver {
                 Some(Input::Shim { process, report, last_words })
             }
             Event::Program(deployment, instance, sender) => {
-                let process = self.paths.get(&(deployment, instance))?.clone();
+                let process = self.paths.get(&(deployment.clone(), instance.clone()))?.clone();
+                let parameters = self.settings.parameters(&deployment.name, &instance);
+                if !parameters.is_empty() {
+                    send(&sender, &Order::Configure { parameters });
+                }
                 self.programs.insert(process, sender);
                 None
             }
@@ -218,6 +261,19 @@ impl Driver {
                 Some(Input::Control { process, notice })
             }
         }
+    }
+
+    /// Tells each program whose parameters have changed.
+    fn configure(&mut self, settings: Settings) {
+        for ((deployment, path), process) in &self.paths {
+            let parameters = settings.parameters(&deployment.name, path);
+            if parameters != self.settings.parameters(&deployment.name, path)
+                && let Some(sender) = self.programs.get(process)
+            {
+                send(sender, &Order::Configure { parameters });
+            }
+        }
+        self.settings = settings;
     }
 
     async fn carry_out(&mut self, effect: Effect) {
@@ -253,6 +309,7 @@ impl Driver {
             }
             Effect::EndAnswers { call } => drop(self.peers.end(call)),
             Effect::Tail { call, process, follow } => self.tail(call, &process, follow),
+            Effect::Record(commit) => self.database.handle().write(*commit),
             Effect::Leave => {}
         }
     }
@@ -290,7 +347,8 @@ impl Driver {
             working_directory: std::env::current_dir().unwrap_or_else(|_gone| "/".into()),
             dir,
             gate: if order.kind == LeafKind::Plain { Gate::Exec } else { Gate::None },
-            agent_loss_grace: self.config.agent_loss_grace,
+            agent_loss_grace: order.policy.agent_loss.unwrap_or(self.config.agent_loss_grace),
+            usage: order.policy.usage,
             environment,
             command: order.command.clone(),
         };
@@ -385,8 +443,16 @@ impl Driver {
     async fn close(mut self) -> anyhow::Result<()> {
         self.tasks.abort_all();
         while self.tasks.join_next().await.is_some() {}
+        self.database.close().await;
         self.peers.close().await;
         Ok(())
+    }
+}
+
+/// Tells a program something that it can do without.
+fn send(sender: &ControlSender, order: &Order) {
+    if let Err(error) = sender.send(order) {
+        tracing::debug!(%error, "a program was not told of its parameters");
     }
 }
 

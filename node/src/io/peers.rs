@@ -8,6 +8,7 @@ use comms::io::session::{self, NodeOptions, Presence, Server, Session, Subscript
 use comms::logic::port::Policy;
 use comms::logic::{codec, key};
 use std::collections::BTreeMap;
+use std::sync::Arc;
 use tokio::sync::mpsc::Sender;
 use tokio::task::JoinSet;
 
@@ -19,7 +20,7 @@ const ANSWERS_MAX: usize = 4096;
 /// The open session of a node.
 #[derive(Debug)]
 pub struct Peers {
-    session: Session,
+    session: Arc<Session>,
     token: Token,
     calls: BTreeMap<u64, Sender<Answer>>,
 }
@@ -53,7 +54,7 @@ impl Peers {
         tasks.spawn(hear_frames(inbox, sink.clone()));
         tasks.spawn(hear_presence(presence, sink.clone()));
         tasks.spawn(hear_calls(calls, sink));
-        Ok(Self { session, token, calls: BTreeMap::new() })
+        Ok(Self { session: Arc::new(session), token, calls: BTreeMap::new() })
     }
 
     /// Sends a frame; one that is lost is sent again by its link.
@@ -81,10 +82,18 @@ impl Peers {
         self.calls.remove(&call)
     }
 
+    /// Returns the session, for the database, which closes before this does.
+    pub fn session(&self) -> &Arc<Session> {
+        &self.session
+    }
+
     /// Closes the session.
     pub async fn close(self) {
         drop(self.token);
-        self.session.close().await;
+        match Arc::into_inner(self.session) {
+            Some(session) => session.close().await,
+            None => tracing::debug!("somebody still uses the session; it closes with the process"),
+        }
     }
 }
 

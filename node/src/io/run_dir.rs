@@ -5,7 +5,7 @@
 //!   c1/                     one node
 //!     lock                  held while the node runs
 //!     node.sock             its zenoh session, for other nodes and command lines of this machine
-//!     journal               what it has committed
+//!     journal               what it has committed, if it has no folder that survives it
 //!     door_opening.1/       one deployment
 //!       control.sock        where its programs talk to the node
 //!       12/                 one program: out.log, exit, data.sock

@@ -3,6 +3,7 @@
 mod calls;
 
 use crate::logic::child::ShimReport;
+use crate::logic::database::chronicle;
 use crate::logic::effect::{Effect, Out, ProcessId, earliest};
 use crate::logic::home::Home;
 use crate::logic::link::{Frame, Link};
@@ -123,6 +124,8 @@ struct Gathering {
     until: Time,
     call: u64,
     plan: Plan,
+    /// Who wants it.
+    by: String,
 }
 
 impl Agent {
@@ -375,7 +378,10 @@ impl Agent {
     /// Drops what is over. A node that leaves says so when nothing is left.
     fn tidy_up(&mut self, effects: &mut Vec<Effect>) {
         for (deployment, home) in self.homes.extract_if(.., |_, home| home.is_over()) {
-            self.over.push_front((deployment, home.into_reports()));
+            let reports = home.into_reports();
+            let record = chronicle::ended(&self.identity.host, &deployment, &reports);
+            effects.extend(record.map(|record| Effect::Record(Box::new(record))));
+            self.over.push_front((deployment, reports));
         }
         self.over.truncate(OVER_MAX);
         for (deployment, _) in self.tenants.extract_if(.., |_, tenant| tenant.is_over()) {

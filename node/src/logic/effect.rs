@@ -1,11 +1,12 @@
 //! What a node's machines want done, and the words they share.
 
 use crate::logic::child::ShimOrder;
+use crate::logic::database::question::Commit;
 use crate::logic::link::Frame;
 use crate::logic::protocol::{Answer, Deployment, Message};
 use comms::logic::control::Order;
 use comms::logic::time::Time;
-use language::plan::LeafKind;
+use language::plan::{LeafKind, Policy};
 
 /// One program of one deployment on this host.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -27,6 +28,8 @@ pub struct SpawnOrder {
     pub command: Vec<String>,
     /// Whether it speaks the control protocol; a plain program is held before `exec` until it is activated.
     pub kind: LeafKind,
+    /// What becomes of it when its agent is gone, and what it may use.
+    pub policy: Policy,
 }
 
 /// Something to be done by the driver, in order.
@@ -91,6 +94,8 @@ pub enum Effect {
         /// Goes on as output comes.
         follow: bool,
     },
+    /// Write something of this node's own into the database; nobody waits for it.
+    Record(Box<Commit>),
     /// Nothing is left on this host: the node may leave.
     Leave,
 }

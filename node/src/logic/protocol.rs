@@ -3,6 +3,7 @@
 //! Every type here is a promise to another version: variants and fields are only ever appended (postcard numbers them),
 //! and the envelope of `comms` carries the version.
 
+use crate::logic::database::question::{Question, Reply};
 use comms::logic::codec::Enveloped;
 use comms::logic::control::{Dial, Location};
 use language::plan::Plan;
@@ -11,7 +12,7 @@ use std::fmt;
 use std::time::Duration;
 
 /// Version of these messages.
-pub const VERSION: u16 = 1;
+pub const VERSION: u16 = 2;
 
 /// One deployment of a spec: its name, and the epoch that fences off older ones.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -314,6 +315,8 @@ pub enum Request {
         request: u64,
         /// What to run.
         plan: Plan,
+        /// Who wants that, for the records.
+        by: String,
     },
     /// Answered by [`NodeStatus`].
     Status,
@@ -338,6 +341,8 @@ pub enum Request {
         /// How many of its reports the asker has.
         seen: u64,
     },
+    /// Answered by [`Answer::Database`].
+    Database(Question),
 }
 
 /// An element of the answer to a [`Request`].
@@ -353,6 +358,8 @@ pub enum Answer {
     Output(Vec<u8>),
     /// A sentence for a person: the request cannot be answered.
     Refused(String),
+    /// To `Database`.
+    Database(Reply),
 }
 
 impl Enveloped for Request {

@@ -72,7 +72,7 @@ impl World {
         let plan = compiled.plan.unwrap_or_else(|| panic!("{:#?}", compiled.diagnostics));
         self.counter += 1;
         let call = self.counter;
-        let request = Box::new(Request::Deploy { request: call, plan });
+        let request = Box::new(Request::Deploy { request: call, plan, by: "ann".into() });
         self.at(0, home, Coming::Input(Input::Call { call, request }));
         call
     }
@@ -215,6 +215,7 @@ impl World {
                     self.notice(4, host, process, Notice::Stopped { activation });
                 }
             }
+            Order::Configure { .. } | Order::Shape { .. } => {}
             Order::Exit => self.die(host, process, ShimReport::Exited { code: 0 }),
         }
     }

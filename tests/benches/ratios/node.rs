@@ -62,6 +62,8 @@ impl Node {
             .arg(std::env::current_exe()?)
             .arg("--run-dir")
             .arg(dir)
+            .arg("--state")
+            .arg(dir.join("state"))
             .stdout(Stdio::piped())
             .spawn()
             .with_context(|| format!("starting {}", program.display()))?;
@@ -80,7 +82,7 @@ impl Node {
         let problems = || render(&compiled.diagnostics, &source, &interfaces, Style::Plain);
         let plan = compiled.plan.clone().with_context(problems)?;
         self.request += 1;
-        let bytes = codec::encode(&Request::Deploy { request: self.request, plan })?;
+        let bytes = codec::encode(&Request::Deploy { request: self.request, plan, by: "a benchmark".into() })?;
         let asked = now();
         Ok(Deployment { replies: self.client.call_stream(&key::rpc(HOST, "request"), bytes)?, asked })
     }

@@ -49,6 +49,28 @@ impl Network {
         format!("{}h{number}", self.name)
     }
 
+    /// Returns the numbers of its hosts.
+    pub fn hosts(&self) -> impl Iterator<Item = usize> {
+        1..=self.hosts
+    }
+
+    /// Takes host `number` off the network, as if its cable were pulled.
+    pub fn cut(&self, number: usize) {
+        ip(&format!("-n {}b link set port{number} down", self.name));
+    }
+
+    /// Puts host `number` back.
+    pub fn heal(&self, number: usize) {
+        ip(&format!("-n {}b link set port{number} up", self.name));
+    }
+
+    /// Keeps these hosts from reaching each other; each still reaches all others.
+    pub fn keep_apart(&self, numbers: &[usize]) {
+        for number in numbers {
+            ip(&format!("-n {}b link set port{number} type bridge_slave isolated on", self.name));
+        }
+    }
+
     fn make(&self) {
         let bridge = format!("{}b", self.name);
         ip(&format!("-n {bridge} link add br0 type bridge"));

@@ -1,6 +1,7 @@
 //! What command lines ask of an agent.
 
 use super::{Agent, Gathering};
+use crate::logic::database::chronicle;
 use crate::logic::effect::{Effect, Out, ProcessId};
 use crate::logic::home::{Home, tell_missed};
 use crate::logic::protocol::{Answer, Deployment, Report, Request, StopReply};
@@ -16,7 +17,7 @@ const GATHER_WITHIN: Duration = Duration::from_secs(2);
 impl Agent {
     pub(super) fn call(&mut self, call: u64, request: Request, out: &mut Out<'_>) {
         match request {
-            Request::Deploy { request, plan } => return self.deploy(call, request, plan, out),
+            Request::Deploy { request, plan, by } => return self.deploy((call, request), plan, by, out),
             Request::Status => answer(call, Answer::Status(self.status(out.now)), out),
             Request::Stop { name } => {
                 if let Some((_, home)) = self.homes.iter_mut().find(|(deployment, _)| deployment.name == name) {
@@ -38,11 +39,13 @@ impl Agent {
                 Ok(process) => return out.effects.push(Effect::Tail { call, process, follow }),
                 Err(why) => answer(call, Answer::Refused(why), out),
             },
+            // The driver hands these to the database; an agent alone has none.
+            Request::Database(_) => answer(call, Answer::Refused("this node has no database".to_owned()), out),
         }
         out.effects.push(Effect::EndAnswers { call });
     }
 
-    fn deploy(&mut self, call: u64, request: u64, plan: Plan, out: &mut Out<'_>) {
+    fn deploy(&mut self, (call, request): (u64, u64), plan: Plan, by: String, out: &mut Out<'_>) {
         let home_is_here = plan.home() == Some(&self.identity.host);
         let refusal = if self.leaving {
             Some("this node is leaving".to_owned())
@@ -66,7 +69,7 @@ impl Agent {
         if self.requests.len() > REQUESTS_MAX {
             self.requests.pop_first();
         }
-        self.gathering.push(Gathering { until: out.now + GATHER_WITHIN, call, plan });
+        self.gathering.push(Gathering { until: out.now + GATHER_WITHIN, call, plan, by });
         self.begin_gathered(out);
     }
 
@@ -90,14 +93,16 @@ impl Agent {
         let (here, names) = (&self.identity.host, &self.names);
         let there = |host: &String| host == here || names.reaches(host);
         let ready = |one: &mut Gathering| one.until <= out.now || one.plan.hosts.iter().all(there);
-        for Gathering { call, plan, .. } in self.gathering.extract_if(.., ready).collect::<Vec<_>>() {
-            self.begin(call, plan, out);
+        for Gathering { call, plan, by, .. } in self.gathering.extract_if(.., ready).collect::<Vec<_>>() {
+            self.begin(call, plan, &by, out);
         }
     }
 
-    fn begin(&mut self, call: u64, plan: Plan, out: &mut Out<'_>) {
+    fn begin(&mut self, call: u64, plan: Plan, by: &str, out: &mut Out<'_>) {
         self.identity.epoch += 1;
         let deployment = Deployment { name: plan.name.clone(), epoch: self.identity.epoch };
+        let record = chronicle::begun(&self.identity.host, &deployment, &plan, by);
+        out.effects.push(Effect::Record(Box::new(record)));
         self.homes.insert(deployment.clone(), Home::begin(deployment, Arc::new(plan), call, out));
     }
 

@@ -1,0 +1,141 @@
+//! Which robot's copy is asked, and its answers.
+
+use crate::cli::client::{Answers, Client, block_on, unasked};
+use crate::cli::{Failure, Reaching, output};
+use crate::logic::database::question::{Question, Reply};
+use crate::logic::protocol::{Answer, Request};
+use anyhow::anyhow;
+use comms::io::clock;
+use comms::logic::time::Time;
+use std::time::Duration;
+
+/// How long a database has to answer what it can answer at once. A disk may take a while to write.
+pub(crate) const ANSWER_WITHIN: Duration = Duration::from_secs(10);
+
+/// Whom to ask, and in which form to print the answer.
+#[derive(Debug, clap::Args)]
+pub struct Asking {
+    /// Ask the copy of this robot [default: the one on this machine]
+    #[arg(long, value_name = "ROBOT")]
+    robot: Option<String>,
+    /// Print JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+    #[command(flatten)]
+    reaching: Reaching,
+}
+
+/// A connection to the databases of the robots that can be reached.
+#[derive(Debug)]
+pub(crate) struct Databases {
+    client: Client,
+    /// The one that is asked unless another is named.
+    robot: String,
+}
+
+/// The answers to one question.
+#[derive(Debug)]
+pub(crate) struct Replies {
+    answers: Answers,
+    robot: String,
+}
+
+impl Asking {
+    /// Does something with the databases, and closes the connection after it.
+    pub(crate) fn with<T>(&self, work: impl AsyncFnOnce(&Databases) -> Result<T, Failure>) -> Result<T, Failure> {
+        block_on(async {
+            let client = Client::open(&self.reaching).await?;
+            let robot = match self.robot.clone().or_else(|| client.local().map(str::to_owned)) {
+                Some(robot) => Ok(robot),
+                None => client.hosts(&[]).await.and_then(|hosts| {
+                    let nobody = || anyhow!("no node answers; start one with `dca-node --name NAME --lan`");
+                    hosts.into_iter().next().ok_or_else(|| Failure::Unreachable(nobody()))
+                }),
+            };
+            let (databases, result) = match robot {
+                Ok(robot) => {
+                    let databases = Databases { client, robot };
+                    let result = work(&databases).await;
+                    (databases, result)
+                }
+                Err(failure) => (Databases { client, robot: String::new() }, Err(failure)),
+            };
+            databases.client.close().await;
+            result
+        })
+    }
+
+    /// Asks what has one answer.
+    pub(crate) fn ask(&self, question: Question) -> Result<Reply, Failure> {
+        self.with(async |databases| {
+            let mut replies = databases.ask(databases.robot(), question)?;
+            replies.next(clock::now() + ANSWER_WITHIN).await?.ok_or_else(|| replies.ended())
+        })
+    }
+
+    /// Asks what is answered by one sentence, and prints it.
+    pub(crate) fn order(&self, question: Question) -> Result<(), Failure> {
+        match self.ask(question)? {
+            Reply::Done(sentence) if self.json => output::say(&serde_json::json!({ "done": sentence }).to_string()),
+            Reply::Done(sentence) => output::say(&sentence),
+            other => return Err(refusal(&other)),
+        }
+        Ok(())
+    }
+}
+
+impl Databases {
+    /// Returns the robot that is asked unless another is named.
+    pub(crate) fn robot(&self) -> &str {
+        &self.robot
+    }
+
+    /// Asks one robot's database.
+    pub(crate) fn ask(&self, robot: &str, question: Question) -> Result<Replies, Failure> {
+        let answers = self.client.ask_on(robot, &Request::Database(question))?;
+        Ok(Replies { answers, robot: robot.to_owned() })
+    }
+
+    /// Returns whether a robot can be reached now.
+    pub(crate) async fn reaches(&self, robot: &str) -> Result<bool, Failure> {
+        Ok(self.client.hosts(&[robot.to_owned()]).await?.contains(robot))
+    }
+}
+
+impl Replies {
+    /// Returns the next answer; nothing after the last. What is for a person is passed on.
+    pub(crate) async fn next(&mut self, deadline: Time) -> Result<Option<Reply>, Failure> {
+        tokio::select! {
+            biased;
+            reply = self.more() => reply,
+            () = clock::sleep_until(deadline) => {
+                Err(Failure::Unreachable(anyhow!("the database of `{}` has not answered", self.robot)))
+            }
+        }
+    }
+
+    /// Returns the next answer, however long it takes.
+    pub(crate) async fn more(&mut self) -> Result<Option<Reply>, Failure> {
+        loop {
+            match self.answers.next().await.transpose()? {
+                None => return Ok(None),
+                Some(Answer::Database(Reply::Note(sentence))) => output::note(&format!("note: {sentence}")),
+                Some(Answer::Database(reply)) => return Ok(Some(reply)),
+                Some(other) => return Err(unasked(&self.robot, &other)),
+            }
+        }
+    }
+
+    /// Says that the answers ended too early.
+    pub(crate) fn ended(&self) -> Failure {
+        Failure::Unreachable(anyhow!("the database of `{}` has ended while it was asked", self.robot))
+    }
+}
+
+/// Says why something was not done.
+pub(crate) fn refusal(reply: &Reply) -> Failure {
+    match reply {
+        Reply::Refused(why) => anyhow!("{why}").into(),
+        other => anyhow!("the database answered something that was not asked: {other:?}").into(),
+    }
+}

@@ -1,0 +1,226 @@
+//! `dca db history`, `conflicts`, `resolve`, `diff`, `at`: what was, and what nobody has settled.
+
+use super::asking::{Asking, refusal};
+use super::read;
+use super::write::Writing;
+use crate::cli::{Failure, output};
+use crate::logic::database::question::{Choice, Moment, Question, Reply, Resolve as Settling};
+use anyhow::Context;
+use dbmanager::logic::cut::Dot;
+use dbmanager::logic::key::Key;
+use dbmanager::logic::view::past::{Filter, Keys};
+use dbmanager::logic::view::table::{self, Span};
+use dbmanager::logic::view::value::Datum;
+use dbmanager::logic::view::{date, token};
+
+/// What `dca db history` is told.
+#[derive(Debug, clap::Args)]
+pub struct History {
+    /// A key, or a prefix that ends in `/`, or nothing for everything
+    #[arg(default_value = "")]
+    key: String,
+    /// Only what this robot did
+    #[arg(long, value_name = "ROBOT")]
+    by: Option<String>,
+    /// Only what was done from this date on, such as `2026-11-21 10:00`
+    #[arg(long, value_name = "DATE", value_parser = a_date)]
+    from: Option<u64>,
+    /// Only what was done before this date
+    #[arg(long, value_name = "DATE", value_parser = a_date)]
+    until: Option<u64>,
+    /// Only the last so many
+    #[arg(long, short = 'n', value_name = "COUNT", default_value_t = 50)]
+    limit: usize,
+    #[command(flatten)]
+    asking: Asking,
+}
+
+/// What `dca db conflicts` is told.
+#[derive(Debug, clap::Args)]
+pub struct Conflicts {
+    /// How the keys begin
+    #[arg(default_value = "")]
+    prefix: String,
+    #[command(flatten)]
+    asking: Asking,
+}
+
+/// What `dca db resolve` is told.
+#[derive(Debug, clap::Args)]
+#[command(group = clap::ArgGroup::new("choice").required(true))]
+pub struct Resolve {
+    /// The key
+    key: String,
+    /// What this robot wrote
+    #[arg(long, value_name = "ROBOT", group = "choice")]
+    by: Option<String>,
+    /// What this transaction wrote
+    #[arg(long, value_name = "TRANSACTION", group = "choice", value_parser = a_dot)]
+    transaction: Option<Dot>,
+    /// What a read shows already
+    #[arg(long, group = "choice")]
+    shown: bool,
+    /// Another value, as in TOML
+    #[arg(long, value_name = "VALUE", group = "choice", allow_hyphen_values = true)]
+    value: Option<String>,
+    /// Nothing: delete it
+    #[arg(long, group = "choice")]
+    delete: bool,
+    #[command(flatten)]
+    writing: Writing,
+}
+
+/// What `dca db diff` is told.
+#[derive(Debug, clap::Args)]
+pub struct Diff {
+    /// From when: a date such as `2026-11-21 10:00:00`, or a cut as `dca db cut` prints it
+    #[arg(value_parser = a_moment)]
+    from: Moment,
+    /// To when
+    #[arg(value_parser = a_moment, default_value = "now")]
+    to: Moment,
+    /// How the keys begin
+    #[arg(long, value_name = "PREFIX", default_value = "")]
+    prefix: String,
+    #[command(flatten)]
+    asking: Asking,
+}
+
+/// What `dca db at` is told.
+#[derive(Debug, clap::Args)]
+pub struct At {
+    /// When: a date such as `2026-11-21 10:00:00`, a cut as `dca db cut` prints it, or `now`
+    #[arg(value_parser = a_moment)]
+    moment: Moment,
+    /// How the keys begin
+    #[arg(default_value = "")]
+    prefix: String,
+    #[command(flatten)]
+    asking: Asking,
+}
+
+/// What `dca db cut` is told.
+#[derive(Debug, clap::Args)]
+pub struct CutAt {
+    /// When: a date, or `now`
+    #[arg(value_parser = a_moment, default_value = "now")]
+    moment: Moment,
+    #[command(flatten)]
+    asking: Asking,
+}
+
+impl History {
+    /// Runs the verb.
+    pub(crate) fn run(self) -> Result<(), Failure> {
+        let one = !self.key.is_empty() && !self.key.ends_with('/');
+        let keys = if one { Keys::Only(Key::new(self.key)?) } else { Keys::Below(self.key) };
+        let span = if one { Span::Key } else { Span::All };
+        let filter = Filter { keys, by: self.by, from: self.from, until: self.until, limit: self.limit };
+        let reply = self.asking.ask(Question::History(filter))?;
+        let Reply::Deeds(deeds) = reply else { return Err(refusal(&reply)) };
+        if self.asking.json {
+            output::say(&serde_json::to_string_pretty(&deeds)?);
+        } else if deeds.is_empty() {
+            output::note("nothing of that is in the log");
+        } else {
+            output::say(&table::deeds(&deeds, span));
+        }
+        Ok(())
+    }
+}
+
+impl Conflicts {
+    /// Runs the verb.
+    pub(crate) fn run(self) -> Result<(), Failure> {
+        let reply = self.asking.ask(Question::Conflicts { prefix: self.prefix })?;
+        let Reply::Conflicts(conflicts, races) = reply else { return Err(refusal(&reply)) };
+        if self.asking.json {
+            let json = serde_json::json!({ "conflicts": conflicts, "races": races });
+            output::say(&serde_json::to_string_pretty(&json)?);
+        } else if conflicts.is_empty() && races.is_empty() {
+            output::say("no conflicts");
+        } else {
+            output::say(&table::conflicts(&conflicts, &races));
+            output::note(
+                "`dca db resolve KEY --by ROBOT` (or `--value`, `--shown`, `--delete`) settles one everywhere",
+            );
+        }
+        Ok(())
+    }
+}
+
+impl Resolve {
+    /// Runs the verb.
+    pub(crate) fn run(self) -> Result<(), Failure> {
+        let choice = match (self.by, self.transaction, self.value) {
+            (Some(robot), ..) => Choice::By(robot),
+            (_, Some(dot), _) => Choice::Txn(dot),
+            (.., Some(value)) => {
+                let datum = Datum::from_toml(&value).context("reading the value")?;
+                Choice::Value(Some(datum.encode()?))
+            }
+            _ if self.delete => Choice::Value(None),
+            _ => Choice::Shown,
+        };
+        let key = Key::new(self.key)?;
+        self.writing.send(&|writing| {
+            Question::Resolve(Settling {
+                key: key.clone(),
+                choice: choice.clone(),
+                reason: writing.reason_or("settle"),
+                far: writing.level.clone(),
+                within: writing.within,
+            })
+        })
+    }
+}
+
+impl Diff {
+    /// Runs the verb.
+    pub(crate) fn run(self) -> Result<(), Failure> {
+        let reply = self.asking.ask(Question::Diff { from: self.from, to: self.to, prefix: self.prefix })?;
+        let Reply::Differences(differences) = reply else { return Err(refusal(&reply)) };
+        if self.asking.json {
+            output::say(&serde_json::to_string_pretty(&differences)?);
+        } else if differences.is_empty() {
+            output::note("nothing has changed");
+        } else {
+            output::say(&table::differences(&differences));
+        }
+        Ok(())
+    }
+}
+
+impl At {
+    /// Runs the verb.
+    pub(crate) fn run(self) -> Result<(), Failure> {
+        read::list(&self.asking, self.prefix, self.moment)
+    }
+}
+
+impl CutAt {
+    /// Runs the verb.
+    pub(crate) fn run(self) -> Result<(), Failure> {
+        let reply = self.asking.ask(Question::Cut(self.moment))?;
+        let Reply::Cut(cut) = reply else { return Err(refusal(&reply)) };
+        let text = token::token(&cut);
+        output::say(&if self.asking.json { serde_json::json!({ "cut": text }).to_string() } else { text });
+        Ok(())
+    }
+}
+
+fn a_date(text: &str) -> Result<u64, String> {
+    date::parse(text).ok_or_else(|| "a date is `2026-11-21 10:00:00`, in UTC".to_owned())
+}
+
+fn a_dot(text: &str) -> Result<Dot, String> {
+    token::dot(text).ok_or_else(|| "a transaction is named as `dca db history` shows it".to_owned())
+}
+
+pub(crate) fn a_moment(text: &str) -> Result<Moment, String> {
+    if text == "now" {
+        return Ok(Moment::Now);
+    }
+    let moment = token::cut(text).map(Moment::Cut).or_else(|| date::parse(text).map(Moment::Date));
+    moment.ok_or_else(|| "a moment is `now`, a date such as `2026-11-21 10:00:00` (UTC), or a cut".to_owned())
+}

@@ -1,0 +1,76 @@
+//! `dca db get`: what is there.
+
+use super::asking::{ANSWER_WITHIN, Asking, refusal};
+use crate::cli::{Failure, output};
+use crate::logic::database::question::{Moment, Question, Reply};
+use anyhow::{Context, anyhow};
+use comms::io::clock;
+use dbmanager::logic::key::Key;
+use dbmanager::logic::state::Version;
+use dbmanager::logic::view::value::Datum;
+
+/// What `dca db get` is told.
+#[derive(Debug, clap::Args)]
+pub struct Get {
+    /// A key, such as `team/camera/gain`; or a prefix that ends in `/`, or nothing for everything
+    #[arg(default_value = "")]
+    key: String,
+    #[command(flatten)]
+    asking: Asking,
+}
+
+impl Get {
+    /// Runs the verb.
+    pub(crate) fn run(self) -> Result<(), Failure> {
+        if self.key.is_empty() || self.key.ends_with('/') {
+            return list(&self.asking, self.key, Moment::Now);
+        }
+        let key = Key::new(self.key.clone()).context("reading the key")?;
+        let reply = self.asking.ask(Question::Get { key })?;
+        let Reply::Entries(entries) = reply else { return Err(refusal(&reply)) };
+        let versions = entries.into_iter().next().map(|(_, versions)| versions).unwrap_or_default();
+        let Some(datum) = shown(&versions) else {
+            return Err(anyhow!("there is nothing at `{}`", self.key).into());
+        };
+        if versions.len() > 1 {
+            let (key, count) = (&self.key, versions.len());
+            output::note(&format!("note: {count} writes to `{key}` did not see each other; `dca db conflicts {key}`"));
+        }
+        output::say(&if self.asking.json { datum.to_json() } else { datum.to_toml() });
+        Ok(())
+    }
+}
+
+/// Prints what the keys below a prefix hold, or have held.
+pub(crate) fn list(asking: &Asking, prefix: String, at: Moment) -> Result<(), Failure> {
+    let question = Question::List { prefix, at };
+    let entries = asking.with(async |databases| {
+        let mut replies = databases.ask(databases.robot(), question)?;
+        let mut all = Vec::new();
+        while let Some(reply) = replies.next(clock::now() + ANSWER_WITHIN).await? {
+            let Reply::Entries(entries) = reply else { return Err(refusal(&reply)) };
+            all.extend(entries);
+        }
+        Ok(all)
+    })?;
+    let shown: Vec<(Key, Datum, usize)> =
+        entries.into_iter().filter_map(|(key, versions)| Some((key, shown(&versions)?, versions.len()))).collect();
+    if asking.json {
+        let fields = shown.iter().map(|(key, datum, _)| {
+            let value = serde_json::from_str(&datum.to_json()).unwrap_or(serde_json::Value::Null);
+            (key.to_string(), value)
+        });
+        output::say(&serde_json::Value::Object(fields.collect()).to_string());
+        return Ok(());
+    }
+    for (key, datum, versions) in shown {
+        let more = if versions > 1 { format!("  # {versions} writes beside each other") } else { String::new() };
+        output::say(&format!("{key} = {}{more}", datum.to_toml()));
+    }
+    Ok(())
+}
+
+/// Returns what a read shows.
+fn shown(versions: &[Version]) -> Option<Datum> {
+    versions.last()?.value.as_ref().map(Datum::of)
+}

@@ -1,0 +1,58 @@
+//! `dca db status`, `found`, `retire`, `heal-clock`: the team.
+
+use super::asking::{Asking, refusal};
+use crate::cli::{Failure, output};
+use crate::logic::database::question::{Question, Reply};
+use crate::logic::database::table;
+
+/// What `dca db status` is told.
+#[derive(Debug, clap::Args)]
+pub struct Status {
+    #[command(flatten)]
+    asking: Asking,
+}
+
+/// What `dca db retire` is told.
+#[derive(Debug, clap::Args)]
+pub struct Retire {
+    /// The robot, or one of its origins as `dca db status` shows them
+    member: String,
+    #[command(flatten)]
+    asking: Asking,
+}
+
+/// What a verb without anything of its own is told.
+#[derive(Debug, clap::Args)]
+pub struct Operate {
+    #[command(flatten)]
+    asking: Asking,
+}
+
+impl Status {
+    /// Runs the verb.
+    pub(crate) fn run(self) -> Result<(), Failure> {
+        let reply = self.asking.ask(Question::Status)?;
+        let Reply::Status(status) = reply else { return Err(refusal(&reply)) };
+        output::say(&if self.asking.json { serde_json::to_string_pretty(&status)? } else { table::status(&status) });
+        Ok(())
+    }
+}
+
+impl Retire {
+    /// Runs the verb.
+    pub(crate) fn run(self) -> Result<(), Failure> {
+        self.asking.order(Question::Retire { member: self.member })
+    }
+}
+
+impl Operate {
+    /// Runs `found`.
+    pub(crate) fn found(self) -> Result<(), Failure> {
+        self.asking.order(Question::Found)
+    }
+
+    /// Runs `heal-clock`.
+    pub(crate) fn heal_clock(self) -> Result<(), Failure> {
+        self.asking.order(Question::HealClock)
+    }
+}

@@ -1,0 +1,122 @@
+//! `dca db watch`: what happens to keys, as it happens; nothing is missed, also not while nobody could be reached.
+
+use super::asking::{ANSWER_WITHIN, Asking, Databases, Replies, refusal};
+use crate::cli::{Failure, output};
+use crate::logic::database::question::{Question, Reply};
+use anyhow::anyhow;
+use comms::io::clock;
+use dbmanager::logic::cut::Cut;
+use dbmanager::logic::key::Key;
+use dbmanager::logic::view::past::Keys;
+use dbmanager::logic::view::table::{self, Span};
+use dbmanager::logic::view::token;
+use dbmanager::logic::view::watch::{Event, Told};
+use std::time::Duration;
+use tokio::signal::unix::{SignalKind, signal};
+
+/// How long a robot that has gone away is looked for before the next try.
+const AGAIN_AFTER: Duration = Duration::from_millis(500);
+
+/// What `dca db watch` is told.
+#[derive(Debug, clap::Args)]
+pub struct Watch {
+    /// A key, or a prefix that ends in `/`, or nothing for everything
+    #[arg(default_value = "")]
+    key: String,
+    /// Go on after this cut, as `dca db cut` and an earlier watch print it
+    #[arg(long, value_name = "CUT", value_parser = a_cut)]
+    from: Option<Cut>,
+    #[command(flatten)]
+    asking: Asking,
+}
+
+impl Watch {
+    /// Runs the verb, until it is interrupted.
+    pub(crate) fn run(self) -> Result<(), Failure> {
+        let one = !self.key.is_empty() && !self.key.ends_with('/');
+        let keys = if one { Keys::Only(Key::new(self.key.clone())?) } else { Keys::Below(self.key.clone()) };
+        let mut told = self.from.clone();
+        let result = self.asking.with(async |databases| {
+            let (mut interrupt, mut terminate) = (signal(SignalKind::interrupt())?, signal(SignalKind::terminate())?);
+            tokio::select! {
+                result = self.follow(databases, keys, &mut told) => result,
+                _ = interrupt.recv() => Ok(()),
+                _ = terminate.recv() => Ok(()),
+            }
+        });
+        if let Some(told) = told.filter(|_| !self.asking.json) {
+            output::note(&format!("to go on from here: --from {}", token::token(&told)));
+        }
+        result
+    }
+
+    async fn follow(&self, databases: &Databases, keys: Keys, told: &mut Option<Cut>) -> Result<(), Failure> {
+        loop {
+            let question = Question::Watch { keys: keys.clone(), from: told.clone() };
+            let mut replies = databases.ask(databases.robot(), question)?;
+            match replies.next(clock::now() + ANSWER_WITHIN).await {
+                Ok(Some(Reply::Cut(cut))) => {
+                    if told.is_none() && !self.asking.json {
+                        output::note("watching; ^C ends it");
+                    }
+                    *told = Some(cut);
+                }
+                Ok(Some(other)) => return Err(refusal(&other)),
+                // It has been there before: it comes back, and tells what was missed.
+                Ok(None) | Err(Failure::Unreachable(_)) if told.is_some() => {}
+                Ok(None) => return Err(replies.ended()),
+                Err(failure) => return Err(failure),
+            }
+            self.take(&mut replies, told).await?;
+            clock::sleep_until(clock::now() + AGAIN_AFTER).await;
+        }
+    }
+
+    /// Prints what is told, until nothing more is.
+    async fn take(&self, replies: &mut Replies, told: &mut Option<Cut>) -> Result<(), Failure> {
+        while let Some(reply) = replies.more().await? {
+            match reply {
+                Reply::Told(Told::Event(event)) => {
+                    told.get_or_insert_default().include(event.deed.dot);
+                    self.print(&event)?;
+                }
+                Reply::Told(Told::Lagged { resume }) => {
+                    *told = Some(resume);
+                    self.begin_anew("some changes are not kept any more");
+                }
+                Reply::Told(Told::Replaced { resume }) => {
+                    *told = Some(resume);
+                    self.begin_anew("this robot has taken over the state of another");
+                }
+                other => return Err(refusal(&other)),
+            }
+        }
+        Ok(())
+    }
+
+    fn begin_anew(&self, why: &str) {
+        if self.asking.json {
+            output::say(&serde_json::json!({ "read_anew": why }).to_string());
+        } else {
+            output::note(&format!("{why}: read the state, `dca db get {}`", self.key));
+        }
+    }
+
+    fn print(&self, event: &Event) -> Result<(), Failure> {
+        if self.asking.json {
+            output::say(&serde_json::to_string(event)?);
+            return Ok(());
+        }
+        // The first line of the table is its heading.
+        let lines = table::deeds(std::slice::from_ref(&event.deed), Span::All);
+        lines.lines().skip(1).for_each(output::say);
+        for key in &event.conflicts {
+            output::note(&format!("note: `{key}` has writes beside each other; `dca db conflicts {key}`"));
+        }
+        Ok(())
+    }
+}
+
+fn a_cut(text: &str) -> Result<Cut, String> {
+    token::cut(text).ok_or_else(|| anyhow!("a cut is what `dca db cut` prints").to_string())
+}

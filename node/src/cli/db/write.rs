@@ -1,0 +1,240 @@
+//! `dca db put`, `delete`: one transaction, and how far it has got.
+
+use super::asking::{ANSWER_WITHIN, Asking, Databases, refusal};
+use crate::cli::{Failure, output};
+use crate::logic::database::question::{Commit, Far, Question, Reply};
+use anyhow::{Context, anyhow};
+use comms::io::clock;
+use dbmanager::logic::cut::Dot;
+use dbmanager::logic::key::Key;
+use dbmanager::logic::txn::{Require, Write};
+use dbmanager::logic::view::value::Datum;
+use std::time::Duration;
+
+/// What every verb that writes is told.
+#[derive(Debug, clap::Args)]
+pub struct Writing {
+    /// Why, for whoever looks at the history
+    #[arg(long, short = 'm', value_name = "WHY", default_value = "")]
+    reason: String,
+    /// Wait until it is on disks: `local`, `replicated:2`, `on:r2,r3` or `everywhere`
+    #[arg(long, value_name = "LEVEL", default_value = "local", value_parser = far)]
+    pub(crate) level: Far,
+    /// How long that may take, such as `2s` or `500ms`
+    #[arg(long, value_name = "TIME", default_value = "5s", value_parser = time)]
+    pub(crate) within: Duration,
+    #[command(flatten)]
+    pub(crate) asking: Asking,
+}
+
+/// What `dca db put` is told.
+#[derive(Debug, clap::Args)]
+pub struct Put {
+    /// A key, such as `team/camera/gain`
+    key: String,
+    /// A value as in TOML: `1.5`, `true`, `"text"`, `[1, 2]`, `{x = 1.0, y = 2.0}`
+    #[arg(allow_hyphen_values = true)]
+    value: String,
+    /// The value is a text, as it stands
+    #[arg(long, conflicts_with = "from_json")]
+    text: bool,
+    /// The value is JSON
+    #[arg(long)]
+    from_json: bool,
+    #[command(flatten)]
+    writing: Writing,
+}
+
+/// What `dca db delete` is told.
+#[derive(Debug, clap::Args)]
+pub struct Delete {
+    /// The keys
+    #[arg(required = true)]
+    keys: Vec<String>,
+    #[command(flatten)]
+    writing: Writing,
+}
+
+impl Put {
+    /// Runs the verb.
+    pub(crate) fn run(self) -> Result<(), Failure> {
+        let key = Key::new(self.key)?;
+        let value = self.value;
+        let datum = if self.text {
+            Datum::Text(value)
+        } else if self.from_json {
+            Datum::from_json(&value).context("reading the value")?
+        } else {
+            Datum::from_toml(&value).with_context(|| {
+                format!("reading the value (`--text` takes it as a text: `dca db put {key} --text '{value}'`)")
+            })?
+        };
+        self.writing.commit(vec![], vec![Write { key, value: Some(datum.encode()?) }])
+    }
+}
+
+impl Delete {
+    /// Runs the verb.
+    pub(crate) fn run(self) -> Result<(), Failure> {
+        let keys: Result<Vec<Key>, _> = self.keys.into_iter().map(Key::new).collect();
+        let writes = keys?.into_iter().map(|key| Write { key, value: None }).collect();
+        self.writing.commit(vec![], writes)
+    }
+}
+
+/// How far a transaction has got.
+enum Got {
+    Far(Dot),
+    Pending(Dot),
+    /// There was nothing to do.
+    Done(String),
+}
+
+impl Writing {
+    /// Commits, on the robot whose keys they are, and says how far it has got.
+    pub(crate) fn commit(&self, requires: Vec<Require>, writes: Vec<Write>) -> Result<(), Failure> {
+        self.send(&|writing| {
+            Question::Commit(Commit {
+                reason: writing.reason.clone(),
+                requires: requires.clone(),
+                writes: writes.clone(),
+                far: writing.level.clone(),
+                within: writing.within,
+            })
+        })
+    }
+
+    /// Returns why, or else this.
+    pub(crate) fn reason_or(&self, otherwise: &str) -> String {
+        if self.reason.is_empty() { otherwise.to_owned() } else { self.reason.clone() }
+    }
+
+    /// Sends what is answered as a transaction is, to the robot whose keys they are, and says how far it has got.
+    pub(crate) fn send(&self, question: &dyn Fn(&Self) -> Question) -> Result<(), Failure> {
+        let got = self.asking.with(async |databases| {
+            let robot = databases.robot();
+            match self.ask(databases, robot, question(self)).await? {
+                Ok(got) => Ok(got),
+                Err(owner) => self.forward(databases, &owner, question(self)).await,
+            }
+        })?;
+        let (dot, reached) = match got {
+            Got::Far(dot) => (dot, true),
+            Got::Pending(dot) => (dot, false),
+            Got::Done(sentence) => {
+                output::say(&sentence);
+                return Ok(());
+            }
+        };
+        if self.asking.json {
+            output::say(&serde_json::json!({ "transaction": dot.to_string(), "reached": reached }).to_string());
+        } else {
+            output::say(&format!("committed as {dot}"));
+        }
+        if reached {
+            return Ok(());
+        }
+        Err(Failure::Unreachable(anyhow!(
+            "it is committed for good and will go on to the others, but had not got as far as asked within {:?}; `dca db \
+             status` shows who is behind",
+            self.within
+        )))
+    }
+
+    /// Asks one robot; answers with the name of another if only that one writes there.
+    async fn ask(
+        &self,
+        databases: &Databases,
+        robot: &str,
+        question: Question,
+    ) -> Result<Result<Got, String>, Failure> {
+        let mut replies = databases.ask(robot, question)?;
+        let first = replies.next(clock::now() + ANSWER_WITHIN).await?.ok_or_else(|| replies.ended())?;
+        let dot = match first {
+            Reply::Committed(dot) => dot,
+            Reply::NotOwner { owner } => return Ok(Err(owner)),
+            Reply::Done(sentence) => return Ok(Ok(Got::Done(sentence))),
+            other => return Err(refusal(&other)),
+        };
+        if self.level == Far::Local {
+            return Ok(Ok(Got::Far(dot)));
+        }
+        match replies.next(clock::now() + self.within + ANSWER_WITHIN).await {
+            Ok(Some(Reply::Reached(dot))) => Ok(Ok(Got::Far(dot))),
+            // The transaction is on a disk, whatever has become of who was asked.
+            Ok(Some(Reply::Pending(_)) | None) | Err(Failure::Unreachable(_)) => Ok(Ok(Got::Pending(dot))),
+            Ok(Some(other)) => Err(refusal(&other)),
+            Err(failure) => Err(failure),
+        }
+    }
+
+    /// Sends a transaction to the robot that alone writes there.
+    async fn forward(&self, databases: &Databases, owner: &str, question: Question) -> Result<Got, Failure> {
+        if !databases.reaches(owner).await? {
+            return Err(Failure::Unreachable(anyhow!(
+                "only `{owner}` writes there, and it cannot be reached now; nothing was written"
+            )));
+        }
+        match self.ask(databases, owner, question).await {
+            Ok(Ok(got)) => Ok(got),
+            Ok(Err(other)) => {
+                Err(anyhow!("`{owner}` says that only `{other}` writes there; nothing was written").into())
+            }
+            Err(Failure::Unreachable(_)) => Err(Failure::Unreachable(anyhow!(
+                "`{owner}`, which alone writes there, has not answered: whether it was written is not known; look with \
+             `dca db get` when it is back"
+            ))),
+            Err(failure) => Err(failure),
+        }
+    }
+}
+
+/// Reads a level.
+fn far(text: &str) -> Result<Far, String> {
+    let names = |names: &str| names.split(',').map(str::to_owned).collect::<Vec<_>>();
+    match text.split_once(':') {
+        None if text == "local" => Ok(Far::Local),
+        None if text == "everywhere" => Ok(Far::Everywhere),
+        Some(("replicated", count)) => match count.parse() {
+            Ok(count) if count > 0 => Ok(Far::Replicated(count)),
+            _ => Err(format!("`{count}` is no number of robots")),
+        },
+        Some(("on", robots)) if !robots.split(',').any(str::is_empty) => Ok(Far::On(names(robots))),
+        _ => Err("a level is `local`, `replicated:2`, `on:r2,r3` or `everywhere`".to_owned()),
+    }
+}
+
+/// Reads a time.
+fn time(text: &str) -> Result<Duration, String> {
+    let wrong = || "a time is a number with a unit: `500ms`, `2s`, `1.5s`, `1min`".to_owned();
+    let at = text.find(|c: char| c.is_ascii_alphabetic()).ok_or_else(wrong)?;
+    let (number, unit) = text.split_at(at);
+    let number: f64 = number.trim().parse().map_err(|_not_a_number| wrong())?;
+    let seconds = match unit {
+        "ms" => number / 1e3,
+        "s" => number,
+        "min" => number * 60.0,
+        _ => return Err(wrong()),
+    };
+    Duration::try_from_secs_f64(seconds).map_err(|_out_of_range| wrong())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn levels_and_times() {
+        assert_eq!(far("local"), Ok(Far::Local));
+        assert_eq!(far("replicated:2"), Ok(Far::Replicated(2)));
+        assert_eq!(far("on:r2,r3"), Ok(Far::On(vec!["r2".into(), "r3".into()])));
+        for bad in ["", "replicated", "replicated:0", "on:", "on:a,,b", "everywhere:1", "2"] {
+            assert!(far(bad).is_err(), "{bad}");
+        }
+        assert_eq!(time("500ms"), Ok(Duration::from_millis(500)));
+        assert_eq!(time("1.5 s").map(|time| time.as_millis()), Ok(1500));
+        for bad in ["", "2", "s", "-1s", "2h", "nan s"] {
+            assert!(time(bad).is_err(), "{bad}");
+        }
+    }
+}

@@ -1,0 +1,346 @@
+//! The thread of a node's database: it owns the replica and the store, and nothing else ever waits for the disk.
+//!
+//! A turn takes everything that waits, as `Groups` gathers it, writes what comes of it in one batch, and then carries out
+//! the rest. What comes in goes into a bounded queue: a caller is refused when it is full, a message of another replica is
+//! dropped, since replicas ask again. What goes out is carried by a task (`wire`) over the node's own session.
+//!
+//! When the disk fails, what was not written is refused, the store is opened anew, and the replica begins again with what
+//! is on the disk: a sync that is tried once more may succeed without having written anything. While the store cannot be
+//! opened either, the database answers questions and takes no writes; it tries again every few seconds.
+
+mod store;
+mod wire;
+
+use crate::logic::database::question::{Commit, Letter, Question, Reply};
+use crate::logic::database::settings::Settings;
+use crate::logic::database::{Database, Effect, Input};
+use crate::logic::protocol::Answer;
+use anyhow::Context;
+use comms::io::clock;
+use comms::io::session::{Request, Session};
+use comms::logic::codec;
+use comms::logic::time::Time;
+use dbmanager::io::group::Groups;
+use dbmanager::logic::clock::{Quality, Wall};
+use dbmanager::logic::cut::Origin;
+use dbmanager::logic::record::Batch;
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::mpsc::{SyncSender, sync_channel};
+use std::time::Duration;
+use store::Place;
+use tokio::sync::mpsc::Sender;
+use tokio::sync::watch;
+use tokio::task::JoinSet;
+use wire::Outgoing;
+
+/// How much waits for the thread.
+const ARRIVALS_MAX: usize = 4096;
+/// How much is taken in one turn.
+const TURN_MAX: usize = 1024;
+/// How long until a store that could not be opened is tried again.
+const REOPEN_AFTER: Duration = Duration::from_secs(5);
+
+/// What a database is started with.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// Name of the robot.
+    pub robot: String,
+    /// Name of the team.
+    pub team: String,
+    /// Folder for what must survive; none for a database in memory.
+    pub folder: Option<PathBuf>,
+    /// Whether it begins a team of its own at once, as the first of a command's own nodes does.
+    pub founds: bool,
+}
+
+/// What comes to the thread.
+enum Arrival {
+    Call(u64, Question, Option<Sender<Answer>>),
+    Letter(Letter),
+    Asked(Request, Letter),
+    Appeared,
+    Leave,
+}
+
+/// The way to a running database. It ends when the last one of these is gone.
+#[derive(Clone, Debug)]
+pub struct Handle {
+    arrivals: SyncSender<Arrival>,
+}
+
+/// A running database.
+#[derive(Debug)]
+pub struct Running {
+    handle: Handle,
+    settings: watch::Receiver<Settings>,
+    thread: std::thread::JoinHandle<()>,
+    /// The task that carries messages.
+    wire: JoinSet<()>,
+}
+
+/// What the thread owns.
+struct Worker {
+    machine: Database,
+    place: Place,
+    arrivals: Groups<Arrival>,
+    outgoing: Sender<Outgoing>,
+    /// Where answers go, by number of the call.
+    sinks: BTreeMap<u64, Sender<Answer>>,
+    /// Questions of other replicas that are not answered yet.
+    asked: BTreeMap<u64, Request>,
+    asked_next: u64,
+    /// Calls whose answers nobody takes any more.
+    gone: Vec<u64>,
+    reopen_at: Time,
+    /// Where what the robot's own keys say is shown.
+    settings: watch::Sender<Settings>,
+}
+
+/// Opens the store and starts the database on it.
+///
+/// # Errors
+/// The store cannot be used, is open already, or belongs to another robot.
+pub fn start(options: &Options, session: &Arc<Session>) -> anyhow::Result<Running> {
+    let (place, replica) = Place::open(options)?;
+    let machine = Database::new(replica, (&options.robot, &options.team), place.name());
+    let (to_thread, arrivals) = sync_channel(ARRIVALS_MAX);
+    let arrivals = Groups::new(arrivals, TURN_MAX);
+    let handle = Handle { arrivals: to_thread };
+    let (outgoing, wire) = wire::start(session, &options.team, machine.address(), &handle)?;
+    if options.founds {
+        handle.call(0, Question::Found, None);
+    }
+    let (sinks, asked) = (BTreeMap::new(), BTreeMap::new());
+    let (settings, shown) = watch::channel(Settings::default());
+    let reopen_at = Time::ZERO;
+    let worker = Worker {
+        machine,
+        place,
+        arrivals,
+        outgoing,
+        sinks,
+        asked,
+        asked_next: 0,
+        gone: Vec::new(),
+        reopen_at,
+        settings,
+    };
+    let thread = std::thread::Builder::new().name("database".to_owned()).spawn(move || worker.run());
+    Ok(Running { handle, settings: shown, thread: thread.context("starting the thread of the database")?, wire })
+}
+
+impl Running {
+    /// Returns the way to it.
+    pub fn handle(&self) -> &Handle {
+        &self.handle
+    }
+
+    /// Returns what the robot's own keys say, and hears of every change.
+    pub fn settings(&self) -> watch::Receiver<Settings> {
+        self.settings.clone()
+    }
+
+    /// Ends it. What was acknowledged is on the disk already.
+    ///
+    /// # Cancellation
+    /// It ends all the same.
+    pub async fn close(self) {
+        let Self { handle, thread, mut wire, .. } = self;
+        let joined = tokio::task::spawn_blocking(move || {
+            // A full queue is being worked off, so there is room soon; a thread that is gone needs no telling.
+            drop(handle.arrivals.send(Arrival::Leave));
+            thread.join().is_err()
+        });
+        if joined.await.unwrap_or(true) {
+            tracing::error!("the database has ended with a panic");
+        }
+        // It ends with the thread.
+        while wire.join_next().await.is_some() {}
+    }
+}
+
+impl Handle {
+    /// Asks something; the answers go to `sink`.
+    pub fn call(&self, call: u64, question: Question, sink: Option<Sender<Answer>>) {
+        let full = |sink: &Sender<Answer>| {
+            let why = "the database has too much to do; try again".to_owned();
+            sink.try_send(Answer::Database(Reply::Refused(why))).unwrap_or_default();
+        };
+        if self.arrivals.try_send(Arrival::Call(call, question, sink.clone())).is_err() {
+            sink.iter().for_each(full);
+        }
+    }
+
+    /// Writes something of the node's own, which nobody waits for.
+    pub fn write(&self, commit: Commit) {
+        self.call(0, Question::Commit(commit), None);
+    }
+
+    /// A node has come, or come back.
+    pub fn appeared(&self) {
+        self.offer(Arrival::Appeared);
+    }
+
+    /// Hands over what may be lost.
+    fn offer(&self, arrival: Arrival) {
+        if self.arrivals.try_send(arrival).is_err() {
+            tracing::debug!("the database has too much to do; a message of another replica is dropped");
+        }
+    }
+}
+
+impl Worker {
+    fn run(mut self) {
+        while let Some(arrivals) = self.wait() {
+            let Some(inputs) = self.inputs(arrivals) else { return };
+            self.reopen_if_due();
+            let (mut effects, address) = (Vec::new(), self.machine.address());
+            self.machine.handle(clock::now(), wall(), inputs, &mut effects);
+            if self.machine.address() != address {
+                self.send(Outgoing::Address(self.machine.address()));
+            }
+            self.carry_out(effects);
+        }
+    }
+
+    /// Returns everything that waits, after waiting for the first of it; nothing once nobody can send any more.
+    fn wait(&mut self) -> Option<Vec<Arrival>> {
+        let deadline = if self.machine.closed().is_some() { Some(self.reopen_at) } else { self.machine.deadline() };
+        self.arrivals.next(deadline)
+    }
+
+    /// Makes arrivals inputs, and keeps the channels they bring; nothing when the thread is to end.
+    fn inputs(&mut self, arrivals: Vec<Arrival>) -> Option<Vec<Input>> {
+        let mut inputs: Vec<Input> = self.gone.drain(..).map(Input::Gone).collect();
+        for arrival in arrivals {
+            inputs.push(match arrival {
+                Arrival::Call(call, question, sink) => {
+                    self.sinks.extend(sink.map(|sink| (call, sink)));
+                    Input::Call(call, question)
+                }
+                Arrival::Letter(letter) => Input::Letter(letter),
+                Arrival::Asked(request, letter) => {
+                    self.asked_next += 1;
+                    self.asked.insert(self.asked_next, request);
+                    Input::Asked(self.asked_next, letter)
+                }
+                Arrival::Appeared => Input::Appeared,
+                Arrival::Leave => return None,
+            });
+        }
+        Some(inputs)
+    }
+
+    /// Writes what is to be written, in one batch, and then does the rest.
+    fn carry_out(&mut self, effects: Vec<Effect>) {
+        let (mut batch, mut rest) = (Batch::default(), Vec::with_capacity(effects.len()));
+        for effect in effects {
+            match effect {
+                Effect::Persist(more) => batch.0.extend(more.0),
+                other => rest.push(other),
+            }
+        }
+        if !batch.is_empty() {
+            let began = clock::now();
+            if let Err(error) = self.place.commit(&batch) {
+                return self.fail(&error, rest);
+            }
+            self.arrivals.synced(clock::now().since(began));
+        }
+        rest.into_iter().for_each(|effect| self.do_one(effect));
+    }
+
+    fn do_one(&mut self, effect: Effect) {
+        match effect {
+            Effect::Persist(_) => {}
+            Effect::Broadcast(letter) => self.put(None, &letter),
+            Effect::Tell(to, letter) => self.put(Some(to), &letter),
+            Effect::Ask(to, letter) => self.encoded(&letter, |bytes| Outgoing::Ask(to, bytes)),
+            Effect::Reply(asked, letter) => {
+                let request = self.asked.remove(&asked);
+                if let (Some(request), Some(letter)) = (request, letter) {
+                    self.encoded(&letter, |bytes| Outgoing::Reply(request, bytes));
+                }
+            }
+            Effect::Answer(call, reply) => {
+                if let Some(sink) = self.sinks.get(&call)
+                    && sink.try_send(Answer::Database(reply)).is_err()
+                {
+                    self.sinks.remove(&call);
+                    self.gone.push(call);
+                }
+            }
+            Effect::End(call) => drop(self.sinks.remove(&call)),
+            Effect::Alarm(words) => tracing::warn!("{words}"),
+            Effect::Settings(settings) => drop(self.settings.send_replace(settings)),
+        }
+    }
+
+    /// The disk has failed: nothing of this turn has happened.
+    fn fail(&mut self, error: &anyhow::Error, rest: Vec<Effect>) {
+        let why = format!("{error:#}");
+        let mut effects = Vec::new();
+        for effect in rest {
+            match effect {
+                Effect::Answer(call, Reply::Committed(_)) => {
+                    effects.push(Effect::Answer(call, Reply::Refused(format!("it may not have been written: {why}"))));
+                    effects.push(Effect::End(call));
+                }
+                // What was only asked is answered from what is in memory.
+                Effect::Answer(..) | Effect::End(_) | Effect::Alarm(_) => effects.push(effect),
+                Effect::Reply(asked, _) => effects.push(Effect::Reply(asked, None)),
+                Effect::Persist(_)
+                | Effect::Broadcast(_)
+                | Effect::Tell(..)
+                | Effect::Ask(..)
+                | Effect::Settings(_) => {}
+            }
+        }
+        self.machine.close(&why, &mut effects);
+        self.reopen_at = clock::now();
+        effects.into_iter().for_each(|effect| self.do_one(effect));
+    }
+
+    fn reopen_if_due(&mut self) {
+        if self.machine.closed().is_none() || clock::now() < self.reopen_at {
+            return;
+        }
+        match self.place.reopen() {
+            Ok(replica) => self.machine.reopen(replica),
+            Err(error) => {
+                tracing::warn!(error = format!("{error:#}"), "the store of the database cannot be opened");
+                self.reopen_at = clock::now() + REOPEN_AFTER;
+            }
+        }
+    }
+
+    fn put(&self, to: Option<Origin>, letter: &Letter) {
+        self.encoded(letter, |bytes| Outgoing::Put(to, bytes));
+    }
+
+    fn encoded(&self, letter: &Letter, make: impl FnOnce(Vec<u8>) -> Outgoing) {
+        match codec::encode(letter) {
+            Ok(bytes) => self.send(make(bytes)),
+            Err(error) => tracing::warn!(%error, "a message to another replica cannot be written"),
+        }
+    }
+
+    fn send(&self, outgoing: Outgoing) {
+        // Replicas ask again for what was lost; an address that is lost would not be found again, so that waits.
+        let sent = match outgoing {
+            Outgoing::Address(_) => self.outgoing.blocking_send(outgoing).is_ok(),
+            other => self.outgoing.try_send(other).is_ok(),
+        };
+        if !sent {
+            tracing::debug!("a message to another replica is dropped");
+        }
+    }
+}
+
+/// Returns the calendar time, and how far it is to be believed.
+fn wall() -> Wall {
+    let millis = u64::try_from(clock::unix_time().as_millis()).unwrap_or(u64::MAX);
+    Wall { millis, quality: if clock::is_synchronised() { Quality::Network } else { Quality::Unset } }
+}

@@ -1,0 +1,144 @@
+//! Messages of replicas over the node's session: news and words to one are puts that may be lost, questions go to exactly
+//! one and have a deadline of their own. The replica asks again for whatever does not arrive.
+
+use super::{Arrival, Handle};
+use crate::logic::database::question::Letter;
+use comms::io::session::{CallError, Request, Server, Session, Subscription};
+use comms::logic::port::Policy;
+use comms::logic::{codec, key};
+use dbmanager::logic::cut::Origin;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::sync::mpsc::{self, Receiver, Sender};
+use tokio::task::{AbortHandle, JoinSet};
+
+/// How long an answer of another replica is waited for. The replica itself waits as long.
+const ANSWER_WITHIN: Duration = Duration::from_secs(2);
+/// How many messages wait to be sent.
+const OUTGOING_MAX: usize = 1024;
+/// How many messages of others wait to be taken; others are dropped, and asked for again.
+const INCOMING_MAX: usize = 1024;
+/// How many questions and answers are on their way at a time.
+const ON_THE_WAY_MAX: usize = 64;
+
+/// What goes out.
+pub(super) enum Outgoing {
+    /// To one, or to all.
+    Put(Option<Origin>, Vec<u8>),
+    /// A question to one.
+    Ask(Origin, Vec<u8>),
+    /// The answer to a question.
+    Reply(Request, Vec<u8>),
+    /// From now on this replica bears this name.
+    Address(Origin),
+}
+
+/// The tasks that carry messages.
+struct Wire {
+    session: Arc<Session>,
+    team: String,
+    address: Origin,
+    handle: Handle,
+    on_the_way: JoinSet<()>,
+    /// What listens at the present address.
+    ears: Vec<AbortHandle>,
+}
+
+/// Begins to listen and to carry; returns where what goes out is put, and the task, which ends when nobody can put more.
+pub(super) fn start(
+    session: &Arc<Session>,
+    team: &str,
+    address: Origin,
+    handle: &Handle,
+) -> Result<(Sender<Outgoing>, JoinSet<()>), CallError> {
+    let (outgoing, to_send) = mpsc::channel(OUTGOING_MAX);
+    let news = session.subscribe(&key::db_news_any(team), Policy::reject(INCOMING_MAX))?;
+    let mut wire = Wire {
+        session: Arc::clone(session),
+        team: team.to_owned(),
+        address,
+        handle: handle.clone(),
+        on_the_way: JoinSet::new(),
+        ears: Vec::new(),
+    };
+    wire.on_the_way.spawn(hear(news, handle.clone()));
+    wire.listen()?;
+    let mut carrying = JoinSet::new();
+    carrying.spawn(wire.carry(to_send));
+    Ok((outgoing, carrying))
+}
+
+impl Wire {
+    async fn carry(mut self, mut to_send: Receiver<Outgoing>) {
+        while let Some(outgoing) = to_send.recv().await {
+            while self.on_the_way.try_join_next().is_some() {}
+            match outgoing {
+                Outgoing::Put(to, bytes) => {
+                    let key = match to {
+                        Some(origin) => key::db_inbox(&self.team, origin.number()),
+                        None => key::db_news(&self.team, self.address.number()),
+                    };
+                    if let Err(error) = self.session.put(&key, bytes) {
+                        tracing::debug!(%error, "a message to other replicas was not sent");
+                    }
+                }
+                Outgoing::Ask(..) | Outgoing::Reply(..) if self.on_the_way.len() > ON_THE_WAY_MAX => {
+                    tracing::debug!("too many questions are on their way; one is dropped");
+                }
+                Outgoing::Ask(to, bytes) => {
+                    let key = key::db_ask(&self.team, to.number());
+                    self.on_the_way.spawn(ask(Arc::clone(&self.session), key, bytes, self.handle.clone()));
+                }
+                Outgoing::Reply(request, bytes) => {
+                    self.on_the_way.spawn(async move { request.reply(bytes) });
+                }
+                Outgoing::Address(address) => {
+                    self.address = address;
+                    if let Err(error) = self.listen() {
+                        tracing::error!(%error, "the database cannot be called under its new name");
+                    }
+                }
+            }
+        }
+        // Nothing of this holds the session any more when this ends.
+        self.on_the_way.shutdown().await;
+    }
+
+    /// Listens at the present address, and at no other.
+    fn listen(&mut self) -> Result<(), CallError> {
+        self.ears.drain(..).for_each(|ear| ear.abort());
+        let number = self.address.number();
+        let told = self.session.subscribe(&key::db_inbox(&self.team, number), Policy::reject(INCOMING_MAX))?;
+        let asked = self.session.serve(&key::db_ask(&self.team, number))?;
+        self.ears.push(self.on_the_way.spawn(hear(told, self.handle.clone())));
+        self.ears.push(self.on_the_way.spawn(hear_questions(asked, self.handle.clone())));
+        Ok(())
+    }
+}
+
+async fn hear(mut letters: Subscription, handle: Handle) {
+    while let Some((_, bytes)) = letters.next().await {
+        match codec::decode::<Letter>(&bytes) {
+            Ok(letter) => handle.offer(Arrival::Letter(letter)),
+            Err(error) => tracing::debug!(%error, "a message of another replica cannot be read"),
+        }
+    }
+}
+
+async fn hear_questions(mut questions: Server, handle: Handle) {
+    while let Some(request) = questions.next().await {
+        match codec::decode::<Letter>(&request.payload()) {
+            Ok(letter) => handle.offer(Arrival::Asked(request, letter)),
+            Err(error) => request.refuse(&format!("the question cannot be read: {error}")),
+        }
+    }
+}
+
+/// Asks one replica. Without an answer nothing happens: the one who asked has a deadline of its own.
+async fn ask(session: Arc<Session>, key: String, bytes: Vec<u8>, handle: Handle) {
+    match session.call(&key, bytes, ANSWER_WITHIN).await.map(|bytes| codec::decode::<Letter>(&bytes)) {
+        Ok(Ok(letter)) => handle.offer(Arrival::Letter(letter)),
+        Ok(Err(error)) => tracing::debug!(%error, "an answer of another replica cannot be read"),
+        Err(error) => tracing::debug!(%error, "another replica has not answered"),
+    }
+}

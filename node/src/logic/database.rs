@@ -1,0 +1,455 @@
+//! The database of a node: a replica, and everybody who wants something of it.
+//!
+//! [`Database::handle`] takes what has come since the last time, all of it at once, and says what is to be done, in order.
+//! Its driver is a thread of its own (`io::database`): it writes all [`Effect::Persist`] of one turn together, and carries
+//! out the rest only when they are on the disk. So callers that wait at the same time share one flush, nobody hears of
+//! what could be forgotten, and the loop that supervises programs never waits for a disk.
+//!
+//! When the disk fails, the database is *closed*: it answers questions, and refuses to write with the disk's own words.
+//! It takes nothing from peers meanwhile, since it could not keep it.
+
+pub mod chronicle;
+mod look;
+pub mod question;
+pub mod settings;
+mod status;
+pub mod table;
+mod watch;
+
+use comms::logic::time::Time;
+use dbmanager::logic::clock::Wall;
+use dbmanager::logic::cut::Origin;
+use dbmanager::logic::key::Namespace;
+use dbmanager::logic::message::Message;
+use dbmanager::logic::record::Batch;
+use dbmanager::logic::replica::{self, Alarm, Replica, Request};
+use dbmanager::logic::state::State;
+use dbmanager::logic::txn::{Txn, TxnError, Value};
+use dbmanager::logic::view::schema::Schemas;
+use dbmanager::logic::view::watch::Watch;
+use question::{Commit, Far, Letter, Question, Reply};
+use settings::Settings;
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+
+/// The team of robots that have not been told of any.
+pub const TEAM: &str = "dca";
+/// How many alarms are remembered.
+const ALARMS_MAX: usize = 16;
+/// How many peers that have been heard of are remembered.
+const HEARD_MAX: usize = 1024;
+/// About how many bytes of keys and values go into one reply.
+const REPLY_SIZE_MAX: usize = 256 << 10;
+
+/// What has come.
+#[derive(Debug)]
+pub enum Input {
+    /// Somebody asks something; the answers bear this number. Number 0 is the node itself, which wants none.
+    Call(u64, Question),
+    /// Another replica has told something.
+    Letter(Letter),
+    /// Another replica has asked something, under this number; [`Effect::Reply`] ends it.
+    Asked(u64, Letter),
+    /// A node has come, or come back: its replica and this one compare what they have.
+    Appeared,
+    /// Whoever called with this number takes no answers any more.
+    Gone(u64),
+}
+
+/// What is to be done, in order.
+#[derive(Debug)]
+pub enum Effect {
+    /// Write this durably, before anything else of this turn.
+    Persist(Batch),
+    /// Tell every replica.
+    Broadcast(Letter),
+    /// Tell one replica.
+    Tell(Origin, Letter),
+    /// Ask one replica, and hand its answer back as a letter.
+    Ask(Origin, Letter),
+    /// Answer another's question; without a letter, end it.
+    Reply(u64, Option<Letter>),
+    /// One element of the answer to a call.
+    Answer(u64, Reply),
+    /// The answer to a call is complete.
+    End(u64),
+    /// An operator has to know this.
+    Alarm(String),
+    /// What this robot's own keys say to its node is now this.
+    Settings(Settings),
+}
+
+/// The machine.
+#[derive(Debug)]
+pub struct Database {
+    replica: Replica,
+    /// Name of the robot.
+    robot: String,
+    /// Name of the team.
+    team: String,
+    /// Where the store is.
+    store: Option<String>,
+    /// Why it does not write.
+    closed: Option<String>,
+    /// Calls that wait for their transaction to get further.
+    waiting: BTreeSet<u64>,
+    /// When each replica was last heard.
+    heard: BTreeMap<Origin, Heard>,
+    alarms: VecDeque<String>,
+    wall: Wall,
+    /// Who watches, by number of the call.
+    watchers: BTreeMap<u64, Watch>,
+    /// Whether there may be more for a watcher.
+    more: bool,
+    /// Whether what the own keys say to the node has changed in this turn.
+    resettled: bool,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Heard {
+    at: Time,
+    /// Whether it said that it belongs to a team.
+    member: bool,
+}
+
+/// A question of another replica that the present turn may answer.
+type Asked = Option<(u64, Origin)>;
+
+impl Database {
+    /// Returns the database that this replica is of.
+    pub fn new(replica: Replica, (robot, team): (&str, &str), store: Option<String>) -> Self {
+        Self {
+            replica,
+            robot: robot.to_owned(),
+            team: team.to_owned(),
+            store,
+            closed: None,
+            waiting: BTreeSet::new(),
+            heard: BTreeMap::new(),
+            alarms: VecDeque::new(),
+            wall: Wall::default(),
+            watchers: BTreeMap::new(),
+            more: false,
+            resettled: true,
+        }
+    }
+
+    /// Takes what has come; appends what is to be done, in order.
+    pub fn handle(&mut self, now: Time, wall: Wall, inputs: Vec<Input>, effects: &mut Vec<Effect>) {
+        self.wall = wall;
+        let mut commits = Vec::new();
+        for input in inputs {
+            match input {
+                Input::Call(call, Question::Commit(commit)) => {
+                    commits.extend(self.request(now, call, &commit, effects))
+                }
+                Input::Call(call, Question::Resolve(resolve)) => match self.settle(&resolve) {
+                    Ok(commit) => commits.extend(self.request(now, call, &commit, effects)),
+                    Err(reply) => effects.extend([Effect::Answer(call, reply), Effect::End(call)]),
+                },
+                Input::Call(call, question) => self.answer(now, call, question, effects),
+                Input::Letter(letter) => self.receive(now, letter, None, effects),
+                Input::Asked(asked, letter) => {
+                    let from = letter.from;
+                    self.receive(now, letter, Some((asked, from)), effects);
+                }
+                Input::Gone(call) => drop(self.watchers.remove(&call)),
+                Input::Appeared => self.feed(now, replica::Input::Appeared(wall), &mut None, effects),
+            }
+        }
+        if !commits.is_empty() {
+            self.feed(now, replica::Input::Commit(commits, wall), &mut None, effects);
+        }
+        if self.replica.deadline().is_some_and(|deadline| deadline <= now) {
+            self.feed(now, replica::Input::Tick(wall), &mut None, effects);
+        }
+        self.tell_watchers(effects);
+        if std::mem::take(&mut self.resettled) {
+            effects.push(Effect::Settings(Settings::of(self.replica.state(), &self.robot)));
+        }
+    }
+
+    /// Returns when it wants to be called although nothing has come.
+    pub fn deadline(&self) -> Option<Time> {
+        match &self.closed {
+            None if self.more => Some(Time::ZERO),
+            None => self.replica.deadline(),
+            Some(_) => None,
+        }
+    }
+
+    /// Returns under which name other replicas know this one.
+    pub fn address(&self) -> Origin {
+        self.replica.address()
+    }
+
+    /// Returns the replica, to be looked at.
+    pub fn replica(&self) -> &Replica {
+        &self.replica
+    }
+
+    /// The store has failed: from now on only questions are answered. Calls that wait for others hear why.
+    pub fn close(&mut self, why: &str, effects: &mut Vec<Effect>) {
+        let sentence = format!("the database of `{}` takes no writes at the moment: {why}", self.robot);
+        for call in std::mem::take(&mut self.waiting) {
+            effects.push(Effect::Answer(call, Reply::Refused(sentence.clone())));
+            effects.push(Effect::End(call));
+        }
+        self.alarm(why.to_owned(), effects);
+        self.closed = Some(sentence);
+    }
+
+    /// The store was opened anew: this is what is in it.
+    pub fn reopen(&mut self, replica: Replica) {
+        self.replica = replica;
+        self.closed = None;
+        self.resettled = true;
+    }
+
+    /// Returns why it does not write, if it does not.
+    pub fn closed(&self) -> Option<&str> {
+        self.closed.as_deref()
+    }
+
+    fn receive(&mut self, now: Time, letter: Letter, mut asked: Asked, effects: &mut Vec<Effect>) {
+        if self.closed.is_none() {
+            self.hear(now, &letter);
+            let input = replica::Input::Received(letter.from, letter.message, self.wall);
+            self.feed(now, input, &mut asked, effects);
+        }
+        // A question that is not ended keeps the asker waiting until its own deadline.
+        effects.extend(asked.map(|(asked, _)| Effect::Reply(asked, None)));
+    }
+
+    fn hear(&mut self, now: Time, letter: &Letter) {
+        let known = self.heard.get(&letter.from).is_some_and(|heard| heard.member);
+        let member = if let Message::Hello(hello) = &letter.message { hello.member } else { known };
+        let other = letter.from != self.replica.address();
+        if other && (self.heard.len() < HEARD_MAX || self.heard.contains_key(&letter.from)) {
+            self.heard.insert(letter.from, Heard { at: now, member });
+        }
+    }
+
+    /// Returns what the replica is asked to commit.
+    fn request(&mut self, now: Time, call: u64, commit: &Commit, effects: &mut Vec<Effect>) -> Option<Request> {
+        if let Some(why) = &self.closed {
+            effects.push(Effect::Answer(call, Reply::Refused(why.clone())));
+            effects.push(Effect::End(call));
+            return None;
+        }
+        let breaches = Schemas::of(self.replica.state()).check(&commit.draft());
+        if !breaches.is_empty() && call != 0 {
+            let sentences: Vec<String> = breaches.iter().map(ToString::to_string).collect();
+            effects
+                .push(Effect::Answer(call, Reply::Refused(format!("nothing was written: {}", sentences.join("; ")))));
+            effects.push(Effect::End(call));
+            return None;
+        }
+        let alone = !self.replica.is_member() && !self.heard.values().any(|heard| heard.member);
+        if alone && commit.writes.iter().any(|write| write.key.namespace() != Namespace::Local) {
+            let note = format!(
+                "`{}` belongs to no team yet, so this stays on it until it joins one; `dca db status` says how",
+                self.robot
+            );
+            effects.push(Effect::Answer(call, Reply::Note(note)));
+        }
+        if commit.far != Far::Local {
+            self.waiting.insert(call);
+        }
+        Some(Request { ticket: call, draft: commit.draft(), level: commit.far.level(), until: now + commit.within })
+    }
+
+    fn answer(&mut self, now: Time, call: u64, question: Question, effects: &mut Vec<Effect>) {
+        let mut say = |reply| effects.push(Effect::Answer(call, reply));
+        match question {
+            Question::Get { key } => {
+                let versions = self.replica.state().versions(&key).to_vec();
+                say(Reply::Entries(if versions.is_empty() { Vec::new() } else { vec![(key, versions)] }));
+            }
+            Question::List { prefix, at } => match self.at(&at) {
+                Ok(state) => list(&state, &prefix, &mut say),
+                Err(why) => say(Reply::Refused(why.to_string())),
+            },
+            Question::History(filter) => say(self.history(&filter)),
+            Question::Conflicts { prefix } => say(self.conflicts(&prefix)),
+            Question::Diff { from, to, prefix } => say(self.diff([&from, &to], &prefix)),
+            Question::Cut(moment) => say(self.cut(&moment)),
+            Question::Export { prefix, at } => self.export(&prefix, &at, &mut say),
+            Question::Import { file, delete, reason } => say(self.import(&file, delete, &reason)),
+            Question::Watch { keys, from } => match self.watch(call, keys, from) {
+                Ok(cut) => return say(Reply::Cut(cut)),
+                Err(why) => say(Reply::Refused(why.to_string())),
+            },
+            Question::Status => say(Reply::Status(Box::new(self.status(now)))),
+            // Writes are taken together, see `handle`.
+            Question::Commit(_) | Question::Resolve(_) => {}
+            Question::Found | Question::Retire { .. } | Question::HealClock => {
+                let reply = self.operate(now, question, effects);
+                effects.push(Effect::Answer(call, reply));
+            }
+        }
+        effects.push(Effect::End(call));
+    }
+
+    /// Does what an operator wants.
+    fn operate(&mut self, now: Time, question: Question, effects: &mut Vec<Effect>) -> Reply {
+        if let Some(why) = &self.closed {
+            return Reply::Refused(why.clone());
+        }
+        let wall = self.wall;
+        match question {
+            Question::Found if self.replica.is_member() => {
+                Reply::Done(format!("`{}` belongs to the team `{}` already", self.robot, self.team))
+            }
+            Question::Found => self.found(now, effects),
+            Question::Retire { member } => match self.member(&member) {
+                Ok(origin) => {
+                    self.feed(now, replica::Input::Retire(origin, wall), &mut None, effects);
+                    Reply::Done(format!("`{member}` ({origin}) is retired; what it had written and shown stays"))
+                }
+                Err(why) => Reply::Refused(why),
+            },
+            _ => {
+                self.feed(now, replica::Input::HealClock(wall), &mut None, effects);
+                Reply::Done("new writes are dated in a new epoch, above all that were dated wrongly".to_owned())
+            }
+        }
+    }
+
+    fn found(&mut self, now: Time, effects: &mut Vec<Effect>) -> Reply {
+        if self.heard.values().any(|heard| heard.member && now.since(heard.at) < status::HEARD_WITHIN) {
+            return Reply::Refused(format!("there is a team `{}` already; this robot joins it by itself", self.team));
+        }
+        self.feed(now, replica::Input::Found(self.wall), &mut None, effects);
+        if self.replica.is_member() {
+            let (robot, team) = (&self.robot, &self.team);
+            Reply::Done(format!(
+                "the team `{team}` begins with `{robot}`; every other robot that hears it joins by itself"
+            ))
+        } else {
+            Reply::Refused("this robot was a member of a team before, and waits to be admitted again".to_owned())
+        }
+    }
+
+    /// Returns the other member that is meant.
+    fn member(&self, name: &str) -> Result<Origin, String> {
+        let (mine, members) = (self.replica.origin(), self.replica.members());
+        if let Some(origin) = Origin::parse(name).filter(|origin| members.is_active(*origin) && *origin != mine) {
+            return Ok(origin);
+        }
+        let of: Vec<Origin> =
+            members.active().filter(|(origin, robot)| *robot == name && *origin != mine).map(|(o, _)| o).collect();
+        match of.as_slice() {
+            [origin] => Ok(*origin),
+            [] if name == self.robot => Err("a robot cannot retire itself; ask another".to_owned()),
+            [] => Err(format!("there is no member `{name}`; `dca db status` lists them")),
+            several => {
+                let origins: Vec<String> = several.iter().map(ToString::to_string).collect();
+                Err(format!("`{name}` is a member under several names; give one of `{}`", origins.join("`, `")))
+            }
+        }
+    }
+
+    /// Gives the replica an input, and makes what it wants ours.
+    fn feed(&mut self, now: Time, input: replica::Input, asked: &mut Asked, effects: &mut Vec<Effect>) {
+        if self.closed.is_some() {
+            return;
+        }
+        let mut done = Vec::new();
+        self.replica.handle(now, input, &mut done);
+        for effect in done {
+            self.translate(effect, asked, effects);
+        }
+    }
+
+    fn translate(&mut self, effect: replica::Effect, asked: &mut Asked, effects: &mut Vec<Effect>) {
+        let from = self.replica.address();
+        let letter = |message| Letter { from, message };
+        match effect {
+            replica::Effect::Persist(batch) => effects.push(Effect::Persist(batch)),
+            replica::Effect::Broadcast(message) => effects.push(Effect::Broadcast(letter(message))),
+            replica::Effect::Send(to, message) => effects.push(match message {
+                Message::Pull(_) | Message::Snap(_) => Effect::Ask(to, letter(message)),
+                Message::Chunk(_) | Message::SnapChunk { .. } => match asked.take_if(|(_, from)| *from == to) {
+                    Some((asked, _)) => Effect::Reply(asked, Some(letter(message))),
+                    None => Effect::Tell(to, letter(message)),
+                },
+                Message::Push(_) | Message::Hello(_) | Message::Ack(_) => Effect::Tell(to, letter(message)),
+            }),
+            replica::Effect::Answer(call, answer) => self.answered(call, answer, effects),
+            replica::Effect::Visible(_, frame) => {
+                let concerns = |txn: Txn| txn.writes.iter().any(|write| Settings::concern(&self.robot, &write.key));
+                self.resettled |= frame.open().is_ok_and(concerns);
+            }
+            replica::Effect::Replaced => {
+                self.resettled = true;
+                self.watchers.values_mut().for_each(Watch::replaced);
+            }
+            replica::Effect::Renamed(..) => {}
+            replica::Effect::Alarm(alarm) => self.alarm(self.words(&alarm), effects),
+        }
+    }
+
+    fn answered(&mut self, call: u64, answer: replica::Answer, effects: &mut Vec<Effect>) {
+        let reply = match answer {
+            replica::Answer::Committed(dot) => Reply::Committed(dot),
+            replica::Answer::Reached(dot) => Reply::Reached(dot),
+            replica::Answer::Pending(dot) => Reply::Pending(dot),
+            replica::Answer::Refused(TxnError::NotOwner { owner, .. }) => Reply::NotOwner { owner },
+            replica::Answer::Refused(why) => Reply::Refused(why.to_string()),
+        };
+        // Whoever waits for more than the local disk hears a second time.
+        let more = matches!(reply, Reply::Committed(_)) && self.waiting.contains(&call);
+        effects.push(Effect::Answer(call, reply));
+        if !more {
+            self.waiting.remove(&call);
+            effects.push(Effect::End(call));
+        }
+    }
+
+    fn alarm(&mut self, words: String, effects: &mut Vec<Effect>) {
+        if self.alarms.back() != Some(&words) {
+            effects.push(Effect::Alarm(words.clone()));
+            self.alarms.push_back(words);
+        }
+        if self.alarms.len() > ALARMS_MAX {
+            self.alarms.pop_front();
+        }
+    }
+
+    fn words(&self, alarm: &Alarm) -> String {
+        let robot = |origin: &Origin| match self.replica.members().robot(*origin) {
+            Some(robot) => format!("`{robot}`"),
+            None => format!("the replica {origin}"),
+        };
+        match alarm {
+            Alarm::ClockSuspect { origin, ahead_by } => format!(
+                "{} dates its writes {} s ahead of this robot's clock; `dca db heal-clock` mends the order of new ones",
+                robot(origin),
+                ahead_by.as_secs()
+            ),
+            Alarm::Fork(origin) => {
+                format!("{} has used a number twice: its disk was copied or set back", robot(origin))
+            }
+            Alarm::Diverged(origin) => format!("{} has the same transactions and another state", robot(origin)),
+            Alarm::NeedsUpgrade(format) => format!("a robot writes format {format}: upgrade DCA on this one"),
+            Alarm::Malformed(origin) => format!("{} sent what no replica sends", robot(origin)),
+            Alarm::Rejoining { from } => format!("this replica gives up the name {from} and asks to be admitted again"),
+        }
+    }
+}
+
+/// Answers with the keys below a prefix, in parts of a bounded size.
+fn list(state: &State, prefix: &str, say: &mut impl FnMut(Reply)) {
+    let (mut entries, mut size) = (Vec::new(), 0);
+    for (key, versions) in state.scan(prefix) {
+        let bytes = |value: &Value| value.bytes.len();
+        size += key.as_str().len()
+            + versions.iter().map(|version| 64 + version.value.as_ref().map_or(0, bytes)).sum::<usize>();
+        entries.push((key.clone(), versions.to_vec()));
+        if size > REPLY_SIZE_MAX {
+            say(Reply::Entries(std::mem::take(&mut entries)));
+            size = 0;
+        }
+    }
+    say(Reply::Entries(entries));
+}

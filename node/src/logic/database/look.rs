@@ -1,0 +1,115 @@
+//! What is answered from the past and about it: history, other moments, what has changed, what nobody has settled.
+
+use super::question::{Choice, Commit, Moment, Reply, Resolve};
+use super::{Database, REPLY_SIZE_MAX};
+use dbmanager::logic::cut::Cut;
+use dbmanager::logic::key::Key;
+use dbmanager::logic::state::{State, Version};
+use dbmanager::logic::txn::{Value, Write};
+use dbmanager::logic::view::moment::{MomentError, diff};
+use dbmanager::logic::view::past::{Filter, Past};
+use dbmanager::logic::view::transfer::{self, Absent};
+
+impl Database {
+    fn past(&self) -> Past<'_> {
+        Past { log: self.replica.log(), state: self.replica.state() }
+    }
+
+    /// Returns who has changed what was asked for.
+    pub(super) fn history(&self, filter: &Filter) -> Reply {
+        Reply::Deeds(self.past().deeds(filter))
+    }
+
+    /// Returns what nobody has settled below a prefix.
+    pub(super) fn conflicts(&self, prefix: &str) -> Reply {
+        let past = self.past();
+        Reply::Conflicts(past.conflicts(prefix), past.races(prefix))
+    }
+
+    /// Returns what was changed from one moment to another.
+    pub(super) fn diff(&self, [from, to]: [&Moment; 2], prefix: &str) -> Reply {
+        let states = self.at(from).and_then(|before| Ok((before, self.at(to)?)));
+        match states {
+            Ok((before, after)) => Reply::Differences(diff(&before, &after, prefix)),
+            Err(why) => Reply::Refused(why.to_string()),
+        }
+    }
+
+    /// Returns the state at a moment.
+    pub(super) fn at(&self, moment: &Moment) -> Result<State, MomentError> {
+        let past = self.past();
+        match moment {
+            Moment::Now => Ok(self.replica.state().clone()),
+            Moment::Cut(cut) => past.at(cut, None),
+            Moment::Date(millis) => past.at(&past.cut_at(*millis, None)?, None),
+        }
+    }
+
+    /// Returns the cut of a moment.
+    pub(super) fn cut(&self, moment: &Moment) -> Reply {
+        let cut: Result<Cut, MomentError> = match moment {
+            Moment::Now => Ok(self.replica.log().cut().clone()),
+            Moment::Cut(cut) => Ok(cut.clone()),
+            Moment::Date(millis) => self.past().cut_at(*millis, None),
+        };
+        cut.map_or_else(|why| Reply::Refused(why.to_string()), Reply::Cut)
+    }
+
+    /// Answers with the keys below a prefix as a file.
+    pub(super) fn export(&self, prefix: &str, moment: &Moment, say: &mut impl FnMut(Reply)) {
+        match self.at(moment) {
+            Ok(state) => {
+                let file = transfer::export(&state, prefix);
+                let mut part = String::new();
+                for line in file.split_inclusive('\n') {
+                    part.push_str(line);
+                    if part.len() > REPLY_SIZE_MAX {
+                        say(Reply::Text(std::mem::take(&mut part)));
+                    }
+                }
+                say(Reply::Text(part));
+            }
+            Err(why) => say(Reply::Refused(why.to_string())),
+        }
+    }
+
+    /// Returns what it would take to make the keys what a file says.
+    pub(super) fn import(&self, file: &str, delete: bool, reason: &str) -> Reply {
+        let absent = if delete { Absent::Delete } else { Absent::Keep };
+        match transfer::import(file, self.replica.state(), absent, reason) {
+            Ok(import) => {
+                let write = |(key, value): (&Key, Option<&Value>)| Write { key: key.clone(), value: value.cloned() };
+                let writes = import.drafts.iter().map(|draft| draft.writes().map(write).collect()).collect();
+                Reply::Import(import.differences, import.settles, writes)
+            }
+            Err(why) => Reply::Refused(format!("the file cannot be imported: {why}")),
+        }
+    }
+
+    /// Returns the transaction that settles a key: one more write, which has seen all of the others.
+    pub(super) fn settle(&self, resolve: &Resolve) -> Result<Commit, Reply> {
+        let Resolve { key, choice, reason, far, within } = resolve;
+        let versions = self.replica.state().versions(key);
+        if versions.len() < 2 {
+            return Err(Reply::Done(format!("nothing stands beside each other at `{key}`")));
+        }
+        let robot = |version: &Version| self.past().robot(version.stamp.origin);
+        let pick = |found: Vec<&Version>, what: &str| match found.as_slice() {
+            [version] => Ok(version.value.clone()),
+            [] => {
+                Err(Reply::Refused(format!("no write {what} stands at `{key}`; `dca db conflicts {key}` lists them")))
+            }
+            _ => Err(Reply::Refused(format!("several writes {what} stand at `{key}`; name the transaction"))),
+        };
+        let value = match choice {
+            Choice::Value(value) => value.clone(),
+            Choice::Shown => versions.last().and_then(|version| version.value.clone()),
+            Choice::By(name) => {
+                pick(versions.iter().filter(|one| robot(one) == *name).collect(), &format!("by `{name}`"))?
+            }
+            Choice::Txn(dot) => pick(versions.iter().filter(|one| one.dot == *dot).collect(), &format!("named {dot}"))?,
+        };
+        let writes = vec![Write { key: key.clone(), value }];
+        Ok(Commit { reason: reason.clone(), requires: vec![], writes, far: far.clone(), within: *within })
+    }
+}

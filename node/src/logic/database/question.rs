@@ -1,0 +1,293 @@
+//! What a command line asks of a robot's database, and what replicas send each other, as messages.
+//!
+//! As everything in `protocol`, these types are promises to other versions: variants and fields are only appended.
+
+use comms::logic::codec::Enveloped;
+use dbmanager::logic::cut::{Cut, Dot, Origin};
+use dbmanager::logic::key::Key;
+use dbmanager::logic::message::Message;
+use dbmanager::logic::replica::Level;
+use dbmanager::logic::state::Version;
+use dbmanager::logic::txn::{Draft, Require, Value, Write};
+use dbmanager::logic::view::conflict::{Conflict, Race};
+use dbmanager::logic::view::moment::Difference;
+use dbmanager::logic::view::past::{Deed, Filter, Keys};
+use dbmanager::logic::view::status::Lag;
+use dbmanager::logic::view::watch::Told;
+use serde::{Deserialize, Serialize};
+use std::time::Duration;
+
+/// From one replica to another, or to all.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Letter {
+    /// The address of the sender.
+    pub from: Origin,
+    /// What it says.
+    pub message: Message,
+}
+
+impl Enveloped for Letter {
+    const KIND: u16 = 103;
+    const VERSION: u16 = 1;
+    const SIZE_MAX: usize = 4 << 20;
+}
+
+/// A question to the database of one robot.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Question {
+    /// What a key holds. Answered by [`Reply::Entries`].
+    Get {
+        /// Which key.
+        key: Key,
+    },
+    /// What the keys below a prefix hold, or have held. Answered by a stream of [`Reply::Entries`].
+    List {
+        /// How the keys begin.
+        prefix: String,
+        /// When.
+        at: Moment,
+    },
+    /// Write. Answered by [`Reply::Committed`], then, if more than the local disk is waited for, by one of
+    /// [`Reply::Reached`] and [`Reply::Pending`].
+    Commit(Commit),
+    /// How the replica and its team are. Answered by [`Reply::Status`].
+    Status,
+    /// Make this robot the first member of a team. Answered by [`Reply::Done`].
+    Found,
+    /// This member will never write again. Answered by [`Reply::Done`].
+    Retire {
+        /// Its robot's name, or the 16 digits of its origin.
+        member: String,
+    },
+    /// Dates have gone wrong: begin a new epoch of stamps. Answered by [`Reply::Done`].
+    HealClock,
+    /// Who has changed what. Answered by [`Reply::Deeds`].
+    History(Filter),
+    /// What nobody has settled. Answered by [`Reply::Conflicts`].
+    Conflicts {
+        /// How the keys begin.
+        prefix: String,
+    },
+    /// Settle a key. Answered as `Commit` is, or by [`Reply::Done`] if there is nothing to settle.
+    Resolve(Resolve),
+    /// What has changed between two moments. Answered by [`Reply::Differences`].
+    Diff {
+        /// The earlier one.
+        from: Moment,
+        /// The later one.
+        to: Moment,
+        /// How the keys begin.
+        prefix: String,
+    },
+    /// Which transactions a moment has. Answered by [`Reply::Cut`].
+    Cut(Moment),
+    /// What happens to keys. Answered by [`Reply::Cut`], the place where it begins, and a stream of [`Reply::Told`].
+    Watch {
+        /// Which keys.
+        keys: Keys,
+        /// After which transactions; nothing for now.
+        from: Option<Cut>,
+    },
+    /// The keys below a prefix as a file. Answered by a stream of [`Reply::Text`].
+    Export {
+        /// How the keys begin.
+        prefix: String,
+        /// When.
+        at: Moment,
+    },
+    /// What it would take to make the keys what a file says. Answered by [`Reply::Import`].
+    Import {
+        /// The file.
+        file: String,
+        /// Whether keys that are not in it are to be deleted.
+        delete: bool,
+        /// Why.
+        reason: String,
+    },
+}
+
+/// A point in the history of one robot's copy.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Moment {
+    /// Now.
+    Now,
+    /// When it had these transactions.
+    Cut(Cut),
+    /// A date, in milliseconds since 1970.
+    Date(u64),
+}
+
+/// How to settle a key.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Resolve {
+    /// Which.
+    pub key: Key,
+    /// What it holds from now on.
+    pub choice: Choice,
+    /// Why.
+    pub reason: String,
+    /// How far that has to get.
+    pub far: Far,
+    /// How long that may take.
+    pub within: Duration,
+}
+
+/// What a key holds from now on.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Choice {
+    /// What a read shows already.
+    Shown,
+    /// What this robot wrote.
+    By(String),
+    /// What this transaction wrote.
+    Txn(Dot),
+    /// Something else; nothing to delete it.
+    Value(Option<Value>),
+}
+
+/// A transaction that somebody wants.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Commit {
+    /// Why.
+    pub reason: String,
+    /// What has to hold.
+    pub requires: Vec<Require>,
+    /// What to write.
+    pub writes: Vec<Write>,
+    /// How far it has to get.
+    pub far: Far,
+    /// How long that may take.
+    pub within: Duration,
+}
+
+/// How far a transaction has to get before whoever wrote it goes on.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Far {
+    /// To the disk of this robot.
+    Local,
+    /// To the disks of so many other robots.
+    Replicated(u32),
+    /// To the disks of these robots.
+    On(Vec<String>),
+    /// To the disks of all members.
+    Everywhere,
+}
+
+/// An element of the answer to a [`Question`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Reply {
+    /// Some keys with their versions, by stamp: the last is what a read shows.
+    Entries(Vec<(Key, Vec<Version>)>),
+    /// It is durable on the robot that was asked, and will be everywhere.
+    Committed(Dot),
+    /// It has got as far as was asked for.
+    Reached(Dot),
+    /// It has not in time, but still may. It stays committed.
+    Pending(Dot),
+    /// A sentence for a person: nothing was done.
+    Refused(String),
+    /// Nothing was done: only this robot writes there.
+    NotOwner {
+        /// Its name.
+        owner: String,
+    },
+    /// To `Status`.
+    Status(Box<Status>),
+    /// A sentence for a person: it is done.
+    Done(String),
+    /// A sentence for a person, beside what is answered.
+    Note(String),
+    /// To `History`: the oldest first.
+    Deeds(Vec<Deed>),
+    /// To `Conflicts`.
+    Conflicts(Vec<Conflict>, Vec<Race>),
+    /// To `Diff`.
+    Differences(Vec<Difference>),
+    /// To `Cut`.
+    Cut(Cut),
+    /// To `Watch`.
+    Told(Told),
+    /// To `Export`: a part of the text.
+    Text(String),
+    /// To `Import`: what would change, which conflicts that would settle, and the writes, together as far as they fit.
+    Import(Vec<Difference>, Vec<Key>, Vec<Vec<Write>>),
+}
+
+/// How a replica and its team are.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Status {
+    /// Name of the robot that was asked.
+    pub robot: String,
+    /// Under which name it writes.
+    pub origin: Origin,
+    /// Name of the team.
+    pub team: String,
+    /// Whether it belongs to the team.
+    pub member: bool,
+    /// Why it does not write, if it does not.
+    pub closed: Option<String>,
+    /// Where its store is; nothing if it is in memory only.
+    pub store: Option<String>,
+    /// What it has.
+    pub cut: Cut,
+    /// What everybody has.
+    pub stable: Cut,
+    /// A number that replicas with the same state share.
+    pub state: String,
+    /// How many keys have a value.
+    pub keys: u64,
+    /// How many keys have writes beside each other that nobody has settled.
+    pub conflicts: u64,
+    /// How many transactions are kept.
+    pub log_len: u64,
+    /// How many bytes they take.
+    pub log_size: u64,
+    /// How far its clock is to be believed: `unset`, `battery`, `network` or `satellite`.
+    pub clock: String,
+    /// The members, itself included.
+    pub members: Vec<MemberStatus>,
+    /// What an operator has to know, the latest last.
+    pub alarms: Vec<String>,
+}
+
+/// How a member is, as another knows it.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct MemberStatus {
+    /// Name of its robot.
+    pub robot: String,
+    /// Under which name it writes.
+    pub origin: Origin,
+    /// When it was last heard of; nothing if never since the node was started, or if it is the one that was asked.
+    pub heard: Option<Duration>,
+    /// What of here it is not known to have.
+    pub lacks: Lag,
+    /// How many transactions are known to exist there and are not here; known only where it has said so.
+    pub ahead: u64,
+    /// Whether what it lacks keeps deleted keys and old transactions from being forgotten.
+    pub pins: bool,
+}
+
+impl Commit {
+    /// Returns the transaction that is wanted.
+    pub fn draft(&self) -> Draft {
+        let draft = self.requires.iter().fold(Draft::new(self.reason.clone()), |draft, require| {
+            draft.require(require.key.clone(), require.condition)
+        });
+        self.writes.iter().fold(draft, |draft, Write { key, value }| match value {
+            Some(value) => draft.put(key.clone(), value.clone()),
+            None => draft.delete(key.clone()),
+        })
+    }
+}
+
+impl Far {
+    /// Returns the level of a commit.
+    pub fn level(&self) -> Level {
+        match self {
+            Self::Local => Level::Local,
+            Self::Replicated(count) => Level::Replicated(usize::try_from(*count).unwrap_or(usize::MAX)),
+            Self::On(robots) => Level::On(robots.iter().cloned().collect()),
+            Self::Everywhere => Level::Everywhere,
+        }
+    }
+}

@@ -1,0 +1,68 @@
+//! How a replica and its team are: who is behind, by how much, and who keeps old things from being forgotten.
+
+use super::Database;
+use super::question::{MemberStatus, Status};
+use comms::logic::time::Time;
+use dbmanager::logic::clock::Quality;
+use dbmanager::logic::cut::Cut;
+use dbmanager::logic::view::past::Past;
+use std::time::Duration;
+
+/// How long a replica that has been heard of counts as there.
+pub(super) const HEARD_WITHIN: Duration = Duration::from_secs(30);
+
+impl Database {
+    /// Returns how the replica and its team are.
+    pub(super) fn status(&self, now: Time) -> Status {
+        let (state, log, stable) = (self.replica.state(), self.replica.log(), self.replica.stable());
+        let count = |count: usize| u64::try_from(count).unwrap_or(u64::MAX);
+        let past = Past { log, state };
+        let (cut, mine) = (log.cut(), self.replica.origin());
+        let member = |(origin, robot): (_, &str)| {
+            let none = Cut::default();
+            let said = if origin == mine { cut } else { self.replica.said(origin).unwrap_or(&none) };
+            MemberStatus {
+                robot: robot.to_owned(),
+                origin,
+                heard: self.heard.get(&origin).map(|heard| now.since(heard.at)),
+                lacks: past.lag(said),
+                ahead: missing(said, cut),
+                pins: stable.pinned_by.contains(&origin),
+            }
+        };
+        let mut members: Vec<MemberStatus> = self.replica.members().active().map(member).collect();
+        members.sort_by(|a, b| (&a.robot, a.origin).cmp(&(&b.robot, b.origin)));
+        Status {
+            robot: self.robot.clone(),
+            origin: self.replica.address(),
+            team: self.team.clone(),
+            member: self.replica.is_member(),
+            closed: self.closed.clone(),
+            store: self.store.clone(),
+            cut: cut.clone(),
+            stable: stable.cut.clone(),
+            state: format!("{:032x}", state.digest()),
+            keys: count(state.scan("").filter(|(key, _)| state.get(key).is_some()).count()),
+            conflicts: count(state.conflicts("").count()),
+            log_len: count(log.len()),
+            log_size: count(log.size()),
+            clock: quality(self.wall.quality).to_owned(),
+            members,
+            alarms: self.alarms.iter().cloned().collect(),
+        }
+    }
+}
+
+/// Returns how many transactions of `whole` are not in `part`.
+fn missing(whole: &Cut, part: &Cut) -> u64 {
+    whole.beyond(part).iter().map(|(origin, seq)| seq - part.get(origin)).sum()
+}
+
+fn quality(quality: Quality) -> &'static str {
+    match quality {
+        Quality::Unset => "unset",
+        Quality::Battery => "battery",
+        Quality::Network => "network",
+        Quality::Satellite => "satellite",
+    }
+}

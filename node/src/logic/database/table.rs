@@ -1,0 +1,189 @@
+//! `dca db status` as text: who is in the team, who is behind and by how much, and what keeps old things alive.
+
+use super::question::{MemberStatus, Status};
+use crate::logic::table::table;
+use dbmanager::logic::view::date;
+use dbmanager::logic::view::status::Lag;
+use std::time::Duration;
+
+/// How many digits of a state are shown: enough to compare two by eye.
+const DIGITS: usize = 12;
+
+/// Returns a status as text.
+pub fn status(status: &Status) -> String {
+    let mut blocks = vec![headline(status)];
+    if !status.members.is_empty() {
+        let mut rows = vec![["ROBOT", "HEARD", "LACKS", "AHEAD", ""].map(str::to_owned).to_vec()];
+        rows.extend(status.members.iter().map(|member| row(status, member)));
+        blocks.push(indented(&table(&rows)));
+    }
+    blocks.push(indented(&facts(status)));
+    if !status.alarms.is_empty() {
+        let alarms: Vec<String> = status.alarms.iter().map(|alarm| format!("! {alarm}")).collect();
+        blocks.push(indented(&alarms.join("\n")));
+    }
+    blocks.join("\n\n")
+}
+
+/// Returns the one sentence that says whether anything is to be done.
+fn headline(status: &Status) -> String {
+    let Status { robot, team, .. } = status;
+    if let Some(why) = &status.closed {
+        return why.clone();
+    }
+    if !status.member {
+        return format!(
+            "`{robot}` belongs to no team yet. What is written stays on it, and goes along when it joins one.\nIt joins \
+             the first member of `{team}` that it hears; if there is none, `dca db found` begins the team here."
+        );
+    }
+    let behind =
+        status.members.iter().filter(|member| member.lacks.transactions > 0 && member.origin != status.origin).count();
+    let with = status.members.len() - 1;
+    match (with, behind) {
+        (0, _) => format!("team `{team}`: `{robot}` is its only member so far"),
+        (_, 0) => format!("team `{team}`, as `{robot}` sees it: everybody has everything"),
+        (_, behind) => format!("team `{team}`, as `{robot}` sees it: {behind} of {with} others lack something"),
+    }
+}
+
+fn row(status: &Status, member: &MemberStatus) -> Vec<String> {
+    let me = member.origin == status.origin;
+    let count = |count: u64| if count == 0 || me { "-".to_owned() } else { count.to_string() };
+    let heard = match member.heard {
+        _ if me => "this robot".to_owned(),
+        Some(ago) => format!("{} ago", span(ago)),
+        None => "not since the start".to_owned(),
+    };
+    // A robot that had two disks is there twice until the older one is retired.
+    let twice = status.members.iter().filter(|other| other.robot == member.robot).count() > 1;
+    let name = if twice { format!("{} ({})", member.robot, member.origin) } else { member.robot.clone() };
+    let pins = if member.pins && !me { "nothing older is forgotten until it is back, or retired" } else { "" };
+    vec![name, heard, if me { "-".to_owned() } else { lag(member.lacks) }, count(member.ahead), pins.to_owned()]
+}
+
+/// Returns what somebody lacks: how much, and since when.
+fn lag(lag: Lag) -> String {
+    match lag {
+        Lag { transactions: 0, .. } => "-".to_owned(),
+        Lag { transactions, dropped, .. } if dropped > 0 => format!("{transactions}, the whole state has to be sent"),
+        Lag { transactions, bytes, since, .. } => {
+            let since = since.map(|since| format!(", since {}", date::text(since.millis))).unwrap_or_default();
+            format!("{transactions} ({}){since}", size(bytes))
+        }
+    }
+}
+
+fn facts(status: &Status) -> String {
+    let plural = |count: u64, one: &str| format!("{count} {one}{}", if count == 1 { "" } else { "s" });
+    let conflicts = match status.conflicts {
+        0 => "no conflicts".to_owned(),
+        count => format!("{}: `dca db conflicts` lists them", plural(count, "conflict")),
+    };
+    let rows = [
+        ("holds", format!("{}, {conflicts}", plural(status.keys, "key"))),
+        ("log", format!("{}, {}", plural(status.log_len, "transaction"), size(status.log_size))),
+        ("state", format!("{} (robots with the same have the same)", &status.state[..DIGITS.min(status.state.len())])),
+        ("store", status.store.clone().unwrap_or_else(|| "in memory: gone when the node ends".to_owned())),
+        ("clock", clock(&status.clock).to_owned()),
+    ];
+    table(&rows.map(|(name, text)| vec![name.to_owned(), text]))
+}
+
+fn clock(quality: &str) -> &str {
+    match quality {
+        "network" => "kept by the network",
+        "satellite" => "kept by a satellite receiver",
+        "battery" => "kept by a battery: its writes are dated by the team's",
+        _ => "kept by nobody that is known of: its writes are dated by the team's",
+    }
+}
+
+/// Returns a time with one unit.
+pub fn span(time: Duration) -> String {
+    let seconds = time.as_secs_f64();
+    if seconds < 10.0 {
+        format!("{seconds:.1} s")
+    } else if seconds < 120.0 {
+        format!("{seconds:.0} s")
+    } else if seconds < 7200.0 {
+        format!("{:.0} min", seconds / 60.0)
+    } else if seconds < 172_800.0 {
+        format!("{:.0} h", seconds / 3600.0)
+    } else {
+        format!("{:.0} days", seconds / 86_400.0)
+    }
+}
+
+fn size(bytes: u64) -> String {
+    match bytes {
+        0..1024 => format!("{bytes} B"),
+        1024..1_048_576 => format!("{} KiB", bytes / 1024),
+        _ => format!("{} MiB", bytes / 1_048_576),
+    }
+}
+
+fn indented(text: &str) -> String {
+    text.lines().map(|line| format!("  {line}").trim_end().to_owned()).collect::<Vec<_>>().join("\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use dbmanager::logic::cut::{Cut, Origin};
+    use dbmanager::logic::view::past::When;
+    use expect_test::expect;
+
+    fn member(robot: &str, number: u64, heard: Option<u64>, lacks: u64) -> MemberStatus {
+        let heard = heard.map(Duration::from_secs);
+        let since = (lacks > 0).then_some(When { millis: 1_795_255_200_000, trusted: true });
+        let lag = Lag { transactions: lacks, bytes: 100 * lacks, dropped: 0, since };
+        MemberStatus { robot: robot.into(), origin: Origin::new(number), heard, lacks: lag, ahead: 0, pins: lacks > 0 }
+    }
+
+    fn team(members: Vec<MemberStatus>) -> Status {
+        Status {
+            robot: "r1".into(),
+            origin: Origin::new(1),
+            team: "dca".into(),
+            member: !members.is_empty(),
+            closed: None,
+            store: Some("/var/lib/dca/r1/db".into()),
+            cut: Cut::default(),
+            stable: Cut::default(),
+            state: "0123456789abcdef0123456789abcdef".into(),
+            keys: 12,
+            conflicts: 1,
+            log_len: 34,
+            log_size: 4301,
+            clock: "unset".into(),
+            members,
+            alarms: vec![],
+        }
+    }
+
+    #[test]
+    fn a_robot_that_is_away() {
+        let members = vec![member("r1", 1, None, 0), member("r2", 2, Some(1), 0), member("r3", 3, Some(720), 14)];
+        expect![[r#"
+            team `dca`, as `r1` sees it: 1 of 2 others lack something
+
+              ROBOT  HEARD       LACKS                                 AHEAD
+              r1     this robot  -                                     -
+              r2     1.0 s ago   -                                     -
+              r3     12 min ago  14 (1 KiB), since 2026-11-21 10:00:00  -      nothing older is forgotten until it is back, or retired
+
+              holds  12 keys, 1 conflict: `dca db conflicts` lists them
+              log    34 transactions, 4 KiB
+              state  0123456789ab (robots with the same have the same)
+              store  /var/lib/dca/r1/db
+              clock  kept by nobody that is known of: its writes are dated by the team's"#]]
+        .assert_eq(&status(&team(members)));
+    }
+
+    #[test]
+    fn no_team_yet() {
+        let text = status(&team(vec![]));
+        assert!(text.starts_with("`r1` belongs to no team yet.") && text.contains("`dca db found`"), "{text}");
+    }
+}
