@@ -63,7 +63,7 @@ mod random;
 mod registry;
 
 pub use arguments::{ArgumentError, Arguments, Kind, Parameter};
-pub use controller::{About, Controller, Progress, Schedule, Stopping, Tick};
+pub use controller::{About, Configured, Controller, Outcome, Progress, Schedule, Stopping, TAG_MAX, Tick};
 pub use interface::{Binding, Device, Direction, Interface, PortInterface};
 pub use module::{Delivery, DeliveryError, Module};
 pub use port::{AnyIn, AnyOut, In, InputSet, Message, Out, OutputSet};

@@ -176,6 +176,22 @@ impl Arguments {
         Ok(Self { values })
     }
 
+    /// Puts values from elsewhere over these: parameter names, and values spelt as in a spec. A value that is not of its
+    /// parameter's kind changes nothing; why is returned.
+    pub fn overlay<S: AsRef<str>>(&mut self, parameters: &[Parameter], over: &[(S, S)]) -> Vec<ArgumentError> {
+        let names = || parameters.iter().map(|parameter| parameter.name).collect();
+        let mut wrong = Vec::new();
+        for (name, text) in over.iter().map(|(name, text)| (name.as_ref(), text.as_ref())) {
+            let parameter = parameters.iter().find(|parameter| parameter.name == name);
+            let unknown = || ArgumentError::Unknown { name: name.to_owned(), known: names() };
+            match parameter.ok_or_else(unknown).and_then(|one| Ok((one.name, one.value(text)?))) {
+                Ok((name, value)) => drop(self.values.insert(name, value)),
+                Err(why) => wrong.push(why),
+            }
+        }
+        wrong
+    }
+
     /// Returns a text parameter; empty if the type declares no such one.
     pub fn text(&self, name: &str) -> &str {
         match self.values.get(name) {
@@ -222,6 +238,21 @@ mod tests {
             Err(error) => error.to_string(),
         };
         assert_eq!(got, expect);
+    }
+
+    #[test]
+    fn what_is_put_over_is_checked_too() {
+        let mut arguments = Arguments::parse(PARAMETERS, &["locked", "7", "false"]).unwrap();
+        let wrong = arguments.overlay(PARAMETERS, &[("seed", "-1"), ("loud", "true"), ("gain", "2")]);
+        assert_eq!((arguments.text("lock"), arguments.number("seed"), arguments.truth("loud")), ("locked", 7.0, true));
+        let wrong: Vec<String> = wrong.iter().map(ToString::to_string).collect();
+        assert_eq!(
+            wrong,
+            [
+                "parameter `seed` is `-1`, which is not a number from 0 to 1000000",
+                "no parameter `gain`; there are `lock`, `seed`, `loud`"
+            ]
+        );
     }
 
     #[test]

@@ -42,6 +42,16 @@ pub trait Controller: Sized + Send + 'static {
         let _ = now;
     }
 
+    /// Takes other values for its parameters while it runs, between two calculations. Who cannot do that leaves this as it
+    /// is: then [`Controller::new`] gets them before the next activation.
+    ///
+    /// # Errors
+    /// Says in one line what is wrong with them; the old ones stay.
+    fn configure(&mut self, arguments: &Arguments) -> Result<Configured, String> {
+        let _ = arguments;
+        Ok(Configured::Later)
+    }
+
     /// Reads the inputs, calculates, sends to the outputs.
     fn main_calc(&mut self, tick: Tick, inputs: &Self::Inputs, outputs: &mut Self::Outputs) -> Progress;
 
@@ -56,6 +66,15 @@ pub trait Controller: Sized + Send + 'static {
     fn signals(&self) -> Vec<Signal> {
         Vec::new()
     }
+}
+
+/// When a controller goes on with other parameters.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Configured {
+    /// From its next calculation on.
+    Now,
+    /// When it is activated the next time.
+    Later,
 }
 
 /// The moment of one calculation.
@@ -85,6 +104,19 @@ pub enum Progress {
     Aborted(String),
 }
 
+impl Progress {
+    /// Returns the normal end `tag`, one of [`About::outcomes`], leaving `value` to the next process.
+    ///
+    /// The bytes are one with the length of the tag, the tag, and the value: what postcard makes of `(tag, value)`. A
+    /// `match` takes the tag off again. A tag that is empty or too long is an abort.
+    pub fn outcome(tag: &str, value: &[u8]) -> Self {
+        match u8::try_from(tag.len()) {
+            Ok(length) if (1..=TAG_MAX).contains(&tag.len()) => Self::Done([&[length], tag.as_bytes(), value].concat()),
+            Ok(_) | Err(_) => Self::Aborted(format!("`{tag}` cannot be the tag of an outcome")),
+        }
+    }
+}
+
 /// Whether `stop` has to be called again.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stopping {
@@ -109,7 +141,21 @@ pub struct About {
     pub parameters: &'static [Parameter],
     /// How often its signals are published; none if it has none.
     pub signals_every: Option<Duration>,
+    /// Its normal ends, when it has several: each [`Progress::outcome`] is one of them.
+    pub outcomes: &'static [Outcome],
 }
+
+/// A normal end of a controller type, which a spec can `match`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Outcome {
+    /// A word of the language, of at most [`TAG_MAX`] bytes: `found`.
+    pub tag: &'static str,
+    /// The message type of the value that comes with it; none if there is no value.
+    pub type_name: Option<&'static str>,
+}
+
+/// The longest tag of an outcome, in bytes.
+pub const TAG_MAX: usize = 64;
 
 /// When a controller calculates.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -129,6 +175,7 @@ impl About {
             stop_within: Duration::from_millis(500),
             parameters: &[],
             signals_every: None,
+            outcomes: &[],
         }
     }
 
@@ -167,6 +214,13 @@ impl About {
     #[must_use]
     pub const fn with(mut self, parameters: &'static [Parameter]) -> Self {
         self.parameters = parameters;
+        self
+    }
+
+    /// Returns it with several normal ends.
+    #[must_use]
+    pub const fn ends_with(mut self, outcomes: &'static [Outcome]) -> Self {
+        self.outcomes = outcomes;
         self
     }
 

@@ -1,6 +1,7 @@
 //! Any controller behind one object-safe face: what both harnesses drive.
 
-use super::controller::{Controller, Progress, Stopping, Tick};
+use super::arguments::Arguments;
+use super::controller::{Configured, Controller, Progress, Stopping, Tick};
 use super::interface::{Direction, Interface};
 use super::port::{InputSet, OutputSet};
 use comms::logic::signals::Signal;
@@ -26,6 +27,12 @@ pub trait Module: Send {
     /// # Errors
     /// The controller's reason for not running.
     fn init(&mut self, value: &[u8], now: Time) -> Result<(), String>;
+
+    /// Goes on with other parameters: a controller that runs is asked, one that does not is made anew.
+    ///
+    /// # Errors
+    /// What is wrong with them; the old ones stay.
+    fn configure(&mut self, arguments: Arguments, running: bool) -> Result<Configured, String>;
 
     /// Calls `MainCalc()`.
     fn calculate(&mut self, now: Time) -> Progress;
@@ -80,6 +87,8 @@ pub(super) struct Instance<C: Controller> {
     outputs: C::Outputs,
     input_count: usize,
     last: Option<Time>,
+    /// Parameters that wait for the next activation.
+    next: Option<Arguments>,
 }
 
 /// Returns the interface of a controller type.
@@ -100,6 +109,7 @@ impl<C: Controller> Instance<C> {
             outputs: C::Outputs::default(),
             input_count,
             last: None,
+            next: None,
         }
     }
 
@@ -134,16 +144,38 @@ impl<C: Controller> Module for Instance<C> {
     fn init(&mut self, value: &[u8], now: Time) -> Result<(), String> {
         self.outputs = C::Outputs::default();
         self.last = None;
+        match self.next.take().map(|arguments| C::new(&arguments)) {
+            Some(Ok(renewed)) => self.controller = renewed,
+            Some(Err(why)) => tracing::warn!(why, "parameters of the database are ignored"),
+            None => {}
+        }
         self.controller.init(value)?;
         self.controller.run(now);
         Ok(())
+    }
+
+    fn configure(&mut self, arguments: Arguments, running: bool) -> Result<Configured, String> {
+        if running {
+            let configured = self.controller.configure(&arguments)?;
+            self.next = (configured == Configured::Later).then_some(arguments);
+            return Ok(configured);
+        }
+        // It has forgotten its last activation anyway.
+        self.controller = C::new(&arguments)?;
+        self.next = None;
+        Ok(Configured::Now)
     }
 
     fn calculate(&mut self, now: Time) -> Progress {
         let tick = self.tick(now);
         let progress = self.controller.main_calc(tick, &self.inputs, &mut self.outputs);
         self.inputs.visit(&mut |_, input| input.mark_seen());
-        progress
+        match progress {
+            Progress::Done(value) if !self.interface.may_end_with(&value) => {
+                Progress::Aborted("it is done with an outcome that its interface does not declare".to_owned())
+            }
+            Progress::Continue | Progress::Done(_) | Progress::Aborted(_) => progress,
+        }
     }
 
     fn stop(&mut self, now: Time) -> Stopping {

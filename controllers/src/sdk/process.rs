@@ -10,9 +10,11 @@
 //! `DCA_DATA_SOCKET`, where its data session listens; `DCA_REMOTE`, present when other hosts must reach it.
 
 mod cycle;
+mod flow;
 mod inbox;
 mod links;
 
+use super::arguments::Arguments;
 use super::interface::Interface;
 use super::module::Module;
 use super::registry::{CreateError, Registry};
@@ -94,7 +96,10 @@ fn take_part(registry: &Registry, name: &str, arguments: &[String]) -> Result<Ex
     };
     let (notices, orders) = control::connect(&socket)?;
     notices.send(&hello(&interface, &instance, session.as_deref()))?;
-    let program = Program { interface, instance, session, notices };
+    let parameters = interface.about.parameters;
+    // The registry has made a controller of them already, so they fit.
+    let arguments = Arguments::parse(parameters, arguments).unwrap_or_default();
+    let program = Program { interface, instance, arguments, session, notices };
     program.serve(module, orders)
 }
 
@@ -118,6 +123,8 @@ fn hello(interface: &Interface, instance: &str, session: Option<&DataSession>) -
 struct Program {
     interface: Interface,
     instance: String,
+    /// As the spec gives them.
+    arguments: Arguments,
     session: Option<Arc<DataSession>>,
     notices: NoticeSender,
 }
@@ -178,6 +185,15 @@ impl Program {
                 hand_over(inbox, Command::Activate { activation, value })?;
             }
             Order::Stop { activation } => hand_over(inbox, Command::Stop { activation })?,
+            Order::Configure { parameters } => {
+                let mut arguments = self.arguments.clone();
+                for why in arguments.overlay(self.interface.about.parameters, &parameters) {
+                    // Only a word to people: a robot goes on with what it had rather than with a guess.
+                    tell(&format!("a parameter of the database is ignored: {why}"), ExitCode::SUCCESS);
+                }
+                hand_over(inbox, Command::Configure(arguments))?;
+            }
+            Order::Shape { wires } => links.shape(wires),
             Order::Exit => {}
         }
         Ok(())

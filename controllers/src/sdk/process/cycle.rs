@@ -1,7 +1,8 @@
 //! The control loop: the one thread that calls the controller, on absolute deadlines or when a trigger sample arrives.
 
-use super::inbox::Inbox;
+use super::inbox::{Arrived, Inbox};
 use super::links::Links;
+use crate::sdk::arguments::Arguments;
 use crate::sdk::controller::{Progress, Schedule, Stopping};
 use crate::sdk::module::{Delivery, Module};
 use comms::io::clock::{make_punctual, now};
@@ -23,6 +24,8 @@ pub(super) enum Command {
     Activate { activation: u32, value: Vec<u8> },
     /// Stop this activation.
     Stop { activation: u32 },
+    /// Go on with these parameters.
+    Configure(Arguments),
     /// Stop whatever runs, then end.
     Leave,
 }
@@ -52,6 +55,8 @@ pub(super) struct Cycle {
     stop_within: Duration,
     signals_every: Option<Duration>,
     phase: Phase,
+    /// What came over latched wires while nothing ran; one sample of each input.
+    latched: Vec<Arrived>,
     activation: u32,
     due: Time,
     signals_due: Time,
@@ -71,6 +76,7 @@ impl Cycle {
             stop_within: about.stop_within,
             signals_every: about.signals_every,
             phase: Phase::Idle,
+            latched: Vec::new(),
             activation: 0,
             due: Time::ZERO,
             signals_due: Time::ZERO,
@@ -122,6 +128,7 @@ impl Cycle {
             }
             Command::Stop { activation } if activation == self.activation => self.end(Ending::Stopped),
             Command::Stop { .. } => {}
+            Command::Configure(arguments) => self.configure(arguments),
             Command::Leave => {
                 self.leaving = true;
                 self.end(Ending::Stopped);
@@ -129,12 +136,25 @@ impl Cycle {
         }
     }
 
+    /// New parameters are never a reason to end: what the controller does not like, it does without.
+    fn configure(&mut self, arguments: Arguments) {
+        let running = !matches!(self.phase, Phase::Idle);
+        match self.call(|module| module.configure(arguments, running)) {
+            Some(Err(why)) => tracing::warn!(why, "parameters of the database are ignored"),
+            Some(Ok(when)) => tracing::debug!(?when, "there are new parameters"),
+            None => {}
+        }
+    }
+
     fn activate(&mut self, activation: u32, value: &[u8]) {
         self.activation = activation;
-        drop(self.inbox.take_samples());
+        self.take_samples();
         let time = now();
         (self.due, self.signals_due, self.overruns) = (time, time, 0);
         self.phase = Phase::Running;
+        for sample in std::mem::take(&mut self.latched) {
+            self.deliver(&sample);
+        }
         match self.call(|module| module.init(value, time)) {
             Some(Ok(())) => {
                 self.send();
@@ -168,20 +188,30 @@ impl Cycle {
         }
     }
 
-    /// Hands over what has arrived; says whether a calculation is due at once. An idle controller hears nothing.
+    /// Hands over what has arrived; says whether a calculation is due at once. An idle controller hears nothing; the last
+    /// sample of each latched wire waits for its next activation.
     fn take_samples(&mut self) -> bool {
         let mut triggered = false;
         for sample in self.inbox.take_samples() {
-            if matches!(self.phase, Phase::Idle) {
-                continue;
-            }
-            match self.call(|module| module.deliver(sample.port, &sample.bytes, sample.at)) {
-                Some(Ok(Delivery::Triggers)) => triggered = true,
-                Some(Ok(Delivery::Stored)) | None => {}
-                Some(Err(error)) => tracing::warn!(%error, "a sample was not taken"),
+            if !matches!(self.phase, Phase::Idle) {
+                triggered |= self.deliver(&sample);
+            } else if sample.is_latched {
+                self.latched.retain(|other| other.port != sample.port);
+                self.latched.push(sample);
             }
         }
         triggered && matches!(self.phase, Phase::Running)
+    }
+
+    fn deliver(&mut self, sample: &Arrived) -> bool {
+        match self.call(|module| module.deliver(sample.port, &sample.bytes, sample.at)) {
+            Some(Ok(delivery)) => delivery == Delivery::Triggers,
+            None => false,
+            Some(Err(error)) => {
+                tracing::warn!(%error, "a sample was not taken");
+                false
+            }
+        }
     }
 
     /// Sets the next deadline: on the grid of the period, or one period after a trigger. Missed deadlines are counted.
@@ -283,8 +313,9 @@ fn guarded<T>(call: impl FnOnce() -> T) -> Result<T, String> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::inbox::Hold;
     use super::*;
-    use crate::sdk::controller::About;
+    use crate::sdk::controller::{About, Configured};
     use crate::sdk::interface::Interface;
     use crate::sdk::module::DeliveryError;
     use comms::io::control;
@@ -320,6 +351,9 @@ mod tests {
         fn init(&mut self, _: &[u8], _: Time) -> Result<(), String> {
             self.at("init");
             Ok(())
+        }
+        fn configure(&mut self, _: Arguments, _: bool) -> Result<Configured, String> {
+            Ok(Configured::Now)
         }
         fn calculate(&mut self, _: Time) -> Progress {
             self.at("calculate");
@@ -371,7 +405,7 @@ mod tests {
         for notice in expected {
             assert_eq!(next(&mut stream, &mut decoder), *notice, "{call}");
             match call {
-                "deliver" => inbox.sample("In", Vec::new()),
+                "deliver" => inbox.sample("In", Vec::new(), Hold::default()),
                 "stop" => stop(1),
                 _ => {}
             }
