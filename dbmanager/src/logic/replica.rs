@@ -5,13 +5,21 @@
 //! from here cannot be forgotten here). If it fails, the driver drops the effects behind it and the replica, and opens the
 //! store again: a sync that is tried once more may succeed without having written anything.
 //!
+//! The driver also asks for [`Replica::address`] after each input: it changes when a replica begins anew, and while it looks for
+//! somebody to admit it. What still comes to an old address may be handed in, or not.
+//!
 //! A replica is a *member*, or it wants to become one. Until then it may be written to, but shows its transactions to
 //! nobody; once admitted it begins with its sponsor's state and brings them in under the origin that was admitted, with
 //! what they had seen. The same way back is taken by who was retired while away, by who finds that others know more of
 //! its own transactions than itself (a lost tail, a restored backup), and by both of two clones.
 //!
-//! `sync` talks to peers, `commit` writes, `join` begins anew, `bring` says with what, `hold`
-//! keeps what cannot be read.
+//! *Urgent and bulk.* There are no classes of transactions. One is shown after all that its writer had seen, and that is as a
+//! rule all that its robot had; so there is hardly anything that an urgent one could overtake without breaking that promise
+//! or making two histories. Instead transactions are short (256 KiB, a chunk of a slow link at most four of them), and what is
+//! large goes beside them: a value names it by its hash. A robot that needs bulk with a history of its own runs a second
+//! replica as a team of its own, whose messages the driver sends with less priority.
+//!
+//! `sync` talks to peers, `commit` writes, `join` begins anew, `bring` says with what, `hold` keeps what cannot be read.
 
 mod bring;
 mod commit;
@@ -315,7 +323,8 @@ impl Replica {
         self.identity.origin
     }
 
-    /// Returns the name under which others know it: its origin, or the one it wants to be admitted as.
+    /// Returns the name under which others know it: its origin, or the one it wants to be admitted as. Any input may change
+    /// it, so it is never to be kept.
     pub fn address(&self) -> Origin {
         self.identity.joining.unwrap_or(self.identity.origin)
     }

@@ -144,3 +144,40 @@ impl Rest {
         vec![self]
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::logic::clock::Stamp;
+    use crate::logic::key::Key;
+    use crate::logic::txn::Condition;
+
+    #[test]
+    fn what_does_not_fit_is_taken_apart_and_nothing_is_left_out() {
+        let dot = |seq| Dot { origin: Origin::new(1), seq };
+        let key = |name: u64| Key::new(format!("k{name}")).unwrap();
+        let write = |name| (Write { key: key(name), value: None }, BTreeSet::from([dot(name), dot(9)]));
+        let rebase = Rebase { from: None, stamp: Stamp::default(), takes: Vec::new() };
+        let requires = vec![Require { key: key(0), condition: Condition::Absent }];
+        let rest = Rest { rebase, reason: "r".into(), requires, writes: (1..=3).map(write).collect() };
+        let (mut waiting, mut done) = (vec![rest], Vec::new());
+        while let Some(rest) = waiting.pop() {
+            let change = rest.change();
+            if change.writes.len() > 1 || !change.requires.is_empty() {
+                waiting.extend(rest.shorter());
+            } else {
+                let takes = change.rebase.map(|rebase| rebase.takes).unwrap_or_default();
+                done.push((change.writes[0].key.clone(), takes));
+            }
+        }
+        assert_eq!(done, [1, 2, 3].map(|name| (key(name), vec![dot(name), dot(9)])));
+        let (single, none) = (Rest { writes: vec![write(1)], ..empty() }, empty());
+        assert_eq!(single.shorter()[0].change().rebase.unwrap().takes, [dot(9)], "some stay, as conflicts");
+        assert!(none.shorter().is_empty(), "in the end it gives up");
+    }
+
+    fn empty() -> Rest {
+        let rebase = Rebase { from: None, stamp: Stamp::default(), takes: Vec::new() };
+        Rest { rebase, reason: String::new(), requires: Vec::new(), writes: Vec::new() }
+    }
+}

@@ -343,7 +343,9 @@ impl Replica {
         if self.identity.joining.is_some() || self.config.mutant.is(Mutant::Reuse) {
             return;
         }
-        let known = self.log.frame(Dot { origin, seq }).map(Frame::link);
+        // If that frame is gone, the next one still says what it was.
+        let next = || Some(self.log.frame(Dot { origin, seq: seq.checked_add(1)? })?.open().ok()?.prev);
+        let known = self.log.frame(Dot { origin, seq }).map(Frame::link).or_else(next);
         let none = Head::default();
         let head = self.log.head(origin).unwrap_or(&none);
         let older = seq > head.seq || seq == head.seq && link != head.link;

@@ -4,7 +4,7 @@ use super::*;
 use crate::logic::clock::Quality;
 use crate::logic::cut::Origin;
 use crate::logic::state::Version;
-use crate::logic::txn::{Condition, Grant, Txn};
+use crate::logic::txn::{Condition, Grant, TXN_SIZE_MAX, Txn, VALUE_SIZE_MAX, Value};
 use std::collections::VecDeque;
 
 pub(super) const WALL: Wall = Wall { millis: 1_790_000_000_000, quality: Quality::Network };
@@ -225,4 +225,28 @@ fn what_is_local_stays_here_and_survives() {
     let local = |node: usize| team.replicas[node].local().scan("").map(|(key, _)| key.as_str()).collect::<Vec<_>>();
     assert_eq!((local(0), local(1)), (vec!["local/id"], vec![]));
     assert_eq!(team.replicas[0].state(), team.replicas[1].state());
+}
+
+#[test]
+fn a_transaction_as_long_as_may_be_comes_along_whole() {
+    let mut team = Team::of(3);
+    team.away.insert(2);
+    let value = |size| Value { encoding: Default::default(), bytes: vec![7; size].into() };
+    let sizes = [VALUE_SIZE_MAX, VALUE_SIZE_MAX, VALUE_SIZE_MAX, TXN_SIZE_MAX - 3 * VALUE_SIZE_MAX - 150];
+    let names = ["team/a", "team/b", "team/c", "team/d"];
+    let draft =
+        names.iter().zip(sizes).fold(Draft::new("long"), |draft, (name, size)| draft.put(key(name), value(size)));
+    let Answer::Committed(dot) = team.commit(2, draft) else { panic!("it just fits") };
+    let origin = team.replicas[2].origin();
+    team.input(0, Input::Retire(origin, WALL));
+    team.run(30);
+    team.away.clear();
+    team.run(120);
+    let name = team.replicas[2].name_of(dot);
+    for replica in &team.replicas {
+        let held = names.map(|name| replica.state().get(&key(name)).map(|version| version.stamp));
+        assert!(held[0].is_some() && held.iter().all(|stamp| *stamp == held[0]), "{held:?}");
+        assert!(name != dot && replica.log().cut().contains(name) && replica.name_of(dot) == name);
+        assert!(replica.has_reached(dot, &Level::Everywhere) || replica.origin() != team.replicas[0].origin());
+    }
 }
