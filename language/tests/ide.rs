@@ -48,6 +48,8 @@ fn completion_knows_what_can_stand_here() {
     completes(&instances("x instof Camera($0);"), "speed = zoom = host1 limit c1 slow");
     completes(&instances("x instof Camera(host1, $0);"), "speed = zoom = host1 limit slow");
     completes(&instances("x instof Camera(host1, zoom = $0);"), "host1 limit slow");
+    completes(&instances("x instof Camera(host1) { $0 }"), POLICIES);
+    completes(&instances("x instof Camera(host1) { restart $0; }"), "temporary transient permanent");
     completes(&instances("x instof Camera(host1, 5 $0);"), "");
     completes(&instances("x instof Camera(host1, zoom = 5 $0);"), ALL_UNITS);
     let sections = |line: &str| door("", &format!("    {line}\n"), "eye[see] , arm");
@@ -77,6 +79,7 @@ fn completion_knows_what_can_stand_here() {
     completes("use \"$0\";", "");
 }
 
+const POLICIES: &str = "restart on_agent_loss on_link_loss memory cpu files nice realtime";
 const ALL_UNITS: &str = "s ms us ns min h s2 m cm mm um km rad deg Hz kHz N kN Nm kg g A mA V mV W B kB MB";
 const VALUE_TYPES: &str = "Host Text Number Truth Time Length Angle Speed AngularSpeed Acceleration Frequency Mass Force Torque Stiffness Power Current Voltage Size";
 

@@ -107,6 +107,7 @@ impl Analysis {
             SyntaxKind::Connection | SyntaxKind::Quality => keywords(Place::Quality),
             SyntaxKind::Count | SyntaxKind::AllOf => self.consts(),
             SyntaxKind::Port if at.place > 1 => inside("optional"),
+            SyntaxKind::Policy => at.policy(),
             SyntaxKind::AnyOf => inside("of"),
             SyntaxKind::Match | SyntaxKind::Arm => self.outcomes(&at),
             SyntaxKind::Resources if at.inside(SyntaxKind::Using).is_some() => self.resources(&at),

@@ -17,6 +17,8 @@ pub(super) enum Place {
     Suffix,
     /// Behind a connection.
     Quality,
+    /// In the braces behind an instance.
+    Policy,
     /// An operator; nothing to complete.
     Operator,
     /// Inside something else.
@@ -101,6 +103,14 @@ words! {
     Action "using" "using(${1:resource}) $0" "Waits until nobody has the resource, and has it while it runs."
     Suffix "else" "else $0" "`P else Q`: Q if P aborts."
     Suffix "within" "within ${1:5 s}" "Aborts what takes longer."
+    Policy "restart" "restart ${1:transient};" "When it is started again: `temporary` (never), `transient` (after a failure) or `permanent`."
+    Policy "on_agent_loss" "on_agent_loss stop within ${1:3 s};" "How long it may go on when the node of its host is gone."
+    Policy "on_link_loss" "on_link_loss ${1:keep};" "What it does when the others are out of reach: `keep`, `hold`, or `safe_stop_after 2 s`."
+    Policy "memory" "memory ${1:200 MB};" "The most memory it may have."
+    Policy "cpu" "cpu ${1:10 min};" "The most processor time it may use."
+    Policy "files" "files ${1:64};" "The most files it may have open."
+    Policy "nice" "nice ${1:10};" "Its turn at the processor: from -20, before others, to 19, after them."
+    Policy "realtime" "realtime ${1:40};" "Its real-time priority, from 1 to 49; `optional` if it may run without."
     Quality "push" "push" "The producer sends each new value: so it is without a word."
     Quality "pull" "pull" "The consumer fetches the latest value before each calculation."
     Quality "latch" "latch" "Who is connected later gets the last value at once."

@@ -1,6 +1,6 @@
 //! What is around the cursor.
 
-use super::{Completion, inside, keywords};
+use super::{Completion, CompletionKind, inside, keywords};
 use crate::ide::words::Place;
 use crate::source::Origin;
 use crate::syntax::ast::Node;
@@ -69,6 +69,17 @@ impl Cursor {
         starts.contains(&self.before_kind) || joins.contains(&self.before_kind)
     }
 
+    /// The words that a policy goes on with.
+    pub(super) fn policy(&self) -> Vec<Completion> {
+        let words: &[&str] = match self.before.as_str() {
+            "restart" => &["temporary", "transient", "permanent"],
+            "on_agent_loss" => &["stop within"],
+            "on_link_loss" => &["keep", "hold", "safe_stop_after"],
+            _ => &[],
+        };
+        words.iter().map(|word| Completion::new(CompletionKind::Keyword, *word)).collect()
+    }
+
     /// Words where no name can stand: items, sections, properties of a module.
     pub(super) fn words(&self) -> Vec<Completion> {
         let begins = [SyntaxKind::LeftBrace, SyntaxKind::Semicolon, SyntaxKind::RightBrace, SyntaxKind::End];
@@ -77,6 +88,9 @@ impl Cursor {
         }
         if !begins.contains(&self.before_kind) {
             return Vec::new();
+        }
+        if self.inside(SyntaxKind::Policies).is_some() {
+            return keywords(Place::Policy);
         }
         let is_first = self.before_kind == SyntaxKind::End;
         let is_title = |node: &Node| self.parent.span() == node.span() && self.place == 0;
