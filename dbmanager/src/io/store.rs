@@ -6,6 +6,7 @@
 
 pub mod memory;
 mod on_sled;
+mod watch;
 mod witness;
 
 pub use on_sled::DirStore;

@@ -4,18 +4,17 @@
 //! writes that had been acknowledged. So a commit is one batch, `flush`, and then our own `fdatasync` of its data file
 //! (`tests/power_cut.rs` shows both). It never syncs the files it makes first (`conf`), nor its directory: every opening
 //! does. It never syncs blobs, which it makes of long values: records are stored in pieces of 4 KiB, and a blob is an error.
-//! It may panic over a damaged file, or wait for ever for a write that has failed: both become errors.
+//! It may panic over a damaged file, or wait for ever for a write that has failed (`watch`): both become errors.
 
+use super::watch::Watch;
 use super::witness::{self, Life, Trust};
 use super::{Store, StoreError};
 use crate::logic::record::{Batch, Records};
-use comms::io::clock::{self, Wakeup, Woken};
+use comms::io::clock::{self, Wakeup};
 use std::fs::{self, File, TryLockError};
 use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::task::{Context, Poll, Wake, Waker};
 use std::time::Duration;
 
 /// The longest piece of a record. A leaf of the engine's tree may hold 17 of them, and a page over 128 KiB becomes a blob.
@@ -26,9 +25,6 @@ const CACHE_SIZE: u64 = 16 << 20;
 const GUARD: (&[u8], &[u8]) = (b"\xff\xffdca-dbmanager", b"1");
 /// Which store it is, and in how many lives it was written to.
 const LIFE: &[u8] = b"\xff\xfflife";
-/// How long a flush may take before it gets company, and how many there may be at a time: a disk that takes longer has failed.
-const PATIENCE: Duration = Duration::from_secs(1);
-const FLUSHES_MAX: usize = 30;
 /// How long a store that was closed may still be locked, and how often to look.
 const CLOSED_WITHIN: Duration = Duration::from_secs(1);
 const ASK_AGAIN_AFTER: Duration = Duration::from_millis(5);
@@ -39,6 +35,8 @@ const ASIDE_MAX: u32 = 100;
 #[derive(Debug)]
 pub struct DirStore {
     path: PathBuf,
+    /// Before the engine, which it holds too.
+    watch: Watch,
     engine: sled::Db,
     data: File,
     trust: Trust,
@@ -66,7 +64,13 @@ impl DirStore {
         };
         let life = known.map_or_else(Life::new, Ok).map_err(file_error)?;
         let unsworn = Some(Life { boots: life.boots.saturating_add(1), ..life });
-        let store = Self { path: path.to_owned(), engine, data, trust, unsworn, poisoned: false };
+        let watched = engine.clone();
+        let watch = Watch::start(move || {
+            let engine = watched.clone();
+            async move { engine.flush_async().await }
+        });
+        let watch = watch.map_err(file_error)?;
+        let store = Self { path: path.to_owned(), watch, engine, data, trust, unsworn, poisoned: false };
         if known.is_none() {
             let mut first = sled::Batch::default();
             first.insert(GUARD.0, GUARD.1);
@@ -132,10 +136,11 @@ impl DirStore {
     /// Makes changes durable.
     fn apply(&self, changes: sled::Batch) -> Result<(), StoreError> {
         let told = |cause| told(&self.path, cause);
-        shielded(&self.path, || {
+        let write = || {
             self.engine.apply_batch(changes).map_err(told)?;
-            flush(&self.engine).map_err(told)
-        })?;
+            self.engine.flush().map_err(told)
+        };
+        self.watch.during(|| shielded(&self.path, write))?;
         self.data.sync_data().map_err(|cause| file_error(&self.path, cause))?;
         self.check_blobs()
     }
@@ -232,40 +237,6 @@ fn check_free(path: &Path, data: &Path) -> Result<(), StoreError> {
             Err(TryLockError::WouldBlock) => return Err(StoreError::Busy { path: path.to_owned() }),
             Err(TryLockError::Error(cause)) => return Err(file_error(path, cause)),
         }
-    }
-}
-
-/// Has the engine write what it holds. When a write fails on one of its threads it does not always wake who waits for it;
-/// another flush finds the error, and wakes the first. So a flush that takes long gets company.
-fn flush(engine: &sled::Db) -> sled::Result<()> {
-    let signal = Arc::new(Signal::default());
-    let waker = Waker::from(Arc::clone(&signal));
-    let mut context = Context::from_waker(&waker);
-    let mut flushes = Vec::new();
-    while flushes.len() < FLUSHES_MAX {
-        flushes.push(Box::pin(engine.flush_async()));
-        let until = clock::now() + PATIENCE;
-        loop {
-            for flush in &mut flushes {
-                if let Poll::Ready(flushed) = flush.as_mut().poll(&mut context) {
-                    return flushed.map(|_size| ());
-                }
-            }
-            if signal.0.wait(Some(until)) == Woken::Deadline {
-                break;
-            }
-        }
-    }
-    Err(sled::Error::Io(io::ErrorKind::TimedOut.into()))
-}
-
-/// Ends the wait for a flush.
-#[derive(Default)]
-struct Signal(Wakeup);
-
-impl Wake for Signal {
-    fn wake(self: Arc<Self>) {
-        self.0.wake();
     }
 }
 

@@ -1,0 +1,77 @@
+//! A read from a snapshot, beside a read from a `BTreeMap` with the same keys and values.
+
+use crate::Failure;
+use crate::robot::{self, Robot, key, value};
+use crate::table::{Reach, Samples, Table};
+use comms::io::clock;
+use dbmanager::io::store::memory::MemoryStore;
+use dbmanager::logic::clock::Wall;
+use dbmanager::logic::key::Key;
+use dbmanager::logic::random::Random;
+use dbmanager::logic::replica::{Input, Level, Request};
+use dbmanager::logic::txn::{Draft, Value};
+use std::collections::BTreeMap;
+use std::hint::black_box;
+use std::path::Path;
+use std::time::Duration;
+
+/// How many keys there are: of a large team's configuration.
+const KEYS: u64 = 10_000;
+/// How many reads are timed together.
+const READS: u32 = 50_000;
+/// How often both are measured one after another.
+const ROUNDS: u64 = 15;
+/// How many writes of 256 bytes, each after a snapshot that is kept.
+const WRITES: u64 = 2000;
+
+pub(crate) fn measure(_folder: &Path, table: &mut Table) -> Result<(), Failure> {
+    let mut robot = Robot::open(MemoryStore::default())?;
+    fill(&mut robot)?;
+    let map: BTreeMap<Key, Value> = (0..KEYS).map(|n| Ok((key(n)?, value(n, 256)))).collect::<Result<_, Failure>>()?;
+    let snapshot = robot.replica.state().clone();
+    let (mut of_snapshot, mut of_map) = (Samples::default(), Samples::default());
+    for round in 0..ROUNDS {
+        let mut random = Random::new(round);
+        let keys: Vec<Key> = (0..READS).map(|_| key(random.below(KEYS))).collect::<Result<_, _>>()?;
+        of_map.push(vec![timed(&keys, |key| black_box(map.get(key)).is_some())?]);
+        of_snapshot.push(vec![timed(&keys, |key| black_box(snapshot.get(key)).is_some())?]);
+    }
+    let began = clock::now();
+    let mut kept = robot.replica.state().clone();
+    for number in 0..WRITES {
+        robot.tell(Input::Commit(vec![robot::request(number * 7919 % KEYS)?], Wall::default()))?;
+        kept = robot.replica.state().clone();
+    }
+    let write = clock::now().since(began) / u32::try_from(WRITES)?;
+    black_box(kept);
+    table.note("get from a BTreeMap, 10,000 keys", &format!("{} ns", of_map.quantile(50).as_nanos()));
+    let ratio = (of_snapshot.ratio(&of_map), "of it");
+    let nanos = format!("{} ns", of_snapshot.quantile(50).as_nanos());
+    table.line("get from a snapshot", &nanos, ratio, Reach::AtMost(1.5));
+    table.note("commit in memory, and a new snapshot", &format!("{} µs", write.as_micros()));
+    Ok(())
+}
+
+/// Writes all keys.
+fn fill(robot: &mut Robot<MemoryStore>) -> Result<(), Failure> {
+    for first in (0..KEYS).step_by(100) {
+        let mut draft = Draft::new("");
+        for number in first..first + 100 {
+            draft = draft.put(key(number)?, value(number, 256));
+        }
+        let request = Request { ticket: 0, draft, level: Level::Local, until: clock::now() };
+        robot.tell(Input::Commit(vec![request], Wall::default()))?;
+    }
+    Ok(())
+}
+
+/// Returns how long one read takes.
+fn timed(keys: &[Key], read: impl Fn(&Key) -> bool) -> Result<Duration, Failure> {
+    let began = clock::now();
+    let found = keys.iter().filter(|key| read(key)).count();
+    let took = clock::now().since(began);
+    if found != keys.len() {
+        return Err("a key was not found".into());
+    }
+    Ok(took / READS)
+}

@@ -1,0 +1,71 @@
+//! The only robot of its team, on some store.
+
+use crate::Failure;
+use comms::io::clock;
+use dbmanager::io::store::{DirStore, Store};
+use dbmanager::logic::clock::Wall;
+use dbmanager::logic::key::Key;
+use dbmanager::logic::mutant::Mutant;
+use dbmanager::logic::replica::{Config, Effect, Input, Level, Replica, Request};
+use dbmanager::logic::txn::{Draft, Value};
+use std::path::Path;
+
+/// Bytes of a key and its value in all measurements of commits: together with 29 bytes of identity and time, 320.
+pub(crate) const KEY_AND_VALUE: (usize, usize) = (35, 256);
+
+/// A replica and its store.
+pub(crate) struct Robot<S> {
+    pub(crate) replica: Replica,
+    store: S,
+}
+
+/// Returns the configuration of a robot.
+pub(crate) fn config(robot: &str, seed: u64) -> Config {
+    Config { robot: robot.to_owned(), seed, log_size: 1 << 20, mutant: Mutant::None }
+}
+
+/// Returns the key with a number; it is as long as all of them.
+pub(crate) fn key(number: u64) -> Result<Key, Failure> {
+    Ok(Key::new(format!("team/parameters/arm/joint/{number:09}"))?)
+}
+
+/// Returns a value of so many bytes, which differ from those of other numbers.
+pub(crate) fn value(number: u64, size: usize) -> Value {
+    let bytes = number.to_le_bytes().into_iter().cycle().take(size);
+    Value { bytes: bytes.collect(), ..Value::from(b"") }
+}
+
+/// Returns a wish to write one value.
+pub(crate) fn request(number: u64) -> Result<Request, Failure> {
+    let draft = Draft::new("").put(key(number % 5000)?, value(number, KEY_AND_VALUE.1));
+    Ok(Request { ticket: number, draft, level: Level::Local, until: clock::now() })
+}
+
+/// Opens the store of a robot.
+pub(crate) fn dir_store(folder: &Path, name: &str) -> Result<DirStore, Failure> {
+    Ok(DirStore::open(&folder.join(name))?)
+}
+
+impl<S: Store> Robot<S> {
+    /// Opens the replica in a store, and founds its team.
+    pub(crate) fn open(store: S) -> Result<Self, Failure> {
+        let replica = Replica::open(config("r", 1), &store.load()?)?;
+        let mut robot = Self { replica, store };
+        robot.tell(Input::Found(Wall::default()))?;
+        Ok(robot)
+    }
+
+    /// Takes an input; returns the effects that are left when what they promise is on the disk.
+    pub(crate) fn tell(&mut self, input: Input) -> Result<Vec<Effect>, Failure> {
+        let mut effects = Vec::new();
+        self.replica.handle(clock::now(), input, &mut effects);
+        let mut after = Vec::new();
+        for effect in effects {
+            match effect {
+                Effect::Persist(batch) => self.store.commit(&batch)?,
+                other => after.push(other),
+            }
+        }
+        Ok(after)
+    }
+}
