@@ -60,6 +60,14 @@ fn the_laws_hold_for_every_file() {
     assert!(read * 2 > texts.len(), "{read} of {} files could be read", texts.len());
 }
 
+/// Found by fuzzing: the second `;` is an empty statement, and both together would be the operator `;;`.
+#[test]
+fn an_empty_statement_stays_apart() {
+    let text =
+        "process main(){ instantiated_processes{ a instof A(c1); ;b instof B(c1);;; } internal_event_actions{ a } }";
+    assert!(check("empty statements", text));
+}
+
 #[test]
 fn the_specs_are_formatted() {
     for path in files("../specs") {

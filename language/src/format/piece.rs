@@ -96,6 +96,10 @@ pub(super) fn pieces(root: &SyntaxNode) -> Vec<Piece> {
 
 /// Whether a blank stands between two tokens of one line.
 pub(super) fn is_apart(before: &Piece, next: &Piece) -> bool {
+    // An empty statement: two `;` that touch would be a `;;`.
+    if [before, next].iter().all(|piece| [Semicolon, Recur].contains(&piece.kind)) {
+        return true;
+    }
     if next.kind == Semicolon {
         return next.parent == Sequence;
     }

@@ -80,9 +80,10 @@ impl Course {
             let (x, weight) =
                 (MARGIN + line.indent, if line.kind == Kind::Group { " font-weight=\"bold\"" } else { "" });
             text(&mut out, (x, y + BAR - 2.0), weight, &line.name);
-            for bar in self.bars.iter().filter(|bar| bar.line == line.path) {
-                page.bar(&mut out, bar, line.kind, y);
-            }
+            let bars = || self.bars.iter().filter(|bar| bar.line == line.path);
+            bars().for_each(|bar| page.bar(&mut out, bar, line.kind, y));
+            // The next bar may begin where one has ended: marks are on top.
+            bars().for_each(|bar| page.end(&mut out, bar, y));
         }
         legend(&mut out, &self.bars, (page.left, bottom + 36.0));
         out + "</svg>\n"
@@ -166,8 +167,8 @@ impl Page {
     }
 
     fn bar(&self, out: &mut String, bar: &Bar, kind: Kind, y: f64) {
-        let (start, end) = (self.x(bar.from), self.x(bar.end.as_ref().map_or(self.now, |(at, _)| *at)));
-        let width = (end - start).max(1.0);
+        let start = self.x(bar.from);
+        let width = (self.x(bar.end.as_ref().map_or(self.now, |(at, _)| *at)) - start).max(1.0);
         let style = match kind {
             Kind::Group => "fill=\"#eef1f5\" stroke=\"#333\"",
             Kind::Task => "fill=\"#b9d3ee\" stroke=\"#333\"",
@@ -180,7 +181,11 @@ impl Page {
                 "<rect x=\"{start:.1}\" y=\"{y:.1}\" width=\"{width:.1}\" height=\"{BAR}\" rx=\"2\" {style}/>"
             ),
         );
-        let Some((_, what)) = &bar.end else { return };
+    }
+
+    fn end(&self, out: &mut String, bar: &Bar, y: f64) {
+        let Some((at, what)) = &bar.end else { return };
+        let end = self.x(*at);
         mark(out, what, (end, y + BAR / 2.0));
         if let Some(why) = reason(bar) {
             text(out, (end + 9.0, y + BAR - 3.0), &format!(" font-size=\"10\" fill=\"{ABORTED}\""), why);
