@@ -144,11 +144,65 @@ impl Interface {
             line(format!("  /// {}", port.doc.trim()));
             line(format!("  {direction} {}: {};", port.name, port.type_name));
         }
-        line(if self.about.service { "  service;".to_owned() } else { "  done;".to_owned() });
+        line(if self.about.service { "  service;".to_owned() } else { self.done() });
         let mut stop = String::new();
         write!(stop, "  stop within {} ms;", self.about.stop_within.as_millis()).expect("a String takes any text");
         line(stop);
         line("}".to_owned());
         text
+    }
+
+    /// `  done;`, or `  done(found: Pose | missing);`
+    fn done(&self) -> String {
+        let outcomes = self.about.outcomes.iter().map(|outcome| {
+            let value = outcome.type_name.map_or(String::new(), |name| format!(": {name}"));
+            format!("{}{value}", outcome.tag)
+        });
+        let outcomes: Vec<String> = outcomes.collect();
+        if outcomes.is_empty() { "  done;".to_owned() } else { format!("  done({});", outcomes.join(" | ")) }
+    }
+
+    /// Returns whether a process of this type may be done with `value`: any, unless it has declared its outcomes.
+    pub fn may_end_with(&self, value: &[u8]) -> bool {
+        let has_tag = |tag: &str| {
+            let (length, rest) = value.split_first().map_or((0, value), |(&length, rest)| (usize::from(length), rest));
+            length == tag.len() && rest.starts_with(tag.as_bytes())
+        };
+        self.about.outcomes.is_empty() || self.about.outcomes.iter().any(|outcome| has_tag(outcome.tag))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::controller::{Outcome, Progress, TAG_MAX};
+    use super::*;
+
+    const OUTCOMES: &[Outcome] =
+        &[Outcome { tag: "found", type_name: Some("Pose") }, Outcome { tag: "missing", type_name: None }];
+
+    fn interface() -> Interface {
+        let about = About::task("Looks for something.").ends_with(OUTCOMES);
+        Interface { type_name: "Search", about, ports: Vec::new() }
+    }
+
+    #[test]
+    fn outcomes_are_declared_in_the_text_and_kept_to() {
+        assert!(interface().text().contains("  done(found: Pose | missing);\n"), "{}", interface().text());
+        assert_eq!(Progress::outcome("found", b"pose"), Progress::Done(b"\x05foundpose".to_vec()));
+        for (value, is_one) in
+            [(&b"\x05foundpose"[..], true), (b"\x07missing", true), (b"\x04lost", false), (b"", false)]
+        {
+            assert_eq!(interface().may_end_with(value), is_one, "{value:?}");
+        }
+        for tag in [String::new(), "t".repeat(TAG_MAX + 1)] {
+            assert!(matches!(Progress::outcome(&tag, b""), Progress::Aborted(_)), "{tag}");
+        }
+    }
+
+    #[test]
+    fn what_declares_no_outcomes_ends_as_it_likes() {
+        let about = About::task("Ends.");
+        let interface = Interface { type_name: "Step", about, ports: Vec::new() };
+        assert!(interface.text().contains("  done;\n") && interface.may_end_with(b"anything"));
     }
 }

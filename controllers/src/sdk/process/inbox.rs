@@ -2,6 +2,7 @@
 
 use super::cycle::Command;
 use comms::io::clock::{Wakeup, now};
+use comms::logic::control::Shape;
 use comms::logic::time::Time;
 use std::collections::VecDeque;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
@@ -17,6 +18,29 @@ pub(super) struct Arrived {
     pub(super) port: &'static str,
     pub(super) bytes: Vec<u8>,
     pub(super) at: Time,
+    /// Whether it waits for the next activation when there is none.
+    pub(super) is_latched: bool,
+}
+
+/// How samples of a wire wait.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Hold {
+    /// How many at most.
+    count_max: usize,
+    is_latched: bool,
+}
+
+impl Default for Hold {
+    fn default() -> Self {
+        Self { count_max: SAMPLES_MAX, is_latched: false }
+    }
+}
+
+impl Hold {
+    pub(super) fn of(shape: &Shape) -> Self {
+        let count_max = shape.queue.and_then(|count| usize::try_from(count).ok()).unwrap_or(SAMPLES_MAX).max(1);
+        Self { count_max, is_latched: shape.latch }
+    }
 }
 
 #[derive(Debug, Default)]
@@ -49,12 +73,12 @@ impl Inbox {
         room
     }
 
-    pub(super) fn sample(&self, port: &'static str, bytes: Vec<u8>) {
-        let arrived = Arrived { port, bytes, at: now() };
+    pub(super) fn sample(&self, port: &'static str, bytes: Vec<u8>, hold: Hold) {
+        let arrived = Arrived { port, bytes, at: now(), is_latched: hold.is_latched };
         {
             let mut waiting = self.lock();
             let same = |other: &Arrived| other.port == port;
-            if waiting.samples.iter().filter(|other| same(other)).count() >= SAMPLES_MAX {
+            if waiting.samples.iter().filter(|other| same(other)).count() >= hold.count_max {
                 let oldest = waiting.samples.iter().position(same);
                 oldest.and_then(|oldest| waiting.samples.remove(oldest));
             }
@@ -85,5 +109,26 @@ impl Inbox {
 
     fn lock(&self) -> MutexGuard<'_, Waiting> {
         self.waiting.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_oldest_gives_way_in_a_queue_of_its_own() {
+        let inbox = Inbox::default();
+        let short = Hold::of(&Shape { queue: Some(2), latch: true, ..Shape::default() });
+        for number in 0..4 {
+            inbox.sample("In", vec![number], short);
+            inbox.sample("Other", vec![number], Hold::default());
+        }
+        let taken = inbox.take_samples();
+        let of =
+            |port| taken.iter().filter(|sample| sample.port == port).map(|sample| sample.bytes[0]).collect::<Vec<_>>();
+        assert_eq!((of("In"), of("Other")), (vec![2, 3], vec![0, 1, 2, 3]));
+        assert!(taken.iter().all(|sample| sample.is_latched == (sample.port == "In")));
+        assert_eq!(Hold::of(&Shape::default()), Hold::default());
     }
 }

@@ -1,10 +1,12 @@
 //! The data links of one program: who hears what it sends, and what it hears.
 
-use super::inbox::Inbox;
+use super::flow::Flow;
+use super::inbox::{Hold, Inbox};
 use crate::sdk::interface::{Binding, Direction, Interface, PortInterface};
+use comms::io::clock::now;
 use comms::io::data::{Answering, DataSession, Hearing, Payload, Priority, Publisher};
 use comms::logic::codec;
-use comms::logic::control::{Device, Dial, Incoming, Outgoing};
+use comms::logic::control::{Device, Dial, Incoming, Outgoing, Shape};
 use comms::logic::key::{self, Channel};
 use comms::logic::signals::Signals;
 use std::collections::BTreeMap;
@@ -28,7 +30,7 @@ pub(super) struct Wanted {
 #[derive(Debug)]
 struct Wire {
     port: &'static str,
-    open: bool,
+    flow: Flow,
     way: Way,
 }
 
@@ -63,9 +65,22 @@ struct Made {
 #[derive(Debug, Default)]
 pub(super) struct Links {
     made: Mutex<Made>,
+    /// How data moves on wires that are not made yet.
+    shapes: Mutex<BTreeMap<u32, Shape>>,
 }
 
 impl Links {
+    /// Notes how data is to move on wires that are made later.
+    pub(super) fn shape(&self, wires: Vec<Shape>) {
+        let mut shapes = self.shapes.lock().unwrap_or_else(PoisonError::into_inner);
+        shapes.extend(wires.into_iter().map(|shape| (shape.wire, shape)));
+    }
+
+    fn shape_of(&self, wire: u32) -> Shape {
+        let shapes = self.shapes.lock().unwrap_or_else(PoisonError::into_inner);
+        shapes.get(&wire).copied().unwrap_or(Shape { wire, ..Shape::default() })
+    }
+
     /// Makes every link; the wires stay closed.
     pub(super) fn make(
         &self,
@@ -76,7 +91,8 @@ impl Links {
     ) -> Result<(), String> {
         let mut made = Made::default();
         for outgoing in &wanted.outgoing {
-            made.wires.insert(outgoing.wire, wire(session, interface, outgoing)?);
+            let shape = self.shape_of(outgoing.wire);
+            made.wires.insert(outgoing.wire, wire(session, interface, outgoing, shape)?);
         }
         for port in interface.ports.iter().filter(|port| port.binding != Binding::Wire) {
             made.device_port(session, &wanted.robot, port, inbox)?;
@@ -95,7 +111,8 @@ impl Links {
             if incoming.pull {
                 made.fetches.push(Arc::new(Fetch { port, key: incoming.key, session: Arc::clone(session) }));
             } else {
-                made.hear(session, &incoming.key, port, inbox)?;
+                let hold = Hold::of(&self.shape_of(incoming.wire));
+                made.hear(session, &incoming.key, (port, hold), inbox)?;
             }
         }
         // Consumers have their inputs before anybody sends: a value that is sent once must not find nobody there.
@@ -110,32 +127,37 @@ impl Links {
         Ok(())
     }
 
-    /// Opens or closes wires. What was sent before is not delivered late.
+    /// Opens or closes wires. What was sent before is not delivered late, but for the last value of a latched wire.
     pub(super) fn switch(&self, wires: &[u32], open: bool) {
-        let mut made = self.lock();
+        let (mut made, now) = (self.lock(), now());
         for wire in wires {
             let Some(wire) = made.wires.get_mut(wire) else { continue };
-            wire.open = open;
-            if let Way::Pull { latest, .. } = &wire.way {
-                *latest.lock().unwrap_or_else(PoisonError::into_inner) = None;
+            let last = wire.flow.switch(open, now);
+            match (&wire.way, last) {
+                (Way::Pull { latest, .. }, last) => *latest.lock().unwrap_or_else(PoisonError::into_inner) = last,
+                (Way::Push(publisher), Some(last)) => put(publisher, last.into()),
+                (Way::Push(_), None) => {}
             }
         }
     }
 
     /// Sends a value of an output to whoever is to have it now.
     pub(super) fn send(&self, port: &str, bytes: Vec<u8>) {
-        let made = self.lock();
-        let wires = || made.wires.values().filter(|wire| wire.open && wire.port == port);
-        for wire in wires() {
-            if let Way::Pull { latest, .. } = &wire.way {
-                *latest.lock().unwrap_or_else(PoisonError::into_inner) = Some(bytes.clone());
+        let (mut made, now) = (self.lock(), now());
+        let mut passing = Vec::new();
+        for (&number, wire) in made.wires.iter_mut().filter(|(_, wire)| wire.port == port) {
+            if wire.flow.offer(&bytes, now) {
+                passing.push(number);
+                if let Way::Pull { latest, .. } = &wire.way {
+                    *latest.lock().unwrap_or_else(PoisonError::into_inner) = Some(bytes.clone());
+                }
             }
         }
         let payload = Payload::from(bytes);
         for (_, device) in made.devices.iter().filter(|(name, _)| *name == port) {
             put(device, payload.clone());
         }
-        for wire in wires() {
+        for wire in passing.iter().filter_map(|number| made.wires.get(number)) {
             if let Way::Push(publisher) = &wire.way {
                 put(publisher, payload.clone());
             }
@@ -187,7 +209,7 @@ impl Made {
         let channel = if device.channel == "state" { Channel::State } else { Channel::Command };
         let key = key::hardware(robot, device.name, channel);
         match port.direction {
-            Direction::In => self.hear(session, &key, port.name, inbox),
+            Direction::In => self.hear(session, &key, (port.name, Hold::default()), inbox),
             Direction::Out => {
                 let publisher = session.publisher(&key, Priority::Device).map_err(|error| error.to_string())?;
                 self.devices.push((port.name, publisher));
@@ -196,15 +218,21 @@ impl Made {
         }
     }
 
-    fn hear(&mut self, session: &DataSession, key: &str, port: &'static str, inbox: &Arc<Inbox>) -> Result<(), String> {
+    fn hear(
+        &mut self,
+        session: &DataSession,
+        key: &str,
+        (port, hold): (&'static str, Hold),
+        inbox: &Arc<Inbox>,
+    ) -> Result<(), String> {
         let inbox = Arc::clone(inbox);
-        let hearing = session.on_sample(key, move |bytes| inbox.sample(port, bytes.into_owned()));
+        let hearing = session.on_sample(key, move |bytes| inbox.sample(port, bytes.into_owned(), hold));
         self.hearing.push(hearing.map_err(|error| error.to_string())?);
         Ok(())
     }
 }
 
-fn wire(session: &DataSession, interface: &Interface, outgoing: &Outgoing) -> Result<Wire, String> {
+fn wire(session: &DataSession, interface: &Interface, outgoing: &Outgoing, shape: Shape) -> Result<Wire, String> {
     let port = port(interface, &outgoing.port, Direction::Out)?.name;
     let failed = |error: comms::io::data::DataError| format!("output `{port}`: {error}");
     let way = if outgoing.pull {
@@ -215,7 +243,7 @@ fn wire(session: &DataSession, interface: &Interface, outgoing: &Outgoing) -> Re
     } else {
         Way::Push(session.publisher(&outgoing.key, Priority::Wire).map_err(failed)?)
     };
-    Ok(Wire { port, open: false, way })
+    Ok(Wire { port, flow: Flow::new(shape), way })
 }
 
 fn port<'a>(interface: &'a Interface, name: &str, direction: Direction) -> Result<&'a PortInterface, String> {
