@@ -39,10 +39,20 @@ pub(crate) struct Identity {
     pub(crate) joining: Option<Origin>,
     /// Whom it has asked for that; nobody else is asked for the same.
     pub(crate) asked: Option<Origin>,
-    /// Origins it has given up, and up to where others surely have their transactions.
-    pub(crate) past: Vec<(Origin, u64)>,
+    /// Origins it has given up.
+    pub(crate) past: Vec<Past>,
     /// Up to where others surely have its own transactions.
     pub(crate) told: u64,
+}
+
+/// An origin that was given up.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub(crate) struct Past {
+    pub(crate) origin: Origin,
+    /// Up to where others surely have its transactions.
+    pub(crate) told: u64,
+    /// Whether it is known to have used numbers twice.
+    pub(crate) twice: bool,
 }
 
 /// Why a store is not opened. The remedy is to put it aside and to join again from the others.

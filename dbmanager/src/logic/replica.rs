@@ -240,9 +240,8 @@ impl Replica {
     /// As [`Replica::open`].
     pub fn open_copied(config: Config, records: &Records) -> Result<Self, OpenError> {
         let mut replica = Self::open(config, records)?;
-        let told = replica.identity.told;
         // The alarm is for who did not know; the caller does.
-        replica.rejoin(Time::ZERO, Some(told), &mut Vec::new());
+        replica.rejoin(Time::ZERO, true, &mut Vec::new());
         Ok(replica)
     }
 

@@ -24,6 +24,7 @@ use crate::logic::log::{Head, Log};
 use crate::logic::member::{self, Members};
 use crate::logic::merge::{self, Forked, Side};
 use crate::logic::mutant::Mutant;
+use crate::logic::record::Past;
 use crate::logic::state::State;
 use crate::logic::txn::{Frame, FrameError, Rebase, Require, TxnError, Write};
 use comms::logic::time::Time;
@@ -110,8 +111,16 @@ impl Replica {
             let link = old.frame(Dot { origin: *origin, seq: head.seq }).map(Frame::link).or(known)?;
             (link != head.link).then_some((*origin, 0))
         };
-        let own = self.identity.past.iter().filter(|(_, told)| *told < u64::MAX).copied();
-        self.log.heads().iter().filter_map(other).chain(own).collect()
+        let mut forked: Forked = self.log.heads().iter().filter_map(other).collect();
+        let forgets = self.config.mutant.is(Mutant::ToldForgotten);
+        for Past { origin, told, twice } in self.identity.past.iter().filter(|_| !forgets) {
+            // Who knows less of its own transactions than others was set back.
+            let behind = old.cut().get(*origin) < self.log.cut().get(*origin);
+            if *twice || behind || forked.contains_key(origin) {
+                forked.insert(*origin, *told);
+            }
+        }
+        forked
     }
 }
 

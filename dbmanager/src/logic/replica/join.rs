@@ -21,6 +21,7 @@ use crate::logic::member::{self, Members};
 use crate::logic::message::{Chunk, Join, Message};
 use crate::logic::mutant::Mutant;
 use crate::logic::owner::Owners;
+use crate::logic::record::Past;
 use crate::logic::snapshot::{self, CHUNKS_MAX, Manifest, Name};
 use crate::logic::state::State;
 use comms::logic::time::Time;
@@ -97,12 +98,12 @@ impl Replica {
         self.download.is_some()
     }
 
-    /// Gives up the origin. Others have its transactions up to `told`, if that is known for sure to be less than they say.
-    pub(super) fn rejoin(&mut self, now: Time, told: Option<u64>, effects: &mut Vec<Effect>) {
+    /// Gives up the origin. It may be known to have used numbers `twice`.
+    pub(super) fn rejoin(&mut self, now: Time, twice: bool, effects: &mut Vec<Effect>) {
         let from = self.identity.origin;
-        self.identity.past.push((from, told.unwrap_or(u64::MAX)));
+        self.identity.past.push(Past { origin: from, told: self.identity.told, twice });
         let asked_for = self.identity.joining.filter(|_| self.identity.asked.is_some());
-        self.identity.past.extend(asked_for.map(|origin| (origin, u64::MAX)));
+        self.identity.past.extend(asked_for.map(|origin| Past { origin, told: 0, twice: false }));
         self.identity.origin = Origin::new(self.random.next());
         self.identity.joining = Some(Origin::new(self.random.next()));
         (self.identity.asked, self.identity.told) = (None, 0);
@@ -218,6 +219,16 @@ impl Replica {
         if self.identity.joining.is_none() && !cut.dominates(&self.log.low()) {
             // It was long on its way: what would have to be applied to it again is not all here any more.
             return;
+        }
+        // A state that knows other transactions of ours by their numbers would hide ours.
+        let own = download.manifest.heads.iter().find(|(origin, _)| *origin == self.identity.origin);
+        if let Some((seq, link)) =
+            own.map(|(_, head)| (head.seq, head.link)).filter(|_| self.identity.joining.is_none())
+        {
+            self.take_fork(now, (seq, link), effects);
+            if self.identity.joining.is_some() {
+                return;
+            }
         }
         let log = Log::new(download.manifest.heads.into_iter().collect(), self.config.mutant);
         if !self.config.mutant.is(Mutant::EraseForgotten) {

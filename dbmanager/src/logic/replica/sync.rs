@@ -12,6 +12,7 @@ use crate::logic::cut::{Dot, Origin};
 use crate::logic::log::{Head, Verdict};
 use crate::logic::message::{CHUNK_SIZE_MAX, Chunk, Hello, Join, Message, Pull};
 use crate::logic::mutant::Mutant;
+use crate::logic::record::Past;
 use crate::logic::txn::{FORMAT, Frame, FrameError, Link};
 use comms::logic::time::Time;
 use std::collections::BTreeMap;
@@ -153,7 +154,7 @@ impl Replica {
         }
         self.tick_download(now, effects);
         if self.identity.joining.is_none() && self.members.retired(self.identity.origin).is_some() {
-            self.rejoin(now, None, effects);
+            self.rejoin(now, false, effects);
         }
         if self.sync.hello_at <= now {
             effects.push(Effect::Broadcast(Message::Hello(self.hello())));
@@ -218,7 +219,7 @@ impl Replica {
         if from == self.identity.origin {
             // Two boots of one origin: somebody has copied the disk.
             if hello.boot != self.boot {
-                self.rejoin(now, Some(self.identity.told), effects);
+                self.rejoin(now, true, effects);
             }
             return;
         }
@@ -330,7 +331,7 @@ impl Replica {
                 // If each has retired the other, the earlier retirement stands.
                 let mine = self.members.retired(from);
                 if self.identity.joining.is_none() && mine.is_none_or(|mine| stamp < mine) {
-                    self.rejoin(now, None, effects);
+                    self.rejoin(now, false, effects);
                 }
             }
             Chunk::Fork { seq, link } => self.take_fork(now, (seq, link), effects),
@@ -338,7 +339,7 @@ impl Replica {
     }
 
     /// A peer knows the own transaction `seq` by this link.
-    fn take_fork(&mut self, now: Time, (seq, link): (u64, Link), effects: &mut Vec<Effect>) {
+    pub(super) fn take_fork(&mut self, now: Time, (seq, link): (u64, Link), effects: &mut Vec<Effect>) {
         let origin = self.identity.origin;
         if self.identity.joining.is_some() || self.config.mutant.is(Mutant::Reuse) {
             return;
@@ -350,8 +351,7 @@ impl Replica {
         let head = self.log.head(origin).unwrap_or(&none);
         let older = seq > head.seq || seq == head.seq && link != head.link;
         if older || known.is_some_and(|known| known != link) {
-            let told = Some(self.identity.told).filter(|_| !self.config.mutant.is(Mutant::ToldForgotten));
-            self.rejoin(now, told, effects);
+            self.rejoin(now, true, effects);
         }
     }
 
@@ -425,7 +425,7 @@ impl Replica {
             self.note_asked(*peer);
             let chunk = self.sync.peers.get(peer).map_or(CHUNK_SIZE[0], |peer| peer.chunk);
             let (cut, size_max) = (self.log.cut().clone(), u32::try_from(chunk).unwrap_or(u32::MAX));
-            let replaces = || self.identity.past.iter().map(|(origin, _)| *origin).collect();
+            let replaces = || self.identity.past.iter().map(|past| past.origin).collect();
             let robot = || self.identity.robot.clone();
             let join = self.identity.joining.map(|origin| Join { origin, robot: robot(), replaces: replaces() });
             effects.push(Effect::Send(*peer, Message::Pull(Pull { cut, held: self.held.cut(), size_max, join })));
@@ -452,7 +452,7 @@ impl Replica {
     fn note_asked(&mut self, peer: Origin) {
         let Some(joining) = self.identity.joining.filter(|_| self.identity.asked != Some(peer)) else { return };
         if self.identity.asked.replace(peer).is_some() {
-            self.identity.past.push((joining, u64::MAX));
+            self.identity.past.push(Past { origin: joining, told: 0, twice: false });
             self.identity.joining = Some(Origin::new(self.random.next()));
         }
         self.batch.identity(&self.identity);
