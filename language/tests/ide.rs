@@ -1,7 +1,5 @@
 //! What an editor is told: each case is a text with `$0` where the cursor is.
 
-#![expect(clippy::print_stdout, reason = "the counted renames are for the reader of the test")]
-
 use language::ide::{Analysis, CompletionKind, Declaration, rename};
 use language::plan::Plan;
 use language::{Options, Role, Source, Span, gather};
@@ -277,7 +275,8 @@ fn corpus() -> Vec<Analysis> {
     paths.sort();
     let read = |name: &str| std::fs::read_to_string(folder.join(name)).map_err(|error| error.to_string());
     let analysis = |path: PathBuf| {
-        let spec = Source::new(path.file_name().unwrap().to_string_lossy(), std::fs::read_to_string(&path).unwrap());
+        let text = std::fs::read_to_string(&path).expect("a file of the corpus is text");
+        let spec = Source::new(path.file_name().unwrap_or_default().to_string_lossy(), text);
         let mut others = gather(&spec, &read);
         let interface = std::fs::read_to_string(path.with_extension("interface"));
         others.extend(interface.ok().map(|text| Source::new("interface", text)));

@@ -6,6 +6,7 @@ mod editor;
 use editor::Editor;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
 /// A program that tells no interface.
 const NOBODY: &str = "true";
@@ -134,6 +135,39 @@ fn files_are_taken_from_the_editor_before_the_disk() {
     );
     assert!(!codes(&editor.diagnostics(&door, 3)).contains(&"E0210"));
     assert!(editor.end().success());
+    std::fs::remove_dir_all(folder).unwrap();
+}
+
+/// Makes a program that tells this interface. Another process writes it: one that is still open here could not be run.
+fn tells(program: &Path, interface: &str) {
+    let script =
+        "printf '#!/bin/sh\\ncat <<X\\n%s\\nX\\n' \"$1\" > \"$0.new\" && chmod +x \"$0.new\" && mv \"$0.new\" \"$0\"";
+    let made = Command::new("sh").args(["-c", script]).arg(program).arg(interface).status();
+    assert!(made.expect("there is a shell").success());
+}
+
+/// A program is asked while one writes, and again when it was built anew.
+#[test]
+fn programs_tell_their_interfaces() {
+    let folder = std::env::temp_dir().join(format!("dca-lsp-programs-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let program = folder.join("arms");
+    tells(&program, "module Arm(host) { done; }");
+    let mut editor = Editor::ready(&program.to_string_lossy(), &json!({}));
+    let uri = "untitled:door";
+    editor.open(uri, DOOR);
+    // Warnings are told when the program has answered.
+    while !codes(&editor.diagnostics(uri, 1)).contains(&"W0201") {}
+    let told = editor.ask("textDocument/hover", &at(uri, 2, 31));
+    assert!(told["result"]["contents"]["value"].as_str().unwrap().contains("ends by itself"), "{told}");
+    let shown = editor.ask("textDocument/definition", &at(uri, 2, 42));
+    let file = shown["result"]["uri"].as_str().unwrap().trim_start_matches("file://").to_owned();
+    assert!(std::fs::read_to_string(&file).unwrap().contains("module Arm"), "{file}");
+    tells(&program, "module Arm(host, speed) { done; }");
+    editor.change(uri, 2, &json!({"text": format!("{DOOR} ")}));
+    while !codes(&editor.diagnostics(uri, 2)).contains(&"E0210") {}
+    assert!(editor.end().success());
+    assert!(!Path::new(&file).exists(), "{file}");
     std::fs::remove_dir_all(folder).unwrap();
 }
 

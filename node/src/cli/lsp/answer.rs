@@ -4,7 +4,7 @@ use super::convert::{self, range};
 use super::server::{Refusal, Server};
 use super::workspace::{Document, is_file};
 use language::ide::{Analysis, FileEdit, rename};
-use language::{Diagnostic, Options, Origin, Source, Span, fix, format};
+use language::{Diagnostic, Origin, Source, Span, apply_fixes, format};
 use lsp_types::{
     CodeAction, CodeActionKind, CodeActionParams, CodeActionRequest, CodeActionResponse, CompletionParams,
     CompletionRequest, CompletionResponse, Contents, Definition, DefinitionParams, DefinitionRequest,
@@ -197,10 +197,10 @@ impl Server {
         })
     }
 
-    /// What `dca fix` would do.
+    /// All fixes at once, as `dca fix` does in its first round.
     fn fix_all(&self, analysis: &Analysis) -> Option<CodeAction> {
         let spec = analysis.spec();
-        let fixed = fix(spec, analysis.others(), &Options::named("fixed"));
+        let fixed = apply_fixes(&spec.text, analysis.diagnostics());
         let (start, end, text) = changed(&spec.text, &fixed);
         let (start, end) = (super::position::number(start), super::position::number(end));
         let edit = FileEdit { file: spec.name.clone(), start, end, text };

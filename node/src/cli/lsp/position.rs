@@ -16,14 +16,18 @@ pub(super) enum Encoding {
 #[derive(Clone, Debug)]
 pub(super) struct Lines {
     starts: Vec<usize>,
+    /// Whether each character of a line is one byte, so that nothing has to be counted.
+    are_plain: Vec<bool>,
 }
 
 impl Lines {
     pub(super) fn new(text: &str) -> Self {
         let bytes = text.as_bytes();
         let is_end = |&at: &usize| bytes[at] == b'\n' || bytes[at] == b'\r' && bytes.get(at + 1) != Some(&b'\n');
-        let starts = std::iter::once(0).chain((0..bytes.len()).filter(is_end).map(|at| at + 1)).collect();
-        Self { starts }
+        let starts: Vec<usize> = std::iter::once(0).chain((0..bytes.len()).filter(is_end).map(|at| at + 1)).collect();
+        let ends = starts.iter().skip(1).copied().chain([bytes.len()]);
+        let are_plain = std::iter::zip(&starts, ends).map(|(&start, end)| bytes[start..end].is_ascii()).collect();
+        Self { starts, are_plain }
     }
 
     /// The byte offset of a position; one beyond its line is at the end of the line, one beyond the text at its end.
@@ -48,7 +52,10 @@ impl Lines {
         let offset = (0..=offset.min(text.len())).rev().find(|&at| text.is_char_boundary(at)).unwrap_or(0);
         let line = self.starts.partition_point(|&start| start <= offset).saturating_sub(1);
         let start = self.starts.get(line).copied().unwrap_or(0);
-        let column = text[start..offset].chars().map(|c| width(c, encoding)).sum();
+        let column = match self.are_plain.get(line) {
+            Some(true) => offset - start,
+            Some(false) | None => text[start..offset].chars().map(|c| width(c, encoding)).sum(),
+        };
         Position { line: number(line), character: number(column) }
     }
 

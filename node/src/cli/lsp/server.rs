@@ -126,7 +126,7 @@ impl Server {
             "capabilities": {
                 "positionEncoding": encoding,
                 "textDocumentSync": {"openClose": true, "change": 2, "save": true},
-                "completionProvider": {"triggerCharacters": [".", ",", "[", "(", " "]},
+                "completionProvider": {"triggerCharacters": [".", ",", "[", "("]},
                 "hoverProvider": true,
                 "definitionProvider": true,
                 "referencesProvider": true,
