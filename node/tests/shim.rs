@@ -3,6 +3,7 @@
 #![expect(clippy::wildcard_enum_match_arm, reason = "a test looks for one variant and shows any other")]
 #![expect(clippy::unwrap_used, reason = "a test stops where something is not as it should be")]
 
+use language::plan::{Realtime, Usage};
 use node::logic::child::{
     EXIT_FILE, Gate, OUTPUT_FILE, OUTPUT_FILE_OLD, OUTPUT_SIZE_MAX, ShimOrder, ShimReport, ShimStart,
 };
@@ -42,6 +43,7 @@ impl Shim {
             working_directory: dir.clone(),
             gate: Gate::None,
             agent_loss_grace: Duration::from_millis(200),
+            usage: Usage::default(),
             environment: vec![("PATH".into(), "/usr/bin:/bin".into()), ("DCA_INSTANCE".into(), "main/x".into())],
             command: Vec::new(),
         };
@@ -275,4 +277,78 @@ fn wrong_arguments_are_usage() {
     let output = Command::new(env!("CARGO_BIN_EXE_dca-shim")).arg("--gate").output().unwrap();
     assert_eq!(output.status.code(), Some(2));
     assert_eq!(String::from_utf8_lossy(&output.stderr), "dca-shim: argument `--gate`: needs a value\n");
+}
+
+fn limited(usage: Usage, script: &str) -> Shim {
+    Shim::start_with(|start| {
+        start.usage = usage;
+        start.command = ["sh", "-c", script].map(str::to_owned).to_vec();
+    })
+}
+
+#[test]
+fn a_program_has_its_limits_from_the_start() {
+    let usage = Usage {
+        memory: Some(512 << 20),
+        cpu: Some(Duration::from_secs(90)),
+        files: Some(64),
+        nice: Some(7),
+        realtime: None,
+    };
+    let over = limited(usage, "ulimit -v; ulimit -t; ulimit -n; nice").expect(&[STARTED, exited(0), ShimReport::Gone]);
+    assert_eq!(over.read(OUTPUT_FILE), "524288\n90\n64\n7\n");
+}
+
+#[test]
+fn a_program_that_wants_more_than_it_may_use_does_not_get_it() {
+    let usage = Usage { files: Some(8), ..Usage::default() };
+    let script = "exec 4</dev/null 5</dev/null 6</dev/null 7</dev/null && echo four; exec 8</dev/null; echo never";
+    let mut shim = limited(usage, script);
+    let mut reports = Vec::new();
+    while let Some(report) = shim.next() {
+        reports.push(report);
+    }
+    let over = Over { dir: shim.dir.clone() };
+    assert!(over.read(OUTPUT_FILE).starts_with("four\n") && !over.read(OUTPUT_FILE).contains("never"), "{reports:?}");
+    assert!(shim.child.wait().unwrap().success());
+}
+
+/// No kernel lets anybody open more files than it has numbers for.
+#[test]
+fn what_the_kernel_refuses_is_one_sentence() {
+    let usage = Usage { files: Some(u64::MAX >> 1), ..Usage::default() };
+    let reason = "a limit of 9223372036854775807 open files is refused: operation not permitted".to_owned();
+    limited(usage, "echo ran").expect(&[STARTED, ShimReport::ExecFailed { reason }, ShimReport::Gone]);
+}
+
+#[test]
+fn what_is_not_there_is_named_behind_limits_too() {
+    let shim = Shim::start_with(|start| {
+        start.usage.nice = Some(1);
+        start.command = vec!["/no/such/program".to_owned()];
+    });
+    let reason = "cannot execute `/no/such/program`: no such file or directory".to_owned();
+    shim.expect(&[STARTED, ShimReport::ExecFailed { reason }, ShimReport::Gone]);
+}
+
+/// The class is the 41st field. Source: proc_pid_stat(5).
+#[test]
+fn real_time_is_given_or_refused_as_the_policy_says() {
+    let probe = Command::new("chrt").args(["--fifo", "5", "true"]).stderr(Stdio::null()).status();
+    let is_allowed = probe.is_ok_and(|status| status.success());
+    let with = |is_optional| Usage { realtime: Some(Realtime { priority: 5, is_optional }), ..Usage::default() };
+    let script = "cut -d' ' -f41 /proc/$$/stat";
+    let over = limited(with(true), script).expect(&[STARTED, exited(0), ShimReport::Gone]);
+    let class = over.read(OUTPUT_FILE);
+    assert!(class.ends_with(if is_allowed { "1\n" } else { "0\n" }), "{class}");
+    assert_eq!(class.contains("it runs without"), !is_allowed, "{class}");
+    let mut shim = limited(with(false), script);
+    let mut reports = Vec::new();
+    while let Some(report) = shim.next() {
+        reports.push(report);
+    }
+    let is_refused = |report: &ShimReport| matches!(report, ShimReport::ExecFailed { reason } if reason.starts_with("real-time priority 5 is refused"));
+    assert_eq!(reports.iter().any(is_refused), !is_allowed, "{reports:?}");
+    drop(Over { dir: shim.dir.clone() });
+    assert!(shim.child.wait().unwrap().success());
 }

@@ -4,6 +4,7 @@
 //! told what to start by its arguments, ordered about by lines on its standard input, and reports by lines on its
 //! standard output. End of input means that the agent is gone.
 
+use language::plan::{Realtime, Usage};
 use std::ffi::OsString;
 use std::fmt;
 use std::path::PathBuf;
@@ -16,6 +17,10 @@ pub const OUTPUT_FILE: &str = "out.log";
 pub const OUTPUT_FILE_OLD: &str = "out.log.1";
 /// Where [`OUTPUT_FILE`] is rotated, in bytes.
 pub const OUTPUT_SIZE_MAX: u64 = 1 << 20;
+/// Why the kernel does not let the program run as it should, for a person.
+pub const REFUSED_FILE: &str = "refused";
+/// The first argument of a shim that becomes the program itself, within its limits.
+pub const LAUNCH: &str = "--launch";
 /// How the program ended, as the line of the [`ShimReport`]; durable before the report is made.
 pub const EXIT_FILE: &str = "exit";
 /// How long a program may take to stop once its agent is gone, unless the start says otherwise.
@@ -32,6 +37,8 @@ pub struct ShimStart {
     pub gate: Gate,
     /// How long the program may take to stop once the agent is gone.
     pub agent_loss_grace: Duration,
+    /// What the program may use.
+    pub usage: Usage,
     /// The program's whole environment; nothing is inherited.
     pub environment: Vec<(String, String)>,
     /// The executable (a path, or a name looked up in the `PATH` above) and its arguments.
@@ -169,6 +176,9 @@ impl ShimStart {
         arguments.extend(["--working-directory".into(), self.working_directory.clone().into()]);
         arguments.extend(["--gate".into(), gate.into()]);
         arguments.extend(["--agent-loss-grace-ms".into(), self.agent_loss_grace.as_millis().to_string().into()]);
+        for (name, value) in usage_arguments(&self.usage) {
+            arguments.extend([name.into(), value.into()]);
+        }
         for (name, value) in &self.environment {
             arguments.extend(["--environment".into(), format!("{name}={value}").into()]);
         }
@@ -187,6 +197,7 @@ impl ShimStart {
             working_directory: PathBuf::from("/"),
             gate: Gate::None,
             agent_loss_grace: AGENT_LOSS_GRACE,
+            usage: Usage::default(),
             environment: Vec::new(),
             command: Vec::new(),
         };
@@ -227,6 +238,10 @@ impl ShimStart {
                 let millis = value.to_str().and_then(|millis| millis.parse().ok());
                 self.agent_loss_grace = Duration::from_millis(millis.ok_or("must be a number")?);
             }
+            "--memory" | "--cpu-s" | "--files" | "--nice" | "--realtime" | "--realtime-optional" => {
+                let value = value.to_str().ok_or("must be a number")?;
+                set_usage(&mut self.usage, name, value).ok_or("must be a number")?;
+            }
             "--environment" => {
                 let entry = text(value).map_err(|()| "must be UTF-8")?;
                 let (name, value) = entry.split_once('=').ok_or("must be `NAME=value`")?;
@@ -236,6 +251,34 @@ impl ShimStart {
         }
         Ok(())
     }
+}
+
+fn usage_arguments(usage: &Usage) -> Vec<(&'static str, String)> {
+    let realtime = usage.realtime.map(|Realtime { priority, is_optional }| {
+        (if is_optional { "--realtime-optional" } else { "--realtime" }, priority.to_string())
+    });
+    let all = [
+        usage.memory.map(|bytes| ("--memory", bytes.to_string())),
+        usage.cpu.map(|time| ("--cpu-s", time.as_secs().to_string())),
+        usage.files.map(|count| ("--files", count.to_string())),
+        usage.nice.map(|nice| ("--nice", nice.to_string())),
+        realtime,
+    ];
+    all.into_iter().flatten().collect()
+}
+
+fn set_usage(usage: &mut Usage, name: &str, value: &str) -> Option<()> {
+    match name {
+        "--memory" => usage.memory = Some(value.parse().ok()?),
+        "--cpu-s" => usage.cpu = Some(Duration::from_secs(value.parse().ok()?)),
+        "--files" => usage.files = Some(value.parse().ok()?),
+        "--nice" => usage.nice = Some(value.parse().ok()?),
+        _ => {
+            let is_optional = name == "--realtime-optional";
+            usage.realtime = Some(Realtime { priority: value.parse().ok()?, is_optional });
+        }
+    }
+    Some(())
 }
 
 fn text(value: OsString) -> Result<String, ()> {
@@ -275,6 +318,13 @@ mod tests {
             working_directory: "/tmp".into(),
             gate: Gate::Exec,
             agent_loss_grace: Duration::from_millis(20),
+            usage: Usage {
+                memory: Some(200_000_000),
+                cpu: Some(Duration::from_secs(600)),
+                files: Some(64),
+                nice: Some(-5),
+                realtime: Some(Realtime { priority: 40, is_optional: true }),
+            },
             environment: vec![("DCA_INSTANCE".into(), "main/a=b".into()), ("EMPTY".into(), String::new())],
             command: vec!["sleep".into(), "--".into(), "5".into()],
         };
@@ -291,6 +341,7 @@ mod tests {
         check(&["--", "true"], "argument `--directory`: is needed");
         check(&["--gate", "open"], "argument `--gate`: must be `none` or `exec`");
         check(&["--directory"], "argument `--directory`: needs a value");
+        check(&["--nice", "very"], "argument `--nice`: must be a number");
         check(&["--speed", "9"], "argument `--speed`: is unknown");
     }
 }

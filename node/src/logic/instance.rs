@@ -145,12 +145,14 @@ impl Instance {
     }
 
     /// Makes the program's links.
-    pub fn connect(&mut self, order: Order, moment: &mut Moment<'_>) {
+    pub fn connect(&mut self, orders: impl IntoIterator<Item = Order>, moment: &mut Moment<'_>) {
         if self.stage != Stage::Prepared {
             return;
         }
         self.stage = Stage::Connecting { until: moment.now + CONNECT_WITHIN };
-        self.tell(order, moment);
+        for order in orders {
+            self.tell(order, moment);
+        }
     }
 
     /// Passes an order to open or close wires on. Returns whether the program will answer.

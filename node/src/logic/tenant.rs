@@ -12,7 +12,7 @@ use crate::logic::executer::{Executer, Surroundings, group_host, leaf_host};
 use crate::logic::instance::{Instance, Moment, Note};
 use crate::logic::programs::Programs;
 use crate::logic::protocol::{Change, Deployment, Ending, Failure, FailureCause, LeafFacts, Target, ToHome, ToTenant};
-use crate::logic::wiring::{Registrations, links};
+use crate::logic::wiring::{Registrations, links, shapes};
 use comms::logic::control::{Notice, Order};
 use comms::logic::time::Time;
 use language::plan::{LeafKind, MemberKind, Plan};
@@ -209,7 +209,8 @@ impl Tenant {
             match programs.command(leaf) {
                 Ok(command) => {
                     let process = ProcessId { deployment: self.deployment.clone(), leaf: number };
-                    let order = SpawnOrder { process, path: leaf.path.clone(), command, kind: leaf.kind };
+                    let (path, kind, policy) = (leaf.path.clone(), leaf.kind, leaf.policy.clone());
+                    let order = SpawnOrder { process, path, command, kind, policy };
                     orders.push((number, order, leaf.stop_within));
                 }
                 Err(why) => self.reasons.push(format!("host `{host}`: {why}")),
@@ -241,8 +242,9 @@ impl Tenant {
                     if !plain {
                         self.waiting.insert(leaf);
                     }
+                    let orders = shapes(&self.plan, leaf).into_iter().chain([order]);
                     self.with_instance(leaf, out, |instance, moment| {
-                        if plain { instance.connect_plain() } else { instance.connect(order, moment) }
+                        if plain { instance.connect_plain() } else { instance.connect(orders, moment) }
                     });
                 }
                 Err(reasons) => self.reasons.extend(reasons),

@@ -4,9 +4,9 @@
 //! keys. Programs that share a machine use Unix sockets; others use the addresses that the producer listens on.
 
 use crate::logic::protocol::{Deployment, LeafFacts};
-use comms::logic::control::{Device, Dial, Incoming, Location, Order, Outgoing};
+use comms::logic::control::{Device, Dial, Incoming, Location, Order, Outgoing, Shape};
 use comms::logic::key;
-use language::plan::{Plan, Transfer};
+use language::plan::{Plan, Quality, Retention, Transfer, Wire};
 use std::collections::BTreeMap;
 
 /// What is known of a deployment once every program has reported.
@@ -56,6 +56,20 @@ pub fn links(
     } else {
         Err(problems)
     }
+}
+
+/// Returns the order that tells `leaf` how data moves on its wires, if the spec says so of any.
+pub fn shapes(plan: &Plan, leaf: u32) -> Option<Order> {
+    let wires = (0_u32..).zip(&plan.wires).filter(|(_, wire)| wire.from.leaf == leaf || wire.to.leaf == leaf);
+    let shaped = wires.filter(|(_, wire)| wire.quality != Quality::default());
+    let shapes = shaped.map(|(wire, Wire { quality, .. })| Shape {
+        wire,
+        latch: quality.retention == Retention::Latch,
+        queue: quality.queue,
+        period_min: quality.period_min,
+    });
+    let wires: Vec<Shape> = shapes.collect();
+    (!wires.is_empty()).then_some(Order::Shape { wires })
 }
 
 /// Returns how to reach a program that publishes signals. Nobody knows where its observer is: it tries every way in turn.

@@ -7,12 +7,13 @@
 //! to the main one: orders (standard input), output (the program's), and reaper (children that end).
 
 mod descendants;
+mod launch;
 mod output;
 
 use comms::io::clock::now;
 use comms::logic::time::Time;
 use descendants::kill_descendants;
-use node::logic::child::{EXIT_FILE, Gate, ShimOrder, ShimReport, ShimStart};
+use node::logic::child::{EXIT_FILE, Gate, LAUNCH, ShimOrder, ShimReport, ShimStart};
 use output::Output;
 use rustix::io::Errno;
 use rustix::process::{Pid, PidfdFlags, Signal, WaitOptions, WaitStatus, pidfd_open, pidfd_send_signal};
@@ -39,13 +40,18 @@ enum Event {
 }
 
 fn main() -> ExitCode {
-    let start = match ShimStart::parse(std::env::args_os().skip(1)) {
+    let mut arguments = std::env::args_os().skip(1).peekable();
+    let is_launch = arguments.next_if(|first| first == LAUNCH).is_some();
+    let start = match ShimStart::parse(arguments) {
         Ok(start) => start,
         Err(error) => {
             complain(&format!("dca-shim: {error}"));
             return ExitCode::from(2);
         }
     };
+    if is_launch {
+        return launch::launch(&start);
+    }
     // Out of the agent's session, so that a Ctrl-C for the agent is not one for the program. Fails for a leader of one.
     rustix::process::setsid().map(drop).unwrap_or_default();
     match supervise(&start) {
@@ -98,12 +104,13 @@ struct Program {
 
 /// Starts the program, or says why not.
 fn execute(start: &ShimStart, output: &Output) -> Result<Program, String> {
-    let (name, arguments) = start.command.split_first().ok_or("there is no program")?;
+    let name = start.command.first().ok_or("there is no program")?;
     if !start.working_directory.is_dir() {
         return Err(format!("the working directory {:?} is not there", start.working_directory));
     }
     let failed = |error: &io::Error| format!("cannot execute `{name}`: {}", plain(error));
-    let child = Command::new(name)
+    let (program, arguments) = launch::command(start).map_err(|error| failed(&error))?;
+    let child = Command::new(program)
         .args(arguments)
         .env_clear()
         .envs(start.environment.iter().map(|(name, value)| (name, value)))
@@ -142,13 +149,19 @@ impl Supervision<'_> {
                 Some(Event::AgentGone) => self.stop(self.start.agent_loss_grace),
                 Some(Event::Ended(pid, status)) if pid == self.program.pid => {
                     self.output.settle(SETTLE);
-                    conclude(&self.start.dir, &ending(status));
+                    conclude(&self.start.dir, &self.ending(status));
                     self.kill();
                 }
                 Some(Event::Ended(..)) => {}
                 Some(Event::NoneLeft) => return,
             }
         }
+    }
+
+    /// How the main process has ended, or that it never came to run.
+    fn ending(&self, status: WaitStatus) -> ShimReport {
+        let refusal = status.exit_status().and_then(|code| launch::refusal(&self.start.dir, code));
+        refusal.map_or_else(|| ending(status), |reason| ShimReport::ExecFailed { reason })
     }
 
     /// Returns the next event; none when the deadline has come.

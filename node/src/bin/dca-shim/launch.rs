@@ -1,0 +1,93 @@
+//! The last step before a program that has limits: a process of its own takes them upon itself and becomes the program.
+//!
+//! So the program never runs without them, not even for an instant, and the shim itself has none. What the kernel refuses is
+//! left in the instance directory as one sentence, which the shim reports.
+
+use node::logic::child::{LAUNCH, REFUSED_FILE, ShimStart};
+use rustix::process::{Resource, Rlimit, setpriority_process, setrlimit};
+use std::ffi::OsString;
+use std::io;
+use std::os::unix::process::CommandExt;
+use std::path::Path;
+use std::process::{Command, ExitCode, Stdio};
+
+/// The exit code of a launch that was refused; beside it stands the file with the reason.
+const REFUSED: u8 = 126;
+/// Sets the scheduling class of what it executes. Source: chrt(1), util-linux.
+const CHRT: &str = "chrt";
+
+/// Returns what to execute instead of the program: itself, unless it has limits.
+pub(crate) fn command(start: &ShimStart) -> io::Result<(OsString, Vec<OsString>)> {
+    let plain = || start.command.iter().map(OsString::from);
+    if start.usage == language::plan::Usage::default() {
+        return Ok((plain().next().unwrap_or_default(), plain().skip(1).collect()));
+    }
+    let launch = ShimStart { environment: Vec::new(), ..start.clone() };
+    let arguments = std::iter::once(OsString::from(LAUNCH)).chain(launch.arguments()).collect();
+    Ok((std::env::current_exe()?.into_os_string(), arguments))
+}
+
+/// Becomes the program; returns only if that is refused.
+pub(crate) fn launch(start: &ShimStart) -> ExitCode {
+    let reason = limit(start).map_or_else(|reason| reason, |command| execute(&command));
+    if let Err(error) = std::fs::write(start.dir.join(REFUSED_FILE), reason) {
+        super::complain(&format!("dca-shim: cannot write why the program was refused: {error}"));
+    }
+    ExitCode::from(REFUSED)
+}
+
+/// Why a program that ended with this exit code was not even started, if so.
+pub(crate) fn refusal(dir: &Path, code: i32) -> Option<String> {
+    if code != i32::from(REFUSED) { None } else { std::fs::read_to_string(dir.join(REFUSED_FILE)).ok() }
+}
+
+/// Takes the limits; returns what to execute.
+fn limit(start: &ShimStart) -> Result<Vec<String>, String> {
+    let usage = &start.usage;
+    let limits = [
+        (Resource::As, usage.memory, "B of memory"),
+        (Resource::Cpu, usage.cpu.map(|time| time.as_secs()), "s of processor time"),
+        (Resource::Nofile, usage.files, "open files"),
+    ];
+    let mut command = start.command.clone();
+    if let Some(realtime) = usage.realtime {
+        let priority = realtime.priority.to_string();
+        let class = [CHRT, "--fifo", &priority].map(str::to_owned);
+        if is_allowed(&class) {
+            command.splice(0..0, class);
+        } else if realtime.is_optional {
+            super::complain(&format!("dca-shim: no real-time priority {priority} on this host; it runs without"));
+        } else {
+            return Err(format!(
+                "real-time priority {priority} is refused: it needs `CAP_SYS_NICE` or an `rtprio` limit, and `{CHRT}`; \
+                 `realtime {priority} optional` runs without"
+            ));
+        }
+    }
+    if let Some(nice) = usage.nice {
+        setpriority_process(None, nice.into())
+            .map_err(|error| format!("niceness {nice} is refused: {}", super::plain(&error.into())))?;
+    }
+    for (resource, value, what) in limits {
+        let limit = Rlimit { current: value, maximum: value };
+        if let (Some(value), Err(error)) = (value, value.map_or(Ok(()), |_| setrlimit(resource, limit))) {
+            return Err(format!("a limit of {value} {what} is refused: {}", super::plain(&error.into())));
+        }
+    }
+    Ok(command)
+}
+
+/// Whether this user may start programs of that class: it is tried with one that does nothing.
+fn is_allowed(class: &[String]) -> bool {
+    let mut words = class.iter();
+    let Some(program) = words.next() else { return false };
+    let mut trial = Command::new(program);
+    trial.args(words).arg("true").stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+    trial.status().is_ok_and(|status| status.success())
+}
+
+fn execute(command: &[String]) -> String {
+    let Some((name, arguments)) = command.split_first() else { return "there is no program".to_owned() };
+    let error = Command::new(name).args(arguments).exec();
+    format!("cannot execute `{name}`: {}", super::plain(&error))
+}
