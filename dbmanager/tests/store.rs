@@ -123,11 +123,11 @@ impl<S: Store> Robot<S> {
         }
         let mut committed = Vec::new();
         for effect in effects {
-            match effect {
-                Effect::Persist(batch) => self.store.commit(&batch).map_err(|error| error.to_string())?,
-                Effect::Answer(_, Answer::Committed(dot)) => committed.push(dot),
-                Effect::Answer(_, answer) => panic!("{answer:?}"),
-                _ => {}
+            if let Effect::Persist(batch) = effect {
+                self.store.commit(&batch).map_err(|error| error.to_string())?;
+            } else if let Effect::Answer(_, answer) = effect {
+                let Answer::Committed(dot) = answer else { panic!("{answer:?}") };
+                committed.push(dot);
             }
         }
         Ok(committed)

@@ -61,9 +61,10 @@ impl<S: Store> Robot<S> {
         self.replica.handle(clock::now(), input, &mut effects);
         let mut after = Vec::new();
         for effect in effects {
-            match effect {
-                Effect::Persist(batch) => self.store.commit(&batch)?,
-                other => after.push(other),
+            if let Effect::Persist(batch) = effect {
+                self.store.commit(&batch)?;
+            } else {
+                after.push(effect);
             }
         }
         Ok(after)

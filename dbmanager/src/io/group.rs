@@ -45,12 +45,9 @@ impl<T> Groups<T> {
         let mut group = vec![first];
         let until = clock::now() + self.sync / PATIENCE;
         while group.len() < self.size_max {
-            let next = match self.queue.try_recv() {
-                Err(TryRecvError::Empty) if group.len() < self.expected => {
-                    self.queue.recv_timeout(until.since(clock::now())).ok()
-                }
-                next => next.ok(),
-            };
+            let next = self.queue.try_recv();
+            let comes_back = matches!(next, Err(TryRecvError::Empty)) && group.len() < self.expected;
+            let next = if comes_back { self.queue.recv_timeout(until.since(clock::now())).ok() } else { next.ok() };
             let Some(next) = next else { break };
             group.push(next);
         }

@@ -18,9 +18,9 @@ pub(crate) struct RedbStore {
 impl RedbStore {
     pub(crate) fn open(path: &Path) -> Result<Self, StoreError> {
         let told = |cause: redb::Error| told(path, cause);
-        let engine = Database::create(path).map_err(|cause| match cause {
-            DatabaseError::DatabaseAlreadyOpen => StoreError::Busy { path: path.to_owned() },
-            other => told(other.into()),
+        let engine = Database::create(path).map_err(|cause| {
+            let busy = matches!(cause, DatabaseError::DatabaseAlreadyOpen);
+            if busy { StoreError::Busy { path: path.to_owned() } } else { told(cause.into()) }
         })?;
         let txn = engine.begin_write().map_err(|cause| told(cause.into()))?;
         drop(txn.open_table(RECORDS).map_err(|cause| told(cause.into()))?);
@@ -61,9 +61,9 @@ impl Store for RedbStore {
 
 fn told(path: &Path, cause: redb::Error) -> StoreError {
     let path = path.to_owned();
-    match cause {
-        redb::Error::Io(cause) => StoreError::File { path, cause },
-        redb::Error::Corrupted(what) => StoreError::Damaged { path, what },
-        other => StoreError::File { path, cause: io::Error::other(other) },
+    if let redb::Error::Corrupted(what) = cause {
+        return StoreError::Damaged { path, what };
     }
+    let cause = if let redb::Error::Io(cause) = cause { cause } else { io::Error::other(cause) };
+    StoreError::File { path, cause }
 }

@@ -113,10 +113,16 @@ fn power_cut() {
     let folder = Folder::quick();
     let calls = watch(&folder, Order::Commit, commits);
     let data = folder.0.join("root/db/db");
-    let written = calls.iter().map(|call| match call {
-        Call::Write(path, _, bytes) if *path == data => bytes.len(),
-        _ => 0,
-    });
+    let to_data = |call: &Call| {
+        if let Call::Write(path, _, bytes) = call
+            && *path == data
+        {
+            bytes.len()
+        } else {
+            0
+        }
+    };
+    let written = calls.iter().map(to_data);
     let (written, kept) = (written.sum::<usize>(), usize::try_from(fs::metadata(&data).unwrap().len()).unwrap());
     println!("{commits} commits, {} calls, {written} bytes written to a file of {kept}", calls.len());
     assert!(written > 3 * kept, "space was not used again: {written} bytes in a file of {kept}");

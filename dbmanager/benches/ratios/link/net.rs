@@ -153,19 +153,15 @@ impl Net {
         let mut effects = Vec::new();
         self.replicas[robot].handle(self.now, input, &mut effects);
         for effect in effects {
-            match effect {
-                Effect::Broadcast(message) => {
-                    for to in (0..self.replicas.len()).filter(|to| *to != robot) {
-                        self.post(robot, to, &message)?;
-                    }
+            if let Effect::Broadcast(message) = effect {
+                for to in (0..self.replicas.len()).filter(|to| *to != robot) {
+                    self.post(robot, to, &message)?;
                 }
-                Effect::Send(address, message) => {
-                    let to = self.replicas.iter().position(|replica| replica.address() == address);
-                    if let Some(to) = to.filter(|to| *to != robot) {
-                        self.post(robot, to, &message)?;
-                    }
+            } else if let Effect::Send(address, message) = effect {
+                let to = self.replicas.iter().position(|replica| replica.address() == address);
+                if let Some(to) = to.filter(|to| *to != robot) {
+                    self.post(robot, to, &message)?;
                 }
-                _ => {}
             }
         }
         Ok(())

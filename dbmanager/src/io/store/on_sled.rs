@@ -251,10 +251,8 @@ fn shielded<T>(path: &Path, work: impl FnOnce() -> Result<T, StoreError>) -> Res
 
 /// Returns what the engine's error means for who uses the store.
 fn told(path: &Path, cause: sled::Error) -> StoreError {
-    match cause {
-        sled::Error::Io(cause) => file_error(path, cause),
-        other => damaged(path, &other.to_string()),
-    }
+    let sled::Error::Io(cause) = cause else { return damaged(path, &cause.to_string()) };
+    file_error(path, cause)
 }
 
 /// Returns the name of a piece. The length goes first, so that no record's pieces are among another's.
