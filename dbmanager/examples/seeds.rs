@@ -3,7 +3,7 @@
 //! With `--features mutants` and `mutants` as a third argument it runs them with each planted bug until one of them finds
 //! it, and prints which.
 
-#[expect(dead_code, clippy::unwrap_used, reason = "it is part of the tests, and the named cases use more of it")]
+#[expect(dead_code, reason = "it is part of the tests, and the named cases use more of it")]
 #[path = "../tests/simulation/world.rs"]
 mod world;
 

@@ -1,10 +1,49 @@
 //! What must be so, worked out from the set of all transactions and nothing else.
+//!
+//! A transaction is known by its dot and its link: after a rollback one dot may name two of them. What a replica has is
+//! the chain of each origin, walked back from its head. Where each invariant of the study is checked:
+//!
+//! | | what | where |
+//! |---|---|---|
+//! | I1 | equal cuts are equal states | [`Reference::same_state`], after each step and at the end |
+//! | I2 | what is shown is the fold of all transactions | [`Reference::check_versions`], now and then and at the end |
+//! | I3 | what is applied is closed under causality | [`Reference::visible`] |
+//! | I4 | nobody sees part of a transaction | I2 between two inputs; fractured reads in `history` |
+//! | I5 | what was acknowledged survives crashes | [`Reference::check_acknowledged`] |
+//! | I6 | what was replicated to `k` survives `k` disks | `World::reached`: `k` other disks have it when the caller hears so |
+//! | I7 | chains are dense; forks show | [`Reference::chain`], `World::alarm` |
+//! | I8 | logs are cut below what all members have | `World::truncated` |
+//! | I9 | what was deleted stays deleted | [`Reference::check_versions`] |
+//! | I10 | conflicts are the concurrent writes, all of them | [`Reference::check_versions`], [`Reference::is_listed`] |
+//! | I11 | stamps extend causality | [`Reference::check_stamps`] |
+//! | I12 | watchers get each transaction once | [`Reference::visible`], [`Reference::check`] |
+//! | I13 | convergence takes bounded time | `World::converge`; the named cases of the network |
+//! | I14 | not much more is sent than is needed | the named cases of the network |
+//! | I15 | memory and log are bounded | `World::check_limits` |
+//! | I16 | no secret in plain text | comes with sealed values, with the teams |
 
+use dbmanager::logic::clock::Stamp;
 use dbmanager::logic::cut::{Cut, Dot};
 use dbmanager::logic::key::Key;
 use dbmanager::logic::replica::Replica;
+use dbmanager::logic::state::Version;
 use dbmanager::logic::txn::{Frame, Txn};
 use std::collections::{BTreeMap, BTreeSet};
+
+/// What chains transactions.
+type Link = [u8; 8];
+/// One transaction, also where numbers are used twice.
+pub(crate) type Id = (Dot, Link);
+
+/// Whether each transaction keeps a name, or only its effect is sure to last: a log may be cut in the belief that others
+/// have what they know by the same numbers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Names {
+    /// Each can be asked for.
+    Kept,
+    /// What was overwritten may be gone from history.
+    Reused,
+}
 
 /// A transaction, with all that it had seen.
 struct Event {
@@ -14,122 +53,253 @@ struct Event {
 
 /// What has happened, as callers and watchers were told.
 #[derive(Default)]
-pub(super) struct Reference {
-    events: BTreeMap<Dot, Event>,
+pub(crate) struct Reference {
+    events: BTreeMap<Id, Event>,
     /// Where each was acknowledged.
-    acknowledged: BTreeMap<Dot, usize>,
-    names: BTreeMap<Dot, Dot>,
-    /// What watchers at each robot have seen.
+    acknowledged: BTreeMap<Id, usize>,
+    /// What the robot that has written it does not have any more.
+    orphaned: BTreeSet<Id>,
+    /// Whether a robot has come back and left behind what it held of others: those bring it themselves.
+    pub(crate) left_behind: bool,
+    /// Under which dots each was committed once more.
+    names: BTreeMap<Id, Vec<Id>>,
+    /// What watchers at each robot have seen, and by which link.
     shown: BTreeMap<usize, Cut>,
-    /// Dots that name two transactions.
-    twice: Vec<Dot>,
+    links: BTreeMap<(usize, Dot), Link>,
+    /// Pairs of writes that were shown as conflicts.
+    listed: BTreeSet<(Key, Stamp, Stamp)>,
     broken: Option<String>,
 }
 
 impl Reference {
-    pub(super) fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         self.events.len()
     }
 
-    pub(super) fn blame(&mut self, why: String) {
+    pub(crate) fn blame(&mut self, why: String) {
         self.broken.get_or_insert(why);
     }
 
-    pub(super) fn verdict(&self) -> Result<(), String> {
+    pub(crate) fn verdict(&self) -> Result<(), String> {
         self.broken.clone().map_or(Ok(()), Err)
     }
 
-    pub(super) fn restarted(&mut self, node: usize, replica: Option<&Replica>) {
-        self.replaced(node, replica);
-    }
-
-    /// Watchers begin anew at what is there now; what is shown after it in the same step is not yet taken off.
-    pub(super) fn replaced(&mut self, node: usize, replica: Option<&Replica>) {
-        let cut = replica.map(|replica| replica.log().cut().clone()).unwrap_or_default();
+    /// Watchers begin anew at what is there now.
+    pub(crate) fn replaced(&mut self, node: usize, cut: Cut) {
         self.shown.insert(node, cut);
     }
 
-    /// What was only there is forgiven.
-    pub(super) fn disk_lost(&mut self, node: usize) {
-        self.acknowledged.retain(|_, at| *at != node);
+    pub(crate) fn acknowledged(&mut self, node: usize, dot: Dot) {
+        match self.links.get(&(node, dot)) {
+            Some(link) => drop(self.acknowledged.insert((dot, *link), node)),
+            None => self.blame(format!("I12: {dot} is acknowledged at {node} before it is shown")),
+        }
     }
 
-    pub(super) fn acknowledged(&mut self, node: usize, dot: Dot) {
-        self.acknowledged.insert(dot, node);
+    /// Returns which transaction was shown at a robot by this name.
+    pub(crate) fn id(&self, node: usize, dot: Dot) -> Option<Id> {
+        Some((dot, *self.links.get(&(node, dot))?))
     }
 
-    pub(super) fn renamed(&mut self, from: Dot, to: Dot) {
-        self.names.insert(from, to);
+    pub(crate) fn renamed(&mut self, node: usize, from: Dot, to: Dot) {
+        let link = |dot: Dot| {
+            let own = self.links.get(&(node, dot)).copied();
+            own.or_else(|| Some(self.events.range((dot, Link::default())..).next().filter(|(id, _)| id.0 == dot)?.0.1))
+        };
+        match (link(from), link(to)) {
+            (Some(before), Some(after)) => self.names.entry((from, before)).or_default().push((to, after)),
+            _ => self.blame(format!("{from} was renamed to {to}, and one of them was never shown")),
+        }
     }
 
-    /// A transaction is on some disk.
-    pub(super) fn happened(&mut self, dot: Dot, frame: &Frame) -> Cut {
+    /// A transaction is on some disk. Returns what it had seen.
+    pub(crate) fn happened(&mut self, node: usize, dot: Dot, frame: &Frame) -> Cut {
+        let id = (dot, frame.link().0);
+        self.links.insert((node, dot), id.1);
+        if let Some(event) = self.events.get(&id) {
+            return event.context.clone();
+        }
         let Ok(txn) = frame.open() else {
             self.blame(format!("{dot} cannot be read"));
             return Cut::default();
         };
         let before = Dot { origin: dot.origin, seq: dot.seq - 1 };
-        let mut context = self.events.get(&before).map(|event| event.context.clone()).unwrap_or_default();
+        let mut context = self.events.get(&(before, txn.prev.0)).map(|event| event.context.clone()).unwrap_or_default();
         context.join(&txn.context);
         context.include(before);
-        let event = self.events.entry(dot).or_insert(Event { txn: txn.clone(), context: context.clone() });
-        if event.txn != txn {
-            self.twice.push(dot);
-        }
+        self.events.insert(id, Event { txn, context: context.clone() });
         context
     }
 
-    /// A watcher is shown a transaction: after all that it saw (I3, I12).
-    pub(super) fn visible(&mut self, node: usize, dot: Dot, frame: &Frame) {
-        let context = self.happened(dot, frame);
+    /// A watcher is shown a transaction: once, and after all that it saw (I3, I12).
+    pub(crate) fn visible(&mut self, node: usize, dot: Dot, frame: &Frame) {
+        let context = self.happened(node, dot, frame);
         let shown = self.shown.entry(node).or_default();
-        let early = !shown.dominates(&context);
+        let (early, again) = (!shown.dominates(&context), shown.contains(dot));
         shown.include(dot);
         if early {
             self.blame(format!("I3: {dot} is shown at {node} before what it saw"));
         }
+        if again {
+            self.blame(format!("I12: {dot} is shown twice at {node}"));
+        }
+    }
+
+    /// Notes what a read of conflicts shows for the keys that a transaction has written.
+    pub(crate) fn note_conflicts(&mut self, replica: &Replica, frame: &Frame) {
+        let Some(event) = frame.open().ok().and_then(|txn| self.events.get(&(txn.dot(), frame.link().0))) else {
+            return;
+        };
+        for write in &event.txn.writes {
+            if replica.state().is_conflict(&write.key) {
+                note(&mut self.listed, &write.key, replica.state().versions(&write.key));
+            }
+        }
+    }
+
+    /// Notes what a read of all conflicts shows.
+    pub(crate) fn note_all_conflicts(&mut self, replica: &Replica) {
+        replica.state().conflicts("").for_each(|(key, versions)| note(&mut self.listed, key, versions));
+    }
+
+    /// Returns what a replica has (I7): each origin's chain, walked back from its head.
+    pub(crate) fn chain(&self, replica: &Replica) -> Result<BTreeMap<Dot, Link>, String> {
+        let mut chain = BTreeMap::new();
+        for (origin, head) in replica.log().heads() {
+            let mut id = (Dot { origin: *origin, seq: head.seq }, head.link.0);
+            while id.0.seq > 0 {
+                let Some(event) = self.events.get(&id) else {
+                    return Err(format!("I7: {} of {origin} was never shown by this link", id.0.seq));
+                };
+                chain.insert(id.0, id.1);
+                id = (Dot { seq: id.0.seq - 1, ..id.0 }, event.txn.prev.0);
+            }
+        }
+        Ok(chain)
+    }
+
+    /// Returns a transaction under all names that it has had.
+    fn lives(&self, id: Id) -> Vec<Id> {
+        let mut lives = vec![id];
+        let mut index = 0;
+        while let Some(id) = lives.get(index) {
+            let next: Vec<Id> = self.names.get(id).into_iter().flatten().copied().collect();
+            lives.extend(next.into_iter().filter(|id| !lives.contains(id)).collect::<Vec<_>>());
+            index += 1;
+        }
+        lives
+    }
+
+    /// Returns whether a transaction is there, under one of its names.
+    pub(crate) fn has(&self, (replica, chain): (&Replica, &BTreeMap<Dot, Link>), id: Id) -> bool {
+        let lives = self.lives(id);
+        let there = |(dot, link): &Id| chain.get(dot) == Some(link);
+        lives.iter().any(there)
+            || lives.iter().any(|(dot, _)| {
+                let name = replica.name_of(*dot);
+                name != *dot && chain.contains_key(&name)
+            })
+    }
+
+    /// Forgives that transactions are lost that were on a disk and are on none any more.
+    ///
+    /// What others still have of it is an orphan: if they are retired, and come back, they may leave it behind, since
+    /// its own robot is a member and would bring it. It takes a lost disk and a retirement to lose something so.
+    pub(crate) fn forgive(&mut self, before: &Replica, left: &[&Replica]) -> Result<(), String> {
+        let had = self.chain(before)?;
+        let orphans = self.acknowledged.keys().filter(|id| self.has((before, &had), **id)).copied();
+        self.orphaned.extend(orphans.collect::<Vec<_>>());
+        let chains = left.iter().map(|replica| self.chain(replica)).collect::<Result<Vec<_>, _>>()?;
+        let somewhere = |id: Id| left.iter().zip(&chains).any(|(replica, chain)| self.has((replica, chain), id));
+        let lost = self.acknowledged.keys().filter(|id| self.has((before, &had), **id) && !somewhere(**id));
+        for id in lost.copied().collect::<Vec<_>>() {
+            self.acknowledged.remove(&id);
+        }
+        Ok(())
+    }
+
+    /// I1: two replicas with the same cut have the same state, unless they mean other transactions by it (which shows when
+    /// they meet).
+    pub(crate) fn same_state(&self, a: &Replica, b: &Replica) -> Result<(), String> {
+        let means =
+            |replica: &Replica| replica.log().heads().iter().map(|(of, head)| (*of, head.link.0)).collect::<Vec<_>>();
+        if a.log().cut() != b.log().cut()
+            || means(a) != means(b)
+            || a.state() == b.state() && a.state().digest() == b.state().digest()
+        {
+            return Ok(());
+        }
+        let mut differing = String::new();
+        for (key, versions) in a.state().scan("") {
+            if b.state().versions(key) != versions {
+                differing += &format!("\n{key}: {versions:?} and {:?}", b.state().versions(key));
+            }
+        }
+        Err(format!("I1: equal cuts, different states{differing}"))
     }
 
     /// Checks what is left when everybody has everything.
-    pub(super) fn check(&self, replicas: &[&Replica]) -> Result<(), String> {
-        let Some(first) = replicas.first() else { return Ok(()) };
-        let cut = first.log().cut();
-        for replica in replicas {
-            if replica.state() != first.state() || replica.state().digest() != first.state().digest() {
-                let mut differing = String::new();
-                for (key, versions) in first.state().scan("") {
-                    if replica.state().versions(key) != versions {
-                        differing += &format!("\n{key}: {versions:?} and {:?}", replica.state().versions(key));
-                    }
-                }
-                return Err(format!("I1: equal cuts, different states{differing}"));
+    pub(crate) fn check(&self, replicas: &[(usize, &Replica)], names: Names) -> Result<(), String> {
+        let Some((_, first)) = replicas.first() else { return Ok(()) };
+        for (node, replica) in replicas {
+            self.same_state(first, replica)?;
+            if self.shown.get(node) != Some(replica.log().cut()) {
+                return Err(format!("I12: watchers at {node} have not seen all that is there"));
             }
         }
-        if let Some(dot) = self.twice.first() {
-            return Err(format!("T6: {dot} names two transactions"));
-        }
-        for (dot, node) in &self.acknowledged {
-            let name = std::iter::successors(Some(dot), |dot| self.names.get(dot)).last().unwrap_or(dot);
-            if !cut.contains(*name) {
-                return Err(format!("I5: {dot}, acknowledged at {node}, is lost (now {name})"));
-            }
-        }
-        let events: Vec<(&Dot, &Event)> = self.events.iter().filter(|(dot, _)| cut.contains(**dot)).collect();
-        for (origin, seq) in cut.iter() {
-            let known = events.iter().filter(|(dot, _)| dot.origin == origin).count() as u64;
-            if known != seq {
-                return Err(format!("I7: {known} of {seq} transactions of {origin} were ever shown"));
-            }
-        }
-        self.check_stamps(&events)?;
-        self.check_versions(&events, first)
+        let chain = self.chain(first)?;
+        self.check_acknowledged((first, &chain), names)?;
+        self.check_stamps(&chain)?;
+        self.check_versions(first)
     }
 
-    /// I11: stamps extend causality.
-    fn check_stamps(&self, events: &[(&Dot, &Event)]) -> Result<(), String> {
-        for (dot, event) in events {
-            let seen = event.context.iter().filter_map(|(origin, seq)| self.events.get(&Dot { origin, seq }));
-            for cause in seen {
+    /// I5: what was acknowledged is there, and each of its writes is shown, or was overwritten by who had seen it.
+    fn check_acknowledged(
+        &self,
+        (replica, chain): (&Replica, &BTreeMap<Dot, Link>),
+        names: Names,
+    ) -> Result<(), String> {
+        for (id, node) in &self.acknowledged {
+            if self.left_behind && self.orphaned.contains(id) {
+                continue;
+            }
+            if names == Names::Kept && !self.has((replica, chain), *id) {
+                return Err(format!("I5: {}, acknowledged at {node}, is lost (lives {:?})", id.0, self.lives(*id)));
+            }
+            let Some(event) = self.events.get(id) else { continue };
+            // Deletions give way to what comes back and had not seen them.
+            for write in event.txn.writes.iter().filter(|write| write.value.is_some()) {
+                let shown = replica.state().versions(&write.key).iter().any(|v| v.stamp == event.txn.written());
+                if !shown && !self.is_overwritten(*id, &write.key, chain) {
+                    return Err(format!("I5: what {} wrote to {}, acknowledged at {node}, is lost", id.0, write.key));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn is_overwritten(&self, id: Id, key: &Key, chain: &BTreeMap<Dot, Link>) -> bool {
+        let lives = self.lives(id);
+        let sees = |event: &Event| lives.iter().any(|(dot, _)| event.context.contains(*dot));
+        let takes = |event: &Event| {
+            event.txn.rebase.as_ref().is_some_and(|rebase| lives.iter().any(|(dot, _)| rebase.takes.contains(dot)))
+        };
+        let stamp = self.events.get(&id).map(|event| event.txn.written());
+        let is_there = |at: &Id| self.lives(*at).iter().any(|(dot, link)| chain.get(dot) == Some(link));
+        self.events.iter().any(|(at, event)| {
+            Some(event.txn.written()) > stamp
+                && event.txn.writes.iter().any(|write| write.key == *key)
+                && (sees(event) || takes(event))
+                && is_there(at)
+        })
+    }
+
+    /// I11: stamps grow along chains, and extend causality.
+    fn check_stamps(&self, chain: &BTreeMap<Dot, Link>) -> Result<(), String> {
+        for (dot, link) in chain {
+            let Some(event) = self.events.get(&(*dot, *link)) else { continue };
+            let causes = event.context.iter().map(|(origin, seq)| Dot { origin, seq });
+            for cause in causes.filter_map(|dot| self.events.get(&(dot, *chain.get(&dot)?))) {
                 if cause.txn.stamp >= event.txn.stamp {
                     return Err(format!("I11: {dot} saw {} and has a smaller stamp", cause.txn.dot()));
                 }
@@ -138,23 +308,26 @@ impl Reference {
         Ok(())
     }
 
-    /// I2 and I10: each key has exactly the writes that no other write took away, the latest last.
-    fn check_versions(&self, events: &[(&Dot, &Event)], replica: &Replica) -> Result<(), String> {
+    /// I2, I9 and I10: each key has exactly the writes that no other write took away, the latest last.
+    pub(crate) fn check_versions(&self, replica: &Replica) -> Result<(), String> {
+        let chain = self.chain(replica)?;
         let mut writes: BTreeMap<&Key, Vec<(&Event, bool)>> = BTreeMap::new();
-        for (_, event) in events {
+        for event in chain.iter().filter_map(|(dot, link)| self.events.get(&(*dot, *link))) {
             for write in &event.txn.writes {
                 writes.entry(&write.key).or_default().push((event, write.value.is_none()));
             }
         }
         for (key, writes) in &writes {
             let takes = |by: &Event, (of, deletion): &(&Event, bool)| {
-                let floor = by.txn.rebase.as_ref().map(|rebase| &rebase.floor);
-                by.context.contains(of.txn.dot())
-                    || *deletion && floor.is_some_and(|floor| floor.contains(of.txn.dot()))
+                let dot = of.txn.dot();
+                let named = by.txn.rebase.as_ref().is_none_or(|rebase| {
+                    dot.origin != by.txn.stamp.origin && (*deletion || rebase.takes.contains(&dot))
+                });
+                by.context.contains(dot) && named
             };
             let mut left: Vec<&(&Event, bool)> =
                 writes.iter().filter(|write| !writes.iter().any(|(by, _)| takes(by, write))).collect();
-            left.sort_by_key(|(event, _)| event.txn.stamp);
+            left.sort_by_key(|(event, _)| (event.txn.written(), event.txn.dot()));
             if left.iter().all(|(_, deletion)| *deletion) {
                 left.clear();
             }
@@ -163,14 +336,44 @@ impl Reference {
             let shown: Vec<Dot> = versions.iter().map(|version| version.dot).collect();
             let deleted = versions.iter().all(|version| version.value.is_none());
             if shown != expected && !(deleted && expected.is_empty()) {
-                let why = |dot: Dot| self.events.get(&dot).map(|event| (dot, &event.context, &event.txn.rebase));
-                let all = writes.iter().map(|(event, _)| event.txn.dot());
-                let why: Vec<_> = all.filter_map(|dot| why(dot).map(|why| format!("{why:?}"))).collect();
-                return Err(format!("I2, I10: {key} has {shown:?}, not {expected:?}\n{why:#?}"));
+                return Err(format!("I2, I10: {key} has {shown:?}, not {expected:?}"));
+            }
+            let differ = versions.iter().any(|version| version.value != versions[0].value);
+            if replica.state().is_conflict(key) != differ && !expected.is_empty() {
+                return Err(format!("I10: {key} has {} writes that did not see each other", left.len()));
             }
         }
-        let known: BTreeSet<&Key> = writes.into_keys().collect();
-        let strange = replica.state().scan("").map(|(key, _)| key).find(|key| !known.contains(key));
+        let strange = replica.state().scan("").map(|(key, _)| key).find(|key| !writes.contains_key(key));
         strange.map_or(Ok(()), |key| Err(format!("I9: {key} was never written")))
+    }
+
+    /// Returns whether two writes to a key, or what has overwritten them knowingly, were shown as a conflict (I10), or
+    /// one of them was deleted knowingly: then nobody may know of that deletion any more.
+    pub(crate) fn is_listed(&self, key: &Key, a: Id, b: Id) -> bool {
+        let heirs = |id: Id| {
+            let lives = self.lives(id);
+            let sees = |event: &&Event| {
+                let writes = event.txn.writes.iter().any(|write| write.key == *key);
+                writes && lives.iter().any(|(dot, _)| event.context.contains(*dot) || event.txn.dot() == *dot)
+            };
+            let deletes =
+                |event: &Event| event.txn.writes.iter().any(|write| write.key == *key && write.value.is_none());
+            let heirs: Vec<&Event> = self.events.values().filter(sees).collect();
+            let deleted = heirs.iter().any(|event| deletes(event));
+            (heirs.iter().map(|event| event.txn.written()).collect::<BTreeSet<_>>(), deleted)
+        };
+        let ((a, a_deleted), (b, b_deleted)) = (heirs(a), heirs(b));
+        let mut pairs = self.listed.iter().filter(|(of, ..)| of == key);
+        a_deleted
+            || b_deleted
+            || pairs.any(|(_, x, y)| a.contains(x) && b.contains(y) || a.contains(y) && b.contains(x))
+    }
+}
+
+fn note(listed: &mut BTreeSet<(Key, Stamp, Stamp)>, key: &Key, versions: &[Version]) {
+    for (index, a) in versions.iter().enumerate() {
+        for b in &versions[index + 1..] {
+            listed.insert((key.clone(), a.stamp.min(b.stamp), a.stamp.max(b.stamp)));
+        }
     }
 }

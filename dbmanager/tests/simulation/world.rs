@@ -1,54 +1,72 @@
-//! A team in one thread: robots with disks, a network between them, and somebody who breaks things.
+//! A team in one thread: robots with disks and clocks, a network between them, clients, and somebody who breaks things.
+//!
+//! Everything follows from a seed: the same seed is the same run. `misfortune` breaks, `clients` read and write, `reference`
+//! knows what must be so at any time, and `history` what clients must never see.
 
+#[path = "clients.rs"]
+mod clients;
+#[path = "disk.rs"]
+mod disk;
+#[path = "history.rs"]
+pub(crate) mod history;
+#[path = "misfortune.rs"]
+mod misfortune;
+#[path = "network.rs"]
+pub(crate) mod network;
+#[path = "observer.rs"]
+mod observer;
 #[path = "reference.rs"]
 mod reference;
 
+use clients::Clients;
 use comms::logic::time::Time;
 use dbmanager::logic::clock::{Quality, Wall};
-use dbmanager::logic::cut::Origin;
-use dbmanager::logic::key::Key;
-use dbmanager::logic::message::Message;
+use dbmanager::logic::cut::{Cut, Dot, Origin};
 use dbmanager::logic::mutant::Mutant;
 use dbmanager::logic::random::Random;
-use dbmanager::logic::record::Records;
-use dbmanager::logic::replica::{Answer, Config, Effect, Input, Level, Replica, Request};
-use dbmanager::logic::txn::{Condition, Draft};
-use reference::Reference;
-use std::collections::{BTreeMap, BTreeSet};
+use dbmanager::logic::record::{Batch, Records};
+use dbmanager::logic::replica::{Alarm, Answer, Config, Effect, Input, Level, Replica};
+use disk::{Disk, Fate};
+pub(crate) use misfortune::Faults;
+use network::Network;
+use reference::{Names, Reference};
+use std::collections::BTreeMap;
+use std::rc::Rc;
 use std::time::Duration;
 
 /// 2026 in milliseconds.
-const EPOCH_MS: u64 = 1_790_000_000_000;
+pub(crate) const EPOCH_MS: u64 = 1_790_000_000_000;
 /// Inputs at one time after which a world counts as running in circles.
 const INPUTS_MAX: usize = 20_000;
+/// Steps of a seed.
+const STEPS: usize = 80;
+/// How long a mended world may take to have the same everywhere, per percent of messages lost (I13).
+const CONVERGENCE_MS: u64 = 120_000;
 
-/// What goes wrong, in percent of the occasions.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Faults {
-    /// Messages lost.
-    pub(crate) drop: u64,
-    /// Messages delivered twice.
-    pub(crate) duplicate: u64,
-    /// Links cut or healed, per step.
-    pub(crate) links: u64,
-    /// Robots that crash, per step.
-    pub(crate) crash: u64,
-    /// Writes to the disk in which a robot crashes.
-    pub(crate) crash_in_write: u64,
-    /// Disks lost for good, per step.
-    pub(crate) disk_loss: u64,
-    /// Robots retired, per step.
-    pub(crate) retire: u64,
-    /// Clocks that jump, per step.
-    pub(crate) clock: u64,
+/// What a wall clock says beside the truth.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct WallClock {
+    pub(crate) offset_ms: i64,
+    /// Parts per million that it runs fast.
+    pub(crate) drift_ppm: i64,
+    /// It stands still at this.
+    pub(crate) frozen: Option<u64>,
+    pub(crate) quality: Quality,
 }
 
 struct Node {
     name: String,
     replica: Option<Replica>,
-    disk: Records,
-    wall_offset_ms: i64,
-    quality: Quality,
+    disk: Disk,
+    clock: WallClock,
+    /// How much of the log is kept.
+    log_size: usize,
+    /// Its witness says that the disk is a copy, and nothing was written to it since.
+    copied: bool,
+    /// Goes up whenever clients cannot expect to see what they saw.
+    era: u64,
+    /// Origin and cut while it does not run.
+    asleep: (Origin, Cut),
 }
 
 /// The team.
@@ -58,63 +76,74 @@ pub(crate) struct World {
     faults: Faults,
     mutant: Mutant,
     nodes: Vec<Node>,
-    cuts: BTreeSet<(usize, usize)>,
-    mail: BTreeMap<(Time, u64), (usize, Origin, Message)>,
+    pub(crate) network: Network,
+    clients: Clients,
     posted: u64,
-    value: u64,
     inputs: usize,
     reference: Reference,
+    /// Tickets of callers that are owed an answer: where, at which level, and how often a disk was lost before.
+    owed: BTreeMap<u64, (usize, Level, u32)>,
+    /// How often a robot has forgotten something.
+    losses: u32,
+    /// Copies of disks.
+    backups: BTreeMap<usize, Records>,
+    /// What the commit that is being handled has come to.
+    committed: Option<Dot>,
+    pub(crate) alarms: Vec<(usize, Alarm)>,
 }
 
 /// Runs one seed; returns how many transactions there were.
 pub(crate) fn run(seed: u64, mutant: Mutant) -> Result<usize, String> {
-    let mut random = Random::new(seed);
-    let mut chance = |most: u64| if random.below(2) == 0 { 0 } else { 1 + random.below(most) };
-    let faults = Faults {
-        drop: chance(30),
-        duplicate: chance(20),
-        links: chance(30),
-        crash: chance(8),
-        crash_in_write: chance(4),
-        disk_loss: chance(3),
-        retire: chance(3),
-        clock: chance(5),
-    };
+    let faults = Faults::swarm(&mut Random::new(seed));
+    run_with(seed, faults, mutant).map_err(|broken| format!("{broken}\nwith {faults:?}"))
+}
+
+fn run_with(seed: u64, faults: Faults, mutant: Mutant) -> Result<usize, String> {
     let mut world = World::new(seed, faults, mutant);
-    world.gather(2 + usize::try_from(seed % 4).unwrap());
-    for _ in 0..80 {
+    let size = 2 + usize::try_from(seed % 4).expect("it is small");
+    world.gather(size);
+    world.curse(size);
+    for _ in 0..STEPS {
         world.misfortune();
-        let node = world.below(world.nodes.len());
-        world.commit_something(node);
+        world.somebody_acts();
         let pause = [1, 20, 400, 4000][world.below(4)];
         world.run_for(pause);
-        world.reference.verdict()?;
+        world.check_step()?;
     }
     world.settle()?;
+    world.clean_up()?;
+    world.check_history()?;
     Ok(world.reference.len())
 }
 
 impl World {
     /// Returns a world without robots.
     pub(crate) fn new(seed: u64, faults: Faults, mutant: Mutant) -> Self {
+        let mut network = Network::new(seed ^ 0x2e7);
+        (network.drop, network.duplicate) = (faults.drop, faults.duplicate);
         Self {
             random: Random::new(seed ^ 0xdca),
             now: Time::ZERO,
             faults,
             mutant,
             nodes: Vec::new(),
-            cuts: BTreeSet::new(),
-            mail: BTreeMap::new(),
+            network,
+            clients: Clients::default(),
             posted: 0,
-            value: 1_000_000,
             inputs: 0,
             reference: Reference::default(),
+            owed: BTreeMap::new(),
+            losses: 0,
+            backups: BTreeMap::new(),
+            committed: None,
+            alarms: Vec::new(),
         }
     }
 
-    /// Adds robots until there are `count`, and waits until they are members.
+    /// Adds robots until there are `count`, and waits until they are members. Nothing goes wrong meanwhile.
     pub(crate) fn gather(&mut self, count: usize) {
         let before = std::mem::take(&mut self.faults);
+        self.network.drop = 0;
         while self.nodes.len() < count {
             let name = format!("r{}", self.nodes.len());
             self.add(name, Records::new());
@@ -123,204 +152,113 @@ impl World {
             }
         }
         self.run_for(30_000);
-        self.faults = before;
+        (self.faults, self.network.drop) = (before, before.drop);
     }
 
-    fn add(&mut self, name: String, disk: Records) {
-        let node = Node { name, replica: None, disk, wall_offset_ms: 0, quality: Quality::Network };
-        self.nodes.push(node);
+    /// Adds a robot with such a disk, and starts it.
+    pub(crate) fn add(&mut self, name: String, records: Records) {
+        self.seat(name, records);
         self.restart(self.nodes.len() - 1);
     }
 
+    fn seat(&mut self, name: String, records: Records) {
+        let clock = WallClock { offset_ms: 0, drift_ppm: 0, frozen: None, quality: Quality::Network };
+        let log_size = [0, 2000, 1 << 20][self.below(3)];
+        let asleep = (Origin::default(), Cut::default());
+        self.nodes.push(Node {
+            name,
+            replica: None,
+            disk: Disk::with(records),
+            clock,
+            log_size,
+            copied: false,
+            era: 0,
+            asleep,
+        });
+    }
+
     fn below(&mut self, bound: usize) -> usize {
-        usize::try_from(self.random.below(bound as u64)).unwrap()
+        usize::try_from(self.random.below(bound as u64)).expect("it is below a length")
     }
 
     fn happens(&mut self, percent: u64) -> bool {
         self.random.below(100) < percent
     }
 
-    fn wall(&self, node: usize) -> Wall {
-        let Node { wall_offset_ms, quality, .. } = self.nodes[node];
-        let millis = (EPOCH_MS + self.now.nanos() / 1_000_000).saturating_add_signed(wall_offset_ms);
-        Wall { millis, quality }
+    pub(crate) fn clock(&mut self, node: usize) -> &mut WallClock {
+        &mut self.nodes[node].clock
     }
 
-    /// Starts a robot from its disk.
+    /// Returns a replica that runs.
+    pub(crate) fn replica(&self, node: usize) -> &Replica {
+        self.nodes[node].replica.as_ref().expect("it runs")
+    }
+
+    pub(crate) fn wall(&self, node: usize) -> Wall {
+        let WallClock { offset_ms, drift_ppm, frozen, quality } = self.nodes[node].clock;
+        let elapsed = i64::try_from(self.now.nanos() / 1_000_000).expect("it is less than an age");
+        let shown = EPOCH_MS.saturating_add_signed(elapsed + elapsed / 1_000_000 * drift_ppm + offset_ms);
+        Wall { millis: frozen.unwrap_or(shown), quality }
+    }
+
+    /// Starts a robot from its disk. A store that is damaged, as after a lying flush, is put aside.
     pub(crate) fn restart(&mut self, node: usize) {
         if self.nodes[node].replica.is_some() {
             return;
         }
         let seed = self.random.next();
-        let log_size = [0, 2000, 1 << 20][self.below(3)];
-        let Node { name, disk, .. } = &self.nodes[node];
-        let config = Config { robot: name.clone(), seed, log_size, mutant: self.mutant };
-        match Replica::open(config, disk) {
+        let Node { name, disk, log_size, copied, .. } = &mut self.nodes[node];
+        let open = if *copied { Replica::open_copied } else { Replica::open };
+        let config = Config { robot: name.clone(), seed, log_size: *log_size, mutant: self.mutant };
+        match open(config, disk.records()) {
             Ok(replica) => self.nodes[node].replica = Some(replica),
-            Err(error) => self.reference.blame(format!("{name} does not open: {error}")),
+            Err(_) if disk.doubtful => {
+                self.lose_disk(node);
+                return self.restart(node);
+            }
+            Err(error) => return self.reference.blame(format!("{name} does not open: {error}")),
         }
-        self.reference.restarted(node, self.nodes[node].replica.as_ref());
+        self.watch_anew(node);
         self.input(node, |_, wall| Input::Tick(wall));
+    }
+
+    /// Clients at a robot cannot expect to see what they saw there.
+    fn forgets(&mut self, node: usize) {
+        self.nodes[node].era += 1;
+        self.losses += 1;
+    }
+
+    fn watch_anew(&mut self, node: usize) {
+        let cut = self.nodes[node].replica.as_ref().map(|replica| replica.log().cut().clone()).unwrap_or_default();
+        self.clients.watch_anew(node);
+        self.reference.replaced(node, cut);
+        if let Some(replica) = self.nodes[node].replica.as_ref() {
+            self.reference.note_all_conflicts(replica);
+        }
     }
 
     /// Stops a robot where it stands.
     pub(crate) fn crash(&mut self, node: usize) {
-        self.nodes[node].replica = None;
-    }
-
-    /// Destroys the disk of a robot.
-    pub(crate) fn lose_disk(&mut self, node: usize) {
-        self.crash(node);
-        self.nodes[node].disk.clear();
-        self.reference.disk_lost(node);
-    }
-
-    /// Returns a copy of a disk.
-    pub(crate) fn backup(&self, node: usize) -> Records {
-        self.nodes[node].disk.clone()
-    }
-
-    /// Stops a robot and puts back a copy of its disk.
-    pub(crate) fn restore(&mut self, node: usize, disk: Records) {
-        self.crash(node);
-        self.nodes[node].disk = disk;
-        self.reference.disk_lost(node);
-    }
-
-    /// Adds a robot with a copy of the disk of another.
-    pub(crate) fn add_clone(&mut self, of: usize, disk: Records) {
-        let name = self.nodes[of].name.clone();
-        self.add(name, disk);
-    }
-
-    /// Cuts a link.
-    pub(crate) fn cut(&mut self, a: usize, b: usize) {
-        self.cuts.insert((a.min(b), a.max(b)));
-    }
-
-    /// Mends a link.
-    pub(crate) fn heal(&mut self, a: usize, b: usize) {
-        self.cuts.remove(&(a.min(b), a.max(b)));
-    }
-
-    /// Cuts all links of a robot, to those that come later too.
-    pub(crate) fn isolate(&mut self, node: usize) {
-        (0..10).filter(|other| *other != node).for_each(|other| self.cut(node, other));
-    }
-
-    /// Mends all links of a robot.
-    pub(crate) fn join_network(&mut self, node: usize) {
-        self.cuts.retain(|(a, b)| *a != node && *b != node);
-    }
-
-    /// Has one robot retire another.
-    pub(crate) fn retire(&mut self, by: usize, node: usize) {
-        let Some(target) = self.nodes[node].replica.as_ref().map(Replica::origin) else { return };
-        self.input(by, |_, wall| Input::Retire(target, wall));
-    }
-
-    /// Commits a value.
-    pub(crate) fn put(&mut self, node: usize, key: &str, value: u64) {
-        let key = Key::new(key).unwrap();
-        self.commit(node, Draft::new("put").put(key, &value.to_le_bytes()));
-    }
-
-    /// Commits a value where none is.
-    pub(crate) fn create(&mut self, node: usize, key: &str, value: u64) {
-        let key = Key::new(key).unwrap();
-        self.commit(node, Draft::new("create").require(key.clone(), Condition::Absent).put(key, &value.to_le_bytes()));
-    }
-
-    /// Commits a deletion.
-    pub(crate) fn delete(&mut self, node: usize, key: &str) {
-        self.commit(node, Draft::new("delete").delete(Key::new(key).unwrap()));
-    }
-
-    /// Returns what a read shows.
-    pub(crate) fn value(&self, node: usize, key: &str) -> Option<u64> {
-        let state = self.nodes[node].replica.as_ref().unwrap().state();
-        let value = state.get(&Key::new(key).unwrap())?.value.as_ref()?;
-        Some(u64::from_le_bytes(value.bytes[..].try_into().unwrap()))
-    }
-
-    /// Returns how many versions of a key there are, deletions included.
-    pub(crate) fn siblings(&self, node: usize, key: &str) -> usize {
-        self.nodes[node].replica.as_ref().unwrap().state().versions(&Key::new(key).unwrap()).len()
-    }
-
-    fn commit(&mut self, node: usize, draft: Draft) {
-        let level = [Level::Local, Level::Replicated(1), Level::Everywhere][self.below(3)].clone();
-        let until = self.now + Duration::from_secs(5);
-        self.input(node, |ticket, wall| Input::Commit(vec![Request { ticket, draft, level, until }], wall));
-    }
-
-    fn commit_something(&mut self, node: usize) {
-        let mut draft = Draft::new("anything");
-        for _ in 0..1 + self.below(3) {
-            let key = Key::new(format!("team/k{}", self.below(5))).unwrap();
-            self.value += 1;
-            let value = self.value.to_le_bytes();
-            draft = if self.happens(35) { draft.delete(key) } else { draft.put(key, &value) };
-        }
-        if self.happens(10) {
-            draft = draft.require(Key::new("team/k0").unwrap(), Condition::Exists);
-        }
-        self.commit(node, draft);
-    }
-
-    fn misfortune(&mut self) {
-        let node = self.below(self.nodes.len());
-        let other = self.below(self.nodes.len());
-        if self.happens(self.faults.links) && node != other {
-            if self.happens(50) { self.cut(node, other) } else { self.heal(node, other) }
-        }
-        if self.happens(self.faults.links / 4) {
-            if self.happens(50) { self.isolate(node) } else { self.cuts.clear() }
-        }
-        if self.happens(self.faults.crash) {
-            self.crash(node);
-        }
-        if self.happens(30) {
-            self.restart(other);
-        }
-        // The first robot keeps its disk and its place, so that there is always somebody to come back to.
-        if self.happens(self.faults.disk_loss) && node != 0 {
-            self.lose_disk(node);
-        }
-        if self.happens(self.faults.retire) && node != 0 {
-            self.retire(0, node);
-        }
-        if self.happens(self.faults.clock) {
-            let hour = 3_600_000;
-            let jumps = [-(EPOCH_MS as i64), -hour, 0, 10 * hour, 73 * 365 * 24 * hour];
-            let jump = jumps[self.below(5)];
-            self.nodes[node].wall_offset_ms = jump;
-            self.nodes[node].quality = [Quality::Unset, Quality::Network, Quality::Satellite][self.below(3)];
-            if self.happens(20) {
-                self.input(node, |_, wall| Input::HealClock(wall));
-            }
+        if let Some(replica) = self.nodes[node].replica.take() {
+            self.nodes[node].asleep = (replica.origin(), replica.log().cut().clone());
+            self.owed.retain(|_, (at, ..)| *at != node);
         }
     }
 
-    /// Waits until nothing is new any more, and checks what there is then. In a world of its own the links are mended.
+    /// Waits until nothing is new any more, and checks what there is then. Links are mended if links were a fault.
     pub(crate) fn settle(&mut self) -> Result<(), String> {
         self.converge()?;
-        let replicas = self.nodes.iter().filter_map(|node| node.replica.as_ref());
-        self.reference.check(&replicas.collect::<Vec<_>>())
+        let replicas = self.nodes.iter().enumerate().filter_map(|(at, node)| Some((at, node.replica.as_ref()?)));
+        let names = if self.faults.can_roll_back() { Names::Reused } else { Names::Kept };
+        self.reference.check(&replicas.collect::<Vec<_>>(), names)
     }
 
-    /// Waits until all robots run, are members, and have the same.
+    /// Waits until all robots run, are members, and have the same (T7, I13).
     pub(crate) fn converge(&mut self) -> Result<(), String> {
-        let before = self.faults;
-        self.faults = Faults { drop: before.drop, ..Faults::default() };
-        if before.links > 0 {
-            self.cuts.clear();
-        }
-        for node in 0..self.nodes.len() {
-            self.restart(node);
-        }
-        for _ in 0..60 {
-            self.run_for(10_000);
+        self.be_kind();
+        let until = self.now + Duration::from_millis(CONVERGENCE_MS * (1 + self.faults.drop / 4));
+        while self.now < until {
+            self.run_for(2_000);
             self.reference.verdict()?;
             let first = self.nodes[0].replica.as_ref().map(|replica| replica.log().cut().clone());
             let same = |node: &Node| {
@@ -328,15 +266,62 @@ impl World {
                 replica.is_some_and(Replica::is_member) && replica.map(|replica| replica.log().cut()) == first.as_ref()
             };
             if self.nodes.iter().all(same) {
-                self.faults = before;
                 return Ok(());
             }
         }
         let state = |node: &Node| {
             let replica = node.replica.as_ref()?;
-            Some(format!("{} member {} {}", node.name, replica.is_member(), replica.log().cut()))
+            let member = if replica.is_member() { "member" } else { "no member" };
+            Some(format!("{} is {member} as {} {}", node.name, replica.address(), replica.log().cut()))
         };
-        Err(format!("T7: no convergence: {:#?}", self.nodes.iter().map(state).collect::<Vec<_>>()))
+        Err(format!("T7, I13: no convergence: {:#?}", self.nodes.iter().map(state).collect::<Vec<_>>()))
+    }
+
+    /// Checks what must be so after each step.
+    fn check_step(&mut self) -> Result<(), String> {
+        self.reference.verdict()?;
+        let running: Vec<&Replica> = self.nodes.iter().filter_map(|node| node.replica.as_ref()).collect();
+        for (index, replica) in running.iter().enumerate() {
+            running[index + 1..].iter().try_for_each(|other| self.reference.same_state(replica, other))?;
+        }
+        let looked_at = self.random.below(40);
+        match usize::try_from(looked_at).ok().and_then(|index| running.get(index)) {
+            Some(replica) => self.reference.check_versions(replica),
+            None => Ok(()),
+        }
+    }
+
+    /// Retires what no robot is any more, and checks that nothing is kept then that nobody needs (I15).
+    fn clean_up(&mut self) -> Result<(), String> {
+        let live: Vec<Origin> = (0..self.nodes.len()).map(|node| self.replica(node).origin()).collect();
+        let ghosts: Vec<Origin> = self.replica(0).members().active().map(|(origin, _)| origin).collect();
+        for ghost in ghosts.into_iter().filter(|origin| !live.contains(origin)) {
+            self.input(0, |_, wall| Input::Retire(ghost, wall));
+        }
+        self.network.drop = 0;
+        self.run_for(45_000);
+        self.settle()?;
+        if !self.faults.can_roll_back() {
+            self.check_limits()?;
+        }
+        match self.owed.first_key_value() {
+            Some((ticket, (node, level, _))) => Err(format!("I12: ticket {ticket} at {node} has no answer, {level:?}")),
+            None => Ok(()),
+        }
+    }
+
+    /// I15: no deletion is kept that everybody has, and no more of the log than was asked for.
+    pub(crate) fn check_limits(&self) -> Result<(), String> {
+        for Node { name, replica, log_size, .. } in &self.nodes {
+            let Some(replica) = replica else { continue };
+            let deleted = replica.state().scan("").filter(|(_, versions)| versions.iter().all(|v| v.value.is_none()));
+            let (deleted, size) = (deleted.count(), replica.log().size());
+            if deleted > 0 || size > *log_size {
+                let pinned = replica.stable().pinned_by;
+                return Err(format!("I15: {name} keeps {deleted} deletions, {size} of {log_size} bytes, {pinned:?}"));
+            }
+        }
+        Ok(())
     }
 
     /// Lets so many milliseconds pass.
@@ -344,7 +329,7 @@ impl World {
         let end = self.now + Duration::from_millis(millis);
         self.inputs = 0;
         loop {
-            let mail = self.mail.first_key_value().map(|((at, _), _)| *at);
+            let mail = self.network.next();
             let due = |node: &Node| node.replica.as_ref().and_then(Replica::deadline);
             let tick = self.nodes.iter().enumerate().filter_map(|(index, node)| Some((due(node)?, index))).min();
             let next = [mail, tick.map(|(at, _)| at)].into_iter().flatten().min().unwrap_or(end);
@@ -361,8 +346,9 @@ impl World {
             }
             match (mail, tick) {
                 (Some(at), _) if at <= self.now => {
-                    let Some((_, (node, from, message))) = self.mail.pop_first() else { continue };
-                    self.input(node, |_, wall| Input::Received(from, message, wall));
+                    let Some(letter) = self.network.take() else { continue };
+                    let message = Rc::unwrap_or_clone(letter.message);
+                    self.input(letter.to, |_, wall| Input::Received(letter.from, message, wall));
                 }
                 (_, Some((at, node))) if at <= self.now => self.input(node, |_, wall| Input::Tick(wall)),
                 _ => break,
@@ -371,61 +357,78 @@ impl World {
         self.now = self.now.max(end);
     }
 
-    fn input(&mut self, node: usize, make: impl FnOnce(u64, Wall) -> Input) {
+    /// Hands a replica an input, and does what it wants done.
+    pub(crate) fn input(&mut self, node: usize, make: impl FnOnce(u64, Wall) -> Input) {
         self.posted += 1;
         let input = make(self.posted, self.wall(node));
         let now = self.now;
         let Some(replica) = self.nodes[node].replica.as_mut() else { return };
-        let mut effects = Vec::new();
+        let (before, mut effects) = (replica.log().cut().clone(), Vec::new());
         replica.handle(now, input, &mut effects);
-        let (before, dies) = (self.happens(50), self.happens(self.faults.crash_in_write));
+        if let Some(Effect::Persist(batch)) = effects.iter().find(|effect| matches!(effect, Effect::Persist(_))) {
+            let replaced = effects.iter().any(|effect| matches!(effect, Effect::Replaced));
+            self.truncated(node, (batch, replaced));
+        }
+        let mut shown = Vec::new();
         let mut effects = effects.into_iter();
         while let Some(effect) = effects.next() {
             match effect {
-                Effect::Persist(_) if dies && before => return self.crash(node),
-                Effect::Persist(batch) => {
-                    batch.apply(&mut self.nodes[node].disk);
-                    if dies {
-                        // It is on the disk, although nobody was told.
-                        effects.for_each(|effect| {
-                            if let Effect::Visible(dot, frame) = effect {
-                                drop(self.reference.happened(dot, &frame));
-                            } else if let Effect::Renamed(from, to) = effect {
-                                self.reference.renamed(from, to);
-                            }
-                        });
+                Effect::Persist(batch) => match self.fate(node) {
+                    Fate::Done => self.write(node, batch),
+                    Fate::CrashBefore | Fate::Full => return self.crash(node),
+                    Fate::Error if self.happens(50) => return self.crash(node),
+                    Fate::CrashAfter | Fate::Error => {
+                        self.write(node, batch);
+                        effects.for_each(|effect| self.note_untold(node, effect));
                         return self.crash(node);
                     }
-                }
+                },
                 Effect::Broadcast(message) => {
+                    let message = Rc::new(message);
                     (0..self.nodes.len()).filter(|to| *to != node).for_each(|to| self.post(node, to, &message));
                 }
                 Effect::Send(address, message) => {
                     let is = |node: &Node| node.replica.as_ref().is_some_and(|replica| replica.address() == address);
                     let to = (0..self.nodes.len()).filter(|to| *to != node && is(&self.nodes[*to]));
+                    let message = Rc::new(message);
                     to.collect::<Vec<_>>().into_iter().for_each(|to| self.post(node, to, &message));
                 }
-                Effect::Answer(_, Answer::Committed(dot)) => self.reference.acknowledged(node, dot),
-                Effect::Answer(..) | Effect::Alarm(_) => {}
-                Effect::Visible(dot, frame) => self.reference.visible(node, dot, &frame),
-                Effect::Renamed(from, to) => self.reference.renamed(from, to),
-                Effect::Replaced => self.reference.replaced(node, self.nodes[node].replica.as_ref()),
+                Effect::Answer(ticket, answer) => self.answered(node, ticket, answer),
+                Effect::Alarm(alarm) => self.alarm(node, alarm),
+                Effect::Visible(dot, frame) => {
+                    self.reference.visible(node, dot, &frame);
+                    shown.push(frame);
+                }
+                Effect::Renamed(from, to) => self.reference.renamed(node, from, to),
+                Effect::Replaced => self.taken_over(node, &before, effects.as_slice()),
             }
+        }
+        let Some(replica) = self.nodes[node].replica.as_ref() else { return };
+        for frame in &shown {
+            self.reference.note_conflicts(replica, frame);
+            self.clients.watch(node, replica, frame);
         }
     }
 
-    fn post(&mut self, from: usize, to: usize, message: &Message) {
+    fn write(&mut self, node: usize, batch: Batch) {
+        self.nodes[node].disk.write(batch);
+        self.nodes[node].copied = false;
+    }
+
+    /// It is on the disk, although nobody was told.
+    fn note_untold(&mut self, node: usize, effect: Effect) {
+        match effect {
+            Effect::Visible(dot, frame) => drop(self.reference.happened(node, dot, &frame)),
+            Effect::Renamed(from, to) => self.reference.renamed(node, from, to),
+            Effect::Answer(_, Answer::Committed(dot)) => self.committed = Some(dot),
+            Effect::Replaced => self.forgets(node),
+            Effect::Persist(batch) => self.write(node, batch),
+            Effect::Answer(..) | Effect::Alarm(_) | Effect::Broadcast(_) | Effect::Send(..) => {}
+        }
+    }
+
+    fn post(&mut self, from: usize, to: usize, message: &Rc<dbmanager::logic::message::Message>) {
         let Some(address) = self.nodes[from].replica.as_ref().map(Replica::address) else { return };
-        if self.cuts.contains(&(from.min(to), from.max(to))) {
-            return;
-        }
-        let copies = if self.happens(self.faults.duplicate) { 2 } else { 1 };
-        for _ in 0..copies {
-            if !self.happens(self.faults.drop) {
-                self.posted += 1;
-                let at = self.now + Duration::from_micros(200 + self.random.below(80_000));
-                self.mail.insert((at, self.posted), (to, address, message.clone()));
-            }
-        }
+        self.network.post(self.now, (from, address), to, message);
     }
 }

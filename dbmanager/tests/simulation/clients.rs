@@ -1,0 +1,232 @@
+//! Clients of a simulated team: sessions that read and write, here and there, and what they remember.
+
+use super::history::{self, Anomaly, History, Op, Txn};
+use super::reference::Id;
+use super::{Level, World};
+use comms::logic::time::Time;
+use dbmanager::logic::cut::{Cut, Dot};
+use dbmanager::logic::key::Key;
+use dbmanager::logic::replica::{Input, Replica, Request};
+use dbmanager::logic::txn::{Condition, Draft, Frame};
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+/// How many clients there are.
+const CLIENTS: usize = 4;
+/// How many keys they share.
+const KEYS: u64 = 5;
+/// What clients may see if a robot brings in again what others have deleted since.
+const REPEATED: [Anomaly; 6] = [
+    Anomaly::FracturedRead,
+    Anomaly::ReadYourWrites,
+    Anomaly::MonotonicReads,
+    Anomaly::MonotonicWrites,
+    Anomaly::WritesFollowReads,
+    Anomaly::WriteCoRead,
+];
+/// What they may see if a robot has come back and what it brought in is here before what that had seen of a member.
+const AHEAD: [Anomaly; 2] = [Anomaly::WriteCoRead, Anomaly::WriteCoInitRead];
+/// What they may see besides if a robot without a witness writes under numbers that it has used before.
+const FORKED: [Anomaly; 2] = [Anomaly::DirtyWrite, Anomaly::CircularInformation];
+/// How long they wait for others to have a transaction.
+const PATIENCE: Duration = Duration::from_secs(5);
+
+/// One client.
+#[derive(Clone, Debug, Default)]
+struct Client {
+    node: usize,
+    era: u64,
+    session: Option<usize>,
+    /// What it has seen, to be shown when it moves to another robot.
+    token: Cut,
+}
+
+/// All of them.
+#[derive(Debug, Default)]
+pub(crate) struct Clients {
+    all: [Client; CLIENTS],
+    pub(crate) history: History,
+    /// The name of each transaction of the history.
+    names: BTreeMap<usize, Id>,
+    sessions: usize,
+    value: u64,
+    /// What a watcher at each robot has seen last.
+    winners: BTreeMap<(usize, u64), u64>,
+}
+
+impl Clients {
+    /// Watchers at a robot begin anew.
+    pub(crate) fn watch_anew(&mut self, node: usize) {
+        self.winners.retain(|(at, _), _| *at != node);
+    }
+
+    /// A watcher looks at what a transaction has written.
+    pub(crate) fn watch(&mut self, node: usize, replica: &Replica, frame: &Frame) {
+        let Ok(txn) = frame.open() else { return };
+        for write in &txn.writes {
+            let Some(register) = register(&write.key) else { continue };
+            let Some(value) = shown(replica, &write.key) else {
+                // Behind a deletion may be something older that the deletion had not seen.
+                self.winners.remove(&(node, register));
+                continue;
+            };
+            if let Some(before) = self.winners.insert((node, register), value).filter(|before| *before != value) {
+                self.history.replaced.insert((register, before, value));
+            }
+        }
+    }
+}
+
+fn register(key: &Key) -> Option<u64> {
+    key.as_str().strip_prefix("team/k")?.parse().ok()
+}
+
+fn key(register: u64) -> Key {
+    Key::new(format!("team/k{register}")).expect("it is a key")
+}
+
+/// Returns what a read of a key shows.
+fn shown(replica: &Replica, key: &Key) -> Option<u64> {
+    let value = replica.state().get(key)?.value.as_ref()?;
+    Some(u64::from_le_bytes(value.bytes[..].try_into().expect("all values here are numbers")))
+}
+
+impl World {
+    /// A client reads and writes.
+    pub(crate) fn somebody_acts(&mut self) {
+        let client = self.below(CLIENTS);
+        let node = self.place(client);
+        let Some(replica) = self.nodes[node].replica.as_ref() else { return };
+        let (count, fresh) = (1 + self.random.below(4), self.clients.all[client].session.is_none());
+        if fresh {
+            self.clients.sessions += 1;
+            self.clients.all[client].session = Some(self.clients.sessions);
+        }
+        let (mut ops, mut draft) = (Vec::new(), Draft::new("anything"));
+        for _ in 0..count {
+            let register = self.random.below(KEYS);
+            let key = key(register);
+            if self.random.below(100) < 60 {
+                ops.push(Op::Read(register, shown(replica, &key)));
+            }
+            match self.random.below(100) {
+                0..20 => {
+                    ops.push(Op::Delete(register));
+                    draft = draft.delete(key);
+                }
+                20..75 => {
+                    self.clients.value += 1;
+                    ops.push(Op::Put(register, self.clients.value));
+                    draft = draft.put(key, &self.clients.value.to_le_bytes());
+                }
+                _ => {}
+            }
+        }
+        let conditional = self.random.below(100) < 10;
+        if conditional {
+            draft = draft.require(key(0), Condition::Exists);
+        }
+        let stranger = self.random.below(100) < 3;
+        if stranger {
+            draft = draft.put(Key::new("robot/somebody/else").expect("it is a key"), &[0; 8]);
+        }
+        let refused = stranger || conditional && shown(replica, &key(0)).is_none();
+        // Reads come first: a transaction reads from its snapshot.
+        ops.sort_by_key(|op| !matches!(op, Op::Read(..)));
+        self.clients.all[client].token.join(replica.log().cut());
+        let session = self.clients.all[client].session.unwrap_or_default();
+        let writes = ops.iter().any(|op| !matches!(op, Op::Read(..)));
+        let dot = if writes || refused { self.commit(node, draft) } else { None };
+        if refused && dot.is_some() {
+            self.reference
+                .blame(format!("2.4: {node} has committed what does not meet its condition, or is another's"));
+        }
+        let index = self.clients.history.txns.len();
+        self.clients.history.txns.push(Txn { session, aborted: writes && dot.is_none(), ops });
+        if let Some(dot) = dot {
+            self.clients.names.extend(self.reference.id(node, dot).map(|id| (index, id)));
+            self.clients.all[client].token.include(dot);
+        }
+    }
+
+    /// Returns where a client is. If its robot does not know any more what it has seen there, it begins anew; it moves
+    /// only to where all is that it has seen.
+    fn place(&mut self, client: usize) -> usize {
+        let (moves, other) = (self.happens(30), self.below(self.nodes.len()));
+        let Client { node, era, .. } = self.clients.all[client];
+        if self.nodes[node].era != era {
+            self.clients.all[client] = Client { node: other, era: self.nodes[other].era, ..Client::default() };
+        } else if moves && self.has_all(other, &self.clients.all[client].token) {
+            let client = &mut self.clients.all[client];
+            (client.node, client.era) = (other, self.nodes[other].era);
+        }
+        self.clients.all[client].node
+    }
+
+    fn has_all(&self, node: usize, token: &Cut) -> bool {
+        self.nodes[node].replica.as_ref().is_some_and(|replica| replica.log().cut().dominates(token))
+    }
+
+    /// Somebody deletes a key, outside of any session.
+    pub(crate) fn delete_register(&mut self, node: usize, register: u64) {
+        if self.commit(node, Draft::new("delete").delete(key(register))).is_some() {
+            self.clients.sessions += 1;
+            let (session, ops) = (self.clients.sessions, vec![Op::Delete(register)]);
+            self.clients.history.txns.push(Txn { session, aborted: false, ops });
+        }
+    }
+
+    /// Commits, waits for a level, and returns the name of what is on the disk then.
+    pub(crate) fn commit(&mut self, node: usize, draft: Draft) -> Option<Dot> {
+        let named = self.below(self.nodes.len());
+        let names = [self.nodes[named].name.clone()].into_iter().collect();
+        let levels = [Level::Local, Level::Replicated(1), Level::On(names), Level::Everywhere];
+        let level = levels[self.below(4)].clone();
+        self.commit_at(node, draft, level)
+    }
+
+    /// Commits at a level.
+    pub(crate) fn commit_at(&mut self, node: usize, draft: Draft, level: Level) -> Option<Dot> {
+        let until: Time = self.now + PATIENCE;
+        self.committed = None;
+        if self.nodes[node].replica.is_some() && level != Level::Local {
+            self.owed.insert(self.posted + 1, (node, level.clone(), self.losses));
+        }
+        self.input(node, |ticket, wall| Input::Commit(vec![Request { ticket, draft, level, until }], wall));
+        self.committed.take()
+    }
+
+    /// Checks that clients have seen no anomaly, that every lost update is a conflict (I10), and that none is lost at one
+    /// robot.
+    pub(crate) fn check_history(&self) -> Result<(), String> {
+        let Clients { history, names, .. } = &self.clients;
+        let chain = self.reference.chain(self.replica(0))?;
+        let mut anomalies = history::check(history);
+        if self.faults.can_repeat() {
+            anomalies.retain(|anomaly| !REPEATED.contains(anomaly));
+        }
+        if self.reference.left_behind {
+            anomalies.retain(|anomaly| !AHEAD.contains(anomaly));
+        }
+        if self.faults.can_roll_back() {
+            anomalies.retain(|anomaly| !FORKED.contains(anomaly));
+        }
+        if !anomalies.is_empty() {
+            return Err(format!("history: {anomalies:?}"));
+        }
+        for (first, second, register) in history::lost_updates(history) {
+            let (Some(a), Some(b)) = (names.get(&first), names.get(&second)) else { continue };
+            if a.0.origin == b.0.origin && !self.faults.can_repeat() {
+                return Err(format!("history: {} and {} of one robot have both overwritten {register}", a.0, b.0));
+            }
+            let survive = [a, b].iter().all(|id| self.reference.has((self.replica(0), &chain), **id));
+            if survive && !self.reference.is_listed(&key(register), *a, *b) {
+                return Err(format!(
+                    "I10: {} and {} have both overwritten {register}, and no conflict shows",
+                    a.0, b.0
+                ));
+            }
+        }
+        Ok(())
+    }
+}

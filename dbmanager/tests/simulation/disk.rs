@@ -1,0 +1,94 @@
+//! The disk of a simulated robot: what is on the platter, and what a lying flush has left in its cache.
+
+use dbmanager::logic::random::Random;
+use dbmanager::logic::record::{Batch, Records};
+
+/// What becomes of a write that the replica has to wait for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Fate {
+    /// It is written, and the driver goes on.
+    Done,
+    /// The robot stops before it is written.
+    CrashBefore,
+    /// The robot stops after it is written, and tells nobody.
+    CrashAfter,
+    /// The sync reports an error (EIO), and nobody knows whether it is written.
+    Error,
+    /// There is no space (ENOSPC).
+    Full,
+}
+
+/// One disk.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Disk {
+    platter: Records,
+    /// What was acknowledged to the driver, and a power cut takes away.
+    cache: Vec<Batch>,
+    /// Whether flushes are acknowledged without being done.
+    pub(crate) lies: bool,
+    /// Whether there is no space.
+    pub(crate) full: bool,
+    /// Whether the next write reports an error.
+    pub(crate) broken: bool,
+    /// Whether something was lost, so that the store may be found damaged.
+    pub(crate) doubtful: bool,
+}
+
+impl Disk {
+    /// Returns a disk with these records.
+    pub(crate) fn with(platter: Records) -> Self {
+        Self { platter, ..Self::default() }
+    }
+
+    /// Writes, and flushes in its own way.
+    pub(crate) fn write(&mut self, batch: Batch) {
+        if self.lies {
+            self.cache.push(batch);
+        } else {
+            batch.apply(&mut self.platter);
+        }
+    }
+
+    /// Returns what a program reads that starts now.
+    pub(crate) fn records(&mut self) -> &Records {
+        for batch in std::mem::take(&mut self.cache) {
+            batch.apply(&mut self.platter);
+        }
+        &self.platter
+    }
+
+    /// Returns a copy of what is on it.
+    pub(crate) fn copy(&self) -> Records {
+        let mut records = self.platter.clone();
+        self.cache.iter().for_each(|batch| batch.apply(&mut records));
+        records
+    }
+
+    /// Returns what would be left after a power cut now, and whether that is a store that stopped earlier. If not, one
+    /// batch in the middle is missing.
+    pub(crate) fn after_power_cut(&self, random: &mut Random) -> (Records, bool) {
+        let count = self.cache.len() as u64;
+        let kept = usize::try_from(random.below(count + 1)).expect("it is a length");
+        let hole = random.below(4) == 0 && kept + 1 < self.cache.len();
+        let mut records = self.platter.clone();
+        for (index, batch) in self.cache.iter().enumerate() {
+            if index < kept || hole && index > kept {
+                batch.apply(&mut records);
+            }
+        }
+        (records, !hole)
+    }
+
+    /// Replaces everything.
+    pub(crate) fn replace(&mut self, records: Records) {
+        (self.platter, self.doubtful) = (records, true);
+        self.cache.clear();
+    }
+
+    /// Puts the store aside, as the operator of a damaged one does.
+    pub(crate) fn clear(&mut self) {
+        self.platter.clear();
+        self.cache.clear();
+        self.doubtful = false;
+    }
+}

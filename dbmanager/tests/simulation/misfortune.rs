@@ -1,0 +1,462 @@
+//! What goes wrong in a simulated team. Each seed switches on a random part of it, so that no fault hides another
+//! (Groce et al., *Swarm Testing*, 2012).
+
+use super::disk::Fate;
+use super::{EPOCH_MS, World};
+use dbmanager::logic::clock::Quality;
+use dbmanager::logic::cut::Origin;
+use dbmanager::logic::key::Key;
+use dbmanager::logic::random::Random;
+use dbmanager::logic::record::Records;
+use dbmanager::logic::replica::{Config, Input, Replica};
+use dbmanager::logic::txn::{Condition, Draft};
+use std::time::Duration;
+
+const HOUR_MS: i64 = 3_600_000;
+const DAY_MS: u64 = 86_400_000;
+
+/// What goes wrong, in percent of the occasions: of messages, of writes to the disk, of steps.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Faults {
+    /// Messages lost.
+    pub(crate) drop: u64,
+    /// Messages delivered twice.
+    pub(crate) duplicate: u64,
+    /// Links cut or healed, in one direction or both, per step.
+    pub(crate) links: u64,
+    /// Radios that become slow, and robots that do, per step.
+    pub(crate) slow: u64,
+    /// Robots that crash, per step.
+    pub(crate) crash: u64,
+    /// Writes to the disk in which a robot crashes.
+    pub(crate) crash_in_write: u64,
+    /// Writes to the disk that report an error, done or not.
+    pub(crate) error: u64,
+    /// Disks that become full, per step.
+    pub(crate) full: u64,
+    /// Disks lost for good, per step.
+    pub(crate) disk_loss: u64,
+    /// Disks of two robots exchanged, per step.
+    pub(crate) swap: u64,
+    /// Robots retired, per step.
+    pub(crate) retire: u64,
+    /// Robots that join, per step.
+    pub(crate) join: u64,
+    /// Clocks that jump, drift, freeze or are not trusted any more, per step.
+    pub(crate) clock: u64,
+    /// All robots are switched off for days, per step; some stay off longer.
+    pub(crate) away: u64,
+    /// Robots restored from a backup, which their witness notices, per step.
+    pub(crate) restore: u64,
+    /// Robots whose disk is copied into another, which the witness of that one notices, per step.
+    pub(crate) clone: u64,
+    /// One robot has a bad disk and no witness: its flushes lie, and it is restored from backups. Per step.
+    pub(crate) rollback: u64,
+    /// The robot that stays: nobody retires it, and its disk is not lost.
+    pub(crate) anchor: usize,
+    /// The robot with the bad disk.
+    pub(crate) cursed: usize,
+}
+
+impl Faults {
+    /// Returns a random part of all that can go wrong.
+    pub(crate) fn swarm(random: &mut Random) -> Self {
+        let mut chance = |most: u64| if random.below(2) == 0 { 0 } else { 1 + random.below(most) };
+        let faults = Self {
+            drop: chance(30),
+            duplicate: chance(20),
+            links: chance(30),
+            slow: chance(6),
+            crash: chance(8),
+            crash_in_write: chance(4),
+            error: chance(3),
+            full: chance(3),
+            disk_loss: chance(3),
+            swap: chance(2),
+            retire: chance(6),
+            join: chance(2),
+            clock: chance(5),
+            away: chance(2),
+            restore: chance(3),
+            clone: chance(2),
+            rollback: chance(6),
+            ..Self::default()
+        };
+        // A robot whose disk forgets must not find others that have forgotten what it told them: that nobody can mend.
+        let lossy = Self { rollback: 0, ..faults };
+        let honest = Self { disk_loss: 0, swap: 0, retire: 0, join: 0, restore: 0, clone: 0, ..faults };
+        if random.below(4) > 0 { lossy } else { honest }
+    }
+
+    /// Returns whether a robot may have less than it had, and bring in again what others have overwritten since: then
+    /// what was deleted may be there once more. Too many versions, never too few.
+    pub(crate) fn can_repeat(&self) -> bool {
+        self.rollback + self.restore + self.clone > 0
+    }
+
+    /// Returns whether a store may be older than it was, without a witness.
+    pub(crate) fn can_roll_back(&self) -> bool {
+        self.rollback > 0
+    }
+}
+
+impl World {
+    /// Chooses who stays and whose disk is bad. Robot 0 has no privilege.
+    pub(crate) fn curse(&mut self, size: usize) {
+        self.faults.anchor = self.below(size);
+        self.faults.cursed = (self.faults.anchor + 1) % size;
+        if self.faults.can_roll_back() {
+            let cursed = self.faults.cursed;
+            self.nodes[cursed].disk.lies = self.happens(50);
+        }
+    }
+
+    /// Lets something go wrong, or a little less.
+    pub(crate) fn misfortune(&mut self) {
+        let (node, other) = (self.below(self.nodes.len()), self.below(self.nodes.len()));
+        let Faults { anchor, .. } = self.faults;
+        self.trouble_links(node, other);
+        if self.happens(self.faults.crash) {
+            self.crash(node);
+        }
+        if self.happens(30) {
+            self.restart(other);
+        }
+        if self.happens(self.faults.full) {
+            self.nodes[node].disk.full = true;
+        }
+        if self.happens(30) {
+            self.nodes[other].disk.full = false;
+        }
+        if self.happens(self.faults.disk_loss) && node != anchor {
+            self.lose_disk(node);
+        }
+        if self.happens(self.faults.swap) && node != anchor && other != anchor && node != other {
+            self.swap_disks(node, other);
+        }
+        if self.happens(self.faults.retire) && node != anchor {
+            self.delete_and_retire(other, node);
+        }
+        if self.happens(self.faults.join) && self.nodes.len() < 6 {
+            self.add(format!("r{}", self.nodes.len()), Records::new());
+        }
+        if self.happens(self.faults.clock) {
+            self.trouble_clock(node);
+        }
+        if self.happens(self.faults.away) {
+            self.be_away();
+        }
+        if self.happens(self.faults.restore) && node != anchor {
+            self.restore_backup(node);
+        }
+        if self.happens(self.faults.clone) && node != anchor && self.nodes.len() < 6 {
+            self.copy_disk(node);
+        }
+        if self.happens(self.faults.rollback) {
+            self.roll_back();
+        }
+    }
+
+    fn trouble_links(&mut self, node: usize, other: usize) {
+        if self.happens(self.faults.links) && node != other {
+            match self.below(4) {
+                0 => self.cut(node, other),
+                1 => self.network.cut_one_way(node, other),
+                _ => self.network.heal(node, other),
+            }
+        }
+        if self.happens(self.faults.links / 4) {
+            if self.happens(50) { self.isolate(node) } else { (0..self.nodes.len()).for_each(|n| self.join_network(n)) }
+        }
+        if self.happens(self.faults.slow) {
+            let rate = [6_250, 31_250, 125_000][self.below(3)];
+            self.network.choke(node, rate);
+        }
+        if self.happens(self.faults.slow) {
+            self.network.slow_down(other, Duration::from_millis(150));
+        }
+    }
+
+    fn trouble_clock(&mut self, node: usize) {
+        let elapsed = i64::try_from(self.now.nanos() / 1_000_000).expect("it is less than an age");
+        let year_2099 = 73 * 365 * 24 * HOUR_MS;
+        let jumps = [-(EPOCH_MS as i64) - elapsed, -HOUR_MS, 0, 10 * HOUR_MS, year_2099];
+        let (jump, drift) = (jumps[self.below(5)], [-200, 0, 200][self.below(3)]);
+        let frozen = self.happens(20).then(|| self.wall(node).millis);
+        let qualities = [Quality::Unset, Quality::Battery, Quality::Network, Quality::Satellite];
+        let quality = qualities[self.below(4)];
+        *self.clock(node) = super::WallClock { offset_ms: jump, drift_ppm: drift, frozen, quality };
+        if self.happens(20) {
+            self.input(node, |_, wall| Input::HealClock(wall));
+        }
+    }
+
+    /// Switches everything off for up to 90 days. About half of the robots come back at once, the others some time.
+    fn be_away(&mut self) {
+        (0..self.nodes.len()).for_each(|node| self.crash(node));
+        let days = [1, 7, 90][self.below(3)];
+        self.now = self.now + Duration::from_millis(days * DAY_MS);
+        for node in 0..self.nodes.len() {
+            if self.happens(50) {
+                self.restart(node);
+            }
+        }
+    }
+
+    /// Has one robot retire another. Half of the time it has just deleted something: then it matters whether the other counts.
+    fn delete_and_retire(&mut self, by: usize, node: usize) {
+        if self.happens(50) {
+            let register = self.random.below(5);
+            self.delete_register(by, register);
+            let pause = [0, 100, 2000][self.below(3)];
+            self.run_for(pause);
+        }
+        self.retire(by, node);
+    }
+
+    /// Two robots get each other's disk. Neither opens it; half of the time somebody finds out, otherwise both begin anew.
+    fn swap_disks(&mut self, node: usize, other: usize) {
+        let seed = self.random.next();
+        for (robot, found) in [(node, other), (other, node)] {
+            self.crash(robot);
+            let name = self.nodes[robot].name.clone();
+            let config = Config { robot: name.clone(), seed, log_size: 0, mutant: self.mutant };
+            let same = self.nodes[found].name == name;
+            let records = self.nodes[found].disk.records();
+            if !records.is_empty() && !same && Replica::open(config, records).is_ok() {
+                self.reference.blame(format!("{robot} opens the store of {found}"));
+            }
+        }
+        if self.happens(50) {
+            self.lose_disk(node);
+            self.lose_disk(other);
+        }
+    }
+
+    /// The bad disk: a power cut takes what its flushes had only promised, or a backup is put back.
+    fn roll_back(&mut self) {
+        let node = self.faults.cursed;
+        let mut random = self.random.clone();
+        let (records, _) = self.nodes[node].disk.after_power_cut(&mut random);
+        self.random = random;
+        let records = if self.nodes[node].disk.lies { Some(records) } else { self.exchange_backup(node) };
+        if let Some(records) = records.filter(|records| self.can_be_rolled_back(node, records)) {
+            self.network.forget_sent_by(node);
+            self.restore(node, records);
+        }
+    }
+
+    /// Returns the copy of a disk that was taken before, and forgets it; if there was none, takes one.
+    fn exchange_backup(&mut self, node: usize) -> Option<Records> {
+        let backup = self.backups.remove(&node);
+        if backup.is_none() {
+            self.backups.insert(node, self.nodes[node].disk.copy());
+        }
+        backup
+    }
+
+    /// A robot is restored from a backup, and its witness notices.
+    fn restore_backup(&mut self, node: usize) {
+        if let Some(records) = self.exchange_backup(node) {
+            self.restore(node, records);
+            self.restart_copied(node);
+        }
+    }
+
+    /// A robot of the same name gets a copy of the disk, and its witness notices. The store of the first one it knows; the
+    /// two are told apart when both are there.
+    fn copy_disk(&mut self, node: usize) {
+        let (name, records) = (self.nodes[node].name.clone(), self.nodes[node].disk.copy());
+        if !records.is_empty() {
+            self.seat(name, records);
+            self.restart_copied(self.nodes.len() - 1);
+        }
+    }
+
+    /// Returns whether everybody who would notice knows, or nobody: without a witness beside the store, nothing else can be
+    /// mended (5.1 of the study: rules 2 and 3 have to keep two branches from spreading).
+    fn can_be_rolled_back(&mut self, node: usize, records: &Records) -> bool {
+        let Some(old) = self.look_at(node, records) else { return true };
+        let (origin, kept) = (old.origin(), old.log().cut().clone());
+        let present = self.nodes[node].disk.copy();
+        let had = self.look_at(node, &present).map(|replica| replica.log().cut().clone()).unwrap_or_default();
+        let mut others = Vec::new();
+        for other in (0..self.nodes.len()).filter(|other| *other != node) {
+            let copy = self.nodes[other].disk.copy();
+            let Some(replica) = self.look_at(other, &copy) else { continue };
+            let (cut, retired) = (replica.log().cut(), replica.members().retired(origin).is_some());
+            others.push((cut.get(origin), retired, cut.get(old.address())));
+        }
+        // Nor must it come back as somebody that it had been before, or as one that it wanted to be and has been since.
+        let anew = old.address() == origin || others.iter().all(|(_, _, known)| *known == 0);
+        let noticed = others.iter().all(|(known, ..)| *known > kept.get(origin));
+        let harmless = others.iter().all(|(known, ..)| *known <= kept.get(origin))
+            && had.iter().all(|(of, seq)| of == origin || kept.get(of) == seq);
+        anew && (noticed || harmless) && !others.iter().any(|(_, retired, _)| *retired)
+    }
+
+    /// Returns the replica that these records are; `None` if they are none.
+    fn look_at(&self, node: usize, records: &Records) -> Option<Replica> {
+        if records.is_empty() {
+            return None;
+        }
+        let config = Config { robot: self.nodes[node].name.clone(), seed: 1, log_size: 0, mutant: self.mutant };
+        Replica::open(config, records).ok()
+    }
+
+    /// Decides about a write to the disk.
+    pub(crate) fn fate(&mut self, node: usize) -> Fate {
+        let Faults { crash_in_write, error, .. } = self.faults;
+        if self.nodes[node].disk.full {
+            Fate::Full
+        } else if std::mem::take(&mut self.nodes[node].disk.broken) {
+            Fate::Error
+        } else if self.happens(crash_in_write) {
+            if self.happens(50) { Fate::CrashBefore } else { Fate::CrashAfter }
+        } else if self.happens(error) {
+            Fate::Error
+        } else {
+            Fate::Done
+        }
+    }
+
+    /// Nothing goes wrong from now on but that messages are lost; what was broken is mended, and all robots run.
+    pub(crate) fn be_kind(&mut self) {
+        let Faults { drop, links, restore, clone, rollback, anchor, cursed, .. } = self.faults;
+        if links > 0 {
+            self.network.mend();
+        }
+        self.faults = Faults { drop, links, restore, clone, rollback, anchor, cursed, ..Faults::default() };
+        for node in 0..self.nodes.len() {
+            self.nodes[node].disk.full = false;
+            self.restart(node);
+        }
+    }
+
+    /// Changes a disk; what was only there is forgiven.
+    fn change_disk(&mut self, node: usize, change: impl FnOnce(&mut super::Disk)) {
+        self.crash(node);
+        let copies: Vec<Records> = self.nodes.iter().map(|node| node.disk.copy()).collect();
+        let before = self.look_at(node, &copies[node]);
+        change(&mut self.nodes[node].disk);
+        self.forgets(node);
+        let Some(before) = before else { return };
+        let after = self.nodes[node].disk.copy();
+        self.nodes[node].asleep = self
+            .look_at(node, &after)
+            .map_or_else(Default::default, |replica| (replica.origin(), replica.log().cut().clone()));
+        let others = copies.iter().enumerate().filter(|(other, _)| *other != node);
+        let others = others.filter_map(|(other, records)| self.look_at(other, records));
+        let left: Vec<Replica> = others.chain(self.look_at(node, &after)).collect();
+        if let Err(why) = self.reference.forgive(&before, &left.iter().collect::<Vec<_>>()) {
+            self.reference.blame(why);
+        }
+    }
+
+    /// Destroys the disk of a robot.
+    pub(crate) fn lose_disk(&mut self, node: usize) {
+        self.change_disk(node, super::Disk::clear);
+    }
+
+    /// Lets forks happen without blame: somebody has no witness beside the store.
+    pub(crate) fn expect_forks(&mut self) {
+        self.faults.rollback = 1;
+    }
+
+    /// Returns a copy of a disk.
+    pub(crate) fn backup(&self, node: usize) -> Records {
+        self.nodes[node].disk.copy()
+    }
+
+    /// Stops a robot and puts back a copy of its disk.
+    pub(crate) fn restore(&mut self, node: usize, records: Records) {
+        self.change_disk(node, |disk| disk.replace(records));
+    }
+
+    /// Adds a robot with a copy of the disk of another.
+    pub(crate) fn add_clone(&mut self, of: usize, records: Records) {
+        let name = self.nodes[of].name.clone();
+        self.add(name, records);
+    }
+
+    /// Cuts a link.
+    pub(crate) fn cut(&mut self, a: usize, b: usize) {
+        self.network.cut_one_way(a, b);
+        self.network.cut_one_way(b, a);
+    }
+
+    /// Mends a link.
+    pub(crate) fn heal(&mut self, a: usize, b: usize) {
+        self.network.heal(a, b);
+    }
+
+    /// Cuts all links of a robot, to those that come later too.
+    pub(crate) fn isolate(&mut self, node: usize) {
+        (0..10).filter(|other| *other != node).for_each(|other| self.cut(node, other));
+    }
+
+    /// Mends all links of a robot.
+    pub(crate) fn join_network(&mut self, node: usize) {
+        self.network.heal_all_of(node);
+    }
+
+    /// Has one robot retire another.
+    pub(crate) fn retire(&mut self, by: usize, node: usize) {
+        let Some(target) = self.nodes[node].replica.as_ref().map(Replica::origin) else { return };
+        self.input(by, |_, wall| Input::Retire(target, wall));
+    }
+
+    /// Has one robot retire an origin.
+    pub(crate) fn retire_origin(&mut self, by: usize, origin: Origin) {
+        self.input(by, |_, wall| Input::Retire(origin, wall));
+    }
+
+    /// Returns the origin of a robot that does not run.
+    pub(crate) fn asleep(&self, node: usize) -> Origin {
+        self.nodes[node].asleep.0
+    }
+
+    /// Fills a disk, or makes space on it.
+    pub(crate) fn fill_disk(&mut self, node: usize, full: bool) {
+        self.nodes[node].disk.full = full;
+    }
+
+    /// Has the next write to a disk report an error.
+    pub(crate) fn break_next_write(&mut self, node: usize) {
+        self.nodes[node].disk.broken = true;
+    }
+
+    /// Starts a robot from a disk of which its witness says that it is a copy.
+    pub(crate) fn restart_copied(&mut self, node: usize) {
+        self.nodes[node].copied = true;
+        self.restart(node);
+    }
+
+    /// Commits a value.
+    pub(crate) fn put(&mut self, node: usize, key: &str, value: u64) {
+        let key = Key::new(key).expect("it is a key");
+        self.commit(node, Draft::new("put").put(key, &value.to_le_bytes()));
+    }
+
+    /// Commits a value where none is.
+    pub(crate) fn create(&mut self, node: usize, key: &str, value: u64) {
+        let key = Key::new(key).expect("it is a key");
+        self.commit(node, Draft::new("create").require(key.clone(), Condition::Absent).put(key, &value.to_le_bytes()));
+    }
+
+    /// Commits a deletion.
+    pub(crate) fn delete(&mut self, node: usize, key: &str) {
+        self.commit(node, Draft::new("delete").delete(Key::new(key).expect("it is a key")));
+    }
+
+    /// Returns what a read shows.
+    pub(crate) fn value(&self, node: usize, key: &str) -> Option<u64> {
+        let value = self.replica(node).state().get(&Key::new(key).expect("it is a key"))?.value.as_ref()?;
+        Some(u64::from_le_bytes(value.bytes[..].try_into().expect("all values here are numbers")))
+    }
+
+    /// Returns how many versions of a key there are, deletions included.
+    pub(crate) fn siblings(&self, node: usize, key: &str) -> usize {
+        self.replica(node).state().versions(&Key::new(key).expect("it is a key")).len()
+    }
+}

@@ -1,0 +1,166 @@
+//! The network of a simulated team: it delays, loses, repeats, swaps and chokes, in each direction for itself.
+
+use comms::logic::time::Time;
+use dbmanager::logic::cut::Origin;
+use dbmanager::logic::message::Message;
+use dbmanager::logic::random::Random;
+use std::collections::{BTreeMap, BTreeSet};
+use std::rc::Rc;
+use std::time::Duration;
+
+/// The most bytes that wait for a slow radio; what comes then is dropped, as zenoh does under congestion.
+const QUEUE_SIZE_MAX: u64 = 256 << 10;
+/// The shortest and the longest way, in microseconds: so different that messages overtake each other.
+const LATENCY_US: [u64; 2] = [200, 80_000];
+
+/// A message on its way.
+#[derive(Debug)]
+pub(crate) struct Letter {
+    pub(crate) to: usize,
+    /// The sender as the receiver knows it.
+    pub(crate) from: Origin,
+    pub(crate) message: Rc<Message>,
+    sender: usize,
+}
+
+/// Radios, what is between them, and what is under way.
+#[derive(Debug)]
+pub(crate) struct Network {
+    random: Random,
+    /// Messages lost, in percent.
+    pub(crate) drop: u64,
+    /// Messages delivered twice, in percent.
+    pub(crate) duplicate: u64,
+    /// Messages with more bytes are lost each time.
+    pub(crate) size_max: usize,
+    /// Bytes that have been sent, lost ones included.
+    pub(crate) sent: u64,
+    /// Directions in which nothing gets through.
+    cut: BTreeSet<(usize, usize)>,
+    /// Bytes per second of slow radios.
+    radios: BTreeMap<usize, u64>,
+    /// Until when the queue between two is full.
+    queues: BTreeMap<(usize, usize), Time>,
+    /// How long a slow robot takes for each message, and until when it is busy.
+    slow: BTreeMap<usize, (Duration, Time)>,
+    mail: BTreeMap<(Time, u64), Letter>,
+    posted: u64,
+}
+
+impl Network {
+    /// Returns a network in which everybody hears everybody.
+    pub(crate) fn new(seed: u64) -> Self {
+        Self {
+            random: Random::new(seed),
+            drop: 0,
+            duplicate: 0,
+            size_max: usize::MAX,
+            sent: 0,
+            cut: BTreeSet::new(),
+            radios: BTreeMap::new(),
+            queues: BTreeMap::new(),
+            slow: BTreeMap::new(),
+            mail: BTreeMap::new(),
+            posted: 0,
+        }
+    }
+
+    /// Lets nothing through from `from` to `to`.
+    pub(crate) fn cut_one_way(&mut self, from: usize, to: usize) {
+        self.cut.insert((from, to));
+    }
+
+    /// Lets messages through again, in both directions.
+    pub(crate) fn heal(&mut self, a: usize, b: usize) {
+        self.cut.remove(&(a, b));
+        self.cut.remove(&(b, a));
+    }
+
+    /// Mends all links of a robot.
+    pub(crate) fn heal_all_of(&mut self, node: usize) {
+        self.cut.retain(|(from, to)| *from != node && *to != node);
+    }
+
+    /// Mends everything: links, radios, slow robots.
+    pub(crate) fn mend(&mut self) {
+        self.cut.clear();
+        self.radios.clear();
+        self.slow.clear();
+    }
+
+    /// Gives a robot a radio of so many bytes per second.
+    pub(crate) fn choke(&mut self, node: usize, bytes_per_second: u64) {
+        self.radios.insert(node, bytes_per_second.max(1));
+    }
+
+    /// Makes a robot take so long for each message that it gets.
+    pub(crate) fn slow_down(&mut self, node: usize, each: Duration) {
+        self.slow.insert(node, (each, Time::ZERO));
+    }
+
+    /// Forgets what a robot has sent and nobody has got yet: it had not left its buffers.
+    pub(crate) fn forget_sent_by(&mut self, node: usize) {
+        self.mail.retain(|_, letter| letter.sender != node);
+    }
+
+    /// Returns when the next message arrives.
+    pub(crate) fn next(&self) -> Option<Time> {
+        self.mail.first_key_value().map(|((at, _), _)| *at)
+    }
+
+    /// Takes the next message.
+    pub(crate) fn take(&mut self) -> Option<Letter> {
+        self.mail.pop_first().map(|(_, letter)| letter)
+    }
+
+    /// Sends a message.
+    pub(crate) fn post(&mut self, now: Time, (sender, from): (usize, Origin), to: usize, message: &Rc<Message>) {
+        if self.cut.contains(&(sender, to)) {
+            return;
+        }
+        let Some(sent) = self.transmit(now, (sender, to), message) else { return };
+        let copies = if self.random.below(100) < self.duplicate { 2 } else { 1 };
+        for _ in 0..copies {
+            if self.random.below(100) < self.drop {
+                continue;
+            }
+            let way = LATENCY_US[0] + self.random.below(LATENCY_US[1] - LATENCY_US[0]);
+            let mut at = sent + Duration::from_micros(way);
+            if let Some((each, until)) = self.slow.get_mut(&to) {
+                at = at.max(*until) + *each;
+                *until = at;
+            }
+            self.posted += 1;
+            let letter = Letter { to, from, message: Rc::clone(message), sender };
+            self.mail.insert((at, self.posted), letter);
+        }
+    }
+
+    /// Returns when the last byte has left; `None` if it is not taken.
+    fn transmit(&mut self, now: Time, link: (usize, usize), message: &Message) -> Option<Time> {
+        let radios = [link.0, link.1].map(|node| self.radios.get(&node).copied());
+        let rate = radios.into_iter().flatten().min();
+        if rate.is_none() && self.size_max == usize::MAX {
+            return Some(now);
+        }
+        let size = size(message);
+        self.sent += size as u64;
+        if size > self.size_max {
+            return None;
+        }
+        let Some(rate) = rate else { return Some(now) };
+        let free = self.queues.entry(link).or_default();
+        let waiting = (*free).max(now);
+        let queued = waiting.since(now).as_nanos() * u128::from(rate) / 1_000_000_000;
+        if queued > u128::from(QUEUE_SIZE_MAX) {
+            return None;
+        }
+        *free = waiting + Duration::from_nanos(size as u64 * 1_000_000_000 / rate);
+        Some(*free)
+    }
+}
+
+/// Returns how many bytes a message has on the wire, without its envelope.
+pub(crate) fn size(message: &Message) -> usize {
+    postcard::experimental::serialized_size(message).expect("messages have a size")
+}
