@@ -32,8 +32,7 @@ pub fn gather(spec: &Source, read: &dyn Fn(&str) -> Result<String, String>) -> V
     let mut next = 0;
     let mut user = Some(spec.clone());
     while let Some(source) = user {
-        let tree = Node::new(parse(&source, Origin::Spec).root, Origin::Spec);
-        for used in uses(&tree) {
+        for used in may_use(&source).then(|| tree(&source)).iter().flat_map(uses) {
             let path = resolve(&source.name, &used.text);
             if parts.len() >= FILES_MAX || !known.insert(path.clone()) {
                 continue;
@@ -48,6 +47,16 @@ pub fn gather(spec: &Source, read: &dyn Fn(&str) -> Result<String, String>) -> V
         next += 1;
     }
     parts
+}
+
+fn tree(source: &Source) -> Node {
+    Node::new(parse(source, Origin::Spec).root, Origin::Spec)
+}
+
+/// Whether a text is worth reading for what it uses: most use nothing, and an editor asks at each keystroke.
+fn may_use(source: &Source) -> bool {
+    // A comment may stand before the path.
+    source.text.split("use").skip(1).any(|rest| rest.trim_start().starts_with(['"', '/']))
 }
 
 /// The paths in the `use` items of a file, as they are written.
