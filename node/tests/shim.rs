@@ -299,20 +299,6 @@ fn a_program_has_its_limits_from_the_start() {
     assert_eq!(over.read(OUTPUT_FILE), "524288\n90\n64\n7\n");
 }
 
-#[test]
-fn a_program_that_wants_more_than_it_may_use_does_not_get_it() {
-    let usage = Usage { files: Some(8), ..Usage::default() };
-    let script = "exec 4</dev/null 5</dev/null 6</dev/null 7</dev/null && echo four; exec 8</dev/null; echo never";
-    let mut shim = limited(usage, script);
-    let mut reports = Vec::new();
-    while let Some(report) = shim.next() {
-        reports.push(report);
-    }
-    let over = Over { dir: shim.dir.clone() };
-    assert!(over.read(OUTPUT_FILE).starts_with("four\n") && !over.read(OUTPUT_FILE).contains("never"), "{reports:?}");
-    assert!(shim.child.wait().unwrap().success());
-}
-
 /// No kernel lets anybody open more files than it has numbers for.
 #[test]
 fn what_the_kernel_refuses_is_one_sentence() {
