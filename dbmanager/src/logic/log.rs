@@ -92,6 +92,17 @@ impl Log {
         &self.heads
     }
 
+    /// Returns eight bytes that two logs share only if they have the same transactions, and not only the same numbers.
+    pub fn chains(&self) -> u64 {
+        let mut hasher = blake3::Hasher::new();
+        for (origin, head) in &self.heads {
+            hasher.update(&origin.number().to_le_bytes()).update(&head.seq.to_le_bytes()).update(&head.link.0);
+        }
+        let mut digest = [0; 8];
+        digest.copy_from_slice(&hasher.finalize().as_bytes()[..8]);
+        u64::from_le_bytes(digest)
+    }
+
     /// Returns the frame of a transaction, if it is still kept.
     pub fn frame(&self, dot: Dot) -> Option<&Frame> {
         self.frames.get(&dot).map(|logged| &logged.frame)

@@ -53,6 +53,8 @@ pub struct Hello {
     pub sponsors: Vec<Origin>,
     /// [`Cut::digest`] of what it has.
     pub cut: u64,
+    /// The same of the chains: of two replicas with equal cuts it differs if a number was used twice.
+    pub chains: u64,
     /// The same of what it has besides, but cannot read.
     pub held: u64,
     /// Digest of the state that this gives.

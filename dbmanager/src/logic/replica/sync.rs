@@ -208,6 +208,7 @@ impl Replica {
             member: self.is_member(),
             sponsors: self.members.sponsors(self.identity.origin),
             cut: self.log.cut().digest(),
+            chains: self.log.chains(),
             held: self.held.cut().digest(),
             state: self.state.digest(),
             head: (head.seq, head.link),
@@ -259,7 +260,7 @@ impl Replica {
             if hello.held != self.held.cut().digest() {
                 self.sync.ahead(from, now);
             }
-            if hello.state == self.state.digest() {
+            if hello.chains == self.log.chains() && hello.state == self.state.digest() {
                 self.learn_told();
             } else {
                 effects.push(Effect::Alarm(Alarm::Diverged(from)));
