@@ -1,6 +1,12 @@
 //! The store on a real disk, the replica on top of it, and what may happen to both: power cuts, kills, full and dying disks,
 //! flipped bits, copies.
 
+#![expect(
+    clippy::unwrap_used,
+    clippy::print_stdout,
+    reason = "all of it is test code; what was skipped or found is said"
+)]
+
 #[path = "store/child.rs"]
 mod child;
 #[path = "store/damage.rs"]
