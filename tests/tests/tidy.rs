@@ -81,7 +81,8 @@ impl Source {
     /// Returns how many lines there are before the tests.
     fn length(&self) -> usize {
         let lines: Vec<&str> = self.text.lines().collect();
-        let is_tail = |pair: &[&str]| pair[0] == "#[cfg(test)]" && pair[1].contains("mod ");
+        let is_test = |line: &str| line == "#[cfg(test)]" || line.starts_with("#[cfg(all(test, ");
+        let is_tail = |pair: &[&str]| is_test(pair[0]) && pair[1].contains("mod ");
         lines.windows(2).position(is_tail).unwrap_or(lines.len())
     }
 
