@@ -40,11 +40,15 @@ struct World {
 
 fn open(name: &str, disk: &Records, seed: u64) -> Replica {
     let config = Config { robot: name.to_owned(), seed, log_size: 1 << 20, mutant: Mutant::None };
-    Replica::open(config, disk).unwrap()
+    Replica::open(config, disk).expect("a disk that was written by a replica")
+}
+
+fn key_of(text: &str) -> Key {
+    Key::new(text).expect("the tests have plain keys")
 }
 
 fn put(key: &str, datum: &Datum) -> Write {
-    Write { key: Key::new(key).unwrap(), value: Some(datum.encode().unwrap()) }
+    Write { key: key_of(key), value: Some(datum.encode().expect("it is short")) }
 }
 
 fn commit(writes: Vec<Write>, far: Far) -> Question {
@@ -96,7 +100,7 @@ impl World {
     fn ask(&mut self, robot: usize, question: Question) -> Reply {
         let call = self.call(robot, question);
         assert!(self.robots[robot].ended.contains(&call), "{:?}", self.replies(robot, call));
-        self.replies(robot, call).last().unwrap().clone()
+        self.replies(robot, call).last().expect("what has ended was answered").clone()
     }
 
     fn status(&mut self, robot: usize) -> Status {
@@ -114,7 +118,7 @@ impl World {
     }
 
     fn read(&mut self, robot: usize, key: &str) -> Vec<Datum> {
-        match self.ask(robot, Question::Get { key: Key::new(key).unwrap() }) {
+        match self.ask(robot, Question::Get { key: key_of(key) }) {
             Reply::Entries(entries) => {
                 let versions = entries.into_iter().flat_map(|(_, versions)| versions);
                 versions.filter_map(|version| version.value.map(|value| Datum::of(&value))).collect()
@@ -328,7 +332,8 @@ fn a_disk_that_fails_stops_writes_and_nothing_else() {
     let mut world = World::team(&["r1", "r2"]);
     world.write(0, "team/kept", 1);
     let (disk, mut effects) = (world.robots[0].disk.clone(), Vec::new());
-    world.robots[0].machine.close("no space left on device", &mut effects);
+    let durable = world.robots[0].machine.state().clone();
+    world.robots[0].machine.close("no space left on device", durable, &mut effects);
     assert_eq!(world.read(0, "team/kept"), [Datum::from(1)]);
     let refused = world.ask(0, commit(vec![put("team/new", &Datum::from(1))], Far::Local));
     assert!(matches!(refused, Reply::Refused(why) if why.contains("no space left on device")));

@@ -36,19 +36,25 @@ struct Way {
 
 impl Way {
     fn open(host: &Host, name: &str) -> Self {
-        let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
-        let session = runtime.block_on(Session::open_client(&host.run_dir().join(name).join("node.sock"))).unwrap();
+        let runtime = tokio::runtime::Builder::new_multi_thread()
+            .worker_threads(1)
+            .enable_all()
+            .build()
+            .expect("it is as the test has made it");
+        let session = runtime
+            .block_on(Session::open_client(&host.run_dir().join(name).join("node.sock")))
+            .expect("it is as the test has made it");
         Self { host: name.to_owned(), session, runtime }
     }
 
     /// Asks; returns every answer, or nothing if the node does not answer.
     fn ask(&self, question: Question) -> Option<Vec<Reply>> {
         self.runtime.block_on(async {
-            let bytes = codec::encode(&Request::Database(question)).unwrap();
+            let bytes = codec::encode(&Request::Database(question)).expect("it is as the test has made it");
             let mut replies = self.session.call_stream(&key::rpc(&self.host, "request"), bytes).ok()?;
             let mut all = Vec::new();
             while let Some(reply) = replies.next().await {
-                match codec::decode(&reply.ok()?).unwrap() {
+                match codec::decode(&reply.ok()?).expect("it is as the test has made it") {
                     Answer::Database(reply) => all.push(reply),
                     other => panic!("{other:?}"),
                 }
@@ -66,9 +72,12 @@ impl Way {
 
     /// Returns the nodes that this one reaches.
     fn sees(&self) -> Vec<String> {
-        let bytes = codec::encode(&Request::Status).unwrap();
-        let answer = self.runtime.block_on(self.session.call(&key::rpc(&self.host, "request"), bytes, SOON)).unwrap();
-        match codec::decode(&answer).unwrap() {
+        let bytes = codec::encode(&Request::Status).expect("it is as the test has made it");
+        let answer = self
+            .runtime
+            .block_on(self.session.call(&key::rpc(&self.host, "request"), bytes, SOON))
+            .expect("it is as the test has made it");
+        match codec::decode(&answer).expect("it is as the test has made it") {
             Answer::Status(status) => status.peers,
             other => panic!("{other:?}"),
         }
@@ -77,8 +86,8 @@ impl Way {
     /// Writes all of these in one transaction; returns its name once it is acknowledged.
     fn write(&self, writes: &[(&str, &str)]) -> Option<Dot> {
         let write = |(key, value): &(&str, &str)| Write {
-            key: Key::new(*key).unwrap(),
-            value: Some(Datum::from(*value).encode().unwrap()),
+            key: Key::new(*key).expect("it is as the test has made it"),
+            value: Some(Datum::from(*value).encode().expect("it is as the test has made it")),
         };
         let commit = Commit {
             reason: "a test".to_owned(),
@@ -95,7 +104,9 @@ impl Way {
     }
 
     fn list(&self, prefix: &str) -> Vec<(Key, Vec<Version>)> {
-        let replies = self.ask(Question::List { prefix: prefix.to_owned(), at: Moment::Now }).unwrap();
+        let replies = self
+            .ask(Question::List { prefix: prefix.to_owned(), at: Moment::Now })
+            .expect("it is as the test has made it");
         let entries = replies.into_iter().map(|reply| match reply {
             Reply::Entries(entries) => entries,
             other => panic!("{other:?}"),
@@ -189,13 +200,16 @@ fn three_robots_agree_after_each_was_alone() {
     robots.expect_agreement(3);
 
     for number in 1..=3 {
-        let listed: serde_json::Value = serde_json::from_str(&robots.db(number, &["conflicts", "--json"])).unwrap();
-        let conflicts = listed["conflicts"].as_array().unwrap();
-        let keys: Vec<&str> = conflicts.iter().map(|one| one["key"].as_str().unwrap()).collect();
+        let listed: serde_json::Value =
+            serde_json::from_str(&robots.db(number, &["conflicts", "--json"])).expect("it is as the test has made it");
+        let conflicts = listed["conflicts"].as_array().expect("it is as the test has made it");
+        let keys: Vec<&str> =
+            conflicts.iter().map(|one| one["key"].as_str().expect("it is as the test has made it")).collect();
         assert_eq!(keys, ["team/pair/left", "team/pair/right", "team/shared"]);
         for conflict in conflicts {
-            let versions = conflict["versions"].as_array().unwrap();
-            let values: BTreeSet<&str> = versions.iter().map(|one| one["value"].as_str().unwrap()).collect();
+            let versions = conflict["versions"].as_array().expect("it is as the test has made it");
+            let values: BTreeSet<&str> =
+                versions.iter().map(|one| one["value"].as_str().expect("it is as the test has made it")).collect();
             assert_eq!(values, NAMES.into(), "{conflict}");
         }
         assert_eq!(robots.db(number, &["get", &format!("robot/{}/own", NAMES[number % 3])]).trim(), {
@@ -219,7 +233,7 @@ fn data_goes_through_the_one_who_meets_both() {
     let Some(robots) = Robots::start(&[1, 3]) else { return };
     robots.db(2, &["found"]);
     robots.expect_agreement(3);
-    robots.ways[0].write(&[("team/from", "r1")]).unwrap();
+    robots.ways[0].write(&[("team/from", "r1")]).expect("it is as the test has made it");
     println!("through another after {:.2?}", robots.expect_agreement(3));
     assert_eq!(robots.db(3, &["get", "team/from"]), "\"r1\"\n");
 
@@ -247,7 +261,7 @@ fn a_killed_node_has_lost_nothing() {
         let way = Way::open(&host, "r1");
         let found: BTreeSet<Key> = way.list("team/").into_iter().map(|(key, _)| key).collect();
         for (key, _) in &acknowledged {
-            assert!(found.contains(&Key::new(key.as_str()).unwrap()), "{key} is lost");
+            assert!(found.contains(&Key::new(key.as_str()).expect("it is as the test has made it")), "{key} is lost");
         }
         let killer = std::thread::spawn(move || {
             dca_tests::cluster::pass(Duration::from_millis(150 + 70 * round));
@@ -261,7 +275,7 @@ fn a_killed_node_has_lost_nothing() {
             }
             acknowledged.push((key, value));
         }
-        assert_eq!(killer.join().unwrap().signal, Some(9));
+        assert_eq!(killer.join().expect("it is as the test has made it").signal, Some(9));
     }
     println!("{} acknowledged writes, five kills, none lost", acknowledged.len());
     assert!(acknowledged.len() > 10);

@@ -24,6 +24,7 @@ use dbmanager::io::group::Groups;
 use dbmanager::logic::clock::{Quality, Wall};
 use dbmanager::logic::cut::Origin;
 use dbmanager::logic::record::Batch;
+use dbmanager::logic::state::State;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -196,12 +197,14 @@ impl Worker {
         while let Some(arrivals) = self.wait() {
             let Some(inputs) = self.inputs(arrivals) else { return };
             self.reopen_if_due();
-            let (mut effects, address) = (Vec::new(), self.machine.address());
+            // The map of the state is shared, so that this costs nothing.
+            let (mut effects, durable) = (Vec::new(), self.machine.state().clone());
+            let address = self.machine.address();
             self.machine.handle(clock::now(), wall(), inputs, &mut effects);
             if self.machine.address() != address {
                 self.send(Outgoing::Address(self.machine.address()));
             }
-            self.carry_out(effects);
+            self.carry_out(effects, durable);
         }
     }
 
@@ -234,18 +237,19 @@ impl Worker {
     }
 
     /// Writes what is to be written, in one batch, and then does the rest.
-    fn carry_out(&mut self, effects: Vec<Effect>) {
+    fn carry_out(&mut self, effects: Vec<Effect>, durable: State) {
         let (mut batch, mut rest) = (Batch::default(), Vec::with_capacity(effects.len()));
         for effect in effects {
-            match effect {
-                Effect::Persist(more) => batch.0.extend(more.0),
-                other => rest.push(other),
+            if let Effect::Persist(more) = effect {
+                batch.0.extend(more.0);
+            } else {
+                rest.push(effect);
             }
         }
         if !batch.is_empty() {
             let began = clock::now();
             if let Err(error) = self.place.commit(&batch) {
-                return self.fail(&error, rest);
+                return self.fail(&error, durable, rest);
             }
             self.arrivals.synced(clock::now().since(began));
         }
@@ -279,8 +283,8 @@ impl Worker {
     }
 
     /// The disk has failed: nothing of this turn has happened.
-    fn fail(&mut self, error: &anyhow::Error, rest: Vec<Effect>) {
-        let why = format!("{error:#}");
+    fn fail(&mut self, error: &anyhow::Error, durable: State, rest: Vec<Effect>) {
+        let why = words(error);
         let mut effects = Vec::new();
         for effect in rest {
             match effect {
@@ -298,7 +302,7 @@ impl Worker {
                 | Effect::Settings(_) => {}
             }
         }
-        self.machine.close(&why, &mut effects);
+        self.machine.close(&why, durable, &mut effects);
         self.reopen_at = clock::now();
         effects.into_iter().for_each(|effect| self.do_one(effect));
     }
@@ -329,14 +333,25 @@ impl Worker {
 
     fn send(&self, outgoing: Outgoing) {
         // Replicas ask again for what was lost; an address that is lost would not be found again, so that waits.
-        let sent = match outgoing {
-            Outgoing::Address(_) => self.outgoing.blocking_send(outgoing).is_ok(),
-            other => self.outgoing.try_send(other).is_ok(),
+        let sent = if matches!(outgoing, Outgoing::Address(_)) {
+            self.outgoing.blocking_send(outgoing).is_ok()
+        } else {
+            self.outgoing.try_send(outgoing).is_ok()
         };
         if !sent {
             tracing::debug!("a message to another replica is dropped");
         }
     }
+}
+
+/// Returns why a store does not write, for a person.
+fn words(error: &anyhow::Error) -> String {
+    let text = format!("{error:#}");
+    // The engine tells the system's errors as a program would print them for itself.
+    if text.contains("StorageFull") || text.contains("No space left") {
+        return "the disk that it is on is full; it goes on by itself when there is room again".to_owned();
+    }
+    text
 }
 
 /// Returns the calendar time, and how far it is to be believed.

@@ -90,6 +90,8 @@ pub struct Database {
     store: Option<String>,
     /// Why it does not write.
     closed: Option<String>,
+    /// What is on the disk, while it does not write.
+    durable: Option<State>,
     /// Calls that wait for their transaction to get further.
     waiting: BTreeSet<u64>,
     /// When each replica was last heard.
@@ -123,6 +125,7 @@ impl Database {
             team: team.to_owned(),
             store,
             closed: None,
+            durable: None,
             waiting: BTreeSet::new(),
             heard: BTreeMap::new(),
             alarms: VecDeque::new(),
@@ -140,7 +143,7 @@ impl Database {
         for input in inputs {
             match input {
                 Input::Call(call, Question::Commit(commit)) => {
-                    commits.extend(self.request(now, call, &commit, effects))
+                    commits.extend(self.request(now, call, &commit, effects));
                 }
                 Input::Call(call, Question::Resolve(resolve)) => match self.settle(&resolve) {
                     Ok(commit) => commits.extend(self.request(now, call, &commit, effects)),
@@ -187,8 +190,9 @@ impl Database {
         &self.replica
     }
 
-    /// The store has failed: from now on only questions are answered. Calls that wait for others hear why.
-    pub fn close(&mut self, why: &str, effects: &mut Vec<Effect>) {
+    /// The store has failed: from now on only questions are answered, from `durable`, the state that is on the disk. Calls
+    /// that wait for others hear why.
+    pub fn close(&mut self, why: &str, durable: State, effects: &mut Vec<Effect>) {
         let sentence = format!("the database of `{}` takes no writes at the moment: {why}", self.robot);
         for call in std::mem::take(&mut self.waiting) {
             effects.push(Effect::Answer(call, Reply::Refused(sentence.clone())));
@@ -196,13 +200,19 @@ impl Database {
         }
         self.alarm(why.to_owned(), effects);
         self.closed = Some(sentence);
+        self.durable.get_or_insert(durable);
     }
 
     /// The store was opened anew: this is what is in it.
     pub fn reopen(&mut self, replica: Replica) {
         self.replica = replica;
-        self.closed = None;
+        (self.closed, self.durable) = (None, None);
         self.resettled = true;
+    }
+
+    /// Returns what can be read: nothing that may not be on the disk.
+    pub fn state(&self) -> &State {
+        self.durable.as_ref().unwrap_or_else(|| self.replica.state())
     }
 
     /// Returns why it does not write, if it does not.
@@ -262,7 +272,7 @@ impl Database {
         let mut say = |reply| effects.push(Effect::Answer(call, reply));
         match question {
             Question::Get { key } => {
-                let versions = self.replica.state().versions(&key).to_vec();
+                let versions = self.state().versions(&key).to_vec();
                 say(Reply::Entries(if versions.is_empty() { Vec::new() } else { vec![(key, versions)] }));
             }
             Question::List { prefix, at } => match self.at(&at) {
@@ -296,23 +306,23 @@ impl Database {
             return Reply::Refused(why.clone());
         }
         let wall = self.wall;
-        match question {
-            Question::Found if self.replica.is_member() => {
-                Reply::Done(format!("`{}` belongs to the team `{}` already", self.robot, self.team))
-            }
-            Question::Found => self.found(now, effects),
-            Question::Retire { member } => match self.member(&member) {
+        if let Question::Retire { member } = question {
+            return match self.member(&member) {
                 Ok(origin) => {
                     self.feed(now, replica::Input::Retire(origin, wall), &mut None, effects);
                     Reply::Done(format!("`{member}` ({origin}) is retired; what it had written and shown stays"))
                 }
                 Err(why) => Reply::Refused(why),
-            },
-            _ => {
-                self.feed(now, replica::Input::HealClock(wall), &mut None, effects);
-                Reply::Done("new writes are dated in a new epoch, above all that were dated wrongly".to_owned())
-            }
+            };
         }
+        if question == Question::HealClock {
+            self.feed(now, replica::Input::HealClock(wall), &mut None, effects);
+            return Reply::Done("new writes are dated in a new epoch, above all that were dated wrongly".to_owned());
+        }
+        if self.replica.is_member() {
+            return Reply::Done(format!("`{}` belongs to the team `{}` already", self.robot, self.team));
+        }
+        self.found(now, effects)
     }
 
     fn found(&mut self, now: Time, effects: &mut Vec<Effect>) -> Reply {

@@ -75,11 +75,9 @@ impl Asking {
 
     /// Asks what is answered by one sentence, and prints it.
     pub(crate) fn order(&self, question: Question) -> Result<(), Failure> {
-        match self.ask(question)? {
-            Reply::Done(sentence) if self.json => output::say(&serde_json::json!({ "done": sentence }).to_string()),
-            Reply::Done(sentence) => output::say(&sentence),
-            other => return Err(refusal(&other)),
-        }
+        let reply = self.ask(question)?;
+        let Reply::Done(sentence) = reply else { return Err(refusal(&reply)) };
+        output::say(&if self.json { serde_json::json!({ "done": sentence }).to_string() } else { sentence });
         Ok(())
     }
 }
@@ -134,8 +132,8 @@ impl Replies {
 
 /// Says why something was not done.
 pub(crate) fn refusal(reply: &Reply) -> Failure {
-    match reply {
-        Reply::Refused(why) => anyhow!("{why}").into(),
-        other => anyhow!("the database answered something that was not asked: {other:?}").into(),
+    if let Reply::Refused(why) = reply {
+        return anyhow!("{why}").into();
     }
+    anyhow!("the database answered something that was not asked: {reply:?}").into()
 }

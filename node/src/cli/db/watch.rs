@@ -75,20 +75,20 @@ impl Watch {
     /// Prints what is told, until nothing more is.
     async fn take(&self, replies: &mut Replies, told: &mut Option<Cut>) -> Result<(), Failure> {
         while let Some(reply) = replies.more().await? {
-            match reply {
-                Reply::Told(Told::Event(event)) => {
+            let Reply::Told(told_now) = reply else { return Err(refusal(&reply)) };
+            match told_now {
+                Told::Event(event) => {
                     told.get_or_insert_default().include(event.deed.dot);
                     self.print(&event)?;
                 }
-                Reply::Told(Told::Lagged { resume }) => {
+                Told::Lagged { resume } => {
                     *told = Some(resume);
                     self.begin_anew("some changes are not kept any more");
                 }
-                Reply::Told(Told::Replaced { resume }) => {
+                Told::Replaced { resume } => {
                     *told = Some(resume);
                     self.begin_anew("this robot has taken over the state of another");
                 }
-                other => return Err(refusal(&other)),
             }
         }
         Ok(())

@@ -150,12 +150,13 @@ impl Writing {
     ) -> Result<Result<Got, String>, Failure> {
         let mut replies = databases.ask(robot, question)?;
         let first = replies.next(clock::now() + ANSWER_WITHIN).await?.ok_or_else(|| replies.ended())?;
-        let dot = match first {
-            Reply::Committed(dot) => dot,
-            Reply::NotOwner { owner } => return Ok(Err(owner)),
-            Reply::Done(sentence) => return Ok(Ok(Got::Done(sentence))),
-            other => return Err(refusal(&other)),
-        };
+        if let Reply::NotOwner { owner } = first {
+            return Ok(Err(owner));
+        }
+        if let Reply::Done(sentence) = first {
+            return Ok(Ok(Got::Done(sentence)));
+        }
+        let Reply::Committed(dot) = first else { return Err(refusal(&first)) };
         if self.level == Far::Local {
             return Ok(Ok(Got::Far(dot)));
         }

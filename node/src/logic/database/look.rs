@@ -12,7 +12,7 @@ use dbmanager::logic::view::transfer::{self, Absent};
 
 impl Database {
     fn past(&self) -> Past<'_> {
-        Past { log: self.replica.log(), state: self.replica.state() }
+        Past { log: self.replica.log(), state: self.state() }
     }
 
     /// Returns who has changed what was asked for.
@@ -39,7 +39,7 @@ impl Database {
     pub(super) fn at(&self, moment: &Moment) -> Result<State, MomentError> {
         let past = self.past();
         match moment {
-            Moment::Now => Ok(self.replica.state().clone()),
+            Moment::Now => Ok(self.state().clone()),
             Moment::Cut(cut) => past.at(cut, None),
             Moment::Date(millis) => past.at(&past.cut_at(*millis, None)?, None),
         }

@@ -45,10 +45,7 @@ fn prefix(robot: &str) -> String {
 
 /// Returns a value as a spec spells it.
 fn spelt(datum: &Datum) -> String {
-    match datum {
-        Datum::Text(text) => text.clone(),
-        other => other.to_toml(),
-    }
+    if let Datum::Text(text) = datum { text.clone() } else { datum.to_toml() }
 }
 
 #[cfg(test)]

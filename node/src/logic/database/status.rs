@@ -14,7 +14,7 @@ pub(super) const HEARD_WITHIN: Duration = Duration::from_secs(30);
 impl Database {
     /// Returns how the replica and its team are.
     pub(super) fn status(&self, now: Time) -> Status {
-        let (state, log, stable) = (self.replica.state(), self.replica.log(), self.replica.stable());
+        let (state, log, stable) = (self.state(), self.replica.log(), self.replica.stable());
         let count = |count: usize| u64::try_from(count).unwrap_or(u64::MAX);
         let past = Past { log, state };
         let (cut, mine) = (log.cut(), self.replica.origin());
