@@ -74,18 +74,24 @@ impl Side<'_> {
         let elsewhere = || dot.origin != stamp.origin && head() || brought();
         self.log.cut().contains(dot) || !forked.contains_key(&stamp.origin) && elsewhere()
     }
+}
 
-    /// Returns whether it was not, and no active origin will bring it.
-    fn lacks(&self, dot: Dot, stamp: Stamp, forked: &Forked) -> bool {
-        !self.members.is_active(dot.origin) && !self.has(dot, stamp, forked)
-    }
+/// Returns whether `new` has not seen a transaction, and nobody will bring it: its origin is active in neither of the teams.
+fn lacks((old, new): (Side<'_>, Side<'_>), dot: Dot, stamp: Stamp, forked: &Forked) -> bool {
+    is_given_up(old, new, dot.origin) && !new.has(dot, stamp, forked)
+}
+
+/// An origin that was retired on the old side may have been given up there, which the new side cannot know.
+fn is_given_up(old: Side<'_>, new: Side<'_>, origin: Origin) -> bool {
+    !new.members.is_active(origin) || old.members.retired(origin).is_some()
 }
 
 /// Returns up to where the origins that are no members have come with that: their last transactions, with stamps.
 pub fn arrival(old: Side<'_>, new: Side<'_>, forked: &Forked) -> Vec<(Dot, Stamp)> {
     let heads = old.log.heads().iter().map(|(origin, head)| (Dot { origin: *origin, seq: head.seq }, head.stamp));
-    let heads = heads.filter(|(dot, stamp)| !forked.contains_key(&dot.origin) && new.lacks(*dot, *stamp, forked));
-    let brought = old.members.brought_in().filter(|brought| !new.members.is_active(brought.by.origin));
+    let heads =
+        heads.filter(|(dot, stamp)| !forked.contains_key(&dot.origin) && lacks((old, new), *dot, *stamp, forked));
+    let brought = old.members.brought_in().filter(|brought| is_given_up(old, new, brought.by.origin));
     heads.chain(brought.map(|brought| (brought.last, brought.stamp))).collect()
 }
 
@@ -94,7 +100,7 @@ pub fn bring_in(old: Side<'_>, new: Side<'_>, forked: &Forked, origin: Origin) -
     let mut pieces: BTreeMap<Source, Piece> = BTreeMap::new();
     for (dot, frame) in old.log.in_order() {
         let stamp = frame.open().map(|txn| txn.written()).unwrap_or_default();
-        if new.lacks(dot, stamp, forked) {
+        if lacks((old, new), dot, stamp, forked) {
             pieces.entry((stamp, Some(dot))).or_default();
         }
     }
@@ -104,7 +110,7 @@ pub fn bring_in(old: Side<'_>, new: Side<'_>, forked: &Forked, origin: Origin) -
         let (held, there) = (old.state.versions(key), new.state.versions(key));
         let gone = |v: &&Version| old.has(v.dot, v.stamp, forked) && !held.iter().any(|other| other.stamp == v.stamp);
         let (gone, stays): (Vec<&Version>, Vec<&Version>) = there.iter().partition(gone);
-        for version in held.iter().filter(|version| new.lacks(version.dot, version.stamp, forked)) {
+        for version in held.iter().filter(|version| lacks((old, new), version.dot, version.stamp, forked)) {
             let source = (version.stamp, Some(version.dot));
             let takes = gone.iter().filter(|d| d.stamp < version.stamp).map(|d| d.dot).collect();
             let write = Write { key: key.clone(), value: version.value.clone() };

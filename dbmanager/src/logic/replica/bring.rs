@@ -30,6 +30,9 @@ use crate::logic::txn::{Frame, FrameError, Rebase, Require, TxnError, Write};
 use comms::logic::time::Time;
 use std::collections::{BTreeMap, BTreeSet};
 
+/// How many origins of earlier lives are remembered.
+const PAST_MAX: usize = 256;
+
 /// What a replica had before.
 pub(super) struct Old {
     pub(super) log: Log,
@@ -80,7 +83,10 @@ impl Replica {
     pub(super) fn admitted(&mut self, joining: Origin) {
         self.identity.origin = joining;
         (self.identity.joining, self.identity.asked, self.identity.told) = (None, None, 0);
-        self.identity.past.clear();
+        // It says so to every later sponsor: a team that was given up too may have been the only one that knew.
+        self.identity.past.iter_mut().for_each(|past| (past.told, past.twice) = (u64::MAX, false));
+        let surplus = self.identity.past.len().saturating_sub(PAST_MAX);
+        self.identity.past.drain(..surplus);
         self.clock.move_to(joining);
         self.batch.identity(&self.identity);
     }
@@ -113,7 +119,7 @@ impl Replica {
         };
         let mut forked: Forked = self.log.heads().iter().filter_map(other).collect();
         let forgets = self.config.mutant.is(Mutant::ToldForgotten);
-        for Past { origin, told, twice } in self.identity.past.iter().filter(|_| !forgets) {
+        for Past { origin, told, twice } in self.identity.past.iter().filter(|past| past.told < u64::MAX && !forgets) {
             // Who knows less of its own transactions than others was set back.
             let behind = old.cut().get(*origin) < self.log.cut().get(*origin);
             if *twice || behind || forked.contains_key(origin) {
