@@ -322,8 +322,8 @@ impl World {
 
     /// Nothing goes wrong from now on but that messages are lost; what was broken is mended, and all robots run.
     pub(crate) fn be_kind(&mut self) {
-        let Faults { drop, links, restore, clone, rollback, anchor, cursed, .. } = self.faults;
-        if links > 0 {
+        let Faults { drop, links, slow, restore, clone, rollback, anchor, cursed, .. } = self.faults;
+        if links + slow > 0 {
             self.network.mend();
         }
         self.faults = Faults { drop, links, restore, clone, rollback, anchor, cursed, ..Faults::default() };
