@@ -1,9 +1,10 @@
 //! Everything on the page that is words and numbers.
 
 use crate::logic::mission::{Mission, Outcome, Track, failure_chain, seconds};
-use crate::logic::page::text::{date, escape};
+use crate::logic::page::text::escape;
 use crate::logic::protocol::Report;
 use crate::logic::record::{Entry, Run, change_text, report_text};
+use dbmanager::logic::view::date;
 use std::time::Duration;
 
 /// The most events listed.
@@ -23,7 +24,7 @@ pub(super) fn head(run: &Run, mission: &Mission) -> String {
     };
     let name = mission.deployment().map_or_else(|| mission.name().to_owned(), ToString::to_string);
     let mut facts = vec![escape(&run.header.file)];
-    facts.extend(run.header.started.map(date));
+    facts.extend(run.header.started.map(|at| format!("{} UTC", date::text(at.as_secs() * 1000))));
     facts.extend(mission.start().done().map(|start| escape(&start)));
     let mut text = format!(
         "<header>\n<h1>{} <span class=\"badge {class}\">{sign} {word}</span></h1>\n<p class=\"quiet\">{}</p>\n</header>\n",
