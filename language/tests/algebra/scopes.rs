@@ -203,7 +203,7 @@ impl History {
         let mut pair = Pair::new(&self.spec, &self.program);
         let mut outcome = None;
         for event in &self.sent {
-            outcome = pair.send(event).unwrap();
+            outcome = pair.send(event).expect("the reference agrees");
         }
         (pair, outcome)
     }
