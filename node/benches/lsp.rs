@@ -5,6 +5,7 @@
 
 #![expect(clippy::print_stdout, reason = "the figures are the result")]
 
+#[expect(dead_code, reason = "the tests need more of it")]
 #[path = "../tests/lsp/editor.rs"]
 mod editor;
 

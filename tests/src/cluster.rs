@@ -112,6 +112,9 @@ impl Cluster {
     }
 
     /// Returns host `number` of a network, with a folder for sockets of its own as on a machine of its own.
+    ///
+    /// # Panics
+    /// The folders cannot be made.
     pub fn host(&self, network: &Network, number: usize) -> Host {
         let run_dir = |number| self.folder.join(format!("n{number}"));
         let others: Vec<PathBuf> = network.hosts().filter(|other| *other != number).map(run_dir).collect();

@@ -292,6 +292,7 @@ impl Simulation {
             Cause::StopUnconfirmed => format!("{path}: nobody confirms that it stopped"),
             Cause::ServiceEnded => format!("{path}: a service ended"),
             Cause::Failed(text) => format!("{path}: {text}"),
+            Cause::NoMatch => format!("{path}: no arm of `match` has this outcome"),
         }
     }
 }

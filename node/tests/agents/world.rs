@@ -182,7 +182,7 @@ impl World {
             Effect::Control { process, order } => self.order(host, &process, order),
             Effect::Answer { call, answer } => self.answers.entry(call).or_default().push(*answer),
             Effect::Commit { .. } | Effect::EndAnswers { .. } | Effect::Forget { .. } | Effect::Bury { .. } => {}
-            Effect::Tail { .. } | Effect::Leave => {}
+            Effect::Tail { .. } | Effect::Record(_) | Effect::Leave => {}
         }
     }
 
