@@ -93,6 +93,19 @@ fn sessions_go_forward_only() {
 }
 
 #[test]
+fn what_was_behind_a_deletion_that_gave_way() {
+    let seen = |deletion: &[Op]| {
+        let reads = [Read(X, Some(1))];
+        let txns: [(usize, &[Op]); 5] = [(0, &[Put(X, 1)]), (1, &[Put(X, 2)]), (2, deletion), (1, &reads), (1, &reads)];
+        History { replaced: [(X, 1, 2)].into(), brought: [X].into(), ..history(&txns) }
+    };
+    expect(&seen(&[Delete(X)]), &[]);
+    expect(&History { brought: [Y].into(), ..seen(&[Delete(X)]) }, &[Anomaly::ReadYourWrites]);
+    expect(&seen(&[Read(X, Some(1)), Delete(X)]), &[Anomaly::ReadYourWrites]);
+    expect(&seen(&[]), &[Anomaly::ReadYourWrites]);
+}
+
+#[test]
 fn causes_in_a_circle() {
     let history = history(&[(0, &[Read(X, Some(2))]), (0, &[Put(Y, 1)]), (1, &[Read(Y, Some(1))]), (1, &[Put(X, 2)])]);
     expect(&history, &[Anomaly::CyclicCo]);

@@ -201,7 +201,8 @@ impl World {
     pub(crate) fn check_history(&self) -> Result<(), String> {
         let Clients { history, names, .. } = &self.clients;
         let chain = self.reference.chain(self.replica(0))?;
-        let mut anomalies = history::check(history);
+        let brought = self.reference.brought_in().filter_map(register).collect();
+        let mut anomalies = history::check(&History { brought, ..history.clone() });
         if self.faults.can_repeat() {
             anomalies.retain(|anomaly| !REPEATED.contains(anomaly));
         }

@@ -39,6 +39,8 @@ pub(crate) struct History {
     pub(crate) txns: Vec<Txn>,
     /// A watcher saw the second value in place of the first.
     pub(crate) replaced: BTreeSet<(Register, Value, Value)>,
+    /// Where a robot that came back has brought something in: deletions give way to that.
+    pub(crate) brought: BTreeSet<Register>,
 }
 
 /// What must not be.
@@ -172,8 +174,8 @@ pub(crate) fn check(history: &History) -> BTreeSet<Anomaly> {
         for (register, value) in txn.reads() {
             facts.check_read(index, (register, value), &mut found);
         }
-        facts.check_fractures(txn, &mut found);
-        facts.check_session(txn, last.entry(txn.session).or_default(), &mut found);
+        facts.check_fractures(index, &mut found);
+        facts.check_session(index, last.entry(txn.session).or_default(), &mut found);
     }
     found
 }
@@ -256,6 +258,23 @@ impl<'a> Facts<'a> {
         self.newer.get(&register).and_then(|of| of.get(&than)).is_some_and(|newer| newer.contains(&value))
     }
 
+    /// Returns whether a transaction must not see a value any more, given that its past has another one.
+    fn is_stale(&self, reader: usize, (register, value): (Register, Value), than: Value) -> bool {
+        self.is_newer(register, than, value) && !self.may_be_uncovered(reader, (register, value), than)
+    }
+
+    /// Returns whether an older value may show again: the newer one was deleted by somebody who had not seen the older one,
+    /// and that deletion has given way to what a robot has brought in.
+    fn may_be_uncovered(&self, reader: usize, (register, older): (Register, Value), newer: Value) -> bool {
+        let writer = |value| self.writers.get(&(register, value)).map(|(writer, _)| *writer);
+        let (Some(older), Some(newer)) = (writer(older), writer(newer)) else { return false };
+        let follows = |a: usize, b: usize| a == b || self.causality.has(a, b);
+        let deletes = |txn: &Txn| !txn.aborted && txn.leaves().get(&register) == Some(&None);
+        let fits = |by: usize| !follows(by, newer) && !follows(older, by) && !follows(reader, by);
+        self.history.brought.contains(&register)
+            && self.history.txns.iter().enumerate().any(|(by, txn)| deletes(txn) && fits(by))
+    }
+
     /// Returns whether a deletion may be why a transaction sees nothing: one that its own past has not put a value over.
     fn may_be_deleted(&self, reader: usize, register: Register) -> bool {
         let writes = |txn: &Txn| txn.leaves().get(&register).copied();
@@ -303,20 +322,21 @@ impl<'a> Facts<'a> {
         }
     }
 
-    fn check_fractures(&self, txn: &Txn, found: &mut BTreeSet<Anomaly>) {
-        let reads: BTreeMap<Register, Option<Value>> = txn.reads().collect();
+    fn check_fractures(&self, index: usize, found: &mut BTreeSet<Anomaly>) {
+        let reads: BTreeMap<Register, Option<Value>> = self.history.txns[index].reads().collect();
         for (register, value) in reads.iter().filter_map(|(register, value)| Some((*register, (*value)?))) {
             let Some((writer, _)) = self.writers.get(&(register, value)) else { continue };
             for (other, written) in self.history.txns[*writer].leaves() {
                 let (Some(written), Some(Some(seen))) = (written, reads.get(&other)) else { continue };
-                if self.is_newer(other, written, *seen) {
+                if self.is_stale(index, (other, *seen), written) {
                     found.insert(Anomaly::FracturedRead);
                 }
             }
         }
     }
 
-    fn check_session(&self, txn: &Txn, session: &mut Session, found: &mut BTreeSet<Anomaly>) {
+    fn check_session(&self, index: usize, session: &mut Session, found: &mut BTreeSet<Anomaly>) {
+        let txn = &self.history.txns[index];
         let mut note = |holds: bool, anomaly| {
             if !holds {
                 found.insert(anomaly);
@@ -326,10 +346,9 @@ impl<'a> Facts<'a> {
             value.is_some_and(|value| self.is_newer(register, than, *value))
         };
         for (register, value) in txn.reads().filter_map(|(register, value)| Some((register, value?))) {
-            let wrote = session.wrote.get(&register);
-            note(!wrote.is_some_and(|wrote| self.is_newer(register, *wrote, value)), Anomaly::ReadYourWrites);
-            let read = session.read.insert(register, value);
-            note(!read.is_some_and(|read| self.is_newer(register, read, value)), Anomaly::MonotonicReads);
+            let is_stale = |than: Value| self.is_stale(index, (register, value), than);
+            note(!session.wrote.get(&register).copied().is_some_and(is_stale), Anomaly::ReadYourWrites);
+            note(!session.read.insert(register, value).is_some_and(is_stale), Anomaly::MonotonicReads);
         }
         for (register, value) in txn.leaves() {
             let Some(value) = value else { continue };

@@ -178,6 +178,12 @@ impl Reference {
         Ok(chain)
     }
 
+    /// Returns the keys of what robots have brought in that came back.
+    pub(crate) fn brought_in(&self) -> impl Iterator<Item = &Key> {
+        let brought = self.events.values().filter(|event| event.txn.rebase.is_some());
+        brought.flat_map(|event| event.txn.writes.iter().map(|write| &write.key))
+    }
+
     /// Returns a transaction under all names that it has had.
     fn lives(&self, id: Id) -> Vec<Id> {
         let mut lives = vec![id];
