@@ -9,7 +9,7 @@
 //! *A write has one name in all its lives: its stamp.* A transaction that is brought in gets a new dot, since numbers have
 //! to be gap-free, but keeps the stamp of its writes. Stamps of one origin grow with its numbers, so a side has seen a write
 //! if it has its dot, or a transaction of the stamp's origin with that stamp or a later one, or if somebody has brought in
-//! what that origin had up to that stamp (`sys/brought/`, see [`member`](crate::logic::member)). The last is why several
+//! what that origin had up to that stamp (`sys/brought/`, see [`crate::logic::member`]). The last is why several
 //! replicas of one retired side can come back one after the other: what the first has brought, the next has in common.
 //!
 //! *What is brought in.* One [`Piece`] for each old transaction, with what is left of it: its writes stay together. (Of those
