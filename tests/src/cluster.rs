@@ -198,7 +198,8 @@ impl Host {
         let mut command = self.command("dca-node");
         command.arg("--name").arg(name).arg("--run-dir").arg(&self.run_dir).args(arguments);
         // Two nodes of one name have different folders for sockets, so these are different too.
-        command.arg("--state").arg(self.run_dir.with_extension("state"));
+        let name = self.run_dir.file_name().unwrap_or_default();
+        command.arg("--state").arg(self.folder.join(name).with_extension("state"));
         Program::start(command)
     }
 
