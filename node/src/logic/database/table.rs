@@ -168,9 +168,9 @@ mod tests {
         expect![[r#"
             team `dca`, as `r1` sees it: 1 of 2 others lack something
 
-              ROBOT  HEARD       LACKS                                 AHEAD
-              r1     this robot  -                                     -
-              r2     1.0 s ago   -                                     -
+              ROBOT  HEARD       LACKS                                  AHEAD
+              r1     this robot  -                                      -
+              r2     1.0 s ago   -                                      -
               r3     12 min ago  14 (1 KiB), since 2026-11-21 10:00:00  -      nothing older is forgotten until it is back, or retired
 
               holds  12 keys, 1 conflict: `dca db conflicts` lists them
