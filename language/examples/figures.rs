@@ -8,15 +8,16 @@
 //! the ratio.
 #![expect(clippy::print_stdout, reason = "its output is its result")]
 
+#[path = "../tests/allocation/counter.rs"]
+mod counter;
 #[path = "../tests/size/spec.rs"]
 mod spec;
 
+use counter::allocations;
 use language::algebra::{Activation, Command, Event, Program, State, Value, step};
 use language::plan::{Expression, Group, Member, MemberKind};
 use language::syntax::lex;
 use language::{Options, Source, compile, format};
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::cell::Cell;
 use std::collections::VecDeque;
 use std::hint::black_box;
 use std::time::Duration;
@@ -27,30 +28,6 @@ const RUNS: usize = 5;
 const EVENTS: u64 = 20_000_000;
 /// Rounds of the loop whose memory is watched.
 const ROUNDS: u64 = 100_000_000;
-
-struct Counting;
-
-thread_local! {
-    static ALLOCATIONS: Cell<u64> = const { Cell::new(0) };
-}
-
-#[expect(unsafe_code, reason = "the only way to count allocations")]
-// SAFETY: every call goes to the system's allocator unchanged.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        ALLOCATIONS.set(ALLOCATIONS.get() + 1);
-        // SAFETY: as promised by the caller.
-        unsafe { System.alloc(layout) }
-    }
-
-    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        // SAFETY: as promised by the caller.
-        unsafe { System.dealloc(pointer, layout) }
-    }
-}
-
-#[global_allocator]
-static ALLOCATOR: Counting = Counting;
 
 fn main() {
     println!("| what | figure | ratio | reach |\n|---|---|---|---|");
@@ -175,10 +152,10 @@ fn drive(program: &Program, events: u64) -> u64 {
         };
         assert_eq!(step(program, &mut state, event, &mut commands), None);
         if count == 100 {
-            before = ALLOCATIONS.get();
+            before = allocations();
         }
     }
-    ALLOCATIONS.get() - before
+    allocations() - before
 }
 
 /// The same loop for the same events as a person would write it for this expression alone.

@@ -1,33 +1,11 @@
 //! Events cost no memory: a counting allocator watches a loop and a mission.
 
+#[path = "allocation/counter.rs"]
+mod counter;
+
+use counter::allocations;
 use language::algebra::{Activation, Command, Event, Program, State, Value, step};
 use language::plan::{Arm, Expression, Group, Member, MemberKind};
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::cell::Cell;
-
-struct Counting;
-
-thread_local! {
-    static ALLOCATIONS: Cell<u64> = const { Cell::new(0) };
-}
-
-#[expect(unsafe_code, reason = "the only way to count allocations")]
-// SAFETY: every call goes to the system's allocator unchanged.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        ALLOCATIONS.set(ALLOCATIONS.get() + 1);
-        // SAFETY: as promised by the caller.
-        unsafe { System.alloc(layout) }
-    }
-
-    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        // SAFETY: as promised by the caller.
-        unsafe { System.dealloc(pointer, layout) }
-    }
-}
-
-#[global_allocator]
-static ALLOCATOR: Counting = Counting;
 
 fn run(member: u32) -> Expression {
     Expression::Run { member, sets: vec![member] }
@@ -71,10 +49,10 @@ fn drive(program: &Program, value: &Value, events: u64) -> (u64, State) {
         };
         assert_eq!(step(program, &mut state, event, &mut commands), None);
         if count == 100 {
-            before = ALLOCATIONS.get();
+            before = allocations();
         }
     }
-    (ALLOCATIONS.get() - before, state)
+    (allocations() - before, state)
 }
 
 #[test]
