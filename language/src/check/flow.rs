@@ -27,30 +27,14 @@ pub(super) fn check(spec: &mut Spec, diagnostics: &mut Vec<Diagnostic>) {
 /// Returns the instances that an expression runs, each with one place; collects those that run twice at once, each with
 /// two places.
 fn instances_of(expr: &Expr, clashes: &mut BTreeMap<usize, (Span, Span)>) -> BTreeMap<usize, Span> {
-    let is_parallel = match &expr.kind {
-        ExprKind::Run(slot, _) => return BTreeMap::from([(*slot, expr.span)]),
-        ExprKind::Concurrent(_) | ExprKind::FailFast(_) | ExprKind::AnyOf(..) | ExprKind::Disable(_) => true,
-        ExprKind::Asynchronous(..) => true,
-        ExprKind::Skip
-        | ExprKind::Never
-        | ExprKind::Fail(_)
-        | ExprKind::Wait(_)
-        | ExprKind::Sequence(_)
-        | ExprKind::Conditional(_)
-        | ExprKind::Otherwise(_)
-        | ExprKind::Recurrent(..)
-        | ExprKind::Retry(..)
-        | ExprKind::Within(..)
-        | ExprKind::Match(_)
-        | ExprKind::Shield(..)
-        | ExprKind::Using(..)
-        | ExprKind::Broken => false,
-    };
+    if let ExprKind::Run(slot, _) = &expr.kind {
+        return BTreeMap::from([(*slot, expr.span)]);
+    }
     let mut all: BTreeMap<usize, Span> = BTreeMap::new();
     for part in expr.parts() {
         for (slot, span) in instances_of(part, clashes) {
             let first = *all.entry(slot).or_insert(span);
-            if is_parallel && first != span {
+            if expr.is_parallel() && first != span {
                 clashes.entry(slot).or_insert((first, span));
             }
         }

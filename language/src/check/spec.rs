@@ -250,6 +250,15 @@ pub(crate) enum ExprKind {
     Broken,
 }
 
+/// The operands that lead from the root of an expression to a place in it: which, and whether it runs beside the others.
+pub(crate) type Path = Vec<(usize, bool)>;
+
+/// Whether two places run beside each other: the first operator that joins them decides. Nothing if there is none, since
+/// they are one place, or one lies in the other.
+pub(crate) fn are_parallel(one: &Path, other: &Path) -> Option<bool> {
+    std::iter::zip(one, other).find(|((a, _), (b, _))| a != b).map(|((_, is_parallel), _)| *is_parallel)
+}
+
 /// One way on in a `match`.
 #[derive(Debug)]
 pub(crate) struct Arm {
@@ -259,6 +268,32 @@ pub(crate) struct Arm {
 }
 
 impl Expr {
+    /// Whether its direct parts run beside each other.
+    pub(crate) fn is_parallel(&self) -> bool {
+        match self.kind {
+            ExprKind::Concurrent(_)
+            | ExprKind::FailFast(_)
+            | ExprKind::AnyOf(..)
+            | ExprKind::Disable(_)
+            | ExprKind::Asynchronous(..) => true,
+            ExprKind::Run(..)
+            | ExprKind::Skip
+            | ExprKind::Never
+            | ExprKind::Fail(_)
+            | ExprKind::Wait(_)
+            | ExprKind::Sequence(_)
+            | ExprKind::Conditional(_)
+            | ExprKind::Otherwise(_)
+            | ExprKind::Recurrent(..)
+            | ExprKind::Retry(..)
+            | ExprKind::Within(..)
+            | ExprKind::Match(_)
+            | ExprKind::Shield(..)
+            | ExprKind::Using(..)
+            | ExprKind::Broken => false,
+        }
+    }
+
     /// The direct parts, left to right.
     pub(crate) fn parts(&self) -> Vec<&Self> {
         match &self.kind {

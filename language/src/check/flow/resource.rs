@@ -1,6 +1,6 @@
 //! `using`: what waits for itself, and what may wait for each other.
 
-use crate::check::spec::{Expr, ExprKind, Process};
+use crate::check::spec::{Expr, ExprKind, Path, Process, are_parallel};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::source::Span;
 
@@ -12,12 +12,8 @@ struct Nested {
     holds: usize,
     wants: usize,
     span: Span,
-    /// From the root of the expression: which operand, and whether the operands run at the same time.
     path: Path,
 }
-
-/// The operands that lead to a place, and whether each runs beside the others.
-type Path = Vec<(usize, bool)>;
 
 /// Reports a `using` that can never start, and pairs of them that take the same things in different orders.
 pub(super) fn check(process: &Process, actions: &Expr, diagnostics: &mut Vec<Diagnostic>) {
@@ -27,7 +23,10 @@ pub(super) fn check(process: &Process, actions: &Expr, diagnostics: &mut Vec<Dia
         return;
     }
     for (index, one) in nested.iter().enumerate() {
-        let is_crossed = |other: &&Nested| one.holds == other.wants && one.wants == other.holds && meet(one, other);
+        let is_crossed = |other: &&Nested| {
+            let crosses = one.holds == other.wants && one.wants == other.holds;
+            crosses && are_parallel(&one.path, &other.path) == Some(true)
+        };
         let Some(other) = nested[index + 1..].iter().find(is_crossed) else { continue };
         let name = |index: usize| &process.resources[index].text;
         let (holds, wants) = (name(other.holds), name(other.wants));
@@ -59,23 +58,10 @@ fn collect(
         }
         held.extend(taken.iter().map(|&taken| (taken, expr.span)));
     }
-    let is_parallel = matches!(
-        expr.kind,
-        ExprKind::Concurrent(_)
-            | ExprKind::FailFast(_)
-            | ExprKind::AnyOf(..)
-            | ExprKind::Disable(_)
-            | ExprKind::Asynchronous(..)
-    );
     for (index, part) in expr.parts().into_iter().enumerate() {
-        path.push((index, is_parallel));
+        path.push((index, expr.is_parallel()));
         collect(process, part, (path, held), (nested, diagnostics));
         path.pop();
     }
     held.truncate(before);
-}
-
-fn meet(one: &Nested, other: &Nested) -> bool {
-    let differs = std::iter::zip(&one.path, &other.path).find(|((a, _), (b, _))| a != b);
-    differs.is_some_and(|((_, is_parallel), _)| *is_parallel)
 }

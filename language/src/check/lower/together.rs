@@ -5,7 +5,7 @@
 
 use super::tree::Tree;
 use super::wires::leaf_port;
-use crate::check::spec::{Claim, Connection, Expr, ExprKind, Module, Process, Spec, Target};
+use crate::check::spec::{Claim, Connection, Expr, ExprKind, Module, Path, Process, Spec, Target, are_parallel};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::MemberKind;
 use crate::source::Span;
@@ -21,8 +21,7 @@ struct Place {
     span: Span,
     /// What the `using`s around take: two that take the same wait for each other.
     taken: Vec<usize>,
-    /// From the root of the expression: which operand, and whether the operands run at the same time.
-    path: Vec<(usize, bool)>,
+    path: Path,
 }
 
 /// Something that is the case while certain places of a group run.
@@ -82,26 +81,18 @@ pub(super) fn check(spec: &Spec, tree: &Tree, diagnostics: &mut Vec<Diagnostic>)
     together.check_claims(diagnostics);
 }
 
-fn collect(expr: &Expr, (path, taken): (&mut Vec<(usize, bool)>, &mut Vec<usize>), places: &mut Vec<Place>) {
+fn collect(expr: &Expr, (path, taken): (&mut Path, &mut Vec<usize>), places: &mut Vec<Place>) {
     if let ExprKind::Run(slot, sets) = &expr.kind {
         let place =
             Place { slot: *slot, sets: sets.clone(), span: expr.span, taken: taken.clone(), path: path.clone() };
         places.push(place);
     }
-    let is_parallel = matches!(
-        expr.kind,
-        ExprKind::Concurrent(_)
-            | ExprKind::FailFast(_)
-            | ExprKind::AnyOf(..)
-            | ExprKind::Disable(_)
-            | ExprKind::Asynchronous(..)
-    );
     let before = taken.len();
     if let ExprKind::Using(more, _) = &expr.kind {
         taken.extend(more);
     }
     for (index, part) in expr.parts().into_iter().enumerate() {
-        path.push((index, is_parallel));
+        path.push((index, expr.is_parallel()));
         collect(part, (path, taken), places);
         path.pop();
     }
@@ -118,8 +109,8 @@ pub(crate) fn pairs(actions: &Expr) -> BTreeSet<(usize, usize)> {
 
 /// Whether two places run at the same time: the first operator that joins them decides, unless both take one thing.
 fn meet(one: &Place, other: &Place) -> bool {
-    let differs = std::iter::zip(&one.path, &other.path).find(|((a, _), (b, _))| a != b);
-    differs.is_none_or(|((_, is_parallel), _)| *is_parallel && !one.taken.iter().any(|it| other.taken.contains(it)))
+    let takes_the_same = || one.taken.iter().any(|it| other.taken.contains(it));
+    are_parallel(&one.path, &other.path).is_none_or(|is_parallel| is_parallel && !takes_the_same())
 }
 
 impl<'a> Together<'a> {
