@@ -7,6 +7,8 @@ use crate::logic::protocol::{Answer, Request};
 use anyhow::anyhow;
 use comms::io::clock;
 use comms::logic::time::Time;
+use dbmanager::logic::key::{Key, KeyError};
+use dbmanager::logic::view::past::Keys;
 use std::time::Duration;
 
 /// How long a database has to answer what it can answer at once. A disk may take a while to write.
@@ -27,8 +29,8 @@ pub struct Asking {
 
 /// A connection to the databases of the robots that can be reached.
 #[derive(Debug)]
-pub(crate) struct Databases {
-    client: Client,
+pub(crate) struct Databases<'a> {
+    client: &'a Client,
     /// The one that is asked unless another is named.
     robot: String,
 }
@@ -42,27 +44,25 @@ pub(crate) struct Replies {
 
 impl Asking {
     /// Does something with the databases, and closes the connection after it.
-    pub(crate) fn with<T>(&self, work: impl AsyncFnOnce(&Databases) -> Result<T, Failure>) -> Result<T, Failure> {
+    pub(crate) fn with<T>(&self, work: impl AsyncFnOnce(&Databases<'_>) -> Result<T, Failure>) -> Result<T, Failure> {
         block_on(async {
             let client = Client::open(&self.reaching).await?;
-            let robot = match self.robot.clone().or_else(|| client.local().map(str::to_owned)) {
-                Some(robot) => Ok(robot),
-                None => client.hosts(&[]).await.and_then(|hosts| {
-                    let nobody = || anyhow!("no node answers; start one with `dca-node --name NAME --lan`");
-                    hosts.into_iter().next().ok_or_else(|| Failure::Unreachable(nobody()))
-                }),
+            let result = match self.whom(&client).await {
+                Ok(robot) => work(&Databases { client: &client, robot }).await,
+                Err(failure) => Err(failure),
             };
-            let (databases, result) = match robot {
-                Ok(robot) => {
-                    let databases = Databases { client, robot };
-                    let result = work(&databases).await;
-                    (databases, result)
-                }
-                Err(failure) => (Databases { client, robot: String::new() }, Err(failure)),
-            };
-            databases.client.close().await;
+            client.close().await;
             result
         })
+    }
+
+    /// Returns the robot that is asked unless the verb names another.
+    async fn whom(&self, client: &Client) -> Result<String, Failure> {
+        if let Some(robot) = self.robot.as_deref().or_else(|| client.local()) {
+            return Ok(robot.to_owned());
+        }
+        let nobody = || anyhow!("no node answers; start one with `dca-node --name NAME --lan`");
+        client.hosts(&[]).await?.into_iter().next().ok_or_else(|| Failure::Unreachable(nobody()))
     }
 
     /// Asks what has one answer.
@@ -70,6 +70,21 @@ impl Asking {
         self.with(async |databases| {
             let mut replies = databases.ask(databases.robot(), question)?;
             replies.next(clock::now() + ANSWER_WITHIN).await?.ok_or_else(|| replies.ended())
+        })
+    }
+
+    /// Asks what has an answer in any number of parts.
+    pub(crate) fn ask_all(
+        &self,
+        question: Question,
+        mut take: impl FnMut(Reply) -> Result<(), Failure>,
+    ) -> Result<(), Failure> {
+        self.with(async |databases| {
+            let mut replies = databases.ask(databases.robot(), question)?;
+            while let Some(reply) = replies.next(clock::now() + ANSWER_WITHIN).await? {
+                take(reply)?;
+            }
+            Ok(())
         })
     }
 
@@ -82,7 +97,7 @@ impl Asking {
     }
 }
 
-impl Databases {
+impl Databases<'_> {
     /// Returns the robot that is asked unless another is named.
     pub(crate) fn robot(&self) -> &str {
         &self.robot
@@ -128,6 +143,11 @@ impl Replies {
     pub(crate) fn ended(&self) -> Failure {
         Failure::Unreachable(anyhow!("the database of `{}` has ended while it was asked", self.robot))
     }
+}
+
+/// Reads which keys are meant: one, or those below a prefix, which is nothing or ends in `/`.
+pub(crate) fn keys(text: String) -> Result<Keys, KeyError> {
+    if text.is_empty() || text.ends_with('/') { Ok(Keys::Below(text)) } else { Key::new(text).map(Keys::Only) }
 }
 
 /// Says why something was not done.

@@ -1,12 +1,11 @@
 //! `dca db export`, `import`, `tx`: many keys at once, from and to text.
 
-use super::asking::{ANSWER_WITHIN, Asking, refusal};
+use super::asking::{Asking, refusal};
 use super::past::a_moment;
 use super::write::Writing;
 use crate::cli::{Failure, output};
 use crate::logic::database::question::{Moment, Question, Reply};
 use anyhow::{Context, anyhow, bail};
-use comms::io::clock;
 use dbmanager::logic::key::{Key, Namespace};
 use dbmanager::logic::txn::{Condition, Require, Write};
 use dbmanager::logic::view::value::Datum;
@@ -57,14 +56,11 @@ impl Export {
     /// Runs the verb.
     pub(crate) fn run(self) -> Result<(), Failure> {
         let question = Question::Export { prefix: self.prefix, at: self.at };
-        let text = self.asking.with(async |databases| {
-            let mut replies = databases.ask(databases.robot(), question)?;
-            let mut text = String::new();
-            while let Some(reply) = replies.next(clock::now() + ANSWER_WITHIN).await? {
-                let Reply::Text(part) = reply else { return Err(refusal(&reply)) };
-                text.push_str(&part);
-            }
-            Ok(text)
+        let mut text = String::new();
+        self.asking.ask_all(question, |reply| {
+            let Reply::Text(part) = reply else { return Err(refusal(&reply)) };
+            text.push_str(&part);
+            Ok(())
         })?;
         output::say(&if self.asking.json { serde_json::json!({ "file": text }).to_string() } else { text });
         Ok(())

@@ -1,6 +1,6 @@
 //! `dca db history`, `conflicts`, `resolve`, `diff`, `at`: what was, and what nobody has settled.
 
-use super::asking::{Asking, refusal};
+use super::asking::{Asking, keys, refusal};
 use super::read;
 use super::write::Writing;
 use crate::cli::{Failure, output};
@@ -112,9 +112,8 @@ pub struct CutAt {
 impl History {
     /// Runs the verb.
     pub(crate) fn run(self) -> Result<(), Failure> {
-        let one = !self.key.is_empty() && !self.key.ends_with('/');
-        let keys = if one { Keys::Only(Key::new(self.key)?) } else { Keys::Below(self.key) };
-        let span = if one { Span::Key } else { Span::All };
+        let keys = keys(self.key)?;
+        let span = if matches!(keys, Keys::Only(_)) { Span::Key } else { Span::All };
         let filter = Filter { keys, by: self.by, from: self.from, until: self.until, limit: self.limit };
         let reply = self.asking.ask(Question::History(filter))?;
         let Reply::Deeds(deeds) = reply else { return Err(refusal(&reply)) };
@@ -162,16 +161,14 @@ impl Resolve {
             _ if self.delete => Choice::Value(None),
             _ => Choice::Shown,
         };
-        let key = Key::new(self.key)?;
-        self.writing.send(&|writing| {
-            Question::Resolve(Settling {
-                key: key.clone(),
-                choice: choice.clone(),
-                reason: writing.reason_or("settle"),
-                far: writing.level.clone(),
-                within: writing.within,
-            })
-        })
+        let Writing { level: far, within, .. } = &self.writing;
+        self.writing.send(&Question::Resolve(Settling {
+            key: Key::new(self.key)?,
+            choice,
+            reason: self.writing.reason_or("settle"),
+            far: far.clone(),
+            within: *within,
+        }))
     }
 }
 

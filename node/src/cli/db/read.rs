@@ -1,12 +1,12 @@
 //! `dca db get`: what is there.
 
-use super::asking::{ANSWER_WITHIN, Asking, refusal};
+use super::asking::{Asking, keys, refusal};
 use crate::cli::{Failure, output};
 use crate::logic::database::question::{Moment, Question, Reply};
 use anyhow::{Context, anyhow};
-use comms::io::clock;
 use dbmanager::logic::key::Key;
 use dbmanager::logic::state::Version;
+use dbmanager::logic::view::past::Keys;
 use dbmanager::logic::view::value::Datum;
 
 /// What `dca db get` is told.
@@ -22,10 +22,10 @@ pub struct Get {
 impl Get {
     /// Runs the verb.
     pub(crate) fn run(self) -> Result<(), Failure> {
-        if self.key.is_empty() || self.key.ends_with('/') {
-            return list(&self.asking, self.key, Moment::Now);
-        }
-        let key = Key::new(self.key.clone()).context("reading the key")?;
+        let key = match keys(self.key.clone()).context("reading the key")? {
+            Keys::Below(prefix) => return list(&self.asking, prefix, Moment::Now),
+            Keys::Only(key) => key,
+        };
         let reply = self.asking.ask(Question::Get { key })?;
         let Reply::Entries(entries) = reply else { return Err(refusal(&reply)) };
         let versions = entries.into_iter().next().map(|(_, versions)| versions).unwrap_or_default();
@@ -44,14 +44,11 @@ impl Get {
 /// Prints what the keys below a prefix hold, or have held.
 pub(crate) fn list(asking: &Asking, prefix: String, at: Moment) -> Result<(), Failure> {
     let question = Question::List { prefix, at };
-    let entries = asking.with(async |databases| {
-        let mut replies = databases.ask(databases.robot(), question)?;
-        let mut all = Vec::new();
-        while let Some(reply) = replies.next(clock::now() + ANSWER_WITHIN).await? {
-            let Reply::Entries(entries) = reply else { return Err(refusal(&reply)) };
-            all.extend(entries);
-        }
-        Ok(all)
+    let mut entries = Vec::new();
+    asking.ask_all(question, |reply| {
+        let Reply::Entries(more) = reply else { return Err(refusal(&reply)) };
+        entries.extend(more);
+        Ok(())
     })?;
     let shown: Vec<(Key, Datum, usize)> =
         entries.into_iter().filter_map(|(key, versions)| Some((key, shown(&versions)?, versions.len()))).collect();

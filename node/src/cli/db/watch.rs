@@ -1,12 +1,11 @@
 //! `dca db watch`: what happens to keys, as it happens; nothing is missed, also not while nobody could be reached.
 
-use super::asking::{ANSWER_WITHIN, Asking, Databases, Replies, refusal};
+use super::asking::{ANSWER_WITHIN, Asking, Databases, Replies, keys, refusal};
 use crate::cli::{Failure, output};
 use crate::logic::database::question::{Question, Reply};
 use anyhow::anyhow;
 use comms::io::clock;
 use dbmanager::logic::cut::Cut;
-use dbmanager::logic::key::Key;
 use dbmanager::logic::view::past::Keys;
 use dbmanager::logic::view::table::{self, Span};
 use dbmanager::logic::view::token;
@@ -33,8 +32,7 @@ pub struct Watch {
 impl Watch {
     /// Runs the verb, until it is interrupted.
     pub(crate) fn run(self) -> Result<(), Failure> {
-        let one = !self.key.is_empty() && !self.key.ends_with('/');
-        let keys = if one { Keys::Only(Key::new(self.key.clone())?) } else { Keys::Below(self.key.clone()) };
+        let keys = keys(self.key.clone())?;
         let mut told = self.from.clone();
         let result = self.asking.with(async |databases| {
             let (mut interrupt, mut terminate) = (signal(SignalKind::interrupt())?, signal(SignalKind::terminate())?);
@@ -50,7 +48,7 @@ impl Watch {
         result
     }
 
-    async fn follow(&self, databases: &Databases, keys: Keys, told: &mut Option<Cut>) -> Result<(), Failure> {
+    async fn follow(&self, databases: &Databases<'_>, keys: Keys, told: &mut Option<Cut>) -> Result<(), Failure> {
         loop {
             let question = Question::Watch { keys: keys.clone(), from: told.clone() };
             let mut replies = databases.ask(databases.robot(), question)?;

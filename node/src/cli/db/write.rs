@@ -93,15 +93,8 @@ enum Got {
 impl Writing {
     /// Commits, on the robot whose keys they are, and says how far it has got.
     pub(crate) fn commit(&self, requires: Vec<Require>, writes: Vec<Write>) -> Result<(), Failure> {
-        self.send(&|writing| {
-            Question::Commit(Commit {
-                reason: writing.reason.clone(),
-                requires: requires.clone(),
-                writes: writes.clone(),
-                far: writing.level.clone(),
-                within: writing.within,
-            })
-        })
+        let (reason, far, within) = (self.reason.clone(), self.level.clone(), self.within);
+        self.send(&Question::Commit(Commit { reason, requires, writes, far, within }))
     }
 
     /// Returns why, or else this.
@@ -110,12 +103,12 @@ impl Writing {
     }
 
     /// Sends what is answered as a transaction is, to the robot whose keys they are, and says how far it has got.
-    pub(crate) fn send(&self, question: &dyn Fn(&Self) -> Question) -> Result<(), Failure> {
+    pub(crate) fn send(&self, question: &Question) -> Result<(), Failure> {
         let got = self.asking.with(async |databases| {
             let robot = databases.robot();
-            match self.ask(databases, robot, question(self)).await? {
+            match self.ask(databases, robot, question.clone()).await? {
                 Ok(got) => Ok(got),
-                Err(owner) => self.forward(databases, &owner, question(self)).await,
+                Err(owner) => self.forward(databases, &owner, question.clone()).await,
             }
         })?;
         let (dot, reached) = match got {
@@ -144,7 +137,7 @@ impl Writing {
     /// Asks one robot; answers with the name of another if only that one writes there.
     async fn ask(
         &self,
-        databases: &Databases,
+        databases: &Databases<'_>,
         robot: &str,
         question: Question,
     ) -> Result<Result<Got, String>, Failure> {
@@ -170,7 +163,7 @@ impl Writing {
     }
 
     /// Sends a transaction to the robot that alone writes there.
-    async fn forward(&self, databases: &Databases, owner: &str, question: Question) -> Result<Got, Failure> {
+    async fn forward(&self, databases: &Databases<'_>, owner: &str, question: Question) -> Result<Got, Failure> {
         if !databases.reaches(owner).await? {
             return Err(Failure::Unreachable(anyhow!(
                 "only `{owner}` writes there, and it cannot be reached now; nothing was written"
