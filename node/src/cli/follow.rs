@@ -150,7 +150,7 @@ impl Watch {
                 Some(answer) = next(&mut looking) => {
                     (heard, looking) = (clock::now(), None);
                     if let Some(deployment) = self.deployment.clone().filter(|one| is_over(&answer, one)) {
-                        answers = client.ask_on(home, &Request::Watch { deployment, seen: self.seen })?;
+                        answers = self.missed(client, deployment)?;
                     }
                 }
                 _ = refresh.tick() => {
@@ -185,11 +185,15 @@ impl Watch {
         }
         while clock::now() < deadline {
             if client.hosts(std::slice::from_ref(&self.home)).await?.contains(&self.home) {
-                let request = Request::Watch { deployment: deployment.clone(), seen: self.seen };
-                return Ok(Some(client.ask_on(&self.home, &request)?));
+                return self.missed(client, deployment).map(Some);
             }
         }
         Err(self.lost())
+    }
+
+    /// Asks for what has been missed, and all that comes after it.
+    fn missed(&self, client: &Client, deployment: Deployment) -> Result<Answers, Failure> {
+        client.ask_on(&self.home, &Request::Watch { deployment, seen: self.seen })
     }
 
     /// What is said when the home node is out of reach, so that nobody can be asked for an end either.

@@ -248,8 +248,10 @@ impl Driver {
                 Some(Input::Shim { process, report, last_words })
             }
             Event::Program(deployment, instance, sender) => {
-                let process = self.paths.get(&(deployment.clone(), instance.clone()))?.clone();
-                let parameters = self.settings.parameters(&deployment.name, &instance);
+                let key = (deployment, instance);
+                let process = self.paths.get(&key)?.clone();
+                let (deployment, instance) = &key;
+                let parameters = self.settings.parameters(&deployment.name, instance);
                 if !parameters.is_empty() {
                     send(&sender, &Order::Configure { parameters });
                 }
