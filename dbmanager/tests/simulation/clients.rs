@@ -4,6 +4,7 @@ use super::history::{self, Anomaly, History, Op, Txn};
 use super::reference::Id;
 use super::{Level, World};
 use comms::logic::time::Time;
+use dbmanager::logic::clock::Stamp;
 use dbmanager::logic::cut::{Cut, Dot};
 use dbmanager::logic::key::Key;
 use dbmanager::logic::replica::{Input, Replica, Request};
@@ -50,8 +51,8 @@ pub(crate) struct Clients {
     names: BTreeMap<usize, Id>,
     sessions: usize,
     value: u64,
-    /// What a watcher at each robot has seen last.
-    winners: BTreeMap<(usize, u64), u64>,
+    /// What a watcher at each robot has seen last, and its stamp.
+    winners: BTreeMap<(usize, u64), (u64, Stamp)>,
 }
 
 impl Clients {
@@ -65,14 +66,14 @@ impl Clients {
         let Ok(txn) = frame.open() else { return };
         for write in &txn.writes {
             let Some(register) = register(&write.key) else { continue };
-            let Some(value) = shown(replica, &write.key) else {
-                // Behind a deletion may be something older that the deletion had not seen.
+            let version = replica.state().get(&write.key);
+            let Some((value, stamp)) = shown(replica, &write.key).zip(version.map(|version| version.stamp)) else {
                 self.winners.remove(&(node, register));
                 continue;
             };
-            if let Some(before) = self.winners.insert((node, register), value).filter(|before| *before != value) {
-                self.history.replaced.insert((register, before, value));
-            }
+            // Behind a deletion may be something older that the deletion had not seen.
+            let before = self.winners.insert((node, register), (value, stamp)).filter(|(_, before)| *before < stamp);
+            self.history.replaced.extend(before.map(|(before, _)| (register, before, value)));
         }
     }
 }

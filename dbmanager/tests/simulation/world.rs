@@ -379,7 +379,7 @@ impl World {
                     Fate::Error if self.happens(50) => return self.crash(node),
                     Fate::CrashAfter | Fate::Error => {
                         self.write(node, batch);
-                        effects.for_each(|effect| self.note_untold(node, effect));
+                        effects.for_each(|effect| self.note_untold(node, &before, effect));
                         return self.crash(node);
                     }
                 },
@@ -416,12 +416,15 @@ impl World {
     }
 
     /// It is on the disk, although nobody was told.
-    fn note_untold(&mut self, node: usize, effect: Effect) {
+    fn note_untold(&mut self, node: usize, before: &Cut, effect: Effect) {
         match effect {
             Effect::Visible(dot, frame) => drop(self.reference.happened(node, dot, &frame)),
             Effect::Renamed(from, to) => self.reference.renamed(node, from, to),
             Effect::Answer(_, Answer::Committed(dot)) => self.committed = Some(dot),
-            Effect::Replaced => self.forgets(node),
+            Effect::Replaced => {
+                self.reference.left_behind |= !self.replica(node).log().cut().dominates(before);
+                self.forgets(node);
+            }
             Effect::Persist(batch) => self.write(node, batch),
             Effect::Answer(..) | Effect::Alarm(_) | Effect::Broadcast(_) | Effect::Send(..) => {}
         }
