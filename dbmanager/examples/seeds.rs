@@ -1,13 +1,16 @@
 //! Runs many seeds of the simulation: `cargo run --release -p dbmanager --example seeds -- <first> <count>`.
 //!
-//! With `--features mutants` and `mutants` as a third argument it runs them with each planted bug until one of them finds
-//! it, and prints which.
+//! With `--features mutants` and `mutants` as a third argument it runs them with each planted bug, and some named cases after
+//! them, until one finds it, and prints which.
 
+#[path = "../tests/simulation/scenes.rs"]
+mod scenes;
 #[expect(dead_code, reason = "it is part of the tests, and the named cases use more of it")]
 #[path = "../tests/simulation/world.rs"]
 mod world;
 
 use dbmanager::logic::mutant::Mutant;
+use std::ops::Range;
 use std::process::ExitCode;
 
 #[expect(clippy::print_stdout, reason = "a program for people")]
@@ -18,19 +21,7 @@ fn main() -> ExitCode {
     let (first, count) = (number(0, 1), number(1, 1000));
     let seeds = first..first.saturating_add(count);
     if arguments.get(2).is_some_and(|word| word == "mutants") {
-        let mut survivors = 0;
-        for mutant in Mutant::ALL {
-            let killed = seeds.clone().find_map(|seed| Some((seed, world::run(seed, mutant).err()?)));
-            survivors += u32::from(killed.is_none());
-            match killed {
-                Some((seed, broken)) => {
-                    println!("{mutant:?}: seed {seed}: {}", broken.lines().next().unwrap_or_default());
-                }
-                None => println!("{mutant:?}: SURVIVES {count} seeds"),
-            }
-        }
-        println!("{survivors} survive");
-        return ExitCode::from(u8::from(survivors > 0));
+        return plant(seeds);
     }
     let (mut failed, mut transactions) = (0, 0);
     for seed in seeds {
@@ -44,4 +35,25 @@ fn main() -> ExitCode {
     }
     println!("{count} seeds, {transactions} transactions, {failed} failed");
     ExitCode::from(u8::from(failed > 0))
+}
+
+/// Runs the seeds with each planted bug, and the scenes with those that no seed has found.
+#[expect(clippy::print_stdout, reason = "a program for people")]
+fn plant(seeds: Range<u64>) -> ExitCode {
+    let mut survivors = 0;
+    for mutant in Mutant::ALL {
+        let by_seed = seeds.clone().find_map(|seed| Some((format!("seed {seed}"), world::run(seed, mutant).err()?)));
+        let by_scene = || scenes::ALL.iter().find_map(|(name, scene)| Some(((*name).to_owned(), scene(mutant).err()?)));
+        match by_seed.or_else(by_scene) {
+            Some((finder, broken)) => {
+                println!("{mutant:?}: {finder}: {}", broken.lines().next().unwrap_or_default());
+            }
+            None => {
+                survivors += 1;
+                println!("{mutant:?}: SURVIVES");
+            }
+        }
+    }
+    println!("{survivors} survive");
+    ExitCode::from(u8::from(survivors > 0))
 }

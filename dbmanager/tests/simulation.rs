@@ -7,6 +7,8 @@
 mod anomalies;
 #[path = "simulation/cases.rs"]
 mod cases;
+#[path = "simulation/scenes.rs"]
+mod scenes;
 #[path = "simulation/world.rs"]
 mod world;
 

@@ -222,9 +222,6 @@ impl Log {
         }
         for (dot, size) in self.in_order().into_iter().map(|(dot, frame)| (dot, frame.size())).collect::<Vec<_>>() {
             // What is applied later may be stable earlier, but a chain is only ever cut from below.
-            if self.mutant.is(Mutant::HoleInLog) && !stable.contains(dot) {
-                continue;
-            }
             if self.size <= size_max || !stable.contains(dot) {
                 break;
             }

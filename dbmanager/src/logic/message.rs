@@ -89,7 +89,7 @@ pub struct Join {
     pub replaces: Vec<Origin>,
 }
 
-/// An answer.
+/// An answer. Append only.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Chunk {
     /// Transactions, in an order in which they can be applied.
@@ -112,4 +112,6 @@ pub enum Chunk {
         /// Its link.
         link: Link,
     },
+    /// You have said to have this, and now you say that you have less.
+    Behind(Cut),
 }

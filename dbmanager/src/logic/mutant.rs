@@ -70,8 +70,8 @@ pub enum Mutant {
     HeadNotStored,
     /// What a transaction has written is not written to the disk, the transaction is.
     VersionsNotStored,
-    /// That an origin was given up is not written to the disk.
-    MoveNotStored,
+    /// Of two that have each other's transactions as a state only, nobody gives way.
+    StandOff,
     /// A snapshot has no deletions.
     SnapshotWithoutDeletions,
     /// What a snapshot replaces stays on the disk.
@@ -96,8 +96,8 @@ pub enum Mutant {
     ArrivalForgotten,
     /// A snapshot whose source is gone is waited for.
     DownloadForEver,
-    /// Frames are dropped as soon as they are stable, also behind others that are not.
-    HoleInLog,
+    /// Who has less than it has said to have is not told so.
+    SetBackUntold,
     /// Who lacks frames that are gone is given the rest.
     GoneServed,
     /// No frame is ever dropped.
@@ -144,7 +144,7 @@ impl Mutant {
         Self::TakesForgotten,
         Self::HeadNotStored,
         Self::VersionsNotStored,
-        Self::MoveNotStored,
+        Self::StandOff,
         Self::SnapshotWithoutDeletions,
         Self::EraseForgotten,
         Self::SentIsHad,
@@ -157,7 +157,7 @@ impl Mutant {
         Self::ForksUnseen,
         Self::ArrivalForgotten,
         Self::DownloadForEver,
-        Self::HoleInLog,
+        Self::SetBackUntold,
         Self::GoneServed,
         Self::LogNeverCut,
         Self::DeletionsForEver,

@@ -9,7 +9,9 @@
 //! other would both count on a state of which the newcomer can take only one.
 //!
 //! A member whose question is answered with a state (the log is gone) keeps its origin and applies what it has beyond that
-//! state once more, under the same names.
+//! state once more, under the same names. If frames for that are gone here too, the state is dropped: it was long on its way,
+//! and the next one is newer. Or it will never do: either has what the other lacks as a state only. Nobody can tell which,
+//! so at the second such state of one peer in a row the one with the larger origin of the two begins anew.
 
 use super::bring::Old;
 use super::commit::Change;
@@ -32,6 +34,8 @@ use std::time::Duration;
 const CHUNK_TIME: Duration = Duration::from_secs(2);
 /// How often.
 const TRIES_MAX: u32 = 4;
+/// How many states of one peer in a row may turn out to be of no use.
+const DROPPED_MAX: u32 = 2;
 /// How many bytes a state that is taken over may have: it has to be in memory as a whole.
 const DOWNLOAD_SIZE_MAX: usize = 1 << 30;
 /// How many origins one admission replaces.
@@ -110,9 +114,7 @@ impl Replica {
         if !self.config.mutant.is(Mutant::ClockNotMoved) {
             self.clock.move_to(self.identity.origin);
         }
-        if !self.config.mutant.is(Mutant::MoveNotStored) {
-            self.batch.identity(&self.identity);
-        }
+        self.batch.identity(&self.identity);
         self.sync.reset(now);
         self.download = None;
         effects.push(Effect::Alarm(Alarm::Rejoining { from }));
@@ -217,7 +219,12 @@ impl Replica {
             drop(state.drop_deleted(&cut));
         }
         if self.identity.joining.is_none() && !cut.dominates(&self.log.low()) {
-            // It was long on its way: what would have to be applied to it again is not all here any more.
+            // What would have to be applied to it again is not all here any more.
+            let dropped = self.sync.dropped(download.from);
+            let gives_way = download.from < self.identity.origin && !self.config.mutant.is(Mutant::StandOff);
+            if dropped >= DROPPED_MAX && gives_way {
+                self.rejoin(now, false, effects);
+            }
             return;
         }
         // A state that knows other transactions of ours by their numbers would hide ours.

@@ -6,9 +6,14 @@
 //! more. A pull without an answer is over after [`PULL_TIME`], and the peer is left alone for a while that doubles. A push
 //! that cannot be applied is dropped, and pulled instead. How much is asked for at a time follows the speed of the link, so
 //! that neither an answer nor what is urgent is late on a slow one.
+//!
+//! *Set back.* A store that was set back without a witness shows in two ways: others know more of its own transactions than
+//! itself ([`Chunk::Fork`]), or it says that it has less than it said before ([`Chunk::Behind`]). Either way it begins anew. Of the
+//! second nobody knows any more if all that had heard it were started again since; nor does it help who has
+//! applied something meanwhile that was written without the lost deletions. Then digests differ, and there is an alarm.
 
 use super::{Alarm, Effect, Replica};
-use crate::logic::cut::{Dot, Origin};
+use crate::logic::cut::{Cut, Dot, Origin};
 use crate::logic::log::{Head, Verdict};
 use crate::logic::message::{CHUNK_SIZE_MAX, Chunk, Hello, Join, Message, Pull};
 use crate::logic::mutant::Mutant;
@@ -57,6 +62,8 @@ struct Peer {
     chunk: usize,
     /// How often it has not answered since it last did.
     silent: u32,
+    /// How many states of it in a row were of no use.
+    dropped: u32,
     /// The newest format it reads, once it has said so.
     format: Option<u8>,
 }
@@ -64,7 +71,7 @@ struct Peer {
 impl Default for Peer {
     fn default() -> Self {
         let (ask_at, asked_at, chunk) = (Time::ZERO, Time::ZERO, CHUNK_SIZE[0]);
-        Self { ahead: false, ask_at, pulling: None, asked_at, chunk, silent: 0, format: None }
+        Self { ahead: false, ask_at, pulling: None, asked_at, chunk, silent: 0, dropped: 0, format: None }
     }
 }
 
@@ -116,6 +123,13 @@ impl Sync {
     /// Returns the newest format that a peer reads, if it has said so.
     pub(super) fn format(&self, origin: Origin) -> Option<u8> {
         self.peers.get(&origin)?.format
+    }
+
+    /// A state of a peer was of no use; returns how many were in a row.
+    pub(super) fn dropped(&mut self, origin: Origin) -> u32 {
+        let Some(peer) = self.peers.get_mut(&origin) else { return 0 };
+        peer.dropped = peer.dropped.saturating_add(1);
+        peer.dropped
     }
 
     fn ahead(&mut self, origin: Origin, ask_at: Time) {
@@ -256,6 +270,7 @@ impl Replica {
             effects.push(Effect::Send(from, Message::Chunk(Chunk::Fork { seq, link })));
         } else if hello.cut == self.log.cut().digest() {
             let cut = self.log.cut().clone();
+            effects.extend(self.behind(from, &cut));
             self.acks.note(from, &cut);
             if hello.held != self.held.cut().digest() {
                 self.sync.ahead(from, now);
@@ -283,6 +298,10 @@ impl Replica {
         if pull.cut.get(from) < self.log.cut().get(from) {
             let head = self.log.head(from).cloned().unwrap_or_default();
             effects.push(Effect::Send(from, Message::Chunk(Chunk::Fork { seq: head.seq, link: head.link })));
+            return;
+        }
+        if let Some(behind) = self.behind(from, &pull.cut) {
+            effects.push(behind);
             return;
         }
         self.acks.note(from, &pull.cut);
@@ -319,6 +338,7 @@ impl Replica {
         match chunk {
             Chunk::Frames { cut, frames, more } if self.is_member() && (asked || self.members.is_active(from)) => {
                 let missing = self.take_frames(now, (from, frames), effects);
+                self.sync.peers.entry(from).and_modify(|peer| peer.dropped = 0);
                 if self.members.is_active(from) {
                     self.acks.note(from, &cut);
                 }
@@ -336,7 +356,20 @@ impl Replica {
                 }
             }
             Chunk::Fork { seq, link } => self.take_fork(now, (seq, link), effects),
+            Chunk::Behind(cut) if self.identity.joining.is_none() && !self.log.cut().dominates(&cut) => {
+                self.rejoin(now, false, effects);
+            }
+            // What was said first was heard last.
+            Chunk::Behind(_) => self.sync.ahead(from, now),
         }
+    }
+
+    /// Returns what to answer a member who has less than it has said to have. Others may have dropped deletions because of
+    /// that, so it must not go on under its name.
+    fn behind(&self, from: Origin, cut: &Cut) -> Option<Effect> {
+        let said =
+            self.acks.said(from).filter(|said| !cut.dominates(said) && !self.config.mutant.is(Mutant::SetBackUntold));
+        said.map(|said| Effect::Send(from, Message::Chunk(Chunk::Behind(said.clone()))))
     }
 
     /// A peer knows the own transaction `seq` by this link.

@@ -1,6 +1,7 @@
 //! Disks that are lost, restored, copied or damaged: nothing that was acknowledged is lost, and no name is used twice.
 
 use super::team;
+use crate::scenes;
 use dbmanager::logic::mutant::Mutant;
 use dbmanager::logic::record::Records;
 use dbmanager::logic::replica::{Config, Replica};
@@ -55,6 +56,16 @@ fn a_restored_backup_that_its_witness_notices_writes_nothing_under_its_old_name(
     world.join_network(1);
     world.settle().unwrap();
     assert_eq!(world.siblings(0, "team/a"), 2, "neither has seen the other");
+}
+
+#[test]
+fn set_back_without_witness_only_others_transactions_lost() {
+    scenes::set_back(Mutant::None).unwrap();
+}
+
+#[test]
+fn number_used_twice_is_an_alarm_at_once() {
+    scenes::fork(Mutant::None).unwrap();
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! Who belongs to the team: joining, being away, being retired, coming back.
 
 use super::team;
+use crate::scenes;
 
 #[test]
 fn away_90_days_returns() {
@@ -149,6 +150,16 @@ fn peer_with_lower_low_cut_needs_snapshot_both_ways() {
     assert_eq!((world.value(2, "team/a"), world.value(3, "team/z")), (Some(1), Some(9)));
     world.join_network(2);
     world.settle().unwrap();
+}
+
+#[test]
+fn two_with_each_others_transactions_as_state_only() {
+    scenes::states_only(Default::default()).unwrap();
+}
+
+#[test]
+fn retired_robot_meets_one_who_does_not_know() {
+    scenes::last_words(Default::default()).unwrap();
 }
 
 #[test]

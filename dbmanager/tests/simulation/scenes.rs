@@ -1,0 +1,119 @@
+//! Scenes: named cases that are tried with planted bugs too, since seeds hardly ever come to what these bugs break.
+
+use crate::world::{Faults, World};
+use dbmanager::logic::mutant::Mutant;
+use dbmanager::logic::replica::Alarm;
+
+/// How a scene ends.
+type Ending = Result<(), String>;
+/// A scene and its name.
+type Scene = (&'static str, fn(Mutant) -> Ending);
+
+/// All of them, by name.
+#[cfg_attr(test, expect(dead_code, reason = "the named cases call each by itself"))]
+pub(crate) const ALL: [Scene; 4] = [
+    ("two_with_each_others_transactions_as_state_only", states_only),
+    ("retired_robot_meets_one_who_does_not_know", last_words),
+    ("set_back_without_witness_only_others_transactions_lost", set_back),
+    ("number_used_twice_is_an_alarm_at_once", fork),
+];
+
+fn team(count: usize, mutant: Mutant) -> World {
+    let mut world = World::new(1, Faults::default(), mutant);
+    world.gather(count);
+    world
+}
+
+fn must(holds: bool, what: &str) -> Ending {
+    if holds { Ok(()) } else { Err(what.to_owned()) }
+}
+
+/// Two members have each got a state with transactions that the other lacks, and those who have the frames are gone.
+pub(crate) fn states_only(mutant: Mutant) -> Ending {
+    let mut world = team(4, mutant);
+    world.isolate(0);
+    world.isolate(1);
+    world.cut(2, 3);
+    world.put(2, "team/a", 1);
+    world.put(3, "team/b", 2);
+    // Two newcomers, each with one of the two, as a state.
+    world.cut(3, 4);
+    world.gather(5);
+    world.cut(2, 5);
+    world.cut(4, 5);
+    world.gather(6);
+    world.heal(0, 4);
+    world.heal(1, 5);
+    world.run_for(20_000);
+    must(world.value(0, "team/a") == Some(1) && world.value(1, "team/b") == Some(2), "each has a state")?;
+    (2..6).for_each(|node| world.crash(node));
+    world.heal(0, 1);
+    world.run_for(60_000);
+    must(world.replica(0).log().cut() == world.replica(1).log().cut(), "T7: they never meet")?;
+    // One of them has begun anew, and has left to the others what those bring themselves.
+    (0..6).for_each(|node| world.join_network(node));
+    world.settle()?;
+    must(world.value(0, "team/b") == Some(2) && world.value(1, "team/a") == Some(1), "all is there in the end")
+}
+
+/// Who was retired has written beside a deletion, and the one that it meets has the deletion, but not the retirement.
+pub(crate) fn last_words(mutant: Mutant) -> Ending {
+    let mut world = team(3, mutant);
+    world.put(0, "team/a", 1);
+    world.settle()?;
+    world.isolate(2);
+    world.put(2, "team/a", 2);
+    world.delete(0, "team/a");
+    world.run_for(30_000);
+    world.cut(0, 1);
+    world.retire(0, 2);
+    world.run_for(30_000);
+    world.heal(1, 2);
+    world.run_for(10_000);
+    world.cut(1, 2);
+    world.heal(0, 1);
+    world.run_for(30_000);
+    must(world.value(0, "team/a") == Some(2), "the deletion had not seen it")?;
+    world.join_network(2);
+    world.settle()
+}
+
+/// A store is set back, nothing of its own is lost, but a deletion that it had said to have.
+pub(crate) fn set_back(mutant: Mutant) -> Ending {
+    let mut world = team(3, mutant);
+    world.expect_forks();
+    world.put(0, "team/a", 1);
+    world.settle()?;
+    let backup = world.backup(1);
+    world.delete(0, "team/a");
+    world.settle()?;
+    world.run_for(30_000);
+    must(world.siblings(0, "team/a") == 0, "nobody needs the deletion any more")?;
+    world.restore(1, backup);
+    world.isolate(1);
+    world.restart(1);
+    world.put(1, "team/a", 2);
+    world.join_network(1);
+    world.converge()?;
+    let digests = [0, 1, 2].map(|node| world.replica(node).state().digest());
+    must(digests == [digests[0]; 3], "I1: equal cuts, different states")?;
+    must(world.value(0, "team/a") == Some(2), "what it wrote had not seen the deletion, which nobody knows any more")
+}
+
+/// A store is set back, and its robot uses a number twice before it hears from anybody.
+pub(crate) fn fork(mutant: Mutant) -> Ending {
+    let mut world = team(2, mutant);
+    world.expect_forks();
+    let (backup, origin) = (world.backup(1), world.replica(1).origin());
+    world.put(1, "team/a", 1);
+    world.settle()?;
+    world.restore(1, backup);
+    world.isolate(1);
+    world.restart(1);
+    world.join_network(1);
+    world.put(1, "team/b", 2);
+    world.run_for(200);
+    must(world.alarms.contains(&(0, Alarm::Fork(origin))), "T6: a number was used twice, and no alarm says so")?;
+    world.settle()?;
+    must(world.value(0, "team/a") == Some(1) && world.value(0, "team/b") == Some(2), "both are kept")
+}
