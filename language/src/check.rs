@@ -36,7 +36,7 @@ pub(crate) fn compile_with_model(
     for (origin, source) in sources {
         let Parse { root, diagnostics: found, damage } = parse(source, origin);
         let root = ast::Node::new(root, origin);
-        declare::constants(&mut model, &root, &mut diagnostics);
+        declare::constants(&mut model, &root, &damage, &mut diagnostics);
         uses::check(&root, source, spec, interfaces, &mut diagnostics);
         trees.push((root, (origin, origin == Origin::Spec || source.role == Role::Part), damage));
         diagnostics.extend(found);

@@ -6,6 +6,7 @@ const WORDS: &[&str] = &[
     "process",
     "module",
     "const",
+    "type",
     "use",
     "host",
     "instantiated_processes",

@@ -67,7 +67,7 @@ fn completion_knows_what_can_stand_here() {
         "push pull latch drop queue rate",
     );
     completes("process main() { host{$0} }", "");
-    completes("$0", "process module const use");
+    completes("$0", "process module const type use");
     completes("module M(host) { $0 }", "in out service done plain exec stop claims");
     completes("module M(host) { in In: $0 }", "Force Truth Twist");
     completes("module M(host) { claims $0 }", "arm grip");
@@ -125,6 +125,51 @@ fn outcomes_and_resources_are_names() {
     renames(&with("fou$0nd => skip, missing => skip"), "seen", "found -> seen, found -> seen");
     renames(&with("fou$0nd => skip, missing => skip"), "missing", "`missing` is taken: an outcome has this name");
     renames(&with("found => skip").replace("using(table)", "using(ta$0ble)"), "desk", "table -> desk, table -> desk");
+}
+
+/// A record that contains another one.
+const RECORDS: &str = "/// How to hold.
+type Grasp = { force: Force = 20 N, place: Place };
+type Place = { x: Length, yaw: Angle };
+module Grip(host, grasp: Grasp) { out At: Place; done; }
+process main(grasp: Grasp = { place = { x = 1 m, yaw = 2 rad } }) {
+    instantiated_processes { grip instof Grip(c1, $1); }
+    internal_event_actions { grip }
+}";
+
+#[test]
+fn records_are_known_field_by_field() {
+    let with = |value: &str| RECORDS.replace("$1", value);
+    completes(&with("{ $0 }"), "force = place =");
+    completes(&with("{ force = 1 N, $0 }"), "place =");
+    completes(&with("{ place = { yaw = 1 rad, $0 } }"), "x =");
+    completes(&with("grasp = { place = { yaw = 1 $0 } }"), "rad deg");
+    completes(&with("{ place = $0 }"), "grasp");
+    completes(
+        &with("grasp").replace("force: Force =", "force: Force, other: $0 ="),
+        &format!("{VALUE_TYPES} Grasp Place"),
+    );
+    completes(&with("grasp").replace("yaw = 2 rad }", "yaw = 2 $0 }"), "rad deg");
+    completes(&with("grasp").replace("out At: Place", "out At: Place; out To: $0"), "Grasp Place Force Truth Twist");
+    is_defined(&with("{ pl$0ace = { x = 1 m, yaw = 1 rad } }"), "door.dca:2 place");
+    is_defined(&with("{ place = { x = 1 m, ya$0w = 1 rad } }"), "door.dca:3 yaw");
+    is_defined(&with("grasp").replace("out At: Place", "out At: Pla$0ce"), "door.dca:3 Place");
+    is_told(
+        &with("grasp").replace("grasp: Grasp)", "grasp: Gra$0sp)"),
+        &["type Grasp = { force: Force = 20, place: Place };", "How to hold."],
+    );
+    is_told(&with("{ place = { x$0 = 1 m, yaw = 1 rad } }"), &["x: Length", "A field.", "`0.2 m`"]);
+    renames(&with("{ place = { x$0 = 1 m, yaw = 1 rad } }"), "left", "x -> left, x -> left, x -> left");
+    renames(
+        &with("grasp").replace("type Place", "type Pla$0ce"),
+        "Spot",
+        "Place -> Spot, Place -> Spot, Place -> Spot",
+    );
+    renames(
+        &with("grasp").replace("type Place", "type Pla$0ce"),
+        "Grasp",
+        "`Grasp` is taken: another type has this name",
+    );
 }
 
 #[test]

@@ -4,27 +4,32 @@ mod module;
 mod process;
 
 use super::names::twice;
-use super::spec::{Const, Consts, Param, Scope, Spec, Value, ValueKind};
+use super::spec::{Const, Consts, Kind, NamedType, Param, Scope, Spec, Value, ValueKind};
+use super::unit;
 use super::value::value;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::source::{Origin, Span};
-use crate::syntax::SyntaxKind::{self, Constant, Type};
-use crate::syntax::ast::Node;
+use crate::syntax::SyntaxKind::{self, Constant, RecordType, Type};
+use crate::syntax::ast::{Name, Node};
 
-/// Adds the constants of a tree: they are known everywhere, whatever the order of the text.
-pub(super) fn constants(spec: &mut Spec, root: &Node, diagnostics: &mut Vec<Diagnostic>) {
+/// Adds the constants of a tree: they are known everywhere, whatever the order of the text. Of one whose text is damaged
+/// the name is known.
+pub(super) fn constants(spec: &mut Spec, root: &Node, damage: &[Span], diagnostics: &mut Vec<Diagnostic>) {
     for item in root.children_of(SyntaxKind::ConstItem) {
         let (Some(name), Some(node)) = (item.title(), item.child(Constant)) else { continue };
+        if let Some(first) = spec.consts.get(&name.text) {
+            diagnostics.push(twice("constant", &name.text, name.span, first.name.span));
+            continue;
+        }
         let scope = Scope { params: &[], consts: &spec.consts, indices: &[] };
         let list = node.child(SyntaxKind::List);
         let nodes = list.as_ref().map_or_else(|| vec![node.clone()], |list| list.children_of(Constant).collect());
-        let values: Vec<Value> = nodes.iter().map(|node| value(node, scope, diagnostics)).collect();
-        let is_broken = values.iter().any(|value| matches!(value.kind, ValueKind::Broken));
-        if let Some(first) = spec.consts.get(&name.text) {
-            diagnostics.push(twice("constant", &name.text, name.span, first.name.span));
-        } else if !is_broken {
-            spec.consts.insert(name.text.clone(), Const { name, values, is_list: list.is_some() });
+        let mut values: Vec<Value> = nodes.iter().map(|node| value(node, scope, diagnostics)).collect();
+        let is_damaged = damage.iter().any(|place| item.span().start <= place.start && place.start <= item.span().end);
+        if is_damaged || values.iter().any(|value| matches!(value.kind, ValueKind::Broken)) {
+            values = vec![Value { span: node.span(), kind: ValueKind::Broken, dimension: None }];
         }
+        spec.consts.insert(name.text.clone(), Const { name, values, is_list: list.is_some() });
     }
 }
 
@@ -40,13 +45,19 @@ pub(super) fn declare(
     damage.sort_unstable();
     for item in root.children() {
         let damage = within(&damage, item.span());
-        if item.kind() == SyntaxKind::Module {
+        if item.kind() == SyntaxKind::TypeItem {
+            // What is not known whole is not checked.
+            let named = if damage.is_empty() { named_type(&item, &spec.consts, diagnostics) } else { None };
+            if let Some(named) = named {
+                add_type(spec, named, diagnostics);
+            }
+        } else if item.kind() == SyntaxKind::Module {
             if let Some(module) = module::module(&item, damage, &spec.consts, diagnostics) {
                 add_module(spec, module, origin, diagnostics);
             }
         } else if item.kind() == SyntaxKind::Process {
             if !is_part {
-                let message = "an interface consists of `module` blocks only";
+                let message = "an interface consists of `module` blocks and `type`s only";
                 diagnostics.push(Diagnostic::new(Code::E0108, item.span(), message));
             } else if let Some(process) = process::process(&item, damage, &spec.consts, diagnostics) {
                 add_process(spec, process, diagnostics);
@@ -89,22 +100,55 @@ fn add_module(spec: &mut Spec, module: super::spec::Module, origin: Origin, diag
     }
 }
 
-/// Reads a list of parameters.
-fn params(node: &Node, consts: &Consts, diagnostics: &mut Vec<Diagnostic>) -> Vec<Param> {
+/// `type Name = Type;`
+fn named_type(node: &Node, consts: &Consts, diagnostics: &mut Vec<Diagnostic>) -> Option<NamedType> {
+    let (name, kind) = (node.title()?, kind(node, consts, diagnostics)?);
+    Some(NamedType { name, doc: node.doc(), kind })
+}
+
+/// Two texts may say the same of a type, each for those who read it alone; they may not contradict each other.
+fn add_type(spec: &mut Spec, named: NamedType, diagnostics: &mut Vec<Diagnostic>) {
+    let Name { text, span } = named.name.clone();
+    if unit::is_type(&text) {
+        let message = format!("`{text}` is a type of the language");
+        diagnostics.push(Diagnostic::new(Code::E0110, span, message).help("choose another name"));
+    } else if let Some(first) = spec.type_names.get(&text).map(|&first| &spec.types[first]) {
+        if first.name.span.origin == span.origin {
+            diagnostics.push(twice("type", &text, span, first.name.span));
+        } else if !first.kind.agrees(&named.kind) {
+            let message = format!("type `{text}` is not the same in two texts");
+            let diagnostic = Diagnostic::new(Code::E0306, span, message).label(format!("here it is `{}`", named.kind));
+            let diagnostic = diagnostic.reason(first.name.span, format!("here it is `{}`", first.kind));
+            diagnostics
+                .push(diagnostic.help("who sends one and takes the other reads wrong values: make them the same"));
+        }
+    } else {
+        spec.type_names.insert(text, spec.types.len());
+        spec.types.push(named);
+    }
+}
+
+/// The type of a parameter, field, port or outcome; nothing if there is none.
+fn kind(node: &Node, consts: &Consts, diagnostics: &mut Vec<Diagnostic>) -> Option<Kind> {
+    let node = node.child(Type)?;
+    let fields = node.child(RecordType).map(|fields| params(&fields, "field", consts, diagnostics));
+    let kind = Kind { text: node.compact_text(), span: node.span(), fields };
+    (!kind.text.is_empty()).then_some(kind)
+}
+
+/// Reads a list of parameters, or of fields.
+fn params(node: &Node, what: &str, consts: &Consts, diagnostics: &mut Vec<Diagnostic>) -> Vec<Param> {
     let mut params: Vec<Param> = Vec::new();
     for node in node.children_of(SyntaxKind::Param) {
         let Some(name) = node.names().next() else { continue };
         if let Some(first) = params.iter().find(|param| param.name.text == name.text) {
-            diagnostics.push(twice("parameter", &name.text, name.span, first.name.span));
+            diagnostics.push(twice(what, &name.text, name.span, first.name.span));
             continue;
         }
-        let default = node.child(Constant).and_then(|node| {
-            match value(&node, Scope { params: &[], consts, indices: &[] }, diagnostics).kind {
-                ValueKind::Constant(constant) => Some(constant),
-                ValueKind::Param(_) | ValueKind::Broken => None,
-            }
-        });
-        params.push(Param { name, kind: node.child(Type).map(|node| node.compact_text()), default });
+        let scope = Scope { params: &[], consts, indices: &[] };
+        let default = node.child(Constant).map(|node| value(&node, scope, diagnostics));
+        let default = default.filter(|value| !matches!(value.kind, ValueKind::Broken));
+        params.push(Param { name, kind: kind(&node, consts, diagnostics), default });
     }
     params
 }

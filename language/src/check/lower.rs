@@ -1,5 +1,6 @@
 //! The plan: every group and leaf with its absolute path, every wire from leaf to leaf.
 
+mod data;
 mod expression;
 pub(crate) mod together;
 mod tree;

@@ -165,6 +165,11 @@ fn fold(name: &str) -> String {
     name.chars().filter(|&c| c != '_').flat_map(char::to_lowercase).collect()
 }
 
+/// Names in a sentence.
+pub(super) fn listed<'a>(names: impl Iterator<Item = &'a str>) -> String {
+    names.map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ")
+}
+
 /// Reports the second of two things of one name.
 pub(super) fn twice(what: &str, name: &str, second: Span, first: Span) -> Diagnostic {
     let message = format!("{what} `{name}` is defined twice");

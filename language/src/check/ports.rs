@@ -69,7 +69,7 @@ fn check_connection(spec: &Spec, process: &Process, connection: &Connection, dia
     }
     let (Some(from), Some(to)) = (from, to) else { return };
     if let (Some(sent), Some(taken)) = (&from.kind, &to.kind)
-        && sent != taken
+        && !spec.is_same(sent, taken)
     {
         let message =
             format!("`{}` sends {sent}, but `{}` takes {taken}", connection.from.port.text, connection.to.port.text);

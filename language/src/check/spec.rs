@@ -1,11 +1,15 @@
 //! A spec between tree and plan: what is declared, with names resolved inside each group and every span kept.
 
+mod kind;
+
 use super::unit::Dimension;
 use crate::plan::{Constant, LeafKind, Policy, Quality, Transfer};
 use crate::source::Span;
 use crate::syntax::ast::Name;
 use std::collections::BTreeMap;
 use std::time::Duration;
+
+pub(crate) use kind::{FIELDS_MAX, Kind, NamedType, Shape};
 
 /// Everything that is declared in a spec and in the interfaces.
 #[derive(Debug, Default)]
@@ -15,6 +19,11 @@ pub(crate) struct Spec {
     pub(crate) process_names: BTreeMap<String, usize>,
     pub(crate) module_names: BTreeMap<String, usize>,
     pub(crate) consts: Consts,
+    pub(crate) types: Vec<NamedType>,
+    /// Those of them that are sound.
+    pub(crate) type_names: BTreeMap<String, usize>,
+    /// Which field each name in a record means, by the places of both; known after `types`.
+    pub(crate) field_uses: Vec<(Span, Span)>,
 }
 
 /// The named constants of a file and of the files it uses.
@@ -27,6 +36,13 @@ pub(crate) struct Const {
     /// One value, or those of a list.
     pub(crate) values: Vec<Value>,
     pub(crate) is_list: bool,
+}
+
+impl Const {
+    /// Whether it could not be read.
+    pub(crate) fn is_broken(&self) -> bool {
+        self.values.iter().any(|value| matches!(value.kind, ValueKind::Broken))
+    }
 }
 
 /// What a name may mean where a value stands.
@@ -73,12 +89,13 @@ pub(crate) struct Damage {
     pub(crate) names: bool,
 }
 
-/// A parameter of a process or of a module.
-#[derive(Debug)]
+/// A parameter of a process or of a module, or a field of a record.
+#[derive(Clone, Debug)]
 pub(crate) struct Param {
     pub(crate) name: Name,
-    pub(crate) kind: Option<String>,
-    pub(crate) default: Option<Constant>,
+    pub(crate) kind: Option<Kind>,
+    /// Names no parameter.
+    pub(crate) default: Option<Value>,
 }
 
 /// An instance in a group.
@@ -122,9 +139,21 @@ pub(crate) struct Value {
     pub(crate) dimension: Option<Dimension>,
 }
 
+impl Value {
+    /// How many fields it has, with those of the records in it.
+    pub(crate) fn fields(&self) -> usize {
+        match &self.kind {
+            ValueKind::Record(fields) => fields.iter().map(|(_, value)| 1 + value.fields()).sum(),
+            ValueKind::Constant(_) | ValueKind::Param(_) | ValueKind::Broken => 0,
+        }
+    }
+}
+
 #[derive(Clone, Debug)]
 pub(crate) enum ValueKind {
     Constant(Constant),
+    /// Each field once.
+    Record(Vec<(Name, Value)>),
     /// Index into the parameters of the enclosing process.
     Param(usize),
     /// Could not be read.
@@ -196,14 +225,14 @@ pub(crate) struct Claim {
 pub(crate) struct Outcome {
     pub(crate) name: Name,
     /// The type of the value that comes with it.
-    pub(crate) kind: Option<String>,
+    pub(crate) kind: Option<Kind>,
 }
 
 #[derive(Debug)]
 pub(crate) struct Port {
     pub(crate) name: Name,
     pub(crate) direction: Direction,
-    pub(crate) kind: Option<String>,
+    pub(crate) kind: Option<Kind>,
     /// Whether the module works without it being connected.
     pub(crate) is_optional: bool,
 }

@@ -1,20 +1,25 @@
 //! What instances are instances of, and which groups contain which.
 
+mod kinds;
+mod records;
 mod recursion;
 mod resolve;
 
-use super::spec::{Arg, Param, Process, Spec, Target, Value, ValueKind};
-use super::unit::{self, Dimension};
+use super::spec::{Arg, Param, Process, Spec, Target, ValueKind};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::{Constant, LinkLoss, Restart};
 use crate::similar::nearest;
 use crate::source::{Origin, Span};
+use kinds::Kinds;
 
 pub(super) use recursion::is_finite;
 
 /// Resolves every type, and checks the arguments against the parameters.
 pub(super) fn check(spec: &mut Spec, diagnostics: &mut Vec<Diagnostic>) {
+    records::check(spec, diagnostics);
     resolve::resolve(spec, diagnostics);
+    let mut uses = Vec::new();
+    check_defaults(spec, &mut uses, diagnostics);
     for process in &spec.processes {
         check_actions(process, diagnostics);
         check_policies(process, diagnostics);
@@ -33,14 +38,30 @@ pub(super) fn check(spec: &mut Spec, diagnostics: &mut Vec<Diagnostic>) {
                 continue;
             }
             let args: &[Arg] = if is_module { without_host(&instance.args) } else { &instance.args };
-            check_args(&kind.text, params, args, instance.args_span, diagnostics);
-            check_kinds(params, args, &process.params, diagnostics);
+            diagnostics.extend(check_args(spec, &kind.text, params, args, instance.args_span));
+            Kinds { spec, outer: &process.params, uses: &mut uses, diagnostics }.arguments(params, args);
+        }
+    }
+    spec.field_uses = uses;
+}
+
+/// Defaults of parameters and of fields.
+fn check_defaults(spec: &Spec, uses: &mut Vec<(Span, Span)>, diagnostics: &mut Vec<Diagnostic>) {
+    let processes = spec.processes.iter().filter(|process| !process.damage.header).map(|process| &process.params);
+    let modules = spec.modules.iter().filter_map(|module| module.params.as_ref());
+    let mut kinds = Kinds { spec, outer: &[], uses, diagnostics };
+    for param in processes.chain(modules).flatten().chain(spec.fields()) {
+        if let Some(default) = &param.default {
+            kinds.value(param, default);
         }
     }
 }
 
 /// Policies belong to programs; those that nodes do not heed yet are told.
 fn check_policies(process: &Process, diagnostics: &mut Vec<Diagnostic>) {
+    if process.damage.instances {
+        return;
+    }
     let mut last = None;
     for instance in &process.instances {
         let (policy, Some(span)) = &instance.policy else { continue };
@@ -69,14 +90,15 @@ pub(super) fn without_host(args: &[Arg]) -> &[Arg] {
     match args.first() {
         Some(Arg { name: None, value }) => match value.kind {
             ValueKind::Constant(Constant::Text(_)) | ValueKind::Param(_) | ValueKind::Broken => &args[1..],
-            ValueKind::Constant(Constant::Number(_) | Constant::Truth(_)) => args,
+            ValueKind::Constant(Constant::Number(_) | Constant::Truth(_)) | ValueKind::Record(_) => args,
         },
         Some(Arg { name: Some(name), .. }) if name.text == "host" => &args[1..],
         Some(_) | None => args,
     }
 }
 
-fn check_args(kind: &str, params: &[Param], args: &[Arg], span: Span, diagnostics: &mut Vec<Diagnostic>) {
+fn check_args(spec: &Spec, kind: &str, params: &[Param], args: &[Arg], span: Span) -> Vec<Diagnostic> {
+    let mut diagnostics = Vec::new();
     let positional = args.iter().filter(|arg| arg.name.is_none()).count();
     let mut given: Vec<bool> = (0..params.len()).map(|index| index < positional).collect();
     let mut is_known = true;
@@ -99,11 +121,11 @@ fn check_args(kind: &str, params: &[Param], args: &[Arg], span: Span, diagnostic
         }
     }
     let missing: Vec<String> = std::iter::zip(params, &given)
-        .filter(|(param, given)| !**given && param.default.is_none())
+        .filter(|(param, given)| !**given && !spec.is_optional(param))
         .map(|(param, _)| format!("`{}`", param.name.text))
         .collect();
     if positional <= params.len() && (missing.is_empty() || !is_known) {
-        return;
+        return diagnostics;
     }
     let message = match missing.is_empty() {
         true => format!("`{kind}` takes {}, not {positional}", count(params.len())),
@@ -115,49 +137,7 @@ fn check_args(kind: &str, params: &[Param], args: &[Arg], span: Span, diagnostic
         diagnostic = diagnostic.reason(span, "its parameters");
     }
     diagnostics.push(diagnostic);
-}
-
-/// What is written as a constant is of the kind that the parameter declares.
-fn check_kinds(params: &[Param], args: &[Arg], outer: &[Param], diagnostics: &mut Vec<Diagnostic>) {
-    let mut places = params.iter();
-    for arg in args {
-        let param = match &arg.name {
-            Some(name) => params.iter().find(|param| param.name.text == name.text),
-            None => places.next(),
-        };
-        let Some(Param { name, kind: Some(kind), .. }) = param else { continue };
-        if let Some((dimension, example)) = unit::of_type(kind) {
-            if !is_quantity(&arg.value, dimension, outer) {
-                let message = format!("`{}` is of type {kind}: expected a quantity such as `{example}`", name.text);
-                let diagnostic = Diagnostic::new(Code::E0213, arg.value.span, message);
-                diagnostics.push(diagnostic.reason(name.span, "declared here"));
-            }
-            continue;
-        }
-        let ValueKind::Constant(value) = &arg.value.kind else { continue };
-        let is_wrong = match value {
-            Constant::Text(_) => ["Number", "Truth"].contains(&kind.as_str()),
-            Constant::Number(_) => ["Text", "Truth", "Host"].contains(&kind.as_str()),
-            Constant::Truth(_) => ["Text", "Number", "Host"].contains(&kind.as_str()),
-        };
-        if is_wrong {
-            let message = format!("`{}` has to be a {kind}", name.text);
-            diagnostics.push(Diagnostic::new(Code::E0213, arg.value.span, message).reason(name.span, "declared here"));
-        }
-    }
-}
-
-/// Whether a value measures what a parameter expects; what is not known is believed.
-fn is_quantity(value: &Value, dimension: Dimension, outer: &[Param]) -> bool {
-    match &value.kind {
-        ValueKind::Constant(Constant::Number(_)) => value.dimension == Some(dimension),
-        ValueKind::Constant(Constant::Text(_) | Constant::Truth(_)) => false,
-        ValueKind::Param(index) => {
-            let kind = outer.get(*index).and_then(|param| param.kind.as_deref());
-            kind.and_then(unit::of_type).is_none_or(|(other, _)| other == dimension)
-        }
-        ValueKind::Broken => true,
-    }
+    diagnostics
 }
 
 fn count(params: usize) -> String {

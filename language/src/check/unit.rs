@@ -89,6 +89,19 @@ pub(crate) fn types() -> impl Iterator<Item = (&'static str, &'static str)> {
     TYPES.iter().map(|&(name, example, ..)| (name, example))
 }
 
+/// Types of values that are no quantities.
+pub(crate) const PLAIN: [&str; 4] = ["Host", "Text", "Number", "Truth"];
+
+/// Returns whether the language itself has a type of this name.
+pub(crate) fn is_type(name: &str) -> bool {
+    PLAIN.contains(&name) || of_type(name).is_some()
+}
+
+/// Returns the names of all types of values.
+pub(crate) fn names() -> impl Iterator<Item = &'static str> {
+    PLAIN.into_iter().chain(types().map(|(name, _)| name))
+}
+
 /// Returns the symbols of all units.
 pub(crate) fn symbols() -> impl Iterator<Item = &'static str> {
     UNITS.iter().map(|(symbol, _, _)| *symbol)

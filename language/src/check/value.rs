@@ -1,7 +1,7 @@
 //! Constants, quantities and durations.
 
 use super::index;
-use super::spec::{Consts, Scope, Value, ValueKind};
+use super::spec::{Consts, FIELDS_MAX, Scope, Value, ValueKind};
 use super::unit::{self, Dimension};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::Constant;
@@ -27,6 +27,9 @@ pub(super) fn value(node: &Node, scope: Scope<'_>, diagnostics: &mut Vec<Diagnos
         };
         return Value { span, kind, dimension };
     }
+    if let Some(record) = node.child(SyntaxKind::Record) {
+        return Value { span, kind: self::record(&record, scope, diagnostics), dimension: None };
+    }
     if let Some(list) = node.child(SyntaxKind::List) {
         let message =
             "a list can only be a named constant, of which one value is picked: `const hosts = [c1, c2];`, `hosts[0]`";
@@ -40,6 +43,30 @@ pub(super) fn value(node: &Node, scope: Scope<'_>, diagnostics: &mut Vec<Diagnos
     }
 }
 
+/// `{ x = 1 m, y = 2 m }`
+fn record(node: &Node, scope: Scope<'_>, diagnostics: &mut Vec<Diagnostic>) -> ValueKind {
+    let mut fields: Vec<(Name, Value)> = Vec::new();
+    for field in node.children_of(SyntaxKind::Field) {
+        let (Some(name), Some(node)) = (field.names().next(), field.child(SyntaxKind::Constant)) else {
+            return ValueKind::Broken;
+        };
+        if let Some((first, _)) = fields.iter().find(|(first, _)| first.text == name.text) {
+            let message = format!("field `{}` is given twice", name.text);
+            diagnostics.push(Diagnostic::new(Code::E0212, name.span, message).reason(first.span, "first given here"));
+            continue;
+        }
+        let value = value(&node, scope, diagnostics);
+        fields.push((name, value));
+    }
+    // Named constants in named constants grow fast.
+    if fields.iter().map(|(_, value)| 1 + value.fields()).sum::<usize>() > FIELDS_MAX {
+        let message = format!("the record has more than {FIELDS_MAX} fields, with those of the records in it");
+        diagnostics.push(Diagnostic::new(Code::E0702, node.span(), message));
+        return ValueKind::Broken;
+    }
+    ValueKind::Record(fields)
+}
+
 /// `hosts[i]`: one value of a list.
 fn picked(name: &Name, index: &Node, scope: Scope<'_>, diagnostics: &mut Vec<Diagnostic>) -> Value {
     let span = Span { end: index.span().end, ..name.span };
@@ -50,7 +77,9 @@ fn picked(name: &Name, index: &Node, scope: Scope<'_>, diagnostics: &mut Vec<Dia
         diagnostics.push(Diagnostic::new(Code::E0203, name.span, message).help("name one: `const hosts = [c1, c2];`"));
         return broken;
     };
-    let Some(place) = index::known(index, scope.indices, diagnostics) else { return broken };
+    let Some(place) = index::known(index, scope.indices, diagnostics).filter(|_| !list.is_broken()) else {
+        return broken;
+    };
     match list.values.get(place) {
         Some(value) => Value { span, ..value.clone() },
         None => {
@@ -75,7 +104,7 @@ pub(super) fn symbol(name: &Name, scope: Scope<'_>, diagnostics: &mut Vec<Diagno
         return value(ValueKind::Param(index));
     }
     if let Some(named) = scope.consts.get(&name.text) {
-        return match named.values.first().filter(|_| !named.is_list) {
+        return match named.values.first().filter(|_| !named.is_list || named.is_broken()) {
             Some(one) => Value { span: name.span, ..one.clone() },
             None => {
                 let message = format!("`{0}` is a list: pick one of it, as `{0}[0]`", name.text);
@@ -132,6 +161,7 @@ pub(super) fn duration(node: &Node, consts: &Consts, diagnostics: &mut Vec<Diagn
     let named = node.names().next().filter(|_| node.token(Number).is_none());
     let (seconds, dimension) = if let Some(named) = named.and_then(|name| consts.get(&name.text)) {
         match named.values.as_slice() {
+            [_] if named.is_broken() => return None,
             [Value { kind: ValueKind::Constant(Constant::Number(number)), dimension, .. }] => (*number, *dimension),
             [..] => (0.0, None),
         }

@@ -2,8 +2,8 @@
 
 use crate::syntax::SyntaxKind::{
     self, Args, Binder, Chain, Colon, Comma, Dot, DotDot, DoubleColon, Greater, Labels, LeftBrace, LeftBracket,
-    LeftParen, Less, List, Match, Minus, Module, Owner, Params, Paren, Question, Recur, RightBrace, RightBracket,
-    RightParen, Semicolon, Sequence, Slash, Whitespace,
+    LeftParen, Less, List, Match, Minus, Module, Owner, Params, Paren, Question, Record, RecordType, Recur, RightBrace,
+    RightBracket, RightParen, Semicolon, Sequence, Slash, Whitespace,
 };
 use crate::syntax::SyntaxNode;
 
@@ -106,9 +106,9 @@ pub(super) fn is_apart(before: &Piece, next: &Piece) -> bool {
     if next.kind == Colon || next.kind == Recur {
         return next.parent == Chain;
     }
-    let is_roomy = |kind: SyntaxKind| kind == Module || kind == Match;
+    let is_roomy = |kind: SyntaxKind| [Module, Match, Record, RecordType].contains(&kind);
     if next.kind == LeftBrace {
-        return is_roomy(next.parent);
+        return is_roomy(next.parent) && ![LeftParen, LeftBracket].contains(&before.kind);
     }
     if before.kind == LeftBrace || next.kind == RightBrace {
         let is_empty = before.kind == LeftBrace && next.kind == RightBrace;
@@ -133,5 +133,5 @@ pub(super) fn is_apart(before: &Piece, next: &Piece) -> bool {
 
 /// Whether the node is a list in brackets.
 pub(super) fn is_bracketed(kind: SyntaxKind) -> bool {
-    [Params, Args, Owner, Labels, Binder, List].contains(&kind)
+    [Params, Args, Owner, Labels, Binder, List, Record, RecordType].contains(&kind)
 }

@@ -269,18 +269,20 @@ impl Printer {
             return self.flat(&range);
         }
         let mut is_open = false;
-        while self.cursor < range.end {
-            let kind = self.pieces[self.cursor].kind;
-            if self.cursor + 1 == range.end && is_open {
-                self.close();
-            } else {
-                self.token();
-                if [LeftParen, LeftBracket, Less].contains(&kind) && !is_open {
-                    is_open = true;
-                    self.open();
-                } else if kind == Comma {
-                    self.next_line();
+        for part in node.children_with_tokens() {
+            match part {
+                NodeOrToken::Token(token) if token.kind().is_trivia() => {}
+                NodeOrToken::Token(_) if self.cursor + 1 == range.end && is_open => self.close(),
+                NodeOrToken::Token(token) => {
+                    self.token();
+                    if [LeftParen, LeftBrace, LeftBracket, Less].contains(&token.kind()) && !is_open {
+                        is_open = true;
+                        self.open();
+                    } else if token.kind() == Comma {
+                        self.next_line();
+                    }
                 }
+                NodeOrToken::Node(part) => self.node(&part, 1),
             }
         }
     }

@@ -5,6 +5,7 @@
 
 mod names;
 mod place;
+mod records;
 
 use super::Analysis;
 use super::words::{self, Place};
@@ -99,6 +100,7 @@ impl Analysis {
             SyntaxKind::Run if at.follows_operand() => keywords(Place::Suffix),
             SyntaxKind::Run => self.actions(&at),
             SyntaxKind::Type => self.types(&at),
+            SyntaxKind::Field => self.fields(&at),
             SyntaxKind::Host => self.values(&at, true),
             SyntaxKind::Constant if at.before == "," && at.grand_is(SyntaxKind::Retry) => inside("pause"),
             SyntaxKind::Constant => self.constants(&at),
@@ -138,8 +140,9 @@ impl Analysis {
         match at.grand.as_ref().map(Node::kind) {
             Some(SyntaxKind::Instance) if at.before != "instof" => inside("instof"),
             Some(SyntaxKind::Instance) => self.instance_types(at),
-            Some(SyntaxKind::Param) => value_types(),
-            _ => self.message_types(),
+            Some(SyntaxKind::Param) => [value_types(), self.named_types()].concat(),
+            Some(SyntaxKind::TypeItem) => [value_types(), self.named_types(), self.message_types()].concat(),
+            _ => [self.named_types(), self.message_types()].concat(),
         }
     }
 }

@@ -76,9 +76,9 @@ fn highlight(token: &SyntaxToken, index: &Index) -> Option<Highlight> {
 
 fn class(kind: Kind) -> Class {
     match kind {
-        Kind::Process(_) | Kind::Module(_) => Class::Type,
+        Kind::Process(_) | Kind::Module(_) | Kind::Type(_) => Class::Type,
         Kind::Instance(..) => Class::Instance,
-        Kind::Param(..) => Class::Parameter,
+        Kind::Param(..) | Kind::Field => Class::Parameter,
         Kind::Constant => Class::Constant,
         Kind::Port(..) | Kind::Export(..) => Class::Port,
         Kind::Label(..) | Kind::Outcome => Class::Label,
@@ -115,10 +115,13 @@ fn word(token: &SyntaxToken) -> Option<Class> {
         | SyntaxKind::Binder
         | SyntaxKind::Error
         | SyntaxKind::Arg
+        | SyntaxKind::Field
         | SyntaxKind::Param => None,
         SyntaxKind::Instance if token.text() != "instof" => None,
         SyntaxKind::Export => None,
-        SyntaxKind::Process | SyntaxKind::Module | SyntaxKind::ConstItem | SyntaxKind::Port if !is_first => {
+        SyntaxKind::Process | SyntaxKind::Module | SyntaxKind::ConstItem | SyntaxKind::TypeItem | SyntaxKind::Port
+            if !is_first =>
+        {
             (token.text() == "optional").then_some(Class::Keyword)
         }
         _ => Some(Class::Keyword),

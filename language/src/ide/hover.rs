@@ -6,7 +6,7 @@ use super::Analysis;
 use super::index::{Kind, Symbol};
 use super::words::{self, Place};
 use crate::check::lower::together;
-use crate::check::spec::{Instance, Param, Set, Target, ValueKind};
+use crate::check::spec::{Instance, Param, Set, Target, Value};
 use crate::check::unit;
 use crate::source::{Origin, Span};
 use crate::syntax::{SyntaxKind, SyntaxToken};
@@ -48,6 +48,8 @@ impl Analysis {
             Kind::Port(module, port) => self.port_text(module, port),
             Kind::Label(process, set) => self.set_text(process, &self.model.processes[process].sets[set]),
             Kind::Resource(process, _) => self.resource_text(process, &symbol.name),
+            Kind::Type(named) => self.type_text(named),
+            Kind::Field => self.field_text(symbol.declaration),
             Kind::Outcome => self.outcome_text(&symbol.name),
             Kind::Variable => "The variable of a replication: one copy is made for each of its values.".to_owned(),
         }
@@ -56,10 +58,7 @@ impl Analysis {
     /// A named constant, in SI units.
     fn constant_text(&self, name: &str) -> String {
         let Some(constant) = self.model.consts.get(name) else { return String::new() };
-        let values = constant.values.iter().take(NAMES_MAX).map(|value| match &value.kind {
-            ValueKind::Constant(value) => interface::constant(value),
-            ValueKind::Param(_) | ValueKind::Broken => "?".to_owned(),
-        });
+        let values = constant.values.iter().take(NAMES_MAX).map(Value::to_string);
         let values = values.collect::<Vec<_>>().join(", ");
         let values = if constant.is_list { format!("[{values}]") } else { values };
         let dimension = constant.values.first().and_then(|value| value.dimension);
@@ -103,12 +102,7 @@ impl Analysis {
             Target::Unknown => (&[], ""),
         };
         let Some(param) = params.get(place) else { return String::new() };
-        let mut text = code(&interface::param(param));
-        let _infallible = write!(text, "\nA parameter of `{name}`.");
-        if let Some((_, example)) = param.kind.as_deref().and_then(unit::of_type) {
-            let _infallible = write!(text, " A quantity such as `{example}`.");
-        }
-        text
+        format!("{}\nA parameter of `{name}`.{}", code(&param.to_string()), interface::quantity(param))
     }
 
     fn instance_text(&self, process: usize, slot: usize) -> String {

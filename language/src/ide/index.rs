@@ -16,6 +16,10 @@ pub(super) enum Kind {
     Process(usize),
     Module(usize),
     Constant,
+    /// A named type.
+    Type(usize),
+    /// A field of a record.
+    Field,
     /// A parameter, of which type.
     Param(Target, usize),
     /// An instance: the process it is in, and its slot; of an array the first one.
@@ -57,6 +61,7 @@ struct Tables {
     /// What is declared where.
     declared: BTreeMap<Span, usize>,
     consts: BTreeMap<String, usize>,
+    types: BTreeMap<String, usize>,
     /// The instances of each process, by the names they can be called by exactly.
     instances: BTreeMap<(usize, String), usize>,
     /// The connection sets of an instance, by label.
@@ -91,6 +96,18 @@ impl Index {
         for (name, constant) in &model.consts {
             let symbol = index.add(&mut tables, Kind::Constant, &constant.name);
             tables.consts.insert(name.clone(), symbol);
+        }
+        for (number, named) in model.types.iter().enumerate() {
+            let symbol = index.add(&mut tables, Kind::Type(number), &named.name);
+            tables.types.insert(named.name.text.clone(), symbol);
+        }
+        for field in model.fields() {
+            index.add(&mut tables, Kind::Field, &field.name);
+        }
+        for (used, declared) in &model.field_uses {
+            if let Some(&field) = tables.declared.get(declared) {
+                index.places.insert(*used, field);
+            }
         }
         walk::walk(&mut index, &tables, model, trees);
         index

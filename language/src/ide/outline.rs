@@ -14,6 +14,8 @@ pub enum OutlineKind {
     Module,
     /// A named constant.
     Constant,
+    /// A named type.
+    Type,
     /// An instance.
     Instance,
     /// An external port, or a port of a module.
@@ -55,6 +57,7 @@ fn symbol(node: &Node) -> Option<Symbol> {
         SyntaxKind::Process => (OutlineKind::Process, node.title()?, compact(SyntaxKind::Params)),
         SyntaxKind::Module => (OutlineKind::Module, node.title()?, compact(SyntaxKind::Params)),
         SyntaxKind::ConstItem => (OutlineKind::Constant, node.title()?, compact(SyntaxKind::Constant)),
+        SyntaxKind::TypeItem => (OutlineKind::Type, node.title()?, compact(SyntaxKind::Type)),
         SyntaxKind::Instance => (OutlineKind::Instance, names.first()?.clone(), compact(SyntaxKind::Type)),
         SyntaxKind::Export => (OutlineKind::Port, names.first()?.clone(), compact(SyntaxKind::Endpoint)),
         SyntaxKind::Port => (OutlineKind::Port, names.get(1)?.clone(), compact(SyntaxKind::Type)),

@@ -104,12 +104,13 @@ impl Analysis {
             Kind::Label(process, _) => format!("a connection set of `{}`", group(process)),
             Kind::Resource(process, _) => format!("a resource of `{}`", group(process)),
             Kind::Outcome => "an outcome".to_owned(),
-            Kind::Variable => return None,
+            Kind::Type(_) => "another type".to_owned(),
+            Kind::Field | Kind::Variable => return None,
         };
         let owner = |set: usize, process: usize| self.model.processes[process].sets[set].owner;
         let is_beside = |other: Kind| match (kind, other) {
             (Kind::Process(_) | Kind::Module(_), Kind::Process(_) | Kind::Module(_)) => true,
-            (Kind::Constant, Kind::Constant) | (Kind::Outcome, Kind::Outcome) => true,
+            (Kind::Constant, Kind::Constant) | (Kind::Outcome, Kind::Outcome) | (Kind::Type(_), Kind::Type(_)) => true,
             (Kind::Resource(one, _), Kind::Resource(other, _)) => one == other,
             (Kind::Param(one, _), Kind::Param(other, _)) => one == other,
             (Kind::Instance(one, _), Kind::Instance(other, _)) => one == other,

@@ -60,6 +60,8 @@ words! {
         "The interface of a controller: its ports, whether it ends, what it claims. Controller programs print theirs with `--dca-interface`."
     Item "const" "const ${1:name} = $0;"
         "A named value, or a list of them of which one is picked: `const hosts = [c1, c2];`, `hosts[0]`."
+    Item "type" "type ${1:Name} = { ${2:field}: ${3:Number} };"
+        "A record, or another name for a type. Values of a record are written `{ field = 1 }`."
     Item "use" "use \"$0\";"
         "What another file declares; its path is relative to this one."
     Section "host" "host{$0}"

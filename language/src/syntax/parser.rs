@@ -9,6 +9,7 @@ mod module;
 mod policy;
 mod process;
 mod repair;
+mod value;
 
 use super::{SyntaxKind, SyntaxNode, Token, lex, lexer};
 use crate::diagnostic::{Code, Diagnostic, Edit, Severity};

@@ -7,7 +7,7 @@ use crate::check::value::duration;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::LeafKind;
 use crate::source::Span;
-use crate::syntax::SyntaxKind::{self, Constant, Params, Text, Type};
+use crate::syntax::SyntaxKind::{self, Constant, Params, Text};
 use crate::syntax::ast::Node;
 use std::time::Duration;
 
@@ -22,7 +22,8 @@ pub(super) fn module(
     diagnostics: &mut Vec<Diagnostic>,
 ) -> Option<Module> {
     let is_damaged = !places.is_empty();
-    let params = node.child(Params).filter(|_| !is_damaged).map(|node| super::params(&node, consts, diagnostics));
+    let params =
+        node.child(Params).filter(|_| !is_damaged).map(|node| super::params(&node, "parameter", consts, diagnostics));
     let mut module = Module {
         name: node.title()?,
         doc: node.doc(),
@@ -45,18 +46,18 @@ pub(super) fn module(
 
 /// The host is the first argument of every module; an interface may name it among the parameters or not.
 fn is_host(param: &crate::check::spec::Param) -> bool {
-    param.name.text == "host" || param.kind.as_deref() == Some("Host")
+    param.name.text == "host" || param.kind.as_ref().is_some_and(|kind| kind.text == "Host")
 }
 
 fn read_item(module: &mut Module, item: &Node, consts: &Consts, diagnostics: &mut Vec<Diagnostic>) {
     let words: Vec<String> = item.names().map(|name| name.text).collect();
     let word = words.first().map_or("", String::as_str);
     if item.kind() == SyntaxKind::Port {
-        add_port(module, item, diagnostics);
+        add_port(module, item, consts, diagnostics);
     } else if item.kind() == SyntaxKind::Flag {
         module.is_service |= word == "service";
         module.has_end |= word == "done";
-        add_outcomes(module, item, diagnostics);
+        add_outcomes(module, item, consts, diagnostics);
         if word == "plain" {
             module.kind = LeafKind::Plain;
         }
@@ -75,7 +76,7 @@ fn read_item(module: &mut Module, item: &Node, consts: &Consts, diagnostics: &mu
     }
 }
 
-fn add_outcomes(module: &mut Module, item: &Node, diagnostics: &mut Vec<Diagnostic>) {
+fn add_outcomes(module: &mut Module, item: &Node, consts: &Consts, diagnostics: &mut Vec<Diagnostic>) {
     for outcome in item.children_of(SyntaxKind::Outcome) {
         let Some(name) = outcome.names().next() else { continue };
         if let Some(first) = module.outcomes.iter().find(|other| other.name.text == name.text) {
@@ -84,13 +85,13 @@ fn add_outcomes(module: &mut Module, item: &Node, diagnostics: &mut Vec<Diagnost
             let message = format!("the name of an outcome has at most {TAG_MAX} bytes");
             diagnostics.push(Diagnostic::new(Code::E0009, name.span, message));
         } else {
-            let kind = outcome.child(Type).map(|node| node.compact_text()).filter(|kind| !kind.is_empty());
+            let kind = super::kind(&outcome, consts, diagnostics);
             module.outcomes.push(Outcome { name, kind });
         }
     }
 }
 
-fn add_port(module: &mut Module, item: &Node, diagnostics: &mut Vec<Diagnostic>) {
+fn add_port(module: &mut Module, item: &Node, consts: &Consts, diagnostics: &mut Vec<Diagnostic>) {
     let mut names = item.names();
     let (Some(word), Some(name)) = (names.next(), names.next()) else { return };
     if let Some(first) = module.ports.iter().find(|port| port.name.text == name.text) {
@@ -99,6 +100,6 @@ fn add_port(module: &mut Module, item: &Node, diagnostics: &mut Vec<Diagnostic>)
     }
     let direction = if word.text == "in" { Direction::In } else { Direction::Out };
     let is_optional = names.any(|word| word.text == "optional");
-    let kind = item.child(Type).map(|node| node.compact_text()).filter(|kind| !kind.is_empty());
+    let kind = super::kind(item, consts, diagnostics);
     module.ports.push(Port { name, direction, kind, is_optional });
 }

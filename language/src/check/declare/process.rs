@@ -7,7 +7,8 @@ use crate::check::expression;
 use crate::check::index;
 use crate::check::names::{Names, twice};
 use crate::check::spec::{
-    Arg, Binding, Connection, Consts, Damage, Endpoint, Export, Instance, Process, Scope, Set, Target, Value, ValueKind,
+    Arg, Binding, Connection, Const, Consts, Damage, Endpoint, Export, Instance, Process, Scope, Set, Target, Value,
+    ValueKind,
 };
 use crate::check::value::{symbol, value};
 use crate::diagnostic::{Code, Diagnostic};
@@ -27,8 +28,10 @@ pub(super) fn process(
     let mut damage = damage(node, places);
     let name = node.title()?;
     check_sections(node, diagnostics);
-    let params =
-        node.child(SyntaxKind::Params).map(|node| super::params(&node, consts, diagnostics)).unwrap_or_default();
+    let params = node
+        .child(SyntaxKind::Params)
+        .map(|node| super::params(&node, "parameter", consts, diagnostics))
+        .unwrap_or_default();
     let scope = Scope { params: &params, consts, indices: &[] };
     let host = node.child(SyntaxKind::Host).and_then(|node| host(&node, scope, diagnostics));
     let (mut instances, arrays) = instances(node, scope, diagnostics);
@@ -186,9 +189,15 @@ fn instances(
 fn count_of(node: &Node, scope: Scope<'_>, diagnostics: &mut Vec<Diagnostic>) -> usize {
     let written = node.token(SyntaxKind::Number).map(|number| number.text().to_owned());
     let named = node.names().next().and_then(|name| scope.consts.get(&name.text)).filter(|named| !named.is_list);
+    if named.is_some_and(Const::is_broken) {
+        return 1;
+    }
     let named = named.and_then(|named| match &named.values.first()?.kind {
         ValueKind::Constant(Constant::Number(number)) => Some(number.to_string()),
-        ValueKind::Constant(Constant::Text(_) | Constant::Truth(_)) | ValueKind::Param(_) | ValueKind::Broken => None,
+        ValueKind::Constant(Constant::Text(_) | Constant::Truth(_))
+        | ValueKind::Record(_)
+        | ValueKind::Param(_)
+        | ValueKind::Broken => None,
     });
     let count = written.or(named).and_then(|text| text.parse().ok());
     match count.filter(|count| (1..=index::COUNT_MAX).contains(count)) {

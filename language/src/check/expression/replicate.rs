@@ -112,7 +112,10 @@ fn whole(token: &Token, consts: &Consts) -> Option<usize> {
     let named = consts.get(token.text()).filter(|named| !named.is_list)?;
     match &named.values.first()?.kind {
         ValueKind::Constant(Constant::Number(number)) => number.to_string().parse().ok(),
-        ValueKind::Constant(Constant::Text(_) | Constant::Truth(_)) | ValueKind::Param(_) | ValueKind::Broken => None,
+        ValueKind::Constant(Constant::Text(_) | Constant::Truth(_))
+        | ValueKind::Record(_)
+        | ValueKind::Param(_)
+        | ValueKind::Broken => None,
     }
 }
 

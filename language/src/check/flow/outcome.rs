@@ -1,5 +1,6 @@
 //! Outcomes: which tags an expression can end with, and whether every `match` has an arm for each.
 
+use crate::check::names::listed;
 use crate::check::spec::{Arm, Expr, ExprKind, Process, Spec, Target};
 use crate::diagnostic::{Code, Diagnostic, Edit};
 use crate::similar::nearest;
@@ -72,6 +73,7 @@ fn ends(spec: &Spec, process: &Process, expr: &Expr, known: &mut Vec<Option<Ends
         ExprKind::Run(slot, _) => match process.instances[*slot].target {
             Target::Process(inner) => of_process(spec, inner, known),
             Target::Unknown => Ends::open(),
+            Target::Module(module) if spec.modules[module].is_damaged => Ends::open(),
             Target::Module(module) => {
                 let outcomes = &spec.modules[module].outcomes;
                 let tags = outcomes.iter().map(|outcome| (outcome.name.text.clone(), outcome.name.span)).collect();
@@ -182,7 +184,7 @@ impl Walk<'_> {
             let near = nearest(&tag.text, start.tags.keys().map(String::as_str));
             self.diagnostics.push(match near {
                 Some(near) => diagnostic.reason(start.tags[near], "declared here").replace(tag.span, near),
-                None => diagnostic.help(format!("the outcomes are {}", listed(start.tags.keys()))),
+                None => diagnostic.help(format!("the outcomes are {}", listed(start.tags.keys().map(String::as_str)))),
             });
         }
         let has_arm = |tag: &String| arms.iter().any(|arm| arm.tag.as_ref().is_some_and(|name| name.text == *tag));
@@ -204,8 +206,8 @@ impl Walk<'_> {
 fn unhandled(expr: &Expr, arms: &[Arm], open: &[&String], start: &Ends) -> Diagnostic {
     let message = match open.len() {
         0 => "an outcome without a tag has no arm".to_owned(),
-        1 => format!("outcome {} has no arm", listed(open.iter().copied())),
-        _ => format!("outcomes {} have no arm", listed(open.iter().copied())),
+        1 => format!("outcome {} has no arm", listed(open.iter().map(|tag| tag.as_str()))),
+        _ => format!("outcomes {} have no arm", listed(open.iter().map(|tag| tag.as_str()))),
     };
     let mut diagnostic = Diagnostic::new(Code::E0420, expr.span, message);
     for tag in open {
@@ -218,8 +220,4 @@ fn unhandled(expr: &Expr, arms: &[Arm], open: &[&String], start: &Ends) -> Diagn
     let missing = open.iter().map(|tag| format!(", {tag} => fail(\"{tag}\")")).collect::<String>();
     let text = if open.is_empty() { ", else => fail(\"no outcome\")".to_owned() } else { missing };
     diagnostic.fix("add arms that fail", vec![Edit { span: last.body.span.at_end(), text }])
-}
-
-fn listed<'a>(tags: impl Iterator<Item = &'a String>) -> String {
-    tags.map(|tag| format!("`{tag}`")).collect::<Vec<_>>().join(", ")
 }

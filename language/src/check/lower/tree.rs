@@ -1,6 +1,7 @@
 //! Groups and leaves: paths, hosts, arguments.
 
-use crate::check::spec::{Arg, Instance, Module, Process, Spec, Target, Value, ValueKind};
+use super::data::{Data, data, filled, flatten};
+use crate::check::spec::{Arg, Instance, Module, Param, Process, Spec, Target, Value};
 use crate::check::types::without_host;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::{Argument, Constant, Expression, Group, Leaf, LeafKind, Member, MemberKind};
@@ -67,17 +68,15 @@ impl Tree {
             hostless,
             hostless_spans,
         };
-        let params = spec.processes[root].params.iter();
         // A root without `main` has parameters without values: they stand for themselves.
-        let values = params.map(|param| param.default.clone().unwrap_or(Constant::Text(param.name.text.clone())));
-        let values: Vec<Constant> = values.collect();
+        let values = bind(spec, &spec.processes[root], &[], &[]);
         builder.group(root, "main".to_owned(), &values, Place::Root);
         builder.finish()
     }
 }
 
 impl Builder<'_> {
-    fn group(&mut self, process: usize, path: String, values: &[Constant], outer: Place) -> u32 {
+    fn group(&mut self, process: usize, path: String, values: &[Data], outer: Place) -> u32 {
         let spec = self.spec;
         let source = &spec.processes[process];
         let place = self.group_place(process, values, outer, &path);
@@ -99,7 +98,7 @@ impl Builder<'_> {
             let path = format!("{path}/{name}");
             let (kind, service) = match instance.target {
                 Target::Process(target) => {
-                    let values = bind(&spec.processes[target], &instance.args, values);
+                    let values = bind(spec, &spec.processes[target], &instance.args, values);
                     let group = self.group(target, path, &values, place.clone());
                     (MemberKind::Group(group), spec.processes[target].is_service)
                 }
@@ -115,7 +114,7 @@ impl Builder<'_> {
         number(index)
     }
 
-    fn group_place(&mut self, process: usize, values: &[Constant], outer: Place, path: &str) -> Place {
+    fn group_place(&mut self, process: usize, values: &[Data], outer: Place, path: &str) -> Place {
         let source = &self.spec.processes[process];
         match &source.host {
             Some(host) => self.named(host, values, path).unwrap_or(outer),
@@ -131,9 +130,9 @@ impl Builder<'_> {
     }
 
     /// The place that a value names; anything but a text is reported.
-    fn named(&mut self, value: &Value, values: &[Constant], path: &str) -> Option<Place> {
-        match constant(value, values)? {
-            Constant::Text(host) if !host.is_empty() => {
+    fn named(&mut self, value: &Value, values: &[Data], path: &str) -> Option<Place> {
+        match data(value, values)? {
+            Data::Plain(Constant::Text(host)) if !host.is_empty() => {
                 let next = number(self.hosts.len());
                 self.hosts.entry(host.clone()).or_insert_with(|| {
                     self.tree.hosts.push(host.clone());
@@ -141,7 +140,7 @@ impl Builder<'_> {
                 });
                 Some(Place::Named(host))
             }
-            Constant::Text(_) | Constant::Number(_) | Constant::Truth(_) => {
+            Data::Plain(_) | Data::Record(_) => {
                 if !self.hostless_spans.contains(&value.span) {
                     self.hostless_spans.push(value.span);
                     self.diagnostics.push(not_a_host(value.span, path));
@@ -156,28 +155,15 @@ impl Builder<'_> {
         instance: &Instance,
         module: Option<&Module>,
         path: String,
-        (values, outer, place_of): (&[Constant], &Place, (usize, usize)),
+        (values, outer, place_of): (&[Data], &Place, (usize, usize)),
     ) -> MemberKind {
         let rest = without_host(&instance.args);
         let by_name = rest.iter().find(|arg| arg.name.as_ref().is_some_and(|name| name.text == "host"));
         let host = if rest.len() < instance.args.len() { instance.args.first() } else { by_name };
         let place = host.and_then(|arg| self.named(&arg.value, values, &path)).unwrap_or_else(|| outer.clone());
         let rest = rest.iter().filter(|arg| arg.name.as_ref().is_none_or(|name| name.text != "host"));
-        let mut arguments: Vec<Argument> = rest
-            .filter_map(|arg| {
-                let name = arg.name.as_ref().map(|name| name.text.clone());
-                Some(Argument { name, value: constant(&arg.value, values)? })
-            })
-            .collect();
-        if let Some(params) = module.and_then(|module| module.params.as_ref()) {
-            let positional = arguments.iter().filter(|argument| argument.name.is_none()).count();
-            for param in params.iter().skip(positional) {
-                let is_given = arguments.iter().any(|argument| argument.name.as_deref() == Some(&param.name.text));
-                if let (false, Some(value)) = (is_given, &param.default) {
-                    arguments.push(Argument { name: Some(param.name.text.clone()), value: value.clone() });
-                }
-            }
-        }
+        let arguments =
+            self.arguments(module.and_then(|module| module.params.as_deref()), &rest.collect::<Vec<_>>(), values);
         let leaf = number(self.tree.leaves.len());
         let outcomes = module.iter().flat_map(|module| &module.outcomes).map(|outcome| outcome.name.text.clone());
         self.tree.leaves.push(Leaf {
@@ -194,6 +180,50 @@ impl Builder<'_> {
         self.tree.place_of.push(place_of);
         self.leaf_places.push(place);
         MemberKind::Leaf(leaf)
+    }
+
+    /// The arguments of a leaf after its host: those that are given, in their order, then the defaults of others. Where one
+    /// is a record all have names, since its fields take no places.
+    fn arguments(&mut self, params: Option<&[Param]>, args: &[&Arg], values: &[Data]) -> Vec<Argument> {
+        let mut places = params.unwrap_or_default().iter();
+        let mut given: Vec<(Option<&str>, bool, Data)> = Vec::new();
+        for arg in args {
+            let Some(value) = data(&arg.value, values) else { continue };
+            let name = arg.name.as_ref().map(|name| name.text.as_str());
+            let param = match name {
+                Some(name) => params.and_then(|params| params.iter().find(|param| param.name.text == name)),
+                None => places.next(),
+            };
+            let name = name.or(param.map(|param| param.name.text.as_str()));
+            if let (None, Data::Record(_)) = (name, &value) {
+                self.report_once(nameless(arg.value.span));
+            }
+            let value = match param {
+                Some(param) => filled(self.spec, param, Some(value)),
+                None => Some(value),
+            };
+            given.extend(value.map(|value| (name, arg.name.is_some(), value)));
+        }
+        for param in params.unwrap_or_default() {
+            let name = Some(param.name.text.as_str());
+            if given.iter().all(|(other, ..)| *other != name) {
+                given.extend(filled(self.spec, param, None).map(|value| (name, true, value)));
+            }
+        }
+        let has_record = given.iter().any(|(_, _, value)| matches!(value, Data::Record(_)));
+        let mut arguments = Vec::with_capacity(given.len());
+        for (name, is_named, value) in given {
+            let name = name.filter(|_| is_named || has_record).map(str::to_owned);
+            flatten(name, value, &mut arguments);
+        }
+        arguments
+    }
+
+    /// Reports what is wrong with a text that is written once, but stands for several leaves.
+    fn report_once(&mut self, diagnostic: Diagnostic) {
+        if !self.diagnostics.contains(&diagnostic) {
+            self.diagnostics.push(diagnostic);
+        }
     }
 
     /// Numbers the hosts; the root's default is the first that is named anywhere.
@@ -217,27 +247,25 @@ impl Builder<'_> {
 }
 
 /// The values of a group's parameters; what is wrong with the arguments was reported before.
-fn bind(process: &Process, args: &[Arg], outer: &[Constant]) -> Vec<Constant> {
+fn bind(spec: &Spec, process: &Process, args: &[Arg], outer: &[Data]) -> Vec<Data> {
     let mut positional = args.iter().filter(|arg| arg.name.is_none());
     let values = process.params.iter().map(|param| {
         let is_named = |arg: &&Arg| arg.name.as_ref().is_some_and(|name| name.text == param.name.text);
         let given = positional.next().or_else(|| args.iter().find(is_named));
-        let given = given.and_then(|arg| constant(&arg.value, outer));
-        given.or_else(|| param.default.clone()).unwrap_or_else(|| Constant::Text(param.name.text.clone()))
+        let given = given.and_then(|arg| data(&arg.value, outer));
+        filled(spec, param, given).unwrap_or_else(|| Data::Plain(Constant::Text(param.name.text.clone())))
     });
     values.collect()
 }
 
-fn constant(value: &Value, values: &[Constant]) -> Option<Constant> {
-    match &value.kind {
-        ValueKind::Constant(constant) => Some(constant.clone()),
-        ValueKind::Param(index) => values.get(*index).cloned(),
-        ValueKind::Broken => None,
-    }
-}
-
 fn kind_of(instance: &Instance) -> String {
     instance.kind.as_ref().map(|kind| kind.text.clone()).unwrap_or_default()
+}
+
+fn nameless(span: Span) -> Diagnostic {
+    let diagnostic =
+        Diagnostic::new(Code::E0216, span, "nothing says what the parameter is called that gets this record");
+    diagnostic.help("give it by name, `name = { ... }`: its fields become the arguments `name.field`")
 }
 
 fn not_a_host(span: Span, path: &str) -> Diagnostic {

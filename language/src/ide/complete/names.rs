@@ -2,7 +2,7 @@
 
 use super::place::Cursor;
 use super::{Completion, CompletionKind, inside, keywords};
-use crate::check::spec::{Direction, Instance, Param, Process, Target, ValueKind};
+use crate::check::spec::{Direction, Instance, Param, Process, Shape, Target, ValueKind};
 use crate::check::unit;
 use crate::ide::Analysis;
 use crate::ide::hover::interface;
@@ -77,10 +77,12 @@ impl Analysis {
         processes.chain(modules).collect()
     }
 
-    /// The types of messages that some port has.
+    /// The types of messages that some port has, and that no text declares.
     pub(super) fn message_types(&self) -> Vec<Completion> {
         let ports = self.model.modules.iter().flat_map(|module| &module.ports);
-        let known: BTreeSet<&String> = ports.filter_map(|port| port.kind.as_ref()).collect();
+        let kinds = ports.filter_map(|port| port.kind.as_ref()).filter(|kind| kind.fields.is_none());
+        let kinds = kinds.filter(|kind| !self.model.type_names.contains_key(&kind.text));
+        let known: BTreeSet<&str> = kinds.map(|kind| kind.text.as_str()).collect();
         known.into_iter().map(|name| Completion::new(CompletionKind::Type, name)).collect()
     }
 
@@ -128,6 +130,9 @@ impl Analysis {
         if at.parent.token(Number).is_some() {
             return self.units(at);
         }
+        if at.inside(SyntaxKind::Field).is_some() {
+            return self.values(at, false);
+        }
         let Some(arg) = at.inside(SyntaxKind::Arg) else {
             // A name directly behind the number of a limit ends it.
             return self.consts();
@@ -143,9 +148,13 @@ impl Analysis {
     /// The units, those first that the parameter measures.
     fn units(&self, at: &Cursor) -> Vec<Completion> {
         let is_limit = at.inside(SyntaxKind::Arg).is_none() && at.inside(SyntaxKind::Actions).is_some();
-        let kind =
-            if is_limit { Some("Time".to_owned()) } else { self.param_at(at).and_then(|param| param.kind.clone()) };
-        let wanted = kind.and_then(|kind| unit::of_type(&kind)).map(|(dimension, _)| dimension);
+        let kind = self.expected(at).and_then(|param| param.kind.as_ref()).map(|kind| self.model.shape(kind));
+        let kind = match kind {
+            Some(Shape::Plain(name)) => Some(name),
+            Some(Shape::Record(_)) | None => None,
+        };
+        let wanted = if is_limit { Some("Time") } else { kind };
+        let wanted = wanted.and_then(unit::of_type).map(|(dimension, _)| dimension);
         let fits = |symbol: &&str| {
             let dimension = unit::unit(symbol, None).map(|(_, dimension)| dimension);
             wanted.is_none() || dimension == wanted
@@ -161,7 +170,7 @@ impl Analysis {
     }
 
     /// The parameter that the argument around the cursor is for.
-    fn param_at(&self, at: &Cursor) -> Option<&Param> {
+    pub(super) fn param_at(&self, at: &Cursor) -> Option<&Param> {
         let (arg, args) = (at.inside(SyntaxKind::Arg)?, at.inside(SyntaxKind::Args)?);
         let (params, is_module) = self.params_at(at)?;
         if arg.token(Equals).is_some() {
@@ -198,7 +207,7 @@ impl Analysis {
         let open = params.iter().filter(|param| !given.contains(&param.name.text));
         let offer = |param: &Param| {
             let mut offer = Completion::new(CompletionKind::Parameter, format!("{} = ", param.name.text));
-            offer.detail = interface::param(param);
+            offer.detail = param.to_string();
             offer
         };
         open.map(offer).collect()
@@ -209,7 +218,7 @@ impl Analysis {
         let params = self.process_at(at).map_or(&[][..], |process| &process.params);
         let mut found: Vec<Completion> = params
             .iter()
-            .map(|param| Completion::new(CompletionKind::Parameter, &param.name.text).detail(interface::param(param)))
+            .map(|param| Completion::new(CompletionKind::Parameter, &param.name.text).detail(param.to_string()))
             .collect();
         if with_hosts {
             let hosts = self.hosts();
@@ -227,9 +236,10 @@ impl Analysis {
         });
         let hosts = places.filter_map(|value| match &value.kind {
             ValueKind::Constant(Constant::Text(host)) => Some(host.as_str()),
-            ValueKind::Constant(Constant::Number(_) | Constant::Truth(_)) | ValueKind::Param(_) | ValueKind::Broken => {
-                None
-            }
+            ValueKind::Constant(Constant::Number(_) | Constant::Truth(_))
+            | ValueKind::Record(_)
+            | ValueKind::Param(_)
+            | ValueKind::Broken => None,
         });
         hosts.collect()
     }

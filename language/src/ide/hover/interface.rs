@@ -2,15 +2,17 @@
 
 use super::code;
 use crate::check::spec::{Direction, Endpoint, Module, Param, Port, Process, Target};
+use crate::check::unit;
 use crate::ide::Analysis;
-use crate::plan::{Constant, LeafKind};
+use crate::plan::LeafKind;
+use crate::source::Span;
 use std::fmt::Write as _;
 
 impl Analysis {
     /// A process group: its parameters, its ports, whether it ends.
     pub(in crate::ide) fn process_text(&self, process: usize) -> String {
         let process = &self.model.processes[process];
-        let params: Vec<String> = process.params.iter().map(param).collect();
+        let params: Vec<String> = process.params.iter().map(Param::to_string).collect();
         let mut lines = format!("process {}({})", process.name.text, params.join(", "));
         for export in &process.exports {
             let port = self.port_behind(process, &export.endpoint);
@@ -27,7 +29,8 @@ impl Analysis {
     pub(in crate::ide) fn module_text(&self, module: usize) -> String {
         let module = &self.model.modules[module];
         let params = module.params.as_deref().unwrap_or_default();
-        let params: Vec<String> = std::iter::once("host".to_owned()).chain(params.iter().map(param)).collect();
+        let params: Vec<String> =
+            std::iter::once("host".to_owned()).chain(params.iter().map(Param::to_string)).collect();
         let mut lines = format!("module {}({})", module.name.text, params.join(", "));
         for port in &module.ports {
             let _infallible = write!(lines, "\n    {}", shown_port(&port.name.text, Some(port)));
@@ -62,6 +65,20 @@ impl Analysis {
         format!("{}\nA port of `{}`.{optional}", code(&shown_port(&port.name.text, Some(port))), module.name.text)
     }
 
+    /// A named type, with its fields.
+    pub(super) fn type_text(&self, named: usize) -> String {
+        let named = &self.model.types[named];
+        let doc = if named.doc.is_empty() { String::new() } else { format!("\n\n{}", named.doc) };
+        format!("{}{doc}", code(&format!("type {} = {};", named.name.text, named.kind)))
+    }
+
+    /// The field of a record that is declared there.
+    pub(super) fn field_text(&self, declaration: Span) -> String {
+        let mut fields = self.model.fields();
+        let field = fields.find(|field| field.name.span == declaration);
+        field.map_or(String::new(), |field| format!("{}\nA field.{}", code(&field.to_string()), quantity(field)))
+    }
+
     /// The port of a module behind a port of a group.
     pub(in crate::ide) fn port_behind<'a>(&'a self, process: &'a Process, endpoint: &'a Endpoint) -> Option<&'a Port> {
         let (mut process, mut endpoint) = (process, endpoint);
@@ -83,21 +100,6 @@ impl Analysis {
     }
 }
 
-/// `name: Type = value`
-pub(in crate::ide) fn param(param: &Param) -> String {
-    let kind = param.kind.as_ref().map_or(String::new(), |kind| format!(": {kind}"));
-    let default = param.default.as_ref().map_or(String::new(), |value| format!(" = {}", constant(value)));
-    format!("{}{kind}{default}", param.name.text)
-}
-
-pub(super) fn constant(value: &Constant) -> String {
-    match value {
-        Constant::Text(text) => format!("\"{text}\""),
-        Constant::Number(number) => number.to_string(),
-        Constant::Truth(truth) => truth.to_string(),
-    }
-}
-
 /// `in Port: Type`
 pub(in crate::ide) fn shown_port(name: &str, port: Option<&Port>) -> String {
     let Some(port) = port else { return name.to_owned() };
@@ -114,6 +116,12 @@ fn end_of(module: &Module) -> &'static str {
         (false, false, LeafKind::Plain) => "A plain program: done when it exits with 0.",
         (false, false, LeafKind::Controller) => "Taken as a *task*: its interface does not say whether it ends.",
     }
+}
+
+/// What the type of a parameter or field measures.
+pub(super) fn quantity(param: &Param) -> String {
+    let kind = param.kind.as_ref().and_then(|kind| unit::of_type(&kind.text));
+    kind.map_or(String::new(), |(_, example)| format!(" A quantity such as `{example}`."))
 }
 
 fn told(lines: &str, doc: &str, end: &str) -> String {

@@ -119,7 +119,11 @@ impl Walk<'_> {
     }
 
     fn type_name(&mut self, node: &Node) {
-        if let (Some(&symbol), Some(name)) = (self.types.get(&node.span()), node.names().next()) {
+        let Some(name) = node.names().next() else { return };
+        // What an instance is an instance of has names of its own.
+        let is_kind = node.syntax().parent().is_none_or(|parent| parent.kind() != SyntaxKind::Instance);
+        let named = self.tables.types.get(&name.text).filter(|_| is_kind);
+        if let Some(&symbol) = self.types.get(&node.span()).or(named) {
             self.add(&name, symbol);
         }
     }

@@ -5,15 +5,13 @@ use super::repair::{ITEMS, SECTIONS};
 use crate::diagnostic::{Code, Edit, Fix};
 use crate::similar;
 use crate::syntax::SyntaxKind::{
-    self, Arrow, BackArrow, Colon, Comma, Dot, End, Equals, Ident, LeftBrace, LeftBracket, LeftParen, Minus, Number,
-    RightBrace, RightBracket, RightParen, Semicolon, Slash, Text,
+    self, Arrow, BackArrow, Comma, Dot, End, Equals, Ident, LeftBrace, LeftBracket, LeftParen, Number, RightBrace,
+    RightParen, Semicolon, Text,
 };
 use rowan::Language;
 
 /// Connection qualities that are read; `push` and `pull` mean something already.
 const QUALITIES: [&str; 6] = ["push", "pull", "latch", "drop", "queue", "rate"];
-/// Words that go on after a number and are no unit.
-const NO_UNITS: [&str; 5] = ["else", "within", "of", "pause", "optional"];
 
 impl Parser<'_> {
     pub(super) fn file(&mut self) {
@@ -37,6 +35,8 @@ impl Parser<'_> {
             self.process();
         } else if self.is_item(0) && self.at_word("const") {
             self.const_item();
+        } else if self.is_item(0) && self.at_word("type") {
+            self.type_item();
         } else if self.is_item(0) {
             self.use_item();
         } else if self.is_section(0) {
@@ -74,6 +74,17 @@ impl Parser<'_> {
         self.bump();
         self.bump();
         self.constant();
+        self.end_statement();
+        self.finish();
+    }
+
+    /// `type Name = Type ;`
+    fn type_item(&mut self) {
+        self.start(SyntaxKind::TypeItem);
+        self.bump();
+        self.bump();
+        self.expect(Equals);
+        self.type_name();
         self.end_statement();
         self.finish();
     }
@@ -134,78 +145,6 @@ impl Parser<'_> {
         while self.at_any(&[Semicolon, SyntaxKind::Recur]) {
             self.report(Code::W0009, "an empty statement");
             self.bump();
-        }
-    }
-
-    pub(super) fn params(&mut self) {
-        self.start(SyntaxKind::Params);
-        self.expect(LeftParen);
-        self.list(RightParen, "a parameter", Self::param);
-        self.finish();
-    }
-
-    /// `name`, `name: Type`, `name: Type = value`.
-    fn param(&mut self) -> bool {
-        if !self.at(Ident) {
-            return false;
-        }
-        self.start(SyntaxKind::Param);
-        self.bump();
-        if self.eat(Colon) {
-            self.type_name();
-        }
-        if self.eat(Equals) {
-            self.constant();
-        }
-        self.finish();
-        true
-    }
-
-    /// `Name`, `name.Name`, `Name[6]`.
-    pub(super) fn type_name(&mut self) {
-        self.start(SyntaxKind::Type);
-        self.expect_name("a type");
-        while self.at(Dot) && self.kind(1) == Ident {
-            self.bump();
-            self.bump();
-        }
-        if self.eat(LeftBracket) {
-            self.eat(Number);
-            self.expect(RightBracket);
-        }
-        self.finish();
-    }
-
-    /// A string, a name, a number with or without a unit.
-    pub(super) fn constant(&mut self) {
-        self.start(SyntaxKind::Constant);
-        let is_negative = self.eat(Minus);
-        if self.eat(Number) {
-            self.unit();
-        } else if is_negative {
-            self.expected("a number");
-        } else if self.at(LeftBracket) {
-            self.start(SyntaxKind::List);
-            self.bump();
-            self.list(RightBracket, "a value", Self::list_item);
-            self.finish();
-        } else if self.at(LeftBrace) {
-            self.report(Code::E0006, "records are not supported yet");
-            self.skip_as_error();
-        } else if !self.eat(Text) && self.expect_name("a value") {
-            self.index();
-        }
-        self.finish();
-    }
-
-    /// `s`, `m/s`; a number without one is a plain number.
-    pub(super) fn unit(&mut self) {
-        if self.at(Ident) && !NO_UNITS.contains(&self.word(0)) && self.kind(1) != Equals {
-            self.bump();
-            if self.at(Slash) && self.kind(1) == Ident {
-                self.bump();
-                self.bump();
-            }
         }
     }
 
@@ -362,60 +301,12 @@ impl Parser<'_> {
         }
     }
 
-    /// `[4]`, `[i]`
-    pub(super) fn bracketed(&mut self, kind: SyntaxKind, what: &str) {
-        self.start(kind);
-        self.bump();
-        if !self.eat(Number) && !self.eat(Ident) {
-            self.expected(what);
-        }
-        self.expect(RightBracket);
-        self.finish();
-    }
-
-    fn index(&mut self) {
-        if self.at(LeftBracket) {
-            self.bracketed(SyntaxKind::Index, "an index");
-        }
-    }
-
     fn owner_name(&mut self) -> bool {
         let is_there = self.eat(Ident);
         if is_there {
             self.index();
         }
         is_there
-    }
-
-    fn list_item(&mut self) -> bool {
-        let is_there = self.at_any(&[Ident, Text, Number, Minus]);
-        if is_there {
-            self.constant();
-        }
-        is_there
-    }
-
-    fn args(&mut self) {
-        self.start(SyntaxKind::Args);
-        if self.expect(LeftParen) || (self.at_any(&[Ident, Text, Number, RightParen]) && !self.ends_block()) {
-            self.list(RightParen, "an argument", Self::arg);
-        }
-        self.finish();
-    }
-
-    /// `value`, `name = value`
-    fn arg(&mut self) -> bool {
-        if !self.at_any(&[Ident, Text, Number, Minus, LeftBracket, LeftBrace]) {
-            return false;
-        }
-        self.start(SyntaxKind::Arg);
-        if self.at(Ident) && self.kind(1) == Equals {
-            self.bump();
-            self.bump();
-        }
-        self.constant();
-        self.finish();
-        true
     }
 
     /// `Out = instance, Port ;`

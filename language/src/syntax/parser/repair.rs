@@ -2,7 +2,7 @@
 
 use super::Parser;
 use crate::syntax::SyntaxKind::{
-    self, End, Ident, LeftBrace, LeftBracket, LeftParen, RightBrace, RightBracket, RightParen, Semicolon,
+    self, Comma, End, Equals, Ident, LeftBrace, LeftBracket, LeftParen, RightBrace, RightBracket, RightParen, Semicolon,
 };
 
 /// The words that open a section of a process.
@@ -11,6 +11,9 @@ pub(super) const SECTIONS: [&str; 5] =
 /// The words that open an item of a file.
 pub(super) const ITEMS: [&str; 2] = ["process", "module"];
 
+/// As many tokens are skipped at most to find the rest of a list.
+const SKIP_MAX: usize = 32;
+
 impl Parser<'_> {
     /// Whether a section surely starts `ahead` tokens from here: its word and its bracket, or `resource name`.
     pub(super) fn is_section(&self, ahead: usize) -> bool {
@@ -18,16 +21,19 @@ impl Parser<'_> {
             || self.kind(ahead + 1) == LeftParen && self.word(ahead) == "internal_connections";
         let declares = self.word(ahead) == "resource"
             && self.kind(ahead + 1) == Ident
-            && [SyntaxKind::Comma, Semicolon].contains(&self.kind(ahead + 2));
+            && [Comma, Semicolon].contains(&self.kind(ahead + 2));
         self.kind(ahead) == Ident && (SECTIONS.contains(&self.word(ahead)) && opens || declares)
     }
 
-    /// Whether an item surely starts `ahead` tokens from here: its word, its name and its bracket, `const name =`, or
-    /// `use "file"`.
+    /// Whether an item surely starts `ahead` tokens from here: its word, its name and its bracket, `const name =`,
+    /// `type Name =`, or `use "file"`.
     pub(super) fn is_item(&self, ahead: usize) -> bool {
         let (first, second) = (self.kind(ahead + 1), self.kind(ahead + 2));
         if self.kind(ahead) == Ident && self.word(ahead) == "const" {
-            return first == Ident && second == SyntaxKind::Equals;
+            return first == Ident && second == Equals;
+        }
+        if self.kind(ahead) == Ident && self.word(ahead) == "type" {
+            return first == Ident && [Equals, LeftBrace].contains(&second);
         }
         if self.kind(ahead) == Ident && self.word(ahead) == "use" {
             return first == SyntaxKind::Text;
@@ -83,21 +89,44 @@ impl Parser<'_> {
         while !self.at(close) {
             if !item(self) {
                 self.expected(what);
-                if self.at_any(&[SyntaxKind::Comma]) {
-                    self.bump();
-                    continue;
-                }
-                break;
-            }
-            if self.eat(SyntaxKind::Comma) || self.at(close) {
+            } else if self.eat(Comma) || self.at(close) {
                 continue;
+            } else if self.starts_item(close) {
+                self.expect(Comma);
+                continue;
+            } else if self.rest_of_item(close).is_some() {
+                self.expected(close.describe());
             }
-            let goes_on = self.at_any(&[Ident, SyntaxKind::Text, SyntaxKind::Number]) && !self.ends_block();
-            if !goes_on || (self.kind(1) != SyntaxKind::Comma && self.kind(1) != close) {
-                break;
+            let Some(length) = self.rest_of_item(close) else { break };
+            if length > 0 {
+                self.start(SyntaxKind::Error);
+                (0..length).for_each(|_| self.bump());
+                self.finish();
             }
-            self.expect(SyntaxKind::Comma);
+            self.eat(Comma);
         }
         self.expect(close);
+    }
+
+    /// Whether what stands in a list surely is its next item, without a comma before it.
+    fn starts_item(&self, close: SyntaxKind) -> bool {
+        let is_value = self.at_any(&[Ident, SyntaxKind::Text, SyntaxKind::Number]) && !self.ends_block();
+        let goes_on = [Comma, SyntaxKind::Colon, Equals, close].contains(&self.kind(1));
+        let is_record = self.at(LeftBrace) && self.kind(1) == Ident && self.kind(2) == Equals;
+        is_value && goes_on || is_record
+    }
+
+    /// How many tokens stand before the next `,` or the end of a list, if that is near; a closing bracket of another sort
+    /// directly before the end is one too many.
+    fn rest_of_item(&self, close: SyntaxKind) -> Option<usize> {
+        let stops = [Comma, RightParen, RightBrace, RightBracket, Semicolon, LeftParen, LeftBrace, LeftBracket, End];
+        let is_end =
+            |&ahead: &usize| stops.contains(&self.kind(ahead)) || self.is_section(ahead) || self.is_item(ahead);
+        let length = (0..SKIP_MAX).find(is_end)?;
+        let is_surplus = [RightParen, RightBrace, RightBracket].contains(&self.kind(length))
+            && self.kind(length) != close
+            && self.kind(length + 1) == close;
+        let length = length + usize::from(is_surplus);
+        [Comma, close].contains(&self.kind(length)).then_some(length)
     }
 }

@@ -151,6 +151,7 @@ pub(super) fn outline(
             OutlineKind::Process => SymbolKind::Class,
             OutlineKind::Module => SymbolKind::Interface,
             OutlineKind::Constant => SymbolKind::Constant,
+            OutlineKind::Type => SymbolKind::Struct,
             OutlineKind::Instance => SymbolKind::Object,
             OutlineKind::Port => SymbolKind::Property,
             OutlineKind::Connections => SymbolKind::Event,

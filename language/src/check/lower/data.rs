@@ -1,0 +1,55 @@
+//! Values of arguments with every name replaced, and how programs get them: a record becomes one argument for each field,
+//! `grasp.force=20`, so that a program which knows nothing of records can take one.
+
+use crate::check::spec::{Param, Shape, Spec, Value, ValueKind};
+use crate::plan::{Argument, Constant};
+
+/// A value without names of parameters.
+#[derive(Clone, Debug)]
+pub(super) enum Data {
+    Plain(Constant),
+    Record(Vec<(String, Self)>),
+}
+
+/// The value of an argument in a group whose parameters have these values.
+pub(super) fn data(value: &Value, outer: &[Data]) -> Option<Data> {
+    match &value.kind {
+        ValueKind::Constant(constant) => Some(Data::Plain(constant.clone())),
+        ValueKind::Param(index) => outer.get(*index).cloned(),
+        ValueKind::Record(fields) => {
+            let fields = fields.iter().map(|(name, value)| Some((name.text.clone(), data(value, outer)?)));
+            fields.collect::<Option<_>>().map(Data::Record)
+        }
+        ValueKind::Broken => None,
+    }
+}
+
+/// What a parameter gets: what is given, else its default, with the defaults of the fields that are left out, in the order
+/// of the type.
+pub(super) fn filled(spec: &Spec, param: &Param, given: Option<Data>) -> Option<Data> {
+    let given = given.or_else(|| param.default.as_ref().and_then(|value| data(value, &[])));
+    let shape = param.kind.as_ref().map(|kind| spec.shape(kind));
+    let (Some(Shape::Record(fields)), None | Some(Data::Record(_))) = (shape, &given) else { return given };
+    let mut given = match given {
+        Some(Data::Record(given)) => given,
+        Some(Data::Plain(_)) | None => Vec::new(),
+    };
+    let fields = fields.iter().filter_map(|field| {
+        let own = given.iter().position(|(name, _)| *name == field.name.text).map(|own| given.swap_remove(own).1);
+        Some((field.name.text.clone(), filled(spec, field, own)?))
+    });
+    Some(Data::Record(fields.collect()))
+}
+
+/// Adds the arguments that carry a value.
+pub(super) fn flatten(name: Option<String>, data: Data, arguments: &mut Vec<Argument>) {
+    match data {
+        Data::Plain(value) => arguments.push(Argument { name, value }),
+        Data::Record(fields) => {
+            for (field, data) in fields {
+                let name = name.as_ref().map_or_else(|| field.clone(), |name| format!("{name}.{field}"));
+                flatten(Some(name), data, arguments);
+            }
+        }
+    }
+}

@@ -1,0 +1,178 @@
+//! Whether values are of the types that are declared.
+
+use crate::check::names::listed;
+use crate::check::spec::{Arg, Kind, Param, Shape, Spec, Value, ValueKind};
+use crate::check::unit;
+use crate::diagnostic::{Code, Diagnostic};
+use crate::plan::Constant;
+use crate::similar::nearest;
+use crate::source::Span;
+use crate::syntax::ast::Name;
+
+/// The most fields of one level that a message shows.
+const SHOWN_MAX: usize = 8;
+
+/// Values in one scope, while they are compared with types.
+pub(super) struct Kinds<'a> {
+    pub(super) spec: &'a Spec,
+    /// The parameters that a value may name.
+    pub(super) outer: &'a [Param],
+    /// Which field each name in a record means.
+    pub(super) uses: &'a mut Vec<(Span, Span)>,
+    pub(super) diagnostics: &'a mut Vec<Diagnostic>,
+}
+
+impl Kinds<'_> {
+    /// Compares arguments with their parameters.
+    pub(super) fn arguments(&mut self, params: &[Param], args: &[Arg]) {
+        let mut places = params.iter();
+        for arg in args {
+            let param = match &arg.name {
+                Some(name) => params.iter().find(|param| param.name.text == name.text),
+                None => places.next(),
+            };
+            if let Some(param) = param {
+                self.value(param, &arg.value);
+            }
+        }
+    }
+
+    /// Compares a value with the parameter or field that it is for.
+    pub(super) fn value(&mut self, param: &Param, value: &Value) {
+        let Some(kind) = &param.kind else { return };
+        match (self.spec.shape(kind), &value.kind) {
+            (_, ValueKind::Broken) => {}
+            (Shape::Record(fields), ValueKind::Record(given)) => self.record(kind, fields, (given, value.span)),
+            (_, ValueKind::Param(index)) => self.handed_on(param, kind, (*index, value.span)),
+            (Shape::Record(_), ValueKind::Constant(_)) => {
+                let example = self.example(kind);
+                let name = &param.name.text;
+                let message = format!("`{name}` is of type {kind}: expected a record such as `{example}`");
+                self.wrong(param, value.span, message);
+            }
+            (Shape::Plain(name), _) => self.plain(param, name, value),
+        }
+    }
+
+    /// A value of a type of the language; what is not known is believed.
+    fn plain(&mut self, param: &Param, kind: &str, value: &Value) {
+        let name = &param.name.text;
+        if let Some((dimension, example)) = unit::of_type(kind) {
+            let is_number = matches!(value.kind, ValueKind::Constant(Constant::Number(_)));
+            if !is_number || value.dimension != Some(dimension) {
+                let message = format!("`{name}` is of type {kind}: expected a quantity such as `{example}`");
+                self.wrong(param, value.span, message);
+            }
+            return;
+        }
+        let refused: &[&str] = match &value.kind {
+            ValueKind::Constant(Constant::Text(_)) => &["Number", "Truth"],
+            ValueKind::Constant(Constant::Number(_)) => &["Text", "Truth", "Host"],
+            ValueKind::Constant(Constant::Truth(_)) => &["Text", "Number", "Host"],
+            ValueKind::Record(_) => &unit::PLAIN,
+            ValueKind::Param(_) | ValueKind::Broken => &[],
+        };
+        if refused.contains(&kind) {
+            self.wrong(param, value.span, format!("`{name}` has to be a {kind}"));
+        }
+    }
+
+    /// A parameter of the group around that is handed on.
+    fn handed_on(&mut self, param: &Param, kind: &Kind, (index, span): (usize, Span)) {
+        let Some(outer) = self.outer.get(index) else { return };
+        let Some(given) = &outer.kind else { return };
+        let is_fit = match (self.spec.shape(kind), self.spec.shape(given)) {
+            (Shape::Record(one), Shape::Record(other)) => self.spec.is_same(kind, given) || fits(one, other),
+            (Shape::Plain(one), Shape::Plain(other)) => match (unit::of_type(one), unit::of_type(other)) {
+                (Some((one, _)), Some((other, _))) => one == other,
+                (_, _) => true,
+            },
+            // A type that nobody knows may be one of a program.
+            (Shape::Record(_), Shape::Plain(name)) | (Shape::Plain(name), Shape::Record(_)) => !unit::is_type(name),
+        };
+        if !is_fit {
+            let name = &param.name.text;
+            self.wrong(
+                param,
+                span,
+                format!("`{name}` is of type {kind}, but `{}` is of type {given}", outer.name.text),
+            );
+        }
+    }
+
+    /// The values of a record: every field once, each of its type.
+    fn record(&mut self, kind: &Kind, fields: &[Param], (given, span): (&[(Name, Value)], Span)) {
+        let mut is_known = true;
+        for (name, value) in given {
+            if let Some(field) = fields.iter().find(|field| field.name.text == name.text) {
+                self.uses.push((name.span, field.name.span));
+                self.value(field, value);
+            } else {
+                is_known = false;
+                let report = unknown_field(kind, fields, name);
+                self.diagnostics.push(report);
+            }
+        }
+        let is_missing = |field: &&Param| {
+            given.iter().all(|(name, _)| name.text != field.name.text) && !self.spec.is_optional(field)
+        };
+        let missing: Vec<&Param> = fields.iter().filter(is_missing).collect();
+        // A misspelt field is one cause.
+        let (Some(first), true) = (missing.first(), is_known) else { return };
+        let message =
+            format!("{kind} lacks {}", listed(missing.iter().take(SHOWN_MAX).map(|field| field.name.text.as_str())));
+        let examples: Vec<String> = missing.iter().take(SHOWN_MAX).map(|field| self.field_example(field)).collect();
+        let diagnostic = Diagnostic::new(Code::E0215, span, message).reason(first.name.span, "declared here");
+        self.diagnostics.push(diagnostic.help(format!("add `{}`", examples.join(", "))));
+    }
+
+    fn wrong(&mut self, param: &Param, span: Span, message: String) {
+        let diagnostic = Diagnostic::new(Code::E0213, span, message);
+        self.diagnostics.push(diagnostic.reason(param.name.span, "declared here"));
+    }
+
+    /// A value that a type could have, as text.
+    fn example(&self, kind: &Kind) -> String {
+        match self.spec.shape(kind) {
+            Shape::Record(fields) => {
+                let needed = fields.iter().filter(|field| !self.spec.is_optional(field));
+                let needed: Vec<String> = needed.take(SHOWN_MAX).map(|field| self.field_example(field)).collect();
+                if needed.is_empty() { "{}".to_owned() } else { format!("{{ {} }}", needed.join(", ")) }
+            }
+            Shape::Plain("Number") => "1".to_owned(),
+            Shape::Plain("Truth") => "true".to_owned(),
+            Shape::Plain("Host") => "c1".to_owned(),
+            Shape::Plain("Text") => "\"text\"".to_owned(),
+            Shape::Plain(name) => unit::of_type(name).map_or("...", |(_, example)| example).to_owned(),
+        }
+    }
+
+    fn field_example(&self, field: &Param) -> String {
+        let value = field.kind.as_ref().map_or_else(|| "...".to_owned(), |kind| self.example(kind));
+        format!("{} = {value}", field.name.text)
+    }
+}
+
+/// Whether a record of one type is one of another: the same fields, in any order.
+fn fits(one: &[Param], other: &[Param]) -> bool {
+    let has = |field: &Param| {
+        let other = other.iter().find(|other| other.name.text == field.name.text);
+        let kinds = other.map(|other| (field.kind.as_ref(), other.kind.as_ref()));
+        matches!(kinds, Some((Some(one), Some(other))) if one.agrees(other))
+    };
+    one.len() == other.len() && one.iter().all(has)
+}
+
+fn unknown_field(kind: &Kind, fields: &[Param], name: &Name) -> Diagnostic {
+    let diagnostic = Diagnostic::new(Code::E0214, name.span, format!("{kind} has no field `{}`", name.text));
+    let near = nearest(&name.text, fields.iter().map(|field| field.name.text.as_str()));
+    match near.and_then(|near| fields.iter().find(|field| field.name.text == near)) {
+        Some(near) => {
+            diagnostic.reason(near.name.span, "a field with a similar name").replace(name.span, &near.name.text)
+        }
+        None => {
+            let known = listed(fields.iter().take(SHOWN_MAX).map(|field| field.name.text.as_str()));
+            diagnostic.help(format!("its fields are {known}"))
+        }
+    }
+}

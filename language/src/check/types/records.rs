@@ -1,0 +1,178 @@
+//! Named types: records that contain themselves, that are too large, and names that are nearly those of types.
+
+use crate::check::spec::{FIELDS_MAX, Kind, NamedType, Spec};
+use crate::check::unit;
+use crate::diagnostic::{Code, Diagnostic};
+use crate::plan::DEPTH_MAX;
+use crate::similar::nearest;
+use crate::source::Span;
+
+/// Checks the named types. What has no end, or is too large, is reported and taken as a type of which nothing is known.
+pub(super) fn check(spec: &mut Spec, diagnostics: &mut Vec<Diagnostic>) {
+    let parts = spec.types.iter().map(|named| Part::all(spec, &named.kind)).collect();
+    let mut walk =
+        Walk { types: &spec.types, parts, states: vec![State::New; spec.types.len()], path: Vec::new(), diagnostics };
+    for named in 0..spec.types.len() {
+        walk.visit(named);
+    }
+    let is_sound: Vec<bool> = walk.states.iter().map(|state| matches!(state, State::Closed(_))).collect();
+    diagnostics.extend(misspelt(spec));
+    spec.type_names.retain(|_, named| is_sound[*named]);
+}
+
+/// A named type in another one, and where it stands there.
+struct Part {
+    named: usize,
+    span: Span,
+}
+
+impl Part {
+    fn all(spec: &Spec, kind: &Kind) -> Vec<Self> {
+        let mut parts = Vec::new();
+        let mut kinds = vec![kind];
+        while let Some(kind) = kinds.pop() {
+            let named = kind.name().and_then(|name| spec.type_names.get(name));
+            parts.extend(named.map(|&named| Self { named, span: kind.span }));
+            kinds.extend(kind.fields.iter().flatten().rev().filter_map(|field| field.kind.as_ref()));
+        }
+        parts
+    }
+}
+
+#[derive(Clone, Copy)]
+struct Size {
+    fields: usize,
+    depth: usize,
+}
+
+#[derive(Clone, Copy)]
+enum State {
+    New,
+    /// On the path from the start of the walk.
+    Open,
+    Closed(Size),
+    /// Reported.
+    Refused,
+}
+
+struct Walk<'a> {
+    types: &'a [NamedType],
+    /// Of each type, the others in it.
+    parts: Vec<Vec<Part>>,
+    states: Vec<State>,
+    /// The types from the start of the walk, each with how many of its parts have been visited.
+    path: Vec<(usize, usize)>,
+    diagnostics: &'a mut Vec<Diagnostic>,
+}
+
+impl Walk<'_> {
+    /// Walks depth first, without recursion: the depth of the input is not known yet.
+    fn visit(&mut self, start: usize) {
+        if !matches!(self.states[start], State::New) {
+            return;
+        }
+        self.states[start] = State::Open;
+        self.path.push((start, 0));
+        while let Some((named, next)) = self.path.last_mut() {
+            let Some(part) = self.parts[*named].get(*next) else {
+                let named = *named;
+                self.path.pop();
+                self.close(named);
+                continue;
+            };
+            *next += 1;
+            let named = part.named;
+            match self.states[named] {
+                State::New => {
+                    self.states[named] = State::Open;
+                    self.path.push((named, 0));
+                }
+                State::Open => self.refuse_circle(named),
+                State::Closed(_) | State::Refused => {}
+            }
+        }
+    }
+
+    fn close(&mut self, named: usize) {
+        if !matches!(self.states[named], State::Open) {
+            return;
+        }
+        let own = own_size(&self.types[named].kind);
+        let sizes = self.parts[named].iter().filter_map(|part| match self.states[part.named] {
+            State::Closed(size) => Some(size),
+            State::New | State::Open | State::Refused => None,
+        });
+        let depth = own.depth + sizes.clone().map(|size| size.depth).max().unwrap_or_default();
+        let fields = sizes.fold(own.fields, |sum, size| sum.saturating_add(size.fields));
+        let Kind { span, .. } = self.types[named].kind;
+        let name = &self.types[named].name.text;
+        self.states[named] = if depth > DEPTH_MAX {
+            let message = format!("records are nested deeper than {DEPTH_MAX} levels in `{name}`");
+            self.diagnostics.push(Diagnostic::new(Code::E0004, span, message));
+            State::Refused
+        } else if fields > FIELDS_MAX {
+            let message =
+                format!("`{name}` has {fields} fields, with those of the records in it; the limit is {FIELDS_MAX}");
+            self.diagnostics.push(Diagnostic::new(Code::E0702, span, message));
+            State::Refused
+        } else {
+            State::Closed(Size { fields, depth })
+        };
+    }
+
+    /// Reports that a type is reached again from itself, once for all types on the way.
+    fn refuse_circle(&mut self, named: usize) {
+        let start = self.path.iter().position(|(other, _)| *other == named).unwrap_or_default();
+        let circle: Vec<(usize, usize)> = self.path[start..].to_vec();
+        let name = |named: usize| self.types[named].name.text.as_str();
+        let mut names: Vec<&str> = circle.iter().map(|(named, _)| name(*named)).collect();
+        names.push(name(named));
+        // A part counts from one past the one it went through.
+        let step = |(named, next): &(usize, usize)| self.parts[*named][next - 1].span;
+        let Some((last, others)) = circle.split_last() else { return };
+        let message = format!("`{}` contains itself: {}", name(named), names.join(" -> "));
+        let mut diagnostic = Diagnostic::new(Code::E0103, step(last), message).label("closes the circle");
+        for other in others {
+            diagnostic = diagnostic.reason(step(other), "goes on here");
+        }
+        self.diagnostics.push(diagnostic.help("a value of it would have no end"));
+        for (named, _) in circle {
+            self.states[named] = State::Refused;
+        }
+    }
+}
+
+/// The fields and the levels that a type writes out itself.
+fn own_size(kind: &Kind) -> Size {
+    let fields = kind.fields.iter().flatten();
+    let inner = fields.map(|field| field.kind.as_ref().map_or(Size { fields: 0, depth: 0 }, own_size));
+    inner.fold(Size { fields: 0, depth: 1 }, |sum, inner| Size {
+        fields: sum.fields + 1 + inner.fields,
+        depth: sum.depth.max(inner.depth + 1),
+    })
+}
+
+/// Types of parameters and fields that nobody knows, but that are nearly called as one that there is.
+fn misspelt(spec: &Spec) -> Vec<Diagnostic> {
+    let modules = spec.modules.iter().flat_map(|module| module.params.iter().flatten());
+    let params = spec.processes.iter().flat_map(|process| &process.params).chain(modules);
+    let kinds = params.chain(spec.fields()).filter_map(|param| param.kind.as_ref());
+    let mut known: Vec<&str> = unit::names().collect();
+    known.extend(spec.types.iter().map(|named| named.name.text.as_str()));
+    let mut found = Vec::new();
+    for (kind, name) in kinds.filter_map(|kind| Some((kind, kind.name()?))) {
+        if unit::is_type(name) || spec.type_names.contains_key(name) {
+            continue;
+        }
+        if let Some(near) = nearest(name, known.iter().copied()) {
+            let message = format!("`{name}` is no type that is known");
+            let diagnostic = Diagnostic::new(Code::W0206, kind.span, message).label(format!("did you mean `{near}`?"));
+            let start = kind.span.start;
+            let length = u32::try_from(name.len()).unwrap_or(u32::MAX);
+            found.push(
+                diagnostic.replace(Span { end: start.saturating_add(length).min(kind.span.end), ..kind.span }, near),
+            );
+        }
+    }
+    found
+}

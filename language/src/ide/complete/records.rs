@@ -1,0 +1,60 @@
+//! Named types, and the fields of records.
+
+use super::place::Cursor;
+use super::{Completion, CompletionKind};
+use crate::check::spec::{Param, Shape};
+use crate::ide::Analysis;
+use crate::syntax::SyntaxKind;
+use crate::syntax::ast::Node;
+use std::collections::BTreeSet;
+
+impl Analysis {
+    /// The types that are declared.
+    pub(super) fn named_types(&self) -> Vec<Completion> {
+        let types = self.model.types.iter();
+        let offer = |name: &str, detail: String| Completion::new(CompletionKind::Type, name).detail(detail);
+        types.map(|named| offer(&named.name.text, named.kind.to_string()).documentation(&named.doc)).collect()
+    }
+
+    /// The fields that the record around lacks: `force = `.
+    pub(super) fn fields(&self, at: &Cursor) -> Vec<Completion> {
+        let (Some(record), Some(param)) = (at.inside(SyntaxKind::Record), self.expected(at)) else { return Vec::new() };
+        let given: BTreeSet<String> =
+            record.children().filter_map(|field| field.names().next()).map(|name| name.text).collect();
+        let Some(Shape::Record(fields)) = param.kind.as_ref().map(|kind| self.model.shape(kind)) else {
+            return Vec::new();
+        };
+        let open = fields.iter().filter(|field| !given.contains(&field.name.text));
+        let offer = |field: &Param| {
+            Completion::new(CompletionKind::Parameter, format!("{} = ", field.name.text)).detail(field.to_string())
+        };
+        open.map(offer).collect()
+    }
+
+    /// The parameter or the field whose value the cursor is in.
+    pub(super) fn expected(&self, at: &Cursor) -> Option<&Param> {
+        let is_border = |node: &&Node| ![SyntaxKind::Arg, SyntaxKind::Param].contains(&node.kind());
+        // A name that is being written is no way into a record.
+        let own = at.parent.kind() == SyntaxKind::Field;
+        let around = at.around.iter().skip(usize::from(own)).take_while(is_border);
+        let mut path: Vec<String> = around
+            .filter(|node| node.kind() == SyntaxKind::Field)
+            .filter_map(|node| node.names().next())
+            .map(|name| name.text)
+            .collect();
+        path.reverse();
+        let start = self.param_at(at).or_else(|| self.declared_at(at))?;
+        path.iter().try_fold(start, |param, name| match self.model.shape(param.kind.as_ref()?) {
+            Shape::Record(fields) => fields.iter().find(|field| field.name.text == *name),
+            Shape::Plain(_) => None,
+        })
+    }
+
+    /// The parameter or field that is declared around the cursor.
+    fn declared_at(&self, at: &Cursor) -> Option<&Param> {
+        let span = at.inside(SyntaxKind::Param)?.names().next()?.span;
+        let processes = self.model.processes.iter().flat_map(|process| &process.params);
+        let modules = self.model.modules.iter().flat_map(|module| module.params.iter().flatten());
+        processes.chain(modules).chain(self.model.fields()).find(|param| param.name.span == span)
+    }
+}
