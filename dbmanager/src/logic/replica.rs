@@ -38,10 +38,11 @@ use crate::logic::mutant::Mutant;
 use crate::logic::owner::Owners;
 use crate::logic::random::Random;
 use crate::logic::record::{self, Batch, Identity, OpenError, Records};
+use crate::logic::snapshot::Name;
 use crate::logic::state::{Seen, State};
 use crate::logic::txn::{Draft, Frame, FrameError, Txn, TxnError};
 use comms::logic::time::Time;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
 /// What a replica is started with.
@@ -180,6 +181,8 @@ pub struct Replica {
     sync: sync::Sync,
     waiting: commit::Waiting,
     download: Option<join::Download>,
+    /// Chunks of a download that was broken off.
+    spare: BTreeMap<Name, Vec<u8>>,
     offer: join::Offer,
     held: hold::Held,
     batch: Batch,
@@ -223,6 +226,7 @@ impl Replica {
             acks: Acks::default(),
             collected: Cut::default(),
             download: None,
+            spare: BTreeMap::new(),
             offer: join::Offer::default(),
             held: hold::Held::new(stored.held),
             config,

@@ -129,16 +129,17 @@ impl Replica {
         Ok(dot)
     }
 
-    /// Makes this the first member of a team.
+    /// Makes this the first member of a team, alone or with what is left of one that had no members but itself.
     pub(super) fn found(&mut self, now: Time, effects: &mut Vec<Effect>) {
-        if self.identity.joining.is_none() || self.members.active().next().is_some() {
+        let given_up = |origin: &Origin| self.identity.past.iter().any(|past| past.origin == *origin);
+        let before: Vec<Origin> = self.members.active().map(|(origin, _)| origin).collect();
+        if self.identity.joining.is_none() || !before.iter().all(given_up) {
             return;
         }
-        let change = Change {
-            reason: "found the team".into(),
-            writes: member::admission(self.identity.origin, &self.identity.robot).into_iter().collect(),
-            ..Change::default()
-        };
+        let admission = member::admission(self.identity.origin, &self.identity.robot);
+        let retired = before.into_iter().filter_map(member::retirement);
+        let writes = admission.into_iter().chain(retired).collect();
+        let change = Change { reason: "found the team".into(), writes, ..Change::default() };
         self.system(now, change, effects);
         (self.identity.joining, self.identity.asked) = (None, None);
         self.identity.past.clear();

@@ -30,18 +30,20 @@ use comms::logic::time::Time;
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
-/// How long chunks are waited for before they are asked for once more.
+/// How long a chunk is waited for at least before it is asked for once more; each time twice as long.
 const CHUNK_TIME: Duration = Duration::from_secs(2);
 /// How often.
-const TRIES_MAX: u32 = 4;
+const TRIES_MAX: u32 = 3;
+/// If chunks come faster than this after each other, more of them are asked for at a time.
+const CHUNK_TIME_FAST: Duration = Duration::from_millis(250);
 /// How many states of one peer in a row may turn out to be of no use.
 const DROPPED_MAX: u32 = 2;
 /// How many bytes a state that is taken over may have: it has to be in memory as a whole.
 const DOWNLOAD_SIZE_MAX: usize = 1 << 30;
 /// How many origins one admission replaces.
 const REPLACED_MAX: usize = 1024;
-/// How many chunks are asked for at a time.
-const CHUNKS_ASKED: usize = 8;
+/// How many chunks are asked for at a time at most.
+const CHUNKS_ASKED_MAX: usize = 8;
 
 /// A snapshot that others may take.
 #[derive(Debug, Default)]
@@ -58,6 +60,12 @@ pub(super) struct Download {
     manifest: Manifest,
     chunks: BTreeMap<Name, Vec<u8>>,
     asked: BTreeSet<Name>,
+    /// How many are asked for at a time.
+    window: usize,
+    /// When the last one came, or the download began.
+    since: Time,
+    /// How long the next one is waited for, and until when.
+    patience: Duration,
     until: Time,
     tries: u32,
 }
@@ -82,11 +90,25 @@ impl Offer {
 }
 
 impl Download {
+    fn new(now: Time, from: Origin, manifest: Manifest, chunks: BTreeMap<Name, Vec<u8>>) -> Self {
+        let (asked, patience) = (BTreeSet::new(), CHUNK_TIME);
+        Self { from, manifest, chunks, asked, window: 1, since: now, patience, until: now + patience, tries: 0 }
+    }
+
+    /// A chunk has come: what it took is what the next one may take. On a slow radio there is one on its way at a time.
+    fn arrived(&mut self, now: Time, name: Name, bytes: Vec<u8>) {
+        self.chunks.insert(name, bytes);
+        let took = now.since(self.since);
+        self.window = if took <= CHUNK_TIME_FAST { (2 * self.window).min(CHUNKS_ASKED_MAX) } else { 1 };
+        self.patience = CHUNK_TIME.max(2 * took);
+        (self.since, self.until, self.tries) = (now, now + self.patience, 0);
+    }
+
     /// Returns the chunks to ask for now.
     fn ask(&mut self) -> Vec<Effect> {
         let missing = self.manifest.chunks.iter().filter(|name| !self.chunks.contains_key(name));
         let new: Vec<Name> = missing.filter(|name| !self.asked.contains(name)).copied().collect();
-        let new = new.into_iter().take(CHUNKS_ASKED.saturating_sub(self.asked.len()));
+        let new = new.into_iter().take(self.window.saturating_sub(self.asked.len()));
         let from = self.from;
         let asked = &mut self.asked;
         new.filter(|name| asked.insert(*name)).map(|name| Effect::Send(from, Message::Snap(name))).collect()
@@ -156,8 +178,11 @@ impl Replica {
         if self.download.is_some() || useless || manifest.chunks.len() > CHUNKS_MAX {
             return;
         }
-        let (chunks, asked, until) = (BTreeMap::new(), BTreeSet::new(), now + CHUNK_TIME);
-        let mut download = Download { from, manifest, chunks, asked, until, tries: 0 };
+        // Chunks of a download that was broken off may be in this one too.
+        let wanted: BTreeSet<Name> = manifest.chunks.iter().copied().collect();
+        let mut chunks = std::mem::take(&mut self.spare);
+        chunks.retain(|name, _| wanted.contains(name));
+        let mut download = Download::new(now, from, manifest, chunks);
         effects.extend(download.ask());
         self.download = Some(download);
         self.try_install(now, effects);
@@ -167,11 +192,11 @@ impl Replica {
         let Some(download) = self.download.as_mut().filter(|download| download.until <= now) else { return };
         download.tries += 1;
         if download.tries > TRIES_MAX && !self.config.mutant.is(Mutant::DownloadForEver) {
-            self.download = None;
-            return;
+            return self.break_off();
         }
-        download.until = now + CHUNK_TIME;
+        download.until = now + download.patience * (1 << download.tries.min(TRIES_MAX));
         download.asked.clear();
+        download.window = 1;
         effects.extend(download.ask());
     }
 
@@ -188,8 +213,7 @@ impl Replica {
         let size: usize = download.chunks.values().map(Vec::len).sum();
         match bytes {
             Some(bytes) if Name::of(&bytes) == name && size + bytes.len() <= DOWNLOAD_SIZE_MAX => {
-                download.chunks.insert(name, bytes);
-                (download.until, download.tries) = (now + CHUNK_TIME, 0);
+                download.arrived(now, name, bytes);
                 effects.extend(download.ask());
                 self.try_install(now, effects);
             }
@@ -198,8 +222,13 @@ impl Replica {
                 effects.push(Effect::Alarm(Alarm::Malformed(from)));
             }
             // The peer has gone on, or was started anew: the next pull brings its new manifest.
-            None => self.download = None,
+            None => self.break_off(),
         }
+    }
+
+    /// Gives a download up, but not what has come of it.
+    fn break_off(&mut self) {
+        self.spare = self.download.take().map(|download| download.chunks).unwrap_or_default();
     }
 
     /// Takes over a state as soon as it is whole.

@@ -250,3 +250,20 @@ fn a_transaction_as_long_as_may_be_comes_along_whole() {
         assert!(replica.has_reached(dot, &Level::Everywhere) || replica.origin() != team.replicas[0].origin());
     }
 }
+
+#[test]
+fn who_was_alone_can_begin_a_team_again_with_what_it_had() {
+    let mut team = Team::of(1);
+    assert!(matches!(team.commit(0, put("team/a", b"1")), Answer::Committed(_)));
+    let before = team.replicas[0].origin();
+    team.replicas[0] = Replica::open_copied(team.config(0), &team.disks[0].clone()).unwrap();
+    team.run(5);
+    assert!(!team.replicas[0].is_member(), "it may be a copy, and waits for somebody to admit it");
+    team.input(0, Input::Found(WALL));
+    assert!(team.replicas[0].is_member() && team.replicas[0].members().retired(before).is_some());
+    assert_eq!(team.versions(0, "team/a").len(), 1);
+    let mut other = Team::of(2);
+    other.replicas[0] = Replica::open_copied(other.config(0), &other.disks[0].clone()).unwrap();
+    other.input(0, Input::Found(WALL));
+    assert!(!other.replicas[0].is_member(), "there is another who can admit it");
+}

@@ -102,6 +102,23 @@ fn a_link_of_50_kbit_per_s_is_used_well() {
 }
 
 #[test]
+fn a_state_of_large_chunks_comes_over_50_kbit_per_s() {
+    let mut world = team(2);
+    backlog(&mut world, 0, (20, 20_000));
+    world.settle().unwrap();
+    world.lose_disk(1);
+    world.network.choke(1, 6250);
+    world.restart(1);
+    world.run_for(200_000);
+    assert!(
+        world.replica(1).is_member(),
+        "400,000 bytes take 64 s, and each chunk longer than it is waited for at first"
+    );
+    assert_eq!(world.replica(1).state().digest(), world.replica(0).state().digest());
+    world.settle().unwrap();
+}
+
+#[test]
 fn chunk_lost_each_time_at_same_byte() {
     let mut world = team(2);
     world.isolate(1);
