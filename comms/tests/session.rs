@@ -49,6 +49,12 @@ async fn serve(mut server: Server, host: &str) {
             "count" => (0..request.payload()[0]).for_each(|number| request.reply(vec![number])),
             "refuse" => request.refuse("not today"),
             "hang" => hanging.push(request),
+            "linger" => {
+                request.still_here();
+                request.reply(vec![1]);
+                request.still_here();
+                hanging.push(request);
+            }
             _ => {}
         }
     }
@@ -78,13 +84,20 @@ async fn check_calls(session: &Session, host: &str) {
     let hang = session.call(&key::rpc(host, "hang"), Vec::new(), Duration::from_millis(100)).await;
     assert!(matches!(hang, Err(CallError::Timeout { .. })), "{hang:?}");
 
-    let mut replies = session.call_stream(&key::rpc(host, "count"), vec![200]).unwrap();
+    let mut replies = session.call_stream(&key::rpc(host, "count"), vec![200], LONG).unwrap();
     for number in 0..200 {
         assert_eq!(replies.next().await, Some(Ok(vec![number])));
     }
     assert_eq!(replies.next().await, None);
-    let mut replies = session.call_stream(&key::rpc("nobody", "count"), vec![1]).unwrap();
+    let mut replies = session.call_stream(&key::rpc("nobody", "count"), vec![1], LONG).unwrap();
     assert!(matches!(replies.next().await, Some(Err(CallError::Unreachable { .. }))));
+    assert_eq!(replies.next().await, None);
+
+    // That somebody is still there is no answer; that nobody says so any more is an end.
+    let silence_max = Duration::from_millis(300);
+    let mut replies = session.call_stream(&key::rpc(host, "linger"), Vec::new(), silence_max).unwrap();
+    assert_eq!(replies.next().await, Some(Ok(vec![1])));
+    assert!(matches!(replies.next().await, Some(Err(CallError::Silent { .. }))));
     assert_eq!(replies.next().await, None);
 }
 
@@ -166,7 +179,7 @@ async fn a_killed_node_vanishes_and_its_calls_end() {
         let mut other = start_other(&dir);
         assert_eq!(watch.next().await, Some(Presence::Appeared(key::live("other", 7))));
         assert_eq!(call(&a, "other", "echo", b"x").await.unwrap(), b"x");
-        let mut hanging = a.call_stream(&key::rpc("other", "hang"), Vec::new()).unwrap();
+        let mut hanging = a.call_stream(&key::rpc("other", "hang"), Vec::new(), LONG).unwrap();
         other.kill().unwrap();
         other.wait().unwrap();
         assert_eq!(watch.next().await, Some(Presence::Vanished(key::live("other", 7))));

@@ -53,7 +53,7 @@ impl Way {
     fn ask(&self, question: Question) -> Option<Vec<Reply>> {
         self.runtime.block_on(async {
             let bytes = codec::encode(&Request::Database(question)).expect("it is as the test has made it");
-            let mut replies = self.session.call_stream(&key::rpc(&self.host, "request"), bytes).ok()?;
+            let mut replies = self.session.call_stream(&key::rpc(&self.host, "request"), bytes, SOON).ok()?;
             let mut all = Vec::new();
             while let Some(reply) = replies.next().await {
                 match codec::decode(&reply.ok()?).expect("it is as the test has made it") {

@@ -2,7 +2,7 @@
 
 use crate::cli::{Failure, Reaching, output};
 use crate::io::run_dir;
-use crate::logic::protocol::{Answer, NodeStatus, Request};
+use crate::logic::protocol::{Answer, NodeStatus, Request, SILENCE_MAX};
 use anyhow::{Context, anyhow};
 use comms::io::clock;
 use comms::io::session::{CallError, Presence, Replies, Session};
@@ -108,7 +108,7 @@ impl Client {
     /// Asks a node something that has a stream of answers.
     pub(crate) fn ask_on(&self, host: &str, request: &Request) -> Result<Answers, Failure> {
         let bytes = codec::encode(request)?;
-        let replies = self.session.call_stream(&key::rpc(host, VERB), bytes);
+        let replies = self.session.call_stream(&key::rpc(host, VERB), bytes, SILENCE_MAX);
         Ok(Answers { host: host.to_owned(), replies: replies.map_err(|error| call_failure(host, error))? })
     }
 
@@ -194,6 +194,9 @@ fn call_failure(host: &str, error: CallError) -> Failure {
         CallError::Unreachable { .. } => Failure::Unreachable(anyhow!("the node `{host}` cannot be reached")),
         CallError::Timeout { within, .. } => {
             Failure::Unreachable(anyhow!("the node `{host}` has not answered within {within:?}"))
+        }
+        CallError::Silent { silent, .. } => {
+            Failure::Unreachable(anyhow!("the node `{host}` has said nothing for {silent:?}"))
         }
         CallError::Session { cause, .. } => Failure::Unreachable(anyhow!("the node `{host}` cannot be asked: {cause}")),
     }
@@ -285,6 +288,8 @@ mod tests {
         check(CallError::Refused { reason: "it is full".into() }, false, "host `c1`: it is full");
         check(CallError::Unreachable { key: key() }, true, "the node `c1` cannot be reached");
         check(CallError::Timeout { key: key(), within }, true, "the node `c1` has not answered within 3s");
+        let silent = CallError::Silent { key: key(), silent: within };
+        check(silent, true, "the node `c1` has said nothing for 3s");
         let closed = CallError::Session { key: key(), cause: "closed".into() };
         check(closed, true, "the node `c1` cannot be asked: closed");
         let text = "the answers of the node `c1` came faster than they were taken";

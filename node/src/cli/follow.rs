@@ -24,9 +24,6 @@ const SIGHTS_MAX: usize = 4096;
 const BACK_WITHIN: Duration = Duration::from_secs(15);
 /// How often it is looked for, once it was not there.
 const LOOK_EVERY: Duration = Duration::from_millis(200);
-/// How long the home node may say nothing before it is asked whether the mission still runs: what it said may have been
-/// lost with a link that both ends took for whole.
-const QUIET_MAX: Duration = Duration::from_secs(5);
 /// How many folders of earlier runs are stepped over to find a free name.
 const RUNS_MAX: u32 = 100_000;
 
@@ -121,15 +118,11 @@ impl Watch {
     ) -> Result<(), Failure> {
         let (mut interrupt, mut terminate) = (signal(SignalKind::interrupt())?, signal(SignalKind::terminate())?);
         let mut refresh = tokio::time::interval(UPDATE_EVERY);
-        let (mut stopping, mut looking) = (None, None);
-        let mut heard = clock::now();
+        let mut stopping = None;
         loop {
             tokio::select! {
                 answer = answers.next() => match answer {
-                    Some(Ok(answer)) => {
-                        self.take(answer)?;
-                        (heard, looking) = (clock::now(), None);
-                    }
+                    Some(Ok(answer)) => self.take(answer)?,
                     cut_off => {
                         let more = tokio::select! {
                             more = self.again(client, cut_off.and_then(Result::err)) => more?,
@@ -147,18 +140,9 @@ impl Watch {
                     Sight::Unseen(why) => self.output.note(&format!("warning: {why}")),
                 },
                 Some(answer) = next(&mut stopping) => self.stop_answered(answer),
-                Some(answer) = next(&mut looking) => {
-                    (heard, looking) = (clock::now(), None);
-                    if let Some(deployment) = self.deployment.clone().filter(|one| is_over(&answer, one)) {
-                        answers = self.missed(client, deployment)?;
-                    }
-                }
                 _ = refresh.tick() => {
                     self.mission.tick(self.go_at.map_or_else(Default::default, |go| clock::now() - go));
                     self.display.update(&self.mission, &mut self.output);
-                    if looking.is_none() && clock::now() - heard > QUIET_MAX {
-                        looking = Some(client.ask_on(home, &Request::Status)?);
-                    }
                 }
                 _ = interrupt.recv() => self.stop(client, home, &mut stopping)?,
                 _ = terminate.recv() => self.stop(client, home, &mut stopping)?,
@@ -284,12 +268,6 @@ impl Watch {
             _ => Err(Failure::Told),
         }
     }
-}
-
-/// Returns whether a node says that nothing of a deployment runs on it.
-fn is_over(answer: &Result<Answer, Failure>, deployment: &Deployment) -> bool {
-    let Ok(Answer::Status(status)) = answer else { return false };
-    !status.deployments.iter().any(|part| part.deployment == *deployment)
 }
 
 /// Returns the next answer, if anything was asked.

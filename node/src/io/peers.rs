@@ -2,7 +2,7 @@
 
 use crate::logic::agent::Input;
 use crate::logic::link::Frame;
-use crate::logic::protocol::{Answer, Request};
+use crate::logic::protocol::{Answer, Request, SILENCE_MAX};
 use anyhow::Context;
 use comms::io::session::{self, NodeOptions, Presence, Server, Session, Subscription, Token, Watch};
 use comms::logic::port::Policy;
@@ -142,11 +142,18 @@ async fn hear_calls(mut calls: Server, sink: Sender<Arrival>) {
     }
 }
 
+/// Passes answers on, and says in the pauses that there may be more.
 async fn reply(request: session::Request, mut answers: tokio::sync::mpsc::Receiver<Answer>) {
-    while let Some(answer) = answers.recv().await {
-        match codec::encode(&answer) {
-            Ok(bytes) => request.reply(bytes),
-            Err(error) => return request.refuse(&format!("the answer cannot be written: {error}")),
+    let mut pause = tokio::time::interval(SILENCE_MAX / 4);
+    pause.reset();
+    loop {
+        tokio::select! {
+            answer = answers.recv() => match answer.map(|answer| codec::encode(&answer)) {
+                Some(Ok(bytes)) => request.reply(bytes),
+                Some(Err(error)) => return request.refuse(&format!("the answer cannot be written: {error}")),
+                None => return,
+            },
+            _ = pause.tick() => request.still_here(),
         }
     }
 }

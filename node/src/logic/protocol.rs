@@ -14,6 +14,9 @@ use std::time::Duration;
 /// Version of these messages.
 pub const VERSION: u16 = 2;
 
+/// How long a node that has more to say may be silent: it says several times in that time that it is still there.
+pub const SILENCE_MAX: Duration = Duration::from_secs(8);
+
 /// One deployment of a spec: its name, and the epoch that fences off older ones.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct Deployment {

@@ -84,7 +84,7 @@ impl Node {
         self.request += 1;
         let bytes = codec::encode(&Request::Deploy { request: self.request, plan, by: "a benchmark".into() })?;
         let asked = now();
-        Ok(Deployment { replies: self.client.call_stream(&key::rpc(HOST, "request"), bytes)?, asked })
+        Ok(Deployment { replies: self.client.call_stream(&key::rpc(HOST, "request"), bytes, WITHIN)?, asked })
     }
 
     /// Ends the deployment, and waits until nothing of it is left.

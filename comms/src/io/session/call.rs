@@ -1,9 +1,15 @@
 //! Calls: one request, one answer or a stream of them.
+//!
+//! A stream ends when its server has said everything, or is gone. The network does not always tell: a link may be lost that
+//! both ends take for whole, or the server may stand still. So a server says now and then that it is still there
+//! ([`Request::still_here`]), which callers do not see, and a stream without a word for too long ends with an error.
 
 use super::Session;
 use super::open::plain;
+use crate::io::clock;
 use crate::io::queue::{self, Receiver};
 use crate::logic::port::{Policy, Pushed};
+use crate::logic::time::Time;
 use std::time::Duration;
 use thiserror::Error;
 use zenoh::Wait;
@@ -13,6 +19,8 @@ use zenoh::query::{ConsolidationMode, Query, Queryable, Reply};
 
 /// Marks an error reply as ours; zenoh makes error replies of its own.
 const REFUSED: &str = "dca/refused";
+/// Marks an answer that says only that the server is still there.
+const STILL_HERE: &str = "dca/here";
 /// A stream of answers lives as long as its server does; zenoh wants a limit all the same.
 const STREAM_TIMEOUT: Duration = Duration::from_secs(365 * 24 * 3600);
 /// Answers of a stream that have not been taken yet.
@@ -36,6 +44,14 @@ pub enum CallError {
         key: String,
         /// The time given.
         within: Duration,
+    },
+    /// The server of a stream has not said for so long that it is still there.
+    #[error("`{key}` has said nothing for {silent:?}")]
+    Silent {
+        /// What was called.
+        key: String,
+        /// How long.
+        silent: Duration,
     },
     /// The server's reason.
     #[error("{reason}")]
@@ -64,6 +80,8 @@ pub enum CallError {
 pub struct Replies {
     key: String,
     within: Duration,
+    silence_max: Option<Duration>,
+    heard: Time,
     replies: Receiver<Reply>,
     state: Stream,
 }
@@ -105,12 +123,14 @@ impl Session {
         first.unwrap_or_else(|| Err(CallError::Unreachable { key: key.to_owned() }))
     }
 
-    /// Calls the server of `key`; the stream ends when the server has said everything, or is gone.
+    /// Calls the server of `key`; the stream ends when the server has said everything, or is gone, or has not said for
+    /// `silence_max` that it is still there.
     ///
     /// # Errors
     /// If the session is closed. A missing server shows in the stream.
-    pub fn call_stream(&self, key: &str, payload: Vec<u8>) -> Result<Replies, CallError> {
-        self.ask(key, payload, STREAM_TIMEOUT)
+    pub fn call_stream(&self, key: &str, payload: Vec<u8>, silence_max: Duration) -> Result<Replies, CallError> {
+        let replies = self.ask(key, payload, STREAM_TIMEOUT)?;
+        Ok(Replies { silence_max: Some(silence_max), ..replies })
     }
 
     fn ask(&self, key: &str, payload: Vec<u8>, within: Duration) -> Result<Replies, CallError> {
@@ -127,7 +147,8 @@ impl Session {
             .callback(move |reply| drop(reply_tx.push(reply)))
             .wait();
         asked.map_err(|cause| CallError::Session { key: key.to_owned(), cause: plain(&cause) })?;
-        Ok(Replies { key: key.to_owned(), within, replies, state: Stream::Empty })
+        let (key, heard) = (key.to_owned(), clock::now());
+        Ok(Replies { key, within, silence_max: None, heard, replies, state: Stream::Empty })
     }
 
     /// Serves `key`, which may be an expression such as [`crate::logic::key::rpc_any`].
@@ -159,16 +180,27 @@ impl Replies {
         if self.state == Stream::Ended {
             return None;
         }
-        let reply = self.replies.recv().await;
-        let answer = match reply.map(Reply::into_result) {
-            Some(Ok(sample)) => {
-                self.state = Stream::Flowing;
-                return Some(Ok(sample.payload().to_bytes().into_owned()));
-            }
-            Some(Err(error)) => Some(Err(self.error(&error))),
-            None if self.replies.lost() > 0 => Some(Err(CallError::Overrun { key: self.key.clone() })),
-            None if self.state == Stream::Empty => Some(Err(CallError::Unreachable { key: self.key.clone() })),
-            None => None,
+        let answer = loop {
+            let reply = tokio::select! {
+                // What is there counts, however late it is looked at.
+                biased;
+                reply = self.replies.recv() => reply,
+                silent = over(self.heard, self.silence_max) => {
+                    break Some(Err(CallError::Silent { key: self.key.clone(), silent }));
+                }
+            };
+            self.heard = clock::now();
+            break match reply.map(Reply::into_result) {
+                Some(Ok(sample)) if *sample.encoding() == Encoding::from(STILL_HERE) => continue,
+                Some(Ok(sample)) => {
+                    self.state = Stream::Flowing;
+                    return Some(Ok(sample.payload().to_bytes().into_owned()));
+                }
+                Some(Err(error)) => Some(Err(self.error(&error))),
+                None if self.replies.lost() > 0 => Some(Err(CallError::Overrun { key: self.key.clone() })),
+                None if self.state == Stream::Empty => Some(Err(CallError::Unreachable { key: self.key.clone() })),
+                None => None,
+            };
         };
         self.state = Stream::Ended;
         answer
@@ -184,6 +216,16 @@ impl Replies {
             CallError::Session { key: self.key.clone(), cause: text }
         }
     }
+}
+
+/// Waits until nothing has been heard for too long, if there is such a limit.
+///
+/// # Cancellation
+/// Safe.
+async fn over(heard: Time, silence_max: Option<Duration>) -> Duration {
+    let Some(silence_max) = silence_max else { return std::future::pending().await };
+    clock::sleep_until(heard + silence_max).await;
+    silence_max
 }
 
 impl Server {
@@ -209,7 +251,16 @@ impl Request {
 
     /// Answers, once or many times. Waits when the link is congested. An asker that is gone is not an error.
     pub fn reply(&self, bytes: Vec<u8>) {
-        if let Err(error) = self.query.reply(self.query.key_expr().clone(), bytes).wait() {
+        self.send(bytes, Encoding::default());
+    }
+
+    /// Says that more may come, without an answer.
+    pub fn still_here(&self) {
+        self.send(Vec::new(), Encoding::from(STILL_HERE));
+    }
+
+    fn send(&self, bytes: Vec<u8>, encoding: Encoding) {
+        if let Err(error) = self.query.reply(self.query.key_expr().clone(), bytes).encoding(encoding).wait() {
             tracing::debug!(key = self.key(), %error, "an answer was not sent");
         }
     }

@@ -65,7 +65,10 @@ impl Watch {
                 Ok(None) => return Err(replies.ended()),
                 Err(failure) => return Err(failure),
             }
-            self.take(&mut replies, told).await?;
+            match self.take(&mut replies, told).await {
+                Ok(()) | Err(Failure::Unreachable(_)) => {}
+                Err(failure) => return Err(failure),
+            }
             clock::sleep_until(clock::now() + AGAIN_AFTER).await;
         }
     }
