@@ -387,3 +387,18 @@ fn another_moment_can_be_looked_at() {
     assert_eq!((differences.len(), transactions.len(), transactions[0].len()), (1, 1, 1));
     assert_eq!(world.robots[0].name, "r1");
 }
+
+#[test]
+fn who_joined_later_can_look_back_to_then() {
+    let mut world = World::team(&["r1", "r2"]);
+    world.write(1, "team/a", 1);
+    let Reply::Cut(before) = world.ask(1, Question::Cut(Moment::Now)) else { panic!("no cut") };
+    world.run(Duration::from_secs(60));
+    world.write(1, "team/a", 2);
+    for at in [Moment::Cut(before), Moment::Date(world.wall().millis - 30_000)] {
+        let answer = world.ask(1, Question::List { prefix: "team/".into(), at });
+        let Reply::Entries(entries) = &answer else { panic!("{answer:?}") };
+        let value = entries[0].1[0].value.as_ref().map(Datum::of);
+        assert_eq!((entries.len(), value), (1, Some(Datum::from(1))));
+    }
+}

@@ -211,8 +211,8 @@ fn is_deleted(versions: &[Version]) -> bool {
     versions.iter().all(|version| version.value.is_none())
 }
 
-/// Returns whether there are values that somebody has to choose from; a deletion is one too.
-fn differ(versions: &[Version]) -> bool {
+/// Returns whether there are values among the versions of a key that somebody has to choose from; a deletion is one too.
+pub fn differ(versions: &[Version]) -> bool {
     versions.iter().any(|version| version.value != versions[0].value)
 }
 

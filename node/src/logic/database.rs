@@ -24,8 +24,10 @@ use dbmanager::logic::message::Message;
 use dbmanager::logic::record::Batch;
 use dbmanager::logic::replica::{self, Alarm, Replica, Request};
 use dbmanager::logic::state::State;
-use dbmanager::logic::txn::{Txn, TxnError, Value};
-use dbmanager::logic::view::schema::Schemas;
+use dbmanager::logic::txn::{Frame, TxnError, Value};
+use dbmanager::logic::view::moment::Checkpoints;
+use dbmanager::logic::view::past::Past;
+use dbmanager::logic::view::schema::{self, Schemas};
 use dbmanager::logic::view::watch::Watch;
 use question::{Commit, Far, Letter, Question, Reply};
 use settings::Settings;
@@ -104,6 +106,10 @@ pub struct Database {
     more: bool,
     /// Whether what the own keys say to the node has changed in this turn.
     resettled: bool,
+    /// What values must look like, since it was last read from the state.
+    schemas: Option<Schemas>,
+    /// States from which earlier moments are worked out.
+    checkpoints: Checkpoints,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -133,6 +139,8 @@ impl Database {
             watchers: BTreeMap::new(),
             more: false,
             resettled: true,
+            schemas: None,
+            checkpoints: Checkpoints::default(),
         }
     }
 
@@ -166,6 +174,7 @@ impl Database {
             self.feed(now, replica::Input::Tick(wall), &mut None, effects);
         }
         self.tell_watchers(effects);
+        self.checkpoints.note(&Past { log: self.replica.log(), state: self.replica.state() });
         if std::mem::take(&mut self.resettled) {
             effects.push(Effect::Settings(Settings::of(self.replica.state(), &self.robot)));
         }
@@ -207,7 +216,12 @@ impl Database {
     pub fn reopen(&mut self, replica: Replica) {
         self.replica = replica;
         (self.closed, self.durable) = (None, None);
-        self.resettled = true;
+        self.replaced();
+    }
+
+    /// Nothing of the state that was known before holds any more.
+    fn replaced(&mut self) {
+        (self.resettled, self.schemas, self.checkpoints) = (true, None, Checkpoints::default());
     }
 
     /// Returns what can be read: nothing that may not be on the disk.
@@ -246,7 +260,8 @@ impl Database {
             effects.push(Effect::End(call));
             return None;
         }
-        let breaches = Schemas::of(self.replica.state()).check(&commit.draft());
+        let schemas = self.schemas.get_or_insert_with(|| Schemas::of(self.replica.state()));
+        let breaches = schemas.check(&commit.draft());
         if !breaches.is_empty() && call != 0 {
             let sentences: Vec<String> = breaches.iter().map(ToString::to_string).collect();
             effects
@@ -386,16 +401,21 @@ impl Database {
                 Message::Push(_) | Message::Hello(_) | Message::Ack(_) => Effect::Tell(to, letter(message)),
             }),
             replica::Effect::Answer(call, answer) => self.answered(call, answer, effects),
-            replica::Effect::Visible(_, frame) => {
-                let concerns = |txn: Txn| txn.writes.iter().any(|write| Settings::concern(&self.robot, &write.key));
-                self.resettled |= frame.open().is_ok_and(concerns);
-            }
+            replica::Effect::Visible(_, frame) => self.visible(&frame),
             replica::Effect::Replaced => {
-                self.resettled = true;
+                self.replaced();
                 self.watchers.values_mut().for_each(Watch::replaced);
             }
             replica::Effect::Renamed(..) => {}
             replica::Effect::Alarm(alarm) => self.alarm(self.words(&alarm), effects),
+        }
+    }
+
+    /// Forgets what was worked out from keys that a transaction has written.
+    fn visible(&mut self, frame: &Frame) {
+        for write in frame.open().map(|txn| txn.writes).unwrap_or_default() {
+            self.resettled |= Settings::concern(&self.robot, &write.key);
+            self.schemas.take_if(|_| write.key.as_str().starts_with(schema::SCHEMA));
         }
     }
 

@@ -5,7 +5,7 @@ use crate::cli::{Failure, output};
 use crate::logic::database::question::{Moment, Question, Reply};
 use anyhow::{Context, anyhow};
 use dbmanager::logic::key::Key;
-use dbmanager::logic::state::Version;
+use dbmanager::logic::state::{Version, differ};
 use dbmanager::logic::view::past::Keys;
 use dbmanager::logic::view::value::Datum;
 
@@ -32,7 +32,7 @@ impl Get {
         let Some(datum) = shown(&versions) else {
             return Err(anyhow!("there is nothing at `{}`", self.key).into());
         };
-        if versions.len() > 1 {
+        if differ(&versions) {
             let (key, count) = (&self.key, versions.len());
             output::note(&format!("note: {count} writes to `{key}` did not see each other; `dca db conflicts {key}`"));
         }
@@ -50,8 +50,9 @@ pub(crate) fn list(asking: &Asking, prefix: String, at: Moment) -> Result<(), Fa
         entries.extend(more);
         Ok(())
     })?;
+    let beside = |versions: &[Version]| if differ(versions) { versions.len() } else { 1 };
     let shown: Vec<(Key, Datum, usize)> =
-        entries.into_iter().filter_map(|(key, versions)| Some((key, shown(&versions)?, versions.len()))).collect();
+        entries.into_iter().filter_map(|(key, all)| Some((key, shown(&all)?, beside(&all)))).collect();
     if asking.json {
         let fields = shown.iter().map(|(key, datum, _)| {
             let value = serde_json::from_str(&datum.to_json()).unwrap_or(serde_json::Value::Null);

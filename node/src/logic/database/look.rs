@@ -40,8 +40,11 @@ impl Database {
         let past = self.past();
         match moment {
             Moment::Now => Ok(self.state().clone()),
-            Moment::Cut(cut) => past.at(cut, None),
-            Moment::Date(millis) => past.at(&past.cut_at(*millis, None)?, None),
+            Moment::Cut(cut) => past.at(cut, self.checkpoints.before(cut)),
+            Moment::Date(millis) => {
+                let cut = past.cut_at(*millis, self.checkpoints.oldest())?;
+                past.at(&cut, self.checkpoints.before(&cut))
+            }
         }
     }
 
@@ -50,7 +53,7 @@ impl Database {
         let cut: Result<Cut, MomentError> = match moment {
             Moment::Now => Ok(self.replica.log().cut().clone()),
             Moment::Cut(cut) => Ok(cut.clone()),
-            Moment::Date(millis) => self.past().cut_at(*millis, None),
+            Moment::Date(millis) => self.past().cut_at(*millis, self.checkpoints.oldest()),
         };
         cut.map_or_else(|why| Reply::Refused(why.to_string()), Reply::Cut)
     }
@@ -89,8 +92,8 @@ impl Database {
     /// Returns the transaction that settles a key: one more write, which has seen all of the others.
     pub(super) fn settle(&self, resolve: &Resolve) -> Result<Commit, Reply> {
         let Resolve { key, choice, reason, far, within } = resolve;
-        let versions = self.replica.state().versions(key);
-        if versions.len() < 2 {
+        let (state, versions) = (self.replica.state(), self.replica.state().versions(key));
+        if !state.is_conflict(key) {
             return Err(Reply::Done(format!("nothing stands beside each other at `{key}`")));
         }
         let robot = |version: &Version| self.past().robot(version.stamp.origin);
