@@ -6,7 +6,7 @@ use thiserror::Error;
 /// A parameter that a controller type takes after its host.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Parameter {
-    /// Its name, for `name = value`.
+    /// Its name, for `name = value`; `grasp.force` is the field `force` of the record `grasp`.
     pub name: &'static str,
     /// What values it takes.
     pub kind: Kind,
@@ -103,15 +103,38 @@ impl Parameter {
         Self { default: Some(default), ..self }
     }
 
-    /// Returns the parameter as it stands in a `module` block: `lock: Text = "unlocked"`.
-    pub fn text(&self) -> String {
+    /// Returns the parameters as they stand in a `module` block: `lock: Text = "unlocked"`, and fields of one record in
+    /// braces, `grasp: { force: Number = 20, width: Number }`.
+    pub fn texts(parameters: &[Self]) -> Vec<String> {
+        Self::texts_below(parameters, "")
+    }
+
+    fn texts_below(parameters: &[Self], record: &str) -> Vec<String> {
+        let mut texts = Vec::new();
+        let mut records = Vec::new();
+        let below = parameters.iter().filter_map(|parameter| Some((parameter, parameter.name.strip_prefix(record)?)));
+        for (parameter, name) in below {
+            match name.split_once('.') {
+                None => texts.push(parameter.text(name)),
+                Some((inner, _)) if !records.contains(&inner) => {
+                    records.push(inner);
+                    let fields = Self::texts_below(parameters, &format!("{record}{inner}."));
+                    texts.push(format!("{inner}: {{ {} }}", fields.join(", ")));
+                }
+                Some(_) => {}
+            }
+        }
+        texts
+    }
+
+    fn text(&self, name: &str) -> String {
         let (kind, quote) = match self.kind {
             Kind::Text(_) => ("Text", "\""),
             Kind::Number(..) => ("Number", ""),
             Kind::Truth => ("Truth", ""),
         };
         let default = self.default.map(|default| format!(" = {quote}{default}{quote}")).unwrap_or_default();
-        format!("{}: {kind}{default}", self.name)
+        format!("{name}: {kind}{default}")
     }
 
     fn expected(&self) -> String {
@@ -218,8 +241,8 @@ impl Arguments {
 fn split(text: &str) -> Option<(&str, &str)> {
     let (name, value) = text.split_once('=')?;
     let name = name.trim();
-    let identifier = name.chars().all(|c| c.is_alphanumeric() || c == '_') && !name.is_empty();
-    identifier.then_some((name, value.trim()))
+    let is_part = |part: &str| part.chars().all(|c| c.is_alphanumeric() || c == '_') && !part.is_empty();
+    name.split('.').all(is_part).then_some((name, value.trim()))
 }
 
 #[cfg(test)]
@@ -253,6 +276,22 @@ mod tests {
                 "no parameter `gain`; there are `lock`, `seed`, `loud`"
             ]
         );
+    }
+
+    #[test]
+    fn names_with_dots_are_fields_of_records() {
+        let number = |name| Parameter::new(name, Kind::Number(0.0, 100.0));
+        let parameters = [
+            number("job.at.x"),
+            Parameter::new("name", Kind::Text(&[])),
+            number("job.force").or("20"),
+            number("job.at.y"),
+        ];
+        let expect = ["job: { at: { x: Number, y: Number }, force: Number = 20 }", "name: Text"];
+        assert_eq!(Parameter::texts(&parameters), expect);
+        let arguments = Arguments::parse(&parameters, &["name=cup", "job.at.x=1", "job.at.y = 2"]).unwrap();
+        let numbers = ["job.at.x", "job.at.y", "job.force"].map(|name| arguments.number(name));
+        assert_eq!((numbers, arguments.text("name")), ([1.0, 2.0, 20.0], "cup"));
     }
 
     #[test]

@@ -128,7 +128,7 @@ impl Interface {
     /// Returns the interface as a `module` block of the `.dca` language; device ports are no part of it.
     pub fn text(&self) -> String {
         let mut text = String::new();
-        let parameters: Vec<String> = self.about.parameters.iter().map(Parameter::text).collect();
+        let parameters = Parameter::texts(self.about.parameters);
         let head: Vec<String> = std::iter::once("host: Host".to_owned()).chain(parameters).collect();
         let mut line = |line: String| {
             text.push_str(&line);
