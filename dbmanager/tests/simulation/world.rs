@@ -301,9 +301,7 @@ impl World {
         self.network.drop = 0;
         self.run_for(45_000);
         self.settle()?;
-        if !self.faults.can_roll_back() {
-            self.check_limits()?;
-        }
+        self.check_limits()?;
         match self.owed.first_key_value() {
             Some((ticket, (node, level, _))) => Err(format!("I12: ticket {ticket} at {node} has no answer, {level:?}")),
             None => Ok(()),
