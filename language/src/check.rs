@@ -33,11 +33,12 @@ pub(crate) fn compile_with_model(
     let mut model = spec::Spec::default();
     let mut diagnostics = Vec::new();
     let mut trees = Vec::new();
+    let files = uses::Files::new(spec, interfaces);
     for (origin, source) in sources {
         let Parse { root, diagnostics: found, damage } = parse(source, origin);
         let root = ast::Node::new(root, origin);
         declare::constants(&mut model, &root, &damage, &mut diagnostics);
-        uses::check(&root, source, spec, interfaces, &mut diagnostics);
+        files.check(&root, &source.name, &mut diagnostics);
         trees.push((root, (origin, origin == Origin::Spec || source.role == Role::Part), damage));
         diagnostics.extend(found);
     }

@@ -1,4 +1,4 @@
-//! The files that a spec uses: `use "arm.dca";`.
+//! The files that a spec uses: `use "arm.dca";`, and folders of them: `use "arms";`.
 
 use crate::source::{Origin, Role, Source};
 use crate::syntax::SyntaxKind::{Text, Use};
@@ -7,26 +7,39 @@ use crate::syntax::parse;
 use std::collections::BTreeSet;
 
 /// The most files of one spec.
-const FILES_MAX: usize = 1000;
+pub(crate) const FILES_MAX: usize = 1000;
 
-/// Returns the files that a spec uses, directly and through others, each once; they are compiled with the spec as if they
-/// were interfaces. `read` is asked for each by its path: relative to the file that uses it, and without `..` where that
-/// can be. A file that it refuses is reported by the compiler, with the reason.
+/// What a path names.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Content {
+    /// A file, with its text.
+    File(String),
+    /// A folder, with the names of what is in it, in any order.
+    Folder(Vec<String>),
+}
+
+/// Returns the files that a spec uses, directly and through others, each once, so that files may use each other; they are
+/// compiled with the spec as if they were interfaces. Of a folder all its `.dca` files are taken, in the order of their
+/// names, but not those in folders below.
+///
+/// `read` is asked for each by its path: relative to the file that uses it, and without `..` where that can be. What it
+/// refuses is reported by the compiler, with the reason.
 ///
 /// ```
-/// use language::{Options, Source, compile, gather};
+/// use language::{Content, Options, Source, compile, gather};
 ///
-/// let spec = Source::new("robots/door.dca", "use \"../arm.dca\"; process main() {
+/// let spec = Source::new("robots/door.dca", "use \"../arms\"; process main() {
 ///     instantiated_processes { arm instof Arm(c1); } internal_event_actions { arm }
 /// }");
 /// let read = |path: &str| match path {
-///     "arm.dca" => Ok("module Arm(host) { done; }".to_owned()),
+///     "arms" => Ok(Content::Folder(vec!["arm.dca".to_owned(), "README.md".to_owned()])),
+///     "arms/arm.dca" => Ok(Content::File("module Arm(host) { done; }".to_owned())),
 ///     _ => Err("no such file".to_owned()),
 /// };
 /// let parts = gather(&spec, &read);
 /// assert!(compile(&spec, &parts, &Options::named("door")).diagnostics.is_empty());
 /// ```
-pub fn gather(spec: &Source, read: &dyn Fn(&str) -> Result<String, String>) -> Vec<Source> {
+pub fn gather(spec: &Source, read: &dyn Fn(&str) -> Result<Content, String>) -> Vec<Source> {
     let mut known = BTreeSet::from([normal(&spec.name)]);
     let mut parts: Vec<Source> = Vec::new();
     let mut next = 0;
@@ -37,16 +50,47 @@ pub fn gather(spec: &Source, read: &dyn Fn(&str) -> Result<String, String>) -> V
             if parts.len() >= FILES_MAX || !known.insert(path.clone()) {
                 continue;
             }
-            let (text, role) = match read(&path) {
-                Ok(text) => (text, Role::Part),
-                Err(why) => (String::new(), Role::Missing(why)),
-            };
-            parts.push(Source { name: path, text, role });
+            match read(&path) {
+                Ok(Content::Folder(names)) => add_folder(&path, names, (&mut known, &mut parts), read),
+                Ok(Content::File(text)) => parts.push(Source { name: path, text, role: Role::Part }),
+                Err(why) => parts.push(missing(path, why)),
+            }
         }
         user = parts.get(next).cloned();
         next += 1;
     }
     parts
+}
+
+/// Adds a folder and its specs.
+fn add_folder(
+    folder: &str,
+    mut names: Vec<String>,
+    (known, parts): (&mut BTreeSet<String>, &mut Vec<Source>),
+    read: &dyn Fn(&str) -> Result<Content, String>,
+) {
+    names.retain(|name| name.ends_with(".dca") && !name.starts_with('.'));
+    names.sort_unstable();
+    if names.is_empty() {
+        return parts.push(missing(folder.to_owned(), "the folder has no `.dca` files".to_owned()));
+    }
+    if parts.len() + names.len() >= FILES_MAX {
+        let why = format!("a spec uses at most {FILES_MAX} files, and there are {} more in the folder", names.len());
+        return parts.push(missing(folder.to_owned(), why));
+    }
+    let paths: Vec<String> = names.iter().map(|name| normal(&format!("{folder}/{name}"))).collect();
+    parts.push(Source { name: folder.to_owned(), text: String::new(), role: Role::Folder(paths.clone()) });
+    for path in paths.into_iter().filter(|path| known.insert(path.clone())) {
+        parts.push(match read(&path) {
+            Ok(Content::File(text)) => Source { name: path, text, role: Role::Part },
+            Ok(Content::Folder(_)) => missing(path, "it is a folder".to_owned()),
+            Err(why) => missing(path, why),
+        });
+    }
+}
+
+fn missing(name: String, why: String) -> Source {
+    Source { name, text: String::new(), role: Role::Missing(why) }
 }
 
 fn tree(source: &Source) -> Node {
@@ -73,19 +117,23 @@ pub(crate) fn resolve(user: &str, path: &str) -> String {
     }
 }
 
-/// A path without `.`, and without `..` after a name.
+/// A path without `.`, without `..` after a name, and without a `/` at its end.
 pub(crate) fn normal(path: &str) -> String {
     let mut parts: Vec<&str> = Vec::new();
     for part in path.split('/') {
         match (part, parts.last()) {
-            (".", _) => {}
+            (".", _) | ("", Some(_)) => {}
             ("..", Some(&last)) if last != ".." && !last.is_empty() => {
                 parts.pop();
             }
             (_, _) => parts.push(part),
         }
     }
-    parts.join("/")
+    match parts.as_slice() {
+        [] => ".".to_owned(),
+        [""] => "/".to_owned(),
+        [..] => parts.join("/"),
+    }
 }
 
 #[cfg(test)]
@@ -99,17 +147,62 @@ mod tests {
         assert_eq!(resolve("specs/door.dca", "../../arm.dca"), "../arm.dca");
         assert_eq!(resolve("door.dca", "arm.dca"), "arm.dca");
         assert_eq!(resolve("/a/door.dca", "/b/arm.dca"), "/b/arm.dca");
+        assert_eq!(resolve("/a/door.dca", "arms/"), "/a/arms");
+        assert_eq!(resolve("/a/door.dca", ".."), "/");
+        assert_eq!((resolve("specs/door.dca", ".."), resolve("door.dca", ".")), (".".to_owned(), ".".to_owned()));
     }
 
     #[test]
     fn files_that_use_each_other_are_read_once() {
         let read = |path: &str| match path {
-            "a.dca" => Ok("use \"b.dca\"; use \"spec.dca\";".to_owned()),
-            "b.dca" => Ok("use \"a.dca\"; use \"c.dca\";".to_owned()),
+            "a.dca" => Ok(Content::File("use \"b.dca\"; use \"spec.dca\";".to_owned())),
+            "b.dca" => Ok(Content::File("use \"a.dca\"; use \"c.dca\";".to_owned())),
             _ => Err("no such file".to_owned()),
         };
         let parts = gather(&Source::new("spec.dca", "use \"a.dca\"; use \"a.dca\";"), &read);
         let found: Vec<(&str, bool)> = parts.iter().map(|part| (part.name.as_str(), part.role == Role::Part)).collect();
         assert_eq!(found, [("a.dca", true), ("b.dca", true), ("c.dca", false)]);
+    }
+
+    /// What becomes of each file, when these folders are there and every file of theirs uses the folder it is in.
+    fn roles(spec: &str, folders: &[(&str, &[&str])]) -> Vec<String> {
+        let read = |path: &str| match folders.iter().find(|(folder, _)| *folder == path) {
+            Some((_, names)) => Ok(Content::Folder(names.iter().map(|name| (*name).to_owned()).collect())),
+            None if path.ends_with("lost.dca") => Err("no such file".to_owned()),
+            None => Ok(Content::File("use \".\";".to_owned())),
+        };
+        let parts = gather(&Source::new("home/spec.dca", spec), &read);
+        parts
+            .into_iter()
+            .map(|part| match part.role {
+                Role::Part | Role::Whole => part.name,
+                Role::Folder(paths) => format!("{}: {}", part.name, paths.join(" ")),
+                Role::Missing(why) => format!("{}! {why}", part.name),
+            })
+            .collect()
+    }
+
+    #[test]
+    fn folders_are_taken_in_the_order_of_names() {
+        let arms: (&str, &[&str]) = ("home/arms", &["b.dca", "README.md", ".#a.dca", "a.dca", "lost.dca"]);
+        assert_eq!(
+            roles("use \"arms/\"; use \"arms/b.dca\";", &[arms]),
+            [
+                "home/arms: home/arms/a.dca home/arms/b.dca home/arms/lost.dca",
+                "home/arms/a.dca",
+                "home/arms/b.dca",
+                "home/arms/lost.dca! no such file"
+            ]
+        );
+        // A spec that uses the folder it is in is not taken twice.
+        assert_eq!(
+            roles("use \".\";", &[("home", &["spec.dca", "inner.dca"]), ("home/inner.dca", &[])]),
+            ["home: home/inner.dca home/spec.dca", "home/inner.dca! it is a folder"]
+        );
+        assert_eq!(roles("use \"arms\";", &[("home/arms", &["a.txt"])]), ["home/arms! the folder has no `.dca` files"]);
+        let many: Vec<String> = (0..FILES_MAX).map(|number| format!("{number}.dca")).collect();
+        let many: Vec<&str> = many.iter().map(String::as_str).collect();
+        let why = "home/arms! a spec uses at most 1000 files, and there are 1000 more in the folder";
+        assert_eq!(roles("use \"arms\";", &[("home/arms", &many)]), [why]);
     }
 }

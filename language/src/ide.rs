@@ -31,7 +31,7 @@ mod words;
 
 use crate::check::{self, spec::Spec};
 use crate::plan::Plan;
-use crate::source::{Origin, Source, Span};
+use crate::source::{Origin, Role, Source, Span};
 use crate::syntax::ast::Node;
 use crate::syntax::{SyntaxToken, parse};
 use crate::{Diagnostic, Options};
@@ -112,7 +112,8 @@ impl Analysis {
         }
     }
 
-    /// Returns where the name at a byte offset of the spec is declared, or the beginning of the file that a `use` names.
+    /// Returns where the name at a byte offset of the spec is declared, or the beginning of the file that a `use` names; of a
+    /// folder that of its first file.
     pub fn definition(&self, offset: usize) -> Option<Span> {
         if let Some(symbol) = self.index().at(offset) {
             return Some(self.index().symbols[symbol].declaration);
@@ -120,8 +121,13 @@ impl Analysis {
         let token = self.token_at(offset)?;
         let path = Node::new(token.parent()?, Origin::Spec);
         let used = crate::gather::uses(&self.trees()[0]).into_iter().find(|used| path.span().contains(used.span))?;
-        let name = crate::gather::resolve(&self.spec.name, &used.text);
-        let place = self.others.iter().position(|other| other.name == name && other.role == crate::Role::Part)?;
+        let path = crate::gather::resolve(&self.spec.name, &used.text);
+        let first = self.others.iter().find_map(|other| match &other.role {
+            Role::Folder(paths) if other.name == path => paths.first(),
+            Role::Folder(_) | Role::Part | Role::Whole | Role::Missing(_) => None,
+        });
+        let path = first.unwrap_or(&path);
+        let place = self.others.iter().position(|other| other.name == *path && other.role == Role::Part)?;
         Some(Span { origin: Origin::Interface(u32::try_from(place).ok()?), start: 0, end: 0 })
     }
 

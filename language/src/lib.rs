@@ -47,7 +47,7 @@ pub mod syntax;
 pub use diagnostic::{Code, Diagnostic, Edit, Fix, Label, Severity, Style, apply_fixes, render};
 pub use fix::fix;
 pub use format::format;
-pub use gather::gather;
+pub use gather::{Content, gather};
 pub use graph::{Graph, graph};
 pub use simulate::{Chance, Ending, Happening, Simulation, SimulationError, What};
 pub use source::{Origin, Position, Role, SOURCE_MAX, Source, Span};

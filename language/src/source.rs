@@ -21,7 +21,9 @@ pub enum Role {
     Whole,
     /// A file that the spec uses, directly or through others.
     Part,
-    /// A file that it uses but that could not be read, for this reason.
+    /// A folder that it uses: the names of the specs in it, each a part. The text is empty.
+    Folder(Vec<String>),
+    /// A file or folder that it uses but that could not be read, for this reason.
     Missing(String),
 }
 

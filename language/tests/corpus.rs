@@ -1,8 +1,11 @@
 //! Every file of the corpus says what it always said.
 //!
 //! `name.dca` is compiled alone and compared with `name.expected`; where there is a `name.interface`, it is compiled with
-//! these interfaces too and compared with `name.interface.expected`. Files that a spec uses are in `parts/`.
+//! these interfaces too and compared with `name.interface.expected`. Files that a spec uses are in `parts/`, folders beside.
 //! `UPDATE_EXPECT=1` writes the expected files anew.
+
+#[path = "disk/content.rs"]
+mod disk;
 
 use language::algebra::Program;
 use language::plan::{Arm, Expression, Group, LeafPort, MemberKind, Plan, Policy, Retention};
@@ -59,8 +62,7 @@ fn check(path: &Path, interfaces: &[Source], expected: &Path) {
 
 /// The files that a spec uses, and the interfaces.
 fn with_parts(spec: &Source, interfaces: &[Source]) -> Vec<Source> {
-    let read = |path: &str| std::fs::read_to_string(corpus().join(path)).map_err(|_error| "no such file".to_owned());
-    let mut parts = gather(spec, &read);
+    let mut parts = gather(spec, &|path| disk::content(&corpus().join(path)));
     parts.extend_from_slice(interfaces);
     parts
 }

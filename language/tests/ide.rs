@@ -1,8 +1,11 @@
 //! What an editor is told: each case is a text with `$0` where the cursor is.
 
+#[path = "disk/content.rs"]
+mod disk;
+
 use language::ide::{Analysis, CompletionKind, Declaration, rename};
 use language::plan::Plan;
-use language::{Options, Role, Source, Span, gather};
+use language::{Content, Options, Role, Source, Span, gather};
 use std::path::{Path, PathBuf};
 
 /// What the programs of the cases say of themselves.
@@ -288,7 +291,11 @@ fn names_change_everywhere_or_nowhere() {
 #[test]
 fn names_are_found_in_other_files() {
     let arm = "module Arm(host, speed) { done; }\nprocess Two() { instantiated_processes { a instof Arm(c1, 1); } internal_event_actions { a } }";
-    let read = |path: &str| if path == "arm.dca" { Ok(arm.to_owned()) } else { Err("no such file".to_owned()) };
+    let read = |path: &str| match path {
+        "arm.dca" | "arms/arm.dca" => Ok(Content::File(arm.to_owned())),
+        "arms" => Ok(Content::Folder(vec!["arm.dca".to_owned()])),
+        _ => Err("no such file".to_owned()),
+    };
     let spec = Source::new(
         "door.dca",
         "use \"arm.dca\";\nprocess main() { instantiated_processes { b instof Arm(c1, speed = 2); two instof Two(); } internal_event_actions { b ; two } }",
@@ -300,6 +307,11 @@ fn names_are_found_in_other_files() {
     let file = analysis.definition(spec.text.find("arm.dca").unwrap()).unwrap();
     assert_eq!((analysis.source(file).name.as_str(), file.start), ("arm.dca", 0));
     assert_eq!(analysis.others()[0].role, Role::Part);
+    // A folder leads to its first file.
+    let spec = Source::new("door.dca", "use \"arms\";");
+    let folder = Analysis::new(spec.clone(), gather(&spec, &read), &Options::named("door"));
+    let file = folder.definition(6).unwrap();
+    assert_eq!((folder.source(file).name.as_str(), file.start), ("arms/arm.dca", 0));
     // The file that is used alone knows the same declaration.
     let own = Analysis::new(Source::new("arm.dca", arm), Vec::new(), &Options::named("arm"));
     let declaration = own.declaration(arm.find("Arm").unwrap()).unwrap();
@@ -318,11 +330,10 @@ fn corpus() -> Vec<Analysis> {
     let mut paths: Vec<PathBuf> = entries.filter_map(|entry| Some(entry.ok()?.path())).collect();
     paths.retain(|path| path.extension().is_some_and(|extension| extension == "dca"));
     paths.sort();
-    let read = |name: &str| std::fs::read_to_string(folder.join(name)).map_err(|error| error.to_string());
     let analysis = |path: PathBuf| {
         let text = std::fs::read_to_string(&path).expect("a file of the corpus is text");
         let spec = Source::new(path.file_name().unwrap_or_default().to_string_lossy(), text);
-        let mut others = gather(&spec, &read);
+        let mut others = gather(&spec, &|name| disk::content(&folder.join(name)));
         let interface = std::fs::read_to_string(path.with_extension("interface"));
         others.extend(interface.ok().map(|text| Source::new("interface", text)));
         Analysis::new(spec, others, &Options::named("corpus"))

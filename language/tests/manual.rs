@@ -17,6 +17,9 @@
 //!
 //! A picture after a `sim` block is the chart of that simulation, any other the graph of the spec before.
 
+#[path = "disk/content.rs"]
+mod disk;
+
 use language::syntax::{SyntaxKind, lex};
 use language::{Chance, Code, Compiled, Options, Severity, Simulation, Source, Style};
 use language::{compile, format, gather, graph, render};
@@ -310,8 +313,7 @@ fn examples() -> BTreeMap<Code, String> {
     let mut shortest: BTreeMap<Code, String> = BTreeMap::new();
     for path in files(&corpus, "dca") {
         let spec = Source::new("spec.dca", read(&path));
-        let part = |path: &str| std::fs::read_to_string(corpus.join(path)).map_err(|_error| "no such file".to_owned());
-        let mut others = gather(&spec, &part);
+        let mut others = gather(&spec, &|path| disk::content(&corpus.join(path)));
         let interface = path.with_extension("interface");
         others.extend(interface.exists().then(|| Source::new("controllers", read(&interface))));
         for found in compile(&spec, &others, &Options::named("spec")).diagnostics {

@@ -138,6 +138,28 @@ fn files_are_taken_from_the_editor_before_the_disk() {
     std::fs::remove_dir_all(folder).unwrap();
 }
 
+#[test]
+fn a_folder_is_known_when_a_file_comes_into_it() {
+    let folder = std::env::temp_dir().join(format!("dca-lsp-folder-{}", std::process::id()));
+    std::fs::create_dir_all(folder.join("parts")).unwrap();
+    std::fs::write(folder.join("parts/arm.dca"), "module Arm(host) { done; }").unwrap();
+    let door = format!("file://{}", folder.join("door.dca").display());
+    let mut editor = Editor::ready(NOBODY, &json!({}));
+    let text = "use \"parts\";\nprocess main() { instantiated_processes { a instof Arm(c1); b instof Leg(c1); } internal_event_actions { a , b } }";
+    editor.open(&door, text);
+    let place = |name: &str| at(&door, 1, u32::try_from(text.lines().nth(1).unwrap().find(name).unwrap()).unwrap());
+    assert!(
+        editor.ask("textDocument/definition", &place("Arm"))["result"]["uri"].as_str().unwrap().ends_with("arm.dca")
+    );
+    assert_eq!(editor.ask("textDocument/definition", &place("Leg"))["result"], Value::Null);
+    std::fs::write(folder.join("parts/leg.dca"), "module Leg(host) { done; }").unwrap();
+    let leg = format!("file://{}", folder.join("parts/leg.dca").display());
+    editor.notify("workspace/didChangeWatchedFiles", &json!({"changes": [{"uri": leg, "type": 1}]}));
+    assert_eq!(editor.ask("textDocument/definition", &place("Leg"))["result"]["uri"], json!(leg));
+    assert!(editor.end().success());
+    std::fs::remove_dir_all(folder).unwrap();
+}
+
 /// Makes a program that tells this interface. Another process writes it: one that is still open here could not be run.
 fn tells(program: &Path, interface: &str) {
     let script =

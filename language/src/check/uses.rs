@@ -1,23 +1,51 @@
-//! Files that are used but are not there.
+//! Files and folders that are used but are not there.
 
 use crate::diagnostic::{Code, Diagnostic};
-use crate::gather::{normal, resolve, uses};
+use crate::gather::{FILES_MAX, normal, resolve, uses};
 use crate::source::{Role, Source};
-use crate::syntax::ast::Node;
+use crate::syntax::ast::{Name, Node};
+use std::collections::BTreeMap;
 
-/// Reports each `use` of a file that could not be read.
-pub(super) fn check(file: &Node, source: &Source, spec: &Source, others: &[Source], diagnostics: &mut Vec<Diagnostic>) {
-    for used in uses(file) {
-        let path = resolve(&source.name, &used.text);
-        let found = others.iter().find(|other| other.name == path && other.role != Role::Whole);
-        let why = match found.map(|found| &found.role) {
-            Some(Role::Missing(why)) => why.as_str(),
-            Some(Role::Part | Role::Whole) => continue,
-            None if normal(&spec.name) == path => continue,
-            None => "nobody has read it",
-        };
-        let message = format!("cannot read `{}`: {why}", used.text);
-        let diagnostic = Diagnostic::new(Code::E0010, used.span, message);
-        diagnostics.push(diagnostic.help(format!("a path is relative to the file that it is written in: `{path}`")));
+/// The files and folders at hand, by their paths.
+pub(super) struct Files<'a> {
+    spec: String,
+    roles: BTreeMap<&'a str, &'a Role>,
+}
+
+impl<'a> Files<'a> {
+    pub(super) fn new(spec: &Source, others: &'a [Source]) -> Self {
+        let files = others.iter().filter(|other| other.role != Role::Whole);
+        let roles = files.map(|file| (file.name.as_str(), &file.role)).collect();
+        Self { spec: normal(&spec.name), roles }
     }
+
+    /// Reports each `use` of something that could not be read.
+    pub(super) fn check(&self, file: &Node, user: &str, diagnostics: &mut Vec<Diagnostic>) {
+        for used in uses(file) {
+            let path = resolve(user, &used.text);
+            match self.roles.get(path.as_str()) {
+                Some(Role::Part | Role::Whole) => {}
+                Some(Role::Missing(why)) => {
+                    let help = format!("a path is relative to the file that it is written in: `{path}`");
+                    diagnostics.push(unreadable(&used, &used.text, why).help(help));
+                }
+                Some(Role::Folder(inner)) => {
+                    for path in inner {
+                        if let Some(Role::Missing(why)) = self.roles.get(path.as_str()) {
+                            diagnostics.push(unreadable(&used, path, why).label("it is in this folder"));
+                        }
+                    }
+                }
+                None if self.spec == path => {}
+                None if self.roles.len() >= FILES_MAX => {
+                    diagnostics.push(unreadable(&used, &used.text, &format!("a spec uses at most {FILES_MAX} files")));
+                }
+                None => diagnostics.push(unreadable(&used, &used.text, "nobody has read it")),
+            }
+        }
+    }
+}
+
+fn unreadable(used: &Name, path: &str, why: &str) -> Diagnostic {
+    Diagnostic::new(Code::E0010, used.span, format!("cannot read `{path}`: {why}"))
 }

@@ -63,7 +63,7 @@ words! {
     Item "type" "type ${1:Name} = { ${2:field}: ${3:Number} };"
         "A record, or another name for a type. Values of a record are written `{ field = 1 }`."
     Item "use" "use \"$0\";"
-        "What another file declares; its path is relative to this one."
+        "What another file declares, or all `.dca` files of a folder; the path is relative to this file."
     Section "host" "host{$0}"
         "Where the supervisor of this group runs, and what of it names no host of its own."
     Section "instantiated_processes" "instantiated_processes{\n    $0\n}"

@@ -8,9 +8,14 @@ use crate::cli::{Controllers, Failure, fix, output};
 use crate::io::programs;
 use anyhow::Context;
 use language::plan::Plan;
-use language::{Compiled, Diagnostic, Options, Origin, Severity, Source, Span, Style, compile, gather, render};
+use language::{
+    Compiled, Content, Diagnostic, Options, Origin, Severity, Source, Span, Style, compile, gather, render,
+};
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
+
+/// The most files of a folder that a spec uses, specs or not.
+const ENTRIES_MAX: usize = 10_000;
 
 /// What `dca check` is told.
 #[derive(Debug, clap::Args)]
@@ -123,10 +128,26 @@ fn interfaces(controllers: &Controllers) -> Result<Vec<Source>, Failure> {
 
 /// The texts that a spec is compiled with: the files it uses, and the interfaces of the controllers.
 pub(crate) fn others(spec: &Source, controllers: &Controllers) -> Result<Vec<Source>, Failure> {
-    let read = |path: &str| std::fs::read_to_string(path).map_err(|error| error.to_string());
-    let mut others = gather(spec, &read);
+    let mut others = gather(spec, &|path| match entries(path) {
+        Some(entries) => entries.map(Content::Folder),
+        None => std::fs::read_to_string(path).map(Content::File).map_err(|error| error.to_string()),
+    });
     others.extend(interfaces(controllers)?);
     Ok(others)
+}
+
+/// The names of what is in a folder; nothing if the path names no folder.
+pub(crate) fn entries(path: &str) -> Option<Result<Vec<String>, String>> {
+    let told = |error: std::io::Error| error.to_string();
+    let folder = Path::new(path).is_dir().then(|| std::fs::read_dir(path))?;
+    let names = folder.map_err(told).and_then(|folder| {
+        let names = folder.take(ENTRIES_MAX + 1).map(|entry| Ok(entry?.file_name().to_string_lossy().into_owned()));
+        names.collect::<Result<Vec<String>, _>>().map_err(told)
+    });
+    Some(match names {
+        Ok(names) if names.len() > ENTRIES_MAX => Err(format!("more than {ENTRIES_MAX} files are in the folder")),
+        names => names,
+    })
 }
 
 /// The options for the spec of a file.

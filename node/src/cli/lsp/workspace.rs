@@ -3,8 +3,9 @@
 use super::disk;
 use super::interfaces::Interfaces;
 use super::position::{Encoding, Lines};
+use crate::cli::check;
 use language::ide::Analysis;
-use language::{Options, Role, Source, gather};
+use language::{Content, Options, Role, Source, gather};
 use lsp_types::{Range, TextDocumentContentChangeEvent};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -113,7 +114,11 @@ impl Workspace {
     /// Throws away what was made of a text.
     pub(super) fn forget(&mut self, path: &str) {
         for document in self.documents.values_mut() {
-            let is_part = |analysis: &Rc<Analysis>| analysis.others().iter().any(|other| other.name == path);
+            // A new file may belong to a folder that is used.
+            let folder = path.rsplit_once('/').map_or(".", |(folder, _)| folder);
+            let names =
+                |other: &Source| other.name == path || matches!(&other.role, Role::Folder(_)) && other.name == folder;
+            let is_part = |analysis: &Rc<Analysis>| analysis.others().iter().any(names);
             if document.path == path || document.analysis.as_ref().is_some_and(is_part) {
                 document.analysis = None;
             }
@@ -166,7 +171,7 @@ impl Workspace {
             let Ok(text) = self.read(&other) else { continue };
             let source = Source::new(other, text);
             // Most files have nothing to do with it, and need no more than a look at their `use`.
-            let parts = gather(&source, &|part| self.read(part));
+            let parts = gather(&source, &|part| self.content(part));
             if source.name == path || parts.iter().any(|part| part.name == path) {
                 found.push(Rc::new(self.analyse(source)));
             }
@@ -175,11 +180,19 @@ impl Workspace {
     }
 
     fn analyse(&self, source: Source) -> Analysis {
-        let mut others = gather(&source, &|path| self.read(path));
+        let mut others = gather(&source, &|path| self.content(path));
         others.extend(self.interfaces.sources());
         let name = Path::new(&source.name).file_stem().map_or_else(|| "spec".into(), |stem| stem.to_string_lossy());
         let options = Options::named(name);
         Analysis::new(source, others, &options)
+    }
+
+    /// What a path in a `use` names.
+    fn content(&self, path: &str) -> Result<Content, String> {
+        match check::entries(path) {
+            Some(entries) => entries.map(Content::Folder),
+            None => self.read(path).map(Content::File),
+        }
     }
 
     /// The text of a file: what the editor has of it counts.
