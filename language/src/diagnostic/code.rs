@@ -185,7 +185,7 @@ codes! {
     E0413 Error "waits for itself"
         "What `using` takes is free again when its process has ended. Inside it, the same thing can never be taken."
     W0413 Warning "may wait for each other"
-        "One takes this and then that, the other that and then this. When each has its first, both wait for ever. Take both at once, `using(a, b)`, or always in the same order."
+        "One takes this and then that, the other that and then this, or more of them in a circle. When each has its first, all wait for ever. Take both at once, `using(a, b)`, or always in the same order."
     E0420 Error "outcome without arm"
         "`match` has an arm for each outcome that the process before declares with `done(found | missing);`, or `else` for the rest."
     E0421 Error "unknown outcome"

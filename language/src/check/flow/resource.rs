@@ -1,41 +1,105 @@
 //! `using`: what waits for itself, and what may wait for each other.
+//!
+//! Some `using`s inside of others wait for each other when they form a circle: each wants what the next one has. They only
+//! do so for ever if all of them can run at the same time, so each pair runs side by side and has nothing in common.
 
+use crate::check::names::listed;
 use crate::check::spec::{Expr, ExprKind, Path, Process, are_parallel};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::source::Span;
 
-/// Of so many nested `using`s each is compared with each.
-const NESTED_MAX: usize = 200;
+/// The longest search for circles, in steps: expressions that were written out may have very many.
+const STEPS_MAX: usize = 200_000;
 
 /// A `using` inside another one.
 struct Nested {
+    /// What the other one has.
     holds: usize,
     wants: usize,
+    /// All that is held there.
+    held: Vec<usize>,
     span: Span,
     path: Path,
 }
 
-/// Reports a `using` that can never start, and pairs of them that take the same things in different orders.
+impl Nested {
+    /// Whether both can wait at the same time.
+    fn is_beside(&self, other: &Self) -> bool {
+        are_parallel(&self.path, &other.path) == Some(true) && self.held.iter().all(|held| !other.held.contains(held))
+    }
+}
+
+/// Reports a `using` that can never start, and circles of them that may wait for each other.
 pub(super) fn check(process: &Process, actions: &Expr, diagnostics: &mut Vec<Diagnostic>) {
     let mut nested = Vec::new();
     collect(process, actions, (&mut Vec::new(), &mut Vec::new()), (&mut nested, diagnostics));
-    if nested.len() > NESTED_MAX {
-        return;
+    let mut search = Search { nested: &nested, steps: 0 };
+    let mut reported = vec![false; nested.len()];
+    // Of two circles through one place the shorter one is the better reason.
+    for length in 2..=process.resources.len().min(nested.len()) {
+        for first in 0..nested.len() {
+            let mut circle = vec![first];
+            if !reported[first] && search.close(&mut circle, length) {
+                circle.iter().for_each(|&part| reported[part] = true);
+                let circle: Vec<&Nested> = circle.iter().map(|&part| &nested[part]).collect();
+                diagnostics.extend(report(process, &circle));
+            }
+        }
     }
-    for (index, one) in nested.iter().enumerate() {
-        let is_crossed = |other: &&Nested| {
-            let crosses = one.holds == other.wants && one.wants == other.holds;
-            crosses && are_parallel(&one.path, &other.path) == Some(true)
-        };
-        let Some(other) = nested[index + 1..].iter().find(is_crossed) else { continue };
-        let name = |index: usize| &process.resources[index].text;
-        let (holds, wants) = (name(other.holds), name(other.wants));
-        let message = format!("`{holds}` and `{wants}` are taken in both orders: each may wait for the other for ever");
-        let diagnostic = Diagnostic::new(Code::W0413, other.span, message);
-        let diagnostic = diagnostic.label(format!("waits for `{wants}` and has `{holds}`"));
-        let diagnostic = diagnostic.reason(one.span, format!("waits for `{holds}` and has `{wants}`"));
-        diagnostics.push(diagnostic.help(format!("take both at once: `using({wants}, {holds})`")));
+}
+
+struct Search<'a> {
+    nested: &'a [Nested],
+    steps: usize,
+}
+
+impl Search<'_> {
+    /// Makes a circle of that length out of its beginning, of which the first part stands first in the text.
+    fn close(&mut self, circle: &mut Vec<usize>, length: usize) -> bool {
+        let (Some(&first), Some(&last)) = (circle.first(), circle.last()) else { return false };
+        let wants = self.nested[last].wants;
+        if circle.len() == length {
+            return wants == self.nested[first].holds;
+        }
+        for next in first + 1..self.nested.len() {
+            self.steps += 1;
+            if self.steps > STEPS_MAX {
+                return false;
+            }
+            let part = &self.nested[next];
+            if part.holds == wants && circle.iter().all(|&other| self.nested[other].is_beside(part)) {
+                circle.push(next);
+                if self.close(circle, length) {
+                    return true;
+                }
+                circle.pop();
+            }
+        }
+        false
     }
+}
+
+fn report(process: &Process, circle: &[&Nested]) -> Option<Diagnostic> {
+    let name = |index: usize| process.resources[index].text.as_str();
+    let label = |part: &Nested| format!("waits for `{}` and has `{}`", name(part.wants), name(part.holds));
+    let (last, others) = circle.split_last()?;
+    let message = match others {
+        [one] => {
+            let (holds, wants) = (name(one.holds), name(one.wants));
+            format!("`{holds}` and `{wants}` are taken in both orders: each may wait for the other for ever")
+        }
+        _ => {
+            let names = listed(circle.iter().map(|part| name(part.holds)));
+            format!("{names} are taken in a circle: each may wait for the next for ever")
+        }
+    };
+    let mut diagnostic = Diagnostic::new(Code::W0413, last.span, message).label(label(last));
+    for other in others {
+        diagnostic = diagnostic.reason(other.span, label(other));
+    }
+    let all: Vec<&str> = circle.iter().map(|part| name(part.holds)).collect();
+    let all_at_once = if others.len() == 1 { "both" } else { "all" };
+    Some(diagnostic.help(format!("take {all_at_once} at once: `using({})`", all.join(", "))))
 }
 
 fn collect(
@@ -53,8 +117,10 @@ fn collect(
                 let diagnostic = Diagnostic::new(Code::E0413, expr.span, message);
                 diagnostics.push(diagnostic.reason(*outer, "taken here").help("take it once"));
             }
-            let edges = held.iter().filter(|(holds, _)| *holds != wants);
-            nested.extend(edges.map(|&(holds, _)| Nested { holds, wants, span: expr.span, path: path.clone() }));
+            for &(holds, _) in held.iter().filter(|(holds, _)| *holds != wants) {
+                let all = held.iter().map(|(held, _)| *held).collect();
+                nested.push(Nested { holds, wants, held: all, span: expr.span, path: path.clone() });
+            }
         }
         held.extend(taken.iter().map(|&taken| (taken, expr.span)));
     }
