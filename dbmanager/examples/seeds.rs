@@ -41,7 +41,7 @@ fn main() -> ExitCode {
 #[expect(clippy::print_stdout, reason = "a program for people")]
 fn plant(seeds: Range<u64>) -> ExitCode {
     let mut survivors = 0;
-    for mutant in Mutant::ALL {
+    for &mutant in Mutant::ALL {
         let by_seed = seeds.clone().find_map(|seed| Some((format!("seed {seed}"), world::run(seed, mutant).err()?)));
         let by_scene = || scenes::ALL.iter().find_map(|(name, scene)| Some(((*name).to_owned(), scene(mutant).err()?)));
         match by_seed.or_else(by_scene) {

@@ -11,7 +11,7 @@
 //! | [`owner`] | who writes below a prefix | terms that fence; conditions there hold for the team |
 //! | [`collect`] | what everybody has | T5 nothing comes back |
 //! | [`record`] | what is on the disk | T4 durability: a batch goes before what promises it |
-//! | [`message`], [`snapshot`] | what replicas say to each other | |
+//! | [`message`], [`news`], [`snapshot`] | what replicas say to each other | |
 //! | [`replica`] | the machine that drives all of it | |
 //! | [`view`] | what people and programs see of it | |
 
@@ -24,6 +24,7 @@ pub mod member;
 pub mod merge;
 pub mod message;
 pub mod mutant;
+pub mod news;
 pub mod owner;
 pub mod random;
 pub mod record;

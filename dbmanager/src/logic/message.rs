@@ -1,10 +1,11 @@
-//! What replicas say to each other: six messages, as data.
+//! What replicas say to each other, as data.
 //!
 //! Pushing is only a shortcut: pulls alone converge. The cut in a [`Pull`] is the token to resume from, and the only digest
 //! that is needed; a connection that is cut costs one chunk. Each message may be lost, repeated, late or out of order.
 
 use crate::logic::clock::{Stamp, Wall};
 use crate::logic::cut::{Cut, Origin};
+use crate::logic::news::News;
 use crate::logic::snapshot::{Manifest, Name};
 use crate::logic::txn::{Frame, Link};
 use serde::{Deserialize, Serialize};
@@ -17,7 +18,7 @@ pub const CHUNK_SIZE_MAX: usize = 64 << 10;
 /// A message. Append only.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Message {
-    /// To all: new transactions.
+    /// To all: new transactions, as they are.
     Push(Vec<Frame>),
     /// To all, from time to time: who is here, and in which state.
     Hello(Hello),
@@ -36,6 +37,8 @@ pub enum Message {
     },
     /// To one who waits for it: what I have, durably.
     Ack(Cut),
+    /// To all: new transactions of mine, for who has the one before them.
+    News(News),
 }
 
 /// Who is here.

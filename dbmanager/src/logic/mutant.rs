@@ -2,12 +2,25 @@
 //!
 //! Without the feature `mutants` each question below is answered "no" at compile time.
 
-/// A planted bug.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Mutant {
-    /// No bug.
-    #[default]
-    None,
+macro_rules! bugs {
+    ($($(#[$story:meta])* $bug:ident,)*) => {
+        /// A planted bug.
+        #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+        pub enum Mutant {
+            /// No bug.
+            #[default]
+            None,
+            $($(#[$story])* $bug,)*
+        }
+
+        impl Mutant {
+            /// Every planted bug.
+            pub const ALL: &[Self] = &[$(Self::$bug),*];
+        }
+    };
+}
+
+bugs! {
     /// A write does not replace what it saw.
     ContextIgnored,
     /// A write replaces what it did not see.
@@ -111,60 +124,6 @@ pub enum Mutant {
 }
 
 impl Mutant {
-    /// Every planted bug.
-    pub const ALL: [Self; 50] = [
-        Self::ContextIgnored,
-        Self::SiblingsDropped,
-        Self::TombstoneAtOnce,
-        Self::AckFirst,
-        Self::ReachableOnly,
-        Self::WallClock,
-        Self::StampsUnseen,
-        Self::GuardOpen,
-        Self::GapTaken,
-        Self::HalfApplied,
-        Self::AckBeforeDisk,
-        Self::SnapshotLoses,
-        Self::Reuse,
-        Self::RejoinForgets,
-        Self::FloorForgotten,
-        Self::RetireAtOnce,
-        Self::RetiredServed,
-        Self::PushOnly,
-        Self::PullForEver,
-        Self::NoRelay,
-        Self::JoinerUncounted,
-        Self::LogCutAtOwn,
-        Self::LastArrivalWins,
-        Self::TicketForgotten,
-        Self::SelfCounted,
-        Self::HeadsWithoutContext,
-        Self::ClockForgotten,
-        Self::EpochUnseen,
-        Self::TakesForgotten,
-        Self::HeadNotStored,
-        Self::VersionsNotStored,
-        Self::StandOff,
-        Self::SnapshotWithoutDeletions,
-        Self::EraseForgotten,
-        Self::SentIsHad,
-        Self::PushedIsHad,
-        Self::PairsNoConflict,
-        Self::ConditionsIgnored,
-        Self::OwnersIgnored,
-        Self::ShownTwice,
-        Self::NotShown,
-        Self::ForksUnseen,
-        Self::ArrivalForgotten,
-        Self::DownloadForEver,
-        Self::SetBackUntold,
-        Self::GoneServed,
-        Self::LogNeverCut,
-        Self::DeletionsForEver,
-        Self::ToldForgotten,
-        Self::ClockNotMoved,
-    ];
-
     /// Returns whether `bug` is planted.
     pub(crate) const fn is(self, bug: Self) -> bool {
         cfg!(feature = "mutants") && self as u8 == bug as u8

@@ -19,13 +19,14 @@
 //! large goes beside them: a value names it by its hash. A robot that needs bulk with a history of its own runs a second
 //! replica as a team of its own, whose messages the driver sends with less priority.
 //!
-//! `sync` talks to peers, `commit` writes, `join` begins anew, `bring` says with what, `hold` keeps what cannot be read.
+//! `sync` talks to peers, `take` takes what they wrote, `commit` writes, `join` begins anew, `bring` says with what, `hold` keeps what cannot be read.
 
 mod bring;
 mod commit;
 mod hold;
 mod join;
 mod sync;
+mod take;
 
 use crate::logic::clock::{Clock, Stamp, Wall};
 use crate::logic::collect::{Acks, Stable};

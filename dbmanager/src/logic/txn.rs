@@ -233,11 +233,26 @@ impl Frame {
     /// # Errors
     /// If there is none.
     pub fn header(&self) -> Result<Header, FrameError> {
+        self.split().map(|(header, _)| header)
+    }
+
+    /// Reads its place in history, of any format, and returns the bytes behind it.
+    ///
+    /// # Errors
+    /// If there is none.
+    pub fn split(&self) -> Result<(Header, &[u8]), FrameError> {
         if self.body.len() > TXN_SIZE_MAX + REBASE_SIZE_MAX {
             return Err(FrameError::Long { size: self.body.len() });
         }
-        let header = postcard::take_from_bytes(&self.body).map(|(header, _)| header);
-        header.map_err(|cause| FrameError::Body { cause })
+        postcard::take_from_bytes(&self.body).map_err(|cause| FrameError::Body { cause })
+    }
+
+    /// Returns a frame of these two parts.
+    pub(crate) fn join(format: u8, header: &Header, rest: &[u8]) -> Self {
+        // Encoding to memory fails for lengths that are not known beforehand only, and a header has none.
+        let mut body = postcard::to_stdvec(header).unwrap_or_default();
+        body.extend(rest);
+        Self { format, body }
     }
 
     /// Returns what the next frame of the origin calls it.

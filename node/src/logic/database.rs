@@ -398,7 +398,9 @@ impl Database {
                     Some((asked, _)) => Effect::Reply(asked, Some(letter(message))),
                     None => Effect::Tell(to, letter(message)),
                 },
-                Message::Push(_) | Message::Hello(_) | Message::Ack(_) => Effect::Tell(to, letter(message)),
+                Message::Push(_) | Message::News(_) | Message::Hello(_) | Message::Ack(_) => {
+                    Effect::Tell(to, letter(message))
+                }
             }),
             replica::Effect::Answer(call, answer) => self.answered(call, answer, effects),
             replica::Effect::Visible(_, frame) => self.visible(&frame),

@@ -8,6 +8,7 @@ use crate::logic::log::Head;
 use crate::logic::member;
 use crate::logic::message::{Message, PUSH_SIZE_MAX};
 use crate::logic::mutant::Mutant;
+use crate::logic::news::News;
 use crate::logic::owner::{self, Owner};
 use crate::logic::state::Seen;
 use crate::logic::txn::{Condition, Draft, Frame, Grant, Rebase, Require, Txn, TxnError, Write};
@@ -77,7 +78,7 @@ impl Replica {
 
     /// Commits what callers want.
     pub(super) fn commit_all(&mut self, now: Time, requests: Vec<Request>, effects: &mut Vec<Effect>) {
-        let mut frames = Vec::new();
+        let (before, mut frames) = (self.own_head(), Vec::new());
         for Request { ticket, draft, level, until } in requests {
             if draft.is_local() {
                 let answer = self.commit_local(now, &draft).map_or_else(Answer::Refused, Answer::Committed);
@@ -107,7 +108,7 @@ impl Replica {
                 self.waiting.0.insert(ticket, (dot, level, until));
             }
         }
-        self.push(now, frames, effects);
+        self.push(now, (before, frames), effects);
     }
 
     /// Writes what never leaves the robot. Its dot has no origin.
@@ -157,10 +158,11 @@ impl Replica {
 
     /// Commits what the database itself writes.
     pub(super) fn system(&mut self, now: Time, change: Change, effects: &mut Vec<Effect>) {
+        let before = self.own_head();
         match self.commit(now, change) {
             Ok((dot, frame)) => {
                 effects.push(Effect::Visible(dot, frame.clone()));
-                self.push(now, vec![frame], effects);
+                self.push(now, (before, vec![frame]), effects);
             }
             Err(_exhausted) => effects.push(Effect::Alarm(Alarm::Malformed(self.identity.origin))),
         }
@@ -240,8 +242,7 @@ impl Replica {
         let origin = self.identity.origin;
         let mut clock = self.clock.clone();
         let mut stamp = clock.tick(now, self.wall).ok_or(TxnError::Clock)?;
-        let none = Head::default();
-        let head = self.log.head(origin).unwrap_or(&none);
+        let head = self.own_head();
         if self.config.mutant.is(Mutant::WallClock) {
             stamp = Stamp { epoch: 0, hlc: (self.wall.millis << 16).max(head.stamp.hlc + 1), origin };
         }
@@ -266,8 +267,12 @@ impl Replica {
         Ok((txn.dot(), frame))
     }
 
-    /// Tells others of new transactions, unless they are long: those are pulled.
-    fn push(&mut self, now: Time, frames: Vec<Frame>, effects: &mut Vec<Effect>) {
+    fn own_head(&self) -> Head {
+        self.log.head(self.identity.origin).cloned().unwrap_or_default()
+    }
+
+    /// Tells others of new transactions and the head before them, unless they are long: those are pulled.
+    fn push(&mut self, now: Time, (before, frames): (Head, Vec<Frame>), effects: &mut Vec<Effect>) {
         if frames.is_empty() || !self.is_member() {
             return;
         }
@@ -277,7 +282,8 @@ impl Replica {
             if self.config.mutant.is(Mutant::PushedIsHad) {
                 self.members.active().for_each(|(origin, _)| self.acks.note(origin, self.log.cut()));
             }
-            effects.push(Effect::Broadcast(Message::Push(frames)));
+            let news = News::of(before, &frames);
+            effects.push(Effect::Broadcast(news.map_or(Message::Push(frames), Message::News)));
         }
     }
 }

@@ -6,19 +6,14 @@
 //! more. A pull without an answer is over after [`PULL_TIME`], and the peer is left alone for a while that doubles. A push
 //! that cannot be applied is dropped, and pulled instead. How much is asked for at a time follows the speed of the link, so
 //! that neither an answer nor what is urgent is late on a slow one.
-//!
-//! *Set back.* A store that was set back without a witness shows in two ways: others know more of its own transactions than
-//! itself ([`Chunk::Fork`]), or it says that it has less than it said before ([`Chunk::Behind`]). Either way it begins anew. Of the
-//! second nobody knows any more if all that had heard it were started again since; nor does it help who has
-//! applied something meanwhile that was written without the lost deletions. Then digests differ, and there is an alarm.
 
 use super::{Alarm, Effect, Replica};
-use crate::logic::cut::{Cut, Dot, Origin};
-use crate::logic::log::{Head, Verdict};
+use crate::logic::cut::Origin;
+use crate::logic::log::Head;
 use crate::logic::message::{CHUNK_SIZE_MAX, Chunk, Hello, Join, Message, Pull};
 use crate::logic::mutant::Mutant;
 use crate::logic::record::Past;
-use crate::logic::txn::{FORMAT, Frame, FrameError, Link};
+use crate::logic::txn::FORMAT;
 use comms::logic::time::Time;
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -203,10 +198,15 @@ impl Replica {
                     self.sync.ahead(from, now + PULL_AFTER_PUSH);
                 }
             }
+            Message::News(news) if self.is_member() && !stranger => {
+                if self.take_news(now, (from, &news), effects) {
+                    self.sync.ahead(from, now + PULL_AFTER_PUSH);
+                }
+            }
             Message::Ack(cut) if self.members.is_active(from) => {
                 self.acks.note(from, &cut);
             }
-            Message::Push(_) | Message::Ack(_) => {}
+            Message::Push(_) | Message::News(_) | Message::Ack(_) => {}
         }
         self.settle_tickets(now, effects);
         self.pull(now, effects);
@@ -362,67 +362,6 @@ impl Replica {
             // What was said first was heard last.
             Chunk::Behind(_) => self.sync.ahead(from, now),
         }
-    }
-
-    /// Returns what to answer a member who has less than it has said to have. Others may have dropped deletions because of
-    /// that, so it must not go on under its name.
-    fn behind(&self, from: Origin, cut: &Cut) -> Option<Effect> {
-        let said =
-            self.acks.said(from).filter(|said| !cut.dominates(said) && !self.config.mutant.is(Mutant::SetBackUntold));
-        said.map(|said| Effect::Send(from, Message::Chunk(Chunk::Behind(said.clone()))))
-    }
-
-    /// A peer knows the own transaction `seq` by this link.
-    pub(super) fn take_fork(&mut self, now: Time, (seq, link): (u64, Link), effects: &mut Vec<Effect>) {
-        let origin = self.identity.origin;
-        if self.identity.joining.is_some() || self.config.mutant.is(Mutant::Reuse) {
-            return;
-        }
-        // If that frame is gone, the next one still says what it was.
-        let next = || Some(self.log.frame(Dot { origin, seq: seq.checked_add(1)? })?.open().ok()?.prev);
-        let known = self.log.frame(Dot { origin, seq }).map(Frame::link).or_else(next);
-        let none = Head::default();
-        let head = self.log.head(origin).unwrap_or(&none);
-        let older = seq > head.seq || seq == head.seq && link != head.link;
-        if older || known.is_some_and(|known| known != link) {
-            self.rejoin(now, true, effects);
-        }
-    }
-
-    /// Applies frames; returns whether one could not be.
-    fn take_frames(&mut self, now: Time, (from, frames): (Origin, Vec<Frame>), effects: &mut Vec<Effect>) -> bool {
-        let mut missing = false;
-        let mut waiting: Vec<Origin> = Vec::new();
-        for frame in frames {
-            let waits = frame.open().ok().filter(|txn| txn.wants_ack).map(|txn| txn.stamp.origin);
-            let origin = frame.open().map(|txn| txn.stamp.origin);
-            match self.apply(now, frame.clone(), effects) {
-                Ok(Verdict::Next) => waiting.extend(waits.filter(|origin| !waiting.contains(origin))),
-                Ok(Verdict::Known) => {}
-                Ok(Verdict::Early) => missing |= !self.hold(&frame),
-                Ok(Verdict::Fork) => {
-                    let origin = origin.unwrap_or(from);
-                    let head = self.log.head(origin).cloned().unwrap_or_default();
-                    effects.push(Effect::Alarm(Alarm::Fork(origin)));
-                    effects.push(Effect::Send(origin, Message::Chunk(Chunk::Fork { seq: head.seq, link: head.link })));
-                    missing = true;
-                }
-                Err(FrameError::Format { format }) => {
-                    effects.push(Effect::Alarm(Alarm::NeedsUpgrade(format)));
-                    missing |= !self.hold(&frame);
-                }
-                Err(FrameError::Long { .. } | FrameError::Body { .. }) => {
-                    effects.push(Effect::Alarm(Alarm::Malformed(from)));
-                    missing = true;
-                }
-            }
-        }
-        if !self.batch.is_empty() {
-            self.sync.changed(now);
-        }
-        let cut = self.log.cut();
-        effects.extend(waiting.into_iter().map(|origin| Effect::Send(origin, Message::Ack(cut.clone()))));
-        missing
     }
 
     fn answer_retired(&mut self, now: Time, (from, message): (Origin, &Message), effects: &mut Vec<Effect>) {

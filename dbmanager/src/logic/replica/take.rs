@@ -1,0 +1,102 @@
+//! Taking what others have written, and noticing that a store was set back or copied.
+//!
+//! *Rule.* Frames are applied in the order in which they come; what does not fit is held, or pulled again.
+//!
+//! *Set back.* A store that was set back without a witness shows in two ways: others know more of its own transactions than
+//! itself ([`Chunk::Fork`]), or it says that it has less than it said before ([`Chunk::Behind`]). Either way it begins anew. Of the
+//! second nobody knows any more if all that had heard it were started again since; nor does it help who has
+//! applied something meanwhile that was written without the lost deletions. Then digests differ, and there is an alarm.
+
+use super::{Alarm, Effect, Replica};
+use crate::logic::cut::{Cut, Dot, Origin};
+use crate::logic::log::{Head, Verdict};
+use crate::logic::message::{Chunk, Message};
+use crate::logic::mutant::Mutant;
+use crate::logic::news::News;
+use crate::logic::txn::{Frame, FrameError, Link};
+use comms::logic::time::Time;
+
+impl Replica {
+    /// Applies frames; returns whether one could not be.
+    pub(super) fn take_frames(
+        &mut self,
+        now: Time,
+        (from, frames): (Origin, Vec<Frame>),
+        effects: &mut Vec<Effect>,
+    ) -> bool {
+        let mut missing = false;
+        let mut waiting: Vec<Origin> = Vec::new();
+        for frame in frames {
+            let waits = frame.open().ok().filter(|txn| txn.wants_ack).map(|txn| txn.stamp.origin);
+            let origin = frame.open().map(|txn| txn.stamp.origin);
+            match self.apply(now, frame.clone(), effects) {
+                Ok(Verdict::Next) => waiting.extend(waits.filter(|origin| !waiting.contains(origin))),
+                Ok(Verdict::Known) => {}
+                Ok(Verdict::Early) => missing |= !self.hold(&frame),
+                Ok(Verdict::Fork) => {
+                    self.tell_fork(origin.unwrap_or(from), effects);
+                    missing = true;
+                }
+                Err(FrameError::Format { format }) => {
+                    effects.push(Effect::Alarm(Alarm::NeedsUpgrade(format)));
+                    missing |= !self.hold(&frame);
+                }
+                Err(FrameError::Long { .. } | FrameError::Body { .. }) => {
+                    effects.push(Effect::Alarm(Alarm::Malformed(from)));
+                    missing = true;
+                }
+            }
+        }
+        if !self.batch.is_empty() {
+            self.sync.changed(now);
+        }
+        let cut = self.log.cut();
+        effects.extend(waiting.into_iter().map(|origin| Effect::Send(origin, Message::Ack(cut.clone()))));
+        missing
+    }
+
+    /// Takes what a peer has written after the head that is known here; returns whether something is missing.
+    pub(super) fn take_news(&mut self, now: Time, (from, news): (Origin, &News), effects: &mut Vec<Effect>) -> bool {
+        if let Some(frames) = news.frames(from, self.log.head(from).cloned().unwrap_or_default()) {
+            return self.take_frames(now, (from, frames), effects);
+        }
+        let known = |seq| self.log.frame(Dot { origin: from, seq }).map(Frame::link);
+        let forks = news.links().any(|(seq, link)| known(seq).is_some_and(|known| known != link));
+        if forks && !self.config.mutant.is(Mutant::ForksUnseen) {
+            self.tell_fork(from, effects);
+        }
+        forks || news.links().any(|(seq, _)| seq > self.log.cut().get(from))
+    }
+
+    /// An origin has used a number twice.
+    fn tell_fork(&self, origin: Origin, effects: &mut Vec<Effect>) {
+        let head = self.log.head(origin).cloned().unwrap_or_default();
+        effects.push(Effect::Alarm(Alarm::Fork(origin)));
+        effects.push(Effect::Send(origin, Message::Chunk(Chunk::Fork { seq: head.seq, link: head.link })));
+    }
+
+    /// A peer knows the own transaction `seq` by this link.
+    pub(super) fn take_fork(&mut self, now: Time, (seq, link): (u64, Link), effects: &mut Vec<Effect>) {
+        let origin = self.identity.origin;
+        if self.identity.joining.is_some() || self.config.mutant.is(Mutant::Reuse) {
+            return;
+        }
+        // If that frame is gone, the next one still says what it was.
+        let next = || Some(self.log.frame(Dot { origin, seq: seq.checked_add(1)? })?.open().ok()?.prev);
+        let known = self.log.frame(Dot { origin, seq }).map(Frame::link).or_else(next);
+        let none = Head::default();
+        let head = self.log.head(origin).unwrap_or(&none);
+        let older = seq > head.seq || seq == head.seq && link != head.link;
+        if older || known.is_some_and(|known| known != link) {
+            self.rejoin(now, true, effects);
+        }
+    }
+
+    /// Returns what to answer a member who has less than it has said to have. Others may have dropped deletions because of
+    /// that, so it must not go on under its name.
+    pub(super) fn behind(&self, from: Origin, cut: &Cut) -> Option<Effect> {
+        let said =
+            self.acks.said(from).filter(|said| !cut.dominates(said) && !self.config.mutant.is(Mutant::SetBackUntold));
+        said.map(|said| Effect::Send(from, Message::Chunk(Chunk::Behind(said.clone()))))
+    }
+}
