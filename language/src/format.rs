@@ -28,7 +28,7 @@ pub fn format(source: &Source) -> Result<String, Vec<Diagnostic>> {
         diagnostics.sort_by_key(|found| (found.primary.span, found.code));
         return Err(diagnostics);
     }
-    Ok(Printer::new(&root).file(&root))
+    Ok(Printer::new(&root, &source.text).file(&root))
 }
 
 #[cfg(test)]

@@ -17,15 +17,15 @@ pub(super) fn is_expression(kind: SyntaxKind) -> bool {
     is_operator(kind) || kind == Paren || kind == Match
 }
 
-fn is_operator(kind: SyntaxKind) -> bool {
+pub(super) fn is_operator(kind: SyntaxKind) -> bool {
     [Concurrent, FailFast, Disable, Sequence, Otherwise, Chain].contains(&kind)
 }
 
-impl Printer {
+impl Printer<'_> {
     /// Writes an operator with its operands, or parentheses.
     pub(super) fn expression(&mut self, node: &SyntaxNode, reserve: usize) {
         let range = self.range(node);
-        if !self.is_forced(node) && self.fits(&range, reserve) {
+        if self.is_flat(&range, reserve) {
             return self.flat(&range);
         }
         if node.kind() == Paren {
@@ -37,11 +37,6 @@ impl Printer {
         } else {
             self.operands(node, reserve);
         }
-    }
-
-    /// Whether the author or a comment broke a line somewhere inside.
-    fn is_forced(&self, node: &SyntaxNode) -> bool {
-        self.is_commented(&self.range(node)) || node.descendants().any(|part| self.is_broken_here(&part))
     }
 
     /// Whether the author broke the line at one of the node's own operators.
@@ -73,7 +68,7 @@ impl Printer {
             && hangs
             && operands.len() <= HANGING_MAX
             && !self.is_broken_here(node)
-            && !before.iter().any(|operand| self.is_forced(operand))
+            && !before.iter().any(|operand| self.is_forced(&self.range(operand)))
             && self.fits(&(range.start..last_range.start + 1), 0)
     }
 

@@ -1,19 +1,22 @@
 //! The tokens of a text with the comments between them: what a formatted text has to keep.
 
+use super::expression::is_operator;
 use crate::syntax::SyntaxKind::{
     self, Args, Binder, Chain, Colon, Comma, Dot, DotDot, DoubleColon, Greater, Labels, LeftBrace, LeftBracket,
     LeftParen, Less, List, Match, Minus, Module, Owner, Params, Paren, Question, Record, RecordType, Recur, RightBrace,
     RightBracket, RightParen, Semicolon, Sequence, Slash, Whitespace,
 };
-use crate::syntax::SyntaxNode;
+use crate::syntax::{Dca, SyntaxNode};
+use rowan::Language;
+use std::ops::Range;
 
 /// A token that means something, with what stands before it.
 #[derive(Debug)]
-pub(super) struct Piece {
+pub(super) struct Piece<'t> {
     pub(super) kind: SyntaxKind,
     /// The kind of the node it belongs to.
     pub(super) parent: SyntaxKind,
-    pub(super) text: String,
+    pub(super) text: &'t str,
     /// Its first byte in the source.
     pub(super) start: u32,
     /// The comments between the token before and this one.
@@ -45,10 +48,17 @@ impl Comment {
     }
 }
 
-impl Piece {
+impl Piece<'_> {
     /// Whether its comments cannot stand within one line.
     pub(super) fn forces_lines(&self) -> bool {
         self.comments.iter().any(Comment::forces_lines)
+    }
+
+    /// Whether it, an operator, has a line break before or after it. What closes something is no operand.
+    fn is_broken_beside(&self, next: Option<&Self>) -> bool {
+        let next = next.filter(|next| ![RightParen, RightBrace, SyntaxKind::End].contains(&next.kind));
+        let breaks = |piece: &Self| piece.is_broken || piece.forces_lines();
+        breaks(self) || next.is_some_and(breaks)
     }
 
     /// How many columns its comments take within a line.
@@ -58,44 +68,135 @@ impl Piece {
 }
 
 /// Returns the tokens of a tree in order; the last one is empty and carries what stands at the end of the file.
-pub(super) fn pieces(root: &SyntaxNode) -> Vec<Piece> {
-    let mut pieces = Vec::new();
-    let (mut comments, mut newlines, mut is_broken): (Vec<Comment>, usize, bool) = (Vec::new(), 0, false);
-    let mut is_first = true;
-    for token in root.descendants_with_tokens().filter_map(rowan::NodeOrToken::into_token) {
-        let kind = token.kind();
-        if kind == Whitespace {
-            newlines += token.text().matches('\n').count();
-            is_broken |= newlines > 0;
-        } else if kind.is_trivia() {
-            let is_own_line = newlines > 0 || is_first;
-            let text = token.text().trim_end().to_owned();
-            comments.push(Comment { text, is_own_line, is_spaced: newlines > 1 });
-            newlines = 0;
-            is_first = false;
-        } else {
-            // `:;` is an older spelling of `;;`.
-            let text = if kind == Recur { ";;" } else { token.text() };
-            pieces.push(Piece {
-                kind,
-                parent: token.parent().map_or(SyntaxKind::File, |node| node.kind()),
-                text: text.to_owned(),
-                start: token.text_range().start().into(),
-                comments: std::mem::take(&mut comments),
-                is_broken,
-                is_spaced: newlines > 1,
-            });
-            (newlines, is_broken, is_first) = (0, false, false);
-        }
-    }
-    let (start, text) = (root.text_range().end().into(), String::new());
+pub(super) fn pieces<'t>(root: &SyntaxNode, text: &'t str) -> Vec<Piece<'t>> {
+    let mut reader =
+        Reader { text, offset: 0, pieces: Vec::new(), comments: Vec::new(), newlines: 0, is_broken: false };
+    reader.node(&root.green());
+    let Reader { offset: start, mut pieces, comments, is_broken, .. } = reader;
     let (kind, parent) = (SyntaxKind::End, SyntaxKind::File);
-    pieces.push(Piece { kind, parent, text, start, comments, is_broken, is_spaced: false });
+    pieces.push(Piece { kind, parent, text: "", start, comments, is_broken, is_spaced: false });
     pieces
 }
 
+/// Goes through a tree, token by token.
+struct Reader<'t> {
+    text: &'t str,
+    /// The first byte of the next token.
+    offset: u32,
+    pieces: Vec<Piece<'t>>,
+    comments: Vec<Comment>,
+    /// Line breaks since the last token or comment.
+    newlines: usize,
+    /// Whether there is a line break since the last token.
+    is_broken: bool,
+}
+
+impl Reader<'_> {
+    /// The parser limits how deep nodes nest.
+    fn node(&mut self, node: &rowan::GreenNodeData) {
+        let parent = Dca::kind_from_raw(node.kind());
+        for child in node.children() {
+            match child {
+                rowan::NodeOrToken::Node(node) => self.node(node),
+                rowan::NodeOrToken::Token(token) => {
+                    self.token(Dca::kind_from_raw(token.kind()), parent, token.text_len());
+                }
+            }
+        }
+    }
+
+    fn token(&mut self, kind: SyntaxKind, parent: SyntaxKind, length: rowan::TextSize) {
+        let start = self.offset;
+        self.offset += u32::from(length);
+        let text = &self.text[start as usize..self.offset as usize];
+        if kind == Whitespace {
+            self.newlines += text.bytes().filter(|&byte| byte == b'\n').count();
+            self.is_broken |= self.newlines > 0;
+        } else if kind.is_trivia() {
+            let is_first = self.pieces.is_empty() && self.comments.is_empty();
+            let is_own_line = self.newlines > 0 || is_first;
+            self.comments.push(Comment { text: text.trim_end().to_owned(), is_own_line, is_spaced: self.newlines > 1 });
+            self.newlines = 0;
+        } else {
+            self.pieces.push(Piece {
+                kind,
+                parent,
+                // `:;` is an older spelling of `;;`.
+                text: if kind == Recur { ";;" } else { text },
+                start,
+                comments: std::mem::take(&mut self.comments),
+                is_broken: self.is_broken,
+                is_spaced: self.newlines > 1,
+            });
+            (self.newlines, self.is_broken) = (0, false);
+        }
+    }
+}
+
+/// What a stretch of tokens comes to, at once: for each token, the sum of all before it. Comments that have moved since do not
+/// matter, since those before the first token of a stretch are no part of it.
+#[derive(Debug)]
+pub(super) struct Sums {
+    /// Columns in one line, up to the token and up to the comments before it.
+    columns: Vec<(usize, usize)>,
+    /// Tokens whose comments cannot stand within one line.
+    comments: Vec<u32>,
+    /// Tokens that start a line.
+    lines: Vec<u32>,
+    /// Operators where the author or a comment broke the line.
+    operators: Vec<u32>,
+}
+
+impl Sums {
+    pub(super) fn new(pieces: &[Piece<'_>]) -> Self {
+        let length = pieces.len() + 1;
+        let vec = || Vec::with_capacity(length);
+        let mut sums = Self { columns: Vec::with_capacity(length), comments: vec(), lines: vec(), operators: vec() };
+        let (mut columns, mut comments, mut lines, mut operators) = (0, 0, 0, 0);
+        for (index, piece) in pieces.iter().enumerate() {
+            let before = index.checked_sub(1).map(|before| &pieces[before]);
+            let start = columns + piece.comments_width();
+            sums.columns.push((start, columns));
+            sums.comments.push(comments);
+            sums.lines.push(lines);
+            sums.operators.push(operators);
+            columns =
+                start + piece.text.chars().count() + usize::from(before.is_some_and(|before| is_apart(before, piece)));
+            comments += u32::from(piece.forces_lines());
+            lines += u32::from(piece.is_broken);
+            operators += u32::from(is_operator(piece.parent) && piece.is_broken_beside(pieces.get(index + 1)));
+        }
+        sums.columns.push((columns, columns));
+        sums.comments.push(comments);
+        sums.lines.push(lines);
+        sums.operators.push(operators);
+        sums
+    }
+
+    /// The columns of these tokens in one line, with the blank before the first unless it starts the text, and without
+    /// the comments before the first.
+    pub(super) fn width(&self, range: &Range<usize>) -> usize {
+        self.columns[range.end].1.saturating_sub(self.columns[range.start].0)
+    }
+
+    /// Whether a comment inside keeps these tokens from standing in one line.
+    pub(super) fn is_commented(&self, range: &Range<usize>) -> bool {
+        range.start < range.end && self.comments[range.end] > self.comments[range.start + 1]
+    }
+
+    /// Whether there is a line break inside.
+    pub(super) fn is_broken(&self, range: &Range<usize>) -> bool {
+        range.start < range.end && self.lines[range.end] > self.lines[range.start + 1]
+    }
+
+    /// Whether there is a line break at an operator inside.
+    pub(super) fn is_broken_at_operator(&self, range: &Range<usize>) -> bool {
+        self.operators[range.end] > self.operators[range.start]
+    }
+}
+
 /// Whether a blank stands between two tokens of one line.
-pub(super) fn is_apart(before: &Piece, next: &Piece) -> bool {
+pub(super) fn is_apart(before: &Piece<'_>, next: &Piece<'_>) -> bool {
     // An empty statement: two `;` that touch would be a `;;`.
     if [before, next].iter().all(|piece| [Semicolon, Recur].contains(&piece.kind)) {
         return true;

@@ -1,7 +1,7 @@
 //! Tokens onto lines.
 
 use super::COLUMNS;
-use super::piece::{Piece, is_apart, is_bracketed, pieces};
+use super::piece::{Piece, Sums, is_apart, is_bracketed, pieces};
 use crate::syntax::SyntaxKind::{
     Actions, Comma, Connections, External, Host, Instances, LeftBrace, LeftBracket, LeftParen, Less, Module, Policies,
     Process, RightBrace,
@@ -13,8 +13,9 @@ use std::ops::Range;
 /// The columns of one level.
 const INDENT: usize = 4;
 
-pub(super) struct Printer {
-    pub(super) pieces: Vec<Piece>,
+pub(super) struct Printer<'t> {
+    pub(super) pieces: Vec<Piece<'t>>,
+    sums: Sums,
     /// The next token to be written.
     pub(super) cursor: usize,
     out: String,
@@ -33,12 +34,14 @@ pub(super) struct Printer {
     is_after_comment: bool,
 }
 
-impl Printer {
-    pub(super) fn new(root: &SyntaxNode) -> Self {
+impl<'t> Printer<'t> {
+    pub(super) fn new(root: &SyntaxNode, text: &'t str) -> Self {
+        let pieces = pieces(root, text);
         Self {
-            pieces: pieces(root),
+            sums: Sums::new(&pieces),
+            pieces,
             cursor: 0,
-            out: String::new(),
+            out: String::with_capacity(text.len() + text.len() / 8),
             column: 0,
             indent: 0,
             starts_line: true,
@@ -71,38 +74,44 @@ impl Printer {
 
     // ---- measuring ----
 
-    /// The tokens of a node.
+    /// The tokens of a node, which are not written yet.
     pub(super) fn range(&self, node: &SyntaxNode) -> Range<usize> {
         let range = node.text_range();
-        let index = |offset: u32| self.pieces.partition_point(|piece| piece.start < offset);
-        index(range.start().into())..index(range.end().into())
+        let start = self.index(self.cursor, range.start().into());
+        start..self.index(start, range.end().into())
     }
 
-    /// Whether a comment inside keeps these tokens from standing in one line.
-    pub(super) fn is_commented(&self, range: &Range<usize>) -> bool {
-        self.pieces[range.clone()].iter().skip(1).any(Piece::forces_lines)
-    }
-
-    /// The columns of these tokens in one line, with the blank before the first unless it starts the text, and without
-    /// the comments before the first.
-    fn width(&self, range: Range<usize>) -> usize {
-        let gap = |index: usize| usize::from(index > 0 && is_apart(&self.pieces[index - 1], &self.pieces[index]));
-        let start = range.start;
-        let comments = |index: usize| if index == start { 0 } else { self.pieces[index].comments_width() };
-        range.map(|index| self.pieces[index].text.chars().count() + gap(index) + comments(index)).sum()
+    /// The first token at an offset or behind it, which is `from` or one behind; most often it is near.
+    fn index(&self, from: usize, offset: u32) -> usize {
+        let rest = &self.pieces[from..];
+        let mut near = 1;
+        while rest.get(near).is_some_and(|piece| piece.start < offset) {
+            near *= 2;
+        }
+        let (low, high) = (near / 2, rest.len().min(near + 1));
+        from + low + rest[low..high].partition_point(|piece| piece.start < offset)
     }
 
     /// Whether these tokens fit into the current line, with as many columns reserved for what follows.
     pub(super) fn fits(&self, range: &Range<usize>, reserve: usize) -> bool {
         let column = if self.starts_line { self.indent * INDENT } else { self.column };
-        column + self.width(range.clone()) + reserve <= COLUMNS
+        column + self.sums.width(range) + reserve <= COLUMNS
+    }
+
+    /// Whether the author or a comment broke a line where it may be broken.
+    pub(super) fn is_forced(&self, range: &Range<usize>) -> bool {
+        self.sums.is_commented(range) || self.sums.is_broken_at_operator(range)
+    }
+
+    /// Whether these tokens stand in one line.
+    pub(super) fn is_flat(&self, range: &Range<usize>, reserve: usize) -> bool {
+        self.fits(range, reserve) && !self.is_forced(range)
     }
 
     fn is_one_line(&self, item: &SyntaxNode) -> bool {
         let range = self.range(item);
-        let is_broken = self.pieces[range.clone()].iter().skip(1).any(|piece| piece.is_broken);
-        let is_short = self.indent * INDENT + self.width(range) <= COLUMNS;
-        item.kind() != Process && !is_broken && is_short
+        let is_short = self.indent * INDENT + self.sums.width(&range) <= COLUMNS;
+        item.kind() != Process && is_short && !self.sums.is_broken(&range)
     }
 
     // ---- writing ----
@@ -125,13 +134,13 @@ impl Printer {
         let piece = &self.pieces[self.cursor];
         let is_spaced = piece.is_spaced && self.keeps_space;
         let is_apart = self.cursor > 0 && is_apart(&self.pieces[self.cursor - 1], piece);
-        let text = piece.text.clone();
+        let text = piece.text;
         if self.starts_line {
             self.break_line(is_spaced);
         } else if is_apart || self.is_after_comment {
             self.push(" ");
         }
-        self.push(&text);
+        self.push(text);
         self.cursor += 1;
         (self.is_block_start, self.is_after_comment) = (false, false);
     }
@@ -177,8 +186,8 @@ impl Printer {
     pub(super) fn node(&mut self, node: &SyntaxNode, reserve: usize) {
         let kind = node.kind();
         if [Process, Instances, Policies, External, Connections, Actions].contains(&kind)
-            || kind == Module && (!self.is_one_line(node) || self.is_commented(&self.range(node)))
-            || kind == Host && self.is_commented(&self.range(node))
+            || kind == Module && (!self.is_one_line(node) || self.sums.is_commented(&self.range(node)))
+            || kind == Host && self.sums.is_commented(&self.range(node))
         {
             self.block(node);
         } else if is_bracketed(kind) {
@@ -192,13 +201,18 @@ impl Printer {
 
     /// Writes tokens and nodes as they come.
     pub(super) fn walk(&mut self, node: &SyntaxNode, reserve: usize) {
-        let end = self.range(node).end;
+        let range = self.range(node);
+        let has_block = node.last_child().is_some_and(|last| last.kind() == Policies);
+        if !has_block && self.is_flat(&range, reserve) {
+            return self.flat(&range);
+        }
+        let end = range.end;
         for part in node.children_with_tokens() {
             match part {
                 NodeOrToken::Token(token) if token.kind().is_trivia() => {}
                 NodeOrToken::Token(_) => self.token(),
                 NodeOrToken::Node(part) => {
-                    let rest = self.width(self.range(&part).end..end);
+                    let rest = self.sums.width(&(self.range(&part).end..end));
                     self.node(&part, rest + reserve);
                 }
             }
@@ -265,7 +279,7 @@ impl Printer {
     /// `( item, item )`: in one line, else one item a line.
     fn list(&mut self, node: &SyntaxNode, reserve: usize) {
         let range = self.range(node);
-        if !self.is_commented(&range) && self.fits(&range, reserve) {
+        if !self.sums.is_commented(&range) && self.fits(&range, reserve) {
             return self.flat(&range);
         }
         let mut is_open = false;
