@@ -6,13 +6,15 @@ use crate::sdk::Message;
 use comms::logic::time::Time;
 use serde::{Deserialize, Serialize};
 
+/// Messages; where a field says what a spec calls its type, `dca check` compares more than the name.
 macro_rules! messages {
-    ($($(#[$meta:meta])* $name:ident { $($(#[$field_meta:meta])* $field:ident: $type:ty,)+ })+) => {
+    ($($(#[$meta:meta])* $name:ident { $($(#[$field_meta:meta])* $field:ident: $type:ty $(= $kind:literal)?,)+ })+) => {
         $($(#[$meta])*
         #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
         pub struct $name { $($(#[$field_meta])* pub $field: $type,)+ }
         impl Message for $name {
             const TYPE: &'static str = stringify!($name);
+            const FIELDS: &'static str = concat!($($(stringify!($field), ": ", $kind, ", ",)?)+);
         })+
     };
 }
@@ -21,52 +23,52 @@ messages! {
     /// How the hand shall move, and what the rest of the robot may do meanwhile.
     Velocity {
         /// Linear (m/s), then angular (rad/s), of the grasp point along tool axes.
-        twist: [f64; 6],
+        twist: [f64; 6] = "Number[6]",
         /// A wish for what the hand does not notice: base x, y (m/s), yaw (rad/s), six joints (rad/s).
-        null: [f64; 9],
+        null: [f64; 9] = "Number[9]",
     }
     /// A force and a torque on the hand, by what it touches.
     Wrench {
         /// (N), tool axes.
-        force: [f64; 3],
+        force: [f64; 3] = "Force[3]",
         /// (Nm) about the grasp point, tool axes.
-        torque: [f64; 3],
+        torque: [f64; 3] = "Torque[3]",
     }
     /// The direction in which the hand is led, for compliance beside it.
     Constraint {
         /// Unit vector along which the hand is led, tool axes.
-        tangent: [f64; 3],
+        tangent: [f64; 3] = "Number[3]",
         /// Unit vector upwards, tool axes.
-        up: [f64; 3],
+        up: [f64; 3] = "Number[3]",
         /// Whether the hand may give way upwards and downwards.
-        upward: bool,
+        upward: bool = "Truth",
     }
     /// The arm's joints.
     JointState {
         /// (rad).
-        angles: [f64; 6],
+        angles: [f64; 6] = "Angle[6]",
         /// (rad/s).
-        rates: [f64; 6],
+        rates: [f64; 6] = "AngularSpeed[6]",
     }
     /// How the arm's joints shall move.
     JointVelocity {
         /// (rad/s).
-        rates: [f64; 6],
+        rates: [f64; 6] = "AngularSpeed[6]",
     }
     /// How the base shall move.
     BaseVelocity {
         /// x, y (m/s), yaw (rad/s), base axes.
-        rates: [f64; 3],
+        rates: [f64; 3] = "Number[3]",
     }
     /// Where the base is by dead reckoning.
     BasePose {
         /// x, y (m), yaw (rad), in the frame of the first sample.
-        pose: [f64; 3],
+        pose: [f64; 3] = "Number[3]",
     }
     /// One sweep of the laser.
     LaserScan {
         /// From right to left, half a degree apart, from -90 to 90 degrees about straight ahead (m).
-        ranges: Vec<f64>,
+        ranges: Vec<f64> = "Length[]",
     }
     /// Device `arm`: what its encoders say.
     ArmState {

@@ -9,24 +9,27 @@
 //! use serde::{Deserialize, Serialize};
 //! use std::time::Duration;
 //!
-//! /// A length in metres.
+//! /// In metres.
 //! #[derive(Clone, Debug, Serialize, Deserialize)]
-//! struct Length(f64);
-//! impl Message for Length {
-//!     const TYPE: &'static str = "Length";
+//! struct Distance {
+//!     length: f64,
+//! }
+//! impl Message for Distance {
+//!     const TYPE: &'static str = "Distance";
+//!     const FIELDS: &'static str = "length: Length";
 //! }
 //! controllers::inputs! {
 //!     /// What it hears.
 //!     struct Inputs {
 //!         /// The length to double.
-//!         length: Length = wire("In"),
+//!         distance: Distance = wire("In"),
 //!     }
 //! }
 //! controllers::outputs! {
 //!     /// What it says.
 //!     struct Outputs {
 //!         /// Twice the length.
-//!         twice: Length = wire("Out"),
+//!         twice: Distance = wire("Out"),
 //!     }
 //! }
 //! struct Doubler;
@@ -41,15 +44,17 @@
 //!         Ok(Self)
 //!     }
 //!     fn main_calc(&mut self, _: Tick, inputs: &Inputs, outputs: &mut Outputs) -> Progress {
-//!         if let Some(length) = inputs.length.fresh() {
-//!             outputs.twice.send(Length(2.0 * length.0));
+//!         if let Some(distance) = inputs.distance.fresh() {
+//!             outputs.twice.send(Distance { length: 2.0 * distance.length });
 //!         }
 //!         Progress::Continue
 //!     }
 //! }
 //! let mut registry = controllers::sdk::Registry::default();
 //! registry.add::<Doubler>();
-//! assert!(registry.interface_text().contains("module Doubler(host: Host)"));
+//! let text = registry.interface_text();
+//! assert!(text.contains("type Distance = { length: Length };"));
+//! assert!(text.contains("module Doubler(host: Host)"));
 //! ```
 
 mod arguments;

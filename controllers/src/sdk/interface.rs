@@ -24,6 +24,8 @@ pub struct PortInterface {
     pub direction: Direction,
     /// The message type; both ends of a wire have the same.
     pub type_name: &'static str,
+    /// What is in the message, as fields of a record; empty if it does not say.
+    pub fields: &'static str,
     /// What it carries, in one line.
     pub doc: &'static str,
     /// Whether the controller cannot work unless it is connected.
@@ -64,7 +66,7 @@ pub struct Device {
 impl PortInterface {
     /// Returns a port that a spec has to connect.
     pub fn wire(name: &'static str, direction: Direction, type_name: &'static str) -> Self {
-        Self { name, direction, type_name, doc: "", required: true, binding: Binding::Wire }
+        Self { name, direction, type_name, fields: "", doc: "", required: true, binding: Binding::Wire }
     }
 
     /// Returns a port that a spec may connect.
@@ -80,6 +82,12 @@ impl PortInterface {
     /// Returns the owner's port of the device key `name`.
     pub fn owner(name: &'static str, direction: Direction, type_name: &'static str) -> Self {
         Self { binding: Binding::Owner, ..Self::wire(name, direction, type_name) }
+    }
+
+    /// Returns the port with the fields of its message.
+    #[must_use]
+    pub fn carrying(self, fields: &'static str) -> Self {
+        Self { fields, ..self }
     }
 
     /// Returns the port with its doc line.
@@ -123,6 +131,12 @@ impl Interface {
             }
         }
         names
+    }
+
+    /// Returns the messages of its wires that say what is in them, each with its fields.
+    pub fn messages(&self) -> impl Iterator<Item = (&'static str, &'static str)> {
+        let wires = self.ports.iter().filter(|port| port.binding == Binding::Wire && !port.fields.is_empty());
+        wires.map(|port| (port.type_name, port.fields.trim_end_matches([',', ' '])))
     }
 
     /// Returns the interface as a `module` block of the `.dca` language; device ports are no part of it.

@@ -11,6 +11,9 @@ use std::time::Duration;
 pub trait Message: Serialize + DeserializeOwned + Debug + Send + 'static {
     /// Its name in interfaces; a wire joins ports of one name only.
     const TYPE: &'static str;
+    /// What is in it, as a spec writes the fields of a record: `force: Force[3], torque: Torque[3]`. Empty if it does not say:
+    /// then `dca check` compares the name alone.
+    const FIELDS: &'static str = "";
 }
 
 /// An input: holds the newest value that arrived.
@@ -170,7 +173,7 @@ macro_rules! inputs {
                     $port,
                     $crate::sdk::Direction::In,
                     <$type as $crate::sdk::Message>::TYPE,
-                ).documented(concat!($($doc),+)),)+]
+                ).carrying(<$type as $crate::sdk::Message>::FIELDS).documented(concat!($($doc),+)),)+]
             }
             fn visit(&mut self, visit: &mut dyn FnMut(usize, &mut dyn $crate::sdk::AnyIn)) {
                 let mut index = 0..;
@@ -195,7 +198,7 @@ macro_rules! outputs {
                     $port,
                     $crate::sdk::Direction::Out,
                     <$type as $crate::sdk::Message>::TYPE,
-                ).documented(concat!($($doc),+)),)+]
+                ).carrying(<$type as $crate::sdk::Message>::FIELDS).documented(concat!($($doc),+)),)+]
             }
             fn visit(&mut self, visit: &mut dyn FnMut(usize, &mut dyn $crate::sdk::AnyOut)) {
                 let mut index = 0..;

@@ -74,9 +74,12 @@ impl Registry {
         self.types.values().map(|entry| &entry.interface)
     }
 
-    /// Returns all interfaces as `module` blocks of the `.dca` language.
+    /// Returns all interfaces as `module` blocks of the `.dca` language, after the types of their messages.
     pub fn interface_text(&self) -> String {
-        self.interfaces().map(Interface::text).collect::<Vec<_>>().join("\n")
+        let messages: BTreeMap<&str, &str> = self.interfaces().flat_map(Interface::messages).collect();
+        let types: String = messages.iter().map(|(name, fields)| format!("type {name} = {{ {fields} }};\n")).collect();
+        let modules = self.interfaces().map(Interface::text);
+        std::iter::once(types).filter(|types| !types.is_empty()).chain(modules).collect::<Vec<_>>().join("\n")
     }
 
     /// Makes an idle instance; `given` are its arguments after the host, each `value` or `name=value`.
