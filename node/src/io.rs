@@ -3,6 +3,7 @@
 pub mod child;
 pub mod database;
 pub mod driver;
+pub(crate) mod event;
 pub mod journal;
 pub mod observer;
 pub mod peers;

@@ -2,6 +2,10 @@
 
 #![expect(clippy::wildcard_enum_match_arm, reason = "a test looks for one variant and shows any other")]
 
+#[path = "agents/losses.rs"]
+mod losses;
+#[path = "agents/restarts.rs"]
+mod restarts;
 #[path = "agents/world.rs"]
 mod world;
 

@@ -137,6 +137,20 @@ impl DataSession {
         dialled.map_err(|reason| DataError::Dial { session: dial.session.clone(), reason })
     }
 
+    /// Links to another session whenever it can be reached, and keeps linked to it; waits for nothing.
+    ///
+    /// # Errors
+    /// If it is no place that could be dialled.
+    pub fn keep(&self, dial: &Dial) -> Result<(), DataError> {
+        let kept = self.opened.keep(&dial.session, &dial.locators);
+        kept.map_err(|reason| DataError::Dial { session: dial.session.clone(), reason })
+    }
+
+    /// Dials a session no more; a link that stands is left alone.
+    pub fn forget(&self, session: &str) {
+        self.opened.forget(session);
+    }
+
     /// Prepares to publish on `key`. Samples are dropped rather than waited for when a link is congested.
     ///
     /// # Errors

@@ -135,6 +135,16 @@ pub enum Order {
         /// Those wires.
         wires: Vec<Shape>,
     },
+    /// The deployment runs already, and this program was started again; comes before [`Order::Connect`], which then
+    /// waits for nobody for long: what is not there is linked when it comes.
+    Rejoin,
+    /// A program that this one dials was started again and is elsewhere now.
+    Relink {
+        /// The session it had.
+        lost: String,
+        /// Where it is.
+        found: Dial,
+    },
 }
 
 /// From the program to the node.

@@ -194,6 +194,14 @@ impl Program {
                 hand_over(inbox, Command::Configure(arguments))?;
             }
             Order::Shape { wires } => links.shape(wires),
+            Order::Rejoin => links.rejoin(),
+            Order::Relink { lost, found } => {
+                if let Some(session) = &self.session {
+                    session.forget(&lost);
+                    // A node that sends nonsense is one more thing that a robot goes on without.
+                    session.keep(&found).unwrap_or_else(|error| tracing::warn!(%error, "a link is not made again"));
+                }
+            }
             Order::Exit => {}
         }
         Ok(())

@@ -2,6 +2,7 @@
 
 use crate::io::child::{self, Shim};
 use crate::io::database;
+use crate::io::event::{Connection, Event, hear_programs};
 use crate::io::journal::Journal;
 use crate::io::peers::{Arrival, Peers};
 use crate::io::run_dir::RunDir;
@@ -14,15 +15,16 @@ use crate::logic::programs::Programs;
 use crate::logic::protocol::{Answer, Deployment, Request};
 use anyhow::Context;
 use comms::io::clock;
-use comms::io::control::{ControlReceiver, ControlSender, Listener};
+use comms::io::control::{ControlSender, Listener};
 use comms::io::session::{NodeOptions, Reach};
-use comms::logic::control::{Notice, Order};
+use comms::logic::control::Order;
 use comms::logic::key::HostName;
 use comms::logic::time::Time;
 use language::plan::LeafKind;
 use std::collections::{BTreeMap, VecDeque};
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::sync::atomic::AtomicU64;
 use std::time::Duration;
 use tokio::sync::mpsc::{self, Receiver, Sender};
 use tokio::sync::watch;
@@ -60,16 +62,6 @@ pub struct Config {
     pub founds: bool,
 }
 
-/// Something that happened outside the agent.
-#[derive(Debug)]
-enum Event {
-    Arrival(Arrival),
-    Shim(ProcessId, ShimReport, Option<String>),
-    /// A program has connected; its instance path is its own word.
-    Program(Deployment, String, ControlSender),
-    Control(Deployment, String, Notice),
-}
-
 /// A running node.
 #[derive(Debug)]
 struct Driver {
@@ -81,7 +73,9 @@ struct Driver {
     journal: Journal,
     shim: PathBuf,
     shims: BTreeMap<ProcessId, Shim>,
-    programs: BTreeMap<ProcessId, ControlSender>,
+    programs: BTreeMap<ProcessId, (u64, ControlSender)>,
+    /// How many programs have connected.
+    connected: Arc<AtomicU64>,
     listeners: BTreeMap<Deployment, tokio::task::AbortHandle>,
     paths: BTreeMap<(Deployment, String), ProcessId>,
     buried: VecDeque<Deployment>,
@@ -199,6 +193,7 @@ impl Driver {
             journal,
             shims: BTreeMap::new(),
             programs: BTreeMap::new(),
+            connected: Arc::default(),
             listeners: BTreeMap::new(),
             paths: BTreeMap::new(),
             buried: VecDeque::new(),
@@ -247,7 +242,7 @@ impl Driver {
                 }
                 Some(Input::Shim { process, report, last_words })
             }
-            Event::Program(deployment, instance, sender) => {
+            Event::Program(Connection { deployment, instance, number }, sender) => {
                 let key = (deployment, instance);
                 let process = self.paths.get(&key)?.clone();
                 let (deployment, instance) = &key;
@@ -255,12 +250,13 @@ impl Driver {
                 if !parameters.is_empty() {
                     send(&sender, &Order::Configure { parameters });
                 }
-                self.programs.insert(process, sender);
+                self.programs.insert(process, (number, sender));
                 None
             }
-            Event::Control(deployment, instance, notice) => {
+            Event::Control(Connection { deployment, instance, number }, notice) => {
                 let process = self.paths.get(&(deployment, instance))?.clone();
-                Some(Input::Control { process, notice })
+                let is_current = self.programs.get(&process).is_some_and(|(current, _)| *current == number);
+                is_current.then_some(Input::Control { process, notice })
             }
         }
     }
@@ -270,7 +266,7 @@ impl Driver {
         for ((deployment, path), process) in &self.paths {
             let parameters = settings.parameters(&deployment.name, path);
             if parameters != self.settings.parameters(&deployment.name, path)
-                && let Some(sender) = self.programs.get(process)
+                && let Some((_, sender)) = self.programs.get(process)
             {
                 send(sender, &Order::Configure { parameters });
             }
@@ -288,7 +284,7 @@ impl Driver {
                 }
             }
             Effect::Control { process, order } => {
-                let why = match self.programs.get(&process).map(|sender| sender.send(&order)) {
+                let why = match self.programs.get(&process).map(|(_, sender)| sender.send(&order)) {
                     Some(Ok(())) => return,
                     Some(Err(error)) => error.to_string(),
                     None => "it has no control channel".to_owned(),
@@ -376,24 +372,12 @@ impl Driver {
     /// Opens the socket where the programs of a deployment report.
     fn listen(&mut self, deployment: &Deployment) -> anyhow::Result<()> {
         let listener = Listener::bind(&self.dir.control_socket(deployment))?;
-        let (events, theirs) = (self.events.clone(), deployment.clone());
-        let handle = self.tasks.spawn(async move {
-            let mut programs = JoinSet::new();
-            loop {
-                while programs.try_join_next().is_some() {}
-                match listener.accept().await {
-                    Ok((sender, receiver)) => {
-                        programs.spawn(hear_program(events.clone(), theirs.clone(), sender, receiver));
-                    }
-                    Err(error) => tracing::warn!(%error, "a program could not connect"),
-                }
-            }
-        });
+        let (connected, events) = (Arc::clone(&self.connected), self.events.clone());
+        let handle = self.tasks.spawn(hear_programs(listener, deployment.clone(), connected, events));
         self.listeners.insert(deployment.clone(), handle);
         Ok(())
     }
 
-    /// Lets go of a program; with the last one of a deployment, of the socket where they reported.
     /// Closes what belongs to a deployment; the output of the last few stays in their folders.
     fn bury(&mut self, deployment: Deployment) {
         if let Some(listener) = self.listeners.remove(&deployment) {
@@ -410,6 +394,7 @@ impl Driver {
         }
     }
 
+    /// Lets go of a program; with the last one of a deployment, of the socket where they reported.
     fn forget(&mut self, process: &ProcessId) {
         self.programs.remove(process);
         self.paths.retain(|_, other| other != process);
@@ -463,25 +448,6 @@ fn send(sender: &ControlSender, order: &Order) {
 fn boot_number() -> u64 {
     let wall = u64::try_from(clock::unix_time().as_nanos()).unwrap_or(u64::MAX);
     wall ^ clock::now().nanos().rotate_left(32) ^ u64::from(std::process::id()).rotate_left(48)
-}
-
-/// Passes on what a program says, which begins with who it is, until it says no more.
-async fn hear_program(
-    events: Sender<Event>,
-    deployment: Deployment,
-    sender: ControlSender,
-    mut receiver: ControlReceiver,
-) -> anyhow::Result<()> {
-    let Some(hello) = receiver.recv().await? else { return Ok(()) };
-    let Notice::Hello { instance, .. } = &hello else { anyhow::bail!("a program did not say who it is") };
-    let instance = instance.clone();
-    events.send(Event::Program(deployment.clone(), instance.clone(), sender)).await?;
-    let mut notice = Some(hello);
-    while let Some(said) = notice {
-        events.send(Event::Control(deployment.clone(), instance.clone(), said)).await?;
-        notice = receiver.recv().await?;
-    }
-    Ok(())
 }
 
 /// Names the machine and its network: the kernel's boot and the network namespace.

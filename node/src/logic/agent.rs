@@ -178,7 +178,11 @@ impl Agent {
     fn take(&mut self, input: Input, out: &mut Out<'_>) {
         match input {
             Input::Appeared { host, boot } => self.appeared(&host, boot, out),
-            Input::Vanished { host, boot } => self.names.vanished(out.now, &host, boot),
+            Input::Vanished { host, boot } => {
+                if self.names.vanished(out.now, &host, boot) {
+                    self.tenants.values_mut().for_each(|tenant| tenant.host_missing(&host, out.now));
+                }
+            }
             Input::Frame(frame) => self.frame(*frame, out),
             Input::Call { call, request } => self.call(call, *request, out),
             Input::CallGone { call } => self.homes.values_mut().for_each(|home| home.forget(call)),
@@ -222,6 +226,7 @@ impl Agent {
             self.links.insert(host.to_owned(), Link::new(&self.identity.host, self.identity.boot, boot));
         }
         self.homes.values_mut().for_each(|home| home.host_back(host, out));
+        self.tenants.values_mut().for_each(|tenant| tenant.host_back(host, out));
     }
 
     fn frame(&mut self, frame: Frame, out: &mut Out<'_>) {
@@ -411,6 +416,7 @@ fn answer_of_absent(message: ToTenant, cause: FailureCause) -> Option<ToTenant> 
         | ToTenant::Go
         | ToTenant::Release
         | ToTenant::Ended { .. }
-        | ToTenant::Switched { .. } => None,
+        | ToTenant::Switched { .. }
+        | ToTenant::Moved { .. } => None,
     }
 }

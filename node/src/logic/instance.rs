@@ -3,17 +3,25 @@
 //! ```text
 //! Starting ─hello─▶ Prepared ─connect─▶ Connecting ─connected─▶ Idle ⇄ Running ─▶ Stopping ─▶ Idle
 //!     any ─program ended, nothing left─▶ Dead          any ─leave─▶ Leaving ─▶ Dead
+//!     after the first Idle: any ─program ended─▶ Waiting ─▶ Starting …, as `restarts` allows, else Dead
 //! ```
-//! Invariants: exactly one ending for each activation, and only when the controller has finished its `Stop()` or when
-//! nothing of the program is left; a stop is bounded by `stop_within`, then by the grace after SIGTERM, then by the
-//! time the kernel has to remove what was killed.
+//! Invariants: exactly one ending for each activation (`finish` takes away what it ends), and only when the controller has
+//! finished its `Stop()` or when nothing of the program is left; a stop is bounded by `stop_within`, then by the grace
+//! after SIGTERM, then by the time the kernel has to remove what was killed. An activation outlives its program: while that
+//! is started again, its supervisor hears nothing.
 
-use crate::logic::child::{ShimOrder, ShimReport};
+mod program;
+mod restarts;
+
+use crate::logic::child::ShimOrder;
 use crate::logic::effect::{Effect, SpawnOrder};
 use crate::logic::protocol::{Change, Ending, Failure, FailureCause, LeafFacts};
-use comms::logic::control::{Notice, Order, VERSION};
+use comms::logic::control::Order;
 use comms::logic::time::Time;
-use language::plan::LeafKind;
+use language::plan::{LeafKind, LinkLoss};
+use restarts::Restarts;
+pub use restarts::{RESTARTS_MAX, WINDOW};
+use std::collections::BTreeSet;
 use std::time::Duration;
 
 /// How long a program has to say hello.
@@ -37,11 +45,8 @@ enum Stage {
         until: Time,
     },
     Idle,
-    Running {
-        activation: u32,
-    },
+    Running,
     Stopping {
-        activation: u32,
         until: Time,
         forced: bool,
     },
@@ -50,9 +55,26 @@ enum Stage {
     Leaving {
         until: Time,
         forced: bool,
-        activation: Option<u32>,
     },
     Dead,
+    /// It has died, and is started again then.
+    Waiting {
+        until: Time,
+    },
+    /// It was started again and did not come back as it should; it is ended before the next attempt.
+    Removing {
+        until: Time,
+    },
+}
+
+/// An activation that has not ended.
+#[derive(Debug)]
+struct Current {
+    number: u32,
+    /// For its `Init`, in case the program has to be started again.
+    value: Vec<u8>,
+    /// The host whose loss stops it.
+    lost: Option<String>,
 }
 
 /// What an instance has to say to its deployment.
@@ -70,6 +92,10 @@ pub enum Note {
     Ended(u32, Ending),
     /// For those who watch.
     Changed(Change),
+    /// It was started again and is somewhere else now.
+    Moved(LeafFacts),
+    /// It was started again and its links stand; its wires are closed.
+    Rejoined,
     /// Nothing of the program is left.
     Gone,
 }
@@ -80,6 +106,12 @@ pub struct Instance {
     order: SpawnOrder,
     stop_within: Duration,
     stage: Stage,
+    current: Option<Current>,
+    /// Whether its links have stood once: from then on it is started again rather than refused.
+    joined: bool,
+    restarts: Restarts,
+    /// Lost hosts for whose sake nothing new begins.
+    cut_off: BTreeSet<String>,
     pid: Option<u32>,
     cause: Option<FailureCause>,
     last_words: Option<String>,
@@ -101,19 +133,33 @@ pub struct Moment<'a> {
 impl Instance {
     /// Starts a program; a plain one is held by its shim.
     pub fn spawn(order: SpawnOrder, stop_within: Duration, moment: &mut Moment<'_>) -> Self {
-        moment.effects.push(Effect::Spawn(Box::new(order.clone())));
-        let stage = Stage::Starting { until: moment.now + START_WITHIN };
-        Self { order, stop_within, stage, pid: None, cause: None, last_words: None }
+        let restarts = Restarts::new(order.policy.restart);
+        let mut instance = Self {
+            order,
+            stop_within,
+            stage: Stage::Dead,
+            current: None,
+            joined: false,
+            restarts,
+            cut_off: BTreeSet::new(),
+            pid: None,
+            cause: None,
+            last_words: None,
+        };
+        instance.start(moment);
+        instance
     }
 
     /// Returns one word for a person, with the reason when it is dead.
     pub fn state(&self) -> String {
         let word = match self.stage {
+            Stage::Waiting { .. } | Stage::Removing { .. } => "restarting",
+            Stage::Starting { .. } | Stage::Prepared | Stage::Connecting { .. } if self.joined => "restarting",
             Stage::Starting { .. } => "starting",
             Stage::Prepared | Stage::Connecting { .. } => "connecting",
             Stage::Refused => "refused",
             Stage::Idle => "idle",
-            Stage::Running { .. } => "running",
+            Stage::Running => "running",
             Stage::Stopping { .. } => "stopping",
             Stage::Leaving { .. } => "leaving",
             Stage::Dead => {
@@ -128,9 +174,29 @@ impl Instance {
         self.pid.filter(|_| self.stage != Stage::Dead)
     }
 
-    /// Returns whether nothing of the program is left.
+    /// Returns what it does when hosts are lost.
+    pub fn link_loss(&self) -> LinkLoss {
+        self.order.policy.link_loss
+    }
+
+    /// Returns whether an activation of it has not ended.
+    pub fn is_active(&self) -> bool {
+        self.current.is_some()
+    }
+
+    /// Returns whether nothing of the program is left, for good.
     pub fn is_gone(&self) -> bool {
         self.stage == Stage::Dead
+    }
+
+    /// Returns whether the program can be told to switch wires, and will answer.
+    pub fn is_linked(&self) -> bool {
+        self.is_controller() && matches!(self.stage, Stage::Idle | Stage::Running | Stage::Stopping { .. })
+    }
+
+    /// Returns whether the program may still be there although everything was done to end it.
+    pub fn is_unconfirmed(&self) -> bool {
+        self.stage == Stage::Dead && self.cause == Some(FailureCause::StopUnconfirmed)
     }
 
     /// Returns when [`Instance::tick`] wants to be called.
@@ -139,8 +205,10 @@ impl Instance {
             Stage::Starting { until }
             | Stage::Connecting { until }
             | Stage::Stopping { until, .. }
-            | Stage::Leaving { until, .. } => Some(until),
-            Stage::Prepared | Stage::Idle | Stage::Running { .. } | Stage::Refused | Stage::Dead => None,
+            | Stage::Leaving { until, .. }
+            | Stage::Waiting { until }
+            | Stage::Removing { until } => Some(until),
+            Stage::Prepared | Stage::Idle | Stage::Running | Stage::Refused | Stage::Dead => None,
         }
     }
 
@@ -150,91 +218,148 @@ impl Instance {
             return;
         }
         self.stage = Stage::Connecting { until: moment.now + CONNECT_WITHIN };
+        if self.joined {
+            self.tell(Order::Rejoin, moment);
+        }
         for order in orders {
             self.tell(order, moment);
         }
     }
 
+    /// Confirms the links of a plain program, which has none.
+    pub fn connect_plain(&mut self) {
+        if self.stage == Stage::Prepared && !self.is_controller() {
+            (self.stage, self.joined) = (Stage::Idle, true);
+        }
+    }
+
     /// Passes an order to open or close wires on. Returns whether the program will answer.
     pub fn switch(&mut self, order: Order, moment: &mut Moment<'_>) -> bool {
-        let answers = !matches!(self.stage, Stage::Dead | Stage::Leaving { .. }) && self.is_controller();
+        let answers = self.is_linked();
         if answers {
             self.tell(order, moment);
         }
         answers
     }
 
-    /// Initialises and runs the program.
+    /// Passes on where a program is now that was started again. One that makes its links was told where that was before.
+    pub fn relink(&mut self, order: Order, moment: &mut Moment<'_>) {
+        if self.is_linked() || matches!(self.stage, Stage::Connecting { .. }) {
+            self.tell(order, moment);
+        }
+    }
+
+    /// Goes on where the program that died was: `open` opens the wires that were open. They are not waited for, since a
+    /// program takes its orders one after the other.
+    pub fn resume(&mut self, open: Option<Order>, moment: &mut Moment<'_>) {
+        if self.stage != Stage::Idle {
+            return;
+        }
+        if let Some(open) = open {
+            self.tell(open, moment);
+        }
+        if let Some(current) = &self.current {
+            let value = current.value.clone();
+            self.run(value, moment);
+            moment.notes.push(Note::Changed(Change::Resumed));
+        }
+    }
+
+    /// Initialises and runs the program, or notes that this is to be done once it is there again.
     pub fn activate(&mut self, activation: u32, value: Vec<u8>, moment: &mut Moment<'_>) {
-        match self.stage {
-            Stage::Idle => {
-                self.stage = Stage::Running { activation };
-                moment.notes.push(Note::Changed(Change::Activated));
-                if self.is_controller() {
-                    self.tell(Order::Activate { activation, value }, moment);
-                } else {
-                    self.tell_shim(ShimOrder::Go, moment);
-                }
-            }
-            Stage::Running { activation: other } | Stage::Stopping { activation: other, .. } if other == activation => {
-            }
-            Stage::Running { .. } | Stage::Stopping { .. } => self.end(activation, FailureCause::Busy, moment),
-            Stage::Starting { .. } | Stage::Prepared | Stage::Connecting { .. } | Stage::Refused => {
-                self.end(activation, FailureCause::NotAvailable("it is not connected".into()), moment);
-            }
+        if self.current.as_ref().is_some_and(|current| current.number == activation) {
+            return;
+        }
+        if let Some(cause) = self.obstacle() {
+            let failure = self.failure(cause, moment);
+            return moment.notes.push(Note::Ended(activation, Ending::Aborted(failure)));
+        }
+        let kept = if self.restarts.are_allowed() { value.clone() } else { Vec::new() };
+        self.current = Some(Current { number: activation, value: kept, lost: None });
+        moment.notes.push(Note::Changed(Change::Activated));
+        if self.stage == Stage::Idle {
+            self.run(value, moment);
+        }
+    }
+
+    /// Returns why it cannot be activated, if so.
+    fn obstacle(&self) -> Option<FailureCause> {
+        let takes_part = match self.stage {
             Stage::Leaving { .. } | Stage::Dead => {
                 let gone = || FailureCause::NotAvailable("its program is not running".into());
-                self.end(activation, self.cause.clone().unwrap_or_else(gone), moment);
+                return Some(self.cause.clone().unwrap_or_else(gone));
             }
+            Stage::Starting { .. } | Stage::Prepared | Stage::Connecting { .. } | Stage::Refused => self.joined,
+            Stage::Idle | Stage::Running | Stage::Stopping { .. } | Stage::Waiting { .. } | Stage::Removing { .. } => {
+                true
+            }
+        };
+        if !takes_part {
+            Some(FailureCause::NotAvailable("it is not connected".into()))
+        } else if self.current.is_some() {
+            Some(FailureCause::Busy)
+        } else {
+            self.cut_off.first().cloned().map(FailureCause::HostLost)
         }
     }
 
     /// Stops an activation; one that is over is left to the ending already sent.
     pub fn stop(&mut self, activation: u32, moment: &mut Moment<'_>) {
-        if self.stage != (Stage::Running { activation }) {
+        if self.current.as_ref().is_none_or(|current| current.number != activation) {
             return;
         }
-        moment.notes.push(Note::Changed(Change::Stopping));
-        if self.is_controller() {
-            self.stage = Stage::Stopping { activation, until: moment.now + self.stop_within, forced: false };
-            self.tell(Order::Stop { activation }, moment);
-        } else {
-            let until = moment.now + self.stop_within + KILL_WITHIN;
-            self.stage = Stage::Stopping { activation, until, forced: true };
-            self.tell_shim(ShimOrder::Stop { grace: self.stop_within }, moment);
+        match self.stage {
+            Stage::Running => {
+                moment.notes.push(Note::Changed(Change::Stopping));
+                if self.is_controller() {
+                    self.stage = Stage::Stopping { until: moment.now + self.stop_within, forced: false };
+                    self.tell(Order::Stop { activation }, moment);
+                } else {
+                    let until = moment.now + self.stop_within + KILL_WITHIN;
+                    self.stage = Stage::Stopping { until, forced: true };
+                    self.tell_shim(ShimOrder::Stop { grace: self.stop_within }, moment);
+                }
+            }
+            // The program died and has not been activated since: nothing moves.
+            Stage::Waiting { .. }
+            | Stage::Removing { .. }
+            | Stage::Starting { .. }
+            | Stage::Prepared
+            | Stage::Connecting { .. } => self.finish(Ending::Stopped, moment),
+            Stage::Idle | Stage::Stopping { .. } | Stage::Leaving { .. } | Stage::Refused | Stage::Dead => {}
         }
     }
 
-    /// Stops whatever activation runs: its supervisor is lost.
-    pub fn stop_current(&mut self, moment: &mut Moment<'_>) {
-        if let Stage::Running { activation } = self.stage {
-            self.stop(activation, moment);
+    /// Stops what runs because `host` is lost, which then counts as its failure; nothing new begins until [`Self::reach`].
+    pub fn cut(&mut self, host: &str, moment: &mut Moment<'_>) {
+        self.hold(host);
+        if matches!(self.stage, Stage::Stopping { .. } | Stage::Leaving { .. }) {
+            return;
         }
+        if let Some(current) = &mut self.current {
+            current.lost = Some(host.to_owned());
+            let number = current.number;
+            self.stop(number, moment);
+        }
+    }
+
+    /// Begins nothing new while `host` is lost.
+    pub fn hold(&mut self, host: &str) {
+        self.cut_off.insert(host.to_owned());
+    }
+
+    /// Takes note that `host` is back.
+    pub fn reach(&mut self, host: &str) {
+        self.cut_off.remove(host);
     }
 
     /// Takes note that an order did not reach the program: it is of no more use.
     pub fn undelivered(&mut self, why: String, moment: &mut Moment<'_>) {
-        if !matches!(self.stage, Stage::Dead | Stage::Leaving { .. }) {
+        let is_there =
+            !matches!(self.stage, Stage::Dead | Stage::Leaving { .. } | Stage::Waiting { .. } | Stage::Removing { .. });
+        if is_there {
             self.cause.get_or_insert(FailureCause::NotAvailable(why));
             self.tell_shim(ShimOrder::Stop { grace: GRACE }, moment);
-        }
-    }
-
-    /// Returns whether the program may still be there although everything was done to end it.
-    pub fn is_unconfirmed(&self) -> bool {
-        self.stage == Stage::Dead && self.cause == Some(FailureCause::StopUnconfirmed)
-    }
-
-    fn activation(&self) -> Option<u32> {
-        match self.stage {
-            Stage::Running { activation } | Stage::Stopping { activation, .. } => Some(activation),
-            Stage::Leaving { activation, .. } => activation,
-            Stage::Starting { .. }
-            | Stage::Prepared
-            | Stage::Connecting { .. }
-            | Stage::Idle
-            | Stage::Refused
-            | Stage::Dead => None,
         }
     }
 
@@ -243,16 +368,16 @@ impl Instance {
         match self.stage {
             Stage::Dead => moment.notes.push(Note::Gone),
             Stage::Leaving { .. } => {}
+            Stage::Waiting { .. } => {
+                self.stage = Stage::Dead;
+                self.left(moment);
+            }
             // One that has not said hello has no channel for an order yet.
-            Stage::Starting { .. } | Stage::Refused => self.force_out(moment),
-            Stage::Prepared
-            | Stage::Connecting { .. }
-            | Stage::Idle
-            | Stage::Running { .. }
-            | Stage::Stopping { .. } => {
+            Stage::Starting { .. } | Stage::Removing { .. } | Stage::Refused => self.force_out(moment),
+            Stage::Prepared | Stage::Connecting { .. } | Stage::Idle | Stage::Running | Stage::Stopping { .. } => {
                 if self.is_controller() {
-                    let (until, activation) = (moment.now + self.stop_within + GRACE, self.activation());
-                    self.stage = Stage::Leaving { until, forced: false, activation };
+                    let until = moment.now + self.stop_within + GRACE;
+                    self.stage = Stage::Leaving { until, forced: false };
                     self.tell(Order::Exit, moment);
                 } else {
                     self.force_out(moment);
@@ -261,200 +386,18 @@ impl Instance {
         }
     }
 
-    /// Takes a word from the controller.
-    pub fn hear(&mut self, notice: Notice, moment: &mut Moment<'_>) {
-        match notice {
-            Notice::Hello { version, location, owns, needs, signals, .. } => {
-                if !matches!(self.stage, Stage::Starting { .. }) {
-                    return;
-                }
-                if version != VERSION {
-                    let why = format!("it speaks version {version} of the control protocol, this node {VERSION}");
-                    return self.refuse(&why, moment);
-                }
-                self.stage = Stage::Prepared;
-                let leaf = self.order.process.leaf;
-                moment.notes.push(Note::Prepared(LeafFacts { leaf, location, owns, needs, signals }));
-            }
-            Notice::Connected if matches!(self.stage, Stage::Connecting { .. }) => {
-                self.stage = Stage::Idle;
-                moment.notes.push(Note::Connected);
-            }
-            Notice::ConnectFailed { reason } if matches!(self.stage, Stage::Connecting { .. }) => {
-                self.refuse(&reason, moment);
-            }
-            Notice::Switched { generation } => moment.notes.push(Note::Switched(generation)),
-            Notice::Done { activation, value } => {
-                let ending = if value.len() <= VALUE_MAX {
-                    Ending::Done(value)
-                } else {
-                    let why = format!("it leaves a value of {} bytes; {VALUE_MAX} are allowed", value.len());
-                    Ending::Aborted(self.failure(FailureCause::Reported(why), moment))
-                };
-                self.ended(activation, ending, moment);
-            }
-            Notice::Aborted { activation, reason } => {
-                let failure = self.failure(FailureCause::Reported(reason), moment);
-                self.ended(activation, Ending::Aborted(failure), moment);
-            }
-            Notice::Stopped { activation } => self.ended(activation, Ending::Stopped, moment),
-            Notice::Connected | Notice::ConnectFailed { .. } | Notice::Running { .. } => {}
-        }
-    }
-
-    /// Takes a word from the shim. `last_words` is the last line of the program's output.
-    pub fn observe(&mut self, report: ShimReport, last_words: Option<String>, moment: &mut Moment<'_>) {
-        match report {
-            ShimReport::Ready => {
-                if matches!(self.stage, Stage::Starting { .. }) && !self.is_controller() {
-                    self.stage = Stage::Prepared;
-                    moment.notes.push(Note::Prepared(LeafFacts::plain(self.order.process.leaf)));
-                }
-            }
-            ShimReport::Started { pid } => {
-                self.pid = Some(pid);
-                moment.notes.push(Note::Changed(Change::Started { pid }));
-            }
-            ShimReport::Exited { code } => {
-                self.cause.get_or_insert(FailureCause::Exit(code));
-                self.last_words = last_words;
-            }
-            ShimReport::Signalled { signal } => {
-                self.cause.get_or_insert(FailureCause::Signal(signal));
-                self.last_words = last_words;
-            }
-            ShimReport::ExecFailed { reason } => {
-                self.cause.get_or_insert(FailureCause::Exec(reason));
-            }
-            ShimReport::Gone => self.gone(moment),
-        }
-    }
-
-    /// Confirms the links of a plain program, which has none.
-    pub fn connect_plain(&mut self) {
-        if self.stage == Stage::Prepared && !self.is_controller() {
-            self.stage = Stage::Idle;
-        }
-    }
-
-    /// Does what is due.
-    pub fn tick(&mut self, moment: &mut Moment<'_>) {
-        if self.deadline().is_none_or(|at| at > moment.now) {
-            return;
-        }
-        match self.stage {
-            Stage::Starting { .. } => {
-                let words =
-                    self.last_words.as_ref().map(|words| format!("; it last said: {words}")).unwrap_or_default();
-                self.refuse(&format!("it did not report within {} s{words}", START_WITHIN.as_secs()), moment);
-            }
-            Stage::Connecting { .. } => {
-                self.refuse(&format!("it did not make its links within {} s", CONNECT_WITHIN.as_secs()), moment);
-            }
-            Stage::Stopping { activation, forced: false, .. } => {
-                let until = moment.now + GRACE + KILL_WITHIN;
-                self.stage = Stage::Stopping { activation, until, forced: true };
-                self.tell_shim(ShimOrder::Stop { grace: GRACE }, moment);
-            }
-            Stage::Stopping { activation, forced: true, .. } => {
-                self.stage = Stage::Dead;
-                self.cause = Some(FailureCause::StopUnconfirmed);
-                moment.notes.push(Note::Ended(activation, Ending::Unconfirmed));
-            }
-            Stage::Leaving { forced: false, .. } => self.force_out(moment),
-            Stage::Leaving { forced: true, .. } => {
-                self.cause = Some(FailureCause::StopUnconfirmed);
-                self.gone(moment);
-            }
-            Stage::Prepared | Stage::Idle | Stage::Running { .. } | Stage::Refused | Stage::Dead => {}
-        }
-    }
-
-    fn gone(&mut self, moment: &mut Moment<'_>) {
-        let cause = self.cause.clone().unwrap_or_else(|| FailureCause::NotAvailable("its shim was killed".into()));
-        let before = std::mem::replace(&mut self.stage, Stage::Dead);
-        moment.effects.push(Effect::Forget { process: self.order.process.clone() });
-        match before {
-            Stage::Starting { .. } | Stage::Prepared | Stage::Connecting { .. } => {
-                let words = self.last_words.clone().unwrap_or_else(|| cause.to_string());
-                self.refuse(&words, moment);
-            }
-            Stage::Running { activation } => {
-                let ending = if cause == FailureCause::Exit(0) && !self.is_controller() {
-                    Ending::Done(Vec::new())
-                } else {
-                    Ending::Aborted(self.failure(cause, moment))
-                };
-                moment.notes.push(Note::Ended(activation, ending));
-                self.again(moment);
-            }
-            Stage::Stopping { activation, .. } => {
-                moment.notes.push(Note::Ended(activation, Ending::Stopped));
-                self.again(moment);
-            }
-            Stage::Idle => moment.notes.push(Note::Changed(Change::Died(cause))),
-            Stage::Leaving { activation, .. } => {
-                if let Some(activation) = activation {
-                    let ending =
-                        Ending::Aborted(self.failure(FailureCause::NotAvailable("its node left".into()), moment));
-                    moment.notes.push(Note::Ended(activation, ending));
-                }
-                moment.notes.push(Note::Gone);
-            }
-            Stage::Refused | Stage::Dead => {}
-        }
-    }
-
-    /// Holds a plain program ready for its next activation: it runs once for each.
-    fn again(&mut self, moment: &mut Moment<'_>) {
-        if self.is_controller() {
-            return;
-        }
-        (self.pid, self.cause, self.last_words) = (None, None, None);
-        self.stage = Stage::Idle;
-        moment.effects.push(Effect::Spawn(Box::new(self.order.clone())));
-    }
-
-    /// Takes the controller's word that an activation is over. A stop that has gone as far as a signal ends with the
-    /// program, not with its last words.
-    fn ended(&mut self, activation: u32, ending: Ending, moment: &mut Moment<'_>) {
-        let current = match self.stage {
-            Stage::Running { activation } | Stage::Stopping { activation, forced: false, .. } => Some(activation),
-            Stage::Stopping { forced: true, .. }
-            | Stage::Starting { .. }
-            | Stage::Prepared
-            | Stage::Connecting { .. }
-            | Stage::Idle
-            | Stage::Refused
-            | Stage::Leaving { .. }
-            | Stage::Dead => None,
+    /// Ends the current activation, if there is one. What stopped because a host was lost has failed.
+    fn finish(&mut self, ending: Ending, moment: &mut Moment<'_>) {
+        let Some(Current { number, lost, .. }) = self.current.take() else { return };
+        let ending = match (ending, lost) {
+            (Ending::Stopped, Some(host)) => Ending::Aborted(self.failure(FailureCause::HostLost(host), moment)),
+            (ending, _) => ending,
         };
-        if current == Some(activation) {
-            self.stage = Stage::Idle;
-            moment.notes.push(Note::Ended(activation, ending));
-        }
-    }
-
-    fn end(&self, activation: u32, cause: FailureCause, moment: &mut Moment<'_>) {
-        let failure = self.failure(cause, moment);
-        moment.notes.push(Note::Ended(activation, Ending::Aborted(failure)));
+        moment.notes.push(Note::Ended(number, ending));
     }
 
     fn failure(&self, cause: FailureCause, moment: &Moment<'_>) -> Failure {
         Failure { origin: self.order.path.clone(), cause, at: moment.since_go }
-    }
-
-    fn refuse(&mut self, why: &str, moment: &mut Moment<'_>) {
-        if self.stage != Stage::Dead {
-            self.stage = Stage::Refused;
-        }
-        moment.notes.push(Note::Refused(format!("`{}` cannot take part: {why}", self.order.path)));
-    }
-
-    fn force_out(&mut self, moment: &mut Moment<'_>) {
-        let (until, activation) = (moment.now + GRACE + KILL_WITHIN, self.activation());
-        self.stage = Stage::Leaving { until, forced: true, activation };
-        self.tell_shim(ShimOrder::Stop { grace: GRACE }, moment);
     }
 
     fn is_controller(&self) -> bool {

@@ -17,6 +17,7 @@ pub use start::Start;
 pub use summary::{Files, failure_chain, summary};
 
 use crate::logic::protocol::{Change, Deployment, Ending, Failure, Report};
+use crate::logic::record::restarting_text;
 use comms::logic::signals::Signals;
 use language::plan::Plan;
 use phases::Phases;
@@ -233,7 +234,10 @@ impl Mission {
             Change::Ended(Ending::Aborted(failure)) if failure.origin == path => format!("aborted: {}", failure.cause),
             Change::Ended(Ending::Unconfirmed) => "nobody could confirm that it stopped".to_owned(),
             Change::Died(cause) => format!("died: {cause}"),
-            Change::Activated | Change::Stopping | Change::Ended(_) | Change::Started { .. } => return,
+            Change::Restarting { cause, count } => restarting_text(cause, *count),
+            Change::Activated | Change::Stopping | Change::Ended(_) | Change::Started { .. } | Change::Resumed => {
+                return;
+            }
         };
         if self.notes.len() == NOTES_MAX {
             self.notes_dropped += 1;

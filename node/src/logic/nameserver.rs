@@ -30,11 +30,11 @@ impl NameServer {
         before.is_none_or(|peer| peer.boot != boot)
     }
 
-    /// Notes that a node is missing. A vanished token of an older boot says nothing about the newer one.
-    pub fn vanished(&mut self, now: Time, host: &str, boot: u64) {
-        if let Some(peer) = self.peers.get_mut(host).filter(|peer| peer.boot == boot) {
-            peer.missing_since.get_or_insert(now);
-        }
+    /// Notes that a node is missing; returns whether that is news. A vanished token of an older boot says nothing about the
+    /// newer one.
+    pub fn vanished(&mut self, now: Time, host: &str, boot: u64) -> bool {
+        let there = self.peers.get_mut(host).filter(|peer| peer.boot == boot && peer.missing_since.is_none());
+        there.is_some_and(|peer| peer.missing_since.replace(now).is_none())
     }
 
     /// Returns whether a node was seen and is not lost.
@@ -81,13 +81,13 @@ mod tests {
         let mut names = NameServer::default();
         let at = |seconds| Time::ZERO + Duration::from_secs(seconds);
         assert!(names.appeared("c2", 7));
-        names.vanished(at(1), "c2", 7);
+        assert!(names.vanished(at(1), "c2", 7) && !names.vanished(at(2), "c2", 7));
         assert!(!names.reaches("c2"));
         assert!(!names.appeared("c2", 7), "the same boot is back");
         assert_eq!(names.take_lost(at(100)), Vec::<String>::new());
-        names.vanished(at(101), "c2", 6);
+        assert!(!names.vanished(at(101), "c2", 6));
         assert!(names.reaches("c2"), "an old boot's token says nothing");
-        names.vanished(at(101), "c2", 7);
+        assert!(names.vanished(at(101), "c2", 7));
         assert_eq!(names.deadline(), Some(at(106)));
         assert_eq!(names.take_lost(at(106)), ["c2"]);
         assert!(!names.knows("c2"));

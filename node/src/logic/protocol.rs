@@ -158,6 +158,11 @@ pub enum ToTenant {
         /// Echoed.
         generation: u64,
     },
+    /// A program of the sender was started again: programs of yours dial it.
+    Moved {
+        /// What it says of itself now.
+        facts: LeafFacts,
+    },
 }
 
 impl Deployment {
@@ -248,6 +253,13 @@ pub enum FailureCause {
     HostLost(String),
     /// `fail("why")` in the spec.
     Failed(String),
+    /// Its program died again and again.
+    Exhausted {
+        /// How it died the last time.
+        last: String,
+        /// How often it was started again before that.
+        restarts: u32,
+    },
 }
 
 impl fmt::Display for FailureCause {
@@ -261,6 +273,7 @@ impl fmt::Display for FailureCause {
             Self::Busy => f.write_str("was activated while it was still running"),
             Self::ServiceEnded => f.write_str("a service ended by itself"),
             Self::StopUnconfirmed => f.write_str("nobody could confirm that it stopped"),
+            Self::Exhausted { last, restarts } => write!(f, "{last} after {restarts} restarts"),
             Self::HostLost(host) => write!(f, "host `{host}` could not be reached any more"),
         }
     }
@@ -307,6 +320,15 @@ pub enum Change {
         /// Its process id on its host.
         pid: u32,
     },
+    /// Its program died and is started again.
+    Restarting {
+        /// Of what.
+        cause: FailureCause,
+        /// How often it was started again of late, this time included.
+        count: u32,
+    },
+    /// A program that was started again goes on with the activation that the last one had.
+    Resumed,
 }
 
 /// From the command line to a node.

@@ -10,7 +10,7 @@ mod row;
 
 pub use read::ReadError;
 pub use row::{EVENTS, Row, Rows, SIGNALS, Topic};
-pub(crate) use row::{change_text, text as report_text};
+pub(crate) use row::{change_text, restarting_text, text as report_text};
 
 use crate::logic::mission::Mission;
 use crate::logic::protocol::Report;

@@ -2,8 +2,10 @@
 //!
 //! Life: `Preparing` (programs started, each has said where it is or why not) → `Connecting` (links made, closed) →
 //! `Running` → `Leaving` (every program told to go) → nothing. The home node moves it along; if the home node is lost the
-//! tenant leaves by itself.
+//! tenant leaves by itself, unless the spec wants something of it to go on (`loss`).
 
+mod links;
+mod loss;
 mod status;
 
 use crate::logic::child::ShimReport;
@@ -12,10 +14,12 @@ use crate::logic::executer::{Executer, Surroundings, group_host, leaf_host};
 use crate::logic::instance::{Instance, Moment, Note};
 use crate::logic::programs::Programs;
 use crate::logic::protocol::{Change, Deployment, Ending, Failure, FailureCause, LeafFacts, Target, ToHome, ToTenant};
-use crate::logic::wiring::{Registrations, links, shapes};
-use comms::logic::control::{Notice, Order};
+use crate::logic::wiring::Registrations;
+use comms::logic::control::Notice;
 use comms::logic::time::Time;
-use language::plan::{LeafKind, MemberKind, Plan};
+use language::plan::{MemberKind, Plan};
+use links::Switching;
+use loss::Loss;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Duration;
@@ -43,8 +47,12 @@ pub struct Tenant {
     waiting: BTreeSet<u32>,
     facts: Vec<LeafFacts>,
     reasons: Vec<String>,
-    switching: BTreeMap<u64, (u32, u64, BTreeSet<u32>, String)>,
+    registrations: Registrations,
+    /// Open wires whose producers are here.
+    open: BTreeSet<u32>,
+    switching: BTreeMap<u64, Switching>,
     ticket: u64,
+    loss: Loss,
 }
 
 impl Tenant {
@@ -73,8 +81,11 @@ impl Tenant {
             waiting: BTreeSet::new(),
             facts: Vec::new(),
             reasons: Vec::new(),
+            registrations: Registrations::default(),
+            open: BTreeSet::new(),
             switching: BTreeMap::new(),
             ticket: 0,
+            loss: Loss::default(),
         };
         tenant.start_programs(host, programs, out);
         tenant.report_prepared(out);
@@ -109,6 +120,11 @@ impl Tenant {
                     None
                 });
             }
+            ToTenant::Moved { facts } => {
+                if leaf_host(&self.plan, facts.leaf) == Some(from) {
+                    self.moved(facts, out);
+                }
+            }
         }
     }
 
@@ -120,32 +136,6 @@ impl Tenant {
     /// Takes a word from a shim.
     pub fn observe(&mut self, leaf: u32, report: ShimReport, last_words: Option<String>, out: &mut Out<'_>) {
         self.with_instance(leaf, out, |instance, moment| instance.observe(report, last_words, moment));
-    }
-
-    /// Takes the loss of a host.
-    pub fn host_lost(&mut self, host: &str, out: &mut Out<'_>) {
-        if host == self.home {
-            self.leave(out);
-            return;
-        }
-        self.stop_orphans(host, out);
-        for group in self.executers.keys().copied().collect::<Vec<_>>() {
-            self.with_executer(group, out, |executer, at, out| executer.host_lost(host, at, out));
-        }
-    }
-
-    /// Stops what runs here for a supervisor on a lost host: nobody waits for it, and something may take its place.
-    fn stop_orphans(&mut self, host: &str, out: &mut Out<'_>) {
-        let orphaned = |(_, (group, _)): &(&Target, &(u32, u32))| group_host(&self.plan, *group) == Some(host);
-        let targets: Vec<Target> = self.supervisors.iter().filter(orphaned).map(|(target, _)| *target).collect();
-        for target in targets {
-            match target {
-                Target::Leaf(leaf) => self.with_instance(leaf, out, Instance::stop_current),
-                Target::Group(group) => {
-                    self.with_executer(group, out, |executer, at, out| executer.stop(executer.activation(), at, out));
-                }
-            }
-        }
     }
 
     /// Takes note that an order did not reach a program.
@@ -186,6 +176,7 @@ impl Tenant {
 
     /// Does what is due.
     pub fn tick(&mut self, out: &mut Out<'_>) {
+        self.tick_loss(out);
         for leaf in self.instances.keys().copied().collect::<Vec<_>>() {
             self.with_instance(leaf, out, Instance::tick);
         }
@@ -198,7 +189,7 @@ impl Tenant {
     pub fn deadline(&self) -> Option<Time> {
         let instances = self.instances.values().map(Instance::deadline);
         let executers = self.executers.values().map(Executer::deadline);
-        instances.chain(executers).fold(None, earliest)
+        instances.chain(executers).fold(self.loss_deadline(), earliest)
     }
 
     fn start_programs(&mut self, host: &str, programs: &Programs, out: &mut Out<'_>) {
@@ -226,31 +217,6 @@ impl Tenant {
             self.waiting.insert(number);
             self.instances.insert(number, Instance::spawn(order, stop_within, &mut moment));
         }
-    }
-
-    fn connect(&mut self, facts: Vec<LeafFacts>, machines: Vec<String>, out: &mut Out<'_>) {
-        if self.phase != Phase::Preparing {
-            return;
-        }
-        self.phase = Phase::Connecting;
-        let facts = facts.into_iter().map(|facts| (facts.leaf, facts)).collect();
-        let registrations = Registrations { facts, machines };
-        for leaf in self.instances.keys().copied().collect::<Vec<_>>() {
-            match links(&self.plan, &self.deployment, &registrations, leaf) {
-                Ok(order) => {
-                    let plain = self.plan.leaves.get(leaf as usize).is_some_and(|leaf| leaf.kind == LeafKind::Plain);
-                    if !plain {
-                        self.waiting.insert(leaf);
-                    }
-                    let orders = shapes(&self.plan, leaf).into_iter().chain([order]);
-                    self.with_instance(leaf, out, |instance, moment| {
-                        if plain { instance.connect_plain() } else { instance.connect(orders, moment) }
-                    });
-                }
-                Err(reasons) => self.reasons.extend(reasons),
-            }
-        }
-        self.report_connected(out);
     }
 
     fn go(&mut self, now: Time) {
@@ -297,48 +263,6 @@ impl Tenant {
         }
     }
 
-    /// Flips wires whose producers are here; confirms when every producer that is alive has.
-    fn switch(&mut self, wires: &[u32], open: bool, asked: (u32, u64, &str), out: &mut Out<'_>) {
-        let mut by_leaf: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
-        for &wire in wires {
-            if let Some(route) = self.plan.wires.get(wire as usize) {
-                by_leaf.entry(route.from.leaf).or_default().push(wire);
-            }
-        }
-        self.ticket += 1;
-        let ticket = self.ticket;
-        let mut waiting = BTreeSet::new();
-        for (leaf, wires) in by_leaf {
-            let order = if open {
-                Order::Open { wires, generation: ticket }
-            } else {
-                Order::Close { wires, generation: ticket }
-            };
-            self.with_instance(leaf, out, |instance, moment| {
-                if instance.switch(order, moment) {
-                    waiting.insert(leaf);
-                }
-            });
-        }
-        let (group, generation, host) = asked;
-        self.switching.insert(ticket, (group, generation, waiting, host.to_owned()));
-        self.confirm_switches(out);
-    }
-
-    fn confirm_switches(&mut self, out: &mut Out<'_>) {
-        let done: Vec<u64> = self
-            .switching
-            .iter()
-            .filter(|(_, (.., waiting, _))| waiting.is_empty())
-            .map(|(ticket, _)| *ticket)
-            .collect();
-        for ticket in done {
-            if let Some((group, generation, _, host)) = self.switching.remove(&ticket) {
-                out.send(&host, self.deployment.to_tenant(ToTenant::Switched { group, generation }));
-            }
-        }
-    }
-
     fn with_instance(&mut self, leaf: u32, out: &mut Out<'_>, act: impl FnOnce(&mut Instance, &mut Moment<'_>)) {
         let mut notes = Vec::new();
         let since_go = self.since_go(out.now);
@@ -367,34 +291,21 @@ impl Tenant {
                 self.waiting.remove(&leaf);
                 self.report_connected(out);
             }
-            Note::Switched(ticket) => {
-                if let Some((.., waiting, _)) = self.switching.get_mut(&ticket) {
-                    waiting.remove(&leaf);
-                }
-                self.confirm_switches(out);
-            }
+            Note::Switched(ticket) => self.confirm_switch(leaf, ticket, out),
             Note::Ended(activation, ending) => {
                 self.happened(target, Change::Ended(ending.clone()), out);
                 self.tell_supervisor(target, activation, ending, out);
                 self.forget_switches(leaf, out);
             }
             Note::Changed(change) => {
-                if matches!(change, Change::Died(_)) {
+                if matches!(change, Change::Died(_) | Change::Restarting { .. }) {
                     self.forget_switches(leaf, out);
                 }
                 self.happened(target, change, out);
             }
+            Note::Moved(facts) => self.rejoin(facts, out),
+            Note::Rejoined => self.resume(leaf, out),
             Note::Gone => self.report_released(out),
-        }
-    }
-
-    /// A program that is gone confirms nothing any more.
-    fn forget_switches(&mut self, leaf: u32, out: &mut Out<'_>) {
-        if self.instances.get(&leaf).is_some_and(Instance::is_gone) {
-            for (.., waiting, _) in self.switching.values_mut() {
-                waiting.remove(&leaf);
-            }
-            self.confirm_switches(out);
         }
     }
 

@@ -7,7 +7,7 @@ use crate::logic::protocol::{Deployment, LeafFacts};
 use comms::logic::control::{Device, Dial, Incoming, Location, Order, Outgoing, Shape};
 use comms::logic::key;
 use language::plan::{Plan, Quality, Retention, Transfer, Wire};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// What is known of a deployment once every program has reported.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -72,6 +72,22 @@ pub fn shapes(plan: &Plan, leaf: u32) -> Option<Order> {
     (!wires.is_empty()).then_some(Order::Shape { wires })
 }
 
+/// Returns the programs that dial `leaf`: consumers of its outputs, and those that need a device of it.
+pub fn dialers(plan: &Plan, registrations: &Registrations, leaf: u32) -> BTreeSet<u32> {
+    let consumers = plan.wires.iter().filter(|wire| wire.from.leaf == leaf).map(|wire| wire.to.leaf);
+    let owned = registrations.facts.get(&leaf).map_or(&[][..], |facts| &facts.owns);
+    let needs = |facts: &&LeafFacts| facts.needs.iter().any(|device| owned.contains(device));
+    let users = registrations.facts.values().filter(needs).map(|facts| facts.leaf);
+    consumers.chain(users).filter(|dialer| *dialer != leaf).collect()
+}
+
+/// Returns the order that tells `dialer` where `moved` is, which was started again and had the session `lost` before. None
+/// when it cannot be reached from there, which was so before, too.
+pub fn relink(plan: &Plan, registrations: &Registrations, (dialer, moved): (u32, u32), lost: &str) -> Option<Order> {
+    let found = dial(plan, registrations, dialer, moved).ok()?;
+    Some(Order::Relink { lost: lost.to_owned(), found })
+}
+
 /// Returns how to reach a program that publishes signals. Nobody knows where its observer is: it tries every way in turn.
 pub fn observe(registrations: &Registrations, leaf: u32) -> Option<Dial> {
     let location = registrations.facts.get(&leaf)?.location.as_ref()?;
@@ -115,4 +131,70 @@ fn reach(location: &Location, same_machine: bool) -> Option<Dial> {
 
 fn path(plan: &Plan, leaf: u32) -> &str {
     plan.leaves.get(leaf as usize).map_or("?", |leaf| &leaf.path)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use language::{Options, Source, compile};
+    use std::time::Duration;
+
+    const SPEC: &str = r#"
+module Source(host) { out Out: Number; out Other: Number; service; }
+module Sink(host) { in In: Number; in Other: Number; done; }
+process main() {
+    host { "c1" }
+    instantiated_processes { a instof Source("c1"); b instof Sink("c1"); c instof Sink("c2"); }
+    internal_connections(a, lbl1) {
+        a, Out -> b, In queue 4;
+        a, Out -> c, In latch rate 10 Hz;
+        a, Other -> c, Other;
+    }
+    internal_event_actions { a[lbl1], (b ; c) }
+}
+"#;
+
+    fn plan() -> Plan {
+        let compiled = compile(&Source::new("shapes", SPEC), &[], &Options::named("shapes"));
+        compiled.plan.unwrap_or_else(|| panic!("{:#?}", compiled.diagnostics))
+    }
+
+    fn facts(leaf: u32, session: &str) -> LeafFacts {
+        let location = Location { session: session.into(), local: vec!["unix".into()], remote: vec!["tcp".into()] };
+        LeafFacts { location: Some(location), ..LeafFacts::plain(leaf) }
+    }
+
+    #[test]
+    fn both_ends_are_told_how_data_moves_and_nobody_of_what_moves_as_ever() {
+        let plan = plan();
+        let queue = Shape { wire: 0, queue: Some(4), ..Shape::default() };
+        let period_min = Some(Duration::from_millis(100));
+        let latch = Shape { wire: 1, latch: true, period_min, ..Shape::default() };
+        let order = |wires: &[Shape]| Some(Order::Shape { wires: wires.to_vec() });
+        assert_eq!(shapes(&plan, 0), order(&[queue, latch]));
+        assert_eq!(shapes(&plan, 1), order(&[queue]));
+        assert_eq!(shapes(&plan, 2), order(&[latch]));
+        assert_eq!(shapes(&plan, 3), None);
+    }
+
+    #[test]
+    fn who_dials_a_program_is_told_where_it_is_now() {
+        let plan = plan();
+        let mut registrations = Registrations {
+            facts: [facts(0, "new"), facts(1, "b"), facts(2, "c")].map(|facts| (facts.leaf, facts)).into(),
+            machines: vec!["one".into(), "other".into()],
+        };
+        assert_eq!(dialers(&plan, &registrations, 0), BTreeSet::from([1, 2]));
+        assert_eq!(dialers(&plan, &registrations, 1), BTreeSet::new());
+        // Devices are dialled, too, without a wire.
+        registrations.facts.entry(1).and_modify(|facts| facts.owns = vec!["arm".into()]);
+        registrations.facts.entry(0).and_modify(|facts| facts.needs = vec!["arm".into()]);
+        assert_eq!(dialers(&plan, &registrations, 1), BTreeSet::from([0]));
+        let relink = |dialer| relink(&plan, &registrations, (dialer, 0), "old");
+        let order = |locator: &str| {
+            let found = Dial { session: "new".into(), locators: vec![locator.into()] };
+            Some(Order::Relink { lost: "old".into(), found })
+        };
+        assert_eq!((relink(1), relink(2)), (order("unix"), order("tcp")));
+    }
 }

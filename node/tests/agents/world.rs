@@ -2,10 +2,11 @@
 
 use comms::logic::control::{Location, Notice, Order};
 use comms::logic::time::Time;
+use language::plan::{LeafKind, Plan, Policy};
 use language::{Options, Source, compile};
 use node::logic::agent::{Agent, Identity, Input};
 use node::logic::child::{ShimOrder, ShimReport};
-use node::logic::effect::{Effect, ProcessId};
+use node::logic::effect::{Effect, ProcessId, SpawnOrder};
 use node::logic::programs::Programs;
 use node::logic::protocol::{Answer, Ending, Report, Request};
 use std::collections::{BTreeMap, BTreeSet};
@@ -16,14 +17,17 @@ module Step(host) { in In: Number; out Out: Number; done; }
 module Long(host) { in In: Number; out Out: Number; done; }
 module Sensor(host) { out Out: Number; service; }
 module Stubborn(host) { done; stop within 100 ms; }
+module Script(host) { exec \"sh Script\"; plain; done; }
 ";
 
 /// Something that will happen to a host.
 #[derive(Debug)]
 pub(super) enum Coming {
     Input(Input),
-    /// The end of an activation, if it is still running.
-    Finish(ProcessId, u32),
+    /// A word of a program, which counts as long as no other has taken its place.
+    Notice(ProcessId, u32, Notice),
+    /// The end of an activation, if it is still running in the same program.
+    Finish(ProcessId, u32, u32),
 }
 
 #[derive(Debug, Default)]
@@ -35,10 +39,17 @@ pub(super) struct World {
     pub(super) running: BTreeMap<(String, ProcessId), u32>,
     pub(super) modules: BTreeMap<ProcessId, String>,
     pub(super) alive: BTreeSet<(String, ProcessId)>,
+    /// How often each program was started.
+    pub(super) lives: BTreeMap<ProcessId, u32>,
+    /// The policies that each program was started with, by its path.
+    pub(super) spawned: BTreeMap<String, Vec<Policy>>,
+    /// The sessions that each program dials.
+    pub(super) dialled: BTreeMap<ProcessId, BTreeSet<String>>,
     pub(super) cut: BTreeSet<String>,
     pub(super) answers: BTreeMap<u64, Vec<Answer>>,
     pub(super) wires_open: BTreeSet<u32>,
     pub(super) log: Vec<String>,
+    pub(super) plan: Option<Plan>,
     /// Whether shims fail to end their programs.
     pub(super) immortal: bool,
 }
@@ -70,6 +81,7 @@ impl World {
         let spec = Source::new("test.dca", text);
         let compiled = compile(&spec, &[Source::new("modules", MODULES)], &options);
         let plan = compiled.plan.unwrap_or_else(|| panic!("{:#?}", compiled.diagnostics));
+        self.plan = Some(plan.clone());
         self.counter += 1;
         let call = self.counter;
         let request = Box::new(Request::Deploy { request: call, plan, by: "ann".into() });
@@ -107,14 +119,27 @@ impl World {
     fn happen(&mut self, host: &str, coming: Coming) {
         match coming {
             Coming::Input(input) => self.give(host, input),
-            Coming::Finish(process, activation) => {
-                if self.running.get(&(host.into(), process.clone())) == Some(&activation) {
-                    self.running.remove(&(host.to_owned(), process.clone()));
-                    let notice = Notice::Done { activation, value: vec![] };
+            Coming::Notice(process, life, notice) => {
+                if self.lives[&process] == life {
                     self.give(host, Input::Control { process, notice });
                 }
             }
+            Coming::Finish(process, life, activation) => {
+                let runs = self.running.get(&(host.into(), process.clone())) == Some(&activation);
+                if runs && self.lives[&process] == life {
+                    self.finish(host, process, activation);
+                }
+            }
         }
+    }
+
+    fn finish(&mut self, host: &str, process: ProcessId, activation: u32) {
+        if self.modules[&process] == "Script" {
+            return self.die(host, &process, ShimReport::Exited { code: 0 });
+        }
+        self.running.remove(&(host.to_owned(), process.clone()));
+        let notice = Notice::Done { activation, value: vec![] };
+        self.give(host, Input::Control { process, notice });
     }
 
     fn give(&mut self, host: &str, input: Input) {
@@ -128,7 +153,8 @@ impl World {
 
     fn notice(&mut self, millis: u64, host: &str, process: &ProcessId, notice: Notice) {
         if self.alive.contains(&(host.to_owned(), process.clone())) {
-            self.at(millis, host, Coming::Input(Input::Control { process: process.clone(), notice }));
+            let life = self.lives[process];
+            self.at(millis, host, Coming::Notice(process.clone(), life, notice));
         }
     }
 
@@ -147,6 +173,11 @@ impl World {
     fn die(&mut self, host: &str, process: &ProcessId, how: ShimReport) {
         self.alive.remove(&(host.to_owned(), process.clone()));
         self.running.remove(&(host.to_owned(), process.clone()));
+        // The wires of a program die with it: a new one has them closed.
+        let wires = self.plan.iter().flat_map(|plan| &plan.wires);
+        let own = (0_u32..).zip(wires).filter(|(_, wire)| wire.from.leaf == process.leaf);
+        let own: Vec<u32> = own.map(|(number, _)| number).collect();
+        self.wires_open.retain(|wire| !own.contains(wire));
         self.report(host, process, how);
         self.report(host, process, ShimReport::Gone);
     }
@@ -158,26 +189,13 @@ impl World {
                     self.at(1, &to, Coming::Input(Input::Frame(frame)));
                 }
             }
-            Effect::Spawn(order) => {
-                let process = order.process.clone();
-                self.alive.insert((host.into(), process.clone()));
-                self.modules.insert(process.clone(), order.command[1].clone());
-                self.report(host, &process, ShimReport::Started { pid: 100 + process.leaf });
-                let location = Some(Location {
-                    session: format!("{host}{}", process.leaf),
-                    local: vec!["unix".into()],
-                    remote: vec!["tcp".into()],
-                });
-                let (owns, needs) = (vec![], vec![]);
-                let hello = Notice::Hello { version: 1, instance: order.path, location, owns, needs, signals: false };
-                self.notice(5, host, &process, hello);
-            }
+            Effect::Spawn(order) => self.spawn(host, *order),
             Effect::Shim { process, order } => match order {
                 ShimOrder::Stop { .. } | ShimOrder::Kill if self.immortal => {}
                 ShimOrder::Stop { .. } | ShimOrder::Kill => {
                     self.die(host, &process, ShimReport::Signalled { signal: 15 });
                 }
-                ShimOrder::Go => {}
+                ShimOrder::Go => self.run(host, &process, 1),
             },
             Effect::Control { process, order } => self.order(host, &process, order),
             Effect::Answer { call, answer } => self.answers.entry(call).or_default().push(*answer),
@@ -189,7 +207,16 @@ impl World {
     fn order(&mut self, host: &str, process: &ProcessId, order: Order) {
         let module = self.modules[process].clone();
         match order {
-            Order::Connect { .. } => self.notice(3, host, process, Notice::Connected),
+            Order::Connect { incoming, .. } => {
+                let sessions = incoming.into_iter().map(|incoming| incoming.producer.session).collect();
+                self.dialled.insert(process.clone(), sessions);
+                self.notice(3, host, process, Notice::Connected);
+            }
+            Order::Relink { lost, found } => {
+                let sessions = self.dialled.entry(process.clone()).or_default();
+                sessions.remove(&lost);
+                sessions.insert(found.session);
+            }
             Order::Open { wires, generation } => {
                 self.wires_open.extend(wires);
                 self.notice(2, host, process, Notice::Switched { generation });
@@ -199,15 +226,8 @@ impl World {
                 self.notice(2, host, process, Notice::Switched { generation });
             }
             Order::Activate { activation, .. } => {
-                self.log.push(format!("{module} with wires {:?}", self.wires_open));
-                self.running.insert((host.into(), process.clone()), activation);
                 self.notice(1, host, process, Notice::Running { activation });
-                let lasts = match module.as_str() {
-                    "Step" => 50,
-                    "Long" => 10_000,
-                    _ => return,
-                };
-                self.at(lasts, host, Coming::Finish(process.clone(), activation));
+                self.run(host, process, activation);
             }
             Order::Stop { activation } => {
                 self.running.remove(&(host.to_owned(), process.clone()));
@@ -215,9 +235,43 @@ impl World {
                     self.notice(4, host, process, Notice::Stopped { activation });
                 }
             }
-            Order::Configure { .. } | Order::Shape { .. } => {}
+            Order::Configure { .. } | Order::Shape { .. } | Order::Rejoin => {}
             Order::Exit => self.die(host, process, ShimReport::Exited { code: 0 }),
         }
+    }
+
+    fn spawn(&mut self, host: &str, order: SpawnOrder) {
+        let process = order.process;
+        assert!(self.alive.insert((host.into(), process.clone())), "two programs of `{}`", order.path);
+        *self.lives.entry(process.clone()).or_default() += 1;
+        self.spawned.entry(order.path.clone()).or_default().push(order.policy);
+        self.modules.insert(process.clone(), order.command[1].clone());
+        if order.kind == LeafKind::Plain {
+            return self.report(host, &process, ShimReport::Ready);
+        }
+        self.report(host, &process, ShimReport::Started { pid: 100 + process.leaf });
+        let local = vec!["unix".into()];
+        let location = Some(Location { session: self.session(&process), local, remote: vec!["tcp".into()] });
+        let (owns, needs) = (vec![], vec![]);
+        let hello = Notice::Hello { version: 1, instance: order.path, location, owns, needs, signals: false };
+        self.notice(5, host, &process, hello);
+    }
+
+    /// Returns the session of a program as it is now.
+    pub(super) fn session(&self, process: &ProcessId) -> String {
+        format!("leaf {} life {}", process.leaf, self.lives[process])
+    }
+
+    fn run(&mut self, host: &str, process: &ProcessId, activation: u32) {
+        let module = self.modules[process].clone();
+        self.log.push(format!("{module} with wires {:?}", self.wires_open));
+        self.running.insert((host.into(), process.clone()), activation);
+        let lasts = match module.as_str() {
+            "Step" | "Script" => 50,
+            "Long" => 10_000,
+            _ => return,
+        };
+        self.at(lasts, host, Coming::Finish(process.clone(), self.lives[process], activation));
     }
 
     /// Returns how the deployment ended.

@@ -3,8 +3,8 @@
 
 use super::OpenError;
 use super::config::Settings;
-use crate::io::queue::{self, Receiver};
-use crate::logic::port::Policy;
+use crate::io::queue::{self, Receiver, Sender};
+use crate::logic::port::{Policy, Pushed};
 use rustix::io::{FdFlags, fcntl_setfd};
 use std::collections::{BTreeMap, BTreeSet};
 use std::os::fd::BorrowedFd;
@@ -34,6 +34,8 @@ pub(crate) struct Opened {
     runtime: Runtime,
     links: Arc<Mutex<Links>>,
     keeper: tokio::task::JoinHandle<()>,
+    /// What the keeper is to dial, beside what is lost.
+    to_dial: Arc<Sender<String>>,
 }
 
 /// Links by session id.
@@ -85,7 +87,9 @@ impl Opened {
             }
         }
         let session = zenoh::session::init(runtime.clone().into()).wait().map_err(failed)?;
-        let (lost_tx, lost) = queue::channel(Policy::reject(LOSSES_MAX));
+        let (to_dial, lost) = queue::channel(Policy::reject(LOSSES_MAX));
+        let to_dial = Arc::new(to_dial);
+        let lost_tx = Arc::clone(&to_dial);
         let links = Arc::new(Mutex::new(Links::default()));
         let noted = Arc::clone(&links);
         let on_event = move |event: TransportEvent| {
@@ -104,7 +108,7 @@ impl Opened {
         let listener = info.transport_events_listener().history(true).callback(on_event).background();
         listener.wait().map_err(failed)?;
         let keeper = ZRuntime::Net.spawn(keep(runtime.clone(), Arc::clone(&links), lost));
-        Ok(Self { session, runtime, links, keeper })
+        Ok(Self { session, runtime, links, keeper, to_dial })
     }
 
     /// Returns the session's id as it is written in a `Dial`.
@@ -135,10 +139,29 @@ impl Opened {
         let connecting = connect(&self.runtime, &self.links, id, &locators);
         let linked = ZRuntime::Net.block_in_place(async { tokio::time::timeout(within, connecting).await });
         linked.map_err(|_elapsed| {
-            lock(&self.links).kept.remove(session);
+            self.forget(session);
             let places: Vec<String> = locators.iter().map(ToString::to_string).collect();
             format!("nobody answers at {} within {within:?}", places.join(", "))
         })
+    }
+
+    /// Links to a peer whenever it can be reached, and keeps linked to it; waits for nothing. Says why not.
+    pub(crate) fn keep(&self, session: &str, locators: &[String]) -> Result<(), String> {
+        let locators: Result<Vec<Locator>, _> = locators.iter().map(|locator| locator.parse()).collect();
+        let locators = locators.map_err(|cause: zenoh::Error| plain(&cause))?;
+        if session == self.id() {
+            return Ok(());
+        }
+        lock(&self.links).kept.insert(session.to_owned(), Place { locators, within: None });
+        match self.to_dial.push(session.to_owned()) {
+            Pushed::Stored | Pushed::Replaced(_) => Ok(()),
+            Pushed::Rejected(_) => Err("too many links are lost".to_owned()),
+        }
+    }
+
+    /// Dials a peer no more; a link that stands is left alone.
+    pub(crate) fn forget(&self, session: &str) {
+        lock(&self.links).kept.remove(session);
     }
 
     /// Dials peers that scouting found again when their link is lost: scouting itself asks only every 8 s.
@@ -194,13 +217,18 @@ async fn keep(runtime: Runtime, links: Arc<Mutex<Links>>, mut lost: Receiver<Str
     }
 }
 
-/// Dials until the link stands. Two at a time for one peer do no harm: zenoh lets one through.
+/// Dials until the link stands, or is not to be kept any more. Two at a time for one peer do no harm: zenoh lets one
+/// through.
 async fn connect(runtime: &Runtime, links: &Mutex<Links>, id: ZenohId, locators: &[Locator]) {
     let (session, mut wait) = (id.to_string(), RETRY_MIN);
     loop {
         // What it says is old news when a link has just been lost; the events decide.
         runtime.connect_peer(&id.into(), locators).await;
-        if lock(links).standing.contains(&session) || runtime.is_closed() {
+        let over = {
+            let links = lock(links);
+            links.standing.contains(&session) || !links.kept.contains_key(&session)
+        };
+        if over || runtime.is_closed() {
             return;
         }
         tokio::time::sleep(wait.mul_f64(jitter())).await;

@@ -4,17 +4,20 @@ use super::flow::Flow;
 use super::inbox::{Hold, Inbox};
 use crate::sdk::interface::{Binding, Direction, Interface, PortInterface};
 use comms::io::clock::now;
-use comms::io::data::{Answering, DataSession, Hearing, Payload, Priority, Publisher};
+use comms::io::data::{Answering, DataError, DataSession, Hearing, Payload, Priority, Publisher};
 use comms::logic::codec;
 use comms::logic::control::{Device, Dial, Incoming, Outgoing, Shape};
 use comms::logic::key::{self, Channel};
 use comms::logic::signals::Signals;
+use comms::logic::time::Time;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 /// How long another program has to be reached.
 const DIAL_WITHIN: Duration = Duration::from_secs(5);
+/// How long all others have together when this program was started again: some may be gone for good.
+const REJOIN_WITHIN: Duration = Duration::from_secs(1);
 
 /// What the node wants linked.
 #[derive(Debug)]
@@ -65,20 +68,44 @@ struct Made {
 #[derive(Debug, Default)]
 pub(super) struct Links {
     made: Mutex<Made>,
-    /// How data moves on wires that are not made yet.
-    shapes: Mutex<BTreeMap<u32, Shape>>,
+    told: Mutex<Told>,
+}
+
+/// What is said before the links are made.
+#[derive(Debug, Default)]
+struct Told {
+    /// How data moves.
+    shapes: BTreeMap<u32, Shape>,
+    /// Whether the others run already.
+    rejoins: bool,
+}
+
+/// How long others are waited for.
+#[derive(Clone, Copy, Debug)]
+enum Patience {
+    /// So long for each; without one of them the links are not made.
+    Each(Duration),
+    /// Until then for all of them; what is not there then is linked when it comes.
+    Until(Time),
 }
 
 impl Links {
     /// Notes how data is to move on wires that are made later.
     pub(super) fn shape(&self, wires: Vec<Shape>) {
-        let mut shapes = self.shapes.lock().unwrap_or_else(PoisonError::into_inner);
-        shapes.extend(wires.into_iter().map(|shape| (shape.wire, shape)));
+        self.told().shapes.extend(wires.into_iter().map(|shape| (shape.wire, shape)));
+    }
+
+    /// Notes that the others run already.
+    pub(super) fn rejoin(&self) {
+        self.told().rejoins = true;
+    }
+
+    fn told(&self) -> MutexGuard<'_, Told> {
+        self.told.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn shape_of(&self, wire: u32) -> Shape {
-        let shapes = self.shapes.lock().unwrap_or_else(PoisonError::into_inner);
-        shapes.get(&wire).copied().unwrap_or(Shape { wire, ..Shape::default() })
+        self.told().shapes.get(&wire).copied().unwrap_or(Shape { wire, ..Shape::default() })
     }
 
     /// Makes every link; the wires stay closed.
@@ -90,6 +117,8 @@ impl Links {
         inbox: &Arc<Inbox>,
     ) -> Result<(), String> {
         let mut made = Made::default();
+        let patience =
+            if self.told().rejoins { Patience::Until(now() + REJOIN_WITHIN) } else { Patience::Each(DIAL_WITHIN) };
         for outgoing in &wanted.outgoing {
             let shape = self.shape_of(outgoing.wire);
             made.wires.insert(outgoing.wire, wire(session, interface, outgoing, shape)?);
@@ -101,7 +130,7 @@ impl Links {
             let key = key::signals(&wanted.robot, &wanted.instance);
             made.signals = Some(session.publisher(&key, Priority::Background).map_err(|error| error.to_string())?);
         }
-        let dial = |to: &Dial| session.dial(to, DIAL_WITHIN).map_err(|error| error.to_string());
+        let dial = |to: &Dial| patience.dial(session, to).map_err(|error| error.to_string());
         for device in &wanted.devices {
             dial(&device.owner).map_err(|why| format!("device `{}`: {why}", device.device))?;
         }
@@ -118,7 +147,8 @@ impl Links {
         // Consumers have their inputs before anybody sends: a value that is sent once must not find nobody there.
         for wire in made.wires.values() {
             if let Way::Push(publisher) = &wire.way
-                && !publisher.wait_heard(DIAL_WITHIN)
+                && !publisher.wait_heard(patience.left())
+                && matches!(patience, Patience::Each(_))
             {
                 return Err(format!("output `{}`: its consumer has not come within {DIAL_WITHIN:?}", wire.port));
             }
@@ -187,6 +217,23 @@ impl Links {
     }
 }
 
+impl Patience {
+    fn left(self) -> Duration {
+        match self {
+            Self::Each(within) => within,
+            Self::Until(until) => until.since(now()),
+        }
+    }
+
+    fn dial(self, session: &DataSession, to: &Dial) -> Result<(), DataError> {
+        let linked = session.dial(to, self.left());
+        match self {
+            Self::Each(_) => linked,
+            Self::Until(_) => linked.or_else(|_late| session.keep(to)),
+        }
+    }
+}
+
 impl Fetch {
     /// Returns the producer's latest value; none while its wire is closed, or when it does not answer in time.
     pub(super) fn fetch(&self, within: Duration) -> Option<Vec<u8>> {
@@ -234,7 +281,7 @@ impl Made {
 
 fn wire(session: &DataSession, interface: &Interface, outgoing: &Outgoing, shape: Shape) -> Result<Wire, String> {
     let port = port(interface, &outgoing.port, Direction::Out)?.name;
-    let failed = |error: comms::io::data::DataError| format!("output `{port}`: {error}");
+    let failed = |error: DataError| format!("output `{port}`: {error}");
     let way = if outgoing.pull {
         let latest: Arc<Mutex<Option<Vec<u8>>>> = Arc::default();
         let theirs = Arc::clone(&latest);

@@ -93,7 +93,7 @@ impl Phase {
                     self.end.get_or_insert(at);
                 }
             }
-            Change::Died(_) | Change::Started { .. } => {}
+            Change::Died(_) | Change::Started { .. } | Change::Restarting { .. } | Change::Resumed => {}
         }
     }
 }
@@ -144,9 +144,12 @@ impl Phases {
         // Usually the current phase; an ending that comes late belongs to the one in which the member was active.
         let phase = match change {
             Change::Activated => self.phases.last_mut(),
-            Change::Stopping | Change::Ended(_) | Change::Died(_) | Change::Started { .. } => {
-                self.phases.iter_mut().rev().take(3).find(|phase| phase.active.contains(&member))
-            }
+            Change::Stopping
+            | Change::Ended(_)
+            | Change::Died(_)
+            | Change::Started { .. }
+            | Change::Restarting { .. }
+            | Change::Resumed => self.phases.iter_mut().rev().take(3).find(|phase| phase.active.contains(&member)),
         };
         if let Some(phase) = phase {
             phase.change(member, &name, change, at);

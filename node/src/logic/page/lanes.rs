@@ -124,8 +124,9 @@ fn lane_picture(lane: &Lane<'_>, top: f64, now: Duration, axis: &TimeAxis) -> St
 
 fn after(state: State, change: &Change, leaf: bool) -> State {
     match change {
-        Change::Activated => State::Running,
+        Change::Activated | Change::Resumed => State::Running,
         Change::Stopping => State::Stopping,
+        Change::Restarting { .. } => State::Away,
         Change::Ended(_) if leaf => State::Idle,
         Change::Ended(_) | Change::Died(_) => State::Away,
         Change::Started { .. } if state == State::Away => State::Idle,
@@ -159,9 +160,12 @@ fn mark(lane: &Lane<'_>, at: Duration, change: &Change, top: f64, axis: &TimeAxi
     let (class, sign) = match change {
         Change::Ended(Ending::Done(_)) => ("good", "●"),
         Change::Ended(Ending::Aborted(_) | Ending::Unconfirmed) | Change::Died(_) => ("bad", "✕"),
-        Change::Ended(Ending::Stopped) | Change::Activated | Change::Stopping | Change::Started { .. } => {
-            return String::new();
-        }
+        Change::Restarting { .. } => ("bad", "↻"),
+        Change::Ended(Ending::Stopped)
+        | Change::Activated
+        | Change::Stopping
+        | Change::Started { .. }
+        | Change::Resumed => return String::new(),
     };
     format!(
         "<text class=\"mark {class}\" x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"middle\"><title>{} {} at {}</title>{sign}</text>\n",

@@ -1,6 +1,7 @@
 //! From an entry to the messages that stand for it.
 
-use crate::logic::protocol::{Change, Ending, Report};
+use crate::logic::instance::{RESTARTS_MAX, WINDOW};
+use crate::logic::protocol::{Change, Ending, FailureCause, Report};
 use crate::logic::record::Entry;
 use comms::logic::signals::Signals;
 use serde::{Deserialize, Serialize};
@@ -158,7 +159,14 @@ pub(crate) fn change_text(change: &Change) -> String {
         Change::Ended(ending) => ending_text(ending),
         Change::Died(cause) => format!("died: {cause}"),
         Change::Started { pid } => format!("started as process {pid}"),
+        Change::Restarting { cause, count } => restarting_text(cause, *count),
+        Change::Resumed => "activated again".to_owned(),
     }
+}
+
+/// Returns that a program is started again, in words.
+pub(crate) fn restarting_text(cause: &FailureCause, count: u32) -> String {
+    format!("died and is started again ({count} of {RESTARTS_MAX} in {} s): {cause}", WINDOW.as_secs())
 }
 
 /// Returns an ending in words.

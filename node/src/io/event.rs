@@ -1,0 +1,74 @@
+//! What happens outside the agent, as the driver hears of it; and the task that hears the programs of a deployment.
+
+use crate::io::peers::Arrival;
+use crate::logic::child::ShimReport;
+use crate::logic::effect::ProcessId;
+use crate::logic::protocol::Deployment;
+use comms::io::control::{ControlReceiver, ControlSender, Listener};
+use comms::logic::control::Notice;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use tokio::sync::mpsc::Sender;
+use tokio::task::JoinSet;
+
+/// Something that happened outside the agent.
+#[derive(Debug)]
+pub(crate) enum Event {
+    /// From another node, or a command line.
+    Arrival(Arrival),
+    /// A word from a shim, with the last line of the program's output.
+    Shim(ProcessId, ShimReport, Option<String>),
+    /// A program has connected; its instance path is its own word.
+    Program(Connection, ControlSender),
+    /// A word from a program.
+    Control(Connection, Notice),
+}
+
+/// A program's way to its node.
+#[derive(Clone, Debug)]
+pub(crate) struct Connection {
+    pub(crate) deployment: Deployment,
+    pub(crate) instance: String,
+    /// No other connection of this node has it: a program that was started again is not taken for the one before.
+    pub(crate) number: u64,
+}
+
+/// Hears every program that connects to the socket of a deployment, until it is aborted.
+pub(crate) async fn hear_programs(
+    listener: Listener,
+    deployment: Deployment,
+    connected: Arc<AtomicU64>,
+    events: Sender<Event>,
+) {
+    let mut programs = JoinSet::new();
+    loop {
+        while programs.try_join_next().is_some() {}
+        match listener.accept().await {
+            Ok((sender, receiver)) => {
+                let number = connected.fetch_add(1, Ordering::Relaxed);
+                let connection = Connection { deployment: deployment.clone(), instance: String::new(), number };
+                programs.spawn(hear(events.clone(), connection, sender, receiver));
+            }
+            Err(error) => tracing::warn!(%error, "a program could not connect"),
+        }
+    }
+}
+
+/// Passes on what a program says, which begins with who it is, until it says no more.
+async fn hear(
+    events: Sender<Event>,
+    mut connection: Connection,
+    sender: ControlSender,
+    mut receiver: ControlReceiver,
+) -> anyhow::Result<()> {
+    let Some(hello) = receiver.recv().await? else { return Ok(()) };
+    let Notice::Hello { instance, .. } = &hello else { anyhow::bail!("a program did not say who it is") };
+    connection.instance.clone_from(instance);
+    events.send(Event::Program(connection.clone(), sender)).await?;
+    let mut notice = Some(hello);
+    while let Some(said) = notice {
+        events.send(Event::Control(connection.clone(), said)).await?;
+        notice = receiver.recv().await?;
+    }
+    Ok(())
+}

@@ -1,0 +1,246 @@
+//! The program of an instance: how it comes, what it says, and what becomes of the instance when it is gone.
+
+use super::{CONNECT_WITHIN, GRACE, Instance, KILL_WITHIN, Moment, Note, START_WITHIN, Stage, VALUE_MAX};
+use crate::logic::child::{ShimOrder, ShimReport};
+use crate::logic::effect::Effect;
+use crate::logic::protocol::{Change, Ending, FailureCause, LeafFacts};
+use comms::logic::control::{Notice, Order, VERSION};
+
+impl Instance {
+    /// Takes a word from the controller.
+    pub fn hear(&mut self, notice: Notice, moment: &mut Moment<'_>) {
+        match notice {
+            Notice::Hello { version, location, owns, needs, signals, .. } => {
+                if !matches!(self.stage, Stage::Starting { .. }) {
+                    return;
+                }
+                if version != VERSION {
+                    let why = format!("it speaks version {version} of the control protocol, this node {VERSION}");
+                    return self.turn_away(&why, moment);
+                }
+                let leaf = self.order.process.leaf;
+                self.prepared(LeafFacts { leaf, location, owns, needs, signals }, moment);
+            }
+            Notice::Connected if matches!(self.stage, Stage::Connecting { .. }) => {
+                self.stage = Stage::Idle;
+                let again = std::mem::replace(&mut self.joined, true);
+                moment.notes.push(if again { Note::Rejoined } else { Note::Connected });
+            }
+            Notice::ConnectFailed { reason } if matches!(self.stage, Stage::Connecting { .. }) => {
+                self.turn_away(&reason, moment);
+            }
+            Notice::Switched { generation } => moment.notes.push(Note::Switched(generation)),
+            Notice::Done { activation, value } => {
+                let ending = if value.len() <= VALUE_MAX {
+                    Ending::Done(value)
+                } else {
+                    let why = format!("it leaves a value of {} bytes; {VALUE_MAX} are allowed", value.len());
+                    Ending::Aborted(self.failure(FailureCause::Reported(why), moment))
+                };
+                self.ended(activation, ending, moment);
+            }
+            Notice::Aborted { activation, reason } => {
+                let failure = self.failure(FailureCause::Reported(reason), moment);
+                self.ended(activation, Ending::Aborted(failure), moment);
+            }
+            Notice::Stopped { activation } => self.ended(activation, Ending::Stopped, moment),
+            Notice::Connected | Notice::ConnectFailed { .. } | Notice::Running { .. } => {}
+        }
+    }
+
+    /// Takes a word from the shim. `last_words` is the last line of the program's output.
+    pub fn observe(&mut self, report: ShimReport, last_words: Option<String>, moment: &mut Moment<'_>) {
+        match report {
+            ShimReport::Ready => {
+                if matches!(self.stage, Stage::Starting { .. }) && !self.is_controller() {
+                    self.prepared(LeafFacts::plain(self.order.process.leaf), moment);
+                }
+            }
+            ShimReport::Started { pid } => {
+                self.pid = Some(pid);
+                moment.notes.push(Note::Changed(Change::Started { pid }));
+            }
+            ShimReport::Exited { code } => {
+                self.cause.get_or_insert(FailureCause::Exit(code));
+                self.last_words = last_words;
+            }
+            ShimReport::Signalled { signal } => {
+                self.cause.get_or_insert(FailureCause::Signal(signal));
+                self.last_words = last_words;
+            }
+            ShimReport::ExecFailed { reason } => {
+                self.cause.get_or_insert(FailureCause::Exec(reason));
+            }
+            ShimReport::Gone => self.gone(moment),
+        }
+    }
+
+    /// Does what is due.
+    pub fn tick(&mut self, moment: &mut Moment<'_>) {
+        if self.deadline().is_none_or(|at| at > moment.now) {
+            return;
+        }
+        match self.stage {
+            Stage::Starting { .. } => {
+                let words =
+                    self.last_words.as_ref().map(|words| format!("; it last said: {words}")).unwrap_or_default();
+                self.turn_away(&format!("it did not report within {} s{words}", START_WITHIN.as_secs()), moment);
+            }
+            Stage::Connecting { .. } => {
+                let why = format!("it did not make its links within {} s", CONNECT_WITHIN.as_secs());
+                self.turn_away(&why, moment);
+            }
+            Stage::Waiting { .. } => self.start(moment),
+            Stage::Stopping { forced: false, .. } => {
+                let until = moment.now + GRACE + KILL_WITHIN;
+                self.stage = Stage::Stopping { until, forced: true };
+                self.tell_shim(ShimOrder::Stop { grace: GRACE }, moment);
+            }
+            Stage::Stopping { forced: true, .. } | Stage::Removing { .. } => {
+                (self.stage, self.cause) = (Stage::Dead, Some(FailureCause::StopUnconfirmed));
+                if self.current.is_none() {
+                    moment.notes.push(Note::Changed(Change::Died(FailureCause::StopUnconfirmed)));
+                }
+                self.finish(Ending::Unconfirmed, moment);
+            }
+            Stage::Leaving { forced: false, .. } => self.force_out(moment),
+            Stage::Leaving { forced: true, .. } => {
+                self.cause = Some(FailureCause::StopUnconfirmed);
+                self.gone(moment);
+            }
+            Stage::Prepared | Stage::Idle | Stage::Running | Stage::Refused | Stage::Dead => {}
+        }
+    }
+
+    pub(super) fn start(&mut self, moment: &mut Moment<'_>) {
+        self.stage = Stage::Starting { until: moment.now + START_WITHIN };
+        moment.effects.push(Effect::Spawn(Box::new(self.order.clone())));
+    }
+
+    fn prepared(&mut self, facts: LeafFacts, moment: &mut Moment<'_>) {
+        self.stage = Stage::Prepared;
+        if !self.joined {
+            moment.notes.push(Note::Prepared(facts));
+        } else if self.is_controller() {
+            moment.notes.push(Note::Moved(facts));
+        } else {
+            self.stage = Stage::Idle;
+            self.resume(None, moment);
+        }
+    }
+
+    pub(super) fn run(&mut self, value: Vec<u8>, moment: &mut Moment<'_>) {
+        let Some(activation) = self.current.as_ref().map(|current| current.number) else { return };
+        self.stage = Stage::Running;
+        if self.is_controller() {
+            self.tell(Order::Activate { activation, value }, moment);
+        } else {
+            self.tell_shim(ShimOrder::Go, moment);
+        }
+    }
+
+    fn gone(&mut self, moment: &mut Moment<'_>) {
+        let cause = self.cause.clone().unwrap_or_else(|| FailureCause::NotAvailable("its shim was killed".into()));
+        let before = std::mem::replace(&mut self.stage, Stage::Dead);
+        moment.effects.push(Effect::Forget { process: self.order.process.clone() });
+        match before {
+            Stage::Starting { .. } | Stage::Prepared | Stage::Connecting { .. } if !self.joined => {
+                let words = self.last_words.clone().unwrap_or_else(|| cause.to_string());
+                self.turn_away(&words, moment);
+            }
+            Stage::Running if self.has_done(&cause) => {
+                self.finish(Ending::Done(Vec::new()), moment);
+                self.hold_ready(moment);
+            }
+            Stage::Stopping { .. } => {
+                self.finish(Ending::Stopped, moment);
+                if !self.is_controller() {
+                    self.hold_ready(moment);
+                } else if self.restarts.are_allowed() {
+                    self.died(cause, moment);
+                } else {
+                    self.cause = Some(cause);
+                }
+            }
+            Stage::Running
+            | Stage::Idle
+            | Stage::Starting { .. }
+            | Stage::Prepared
+            | Stage::Connecting { .. }
+            | Stage::Waiting { .. }
+            | Stage::Removing { .. } => self.died(cause, moment),
+            Stage::Leaving { .. } => self.left(moment),
+            Stage::Refused | Stage::Dead => {}
+        }
+    }
+
+    /// Whether a plain program has done what it was activated for.
+    fn has_done(&self, cause: &FailureCause) -> bool {
+        *cause == FailureCause::Exit(0) && !self.is_controller() && !self.restarts.are_permanent()
+    }
+
+    /// Starts a program again that has ended although nobody wanted that, or gives it up.
+    fn died(&mut self, cause: FailureCause, moment: &mut Moment<'_>) {
+        if let Some(until) = self.restarts.next(moment.now) {
+            (self.pid, self.cause, self.last_words) = (None, None, None);
+            self.stage = Stage::Waiting { until };
+            let count = self.restarts.count();
+            moment.notes.push(Note::Changed(Change::Restarting { cause, count }));
+            return self.tick(moment);
+        }
+        let cause = match self.restarts.count() {
+            0 => cause,
+            restarts => FailureCause::Exhausted { last: cause.to_string(), restarts },
+        };
+        self.cause = Some(cause.clone());
+        if self.current.is_none() {
+            return moment.notes.push(Note::Changed(Change::Died(cause)));
+        }
+        let failure = self.failure(cause, moment);
+        self.finish(Ending::Aborted(failure), moment);
+        if !self.is_controller() {
+            self.hold_ready(moment);
+        }
+    }
+
+    /// Holds a plain program ready for its next activation: it runs once for each.
+    fn hold_ready(&mut self, moment: &mut Moment<'_>) {
+        (self.pid, self.cause, self.last_words) = (None, None, None);
+        self.stage = Stage::Idle;
+        moment.effects.push(Effect::Spawn(Box::new(self.order.clone())));
+    }
+
+    /// Takes the controller's word that an activation is over. A stop that has gone as far as a signal ends with the
+    /// program, not with its last words.
+    fn ended(&mut self, activation: u32, ending: Ending, moment: &mut Moment<'_>) {
+        let takes_word = matches!(self.stage, Stage::Running | Stage::Stopping { forced: false, .. });
+        if takes_word && self.current.as_ref().is_some_and(|current| current.number == activation) {
+            self.stage = Stage::Idle;
+            self.finish(ending, moment);
+        }
+    }
+
+    /// Has no use for the program as it is: the first time nothing begins without it, later the next one may do better.
+    pub(in crate::logic) fn turn_away(&mut self, why: &str, moment: &mut Moment<'_>) {
+        if self.joined {
+            self.cause.get_or_insert(FailureCause::Exec(why.to_owned()));
+            self.stage = Stage::Removing { until: moment.now + GRACE + KILL_WITHIN };
+            return self.tell_shim(ShimOrder::Stop { grace: GRACE }, moment);
+        }
+        if self.stage != Stage::Dead {
+            self.stage = Stage::Refused;
+        }
+        moment.notes.push(Note::Refused(format!("`{}` cannot take part: {why}", self.order.path)));
+    }
+
+    pub(super) fn force_out(&mut self, moment: &mut Moment<'_>) {
+        self.stage = Stage::Leaving { until: moment.now + GRACE + KILL_WITHIN, forced: true };
+        self.tell_shim(ShimOrder::Stop { grace: GRACE }, moment);
+    }
+
+    pub(super) fn left(&mut self, moment: &mut Moment<'_>) {
+        let failure = self.failure(FailureCause::NotAvailable("its node left".into()), moment);
+        self.finish(Ending::Aborted(failure), moment);
+        moment.notes.push(Note::Gone);
+    }
+}

@@ -1,0 +1,160 @@
+//! The links of this host's programs: made before GO, opened and closed by supervisors, and made again for a program that
+//! was started again.
+//!
+//! Such a program is elsewhere than before. It dials whom it needs as it did at first; who dials it is told where it is now,
+//! on its own host by its node, elsewhere by a message from here to there. Its home has no part in that. What others say
+//! about their programs and what the home says about all of them come on different ways: the word of a program's own host
+//! counts.
+
+use super::{Phase, Tenant};
+use crate::logic::effect::Out;
+use crate::logic::executer::leaf_host;
+use crate::logic::instance::Instance;
+use crate::logic::protocol::{LeafFacts, ToTenant};
+use crate::logic::wiring::{dialers, links, relink, shapes};
+use comms::logic::control::Order;
+use language::plan::LeafKind;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Wires that are being opened or closed for a supervisor.
+#[derive(Debug)]
+pub(super) struct Switching {
+    /// Its group, and where that is supervised.
+    group: u32,
+    host: String,
+    /// Its number for this.
+    generation: u64,
+    /// Producers that have not confirmed yet.
+    waiting: BTreeSet<u32>,
+}
+
+/// Who asks for wires to be opened or closed: group, generation and host.
+pub(super) type Asked<'a> = (u32, u64, &'a str);
+
+impl Tenant {
+    pub(super) fn connect(&mut self, facts: Vec<LeafFacts>, machines: Vec<String>, out: &mut Out<'_>) {
+        if self.phase != Phase::Preparing {
+            return;
+        }
+        self.phase = Phase::Connecting;
+        self.registrations.machines = machines;
+        for facts in facts {
+            self.registrations.facts.entry(facts.leaf).or_insert(facts);
+        }
+        for leaf in self.instances.keys().copied().collect::<Vec<_>>() {
+            match links(&self.plan, &self.deployment, &self.registrations, leaf) {
+                Ok(order) => {
+                    let plain = self.plan.leaves.get(leaf as usize).is_some_and(|leaf| leaf.kind == LeafKind::Plain);
+                    if !plain {
+                        self.waiting.insert(leaf);
+                    }
+                    let orders = shapes(&self.plan, leaf).into_iter().chain([order]);
+                    self.with_instance(leaf, out, |instance, moment| {
+                        if plain { instance.connect_plain() } else { instance.connect(orders, moment) }
+                    });
+                }
+                Err(reasons) => self.reasons.extend(reasons),
+            }
+        }
+        self.report_connected(out);
+    }
+
+    /// Links a program of this host that was started again, and tells the hosts of those who dial it.
+    pub(super) fn rejoin(&mut self, facts: LeafFacts, out: &mut Out<'_>) {
+        let leaf = facts.leaf;
+        let here = leaf_host(&self.plan, leaf);
+        let hosts: BTreeSet<&str> = dialers(&self.plan, &self.registrations, leaf)
+            .into_iter()
+            .filter_map(|dialer| leaf_host(&self.plan, dialer).filter(|host| Some(*host) != here))
+            .collect();
+        for host in hosts {
+            out.send(host, self.deployment.to_tenant(ToTenant::Moved { facts: facts.clone() }));
+        }
+        self.moved(facts, out);
+        let made = links(&self.plan, &self.deployment, &self.registrations, leaf);
+        let orders = made.map(|order| shapes(&self.plan, leaf).into_iter().chain([order]));
+        self.with_instance(leaf, out, |instance, moment| match orders {
+            Ok(orders) => instance.connect(orders, moment),
+            Err(reasons) => instance.turn_away(&reasons.join("; "), moment),
+        });
+    }
+
+    /// Takes note of where a program is now, and tells those of this host who dial it.
+    pub(super) fn moved(&mut self, facts: LeafFacts, out: &mut Out<'_>) {
+        let moved = facts.leaf;
+        let before = self.registrations.facts.insert(moved, facts);
+        let Some(lost) = before.and_then(|before| before.location).map(|location| location.session) else { return };
+        for dialer in dialers(&self.plan, &self.registrations, moved) {
+            if let Some(order) = relink(&self.plan, &self.registrations, (dialer, moved), &lost) {
+                self.with_instance(dialer, out, |instance, moment| instance.relink(order, moment));
+            }
+        }
+    }
+
+    /// Opens the wires again that were open when the program died.
+    pub(super) fn resume(&mut self, leaf: u32, out: &mut Out<'_>) {
+        let is_own = |wire: &u32| self.plan.wires.get(*wire as usize).is_some_and(|wire| wire.from.leaf == leaf);
+        let wires: Vec<u32> = self.open.iter().copied().filter(is_own).collect();
+        self.ticket += 1;
+        let open = (!wires.is_empty()).then_some(Order::Open { wires, generation: self.ticket });
+        self.with_instance(leaf, out, |instance, moment| instance.resume(open, moment));
+    }
+
+    /// Flips wires whose producers are here; confirms when every producer that is alive has.
+    pub(super) fn switch(&mut self, wires: &[u32], open: bool, asked: Asked<'_>, out: &mut Out<'_>) {
+        let mut by_leaf: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
+        for &wire in wires {
+            if let Some(route) = self.plan.wires.get(wire as usize) {
+                by_leaf.entry(route.from.leaf).or_default().push(wire);
+                if open {
+                    self.open.insert(wire)
+                } else {
+                    self.open.remove(&wire)
+                };
+            }
+        }
+        self.ticket += 1;
+        let ticket = self.ticket;
+        let mut waiting = BTreeSet::new();
+        for (leaf, wires) in by_leaf {
+            let order = if open {
+                Order::Open { wires, generation: ticket }
+            } else {
+                Order::Close { wires, generation: ticket }
+            };
+            self.with_instance(leaf, out, |instance, moment| {
+                if instance.switch(order, moment) {
+                    waiting.insert(leaf);
+                }
+            });
+        }
+        let (group, generation, host) = asked;
+        self.switching.insert(ticket, Switching { group, host: host.to_owned(), generation, waiting });
+        self.confirm_switches(out);
+    }
+
+    pub(super) fn confirm_switch(&mut self, leaf: u32, ticket: u64, out: &mut Out<'_>) {
+        if let Some(switching) = self.switching.get_mut(&ticket) {
+            switching.waiting.remove(&leaf);
+        }
+        self.confirm_switches(out);
+    }
+
+    /// A program that is gone confirms nothing any more; one that is started again gets its open wires anew.
+    pub(super) fn forget_switches(&mut self, leaf: u32, out: &mut Out<'_>) {
+        if !self.instances.get(&leaf).is_some_and(Instance::is_linked) {
+            for switching in self.switching.values_mut() {
+                switching.waiting.remove(&leaf);
+            }
+            self.confirm_switches(out);
+        }
+    }
+
+    fn confirm_switches(&mut self, out: &mut Out<'_>) {
+        for (_, Switching { group, host, generation, .. }) in
+            self.switching.extract_if(.., |_, switching| switching.waiting.is_empty())
+        {
+            out.send(&host, self.deployment.to_tenant(ToTenant::Switched { group, generation }));
+        }
+    }
+}

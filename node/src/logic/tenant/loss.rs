@@ -1,0 +1,189 @@
+//! What this part of a deployment does while other hosts cannot be reached.
+//!
+//! A host that is missing for 5 s is lost, and what it supervises here has failed in its eyes. Then each program does as its
+//! `on_link_loss` says. It is stopped unless that says otherwise; `keep` and `hold` let it go on, the latter without anything
+//! new; `safe_stop_after` has a time of its own, from when the host was missed. A group goes on with its expression as long
+//! as any program below it may go on. When the lost host is back, what went on without it is stopped: its supervisor has
+//! given it up, and something else may have taken its place.
+//!
+//! When the home is lost, this part is on its own: programs that are to stop leave, and so does everything once nothing runs
+//! any more, since nobody could end it.
+
+use super::{Phase, Tenant};
+use crate::logic::effect::{Out, earliest};
+use crate::logic::executer::group_host;
+use crate::logic::instance::Instance;
+use crate::logic::protocol::Target;
+use comms::logic::time::Time;
+use language::plan::{LinkLoss, MemberKind};
+use std::collections::BTreeSet;
+
+/// Which hosts cannot be reached.
+#[derive(Debug, Default)]
+pub(super) struct Loss {
+    lost: BTreeSet<String>,
+    /// When a program stops for the sake of a host that is missing.
+    stops: BTreeSet<(Time, u32, String)>,
+}
+
+impl Tenant {
+    /// Takes note that a host is missing.
+    pub fn host_missing(&mut self, host: &str, now: Time) {
+        let is_noted = |leaf| self.loss.stops.iter().any(|(_, other, missing)| *other == leaf && missing == host);
+        let stop = |(&leaf, instance): (&u32, &Instance)| match instance.link_loss() {
+            LinkLoss::SafeStopAfter(time) if self.is_below(Target::Leaf(leaf), host) && !is_noted(leaf) => {
+                Some((now + time, leaf, host.to_owned()))
+            }
+            LinkLoss::SafeStopAfter(_) | LinkLoss::Leave | LinkLoss::Keep | LinkLoss::Hold => None,
+        };
+        let stops: Vec<_> = self.instances.iter().filter_map(stop).collect();
+        self.loss.stops.extend(stops);
+    }
+
+    /// Takes the loss of a host.
+    pub fn host_lost(&mut self, host: &str, out: &mut Out<'_>) {
+        // It may be lost without having been missing: as another boot, or because it takes nothing any more.
+        self.host_missing(host, out.now);
+        self.loss.lost.insert(host.to_owned());
+        if host == self.home {
+            if self.phase != Phase::Running || !self.goes_on() {
+                return self.leave(out);
+            }
+            self.go_on_alone(out);
+        } else {
+            self.cut(self.supervised_from(host), host, out);
+        }
+        for group in self.executers.keys().copied().collect::<Vec<_>>() {
+            self.with_executer(group, out, |executer, at, out| executer.host_lost(host, at, out));
+        }
+    }
+
+    /// Takes note that a host is there again.
+    pub fn host_back(&mut self, host: &str, out: &mut Out<'_>) {
+        self.loss.stops.retain(|(_, _, missing)| missing != host);
+        if self.loss.lost.remove(host) {
+            if host == self.home {
+                return self.leave(out);
+            }
+            for target in self.supervised_from(host) {
+                self.stop_for(target, host, out);
+            }
+        }
+        self.instances.values_mut().for_each(|instance| instance.reach(host));
+    }
+
+    pub(super) fn tick_loss(&mut self, out: &mut Out<'_>) {
+        while let Some((due, leaf, host)) = self.loss.stops.first().cloned().filter(|(due, ..)| *due <= out.now) {
+            self.loss.stops.remove(&(due, leaf, host.clone()));
+            self.with_instance(leaf, out, |instance, moment| instance.cut(&host, moment));
+        }
+        if self.is_done_alone() {
+            self.leave(out);
+        }
+    }
+
+    pub(super) fn loss_deadline(&self) -> Option<Time> {
+        let stop = self.loss.stops.first().map(|(due, ..)| *due);
+        earliest(stop, self.is_done_alone().then_some(Time::ZERO))
+    }
+
+    fn is_done_alone(&self) -> bool {
+        self.phase == Phase::Running && self.loss.lost.contains(&self.home) && !self.goes_on()
+    }
+
+    /// Whether something here goes on without the home.
+    fn goes_on(&self) -> bool {
+        let keeps = |instance: &Instance| instance.is_active() && instance.link_loss() != LinkLoss::Leave;
+        let mut groups = self.executers.iter().filter(|(_, executer)| executer.is_running()).map(|(group, _)| *group);
+        self.instances.values().any(keeps) || groups.any(|group| self.endures(group))
+    }
+
+    fn go_on_alone(&mut self, out: &mut Out<'_>) {
+        let home = self.home.clone();
+        for group in self.executers.keys().copied().filter(|group| !self.endures(*group)).collect::<Vec<_>>() {
+            self.stop_for(Target::Group(group), &home, out);
+        }
+        for leaf in self.instances.keys().copied().collect::<Vec<_>>() {
+            self.with_instance(leaf, out, |instance, moment| match instance.link_loss() {
+                LinkLoss::Leave => instance.leave(moment),
+                LinkLoss::Hold => instance.hold(&home),
+                LinkLoss::Keep | LinkLoss::SafeStopAfter(_) => {}
+            });
+        }
+    }
+
+    /// Does as the policies of everything below these processes say.
+    fn cut(&mut self, mut targets: Vec<Target>, host: &str, out: &mut Out<'_>) {
+        while let Some(target) = targets.pop() {
+            match target {
+                Target::Leaf(leaf) => {
+                    self.with_instance(leaf, out, |instance, moment| match instance.link_loss() {
+                        LinkLoss::Leave => instance.cut(host, moment),
+                        LinkLoss::Hold => instance.hold(host),
+                        LinkLoss::Keep | LinkLoss::SafeStopAfter(_) => {}
+                    });
+                }
+                Target::Group(group) if self.endures(group) && self.executers.contains_key(&group) => {
+                    let members = self.plan.groups.get(group as usize).map_or(&[][..], |group| &group.members);
+                    targets.extend(members.iter().map(|member| target_of(member.kind)));
+                }
+                Target::Group(_) => self.stop_for(target, host, out),
+            }
+        }
+    }
+
+    /// Stops what runs here for a supervisor that cannot be reached, or has given it up.
+    fn stop_for(&mut self, target: Target, host: &str, out: &mut Out<'_>) {
+        match target {
+            Target::Leaf(leaf) => self.with_instance(leaf, out, |instance, moment| instance.cut(host, moment)),
+            Target::Group(group) => {
+                self.with_executer(group, out, |executer, at, out| executer.stop(executer.activation(), at, out));
+            }
+        }
+    }
+
+    /// Returns the processes of this host whose supervisors are on another.
+    fn supervised_from(&self, host: &str) -> Vec<Target> {
+        let is_theirs = |(_, (group, _)): &(&Target, &(u32, u32))| group_host(&self.plan, *group) == Some(host);
+        let is_here = |target: &Target| match target {
+            Target::Leaf(leaf) => self.instances.contains_key(leaf),
+            Target::Group(group) => self.executers.contains_key(group),
+        };
+        self.supervisors.iter().filter(is_theirs).map(|(target, _)| *target).filter(is_here).collect()
+    }
+
+    /// Whether some group above a process is supervised on `host`.
+    fn is_below(&self, target: Target, host: &str) -> bool {
+        let above = |target: &Target| self.supervisors.get(target).map(|(group, _)| Target::Group(*group));
+        let is_there =
+            |target: Target| matches!(target, Target::Group(group) if group_host(&self.plan, group) == Some(host));
+        std::iter::successors(above(&target), above).any(is_there)
+    }
+
+    /// Whether some program below a group may go on when hosts are lost.
+    fn endures(&self, group: u32) -> bool {
+        let mut targets = vec![Target::Group(group)];
+        while let Some(target) = targets.pop() {
+            match target {
+                Target::Group(group) => {
+                    let members = self.plan.groups.get(group as usize).map_or(&[][..], |group| &group.members);
+                    targets.extend(members.iter().map(|member| target_of(member.kind)));
+                }
+                Target::Leaf(leaf) => {
+                    let leaf = self.plan.leaves.get(leaf as usize);
+                    if leaf.is_some_and(|leaf| leaf.policy.link_loss != LinkLoss::Leave) {
+                        return true;
+                    }
+                }
+            }
+        }
+        false
+    }
+}
+
+fn target_of(member: MemberKind) -> Target {
+    match member {
+        MemberKind::Leaf(leaf) => Target::Leaf(leaf),
+        MemberKind::Group(group) => Target::Group(group),
+    }
+}

@@ -1,0 +1,175 @@
+//! Hosts that cannot be reached, and what programs do meanwhile that say so with `on_link_loss`, on virtual time.
+
+use crate::world::{Coming, World};
+use node::logic::agent::Input;
+use node::logic::protocol::{Ending, FailureCause, Report};
+use std::time::Duration;
+
+/// Takes `host` off the network, which everybody notices at once.
+fn cut(world: &mut World, host: &str) {
+    world.cut.insert(host.to_owned());
+    tell(world, host, |host, boot| Input::Vanished { host, boot });
+}
+
+fn heal(world: &mut World, host: &str) {
+    world.cut.remove(host);
+    tell(world, host, |host, boot| Input::Appeared { host, boot });
+}
+
+/// Tells `host` something of every other host, and those the same of it. Hosts are booted in the order of their names.
+fn tell(world: &mut World, host: &str, what: impl Fn(String, u64) -> Input) {
+    let hosts: Vec<(u64, String)> = (1..).zip(world.agents.keys().cloned()).collect();
+    let (boot, _) = hosts.iter().find(|(_, name)| name == host).expect("there is such a host");
+    for (other_boot, other) in hosts.iter().filter(|(_, name)| name != host) {
+        world.at(0, other, Coming::Input(what(host.to_owned(), *boot)));
+        world.at(0, host, Coming::Input(what(other.clone(), *other_boot)));
+    }
+}
+
+/// Returns the leaves that are active on `host`, in the plan's order.
+fn active(world: &World, host: &str) -> Vec<u32> {
+    world.running.keys().filter(|(on, _)| on == host).map(|(_, process)| process.leaf).collect()
+}
+
+const FOUR: &str = r#"
+process main() {
+    host { "c1" }
+    instantiated_processes {
+        stays instof Sensor("c2") { on_link_loss keep; }
+        soon instof Sensor("c2") { on_link_loss safe_stop_after 2 s; }
+        late instof Sensor("c2") { on_link_loss safe_stop_after 8 s; }
+        other instof Sensor("c2");
+        long instof Long("c1");
+    }
+    internal_event_actions { stays, soon, late, other, long }
+}
+"#;
+
+#[test]
+fn each_program_does_as_its_policy_says() {
+    let mut world = World::new(&["c1", "c2"]);
+    let call = world.deploy("c1", FOUR);
+    world.run_for(Duration::from_secs(1));
+    cut(&mut world, "c2");
+    for (millis, expected) in
+        [(1900, &[0, 1, 2, 3][..]), (200, &[0, 2, 3]), (2800, &[0, 2, 3]), (200, &[0, 2]), (2800, &[0, 2]), (200, &[0])]
+    {
+        world.run_for(Duration::from_millis(millis));
+        assert_eq!(active(&world, "c2"), expected, "{:?}", world.now);
+    }
+    let Report::Finished { ending: Ending::Aborted(_), unconfirmed, .. } = world.last_report(call) else {
+        panic!("{:?}", world.last_report(call))
+    };
+    assert_eq!(unconfirmed, &["c2"]);
+    // It goes on for as long as nobody can say that it is not wanted any more.
+    world.run_for(Duration::from_secs(3600));
+    assert_eq!(active(&world, "c2"), [0]);
+    heal(&mut world, "c2");
+    world.run_for(Duration::from_secs(5));
+    assert_eq!(world.alive.len(), 0, "{:?}", world.alive);
+}
+
+#[test]
+fn a_short_cut_is_felt_only_by_who_wants_to() {
+    for (millis, stopped) in [(1900, false), (3000, true)] {
+        let mut world = World::new(&["c1", "c2"]);
+        let call = world.deploy("c1", FOUR);
+        world.run_for(Duration::from_secs(1));
+        cut(&mut world, "c2");
+        world.run_for(Duration::from_millis(millis));
+        heal(&mut world, "c2");
+        world.run_for(Duration::from_millis(1000));
+        if !stopped {
+            assert_eq!(active(&world, "c2"), [0, 1, 2, 3]);
+            continue;
+        }
+        let Ending::Aborted(failure) = world.ending(call) else { panic!("not aborted") };
+        assert_eq!((failure.origin.as_str(), &failure.cause), ("main/soon", &FailureCause::HostLost("c1".into())));
+        assert_eq!(world.alive.len(), 0);
+    }
+}
+
+/// A group whose host lost its home goes on with its expression, if what it runs may: with `keep` to its end, with `hold`
+/// up to where something new would begin. Then nothing is left, although nobody could be asked.
+#[test]
+fn a_group_goes_on_alone() {
+    for (policy, steps) in [("keep", 1), ("hold", 0)] {
+        let text = r#"
+process Pair(there) {
+    host { there }
+    instantiated_processes {
+        long instof Long(there) { on_link_loss POLICY; }
+        next instof Step(there) { on_link_loss POLICY; }
+    }
+    internal_event_actions { long ; next }
+}
+process main() {
+    host { "c1" }
+    instantiated_processes { pair instof Pair("c2"); }
+    internal_event_actions { pair }
+}
+"#;
+        let mut world = World::new(&["c1", "c2"]);
+        world.deploy("c1", &text.replace("POLICY", policy));
+        world.run_for(Duration::from_secs(1));
+        cut(&mut world, "c2");
+        world.run_for(Duration::from_secs(8));
+        assert_eq!(active(&world, "c2"), [0], "{policy}");
+        world.run_for(Duration::from_secs(3));
+        assert_eq!(world.log.iter().filter(|line| line.starts_with("Step")).count(), steps, "{policy}");
+        assert_eq!(world.alive.len(), 0, "{policy}: {:?}", world.alive);
+    }
+}
+
+/// The supervisor is lost, but not the home: its work is taken over, and what went on without it ends when it is back.
+#[test]
+fn what_went_on_without_its_supervisor_ends_when_that_is_back() {
+    let text = r#"
+process Pair(here, there) {
+    host { here }
+    instantiated_processes { a instof Sensor(there) { on_link_loss keep; } b instof Sensor(there); }
+    internal_event_actions { a, b }
+}
+process main() {
+    host { "c1" }
+    instantiated_processes { pair instof Pair("c2", "c3"); fallback instof Sensor("c1"); long instof Long("c1"); }
+    internal_event_actions { (pair else fallback) # (long ; long ; long) }
+}
+"#;
+    let mut world = World::new(&["c1", "c2", "c3"]);
+    let call = world.deploy("c1", text);
+    world.run_for(Duration::from_secs(1));
+    assert_eq!(active(&world, "c3"), [0, 1]);
+    cut(&mut world, "c2");
+    world.run_for(Duration::from_secs(6));
+    assert_eq!((active(&world, "c3"), active(&world, "c1")), (vec![0], vec![2, 3]));
+    heal(&mut world, "c2");
+    world.run_for(Duration::from_secs(1));
+    assert_eq!((active(&world, "c3"), active(&world, "c1")), (vec![], vec![2, 3]));
+    world.run_for(Duration::from_secs(30));
+    assert!(matches!(world.last_report(call), Report::Finished { ending: Ending::Done(_), .. }));
+    assert_eq!(world.alive.len(), 0);
+}
+
+/// How long a program may go on when its agent is gone is told to its shim, which outlives the agent.
+#[test]
+fn what_happens_without_an_agent_is_told_beforehand() {
+    let text = r#"
+process main() {
+    host { "c1" }
+    instantiated_processes {
+        brief instof Sensor("c1") { on_agent_loss stop within 300 ms; }
+        other instof Script("c1");
+    }
+    internal_event_actions { brief # (other ; other) }
+}
+"#;
+    let mut world = World::new(&["c1"]);
+    let call = world.deploy("c1", text);
+    world.run_for(Duration::from_secs(2));
+    assert_eq!(world.ending(call), &Ending::Done(vec![]));
+    let agent_loss = |path| world.spawned[path].iter().map(|policy| policy.agent_loss).collect::<Vec<_>>();
+    assert_eq!(agent_loss("main/brief"), [Some(Duration::from_millis(300))]);
+    // A plain program is started anew for each activation, and held ready for the next.
+    assert_eq!(agent_loss("main/other"), [None; 3]);
+}

@@ -1,0 +1,186 @@
+//! Programs that die and are started again, on virtual time.
+
+use crate::world::World;
+use node::logic::protocol::{Answer, Change, Ending, FailureCause, Report};
+use std::collections::{BTreeMap, BTreeSet};
+use std::time::Duration;
+
+/// A sensor on one host feeds a task on another, which feeds a third here; then a plain program.
+const RELAY: &str = r#"
+process main() {
+    host { "c1" }
+    instantiated_processes {
+        sensor instof Sensor("c1") { restart transient; }
+        first instof Long("c2") { restart transient; }
+        second instof Step("c1") { restart permanent; }
+        script instof Script("c2") { restart transient; }
+    }
+    internal_connections(sensor, feed) { sensor, Out -> first, In; }
+    internal_connections(first, on) { first, Out -> second, In; }
+    internal_event_actions { sensor[feed] , (first[on] ; second ; script) }
+}
+"#;
+
+/// Checks what must be so whenever nothing is under way: who is alive is where its consumers look for it, and its wires
+/// are as its supervisor wants them.
+#[track_caller]
+fn check_links(world: &World) {
+    let plan = world.plan.as_ref().expect("it is deployed");
+    let alive: BTreeMap<u32, _> = world.alive.iter().map(|(_, process)| (process.leaf, process)).collect();
+    for wire in &plan.wires {
+        let (Some(from), Some(to)) = (alive.get(&wire.from.leaf), alive.get(&wire.to.leaf)) else { continue };
+        let expected = BTreeSet::from([world.session(from)]);
+        assert_eq!(world.dialled[*to], expected, "{} looks for {}", wire.to.leaf, wire.from.leaf);
+    }
+}
+
+/// Returns what happened to a process, by its path: each activation must end once, before the next.
+fn changes(world: &World, call: u64) -> BTreeMap<String, Vec<Change>> {
+    let mut changes: BTreeMap<String, Vec<Change>> = BTreeMap::new();
+    for answer in &world.answers[&call] {
+        if let Answer::Report(Report::Process { path, change, .. }) = answer {
+            changes.entry(path.clone()).or_default().push(change.clone());
+        }
+    }
+    for (path, changes) in &changes {
+        let steps = changes.iter().filter_map(|change| match change {
+            Change::Activated => Some(true),
+            Change::Ended(_) => Some(false),
+            _ => None,
+        });
+        let steps: Vec<bool> = steps.collect();
+        assert!(steps.chunks(2).all(|pair| pair == [true, false]), "{path}: {changes:?}");
+    }
+    changes
+}
+
+fn restarts(changes: &[Change]) -> usize {
+    changes.iter().filter(|change| matches!(change, Change::Restarting { .. })).count()
+}
+
+#[test]
+fn a_program_that_dies_goes_on_where_it_was() {
+    let mut world = World::new(&["c1", "c2", "c3"]);
+    let call = world.deploy("c1", RELAY);
+    world.run_for(Duration::from_secs(1));
+    for (host, leaf) in [("c2", 1), ("c1", 0)] {
+        world.kill(host, leaf);
+        world.run_for(Duration::from_millis(200));
+        check_links(&world);
+    }
+    // `second` reads from `first`, so that one's wire must be open again; `second` itself is killed while it is idle.
+    assert_eq!(world.wires_open, BTreeSet::from([0, 1]));
+    world.kill("c1", 2);
+    world.run_for(Duration::from_millis(200));
+    check_links(&world);
+    world.run_for(Duration::from_secs(20));
+    assert_eq!(world.ending(call), &Ending::Done(vec![]));
+    let changes = changes(&world, call);
+    assert_eq!(["sensor", "first", "second"].map(|name| restarts(&changes[&format!("main/{name}")])), [1, 1, 1]);
+    assert!(changes["main/first"].contains(&Change::Resumed) && !changes["main/second"].contains(&Change::Resumed));
+    assert_eq!(world.alive, BTreeSet::new());
+}
+
+#[test]
+fn a_plain_program_is_started_again_unless_it_is_done() {
+    let mut world = World::new(&["c1", "c2"]);
+    let text = RELAY.replace("(first[on] ; second ; script)", "script");
+    let call = world.deploy("c1", &text);
+    world.run_for(Duration::from_millis(40));
+    world.kill("c2", 3);
+    world.run_for(Duration::from_secs(3));
+    assert_eq!(world.ending(call), &Ending::Done(vec![]));
+    let changes = changes(&world, call);
+    assert_eq!(restarts(&changes["main/script"]), 1, "{changes:?}");
+}
+
+#[test]
+fn what_dies_again_and_again_is_given_up_with_the_count() {
+    let mut world = World::new(&["c1", "c2"]);
+    let call = world.deploy("c1", RELAY);
+    world.run_for(Duration::from_millis(500));
+    for _ in 0..6 {
+        world.kill("c2", 1);
+        // The longest pause is 0.8 s.
+        world.run_for(Duration::from_secs(1));
+    }
+    world.run_for(Duration::from_secs(5));
+    let Ending::Aborted(failure) = world.ending(call) else { panic!("not aborted") };
+    let cause = FailureCause::Exhausted { last: "SIGKILL".to_owned(), restarts: 5 };
+    assert_eq!((failure.origin.as_str(), &failure.cause), ("main/first", &cause));
+    assert!(failure.to_string().starts_with("main ← first: SIGKILL after 5 restarts at 5."), "{failure}");
+    assert_eq!(restarts(&changes(&world, call)["main/first"]), 5);
+    assert_eq!(world.alive, BTreeSet::new());
+}
+
+#[test]
+fn what_is_given_up_while_idle_is_missed_when_its_turn_comes() {
+    let mut world = World::new(&["c1", "c2"]);
+    let call = world.deploy("c1", RELAY);
+    world.run_for(Duration::from_millis(500));
+    for _ in 0..6 {
+        world.kill("c1", 2);
+        world.run_for(Duration::from_secs(1));
+    }
+    assert!(world.answers[&call].iter().all(|answer| !matches!(answer, Answer::Report(Report::Finished { .. }))));
+    world.run_for(Duration::from_secs(10));
+    let Ending::Aborted(failure) = world.ending(call) else { panic!("not aborted") };
+    assert_eq!(failure.origin, "main/second");
+}
+
+/// What is being started again runs nothing, so a stop needs no answer of it, and its end is a stop and no failure.
+#[test]
+fn a_program_that_is_being_started_again_can_be_stopped() {
+    for millis in [0, 1, 3, 6, 8, 10, 12] {
+        let mut world = World::new(&["c1", "c2"]);
+        let call = world.deploy("c1", RELAY);
+        world.run_for(Duration::from_millis(500));
+        world.kill("c2", 1);
+        world.run_for(Duration::from_millis(millis));
+        world.stop("c1");
+        world.run_for(Duration::from_secs(5));
+        assert_eq!(world.ending(call), &Ending::Stopped, "{millis} ms after the kill");
+        changes(&world, call);
+        assert_eq!(world.alive, BTreeSet::new());
+    }
+}
+
+/// A small linear congruential generator; what it draws does not have to be good. Source: Knuth, MMIX.
+struct Draw(u64);
+
+impl Draw {
+    fn below(&mut self, bound: u64) -> u64 {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 33) % bound
+    }
+}
+
+/// However often and whenever programs die, as long as none of them dies too often the mission does not see it.
+#[test]
+fn whatever_dies_whenever_the_mission_is_done() {
+    for seed in 0..300 {
+        let mut draw = Draw(seed);
+        let mut world = World::new(&["c1", "c2", "c3"]);
+        let call = world.deploy("c1", RELAY);
+        // Programs that die before GO are a reason not to begin.
+        world.run_for(Duration::from_millis(20));
+        let mut deaths = BTreeMap::<u32, u32>::new();
+        for _ in 0..draw.below(12) {
+            let bound = if draw.below(2) == 0 { 10 } else { 1500 };
+            world.run_for(Duration::from_millis(draw.below(bound)));
+            let alive: Vec<(String, u32)> = world.alive.iter().map(|(host, one)| (host.clone(), one.leaf)).collect();
+            let Some((host, leaf)) = alive.get(usize::try_from(draw.below(4)).unwrap()) else { continue };
+            let count = deaths.entry(*leaf).or_default();
+            if *count < 5 {
+                *count += 1;
+                world.kill(host, *leaf);
+            }
+        }
+        world.run_for(Duration::from_secs(2));
+        check_links(&world);
+        world.run_for(Duration::from_secs(100));
+        assert_eq!(world.ending(call), &Ending::Done(vec![]), "seed {seed}: {deaths:?}");
+        changes(&world, call);
+        assert_eq!(world.alive, BTreeSet::new(), "seed {seed}");
+    }
+}
