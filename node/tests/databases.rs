@@ -13,7 +13,7 @@ use dbmanager::logic::txn::Write;
 use dbmanager::logic::view::past::Keys;
 use dbmanager::logic::view::value::Datum;
 use dbmanager::logic::view::watch::Told;
-use node::logic::database::question::{Choice, Commit, Far, Moment, Question, Reply, Resolve, Status};
+use node::logic::database::question::{Choice, Commit, Far, Moment, Own, Question, Reply, Resolve, Status};
 use node::logic::database::settings::Settings;
 use node::logic::database::{Database, Effect, Input};
 use std::collections::{BTreeMap, BTreeSet};
@@ -270,6 +270,38 @@ fn only_the_owner_writes_its_keys() {
     assert_eq!(refused, Reply::NotOwner { owner: "r2".into() });
     world.write(1, key, 1);
     assert_eq!(world.read(0, key), [Datum::from(1)]);
+}
+
+#[test]
+fn a_prefix_of_the_team_is_given_released_and_taken_by_force() {
+    let mut world = World::team(&["r1", "r2"]);
+    let own = |robot: Option<&str>, by_force| {
+        let (prefix, robot) = (key_of("team/arm"), robot.map(str::to_owned));
+        let (reason, far, within) = (String::new(), Far::Local, Duration::from_secs(1));
+        Question::Own(Own { prefix, robot, by_force, reason, far, within })
+    };
+    let arm = || commit(vec![put("team/arm/x", &Datum::from(1))], Far::Local);
+    let not_owner = |owner: &str| Reply::NotOwner { owner: owner.to_owned() };
+    assert!(matches!(world.ask(0, own(Some("r2"), false)), Reply::Committed(_)));
+    world.run(Duration::from_secs(1));
+    assert_eq!(world.ask(1, Question::Owners), Reply::Owners(vec![("team/arm".into(), Some("r2".into()))]));
+    assert_eq!(world.ask(0, arm()), not_owner("r2"));
+    assert_eq!(world.ask(0, own(Some("r1"), false)), not_owner("r2"), "only its owner gives it away");
+    assert!(matches!(world.ask(1, arm()), Reply::Committed(_)));
+    world.away(&[1], true);
+    assert!(matches!(world.ask(0, own(Some("r1"), true)), Reply::Committed(_)), "unless by force");
+    assert!(matches!(world.ask(0, arm()), Reply::Committed(_)));
+    world.run(Duration::from_secs(1));
+    assert!(matches!(world.ask(1, arm()), Reply::Committed(_)), "who is cut off does not know");
+    world.away(&[1], false);
+    world.run(Duration::from_secs(5));
+    let Reply::Conflicts(_, races) = world.ask(0, Question::Conflicts { prefix: String::new() }) else {
+        panic!("no answer")
+    };
+    assert!(races.iter().any(|race| race.relied.by == "r2"), "but it is listed: {races:?}");
+    assert!(matches!(world.ask(0, own(None, false)), Reply::Committed(_)));
+    world.run(Duration::from_secs(1));
+    assert!(matches!(world.ask(1, arm()), Reply::Committed(_)));
 }
 
 #[test]

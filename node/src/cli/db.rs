@@ -2,6 +2,7 @@
 
 pub mod asking;
 pub mod file;
+pub mod own;
 pub mod past;
 pub mod read;
 pub mod team;
@@ -50,6 +51,8 @@ enum Verb {
     Status(team::Status),
     /// Begin a team with this robot; every other one joins by itself
     Found(team::Operate),
+    /// Show who alone writes where, or say so
+    Own(own::Own),
     /// A robot is gone for good: nobody waits for it any more
     Retire(team::Retire),
     /// Dates have gone wrong: date new writes above all that were dated wrongly
@@ -74,6 +77,7 @@ pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
         Verb::Cut(arguments) => arguments.run(),
         Verb::Status(arguments) => arguments.run(),
         Verb::Found(arguments) => arguments.found(),
+        Verb::Own(arguments) => arguments.run(),
         Verb::Retire(arguments) => arguments.run(),
         Verb::HealClock(arguments) => arguments.heal_clock(),
     }

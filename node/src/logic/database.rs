@@ -19,7 +19,6 @@ mod watch;
 use comms::logic::time::Time;
 use dbmanager::logic::clock::Wall;
 use dbmanager::logic::cut::Origin;
-use dbmanager::logic::key::Namespace;
 use dbmanager::logic::message::Message;
 use dbmanager::logic::record::Batch;
 use dbmanager::logic::replica::{self, Alarm, Replica, Request};
@@ -29,7 +28,7 @@ use dbmanager::logic::view::moment::Checkpoints;
 use dbmanager::logic::view::past::Past;
 use dbmanager::logic::view::schema::{self, Schemas};
 use dbmanager::logic::view::watch::Watch;
-use question::{Commit, Far, Letter, Question, Reply};
+use question::{Far, Letter, Question, Reply, Wish};
 use settings::Settings;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
@@ -151,10 +150,13 @@ impl Database {
         for input in inputs {
             match input {
                 Input::Call(call, Question::Commit(commit)) => {
-                    commits.extend(self.request(now, call, &commit, effects));
+                    commits.extend(self.request(now, call, commit.into(), effects));
+                }
+                Input::Call(call, Question::Own(own)) => {
+                    commits.extend(self.request(now, call, own.into(), effects));
                 }
                 Input::Call(call, Question::Resolve(resolve)) => match self.settle(&resolve) {
-                    Ok(commit) => commits.extend(self.request(now, call, &commit, effects)),
+                    Ok(commit) => commits.extend(self.request(now, call, commit.into(), effects)),
                     Err(reply) => effects.extend([Effect::Answer(call, reply), Effect::End(call)]),
                 },
                 Input::Call(call, question) => self.answer(now, call, question, effects),
@@ -254,14 +256,15 @@ impl Database {
     }
 
     /// Returns what the replica is asked to commit.
-    fn request(&mut self, now: Time, call: u64, commit: &Commit, effects: &mut Vec<Effect>) -> Option<Request> {
+    fn request(&mut self, now: Time, call: u64, wish: Wish, effects: &mut Vec<Effect>) -> Option<Request> {
+        let Wish { draft, far, within } = wish;
         if let Some(why) = &self.closed {
             effects.push(Effect::Answer(call, Reply::Refused(why.clone())));
             effects.push(Effect::End(call));
             return None;
         }
         let schemas = self.schemas.get_or_insert_with(|| Schemas::of(self.replica.state()));
-        let breaches = schemas.check(&commit.draft());
+        let breaches = schemas.check(&draft);
         if !breaches.is_empty() && call != 0 {
             let sentences: Vec<String> = breaches.iter().map(ToString::to_string).collect();
             effects
@@ -270,17 +273,17 @@ impl Database {
             return None;
         }
         let alone = !self.replica.is_member() && !self.heard.values().any(|heard| heard.member);
-        if alone && commit.writes.iter().any(|write| write.key.namespace() != Namespace::Local) {
+        if alone && !draft.is_local() {
             let note = format!(
                 "`{}` belongs to no team yet, so this stays on it until it joins one; `dca db status` says how",
                 self.robot
             );
             effects.push(Effect::Answer(call, Reply::Note(note)));
         }
-        if commit.far != Far::Local {
+        if far != Far::Local {
             self.waiting.insert(call);
         }
-        Some(Request { ticket: call, draft: commit.draft(), level: commit.far.level(), until: now + commit.within })
+        Some(Request { ticket: call, draft, level: far.level(), until: now + within })
     }
 
     fn answer(&mut self, now: Time, call: u64, question: Question, effects: &mut Vec<Effect>) {
@@ -306,7 +309,11 @@ impl Database {
             },
             Question::Status => say(Reply::Status(Box::new(self.status(now)))),
             // Writes are taken together, see `handle`.
-            Question::Commit(_) | Question::Resolve(_) => {}
+            Question::Commit(_) | Question::Resolve(_) | Question::Own(_) => {}
+            Question::Owners => {
+                let owners = self.replica.owners().iter();
+                say(Reply::Owners(owners.map(|(prefix, owner)| (prefix.to_owned(), owner.robot.clone())).collect()));
+            }
             Question::Found | Question::Retire { .. } | Question::HealClock => {
                 let reply = self.operate(now, question, effects);
                 effects.push(Effect::Answer(call, reply));

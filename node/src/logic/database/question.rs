@@ -8,7 +8,7 @@ use dbmanager::logic::key::Key;
 use dbmanager::logic::message::Message;
 use dbmanager::logic::replica::Level;
 use dbmanager::logic::state::Version;
-use dbmanager::logic::txn::{Draft, Require, Value, Write};
+use dbmanager::logic::txn::{Draft, Grant, Require, Value, Write};
 use dbmanager::logic::view::conflict::{Conflict, Race};
 use dbmanager::logic::view::moment::Difference;
 use dbmanager::logic::view::past::{Deed, Filter, Keys};
@@ -104,6 +104,10 @@ pub enum Question {
         /// Why.
         reason: String,
     },
+    /// Say who alone writes below a prefix. Answered as `Commit` is.
+    Own(Own),
+    /// Who alone writes where. Answered by [`Reply::Owners`].
+    Owners,
 }
 
 /// A point in the history of one robot's copy.
@@ -160,6 +164,31 @@ pub struct Commit {
     pub within: Duration,
 }
 
+/// Who alone writes below a prefix from now on.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Own {
+    /// The prefix, without a `/` at the end.
+    pub prefix: Key,
+    /// The robot; nothing if everybody may write there.
+    pub robot: Option<String>,
+    /// Whether it is taken from its owner, who may be out of reach and not know of it.
+    pub by_force: bool,
+    /// Why.
+    pub reason: String,
+    /// How far that has to get.
+    pub far: Far,
+    /// How long that may take.
+    pub within: Duration,
+}
+
+/// What either comes to: a transaction, how far it has to get, and how long that may take.
+#[derive(Clone, Debug)]
+pub(crate) struct Wish {
+    pub(crate) draft: Draft,
+    pub(crate) far: Far,
+    pub(crate) within: Duration,
+}
+
 /// How far a transaction has to get before whoever wrote it goes on.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Far {
@@ -211,6 +240,8 @@ pub enum Reply {
     Text(String),
     /// To `Import`: what would change, which conflicts that would settle, and the writes, together as far as they fit.
     Import(Vec<Difference>, Vec<Key>, Vec<Vec<Write>>),
+    /// To `Owners`: prefixes, and who writes there; nothing if everybody may.
+    Owners(Vec<(String, Option<String>)>),
 }
 
 /// How a replica and its team are.
@@ -267,16 +298,27 @@ pub struct MemberStatus {
     pub pins: bool,
 }
 
-impl Commit {
-    /// Returns the transaction that is wanted.
-    pub fn draft(&self) -> Draft {
-        let draft = self.requires.iter().fold(Draft::new(self.reason.clone()), |draft, require| {
-            draft.require(require.key.clone(), require.condition)
+impl From<Commit> for Wish {
+    fn from(commit: Commit) -> Self {
+        let Commit { reason, requires, writes, far, within } = commit;
+        let draft = Draft::new(reason);
+        let draft = requires.into_iter().fold(draft, |draft, require| draft.require(require.key, require.condition));
+        let draft = writes.into_iter().fold(draft, |draft, Write { key, value }| match value {
+            Some(value) => draft.put(key, value),
+            None => draft.delete(key),
         });
-        self.writes.iter().fold(draft, |draft, Write { key, value }| match value {
-            Some(value) => draft.put(key.clone(), value.clone()),
-            None => draft.delete(key.clone()),
-        })
+        Self { draft, far, within }
+    }
+}
+
+impl From<Own> for Wish {
+    fn from(own: Own) -> Self {
+        let Own { prefix, robot, by_force, reason, far, within } = own;
+        let grant = match robot {
+            Some(robot) if by_force => Grant::TakeOver(robot),
+            robot => Grant::Give(robot),
+        };
+        Self { draft: Draft::new(reason).grant(prefix, grant), far, within }
     }
 }
 
