@@ -45,18 +45,17 @@ fn run(program: &Program, members: u32, events: &[u8]) {
     if outcome.is_none() {
         outcome = step(program, &mut state, Event::Stop, &mut commands);
     }
-    // What is asked to stop confirms it; what may go on under a shield ends.
+    // Time passes; what is asked to stop confirms it; what may go on under a shield ends. A shield's timer stands before
+    // those below it, so a loop that it holds up cannot go on for ever.
     while outcome.is_none() {
-        let member = state.members_active().next();
-        let timer =
-            (0..program.timers()).map(|timer| (timer, state.timer(program, timer))).find(|(_, (_, armed))| *armed);
-        let event = match (member, timer) {
-            (Some(member), _) => ending(&state, member),
-            (None, Some((timer, (activation, _)))) => Event::Elapsed { timer, activation },
+        commands.clear();
+        let mut timers = (0..program.timers()).map(|timer| (timer, state.timer(program, timer)));
+        let event = match (timers.find(|(_, (_, is_armed))| *is_armed), state.members_active().next()) {
+            (Some((timer, (activation, _))), _) => Event::Elapsed { timer, activation },
+            (None, Some(member)) => ending(&state, member),
             (None, None) => panic!("it waits for nothing"),
         };
         outcome = step(program, &mut state, event, &mut commands);
-        commands.clear();
     }
     check_idle(&state, outcome.as_ref());
 }

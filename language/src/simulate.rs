@@ -8,13 +8,17 @@ mod chart;
 mod command;
 
 use crate::algebra::{Activation, Cause, Command, Event, Outcome, Program, Reason, State, Value, step};
-use crate::plan::{MemberKind, Plan};
+use crate::plan::{LEAVES_MAX, MemberKind, Plan};
 use chart::Course;
 use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
 
 pub use chance::Chance;
 pub use command::SimulationError;
+
+/// The most events of one instant: more than the largest plan needs to start everything and to stop it. Beyond them, a
+/// loop turns in no time.
+const INSTANT_MAX: usize = 10 * LEAVES_MAX;
 
 /// What became of something, when.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -85,6 +89,8 @@ pub struct Simulation<'a> {
     timers: BTreeMap<(Duration, u64), Timer>,
     counter: u64,
     queue: VecDeque<(usize, Event)>,
+    /// How many events there were at this instant.
+    events: usize,
     happenings: Vec<Happening>,
     course: Course,
     outcome: Option<What>,
@@ -119,6 +125,7 @@ impl<'a> Simulation<'a> {
             timers: BTreeMap::new(),
             counter: 0,
             queue: VecDeque::from([(0, Event::Start(Value::EMPTY))]),
+            events: 0,
             happenings: Vec::new(),
             course: Course::default(),
             outcome: None,
@@ -182,13 +189,19 @@ impl<'a> Simulation<'a> {
                 break;
             }
             self.timers.remove(&(due, number));
-            self.now = due;
+            self.set_now(due);
             self.note_wait(ends, &What::Done);
             let Timer { group, timer, activation, .. } = ends;
             self.queue.push_back((group, Event::Elapsed { timer, activation }));
             self.react();
         }
-        self.now = until;
+        self.set_now(until);
+    }
+
+    fn set_now(&mut self, now: Duration) {
+        if now > self.now {
+            (self.now, self.events) = (now, 0);
+        }
     }
 
     fn end_leaf(&mut self, leaf: u32, ending: Ending) {
@@ -227,6 +240,10 @@ impl<'a> Simulation<'a> {
     fn react(&mut self) {
         let mut commands = Vec::new();
         while let Some((group, event)) = self.queue.pop_front() {
+            self.events += 1;
+            if self.events > INSTANT_MAX {
+                return self.give_up();
+            }
             let outcome = step(&self.programs[group], &mut self.states[group], event, &mut commands);
             for command in commands.drain(..) {
                 self.obey_command(group, command);
@@ -235,6 +252,18 @@ impl<'a> Simulation<'a> {
                 self.ended(group, outcome);
             }
         }
+    }
+
+    /// Nothing will change any more but the number of events: this ends the run.
+    fn give_up(&mut self) {
+        self.queue.clear();
+        self.timers.clear();
+        self.leaves.clear();
+        self.seats.clear();
+        self.states = self.programs.iter().map(State::new).collect();
+        let what = What::Aborted(format!("more than {INSTANT_MAX} events at one instant: a loop takes no time"));
+        self.note(self.plan.groups[0].path.clone(), what.clone());
+        self.outcome = Some(what);
     }
 
     fn obey_command(&mut self, group: usize, command: Command) {

@@ -2,6 +2,7 @@
 
 use language::{Chance, Options, Simulation, Source, What, compile};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 /// As many things may happen in one run.
 const STEPS_MAX: usize = 500;
@@ -49,4 +50,21 @@ fn every_spec_comes_to_its_end() {
 fn nothing_of_the_corpus_is_left_behind() {
     let ended = files("tests/corpus").iter().filter_map(|path| run(path, 7, 10)).count();
     assert!(ended > 5, "{ended}");
+}
+
+/// Stopping takes no time here, so a loop may take none that would take some in a deployment.
+#[test]
+fn a_loop_that_takes_no_time_ends_the_run() {
+    for actions in ["(s, skip) ;; skip", "(s within 0 s)? ;; skip"] {
+        let text = format!(
+            "module S {{ service; }} process main() {{ host{{c1}} instantiated_processes {{ s instof S(c1); }}
+            internal_event_actions {{ {actions} }} }}"
+        );
+        let plan = compile(&Source::new("loop.dca", text), &[], &Options::named("loop")).plan.expect(actions);
+        let mut simulation = Simulation::start(&plan);
+        simulation.pass(Duration::ZERO);
+        let Some(What::Aborted(why)) = simulation.outcome() else { panic!("`{actions}` goes on") };
+        assert_eq!(why, "more than 100000 events at one instant: a loop takes no time");
+        assert_eq!(simulation.running(), Vec::<&str>::new());
+    }
 }

@@ -1,5 +1,6 @@
 //! What runs with what, what ends, and what never does.
 
+mod instant;
 mod outcome;
 mod resource;
 mod service;
@@ -17,10 +18,10 @@ pub(super) fn check(spec: &mut Spec, diagnostics: &mut Vec<Diagnostic>) {
         let mut clashes = BTreeMap::new();
         instances_of(actions, &mut clashes);
         diagnostics.extend(clashes.into_iter().map(|(slot, places)| runs_twice(process, slot, places)));
-        check_loops(actions, diagnostics);
         service::check(spec, process, actions, diagnostics);
         resource::check(process, actions, diagnostics);
     }
+    instant::check(spec, diagnostics);
     outcome::check(spec, diagnostics);
 }
 
@@ -47,63 +48,6 @@ fn runs_twice(process: &Process, slot: usize, (first, second): (Span, Span)) -> 
     let message = format!("`{}` can run twice at the same time", name.text);
     let diagnostic = Diagnostic::new(Code::E0401, second, message).reason(first, "runs here too");
     diagnostic.reason(name.span, "this is one instance").help("declare a second instance, or run it once")
-}
-
-/// How an expression can end without running or waiting for anything.
-#[derive(Clone, Copy)]
-struct AtOnce {
-    done: bool,
-    aborted: bool,
-}
-
-/// Reports loops that could turn without end at one instant.
-fn check_loops(expr: &Expr, diagnostics: &mut Vec<Diagnostic>) {
-    let is_endless = if let ExprKind::Recurrent(first, second) = &expr.kind {
-        at_once(first).done && at_once(second).done
-    } else if let ExprKind::Asynchronous(source, pool) = &expr.kind {
-        at_once(source).done && pool.iter().any(|part| at_once(part).done)
-    } else {
-        false
-    };
-    if is_endless {
-        let diagnostic =
-            Diagnostic::new(Code::E0410, expr.span, "the repeated expression ends at the instant it starts");
-        diagnostics.push(diagnostic.help("put a process or a `wait` on each way through it"));
-    }
-    for part in expr.parts() {
-        check_loops(part, diagnostics);
-    }
-}
-
-fn at_once(expr: &Expr) -> AtOnce {
-    let parts: Vec<AtOnce> = expr.parts().into_iter().map(at_once).collect();
-    let done = |parts: &[AtOnce]| parts.iter().filter(|part| part.done).count();
-    let any_aborted = parts.iter().any(|part| part.aborted);
-    match &expr.kind {
-        ExprKind::Run(..) | ExprKind::Never | ExprKind::Wait(_) | ExprKind::Broken => {
-            AtOnce { done: false, aborted: false }
-        }
-        ExprKind::Skip => AtOnce { done: true, aborted: false },
-        ExprKind::Fail(_) => AtOnce { done: false, aborted: true },
-        ExprKind::Concurrent(_) | ExprKind::FailFast(_) => {
-            AtOnce { done: done(&parts) == parts.len(), aborted: any_aborted }
-        }
-        ExprKind::AnyOf(count, _) => AtOnce { done: done(&parts) >= *count as usize, aborted: any_aborted },
-        ExprKind::Disable(_) | ExprKind::Within(..) => AtOnce { done: done(&parts) > 0, aborted: any_aborted },
-        ExprKind::Sequence(_) | ExprKind::Conditional(_) => {
-            let reached = parts.iter().take_while(|part| part.done).count();
-            let aborted = parts.iter().take(reached + 1).any(|part| part.aborted);
-            AtOnce { done: reached == parts.len(), aborted }
-        }
-        ExprKind::Otherwise(_) | ExprKind::Retry(..) => {
-            let failed = parts.iter().take_while(|part| part.aborted && !part.done).count();
-            AtOnce { done: parts.iter().take(failed + 1).any(|part| part.done), aborted: failed == parts.len() }
-        }
-        ExprKind::Recurrent(..) | ExprKind::Asynchronous(..) => AtOnce { done: false, aborted: any_aborted },
-        ExprKind::Match(_) | ExprKind::Shield(..) | ExprKind::Using(..) => {
-            AtOnce { done: done(&parts) > 0, aborted: any_aborted }
-        }
-    }
 }
 
 /// The group that an expression runs, when it is just that.

@@ -1,0 +1,97 @@
+//! Loops that could turn without end at one instant.
+
+use crate::check::spec::{Expr, ExprKind, Process, Spec, Target};
+use crate::diagnostic::{Code, Diagnostic};
+
+/// How something can end without running a program or waiting for anything.
+#[derive(Clone, Copy, Default)]
+struct AtOnce {
+    done: bool,
+    aborted: bool,
+}
+
+/// Reports the loops of every group.
+pub(super) fn check(spec: &Spec, diagnostics: &mut Vec<Diagnostic>) {
+    let mut known = vec![None; spec.processes.len()];
+    for (index, process) in spec.processes.iter().enumerate() {
+        of_group(spec, index, &mut known);
+        if let Some(actions) = process.actions.as_ref().filter(|_| !process.damage.actions) {
+            walk(actions, &members(spec, process, &mut known), diagnostics);
+        }
+    }
+}
+
+/// How a group can end at once; `known` are the groups that were asked for before. Groups nest finitely here.
+fn of_group(spec: &Spec, group: usize, known: &mut Vec<Option<AtOnce>>) -> AtOnce {
+    if let Some(found) = known[group] {
+        return found;
+    }
+    let process = &spec.processes[group];
+    let members = members(spec, process, known);
+    let found = match &process.actions {
+        _ if process.damage.actions => AtOnce::default(),
+        Some(actions) => at_once(actions, &members),
+        None => AtOnce { done: true, aborted: false },
+    };
+    known[group] = Some(found);
+    found
+}
+
+/// How each instance of a group can end at once; a program cannot.
+fn members(spec: &Spec, process: &Process, known: &mut Vec<Option<AtOnce>>) -> Vec<AtOnce> {
+    let of_instance = |target| match target {
+        Target::Process(group) => of_group(spec, group, known),
+        Target::Module(_) | Target::Unknown => AtOnce::default(),
+    };
+    process.instances.iter().map(|instance| instance.target).map(of_instance).collect()
+}
+
+fn walk(expr: &Expr, members: &[AtOnce], diagnostics: &mut Vec<Diagnostic>) {
+    let is_done = |part: &Expr| at_once(part, members).done;
+    let is_endless = if let ExprKind::Recurrent(first, second) = &expr.kind {
+        is_done(first) && is_done(second)
+    } else if let ExprKind::Asynchronous(source, pool) = &expr.kind {
+        is_done(source) && pool.iter().any(is_done)
+    } else {
+        false
+    };
+    if is_endless {
+        let diagnostic =
+            Diagnostic::new(Code::E0410, expr.span, "the repeated expression ends at the instant it starts");
+        diagnostics.push(diagnostic.help("put a process or a `wait` on each way through it"));
+    }
+    for part in expr.parts() {
+        walk(part, members, diagnostics);
+    }
+}
+
+fn at_once(expr: &Expr, members: &[AtOnce]) -> AtOnce {
+    let parts: Vec<AtOnce> = expr.parts().into_iter().map(|part| at_once(part, members)).collect();
+    let done = |parts: &[AtOnce]| parts.iter().filter(|part| part.done).count();
+    let any_aborted = parts.iter().any(|part| part.aborted);
+    match &expr.kind {
+        ExprKind::Run(slot, _) => members[*slot],
+        ExprKind::Wait(time) => AtOnce { done: time.is_zero(), aborted: false },
+        ExprKind::Never | ExprKind::Broken => AtOnce::default(),
+        ExprKind::Skip => AtOnce { done: true, aborted: false },
+        ExprKind::Fail(_) => AtOnce { done: false, aborted: true },
+        ExprKind::Concurrent(_) | ExprKind::FailFast(_) => {
+            AtOnce { done: done(&parts) == parts.len(), aborted: any_aborted }
+        }
+        ExprKind::AnyOf(count, _) => AtOnce { done: done(&parts) >= *count as usize, aborted: any_aborted },
+        ExprKind::Disable(_) | ExprKind::Within(..) => AtOnce { done: done(&parts) > 0, aborted: any_aborted },
+        ExprKind::Sequence(_) | ExprKind::Conditional(_) => {
+            let reached = parts.iter().take_while(|part| part.done).count();
+            let aborted = parts.iter().take(reached + 1).any(|part| part.aborted);
+            AtOnce { done: reached == parts.len(), aborted }
+        }
+        ExprKind::Otherwise(_) | ExprKind::Retry(..) => {
+            let failed = parts.iter().take_while(|part| part.aborted && !part.done).count();
+            AtOnce { done: parts.iter().take(failed + 1).any(|part| part.done), aborted: failed == parts.len() }
+        }
+        ExprKind::Recurrent(..) | ExprKind::Asynchronous(..) => AtOnce { done: false, aborted: any_aborted },
+        ExprKind::Match(_) | ExprKind::Shield(..) | ExprKind::Using(..) => {
+            AtOnce { done: done(&parts) > 0, aborted: any_aborted }
+        }
+    }
+}
