@@ -3,7 +3,8 @@
 //! Boxes are processes, boxes in boxes are groups, and ports sit on the borders: inputs on the left, outputs on the right.
 //! The band at the top of a box has the colour of its host. Arrows of one connection set have one colour and carry its
 //! label. To be seen at a glance: a service (double border), a port that nothing is connected to (hollow, red), a
-//! connection whose set is never open (dotted, crossed), and a connection that is fetched (dashed).
+//! connection whose set is never open (dotted, crossed), a connection that is fetched (dashed), and what a process has alone
+//! while it runs (a plate on the lower border).
 //!
 //! The layout is layered from left to right, and a function of the spec alone: the same text gives the same picture, and
 //! a small change a small one.

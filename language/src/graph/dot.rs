@@ -1,5 +1,6 @@
 //! The picture in the language of Graphviz: clusters for groups, records with ports for leaves.
 
+use super::layout::plate;
 use super::model::{End, Link, Unit};
 use crate::check::spec::Direction;
 use std::fmt::Write as _;
@@ -32,11 +33,17 @@ fn line(out: &mut String, path: &[usize], text: std::fmt::Arguments<'_>) {
 fn group(out: &mut String, unit: &Unit, hosts: &[String], path: &mut Vec<usize>) {
     let host = hosts.get(unit.host).map_or("", String::as_str);
     let border = if unit.is_service { "peripheries=2" } else { "peripheries=1" };
+    let plate = plate(unit).map_or(String::new(), |plate| format!(", {}", escape(&plate)));
     line(out, path, format_args!("subgraph cluster_{} {{", id(path)));
     line(
         out,
         path,
-        format_args!("    label=\"{} : {} on {}\"; {border};", escape(&unit.name), escape(&unit.kind), escape(host)),
+        format_args!(
+            "    label=\"{} : {} on {}{plate}\"; {border};",
+            escape(&unit.name),
+            escape(&unit.kind),
+            escape(host)
+        ),
     );
     for (index, port) in unit.ports.iter().enumerate() {
         let style = if port.is_used { "" } else { ", color=red" };
@@ -71,7 +78,8 @@ fn leaf(out: &mut String, unit: &Unit, hosts: &[String], path: &[usize]) {
         ports.join("|")
     };
     let host = hosts.get(unit.host).map_or("", String::as_str);
-    let name = format!("{}\\n{}\\non {}", escape(&unit.name), escape(&unit.kind), escape(host));
+    let plate = plate(unit).map_or(String::new(), |plate| format!("\\n{}", escape(&plate)));
+    let name = format!("{}\\n{}\\non {}{plate}", escape(&unit.name), escape(&unit.kind), escape(host));
     let (ins, outs) = (side(Direction::In), side(Direction::Out));
     let border = if unit.is_service { ", peripheries=2" } else { "" };
     line(out, path, format_args!("{} [label=\"{{{{{ins}}}|{name}|{{{outs}}}}}\"{border}];", id(path)));

@@ -61,6 +61,16 @@ pub(super) fn label_width(label: &str) -> i32 {
     text_width(label) * 5 / 7 + 5
 }
 
+/// The plate with the resources of a unit; nothing if it takes none.
+pub(super) fn plate(unit: &Unit) -> Option<String> {
+    (!unit.resources.is_empty()).then(|| format!("using {}", unit.resources.join(", ")))
+}
+
+/// The columns of a plate, with a little room at both ends.
+pub(super) fn plate_width(plate: &str) -> i32 {
+    text_width(plate) * 5 / 6 + 12
+}
+
 /// Arranges a unit and everything inside it.
 pub(super) fn layout(unit: &Unit, hosts: &[String]) -> Placed {
     if unit.is_group { group(unit, hosts) } else { leaf(unit, hosts) }
@@ -69,7 +79,8 @@ pub(super) fn layout(unit: &Unit, hosts: &[String]) -> Placed {
 fn head_width(unit: &Unit, hosts: &[String]) -> i32 {
     let host = hosts.get(unit.host).map_or(0, |host| text_width(host));
     let kind = if unit.is_group { text_width(&unit.kind) + 12 } else { 0 };
-    text_width(&unit.name) + kind + host + if unit.is_service { 46 } else { 30 }
+    let head = text_width(&unit.name) + kind + host + if unit.is_service { 46 } else { 30 };
+    head.max(plate(unit).map_or(0, |plate| plate_width(&plate) + 16))
 }
 
 fn names_width(unit: &Unit, direction: Direction) -> i32 {

@@ -16,6 +16,8 @@ pub(super) struct Unit {
     pub(super) is_service: bool,
     pub(super) is_group: bool,
     pub(super) ports: Vec<Port>,
+    /// The resources of the group around that it has alone while it runs.
+    pub(super) resources: Vec<String>,
     pub(super) units: Vec<Self>,
     pub(super) links: Vec<Link>,
 }
@@ -85,10 +87,14 @@ fn group(known: &Known<'_>, index: usize, name: &str, path: &str) -> Unit {
         is_service: process.is_service,
         is_group: true,
         ports: process.exports.iter().map(|export| exported(known.spec, process, export)).collect(),
+        resources: Vec::new(),
         units: units.collect(),
         links: Vec::new(),
     };
     connect(&mut unit, process);
+    if let Some(actions) = &process.actions {
+        take(&mut unit, process, actions, &mut Vec::new());
+    }
     unit
 }
 
@@ -124,6 +130,7 @@ fn leaf(known: &Known<'_>, process: &Process, slot: usize, path: &str) -> Unit {
         is_service: module.is_some_and(|module| module.is_service),
         is_group: false,
         ports,
+        resources: Vec::new(),
         units: Vec::new(),
         links: Vec::new(),
     }
@@ -188,6 +195,23 @@ fn connect(unit: &mut Unit, process: &Process) {
         }
     }
     unit.links = links;
+}
+
+/// Notes what each member has alone while it runs; `held` is what the `using`s around take.
+fn take(unit: &mut Unit, process: &Process, expr: &Expr, held: &mut Vec<usize>) {
+    let before = held.len();
+    if let ExprKind::Using(taken, _) = &expr.kind {
+        held.extend(taken);
+    } else if let ExprKind::Run(slot, _) = &expr.kind {
+        for name in held.iter().map(|&resource| &process.resources[resource].text) {
+            let resources = &mut unit.units[*slot].resources;
+            if !resources.contains(name) {
+                resources.push(name.clone());
+            }
+        }
+    }
+    expr.parts().into_iter().for_each(|part| take(unit, process, part, held));
+    held.truncate(before);
 }
 
 fn end(unit: &Unit, endpoint: &Endpoint) -> Option<End> {

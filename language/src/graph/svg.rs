@@ -1,6 +1,6 @@
 //! The picture as SVG text.
 
-use super::layout::{BAND, Placed, labels, layout, text_width};
+use super::layout::{BAND, Placed, labels, layout, plate, plate_width, text_width};
 use super::model::{Link, Unit};
 use crate::check::spec::Direction;
 use std::fmt::Write as _;
@@ -22,6 +22,8 @@ const HOSTS: [(&str, &str); 6] = [
 const SETS: [&str; 8] = ["#1f5fa8", "#b3541e", "#2b7a3d", "#7d3c98", "#a8781f", "#1f8a8a", "#a83260", "#4a5568"];
 /// Arrows from and to the ports that a group exports.
 const EXPORT: &str = "#666666";
+/// Plates of resources.
+const PLATE: &str = "#fdf3b8";
 /// What is not as it should be.
 const WRONG: &str = "#c81e1e";
 
@@ -52,6 +54,7 @@ enum Key {
     Unused,
     Cut,
     Pull,
+    Resource,
 }
 
 /// The marks that occur in a picture.
@@ -62,10 +65,15 @@ fn marks(root: &Unit) -> impl Iterator<Item = Key> {
             Key::Service => unit.is_service,
             Key::Unused => unit.ports.iter().any(|port| !port.is_used),
             Key::Cut => unit.links.iter().any(|link| link.is_cut),
+            Key::Resource => !unit.resources.is_empty(),
             Key::Pull => unit.links.iter().any(|link| link.is_pull && !link.is_cut),
         })
     };
-    [Key::Service, Key::Unused, Key::Cut, Key::Pull].into_iter().filter(has).collect::<Vec<_>>().into_iter()
+    [Key::Service, Key::Unused, Key::Cut, Key::Pull, Key::Resource]
+        .into_iter()
+        .filter(has)
+        .collect::<Vec<_>>()
+        .into_iter()
 }
 
 /// Whether something holds for a process or for one inside it.
@@ -81,6 +89,7 @@ impl Key {
             Self::Unused => "connected to nothing",
             Self::Cut => "never open",
             Self::Pull => "fetched by the consumer",
+            Self::Resource => "has it alone",
         }
     }
 
@@ -107,6 +116,10 @@ impl Key {
                 let style = format!("stroke=\"{WRONG}\" stroke-width=\"1.5\" stroke-dasharray=\"2 4\"");
                 line(out, format_args!("<path d=\"M{left} {middle} h16\" {style}/>"));
             }
+            Self::Resource => {
+                let place = format!("x=\"{x}\" y=\"{}\" width=\"16\" height=\"10\" rx=\"5\"", y + 2);
+                line(out, format_args!("<rect {place} fill=\"{PLATE}\" stroke=\"#333\" stroke-width=\"0.8\"/>"));
+            }
             Self::Pull => {
                 let style = format!("stroke=\"{EXPORT}\" stroke-width=\"1.5\" stroke-dasharray=\"7 3\"");
                 line(out, format_args!("<path d=\"M{left} {middle} h17\" {style}/>"));
@@ -114,6 +127,14 @@ impl Key {
         }
         text(out, (x + 20, y + 11), "", self.word(hosts));
     }
+}
+
+/// What a process has alone while it runs, on its lower border.
+fn draw_plate(out: &mut String, plate: &str, (middle, bottom): (i32, i32)) {
+    let width = plate_width(plate);
+    let place = format!("x=\"{}\" y=\"{}\" width=\"{width}\" height=\"14\"", middle - width / 2, bottom - 7);
+    line(out, format_args!("<rect {place} rx=\"7\" fill=\"{PLATE}\" stroke=\"#333\" stroke-width=\"0.8\"/>"));
+    text(out, (middle, bottom + 4), " text-anchor=\"middle\" font-size=\"10\"", plate);
 }
 
 fn line(out: &mut String, text: std::fmt::Arguments<'_>) {
@@ -175,6 +196,9 @@ fn draw(out: &mut String, unit: &Unit, placed: &Placed, (x, y): (i32, i32), host
         // The arrows of a group's own ports go on inside: its names stand above them.
         let above = if unit.is_group { 5 } else { -4 };
         port_mark(out, port, (x + port_x, y + port_y), above);
+    }
+    if let Some(plate) = plate(unit) {
+        draw_plate(out, &plate, (x + width / 2, y + height));
     }
     line(out, format_args!("</g>"));
 }
