@@ -251,12 +251,13 @@ fn every_page_is_as_it_should_be() {
 #[test]
 fn every_page_is_listed_and_every_link_leads_somewhere() {
     let summary = read(&docs().join("SUMMARY.md"));
-    for path in pages() {
-        let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+    for path in pages().into_iter().chain(files(&docs().join("database"), "md")) {
+        let name = path.strip_prefix(docs()).expect("it is a page of the manual").to_string_lossy().into_owned();
         assert!(name == "SUMMARY.md" || summary.contains(&format!("({name})")), "{name} is not in the summary");
         for link in read(&path).split("](").skip(1).filter_map(|rest| rest.split_once(')')).map(|(link, _)| link) {
             let (file, place) = link.split_once('#').unwrap_or((link, ""));
-            let target = if file.is_empty() { path.clone() } else { docs().join(file) };
+            let beside = path.parent().expect("a page is in a folder");
+            let target = if file.is_empty() { path.clone() } else { beside.join(file) };
             let is_there =
                 file.contains("://") || target.exists() && (place.is_empty() || places(&target).contains(place));
             assert!(is_there, "{name}: `{link}` leads nowhere");
