@@ -29,6 +29,8 @@ pub(super) struct Group<'a> {
     pub(super) indices: Vec<Binding>,
     pub(super) sets: &'a [Set],
     pub(super) resources: &'a [Name],
+    /// Resources that are not declared, and were reported.
+    pub(super) unknown: BTreeSet<String>,
     /// The place in the innermost pool around: the index of what stands there without one.
     pub(super) pool: Option<usize>,
     pub(super) damage: Damage,

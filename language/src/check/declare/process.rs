@@ -49,6 +49,7 @@ pub(super) fn process(
         indices: Vec::new(),
         sets: &sets,
         resources: &resources,
+        unknown: BTreeSet::new(),
         pool: None,
         damage,
         run: Vec::new(),
@@ -98,6 +99,7 @@ fn damage(node: &Node, places: &[Span]) -> Damage {
         let in_part = |kind: SyntaxKind| part == Some(kind);
         let is_between = part.is_none() || in_part(SyntaxKind::Error);
         damage.header |= is_between || in_part(SyntaxKind::Params) || in_part(SyntaxKind::Host);
+        damage.header |= in_part(SyntaxKind::Resources);
         damage.instances |= is_between || in_part(SyntaxKind::Instances);
         damage.external |= is_between || in_part(SyntaxKind::External);
         damage.connections |= is_between || in_part(SyntaxKind::Connections);

@@ -21,7 +21,10 @@ pub(super) fn using(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<Di
     let mut taken: Vec<usize> = Vec::new();
     for name in node.children_of(SyntaxKind::Resources).flat_map(|node| node.names().collect::<Vec<_>>()) {
         let Some(index) = group.resources.iter().position(|known| known.text == name.text) else {
-            diagnostics.push(unknown(&name, group));
+            // One cause is one report; and what is declared in damaged text is not known.
+            if !group.damage.header && group.unknown.insert(name.text.clone()) {
+                diagnostics.push(unknown(&name, group));
+            }
             continue;
         };
         if !taken.contains(&index) {

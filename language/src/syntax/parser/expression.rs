@@ -3,7 +3,8 @@
 //! Every operator makes one node with all its operands, so a long chain makes a wide tree, never a deep one.
 
 use super::Parser;
-use crate::diagnostic::Code;
+use crate::diagnostic::{Code, Edit, Fix};
+use crate::similar;
 use crate::syntax::SyntaxKind::{
     self, Ampersand, Colon, Comma, Disable, DoubleColon, End, FailFast, FatArrow, Greater, Hash, Ident, LeftBrace,
     LeftBracket, LeftParen, Less, Number, Question, Recur, RightBrace, RightBracket, RightParen, Semicolon, Text,
@@ -19,7 +20,7 @@ impl Parser<'_> {
     pub(super) fn actions(&mut self) {
         self.start(SyntaxKind::Actions);
         self.bump();
-        self.expect(LeftBrace);
+        self.open(LeftBrace);
         while !self.ends_block() {
             let before = self.cursor;
             if self.starts_operand() || self.at_any(&[Hash, Comma, Semicolon, Colon, Recur, Ampersand]) {
@@ -144,14 +145,13 @@ impl Parser<'_> {
 
     /// `retry(3) operand`, `shield operand`, `using(arm) operand`
     fn prefixed(&mut self) {
-        let head: fn(&mut Self) = if self.at_word("retry") && self.kind(1) == LeftParen {
-            Self::retry
-        } else if self.at_word("using") && self.kind(1) == LeftParen {
-            Self::using
-        } else if self.at_word("shield") && self.opens_operand(1) {
-            Self::shield
-        } else {
-            return self.suffixed();
+        let word = self.operator_word();
+        let head: fn(&mut Self) = match word {
+            Some("retry") => Self::retry,
+            Some("using") => Self::using,
+            Some("shield") => Self::shield,
+            Some(_) | None if self.at_word("shield") && self.opens_operand(1) => Self::shield,
+            Some(_) | None => return self.suffixed(word),
         };
         if !self.descend() {
             return self.skip_as_error();
@@ -160,6 +160,36 @@ impl Parser<'_> {
         self.prefixed();
         self.finish();
         self.ascend();
+    }
+
+    /// The word of the language that an operand begins with. Where no name can stand, a word that is nearly one is reported and
+    /// taken as such.
+    fn operator_word(&mut self) -> Option<&'static str> {
+        if !self.at(Ident) || self.at_word(LATER) || self.ends_block() {
+            return None;
+        }
+        let next = self.kind(1);
+        let words: &[&'static str] = if next == LeftParen {
+            &["retry", "using", "shield", "fail", "wait"]
+        } else if next == LeftBrace {
+            &["match"]
+        } else if next == Number {
+            &["any"]
+        } else if next == Ident && self.word(2) == "in" {
+            &["all", "race"]
+        } else {
+            return None;
+        };
+        if let Some(word) = words.iter().find(|word| self.at_word(word)) {
+            return Some(word);
+        }
+        let (span, word) = (self.span(), similar::nearest(self.word(0), words.iter().copied())?);
+        let word = words.iter().copied().find(|known| *known == word)?;
+        if let Some(diagnostic) = self.expected(&format!("`{word}`")) {
+            let edits = vec![Edit { span, text: word.to_owned() }];
+            diagnostic.fix = Some(Fix { title: format!("replace with `{word}`"), edits });
+        }
+        Some(word)
     }
 
     /// Whether an operand may start `ahead` tokens from here, rather than an operator.
@@ -257,9 +287,9 @@ impl Parser<'_> {
     }
 
     /// `operand?`, `operand within 5 s`
-    fn suffixed(&mut self) {
+    fn suffixed(&mut self, word: Option<&str>) {
         let checkpoint = self.checkpoint();
-        self.operand();
+        self.operand(word);
         if self.at(Question) || self.at_word("within") {
             self.start_at(checkpoint, SyntaxKind::Suffixed);
             while self.at(Question) || self.at_word("within") {
@@ -273,7 +303,8 @@ impl Parser<'_> {
         }
     }
 
-    fn operand(&mut self) {
+    /// `word` is the one that it begins with, if it does.
+    fn operand(&mut self, word: Option<&str>) {
         if self.at(LeftParen) {
             self.parenthesised();
         } else if !self.at(Ident) || self.ends_block() {
@@ -281,14 +312,13 @@ impl Parser<'_> {
             if self.at(LeftBracket) {
                 self.labels();
             }
-        } else if self.at_word("any") && self.kind(1) == Number {
-            self.any_of();
-        } else if ["all", "race"].contains(&self.word(0)) && self.kind(1) == Ident && self.word(2) == "in" {
-            self.all_of();
-        } else if self.kind(1) == LeftParen && ["fail", "wait"].contains(&self.word(0)) {
-            self.call();
-        } else if self.at_word("match") && self.kind(1) == LeftBrace {
-            self.matching();
+        } else if let Some(word) = word {
+            match word {
+                "any" => self.any_of(),
+                "all" | "race" => self.all_of(),
+                "match" => self.matching(),
+                _ => self.call(if word == "wait" { SyntaxKind::Wait } else { SyntaxKind::Fail }),
+            }
         } else if self.at_word(LATER) && self.kind(1) == LeftParen {
             self.report(Code::E0006, format!("`{}` is not supported yet", self.word(0)));
             self.start(SyntaxKind::Error);
@@ -296,7 +326,8 @@ impl Parser<'_> {
             self.skip_tree();
             self.finish();
             if self.starts_operand() {
-                self.operand();
+                let word = self.operator_word();
+                self.operand(word);
             }
         } else {
             self.run();
@@ -316,12 +347,11 @@ impl Parser<'_> {
     }
 
     /// `fail("why")`, `wait(5 s)`
-    fn call(&mut self) {
-        let is_wait = self.at_word("wait");
-        self.start(if is_wait { SyntaxKind::Wait } else { SyntaxKind::Fail });
+    fn call(&mut self, kind: SyntaxKind) {
+        self.start(kind);
         self.bump();
         self.bump();
-        if is_wait {
+        if kind == SyntaxKind::Wait {
             self.constant();
         } else if !self.eat(Text) {
             self.expected("a string with the reason");

@@ -120,7 +120,7 @@ impl Parser<'_> {
         }
         self.expect_name("the name of the process");
         self.params();
-        self.expect(LeftBrace);
+        self.open(LeftBrace);
         while !self.at(End) && !self.is_item(0) {
             if self.at(RightBrace) {
                 // A brace too many in front of a section: the process goes on.
@@ -196,7 +196,7 @@ impl Parser<'_> {
     fn host(&mut self) {
         self.start(SyntaxKind::Host);
         self.bump();
-        self.expect(LeftBrace);
+        self.open(LeftBrace);
         if !self.at(RightBrace) && !self.eat(Text) {
             self.expect_name("a host");
         }
@@ -218,7 +218,7 @@ impl Parser<'_> {
 
     /// `{ statements }`; every statement reads at least one token.
     pub(super) fn statements(&mut self, statement: fn(&mut Self)) {
-        self.expect(LeftBrace);
+        self.open(LeftBrace);
         while !self.ends_block() {
             let before = self.cursor;
             self.empty_statements();
@@ -327,7 +327,7 @@ impl Parser<'_> {
         self.bump();
         if self.at_any(&[LeftParen, Ident]) && !self.ends_block() {
             self.start(SyntaxKind::Owner);
-            self.expect(LeftParen);
+            self.open(LeftParen);
             self.list(RightParen, "a name", Self::owner_name);
             self.finish();
         }

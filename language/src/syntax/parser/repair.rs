@@ -47,6 +47,16 @@ impl Parser<'_> {
         self.at(RightBrace) || self.at(End) || self.is_section(0) || self.is_item(0)
     }
 
+    /// Reads the bracket that opens a block or a list; one token too many before it is skipped.
+    pub(super) fn open(&mut self, bracket: SyntaxKind) -> bool {
+        let is_late = !self.at(bracket) && self.kind(1) == bracket;
+        if is_late && !self.ends_block() {
+            self.expected(bracket.describe());
+            self.skip_as_error();
+        }
+        self.expect(bracket)
+    }
+
     /// Skips to just after the next `;`, or to the end of the block.
     pub(super) fn skip_statement(&mut self) {
         if self.at(Semicolon) || self.ends_block() {

@@ -13,7 +13,7 @@ const NO_UNITS: [&str; 5] = ["else", "within", "of", "pause", "optional"];
 impl Parser<'_> {
     pub(super) fn params(&mut self) {
         self.start(SyntaxKind::Params);
-        self.expect(LeftParen);
+        self.open(LeftParen);
         self.list(RightParen, "a parameter", Self::param);
         self.finish();
     }
@@ -164,7 +164,7 @@ impl Parser<'_> {
 
     pub(super) fn args(&mut self) {
         self.start(SyntaxKind::Args);
-        if self.expect(LeftParen) || (self.at_any(&[Ident, Text, Number, RightParen]) && !self.ends_block()) {
+        if self.open(LeftParen) || (self.at_any(&[Ident, Text, Number, RightParen]) && !self.ends_block()) {
             self.list(RightParen, "an argument", Self::arg);
         }
         self.finish();
