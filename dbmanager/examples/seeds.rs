@@ -1,7 +1,7 @@
 //! Runs many seeds of the simulation: `cargo run --release -p dbmanager --example seeds -- <first> <count>`.
 //!
 //! With `--features mutants` and `mutants` as a third argument it runs them with each planted bug, and some named cases after
-//! them, until one finds it, and prints which.
+//! them, until one finds it, and prints which. A fourth argument names one bug.
 
 #[path = "../tests/simulation/scenes.rs"]
 mod scenes;
@@ -21,7 +21,7 @@ fn main() -> ExitCode {
     let (first, count) = (number(0, 1), number(1, 1000));
     let seeds = first..first.saturating_add(count);
     if arguments.get(2).is_some_and(|word| word == "mutants") {
-        return plant(seeds);
+        return plant(seeds, arguments.get(3));
     }
     let (mut failed, mut transactions) = (0, 0);
     for seed in seeds {
@@ -39,9 +39,10 @@ fn main() -> ExitCode {
 
 /// Runs the seeds with each planted bug, and the scenes with those that no seed has found.
 #[expect(clippy::print_stdout, reason = "a program for people")]
-fn plant(seeds: Range<u64>) -> ExitCode {
+fn plant(seeds: Range<u64>, only: Option<&String>) -> ExitCode {
     let mut survivors = 0;
-    for &mutant in Mutant::ALL {
+    let wanted = |mutant: &&Mutant| only.is_none_or(|name| format!("{mutant:?}") == *name);
+    for &mutant in Mutant::ALL.iter().filter(wanted) {
         let by_seed = seeds.clone().find_map(|seed| Some((format!("seed {seed}"), world::run(seed, mutant).err()?)));
         let by_scene = || scenes::ALL.iter().find_map(|(name, scene)| Some(((*name).to_owned(), scene(mutant).err()?)));
         match by_seed.or_else(by_scene) {

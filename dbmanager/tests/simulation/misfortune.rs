@@ -106,6 +106,7 @@ impl World {
         self.faults.anchor = self.below(size);
         self.faults.cursed = (self.faults.anchor + 1) % size;
         if self.faults.can_roll_back() {
+            self.reference.can_roll_back = true;
             let cursed = self.faults.cursed;
             self.nodes[cursed].disk.lies = self.happens(50);
         }

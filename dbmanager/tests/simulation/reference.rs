@@ -61,6 +61,9 @@ pub(crate) struct Reference {
     orphaned: BTreeSet<Id>,
     /// Whether a robot has come back and left behind what it held of others: those bring it themselves.
     pub(crate) left_behind: bool,
+    /// Whether a store may be older than it was, without a witness: what it writes then may stand beside a deletion that it
+    /// had said to have, and only those who still know that deletion show it.
+    pub(crate) can_roll_back: bool,
     /// Under which dots each was committed once more.
     names: BTreeMap<Id, Vec<Id>>,
     /// What watchers at each robot have seen, and by which link.
@@ -236,10 +239,15 @@ impl Reference {
             return Ok(());
         }
         let mut differing = String::new();
-        for (key, versions) in a.state().scan("") {
-            if b.state().versions(key) != versions {
-                differing += &format!("\n{key}: {versions:?} and {:?}", b.state().versions(key));
+        let keys: BTreeSet<&Key> = a.state().scan("").chain(b.state().scan("")).map(|(key, _)| key).collect();
+        for key in keys {
+            let (of_a, of_b) = (a.state().versions(key), b.state().versions(key));
+            if of_a != of_b && !(self.can_roll_back && values(of_a).eq(values(of_b))) {
+                differing += &format!("\n{key}: {of_a:?} and {of_b:?}");
             }
+        }
+        if self.can_roll_back && differing.is_empty() {
+            return Ok(());
         }
         Err(format!("I1: equal cuts, different states{differing}"))
     }
@@ -291,9 +299,11 @@ impl Reference {
             event.txn.rebase.as_ref().is_some_and(|rebase| lives.iter().any(|(dot, _)| rebase.takes.contains(dot)))
         };
         let stamp = self.events.get(&id).map(|event| event.txn.written());
+        // Who has seen another transaction by this name takes it away too; then stamps say nothing.
+        let twice = self.events.range((id.0, [0; 8])..=(id.0, [u8::MAX; 8])).count() > 1;
         let is_there = |at: &Id| self.lives(*at).iter().any(|(dot, link)| chain.get(dot) == Some(link));
         self.events.iter().any(|(at, event)| {
-            Some(event.txn.written()) > stamp
+            (twice || Some(event.txn.written()) > stamp)
                 && event.txn.writes.iter().any(|write| write.key == *key)
                 && (sees(event) || takes(event))
                 && is_there(at)
@@ -334,12 +344,15 @@ impl Reference {
             let mut left: Vec<&(&Event, bool)> =
                 writes.iter().filter(|write| !writes.iter().any(|(by, _)| takes(by, write))).collect();
             left.sort_by_key(|(event, _)| (event.txn.written(), event.txn.dot()));
+            let counts = |deletion: bool| !(deletion && self.can_roll_back);
+            left.retain(|(_, deletion)| counts(*deletion));
             if left.iter().all(|(_, deletion)| *deletion) {
                 left.clear();
             }
             let expected: Vec<Dot> = left.iter().map(|(event, _)| event.txn.dot()).collect();
             let versions = replica.state().versions(key);
-            let shown: Vec<Dot> = versions.iter().map(|version| version.dot).collect();
+            let shown = versions.iter().filter(|version| counts(version.value.is_none())).map(|version| version.dot);
+            let shown: Vec<Dot> = shown.collect();
             let deleted = versions.iter().all(|version| version.value.is_none());
             if shown != expected && !(deleted && expected.is_empty()) {
                 return Err(format!("I2, I10: {key} has {shown:?}, not {expected:?}"));
@@ -374,6 +387,11 @@ impl Reference {
             || b_deleted
             || pairs.any(|(_, x, y)| a.contains(x) && b.contains(y) || a.contains(y) && b.contains(x))
     }
+}
+
+/// Returns the versions that are no deletions.
+fn values(versions: &[Version]) -> impl Iterator<Item = &Version> {
+    versions.iter().filter(|version| version.value.is_some())
 }
 
 fn note(listed: &mut BTreeSet<(Key, Stamp, Stamp)>, key: &Key, versions: &[Version]) {
