@@ -1,0 +1,166 @@
+//! What becomes of programs that die, and of those on a host that is cut off, when the spec says so.
+
+use comms::io::clock::now;
+use dca_tests::cluster::{Cluster, Network, Process, SOON, Stream, Trace, pass, spec, wait_until};
+use node::logic::protocol::{Change, Ending};
+use rustix::process::Signal;
+use std::time::Duration;
+
+const MISSION_MAX: Duration = Duration::from_secs(120);
+
+/// Returns how often a program was started again, and how often it went on with its activation then.
+fn restarts(trace: &Trace, leaf: &str) -> (usize, usize) {
+    let changes = trace.changes(leaf);
+    let count = |is: fn(&Change) -> bool| changes.iter().filter(|change| is(change)).count();
+    (count(|change| matches!(change, Change::Restarting { .. })), count(|change| *change == Change::Resumed))
+}
+
+#[track_caller]
+fn kill(cluster: &Cluster, leaf: &str) {
+    program(cluster, leaf).signal(Signal::KILL);
+}
+
+#[track_caller]
+fn program(cluster: &Cluster, leaf: &str) -> Process {
+    cluster.leaf(leaf).unwrap_or_else(|| panic!("`{leaf}` runs"))
+}
+
+/// The laser, the law that servos, the one that moves the robot, and a hand that waits for its turn are killed while the
+/// robot servos. Three hosts in one command; the wires go across two of them. The door opens all the same.
+#[test]
+fn the_door_opens_although_programs_died() {
+    let cluster = Cluster::new();
+    let mut text = std::fs::read_to_string(spec("door_opening")).expect("the spec is there");
+    let restarted = [
+        ("laser instof LaserSensor(host1)", "distdetect/laser", 1),
+        ("visualserv instof VisualServoing(host1)", "visualserv", 1),
+        ("redundancy instof RedundancyResolution(host1)", "motionctrl/redundancy", 1),
+        ("closegrip instof GripperControl(host3, \"close\")", "closegrip", 0),
+    ];
+    for (instance, _, _) in restarted {
+        let (before, after) = text.split_once(&format!("{instance};")).unwrap_or_else(|| panic!("no `{instance};`"));
+        text = format!("{before}{instance} {{ restart transient; }}{after}");
+    }
+    let mission = cluster.here().dca(&["run", &cluster.file("door_opening.dca", &text)]);
+    mission.wait_for_times(Stream::Err, "▸ visualserv # distdetect", 2, SOON);
+    for (_, leaf, _) in restarted {
+        kill(&cluster, &format!("main/dooropensyst/{leaf}"));
+        mission.wait_for(Stream::Err, &format!("! dooropensyst/{leaf} died and is started again"), SOON);
+    }
+    let ended = mission.ended(MISSION_MAX);
+    assert!(ended.code == Some(0) && ended.out.starts_with("door_opening: done"), "{ended}");
+    assert!(ended.out.contains("died and is started again (1 of 5 in 60 s): SIGKILL"), "{ended}");
+    cluster.expect_nothing_left(Duration::from_secs(2));
+    let trace = Trace::read(&cluster.folder().join("runs/door_opening-1"));
+    for (_, leaf, resumed) in restarted {
+        assert_eq!(restarts(&trace, &format!("main/dooropensyst/{leaf}")), (1, resumed), "{leaf}");
+    }
+}
+
+#[test]
+fn what_dies_too_often_is_given_up() {
+    let cluster = Cluster::new();
+    let script = cluster.file("broken.sh", "echo run >> runs.txt; exit 3");
+    let text = format!(
+        "module Broken(host) {{ exec \"sh {script}\"; plain; done; }}
+        process main() {{
+            host {{ c1 }}
+            instantiated_processes {{ broken instof Broken(c1) {{ restart transient; }} }}
+            internal_event_actions {{ broken }}
+        }}"
+    );
+    let ended = cluster.here().ask(&["run", &cluster.file("broken.dca", &text)]);
+    let chain = "main ← broken: left with exit code 3 before it was done after 5 restarts at ";
+    assert!(ended.code == Some(1) && ended.out.contains(chain), "{ended}");
+    let runs = std::fs::read_to_string(cluster.folder().join("runs.txt")).expect("it ran");
+    assert_eq!(runs.lines().count(), 6);
+    cluster.expect_nothing_left(Duration::from_secs(2));
+}
+
+/// A source on one host feeds two monitors on another. The source is killed twice and one monitor in between; the other
+/// hears the source on, so those who dial are told across hosts.
+#[test]
+fn who_is_started_again_is_found_from_other_hosts() {
+    let cluster = Cluster::new();
+    let Some(network) = Network::new(2) else { return };
+    let hosts = [1, 2].map(|number| cluster.host(&network, number));
+    let nodes = [hosts[0].node("c1", &["--lan"]), hosts[1].node("c2", &["--lan"])];
+    let text = "
+        process main() {
+            host { c1 }
+            instantiated_processes {
+                source instof RateSource(c1) { restart transient; }
+                monitor instof RateMonitor(c2);
+                other instof RateMonitor(c2) { restart transient; }
+            }
+            internal_connections(source, lbl1) { source, Out -> monitor, In; source, Out -> other, In; }
+            internal_event_actions { source[lbl1], monitor, other }
+        }";
+    let mission = hosts[0].dca(&["deploy", &cluster.file("beats.dca", text)]);
+    mission.wait_for(Stream::Err, "▸", SOON);
+    let mut killed_at = now();
+    for leaf in ["source", "other", "source"] {
+        let before = program(&cluster, &format!("main/{leaf}"));
+        killed_at = now();
+        before.signal(Signal::KILL);
+        let is_new = || cluster.leaf(&format!("main/{leaf}")).is_some_and(|after| after.pid != before.pid);
+        wait_until(SOON, is_new).unwrap_or_else(|| panic!("`{leaf}` is not started again"));
+    }
+    // What came after the last kill is for the record to say.
+    pass(Duration::from_secs(3));
+    let stop = hosts[1].ask(&["stop", "beats"]);
+    assert_eq!(stop.code, Some(0), "{stop}");
+    drop(mission.ended(SOON));
+    let trace = Trace::read(&cluster.folder().join("runs/beats-1"));
+    assert_eq!((restarts(&trace, "main/source"), restarts(&trace, "main/other")), ((2, 2), (1, 1)));
+    let received = trace.signal("main/monitor", "received");
+    let before = received.iter().rev().find(|sample| sample.stamp < killed_at).expect("beats came").value;
+    let after = received.last().expect("beats came").value;
+    println!("{} beats after the last kill", after - before);
+    assert!(after > before + 50.0, "{before} beats before the last kill, {after} in the end");
+    end(&cluster, nodes);
+}
+
+/// The host of three programs is cut off: one stops when it says so, one with its host, one goes on until it is back.
+#[test]
+fn a_host_that_is_cut_off_does_as_its_programs_say() {
+    let cluster = Cluster::new();
+    let Some(network) = Network::new(2) else { return };
+    let hosts = [1, 2].map(|number| cluster.host(&network, number));
+    let nodes = [hosts[0].node("c1", &["--lan"]), hosts[1].node("c2", &["--lan"])];
+    let text = "
+        module Sleeper(host) { exec \"sleep 600\"; plain; service; }
+        process main() {
+            host { c1 }
+            instantiated_processes {
+                stays instof Sleeper(c2) { on_link_loss keep; }
+                soon instof Sleeper(c2) { on_link_loss safe_stop_after 1 s; }
+                other instof Sleeper(c2);
+            }
+            internal_event_actions { stays, soon, other }
+        }";
+    let mission = hosts[0].dca(&["deploy", &cluster.file("cut.dca", text)]);
+    let runs = |name: &str| cluster.leaf(&format!("main/{name}")).is_some();
+    wait_until(SOON, || runs("stays") && runs("soon") && runs("other")).expect("all of them run");
+    network.cut(2);
+    wait_until(SOON, || !runs("soon")).expect("it stops 1 s after its supervisor was missed");
+    assert!(runs("other"), "its supervisor is not lost before 5 s");
+    wait_until(SOON, || !runs("other")).expect("its home is lost");
+    let ended = mission.ended(SOON);
+    assert!(ended.code == Some(1) && ended.out.contains("not confirmed that nothing is left on: c2"), "{ended}");
+    assert!(runs("stays"));
+    network.heal(2);
+    wait_until(SOON, || !runs("stays")).expect("its home has given it up");
+    let trace = Trace::read(&cluster.folder().join("runs/cut-1"));
+    assert!(matches!(trace.finished().0, Ending::Aborted(_)));
+    end(&cluster, nodes);
+}
+
+fn end(cluster: &Cluster, nodes: [dca_tests::cluster::Program; 2]) {
+    for node in nodes {
+        node.signal(Signal::TERM);
+        let ended = node.ended(SOON);
+        assert_eq!(ended.code, Some(0), "{ended}");
+    }
+    cluster.expect_nothing_left(Duration::from_secs(2));
+}
