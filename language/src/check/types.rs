@@ -7,7 +7,7 @@ mod resolve;
 
 use super::spec::{Arg, Param, Process, Spec, Target, ValueKind};
 use crate::diagnostic::{Code, Diagnostic};
-use crate::plan::{Constant, LinkLoss, Restart};
+use crate::plan::Constant;
 use crate::similar::nearest;
 use crate::source::{Origin, Span};
 use kinds::Kinds;
@@ -57,14 +57,14 @@ fn check_defaults(spec: &Spec, uses: &mut Vec<(Span, Span)>, diagnostics: &mut V
     }
 }
 
-/// Policies belong to programs; those that nodes do not heed yet are told.
+/// Policies belong to programs.
 fn check_policies(process: &Process, diagnostics: &mut Vec<Diagnostic>) {
     if process.damage.instances {
         return;
     }
     let mut last = None;
     for instance in &process.instances {
-        let (policy, Some(span)) = &instance.policy else { continue };
+        let (_, Some(span)) = &instance.policy else { continue };
         // The instances of an array have one text.
         if last.replace(*span) == Some(*span) {
             continue;
@@ -73,14 +73,6 @@ fn check_policies(process: &Process, diagnostics: &mut Vec<Diagnostic>) {
             let message = format!("`{}` is a group: policies belong to programs", instance.name.text);
             let diagnostic = Diagnostic::new(Code::E0111, *span, message);
             diagnostics.push(diagnostic.help("write them at the instances inside the group"));
-        }
-        let ignored = [
-            (policy.restart != Restart::default(), "restart"),
-            (policy.link_loss != LinkLoss::default(), "on_link_loss"),
-        ];
-        for (_, name) in ignored.into_iter().filter(|(is_set, _)| *is_set) {
-            let message = format!("`{name}` is part of the plan, but nodes do not heed it yet");
-            diagnostics.push(Diagnostic::new(Code::W0007, *span, message));
         }
     }
 }

@@ -13,35 +13,35 @@ pub struct Policy {
     pub restart: Restart,
     /// How long it may take to stop once its agent is gone; without it, as long as the node says.
     pub agent_loss: Option<Duration>,
-    /// What it does while the way to its home is cut.
+    /// What it does while the hosts of its supervisors cannot be reached.
     pub link_loss: LinkLoss,
     /// What it may use.
     pub usage: Usage,
 }
 
-/// Whether a program is started again.
+/// Whether a program is started again, a few times in a minute.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Restart {
     /// Never.
     #[default]
     Temporary,
-    /// After a failure.
+    /// After a failure: a signal, an exit code, or any end of a controller that was not told to go.
     Transient,
-    /// Always.
+    /// Always, even when it has ended with exit code 0.
     Permanent,
 }
 
-/// What a program does while the way to its home is cut.
+/// What a program does while the hosts of its supervisors cannot be reached.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum LinkLoss {
-    /// What the deployment does: it leaves when its home is lost.
+    /// It stops when they are lost, and leaves when its home is.
     #[default]
     Leave,
     /// It goes on.
     Keep,
-    /// It stops by its own rules after so long.
+    /// It stops by its own rules so long after one of them was missed.
     SafeStopAfter(Duration),
-    /// It stays as it is, and does nothing new.
+    /// It goes on with what it does, and does nothing new.
     Hold,
 }
 
