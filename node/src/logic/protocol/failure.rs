@@ -1,0 +1,97 @@
+//! What went wrong, in a form that travels, and in words.
+
+use serde::{Deserialize, Serialize};
+use std::fmt;
+use std::time::Duration;
+
+/// What went wrong, where, and when.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Failure {
+    /// Absolute path of the process it began with: `main/dooropensyst/hit/force`.
+    pub origin: String,
+    /// What it was.
+    pub cause: FailureCause,
+    /// Time since GO.
+    pub at: Duration,
+}
+
+impl fmt::Display for Failure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let chain = self.origin.split('/').collect::<Vec<_>>().join(" ← ");
+        write!(f, "{chain}: {} at {:.1} s", self.cause, self.at.as_secs_f64())
+    }
+}
+
+/// What a failure was.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum FailureCause {
+    /// The program was ended by a signal that DCA did not send.
+    Signal(i32),
+    /// The program left with this code without saying that it was done.
+    Exit(i32),
+    /// The program's own words.
+    Reported(String),
+    /// The program could not be started.
+    Exec(String),
+    /// The program is not there (it ended before it was needed, and could not be started again).
+    NotAvailable(String),
+    /// Activated while running.
+    Busy,
+    /// A service ended by itself.
+    ServiceEnded,
+    /// It did not confirm its stop.
+    StopUnconfirmed,
+    /// Its host could not be reached any more.
+    HostLost(String),
+    /// `fail("why")` in the spec.
+    Failed(String),
+    /// Its program died again and again.
+    Exhausted {
+        /// How it died the last time.
+        last: String,
+        /// How often it was started again before that.
+        restarts: u32,
+    },
+}
+
+impl fmt::Display for FailureCause {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Signal(number) => f.write_str(&signal_name(*number)),
+            Self::Exit(code) => write!(f, "left with exit code {code} before it was done"),
+            Self::Reported(text) | Self::Failed(text) => f.write_str(text),
+            Self::Exec(text) => write!(f, "could not be started: {text}"),
+            Self::NotAvailable(text) => write!(f, "was not there any more: {text}"),
+            Self::Busy => f.write_str("was activated while it was still running"),
+            Self::ServiceEnded => f.write_str("a service ended by itself"),
+            Self::StopUnconfirmed => f.write_str("nobody could confirm that it stopped"),
+            Self::Exhausted { last, restarts } => write!(f, "{last} after {restarts} restarts"),
+            Self::HostLost(host) => write!(f, "host `{host}` could not be reached any more"),
+        }
+    }
+}
+
+/// Returns `SIGSEGV` for 11, and so on. Source: signal(7), Linux on x86 and ARM.
+pub fn signal_name(number: i32) -> String {
+    let name = match number {
+        1 => "SIGHUP",
+        2 => "SIGINT",
+        3 => "SIGQUIT",
+        4 => "SIGILL",
+        5 => "SIGTRAP",
+        6 => "SIGABRT",
+        7 => "SIGBUS",
+        8 => "SIGFPE",
+        9 => "SIGKILL",
+        10 => "SIGUSR1",
+        11 => "SIGSEGV",
+        12 => "SIGUSR2",
+        13 => "SIGPIPE",
+        14 => "SIGALRM",
+        15 => "SIGTERM",
+        24 => "SIGXCPU",
+        31 => "SIGSYS",
+        other => return format!("signal {other}"),
+    };
+    name.to_owned()
+}
