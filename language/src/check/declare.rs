@@ -47,7 +47,7 @@ pub(super) fn declare(
         let damage = within(&damage, item.span());
         if item.kind() == SyntaxKind::TypeItem {
             // What is not known whole is not checked.
-            let named = if damage.is_empty() { named_type(&item, &spec.consts, diagnostics) } else { None };
+            let named = if damage.is_empty() { named_type(&item, is_part, &spec.consts, diagnostics) } else { None };
             if let Some(named) = named {
                 add_type(spec, named, diagnostics);
             }
@@ -101,30 +101,27 @@ fn add_module(spec: &mut Spec, module: super::spec::Module, origin: Origin, diag
 }
 
 /// `type Name = Type;`
-fn named_type(node: &Node, consts: &Consts, diagnostics: &mut Vec<Diagnostic>) -> Option<NamedType> {
+fn named_type(node: &Node, is_own: bool, consts: &Consts, diagnostics: &mut Vec<Diagnostic>) -> Option<NamedType> {
     let (name, kind) = (node.title()?, kind(node, consts, diagnostics)?);
-    Some(NamedType { name, doc: node.doc(), kind })
+    Some(NamedType { name, doc: node.doc(), kind, is_own })
 }
 
-/// Two texts may say the same of a type, each for those who read it alone; they may not contradict each other.
+/// A spec and the files that it uses have a type of one name once; programs have their own.
 fn add_type(spec: &mut Spec, named: NamedType, diagnostics: &mut Vec<Diagnostic>) {
     let Name { text, span } = named.name.clone();
     if unit::is_type(&text) {
         let message = format!("`{text}` is a type of the language");
         diagnostics.push(Diagnostic::new(Code::E0110, span, message).help("choose another name"));
-    } else if let Some(first) = spec.type_names.get(&text).map(|&first| &spec.types[first]) {
-        if first.name.span.origin == span.origin {
-            diagnostics.push(twice("type", &text, span, first.name.span));
-        } else if !first.kind.agrees(&named.kind) {
-            let message = format!("type `{text}` is not the same in two texts");
-            let diagnostic = Diagnostic::new(Code::E0306, span, message).label(format!("here it is `{}`", named.kind));
-            let diagnostic = diagnostic.reason(first.name.span, format!("here it is `{}`", first.kind));
-            diagnostics
-                .push(diagnostic.help("who sends one and takes the other reads wrong values: make them the same"));
+        return;
+    }
+    let known = spec.type_names.entry(text.clone()).or_default();
+    let is_second = |first: &&NamedType| first.name.span.origin == span.origin || first.is_own && named.is_own;
+    match known.iter().map(|&first| &spec.types[first]).find(is_second) {
+        Some(first) => diagnostics.push(twice("type", &text, span, first.name.span)),
+        None => {
+            known.push(spec.types.len());
+            spec.types.push(named);
         }
-    } else {
-        spec.type_names.insert(text, spec.types.len());
-        spec.types.push(named);
     }
 }
 

@@ -1,6 +1,6 @@
 //! Ports of connections and of external io.
 
-use super::spec::{Connection, Direction, Endpoint, Process, Set, Spec, Target};
+use super::spec::{Connection, Direction, Endpoint, Kind, Likeness, Process, Set, Spec, Target};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::similar::nearest;
 use crate::source::Span;
@@ -68,13 +68,34 @@ fn check_connection(spec: &Spec, process: &Process, connection: &Connection, dia
         }
     }
     let (Some(from), Some(to)) = (from, to) else { return };
-    if let (Some(sent), Some(taken)) = (&from.kind, &to.kind)
-        && !spec.is_same(sent, taken)
-    {
-        let message =
-            format!("`{}` sends {sent}, but `{}` takes {taken}", connection.from.port.text, connection.to.port.text);
-        let diagnostic = Diagnostic::new(Code::E0305, connection.span, message);
-        diagnostics.push(diagnostic.reason(from.name.span, "the output").reason(to.name.span, "the input"));
+    if let (Some(sent), Some(taken)) = (&from.kind, &to.kind) {
+        diagnostics.extend(check_types(spec, connection, (from, sent), (to, taken)));
+    }
+}
+
+/// Both ends of a connection have the same type.
+fn check_types(
+    spec: &Spec,
+    connection: &Connection,
+    (from, sent): (&super::spec::Port, &Kind),
+    (to, taken): (&super::spec::Port, &Kind),
+) -> Option<Diagnostic> {
+    let (from_name, to_name) = (&connection.from.port.text, &connection.to.port.text);
+    match spec.compare(sent, taken) {
+        Likeness::Same => None,
+        Likeness::Different => {
+            let message = format!("`{from_name}` sends {sent}, but `{to_name}` takes {taken}");
+            let diagnostic = Diagnostic::new(Code::E0305, connection.span, message);
+            Some(diagnostic.reason(from.name.span, "the output").reason(to.name.span, "the input"))
+        }
+        Likeness::OnlyByName(one, other) => {
+            let (one, other) = (&spec.types[one], &spec.types[other]);
+            let message = format!("`{from_name}` sends another {sent} than `{to_name}` takes");
+            let diagnostic = Diagnostic::new(Code::E0306, connection.span, message);
+            let diagnostic = diagnostic.reason(one.name.span, format!("what is sent: {}", one.kind));
+            let diagnostic = diagnostic.reason(other.name.span, format!("what is taken: {}", other.kind));
+            Some(diagnostic.help("values are sent field by field: declare the same fields, in the same order"))
+        }
     }
 }
 

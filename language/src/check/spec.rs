@@ -9,7 +9,7 @@ use crate::syntax::ast::Name;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-pub(crate) use kind::{FIELDS_MAX, Kind, NamedType, Shape};
+pub(crate) use kind::{FIELDS_MAX, Kind, Likeness, NamedType, Shape};
 
 /// Everything that is declared in a spec and in the interfaces.
 #[derive(Debug, Default)]
@@ -20,8 +20,8 @@ pub(crate) struct Spec {
     pub(crate) module_names: BTreeMap<String, usize>,
     pub(crate) consts: Consts,
     pub(crate) types: Vec<NamedType>,
-    /// Those of them that are sound.
-    pub(crate) type_names: BTreeMap<String, usize>,
+    /// Those of them that are sound, by name: each text may have one.
+    pub(crate) type_names: BTreeMap<String, Vec<usize>>,
     /// Which field each name in a record means, by the places of both; known after `types`.
     pub(crate) field_uses: Vec<(Span, Span)>,
 }

@@ -61,7 +61,6 @@ struct Tables {
     /// What is declared where.
     declared: BTreeMap<Span, usize>,
     consts: BTreeMap<String, usize>,
-    types: BTreeMap<String, usize>,
     /// The instances of each process, by the names they can be called by exactly.
     instances: BTreeMap<(usize, String), usize>,
     /// The connection sets of an instance, by label.
@@ -98,8 +97,7 @@ impl Index {
             tables.consts.insert(name.clone(), symbol);
         }
         for (number, named) in model.types.iter().enumerate() {
-            let symbol = index.add(&mut tables, Kind::Type(number), &named.name);
-            tables.types.insert(named.name.text.clone(), symbol);
+            index.add(&mut tables, Kind::Type(number), &named.name);
         }
         for field in model.fields() {
             index.add(&mut tables, Kind::Field, &field.name);

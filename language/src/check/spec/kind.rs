@@ -1,11 +1,13 @@
 //! Types as they are written, and what they come to.
 //!
-//! Messages are compared by name, since programs that were built apart agree on nothing else; a record that is written
-//! out has no name, and is compared as it is written. What a value is compared with is its shape.
+//! Messages are compared by name, since programs that were built apart agree on nothing else; only where both ends say what
+//! is in them, that is compared too. A record that is written out has no name. What a value is compared with is its shape.
+//!
+//! A name means what its own text declares, else what the spec does: programs know nothing of each other's types.
 
 use super::{Param, Spec, Value, ValueKind};
 use crate::plan::Constant;
-use crate::source::Span;
+use crate::source::{Origin, Span};
 use crate::syntax::ast::Name;
 use std::fmt;
 
@@ -29,6 +31,17 @@ pub(crate) struct NamedType {
     /// What its doc comments say.
     pub(crate) doc: String,
     pub(crate) kind: Kind,
+    /// Whether the spec declares it, or a file that it uses; not a program.
+    pub(crate) is_own: bool,
+}
+
+/// How two types compare.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Likeness {
+    Same,
+    Different,
+    /// These named types are called the same, and are not.
+    OnlyByName(usize, usize),
 }
 
 /// What a type comes to when names are followed.
@@ -43,21 +56,6 @@ impl Kind {
     /// The name in a type: `Force` of `Force[3]`. Nothing for a record that is written out.
     pub(crate) fn name(&self) -> Option<&str> {
         self.fields.is_none().then(|| self.text.split('[').next().unwrap_or_default())
-    }
-
-    /// Whether two texts say the same of a type: values and comments aside, which do not change what is sent.
-    pub(crate) fn agrees(&self, other: &Self) -> bool {
-        match (&self.fields, &other.fields) {
-            (Some(one), Some(other)) => {
-                let same = |(a, b): (&Param, &Param)| {
-                    let kinds = (a.kind.as_ref(), b.kind.as_ref());
-                    a.name.text == b.name.text && matches!(kinds, (Some(a), Some(b)) if a.agrees(b))
-                };
-                one.len() == other.len() && std::iter::zip(one, other).all(same)
-            }
-            (None, None) => self.text == other.text,
-            (Some(_), None) | (None, Some(_)) => false,
-        }
     }
 }
 
@@ -101,12 +99,20 @@ impl fmt::Display for Value {
 }
 
 impl Spec {
+    /// The named type that a name means in a text.
+    pub(crate) fn named(&self, name: &str, user: Origin) -> Option<usize> {
+        let all = self.type_names.get(name)?;
+        let find = |fits: &dyn Fn(&NamedType) -> bool| all.iter().copied().find(|&named| fits(&self.types[named]));
+        let own = find(&|named| named.name.span.origin == user).or_else(|| find(&|named| named.is_own));
+        own.or_else(|| all.first().copied())
+    }
+
     /// Follows the names of a type to what does not stand for another one.
     fn last<'a>(&'a self, kind: &'a Kind) -> &'a Kind {
         let mut kind = kind;
         // No way is longer than there are names; one that goes round is reported.
         for _ in 0..self.types.len() {
-            match self.type_names.get(&kind.text).map(|&named| &self.types[named].kind) {
+            match self.named(&kind.text, kind.span.origin).map(|named| &self.types[named].kind) {
                 Some(next) if next.fields.is_none() => kind = next,
                 Some(_) | None => break,
             }
@@ -117,16 +123,44 @@ impl Spec {
     /// What values of a type look like.
     pub(crate) fn shape<'a>(&'a self, kind: &'a Kind) -> Shape<'a> {
         let kind = self.last(kind);
-        let named = self.type_names.get(&kind.text).map(|&named| &self.types[named].kind);
+        let named = self.named(&kind.text, kind.span.origin).map(|named| &self.types[named].kind);
         match kind.fields.as_ref().or_else(|| named?.fields.as_ref()) {
             Some(fields) => Shape::Record(fields),
             None => Shape::Plain(&kind.text),
         }
     }
 
-    /// Whether two ends of a connection have the same type.
+    /// Compares the types of two ends of a connection.
+    pub(crate) fn compare(&self, one: &Kind, other: &Kind) -> Likeness {
+        let (one, other) = (self.last(one), self.last(other));
+        let named = |kind: &Kind| self.named(kind.name()?, kind.span.origin);
+        match (named(one), named(other)) {
+            _ if self.is_same(one, other) => Likeness::Same,
+            (Some(a), Some(b)) if one.text == other.text => Likeness::OnlyByName(a, b),
+            (_, _) => Likeness::Different,
+        }
+    }
+
+    /// Whether values of two types are sent in the same way; defaults do not matter for that.
     pub(crate) fn is_same(&self, one: &Kind, other: &Kind) -> bool {
-        self.last(one).text == self.last(other).text
+        let (one, other) = (self.last(one), self.last(other));
+        match (&one.fields, &other.fields) {
+            (Some(one), Some(other)) => {
+                one.len() == other.len() && std::iter::zip(one, other).all(|(a, b)| self.is_same_field(a, b))
+            }
+            (None, None) => {
+                let named = |kind: &Kind| self.named(kind.name()?, kind.span.origin);
+                let is_same = |(a, b): (usize, usize)| a == b || self.is_same(&self.types[a].kind, &self.types[b].kind);
+                one.text == other.text && named(one).zip(named(other)).is_none_or(is_same)
+            }
+            (Some(_), None) | (None, Some(_)) => false,
+        }
+    }
+
+    /// Whether two fields have the same name and the same type.
+    pub(crate) fn is_same_field(&self, one: &Param, other: &Param) -> bool {
+        let kinds = one.kind.as_ref().zip(other.kind.as_ref());
+        one.name.text == other.name.text && kinds.is_some_and(|(one, other)| self.is_same(one, other))
     }
 
     /// Whether a parameter or field may be left out: it has a default, or all of its fields have one.

@@ -82,7 +82,7 @@ impl Kinds<'_> {
         let Some(outer) = self.outer.get(index) else { return };
         let Some(given) = &outer.kind else { return };
         let is_fit = match (self.spec.shape(kind), self.spec.shape(given)) {
-            (Shape::Record(one), Shape::Record(other)) => self.spec.is_same(kind, given) || fits(one, other),
+            (Shape::Record(one), Shape::Record(other)) => self.fits(one, other),
             (Shape::Plain(one), Shape::Plain(other)) => match (unit::of_type(one), unit::of_type(other)) {
                 (Some((one, _)), Some((other, _))) => one == other,
                 (_, _) => true,
@@ -98,6 +98,12 @@ impl Kinds<'_> {
                 format!("`{name}` is of type {kind}, but `{}` is of type {given}", outer.name.text),
             );
         }
+    }
+
+    /// Whether a record of one type is one of another: the same fields, in any order.
+    fn fits(&self, one: &[Param], other: &[Param]) -> bool {
+        let has = |field: &Param| other.iter().any(|other| self.spec.is_same_field(field, other));
+        one.len() == other.len() && one.iter().all(has)
     }
 
     /// The values of a record: every field once, each of its type.
@@ -151,16 +157,6 @@ impl Kinds<'_> {
         let value = field.kind.as_ref().map_or_else(|| "...".to_owned(), |kind| self.example(kind));
         format!("{} = {value}", field.name.text)
     }
-}
-
-/// Whether a record of one type is one of another: the same fields, in any order.
-fn fits(one: &[Param], other: &[Param]) -> bool {
-    let has = |field: &Param| {
-        let other = other.iter().find(|other| other.name.text == field.name.text);
-        let kinds = other.map(|other| (field.kind.as_ref(), other.kind.as_ref()));
-        matches!(kinds, Some((Some(one), Some(other))) if one.agrees(other))
-    };
-    one.len() == other.len() && one.iter().all(has)
 }
 
 fn unknown_field(kind: &Kind, fields: &[Param], name: &Name) -> Diagnostic {

@@ -17,7 +17,8 @@ pub(super) fn check(spec: &mut Spec, diagnostics: &mut Vec<Diagnostic>) {
     }
     let is_sound: Vec<bool> = walk.states.iter().map(|state| matches!(state, State::Closed(_))).collect();
     diagnostics.extend(misspelt(spec));
-    spec.type_names.retain(|_, named| is_sound[*named]);
+    spec.type_names.values_mut().for_each(|all| all.retain(|&named| is_sound[named]));
+    spec.type_names.retain(|_, all| !all.is_empty());
 }
 
 /// A named type in another one, and where it stands there.
@@ -31,8 +32,8 @@ impl Part {
         let mut parts = Vec::new();
         let mut kinds = vec![kind];
         while let Some(kind) = kinds.pop() {
-            let named = kind.name().and_then(|name| spec.type_names.get(name));
-            parts.extend(named.map(|&named| Self { named, span: kind.span }));
+            let named = kind.name().and_then(|name| spec.named(name, kind.span.origin));
+            parts.extend(named.map(|named| Self { named, span: kind.span }));
             kinds.extend(kind.fields.iter().flatten().rev().filter_map(|field| field.kind.as_ref()));
         }
         parts

@@ -122,7 +122,8 @@ impl Walk<'_> {
         let Some(name) = node.names().next() else { return };
         // What an instance is an instance of has names of its own.
         let is_kind = node.syntax().parent().is_none_or(|parent| parent.kind() != SyntaxKind::Instance);
-        let named = self.tables.types.get(&name.text).filter(|_| is_kind);
+        let named = self.spec.named(&name.text, name.span.origin).filter(|_| is_kind);
+        let named = named.and_then(|named| self.tables.declared.get(&self.spec.types[named].name.span));
         if let Some(&symbol) = self.types.get(&node.span()).or(named) {
             self.add(&name, symbol);
         }
