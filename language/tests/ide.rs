@@ -162,6 +162,7 @@ fn records_are_known_field_by_field() {
         &["type Grasp = { force: Force = 20, place: Place };", "How to hold."],
     );
     is_told(&with("{ place = { x$0 = 1 m, yaw = 1 rad } }"), &["x: Length", "A field.", "`0.2 m`"]);
+    is_told(&with("grasp").replace("out At", "out A$0t"), &["out At: Place\ntype Place = { x: Length, yaw: Angle };"]);
     renames(&with("{ place = { x$0 = 1 m, yaw = 1 rad } }"), "left", "x -> left, x -> left, x -> left");
     renames(
         &with("grasp").replace("type Place", "type Pla$0ce"),

@@ -54,7 +54,7 @@ impl Analysis {
         let export = &process.exports[place];
         let port = self.port_behind(process, &export.endpoint);
         let inner = self.text(process.instances[export.endpoint.slot].name.span);
-        let shown = code(&shown_port(&export.name.text, port));
+        let shown = code(&self.port_lines(&export.name.text, port));
         format!("{shown}\nA port of `{}`: that of `{inner}`, `{}`.", process.name.text, export.endpoint.port.text)
     }
 
@@ -62,7 +62,18 @@ impl Analysis {
         let module = &self.model.modules[module];
         let port = &module.ports[port];
         let optional = if port.is_optional { " The module works without it." } else { "" };
-        format!("{}\nA port of `{}`.{optional}", code(&shown_port(&port.name.text, Some(port))), module.name.text)
+        format!("{}\nA port of `{}`.{optional}", code(&self.port_lines(&port.name.text, Some(port))), module.name.text)
+    }
+
+    /// A port, and what is in its messages when some text says so.
+    fn port_lines(&self, name: &str, port: Option<&Port>) -> String {
+        let shown = shown_port(name, port);
+        let kind = port.and_then(|port| port.kind.as_ref());
+        let named = kind.and_then(|kind| self.model.named(kind.name()?, kind.span.origin));
+        match named.map(|named| &self.model.types[named]) {
+            Some(named) => format!("{shown}\ntype {} = {};", named.name.text, named.kind),
+            None => shown,
+        }
     }
 
     /// A named type, with its fields.
