@@ -1,8 +1,9 @@
 //! Hosts that cannot be reached, and what programs do meanwhile that say so with `on_link_loss`, on virtual time.
 
-use crate::world::{Coming, World};
+use crate::world::{Coming, Draw, World};
 use node::logic::agent::Input;
 use node::logic::protocol::{Ending, FailureCause, Report};
+use std::collections::BTreeSet;
 use std::time::Duration;
 
 /// Takes `host` off the network, which everybody notices at once.
@@ -149,6 +150,71 @@ process main() {
     world.run_for(Duration::from_secs(30));
     assert!(matches!(world.last_report(call), Report::Finished { ending: Ending::Done(_), .. }));
     assert_eq!(world.alive.len(), 0);
+}
+
+/// Three groups over three hosts, with every policy.
+const EVERYWHERE: &str = r#"
+process Pair(here, there) {
+    host { here }
+    instantiated_processes {
+        a instof Sensor(there) { on_link_loss keep; restart transient; }
+        b instof Long(here) { on_link_loss hold; restart permanent; }
+        c instof Step(there) { on_link_loss safe_stop_after 3 s; }
+    }
+    internal_connections(a, feed) { a, Out -> b, In; }
+    internal_connections(b, feed) { b, Out -> c, In; }
+    internal_event_actions { a[feed] , ((b[feed] ; c) ;; skip) }
+}
+process main() {
+    host { "c1" }
+    instantiated_processes {
+        one instof Pair("c2", "c3");
+        two instof Pair("c3", "c1");
+        last instof Step("c2") { restart transient; }
+        plain instof Sensor("c3");
+    }
+    internal_event_actions { (one else last) & (two else plain) }
+}
+"#;
+
+/// Whatever is cut off and killed whenever, everybody finds an end: once the network is whole and the mission is stopped,
+/// it says how it ended, and nothing is left anywhere.
+#[test]
+fn whatever_is_cut_whenever_nothing_is_left() {
+    for seed in 0..400 {
+        let mut draw = Draw::new(seed);
+        let mut world = World::new(&["c1", "c2", "c3"]);
+        let call = world.deploy("c1", EVERYWHERE);
+        world.run_for(Duration::from_millis(50));
+        for _ in 0..2 + draw.below(6) {
+            let host = ["c1", "c2", "c3"][draw.index(3)];
+            if draw.below(3) == 0 {
+                let alive: Vec<(String, u32)> = world.alive.iter().map(|(on, one)| (on.clone(), one.leaf)).collect();
+                if let Some((on, leaf)) = alive.get(draw.index(8)) {
+                    world.kill(on, *leaf);
+                }
+            } else if world.cut.contains(host) {
+                heal(&mut world, host);
+            } else if world.cut.is_empty() {
+                cut(&mut world, host);
+            }
+            world.run_for(Duration::from_millis(draw.below(8000)));
+        }
+        for host in world.cut.clone() {
+            heal(&mut world, &host);
+        }
+        world.run_for(Duration::from_secs(10));
+        let is_over = matches!(world.last_report(call), Report::Finished { .. });
+        let stop = (!is_over).then(|| world.stop("c1"));
+        world.run_for(Duration::from_secs(60));
+        assert!(
+            matches!(world.last_report(call), Report::Finished { .. }),
+            "seed {seed}: {:?}",
+            world.last_report(call)
+        );
+        assert_eq!(world.alive, BTreeSet::new(), "seed {seed}");
+        assert!(stop.is_none_or(|stop| world.answers.contains_key(&stop)), "seed {seed}");
+    }
 }
 
 /// How long a program may go on when its agent is gone is told to its shim, which outlives the agent.

@@ -1,6 +1,6 @@
 //! Programs that die and are started again, on virtual time.
 
-use crate::world::World;
+use crate::world::{Draw, World};
 use node::logic::protocol::{Answer, Change, Ending, FailureCause, Report};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
@@ -145,21 +145,11 @@ fn a_program_that_is_being_started_again_can_be_stopped() {
     }
 }
 
-/// A small linear congruential generator; what it draws does not have to be good. Source: Knuth, MMIX.
-struct Draw(u64);
-
-impl Draw {
-    fn below(&mut self, bound: u64) -> u64 {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (self.0 >> 33) % bound
-    }
-}
-
 /// However often and whenever programs die, as long as none of them dies too often the mission does not see it.
 #[test]
 fn whatever_dies_whenever_the_mission_is_done() {
     for seed in 0..300 {
-        let mut draw = Draw(seed);
+        let mut draw = Draw::new(seed);
         let mut world = World::new(&["c1", "c2", "c3"]);
         let call = world.deploy("c1", RELAY);
         // Programs that die before GO are a reason not to begin.
@@ -169,7 +159,7 @@ fn whatever_dies_whenever_the_mission_is_done() {
             let bound = if draw.below(2) == 0 { 10 } else { 1500 };
             world.run_for(Duration::from_millis(draw.below(bound)));
             let alive: Vec<(String, u32)> = world.alive.iter().map(|(host, one)| (host.clone(), one.leaf)).collect();
-            let Some((host, leaf)) = alive.get(usize::try_from(draw.below(4)).unwrap()) else { continue };
+            let Some((host, leaf)) = alive.get(draw.index(4)) else { continue };
             let count = deaths.entry(*leaf).or_default();
             if *count < 5 {
                 *count += 1;

@@ -292,3 +292,22 @@ impl World {
         }
     }
 }
+
+/// A small linear congruential generator; what it draws does not have to be good. Source: Knuth, MMIX.
+#[derive(Debug)]
+pub(super) struct Draw(u64);
+
+impl Draw {
+    pub(super) fn new(seed: u64) -> Self {
+        Self(seed)
+    }
+
+    pub(super) fn below(&mut self, bound: u64) -> u64 {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 33) % bound
+    }
+
+    pub(super) fn index(&mut self, bound: u64) -> usize {
+        usize::try_from(self.below(bound)).expect("it is small")
+    }
+}
