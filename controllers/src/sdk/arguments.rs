@@ -6,7 +6,7 @@ use thiserror::Error;
 /// A parameter that a controller type takes after its host.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Parameter {
-    /// Its name, for `name = value`; `grasp.force` is the field `force` of the record `grasp`.
+    /// Its name, for `name = value`; `grasp.force` is the field `force` of the record `grasp`, `corner.0` the first of a list.
     pub name: &'static str,
     /// What values it takes.
     pub kind: Kind,
@@ -103,8 +103,8 @@ impl Parameter {
         Self { default: Some(default), ..self }
     }
 
-    /// Returns the parameters as they stand in a `module` block: `lock: Text = "unlocked"`, and fields of one record in
-    /// braces, `grasp: { force: Number = 20, width: Number }`.
+    /// Returns the parameters as they stand in a `module` block: `lock: Text = "unlocked"`, fields of one record in braces,
+    /// `grasp: { force: Number = 20, width: Number }`, and values of a list together, `corner: Number[3]`.
     pub fn texts(parameters: &[Self]) -> Vec<String> {
         Self::texts_below(parameters, "")
     }
@@ -118,8 +118,7 @@ impl Parameter {
                 None => texts.push(parameter.text(name)),
                 Some((inner, _)) if !records.contains(&inner) => {
                     records.push(inner);
-                    let fields = Self::texts_below(parameters, &format!("{record}{inner}."));
-                    texts.push(format!("{inner}: {{ {} }}", fields.join(", ")));
+                    texts.push(Self::text_of(parameters, record, inner));
                 }
                 Some(_) => {}
             }
@@ -127,12 +126,19 @@ impl Parameter {
         texts
     }
 
+    /// The text of the record or list `inner`.
+    fn text_of(parameters: &[Self], record: &str, inner: &str) -> String {
+        let below = format!("{record}{inner}.");
+        let parts = || parameters.iter().filter(|parameter| parameter.name.starts_with(&below));
+        let is_element = |parameter: &Self| parameter.name[below.len()..].parse::<usize>().is_ok();
+        match parts().next() {
+            Some(first) if parts().all(is_element) => format!("{inner}: {}[{}]", first.kind.name(), parts().count()),
+            Some(_) | None => format!("{inner}: {{ {} }}", Self::texts_below(parameters, &below).join(", ")),
+        }
+    }
+
     fn text(&self, name: &str) -> String {
-        let (kind, quote) = match self.kind {
-            Kind::Text(_) => ("Text", "\""),
-            Kind::Number(..) => ("Number", ""),
-            Kind::Truth => ("Truth", ""),
-        };
+        let (kind, quote) = (self.kind.name(), if matches!(self.kind, Kind::Text(_)) { "\"" } else { "" });
         let default = self.default.map(|default| format!(" = {quote}{default}{quote}")).unwrap_or_default();
         format!("{name}: {kind}{default}")
     }
@@ -158,6 +164,17 @@ impl Parameter {
             },
             Kind::Truth if bare == "true" || bare == "false" => Ok(Value::Truth(bare == "true")),
             Kind::Text(_) | Kind::Truth => Err(wrong()),
+        }
+    }
+}
+
+impl Kind {
+    /// The word for it in specs.
+    fn name(self) -> &'static str {
+        match self {
+            Self::Text(_) => "Text",
+            Self::Number(..) => "Number",
+            Self::Truth => "Truth",
         }
     }
 }
@@ -286,12 +303,16 @@ mod tests {
             Parameter::new("name", Kind::Text(&[])),
             number("job.force").or("20"),
             number("job.at.y"),
+            number("corner.0"),
+            number("corner.1"),
         ];
-        let expect = ["job: { at: { x: Number, y: Number }, force: Number = 20 }", "name: Text"];
+        let expect = ["job: { at: { x: Number, y: Number }, force: Number = 20 }", "name: Text", "corner: Number[2]"];
         assert_eq!(Parameter::texts(&parameters), expect);
-        let arguments = Arguments::parse(&parameters, &["name=cup", "job.at.x=1", "job.at.y = 2"]).unwrap();
-        let numbers = ["job.at.x", "job.at.y", "job.force"].map(|name| arguments.number(name));
-        assert_eq!((numbers, arguments.text("name")), ([1.0, 2.0, 20.0], "cup"));
+        let arguments =
+            Arguments::parse(&parameters, &["name=cup", "job.at.x=1", "job.at.y = 2", "corner.0=3", "corner.1=4"])
+                .unwrap();
+        let numbers = ["job.at.x", "job.at.y", "job.force", "corner.1"].map(|name| arguments.number(name));
+        assert_eq!((numbers, arguments.text("name")), ([1.0, 2.0, 20.0, 4.0], "cup"));
     }
 
     #[test]

@@ -140,10 +140,11 @@ pub(crate) struct Value {
 }
 
 impl Value {
-    /// How many fields it has, with those of the records in it.
+    /// How many fields and elements it has, with those of the records in it.
     pub(crate) fn fields(&self) -> usize {
         match &self.kind {
             ValueKind::Record(fields) => fields.iter().map(|(_, value)| 1 + value.fields()).sum(),
+            ValueKind::List(values) => values.iter().map(|value| 1 + value.fields()).sum(),
             ValueKind::Constant(_) | ValueKind::Param(_) | ValueKind::Broken => 0,
         }
     }
@@ -154,6 +155,8 @@ pub(crate) enum ValueKind {
     Constant(Constant),
     /// Each field once.
     Record(Vec<(Name, Value)>),
+    /// No lists in it.
+    List(Vec<Value>),
     /// Index into the parameters of the enclosing process.
     Param(usize),
     /// Could not be read.

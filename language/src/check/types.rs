@@ -82,7 +82,9 @@ pub(super) fn without_host(args: &[Arg]) -> &[Arg] {
     match args.first() {
         Some(Arg { name: None, value }) => match value.kind {
             ValueKind::Constant(Constant::Text(_)) | ValueKind::Param(_) | ValueKind::Broken => &args[1..],
-            ValueKind::Constant(Constant::Number(_) | Constant::Truth(_)) | ValueKind::Record(_) => args,
+            ValueKind::Constant(Constant::Number(_) | Constant::Truth(_))
+            | ValueKind::Record(_)
+            | ValueKind::List(_) => args,
         },
         Some(Arg { name: Some(name), .. }) if name.text == "host" => &args[1..],
         Some(_) | None => args,

@@ -28,13 +28,12 @@ pub(super) fn value(node: &Node, scope: Scope<'_>, diagnostics: &mut Vec<Diagnos
         return Value { span, kind, dimension };
     }
     if let Some(record) = node.child(SyntaxKind::Record) {
-        return Value { span, kind: self::record(&record, scope, diagnostics), dimension: None };
+        let kind = self::record(&record, scope, diagnostics);
+        return limited(Value { span, kind, dimension: None }, diagnostics);
     }
     if let Some(list) = node.child(SyntaxKind::List) {
-        let message =
-            "a list can only be a named constant, of which one value is picked: `const hosts = [c1, c2];`, `hosts[0]`";
-        diagnostics.push(Diagnostic::new(Code::E0006, list.span(), message));
-        return Value { span, kind: ValueKind::Broken, dimension: None };
+        let values = list.children_of(SyntaxKind::Constant).map(|node| value(&node, scope, diagnostics)).collect();
+        return limited(Value { span, kind: ValueKind::List(values), dimension: None }, diagnostics);
     }
     let Some(name) = node.names().next() else { return Value { span, kind: ValueKind::Broken, dimension: None } };
     match node.child(SyntaxKind::Index) {
@@ -58,13 +57,24 @@ fn record(node: &Node, scope: Scope<'_>, diagnostics: &mut Vec<Diagnostic>) -> V
         let value = value(&node, scope, diagnostics);
         fields.push((name, value));
     }
-    // Named constants in named constants grow fast.
-    if fields.iter().map(|(_, value)| 1 + value.fields()).sum::<usize>() > FIELDS_MAX {
-        let message = format!("the record has more than {FIELDS_MAX} fields, with those of the records in it");
-        diagnostics.push(Diagnostic::new(Code::E0702, node.span(), message));
-        return ValueKind::Broken;
-    }
     ValueKind::Record(fields)
+}
+
+/// Checks that a record or a list is not too large, and that no list is in a list: named constants in named constants grow
+/// fast.
+fn limited(value: Value, diagnostics: &mut Vec<Diagnostic>) -> Value {
+    let inner = if let ValueKind::List(values) = &value.kind { values.as_slice() } else { &[] };
+    let nested = inner.iter().find(|value| matches!(value.kind, ValueKind::List(_)));
+    let diagnostic = match nested {
+        Some(nested) => Diagnostic::new(Code::E0006, nested.span, "a list in a list"),
+        None if value.fields() > FIELDS_MAX => {
+            let message = format!("more than {FIELDS_MAX} values, with those of the records in it");
+            Diagnostic::new(Code::E0702, value.span, message)
+        }
+        None => return value,
+    };
+    diagnostics.push(diagnostic);
+    Value { kind: ValueKind::Broken, ..value }
 }
 
 /// `hosts[i]`: one value of a list.
@@ -106,12 +116,7 @@ pub(super) fn symbol(name: &Name, scope: Scope<'_>, diagnostics: &mut Vec<Diagno
     if let Some(named) = scope.consts.get(&name.text) {
         return match named.values.first().filter(|_| !named.is_list || named.is_broken()) {
             Some(one) => Value { span: name.span, ..one.clone() },
-            None => {
-                let message = format!("`{0}` is a list: pick one of it, as `{0}[0]`", name.text);
-                let diagnostic = Diagnostic::new(Code::E0203, name.span, message);
-                diagnostics.push(diagnostic.reason(named.name.span, "declared here"));
-                value(ValueKind::Broken)
-            }
+            None => limited(value(ValueKind::List(named.values.clone())), diagnostics),
         };
     }
     let params = scope.params.iter().map(|param| param.name.text.as_str());

@@ -125,7 +125,7 @@ codes! {
     E0202 Error "ambiguous name"
         "The name could mean more than one instance."
     E0203 Error "wrong index"
-        "`robot[4] instof Robot(hosts[i])` makes four instances, `robot[0]` to `robot[3]`; in their arguments `i` is the index of each. A list is a named constant: `const hosts = [c1, c2];`. Where one of several has to be chosen, its index stands in brackets; `all i in 0..4 (robot[i])` runs them all."
+        "`robot[4] instof Robot(hosts[i])` makes four instances, `robot[0]` to `robot[3]`; in their arguments `i` is the index of each. A list can have a name: `const hosts = [c1, c2];`. Where one of several has to be chosen, its index stands in brackets; `all i in 0..4 (robot[i])` runs them all."
     E0204 Error "unknown resource"
         "`using(arm) process` takes what the group declares with `resource arm;`. Each instance of the group has resources of its own."
     W0204 Warning "type abbreviated"
@@ -146,8 +146,8 @@ codes! {
         "A record has the fields that its type declares. Each is given by its name: `{ force = 20 N }`."
     E0215 Error "field missing"
         "Every field of a record has a value, unless its type declares a default: `type Grasp = { force: Force = 20 N };`."
-    E0216 Error "record without a name"
-        "Programs get the fields of a record as arguments `name.field`. Where no interface of the program is known, the name has to be written: `Grip(c1, grasp = { force = 20 N })`."
+    E0216 Error "values without a name"
+        "Programs get the fields of a record as arguments `name.field`, and the values of a list as `name.0` and so on. Where no interface of the program is known, the name has to be written: `Grip(c1, grasp = { force = 20 N })`."
     E0301 Error "unknown connection set"
         "A label in an event action names a set that is declared as `internal_connections(owner, label)`. Labels are never guessed: a wrong wire is dangerous."
     W0302 Warning "label activates nothing"
@@ -198,8 +198,8 @@ codes! {
         "A module says what it owns on its host with `claims arm;`. Two processes that may run at the same time cannot both own it; any number may claim it `(read)`, but not beside one that writes. Two that both run inside a `using` of the same resource do not run at the same time."
     E0701 Error "too many processes"
         "A plan has at most 10,000 leaves and as many groups."
-    E0702 Error "record too large"
-        "A record has at most 1,000 fields, with those of the records in it."
+    E0702 Error "too many values"
+        "A record or a list has at most 1,000 values, with those of the records in it."
 }
 
 #[cfg(test)]

@@ -198,6 +198,7 @@ fn count_of(node: &Node, scope: Scope<'_>, diagnostics: &mut Vec<Diagnostic>) ->
         ValueKind::Constant(Constant::Number(number)) => Some(number.to_string()),
         ValueKind::Constant(Constant::Text(_) | Constant::Truth(_))
         | ValueKind::Record(_)
+        | ValueKind::List(_)
         | ValueKind::Param(_)
         | ValueKind::Broken => None,
     });

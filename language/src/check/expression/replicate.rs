@@ -114,6 +114,7 @@ fn whole(token: &Token, consts: &Consts) -> Option<usize> {
         ValueKind::Constant(Constant::Number(number)) => number.to_string().parse().ok(),
         ValueKind::Constant(Constant::Text(_) | Constant::Truth(_))
         | ValueKind::Record(_)
+        | ValueKind::List(_)
         | ValueKind::Param(_)
         | ValueKind::Broken => None,
     }

@@ -1,5 +1,5 @@
 //! Values of arguments with every name replaced, and how programs get them: a record becomes one argument for each field,
-//! `grasp.force=20`, so that a program which knows nothing of records can take one.
+//! `grasp.force=20`, so that a program which knows nothing of records can take one. The fields of a list are its indices.
 
 use crate::check::spec::{Param, Shape, Spec, Value, ValueKind};
 use crate::plan::{Argument, Constant};
@@ -20,6 +20,11 @@ pub(super) fn data(value: &Value, outer: &[Data]) -> Option<Data> {
             let fields = fields.iter().map(|(name, value)| Some((name.text.clone(), data(value, outer)?)));
             fields.collect::<Option<_>>().map(Data::Record)
         }
+        ValueKind::List(values) => {
+            let values =
+                (0..).zip(values).map(|(index, value): (usize, _)| Some((index.to_string(), data(value, outer)?)));
+            values.collect::<Option<_>>().map(Data::Record)
+        }
         ValueKind::Broken => None,
     }
 }
@@ -29,6 +34,12 @@ pub(super) fn data(value: &Value, outer: &[Data]) -> Option<Data> {
 pub(super) fn filled(spec: &Spec, param: &Param, given: Option<Data>) -> Option<Data> {
     let given = given.or_else(|| param.default.as_ref().and_then(|value| data(value, &[])));
     let shape = param.kind.as_ref().map(|kind| spec.shape(kind));
+    if let (Some(Shape::List(element, _)), Some(Data::Record(values))) = (shape, &given) {
+        let element = param.element(element);
+        let values =
+            values.iter().cloned().filter_map(|(index, value)| Some((index, filled(spec, &element, Some(value))?)));
+        return Some(Data::Record(values.collect()));
+    }
     let (Some(Shape::Record(fields)), None | Some(Data::Record(_))) = (shape, &given) else { return given };
     let mut given = match given {
         Some(Data::Record(given)) => given,

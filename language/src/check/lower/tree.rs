@@ -264,8 +264,9 @@ fn kind_of(instance: &Instance) -> String {
 
 fn nameless(span: Span) -> Diagnostic {
     let diagnostic =
-        Diagnostic::new(Code::E0216, span, "nothing says what the parameter is called that gets this record");
-    diagnostic.help("give it by name, `name = { ... }`: its fields become the arguments `name.field`")
+        Diagnostic::new(Code::E0216, span, "nothing says what the parameter is called that gets these values");
+    diagnostic
+        .help("give them by name, `name = { ... }` or `name = [ ... ]`: they become arguments such as `name.field`")
 }
 
 fn not_a_host(span: Span, path: &str) -> Diagnostic {

@@ -48,8 +48,18 @@ pub(crate) enum Likeness {
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Shape<'a> {
     Record(&'a [Param]),
-    /// A type of the language, a message of programs, or a list.
+    /// Of which type, and how many; any number if that is not said.
+    List(&'a str, Option<usize>),
+    /// A type of the language, or a message of programs.
     Plain(&'a str),
+}
+
+impl Param {
+    /// An element of a list that is a parameter or a field.
+    pub(crate) fn element(&self, kind: &str) -> Self {
+        let kind = self.kind.as_ref().map(|list| Kind { text: kind.to_owned(), span: list.span, fields: None });
+        Self { kind, default: None, name: self.name.clone() }
+    }
 }
 
 impl Kind {
@@ -93,6 +103,10 @@ impl fmt::Display for Value {
                     fields.iter().map(|(name, value)| format!("{} = {value}", name.text)).collect();
                 write!(f, "{{ {} }}", fields.join(", "))
             }
+            ValueKind::List(values) => {
+                let values: Vec<String> = values.iter().map(Self::to_string).collect();
+                write!(f, "[{}]", values.join(", "))
+            }
             ValueKind::Param(_) | ValueKind::Broken => f.write_str("?"),
         }
     }
@@ -126,7 +140,10 @@ impl Spec {
         let named = self.named(&kind.text, kind.span.origin).map(|named| &self.types[named].kind);
         match kind.fields.as_ref().or_else(|| named?.fields.as_ref()) {
             Some(fields) => Shape::Record(fields),
-            None => Shape::Plain(&kind.text),
+            None => match kind.text.strip_suffix(']').and_then(|list| list.split_once('[')) {
+                Some((element, count)) => Shape::List(element, count.parse().ok()),
+                None => Shape::Plain(&kind.text),
+            },
         }
     }
 

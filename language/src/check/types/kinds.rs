@@ -44,14 +44,29 @@ impl Kinds<'_> {
             (_, ValueKind::Broken) => {}
             (Shape::Record(fields), ValueKind::Record(given)) => self.record(kind, fields, (given, value.span)),
             (_, ValueKind::Param(index)) => self.handed_on(param, kind, (*index, value.span)),
-            (Shape::Record(_), ValueKind::Constant(_)) => {
-                let example = self.example(kind);
-                let name = &param.name.text;
-                let message = format!("`{name}` is of type {kind}: expected a record such as `{example}`");
-                self.wrong(param, value.span, message);
+            (Shape::List(element, count), ValueKind::List(given)) => {
+                self.list(param, (element, count), given, value.span);
             }
+            (Shape::Record(_), _) => self.other(param, kind, "a record", value.span),
+            (Shape::List(..), _) => self.other(param, kind, "a list", value.span),
             (Shape::Plain(name), _) => self.plain(param, name, value),
         }
+    }
+
+    fn other(&mut self, param: &Param, kind: &Kind, what: &str, span: Span) {
+        let (name, example) = (&param.name.text, self.example(kind));
+        self.wrong(param, span, format!("`{name}` is of type {kind}: expected {what} such as `{example}`"));
+    }
+
+    /// The values of a list: as many as its type says, each of its type.
+    fn list(&mut self, param: &Param, (element, count): (&str, Option<usize>), given: &[Value], span: Span) {
+        if let Some(count) = count.filter(|&count| count != given.len()) {
+            let message = format!("`{}` has {count} values of type {element}, not {}", param.name.text, given.len());
+            self.wrong(param, span, message);
+            return;
+        }
+        let element = param.element(element);
+        given.iter().for_each(|value| self.value(&element, value));
     }
 
     /// A value of a type of the language; what is not known is believed.
@@ -69,7 +84,7 @@ impl Kinds<'_> {
             ValueKind::Constant(Constant::Text(_)) => &["Number", "Truth"],
             ValueKind::Constant(Constant::Number(_)) => &["Text", "Truth", "Host"],
             ValueKind::Constant(Constant::Truth(_)) => &["Text", "Number", "Host"],
-            ValueKind::Record(_) => &unit::PLAIN,
+            ValueKind::Record(_) | ValueKind::List(_) => &unit::PLAIN,
             ValueKind::Param(_) | ValueKind::Broken => &[],
         };
         if refused.contains(&kind) {
@@ -87,8 +102,11 @@ impl Kinds<'_> {
                 (Some((one, _)), Some((other, _))) => one == other,
                 (_, _) => true,
             },
+            (Shape::List(..), Shape::List(..)) => self.spec.is_same(kind, given),
+            (Shape::Record(_), Shape::List(..)) | (Shape::List(..), Shape::Record(_)) => false,
             // A type that nobody knows may be one of a program.
-            (Shape::Record(_), Shape::Plain(name)) | (Shape::Plain(name), Shape::Record(_)) => !unit::is_type(name),
+            (Shape::Record(_) | Shape::List(..), Shape::Plain(name))
+            | (Shape::Plain(name), Shape::Record(_) | Shape::List(..)) => !unit::is_type(name),
         };
         if !is_fit {
             let name = &param.name.text;
@@ -144,6 +162,11 @@ impl Kinds<'_> {
                 let needed = fields.iter().filter(|field| !self.spec.is_optional(field));
                 let needed: Vec<String> = needed.take(SHOWN_MAX).map(|field| self.field_example(field)).collect();
                 if needed.is_empty() { "{}".to_owned() } else { format!("{{ {} }}", needed.join(", ")) }
+            }
+            Shape::List(element, count) => {
+                let element = Kind { text: element.to_owned(), span: kind.span, fields: None };
+                let count = count.unwrap_or(2).min(SHOWN_MAX);
+                format!("[{}]", vec![self.example(&element); count].join(", "))
             }
             Shape::Plain("Number") => "1".to_owned(),
             Shape::Plain("Truth") => "true".to_owned(),

@@ -150,7 +150,7 @@ impl Analysis {
         let is_limit = at.inside(SyntaxKind::Arg).is_none() && at.inside(SyntaxKind::Actions).is_some();
         let kind = self.expected(at).and_then(|param| param.kind.as_ref()).map(|kind| self.model.shape(kind));
         let kind = match kind {
-            Some(Shape::Plain(name)) => Some(name),
+            Some(Shape::Plain(name) | Shape::List(name, _)) => Some(name),
             Some(Shape::Record(_)) | None => None,
         };
         let wanted = if is_limit { Some("Time") } else { kind };
@@ -238,6 +238,7 @@ impl Analysis {
             ValueKind::Constant(Constant::Text(host)) => Some(host.as_str()),
             ValueKind::Constant(Constant::Number(_) | Constant::Truth(_))
             | ValueKind::Record(_)
+            | ValueKind::List(_)
             | ValueKind::Param(_)
             | ValueKind::Broken => None,
         });

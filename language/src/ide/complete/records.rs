@@ -46,7 +46,7 @@ impl Analysis {
         let start = self.param_at(at).or_else(|| self.declared_at(at))?;
         path.iter().try_fold(start, |param, name| match self.model.shape(param.kind.as_ref()?) {
             Shape::Record(fields) => fields.iter().find(|field| field.name.text == *name),
-            Shape::Plain(_) => None,
+            Shape::List(..) | Shape::Plain(_) => None,
         })
     }
 
