@@ -24,11 +24,11 @@ pub mod sim;
 pub mod status;
 pub mod stop;
 
+use crate::io::logging;
 use clap::{Args, Parser, Subcommand};
 use comms::io::session;
 use std::path::PathBuf;
 use std::process::ExitCode;
-use tracing_subscriber::EnvFilter;
 
 /// A distributed control architecture for robots: one text file says what runs where, how it is wired, and what happens
 /// next.
@@ -115,7 +115,7 @@ impl<E: Into<anyhow::Error>> From<E> for Failure {
 pub fn main() -> ExitCode {
     session::prepare_process();
     let command = Command::parse();
-    start_logging();
+    logging::start();
     finish(match command.verb {
         Verb::Run(arguments) => run::run(arguments),
         Verb::Deploy(arguments) => deploy::run(arguments),
@@ -148,11 +148,13 @@ fn finish(result: Result<(), Failure>) -> ExitCode {
     ExitCode::from(code)
 }
 
-/// Sends the program's own log to standard error; what is logged is set by `RUST_LOG`.
-fn start_logging() {
-    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_unset| EnvFilter::new("warn,zenoh=error"));
-    let logging = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
-    if let Err(error) = logging.try_init() {
-        tracing::debug!(%error, "logging was started before");
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn every_verb_can_be_parsed() {
+        Command::command().debug_assert();
     }
 }

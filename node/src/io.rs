@@ -5,6 +5,7 @@ pub mod database;
 pub mod driver;
 pub(crate) mod event;
 pub mod journal;
+pub mod logging;
 pub mod observer;
 pub mod peers;
 pub mod programs;

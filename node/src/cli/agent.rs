@@ -1,8 +1,9 @@
 //! `dca-node`: the agent of a host, until it is asked to leave (SIGTERM, SIGINT).
 
 use crate::cli::client::{block_on, ended};
-use crate::cli::{Failure, finish, output, start_logging};
+use crate::cli::{Failure, finish, output};
 use crate::io::driver::{self, Config};
+use crate::io::logging::{self, Log};
 use crate::io::{programs, run_dir, state_dir};
 use crate::logic::database::TEAM;
 use anyhow::Context;
@@ -52,11 +53,10 @@ struct Arguments {
 pub fn main() -> ExitCode {
     session::prepare_process();
     let arguments = Arguments::parse();
-    start_logging();
-    finish(run(arguments))
+    finish(run(arguments, logging::start()))
 }
 
-fn run(arguments: Arguments) -> Result<(), Failure> {
+fn run(arguments: Arguments, log: Log) -> Result<(), Failure> {
     if arguments.lan {
         output::note("this node is open to the local network without authentication: anyone there can start programs");
     }
@@ -74,6 +74,7 @@ fn run(arguments: Arguments) -> Result<(), Failure> {
         port: arguments.port,
         peers: arguments.peers,
         agent_loss_grace,
+        log: Some(log),
     };
     block_on(async {
         let (leave, ready) = (watch::Sender::new(false), watch::Sender::new(false));

@@ -69,6 +69,7 @@ impl Nodes {
                 team: TEAM.to_owned(),
                 founds: hosts.first() == Some(host),
                 agent_loss_grace: AGENT_LOSS_GRACE,
+                log: None,
             };
             let ready = watch::Sender::new(false);
             let mut is_ready = ready.subscribe();

@@ -4,6 +4,7 @@ use crate::io::child::{self, Shim};
 use crate::io::database;
 use crate::io::event::{Connection, Event, hear_programs};
 use crate::io::journal::Journal;
+use crate::io::logging::Log;
 use crate::io::peers::{Arrival, Peers};
 use crate::io::run_dir::RunDir;
 use crate::io::{programs, tail};
@@ -60,6 +61,8 @@ pub struct Config {
     pub team: String,
     /// Whether its database begins a team at once.
     pub founds: bool,
+    /// The log of the process, if it is this node's alone.
+    pub log: Option<Log>,
 }
 
 /// A running node.
@@ -271,7 +274,14 @@ impl Driver {
                 send(sender, &Order::Configure { parameters });
             }
         }
-        self.settings = settings;
+        let before = std::mem::replace(&mut self.settings, settings);
+        let Settings { log, unfit, .. } = &self.settings;
+        if let Some(process) = self.config.log.as_ref().filter(|_| *log != before.log)
+            && let Err(error) = process.filter(log.as_deref())
+        {
+            tracing::warn!(error = format!("{error:#}"), "the setting `log` does nothing");
+        }
+        unfit.iter().filter(|one| !before.unfit.contains(one)).for_each(|sentence| tracing::warn!("{sentence}"));
     }
 
     async fn carry_out(&mut self, effect: Effect) {
@@ -341,11 +351,12 @@ impl Driver {
                 environment.push(("DCA_REMOTE".into(), "1".into()));
             }
         }
+        let grace = self.settings.agent_loss_grace.unwrap_or(self.config.agent_loss_grace);
         let start = ShimStart {
             working_directory: std::env::current_dir().unwrap_or_else(|_gone| "/".into()),
             dir,
             gate: if order.kind == LeafKind::Plain { Gate::Exec } else { Gate::None },
-            agent_loss_grace: order.policy.agent_loss.unwrap_or(self.config.agent_loss_grace),
+            agent_loss_grace: order.policy.agent_loss.unwrap_or(grace),
             usage: order.policy.usage,
             environment,
             command: order.command.clone(),

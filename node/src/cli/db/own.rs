@@ -15,12 +15,12 @@ pub struct Own {
     prefix: Option<String>,
     /// The robot that alone writes there from now on
     #[arg(group = "who")]
-    robot: Option<String>,
+    owner: Option<String>,
     /// Everybody may write there again
     #[arg(long, group = "who")]
     release: bool,
     /// Take it from its owner, who may be out of reach; what that writes meanwhile is listed by `dca db conflicts`
-    #[arg(long, requires = "robot")]
+    #[arg(long, requires = "owner")]
     by_force: bool,
     #[command(flatten)]
     writing: Writing,
@@ -31,7 +31,7 @@ impl Own {
     pub(crate) fn run(self) -> Result<(), Failure> {
         let Some(prefix) = &self.prefix else { return self.list() };
         let prefix = Key::new(prefix.trim_end_matches('/')).context("reading the prefix")?;
-        let (robot, by_force, reason) = (self.robot, self.by_force, self.writing.reason_or("own"));
+        let (robot, by_force, reason) = (self.owner, self.by_force, self.writing.reason_or("own"));
         let (far, within) = (self.writing.level.clone(), self.writing.within);
         self.writing.send(&Question::Own(Owning { prefix, robot, by_force, reason, far, within }))
     }
