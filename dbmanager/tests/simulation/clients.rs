@@ -221,6 +221,10 @@ impl World {
             if a.0.origin == b.0.origin && !self.faults.can_repeat() {
                 return Err(format!("history: {} and {} of one robot have both overwritten {register}", a.0, b.0));
             }
+            if a.0.origin == b.0.origin && self.faults.can_roll_back() {
+                // Two branches of one origin: who has seen one may count as having seen the other.
+                continue;
+            }
             let survive = [a, b].iter().all(|id| self.reference.has((self.replica(0), &chain), **id));
             if survive && !self.reference.is_listed(&key(register), *a, *b) {
                 return Err(format!(

@@ -284,7 +284,7 @@ impl Reference {
             // Deletions give way to what comes back and had not seen them.
             for write in event.txn.writes.iter().filter(|write| write.value.is_some()) {
                 let shown = replica.state().versions(&write.key).iter().any(|v| v.stamp == event.txn.written());
-                if !shown && !self.is_overwritten(*id, &write.key, chain) {
+                if !shown && !self.is_overwritten(*id, &write.key, (replica, chain)) {
                     return Err(format!("I5: what {} wrote to {}, acknowledged at {node}, is lost", id.0, write.key));
                 }
             }
@@ -292,7 +292,7 @@ impl Reference {
         Ok(())
     }
 
-    fn is_overwritten(&self, id: Id, key: &Key, chain: &BTreeMap<Dot, Link>) -> bool {
+    fn is_overwritten(&self, id: Id, key: &Key, there: (&Replica, &BTreeMap<Dot, Link>)) -> bool {
         let lives = self.lives(id);
         let sees = |event: &Event| lives.iter().any(|(dot, _)| event.context.contains(*dot));
         let takes = |event: &Event| {
@@ -301,12 +301,11 @@ impl Reference {
         let stamp = self.events.get(&id).map(|event| event.txn.written());
         // Who has seen another transaction by this name takes it away too; then stamps say nothing.
         let twice = self.events.range((id.0, [0; 8])..=(id.0, [u8::MAX; 8])).count() > 1;
-        let is_there = |at: &Id| self.lives(*at).iter().any(|(dot, link)| chain.get(dot) == Some(link));
         self.events.iter().any(|(at, event)| {
             (twice || Some(event.txn.written()) > stamp)
                 && event.txn.writes.iter().any(|write| write.key == *key)
                 && (sees(event) || takes(event))
-                && is_there(at)
+                && self.has(there, *at)
         })
     }
 

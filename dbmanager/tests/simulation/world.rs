@@ -38,8 +38,8 @@ use std::time::Duration;
 pub(crate) const EPOCH_MS: u64 = 1_790_000_000_000;
 /// Inputs at one time after which a world counts as running in circles.
 const INPUTS_MAX: usize = 20_000;
-/// The same for all inputs of a world.
-const INPUTS_ALL_MAX: u64 = 2_000_000;
+/// The same in each millisecond that passes, on average.
+const INPUTS_PER_MS_MAX: u64 = 10;
 /// Steps of a seed.
 const STEPS: usize = 80;
 /// How long a mended world may take to have the same everywhere, per percent of messages lost (I13).
@@ -327,6 +327,7 @@ impl World {
     /// Lets so many milliseconds pass.
     pub(crate) fn run_for(&mut self, millis: u64) {
         let end = self.now + Duration::from_millis(millis);
+        let posted_max = self.posted + INPUTS_MAX as u64 + INPUTS_PER_MS_MAX * millis;
         self.inputs = 0;
         loop {
             let mail = self.network.next();
@@ -340,7 +341,7 @@ impl World {
                 (self.now, self.inputs) = (next, 0);
             }
             self.inputs += 1;
-            if self.inputs > INPUTS_MAX || self.posted > INPUTS_ALL_MAX {
+            if self.inputs > INPUTS_MAX || self.posted > posted_max {
                 self.reference.blame("running in circles".to_owned());
                 break;
             }

@@ -292,9 +292,6 @@ impl Replica {
         if let Some(join) = &pull.join {
             return self.sponsor(now, (from, join), effects);
         }
-        if !self.members.is_active(from) {
-            return;
-        }
         if pull.cut.get(from) < self.log.cut().get(from) {
             let head = self.log.head(from).cloned().unwrap_or_default();
             effects.push(Effect::Send(from, Message::Chunk(Chunk::Fork { seq: head.seq, link: head.link })));
@@ -304,7 +301,10 @@ impl Replica {
             effects.push(behind);
             return;
         }
-        self.acks.note(from, &pull.cut);
+        // Of two that were admitted by others that are gone neither knows the other: it is answered, but does not count.
+        if self.members.is_active(from) {
+            self.acks.note(from, &pull.cut);
+        }
         if !self.have().dominates(&pull.cut) && !self.config.mutant.is(Mutant::PushOnly) {
             self.sync.ahead(from, now);
         }

@@ -158,6 +158,28 @@ fn two_with_each_others_transactions_as_state_only() {
 }
 
 #[test]
+fn two_who_were_admitted_by_others_that_are_gone() {
+    let mut world = team(2);
+    world.cut(0, 1);
+    world.cut(1, 2);
+    world.gather(3);
+    world.isolate(3);
+    world.heal(1, 3);
+    world.gather(4);
+    world.put(2, "team/a", 1);
+    world.put(3, "team/b", 2);
+    world.crash(0);
+    world.crash(1);
+    world.heal(2, 3);
+    world.run_for(60_000);
+    for node in 2..4 {
+        assert_eq!((world.value(node, "team/a"), world.value(node, "team/b")), (Some(1), Some(2)), "at {node}");
+    }
+    (0..4).for_each(|node| world.join_network(node));
+    world.settle().unwrap();
+}
+
+#[test]
 fn retired_robot_meets_one_who_does_not_know() {
     scenes::last_words(Default::default()).unwrap();
 }
