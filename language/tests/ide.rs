@@ -148,6 +148,10 @@ fn records_are_known_field_by_field() {
     completes(&with("{ place = { yaw = 1 rad, $0 } }"), "x =");
     completes(&with("grasp = { place = { yaw = 1 $0 } }"), "rad deg");
     completes(&with("{ place = $0 }"), "grasp");
+    let way = |value: &str| with(value).replace("grasp: Grasp) {", "grasp: Grasp, way: Place[]) {");
+    completes(&way("grasp, [{ x = 1 m }, { x = 2 m, $0 }]"), "yaw =");
+    completes(&way("grasp, [{ yaw = 1 $0 }]"), "rad deg");
+    is_defined(&way("grasp, [{ ya$0w = 1 rad, x = 1 m }]"), "door.dca:3 yaw");
     completes(
         &with("grasp").replace("force: Force =", "force: Force, other: $0 ="),
         &format!("{VALUE_TYPES} Grasp Place"),

@@ -2,7 +2,7 @@
 
 use super::place::Cursor;
 use super::{Completion, CompletionKind};
-use crate::check::spec::{Param, Shape};
+use crate::check::spec::{Kind, Param, Shape};
 use crate::ide::Analysis;
 use crate::syntax::SyntaxKind;
 use crate::syntax::ast::Node;
@@ -21,9 +21,7 @@ impl Analysis {
         let (Some(record), Some(param)) = (at.inside(SyntaxKind::Record), self.expected(at)) else { return Vec::new() };
         let given: BTreeSet<String> =
             record.children().filter_map(|field| field.names().next()).map(|name| name.text).collect();
-        let Some(Shape::Record(fields)) = param.kind.as_ref().map(|kind| self.model.shape(kind)) else {
-            return Vec::new();
-        };
+        let Some(fields) = param.kind.as_ref().and_then(|kind| self.fields_of(kind)) else { return Vec::new() };
         let open = fields.iter().filter(|field| !given.contains(&field.name.text));
         let offer = |field: &Param| {
             Completion::new(CompletionKind::Parameter, format!("{} = ", field.name.text)).detail(field.to_string())
@@ -44,10 +42,21 @@ impl Analysis {
             .collect();
         path.reverse();
         let start = self.param_at(at).or_else(|| self.declared_at(at))?;
-        path.iter().try_fold(start, |param, name| match self.model.shape(param.kind.as_ref()?) {
-            Shape::Record(fields) => fields.iter().find(|field| field.name.text == *name),
-            Shape::List(..) | Shape::Plain(_) => None,
+        path.iter().try_fold(start, |param, name| {
+            self.fields_of(param.kind.as_ref()?)?.iter().find(|field| field.name.text == *name)
         })
+    }
+
+    /// The fields of a record, or of the records in a list.
+    fn fields_of<'a>(&'a self, kind: &'a Kind) -> Option<&'a [Param]> {
+        match self.model.shape(kind) {
+            Shape::Record(fields) => Some(fields),
+            Shape::List(element, _) => {
+                let named = self.model.named(element, kind.span.origin)?;
+                self.model.types[named].kind.fields.as_deref()
+            }
+            Shape::Plain(_) => None,
+        }
     }
 
     /// The parameter or field that is declared around the cursor.
