@@ -221,8 +221,8 @@ impl World {
             if a.0.origin == b.0.origin && !self.faults.can_repeat() {
                 return Err(format!("history: {} and {} of one robot have both overwritten {register}", a.0, b.0));
             }
-            if a.0.origin == b.0.origin && self.faults.can_roll_back() {
-                // Two branches of one origin: who has seen one may count as having seen the other.
+            if self.reference.is_twice(*a) || self.reference.is_twice(*b) {
+                // Who has seen another transaction by this name counts as having seen this one.
                 continue;
             }
             let survive = [a, b].iter().all(|id| self.reference.has((self.replica(0), &chain), **id));

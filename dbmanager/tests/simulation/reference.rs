@@ -292,6 +292,11 @@ impl Reference {
         Ok(())
     }
 
+    /// Returns whether another transaction had the same name.
+    pub(crate) fn is_twice(&self, id: Id) -> bool {
+        self.events.range((id.0, [0; 8])..=(id.0, [u8::MAX; 8])).count() > 1
+    }
+
     fn is_overwritten(&self, id: Id, key: &Key, there: (&Replica, &BTreeMap<Dot, Link>)) -> bool {
         let lives = self.lives(id);
         let sees = |event: &Event| lives.iter().any(|(dot, _)| event.context.contains(*dot));
@@ -300,7 +305,7 @@ impl Reference {
         };
         let stamp = self.events.get(&id).map(|event| event.txn.written());
         // Who has seen another transaction by this name takes it away too; then stamps say nothing.
-        let twice = self.events.range((id.0, [0; 8])..=(id.0, [u8::MAX; 8])).count() > 1;
+        let twice = self.is_twice(id);
         self.events.iter().any(|(at, event)| {
             (twice || Some(event.txn.written()) > stamp)
                 && event.txn.writes.iter().any(|write| write.key == *key)
