@@ -23,6 +23,7 @@ pub(super) fn check(spec: &mut Spec, diagnostics: &mut Vec<Diagnostic>) {
     for process in &spec.processes {
         check_actions(process, diagnostics);
         check_policies(process, diagnostics);
+        let mut array: Option<(Span, usize)> = None;
         for instance in &process.instances {
             let (params, is_module) = match instance.target {
                 Target::Process(target) if spec.processes[target].damage.header => continue,
@@ -38,8 +39,17 @@ pub(super) fn check(spec: &mut Spec, diagnostics: &mut Vec<Diagnostic>) {
                 continue;
             }
             let args: &[Arg] = if is_module { without_host(&instance.args) } else { &instance.args };
-            diagnostics.extend(check_args(spec, &kind.text, params, args, instance.args_span));
-            Kinds { spec, outer: &process.params, uses: &mut uses, diagnostics }.arguments(params, args);
+            let mut found = check_args(spec, &kind.text, params, args, instance.args_span);
+            Kinds { spec, outer: &process.params, uses: &mut uses, diagnostics: &mut found }.arguments(params, args);
+            // A named constant may be given more than once.
+            let is_here = |found: &Diagnostic| instance.args_span.contains(found.primary.span);
+            found.retain(|found| is_here(found) || !diagnostics.contains(found));
+            // The instances of an array have one text: what is wrong with one of them is said once.
+            match array.filter(|(span, _)| *span == instance.args_span) {
+                Some((_, start)) => found.retain(|found| !diagnostics[start..].contains(found)),
+                None => array = Some((instance.args_span, diagnostics.len())),
+            }
+            diagnostics.append(&mut found);
         }
     }
     spec.field_uses = uses;
