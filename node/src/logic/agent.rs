@@ -307,21 +307,24 @@ impl Agent {
         self.tenants.insert(deployment, tenant);
     }
 
-    /// Sends to another node; what cannot be sent is answered as a loss, so that nobody waits for ever.
+    /// Sends to another node; what cannot be sent is answered as a loss, so that nobody waits for ever. What is final is kept
+    /// for a node that is lost, which may not know that it is.
     fn transmit(&mut self, to: &str, message: Message, out: &mut Out<'_>) {
-        let frame = if self.names.knows(to) {
-            self.links.get_mut(to).and_then(|link| link.send(out.now, message.clone()))
-        } else {
-            None
-        };
-        if let Some(frame) = frame {
-            out.effects.push(Effect::Transmit { to: to.to_owned(), frame: Box::new(frame) });
-            return;
-        }
-        if self.names.knows(to) {
-            // So much is unacknowledged that it counts as lost.
-            self.names.lose(to);
-            self.host_lost(to, out);
+        let is_known = self.names.knows(to);
+        let link = self.links.get_mut(to).filter(|_| is_known || message.is_final());
+        match link.and_then(|link| link.send(out.now, message.clone())) {
+            Some(frame) => {
+                out.effects.push(Effect::Transmit { to: to.to_owned(), frame: Box::new(frame) });
+                if is_known {
+                    return;
+                }
+            }
+            None if is_known => {
+                // So much is unacknowledged that it counts as lost.
+                self.names.lose(to);
+                self.host_lost(to, out);
+            }
+            None => {}
         }
         if let Message { deployment, body: Body::Tenant(message) } = message {
             self.answer_for_lost(to, &deployment, message, out);

@@ -71,9 +71,11 @@ impl Link {
         Some(self.frame(Some((self.sent, message))))
     }
 
-    /// Empties the messages that have not arrived: the peer counts as lost, and must not act on them when it is back.
+    /// Empties the messages that have not arrived: the peer counts as lost, and must not act on them when it is back. What is
+    /// final stays: a peer that has not lost this node waits for it.
     pub fn abandon(&mut self) {
-        self.backlog.iter_mut().for_each(|(_, message)| message.body = Body::Void);
+        let others = self.backlog.iter_mut().map(|(_, message)| message).filter(|message| !message.is_final());
+        others.for_each(|message| message.body = Body::Void);
     }
 
     /// Takes a frame of the peer. Returns the message it delivers, if any, and the acknowledgement to send, if any.

@@ -53,6 +53,14 @@ pub struct Message {
     pub body: Body,
 }
 
+impl Message {
+    /// Returns whether it is the last word about something, that a process has ended or that everything is to end: true
+    /// however late it comes.
+    pub fn is_final(&self) -> bool {
+        matches!(self.body, Body::Tenant(ToTenant::Ended { .. } | ToTenant::Release))
+    }
+}
+
 /// Whom a message is for.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Body {

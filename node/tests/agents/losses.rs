@@ -8,22 +8,27 @@ use std::time::Duration;
 
 /// Takes `host` off the network, which everybody notices at once.
 fn cut(world: &mut World, host: &str) {
+    cut_seen(world, host, || 0);
+}
+
+/// Takes `host` off the network, which everybody notices so many milliseconds later.
+fn cut_seen(world: &mut World, host: &str, late: impl FnMut() -> u64) {
     world.cut.insert(host.to_owned());
-    tell(world, host, |host, boot| Input::Vanished { host, boot });
+    tell(world, host, |host, boot| Input::Vanished { host, boot }, late);
 }
 
 fn heal(world: &mut World, host: &str) {
     world.cut.remove(host);
-    tell(world, host, |host, boot| Input::Appeared { host, boot });
+    tell(world, host, |host, boot| Input::Appeared { host, boot }, || 0);
 }
 
 /// Tells `host` something of every other host, and those the same of it. Hosts are booted in the order of their names.
-fn tell(world: &mut World, host: &str, what: impl Fn(String, u64) -> Input) {
+fn tell(world: &mut World, host: &str, what: impl Fn(String, u64) -> Input, mut late: impl FnMut() -> u64) {
     let hosts: Vec<(u64, String)> = (1..).zip(world.agents.keys().cloned()).collect();
     let (boot, _) = hosts.iter().find(|(_, name)| name == host).expect("there is such a host");
     for (other_boot, other) in hosts.iter().filter(|(_, name)| name != host) {
-        world.at(0, other, Coming::Input(what(host.to_owned(), *boot)));
-        world.at(0, host, Coming::Input(what(other.clone(), *other_boot)));
+        world.at(late(), other, Coming::Input(what(host.to_owned(), *boot)));
+        world.at(late(), host, Coming::Input(what(other.clone(), *other_boot)));
     }
 }
 
@@ -152,6 +157,27 @@ process main() {
     assert_eq!(world.alive.len(), 0);
 }
 
+/// Nobody agrees to the millisecond on when somebody was lost. Who has not lost the other hears what has ended.
+#[test]
+fn a_loss_that_only_one_side_has_seen_is_told() {
+    for (late_on_c1, late_on_c2) in [(0, 200), (200, 0)] {
+        let mut world = World::new(&["c1", "c2"]);
+        let text = FOUR.replace(" { on_link_loss keep; }", ";").replace(" { on_link_loss safe_stop_after 2 s; }", ";");
+        let text = text.replace(" { on_link_loss safe_stop_after 8 s; }", ";");
+        let call = world.deploy("c1", &text);
+        world.run_for(Duration::from_secs(1));
+        let mut late = [late_on_c1, late_on_c2].into_iter();
+        cut_seen(&mut world, "c2", || late.next().unwrap());
+        world.run_for(Duration::from_millis(5100));
+        heal(&mut world, "c2");
+        world.run_for(Duration::from_secs(5));
+        let Report::Finished { ending: Ending::Aborted(_), .. } = world.last_report(call) else {
+            panic!("{late_on_c1} {late_on_c2}: {:?}", world.last_report(call))
+        };
+        assert_eq!(world.alive.len(), 0);
+    }
+}
+
 /// Three groups over three hosts, with every policy.
 const EVERYWHERE: &str = r#"
 process Pair(here, there) {
@@ -196,9 +222,12 @@ fn whatever_is_cut_whenever_nothing_is_left() {
             } else if world.cut.contains(host) {
                 heal(&mut world, host);
             } else if world.cut.is_empty() {
-                cut(&mut world, host);
+                cut_seen(&mut world, host, || draw.below(500));
+                world.run_for(Duration::from_millis(500));
             }
-            world.run_for(Duration::from_millis(draw.below(8000)));
+            // Often so long that one side has lost the other, and that one has not.
+            let millis = if draw.below(2) == 0 { 4500 + draw.below(500) } else { draw.below(8000) };
+            world.run_for(Duration::from_millis(millis));
         }
         for host in world.cut.clone() {
             heal(&mut world, &host);
