@@ -56,8 +56,8 @@ const HIDDEN_INPUTS: [&str; 21] = [
     "stdin",
     "rand::",
 ];
-/// What looks like a key expression and is none: the name of an encoding.
-const NO_KEYS: [&str; 1] = ["dca/refused"];
+/// What looks like a key expression and is none: names of encodings.
+const NO_KEYS: [&str; 2] = ["dca/refused", "dca/here"];
 
 /// A source file.
 struct Source {
