@@ -106,6 +106,7 @@ pub(crate) fn fork(mutant: Mutant) -> Ending {
     world.expect_forks();
     let (backup, origin) = (world.backup(1), world.replica(1).origin());
     world.put(1, "team/a", 1);
+    world.put(1, "team/a", 3);
     world.settle()?;
     world.restore(1, backup);
     world.isolate(1);
@@ -115,5 +116,5 @@ pub(crate) fn fork(mutant: Mutant) -> Ending {
     world.run_for(200);
     must(world.alarms.contains(&(0, Alarm::Fork(origin))), "T6: a number was used twice, and no alarm says so")?;
     world.settle()?;
-    must(world.value(0, "team/a") == Some(1) && world.value(0, "team/b") == Some(2), "both are kept")
+    must(world.value(0, "team/a") == Some(3) && world.value(0, "team/b") == Some(2), "I5: both are kept")
 }
