@@ -5,6 +5,7 @@
 //! Invariants, kept by `check::lower` and re-checked by [`Plan::validate`] when a plan arrives over a wire: every index
 //! is in range, `groups[0]` is `main`, every group but `main` is a member of exactly one group, every leaf too.
 
+mod nested;
 mod policy;
 mod validate;
 
@@ -198,6 +199,7 @@ pub enum Transfer {
 
 /// An event-action expression with slots for names. Meaning: `algebra::step`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(remote = "Self")] // What it is as bytes is in `nested`.
 pub enum Expression {
     /// `name[labels]`: runs a member with these connection sets open.
     Run {

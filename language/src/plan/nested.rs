@@ -1,0 +1,70 @@
+//! Expressions as bytes.
+//!
+//! Reading one goes down as far as it is nested, and a stack has an end: bytes that are nested more deeply than an expression
+//! may be are refused on the way, not afterwards. So a peer's bytes cannot bring a node down.
+
+use super::{DEPTH_MAX, Expression};
+use serde::de::{Deserialize, Deserializer, Error};
+use serde::ser::{Serialize, Serializer};
+use std::cell::Cell;
+
+thread_local! {
+    /// How many expressions are being read, each inside the one before it.
+    static OPEN: Cell<usize> = const { Cell::new(0) };
+}
+
+/// One level of an expression that is being read.
+struct Level;
+
+impl Level {
+    fn enter() -> Option<Self> {
+        let depth = OPEN.get();
+        (depth < DEPTH_MAX).then(|| {
+            OPEN.set(depth + 1);
+            Self
+        })
+    }
+}
+
+impl Drop for Level {
+    fn drop(&mut self) {
+        OPEN.set(OPEN.get().saturating_sub(1));
+    }
+}
+
+impl<'de> Deserialize<'de> for Expression {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let deep = || D::Error::custom(format_args!("event actions are nested deeper than {DEPTH_MAX} levels"));
+        let _level = Level::enter().ok_or_else(deep)?;
+        // The derived function, which bears the same name.
+        Self::deserialize(deserializer)
+    }
+}
+
+impl Serialize for Expression {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        Self::serialize(self, serializer)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Returns the bytes of `skip` within so many shields.
+    fn shields(count: usize) -> Vec<u8> {
+        let shield = Expression::Shield { bound: None, of: Box::new(Expression::Skip) };
+        let bytes = postcard::to_allocvec(&shield).unwrap();
+        let (skip, around) = bytes.split_last().unwrap();
+        [around.repeat(count), vec![*skip]].concat()
+    }
+
+    #[test]
+    fn what_is_nested_too_deeply_is_refused_before_the_stack_ends() {
+        let read = |count| postcard::from_bytes::<Expression>(&shields(count));
+        let deepest = read(DEPTH_MAX - 1).unwrap();
+        assert_eq!(postcard::to_allocvec(&deepest).unwrap(), shields(DEPTH_MAX - 1));
+        assert!(read(DEPTH_MAX).is_err() && read(1_000_000).is_err());
+        assert!(read(DEPTH_MAX - 1).is_ok(), "an error leaves nothing open");
+    }
+}
