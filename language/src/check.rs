@@ -35,7 +35,8 @@ pub(crate) fn compile_with_model(
     let mut trees = Vec::new();
     let files = uses::Files::new(spec, interfaces);
     for (origin, source) in sources {
-        let Parse { root, diagnostics: found, damage } = parse(source, origin);
+        let Parse { root, diagnostics: found, mut damage } = parse(source, origin);
+        damage.sort_unstable();
         let root = ast::Node::new(root, origin);
         declare::constants(&mut model, &root, &damage, &mut diagnostics);
         files.check(&root, &source.name, &mut diagnostics);

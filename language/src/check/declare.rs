@@ -12,8 +12,8 @@ use crate::source::{Origin, Span};
 use crate::syntax::SyntaxKind::{self, Constant, RecordType, Type};
 use crate::syntax::ast::{Name, Node};
 
-/// Adds the constants of a tree: they are known everywhere, whatever the order of the text. Of one whose text is damaged
-/// the name is known.
+/// Adds the constants of a tree: they are known everywhere, whatever the order of the text. Of one whose text has
+/// damage, which is in order, the name is known.
 pub(super) fn constants(spec: &mut Spec, root: &Node, damage: &[Span], diagnostics: &mut Vec<Diagnostic>) {
     for item in root.children_of(SyntaxKind::ConstItem) {
         let (Some(name), Some(node)) = (item.title(), item.child(Constant)) else { continue };
@@ -25,7 +25,7 @@ pub(super) fn constants(spec: &mut Spec, root: &Node, damage: &[Span], diagnosti
         let list = node.child(SyntaxKind::List);
         let nodes = list.as_ref().map_or_else(|| vec![node.clone()], |list| list.children_of(Constant).collect());
         let mut values: Vec<Value> = nodes.iter().map(|node| value(node, scope, diagnostics)).collect();
-        let is_damaged = damage.iter().any(|place| item.span().start <= place.start && place.start <= item.span().end);
+        let is_damaged = !within(damage, item.span()).is_empty();
         if is_damaged || values.iter().any(|value| matches!(value.kind, ValueKind::Broken)) {
             values = vec![Value { span: node.span(), kind: ValueKind::Broken, dimension: None }];
         }
@@ -33,7 +33,7 @@ pub(super) fn constants(spec: &mut Spec, root: &Node, damage: &[Span], diagnosti
     }
 }
 
-/// Adds everything else that a tree declares to the spec; `damage` is where its text could not be read.
+/// Adds everything else that a tree declares to the spec; `damage` is where its text could not be read, in order.
 pub(super) fn declare(
     spec: &mut Spec,
     root: &Node,
@@ -41,10 +41,8 @@ pub(super) fn declare(
     damage: &[Span],
     diagnostics: &mut Vec<Diagnostic>,
 ) {
-    let mut damage = damage.to_vec();
-    damage.sort_unstable();
     for item in root.children() {
-        let damage = within(&damage, item.span());
+        let damage = within(damage, item.span());
         if item.kind() == SyntaxKind::TypeItem {
             // What is not known whole is not checked.
             let named = if damage.is_empty() { named_type(&item, is_part, &spec.consts, diagnostics) } else { None };

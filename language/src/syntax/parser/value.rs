@@ -20,12 +20,17 @@ impl Parser<'_> {
 
     /// `name`, `name: Type`, `name: Type = value`.
     fn param(&mut self) -> bool {
+        self.typed(|parser| parser.eat(Colon))
+    }
+
+    /// A name, its type if one `follows`, and its value if it has one.
+    fn typed(&mut self, follows: fn(&mut Self) -> bool) -> bool {
         if !self.at(Ident) {
             return false;
         }
         self.start(SyntaxKind::Param);
         self.bump();
-        if self.eat(Colon) {
+        if follows(self) {
             self.type_name();
         }
         if self.eat(Equals) {
@@ -100,19 +105,7 @@ impl Parser<'_> {
 
     /// `name: Type`, `name: Type = value`: a field has a type.
     fn field_type(&mut self) -> bool {
-        if !self.at(Ident) {
-            return false;
-        }
-        self.start(SyntaxKind::Param);
-        self.bump();
-        if self.expect(Colon) || self.at(Ident) {
-            self.type_name();
-        }
-        if self.eat(Equals) {
-            self.constant();
-        }
-        self.finish();
-        true
+        self.typed(|parser| parser.expect(Colon) || parser.at(Ident))
     }
 
     /// `name = value`
