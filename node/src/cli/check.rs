@@ -128,16 +128,22 @@ fn interfaces(controllers: &Controllers) -> Result<Vec<Source>, Failure> {
 
 /// The texts that a spec is compiled with: the files it uses, and the interfaces of the controllers.
 pub(crate) fn others(spec: &Source, controllers: &Controllers) -> Result<Vec<Source>, Failure> {
-    let mut others = gather(spec, &|path| match entries(path) {
-        Some(entries) => entries.map(Content::Folder),
-        None => std::fs::read_to_string(path).map(Content::File).map_err(|error| error.to_string()),
-    });
+    let read = |path: &str| std::fs::read_to_string(path).map_err(|error| error.to_string());
+    let mut others = gather(spec, &|path| content(path, read));
     others.extend(interfaces(controllers)?);
     Ok(others)
 }
 
+/// What a path in a `use` names: a folder, or else a file, which is read by `read`.
+pub(crate) fn content(path: &str, read: impl FnOnce(&str) -> Result<String, String>) -> Result<Content, String> {
+    match entries(path) {
+        Some(entries) => entries.map(Content::Folder),
+        None => read(path).map(Content::File),
+    }
+}
+
 /// The names of what is in a folder; nothing if the path names no folder.
-pub(crate) fn entries(path: &str) -> Option<Result<Vec<String>, String>> {
+fn entries(path: &str) -> Option<Result<Vec<String>, String>> {
     let told = |error: std::io::Error| error.to_string();
     let folder = Path::new(path).is_dir().then(|| std::fs::read_dir(path))?;
     let names = folder.map_err(told).and_then(|folder| {

@@ -9,7 +9,7 @@ use crate::logic::database::question::{Question, Reply};
 use comms::logic::codec::Enveloped;
 use comms::logic::control::{Dial, Location};
 pub use failure::{Failure, FailureCause, signal_name};
-use language::plan::Plan;
+use language::plan::{MemberKind, Plan};
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::time::Duration;
@@ -42,6 +42,15 @@ pub enum Target {
     Leaf(u32),
     /// Index into `Plan::groups`.
     Group(u32),
+}
+
+impl From<MemberKind> for Target {
+    fn from(member: MemberKind) -> Self {
+        match member {
+            MemberKind::Leaf(leaf) => Self::Leaf(leaf),
+            MemberKind::Group(group) => Self::Group(group),
+        }
+    }
 }
 
 /// From node to node, in order and once (see `link`).

@@ -17,7 +17,7 @@ use crate::logic::protocol::{Change, Deployment, Ending, Failure, FailureCause, 
 use crate::logic::wiring::Registrations;
 use comms::logic::control::Notice;
 use comms::logic::time::Time;
-use language::plan::{MemberKind, Plan};
+use language::plan::Plan;
 use links::Switching;
 use loss::Loss;
 use std::collections::{BTreeMap, BTreeSet};
@@ -378,11 +378,7 @@ fn supervisors(plan: &Plan) -> BTreeMap<Target, (u32, u32)> {
     let mut supervisors = BTreeMap::new();
     for (group, members) in (0_u32..).zip(plan.groups.iter().map(|group| &group.members)) {
         for (slot, member) in (0_u32..).zip(members) {
-            let target = match member.kind {
-                MemberKind::Leaf(leaf) => Target::Leaf(leaf),
-                MemberKind::Group(group) => Target::Group(group),
-            };
-            supervisors.insert(target, (group, slot));
+            supervisors.insert(member.kind.into(), (group, slot));
         }
     }
     supervisors

@@ -189,10 +189,7 @@ impl Workspace {
 
     /// What a path in a `use` names.
     fn content(&self, path: &str) -> Result<Content, String> {
-        match check::entries(path) {
-            Some(entries) => entries.map(Content::Folder),
-            None => self.read(path).map(Content::File),
-        }
+        check::content(path, |path| self.read(path))
     }
 
     /// The text of a file: what the editor has of it counts.

@@ -13,6 +13,11 @@ use dbmanager::logic::view::value::Datum;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
+/// Where parameters are, behind the name of the robot.
+const PARAMETERS: &str = "/params/";
+/// Where the settings of the node are.
+const NODE: &str = "/node/";
+
 /// What is below `robot/<robot>/params/` and `robot/<robot>/node/`.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Settings {
@@ -29,11 +34,12 @@ pub struct Settings {
 impl Settings {
     /// Reads them.
     pub fn of(state: &State, robot: &str) -> Self {
-        let parameters = below(state, &parameters(robot)).map(|(name, datum)| (name, spelt(&datum))).collect();
+        let parameters = below(state, &prefix(robot, PARAMETERS)).map(|(name, datum)| (name, spelt(&datum))).collect();
         let mut settings = Self { parameters, ..Self::default() };
-        for (name, datum) in below(state, &node(robot)) {
+        let node = prefix(robot, NODE);
+        for (name, datum) in below(state, &node) {
             if let Err(why) = settings.set(&name, &datum) {
-                settings.unfit.push(format!("`{}{name}` does nothing: {why}", node(robot)));
+                settings.unfit.push(format!("`{node}{name}` does nothing: {why}"));
             }
         }
         settings
@@ -56,7 +62,8 @@ impl Settings {
 
     /// Returns whether a key is among them.
     pub fn concern(robot: &str, key: &Key) -> bool {
-        [parameters(robot), node(robot)].iter().any(|prefix| key.as_str().starts_with(prefix))
+        let own = key.as_str().strip_prefix("robot/").and_then(|rest| rest.strip_prefix(robot));
+        own.is_some_and(|rest| rest.starts_with(PARAMETERS) || rest.starts_with(NODE))
     }
 
     /// Returns the parameters of one instance, by name.
@@ -70,12 +77,8 @@ impl Settings {
     }
 }
 
-fn parameters(robot: &str) -> String {
-    format!("robot/{robot}/params/")
-}
-
-fn node(robot: &str) -> String {
-    format!("robot/{robot}/node/")
+fn prefix(robot: &str, below: &str) -> String {
+    format!("robot/{robot}{below}")
 }
 
 /// Returns what a read shows of the keys below a prefix, by what follows it.

@@ -15,7 +15,7 @@ use crate::logic::executer::group_host;
 use crate::logic::instance::Instance;
 use crate::logic::protocol::Target;
 use comms::logic::time::Time;
-use language::plan::{LinkLoss, MemberKind};
+use language::plan::LinkLoss;
 use std::collections::BTreeSet;
 
 /// Which hosts cannot be reached.
@@ -124,8 +124,7 @@ impl Tenant {
                     });
                 }
                 Target::Group(group) if self.endures(group) && self.executers.contains_key(&group) => {
-                    let members = self.plan.groups.get(group as usize).map_or(&[][..], |group| &group.members);
-                    targets.extend(members.iter().map(|member| target_of(member.kind)));
+                    targets.extend(self.members(group));
                 }
                 Target::Group(_) => self.stop_for(target, host, out),
             }
@@ -165,10 +164,7 @@ impl Tenant {
         let mut targets = vec![Target::Group(group)];
         while let Some(target) = targets.pop() {
             match target {
-                Target::Group(group) => {
-                    let members = self.plan.groups.get(group as usize).map_or(&[][..], |group| &group.members);
-                    targets.extend(members.iter().map(|member| target_of(member.kind)));
-                }
+                Target::Group(group) => targets.extend(self.members(group)),
                 Target::Leaf(leaf) => {
                     let leaf = self.plan.leaves.get(leaf as usize);
                     if leaf.is_some_and(|leaf| leaf.policy.link_loss != LinkLoss::Leave) {
@@ -179,11 +175,10 @@ impl Tenant {
         }
         false
     }
-}
 
-fn target_of(member: MemberKind) -> Target {
-    match member {
-        MemberKind::Leaf(leaf) => Target::Leaf(leaf),
-        MemberKind::Group(group) => Target::Group(group),
+    /// Returns what a group supervises.
+    fn members(&self, group: u32) -> impl Iterator<Item = Target> {
+        let members = self.plan.groups.get(group as usize).map_or(&[][..], |group| &group.members);
+        members.iter().map(|member| member.kind.into())
     }
 }
