@@ -33,6 +33,16 @@ pub struct Head {
     pub context: Cut,
 }
 
+impl Head {
+    /// Returns the full context of a transaction that is next, and says that it has seen `more`.
+    pub fn seen_after(&self, next: Dot, more: &Cut) -> Cut {
+        let mut context = self.context.clone();
+        context.join(more);
+        context.include(Dot { seq: next.seq.saturating_sub(1), ..next });
+        context
+    }
+}
+
 /// What to do with a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
@@ -87,6 +97,11 @@ impl Log {
         self.heads.get(&origin)
     }
 
+    /// Returns number and link of the last transaction of `origin`; zeros if there is none.
+    pub fn tip(&self, origin: Origin) -> (u64, Link) {
+        self.head(origin).map(|head| (head.seq, head.link)).unwrap_or_default()
+    }
+
     /// Returns the last transaction of every origin.
     pub fn heads(&self) -> &BTreeMap<Origin, Head> {
         &self.heads
@@ -138,10 +153,8 @@ impl Log {
 
     /// Returns the full context of a transaction that is next at its origin.
     pub fn context(&self, txn: &Txn) -> Cut {
-        let mut context = self.head(txn.stamp.origin).map(|head| head.context.clone()).unwrap_or_default();
-        context.join(&txn.context);
-        context.include(Dot { origin: txn.stamp.origin, seq: txn.seq.saturating_sub(1) });
-        context
+        let none = Head::default();
+        self.head(txn.stamp.origin).unwrap_or(&none).seen_after(txn.dot(), &txn.context)
     }
 
     /// Returns what to do with a frame and the transaction in it.

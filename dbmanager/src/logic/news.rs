@@ -55,10 +55,9 @@ impl News {
 }
 
 fn next(head: &Head, header: &Header, link: Link) -> Head {
-    let mut context = head.context.clone();
-    context.join(&header.context);
-    context.include(Dot { origin: header.stamp.origin, seq: head.seq });
-    Head { seq: header.seq, link, stamp: header.stamp, context }
+    let Header { stamp, seq, context, .. } = header;
+    let context = head.seen_after(Dot { origin: stamp.origin, seq: *seq }, context);
+    Head { seq: *seq, link, stamp: *stamp, context }
 }
 
 /// An origin that is not in the context before keeps its name, which must not look like a place.
@@ -70,7 +69,7 @@ fn relative(header: &Header, head: &Head, link: Link) -> Option<Header> {
         Err(_) => (origin.number() >= places).then_some((origin, seq)),
     };
     let Stamp { epoch, hlc, .. } = header.stamp;
-    let ahead = header.wall.millis.wrapping_sub(millis(hlc)).cast_signed();
+    let ahead = header.wall.millis.wrapping_sub(header.stamp.millis()).cast_signed();
     Some(Header {
         stamp: Stamp {
             epoch: epoch.wrapping_sub(head.stamp.epoch),
@@ -93,18 +92,14 @@ fn absolute(said: &Header, head: &Head, origin: Origin) -> Option<Header> {
     };
     let (epoch, hlc) = (said.stamp.epoch.wrapping_add(head.stamp.epoch), said.stamp.hlc.wrapping_add(head.stamp.hlc));
     let ahead = (said.wall.millis >> 1) ^ (said.wall.millis & 1).wrapping_neg();
+    let stamp = Stamp { epoch, hlc, origin };
     Some(Header {
-        stamp: Stamp { epoch, hlc, origin },
+        stamp,
         seq: head.seq.checked_add(1)?,
         prev: head.link,
-        wall: Wall { millis: millis(hlc).wrapping_add(ahead), ..said.wall },
+        wall: Wall { millis: stamp.millis().wrapping_add(ahead), ..said.wall },
         context: said.context.iter().map(meant).collect::<Option<Cut>>()?,
     })
-}
-
-/// What the stamp says of the time.
-fn millis(hlc: u64) -> u64 {
-    hlc >> 16
 }
 
 #[cfg(test)]

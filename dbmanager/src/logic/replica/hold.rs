@@ -85,7 +85,7 @@ impl Replica {
         if have.contains(dot) {
             return true;
         }
-        let before = || self.log.head(dot.origin).map(|head| (head.seq, head.link)).unwrap_or_default();
+        let before = || self.log.tip(dot.origin);
         let (last, link) = self.held.heads.get(&dot.origin).copied().unwrap_or_else(before);
         let fits = self.held.size + frame.size() <= HELD_SIZE_MAX;
         if seq != last + 1 || prev != link || !have.dominates(&context) || !fits {

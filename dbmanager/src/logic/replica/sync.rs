@@ -9,7 +9,6 @@
 
 use super::{Alarm, Effect, Replica};
 use crate::logic::cut::Origin;
-use crate::logic::log::Head;
 use crate::logic::message::{CHUNK_SIZE_MAX, Chunk, Hello, Join, Message, Pull};
 use crate::logic::mutant::Mutant;
 use crate::logic::record::Past;
@@ -213,8 +212,6 @@ impl Replica {
     }
 
     fn hello(&self) -> Hello {
-        let none = Head::default();
-        let head = self.log.head(self.identity.origin).unwrap_or(&none);
         Hello {
             robot: self.identity.robot.clone(),
             boot: self.boot,
@@ -225,7 +222,7 @@ impl Replica {
             chains: self.log.chains(),
             held: self.held.cut().digest(),
             state: self.state.digest(),
-            head: (head.seq, head.link),
+            head: self.log.tip(self.identity.origin),
             wall: self.wall,
         }
     }
@@ -261,11 +258,8 @@ impl Replica {
             }
             return;
         }
-        let none = Head::default();
-        let known = self.log.head(from).unwrap_or(&none);
-        let (seq, link) = hello.head;
-        if seq < known.seq || seq == known.seq && link != known.link {
-            let (seq, link) = (known.seq, known.link);
+        let (head, (seq, link)) = (hello.head, self.log.tip(from));
+        if head.0 < seq || head.0 == seq && head.1 != link {
             // An old hello may have been overtaken by what it announces: who gets this knows better.
             effects.push(Effect::Send(from, Message::Chunk(Chunk::Fork { seq, link })));
         } else if hello.cut == self.log.cut().digest() {
@@ -293,8 +287,8 @@ impl Replica {
             return self.sponsor(now, (from, join), effects);
         }
         if pull.cut.get(from) < self.log.cut().get(from) {
-            let head = self.log.head(from).cloned().unwrap_or_default();
-            effects.push(Effect::Send(from, Message::Chunk(Chunk::Fork { seq: head.seq, link: head.link })));
+            let (seq, link) = self.log.tip(from);
+            effects.push(Effect::Send(from, Message::Chunk(Chunk::Fork { seq, link })));
             return;
         }
         if let Some(behind) = self.behind(from, &pull.cut) {

@@ -9,7 +9,7 @@
 
 use super::{Alarm, Effect, Replica};
 use crate::logic::cut::{Cut, Dot, Origin};
-use crate::logic::log::{Head, Verdict};
+use crate::logic::log::Verdict;
 use crate::logic::message::{Chunk, Message};
 use crate::logic::mutant::Mutant;
 use crate::logic::news::News;
@@ -27,14 +27,14 @@ impl Replica {
         let mut missing = false;
         let mut waiting: Vec<Origin> = Vec::new();
         for frame in frames {
-            let waits = frame.open().ok().filter(|txn| txn.wants_ack).map(|txn| txn.stamp.origin);
-            let origin = frame.open().map(|txn| txn.stamp.origin);
+            let written = frame.open().map(|txn| (txn.stamp.origin, txn.wants_ack)).ok();
+            let waits = written.filter(|(_, wants_ack)| *wants_ack).map(|(origin, _)| origin);
             match self.apply(now, frame.clone(), effects) {
                 Ok(Verdict::Next) => waiting.extend(waits.filter(|origin| !waiting.contains(origin))),
                 Ok(Verdict::Known) => {}
                 Ok(Verdict::Early) => missing |= !self.hold(&frame),
                 Ok(Verdict::Fork) => {
-                    self.tell_fork(origin.unwrap_or(from), effects);
+                    self.tell_fork(written.map_or(from, |(origin, _)| origin), effects);
                     missing = true;
                 }
                 Err(FrameError::Format { format }) => {
@@ -70,9 +70,9 @@ impl Replica {
 
     /// An origin has used a number twice.
     fn tell_fork(&self, origin: Origin, effects: &mut Vec<Effect>) {
-        let head = self.log.head(origin).cloned().unwrap_or_default();
+        let (seq, link) = self.log.tip(origin);
         effects.push(Effect::Alarm(Alarm::Fork(origin)));
-        effects.push(Effect::Send(origin, Message::Chunk(Chunk::Fork { seq: head.seq, link: head.link })));
+        effects.push(Effect::Send(origin, Message::Chunk(Chunk::Fork { seq, link })));
     }
 
     /// A peer knows the own transaction `seq` by this link.
@@ -84,9 +84,8 @@ impl Replica {
         // If that frame is gone, the next one still says what it was.
         let next = || Some(self.log.frame(Dot { origin, seq: seq.checked_add(1)? })?.open().ok()?.prev);
         let known = self.log.frame(Dot { origin, seq }).map(Frame::link).or_else(next);
-        let none = Head::default();
-        let head = self.log.head(origin).unwrap_or(&none);
-        let older = seq > head.seq || seq == head.seq && link != head.link;
+        let tip = self.log.tip(origin);
+        let older = seq > tip.0 || seq == tip.0 && link != tip.1;
         if older || known.is_some_and(|known| known != link) {
             self.rejoin(now, true, effects);
         }
