@@ -373,15 +373,21 @@ impl Reference {
     /// Returns whether two writes to a key, or what has overwritten them knowingly, were shown as a conflict (I10), or
     /// one of them was deleted knowingly: then nobody may know of that deletion any more.
     pub(crate) fn is_listed(&self, key: &Key, a: Id, b: Id) -> bool {
+        let writers = || self.events.iter().filter(|(_, event)| event.txn.writes.iter().any(|write| write.key == *key));
+        let deletes = |event: &Event| event.txn.writes.iter().any(|write| write.key == *key && write.value.is_none());
         let heirs = |id: Id| {
-            let lives = self.lives(id);
-            let sees = |event: &&Event| {
-                let writes = event.txn.writes.iter().any(|write| write.key == *key);
-                writes && lives.iter().any(|(dot, _)| event.context.contains(*dot) || event.txn.dot() == *dot)
-            };
-            let deletes =
-                |event: &Event| event.txn.writes.iter().any(|write| write.key == *key && write.value.is_none());
-            let heirs: Vec<&Event> = self.events.values().filter(sees).collect();
+            // Who has seen an heir under another name may not have seen what that had overwritten.
+            let mut lives: BTreeSet<Id> = self.lives(id).into_iter().collect();
+            loop {
+                let sees = |event: &Event| lives.iter().any(|(dot, _)| event.context.contains(*dot));
+                let heirs = writers().filter(|(_, event)| sees(event)).flat_map(|(id, _)| self.lives(*id));
+                let more: Vec<Id> = heirs.filter(|id| !lives.contains(id)).collect();
+                if more.is_empty() {
+                    break;
+                }
+                lives.extend(more);
+            }
+            let heirs: Vec<&Event> = writers().filter(|(id, _)| lives.contains(id)).map(|(_, event)| event).collect();
             let deleted = heirs.iter().any(|event| deletes(event));
             (heirs.iter().map(|event| event.txn.written()).collect::<BTreeSet<_>>(), deleted)
         };
