@@ -116,6 +116,8 @@ struct Heard {
     at: Time,
     /// Whether it said that it belongs to a team.
     member: bool,
+    /// What its clock said, and what ours did.
+    walls: Option<(Wall, Wall)>,
 }
 
 /// A question of another replica that the present turn may answer.
@@ -247,11 +249,14 @@ impl Database {
     }
 
     fn hear(&mut self, now: Time, letter: &Letter) {
-        let known = self.heard.get(&letter.from).is_some_and(|heard| heard.member);
-        let member = if let Message::Hello(hello) = &letter.message { hello.member } else { known };
+        let known = self.heard.get(&letter.from).map(|heard| (heard.member, heard.walls));
+        let (member, walls) = match &letter.message {
+            Message::Hello(hello) => (hello.member, Some((hello.wall, self.wall))),
+            _ => known.unwrap_or_default(),
+        };
         let other = letter.from != self.replica.address();
         if other && (self.heard.len() < HEARD_MAX || self.heard.contains_key(&letter.from)) {
-            self.heard.insert(letter.from, Heard { at: now, member });
+            self.heard.insert(letter.from, Heard { at: now, member, walls });
         }
     }
 

@@ -296,6 +296,17 @@ pub struct MemberStatus {
     pub ahead: u64,
     /// Whether what it lacks keeps deleted keys and old transactions from being forgotten.
     pub pins: bool,
+    /// Its clock, as far as it has said.
+    pub clock: Option<Clock>,
+}
+
+/// The clock of another robot.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Clock {
+    /// How far it is to be believed: `unset`, `battery`, `network` or `satellite`.
+    pub quality: String,
+    /// By how many milliseconds it was ahead of the clock of whoever was asked, when it said so; the way between them included.
+    pub ahead: i64,
 }
 
 impl From<Commit> for Wish {

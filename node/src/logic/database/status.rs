@@ -1,9 +1,9 @@
 //! How a replica and its team are: who is behind, by how much, and who keeps old things from being forgotten.
 
 use super::Database;
-use super::question::{MemberStatus, Status};
+use super::question::{Clock, MemberStatus, Status};
 use comms::logic::time::Time;
-use dbmanager::logic::clock::Quality;
+use dbmanager::logic::clock::{Quality, Wall};
 use dbmanager::logic::cut::Cut;
 use dbmanager::logic::view::past::Past;
 use std::time::Duration;
@@ -28,6 +28,7 @@ impl Database {
                 lacks: past.lag(said),
                 ahead: missing(said, cut),
                 pins: stable.pinned_by.contains(&origin),
+                clock: self.heard.get(&origin).and_then(|heard| heard.walls).map(clock),
             }
         };
         let mut members: Vec<MemberStatus> = self.replica.members().active().map(member).collect();
@@ -51,6 +52,10 @@ impl Database {
             alarms: self.alarms.iter().cloned().collect(),
         }
     }
+}
+
+fn clock((theirs, ours): (Wall, Wall)) -> Clock {
+    Clock { quality: quality(theirs.quality).to_owned(), ahead: theirs.millis.wrapping_sub(ours.millis).cast_signed() }
 }
 
 /// Returns how many transactions of `whole` are not in `part`.

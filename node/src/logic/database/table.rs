@@ -1,6 +1,6 @@
 //! `dca db status` as text: who is in the team, who is behind and by how much, and what keeps old things alive.
 
-use super::question::{MemberStatus, Status};
+use super::question::{Clock, MemberStatus, Status};
 use crate::logic::table::table;
 use dbmanager::logic::view::date;
 use dbmanager::logic::view::status::Lag;
@@ -8,12 +8,14 @@ use std::time::Duration;
 
 /// How many digits of a state are shown: enough to compare two by eye.
 const DIGITS: usize = 12;
+/// How far apart clocks are before that is told; what is less is the way between two robots, or of no consequence.
+const APART: Duration = Duration::from_secs(10);
 
 /// Returns a status as text.
 pub fn status(status: &Status) -> String {
     let mut blocks = vec![headline(status)];
     if !status.members.is_empty() {
-        let mut rows = vec![["ROBOT", "HEARD", "LACKS", "AHEAD", ""].map(str::to_owned).to_vec()];
+        let mut rows = vec![["ROBOT", "HEARD", "CLOCK", "LACKS", "AHEAD", ""].map(str::to_owned).to_vec()];
         rows.extend(status.members.iter().map(|member| row(status, member)));
         blocks.push(indented(&table(&rows)));
     }
@@ -59,7 +61,17 @@ fn row(status: &Status, member: &MemberStatus) -> Vec<String> {
     let twice = status.members.iter().filter(|other| other.robot == member.robot).count() > 1;
     let name = if twice { format!("{} ({})", member.robot, member.origin) } else { member.robot.clone() };
     let pins = if member.pins && !me { "nothing older is forgotten until it is back, or retired" } else { "" };
-    vec![name, heard, if me { "-".to_owned() } else { lag(member.lacks) }, count(member.ahead), pins.to_owned()]
+    let clock = if me { status.clock.clone() } else { member.clock.as_ref().map_or("-".to_owned(), apart) };
+    vec![name, heard, clock, if me { "-".to_owned() } else { lag(member.lacks) }, count(member.ahead), pins.to_owned()]
+}
+
+/// Returns what a clock is kept by, and how wrong it is beside the own one.
+fn apart(clock: &Clock) -> String {
+    let Clock { quality, ahead } = clock;
+    match Duration::from_millis(ahead.unsigned_abs()) {
+        apart if apart < APART => quality.clone(),
+        apart => format!("{quality}, {} {}", span(apart), if *ahead > 0 { "ahead" } else { "behind" }),
+    }
 }
 
 /// Returns what somebody lacks: how much, and since when.
@@ -138,7 +150,12 @@ mod tests {
         let heard = heard.map(Duration::from_secs);
         let since = (lacks > 0).then_some(When { millis: 1_795_255_200_000, trusted: true });
         let lag = Lag { transactions: lacks, bytes: 100 * lacks, dropped: 0, since };
-        MemberStatus { robot: robot.into(), origin: Origin::new(number), heard, lacks: lag, ahead: 0, pins: lacks > 0 }
+        let clock = heard.map(|heard| Clock {
+            quality: if lacks > 0 { "unset" } else { "network" }.into(),
+            ahead: if lacks > 0 { -i64::try_from(heard.as_millis()).unwrap() * 3600 } else { 8 },
+        });
+        let (robot, origin, pins) = (robot.into(), Origin::new(number), lacks > 0);
+        MemberStatus { robot, origin, heard, lacks: lag, ahead: 0, pins, clock }
     }
 
     fn team(members: Vec<MemberStatus>) -> Status {
@@ -168,10 +185,10 @@ mod tests {
         expect![[r#"
             team `dca`, as `r1` sees it: 1 of 2 others lack something
 
-              ROBOT  HEARD       LACKS                                  AHEAD
-              r1     this robot  -                                      -
-              r2     1.0 s ago   -                                      -
-              r3     12 min ago  14 (1 KiB), since 2026-11-21 10:00:00  -      nothing older is forgotten until it is back, or retired
+              ROBOT  HEARD       CLOCK                  LACKS                                  AHEAD
+              r1     this robot  unset                  -                                      -
+              r2     1.0 s ago   network                -                                      -
+              r3     12 min ago  unset, 30 days behind  14 (1 KiB), since 2026-11-21 10:00:00  -      nothing older is forgotten until it is back, or retired
 
               holds  12 keys, 1 conflict: `dca db conflicts` lists them
               log    34 transactions, 4 KiB
