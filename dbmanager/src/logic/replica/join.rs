@@ -30,8 +30,9 @@ use comms::logic::time::Time;
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
-/// How long a chunk is waited for at least before it is asked for once more; each time twice as long.
-const CHUNK_TIME: Duration = Duration::from_secs(2);
+/// How long a chunk is waited for at least before it is asked for once more, each time twice as long; and at most, which is
+/// twice what it takes on the slowest radio. One that was lost looks as if it took long.
+const CHUNK_TIME: [Duration; 2] = [Duration::from_secs(2), Duration::from_secs(20)];
 /// How often.
 const TRIES_MAX: u32 = 3;
 /// If chunks come faster than this after each other, more of them are asked for at a time.
@@ -91,7 +92,7 @@ impl Offer {
 
 impl Download {
     fn new(now: Time, from: Origin, manifest: Manifest, chunks: BTreeMap<Name, Vec<u8>>) -> Self {
-        let (asked, patience) = (BTreeSet::new(), CHUNK_TIME);
+        let (asked, patience) = (BTreeSet::new(), CHUNK_TIME[0]);
         Self { from, manifest, chunks, asked, window: 1, since: now, patience, until: now + patience, tries: 0 }
     }
 
@@ -100,8 +101,16 @@ impl Download {
         self.chunks.insert(name, bytes);
         let took = now.since(self.since);
         self.window = if took <= CHUNK_TIME_FAST { (2 * self.window).min(CHUNKS_ASKED_MAX) } else { 1 };
-        self.patience = CHUNK_TIME.max(2 * took);
+        self.patience = (2 * took).clamp(CHUNK_TIME[0], CHUNK_TIME[1]);
         (self.since, self.until, self.tries) = (now, now + self.patience, 0);
+    }
+
+    /// No chunk has come: what was asked for is asked for once more, one at a time.
+    fn again(&mut self, now: Time) {
+        self.tries += 1;
+        self.until = now + (self.patience * (1 << self.tries.min(TRIES_MAX))).min(CHUNK_TIME[1]);
+        self.asked.clear();
+        self.window = 1;
     }
 
     /// Returns the chunks to ask for now.
@@ -190,13 +199,10 @@ impl Replica {
 
     pub(super) fn tick_download(&mut self, now: Time, effects: &mut Vec<Effect>) {
         let Some(download) = self.download.as_mut().filter(|download| download.until <= now) else { return };
-        download.tries += 1;
-        if download.tries > TRIES_MAX && !self.config.mutant.is(Mutant::DownloadForEver) {
+        if download.tries >= TRIES_MAX && !self.config.mutant.is(Mutant::DownloadForEver) {
             return self.break_off();
         }
-        download.until = now + download.patience * (1 << download.tries.min(TRIES_MAX));
-        download.asked.clear();
-        download.window = 1;
+        download.again(now);
         effects.extend(download.ask());
     }
 
@@ -322,5 +328,24 @@ impl Replica {
         for (key, versions) in self.state.scan("") {
             self.batch.versions(key, versions);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn losses_are_not_taken_for_a_link_that_becomes_slower_and_slower() {
+        let manifest = Manifest { heads: Vec::new(), state: 0, chunks: vec![Name::of(b"a"), Name::of(b"b")] };
+        let mut download = Download::new(Time::ZERO, Origin::new(1), manifest, BTreeMap::new());
+        let hour = Time::ZERO + Duration::from_secs(3600);
+        download.arrived(hour, Name::of(b"a"), b"a".to_vec());
+        let mut now = hour;
+        for _ in 0..TRIES_MAX {
+            now = download.until;
+            download.again(now);
+        }
+        assert!(now.since(hour) <= CHUNK_TIME[1] * TRIES_MAX, "it waits for {:?}", now.since(hour));
     }
 }
