@@ -4,7 +4,7 @@
 //! a link that is lost is dialled again until the session closes. Nothing here needs tokio, and nothing may be called from
 //! a tokio task.
 
-use crate::io::session::{OpenError, Opened, Reach, Settings, addresses, unix_locator};
+use crate::io::session::{OpenError, Opened, Reach, Redial, Settings, addresses, unix_locator};
 use crate::logic::control::{Dial, Location};
 use std::borrow::Cow;
 use std::path::Path;
@@ -110,7 +110,7 @@ impl DataSession {
             Reach::Host => {}
             Reach::Lan => listen.extend(addresses().iter().map(|address| format!("tcp/{address}:0"))),
         }
-        Ok(Self { opened: Opened::open(Settings::data().listen(&listen))? })
+        Ok(Self { opened: Opened::open(Settings::data().listen(&listen), Redial::Told)? })
     }
 
     /// Opens a data session that only dials.
@@ -118,7 +118,7 @@ impl DataSession {
     /// # Errors
     /// If zenoh refuses.
     pub fn open_observer() -> Result<Self, OpenError> {
-        Ok(Self { opened: Opened::open(Settings::data())? })
+        Ok(Self { opened: Opened::open(Settings::data(), Redial::Told)? })
     }
 
     /// Returns where others can dial this session.

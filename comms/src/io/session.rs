@@ -14,7 +14,7 @@ mod open;
 pub use call::{CallError, Replies, Request, Server};
 pub(crate) use config::{Settings, unix_locator};
 pub use message::{Presence, Subscription, Token, Watch};
-pub(crate) use open::{Opened, addresses, plain};
+pub(crate) use open::{Opened, Redial, addresses, plain};
 
 use crate::logic::key::HostName;
 use config::Scouting;
@@ -157,7 +157,7 @@ impl Session {
             }
         };
         let settings = Settings::node(scouting).listen(&listen).connect(&options.peers);
-        let session = Self::open(settings, Opened::keep_found).await?;
+        let session = Self::open(settings, Redial::Found).await?;
         tracing::debug!(host = options.name.as_str(), locators = ?session.locators(), "node session is open");
         Ok(session)
     }
@@ -174,7 +174,7 @@ impl Session {
         // Asks the socket first: the system says why, zenoh only that.
         UnixStream::connect(socket)
             .map_err(|cause| OpenError::NoNode { path: socket.to_owned(), cause: cause.to_string() })?;
-        Self::open(Settings::client(&locator), |_| Ok(())).await
+        Self::open(Settings::client(&locator), Redial::Told).await
     }
 
     /// Opens the session of a command line on a host without a node: looks for nodes on the local network, and returns
@@ -186,16 +186,12 @@ impl Session {
     /// # Cancellation
     /// The session is opened and closed again in the background.
     pub async fn open_scout() -> Result<Self, OpenError> {
-        Self::open(Settings::node(Scouting::Ask).await_peers(SCOUT_MS), |_| Ok(())).await
+        Self::open(Settings::node(Scouting::Ask).await_peers(SCOUT_MS), Redial::Told).await
     }
 
-    async fn open(settings: Settings, then: fn(&Opened) -> Result<(), OpenError>) -> Result<Self, OpenError> {
+    async fn open(settings: Settings, redial: Redial) -> Result<Self, OpenError> {
         // Zenoh blocks while it opens, and panics on a single-threaded runtime.
-        let opening = on_thread("dca-open", move || {
-            let opened = Opened::open(settings)?;
-            then(&opened)?;
-            Ok(Self { opened })
-        });
+        let opening = on_thread("dca-open", move || Ok(Self { opened: Opened::open(settings, redial)? }));
         opening.await.ok_or(OpenError::NoThread)?
     }
 

@@ -25,8 +25,8 @@ const RETRY_MAX: Duration = Duration::from_millis(500);
 /// How long a node that scouting found is dialled where it was; after that only scouting finds it, which takes up to 8 s
 /// more. A node that was started again listens elsewhere.
 const FOUND_AGAIN_WITHIN: Duration = Duration::from_secs(60);
-/// Lost links whose loss has not been looked at yet. More can only be lost by a process with more peers than that.
-const LOSSES_MAX: usize = 1024;
+/// Links made and lost that have not been looked at yet. More can only be made or lost by a process with more peers than that.
+const CHANGES_MAX: usize = 1024;
 
 /// A session that can dial.
 pub(crate) struct Opened {
@@ -34,8 +34,24 @@ pub(crate) struct Opened {
     runtime: Runtime,
     links: Arc<Mutex<Links>>,
     keeper: tokio::task::JoinHandle<()>,
-    /// What the keeper is to dial, beside what is lost.
-    to_dial: Arc<Sender<String>>,
+    to_keeper: Arc<Sender<Change>>,
+}
+
+/// Which peers are dialled again when their links are lost.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Redial {
+    /// Those that the session was told to dial.
+    Told,
+    /// Also those that scouting found: scouting itself asks only every 8 s.
+    Found,
+}
+
+/// What the keeper hears of.
+enum Change {
+    /// A TCP link was made.
+    Made { session: String, from: Locator, to: Locator },
+    /// A link was lost, or is to be made.
+    Wanted(String),
 }
 
 /// Links by session id.
@@ -64,51 +80,31 @@ impl std::fmt::Debug for Opened {
 
 impl Opened {
     /// Opens a session. Blocks; must not be called from a task.
-    pub(crate) fn open(settings: Settings) -> Result<Self, OpenError> {
+    pub(crate) fn open(settings: Settings, redial: Redial) -> Result<Self, OpenError> {
         let failed = |cause: zenoh::Error| OpenError::Zenoh { cause: plain(&cause) };
-        let runtime = ZRuntime::Net
-            .block_in_place(async {
-                let mut runtime = RuntimeBuilder::new(settings.into_config()).build().await?;
-                match runtime.start().await {
-                    Ok(()) => Ok(runtime),
-                    Err(cause) => {
-                        runtime
-                            .close()
-                            .await
-                            .unwrap_or_else(|error| tracing::debug!(%error, "a session did not close"));
-                        Err(cause)
-                    }
-                }
-            })
-            .map_err(failed)?;
+        let building = async { RuntimeBuilder::new(settings.into_config()).build().await };
+        let mut runtime = ZRuntime::Net.block_in_place(building).map_err(failed)?;
+        let session = zenoh::session::init(runtime.clone().into()).wait().map_err(failed)?;
+        let (to_keeper, changes) = queue::channel(Policy::reject(CHANGES_MAX));
+        let (to_keeper, links) = (Arc::new(to_keeper), Arc::new(Mutex::new(Links::default())));
+        // Before it starts: of links that stand already zenoh never says that they are lost.
+        watch_links(&session, redial, &links, &to_keeper).map_err(failed)?;
+        let started = ZRuntime::Net.block_in_place(runtime.start());
         for locator in runtime.get_locators() {
             if locator.protocol().as_str() == "unixsock-stream" {
                 keep_from_children(&format!("{}.lock", locator.address().as_str()));
             }
         }
-        let session = zenoh::session::init(runtime.clone().into()).wait().map_err(failed)?;
-        let (to_dial, lost) = queue::channel(Policy::reject(LOSSES_MAX));
-        let to_dial = Arc::new(to_dial);
-        let lost_tx = Arc::clone(&to_dial);
-        let links = Arc::new(Mutex::new(Links::default()));
-        let noted = Arc::clone(&links);
-        let on_event = move |event: TransportEvent| {
-            let session = event.transport().zid().to_string();
-            match event.kind() {
-                SampleKind::Put => {
-                    lock(&noted).standing.insert(session);
-                }
-                SampleKind::Delete => {
-                    lock(&noted).standing.remove(&session);
-                    lost_tx.push(session);
-                }
+        // After it has started: only then it is known where it listens.
+        let keeper = ZRuntime::Net.spawn(keep(runtime.clone(), Arc::clone(&links), changes));
+        let opened = Self { session, runtime, links, keeper, to_keeper };
+        match started {
+            Ok(()) => Ok(opened),
+            Err(cause) => {
+                opened.close();
+                Err(failed(cause))
             }
-        };
-        let info = session.info();
-        let listener = info.transport_events_listener().history(true).callback(on_event).background();
-        listener.wait().map_err(failed)?;
-        let keeper = ZRuntime::Net.spawn(keep(runtime.clone(), Arc::clone(&links), lost));
-        Ok(Self { session, runtime, links, keeper, to_dial })
+        }
     }
 
     /// Returns the session's id as it is written in a `Dial`.
@@ -153,7 +149,7 @@ impl Opened {
             return Ok(());
         }
         lock(&self.links).kept.insert(session.to_owned(), Place { locators, within: None });
-        match self.to_dial.push(session.to_owned()) {
+        match self.to_keeper.push(Change::Wanted(session.to_owned())) {
             Pushed::Stored | Pushed::Replaced(_) => Ok(()),
             Pushed::Rejected(_) => Err("too many links are lost".to_owned()),
         }
@@ -162,23 +158,6 @@ impl Opened {
     /// Dials a peer no more; a link that stands is left alone.
     pub(crate) fn forget(&self, session: &str) {
         lock(&self.links).kept.remove(session);
-    }
-
-    /// Dials peers that scouting found again when their link is lost: scouting itself asks only every 8 s.
-    pub(crate) fn keep_found(&self) -> Result<(), OpenError> {
-        let (runtime, links) = (self.runtime.clone(), Arc::clone(&self.links));
-        let on_event = move |event: LinkEvent| {
-            let link = event.link();
-            // The other side of a link that we accepted listens elsewhere, and dials us.
-            let dialled = link.dst().protocol().as_str() == "tcp" && !runtime.get_locators().contains(link.src());
-            if event.kind() == SampleKind::Put && dialled {
-                let place = Place { locators: vec![link.dst().clone()], within: Some(FOUND_AGAIN_WITHIN) };
-                lock(&links).kept.entry(link.zid().to_string()).or_insert(place);
-            }
-        };
-        let info = self.session.info();
-        let listener = info.link_events_listener().history(true).callback(on_event).background();
-        listener.wait().map_err(|cause| OpenError::Zenoh { cause: plain(&cause) })
     }
 
     /// Closes the session. Blocks for up to 20 s when a peer has vanished without a word.
@@ -190,15 +169,62 @@ impl Opened {
     }
 }
 
+/// Notes which links stand, and tells the keeper of what it has to know.
+fn watch_links(
+    session: &zenoh::Session,
+    redial: Redial,
+    links: &Arc<Mutex<Links>>,
+    to_keeper: &Arc<Sender<Change>>,
+) -> zenoh::Result<()> {
+    let (links, lost) = (Arc::clone(links), Arc::clone(to_keeper));
+    let on_transport = move |event: TransportEvent| {
+        let session = event.transport().zid().to_string();
+        match event.kind() {
+            SampleKind::Put => {
+                lock(&links).standing.insert(session);
+            }
+            SampleKind::Delete => {
+                lock(&links).standing.remove(&session);
+                lost.push(Change::Wanted(session));
+            }
+        }
+    };
+    let info = session.info();
+    info.transport_events_listener().history(true).callback(on_transport).background().wait()?;
+    if redial == Redial::Told {
+        return Ok(());
+    }
+    let made = Arc::clone(to_keeper);
+    let on_link = move |event: LinkEvent| {
+        let link = event.link();
+        if event.kind() == SampleKind::Put && link.dst().protocol().as_str() == "tcp" {
+            let (from, to) = (link.src().clone(), link.dst().clone());
+            made.push(Change::Made { session: link.zid().to_string(), from, to });
+        }
+    };
+    info.link_events_listener().history(true).callback(on_link).background().wait()
+}
+
 /// Dials kept peers again as their links are lost, until the session closes.
-async fn keep(runtime: Runtime, links: Arc<Mutex<Links>>, mut lost: Receiver<String>) {
+async fn keep(runtime: Runtime, links: Arc<Mutex<Links>>, mut changes: Receiver<Change>) {
     let mut dialling = JoinSet::new();
     loop {
-        let session = tokio::select! {
-            session = lost.recv() => session,
+        let change = tokio::select! {
+            change = changes.recv() => change,
             Some(_) = dialling.join_next() => continue,
         };
-        let Some(session) = session else { return };
+        let session = match change {
+            None => return,
+            Some(Change::Made { session, from, to }) => {
+                // The other side of a link that we accepted listens elsewhere, and dials us.
+                if !runtime.get_locators().contains(&from) {
+                    let place = Place { locators: vec![to], within: Some(FOUND_AGAIN_WITHIN) };
+                    lock(&links).kept.entry(session).or_insert(place);
+                }
+                continue;
+            }
+            Some(Change::Wanted(session)) => session,
+        };
         let Some(place) = lock(&links).kept.get(&session).cloned() else { continue };
         let Ok(id) = session.parse() else { continue };
         tracing::debug!(session, "link lost, dialling again");
@@ -277,4 +303,34 @@ pub(crate) fn plain(cause: &zenoh::Error) -> String {
 fn lock(links: &Mutex<Links>) -> MutexGuard<'_, Links> {
     // Maps of plain values are valid whatever happened to the thread that held them.
     links.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::config::{Scouting, unix_locator};
+    use super::*;
+    use std::sync::mpsc::sync_channel;
+
+    /// A link may stand as soon as a session begins to listen and to dial; its loss is heard all the same.
+    #[test]
+    fn the_loss_of_the_very_first_link_is_heard() {
+        let path = std::env::temp_dir().join(format!("dca-open-{}.sock", std::process::id()));
+        let locator = unix_locator(&path).unwrap();
+        let listening = Settings::node(Scouting::Off).listen(std::slice::from_ref(&locator));
+        let node = Opened::open(listening, Redial::Found).unwrap();
+        // A client is linked before it is open.
+        let client = Opened::open(Settings::client(&locator), Redial::Told).unwrap();
+        let (events_tx, events) = sync_channel(4);
+        let on_event = move |event: TransportEvent| {
+            events_tx.try_send((event.kind(), event.transport().zid().to_string())).unwrap();
+        };
+        let info = client.session.info();
+        let _listener = info.transport_events_listener().history(true).callback(on_event).wait().unwrap();
+        let within = Duration::from_secs(20);
+        assert_eq!(events.recv_timeout(within), Ok((SampleKind::Put, node.id())));
+        let id = node.id();
+        node.close();
+        assert_eq!(events.recv_timeout(within), Ok((SampleKind::Delete, id)));
+        client.close();
+    }
 }
