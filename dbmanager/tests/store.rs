@@ -17,8 +17,8 @@ mod disk;
 mod identity;
 #[path = "store/laws.rs"]
 mod laws;
-#[path = "store/on_redb.rs"]
-mod on_redb;
+#[path = "store/on_sled.rs"]
+mod on_sled;
 #[path = "store/platter.rs"]
 mod platter;
 #[path = "store/power_cut.rs"]
@@ -39,6 +39,9 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
+
+/// The file in the folder of a store.
+const RECORDS: &str = "records.redb";
 
 /// A folder that is gone after the test.
 struct Folder(PathBuf);
@@ -65,6 +68,11 @@ impl Folder {
 
     fn store(&self) -> PathBuf {
         self.0.join("db")
+    }
+
+    /// Returns the file in which the store has its records.
+    fn records(&self) -> PathBuf {
+        self.store().join(RECORDS)
     }
 }
 
@@ -97,8 +105,8 @@ struct Robot<S> {
 impl<S: Store> Robot<S> {
     /// Opens the replica in a store, and founds its team.
     fn open(store: S) -> Result<Self, String> {
-        let records = store.load().map_err(|error| error.to_string())?;
-        let replica = Replica::open(config(), &records).map_err(|error| error.to_string())?;
+        let stored = store.read().map_err(|error| error.to_string())?;
+        let replica = Replica::open(config(), stored).map_err(|error| error.to_string())?;
         let mut robot = Self { replica, store, now: Time::ZERO };
         robot.tell(Input::Found(Wall::default()))?;
         Ok(robot)

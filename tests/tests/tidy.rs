@@ -344,11 +344,11 @@ fn one_place_reads_a_clock() {
 
 #[test]
 fn one_place_names_the_engine_of_the_store() {
-    only_in("only the store on sled names sled", &["dbmanager/src/io/store/on_sled.rs"], &["sled::"]);
+    only_in("only the store on redb names redb", &["dbmanager/src/io/store/on_redb.rs"], &["redb::"]);
     let all = sources();
-    let others = all.iter().filter(|source| source.path != "dbmanager/tests/store/on_redb.rs");
-    let wrong = broken(others, Strings::Emptied, |_, line| names(line, "redb::").then(|| line.trim().to_owned()));
-    check("only the reference names redb, and no robot has it", &wrong);
+    let others = all.iter().filter(|source| source.path != "dbmanager/tests/store/on_sled.rs");
+    let wrong = broken(others, Strings::Emptied, |_, line| names(line, "sled::").then(|| line.trim().to_owned()));
+    check("only the reference names sled, and no robot has it", &wrong);
 }
 
 #[test]

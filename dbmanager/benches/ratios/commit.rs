@@ -1,8 +1,8 @@
 //! One caller commits, and waits for the disk: beside a bare append with `fdatasync` of as many bytes, the same replica on
-//! redb, and etcd alone on this machine.
+//! sled, and etcd alone on this machine.
 
 use crate::etcd::Etcd;
-use crate::on_redb::RedbStore;
+use crate::on_sled::SledStore;
 use crate::robot::{self, KEY_AND_VALUE, Robot, dir_store, request};
 use crate::table::{Reach, Samples, Table};
 use crate::{Failure, say};
@@ -25,17 +25,17 @@ const IDENTITY_SIZE: usize = 29;
 pub(crate) fn measure(folder: &Path, table: &mut Table) -> Result<(), Failure> {
     let mut raw_file = File::create(folder.join("raw"))?;
     let mut ours = Robot::open(dir_store(folder, "db")?)?;
-    let mut redb = Robot::open(RedbStore::open(&folder.join("redb"))?)?;
+    let mut sled = Robot::open(SledStore::open(&folder.join("sled"))?)?;
     let mut etcd = Etcd::start(&folder.join("etcd"))?;
     if etcd.is_none() {
         say("skipped: etcd is not installed (Debian: etcd-server)")?;
     }
-    let [mut of_raw, mut of_ours, mut of_redb, mut of_etcd] = [(); 4].map(|()| Samples::default());
+    let [mut of_raw, mut of_ours, mut of_sled, mut of_etcd] = [(); 4].map(|()| Samples::default());
     for round in 0..ROUNDS {
         let numbers = || round * COMMITS..(round + 1) * COMMITS;
         of_raw.push(timed(numbers(), |_| append(&mut raw_file))?);
         of_ours.push(timed(numbers(), |number| commit(&mut ours, number))?);
-        of_redb.push(timed(numbers(), |number| commit(&mut redb, number))?);
+        of_sled.push(timed(numbers(), |number| commit(&mut sled, number))?);
         if let Some(etcd) = &mut etcd {
             let put = |number: u64| etcd.put(robot::key(number % 5000)?.as_str(), &vec![b'x'; KEY_AND_VALUE.1]);
             of_etcd.push(timed(numbers(), put)?);
@@ -43,7 +43,7 @@ pub(crate) fn measure(folder: &Path, table: &mut Table) -> Result<(), Failure> {
     }
     table.note("append of 320 bytes, fdatasync", &of_raw.text());
     table.line("durable commit, one caller", &of_ours.text(), (of_ours.ratio(&of_raw), "of it"), Reach::AtMost(1.3));
-    table.line("the same replica on redb", &of_redb.text(), (of_redb.ratio(&of_raw), "of it"), Reach::None);
+    table.line("the same replica on sled", &of_sled.text(), (of_sled.ratio(&of_raw), "of it"), Reach::None);
     match etcd {
         Some(etcd) => {
             table.line("put in etcd, one node", &of_etcd.text(), (of_etcd.ratio(&of_raw), "of it"), Reach::None);

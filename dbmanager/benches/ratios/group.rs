@@ -1,7 +1,7 @@
-//! Many callers commit at the same time: how many share a sync, beside how many there are; the same on redb.
+//! Many callers commit at the same time: how many share a sync, beside how many there are; the same on sled.
 
 use crate::Failure;
-use crate::on_redb::RedbStore;
+use crate::on_sled::SledStore;
 use crate::robot::{Robot, dir_store, request};
 use crate::table::{Reach, Table};
 use comms::io::clock;
@@ -30,13 +30,13 @@ type Wish = (Request, SyncSender<()>);
 
 pub(crate) fn measure(folder: &Path, table: &mut Table) -> Result<(), Failure> {
     let ours = run(Robot::open(dir_store(folder, "db")?)?)?;
-    let redb = run(Robot::open(RedbStore::open(&folder.join("redb"))?)?)?;
+    let sled = run(Robot::open(SledStore::open(&folder.join("sled"))?)?)?;
     let count = (CALLERS * COMMITS) as f64;
     let per_second = |run: &Run| format!("{:.0} commits/s", count / run.took.as_secs_f64());
     let per_group = |run: &Run| count / run.groups as f64;
     let of = "commits a sync";
     table.line("64 callers at the same time", &per_second(&ours), (per_group(&ours), of), Reach::AtLeast(32.0));
-    table.line("the same on redb", &per_second(&redb), (per_group(&redb), of), Reach::None);
+    table.line("the same on sled", &per_second(&sled), (per_group(&sled), of), Reach::None);
     Ok(())
 }
 

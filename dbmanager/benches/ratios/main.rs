@@ -8,8 +8,8 @@ mod commit;
 mod etcd;
 mod group;
 mod link;
-#[path = "../../tests/store/on_redb.rs"]
-mod on_redb;
+#[path = "../../tests/store/on_sled.rs"]
+mod on_sled;
 mod read;
 mod reopen;
 mod robot;

@@ -49,7 +49,7 @@ pub(crate) fn dir_store(folder: &Path, name: &str) -> Result<DirStore, Failure> 
 impl<S: Store> Robot<S> {
     /// Opens the replica in a store, and founds its team.
     pub(crate) fn open(store: S) -> Result<Self, Failure> {
-        let replica = Replica::open(config("r", 1), &store.load()?)?;
+        let replica = Replica::open(config("r", 1), store.read()?)?;
         let mut robot = Self { replica, store };
         robot.tell(Input::Found(Wall::default()))?;
         Ok(robot)

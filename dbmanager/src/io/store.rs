@@ -5,31 +5,50 @@
 //! is in it is put aside, by renaming, and never deleted: somebody may want to look at it.
 
 pub mod memory;
-mod on_sled;
-mod watch;
+mod on_redb;
 mod witness;
 
-pub use on_sled::DirStore;
+pub use on_redb::DirStore;
 pub use witness::{Doubt, Trust};
 
-use crate::logic::record::{Batch, Records};
+use crate::logic::record::{Batch, Reading, Records};
 use std::io;
 use std::path::PathBuf;
 use thiserror::Error;
 
 /// Somewhere to keep records.
 pub trait Store {
-    /// Reads everything.
+    /// Hands out every record, with its name, in the order of the names.
     ///
     /// # Errors
     /// If that fails, or what is there is not what was written.
-    fn load(&self) -> Result<Records, StoreError>;
+    fn each(&self, take: &mut dyn FnMut(&[u8], &[u8])) -> Result<(), StoreError>;
 
     /// Writes a batch, as a whole or not at all. It is durable when this returns.
     ///
     /// # Errors
     /// If it may not be durable. Then the store is poisoned.
     fn commit(&mut self, batch: &Batch) -> Result<(), StoreError>;
+
+    /// Reads everything, for a replica.
+    ///
+    /// # Errors
+    /// As [`Store::each`]. What the replica finds wrong it says itself.
+    fn read(&self) -> Result<Reading, StoreError> {
+        let mut reading = Reading::default();
+        self.each(&mut |name, record| reading.take(name, record))?;
+        Ok(reading)
+    }
+
+    /// Returns all records as they are.
+    ///
+    /// # Errors
+    /// As [`Store::each`].
+    fn load(&self) -> Result<Records, StoreError> {
+        let mut records = Records::new();
+        self.each(&mut |name, record| drop(records.insert(name.to_vec(), record.to_vec())))?;
+        Ok(records)
+    }
 }
 
 /// Why a store does not do what it should.
@@ -52,6 +71,15 @@ pub enum StoreError {
     /// There are files, but not ours, or of another layout.
     #[error("`{path}` is not a store of this program; choose another folder")]
     Foreign {
+        /// Where.
+        path: PathBuf,
+    },
+    /// It is one of an earlier version of this program, which nothing here reads.
+    #[error(
+        "`{path}` holds a store that an earlier version of this program made, in another format; choose another folder, or move \
+         this one away: what other robots have comes back from them"
+    )]
+    Outdated {
         /// Where.
         path: PathBuf,
     },

@@ -81,13 +81,15 @@ pub enum OpenError {
 }
 
 /// What a store says.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(crate) struct Stored {
     pub(crate) identity: Option<Identity>,
     pub(crate) log: Log,
     pub(crate) state: State,
     pub(crate) held: BTreeMap<u64, (Dot, Frame)>,
     pub(crate) local: State,
+    /// Whether there is nothing at all.
+    pub(crate) is_empty: bool,
 }
 
 impl Batch {
@@ -192,47 +194,84 @@ fn number(kind: u8, bytes: &[u8]) -> Result<u64, OpenError> {
     bytes.try_into().map(u64::from_be_bytes).map_err(|_cause| OpenError::Record { kind: char::from(kind) })
 }
 
-/// Reads a store.
-///
-/// # Errors
-/// If anything in it does not fit: a record, a chain of frames, or the digests.
-pub(crate) fn load(records: &Records, mutant: Mutant) -> Result<Stored, OpenError> {
-    let (mut identity, mut digests) = (None, None);
-    let mut heads = BTreeMap::new();
-    let mut frames: Vec<(Dot, u64, Frame)> = Vec::new();
-    let (mut state, mut local, mut held) = (State::new(mutant), State::default(), BTreeMap::new());
-    for (name, bytes) in records {
+/// A store that is being read. It takes record after record, and each is a part of the state at once: no second copy of the
+/// whole is ever in memory.
+#[derive(Debug, Default)]
+pub struct Reading {
+    identity: Option<Identity>,
+    digests: Option<(u64, u128, usize, usize)>,
+    heads: BTreeMap<Origin, Head>,
+    frames: Vec<(Dot, u64, Frame)>,
+    state: State,
+    local: State,
+    held: BTreeMap<u64, (Dot, Frame)>,
+    /// How many records there were.
+    count: usize,
+    /// What was wrong first.
+    wrong: Option<OpenError>,
+}
+
+impl Reading {
+    /// Takes the next record; records come in the order of their names. What is wrong is said at the end.
+    pub fn take(&mut self, name: &[u8], record: &[u8]) {
+        self.count += 1;
+        if self.wrong.is_none() {
+            self.wrong = self.add(name, record).err();
+        }
+    }
+
+    fn add(&mut self, name: &[u8], bytes: &[u8]) -> Result<(), OpenError> {
         match name.split_first() {
-            Some((b'i', [])) => identity = Some(read(name, bytes)?),
-            Some((b's', [])) => digests = Some(read::<(u64, u128, usize, usize)>(name, bytes)?),
+            Some((b'i', [])) => self.identity = Some(read(name, bytes)?),
+            Some((b's', [])) => self.digests = Some(read(name, bytes)?),
             Some((b'h', origin)) => {
-                heads.insert(Origin::new(number(b'h', origin)?), read::<Head>(name, bytes)?);
+                self.heads.insert(Origin::new(number(b'h', origin)?), read(name, bytes)?);
             }
             Some((b'l', rest)) => {
                 let (origin, seq) = rest.split_at_checked(8).ok_or(OpenError::Record { kind: 'l' })?;
                 let dot = Dot { origin: Origin::new(number(b'l', origin)?), seq: number(b'l', seq)? };
                 let (index, frame) = read(name, bytes)?;
-                frames.push((dot, index, frame));
+                self.frames.push((dot, index, frame));
             }
-            Some((b'o', index)) => drop(held.insert(number(b'o', index)?, read(name, bytes)?)),
+            Some((b'o', index)) => drop(self.held.insert(number(b'o', index)?, read(name, bytes)?)),
             Some((kind @ (b'k' | b'p'), key)) => {
-                let key = String::from_utf8(key.to_vec()).ok().and_then(|key| Key::new(key).ok());
-                let state = if *kind == b'k' { &mut state } else { &mut local };
+                let key = std::str::from_utf8(key).ok().and_then(|key| Key::new(key).ok());
+                let state = if *kind == b'k' { &mut self.state } else { &mut self.local };
                 state.restore(key.ok_or(OpenError::Record { kind: char::from(*kind) })?, read(name, bytes)?);
             }
             _ => return Err(OpenError::Damaged { what: "a record of an unknown kind" }),
         }
+        Ok(())
     }
-    check_chains(&heads, &frames)?;
-    let mut log = Log::new(heads, mutant);
-    for (dot, index, frame) in frames {
-        log.restore(dot, Logged { index, frame });
+
+    /// Returns what the store says.
+    ///
+    /// # Errors
+    /// If anything in it does not fit: a record, a chain of frames, or the digests.
+    pub(crate) fn finish(self, mutant: Mutant) -> Result<Stored, OpenError> {
+        if let Some(wrong) = self.wrong {
+            return Err(wrong);
+        }
+        check_chains(&self.heads, &self.frames)?;
+        let mut log = Log::new(self.heads, mutant);
+        for (dot, index, frame) in self.frames {
+            log.restore(dot, Logged { index, frame });
+        }
+        let (state, local) = (self.state.with(mutant), self.local);
+        let fresh = self.count == usize::from(self.identity.is_some());
+        if self.digests != Some(summary(&log, &state)) && !fresh {
+            return Err(OpenError::Damaged { what: "something is missing" });
+        }
+        Ok(Stored { identity: self.identity, log, state, held: self.held, local, is_empty: self.count == 0 })
     }
-    let fresh = records.keys().all(|name| name == b"i");
-    if digests != Some(summary(&log, &state)) && !fresh {
-        return Err(OpenError::Damaged { what: "something is missing" });
+}
+
+impl From<&Records> for Reading {
+    fn from(records: &Records) -> Self {
+        let mut reading = Self::default();
+        records.iter().for_each(|(name, record)| reading.take(name, record));
+        reading
     }
-    Ok(Stored { identity, log, state, held, local })
 }
 
 /// Checks that the frames of each origin follow each other up to its head. They are in order of their names.

@@ -38,7 +38,7 @@ use crate::logic::message::Message;
 use crate::logic::mutant::Mutant;
 use crate::logic::owner::Owners;
 use crate::logic::random::Random;
-use crate::logic::record::{self, Batch, Identity, OpenError, Records};
+use crate::logic::record::{Batch, Identity, OpenError, Reading};
 use crate::logic::snapshot::Name;
 use crate::logic::state::{Seen, State};
 use crate::logic::txn::{Draft, Frame, FrameError, Txn, TxnError};
@@ -190,19 +190,19 @@ pub struct Replica {
 }
 
 impl Replica {
-    /// Opens a replica on what its store says.
+    /// Opens a replica on what its store says: a [`Reading`] of it, or all its records.
     ///
     /// # Errors
     /// If the store is damaged, or another robot's.
-    pub fn open(config: Config, records: &Records) -> Result<Self, OpenError> {
+    pub fn open(config: Config, stored: impl Into<Reading>) -> Result<Self, OpenError> {
         let mut random = Random::new(config.seed);
         let boot = random.next();
-        let stored = record::load(records, config.mutant)?;
+        let stored = stored.into().finish(config.mutant)?;
         let mut batch = Batch::default();
         let identity = match stored.identity {
             Some(identity) if identity.robot == config.robot => identity,
             Some(identity) => return Err(OpenError::Robot { found: identity.robot, expected: config.robot }),
-            None if records.is_empty() => {
+            None if stored.is_empty => {
                 let (origin, joining) = (Origin::new(random.next()), Origin::new(random.next()));
                 let robot = config.robot.clone();
                 let identity = Identity { origin, robot, joining: Some(joining), ..Identity::default() };
@@ -243,8 +243,8 @@ impl Replica {
     ///
     /// # Errors
     /// As [`Replica::open`].
-    pub fn open_copied(config: Config, records: &Records) -> Result<Self, OpenError> {
-        let mut replica = Self::open(config, records)?;
+    pub fn open_copied(config: Config, stored: impl Into<Reading>) -> Result<Self, OpenError> {
+        let mut replica = Self::open(config, stored)?;
         // The alarm is for who did not know; the caller does.
         replica.rejoin(Time::ZERO, true, &mut Vec::new());
         Ok(replica)

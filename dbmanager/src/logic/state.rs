@@ -85,6 +85,11 @@ impl State {
         Self { mutant, ..Self::default() }
     }
 
+    /// Returns the same state with a planted bug.
+    pub(crate) fn with(self, mutant: Mutant) -> Self {
+        Self { mutant, ..self }
+    }
+
     /// Applies one transaction. What it has seen must be applied already, and itself not yet.
     pub fn apply(&mut self, dot: Dot, stamp: Stamp, seen: Seen<'_>, writes: &[Write]) {
         let writes = if self.mutant.is(Mutant::HalfApplied) { &writes[writes.len() / 2..] } else { writes };

@@ -3,8 +3,9 @@
 //! It is this test program again, told by a variable what to do. It says on its output what it has committed, and what has
 //! failed; the lines count only once they are out.
 
+use crate::on_sled::SledStore;
 use crate::{Robot, put_text};
-use dbmanager::io::store::{DirStore, Store};
+use dbmanager::io::store::{DirStore, Store, StoreError};
 use dbmanager::logic::record::Batch;
 use std::fs;
 use std::io::Write;
@@ -23,6 +24,10 @@ pub(crate) const LARGE: (u64, u64) = (6, 24);
 pub(crate) enum Order {
     /// Commits small transactions one after another, as a robot does; opens its store again when it has failed.
     Commit,
+    /// The same, but closes its store and opens it again after every seventh.
+    CommitAndClose,
+    /// The same as the first, on the engine that is the reference.
+    CommitOnSled,
     /// Writes batches of large records to the bare store.
     Large,
 }
@@ -45,7 +50,9 @@ fn obeys() {
     let mut word = || words.next().unwrap();
     let (order, count, dir) = (word(), word().parse().unwrap(), PathBuf::from(word()));
     match order {
-        "Commit" => commit(&dir, count),
+        "Commit" => commit(DirStore::open, &dir, (count, u64::MAX)),
+        "CommitAndClose" => commit(DirStore::open, &dir, (count, 7)),
+        "CommitOnSled" => commit(SledStore::open, &dir, (count, u64::MAX)),
         "Large" => large(&dir, count),
         other => panic!("nobody knows how to {other}"),
     }
@@ -58,31 +65,37 @@ fn say(text: &str) {
     out.flush().unwrap();
 }
 
-/// Commits until the transaction with the number `count` is durable. A file `ballast` beside the store is removed
+/// Commits until the transaction with the number `count` is durable; closes the store after every `close_after`. A file `ballast` beside the store is removed
 /// when the store cannot be opened any more: then there is room again.
-fn commit(dir: &Path, count: u64) {
-    let mut robot = open(dir);
+fn commit<S: Store>(engine: fn(&Path) -> Result<S, StoreError>, dir: &Path, (count, close_after): (u64, u64)) {
+    let mut robot = open(engine, dir);
     say(&format!("open {}", robot.committed()));
     while robot.committed() < count {
         let number = robot.committed() + 1;
         match write(&mut robot, number) {
-            Ok(()) => say(&format!("ack {}", robot.committed())),
+            Ok(()) => {
+                say(&format!("ack {}", robot.committed()));
+                if number.is_multiple_of(close_after) {
+                    drop(robot);
+                    robot = open(engine, dir);
+                }
+            }
             Err(error) => {
                 say(&format!("failed {error}"));
                 // Readers still have what was there.
                 let readable = robot.replica.state().scan("team/").count();
                 say(&format!("readable {readable}"));
                 drop(robot);
-                robot = open(dir);
+                robot = open(engine, dir);
                 say(&format!("open {}", robot.committed()));
             }
         }
     }
 }
 
-fn open(dir: &Path) -> Robot<DirStore> {
+fn open<S: Store>(engine: fn(&Path) -> Result<S, StoreError>, dir: &Path) -> Robot<S> {
     for _ in 0..TRIES_MAX {
-        match DirStore::open(dir).map_err(|error| error.to_string()).and_then(Robot::open) {
+        match engine(dir).map_err(|error| error.to_string()).and_then(Robot::open) {
             Ok(robot) => return robot,
             Err(error) => {
                 say(&format!("closed {error}"));
@@ -94,7 +107,7 @@ fn open(dir: &Path) -> Robot<DirStore> {
 }
 
 /// Commits what has the number `number`: usually one small value, at times a long one, at times many together.
-fn write(robot: &mut Robot<DirStore>, number: u64) -> Result<(), String> {
+fn write(robot: &mut Robot<impl Store>, number: u64) -> Result<(), String> {
     let text = |number: u64, size| format!("{number} {}", "x".repeat(size));
     let size = usize::try_from(number * 7919 % 300).unwrap();
     let key = |number: u64| format!("team/settings/{}", number % 200);
@@ -107,7 +120,7 @@ fn write(robot: &mut Robot<DirStore>, number: u64) -> Result<(), String> {
     }
 }
 
-/// Writes batch after batch; each has records of 60 kB with its own number, and so takes several segments of the engine.
+/// Writes batch after batch; each has records of 60 kB with its own number, and so takes hundreds of pages of the engine.
 fn large(dir: &Path, count: u64) {
     let mut store = DirStore::open(dir).unwrap();
     for number in 1..=count {

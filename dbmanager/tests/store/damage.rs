@@ -1,47 +1,80 @@
 //! Files that are not as they were left: the store says so, or the replica does; nobody ever reads what was not written.
 
-use crate::{Folder, Robot, batch, config, put_text};
+use crate::on_sled::SledStore;
+use crate::{Folder, RECORDS, Robot, batch, config, put_text};
 use dbmanager::io::store::memory::MemoryStore;
 use dbmanager::io::store::{DirStore, Store, StoreError};
 use dbmanager::logic::random::Random;
 use dbmanager::logic::record::{OpenError, Records};
 use dbmanager::logic::replica::Replica;
+use redb::ReadableDatabase;
 use std::fs;
 
-/// Returns the records of a robot that has written a little, and the states it went through.
-fn little(store: impl Store) -> (Records, Vec<u128>) {
+/// What the engine's file begins with: what it is, and the two slots for the roots of states.
+const HEAD_SIZE: usize = 320;
+
+/// Returns the records of a robot that has written a little.
+fn little(store: impl Store) -> Records {
     let mut robot = Robot::open(store).unwrap();
+    live_a_little(&mut robot);
+    robot.store.load().unwrap()
+}
+
+/// Writes a little; returns the states that it went through.
+fn live_a_little(robot: &mut Robot<impl Store>) -> Vec<u128> {
     let mut states = vec![0, robot.replica.state().digest()];
     for number in 0..60 {
         robot.commit([put_text(&format!("team/{}", number % 7), &format!("value {number}"))]).unwrap();
         states.push(robot.replica.state().digest());
     }
-    (robot.store.load().unwrap(), states)
+    states
 }
 
+/// The engine would take an empty file for a new one; what must not be is to begin anew as if nothing had been.
 #[test]
-fn conf_file_empty() {
-    let folder = Folder::quick();
-    let (records, _) = little(DirStore::open(&folder.store()).unwrap());
-    fs::write(folder.store().join("conf"), "").unwrap();
-    // The engine may do without; what it must not do is to begin anew as if nothing had been.
-    match DirStore::open(&folder.store()) {
-        Ok(store) => assert_eq!(store.load().unwrap(), records),
-        Err(refused) => assert!(refused.is_damage(), "{refused}"),
+fn an_emptied_file_is_damage() {
+    for length in [0, 5, 4096] {
+        let folder = Folder::quick();
+        little(DirStore::open(&folder.store()).unwrap());
+        fs::OpenOptions::new().write(true).open(folder.records()).unwrap().set_len(length).unwrap();
+        let refused = DirStore::open(&folder.store()).err().unwrap();
+        assert!(refused.is_damage(), "{refused}");
+        let aside = DirStore::put_aside(&folder.store()).unwrap();
+        assert!(aside.join(RECORDS).exists() && !folder.store().exists());
+        assert!(DirStore::open(&folder.store()).unwrap().load().unwrap().is_empty());
     }
-    let aside = DirStore::put_aside(&folder.store()).unwrap();
-    assert!(aside.join("db").exists() && !folder.store().exists());
-    assert!(DirStore::open(&folder.store()).unwrap().load().unwrap().is_empty());
 }
 
 #[test]
 fn a_store_of_somebody_else_is_left_alone() {
+    const THEIRS: redb::TableDefinition<'static, &str, u64> = redb::TableDefinition::new("theirs");
     let folder = Folder::quick();
-    let other = sled::open(folder.store()).unwrap();
-    other.insert("theirs", "1").unwrap();
+    fs::create_dir(folder.store()).unwrap();
+    let other = redb::Database::create(folder.records()).unwrap();
+    let txn = other.begin_write().unwrap();
+    txn.open_table(THEIRS).unwrap().insert("a", 1).unwrap();
+    txn.commit().unwrap();
     drop(other);
     let refused = DirStore::open(&folder.store()).err().unwrap();
     assert!(matches!(refused, StoreError::Foreign { .. }) && !refused.is_damage(), "{refused}");
+    let other = redb::ReadOnlyDatabase::open(folder.records()).unwrap();
+    let found = other.begin_read().unwrap().open_table(THEIRS).unwrap().get("a").unwrap().map(|found| found.value());
+    assert_eq!(found, Some(1));
+}
+
+/// What earlier versions of this program left is neither read, nor overwritten, nor put aside.
+#[test]
+fn a_store_of_the_engine_before_is_refused() {
+    let folder = Folder::quick();
+    fs::create_dir(folder.store()).unwrap();
+    let mut before = SledStore::open(&folder.store()).unwrap();
+    before.commit(&batch(&[(b"a", Some(vec![1]))])).unwrap();
+    drop(before);
+    let refused = DirStore::open(&folder.store()).err().unwrap();
+    assert!(matches!(refused, StoreError::Outdated { .. }) && !refused.is_damage(), "{refused}");
+    let words = refused.to_string();
+    assert!(words.contains("choose another folder, or move this one away"), "{words}");
+    assert!(!folder.records().exists());
 }
 
 #[test]
@@ -53,53 +86,46 @@ fn a_failed_store_stays_failed() {
     assert!(matches!(refused, StoreError::Poisoned { .. }), "{refused}");
 }
 
-/// Flips bits anywhere in the files. What opens is a state that once was: the last, or an earlier one, if the engine
-/// took the end for torn. That is found when the robot meets the others, who know more of it than itself.
+/// Flips bits anywhere in the file, and one in each byte of its head, where the engine has no sums: of a store that was closed,
+/// and of one that was not. What opens is a state that once was: the last, or an earlier one, if the engine took the
+/// end for torn. That is found when the robot meets the others, who know more of it than itself.
 #[test]
 fn bit_flip_in_any_file() {
     let folder = Folder::quick();
-    let (_, states) = little(DirStore::open(&folder.store()).unwrap());
-    let files: Vec<_> = fs::read_dir(folder.store()).unwrap().map(|entry| entry.unwrap().path()).collect();
-    let files: Vec<_> =
-        files.into_iter().filter(|path| path.is_file()).map(|path| (fs::read(&path).unwrap(), path)).collect();
+    let mut robot = Robot::open(DirStore::open(&folder.store()).unwrap()).unwrap();
+    let states = live_a_little(&mut robot);
+    let unclosed = fs::read(folder.records()).unwrap();
+    drop(robot);
+    let closed = fs::read(folder.records()).unwrap();
     let mut random = Random::new(1);
-    let (mut refused, mut earlier) = (0, 0);
-    for round in 0..120 {
-        drop(fs::remove_dir_all(folder.store()));
-        fs::create_dir_all(folder.store()).unwrap();
-        let chosen = round % files.len();
-        for (index, (bytes, path)) in files.iter().enumerate() {
+    for (bytes, how) in [(closed, "closed"), (unclosed, "unclosed")] {
+        let (mut refused, mut earlier) = (0, 0);
+        // The file is empty at its end: flip where something is.
+        let used = bytes.iter().rposition(|byte| *byte != 0).unwrap() as u64 + 1;
+        for round in 0..HEAD_SIZE + 240 {
+            let at = if round < HEAD_SIZE { round } else { usize::try_from(random.below(used)).unwrap() };
             let mut bytes = bytes.clone();
-            if index == chosen {
-                // The engine's file is mostly empty at its end: flip where something is.
-                let used =
-                    bytes.iter().rposition(|byte| *byte != 0 && *byte != bytes[bytes.len() - 1]).unwrap_or(0) + 1;
-                let at = usize::try_from(random.below(used as u64)).unwrap();
-                bytes[at] ^= 1 << random.below(8);
-            }
-            fs::write(path, bytes).unwrap();
-        }
-        match DirStore::open(&folder.store()).map_err(|error| error.is_damage()).map(|store| store.load()) {
-            Err(damage) => {
-                assert!(damage);
-                refused += 1;
-            }
-            Ok(Err(error)) => {
-                assert!(error.is_damage(), "{error}");
-                refused += 1;
-            }
-            Ok(Ok(records)) => match open(&records) {
-                Ok(replica) => {
+            bytes[at] ^= 1 << random.below(8);
+            fs::write(folder.records(), bytes).unwrap();
+            match DirStore::open(&folder.store())
+                .and_then(|store| store.read())
+                .map(|stored| Replica::open(config(), stored))
+            {
+                Err(error) => {
+                    assert!(error.is_damage(), "byte {at}: {error}");
+                    refused += 1;
+                }
+                Ok(Err(OpenError::Record { .. } | OpenError::Damaged { .. })) => refused += 1,
+                Ok(Err(other)) => panic!("byte {at}: {other}"),
+                Ok(Ok(replica)) => {
                     let state = replica.state().digest();
-                    assert!(states.contains(&state), "a state that never was");
+                    assert!(states.contains(&state), "byte {at}: a state that never was");
                     earlier += usize::from(Some(&state) != states.last());
                 }
-                Err(OpenError::Record { .. } | OpenError::Damaged { .. }) => refused += 1,
-                Err(other) => panic!("{other}"),
-            },
+            }
         }
+        println!("{how}: {refused} of {} refused, {earlier} opened at an earlier state", HEAD_SIZE + 240);
     }
-    println!("{refused} of 120 refused, {earlier} opened at an earlier state");
 }
 
 fn open(records: &Records) -> Result<Replica, OpenError> {
@@ -109,7 +135,7 @@ fn open(records: &Records) -> Result<Replica, OpenError> {
 /// Whatever the engine lets through: each record knows its name and its sum, and all know each other.
 #[test]
 fn bit_flip_in_log_tail_middle_kv() {
-    let (records, _) = little(MemoryStore::default());
+    let records = little(MemoryStore::default());
     for (name, record) in &records {
         for byte in 0..record.len() {
             let mut damaged = records.clone();

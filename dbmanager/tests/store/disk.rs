@@ -102,15 +102,27 @@ fn fsync_eio_once() {
 #[test]
 fn every_write_fails_for_a_while() {
     let folder = Folder::quick();
-    let Some(lines) = injected(&folder, "pwrite64:error=EIO:when=10..20", 400) else { return };
+    let Some(lines) = injected(&folder, "pwrite64:error=EIO:when=40..60", 400) else { return };
     check_trouble(&lines, &folder.store(), ("Input/output error", 400));
 }
 
 #[test]
 fn disk_full_then_freed() {
     let folder = Folder::quick();
-    let Some(lines) = injected(&folder, "pwrite64:error=ENOSPC:when=10..20", 400) else { return };
+    let Some(lines) = injected(&folder, "pwrite64:error=ENOSPC:when=40..60", 400) else { return };
     check_trouble(&lines, &folder.store(), ("No space left on device", 400));
+}
+
+/// A store that could not be made whole is no damaged one: it is made when there is room.
+#[test]
+fn disk_full_at_birth() {
+    for call in 1..=3 {
+        let folder = Folder::quick();
+        let Some(lines) = injected(&folder, &format!("pwrite64:error=ENOSPC:when={call}"), 3) else { return };
+        let closed: Vec<&String> = lines.iter().filter(|line| line.starts_with("closed ")).collect();
+        assert!(closed.len() == 1 && closed[0].contains("No space left on device"), "{closed:?}");
+        assert!(Robot::open(DirStore::open(&folder.store()).unwrap()).unwrap().committed() >= 3);
+    }
 }
 
 /// The same with a disk that is really full, until the child removes the ballast.
@@ -119,7 +131,7 @@ fn a_small_disk_runs_full() {
     let folder = Folder::quick();
     let disk = folder.0.to_str().unwrap();
     let mount = format!(
-        "mount -t tmpfs -o size=4m tmpfs {disk} && head -c 2500000 /dev/zero >{disk}/ballast && \
+        "mount -t tmpfs -o size=4m tmpfs {disk} && head -c 3800000 /dev/zero >{disk}/ballast && \
          \"$@\" && cp -r {disk}/db {disk}/db.witness \"$RESULT\""
     );
     let result = Folder::quick();

@@ -1,6 +1,5 @@
 //! What every store has to do, whatever engine is below it.
 
-use crate::on_redb::RedbStore;
 use crate::{Folder, Robot, batch, put_text};
 use dbmanager::io::store::memory::MemoryStore;
 use dbmanager::io::store::{DirStore, Store, StoreError};
@@ -10,28 +9,19 @@ use dbmanager::logic::txn::{Draft, VALUE_SIZE_MAX, Value};
 use proptest::collection::{btree_map, vec};
 use proptest::prelude::*;
 use std::fs;
-use std::path::Path;
-
-fn sled(path: &Path) -> Result<DirStore, StoreError> {
-    DirStore::open(path)
-}
-
-fn redb(path: &Path) -> Result<RedbStore, StoreError> {
-    RedbStore::open(path)
-}
 
 /// Carries out batches, opening the store anew after each; what is there has to be what they say.
-fn check_batches<S: Store>(open: impl Fn(&Path) -> Result<S, StoreError>, batches: &[Batch]) {
+fn check_batches(batches: &[Batch]) {
     let folder = Folder::quick();
     let mut expected = Records::new();
     for batch in batches {
-        let mut store = open(&folder.store()).unwrap();
+        let mut store = DirStore::open(&folder.store()).unwrap();
         assert_eq!(store.load().unwrap(), expected);
         store.commit(batch).unwrap();
         batch.apply(&mut expected);
         assert_eq!(store.load().unwrap(), expected);
     }
-    assert_eq!(open(&folder.store()).unwrap().load().unwrap(), expected);
+    assert_eq!(DirStore::open(&folder.store()).unwrap().load().unwrap(), expected);
 }
 
 #[test]
@@ -44,8 +34,7 @@ fn what_is_committed_is_there_again() {
         batch(&[(b"a", long(1))]),
         batch(&[]),
     ];
-    check_batches(sled, &batches);
-    check_batches(redb, &batches);
+    check_batches(&batches);
 }
 
 proptest! {
@@ -54,17 +43,17 @@ proptest! {
     #[test]
     fn any_batches(batches in vec(btree_map(vec(0..4_u8, 0..4), proptest::option::of(vec(any::<u8>(), 0..9000)), 0..6), 1..6)) {
         let batches: Vec<Batch> = batches.into_iter().map(Batch).collect();
-        check_batches(sled, &batches);
-        check_batches(redb, &batches);
+        check_batches(&batches);
     }
 }
 
 /// Opens a robot again and again; it has to know what it knew.
-fn check_robot<S: Store>(open: impl Fn(&Path) -> Result<S, StoreError>) {
+#[test]
+fn a_robot_is_there_again() {
     let folder = Folder::quick();
     let mut digest = None;
     for boot in 0..3 {
-        let mut robot = Robot::open(open(&folder.store()).unwrap()).unwrap();
+        let mut robot = Robot::open(DirStore::open(&folder.store()).unwrap()).unwrap();
         assert!(digest.is_none_or(|digest| digest == robot.replica.state().digest()));
         robot.commit((0..100).map(|number| put_text(&format!("team/{}", number % 40), &format!("{boot}")))).unwrap();
         assert!(robot.replica.is_member());
@@ -73,57 +62,41 @@ fn check_robot<S: Store>(open: impl Fn(&Path) -> Result<S, StoreError>) {
 }
 
 #[test]
-fn a_robot_is_there_again() {
-    check_robot(sled);
-    check_robot(redb);
-}
-
-fn check_open_twice<S: Store>(open: impl Fn(&Path) -> Result<S, StoreError>) {
+fn open_twice_same_dir() {
     let folder = Folder::quick();
-    let first = open(&folder.store()).unwrap();
-    let refused = open(&folder.store()).err().unwrap();
+    let first = DirStore::open(&folder.store()).unwrap();
+    let refused = DirStore::open(&folder.store()).err().unwrap();
     assert!(matches!(refused, StoreError::Busy { .. }), "{refused}");
     let words = refused.to_string();
     assert!(words.contains("is open already; end the other program"), "{words}");
     drop(first);
-    open(&folder.store()).unwrap();
-}
-
-#[test]
-fn open_twice_same_dir() {
-    check_open_twice(sled);
-    check_open_twice(redb);
-}
-
-fn check_sizes<S: Store>(open: impl Fn(&Path) -> Result<S, StoreError>) {
-    let folder = Folder::quick();
-    let long = |name: usize| Key::new(format!("team/{name:0width$}", width = KEY_SIZE_MAX - 5)).unwrap();
-    let value = |byte: u8| Value { bytes: vec![byte; VALUE_SIZE_MAX].into(), ..Value::from(b"") };
-    let mut robot = Robot::open(open(&folder.store()).unwrap()).unwrap();
-    robot.commit([(0..3).fold(Draft::new("long"), |draft, name| draft.put(long(name), value(b'a')))]).unwrap();
-    drop(robot);
-    let robot = Robot::open(open(&folder.store()).unwrap()).unwrap();
-    let found = robot.replica.state().get(&long(2)).unwrap();
-    assert_eq!(found.value, Some(value(b'a')));
+    DirStore::open(&folder.store()).unwrap();
 }
 
 #[test]
 fn max_key_value_sizes() {
-    check_sizes(sled);
-    check_sizes(redb);
+    let folder = Folder::quick();
+    let long = |name: usize| Key::new(format!("team/{name:0width$}", width = KEY_SIZE_MAX - 5)).unwrap();
+    let value = |byte: u8| Value { bytes: vec![byte; VALUE_SIZE_MAX].into(), ..Value::from(b"") };
+    let mut robot = Robot::open(DirStore::open(&folder.store()).unwrap()).unwrap();
+    robot.commit([(0..3).fold(Draft::new("long"), |draft, name| draft.put(long(name), value(b'a')))]).unwrap();
+    drop(robot);
+    let robot = Robot::open(DirStore::open(&folder.store()).unwrap()).unwrap();
+    let found = robot.replica.state().get(&long(2)).unwrap();
+    assert_eq!(found.value, Some(value(b'a')));
     assert_eq!(Robot::open(MemoryStore::default()).unwrap().committed(), 1);
 }
 
 #[test]
-fn long_records_make_no_blobs() {
+fn what_is_too_long_is_refused() {
     let folder = Folder::quick();
-    let mut store = DirStore::open(&folder.store()).unwrap();
-    for number in 0..100_u32 {
-        store.commit(&batch(&[(&number.to_be_bytes(), Some(vec![7; 64 << 10]))])).unwrap();
+    for (name, size) in [(vec![0; 1 << 16], 1), (vec![1], 1 << 27)] {
+        let mut store = DirStore::open(&folder.store()).unwrap();
+        let refused = store.commit(&batch(&[(b"a", Some(vec![7])), (&name, Some(vec![0; size]))])).unwrap_err();
+        assert!(matches!(refused, StoreError::Long { .. }), "{refused}");
+        drop(store);
+        assert!(DirStore::open(&folder.store()).unwrap().load().unwrap().is_empty());
     }
-    assert_eq!(fs::read_dir(folder.store().join("blobs")).unwrap().count(), 0);
-    let refused = store.commit(&batch(&[(b"a", Some(vec![0; 1 << 29]))])).unwrap_err();
-    assert!(matches!(refused, StoreError::Long { .. }), "{refused}");
 }
 
 /// A tenth of a million, in groups: space has to be used again.
@@ -135,7 +108,8 @@ fn key_written_1m_times() {
         robot.commit((0..100).map(|number| put_text("team/one", &format!("{round} {number}")))).unwrap();
     }
     drop(robot);
-    let size = fs::metadata(folder.store().join("db")).unwrap().len();
+    let size = fs::metadata(folder.records()).unwrap().len();
+    println!("one key, 100,000 times: {size} bytes");
     assert!(size <= 16 << 20, "the file has {size} bytes");
     let robot = Robot::open(DirStore::open(&folder.store()).unwrap()).unwrap();
     let found = robot.replica.state().get(&Key::new("team/one").unwrap()).unwrap();

@@ -1,9 +1,9 @@
 //! A disk whose power can be cut: what of a program's calls is surely there afterwards, and what may be.
 //!
 //! *Model.* Written bytes are in the page cache, and in the cache of the drive, until a later `fsync` or `fdatasync` of their
-//! file has ended. Of each page of 4 KiB that was not synced, an older or the newest content survives with the probability
-//! of the cut, each page for itself: so writes are torn and change places. `sync_file_range` is no barrier, as on
-//! drives that lie to nobody but are not asked. Names change when the directory was synced; of later changes
+//! file has ended. Of each sector of 512 bytes that was not synced, an older or the newest content survives with the
+//! probability of the cut, each sector for itself: so writes are torn and change places. Of later changes of a file's length
+//! some first ones survive. `sync_file_range` is no barrier, as on drives that lie to nobody but are not asked. Names change when the directory was synced; of later changes
 //! some first ones survive, as from a journal.
 
 use crate::trace::Call;
@@ -12,7 +12,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// What a drive writes as a whole.
-const PAGE_SIZE: usize = 4096;
+const SECTOR_SIZE: usize = 512;
 
 /// Which calls make anything durable.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -62,6 +62,25 @@ impl Platter {
     pub(crate) fn new(barriers: Barriers) -> Self {
         let (files, names, seen, changes) = (Vec::new(), BTreeMap::new(), BTreeMap::new(), Vec::new());
         Self { barriers, files, names, seen, changes, calls: 0 }
+    }
+
+    /// Returns a disk that holds, durably, what is in this folder.
+    pub(crate) fn holding(folder: &Path) -> Self {
+        let mut platter = Self::new(Barriers::All);
+        let mut folders = vec![folder.to_owned()];
+        while let Some(folder) = folders.pop() {
+            for path in std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()) {
+                let is_file = path.is_file();
+                platter.names.insert(path.clone(), is_file.then_some(platter.files.len()));
+                if is_file {
+                    platter.files.push(Content { durable: std::fs::read(&path).unwrap(), later: Vec::new() });
+                } else {
+                    folders.push(path);
+                }
+            }
+        }
+        platter.seen = platter.names.clone();
+        platter
     }
 
     /// Carries out a call.
@@ -158,26 +177,32 @@ impl Content {
         if percent == 0 {
             return self.durable.clone();
         }
-        // Each page that was written to is as it was after some of its writes.
+        // Each sector that was written to is as it was after some of its writes.
         let mut bytes = self.durable.clone();
         let mut kept: BTreeMap<usize, usize> = BTreeMap::new();
         let mut written: BTreeMap<usize, usize> = BTreeMap::new();
-        for page in self.later.iter().flat_map(|(_, later)| later.pages()) {
-            *written.entry(page).or_default() += 1;
+        for sector in self.later.iter().flat_map(|(_, later)| later.sectors()) {
+            *written.entry(sector).or_default() += 1;
         }
-        for (page, count) in &written {
+        for (sector, count) in &written {
             let survives = random.below(100) < percent;
-            kept.insert(*page, if survives { 1 + below(random, *count) } else { 0 });
+            kept.insert(*sector, if survives { 1 + below(random, *count) } else { 0 });
         }
+        let lengths = self.later.iter().filter(|(_, later)| matches!(later, Later::Truncate(_))).count();
+        let mut lengths = below(random, lengths + 1);
         for (_, later) in &self.later {
-            let spared: BTreeSet<usize> = later.pages().filter(|page| kept[page] > 0).collect();
-            spared.iter().for_each(|page| *kept.get_mut(page).unwrap() -= 1);
+            let spared: BTreeSet<usize> = later.sectors().filter(|sector| kept[sector] > 0).collect();
+            spared.iter().for_each(|sector| *kept.get_mut(sector).unwrap() -= 1);
             match later {
-                Later::Truncate(_) => later.apply(&mut bytes),
+                Later::Truncate(_) if lengths == 0 => {}
+                Later::Truncate(_) => {
+                    lengths -= 1;
+                    later.apply(&mut bytes);
+                }
                 Later::Write(offset, data) => {
-                    for page in spared {
-                        let start = (page * PAGE_SIZE).max(*offset);
-                        let end = ((page + 1) * PAGE_SIZE).min(offset + data.len());
+                    for sector in spared {
+                        let start = (sector * SECTOR_SIZE).max(*offset);
+                        let end = ((sector + 1) * SECTOR_SIZE).min(offset + data.len());
                         put(&mut bytes, start, &data[start - offset..end - offset]);
                     }
                 }
@@ -188,10 +213,10 @@ impl Content {
 }
 
 impl Later {
-    fn pages(&self) -> impl Iterator<Item = usize> + use<> {
+    fn sectors(&self) -> impl Iterator<Item = usize> + use<> {
         match self {
             Self::Write(offset, data) if !data.is_empty() => {
-                offset / PAGE_SIZE..(offset + data.len() - 1) / PAGE_SIZE + 1
+                offset / SECTOR_SIZE..(offset + data.len() - 1) / SECTOR_SIZE + 1
             }
             Self::Write(..) | Self::Truncate(_) => 0..0,
         }

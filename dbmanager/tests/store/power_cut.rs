@@ -6,14 +6,16 @@
 //! `DCA_POWER_CUTS=1000 DCA_COMMITS=100000 cargo test -p dbmanager --release --test store power_cut -- --nocapture`.
 
 use crate::child::{self, LARGE, Order, large_record};
+use crate::on_sled::SledStore;
 use crate::platter::{Barriers, Platter};
 use crate::trace::{self, Call};
-use crate::{Folder, Robot};
+use crate::{Folder, RECORDS, Robot};
 use dbmanager::io::store::{DirStore, Store, StoreError};
 use dbmanager::logic::random::Random;
 use std::collections::BTreeMap;
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::io::BufReader;
+use std::path::Path;
 use std::process::{Command, Stdio};
 
 /// With which probability, in percent, a page that was not synced survives: half of the drives are merciless.
@@ -42,19 +44,17 @@ fn from_environment(name: &str, usual: u64) -> u64 {
     std::env::var(name).map_or(usual, |number| number.parse().unwrap())
 }
 
-/// Runs a child under `strace`; returns what it did in its folder.
-fn watch(folder: &Folder, order: Order, count: u64) -> Vec<Call> {
-    let log = folder.0.join("log");
+/// Runs a child under `strace`; hands out what it does in its folder, while it does it: it writes far more than it keeps.
+fn watch(folder: &Folder, (order, count): (Order, u64), keep: impl FnMut(Call)) {
     let root = folder.0.join("root");
-    fs::create_dir(&root).unwrap();
+    fs::create_dir_all(&root).unwrap();
     let calls = format!("trace={}", trace::CALLS);
     let strace = ["strace", "-f", "-qq", "-y", "-xx", "-s", "16777216", "--seccomp-bpf", "-e", &calls];
-    let wrapper: Vec<&str> = strace.into_iter().chain(["-o", log.to_str().unwrap()]).collect();
-    let ended = child::command(&wrapper, (order, &root.join("db"), count)).stdout(Stdio::null()).status().unwrap();
-    assert!(ended.success());
-    let calls = trace::read(&log, &root);
-    fs::remove_file(log).unwrap();
-    calls
+    let wrapper: Vec<&str> = strace.into_iter().chain(["-o", "|cat 1>&2"]).collect();
+    let mut command = child::command(&wrapper, (order, &root.join("db"), count));
+    let mut strace = command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+    trace::read(BufReader::new(strace.stderr.take().unwrap()), &root, keep);
+    assert!(strace.wait().unwrap().success());
 }
 
 /// Returns the number in a line that was told: how much is acknowledged.
@@ -63,38 +63,61 @@ fn acknowledged(call: &Call) -> Option<u64> {
     text.strip_prefix("ack ")?.trim().parse().ok()
 }
 
-/// Cuts the power `cuts` times, at moments after the first acknowledgement; returns what `look` found in the folder then,
-/// how often. It is told how much was acknowledged.
-fn cut(
-    (folder, calls): (&Folder, &[Call]),
-    barriers: Barriers,
-    cuts: u64,
-    look: impl Fn(&Path, u64) -> Left,
-) -> BTreeMap<Left, u64> {
-    let first = calls.iter().position(|call| acknowledged(call).is_some()).unwrap();
-    let mut random = Random::new(cuts);
-    let span = u64::try_from(calls.len() - first).unwrap();
-    let mut moments: Vec<usize> = (0..cuts).map(|_| first + usize::try_from(random.below(span)).unwrap()).collect();
-    moments.sort_unstable();
-    let (mut platter, mut done, mut acked) = (Platter::new(barriers), 0, 0);
-    let (from, to) = (folder.0.join("root"), folder.0.join("left"));
-    let mut found = BTreeMap::new();
-    for (number, moment) in moments.into_iter().enumerate() {
-        for call in &calls[done..=moment] {
-            platter.take(call);
-            acked = acknowledged(call).unwrap_or(acked);
+/// Cuts of the power at moments spread over a life that is being watched.
+struct Cuts<'a, F> {
+    folder: &'a Folder,
+    platter: Platter,
+    random: Random,
+    /// After which acknowledgement to cut, and how many calls later; the next one is the last.
+    moments: Vec<(u64, u64)>,
+    /// How much is acknowledged, and how many calls ago.
+    now: (u64, u64),
+    /// Looks into a folder after a cut; is told how much was acknowledged.
+    look: F,
+    found: BTreeMap<Left, u64>,
+}
+
+impl<'a, F: Fn(&Path, u64) -> Left> Cuts<'a, F> {
+    /// Returns `cuts` of them within `acks` acknowledgements, with about `calls` calls between two.
+    fn new(folder: &'a Folder, barriers: Barriers, (cuts, acks, calls): (u64, u64, u64), look: F) -> Self {
+        let mut random = Random::new(cuts);
+        let mut moments: Vec<(u64, u64)> = (0..cuts).map(|_| (1 + random.below(acks), random.below(calls))).collect();
+        moments.sort_unstable_by(|one, other| other.cmp(one));
+        let (platter, found) = (Platter::new(barriers), BTreeMap::new());
+        Self { folder, platter, random, moments, now: (0, 0), look, found }
+    }
+
+    fn take(&mut self, call: &Call) {
+        if self.moments.is_empty() {
+            return;
         }
-        done = moment + 1;
-        platter.cut(&mut random, SURVIVAL[number % SURVIVAL.len()], (&from, &to));
-        *found.entry(look(&to.join("db"), acked)).or_default() += 1;
+        self.platter.take(call);
+        self.now = acknowledged(call).map_or((self.now.0, self.now.1 + 1), |acked| (acked, 0));
+        while self.moments.pop_if(|moment| *moment <= self.now).is_some() {
+            self.cut();
+        }
+    }
+
+    fn cut(&mut self) {
+        let (from, to) = (self.folder.0.join("root"), self.folder.0.join("left"));
+        let percent = SURVIVAL[self.moments.len() % SURVIVAL.len()];
+        self.platter.cut(&mut self.random, percent, (&from, &to));
+        *self.found.entry((self.look)(&to.join("db"), self.now.0)).or_default() += 1;
         fs::remove_dir_all(&to).unwrap();
     }
-    found
+
+    /// Returns how often what was found; the last cuts are those after the end.
+    fn end(mut self) -> BTreeMap<Left, u64> {
+        while self.moments.pop().is_some() {
+            self.cut();
+        }
+        self.found
+    }
 }
 
 /// Opens what is left of a robot: the replica checks chains, sums and digests.
-fn look_at_robot(path: &Path, acked: u64) -> Left {
-    match DirStore::open(path).map_err(|error| error.to_string()).and_then(Robot::open) {
+fn look_at_robot<S: Store>(open: fn(&Path) -> Result<S, StoreError>, path: &Path, acked: u64) -> Left {
+    match open(path).map_err(|error| error.to_string()).and_then(Robot::open) {
         Ok(robot) if robot.committed() >= acked => Left::All,
         Ok(_) => Left::Less,
         Err(error) => {
@@ -111,28 +134,83 @@ fn power_cut() {
     }
     let (cuts, commits) = (from_environment("DCA_POWER_CUTS", 120), from_environment("DCA_COMMITS", 20_000));
     let folder = Folder::quick();
-    let calls = watch(&folder, Order::Commit, commits);
-    let data = folder.0.join("root/db/db");
-    let to_data = |call: &Call| {
-        if let Call::Write(path, _, bytes) = call
-            && *path == data
-        {
-            bytes.len()
-        } else {
-            0
+    let data = folder.0.join("root/db").join(RECORDS);
+    let look = |path: &Path, acked| look_at_robot(DirStore::open, path, acked);
+    let mut with = Cuts::new(&folder, Barriers::All, (cuts, commits, 12), look);
+    // The method finds what is missing when nobody syncs the data.
+    let mut without = Cuts::new(&folder, Barriers::NoDataSync, (12, 500, 12), look);
+    let mut written = 0;
+    watch(&folder, (Order::Commit, commits), |call| {
+        with.take(&call);
+        without.take(&call);
+        if let Call::Write(path, _, bytes) = call {
+            written += if path == data { bytes.len() as u64 } else { 0 };
         }
-    };
-    let written = calls.iter().map(to_data);
-    let (written, kept) = (written.sum::<usize>(), usize::try_from(fs::metadata(&data).unwrap().len()).unwrap());
-    println!("{commits} commits, {} calls, {written} bytes written to a file of {kept}", calls.len());
+    });
+    let kept = fs::metadata(&data).unwrap().len();
+    println!("{commits} commits, {written} bytes written to a file of {kept}");
     assert!(written > 3 * kept, "space was not used again: {written} bytes in a file of {kept}");
-    let found = cut((&folder, &calls), Barriers::All, cuts, look_at_robot);
-    println!("with the data sync: {found:?}");
-    assert_eq!(found, BTreeMap::from([(Left::All, cuts)]));
-    // The method finds what is missing when nobody syncs the data, as the engine alone does.
-    let found = cut((&folder, &calls), Barriers::NoDataSync, 12, look_at_robot);
-    println!("without: {found:?}");
-    assert!(found.get(&Left::All).copied().unwrap_or(0) <= 3, "the method does not find the hole: {found:?}");
+    let (with, without) = (with.end(), without.end());
+    println!("with the data sync: {with:?}, without: {without:?}");
+    assert_eq!(with, BTreeMap::from([(Left::All, cuts)]));
+    assert!(without.get(&Left::All).copied().unwrap_or(0) <= 3, "the method does not find the hole: {without:?}");
+}
+
+/// The store is opened and closed all the time, which writes too.
+#[test]
+fn power_cut_while_it_opens_and_closes() {
+    if !has_strace() {
+        return;
+    }
+    let folder = Folder::quick();
+    let mut cuts =
+        Cuts::new(&folder, Barriers::All, (200, 700, 60), |path, acked| look_at_robot(DirStore::open, path, acked));
+    watch(&folder, (Order::CommitAndClose, 700), |call| cuts.take(&call));
+    assert_eq!(cuts.end(), BTreeMap::from([(Left::All, 200)]));
+}
+
+/// The power is cut again, after each call while the store recovers from a cut, and goes on.
+#[test]
+fn power_cut_after_a_power_cut() {
+    if !has_strace() {
+        return;
+    }
+    let (first, mut calls) = (Folder::quick(), Vec::new());
+    watch(&first, (Order::Commit, 40), |call| calls.push(call));
+    let acks: Vec<usize> = (0..calls.len()).filter(|call| acknowledged(&calls[*call]).is_some()).collect();
+    let mut random = Random::new(1);
+    for (commit, after) in [(20, 1), (27, 4), (38, 7)] {
+        let second = Folder::quick();
+        let (root, left) = (second.0.join("root"), second.0.join("left"));
+        let mut platter = Platter::new(Barriers::All);
+        calls[..acks[commit] + after].iter().for_each(|call| platter.take(call));
+        platter.cut(&mut random, 50, (&first.0.join("root"), &root));
+        let mut platter = Platter::holding(&root);
+        let acked = acknowledged(&calls[acks[commit]]).unwrap();
+        let (mut now, mut number) = (acked, 0);
+        watch(&second, (Order::Commit, acked + 3), |call| {
+            platter.take(&call);
+            now = acknowledged(&call).unwrap_or(now);
+            platter.cut(&mut random, SURVIVAL[number % SURVIVAL.len()], (&root, &left));
+            assert_eq!(look_at_robot(DirStore::open, &left.join("db"), now), Left::All, "call {number}: {call:?}");
+            fs::remove_dir_all(&left).unwrap();
+            number += 1;
+        });
+        println!("cut after each of {number} calls");
+    }
+}
+
+/// The reference goes through the same, for a shorter time.
+#[test]
+fn power_cut_of_the_reference() {
+    if !has_strace() {
+        return;
+    }
+    let folder = Folder::quick();
+    let look = |path: &Path, acked| look_at_robot(SledStore::open, path, acked);
+    let mut cuts = Cuts::new(&folder, Barriers::All, (20, 900, 12), look);
+    watch(&folder, (Order::CommitOnSled, 900), |call| cuts.take(&call));
+    assert_eq!(cuts.end(), BTreeMap::from([(Left::All, 20)]));
 }
 
 /// Opens what is left of batches of large records: each is there as a whole or not at all.
@@ -160,37 +238,27 @@ fn crash_between_log_and_kv() {
         return;
     }
     let folder = Folder::quick();
-    let calls = watch(&folder, Order::Large, LARGE.0);
-    let found = cut((&folder, &calls), Barriers::All, 60, look_at_batches);
-    println!("{} calls: {found:?}", calls.len());
-    assert_eq!(found, BTreeMap::from([(Left::All, 60)]));
+    let mut cuts = Cuts::new(&folder, Barriers::All, (60, LARGE.0, 80), look_at_batches);
+    watch(&folder, (Order::Large, LARGE.0), |call| cuts.take(&call));
+    assert_eq!(cuts.end(), BTreeMap::from([(Left::All, 60)]));
 }
 
-/// The power is cut while the store is made: nothing was promised, so it may be damaged, but has to say so.
+/// The power is cut while the store is made: nothing was promised, but it has to open.
 #[test]
 fn power_cut_at_birth() {
     if !has_strace() {
         return;
     }
-    let folder = Folder::quick();
-    let calls = watch(&folder, Order::Commit, 2);
+    let (folder, mut calls) = (Folder::quick(), Vec::new());
+    watch(&folder, (Order::Commit, 2), |call| calls.push(call));
     let first = calls.iter().position(|call| acknowledged(call).is_some()).unwrap();
     let (from, to) = (folder.0.join("root"), folder.0.join("left"));
     let mut random = Random::new(1);
-    for moment in 0..first {
+    for (moment, percent) in (0..first).flat_map(|moment| SURVIVAL.map(|percent| (moment, percent))) {
         let mut platter = Platter::new(Barriers::All);
         calls[..=moment].iter().for_each(|call| platter.take(call));
-        platter.cut(&mut random, SURVIVAL[moment % SURVIVAL.len()], (&from, &to));
-        let path: PathBuf = to.join("db");
-        match DirStore::open(&path) {
-            Ok(store) => drop(Robot::open(store).unwrap()),
-            Err(error @ StoreError::Damaged { .. }) => {
-                drop(DirStore::put_aside(&path).unwrap());
-                drop(Robot::open(DirStore::open(&path).unwrap()).unwrap());
-                println!("after call {moment}: {error}");
-            }
-            Err(error) => panic!("after call {moment}: {error}"),
-        }
+        platter.cut(&mut random, percent, (&from, &to));
+        assert_eq!(look_at_robot(DirStore::open, &to.join("db"), 0), Left::All, "after call {moment}");
         fs::remove_dir_all(&to).unwrap_or_default();
     }
 }

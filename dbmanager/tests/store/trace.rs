@@ -1,12 +1,12 @@
 //! What a program did to its files, as `strace` saw it.
 
 use std::collections::BTreeMap;
-use std::fs::File;
-use std::io::{BufRead, BufReader};
+use std::io::BufRead;
 use std::path::{Path, PathBuf};
 
 /// The calls that change files, make changes durable, or tell the outside that they are.
-pub(crate) const CALLS: &str = "openat,pwrite64,write,fsync,fdatasync,rename,unlink,mkdir,ftruncate";
+pub(crate) const CALLS: &str = "openat,pwrite64,write,fsync,fdatasync,rename,unlink,mkdir,ftruncate,writev,pwritev,pwritev2,\
+     fallocate,truncate,copy_file_range,renameat,renameat2,unlinkat,mkdirat";
 
 /// One of them, as far as it was about files below a folder.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -31,33 +31,34 @@ pub(crate) enum Call {
 }
 
 /// Reads a log of `strace -f -qq -y -xx`; keeps what is about files below `root`, and what is written to descriptor 1.
-pub(crate) fn read(log: &Path, root: &Path) -> Vec<Call> {
-    let mut reader = Reader { root: root.to_owned(), calls: Vec::new(), positions: BTreeMap::new() };
+pub(crate) fn read(log: impl BufRead, root: &Path, keep: impl FnMut(Call)) {
+    let mut reader = Reader { root: root.to_owned(), keep, count: 0, positions: BTreeMap::new() };
     let mut begun: BTreeMap<String, (String, usize)> = BTreeMap::new();
-    for line in BufReader::new(File::open(log).unwrap()).lines() {
+    for line in log.lines() {
         let line = line.unwrap();
         let (thread, call) = line.split_once(' ').unwrap();
         let call = call.trim_start();
         if let Some(start) = call.strip_suffix(" <unfinished ...>") {
-            begun.insert(thread.to_owned(), (start.to_owned(), reader.calls.len()));
+            begun.insert(thread.to_owned(), (start.to_owned(), reader.count));
         } else if let Some((_, rest)) = call.split_once(" resumed>").filter(|_| call.starts_with("<... ")) {
             let (start, since) = begun.remove(thread).unwrap();
             reader.take(&format!("{start}{rest}"), since);
         } else {
-            reader.take(call, reader.calls.len());
+            reader.take(call, reader.count);
         }
     }
-    reader.calls
 }
 
-struct Reader {
+struct Reader<F> {
     root: PathBuf,
-    calls: Vec<Call>,
+    keep: F,
+    /// How many calls were kept.
+    count: usize,
     /// Where `write` goes on, by descriptor.
     positions: BTreeMap<String, usize>,
 }
 
-impl Reader {
+impl<F: FnMut(Call)> Reader<F> {
     fn take(&mut self, text: &str, since: usize) {
         // Ends of threads and signals have no result; calls that failed have changed nothing.
         let Some((call, result)) = text.rsplit_once(" = ") else { return };
@@ -74,15 +75,15 @@ impl Reader {
                 let path = path_in(path);
                 self.positions.insert(number(result).to_string(), 0);
                 if flags.contains("O_CREAT") {
-                    self.keep(&[&path], Call::Create(path.clone()));
+                    self.keep_in(&[&path], Call::Create(path.clone()));
                 }
                 if flags.contains("O_TRUNC") {
-                    self.keep(&[&path], Call::Truncate(path.clone(), 0));
+                    self.keep_in(&[&path], Call::Truncate(path.clone(), 0));
                 }
             }
             ("pwrite64", [file, data, _, offset]) => self.write(file, number(offset), data, number(result)),
             ("write", [file, data, _]) if file.starts_with("1<") => {
-                self.calls.push(Call::Told(String::from_utf8(bytes_in(data)).unwrap()));
+                self.keep(Call::Told(String::from_utf8(bytes_in(data)).unwrap()));
             }
             ("write", [file, data, _]) => {
                 let length = number(result);
@@ -93,23 +94,23 @@ impl Reader {
             }
             ("fsync" | "fdatasync", [file]) => {
                 let (path, data_only) = (path_in(file), name == "fdatasync");
-                self.keep(&[&path], Call::Sync { path: path.clone(), data_only, since });
+                self.keep_in(&[&path], Call::Sync { path: path.clone(), data_only, since });
             }
             ("ftruncate", [file, length]) => {
                 let path = path_in(file);
-                self.keep(&[&path], Call::Truncate(path.clone(), number(length)));
+                self.keep_in(&[&path], Call::Truncate(path.clone(), number(length)));
             }
             ("mkdir", [path, _]) => {
                 let path = path_in(path);
-                self.keep(&[&path], Call::MakeDir(path.clone()));
+                self.keep_in(&[&path], Call::MakeDir(path.clone()));
             }
             ("rename", [from, to]) => {
                 let (from, to) = (path_in(from), path_in(to));
-                self.keep(&[&from, &to], Call::Rename(from.clone(), to.clone()));
+                self.keep_in(&[&from, &to], Call::Rename(from.clone(), to.clone()));
             }
             ("unlink", [path]) => {
                 let path = path_in(path);
-                self.keep(&[&path], Call::Unlink(path.clone()));
+                self.keep_in(&[&path], Call::Unlink(path.clone()));
             }
             _ => panic!("a call that nobody has thought of: {text}"),
         }
@@ -120,14 +121,19 @@ impl Reader {
         if path.starts_with(&self.root) {
             let mut data = bytes_in(data);
             data.truncate(length);
-            self.calls.push(Call::Write(path, offset, data));
+            self.keep(Call::Write(path, offset, data));
         }
     }
 
-    fn keep(&mut self, paths: &[&Path], call: Call) {
+    fn keep_in(&mut self, paths: &[&Path], call: Call) {
         if paths.iter().any(|path| path.starts_with(&self.root)) {
-            self.calls.push(call);
+            self.keep(call);
         }
+    }
+
+    fn keep(&mut self, call: Call) {
+        self.count += 1;
+        (self.keep)(call);
     }
 }
 
@@ -146,7 +152,6 @@ fn bytes_in(argument: &str) -> Vec<u8> {
 
 #[test]
 fn a_log_is_read() {
-    let log = std::env::temp_dir().join(format!("dca-trace-{}", std::process::id()));
     let lines = [
         r#"7  openat(AT_FDCWD<\x2f>, "\x2f\x61\x2f\x62", O_RDWR|O_CREAT|O_TRUNC, 0666) = 5<\x2f\x61\x2f\x62>"#,
         r#"7  openat(AT_FDCWD<\x2f>, "\x2f\x63", O_RDONLY) = -1 ENOENT (No such file or directory)"#,
@@ -158,7 +163,6 @@ fn a_log_is_read() {
         r#"7  write(1<\x70>, "\x61\x63\x6b\x0a", 4)  = 4"#,
         r#"7  rename("\x2f\x61\x2f\x62", "\x2f\x61\x2f\x63") = 0"#,
     ];
-    std::fs::write(&log, lines.join("\n")).unwrap();
     let (b, c) = (PathBuf::from("/a/b"), PathBuf::from("/a/c"));
     let expected = [
         Call::Create(b.clone()),
@@ -170,6 +174,7 @@ fn a_log_is_read() {
         Call::Told("ack\n".to_owned()),
         Call::Rename(b, c),
     ];
-    assert_eq!(read(&log, Path::new("/a")), expected);
-    std::fs::remove_file(log).unwrap();
+    let mut calls = Vec::new();
+    read(lines.join("\n").as_bytes(), Path::new("/a"), |call| calls.push(call));
+    assert_eq!(calls, expected);
 }

@@ -17,8 +17,9 @@ impl MemoryStore {
 }
 
 impl Store for MemoryStore {
-    fn load(&self) -> Result<Records, StoreError> {
-        Ok(self.records.clone())
+    fn each(&self, take: &mut dyn FnMut(&[u8], &[u8])) -> Result<(), StoreError> {
+        self.records.iter().for_each(|(name, record)| take(name, record));
+        Ok(())
     }
 
     fn commit(&mut self, batch: &Batch) -> Result<(), StoreError> {

@@ -111,6 +111,11 @@ pub(super) fn ask(dir: &Path, life: Life, data: &Path) -> io::Result<Trust> {
     Ok(doubt.map_or(Trust::Kept, Trust::Doubtful))
 }
 
+/// Returns whether there is a witness of a store in `dir`.
+pub(super) fn exists(dir: &Path) -> bool {
+    path(dir).exists()
+}
+
 /// Writes a new witness in place of the old one.
 pub(super) fn swear(dir: &Path, life: Life, data: &Path) -> io::Result<()> {
     let text: String = testimony(life, data)?.iter().map(|(word, what)| format!("{word} {what}\n")).collect();

@@ -3,6 +3,7 @@
 use super::*;
 use crate::logic::clock::Quality;
 use crate::logic::cut::Origin;
+use crate::logic::record::Records;
 use crate::logic::state::Version;
 use crate::logic::txn::{Condition, Grant, TXN_SIZE_MAX, Txn, VALUE_SIZE_MAX, Value};
 use std::collections::VecDeque;

@@ -5,7 +5,7 @@ use anyhow::Context;
 use dbmanager::io::store::memory::MemoryStore;
 use dbmanager::io::store::{DirStore, Store, StoreError, Trust};
 use dbmanager::logic::mutant::Mutant;
-use dbmanager::logic::record::{Batch, OpenError};
+use dbmanager::logic::record::{Batch, OpenError, Reading};
 use dbmanager::logic::replica::{Config, Replica};
 use std::fs::File;
 use std::io::Read;
@@ -47,7 +47,7 @@ impl Place {
         self.store = None;
         let Some(folder) = self.folder.clone() else {
             self.store = Some(Box::new(MemoryStore::default()));
-            return Ok(Replica::open(self.config()?, &dbmanager::logic::record::Records::new())?);
+            return Ok(Replica::open(self.config()?, Reading::default())?);
         };
         match self.open_folder(&folder) {
             Ok(replica) => Ok(replica),
@@ -66,12 +66,12 @@ impl Place {
     fn open_folder(&mut self, folder: &Path) -> anyhow::Result<Replica> {
         let store =
             DirStore::open(folder).context("the database cannot be opened (`--state` chooses another folder)")?;
-        let (config, records) = (self.config()?, store.load()?);
+        let (config, stored) = (self.config()?, store.read()?);
         let replica = match store.trust() {
-            Trust::New | Trust::Kept => Replica::open(config, &records)?,
+            Trust::New | Trust::Kept => Replica::open(config, stored)?,
             Trust::Doubtful(doubt) => {
                 tracing::warn!(%doubt, "the store may be a copy: the database goes on under a new origin");
-                Replica::open_copied(config, &records)?
+                Replica::open_copied(config, stored)?
             }
         };
         self.store = Some(Box::new(store));
