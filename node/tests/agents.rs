@@ -108,6 +108,38 @@ fn every_reason_of_every_host_is_told_and_nothing_stays() {
     assert!(reasons.iter().any(|reason| reason.contains("host `c2`") && reason.contains("`Step`")), "{reasons:?}");
 }
 
+/// A node that is started again must not give an epoch that has run to something else.
+#[test]
+fn nothing_runs_before_its_epoch_is_on_the_disk() {
+    let mut world = World::new(&["c1", "c2"]);
+    world.disk_ms = 4000;
+    let call = world.deploy("c1", TWO_HOSTS);
+    world.run_for(Duration::from_millis(3990));
+    assert_eq!((world.alive.len(), world.log.len()), (4, 0), "they are started, and idle");
+    world.run_for(Duration::from_secs(5));
+    assert_eq!((world.ending(call), world.log.len()), (&Ending::Done(vec![]), 4));
+
+    world.disk_ms = 3_600_000;
+    let call = world.deploy("c1", TWO_HOSTS);
+    world.run_for(Duration::from_secs(60));
+    let Report::Refused { reasons } = world.last_report(call) else { panic!("not refused") };
+    assert_eq!(reasons, &["the disk of its home did not take its epoch in time"]);
+    assert_eq!((world.alive.len(), world.log.len()), (0, 4));
+}
+
+#[test]
+fn a_program_of_another_version_is_refused_with_both_versions() {
+    let mut world = World::new(&["c1", "c2"]);
+    world.version = Some(1);
+    let call = world.deploy("c1", TWO_HOSTS);
+    world.run_for(Duration::from_secs(20));
+    let Report::Refused { reasons } = world.last_report(call) else { panic!("not refused") };
+    let expected =
+        "`main/pair/sensor` cannot take part: it speaks version 1 of the control protocol, this node version 2";
+    assert!(reasons.iter().any(|reason| reason.starts_with(expected)), "{reasons:?}");
+    assert_eq!(world.alive, BTreeSet::new());
+}
+
 #[test]
 fn a_host_that_nobody_has_seen_refuses_at_once() {
     let mut world = World::new(&["c1"]);

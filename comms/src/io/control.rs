@@ -3,7 +3,7 @@
 //! The node's side is asynchronous, the program's side blocks. Both refuse a peer that runs as another user.
 
 use crate::logic::codec::{self, CodecError, Enveloped};
-use crate::logic::control::{Notice, Order};
+use crate::logic::control::{Notice, Order, VERSION};
 use crate::logic::frame::{self, Decoder, FrameError, PREFIX_SIZE};
 use crate::logic::port::{Policy, Pushed, Queue};
 use rustix::event::{PollFd, PollFlags, poll};
@@ -62,10 +62,25 @@ pub enum ControlError {
     Frame(#[from] FrameError),
     /// The other side does not keep to the protocol.
     #[error("the other side of the control channel: {0}")]
-    Codec(#[from] CodecError),
+    Codec(CodecError),
+    /// The other side was built with another version of DCA.
+    #[error(
+        "the other side speaks version {found} of the control protocol, this one version {VERSION}; build the controller \
+         with the DCA of its node"
+    )]
+    Version {
+        /// Of the other side.
+        found: u16,
+    },
     /// The other side does not read.
     #[error("the other side of the control channel does not read: {ORDERS_MAX} orders are waiting")]
     Stuck,
+}
+
+impl From<CodecError> for ControlError {
+    fn from(error: CodecError) -> Self {
+        if let CodecError::Version { found, .. } = error { Self::Version { found } } else { Self::Codec(error) }
+    }
 }
 
 /// A node's control socket. The file stays when it is dropped; binding again replaces it.
@@ -166,7 +181,8 @@ impl ControlSender {
 }
 
 impl ControlReceiver {
-    /// Returns the next notice; none once the program has closed its side.
+    /// Returns the next notice; none once the program has closed its side. A program of another version has said
+    /// [`Notice::Hello`], with no more in it than its version and its instance.
     ///
     /// # Errors
     /// If the channel breaks or the program does not keep to the protocol; it is then of no more use.
@@ -176,7 +192,7 @@ impl ControlReceiver {
     pub async fn recv(&mut self) -> Result<Option<Notice>, ControlError> {
         loop {
             if let Some(body) = self.decoder.next_frame()? {
-                return Ok(Some(codec::decode(&body)?));
+                return Ok(Some(codec::decode_notice(&body)?));
             }
             let stream = self.channel.stream.get_ref();
             if self.channel.outbox().is_empty() {
@@ -371,7 +387,6 @@ fn not_yet(done: io::Result<usize>) -> io::Result<Option<usize>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::logic::control::VERSION;
 
     /// A directory of its own for each test, removed afterwards.
     struct Dir(PathBuf);
@@ -502,6 +517,29 @@ mod tests {
         check(&[7, 0, 0, 0, 1], "the control channel broke").await;
         check(&[2, 0, 0, 0, 1, 1], "not a DCA message").await;
         check(&frame::encode(&codec::encode(&Order::Exit).unwrap(), 100).unwrap(), "kind 1 instead of kind 2").await;
+    }
+
+    /// A program of some later version is told so, and says who it is.
+    #[tokio::test]
+    async fn another_version_is_told_on_both_sides() {
+        let dir = Dir::new("version");
+        let listener = Listener::bind(&dir.socket()).unwrap();
+        let of_later = |message: Vec<u8>| {
+            let mut bytes = message;
+            bytes[2] = 9;
+            frame::encode(&bytes, 100).unwrap()
+        };
+        let mut program = UnixStream::connect(dir.socket()).unwrap();
+        program.write_all(&of_later(codec::encode(&hello()).unwrap())).unwrap();
+        let (_orders, mut notices) = listener.accept().await.unwrap();
+        let said = notices.recv().await.unwrap();
+        assert!(matches!(&said, Some(Notice::Hello { version: 9, instance, .. }) if instance == "main/x"), "{said:?}");
+
+        let node = std::os::unix::net::UnixListener::bind(dir.0.join("later.sock")).unwrap();
+        let (_notices, mut orders) = connect(&dir.0.join("later.sock")).unwrap();
+        node.accept().unwrap().0.write_all(&of_later(codec::encode(&Order::Exit).unwrap())).unwrap();
+        let error = orders.recv().unwrap_err().to_string();
+        assert!(error.starts_with("the other side speaks version 9 of the control protocol, this one "), "{error}");
     }
 
     #[test]

@@ -106,24 +106,46 @@ pub fn encode<T: Enveloped>(message: &T) -> Result<Vec<u8>, CodecError> {
 /// # Errors
 /// If it is too long, of another kind or version, or malformed.
 pub fn decode<T: Enveloped>(bytes: &[u8]) -> Result<T, CodecError> {
-    check_size::<T>(bytes.len())?;
-    let (header, body) = bytes.split_first_chunk::<HEADER_SIZE>().ok_or(CodecError::Foreign)?;
-    let [d, c, version @ .., kind_low, kind_high] = *header;
-    if [d, c] != MAGIC {
-        return Err(CodecError::Foreign);
-    }
-    let (found, version) = (u16::from_le_bytes([kind_low, kind_high]), u16::from_le_bytes(version));
-    if found != T::KIND {
-        return Err(CodecError::Kind { expected: T::KIND, found });
-    }
+    let (version, body) = open::<T>(bytes)?;
     if version != T::VERSION {
-        return Err(CodecError::Version { kind: found, expected: T::VERSION, found: version });
+        return Err(CodecError::Version { kind: T::KIND, expected: T::VERSION, found: version });
     }
     let body_error = |cause| CodecError::Body { kind: T::KIND, cause };
     match postcard::take_from_bytes(body).map_err(body_error)? {
         (message, []) => Ok(message),
         _ => Err(body_error(postcard::Error::DeserializeBadEncoding)),
     }
+}
+
+/// Reads a notice as [`decode`] does. Of a [`Notice::Hello`] of another version it reads the beginning, which all versions
+/// have in common: which one it is, and who says it.
+///
+/// # Errors
+/// As those of [`decode`].
+pub fn decode_notice(bytes: &[u8]) -> Result<Notice, CodecError> {
+    let refused = match decode(bytes) {
+        Err(error @ CodecError::Version { .. }) => error,
+        decoded => return decoded,
+    };
+    let (version, body) = open::<Notice>(bytes)?;
+    let Ok(((0, _, instance), _)) = postcard::take_from_bytes::<(u32, u16, String)>(body) else { return Err(refused) };
+    let (location, owns, needs) = (None, Vec::new(), Vec::new());
+    Ok(Notice::Hello { version, instance, location, owns, needs, signals: false })
+}
+
+/// Takes a message out of its envelope; returns its version, and its bytes.
+fn open<T: Enveloped>(bytes: &[u8]) -> Result<(u16, &[u8]), CodecError> {
+    check_size::<T>(bytes.len())?;
+    let (header, body) = bytes.split_first_chunk::<HEADER_SIZE>().ok_or(CodecError::Foreign)?;
+    let [d, c, version @ .., kind_low, kind_high] = *header;
+    if [d, c] != MAGIC {
+        return Err(CodecError::Foreign);
+    }
+    let found = u16::from_le_bytes([kind_low, kind_high]);
+    if found != T::KIND {
+        return Err(CodecError::Kind { expected: T::KIND, found });
+    }
+    Ok((u16::from_le_bytes(version), body))
 }
 
 fn check_size<T: Enveloped>(size: usize) -> Result<(), CodecError> {
@@ -136,7 +158,7 @@ fn check_size<T: Enveloped>(size: usize) -> Result<(), CodecError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::logic::control::{Device, Dial, Incoming, Location, Outgoing, Shape};
+    use crate::logic::control::{Device, Dial, Incoming, Location, Outgoing, Shape, VERSION};
     use crate::logic::signals::Signal;
     use crate::logic::time::Time;
     use proptest::prelude::*;
@@ -158,38 +180,40 @@ mod tests {
         let devices = vec![Device { device: "arm".into(), owner: dial() }];
         check(
             &Order::Connect { robot: "r".into(), incoming: vec![incoming], outgoing: vec![outgoing], devices },
-            "444301000100000172010102496e016b02613101016c0001ac02034f7574016a01010361726d02613101016c",
+            "444302000100000172010102496e016b02613101016c0001ac02034f7574016a01010361726d02613101016c",
         );
-        check(&Order::Open { wires: vec![1, 2], generation: 3 }, "4443010001000102010203");
-        check(&Order::Close { wires: vec![], generation: 1 }, "444301000100020001");
-        check(&Order::Activate { activation: 9, value: vec![1] }, "44430100010003090101");
-        check(&Order::Stop { activation: 9 }, "4443010001000409");
-        check(&Order::Exit, "44430100010005");
+        check(&Order::Open { wires: vec![1, 2], generation: 3 }, "4443020001000102010203");
+        check(&Order::Close { wires: vec![], generation: 1 }, "444302000100020001");
+        check(&Order::Activate { activation: 9, value: vec![1] }, "44430200010003090101");
+        check(&Order::Stop { activation: 9 }, "4443020001000409");
+        check(&Order::Exit, "44430200010005");
         let parameters = vec![("a".to_owned(), "1".to_owned())];
-        check(&Order::Configure { parameters }, "444301000100060101610131");
+        check(&Order::Configure { parameters }, "444302000100060101610131");
         let shape = Shape { wire: 1, latch: true, queue: Some(5), period_min: Some(Duration::from_millis(100)) };
-        check(&Order::Shape { wires: vec![shape] }, "444301000100070101010105010080c2d72f");
+        check(&Order::Shape { wires: vec![shape] }, "444302000100070101010105010080c2d72f");
+        check(&Order::Rejoin, "44430200010008");
+        check(&Order::Relink { lost: "b".into(), found: dial() }, "44430200010009016202613101016c");
     }
 
     #[test]
     fn golden_notices() {
         let location = Location { session: "a".into(), local: vec!["u".into()], remote: vec![] };
         let hello = Notice::Hello {
-            version: 1,
+            version: VERSION,
             instance: "m".into(),
             location: Some(location),
             owns: vec![],
             needs: vec!["ft".into()],
             signals: true,
         };
-        check(&hello, "4443010002000001016d01016101017500000102667401");
-        check(&Notice::Connected, "44430100020001");
-        check(&Notice::ConnectFailed { reason: "x".into() }, "444301000200020178");
-        check(&Notice::Switched { generation: 7 }, "4443010002000307");
-        check(&Notice::Running { activation: 1 }, "4443010002000401");
-        check(&Notice::Done { activation: 1, value: vec![] }, "444301000200050100");
-        check(&Notice::Aborted { activation: 1, reason: "x".into() }, "44430100020006010178");
-        check(&Notice::Stopped { activation: 1 }, "4443010002000701");
+        check(&hello, "4443020002000002016d01016101017500000102667401");
+        check(&Notice::Connected, "44430200020001");
+        check(&Notice::ConnectFailed { reason: "x".into() }, "444302000200020178");
+        check(&Notice::Switched { generation: 7 }, "4443020002000307");
+        check(&Notice::Running { activation: 1 }, "4443020002000401");
+        check(&Notice::Done { activation: 1, value: vec![] }, "444302000200050100");
+        check(&Notice::Aborted { activation: 1, reason: "x".into() }, "44430200020006010178");
+        check(&Notice::Stopped { activation: 1 }, "4443020002000701");
     }
 
     #[test]
@@ -212,10 +236,30 @@ mod tests {
         order.push(0);
         assert!(refused(&order).starts_with("a message of kind 1 is malformed"));
         order[2] = 9;
-        assert_eq!(refused(&order), "a message of version 9 of kind 1; this program speaks version 1");
+        assert_eq!(refused(&order), "a message of version 9 of kind 1; this program speaks version 2");
         let long = vec![0; Order::SIZE_MAX + 1];
         assert!(matches!(decode::<Order>(&long), Err(CodecError::TooLong { .. })));
         assert!(encode(&Order::Activate { activation: 0, value: long }).is_err());
+    }
+
+    /// What programs of the first version said, and what those of some later one may say.
+    #[test]
+    fn a_hello_of_another_version_says_whose_it_is() {
+        for (version, hello) in [
+            (1, &b"DC\x01\x00\x02\x00\x00\x01\x01m\x00\x00\x00\x00"[..]),
+            (300, b"DC\x2c\x01\x02\x00\x00\xac\x02\x01m\x05and more"),
+        ] {
+            let refused = CodecError::Version { kind: 2, expected: VERSION, found: version };
+            assert_eq!(decode::<Notice>(hello), Err(refused.clone()));
+            let (location, owns, needs) = (None, vec![], vec![]);
+            let read = Notice::Hello { version, instance: "m".into(), location, owns, needs, signals: false };
+            assert_eq!(decode_notice(hello), Ok(read));
+            // Anything else of another version is not understood.
+            let mut other = hello.to_vec();
+            other[HEADER_SIZE] = 1;
+            assert_eq!(decode_notice(&other), Err(refused));
+        }
+        assert_eq!(decode_notice(&encode(&Notice::Connected).unwrap()), Ok(Notice::Connected));
     }
 
     proptest! {

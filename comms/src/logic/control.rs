@@ -10,8 +10,9 @@
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
-/// Version of this protocol.
-pub const VERSION: u16 = 1;
+/// Version of this protocol: one more with every order, notice or field that is appended. Node and program must be of the
+/// same one. Of any other they understand no more than [`Notice::Hello`] says at its beginning, so that each can be told.
+pub const VERSION: u16 = 2;
 
 /// Where a program's data session can be dialled.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -150,7 +151,7 @@ pub enum Order {
 /// From the program to the node.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Notice {
-    /// First frame on the channel.
+    /// First frame on the channel. The first in every version, with these two fields at its beginning.
     Hello {
         /// [`VERSION`] of the program.
         version: u16,

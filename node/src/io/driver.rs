@@ -24,8 +24,8 @@ use comms::logic::time::Time;
 use language::plan::LeafKind;
 use std::collections::{BTreeMap, VecDeque};
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::sync::atomic::AtomicU64;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use tokio::sync::mpsc::{self, Receiver, Sender};
 use tokio::sync::watch;
@@ -73,7 +73,7 @@ struct Driver {
     agent: Agent,
     peers: Peers,
     database: database::Running,
-    journal: Journal,
+    journal: Arc<Mutex<Journal>>,
     shim: PathBuf,
     shims: BTreeMap<ProcessId, Shim>,
     programs: BTreeMap<ProcessId, (u64, ControlSender)>,
@@ -193,7 +193,7 @@ impl Driver {
             dir,
             peers,
             database,
-            journal,
+            journal: Arc::new(Mutex::new(journal)),
             shims: BTreeMap::new(),
             programs: BTreeMap::new(),
             connected: Arc::default(),
@@ -261,6 +261,7 @@ impl Driver {
                 let is_current = self.programs.get(&process).is_some_and(|(current, _)| *current == number);
                 is_current.then_some(Input::Control { process, notice })
             }
+            Event::Committed(deployment) => Some(Input::Committed { deployment }),
         }
     }
 
@@ -303,12 +304,7 @@ impl Driver {
             }
             Effect::Forget { process } => self.forget(&process),
             Effect::Bury { deployment } => self.bury(deployment),
-            Effect::Commit { deployment } => {
-                // The mission can go on without the line; another one must not reuse its epoch while this node lives.
-                if let Err(error) = self.journal.commit(&deployment) {
-                    tracing::error!(%deployment, %error, "a commit was not written");
-                }
-            }
+            Effect::Commit { deployment } => self.commit(deployment),
             Effect::Answer { call, answer } => {
                 if !self.peers.answer(call, *answer) {
                     self.peers.end(call);
@@ -320,6 +316,22 @@ impl Driver {
             Effect::Record(commit) => self.database.handle().write(*commit),
             Effect::Leave => {}
         }
+    }
+
+    /// Writes an epoch down beside the loop: a disk may take long.
+    fn commit(&mut self, deployment: Deployment) {
+        let (journal, events) = (Arc::clone(&self.journal), self.events.clone());
+        self.tasks.spawn(async move {
+            let epoch = deployment.clone();
+            let writing = tokio::task::spawn_blocking(move || {
+                journal.lock().unwrap_or_else(PoisonError::into_inner).commit(&epoch)
+            });
+            // The mission can go on without the line; another one does not get its epoch while this node lives.
+            if let Err(error) = writing.await.map_err(std::io::Error::other).flatten() {
+                tracing::error!(%deployment, %error, "an epoch was not written down");
+            }
+            events.send(Event::Committed(deployment)).await.unwrap_or_default();
+        });
     }
 
     async fn spawn(&mut self, order: &SpawnOrder) {

@@ -22,6 +22,8 @@ pub(crate) enum Event {
     Program(Connection, ControlSender),
     /// A word from a program.
     Control(Connection, Notice),
+    /// The epoch of a deployment is in the journal.
+    Committed(Deployment),
 }
 
 /// A program's way to its node.
@@ -47,7 +49,12 @@ pub(crate) async fn hear_programs(
             Ok((sender, receiver)) => {
                 let number = connected.fetch_add(1, Ordering::Relaxed);
                 let connection = Connection { deployment: deployment.clone(), instance: String::new(), number };
-                programs.spawn(hear(events.clone(), connection, sender, receiver));
+                let hearing = hear(events.clone(), connection, sender, receiver);
+                programs.spawn(async move {
+                    if let Err(error) = hearing.await {
+                        tracing::warn!(error = format!("{error:#}"), "a program cannot be heard any more");
+                    }
+                });
             }
             Err(error) => tracing::warn!(%error, "a program could not connect"),
         }
@@ -64,10 +71,15 @@ async fn hear(
     let Some(hello) = receiver.recv().await? else { return Ok(()) };
     let Notice::Hello { instance, .. } = &hello else { anyhow::bail!("a program did not say who it is") };
     connection.instance.clone_from(instance);
-    events.send(Event::Program(connection.clone(), sender)).await?;
+    // Who cannot tell the driver need not hear any more: it is gone.
+    if events.send(Event::Program(connection.clone(), sender)).await.is_err() {
+        return Ok(());
+    }
     let mut notice = Some(hello);
     while let Some(said) = notice {
-        events.send(Event::Control(connection.clone(), said)).await?;
+        if events.send(Event::Control(connection.clone(), said)).await.is_err() {
+            return Ok(());
+        }
         notice = receiver.recv().await?;
     }
     Ok(())

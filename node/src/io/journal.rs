@@ -1,7 +1,8 @@
-//! What this node has committed, durable before the first process of a deployment runs.
+//! The epochs that this node has given out, each durable before the first process of its deployment runs.
 //!
-//! One line a commit: `EPOCH NAME`. A torn last line (power cut) is ignored; the epoch after it is still higher than every
-//! one that ran, because a deployment runs only after its line is on the disk.
+//! One line each: `EPOCH NAME`. A torn last line (power cut) is ignored; the epoch after it is still higher than every
+//! one that ran, because a deployment runs only after its line is on the disk. Writing blocks for as long as the disk takes,
+//! so the driver does it beside its loop, while programs start.
 
 use crate::logic::protocol::Deployment;
 use std::fs::{File, OpenOptions};
@@ -35,12 +36,12 @@ impl Journal {
         Ok(Self { file, epoch })
     }
 
-    /// Returns the highest epoch committed here.
+    /// Returns the highest epoch in it.
     pub fn epoch(&self) -> u64 {
         self.epoch
     }
 
-    /// Writes a commit; it is on the disk when this returns.
+    /// Writes an epoch; it is on the disk when this returns.
     ///
     /// # Errors
     /// The disk refuses.

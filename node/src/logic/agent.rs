@@ -37,7 +37,7 @@ pub struct Identity {
     pub pid: u32,
     /// Names the machine and its network.
     pub machine: String,
-    /// The highest epoch committed here before.
+    /// The highest epoch that was given out here before.
     pub epoch: u64,
 }
 
@@ -87,6 +87,11 @@ pub enum Input {
         process: ProcessId,
         /// What.
         notice: Notice,
+    },
+    /// The epoch of a deployment that has its home here is on the disk, or will never be.
+    Committed {
+        /// Which.
+        deployment: Deployment,
     },
     /// An order did not reach a controller.
     Undelivered {
@@ -200,6 +205,9 @@ impl Agent {
                 if let Some(tenant) = self.tenants.get_mut(&process.deployment) {
                     tenant.undelivered(process.leaf, why, out);
                 }
+            }
+            Input::Committed { deployment } => {
+                self.homes.get_mut(&deployment).into_iter().for_each(|home| home.committed(out));
             }
             Input::Leave => {
                 self.leaving = true;

@@ -68,7 +68,9 @@ pub enum Effect {
         /// Which.
         deployment: Deployment,
     },
-    /// Write durably that a deployment was committed.
+    /// Write down the epoch of a deployment, and give [`Input::Committed`] when it is on the disk. Nothing waits meanwhile.
+    ///
+    /// [`Input::Committed`]: crate::logic::agent::Input::Committed
     Commit {
         /// Which.
         deployment: Deployment,

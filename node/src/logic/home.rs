@@ -1,9 +1,12 @@
-//! A deployment at its home node (the host of `main`): PREPARE on every host, CONNECT, commit, GO, and the end.
+//! A deployment at its home node (the host of `main`): PREPARE on every host, CONNECT, GO, and the end.
 //!
 //! ```text
 //! Preparing ─all prepared─▶ Connecting ─all connected─▶ Running ─main ended─▶ Ending ─all released─▶ Over
 //!      └─────── refused, late, host lost, stopped ────────────────▶ Ending
 //! ```
+//! Its epoch is written down meanwhile: there is no GO before that is on the disk, so that a node which is started again
+//! never gives an epoch that has run to something else.
+//!
 //! The reply to `deploy` is the outcome: everyone who asked gets the reports as they come, and the last one when nothing
 //! of the deployment is left on any host that can be reached.
 
@@ -45,6 +48,8 @@ pub struct Home {
     plan: Arc<Plan>,
     hosts: Vec<String>,
     phase: Phase,
+    /// Whether its epoch is on the disk.
+    committed: bool,
     begun: Time,
     go_at: Option<Time>,
     deadline: Option<Time>,
@@ -69,6 +74,7 @@ impl Home {
             deployment,
             plan,
             phase: Phase::Preparing,
+            committed: false,
             begun: out.now,
             go_at: None,
             deadline: Some(out.now + PREPARE_WITHIN),
@@ -79,6 +85,7 @@ impl Home {
             stoppers: Vec::new(),
             reports: Vec::new(),
         };
+        out.effects.push(Effect::Commit { deployment: home.deployment.clone() });
         home.report(Report::Accepted { deployment: home.deployment.clone() }, out);
         for host in home.hosts.clone() {
             let plan = (*home.plan).clone();
@@ -125,6 +132,12 @@ impl Home {
             ToHome::MainEnded { ending } => self.end(Some(ending), out),
             ToHome::Happened { target, change } => self.happened(target, change, out),
         }
+    }
+
+    /// Takes note that its epoch is on the disk.
+    pub fn committed(&mut self, out: &mut Out<'_>) {
+        self.committed = true;
+        self.go_if_ready(out);
     }
 
     /// Ends the deployment because somebody asked; `call` is answered when nothing is left.
@@ -202,6 +215,9 @@ impl Home {
                 if self.reasons.is_empty() {
                     let late = self.waiting.iter().map(|host| format!("host `{host}` did not answer in time"));
                     self.reasons.extend(late);
+                    if self.waiting.is_empty() {
+                        self.reasons.push("the disk of its home did not take its epoch in time".to_owned());
+                    }
                 }
                 self.end(None, out);
             }
@@ -244,7 +260,11 @@ impl Home {
     fn connected(&mut self, from: &str, out: &mut Out<'_>) {
         self.waiting.remove(from);
         self.report(Report::Connected { host: from.to_owned() }, out);
-        if self.waiting.is_empty() {
+        self.go_if_ready(out);
+    }
+
+    fn go_if_ready(&mut self, out: &mut Out<'_>) {
+        if self.phase == Phase::Connecting && self.waiting.is_empty() && self.committed {
             self.go(out);
         }
     }
@@ -265,7 +285,6 @@ impl Home {
         self.phase = Phase::Running;
         self.deadline = None;
         self.go_at = Some(out.now);
-        out.effects.push(Effect::Commit { deployment: self.deployment.clone() });
         let signals = self.registrations.facts.values().filter(|facts| facts.signals).filter_map(|facts| {
             let leaf = self.plan.leaves.get(facts.leaf as usize)?;
             let dial = observe(&self.registrations, facts.leaf)?;

@@ -1,6 +1,6 @@
 //! Several agents on virtual time, the frames between them, and programs that behave as a script says.
 
-use comms::logic::control::{Location, Notice, Order};
+use comms::logic::control::{Location, Notice, Order, VERSION};
 use comms::logic::time::Time;
 use language::plan::{LeafKind, Plan, Policy};
 use language::{Options, Source, compile};
@@ -52,6 +52,10 @@ pub(super) struct World {
     pub(super) plan: Option<Plan>,
     /// Whether shims fail to end their programs.
     pub(super) immortal: bool,
+    /// How long the disk takes to write something down.
+    pub(super) disk_ms: u64,
+    /// The version of the control protocol that programs speak, if it is another.
+    pub(super) version: Option<u16>,
 }
 
 impl World {
@@ -199,7 +203,10 @@ impl World {
             },
             Effect::Control { process, order } => self.order(host, &process, order),
             Effect::Answer { call, answer } => self.answers.entry(call).or_default().push(*answer),
-            Effect::Commit { .. } | Effect::EndAnswers { .. } | Effect::Forget { .. } | Effect::Bury { .. } => {}
+            Effect::Commit { deployment } => {
+                self.at(self.disk_ms, host, Coming::Input(Input::Committed { deployment }));
+            }
+            Effect::EndAnswers { .. } | Effect::Forget { .. } | Effect::Bury { .. } => {}
             Effect::Tail { .. } | Effect::Record(_) | Effect::Leave => {}
         }
     }
@@ -253,7 +260,8 @@ impl World {
         let local = vec!["unix".into()];
         let location = Some(Location { session: self.session(&process), local, remote: vec!["tcp".into()] });
         let (owns, needs) = (vec![], vec![]);
-        let hello = Notice::Hello { version: 1, instance: order.path, location, owns, needs, signals: false };
+        let version = self.version.unwrap_or(VERSION);
+        let hello = Notice::Hello { version, instance: order.path, location, owns, needs, signals: false };
         self.notice(5, host, &process, hello);
     }
 

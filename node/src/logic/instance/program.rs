@@ -15,7 +15,11 @@ impl Instance {
                     return;
                 }
                 if version != VERSION {
-                    let why = format!("it speaks version {version} of the control protocol, this node {VERSION}");
+                    let why = format!(
+                        "it speaks version {version} of the control protocol, this node version {VERSION}; build it with \
+                         DCA {}, as its node is",
+                        env!("CARGO_PKG_VERSION")
+                    );
                     return self.turn_away(&why, moment);
                 }
                 let leaf = self.order.process.leaf;
