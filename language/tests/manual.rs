@@ -197,8 +197,8 @@ fn check(spec: &Source) -> String {
         said += &format!("{}: {}, {}\n", spec.name, plural(errors, "error"), plural(warnings, "warning"));
     }
     if let Some(plan) = plan {
-        let (groups, leaves, hosts) = (plan.groups.len(), plan.leaves.len(), plan.hosts.join(", "));
-        said += &format!("{}: {groups} groups, {leaves} programs, on {hosts}: no errors\n", spec.name);
+        let (groups, programs) = (plural(plan.groups.len(), "group"), plural(plan.leaves.len(), "program"));
+        said += &format!("{}: {groups}, {programs}, on {}: no errors\n", spec.name, plan.hosts.join(", "));
     }
     said
 }

@@ -6,6 +6,7 @@ mod sarif;
 use crate::cli::follow::Spec;
 use crate::cli::{Controllers, Failure, fix, output};
 use crate::io::programs;
+use crate::logic::table::counted;
 use anyhow::Context;
 use language::plan::Plan;
 use language::{
@@ -89,9 +90,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
 
 fn check(arguments: &Arguments) -> Result<(), Failure> {
     let plan = load(&arguments.file, &arguments.controllers, arguments.deny.is_some())?.plan;
-    let (groups, leaves, hosts) = (plan.groups.len(), plan.leaves.len(), plan.hosts.join(", "));
-    let file = arguments.file.display();
-    output::say(&format!("{file}: {groups} groups, {leaves} programs, on {hosts}: no errors"));
+    let (groups, programs) = (counted(plan.groups.len(), "group"), counted(plan.leaves.len(), "program"));
+    let (file, hosts) = (arguments.file.display(), plan.hosts.join(", "));
+    output::say(&format!("{file}: {groups}, {programs}, on {hosts}: no errors"));
     Ok(())
 }
 
@@ -104,8 +105,7 @@ pub(crate) fn load(file: &Path, controllers: &Controllers, deny_lenient_names: b
     let count = |severity| diagnostics.iter().filter(|diagnostic| diagnostic.severity == severity).count();
     let (errors, warnings) = (count(Severity::Error), count(Severity::Warning));
     if errors + warnings > 0 {
-        let plural = |count: usize, word| format!("{count} {word}{}", if count == 1 { "" } else { "s" });
-        output::note(&format!("{}: {}, {}", spec.name, plural(errors, "error"), plural(warnings, "warning")));
+        output::note(&format!("{}: {}, {}", spec.name, counted(errors, "error"), counted(warnings, "warning")));
     }
     let plan = plan.ok_or(Failure::Told)?;
     Ok(Spec { file: file.to_owned(), text: spec.text, plan })

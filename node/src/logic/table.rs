@@ -4,12 +4,18 @@ pub use dbmanager::logic::view::table::table;
 
 use crate::logic::protocol::{Deployment, NodeStatus, ProcessStatus};
 use std::collections::{BTreeMap, BTreeSet};
+use std::fmt::Display;
 
 /// What all nodes say of one deployment: its phases, and each process with its host.
 #[derive(Default)]
 struct Parts<'a> {
     phases: BTreeSet<&'a str>,
     processes: BTreeMap<&'a str, (&'a str, &'a ProcessStatus)>,
+}
+
+/// Returns how many of something there are: `1 group`, `3 groups`.
+pub fn counted<T: Display + PartialEq + From<u8>>(count: T, one: &str) -> String {
+    format!("{count} {one}{}", if count == T::from(1) { "" } else { "s" })
 }
 
 /// Returns every deployment as one tree, put together from what each node says of its own part.

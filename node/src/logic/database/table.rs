@@ -1,7 +1,7 @@
 //! `dca db status` as text: who is in the team, who is behind and by how much, and what keeps old things alive.
 
 use super::question::{Clock, MemberStatus, Status};
-use crate::logic::table::table;
+use crate::logic::table::{counted, table};
 use dbmanager::logic::view::date;
 use dbmanager::logic::view::status::Lag;
 use std::time::Duration;
@@ -45,7 +45,7 @@ fn headline(status: &Status) -> String {
     match (with, behind) {
         (0, _) => format!("team `{team}`: `{robot}` is its only member so far"),
         (_, 0) => format!("team `{team}`, as `{robot}` sees it: everybody has everything"),
-        (_, behind) => format!("team `{team}`, as `{robot}` sees it: {behind} of {with} others lack something"),
+        (_, behind) => format!("team `{team}`, as `{robot}` sees it: others that lack something: {behind} of {with}"),
     }
 }
 
@@ -87,14 +87,13 @@ fn lag(lag: Lag) -> String {
 }
 
 fn facts(status: &Status) -> String {
-    let plural = |count: u64, one: &str| format!("{count} {one}{}", if count == 1 { "" } else { "s" });
     let conflicts = match status.conflicts {
         0 => "no conflicts".to_owned(),
-        count => format!("{}: `dca db conflicts` lists them", plural(count, "conflict")),
+        count => format!("{}: `dca db conflicts` lists them", counted(count, "conflict")),
     };
     let rows = [
-        ("holds", format!("{}, {conflicts}", plural(status.keys, "key"))),
-        ("log", format!("{}, {}", plural(status.log_len, "transaction"), size(status.log_size))),
+        ("holds", format!("{}, {conflicts}", counted(status.keys, "key"))),
+        ("log", format!("{}, {}", counted(status.log_len, "transaction"), size(status.log_size))),
         ("state", format!("{} (robots with the same have the same)", &status.state[..DIGITS.min(status.state.len())])),
         ("store", status.store.clone().unwrap_or_else(|| "in memory: gone when the node ends".to_owned())),
         ("clock", clock(&status.clock).to_owned()),
@@ -183,7 +182,7 @@ mod tests {
     fn a_robot_that_is_away() {
         let members = vec![member("r1", 1, None, 0), member("r2", 2, Some(1), 0), member("r3", 3, Some(720), 14)];
         expect![[r#"
-            team `dca`, as `r1` sees it: 1 of 2 others lack something
+            team `dca`, as `r1` sees it: others that lack something: 1 of 2
 
               ROBOT  HEARD       CLOCK                  LACKS                                  AHEAD
               r1     this robot  unset                  -                                      -

@@ -1,5 +1,6 @@
 //! How far the start of a deployment is: programs up, links made, GO.
 
+use crate::logic::table::counted;
 use language::plan::Plan;
 use std::time::Duration;
 
@@ -73,17 +74,13 @@ impl Start {
             Stage::Prepared => format!("{} {} up", host.name, host.leaves),
             Stage::Connected => format!("{} linked", host.name),
         });
-        format!("starting {}: {}", count(programs, "program"), hosts.collect::<Vec<_>>().join(" · "))
+        format!("starting {}: {}", counted(programs, "program"), hosts.collect::<Vec<_>>().join(" · "))
     }
 
     /// Returns one line once GO was given: `20 programs on 3 hosts, started in 0.8 s`.
     pub fn done(&self) -> Option<String> {
         let (programs, hosts) = self.size();
         let took = self.took?.as_secs_f64();
-        Some(format!("{} on {}, started in {took:.1} s", count(programs, "program"), count(hosts, "host")))
+        Some(format!("{} on {}, started in {took:.1} s", counted(programs, "program"), counted(hosts, "host")))
     }
-}
-
-fn count(number: usize, noun: &str) -> String {
-    format!("{number} {noun}{}", if number == 1 { "" } else { "s" })
 }

@@ -2,6 +2,7 @@
 
 use crate::logic::mission::progress::cut;
 use crate::logic::mission::{Mission, Note, Outcome, Phase, Track, seconds, short};
+use crate::logic::table::counted;
 use std::time::Duration;
 
 /// The most rows of phases; a screen has about 24.
@@ -46,7 +47,7 @@ pub fn summary(mission: &Mission, files: &Files) -> String {
     }
     let dropped = match files.dropped {
         0 => String::new(),
-        count => format!(" ({count} samples left out: the disk was too slow)"),
+        count => format!(" ({} left out: the disk was too slow)", counted(count, "sample")),
     };
     let record = files.record.iter().map(|path| format!("  record  {path}{dropped}\n"));
     let report = files.report.iter().map(|path| format!("  report  {path}\n"));

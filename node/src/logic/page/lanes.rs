@@ -5,6 +5,7 @@ use crate::logic::page::axis::{LEFT, TimeAxis, svg};
 use crate::logic::page::text::escape;
 use crate::logic::protocol::{Change, Ending, Report};
 use crate::logic::record::{Entry, Run, change_text};
+use crate::logic::table::counted;
 use language::plan::{MemberKind, Plan};
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -69,7 +70,7 @@ pub(super) fn figure(run: &Run, mission: &Mission, axis: &TimeAxis) -> String {
     text.push_str(&axis.cursor(height));
     text.push_str("</svg>\n");
     if hidden > 0 {
-        text.push_str(&format!("<p class=\"quiet\">{hidden} more processes are not shown.</p>\n"));
+        text.push_str(&format!("<p class=\"quiet\">Not shown: {}.</p>\n", counted(hidden, "row")));
     }
     text.push_str("</figure>\n");
     text

@@ -4,6 +4,7 @@ use crate::logic::mission::{Mission, Outcome, Track, failure_chain, seconds};
 use crate::logic::page::text::escape;
 use crate::logic::protocol::Report;
 use crate::logic::record::{Entry, Run, change_text, report_text};
+use crate::logic::table::counted;
 use dbmanager::logic::view::date;
 use std::time::Duration;
 
@@ -129,11 +130,11 @@ pub(super) fn details(run: &Run) -> String {
         ));
     }
     let more = events.len().saturating_sub(EVENTS_MAX);
-    let count = events.len();
+    let count = counted(events.len(), "event");
     events.truncate(EVENTS_MAX);
     let more = if more > 0 { format!("<p class=\"quiet\">{more} more are in the record.</p>") } else { String::new() };
     format!(
-        "<details><summary>{count} events</summary>\n<div class=\"wide\"><table>\n{}</table></div>\n{more}</details>\n\
+        "<details><summary>{count}</summary>\n<div class=\"wide\"><table>\n{}</table></div>\n{more}</details>\n\
          <details><summary>the spec, {}</summary>\n<pre>{}</pre>\n</details>\n",
         events.concat(),
         escape(&run.header.file),

@@ -1,5 +1,6 @@
 //! What went wrong, in a form that travels, and in words.
 
+use crate::logic::table::counted;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::time::Duration;
@@ -65,7 +66,7 @@ impl fmt::Display for FailureCause {
             Self::Busy => f.write_str("was activated while it was still running"),
             Self::ServiceEnded => f.write_str("a service ended by itself"),
             Self::StopUnconfirmed => f.write_str("nobody could confirm that it stopped"),
-            Self::Exhausted { last, restarts } => write!(f, "{last} after {restarts} restarts"),
+            Self::Exhausted { last, restarts } => write!(f, "{last} after {}", counted(*restarts, "restart")),
             Self::HostLost(host) => write!(f, "host `{host}` could not be reached any more"),
         }
     }

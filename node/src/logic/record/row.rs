@@ -3,6 +3,7 @@
 use crate::logic::instance::{RESTARTS_MAX, WINDOW};
 use crate::logic::protocol::{Change, Ending, FailureCause, Report};
 use crate::logic::record::Entry;
+use crate::logic::table::counted;
 use comms::logic::signals::Signals;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
@@ -142,7 +143,7 @@ pub(super) fn json(value: &impl Serialize) -> Vec<u8> {
 pub(crate) fn text(report: &Report) -> String {
     match report {
         Report::Accepted { deployment } => format!("accepted as {deployment}"),
-        Report::Prepared { host, leaves } => format!("{host}: {leaves} programs up"),
+        Report::Prepared { host, leaves } => format!("{host}: {} up", counted(*leaves, "program")),
         Report::Connected { host } => format!("{host}: linked"),
         Report::Go { took, .. } => format!("GO after {:.1} s", took.as_secs_f64()),
         Report::Process { path, change, .. } => format!("{path} {}", change_text(change)),
