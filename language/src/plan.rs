@@ -5,6 +5,7 @@
 //! Invariants, kept by `check::lower` and re-checked by [`Plan::validate`] when a plan arrives over a wire: every index
 //! is in range, `groups[0]` is `main`, every group but `main` is a member of exactly one group, every leaf too.
 
+mod exec;
 mod nested;
 mod policy;
 mod validate;
@@ -12,6 +13,7 @@ mod validate;
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
+pub use exec::{ExecError, words};
 pub use policy::{LinkLoss, Policy, REALTIME_MAX, Realtime, Restart, Usage};
 pub use validate::PlanError;
 
@@ -104,7 +106,8 @@ pub struct Leaf {
     pub host: u32,
     /// Arguments after the host, in order.
     pub arguments: Vec<Argument>,
-    /// How to start it, when the module's interface says so; else the node looks the type up among its controllers.
+    /// How to start it, as [`words`] reads it, when the module's interface says so; else the node looks the type up among
+    /// its controllers.
     pub exec: Option<String>,
     /// Whether it speaks the control protocol.
     pub kind: LeafKind,

@@ -84,6 +84,8 @@ codes! {
         "A `;` that ends nothing. It is ignored."
     E0010 Error "unreadable file"
         "A file or folder that is used has to be there. Its path is relative to the file that uses it. Of a folder all `.dca` files are taken, so it has at least one."
+    E0011 Error "nothing to start"
+        "An `exec` names a program and its arguments, separated by blanks. A word that has blanks stands between `'` or `\"`. There is no shell."
     E0101 Error "no root"
         "A spec starts with `process main()`. Without it, the one process that no other instantiates is the root; here there is none, or more than one."
     W0101 Warning "no `main`"

@@ -1,6 +1,6 @@
 //! Which program runs a controller type on this host.
 
-use language::plan::{Argument, Constant, Leaf};
+use language::plan::{Argument, Constant, Leaf, words};
 use std::collections::BTreeMap;
 
 /// Controller types and the executables that offer them.
@@ -24,15 +24,14 @@ impl Programs {
     /// A sentence for a person: the type is not offered here.
     pub fn command(&self, leaf: &Leaf) -> Result<Vec<String>, String> {
         let mut command: Vec<String> = match &leaf.exec {
-            Some(exec) => exec.split_whitespace().map(str::to_owned).collect(),
+            Some(exec) => {
+                words(exec).map_err(|why| format!("the `exec` of `{}` starts nothing: {why}", leaf.module))?
+            }
             None => match self.types.get(&leaf.module) {
                 Some(executable) => vec![executable.clone(), leaf.module.clone()],
                 None => return Err(self.unknown(&leaf.module)),
             },
         };
-        if command.is_empty() {
-            return Err(format!("the `exec` of `{}` is empty", leaf.module));
-        }
         command.extend(leaf.arguments.iter().map(argument));
         Ok(command)
     }
@@ -58,4 +57,30 @@ fn argument(argument: &Argument) -> String {
         Constant::Truth(truth) => truth.to_string(),
     };
     argument.name.as_ref().map_or_else(|| value.clone(), |name| format!("{name}={value}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use language::{Options, Source, compile};
+
+    #[test]
+    fn what_a_spec_says_is_what_is_executed() {
+        let check = |module: &str, expected: Result<&[&str], &str>| {
+            let text = format!(
+                "process main(){{ host{{c1}} instantiated_processes{{ a instof Say(c1, \"good morning\", speed = 2); }}
+                 internal_event_actions{{ a }} }}
+                 module Say(host, text, speed) {{ {module} done; }}"
+            );
+            let plan = compile(&Source::new("a.dca", text), &[], &Options::named("a")).plan.unwrap();
+            let mut programs = Programs::default();
+            programs.offer("/opt/dca-controller", ["Sayer".to_owned()]);
+            let command = programs.command(&plan.leaves[0]);
+            let expected = expected.map(|words| words.iter().map(|word| (*word).to_owned()).collect::<Vec<_>>());
+            assert_eq!(command, expected.map_err(str::to_owned));
+        };
+        check("exec \"say -v\";", Ok(&["say", "-v", "good morning", "speed=2"]));
+        check("exec \"'/opt/my robot/say' ''\";", Ok(&["/opt/my robot/say", "", "good morning", "speed=2"]));
+        check("", Err("no program here offers the controller type `Say`; did you mean `Sayer`?"));
+    }
 }

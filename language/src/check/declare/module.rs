@@ -5,7 +5,7 @@ use crate::check::names::twice;
 use crate::check::spec::{Claim, Consts, Direction, Module, Outcome, Port};
 use crate::check::value::duration;
 use crate::diagnostic::{Code, Diagnostic};
-use crate::plan::LeafKind;
+use crate::plan::{self, LeafKind};
 use crate::source::Span;
 use crate::syntax::SyntaxKind::{self, Constant, Params, Text};
 use crate::syntax::ast::Node;
@@ -62,7 +62,14 @@ fn read_item(module: &mut Module, item: &Node, consts: &Consts, diagnostics: &mu
             module.kind = LeafKind::Plain;
         }
     } else if item.kind() == SyntaxKind::Exec {
-        module.exec = item.token(Text).map(|token| token.content());
+        let Some(token) = item.token(Text) else { return };
+        let exec = token.content();
+        if let Err(why) = plan::words(&exec) {
+            let found = Diagnostic::new(Code::E0011, token.span(), format!("this `exec` starts nothing: {why}"));
+            diagnostics
+                .push(found.help("blanks separate words; write one that has blanks as `exec \"say 'good morning'\"`"));
+        }
+        module.exec = Some(exec);
     } else if item.kind() == SyntaxKind::StopWithin {
         let limit = item.child(Constant).and_then(|node| duration(&node, consts, diagnostics));
         module.stop_within = limit.unwrap_or(STOP_WITHIN);
