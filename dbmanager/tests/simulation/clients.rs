@@ -26,7 +26,7 @@ const REPEATED: [Anomaly; 6] = [
     Anomaly::WriteCoRead,
 ];
 /// What they may see if a robot has come back and what it brought in is here before what that had seen of a member.
-const AHEAD: [Anomaly; 2] = [Anomaly::WriteCoRead, Anomaly::WriteCoInitRead];
+const AHEAD: [Anomaly; 3] = [Anomaly::FracturedRead, Anomaly::WriteCoRead, Anomaly::WriteCoInitRead];
 /// What they may see besides if a robot without a witness writes under numbers that it has used before.
 const FORKED: [Anomaly; 3] = [Anomaly::DirtyWrite, Anomaly::CircularInformation, Anomaly::WriteCoInitRead];
 /// How long they wait for others to have a transaction.

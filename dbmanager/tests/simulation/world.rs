@@ -296,17 +296,16 @@ impl World {
     fn clean_up(&mut self) -> Result<(), String> {
         self.network.drop = 0;
         loop {
+            let before = self.replica(0).log().cut().clone();
             let live: Vec<Origin> = (0..self.nodes.len()).map(|node| self.replica(node).origin()).collect();
             let members: Vec<Origin> = self.replica(0).members().active().map(|(origin, _)| origin).collect();
-            let ghosts: Vec<Origin> = members.into_iter().filter(|origin| !live.contains(origin)).collect();
-            let last = ghosts.is_empty();
-            for ghost in ghosts {
+            for ghost in members.into_iter().filter(|origin| !live.contains(origin)) {
                 self.input(0, |_, wall| Input::Retire(ghost, wall));
             }
             self.run_for(45_000);
             self.settle()?;
-            // A slow sponsor may have admitted meanwhile who has lost its disk since it asked.
-            if last {
+            // Somebody slow may have come back meanwhile, or been admitted and lost its disk since it asked for that.
+            if *self.replica(0).log().cut() == before {
                 break;
             }
         }
