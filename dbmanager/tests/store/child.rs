@@ -65,8 +65,8 @@ fn say(text: &str) {
     out.flush().unwrap();
 }
 
-/// Commits until the transaction with the number `count` is durable; closes the store after every `close_after`. A file `ballast` beside the store is removed
-/// when the store cannot be opened any more: then there is room again.
+/// Commits until the transaction with the number `count` is durable; closes the store after every `close_after`. A file
+/// `ballast` beside the store is removed when the store cannot be opened any more: then there is room again.
 fn commit<S: Store>(engine: fn(&Path) -> Result<S, StoreError>, dir: &Path, (count, close_after): (u64, u64)) {
     let mut robot = open(engine, dir);
     say(&format!("open {}", robot.committed()));

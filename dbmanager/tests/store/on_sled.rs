@@ -1,8 +1,8 @@
 //! The same store on sled 0.34.7, as a reference: an engine of another design. It is no part of a robot any more.
 //!
 //! Its `flush` ends in `sync_file_range`, which never makes the drive empty its cache, so a commit ends in our own
-//! `fdatasync`; it never syncs the files that it makes first, so the opening does. Values over some 16 KiB become files that nobody
-//! syncs: a store for robots would have to cut them into pieces.
+//! `fdatasync`; it never syncs the files that it makes first, so the opening does. Values over some 16 KiB become files
+//! that nobody syncs: a store for robots would have to cut them into pieces.
 
 use dbmanager::io::store::{Store, StoreError};
 use dbmanager::logic::record::Batch;

@@ -1,10 +1,10 @@
 //! A disk whose power can be cut: what of a program's calls is surely there afterwards, and what may be.
 //!
-//! *Model.* Written bytes are in the page cache, and in the cache of the drive, until a later `fsync` or `fdatasync` of their
-//! file has ended. Of each sector of 512 bytes that was not synced, an older or the newest content survives with the
-//! probability of the cut, each sector for itself: so writes are torn and change places. Of later changes of a file's length
-//! some first ones survive. `sync_file_range` is no barrier, as on drives that lie to nobody but are not asked. Names change when the directory was synced; of later changes
-//! some first ones survive, as from a journal.
+//! *Model.* Written bytes are in the page cache, and in the cache of the drive, until a later `fsync` or `fdatasync` of
+//! their file has ended. Of each sector of 512 bytes that was not synced, an older or the newest content survives with
+//! the probability of the cut, each sector for itself: so writes are torn and change places. Of later changes of a
+//! file's length some first ones survive. `sync_file_range` is no barrier, as on drives that lie to nobody but are not
+//! asked. Names change when the directory was synced; of later changes some first ones survive, as from a journal.
 
 use crate::trace::Call;
 use dbmanager::logic::random::Random;

@@ -1,16 +1,18 @@
 //! The store of a robot: a file of redb, and a witness beside its folder.
 //!
-//! *What a commit does.* The engine copies each page that changes to a place that neither of the last two states uses, and writes
-//! it; then one of two slots in the first sector of the file, with the roots of the new state; then which slot is the newest;
-//! then one `fdatasync`. Each page is named by its parent together with a sum of 128 bits, each root by its slot, and each slot has a
-//! sum. After a power cut any of these writes may be there and others not. If all are, that is the new state. If not, some sum
-//! does not fit, and the other slot leads to the state before, of which no page was touched. So one sync is enough; two
-//! phases (`set_two_phase_commit`) would cost a second one, and only help against somebody who chooses both the values
-//! and what the drive writes first. A file grows, and is synced, before anything says that it is longer.
+//! *What a commit does.* The engine copies each page that changes to a place that the last state does not use, and
+//! writes it; then, into the first sector of the file, the root of the new state, in the one of two slots that is not
+//! the last state's, and which slot is the newest; then one `fdatasync`. Each page is named by its parent together with
+//! a sum of 128 bits, each root by its slot, and each slot has a sum. After a power cut any of these writes may be
+//! there and others not. If all are, that is the new state. If not, some sum does not fit, and the other slot leads to
+//! the last state, of which no page was touched. So one sync is enough; two phases (`set_two_phase_commit`) would cost
+//! a second one, and only help against somebody who chooses both the values and what the drive writes first. A file
+//! grows, and is synced, before anything says that it is longer.
 //!
-//! *What is added.* The engine checks sums only when it was not closed in order, and may panic over what it then finds: here
-//! every opening checks all of them, and a panic is an error. It never syncs the folder: every opening does. It takes an empty
-//! file for a new one: not if there is a witness of what was in it. After an error it is closed, and has to be opened anew.
+//! *What is added.* The engine checks sums only when it was not closed in order, and may panic over what it then finds:
+//! here every opening checks all of them, and a panic is an error. It never syncs the folder: every opening does. It
+//! takes an empty file for a new one: not if there is a witness of what was in it. After an error it is closed, and has
+//! to be opened anew.
 
 use super::witness::{self, Life, Trust};
 use super::{Store, StoreError};
@@ -37,8 +39,8 @@ const CACHE_SIZE: usize = 1 << 20;
 /// The longest name of a record, and the longest record: far more than a replica ever writes.
 const NAME_SIZE_MAX: usize = 32 << 10;
 const RECORD_SIZE_MAX: usize = 64 << 20;
-/// Of the engine's file: what it is, the page with that and the roots, and how long a new one is at the most. Source: redb 4.5,
-/// `header.rs` and `page_manager.rs`.
+/// Of the engine's file: what it is, the page with that and the roots, and how long a new one is at the most.
+/// Source: redb 4.5, `header.rs` and `page_manager.rs`.
 const MAGIC_SIZE: usize = 9;
 const HEAD_SIZE: usize = 4096;
 const NEW_SIZE_MAX: u64 = 4 << 20;
@@ -119,8 +121,8 @@ impl DirStore {
         done
     }
 
-    /// Tells the witness about this life, if it does not know. Whatever made the store doubtful stays so until the replica
-    /// has written what it does about it.
+    /// Tells the witness about this life, if it does not know. Whatever made the store doubtful stays so until the
+    /// replica has written what it does about it.
     fn swear(&mut self) -> Result<(), StoreError> {
         if let Some(life) = self.unsworn {
             let sworn = witness::swear(&self.path, life, &self.path.join(DATA));
