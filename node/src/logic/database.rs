@@ -250,9 +250,10 @@ impl Database {
 
     fn hear(&mut self, now: Time, letter: &Letter) {
         let known = self.heard.get(&letter.from).map(|heard| (heard.member, heard.walls));
-        let (member, walls) = match &letter.message {
-            Message::Hello(hello) => (hello.member, Some((hello.wall, self.wall))),
-            _ => known.unwrap_or_default(),
+        let (member, walls) = if let Message::Hello(hello) = &letter.message {
+            (hello.member, Some((hello.wall, self.wall)))
+        } else {
+            known.unwrap_or_default()
         };
         let other = letter.from != self.replica.address();
         if other && (self.heard.len() < HEARD_MAX || self.heard.contains_key(&letter.from)) {
