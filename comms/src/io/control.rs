@@ -66,7 +66,7 @@ pub enum ControlError {
     /// The other side was built with another version of DCA.
     #[error(
         "the other side speaks version {found} of the control protocol, this one version {VERSION}; build the controller \
-         with the DCA of its node"
+         again with the library of its node's DCA"
     )]
     Version {
         /// Of the other side.

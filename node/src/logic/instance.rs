@@ -82,7 +82,7 @@ struct Current {
 pub enum Note {
     /// The program is up and has told where it is.
     Prepared(LeafFacts),
-    /// It cannot take part.
+    /// It cannot take part, and why.
     Refused(String),
     /// Its links stand.
     Connected,

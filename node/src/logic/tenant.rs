@@ -14,6 +14,7 @@ use crate::logic::executer::{Executer, Surroundings, group_host, leaf_host};
 use crate::logic::instance::{Instance, Moment, Note};
 use crate::logic::programs::Programs;
 use crate::logic::protocol::{Change, Deployment, Ending, Failure, FailureCause, LeafFacts, Target, ToHome, ToTenant};
+use crate::logic::table::counted;
 use crate::logic::wiring::Registrations;
 use comms::logic::control::Notice;
 use comms::logic::time::Time;
@@ -47,6 +48,8 @@ pub struct Tenant {
     waiting: BTreeSet<u32>,
     facts: Vec<LeafFacts>,
     reasons: Vec<String>,
+    /// Why programs cannot take part, and which.
+    refusals: BTreeMap<String, Vec<u32>>,
     registrations: Registrations,
     /// Open wires whose producers are here.
     open: BTreeSet<u32>,
@@ -81,6 +84,7 @@ impl Tenant {
             waiting: BTreeSet::new(),
             facts: Vec::new(),
             reasons: Vec::new(),
+            refusals: BTreeMap::new(),
             registrations: Registrations::default(),
             open: BTreeSet::new(),
             switching: BTreeMap::new(),
@@ -282,8 +286,8 @@ impl Tenant {
                 self.waiting.remove(&leaf);
                 self.report_prepared(out);
             }
-            Note::Refused(reason) => {
-                self.reasons.push(reason);
+            Note::Refused(why) => {
+                self.refusals.entry(why).or_default().push(leaf);
                 self.waiting.remove(&leaf);
                 if self.phase == Phase::Preparing { self.report_prepared(out) } else { self.report_connected(out) }
             }
@@ -340,10 +344,11 @@ impl Tenant {
         if self.phase != Phase::Preparing || !self.waiting.is_empty() {
             return;
         }
-        let message = if self.reasons.is_empty() {
+        let reasons = self.take_reasons();
+        let message = if reasons.is_empty() {
             ToHome::Prepared { facts: std::mem::take(&mut self.facts), machine: self.machine.clone() }
         } else {
-            ToHome::Refused { reasons: std::mem::take(&mut self.reasons) }
+            ToHome::Refused { reasons }
         };
         out.send(&self.home, self.deployment.to_home(message));
     }
@@ -352,12 +357,24 @@ impl Tenant {
         if self.phase != Phase::Connecting || !self.waiting.is_empty() {
             return;
         }
-        let message = if self.reasons.is_empty() {
-            ToHome::Connected
-        } else {
-            ToHome::Refused { reasons: std::mem::take(&mut self.reasons) }
-        };
+        let reasons = self.take_reasons();
+        let message = if reasons.is_empty() { ToHome::Connected } else { ToHome::Refused { reasons } };
         out.send(&self.home, self.deployment.to_home(message));
+    }
+
+    /// Returns the reasons against this deployment, and forgets them. One that several programs have is one sentence: most
+    /// often they are of one executable.
+    fn take_reasons(&mut self) -> Vec<String> {
+        let mut reasons = std::mem::take(&mut self.reasons);
+        for (why, leaves) in std::mem::take(&mut self.refusals) {
+            let path = leaves.first().and_then(|leaf| Some(&self.plan.leaves.get(*leaf as usize)?.path));
+            let others = match leaves.len() {
+                0 | 1 => String::new(),
+                count => format!(" (and {})", counted(count - 1, "other")),
+            };
+            reasons.extend(path.map(|path| format!("`{path}`{others} cannot take part: {why}")));
+        }
+        reasons
     }
 
     fn report_released(&self, out: &mut Out<'_>) {

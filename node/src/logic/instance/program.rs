@@ -16,9 +16,8 @@ impl Instance {
                 }
                 if version != VERSION {
                     let why = format!(
-                        "it speaks version {version} of the control protocol, this node version {VERSION}; build it with \
-                         DCA {}, as its node is",
-                        env!("CARGO_PKG_VERSION")
+                        "it speaks version {version} of the control protocol, this node version {VERSION}; build it again \
+                         with the library of its node's DCA"
                     );
                     return self.turn_away(&why, moment);
                 }
@@ -234,7 +233,7 @@ impl Instance {
         if self.stage != Stage::Dead {
             self.stage = Stage::Refused;
         }
-        moment.notes.push(Note::Refused(format!("`{}` cannot take part: {why}", self.order.path)));
+        moment.notes.push(Note::Refused(why.to_owned()));
     }
 
     pub(super) fn force_out(&mut self, moment: &mut Moment<'_>) {
