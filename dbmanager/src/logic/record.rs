@@ -1,15 +1,16 @@
 //! What a replica keeps on its disk: records, written in batches that are there as a whole or not at all. Each ends with a
-//! sum of its name and its bytes.
+//! sum of its name and its bytes. What every transaction changes has names that follow each other, as far as it can: so it lies in
+//! one page of the store.
 //!
 //! | record | holds |
 //! |---|---|
 //! | `i` | identity: origin, robot, what was given up |
 //! | `s` | digests of cut and state, how many frames and keys there are: to notice a damaged disk |
-//! | `h` origin | the head of an origin |
 //! | `l` origin number | a frame, and its place in the order of application |
 //! | `k` key | the versions of a key |
 //! | `p` key | the version of a key that never leaves the robot |
 //! | `o` index | a frame that cannot be read yet |
+//! | `t` origin | the head of an origin: the tip of its frames |
 
 use crate::logic::cut::{Dot, Origin};
 use crate::logic::key::{Key, Namespace};
@@ -117,11 +118,11 @@ impl Batch {
     }
 
     pub(crate) fn head(&mut self, origin: Origin, head: &Head) {
-        self.put(name(b'h', &origin.number().to_be_bytes()), head);
+        self.put(name(b't', &origin.number().to_be_bytes()), head);
     }
 
     pub(crate) fn no_head(&mut self, origin: Origin) {
-        self.0.insert(name(b'h', &origin.number().to_be_bytes()), None);
+        self.0.insert(name(b't', &origin.number().to_be_bytes()), None);
     }
 
     pub(crate) fn frame(&mut self, dot: Dot, index: u64, frame: &Frame) {
@@ -224,8 +225,8 @@ impl Reading {
         match name.split_first() {
             Some((b'i', [])) => self.identity = Some(read(name, bytes)?),
             Some((b's', [])) => self.digests = Some(read(name, bytes)?),
-            Some((b'h', origin)) => {
-                self.heads.insert(Origin::new(number(b'h', origin)?), read(name, bytes)?);
+            Some((b't', origin)) => {
+                self.heads.insert(Origin::new(number(b't', origin)?), read(name, bytes)?);
             }
             Some((b'l', rest)) => {
                 let (origin, seq) = rest.split_at_checked(8).ok_or(OpenError::Record { kind: 'l' })?;
