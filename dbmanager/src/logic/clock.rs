@@ -150,8 +150,10 @@ impl Clock {
             return false;
         }
         let restrains = |known: &Reference| {
-            let fresh = now.since(known.seen) < REFERENCE_AGE_MAX;
-            fresh && known.wall.quality > wall.quality && wall.millis > known.wall.millis.saturating_add(LEAD_MAX_MS)
+            let age = now.since(known.seen);
+            let date = known.wall.millis.saturating_add(u64::try_from(age.as_millis()).unwrap_or(u64::MAX));
+            let better = age < REFERENCE_AGE_MAX && known.wall.quality > wall.quality;
+            better && wall.millis > date.saturating_add(LEAD_MAX_MS)
         };
         !self.reference.as_ref().is_some_and(restrains)
     }
@@ -226,6 +228,15 @@ mod tests {
         assert_eq!(held.millis(), 0);
         let equal = clock.tick(Time::ZERO, wall(YEAR_2099_MS, Quality::Satellite)).unwrap();
         assert_eq!(equal.millis(), YEAR_2099_MS);
+    }
+
+    #[test]
+    fn the_date_of_a_better_clock_goes_on() {
+        let mut clock = clock();
+        clock.observe(Time::ZERO, Stamp::default(), wall(YEAR_2026_MS, Quality::Satellite));
+        let (later, now) = (Duration::from_secs(7200), wall(YEAR_2026_MS + 7_200_000, Quality::Network));
+        let stamp = clock.tick(Time::ZERO + later, now).unwrap();
+        assert_eq!(stamp.millis(), YEAR_2026_MS + 7_200_000, "two hours later it is two hours later for both");
     }
 
     #[test]
