@@ -59,12 +59,6 @@ impl Acks {
         self.said.get(&origin)
     }
 
-    /// Forgets everybody but these.
-    pub fn retain(&mut self, keep: impl Fn(Origin) -> bool) {
-        self.said.retain(|origin, _| keep(*origin));
-        self.counted.retain(|origin, _| keep(*origin));
-    }
-
     /// Returns the stable cut as `me`, who has `own`, knows it.
     pub fn stable(&self, me: Origin, own: &Cut, members: &Members, mutant: Mutant) -> Stable {
         let has = |origin: Origin| if origin == me { Some(own) } else { self.counted.get(&origin) };

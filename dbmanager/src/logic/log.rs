@@ -145,10 +145,13 @@ impl Log {
 
     /// Returns the cut below which frames are gone.
     pub fn low(&self) -> Cut {
-        let kept = |origin: Origin| {
-            self.frames.range(Dot { origin, seq: 0 }..=Dot { origin, seq: u64::MAX }).next().map(|(dot, _)| dot.seq - 1)
-        };
-        self.cut.iter().map(|(origin, seq)| (origin, kept(origin).unwrap_or(seq))).collect()
+        let gone = |(origin, seq)| (origin, self.first(origin).map_or(seq, |(dot, _)| dot.seq - 1));
+        self.cut.iter().map(gone).collect()
+    }
+
+    /// Returns the first frame of an origin that is still kept.
+    fn first(&self, origin: Origin) -> Option<(&Dot, &Logged)> {
+        self.frames.range(Dot { origin, seq: 0 }..=Dot { origin, seq: u64::MAX }).next()
     }
 
     /// Returns the full context of a transaction that is next at its origin.
@@ -230,16 +233,12 @@ impl Log {
     /// Drops the oldest frames within `stable` until no more than `size_max` bytes are left. Returns their names.
     pub(crate) fn truncate(&mut self, stable: &Cut, size_max: usize) -> Vec<Dot> {
         let mut dropped = Vec::new();
-        if self.size <= size_max || self.mutant.is(Mutant::LogNeverCut) {
-            return dropped;
-        }
-        for (dot, size) in self.in_order().into_iter().map(|(dot, frame)| (dot, frame.size())).collect::<Vec<_>>() {
+        while self.size > size_max && !self.mutant.is(Mutant::LogNeverCut) {
             // What is applied later may be stable earlier, but a chain is only ever cut from below.
-            if self.size <= size_max || !stable.contains(dot) {
-                break;
-            }
-            self.frames.remove(&dot);
-            self.size -= size;
+            let firsts = self.heads.keys().filter_map(|origin| self.first(*origin));
+            let oldest = firsts.min_by_key(|(_, logged)| logged.index).map(|(dot, _)| *dot);
+            let Some(dot) = oldest.filter(|dot| stable.contains(*dot)) else { break };
+            self.size -= self.frames.remove(&dot).map_or(0, |logged| logged.frame.size());
             dropped.push(dot);
         }
         dropped

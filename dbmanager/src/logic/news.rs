@@ -49,7 +49,7 @@ impl News {
 
     /// Returns numbers and links of the frames.
     pub fn links(&self) -> impl Iterator<Item = (u64, Link)> {
-        let links = self.short.iter().filter_map(|short| short.header().ok()).map(|said| said.prev);
+        let links = self.short.iter().filter_map(|short| short.split().ok()).map(|(said, _)| said.prev);
         links.zip(1..).map(|(link, number)| (self.after.saturating_add(number), link))
     }
 }
@@ -134,7 +134,7 @@ mod tests {
             let (reason, requires, writes) = (String::new(), Vec::new(), vec![write]);
             let txn = Txn { stamp, seq, prev, wall, context, reason, requires, writes, wants_ack: false, rebase: None };
             let frame = Frame::seal(&txn).unwrap();
-            let after = next(&head, &frame.header().unwrap(), frame.link());
+            let after = next(&head, &frame.split().unwrap().0, frame.link());
             chain.push((std::mem::replace(&mut head, after), frame));
         }
         chain
@@ -182,7 +182,7 @@ mod tests {
     fn a_name_that_looks_like_a_place_is_not_said_shorter() {
         let chain = chain(&[(vec![(1, 1)], 1, 1), (vec![(1, 1)], 1, 1)]);
         let (head, _) = &chain[1];
-        let header = Header { context: [(Origin::new(0), 1)].into_iter().collect(), ..chain[1].1.header().unwrap() };
+        let header = Header { context: [(Origin::new(0), 1)].into_iter().collect(), ..chain[1].1.split().unwrap().0 };
         assert_eq!(relative(&header, head, Link::default()), None);
     }
 }
