@@ -77,13 +77,18 @@ pub fn retirement(origin: Origin) -> Option<Write> {
     Some(Write { key: Key::new(format!("{RETIRED}{origin}")).ok()?, value: Some(value) })
 }
 
+/// Returns the origin that a write to this key retires, if it does that.
+pub fn retired_by(key: &Key) -> Option<Origin> {
+    Origin::parse(key.as_str().strip_prefix(RETIRED)?)
+}
+
 impl Members {
     /// Reads them from a state.
     pub fn of(state: &State) -> Self {
         let origin = |key: &Key, prefix: &str| Origin::parse(key.as_str().strip_prefix(prefix)?);
         let by = |versions: &[Version]| versions.iter().map(|version| (version.dot, version.stamp)).collect();
         let retired: BTreeMap<Origin, Vec<(Dot, Stamp)>> =
-            state.scan(RETIRED).filter_map(|(key, versions)| Some((origin(key, RETIRED)?, by(versions)))).collect();
+            state.scan(RETIRED).filter_map(|(key, versions)| Some((retired_by(key)?, by(versions)))).collect();
         let name = |versions: &[Version]| {
             let value = versions.last()?.value.as_ref()?;
             Some(String::from_utf8_lossy(&value.bytes).into_owned())

@@ -13,7 +13,7 @@
 //! | `t` origin | the head of an origin: the tip of its frames |
 
 use crate::logic::cut::{Dot, Origin};
-use crate::logic::key::{Key, Namespace};
+use crate::logic::key::Key;
 use crate::logic::log::{Head, Log, Logged};
 use crate::logic::mutant::Mutant;
 use crate::logic::state::{State, Version};
@@ -47,13 +47,15 @@ pub(crate) struct Identity {
 }
 
 /// An origin that was given up.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct Past {
     pub(crate) origin: Origin,
     /// Up to where others surely have its transactions.
     pub(crate) told: u64,
     /// Whether it is known to have used numbers twice.
     pub(crate) twice: bool,
+    /// Set for one that it wanted to be admitted as: who was asked, and is asked for the same again.
+    pub(crate) asked: Option<Origin>,
 }
 
 /// Why a store is not opened. The remedy is to put it aside and to join again from the others.
@@ -80,6 +82,10 @@ pub enum OpenError {
         expected: String,
     },
 }
+
+/// What the records of a key begin with: one that everybody has, and one that never leaves the robot.
+pub(crate) const SHARED: u8 = b'k';
+pub(crate) const LOCAL: u8 = b'p';
 
 /// What a store says.
 #[derive(Debug)]
@@ -141,8 +147,7 @@ impl Batch {
         self.0.insert(frame_name(dot), None);
     }
 
-    pub(crate) fn versions(&mut self, key: &Key, versions: &[Version]) {
-        let kind = if key.namespace() == Namespace::Local { b'p' } else { b'k' };
+    pub(crate) fn versions(&mut self, (kind, key): (u8, &Key), versions: &[Version]) {
         let name = name(kind, key.as_str().as_bytes());
         if versions.is_empty() {
             self.0.insert(name, None);
@@ -235,9 +240,9 @@ impl Reading {
                 self.frames.push((dot, index, frame));
             }
             Some((b'o', index)) => drop(self.held.insert(number(b'o', index)?, read(name, bytes)?)),
-            Some((kind @ (b'k' | b'p'), key)) => {
+            Some((kind @ (&SHARED | &LOCAL), key)) => {
                 let key = std::str::from_utf8(key).ok().and_then(|key| Key::new(key).ok());
-                let state = if *kind == b'k' { &mut self.state } else { &mut self.local };
+                let state = if *kind == SHARED { &mut self.state } else { &mut self.local };
                 state.restore(key.ok_or(OpenError::Record { kind: char::from(*kind) })?, read(name, bytes)?);
             }
             _ => return Err(OpenError::Damaged { what: "a record of an unknown kind" }),

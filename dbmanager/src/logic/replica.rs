@@ -33,12 +33,12 @@ use crate::logic::collect::{Acks, Stable};
 use crate::logic::cut::{Cut, Dot, Origin};
 use crate::logic::key::Key;
 use crate::logic::log::{Log, Verdict};
-use crate::logic::member::Members;
+use crate::logic::member::{self, Members};
 use crate::logic::message::Message;
 use crate::logic::mutant::Mutant;
 use crate::logic::owner::Owners;
 use crate::logic::random::Random;
-use crate::logic::record::{Batch, Identity, OpenError, Reading};
+use crate::logic::record::{Batch, Identity, OpenError, Reading, SHARED};
 use crate::logic::snapshot::Name;
 use crate::logic::state::{Seen, State};
 use crate::logic::txn::{Draft, Frame, FrameError, Txn, TxnError};
@@ -252,39 +252,22 @@ impl Replica {
 
     /// Takes one input.
     pub fn handle(&mut self, now: Time, input: Input, effects: &mut Vec<Effect>) {
+        use Input::{Appeared, Commit, Found, HealClock, Received, Retire, Tick};
         let mut after = Vec::new();
+        let (Tick(w) | Appeared(w) | Found(w) | HealClock(w) | Commit(_, w) | Retire(_, w) | Received(_, _, w)) =
+            &input;
+        self.wall = *w;
         match input {
-            Input::Tick(wall) => {
-                self.wall = wall;
-                self.tick(now, &mut after);
-            }
-            Input::Commit(requests, wall) => {
-                self.wall = wall;
-                self.commit_all(now, requests, &mut after);
-            }
-            Input::Received(from, message, wall) => {
-                self.wall = wall;
-                self.receive(now, (from, message), &mut after);
-            }
-            Input::Appeared(wall) => {
-                self.wall = wall;
+            Tick(_) => self.tick(now, &mut after),
+            Commit(requests, _) => self.commit_all(now, requests, &mut after),
+            Received(from, message, _) => self.receive(now, (from, message), &mut after),
+            Appeared(_) => {
                 self.sync.met(now);
                 self.tick(now, &mut after);
             }
-            Input::Found(wall) => {
-                self.wall = wall;
-                self.found(now, &mut after);
-            }
-            Input::Retire(origin, wall) => {
-                self.wall = wall;
-                self.retire(now, origin, &mut after);
-            }
-            Input::HealClock(wall) => {
-                self.wall = wall;
-                if !self.clock.heal() {
-                    after.push(Effect::Alarm(Alarm::Malformed(self.identity.origin)));
-                }
-            }
+            Found(_) => self.found(now, &mut after),
+            Retire(origin, _) => self.retire(now, origin, &mut after),
+            HealClock(_) => self.heal_clock(now, &mut after),
         }
         self.persist(after, effects);
     }
@@ -372,6 +355,9 @@ impl Replica {
         if verdict != Verdict::Next {
             return Ok(verdict);
         }
+        if txn.writes.iter().filter_map(|write| member::retired_by(&write.key)).any(|origin| self.held.has(origin)) {
+            return Ok(Verdict::Early);
+        }
         if txn.stamp.origin != self.identity.origin {
             if let Some(ahead_by) = Clock::suspects(txn.stamp, self.wall) {
                 effects.push(Effect::Alarm(Alarm::ClockSuspect { origin: txn.stamp.origin, ahead_by }));
@@ -402,7 +388,7 @@ impl Replica {
             self.batch.head(dot.origin, head);
         }
         for write in txn.writes.iter().filter(|_| !self.config.mutant.is(Mutant::VersionsNotStored)) {
-            self.batch.versions(&write.key, self.state.versions(&write.key));
+            self.batch.versions((SHARED, &write.key), self.state.versions(&write.key));
         }
         if txn.writes.iter().any(|write| is_system(&write.key)) {
             (self.members, self.owners) = (Members::of(&self.state), Owners::of(&self.state));
@@ -418,7 +404,7 @@ impl Replica {
         let stable = self.stable().cut;
         if stable != self.collected {
             for key in self.state.drop_deleted(&stable) {
-                self.batch.versions(&key, &[]);
+                self.batch.versions((SHARED, &key), &[]);
             }
             self.collected = stable;
         }

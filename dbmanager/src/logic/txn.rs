@@ -228,14 +228,6 @@ impl Frame {
         }
     }
 
-    /// Reads its place in history, of any format.
-    ///
-    /// # Errors
-    /// If there is none.
-    pub fn header(&self) -> Result<Header, FrameError> {
-        self.split().map(|(header, _)| header)
-    }
-
     /// Reads its place in history, of any format, and returns the bytes behind it.
     ///
     /// # Errors
@@ -340,11 +332,11 @@ pub enum TxnError {
     /// The clock has no stamp left.
     #[error("the clock has come to its end: a peer has sent a stamp that nobody can have issued")]
     Clock,
-    /// The replica does not write at the moment.
-    #[error("this replica does not commit: {why}")]
-    Closed {
-        /// Why not.
-        why: &'static str,
+    /// It never leaves the robot, so no other robot can have it.
+    #[error("`{key}` stays on this robot, so nobody else can have it")]
+    Stays {
+        /// Which key.
+        key: Key,
     },
 }
 
@@ -470,7 +462,11 @@ mod tests {
         assert_eq!(frame.open(), Ok(txn()));
         let Txn { stamp, seq, prev, wall, context, .. } = txn();
         let newer = Frame { format: 9, body: [frame.body, vec![7; 9]].concat() };
-        assert_eq!(newer.header(), Ok(Header { stamp, seq, prev, wall, context }), "which every format begins with");
+        assert_eq!(
+            newer.split().map(|(header, _)| header),
+            Ok(Header { stamp, seq, prev, wall, context }),
+            "which every format begins with"
+        );
     }
     const GOLDEN: &str =
         "01ac020302010101010101010105020102090172010161020301020161010001760162000101010307000903010301";

@@ -84,7 +84,7 @@ impl Replica {
         self.identity.origin = joining;
         (self.identity.joining, self.identity.asked, self.identity.told) = (None, None, 0);
         // It says so to every later sponsor: a team that was given up too may have been the only one that knew.
-        self.identity.past.iter_mut().for_each(|past| (past.told, past.twice) = (u64::MAX, false));
+        self.identity.past.iter_mut().for_each(|past| (past.told, past.twice, past.asked) = (u64::MAX, false, None));
         let surplus = self.identity.past.len().saturating_sub(PAST_MAX);
         self.identity.past.drain(..surplus);
         self.clock.move_to(joining);
@@ -119,7 +119,9 @@ impl Replica {
         };
         let mut forked: Forked = self.log.heads().iter().filter_map(other).collect();
         let forgets = self.config.mutant.is(Mutant::ToldForgotten);
-        for Past { origin, told, twice } in self.identity.past.iter().filter(|past| past.told < u64::MAX && !forgets) {
+        for Past { origin, told, twice, .. } in
+            self.identity.past.iter().filter(|past| past.told < u64::MAX && !forgets)
+        {
             // Who knows less of its own transactions than others was set back.
             let behind = old.cut().get(*origin) < self.log.cut().get(*origin);
             if *twice || behind || forked.contains_key(origin) {

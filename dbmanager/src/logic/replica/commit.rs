@@ -10,6 +10,7 @@ use crate::logic::message::{Message, PUSH_SIZE_MAX};
 use crate::logic::mutant::Mutant;
 use crate::logic::news::News;
 use crate::logic::owner::{self, Owner};
+use crate::logic::record::LOCAL;
 use crate::logic::state::Seen;
 use crate::logic::txn::{Condition, Draft, Frame, Grant, Rebase, Require, Txn, TxnError, Write};
 use comms::logic::time::Time;
@@ -81,7 +82,7 @@ impl Replica {
         let (before, mut frames) = (self.own_head(), Vec::new());
         for Request { ticket, draft, level, until } in requests {
             if draft.is_local() {
-                let answer = self.commit_local(now, &draft).map_or_else(Answer::Refused, Answer::Committed);
+                let answer = self.commit_local(now, (&draft, &level)).map_or_else(Answer::Refused, Answer::Committed);
                 effects.push(Effect::Answer(ticket, answer));
                 continue;
             }
@@ -112,12 +113,12 @@ impl Replica {
     }
 
     /// Writes what never leaves the robot. Its dot has no origin.
-    fn commit_local(&mut self, now: Time, draft: &Draft) -> Result<Dot, TxnError> {
+    fn commit_local(&mut self, now: Time, (draft, level): (&Draft, &Level)) -> Result<Dot, TxnError> {
         draft.check()?;
-        draft.requires().iter().try_for_each(|require| match require.key.namespace() {
-            Namespace::Local => self.local.check(require),
-            Namespace::Team | Namespace::Robot(_) | Namespace::System => self.state.check(require),
-        })?;
+        if let Some((key, _)) = draft.writes().next().filter(|_| *level != Level::Local) {
+            return Err(TxnError::Stays { key: key.clone() });
+        }
+        draft.requires().iter().try_for_each(|require| self.check(require))?;
         let stamp = self.clock.tick(now, self.wall).ok_or(TxnError::Clock)?;
         let dot = Dot { origin: Origin::default(), seq: stamp.hlc };
         let all: Cut = [(dot.origin, u64::MAX)].into_iter().collect();
@@ -125,7 +126,7 @@ impl Replica {
             let write = Write { key: key.clone(), value: value.cloned() };
             self.local.apply(dot, stamp, Seen { context: &all, only: None }, &[write]);
             self.local.drop_deleted(&all);
-            self.batch.versions(key, self.local.versions(key));
+            self.batch.versions((LOCAL, key), self.local.versions(key));
         }
         Ok(dot)
     }
@@ -149,11 +150,21 @@ impl Replica {
 
     /// Retires an origin.
     pub(super) fn retire(&mut self, now: Time, origin: Origin, effects: &mut Vec<Effect>) {
-        if !self.is_member() || origin == self.identity.origin || !self.members.is_active(origin) {
+        let may = self.is_member() && origin != self.identity.origin && !self.held.has(origin);
+        if !may || !self.members.is_active(origin) {
             return;
         }
         let writes = member::retirement(origin).into_iter().collect();
         self.system(now, Change { reason: "retire".into(), writes, ..Change::default() }, effects);
+    }
+
+    /// Begins a new epoch: whoever sees a transaction of it goes on in it, and after a restart too.
+    pub(super) fn heal_clock(&mut self, now: Time, effects: &mut Vec<Effect>) {
+        if self.clock.heal() {
+            self.system(now, Change { reason: "heal the clocks".into(), ..Change::default() }, effects);
+        } else {
+            effects.push(Effect::Alarm(Alarm::Malformed(self.identity.origin)));
+        }
     }
 
     /// Commits what the database itself writes.
@@ -196,7 +207,7 @@ impl Replica {
     fn plan(&self, draft: Draft) -> Result<Change, TxnError> {
         draft.check()?;
         let conditions = draft.requires().iter().filter(|_| !self.config.mutant.is(Mutant::ConditionsIgnored));
-        conditions.into_iter().try_for_each(|require| self.state.check(require))?;
+        conditions.into_iter().try_for_each(|require| self.check(require))?;
         let mut fences = BTreeMap::new();
         for (key, _) in draft.writes() {
             fences.extend(self.check_owner(key)?);
@@ -215,10 +226,17 @@ impl Replica {
             granted.push(Write { key: record, value: Some(owner::grant(term.saturating_add(1), robot)) });
         }
         let (reason, mut requires, mut writes) = draft.into_parts();
+        // What is nobody else's business is checked, and not told.
+        requires.retain(|require| require.key.namespace() != Namespace::Local);
         requires.extend(fences.into_iter().map(|(key, dot)| Require { key, condition: Condition::Is(dot) }));
         writes.extend(granted);
         writes.sort_by(|a, b| a.key.cmp(&b.key));
         Ok(Change { reason, requires, writes, ..Change::default() })
+    }
+
+    fn check(&self, require: &Require) -> Result<(), TxnError> {
+        let state = if require.key.namespace() == Namespace::Local { &self.local } else { &self.state };
+        state.check(require)
     }
 
     /// Returns the grant on which writing a key here relies, if any, with the key of its record.
@@ -243,6 +261,7 @@ impl Replica {
         let mut clock = self.clock.clone();
         let mut stamp = clock.tick(now, self.wall).ok_or(TxnError::Clock)?;
         let head = self.own_head();
+        let seq = head.seq.checked_add(1).ok_or(TxnError::Clock)?;
         if self.config.mutant.is(Mutant::WallClock) {
             stamp = Stamp { epoch: 0, hlc: (self.wall.millis << 16).max(head.stamp.hlc + 1), origin };
         }
@@ -251,7 +270,7 @@ impl Replica {
         context = context.without(origin);
         let txn = Txn {
             stamp,
-            seq: head.seq + 1,
+            seq,
             prev: head.link,
             wall: self.wall,
             context,

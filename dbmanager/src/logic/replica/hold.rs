@@ -6,6 +6,9 @@
 //! seen it. A newer program finds it on the disk and applies it in the order in which it came, which is causal.
 //!
 //! That way a robot with an older program still carries news from one newer robot to another, and never shows half of them.
+//! What retires an origin of which something is held is held too: who says to have it counts as one who has applied all of that
+//! origin that anybody has.
+//!
 //! New formats are written only once [`Replica::team_format`] says that everybody reads them; that a frame has to be held
 //! means that somebody has joined since, or that an operator was in a hurry.
 
@@ -49,6 +52,11 @@ impl Held {
         (frames, false)
     }
 
+    /// Returns whether something of this origin is held.
+    pub(super) fn has(&self, origin: Origin) -> bool {
+        self.heads.contains_key(&origin)
+    }
+
     pub(super) fn cut(&self) -> Cut {
         self.heads.iter().map(|(origin, (seq, _))| (*origin, *seq)).collect()
     }
@@ -80,7 +88,7 @@ impl Replica {
 
     /// Holds a frame that cannot be applied; returns whether that was possible, or it is held already.
     pub(super) fn hold(&mut self, frame: &Frame) -> bool {
-        let Ok(Header { stamp, seq, prev, context, .. }) = frame.header() else { return false };
+        let Ok((Header { stamp, seq, prev, context, .. }, _)) = frame.split() else { return false };
         let (dot, have) = (Dot { origin: stamp.origin, seq }, self.have());
         if have.contains(dot) {
             return true;
@@ -103,7 +111,7 @@ impl Replica {
             return;
         }
         let mut left = Vec::new();
-        for (index, (dot, frame)) in std::mem::take(&mut self.held).frames {
+        for (index, (dot, frame)) in std::mem::take(&mut self.held.frames) {
             let done = matches!(self.apply(now, frame.clone(), effects), Ok(Verdict::Next | Verdict::Known));
             if done || self.log.cut().contains(dot) {
                 self.batch.held(index, None);

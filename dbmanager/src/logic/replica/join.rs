@@ -6,7 +6,9 @@
 //!
 //! *One sponsor for one origin.* A sponsor counts a newcomer as one who begins with its state. So whoever gets no answer and
 //! asks somebody else asks for another origin, and says that it has given up the first: two sponsors that did not hear of each
-//! other would both count on a state of which the newcomer can take only one.
+//! other would both count on a state of which the newcomer can take only one. Who was asked before is asked for the same
+//! origin as before, unless it says that this was retired: so a newcomer that nobody can answer costs the team one record for each
+//! member, and not one for each question.
 //!
 //! A member whose question is answered with a state (the log is gone) keeps its origin and applies what it has beyond that
 //! state once more, under the same names. If frames for that are gone here too, the state is dropped: it was long on its way,
@@ -23,7 +25,7 @@ use crate::logic::member::{self, Members};
 use crate::logic::message::{Chunk, Join, Message};
 use crate::logic::mutant::Mutant;
 use crate::logic::owner::Owners;
-use crate::logic::record::Past;
+use crate::logic::record::{Past, SHARED};
 use crate::logic::snapshot::{self, CHUNKS_MAX, Manifest, Name};
 use crate::logic::state::State;
 use comms::logic::time::Time;
@@ -136,9 +138,10 @@ impl Replica {
     /// Gives up the origin. It may be known to have used numbers `twice`.
     pub(super) fn rejoin(&mut self, now: Time, twice: bool, effects: &mut Vec<Effect>) {
         let from = self.identity.origin;
-        self.identity.past.push(Past { origin: from, told: self.identity.told, twice });
+        self.identity.past.iter_mut().for_each(|past| past.asked = None);
+        self.identity.past.push(Past { origin: from, told: self.identity.told, twice, asked: None });
         let asked_for = self.identity.joining.filter(|_| self.identity.asked.is_some());
-        self.identity.past.extend(asked_for.map(|origin| Past { origin, told: 0, twice: false }));
+        self.identity.past.extend(asked_for.map(|origin| Past { origin, ..Past::default() }));
         self.identity.origin = Origin::new(self.random.next());
         self.identity.joining = Some(Origin::new(self.random.next()));
         (self.identity.asked, self.identity.told) = (None, 0);
@@ -165,7 +168,7 @@ impl Replica {
         if !self.members.is_active(origin) {
             let me = self.identity.origin;
             // Of some it may not have heard yet: a retirement counts whenever the admission comes.
-            let known = |past: &Origin| *past == me || self.members.retired(*past).is_some();
+            let known = |past: &Origin| *past == me || self.members.retired(*past).is_some() || self.held.has(*past);
             let replaced = join.replaces.iter().filter(|past| !known(past)).take(REPLACED_MAX);
             let mut writes: Vec<_> = replaced.filter_map(|past| member::retirement(*past)).collect();
             writes.extend(member::admission(origin, &join.robot));
@@ -316,7 +319,7 @@ impl Replica {
             self.batch.no_head(*origin);
         }
         for (key, _) in self.state.scan("") {
-            self.batch.versions(key, &[]);
+            self.batch.versions((SHARED, key), &[]);
         }
     }
 
@@ -326,7 +329,7 @@ impl Replica {
             self.batch.head(*origin, head);
         }
         for (key, versions) in self.state.scan("") {
-            self.batch.versions(key, versions);
+            self.batch.versions((SHARED, key), versions);
         }
     }
 }

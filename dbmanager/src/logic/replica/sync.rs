@@ -35,14 +35,15 @@ const HELLO_PERIOD: [Duration; 2] = [Duration::from_secs(1), Duration::from_secs
 const PEERS_MAX: usize = 1024;
 
 /// What is known of the conversation with others.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(super) struct Sync {
     peers: BTreeMap<Origin, Peer>,
     hello_at: Time,
+    /// Between the last two hellos; at the beginning none.
     hello_period: Duration,
 }
 
-#[derive(Debug)]
+#[derive(Debug, Default)]
 struct Peer {
     /// It may have more than is here.
     ahead: bool,
@@ -52,8 +53,8 @@ struct Peer {
     pulling: Option<Time>,
     /// When it was asked.
     asked_at: Time,
-    /// How many bytes it is asked for.
-    chunk: usize,
+    /// How many bytes it is asked for, once its link is known.
+    chunk: Option<usize>,
     /// How often it has not answered since it last did.
     silent: u32,
     /// How many states of it in a row were of no use.
@@ -62,16 +63,9 @@ struct Peer {
     format: Option<u8>,
 }
 
-impl Default for Peer {
-    fn default() -> Self {
-        let (ask_at, asked_at, chunk) = (Time::ZERO, Time::ZERO, CHUNK_SIZE[0]);
-        Self { ahead: false, ask_at, pulling: None, asked_at, chunk, silent: 0, dropped: 0, format: None }
-    }
-}
-
-impl Default for Sync {
-    fn default() -> Self {
-        Self { peers: BTreeMap::new(), hello_at: Time::ZERO, hello_period: HELLO_PERIOD[0] }
+impl Peer {
+    fn chunk(&self) -> usize {
+        self.chunk.unwrap_or(CHUNK_SIZE[0])
     }
 }
 
@@ -139,10 +133,10 @@ impl Sync {
         (peer.ahead, peer.silent) = (false, 0);
         let asked = peer.pulling.take().is_some();
         if asked && full {
-            let took = now.since(peer.asked_at).max(Duration::from_millis(1));
-            let fits = u128::try_from(peer.chunk).unwrap_or(u128::MAX) * CHUNK_TIME.as_nanos() / took.as_nanos();
-            let fits = usize::try_from(fits).unwrap_or(usize::MAX).min(2 * peer.chunk);
-            peer.chunk = fits.clamp(CHUNK_SIZE[1], CHUNK_SIZE_MAX);
+            let (chunk, took) = (peer.chunk(), now.since(peer.asked_at).max(Duration::from_millis(1)));
+            let fits = u128::try_from(chunk).unwrap_or(u128::MAX) * CHUNK_TIME.as_nanos() / took.as_nanos();
+            let fits = usize::try_from(fits).unwrap_or(usize::MAX).min(2 * chunk);
+            peer.chunk = Some(fits.clamp(CHUNK_SIZE[1], CHUNK_SIZE_MAX));
         }
         asked
     }
@@ -156,7 +150,7 @@ impl Replica {
             if over && !self.config.mutant.is(Mutant::PullForEver) {
                 peer.pulling = None;
                 peer.silent = (peer.silent + 1).min(4);
-                peer.chunk = (peer.chunk / 4).max(CHUNK_SIZE[1]);
+                peer.chunk = Some((peer.chunk() / 4).max(CHUNK_SIZE[1]));
                 peer.ask_at = now + PULL_AFTER_PUSH * (1 << (2 * peer.silent));
             }
         }
@@ -166,12 +160,16 @@ impl Replica {
         }
         if self.sync.hello_at <= now {
             effects.push(Effect::Broadcast(Message::Hello(self.hello())));
-            let period = self.sync.hello_period;
+            let period = self.sync.hello_period.max(HELLO_PERIOD[0]);
             let jitter = self.random.below(u64::try_from(period.as_nanos() / 5).unwrap_or(1));
             self.sync.hello_at = now + period * 9 / 10 + Duration::from_nanos(jitter);
             self.sync.hello_period = (period * 2).min(HELLO_PERIOD[1]);
             self.release(now, effects);
             self.collect();
+            if self.is_member() {
+                let is_wanted = |peer: &Peer| peer.ahead || peer.pulling.is_some();
+                self.sync.peers.retain(|origin, peer| self.members.is_active(*origin) || is_wanted(peer));
+            }
         }
         self.settle_tickets(now, effects);
         self.pull(now, effects);
@@ -211,7 +209,7 @@ impl Replica {
         self.pull(now, effects);
     }
 
-    fn hello(&self) -> Hello {
+    pub(super) fn hello(&self) -> Hello {
         Hello {
             robot: self.identity.robot.clone(),
             boot: self.boot,
@@ -235,9 +233,6 @@ impl Replica {
             }
             return;
         }
-        if let Some(peer) = self.sync.peer(from) {
-            peer.format = Some(hello.format);
-        }
         if !self.is_member() {
             if hello.member {
                 self.sync.ahead(from, now);
@@ -257,6 +252,9 @@ impl Replica {
                 self.sync.ahead(from, now);
             }
             return;
+        }
+        if let Some(peer) = self.sync.peer(from) {
+            peer.format = Some(hello.format);
         }
         let (head, (seq, link)) = (hello.head, self.log.tip(from));
         if head.0 < seq || head.0 == seq && head.1 != link {
@@ -342,6 +340,7 @@ impl Replica {
             }
             Chunk::Snapshot(manifest) if asked => self.begin_download(now, (from, manifest), effects),
             Chunk::Frames { .. } | Chunk::Snapshot(_) => {}
+            Chunk::Retired(_) if asked && self.identity.joining.is_some() => self.want_another(now, from),
             Chunk::Retired(stamp) => {
                 // If each has retired the other, the earlier retirement stands.
                 let mine = self.members.retired(from);
@@ -390,7 +389,7 @@ impl Replica {
             }
             let peer = &peer.to_owned();
             self.note_asked(*peer);
-            let chunk = self.sync.peers.get(peer).map_or(CHUNK_SIZE[0], |peer| peer.chunk);
+            let chunk = self.sync.peers.get(peer).map_or(CHUNK_SIZE[0], Peer::chunk);
             let (cut, size_max) = (self.log.cut().clone(), u32::try_from(chunk).unwrap_or(u32::MAX));
             let replaces = || self.identity.past.iter().map(|past| past.origin).collect();
             let robot = || self.identity.robot.clone();
@@ -418,11 +417,22 @@ impl Replica {
     /// Whoever is no member asks one sponsor for one origin, and another one for another.
     fn note_asked(&mut self, peer: Origin) {
         let Some(joining) = self.identity.joining.filter(|_| self.identity.asked != Some(peer)) else { return };
-        if self.identity.asked.replace(peer).is_some() {
-            self.identity.past.push(Past { origin: joining, told: 0, twice: false });
-            self.identity.joining = Some(Origin::new(self.random.next()));
+        if let Some(before) = self.identity.asked.replace(peer) {
+            let known = self.identity.past.iter().position(|past| past.asked == Some(peer));
+            let known = known.map(|index| self.identity.past.remove(index).origin);
+            self.identity.joining = Some(known.unwrap_or_else(|| Origin::new(self.random.next())));
+            self.identity.past.push(Past { origin: joining, asked: Some(before), ..Past::default() });
         }
         self.batch.identity(&self.identity);
+    }
+
+    /// The origin that it asked for was retired meanwhile: it asks for another one.
+    fn want_another(&mut self, now: Time, from: Origin) {
+        let Some(joining) = self.identity.joining.filter(|_| self.identity.asked == Some(from)) else { return };
+        self.identity.past.push(Past { origin: joining, ..Past::default() });
+        self.identity.joining = Some(Origin::new(self.random.next()));
+        self.batch.identity(&self.identity);
+        self.sync.ahead(from, now);
     }
 
     /// Remembers that others have all own transactions. That one says so of a number is not enough: it may know another

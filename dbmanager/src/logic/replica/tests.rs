@@ -5,7 +5,7 @@ use crate::logic::clock::Quality;
 use crate::logic::cut::Origin;
 use crate::logic::record::Records;
 use crate::logic::state::Version;
-use crate::logic::txn::{Condition, Grant, TXN_SIZE_MAX, Txn, VALUE_SIZE_MAX, Value};
+use crate::logic::txn::{Condition, Grant, TXN_SIZE_MAX, Txn, VALUE_SIZE_MAX, Value, Write};
 use std::collections::VecDeque;
 
 pub(super) const WALL: Wall = Wall { millis: 1_790_000_000_000, quality: Quality::Network };
@@ -20,6 +20,8 @@ pub(super) struct Team {
     pub(super) alarms: Vec<(usize, Alarm)>,
     /// Who hears nobody.
     pub(super) away: BTreeSet<usize>,
+    /// Who hears greetings only, and is heard.
+    deaf: Option<usize>,
     pub(super) now: Time,
 }
 
@@ -65,6 +67,8 @@ impl Team {
                 Effect::Send(to, message) => (Some(to), message),
             };
             let hears = |other: &usize| *other != node && !self.away.contains(other) && !self.away.contains(&node);
+            let deaf = self.deaf.filter(|_| !matches!(message, Message::Hello(_)));
+            let hears = |other: &usize| hears(other) && deaf != Some(*other);
             let meant = |other: &usize| to.is_none_or(|to| self.replicas[*other].address() == to);
             for other in (0..self.replicas.len()).filter(hears).filter(meant) {
                 self.mail.push_back((other, address, message.clone()));
@@ -267,4 +271,113 @@ fn who_was_alone_can_begin_a_team_again_with_what_it_had() {
     other.replicas[0] = Replica::open_copied(other.config(0), &other.disks[0].clone()).unwrap();
     other.input(0, Input::Found(WALL));
     assert!(!other.replicas[0].is_member(), "there is another who can admit it");
+}
+
+#[test]
+fn a_robot_that_cannot_be_answered_does_not_fill_the_team() {
+    let mut team = Team::of(2);
+    team.disks.push(Records::new());
+    let config = team.config(2);
+    team.replicas.push(Replica::open(config, &Records::new()).unwrap());
+    let before = team.replicas[0].state().len();
+    team.deaf = Some(2);
+    team.run(300);
+    let more = team.replicas[0].state().len() - before;
+    assert!(more < 8, "{more} records more in five minutes, for ever");
+    team.deaf = None;
+    team.run(60);
+    assert!(team.replicas[2].is_member(), "it is admitted as soon as it hears the answer");
+}
+
+#[test]
+fn strangers_do_not_use_up_the_places_of_members() {
+    let mut team = Team::of(2);
+    team.away.insert(1);
+    team.replicas[0] = Replica::open(team.config(0), &team.disks[0].clone()).unwrap();
+    let mut hello = team.replicas[0].hello();
+    for (number, member) in (0..4096).zip([false, true].into_iter().cycle()) {
+        hello.member = member;
+        team.input(0, Input::Received(Origin::new(1 << 40 | number), Message::Hello(hello.clone()), WALL));
+    }
+    team.commit(1, put("team/a", b"1"));
+    team.away.clear();
+    team.run(60);
+    assert_eq!(team.versions(0, "team/a").len(), 1);
+}
+
+#[test]
+fn what_belongs_to_one_robot_stays_there_whatever_others_send() {
+    let mut team = Team::of(2);
+    let from = team.replicas[1].origin();
+    let stamp = Stamp { epoch: 0, hlc: WALL.millis << 17, origin: from };
+    let (seq, prev) = team.replicas[1].log().tip(from);
+    let txn = Txn {
+        stamp,
+        seq: seq + 1,
+        prev,
+        wall: WALL,
+        context: team.replicas[1].log().cut().clone().without(from),
+        reason: String::new(),
+        requires: Vec::new(),
+        writes: vec![Write { key: key("local/x"), value: Some(b"1".into()) }],
+        wants_ack: false,
+        rebase: None,
+    };
+    team.input(0, Input::Received(from, Message::Push(vec![Frame::seal(&txn).unwrap()]), WALL));
+    assert_eq!((team.versions(0, "local/x").len(), team.replicas[0].local().len()), (1, 0));
+    assert_eq!(Replica::open(team.config(0), &team.disks[0]).err(), None, "its store opens");
+}
+
+#[test]
+fn a_condition_on_a_key_of_this_robot_is_checked_there_and_not_told() {
+    let mut team = Team::of(2);
+    team.commit(0, put("local/armed", b"1"));
+    let draft = |condition| Draft::new("").require(key("local/armed"), condition).put(key("team/a"), b"1");
+    assert!(matches!(team.commit(0, draft(Condition::Absent)), Answer::Refused(_)));
+    assert!(matches!(team.commit(0, draft(Condition::Exists)), Answer::Committed(_)));
+    assert_eq!(team.frames(0).last().map(|txn| txn.requires.len()), Some(0));
+}
+
+#[test]
+fn nobody_else_can_have_what_stays_here() {
+    let mut team = Team::of(2);
+    let request = Request { ticket: 7, draft: put("local/x", b"1"), level: Level::Everywhere, until: team.now };
+    team.input(0, Input::Commit(vec![request], WALL));
+    assert!(matches!(team.answers[..], [Answer::Refused(TxnError::Stays { .. })]), "{:?}", team.answers);
+}
+
+#[test]
+fn healed_clocks_are_healed_everywhere_and_stay_so() {
+    let mut team = Team::of(2);
+    let far = Wall { millis: 4_070_908_800_000, quality: Quality::Network };
+    let request = Request { ticket: 0, draft: put("team/a", b"1"), level: Level::Local, until: team.now };
+    team.input(1, Input::Commit(vec![request], far));
+    team.run(30);
+    team.input(0, Input::HealClock(WALL));
+    team.run(60);
+    team.replicas[0] = Replica::open(team.config(0), &team.disks[0].clone()).unwrap();
+    let epoch = |team: &mut Team, node: usize| {
+        team.commit(node, put("team/b", b"1"));
+        team.frames(node).last().map(|txn| txn.stamp.epoch)
+    };
+    assert_eq!((epoch(&mut team, 0), epoch(&mut team, 1)), (Some(1), Some(1)));
+}
+
+#[test]
+fn who_is_retired_is_not_as_long_as_something_of_it_cannot_be_read() {
+    let mut team = Team::of(3);
+    team.commit(0, put("team/a", b"0"));
+    team.run(60);
+    team.away.insert(2);
+    let Answer::Committed(dot) = team.commit(2, put("team/a", b"1")) else { panic!("it is not committed") };
+    let readable = team.replicas[2].log().frame(dot).unwrap().clone();
+    let newer = Frame { format: 9, body: readable.body.clone() };
+    team.input(1, Input::Received(dot.origin, Message::Push(vec![newer]), WALL));
+    team.input(1, Input::Retire(dot.origin, WALL));
+    team.input(0, Input::Retire(dot.origin, WALL));
+    team.run(120);
+    let retired = |team: &Team, node: usize| team.replicas[node].members().retired(dot.origin).is_some();
+    // The other one has passed on by then what it cannot read.
+    assert_eq!((retired(&team, 0), retired(&team, 1)), (true, false));
+    assert!(!team.replicas[1].held.cut().is_empty());
 }
