@@ -11,7 +11,8 @@ use dbmanager::logic::message::Message;
 use dbmanager::logic::mutant::Mutant;
 use dbmanager::logic::record::Records;
 use dbmanager::logic::replica::{Answer, Config, Effect, Input, Level, Replica, Request};
-use dbmanager::logic::txn::Draft;
+use dbmanager::logic::txn::{Draft, Grant};
+use dbmanager::logic::view::conflict::Race;
 use dbmanager::logic::view::past::{Deed, Filter, Keys, Past};
 use dbmanager::logic::view::transfer::{self, Absent};
 use dbmanager::logic::view::value::Datum;
@@ -103,9 +104,24 @@ impl Team {
     /// Commits on a robot that nobody hears.
     fn commit(&mut self, at: usize, draft: Draft) {
         self.now = self.now + Duration::from_secs(1);
+        self.commit_when(self.wall(), at, draft);
+    }
+
+    fn commit_when(&mut self, wall: Wall, at: usize, draft: Draft) {
         let request = Request { ticket: 1, draft, level: Level::Local, until: self.now };
-        let answers = self.handle(at, Input::Commit(vec![request], self.wall()), false);
+        let answers = self.handle(at, Input::Commit(vec![request], wall), false);
         assert!(matches!(answers[..], [Answer::Committed(_)]), "{answers:?}");
+    }
+
+    fn retire(&mut self, at: usize) {
+        self.now = self.now + Duration::from_secs(1);
+        let origin = self.robots[at].replica.origin();
+        self.handle(1 - at, Input::Retire(origin, self.wall()), false);
+    }
+
+    /// Returns what r2 knows of races below a prefix. The log of r1 does not reach back so far once it was retired.
+    fn races(&self, prefix: &str) -> Vec<Race> {
+        past(&self.robots[1].replica).races(prefix)
     }
 
     fn put(&mut self, at: usize, why: &str, to: &str, number: i64) {
@@ -162,8 +178,7 @@ fn retired_while_away_returns_with_writes() {
     let mut team = Team::new();
     let away = team.robots[1].replica.origin();
     team.put(1, "while away", "team/gain", 2);
-    team.now = team.now + Duration::from_secs(1);
-    team.handle(0, Input::Retire(away, team.wall()), false);
+    team.retire(1);
     team.meet();
     let Robot { replica, told, .. } = &team.robots[1];
     assert_ne!(replica.origin(), away, "it goes on under another name");
@@ -180,4 +195,83 @@ fn retired_while_away_returns_with_writes() {
     let known =
         |told: &Told| matches!(told, Told::Event(event) if matches!(&**event, Event { deed, .. } if deed.by == "r2"));
     assert!(team.robots[0].told.iter().any(known));
+}
+
+fn give(prefix: &str, robot: Option<&str>) -> Draft {
+    Draft::new("give").grant(key(prefix), Grant::Give(robot.map(str::to_owned)))
+}
+
+fn take_over(prefix: &str, robot: &str) -> Draft {
+    Draft::new("r1 is lost").grant(key(prefix), Grant::TakeOver(robot.to_owned()))
+}
+
+#[test]
+fn what_is_written_unaware_of_an_owner_is_listed() {
+    // (the prefix, whether it was granted to r1 before, whether r1 has no clock, whether it is retired)
+    let cases = [
+        ("team/arm", true, false, false),
+        ("team/arm", true, true, false),
+        ("team/arm", true, false, true),
+        ("team/arm", true, true, true),
+        ("team/arm", false, false, false),
+        ("team/arm", false, true, true),
+        ("robot/r1", false, false, false),
+        ("robot/r1", false, true, false),
+        ("robot/r1", true, false, true),
+    ];
+    for case @ (prefix, granted, no_clock, retired) in cases {
+        let mut team = Team::new();
+        if granted {
+            team.commit(0, give(prefix, Some("r1")));
+            team.meet();
+        }
+        let late = Wall { millis: team.wall().millis + 600_000, ..team.wall() };
+        team.commit_when(late, 1, take_over(prefix, "r2"));
+        team.put(1, "its owner by now", &format!("{prefix}/speed"), 1);
+        let wall = if no_clock { Wall { millis: 0, quality: Quality::Unset } } else { team.wall() };
+        let written = Datum::Integer(2).encode().unwrap();
+        team.commit_when(wall, 0, Draft::new("unaware").put(key(&format!("{prefix}/mode")), written));
+        if retired {
+            team.retire(0);
+        }
+        team.meet();
+        let races = team.races(&format!("{prefix}/"));
+        let told: Vec<_> = races.iter().map(|race| (&race.relied.reason[..], &race.changed.reason[..])).collect();
+        assert_eq!(told, [("unaware", "r1 is lost")], "{case:?}");
+        assert_eq!(team.races(""), races, "once: {case:?}");
+        assert!(retired || past(&team.robots[0].replica).races("") == races, "{case:?}");
+        team.put(1, "seen", &format!("{prefix}/mode"), 3);
+        team.meet();
+        assert_eq!(team.races(""), vec![], "settled by a write that has seen both: {case:?}");
+    }
+}
+
+#[test]
+fn what_its_owner_writes_is_not_listed() {
+    for retired in [false, true] {
+        let mut team = Team::new();
+        let mut before = |at: usize, draft: Draft| {
+            team.commit(at, draft);
+            team.meet();
+        };
+        before(1, give("team/arm", Some("r2")));
+        before(1, give("team/arm", Some("r1")));
+        before(0, give("team/leg", Some("r2")));
+        before(1, give("team/leg/left", Some("r1")));
+        before(1, give("team/old", Some("r2")));
+        before(1, give("team/old", None));
+        team.commit(1, take_over("team/arm", "r1"));
+        team.commit(1, take_over("team/leg", "r2"));
+        team.commit(1, take_over("robot/r1", "r1"));
+        for at in ["team/arm/x", "team/leg/left/x", "team/old/x", "robot/r1/x"] {
+            team.put(0, "its own", at, 1);
+        }
+        team.put(1, "its own", "team/leg/x", 1);
+        if retired {
+            team.retire(0);
+        }
+        team.meet();
+        assert!(past(&team.robots[1].replica).state.get(&key("team/leg/left/x")).is_some());
+        assert_eq!(team.races(""), vec![], "retired: {retired}");
+    }
 }

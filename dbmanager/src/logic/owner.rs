@@ -7,10 +7,13 @@
 //! finds it without an owner, may give it to anybody; an operator may *take it over*, by force. Each grant has the term after
 //! the one it knows. Of grants that did not see each other the larger term counts, then the later stamp.
 //!
-//! *Why it fences.* Each write to a prefix with a record carries the condition that the grant it relies on still stands
-//! ([`Condition::Is`](crate::logic::txn::Condition)), as if its writer had asked for it. If the owner was cut off and goes on
-//! writing after a takeover, neither has seen the other; its writes are kept, as everywhere, and each is listed as a race: it
-//! relied on a grant that another transaction had changed. Nothing is dropped, nothing passes unseen.
+//! *Why nothing passes unseen.* Whoever is cut off goes on writing after a takeover, or where there was no owner yet. Its
+//! writes are kept, as everywhere, and each that has not seen a grant to another robot, nor was seen by it, is listed as a race
+//! ([`races`](crate::logic::view::past::Past::races)), whatever the clocks said. Nothing is dropped.
+//!
+//! *What a fence is for.* A write below a prefix with a record carries the condition that the grant it relies on stands
+//! ([`Condition::Is`](crate::logic::txn::Condition)). So it is known, even of who came back and has lost the context, which
+//! prefix its writer went by, and which grants it knew.
 //!
 //! *Why conditions at the owner are linearizable.* One robot commits one transaction at a time, and each under a term checks
 //! its conditions on a state with all that came before it under that term: its own. A later term begins at a replica that
@@ -54,47 +57,51 @@ pub fn grant(term: u64, robot: Option<&str>) -> Value {
     Value { encoding: Encoding::TEXT, bytes: text.trim_end().as_bytes().into() }
 }
 
+/// Returns the prefix of which a key is the record, if it is one.
+pub fn prefix(record: &Key) -> Option<&str> {
+    record.as_str().strip_prefix(OWN)
+}
+
+/// Returns the term that a record states, and who owns the prefix, if anybody does.
+pub fn read(record: &Value) -> Option<(u64, Option<String>)> {
+    let text = std::str::from_utf8(&record.bytes).ok()?;
+    let (term, robot) = text.split_once(' ').unwrap_or((text, ""));
+    Some((term.parse().ok()?, Some(robot.to_owned()).filter(|robot| !robot.is_empty())))
+}
+
+/// Returns the prefixes of a key that may have a record, the shortest first, and the key itself.
+pub fn prefixes(key: &Key) -> impl Iterator<Item = &str> {
+    let text = key.as_str();
+    text.match_indices('/').map(|(end, _)| end).chain([text.len()]).map(|end| &text[..end])
+}
+
 impl Owners {
     /// Reads them from a state.
     pub fn of(state: &State) -> Self {
         let standing = |versions: &[Version]| {
-            let known = versions.iter().filter_map(|version| Some((version.stamp, version.dot, read(version)?)));
+            let known = |version: &Version| Some((version.stamp, version.dot, read(version.value.as_ref()?)?));
+            let known = versions.iter().filter_map(known);
             let (_, dot, (term, robot)) = known.max_by_key(|(stamp, _, (term, _))| (*term, *stamp))?;
             Some(Owner { term, robot, grant: Some(dot) })
         };
-        let prefix = |key: &Key| key.as_str().strip_prefix(OWN).map(str::to_owned);
-        Self(state.scan(OWN).filter_map(|(key, versions)| Some((prefix(key)?, standing(versions)?))).collect())
+        let owner = |(key, versions)| Some((prefix(key)?.to_owned(), standing(versions)?));
+        Self(state.scan(OWN).filter_map(owner).collect())
     }
 
     /// Returns who owns the longest prefix of `key` that has an owner or a record, and the prefix.
     pub fn find<'a>(&self, key: &'a Key) -> Option<(&'a str, Owner)> {
-        let text = key.as_str();
-        let ends = text.match_indices('/').map(|(end, _)| end).chain([text.len()]);
-        let known = ends.filter_map(|end| self.0.get_key_value(&text[..end]).map(|(_, owner)| (end, owner)));
-        let named = match key.namespace() {
-            Namespace::Robot(name) => Some(name),
-            Namespace::Team | Namespace::System | Namespace::Local => None,
-        };
-        match (known.max_by_key(|(end, _)| *end), named) {
-            (Some((end, owner)), _) => Some((&text[..end], owner.clone())),
-            (None, Some(name)) => {
-                let owner = Owner { term: 0, robot: Some(name.to_owned()), grant: None };
-                Some((&text[..("robot/".len() + name.len()).min(text.len())], owner))
-            }
-            (None, None) => None,
-        }
+        let known = prefixes(key).filter_map(|prefix| Some((prefix, self.0.get(prefix)?.clone()))).last();
+        known.or_else(|| {
+            let Namespace::Robot(name) = key.namespace() else { return None };
+            let prefix = prefixes(key).nth(1).unwrap_or(key.as_str());
+            Some((prefix, Owner { term: 0, robot: Some(name.to_owned()), grant: None }))
+        })
     }
 
     /// Returns every prefix with a record.
     pub fn iter(&self) -> impl Iterator<Item = (&str, &Owner)> {
         self.0.iter().map(|(prefix, owner)| (prefix.as_str(), owner))
     }
-}
-
-fn read(version: &Version) -> Option<(u64, Option<String>)> {
-    let text = std::str::from_utf8(&version.value.as_ref()?.bytes).ok()?;
-    let (term, robot) = text.split_once(' ').unwrap_or((text, ""));
-    Some((term.parse().ok()?, Some(robot.to_owned()).filter(|robot| !robot.is_empty())))
 }
 
 #[cfg(test)]

@@ -164,7 +164,7 @@ fn owner_takeover_old_owner_isolated_keeps_writing() {
         let late = frames.iter().find(|txn| txn.writes.iter().any(|write| write.key == key("team/arm/late"))).unwrap();
         let [fence] = &late.requires[..] else { panic!("it relied on one grant: {late:?}") };
         assert_eq!(fence.key, key("sys/own/team/arm"));
-        assert!(fence.condition != Condition::Is(grant) && !late.context.contains(grant), "which shows as a race");
+        assert!(fence.condition != Condition::Is(grant) && !late.context.contains(grant), "which the races list");
     }
     assert_eq!(refused_for(&team.commit(1, put("team/arm/x", b"3"))), Some(("r2", 2)));
 }

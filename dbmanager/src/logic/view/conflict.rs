@@ -2,16 +2,19 @@
 //!
 //! A *conflict* is a key with versions that differ. A *race* is a transaction that relied on a key, and another that
 //! had changed it before, in the one order of all, while neither had seen the other: both were committed, although the
-//! second would have been refused on one robot. No database that takes writes while it is cut off can prevent either;
-//! this one lists them. Both are over when somebody writes the key having seen both.
+//! second would have been refused on one robot. So is a write below a prefix that was granted to another robot, if neither
+//! has seen the other: of these no stamp says which was first, since the owner after the one in the order of stamps may
+//! have decided before. No database that takes writes while it is cut off can prevent any of them; this one lists them. They
+//! are over when somebody writes the key having seen both.
 
 use super::past::{Past, When, has_seen};
 use super::value::Datum;
 use crate::logic::clock::Stamp;
-use crate::logic::cut::{Dot, Origin};
+use crate::logic::cut::{Cut, Dot, Origin};
 use crate::logic::key::Key;
+use crate::logic::owner::{self, prefixes};
 use crate::logic::state::Version;
-use crate::logic::txn::{Condition, Txn, Write};
+use crate::logic::txn::{Condition, Require, Txn, Write};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -49,9 +52,9 @@ pub struct Race {
     pub key: Key,
     /// Who relied on it.
     pub relied: Party,
-    /// On what.
-    pub condition: Condition,
-    /// Who had changed it.
+    /// On what; nothing if it was a write that relied on nobody else having been granted a prefix of the key.
+    pub condition: Option<Condition>,
+    /// Who had changed it, or had granted it.
     pub changed: Party,
 }
 
@@ -71,10 +74,25 @@ pub struct Party {
 /// A transaction that relied on a key, or changed it.
 struct Touch {
     dot: Dot,
+    from: Option<Dot>,
     stamp: Stamp,
     condition: Option<Condition>,
     deletes: Option<bool>,
 }
+
+/// A transaction that granted a prefix to a robot, or to everybody.
+struct Granted {
+    dot: Dot,
+    /// Those of its other lives, too.
+    names: BTreeSet<Dot>,
+    stamp: Stamp,
+    robot: Option<String>,
+    /// Nothing if only what was brought in from another life is left of it.
+    seen: Option<Cut>,
+}
+
+/// The grants of each prefix, in the order of their stamps.
+type Grants = BTreeMap<String, BTreeMap<Stamp, Granted>>;
 
 impl Past<'_> {
     /// Returns the keys below `prefix` with writes that did not see each other.
@@ -100,35 +118,77 @@ impl Past<'_> {
 
     /// Returns the races at keys below `prefix`, as far back as the log reaches.
     pub fn races(&self, prefix: &str) -> Vec<Race> {
-        let mut relied_on: BTreeSet<Key> = BTreeSet::new();
-        self.walk(&BTreeMap::new(), |txn, _| {
-            let keys = txn.requires.iter().map(|require| &require.key);
+        let (mut relied_on, mut grants) = (BTreeSet::<Key>::new(), Grants::new());
+        self.walk(&BTreeMap::new(), |txn, seen| {
+            let keys = txn.requires.iter().filter(|require| fence(require).is_none()).map(|require| &require.key);
             relied_on.extend(keys.filter(|key| key.as_str().starts_with(prefix)).cloned());
+            for (prefix, robot) in granted(txn) {
+                let (dot, stamp, names) = (txn.dot(), txn.written(), BTreeSet::new());
+                let lives = grants.entry(prefix.to_owned()).or_default();
+                let granted = lives.entry(stamp).or_insert(Granted { dot, names, stamp, robot, seen: None });
+                granted.names.extend(names_of(txn));
+                granted.seen = granted.seen.take().or_else(|| txn.rebase.is_none().then(|| seen.clone()));
+            }
         });
         let mut touches: BTreeMap<Key, BTreeMap<Origin, Vec<Touch>>> = BTreeMap::new();
-        let mut races: Vec<(Key, Dot, Condition, Dot)> = Vec::new();
+        let mut races: Vec<(Key, Dot, Option<Condition>, Dot)> = Vec::new();
         self.walk(&BTreeMap::new(), |txn, seen| {
-            for (key, touch) in touched(txn).into_iter().filter(|(key, _)| relied_on.contains(*key)) {
-                let earlier = touches.entry(key.clone()).or_default();
-                // Of each origin, what was not seen is the end of its chain.
-                let beside = earlier
-                    .values()
-                    .flat_map(|chain| chain.iter().rev().take_while(|other| !has_seen(txn, seen, other.dot)));
-                let beside = beside.take(RACES_MAX.saturating_sub(races.len()));
-                let found = beside.filter_map(|other| race(&touch, other).or_else(|| race(other, &touch)));
-                let found: Vec<_> = found.map(|(relied, on, changed)| (key.clone(), relied, on, changed)).collect();
+            let fences: BTreeMap<&str, Dot> = txn.requires.iter().filter_map(fence).collect();
+            for (key, touch) in touched(txn).into_iter().filter(|(key, _)| key.as_str().starts_with(prefix)) {
+                let room = RACES_MAX.saturating_sub(races.len());
+                let mut found = Vec::new();
+                if relied_on.contains(key) {
+                    let earlier = touches.entry(key.clone()).or_default();
+                    // Of each origin, what was not seen is the end of its chain.
+                    let beside = earlier
+                        .values()
+                        .flat_map(|chain| chain.iter().rev().take_while(|other| !has_seen(txn, seen, other.dot)));
+                    let races = beside.filter_map(|other| race(&touch, other).or_else(|| race(other, &touch)));
+                    found.extend(races.take(room).map(|(relied, on, changed)| (relied, Some(on), changed)));
+                }
                 if touch.deletes.is_some() {
                     let over = |dot| has_seen(txn, seen, dot);
                     races.retain(|(at, relied, _, changed)| at != key || !over(*relied) || !over(*changed));
+                    let fence = prefixes(key).filter_map(|prefix| Some((prefix, *fences.get(prefix)?))).last();
+                    let grant = self.unknown_grant((txn, seen), (key, fence), &grants).filter(|_| found.len() < room);
+                    found.extend(grant.map(|grant| (touch.dot, None, grant.dot)));
                 }
-                races.extend(found);
-                earlier.entry(touch.dot.origin).or_default().push(touch);
+                races.extend(found.into_iter().map(|(relied, on, changed)| (key.clone(), relied, on, changed)));
+                if relied_on.contains(key) {
+                    touches.entry(key.clone()).or_default().entry(touch.dot.origin).or_default().push(touch);
+                }
             }
         });
-        let race = |(key, relied, condition, changed): (Key, Dot, Condition, Dot)| {
+        let race = |(key, relied, condition, changed): (Key, Dot, Option<Condition>, Dot)| {
             Some(Race { key, relied: self.party(relied)?, condition, changed: self.party(changed)? })
         };
         races.into_iter().filter_map(race).collect()
+    }
+
+    /// Returns the first grant of a prefix of `key` to another robot such that neither that nor a write has seen the other.
+    /// `fence` is by which prefix and grant the writer went.
+    fn unknown_grant<'a>(
+        &self,
+        (txn, seen): (&Txn, &Cut),
+        (key, fence): (&Key, Option<(&str, Dot)>),
+        grants: &'a Grants,
+    ) -> Option<&'a Granted> {
+        let of = |prefix: &str| grants.get(prefix).into_iter().flat_map(BTreeMap::values);
+        let relied = fence.and_then(|(prefix, dot)| of(prefix).find(|granted| granted.names.contains(&dot)));
+        let knows = |granted: &Granted| match &txn.rebase {
+            Some(_) => {
+                relied.is_some_and(|relied| relied.dot == granted.dot || relied.saw(&granted.names, granted.stamp))
+            }
+            None => granted.names.iter().any(|dot| seen.contains(*dot)),
+        };
+        let names = names_of(txn).collect();
+        let unknown = |granted: &&Granted| {
+            let other = || granted.robot.as_ref().is_some_and(|robot| *robot != self.robot(txn.written().origin));
+            !knows(granted) && !granted.saw(&names, txn.written()) && other()
+        };
+        // The longest prefix counts: who went by a record is not concerned by what becomes of shorter ones.
+        let counts = |prefix: &&str| fence.is_none_or(|(fenced, _)| prefix.len() >= fenced.len());
+        prefixes(key).filter(counts).flat_map(of).find(unknown)
     }
 
     fn party(&self, dot: Dot) -> Option<Party> {
@@ -138,12 +198,35 @@ impl Past<'_> {
     }
 }
 
+impl Granted {
+    /// Returns whether it has seen a transaction of these names, as far as is known.
+    fn saw(&self, names: &BTreeSet<Dot>, stamp: Stamp) -> bool {
+        self.seen.as_ref().map_or(stamp < self.stamp, |seen| names.iter().any(|dot| seen.contains(*dot)))
+    }
+}
+
+/// Returns the name of a transaction, and that from before, if it has one.
+fn names_of(txn: &Txn) -> impl Iterator<Item = Dot> {
+    [txn.dot()].into_iter().chain(txn.rebase.as_ref().and_then(|rebase| rebase.from))
+}
+
+/// Returns the prefix and the grant by which a transaction went, if that is what a condition says.
+fn fence(require: &Require) -> Option<(&str, Dot)> {
+    let Condition::Is(dot) = require.condition else { return None };
+    Some((owner::prefix(&require.key)?, dot))
+}
+
+/// Returns the prefixes that a transaction granted, and to whom.
+fn granted(txn: &Txn) -> impl Iterator<Item = (&str, Option<String>)> {
+    txn.writes.iter().filter_map(|Write { key, value }| Some((owner::prefix(key)?, owner::read(value.as_ref()?)?.1)))
+}
+
 /// Returns what a transaction has to do with each key.
 fn touched(txn: &Txn) -> BTreeMap<&Key, Touch> {
-    let (dot, stamp) = (txn.dot(), txn.written());
+    let (dot, from, stamp) = (txn.dot(), txn.rebase.as_ref().and_then(|rebase| rebase.from), txn.written());
     let mut touched: BTreeMap<&Key, Touch> = BTreeMap::new();
-    let touch = || Touch { dot, stamp, condition: None, deletes: None };
-    for require in &txn.requires {
+    let touch = || Touch { dot, from, stamp, condition: None, deletes: None };
+    for require in txn.requires.iter().filter(|require| fence(require).is_none()) {
         touched.entry(&require.key).or_insert_with(touch).condition = Some(require.condition);
     }
     for Write { key, value } in &txn.writes {
@@ -158,7 +241,7 @@ fn race(relied: &Touch, changed: &Touch) -> Option<(Dot, Condition, Dot)> {
     let broken = match condition {
         Condition::Absent => !deletes,
         Condition::Exists => deletes,
-        Condition::Is(_) => true,
+        Condition::Is(dot) => dot != changed.dot && Some(dot) != changed.from,
     };
     (broken && changed.stamp < relied.stamp).then_some((relied.dot, condition, changed.dot))
 }

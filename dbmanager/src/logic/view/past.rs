@@ -7,7 +7,7 @@
 //! it.
 //!
 //! A transaction that was brought in from another life of its replica has lost its context. Of such a one it is only
-//! known which versions it took away; what else it had seen may be shown as beside it.
+//! known which versions it took away and which it required; what else it had seen may be shown as beside it.
 
 use super::value::Datum;
 use crate::logic::clock::{Quality, Stamp, Wall};
@@ -15,7 +15,7 @@ use crate::logic::cut::{Cut, Dot, Origin};
 use crate::logic::key::Key;
 use crate::logic::log::{Head, Log};
 use crate::logic::state::State;
-use crate::logic::txn::{Txn, Write};
+use crate::logic::txn::{Condition, Require, Txn, Write};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, VecDeque};
 
@@ -198,7 +198,10 @@ impl Past<'_> {
 /// Returns whether a transaction, which has seen these, has seen another.
 pub(super) fn has_seen(txn: &Txn, seen: &Cut, other: Dot) -> bool {
     match &txn.rebase {
-        Some(rebase) => rebase.takes.contains(&other),
+        Some(rebase) => {
+            let required = |require: &Require| require.condition == Condition::Is(other);
+            rebase.takes.contains(&other) || txn.requires.iter().any(required)
+        }
         None => seen.contains(other),
     }
 }

@@ -93,17 +93,20 @@ pub fn conflicts(conflicts: &[Conflict], races: &[Race]) -> String {
         blocks.push(format!("{key}: {} writes did not see each other\n{}", versions.len(), indented(&table(&rows))));
     }
     for Race { key, relied, condition, changed } in races {
-        let on = match condition {
-            Condition::Absent => "there being nothing",
-            Condition::Exists => "there being a value",
-            Condition::Is(_) => "the value it had read",
+        let relied_on =
+            |what: &str| (format!("relied on {what}, unaware of a change"), ["relied on it", "had changed it"]);
+        let (did, [first, second]) = match condition {
+            Some(Condition::Absent) => relied_on("there being nothing"),
+            Some(Condition::Exists) => relied_on("there being a value"),
+            Some(Condition::Is(_)) => relied_on("the value it had read"),
+            None => ("wrote it, unaware that it was granted to another".to_owned(), ["wrote it", "granted it"]),
         };
         let row = |what: &str, party: &Party| {
             let Party { dot, by, when: at, reason } = party;
             vec![what.to_owned(), by.clone(), when(*at), dot.to_string(), shortened(reason)]
         };
-        let rows = [row("relied on it", relied), row("had changed it", changed)];
-        blocks.push(format!("{key}: {} relied on {on}, unaware of a change\n{}", relied.by, indented(&table(&rows))));
+        let rows = [row(first, relied), row(second, changed)];
+        blocks.push(format!("{key}: {} {did}\n{}", relied.by, indented(&table(&rows))));
     }
     blocks.join("\n\n")
 }
