@@ -17,7 +17,7 @@ use crate::logic::key::Key;
 use crate::logic::log::{Head, Log, Logged};
 use crate::logic::mutant::Mutant;
 use crate::logic::state::{State, Version};
-use crate::logic::txn::Frame;
+use crate::logic::txn::{Frame, FrameError};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use thiserror::Error;
@@ -58,7 +58,7 @@ pub(crate) struct Past {
     pub(crate) asked: Option<Origin>,
 }
 
-/// Why a store is not opened. The remedy is to put it aside and to join again from the others.
+/// Why a store is not opened. If it is damaged, the remedy is to put it aside and to join again from the others.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 pub enum OpenError {
     /// A record cannot be read.
@@ -73,6 +73,9 @@ pub enum OpenError {
         /// What does not fit.
         what: &'static str,
     },
+    /// There is something in it that this program does not know, and it is as it was written.
+    #[error("the store was written by a newer version of this program, which has to be started instead")]
+    Newer,
     /// It is another robot's.
     #[error("the store belongs to the robot `{found}`, not to `{expected}`")]
     Robot {
@@ -86,18 +89,6 @@ pub enum OpenError {
 /// What the records of a key begin with: one that everybody has, and one that never leaves the robot.
 pub(crate) const SHARED: u8 = b'k';
 pub(crate) const LOCAL: u8 = b'p';
-
-/// What a store says.
-#[derive(Debug)]
-pub(crate) struct Stored {
-    pub(crate) identity: Option<Identity>,
-    pub(crate) log: Log,
-    pub(crate) state: State,
-    pub(crate) held: BTreeMap<u64, (Dot, Frame)>,
-    pub(crate) local: State,
-    /// Whether there is nothing at all.
-    pub(crate) is_empty: bool,
-}
 
 impl Batch {
     /// Returns whether nothing is to be written.
@@ -178,15 +169,16 @@ fn frame_name(dot: Dot) -> Vec<u8> {
 }
 
 fn read<'a, T: Deserialize<'a>>(name: &[u8], bytes: &'a [u8]) -> Result<T, OpenError> {
-    let damaged = || OpenError::Record { kind: char::from(name.first().copied().unwrap_or_default()) };
-    let (record, found) = bytes.split_last_chunk().ok_or_else(damaged)?;
-    if *found != sum(name, record) {
-        return Err(damaged());
-    }
-    match postcard::take_from_bytes(record) {
+    match postcard::take_from_bytes(whole(name, bytes)?) {
         Ok((record, [])) => Ok(record),
-        _ => Err(damaged()),
+        _ => Err(OpenError::Newer),
     }
+}
+
+fn whole<'a>(name: &[u8], bytes: &'a [u8]) -> Result<&'a [u8], OpenError> {
+    let (record, found) = bytes.split_last_chunk().unzip();
+    let whole = record.filter(|record| found == Some(&sum(name, record)));
+    whole.ok_or_else(|| OpenError::Record { kind: char::from(name.first().copied().unwrap_or_default()) })
 }
 
 /// Returns four bytes by which a record shows that it is whole and in its place.
@@ -204,15 +196,15 @@ fn number(kind: u8, bytes: &[u8]) -> Result<u64, OpenError> {
 /// whole is ever in memory.
 #[derive(Debug, Default)]
 pub struct Reading {
-    identity: Option<Identity>,
+    pub(crate) identity: Option<Identity>,
     digests: Option<(u64, u128, usize, usize)>,
     heads: BTreeMap<Origin, Head>,
     frames: Vec<(Dot, u64, Frame)>,
-    state: State,
-    local: State,
-    held: BTreeMap<u64, (Dot, Frame)>,
+    pub(crate) state: State,
+    pub(crate) local: State,
+    pub(crate) held: BTreeMap<u64, (Dot, Frame)>,
     /// How many records there were.
-    count: usize,
+    pub(crate) count: usize,
     /// What was wrong first.
     wrong: Option<OpenError>,
 }
@@ -245,30 +237,28 @@ impl Reading {
                 let state = if *kind == SHARED { &mut self.state } else { &mut self.local };
                 state.restore(key.ok_or(OpenError::Record { kind: char::from(*kind) })?, read(name, bytes)?);
             }
-            _ => return Err(OpenError::Damaged { what: "a record of an unknown kind" }),
+            _ => return whole(name, bytes).and(Err(OpenError::Newer)),
         }
         Ok(())
     }
 
-    /// Returns what the store says.
+    /// Returns what the store says, and its log.
     ///
     /// # Errors
     /// If anything in it does not fit: a record, a chain of frames, or the digests.
-    pub(crate) fn finish(self, mutant: Mutant) -> Result<Stored, OpenError> {
-        if let Some(wrong) = self.wrong {
-            return Err(wrong);
-        }
+    pub(crate) fn finish(mut self, mutant: Mutant) -> Result<(Self, Log), OpenError> {
+        self.wrong.take().map_or(Ok(()), Err)?;
         check_chains(&self.heads, &self.frames)?;
-        let mut log = Log::new(self.heads, mutant);
-        for (dot, index, frame) in self.frames {
+        let mut log = Log::new(std::mem::take(&mut self.heads), mutant);
+        for (dot, index, frame) in std::mem::take(&mut self.frames) {
             log.restore(dot, Logged { index, frame });
         }
-        let (state, local) = (self.state.with(mutant), self.local);
+        self.state = self.state.with(mutant);
         let fresh = self.count == usize::from(self.identity.is_some());
-        if self.digests != Some(summary(&log, &state)) && !fresh {
+        if self.digests != Some(summary(&log, &self.state)) && !fresh {
             return Err(OpenError::Damaged { what: "something is missing" });
         }
-        Ok(Stored { identity: self.identity, log, state, held: self.held, local, is_empty: self.count == 0 })
+        Ok((self, log))
     }
 }
 
@@ -280,26 +270,20 @@ impl From<&Records> for Reading {
     }
 }
 
-/// Checks that the frames of each origin follow each other up to its head. They are in order of their names.
+/// Checks that the frames of each origin follow each other up to its head. They are in order of their names, and what is
+/// behind one, the next frame or the head, has its number and its link.
 fn check_chains(heads: &BTreeMap<Origin, Head>, frames: &[(Dot, u64, Frame)]) -> Result<(), OpenError> {
-    let damaged = |what| Err(OpenError::Damaged { what });
     for (index, (dot, _, frame)) in frames.iter().enumerate() {
-        let Some(head) = heads.get(&dot.origin) else { return damaged("frames without a head") };
-        let Ok(txn) = frame.open() else { return damaged("a frame is malformed") };
-        if txn.dot() != *dot {
-            return damaged("a frame is at the place of another");
+        let found = frame.open().map(|txn| txn.dot());
+        if let Err(FrameError::Format { .. }) = found {
+            return Err(OpenError::Newer);
         }
-        match frames.get(index + 1).filter(|(next, ..)| next.origin == dot.origin) {
-            Some((next, _, following)) => {
-                let prev = following.open().map(|txn| txn.prev);
-                if next.seq != dot.seq + 1 || prev != Ok(frame.link()) {
-                    return damaged("frames that do not follow each other");
-                }
-            }
-            None if (dot.seq, frame.link()) != (head.seq, head.link) => {
-                return damaged("the last frame is not the head");
-            }
-            None => {}
+        let next = frames.get(index + 1).filter(|(next, ..)| next.origin == dot.origin);
+        let prev = |frame: &Frame| frame.split().ok().map(|(header, _)| header.prev);
+        let next = next.map(|(next, _, frame)| (next.seq - 1, prev(frame)));
+        let head = || heads.get(&dot.origin).map(|head| (head.seq, Some(head.link)));
+        if found != Ok(*dot) || next.or_else(head) != Some((dot.seq, Some(frame.link()))) {
+            return Err(OpenError::Damaged { what: "frames that do not follow each other" });
         }
     }
     Ok(())

@@ -197,12 +197,12 @@ impl Replica {
     pub fn open(config: Config, stored: impl Into<Reading>) -> Result<Self, OpenError> {
         let mut random = Random::new(config.seed);
         let boot = random.next();
-        let stored = stored.into().finish(config.mutant)?;
+        let (stored, log) = stored.into().finish(config.mutant)?;
         let mut batch = Batch::default();
         let identity = match stored.identity {
             Some(identity) if identity.robot == config.robot => identity,
             Some(identity) => return Err(OpenError::Robot { found: identity.robot, expected: config.robot }),
-            None if stored.is_empty => {
+            None if stored.count == 0 => {
                 let (origin, joining) = (Origin::new(random.next()), Origin::new(random.next()));
                 let robot = config.robot.clone();
                 let identity = Identity { origin, robot, joining: Some(joining), ..Identity::default() };
@@ -212,7 +212,7 @@ impl Replica {
             None => return Err(OpenError::Damaged { what: "there is no identity" }),
         };
         let local = stored.local.scan("").flat_map(|(_, versions)| versions).map(|version| version.stamp);
-        let last = local.chain([stored.log.last_stamp()]).max().unwrap_or_default();
+        let last = local.chain([log.last_stamp()]).max().unwrap_or_default();
         let last = if config.mutant.is(Mutant::ClockForgotten) { Stamp::default() } else { last };
         Ok(Self {
             clock: Clock::new(identity.origin, last),
@@ -220,7 +220,7 @@ impl Replica {
             owners: Owners::of(&stored.state),
             sync: sync::Sync::default(),
             waiting: commit::Waiting::default(),
-            log: stored.log,
+            log,
             state: stored.state,
             local: stored.local,
             wall: Wall::default(),

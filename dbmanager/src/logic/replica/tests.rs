@@ -3,6 +3,7 @@
 use super::*;
 use crate::logic::clock::Quality;
 use crate::logic::cut::Origin;
+use crate::logic::log::Head;
 use crate::logic::record::Records;
 use crate::logic::state::Version;
 use crate::logic::txn::{Condition, Grant, TXN_SIZE_MAX, Txn, VALUE_SIZE_MAX, Value, Write};
@@ -380,4 +381,18 @@ fn who_is_retired_is_not_as_long_as_something_of_it_cannot_be_read() {
     // The other one has passed on by then what it cannot read.
     assert_eq!((retired(&team, 0), retired(&team, 1)), (true, false));
     assert!(!team.replicas[1].held.cut().is_empty());
+}
+
+#[test]
+fn a_store_of_a_newer_program_is_not_damaged() {
+    let mut team = Team::of(1);
+    let Answer::Committed(last) = team.commit(0, put("team/a", b"1")) else { panic!("it is not committed") };
+    // What that would have left: its frame in the log, and the head with its link.
+    let log = team.replicas[0].log();
+    let newer = Frame { format: 9, body: log.frame(last).unwrap().body.clone() };
+    let mut batch = Batch::default();
+    batch.frame(last, 1 << 20, &newer);
+    batch.head(last.origin, &Head { link: newer.link(), ..log.head(last.origin).unwrap().clone() });
+    batch.apply(&mut team.disks[0]);
+    assert_eq!(Replica::open(team.config(0), &team.disks[0]).err(), Some(OpenError::Newer));
 }
