@@ -1,217 +1,21 @@
-//! Databases of several robots on virtual time: the machines, their disks as maps, and a network that can be cut.
+//! What the databases of several robots do for whoever asks them.
 
 #![expect(clippy::wildcard_enum_match_arm, reason = "a test looks for one variant and shows any other")]
 
-use comms::logic::time::Time;
-use dbmanager::logic::clock::{Quality, Wall};
+#[path = "databases/failing.rs"]
+mod failing;
+#[path = "databases/world.rs"]
+mod world;
+
 use dbmanager::logic::cut::Dot;
-use dbmanager::logic::key::Key;
-use dbmanager::logic::mutant::Mutant;
 use dbmanager::logic::record::Records;
-use dbmanager::logic::replica::{Config, Replica};
-use dbmanager::logic::txn::Write;
 use dbmanager::logic::view::past::Keys;
 use dbmanager::logic::view::value::Datum;
-use dbmanager::logic::view::watch::Told;
-use node::logic::database::question::{Choice, Commit, Far, Moment, Own, Question, Reply, Resolve, Status};
-use node::logic::database::settings::Settings;
+use node::logic::database::question::{Choice, Far, Moment, Own, Question, Reply, Resolve};
 use node::logic::database::{Database, Effect, Input};
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::time::Duration;
-
-struct Robot {
-    name: String,
-    machine: Database,
-    disk: Records,
-    inbox: Vec<Input>,
-    replies: BTreeMap<u64, Vec<Reply>>,
-    ended: BTreeSet<u64>,
-    settings: Settings,
-    away: bool,
-}
-
-struct World {
-    now: Time,
-    robots: Vec<Robot>,
-    /// Who has asked, by number of the question.
-    asked: BTreeMap<u64, usize>,
-    next: u64,
-}
-
-fn open(name: &str, disk: &Records, seed: u64) -> Replica {
-    let config = Config { robot: name.to_owned(), seed, log_size: 1 << 20, mutant: Mutant::None };
-    Replica::open(config, disk).expect("a disk that was written by a replica")
-}
-
-fn key_of(text: &str) -> Key {
-    Key::new(text).expect("the tests have plain keys")
-}
-
-fn put(key: &str, datum: &Datum) -> Write {
-    Write { key: key_of(key), value: Some(datum.encode().expect("it is short")) }
-}
-
-fn commit(writes: Vec<Write>, far: Far) -> Question {
-    let (reason, requires, within) = ("a test".to_owned(), Vec::new(), Duration::from_secs(1));
-    Question::Commit(Commit { reason, requires, writes, far, within })
-}
-
-impl World {
-    fn new(names: &[&str]) -> Self {
-        let robot = |(number, name): (u64, &&str)| {
-            let disk = Records::new();
-            let machine = Database::new(open(name, &disk, number), (name, "dca"), None);
-            let (inbox, replies, ended) = (Vec::new(), BTreeMap::new(), BTreeSet::new());
-            let name = (*name).to_owned();
-            Robot { name, machine, disk, inbox, replies, ended, settings: Settings::default(), away: false }
-        };
-        Self { now: Time::ZERO, robots: (1..).zip(names).map(robot).collect(), asked: BTreeMap::new(), next: 0 }
-    }
-
-    /// Returns a team of these.
-    fn team(names: &[&str]) -> Self {
-        let mut world = Self::new(names);
-        world.call(0, Question::Found);
-        world.run(Duration::from_secs(5));
-        for robot in 0..names.len() {
-            assert_eq!(world.status(robot).members.len(), names.len());
-        }
-        world
-    }
-
-    fn wall(&self) -> Wall {
-        Wall { millis: 1_700_000_000_000 + self.now.nanos() / 1_000_000, quality: Quality::Network }
-    }
-
-    /// Asks; returns the number of the call.
-    fn call(&mut self, robot: usize, question: Question) -> u64 {
-        self.next += 1;
-        let call = self.next;
-        self.robots[robot].inbox.push(Input::Call(call, question));
-        self.turns();
-        call
-    }
-
-    fn replies(&self, robot: usize, call: u64) -> &[Reply] {
-        self.robots[robot].replies.get(&call).map_or(&[], Vec::as_slice)
-    }
-
-    /// Asks what is answered at once, by one reply.
-    fn ask(&mut self, robot: usize, question: Question) -> Reply {
-        let call = self.call(robot, question);
-        assert!(self.robots[robot].ended.contains(&call), "{:?}", self.replies(robot, call));
-        self.replies(robot, call).last().expect("what has ended was answered").clone()
-    }
-
-    fn status(&mut self, robot: usize) -> Status {
-        match self.ask(robot, Question::Status) {
-            Reply::Status(status) => *status,
-            other => panic!("{other:?}"),
-        }
-    }
-
-    fn write(&mut self, robot: usize, key: &str, number: i64) -> Dot {
-        match self.ask(robot, commit(vec![put(key, &Datum::from(number))], Far::Local)) {
-            Reply::Committed(dot) => dot,
-            other => panic!("{other:?}"),
-        }
-    }
-
-    fn read(&mut self, robot: usize, key: &str) -> Vec<Datum> {
-        match self.ask(robot, Question::Get { key: key_of(key) }) {
-            Reply::Entries(entries) => {
-                let versions = entries.into_iter().flat_map(|(_, versions)| versions);
-                versions.filter_map(|version| version.value.map(|value| Datum::of(&value))).collect()
-            }
-            other => panic!("{other:?}"),
-        }
-    }
-
-    /// Takes robots off the network, or puts them back.
-    fn away(&mut self, robots: &[usize], away: bool) {
-        for robot in robots {
-            self.robots[*robot].away = away;
-        }
-        if !away {
-            self.robots.iter_mut().for_each(|robot| robot.inbox.push(Input::Appeared));
-            self.turns();
-        }
-    }
-
-    /// Works off everything that waits.
-    fn turns(&mut self) {
-        while self.robots.iter().any(|robot| !robot.inbox.is_empty()) {
-            for robot in 0..self.robots.len() {
-                self.turn(robot);
-            }
-        }
-    }
-
-    /// Lets time pass, from deadline to deadline.
-    fn run(&mut self, span: Duration) {
-        let until = self.now + span;
-        while self.now < until {
-            let deadline = self.robots.iter().filter_map(|robot| robot.machine.deadline()).min().unwrap_or(until);
-            self.now = self.now.max(deadline.min(until));
-            for robot in 0..self.robots.len() {
-                if self.robots[robot].machine.deadline().is_some_and(|deadline| deadline <= self.now) {
-                    self.turn(robot);
-                }
-            }
-            self.turns();
-        }
-    }
-
-    fn turn(&mut self, number: usize) {
-        let (now, wall, mut effects) = (self.now, self.wall(), Vec::new());
-        let robot = &mut self.robots[number];
-        let inbox = std::mem::take(&mut robot.inbox);
-        robot.machine.handle(now, wall, inbox, &mut effects);
-        for effect in effects {
-            self.carry_out(number, effect);
-        }
-    }
-
-    fn carry_out(&mut self, number: usize, effect: Effect) {
-        let here = &mut self.robots[number];
-        match effect {
-            Effect::Persist(batch) => batch.apply(&mut here.disk),
-            Effect::Answer(call, reply) => here.replies.entry(call).or_default().push(reply),
-            Effect::End(call) => drop(here.ended.insert(call)),
-            Effect::Settings(settings) => here.settings = settings,
-            Effect::Alarm(_) => {}
-            Effect::Broadcast(letter) => {
-                let away = here.away;
-                for (_, other) in self.robots.iter_mut().enumerate().filter(|(other, _)| *other != number) {
-                    if !away && !other.away {
-                        other.inbox.push(Input::Letter(letter.clone()));
-                    }
-                }
-            }
-            Effect::Tell(to, letter) => self.send(number, to, Input::Letter(letter)),
-            Effect::Ask(to, letter) => {
-                self.next += 1;
-                let asked = self.next;
-                self.asked.insert(asked, number);
-                self.send(number, to, Input::Asked(asked, letter));
-            }
-            Effect::Reply(asked, letter) => {
-                let asker = self.asked.remove(&asked).expect("a question is ended once");
-                if let Some(letter) = letter.filter(|_| !self.robots[number].away && !self.robots[asker].away) {
-                    self.robots[asker].inbox.push(Input::Letter(letter));
-                }
-            }
-        }
-    }
-
-    fn send(&mut self, from: usize, to: dbmanager::logic::cut::Origin, input: Input) {
-        let away = self.robots[from].away;
-        if let Some(robot) = self.robots.iter_mut().find(|robot| robot.machine.address() == to && !robot.away && !away)
-        {
-            robot.inbox.push(input);
-        }
-    }
-}
+use world::{World, commit, key_of, open, put};
 
 #[test]
 fn a_team_is_begun_once_and_takes_along_what_was_written_before() {
@@ -321,7 +125,7 @@ fn a_conflict_is_listed_and_settled_everywhere() {
         assert_eq!((conflicts.len(), values), (1, ["1".to_owned(), "2".to_owned()].into()));
     }
     let resolve = |choice| {
-        let (key, reason, within) = (Key::new("team/x").unwrap(), String::new(), Duration::from_secs(1));
+        let (key, reason, within) = (key_of("team/x"), String::new(), Duration::from_secs(1));
         Question::Resolve(Resolve { key, choice, reason, far: Far::Local, within })
     };
     assert!(matches!(world.ask(0, resolve(Choice::By("r9".into()))), Reply::Refused(why) if why.contains("`r9`")));
@@ -343,40 +147,13 @@ fn a_watcher_hears_of_everything_once_and_goes_on_where_it_was() {
     let written: Vec<Dot> = (0..200).map(|number| world.write(1, &format!("team/{number}"), number)).collect();
     world.write(1, "robot/r2/other", 1);
     world.run(Duration::from_millis(500));
-    let events = |world: &World, call| {
-        let told = world.replies(0, call).iter().filter_map(|reply| match reply {
-            Reply::Told(Told::Event(event)) => Some(event.deed.dot),
-            _ => None,
-        });
-        told.collect::<Vec<Dot>>()
-    };
-    assert_eq!(events(&world, call), written);
+    assert_eq!(world.told(0, call), written);
     let again = world.call(0, Question::Watch { keys: keys(), from: Some(from) });
     world.run(Duration::from_millis(100));
-    assert_eq!(events(&world, again), written);
+    assert_eq!(world.told(0, again), written);
     world.robots[0].inbox.push(Input::Gone(call));
     world.write(0, "team/more", 1);
-    assert_eq!((events(&world, call).len(), events(&world, again).len()), (200, 201));
-}
-
-#[test]
-fn a_disk_that_fails_stops_writes_and_nothing_else() {
-    let mut world = World::team(&["r1", "r2"]);
-    world.write(0, "team/kept", 1);
-    let (disk, mut effects) = (world.robots[0].disk.clone(), Vec::new());
-    let durable = world.robots[0].machine.state().clone();
-    world.robots[0].machine.close("no space left on device", durable, &mut effects);
-    assert_eq!(world.read(0, "team/kept"), [Datum::from(1)]);
-    let refused = world.ask(0, commit(vec![put("team/new", &Datum::from(1))], Far::Local));
-    assert!(matches!(refused, Reply::Refused(why) if why.contains("no space left on device")));
-    world.write(1, "team/other", 1);
-    world.run(Duration::from_secs(3));
-    assert!(world.read(0, "team/other").is_empty(), "what cannot be kept is not taken");
-    assert!(world.status(0).closed.is_some());
-    world.robots[0].machine.reopen(open("r1", &disk, 77));
-    world.run(Duration::from_secs(12));
-    assert_eq!(world.read(0, "team/other"), [Datum::from(1)]);
-    world.write(0, "team/new", 2);
+    assert_eq!((world.told(0, call).len(), world.told(0, again).len()), (200, 201));
 }
 
 #[test]

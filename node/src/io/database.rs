@@ -11,6 +11,7 @@
 mod store;
 mod wire;
 
+use crate::logic::database::disk::Durable;
 use crate::logic::database::question::{Commit, Letter, Question, Reply};
 use crate::logic::database::settings::Settings;
 use crate::logic::database::{Database, Effect, Input};
@@ -24,7 +25,6 @@ use dbmanager::io::group::Groups;
 use dbmanager::logic::clock::{Quality, Wall};
 use dbmanager::logic::cut::Origin;
 use dbmanager::logic::record::Batch;
-use dbmanager::logic::state::State;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -197,8 +197,7 @@ impl Worker {
         while let Some(arrivals) = self.wait() {
             let Some(inputs) = self.inputs(arrivals) else { return };
             self.reopen_if_due();
-            // The map of the state is shared, so that this costs nothing.
-            let (mut effects, durable) = (Vec::new(), self.machine.state().clone());
+            let (mut effects, durable) = (Vec::new(), self.machine.durable());
             let address = self.machine.address();
             self.machine.handle(clock::now(), wall(), inputs, &mut effects);
             if self.machine.address() != address {
@@ -237,7 +236,7 @@ impl Worker {
     }
 
     /// Writes what is to be written, in one batch, and then does the rest.
-    fn carry_out(&mut self, effects: Vec<Effect>, durable: State) {
+    fn carry_out(&mut self, effects: Vec<Effect>, durable: Durable) {
         let (mut batch, mut rest) = (Batch::default(), Vec::with_capacity(effects.len()));
         for effect in effects {
             if let Effect::Persist(more) = effect {
@@ -283,27 +282,9 @@ impl Worker {
     }
 
     /// The disk has failed: nothing of this turn has happened.
-    fn fail(&mut self, error: &anyhow::Error, durable: State, rest: Vec<Effect>) {
-        let why = words(error);
-        let mut effects = Vec::new();
-        for effect in rest {
-            match effect {
-                Effect::Answer(call, Reply::Committed(_)) => {
-                    effects.push(Effect::Answer(call, Reply::Refused(format!("it may not have been written: {why}"))));
-                    effects.push(Effect::End(call));
-                }
-                // What was only asked is answered from what is in memory.
-                Effect::Answer(..) | Effect::End(_) | Effect::Alarm(_) => effects.push(effect),
-                Effect::Reply(asked, _) => effects.push(Effect::Reply(asked, None)),
-                Effect::Persist(_)
-                | Effect::Broadcast(_)
-                | Effect::Tell(..)
-                | Effect::Ask(..)
-                | Effect::Settings(_) => {}
-            }
-        }
-        self.machine.close(&why, durable, &mut effects);
+    fn fail(&mut self, error: &anyhow::Error, durable: Durable, rest: Vec<Effect>) {
         self.reopen_at = clock::now();
+        let effects = self.machine.fail(&words(error), durable, rest);
         effects.into_iter().for_each(|effect| self.do_one(effect));
     }
 

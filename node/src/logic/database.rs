@@ -9,7 +9,9 @@
 //! It takes nothing from peers meanwhile, since it could not keep it.
 
 pub mod chronicle;
+pub mod disk;
 mod look;
+mod orders;
 pub mod question;
 pub mod settings;
 mod status;
@@ -22,8 +24,7 @@ use dbmanager::logic::cut::Origin;
 use dbmanager::logic::message::Message;
 use dbmanager::logic::record::Batch;
 use dbmanager::logic::replica::{self, Alarm, Replica, Request};
-use dbmanager::logic::state::State;
-use dbmanager::logic::txn::{Frame, TxnError, Value};
+use dbmanager::logic::txn::{Frame, TxnError};
 use dbmanager::logic::view::moment::Checkpoints;
 use dbmanager::logic::view::past::Past;
 use dbmanager::logic::view::schema::{self, Schemas};
@@ -92,7 +93,7 @@ pub struct Database {
     /// Why it does not write.
     closed: Option<String>,
     /// What is on the disk, while it does not write.
-    durable: Option<State>,
+    durable: Option<disk::Durable>,
     /// Calls that wait for their transaction to get further.
     waiting: BTreeSet<u64>,
     /// When each replica was last heard.
@@ -203,41 +204,6 @@ impl Database {
         &self.replica
     }
 
-    /// The store has failed: from now on only questions are answered, from `durable`, the state that is on the disk. Calls
-    /// that wait for others hear why.
-    pub fn close(&mut self, why: &str, durable: State, effects: &mut Vec<Effect>) {
-        let sentence = format!("the database of `{}` takes no writes at the moment: {why}", self.robot);
-        for call in std::mem::take(&mut self.waiting) {
-            effects.push(Effect::Answer(call, Reply::Refused(sentence.clone())));
-            effects.push(Effect::End(call));
-        }
-        self.alarm(why.to_owned(), effects);
-        self.closed = Some(sentence);
-        self.durable.get_or_insert(durable);
-    }
-
-    /// The store was opened anew: this is what is in it.
-    pub fn reopen(&mut self, replica: Replica) {
-        self.replica = replica;
-        (self.closed, self.durable) = (None, None);
-        self.replaced();
-    }
-
-    /// Nothing of the state that was known before holds any more.
-    fn replaced(&mut self) {
-        (self.resettled, self.schemas, self.checkpoints) = (true, None, Checkpoints::default());
-    }
-
-    /// Returns what can be read: nothing that may not be on the disk.
-    pub fn state(&self) -> &State {
-        self.durable.as_ref().unwrap_or_else(|| self.replica.state())
-    }
-
-    /// Returns why it does not write, if it does not.
-    pub fn closed(&self) -> Option<&str> {
-        self.closed.as_deref()
-    }
-
     fn receive(&mut self, now: Time, letter: Letter, mut asked: Asked, effects: &mut Vec<Effect>) {
         if self.closed.is_none() {
             self.hear(now, &letter);
@@ -300,7 +266,7 @@ impl Database {
                 say(Reply::Entries(if versions.is_empty() { Vec::new() } else { vec![(key, versions)] }));
             }
             Question::List { prefix, at } => match self.at(&at) {
-                Ok(state) => list(&state, &prefix, &mut say),
+                Ok(state) => look::list(&state, &prefix, &mut say),
                 Err(why) => say(Reply::Refused(why.to_string())),
             },
             Question::History(filter) => say(self.history(&filter)),
@@ -326,65 +292,6 @@ impl Database {
             }
         }
         effects.push(Effect::End(call));
-    }
-
-    /// Does what an operator wants.
-    fn operate(&mut self, now: Time, question: Question, effects: &mut Vec<Effect>) -> Reply {
-        if let Some(why) = &self.closed {
-            return Reply::Refused(why.clone());
-        }
-        let wall = self.wall;
-        if let Question::Retire { member } = question {
-            return match self.member(&member) {
-                Ok(origin) => {
-                    self.feed(now, replica::Input::Retire(origin, wall), &mut None, effects);
-                    Reply::Done(format!("`{member}` ({origin}) is retired; what it had written and shown stays"))
-                }
-                Err(why) => Reply::Refused(why),
-            };
-        }
-        if question == Question::HealClock {
-            self.feed(now, replica::Input::HealClock(wall), &mut None, effects);
-            return Reply::Done("new writes are dated in a new epoch, above all that were dated wrongly".to_owned());
-        }
-        if self.replica.is_member() {
-            return Reply::Done(format!("`{}` belongs to the team `{}` already", self.robot, self.team));
-        }
-        self.found(now, effects)
-    }
-
-    fn found(&mut self, now: Time, effects: &mut Vec<Effect>) -> Reply {
-        if self.heard.values().any(|heard| heard.member && now.since(heard.at) < status::HEARD_WITHIN) {
-            return Reply::Refused(format!("there is a team `{}` already; this robot joins it by itself", self.team));
-        }
-        self.feed(now, replica::Input::Found(self.wall), &mut None, effects);
-        if self.replica.is_member() {
-            let (robot, team) = (&self.robot, &self.team);
-            Reply::Done(format!(
-                "the team `{team}` begins with `{robot}`; every other robot that hears it joins by itself"
-            ))
-        } else {
-            Reply::Refused("this robot was a member of a team before, and waits to be admitted again".to_owned())
-        }
-    }
-
-    /// Returns the other member that is meant.
-    fn member(&self, name: &str) -> Result<Origin, String> {
-        let (mine, members) = (self.replica.origin(), self.replica.members());
-        if let Some(origin) = Origin::parse(name).filter(|origin| members.is_active(*origin) && *origin != mine) {
-            return Ok(origin);
-        }
-        let of: Vec<Origin> =
-            members.active().filter(|(origin, robot)| *robot == name && *origin != mine).map(|(o, _)| o).collect();
-        match of.as_slice() {
-            [origin] => Ok(*origin),
-            [] if name == self.robot => Err("a robot cannot retire itself; ask another".to_owned()),
-            [] => Err(format!("there is no member `{name}`; `dca db status` lists them")),
-            several => {
-                let origins: Vec<String> = several.iter().map(ToString::to_string).collect();
-                Err(format!("`{name}` is a member under several names; give one of `{}`", origins.join("`, `")))
-            }
-        }
     }
 
     /// Gives the replica an input, and makes what it wants ours.
@@ -481,20 +388,4 @@ impl Database {
             Alarm::Rejoining { from } => format!("this replica gives up the name {from} and asks to be admitted again"),
         }
     }
-}
-
-/// Answers with the keys below a prefix, in parts of a bounded size.
-fn list(state: &State, prefix: &str, say: &mut impl FnMut(Reply)) {
-    let (mut entries, mut size) = (Vec::new(), 0);
-    for (key, versions) in state.scan(prefix) {
-        let bytes = |value: &Value| value.bytes.len();
-        size += key.as_str().len()
-            + versions.iter().map(|version| 64 + version.value.as_ref().map_or(0, bytes)).sum::<usize>();
-        entries.push((key.clone(), versions.to_vec()));
-        if size > REPLY_SIZE_MAX {
-            say(Reply::Entries(std::mem::take(&mut entries)));
-            size = 0;
-        }
-    }
-    say(Reply::Entries(entries));
 }

@@ -116,3 +116,19 @@ impl Database {
         Ok(Commit { reason: reason.clone(), requires: vec![], writes, far: far.clone(), within: *within })
     }
 }
+
+/// Answers with the keys below a prefix, in parts of a bounded size.
+pub(super) fn list(state: &State, prefix: &str, say: &mut impl FnMut(Reply)) {
+    let (mut entries, mut size) = (Vec::new(), 0);
+    for (key, versions) in state.scan(prefix) {
+        let bytes = |value: &Value| value.bytes.len();
+        size += key.as_str().len()
+            + versions.iter().map(|version| 64 + version.value.as_ref().map_or(0, bytes)).sum::<usize>();
+        entries.push((key.clone(), versions.to_vec()));
+        if size > REPLY_SIZE_MAX {
+            say(Reply::Entries(std::mem::take(&mut entries)));
+            size = 0;
+        }
+    }
+    say(Reply::Entries(entries));
+}

@@ -1,0 +1,69 @@
+//! When the disk fails, and when it is there again: what callers, watchers and other replicas hear of that.
+
+use super::question::Reply;
+use super::{Checkpoints, Database, Effect};
+use dbmanager::logic::replica::Replica;
+use dbmanager::logic::state::State;
+
+/// What is on the disk, while the machine is ahead of it.
+#[derive(Clone, Debug)]
+pub struct Durable(State);
+
+impl Database {
+    /// Returns what can be read now, before a turn that may turn out not to be on the disk. The map is shared, so that this
+    /// costs nothing.
+    pub fn durable(&self) -> Durable {
+        Durable(self.state().clone())
+    }
+
+    /// The disk has not taken a turn. Returns what is left of it: `rest`, which was to come after the write, without all
+    /// that has not happened. From now on only questions are answered, from `before`, what was there before the turn.
+    pub fn fail(&mut self, why: &str, before: Durable, rest: Vec<Effect>) -> Vec<Effect> {
+        let mut effects: Vec<Effect> = rest.into_iter().flat_map(|effect| unwritten(effect, why)).collect();
+        let sentence = format!("the database of `{}` takes no writes at the moment: {why}", self.robot);
+        for call in std::mem::take(&mut self.waiting) {
+            effects.push(Effect::Answer(call, Reply::Refused(sentence.clone())));
+            effects.push(Effect::End(call));
+        }
+        self.alarm(why.to_owned(), &mut effects);
+        self.closed = Some(sentence);
+        self.durable.get_or_insert(before);
+        effects
+    }
+
+    /// The store was opened anew: this is what is in it.
+    pub fn reopen(&mut self, replica: Replica) {
+        self.replica = replica;
+        (self.closed, self.durable) = (None, None);
+        self.replaced();
+    }
+
+    /// Nothing of the state that was known before holds any more.
+    pub(super) fn replaced(&mut self) {
+        (self.resettled, self.schemas, self.checkpoints) = (true, None, Checkpoints::default());
+    }
+
+    /// Returns what can be read: nothing that may not be on the disk.
+    pub fn state(&self) -> &State {
+        self.durable.as_ref().map_or_else(|| self.replica.state(), |durable| &durable.0)
+    }
+
+    /// Returns why it does not write, if it does not.
+    pub fn closed(&self) -> Option<&str> {
+        self.closed.as_deref()
+    }
+}
+
+/// Returns what is left of an effect of a turn that was not written.
+fn unwritten(effect: Effect, why: &str) -> Vec<Effect> {
+    match effect {
+        Effect::Answer(call, Reply::Committed(_)) => {
+            let refused = Reply::Refused(format!("it may not have been written: {why}"));
+            vec![Effect::Answer(call, refused), Effect::End(call)]
+        }
+        // What was only asked is answered from what is in memory.
+        Effect::Answer(..) | Effect::End(_) | Effect::Alarm(_) => vec![effect],
+        Effect::Reply(asked, _) => vec![Effect::Reply(asked, None)],
+        Effect::Persist(_) | Effect::Broadcast(_) | Effect::Tell(..) | Effect::Ask(..) | Effect::Settings(_) => vec![],
+    }
+}

@@ -1,0 +1,68 @@
+//! What an operator orders: begin a team, retire a member, mend the dates.
+
+use super::question::{Question, Reply};
+use super::{Database, Effect, status};
+use comms::logic::time::Time;
+use dbmanager::logic::cut::Origin;
+use dbmanager::logic::replica;
+
+impl Database {
+    /// Does what an operator wants.
+    pub(super) fn operate(&mut self, now: Time, question: Question, effects: &mut Vec<Effect>) -> Reply {
+        if let Some(why) = &self.closed {
+            return Reply::Refused(why.clone());
+        }
+        let wall = self.wall;
+        if let Question::Retire { member } = question {
+            return match self.member(&member) {
+                Ok(origin) => {
+                    self.feed(now, replica::Input::Retire(origin, wall), &mut None, effects);
+                    Reply::Done(format!("`{member}` ({origin}) is retired; what it had written and shown stays"))
+                }
+                Err(why) => Reply::Refused(why),
+            };
+        }
+        if question == Question::HealClock {
+            self.feed(now, replica::Input::HealClock(wall), &mut None, effects);
+            return Reply::Done("new writes are dated in a new epoch, above all that were dated wrongly".to_owned());
+        }
+        if self.replica.is_member() {
+            return Reply::Done(format!("`{}` belongs to the team `{}` already", self.robot, self.team));
+        }
+        self.found(now, effects)
+    }
+
+    fn found(&mut self, now: Time, effects: &mut Vec<Effect>) -> Reply {
+        if self.heard.values().any(|heard| heard.member && now.since(heard.at) < status::HEARD_WITHIN) {
+            return Reply::Refused(format!("there is a team `{}` already; this robot joins it by itself", self.team));
+        }
+        self.feed(now, replica::Input::Found(self.wall), &mut None, effects);
+        if self.replica.is_member() {
+            let (robot, team) = (&self.robot, &self.team);
+            Reply::Done(format!(
+                "the team `{team}` begins with `{robot}`; every other robot that hears it joins by itself"
+            ))
+        } else {
+            Reply::Refused("this robot was a member of a team before, and waits to be admitted again".to_owned())
+        }
+    }
+
+    /// Returns the other member that is meant.
+    fn member(&self, name: &str) -> Result<Origin, String> {
+        let (mine, members) = (self.replica.origin(), self.replica.members());
+        if let Some(origin) = Origin::parse(name).filter(|origin| members.is_active(*origin) && *origin != mine) {
+            return Ok(origin);
+        }
+        let of: Vec<Origin> =
+            members.active().filter(|(origin, robot)| *robot == name && *origin != mine).map(|(o, _)| o).collect();
+        match of.as_slice() {
+            [origin] => Ok(*origin),
+            [] if name == self.robot => Err("a robot cannot retire itself; ask another".to_owned()),
+            [] => Err(format!("there is no member `{name}`; `dca db status` lists them")),
+            several => {
+                let origins: Vec<String> = several.iter().map(ToString::to_string).collect();
+                Err(format!("`{name}` is a member under several names; give one of `{}`", origins.join("`, `")))
+            }
+        }
+    }
+}
