@@ -157,6 +157,30 @@ fn a_watcher_hears_of_everything_once_and_goes_on_where_it_was() {
 }
 
 #[test]
+fn what_is_local_is_read_like_anything_else() {
+    let mut world = World::team(&["r1", "r2"]);
+    world.write(0, "local/serial", 7);
+    world.write(0, "team/a", 1);
+    assert_eq!((world.read(0, "local/serial"), world.read(1, "local/serial")), (vec![Datum::from(7)], vec![]));
+    let mut list = |robot, prefix: &str, at| match world.ask(robot, Question::List { prefix: prefix.into(), at }) {
+        Reply::Entries(entries) => entries.iter().map(|(key, _)| key.to_string()).collect::<Vec<_>>(),
+        Reply::Refused(why) => vec![why],
+        other => panic!("{other:?}"),
+    };
+    assert_eq!(list(0, "local/", Moment::Now), ["local/serial"]);
+    assert_eq!(list(0, "", Moment::Now)[0], "local/serial");
+    assert_eq!(list(1, "local/", Moment::Now), [""; 0]);
+    assert!(list(0, "local/", Moment::Date(1_700_000_001_000))[0].contains("no past"));
+    let Reply::Text(file) = world.ask(0, Question::Export { prefix: "local/".into(), at: Moment::Now }) else {
+        panic!("no file")
+    };
+    let import = |file: String| Question::Import { file, delete: false, reason: String::new() };
+    assert_eq!(world.ask(0, import(file.clone())), Reply::Import(vec![], vec![], vec![]), "{file}");
+    let Reply::Import(differences, ..) = world.ask(0, import(file.replace("= 7", "= 8"))) else { panic!("no answer") };
+    assert_eq!((differences.len(), differences[0].before.clone()), (1, Some(Datum::from(7))), "{file}");
+}
+
+#[test]
 fn a_schema_is_asked_before_a_value_is_written() {
     let mut world = World::team(&["r1"]);
     let schema = Datum::from_toml("{type = \"float\", min = 0.0, max = 2.0}").unwrap();

@@ -21,6 +21,7 @@ mod watch;
 use comms::logic::time::Time;
 use dbmanager::logic::clock::Wall;
 use dbmanager::logic::cut::Origin;
+use dbmanager::logic::key::Namespace;
 use dbmanager::logic::message::Message;
 use dbmanager::logic::record::Batch;
 use dbmanager::logic::replica::{self, Alarm, Replica, Request};
@@ -262,12 +263,13 @@ impl Database {
         let mut say = |reply| effects.push(Effect::Answer(call, reply));
         match question {
             Question::Get { key } => {
-                let versions = self.state().versions(&key).to_vec();
+                let state = if key.namespace() == Namespace::Local { self.local() } else { self.state() };
+                let versions = state.versions(&key).to_vec();
                 say(Reply::Entries(if versions.is_empty() { Vec::new() } else { vec![(key, versions)] }));
             }
-            Question::List { prefix, at } => match self.at(&at) {
+            Question::List { prefix, at } => match self.readable(&prefix, &at) {
                 Ok(state) => look::list(&state, &prefix, &mut say),
-                Err(why) => say(Reply::Refused(why.to_string())),
+                Err(why) => say(Reply::Refused(why)),
             },
             Question::History(filter) => say(self.history(&filter)),
             Question::Conflicts { prefix } => say(self.conflicts(&prefix)),

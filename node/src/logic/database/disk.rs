@@ -7,13 +7,16 @@ use dbmanager::logic::state::State;
 
 /// What is on the disk, while the machine is ahead of it.
 #[derive(Clone, Debug)]
-pub struct Durable(State);
+pub struct Durable {
+    state: State,
+    local: State,
+}
 
 impl Database {
     /// Returns what can be read now, before a turn that may turn out not to be on the disk. The map is shared, so that this
     /// costs nothing.
     pub fn durable(&self) -> Durable {
-        Durable(self.state().clone())
+        Durable { state: self.state().clone(), local: self.local().clone() }
     }
 
     /// The disk has not taken a turn. Returns what is left of it: `rest`, which was to come after the write, without all
@@ -45,7 +48,12 @@ impl Database {
 
     /// Returns what can be read: nothing that may not be on the disk.
     pub fn state(&self) -> &State {
-        self.durable.as_ref().map_or_else(|| self.replica.state(), |durable| &durable.0)
+        self.durable.as_ref().map_or_else(|| self.replica.state(), |durable| &durable.state)
+    }
+
+    /// Returns what can be read below `local/`: nothing that may not be on the disk.
+    pub(super) fn local(&self) -> &State {
+        self.durable.as_ref().map_or_else(|| self.replica.local(), |durable| &durable.local)
     }
 
     /// Returns why it does not write, if it does not.

@@ -4,7 +4,7 @@ use super::question::{Choice, Commit, Moment, Reply, Resolve};
 use super::{Database, REPLY_SIZE_MAX};
 use dbmanager::logic::cut::Cut;
 use dbmanager::logic::key::Key;
-use dbmanager::logic::state::{State, Version};
+use dbmanager::logic::state::{Seen, State, Version};
 use dbmanager::logic::txn::{Value, Write};
 use dbmanager::logic::view::moment::{MomentError, diff};
 use dbmanager::logic::view::past::{Filter, Past};
@@ -58,9 +58,32 @@ impl Database {
         cut.map_or_else(|why| Reply::Refused(why.to_string()), Reply::Cut)
     }
 
+    /// Returns what a read finds at a moment below a prefix. What is local has no past.
+    pub(super) fn readable(&self, prefix: &str, moment: &Moment) -> Result<State, String> {
+        match moment {
+            Moment::Now => Ok(self.everything()),
+            Moment::Cut(_) | Moment::Date(_) if prefix.starts_with("local/") => {
+                Err("what is below `local/` has no past; only what it holds now can be shown".to_owned())
+            }
+            Moment::Cut(_) | Moment::Date(_) => self.at(moment).map_err(|why| why.to_string()),
+        }
+    }
+
+    /// Returns the state, and beside it what is local.
+    fn everything(&self) -> State {
+        let (mut all, none) = (self.state().clone(), Cut::default());
+        for (key, versions) in self.local().scan("") {
+            for Version { dot, stamp, value } in versions {
+                let write = Write { key: key.clone(), value: value.clone() };
+                all.apply(*dot, *stamp, Seen { context: &none, only: None }, &[write]);
+            }
+        }
+        all
+    }
+
     /// Answers with the keys below a prefix as a file.
     pub(super) fn export(&self, prefix: &str, moment: &Moment, say: &mut impl FnMut(Reply)) {
-        match self.at(moment) {
+        match self.readable(prefix, moment) {
             Ok(state) => {
                 let file = transfer::export(&state, prefix);
                 let mut part = String::new();
@@ -72,14 +95,14 @@ impl Database {
                 }
                 say(Reply::Text(part));
             }
-            Err(why) => say(Reply::Refused(why.to_string())),
+            Err(why) => say(Reply::Refused(why)),
         }
     }
 
     /// Returns what it would take to make the keys what a file says.
     pub(super) fn import(&self, file: &str, delete: bool, reason: &str) -> Reply {
         let absent = if delete { Absent::Delete } else { Absent::Keep };
-        match transfer::import(file, self.replica.state(), absent, reason) {
+        match transfer::import(file, &self.everything(), absent, reason) {
             Ok(import) => {
                 let write = |(key, value): (&Key, Option<&Value>)| Write { key: key.clone(), value: value.cloned() };
                 let writes = import.drafts.iter().map(|draft| draft.writes().map(write).collect()).collect();
