@@ -198,11 +198,7 @@ impl Worker {
             let Some(inputs) = self.inputs(arrivals) else { return };
             self.reopen_if_due();
             let (mut effects, durable) = (Vec::new(), self.machine.durable());
-            let address = self.machine.address();
             self.machine.handle(clock::now(), wall(), inputs, &mut effects);
-            if self.machine.address() != address {
-                self.send(Outgoing::Address(self.machine.address()));
-            }
             self.carry_out(effects, durable);
         }
     }
@@ -258,6 +254,7 @@ impl Worker {
     fn do_one(&mut self, effect: Effect) {
         match effect {
             Effect::Persist(_) => {}
+            Effect::Address(address) => self.send(Outgoing::Address(address)),
             Effect::Broadcast(letter) => self.put(None, &letter),
             Effect::Tell(to, letter) => self.put(Some(to), &letter),
             Effect::Ask(to, letter) => self.encoded(&letter, |bytes| Outgoing::Ask(to, bytes)),

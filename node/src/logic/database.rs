@@ -63,6 +63,8 @@ pub enum Input {
 pub enum Effect {
     /// Write this durably, before anything else of this turn.
     Persist(Batch),
+    /// From now on other replicas know this one by this name.
+    Address(Origin),
     /// Tell every replica.
     Broadcast(Letter),
     /// Tell one replica.
@@ -85,6 +87,8 @@ pub enum Effect {
 #[derive(Debug)]
 pub struct Database {
     replica: Replica,
+    /// Under which name others know it, as its driver was last told.
+    announced: Origin,
     /// Name of the robot.
     robot: String,
     /// Name of the team.
@@ -129,6 +133,7 @@ impl Database {
     /// Returns the database that this replica is of.
     pub fn new(replica: Replica, (robot, team): (&str, &str), store: Option<String>) -> Self {
         Self {
+            announced: replica.address(),
             replica,
             robot: robot.to_owned(),
             team: team.to_owned(),
@@ -150,6 +155,7 @@ impl Database {
     /// Takes what has come; appends what is to be done, in order.
     pub fn handle(&mut self, now: Time, wall: Wall, inputs: Vec<Input>, effects: &mut Vec<Effect>) {
         self.wall = wall;
+        self.announce(effects);
         let mut commits = Vec::new();
         for input in inputs {
             match input {
@@ -260,6 +266,9 @@ impl Database {
     }
 
     fn answer(&mut self, now: Time, call: u64, question: Question, effects: &mut Vec<Effect>) {
+        if self.holds_back(call, &question, effects) {
+            return;
+        }
         let mut say = |reply| effects.push(Effect::Answer(call, reply));
         match question {
             Question::Get { key } => {
@@ -303,8 +312,17 @@ impl Database {
         }
         let mut done = Vec::new();
         self.replica.handle(now, input, &mut done);
+        self.announce(effects);
         for effect in done {
             self.translate(effect, asked, effects);
+        }
+    }
+
+    /// Says so if the replica has another name than before.
+    fn announce(&mut self, effects: &mut Vec<Effect>) {
+        let address = self.replica.address();
+        if std::mem::replace(&mut self.announced, address) != address {
+            effects.push(Effect::Address(address));
         }
     }
 

@@ -27,6 +27,8 @@ pub(super) struct Robot {
     pub(super) away: bool,
     /// Whether its disk takes nothing.
     pub(super) broken: bool,
+    /// Where it can be asked.
+    pub(super) address: Origin,
 }
 
 pub(super) struct World {
@@ -60,9 +62,10 @@ impl World {
         let robot = |(number, name): (u64, &&str)| {
             let disk = Records::new();
             let machine = Database::new(open(name, &disk, number), (name, "dca"), None);
+            let address = machine.address();
             let (inbox, replies, ended) = (Vec::new(), BTreeMap::new(), BTreeSet::new());
             let name = (*name).to_owned();
-            Robot { name, machine, disk, inbox, replies, ended, settings: Settings::default(), away: false, broken: false }
+            Robot { name, machine, disk, inbox, replies, ended, settings: Settings::default(), away: false, broken: false, address }
         };
         Self { now: Time::ZERO, robots: (1..).zip(names).map(robot).collect(), asked: BTreeMap::new(), next: 0 }
     }
@@ -195,6 +198,7 @@ impl World {
         let here = &mut self.robots[number];
         match effect {
             Effect::Persist(batch) => batch.apply(&mut here.disk),
+            Effect::Address(address) => here.address = address,
             Effect::Answer(call, reply) => here.replies.entry(call).or_default().push(reply),
             Effect::End(call) => drop(here.ended.insert(call)),
             Effect::Settings(settings) => here.settings = settings,
@@ -225,7 +229,7 @@ impl World {
 
     pub(super) fn send(&mut self, from: usize, to: Origin, input: Input) {
         let away = self.robots[from].away;
-        if let Some(robot) = self.robots.iter_mut().find(|robot| robot.machine.address() == to && !robot.away && !away)
+        if let Some(robot) = self.robots.iter_mut().find(|robot| robot.address == to && !robot.away && !away)
         {
             robot.inbox.push(input);
         }

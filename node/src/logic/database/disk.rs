@@ -1,6 +1,10 @@
 //! When the disk fails, and when it is there again: what callers, watchers and other replicas hear of that.
+//!
+//! A turn that was not written has not happened, so nothing goes out that says it has: no commit, no order that is done, no
+//! event and no cut with names of transactions that may be given to others. Whoever was promised something in an earlier turn
+//! hears no more of it: a commit stays committed, a watcher goes on from where it was.
 
-use super::question::Reply;
+use super::question::{Moment, Question, Reply};
 use super::{Checkpoints, Database, Effect};
 use dbmanager::logic::replica::Replica;
 use dbmanager::logic::state::State;
@@ -13,8 +17,8 @@ pub struct Durable {
 }
 
 impl Database {
-    /// Returns what can be read now, before a turn that may turn out not to be on the disk. The map is shared, so that this
-    /// costs nothing.
+    /// Returns what can be read now, before a turn that may turn out not to be on the disk. The maps are shared, so that
+    /// this costs nothing.
     pub fn durable(&self) -> Durable {
         Durable { state: self.state().clone(), local: self.local().clone() }
     }
@@ -23,13 +27,10 @@ impl Database {
     /// that has not happened. From now on only questions are answered, from `before`, what was there before the turn.
     pub fn fail(&mut self, why: &str, before: Durable, rest: Vec<Effect>) -> Vec<Effect> {
         let mut effects: Vec<Effect> = rest.into_iter().flat_map(|effect| unwritten(effect, why)).collect();
-        let sentence = format!("the database of `{}` takes no writes at the moment: {why}", self.robot);
-        for call in std::mem::take(&mut self.waiting) {
-            effects.push(Effect::Answer(call, Reply::Refused(sentence.clone())));
-            effects.push(Effect::End(call));
-        }
+        let watchers = std::mem::take(&mut self.watchers).into_keys();
+        effects.extend(std::mem::take(&mut self.waiting).into_iter().chain(watchers).map(Effect::End));
         self.alarm(why.to_owned(), &mut effects);
-        self.closed = Some(sentence);
+        self.closed = Some(format!("the database of `{}` takes no writes at the moment: {why}", self.robot));
         self.durable.get_or_insert(before);
         effects
     }
@@ -60,18 +61,36 @@ impl Database {
     pub fn closed(&self) -> Option<&str> {
         self.closed.as_deref()
     }
+
+    /// Ends a call that would be told up to which transactions there are, while some of them may not be on the disk; says
+    /// whether it was one. A watcher that goes on from somewhere hears nothing, and comes again.
+    pub(super) fn holds_back(&self, call: u64, question: &Question, effects: &mut Vec<Effect>) -> bool {
+        let asks = matches!(question, Question::Watch { .. } | Question::Cut(Moment::Now));
+        let Some(why) = self.closed.as_ref().filter(|_| asks) else { return false };
+        if !matches!(question, Question::Watch { from: Some(_), .. }) {
+            effects.push(Effect::Answer(call, Reply::Refused(why.clone())));
+        }
+        effects.push(Effect::End(call));
+        true
+    }
 }
 
 /// Returns what is left of an effect of a turn that was not written.
 fn unwritten(effect: Effect, why: &str) -> Vec<Effect> {
     match effect {
-        Effect::Answer(call, Reply::Committed(_)) => {
+        Effect::Answer(call, Reply::Committed(_) | Reply::Done(_)) => {
             let refused = Reply::Refused(format!("it may not have been written: {why}"));
             vec![Effect::Answer(call, refused), Effect::End(call)]
         }
-        // What was only asked is answered from what is in memory.
+        Effect::Answer(_, Reply::Told(_) | Reply::Cut(_)) => vec![],
+        // What else was only asked is answered from what is in memory.
         Effect::Answer(..) | Effect::End(_) | Effect::Alarm(_) => vec![effect],
         Effect::Reply(asked, _) => vec![Effect::Reply(asked, None)],
-        Effect::Persist(_) | Effect::Broadcast(_) | Effect::Tell(..) | Effect::Ask(..) | Effect::Settings(_) => vec![],
+        Effect::Persist(_)
+        | Effect::Address(_)
+        | Effect::Broadcast(_)
+        | Effect::Tell(..)
+        | Effect::Ask(..)
+        | Effect::Settings(_) => vec![],
     }
 }
