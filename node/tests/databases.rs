@@ -181,6 +181,19 @@ fn what_is_local_is_read_like_anything_else() {
 }
 
 #[test]
+fn the_longest_transaction_comes_over_the_slowest_radio() {
+    let mut world = World::team(&["r1", "r2"]);
+    world.away(&[1], true);
+    let text = "x".repeat(60 << 10);
+    let writes = (0..4).map(|number| put(&format!("team/{number}"), &Datum::Text(text.clone()))).collect();
+    assert!(matches!(world.ask(0, commit(writes, Far::Local)), Reply::Committed(_)));
+    world.rate = Some(50_000 / 8);
+    world.away(&[1], false);
+    world.run(Duration::from_secs(60));
+    assert_eq!(world.read(1, "team/3").len(), 1);
+}
+
+#[test]
 fn a_schema_is_asked_before_a_value_is_written() {
     let mut world = World::team(&["r1"]);
     let schema = Datum::from_toml("{type = \"float\", min = 0.0, max = 2.0}").unwrap();

@@ -257,7 +257,7 @@ impl Worker {
             Effect::Address(address) => self.send(Outgoing::Address(address)),
             Effect::Broadcast(letter) => self.put(None, &letter),
             Effect::Tell(to, letter) => self.put(Some(to), &letter),
-            Effect::Ask(to, letter) => self.encoded(&letter, |bytes| Outgoing::Ask(to, bytes)),
+            Effect::Ask(to, letter, within) => self.encoded(&letter, |bytes| Outgoing::Ask(to, bytes, within)),
             Effect::Reply(asked, letter) => {
                 let request = self.asked.remove(&asked);
                 if let (Some(request), Some(letter)) = (request, letter) {

@@ -33,6 +33,7 @@ use dbmanager::logic::view::watch::Watch;
 use question::{Far, Letter, Question, Reply, Wish};
 use settings::Settings;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::time::Duration;
 
 /// The team of robots that have not been told of any.
 pub const TEAM: &str = "dca";
@@ -40,6 +41,11 @@ pub const TEAM: &str = "dca";
 const ALARMS_MAX: usize = 16;
 /// How many peers that have been heard of are remembered.
 const HEARD_MAX: usize = 1024;
+/// How long the answer to a pull may be on its way: the longest transaction over a radio of 50 kbit/s. The replica itself has
+/// given up by then, but takes it all the same.
+const PULL_WITHIN: Duration = Duration::from_secs(60);
+/// The same of a chunk of a state, which no download waits for longer.
+const CHUNK_WITHIN: Duration = Duration::from_secs(30);
 /// About how many bytes of keys and values go into one reply.
 const REPLY_SIZE_MAX: usize = 256 << 10;
 
@@ -69,8 +75,8 @@ pub enum Effect {
     Broadcast(Letter),
     /// Tell one replica.
     Tell(Origin, Letter),
-    /// Ask one replica, and hand its answer back as a letter.
-    Ask(Origin, Letter),
+    /// Ask one replica, and hand its answer back as a letter if it comes within this time.
+    Ask(Origin, Letter, Duration),
     /// Answer another's question; without a letter, end it.
     Reply(u64, Option<Letter>),
     /// One element of the answer to a call.
@@ -333,7 +339,8 @@ impl Database {
             replica::Effect::Persist(batch) => effects.push(Effect::Persist(batch)),
             replica::Effect::Broadcast(message) => effects.push(Effect::Broadcast(letter(message))),
             replica::Effect::Send(to, message) => effects.push(match message {
-                Message::Pull(_) | Message::Snap(_) => Effect::Ask(to, letter(message)),
+                Message::Pull(_) => Effect::Ask(to, letter(message), PULL_WITHIN),
+                Message::Snap(_) => Effect::Ask(to, letter(message), CHUNK_WITHIN),
                 Message::Chunk(_) | Message::SnapChunk { .. } => match asked.take_if(|(_, from)| *from == to) {
                     Some((asked, _)) => Effect::Reply(asked, Some(letter(message))),
                     None => Effect::Tell(to, letter(message)),

@@ -1,5 +1,6 @@
 //! Databases of several robots on virtual time: the machines, their disks as maps, and a network that can be cut.
 
+use comms::logic::codec;
 use comms::logic::time::Time;
 use dbmanager::logic::clock::{Quality, Wall};
 use dbmanager::logic::cut::{Dot, Origin};
@@ -10,7 +11,7 @@ use dbmanager::logic::replica::{Config, Replica};
 use dbmanager::logic::txn::Write;
 use dbmanager::logic::view::value::Datum;
 use dbmanager::logic::view::watch::Told;
-use node::logic::database::question::{Commit, Far, Question, Reply, Status};
+use node::logic::database::question::{Commit, Far, Letter, Question, Reply, Status};
 use node::logic::database::settings::Settings;
 use node::logic::database::{Database, Effect, Input};
 use std::collections::{BTreeMap, BTreeSet};
@@ -34,8 +35,12 @@ pub(super) struct Robot {
 pub(super) struct World {
     pub(super) now: Time,
     pub(super) robots: Vec<Robot>,
-    /// Who has asked, by number of the question.
-    asked: BTreeMap<u64, usize>,
+    /// Who has asked, by number of the question, and until when an answer is taken.
+    asked: BTreeMap<u64, (usize, Time)>,
+    /// How many bytes of answers the network carries in a second, one after another; nothing if they take no time.
+    pub(super) rate: Option<u32>,
+    /// What is on its way, by when it arrives.
+    coming: BTreeMap<(Time, u64), (usize, Letter)>,
     next: u64,
 }
 
@@ -65,9 +70,27 @@ impl World {
             let address = machine.address();
             let (inbox, replies, ended) = (Vec::new(), BTreeMap::new(), BTreeSet::new());
             let name = (*name).to_owned();
-            Robot { name, machine, disk, inbox, replies, ended, settings: Settings::default(), away: false, broken: false, address }
+            Robot {
+                name,
+                machine,
+                disk,
+                inbox,
+                replies,
+                ended,
+                settings: Settings::default(),
+                away: false,
+                broken: false,
+                address,
+            }
         };
-        Self { now: Time::ZERO, robots: (1..).zip(names).map(robot).collect(), asked: BTreeMap::new(), next: 0 }
+        Self {
+            now: Time::ZERO,
+            robots: (1..).zip(names).map(robot).collect(),
+            asked: BTreeMap::new(),
+            rate: None,
+            coming: BTreeMap::new(),
+            next: 0,
+        }
     }
 
     /// Returns a team of these.
@@ -169,8 +192,13 @@ impl World {
     pub(super) fn run(&mut self, span: Duration) {
         let until = self.now + span;
         while self.now < until {
-            let deadline = self.robots.iter().filter_map(|robot| robot.machine.deadline()).min().unwrap_or(until);
+            let deadline = self.robots.iter().filter_map(|robot| robot.machine.deadline());
+            let deadline = deadline.chain(self.coming.keys().map(|(at, _)| *at)).min().unwrap_or(until);
             self.now = self.now.max(deadline.min(until));
+            while let Some(arrival) = self.coming.first_entry().filter(|arrival| arrival.key().0 <= self.now) {
+                let (asker, letter) = arrival.remove();
+                self.robots[asker].inbox.push(Input::Letter(letter));
+            }
             for robot in 0..self.robots.len() {
                 if self.robots[robot].machine.deadline().is_some_and(|deadline| deadline <= self.now) {
                     self.turn(robot);
@@ -212,25 +240,36 @@ impl World {
                 }
             }
             Effect::Tell(to, letter) => self.send(number, to, Input::Letter(letter)),
-            Effect::Ask(to, letter) => {
+            Effect::Ask(to, letter, within) => {
                 self.next += 1;
                 let asked = self.next;
-                self.asked.insert(asked, number);
+                self.asked.insert(asked, (number, self.now + within));
                 self.send(number, to, Input::Asked(asked, letter));
             }
             Effect::Reply(asked, letter) => {
-                let asker = self.asked.remove(&asked).expect("a question is ended once");
+                let (asker, until) = self.asked.remove(&asked).expect("a question is ended once");
                 if let Some(letter) = letter.filter(|_| !self.robots[number].away && !self.robots[asker].away) {
-                    self.robots[asker].inbox.push(Input::Letter(letter));
+                    self.answer(asker, until, letter);
                 }
             }
         }
     }
 
+    /// Carries an answer, behind those that are on their way already; nobody takes one that is late.
+    fn answer(&mut self, asker: usize, until: Time, letter: Letter) {
+        let Some(rate) = self.rate else { return self.robots[asker].inbox.push(Input::Letter(letter)) };
+        let bytes = u32::try_from(codec::encode(&letter).expect("it can be written").len()).expect("it is short");
+        let from = self.coming.last_key_value().map_or(self.now, |((at, _), _)| *at);
+        let at = from + Duration::from_secs_f64(f64::from(bytes) / f64::from(rate));
+        if at <= until {
+            self.next += 1;
+            self.coming.insert((at, self.next), (asker, letter));
+        }
+    }
+
     pub(super) fn send(&mut self, from: usize, to: Origin, input: Input) {
         let away = self.robots[from].away;
-        if let Some(robot) = self.robots.iter_mut().find(|robot| robot.address == to && !robot.away && !away)
-        {
+        if let Some(robot) = self.robots.iter_mut().find(|robot| robot.address == to && !robot.away && !away) {
             robot.inbox.push(input);
         }
     }

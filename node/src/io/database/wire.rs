@@ -12,21 +12,20 @@ use std::time::Duration;
 use tokio::sync::mpsc::{self, Receiver, Sender};
 use tokio::task::{AbortHandle, JoinSet};
 
-/// How long an answer of another replica is waited for. The replica itself waits as long.
-const ANSWER_WITHIN: Duration = Duration::from_secs(2);
 /// How many messages wait to be sent.
 const OUTGOING_MAX: usize = 1024;
 /// How many messages of others wait to be taken; others are dropped, and asked for again.
 const INCOMING_MAX: usize = 1024;
-/// How many questions and answers are on their way at a time.
-const ON_THE_WAY_MAX: usize = 64;
+/// How many questions and answers are on their way at a time. A replica asks two others in two seconds, and whoever is gone
+/// without a word does not answer for a minute.
+const ON_THE_WAY_MAX: usize = 256;
 
 /// What goes out.
 pub(super) enum Outgoing {
     /// To one, or to all.
     Put(Option<Origin>, Vec<u8>),
-    /// A question to one.
-    Ask(Origin, Vec<u8>),
+    /// A question to one, and how long its answer is waited for.
+    Ask(Origin, Vec<u8>, Duration),
     /// The answer to a question.
     Reply(Request, Vec<u8>),
     /// From now on this replica bears this name.
@@ -85,9 +84,12 @@ impl Wire {
                 Outgoing::Ask(..) | Outgoing::Reply(..) if self.on_the_way.len() > ON_THE_WAY_MAX => {
                     tracing::debug!("too many questions are on their way; one is dropped");
                 }
-                Outgoing::Ask(to, bytes) => {
+                Outgoing::Ask(to, bytes, within) => {
+                    let (session, handle) = (Arc::clone(&self.session), self.handle.clone());
                     let key = key::db_ask(&self.team, to.number());
-                    self.on_the_way.spawn(ask(Arc::clone(&self.session), key, bytes, self.handle.clone()));
+                    self.on_the_way.spawn(async move {
+                        ask(session.call(&key, bytes, within).await, &handle);
+                    });
                 }
                 Outgoing::Reply(request, bytes) => {
                     self.on_the_way.spawn(async move { request.reply(bytes) });
@@ -134,9 +136,9 @@ async fn hear_questions(mut questions: Server, handle: Handle) {
     }
 }
 
-/// Asks one replica. Without an answer nothing happens: the one who asked has a deadline of its own.
-async fn ask(session: Arc<Session>, key: String, bytes: Vec<u8>, handle: Handle) {
-    match session.call(&key, bytes, ANSWER_WITHIN).await.map(|bytes| codec::decode::<Letter>(&bytes)) {
+/// Hands on the answer of another replica. Without one nothing happens: the one who asked has a deadline of its own.
+fn ask(answer: Result<Vec<u8>, CallError>, handle: &Handle) {
+    match answer.map(|bytes| codec::decode::<Letter>(&bytes)) {
         Ok(Ok(letter)) => handle.offer(Arrival::Letter(letter)),
         Ok(Err(error)) => tracing::debug!(%error, "an answer of another replica cannot be read"),
         Err(error) => tracing::debug!(%error, "another replica has not answered"),
