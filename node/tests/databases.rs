@@ -7,11 +7,12 @@ mod failing;
 #[path = "databases/world.rs"]
 mod world;
 
-use dbmanager::logic::cut::Dot;
+use dbmanager::logic::cut::{Cut, Dot, Origin};
+use dbmanager::logic::message::Message;
 use dbmanager::logic::record::Records;
 use dbmanager::logic::view::past::Keys;
 use dbmanager::logic::view::value::Datum;
-use node::logic::database::question::{Choice, Far, Moment, Own, Question, Reply, Resolve};
+use node::logic::database::question::{Choice, Far, Letter, Moment, Own, Question, Reply, Resolve};
 use node::logic::database::{Database, Effect, Input};
 use std::collections::BTreeSet;
 use std::time::Duration;
@@ -191,6 +192,16 @@ fn the_longest_transaction_comes_over_the_slowest_radio() {
     world.away(&[1], false);
     world.run(Duration::from_secs(60));
     assert_eq!(world.read(1, "team/3").len(), 1);
+}
+
+#[test]
+fn a_peer_may_say_any_number() {
+    let mut world = World::team(&["r1", "r2"]);
+    let from = world.robots[1].machine.address();
+    let said: Cut = [(Origin::new(1), u64::MAX), (Origin::new(2), u64::MAX)].into_iter().collect();
+    world.robots[0].inbox.push(Input::Letter(Letter { from, message: Message::Ack(said) }));
+    let status = world.status(0);
+    assert_eq!(status.members.iter().find(|one| one.robot == "r2").unwrap().ahead, u64::MAX);
 }
 
 #[test]

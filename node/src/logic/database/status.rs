@@ -60,7 +60,8 @@ fn clock((theirs, ours): (Wall, Wall)) -> Clock {
 
 /// Returns how many transactions of `whole` are not in `part`.
 fn missing(whole: &Cut, part: &Cut) -> u64 {
-    whole.beyond(part).iter().map(|(origin, seq)| seq - part.get(origin)).sum()
+    // A peer may say any number.
+    whole.beyond(part).iter().fold(0, |sum: u64, (origin, seq)| sum.saturating_add(seq - part.get(origin)))
 }
 
 fn quality(quality: Quality) -> &'static str {
