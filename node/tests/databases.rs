@@ -195,6 +195,21 @@ fn the_longest_transaction_comes_over_the_slowest_radio() {
 }
 
 #[test]
+fn strangers_take_no_place_from_members() {
+    let mut world = World::team(&["r1", "r2"]);
+    let disk = world.robots[0].disk.clone();
+    world.robots[0].machine = Database::new(open("r1", &disk, 50), ("r1", "dca"), None);
+    let stranger = |number| Letter { from: Origin::new(number), message: Message::Ack(Cut::default()) };
+    let crowd = |from: u64| (from..from + 1100).map(stranger).map(Input::Letter);
+    world.robots[0].inbox.extend(crowd(10_000));
+    world.run(Duration::from_secs(12));
+    let heard = |world: &mut World| world.status(0).members.iter().filter(|one| one.heard.is_some()).count();
+    assert_eq!(heard(&mut world), 1, "there is room for a member");
+    world.robots[0].inbox.extend(crowd(20_000));
+    assert_eq!(heard(&mut world), 1, "and it stays");
+}
+
+#[test]
 fn a_peer_may_say_any_number() {
     let mut world = World::team(&["r1", "r2"]);
     let from = world.robots[1].machine.address();

@@ -234,10 +234,22 @@ impl Database {
         } else {
             known.unwrap_or_default()
         };
-        let other = letter.from != self.replica.address();
-        if other && (self.heard.len() < HEARD_MAX || self.heard.contains_key(&letter.from)) {
+        if letter.from != self.replica.address() && self.has_room_for(letter.from) {
             self.heard.insert(letter.from, Heard { at: now, member, walls });
         }
+    }
+
+    /// Makes room for one that was heard of: strangers give way to members, and of several whoever was not heard of for
+    /// longest.
+    fn has_room_for(&mut self, from: Origin) -> bool {
+        if self.heard.len() < HEARD_MAX || self.heard.contains_key(&from) {
+            return true;
+        }
+        let members = self.replica.members();
+        let rank = |(origin, heard): (&Origin, &Heard)| (members.is_active(*origin), heard.at, *origin);
+        let first = self.heard.iter().map(rank).min();
+        let gives_way = first.filter(|(member, ..)| !member || members.is_active(from));
+        gives_way.is_some_and(|(.., origin)| self.heard.remove(&origin).is_some())
     }
 
     /// Returns what the replica is asked to commit.
