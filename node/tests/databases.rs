@@ -9,7 +9,9 @@ mod world;
 
 use dbmanager::logic::cut::{Cut, Dot, Origin};
 use dbmanager::logic::message::Message;
+use dbmanager::logic::mutant::Mutant;
 use dbmanager::logic::record::Records;
+use dbmanager::logic::replica::{Config, Replica};
 use dbmanager::logic::view::past::Keys;
 use dbmanager::logic::view::value::Datum;
 use node::logic::database::question::{Choice, Far, Letter, Moment, Own, Question, Reply, Resolve};
@@ -192,6 +194,19 @@ fn the_longest_transaction_comes_over_the_slowest_radio() {
     world.away(&[1], false);
     world.run(Duration::from_secs(60));
     assert_eq!(world.read(1, "team/3").len(), 1);
+}
+
+#[test]
+fn a_replica_that_is_no_member_retires_nobody() {
+    let mut world = World::team(&["r1", "r2"]);
+    world.away(&[0], true);
+    let config = Config { robot: "r1".into(), seed: 5, log_size: 1 << 20, mutant: Mutant::None };
+    let copied = Replica::open_copied(config, &world.robots[0].disk).expect("it was written by a replica");
+    world.robots[0].machine = Database::new(copied, ("r1", "dca"), None);
+    let answer = world.ask(0, Question::Retire { member: "r2".into() });
+    assert!(matches!(&answer, Reply::Refused(why) if why.contains("waits to be admitted")), "{answer:?}");
+    let answer = world.ask(1, Question::Retire { member: "r1".into() });
+    assert!(matches!(&answer, Reply::Done(_)), "{answer:?}");
 }
 
 #[test]

@@ -17,6 +17,9 @@ impl Database {
             return match self.member(&member) {
                 Ok(origin) => {
                     self.feed(now, replica::Input::Retire(origin, wall), &mut None, effects);
+                    if self.replica.members().is_active(origin) {
+                        return Reply::Refused(self.why_not_retired(&member));
+                    }
                     Reply::Done(format!("`{member}` ({origin}) is retired; what it had written and shown stays"))
                 }
                 Err(why) => Reply::Refused(why),
@@ -30,6 +33,15 @@ impl Database {
             return Reply::Done(format!("`{}` belongs to the team `{}` already", self.robot, self.team));
         }
         self.found(now, effects)
+    }
+
+    fn why_not_retired(&self, member: &str) -> String {
+        if self.replica.is_member() {
+            return format!(
+                "`{member}` has written what this robot cannot read: upgrade DCA on it, or ask another member"
+            );
+        }
+        format!("`{}` waits to be admitted to the team `{}` itself; ask another member", self.robot, self.team)
     }
 
     fn found(&mut self, now: Time, effects: &mut Vec<Effect>) -> Reply {
