@@ -197,6 +197,30 @@ fn the_longest_transaction_comes_over_the_slowest_radio() {
 }
 
 #[test]
+fn the_last_hundred_deployments_of_each_name_are_kept() {
+    let mut world = World::team(&["r1"]);
+    for epoch in 0..480 {
+        let name = if epoch % 4 == 0 { "rare" } else { "often" };
+        let key = |what| format!("robot/r1/deployments/{name}/{epoch}/{what}");
+        for what in ["begun", "ended"] {
+            let question = commit(vec![put(&key(what), &Datum::from(1))], Far::Local);
+            world.robots[0].inbox.push(Input::Call(0, question));
+            world.turns();
+        }
+    }
+    let mut kept = |name: &str| {
+        let prefix = format!("robot/r1/deployments/{name}/");
+        let Reply::Text(file) = world.ask(0, Question::Export { prefix, at: Moment::Now }) else { panic!("no file") };
+        let lines = file.lines().filter(|line| line.ends_with("= 1")).map(str::to_owned);
+        lines.filter(|line| line.contains("/deployments/")).collect::<Vec<_>>()
+    };
+    let (often, rare) = (kept("often"), kept("rare"));
+    assert_eq!((often.len(), rare.len()), (200, 200));
+    assert!(often.iter().any(|line| line.contains("/479/ended")) && !often.iter().any(|line| line.contains("/1/")));
+    assert!(rare.iter().any(|line| line.contains("/80/begun")) && !rare.iter().any(|line| line.contains("/76/")));
+}
+
+#[test]
 fn a_replica_that_is_no_member_retires_nobody() {
     let mut world = World::team(&["r1", "r2"]);
     world.away(&[0], true);

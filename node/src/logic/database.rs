@@ -165,6 +165,10 @@ impl Database {
         let mut commits = Vec::new();
         for input in inputs {
             match input {
+                Input::Call(0, Question::Commit(commit)) => {
+                    let commit = chronicle::trimmed(commit, self.replica.state());
+                    commits.extend(self.request(now, 0, commit.into(), effects));
+                }
                 Input::Call(call, Question::Commit(commit)) => {
                     commits.extend(self.request(now, call, commit.into(), effects));
                 }

@@ -1,18 +1,22 @@
 //! What a home writes down of its deployments: what was deployed, by whom, how it ended.
 //!
-//! `robot/<home>/deployments/<name>/<epoch>/begun` and `…/ended`, each a table. The latest of each name are kept.
+//! `robot/<home>/deployments/<name>/<epoch>/begun` and `…/ended`, each a table. The latest of each name are kept. One counter
+//! gives the epochs of all names, so only the database, which has the records, knows which those are.
 
 use super::question::{Commit, Far};
 use crate::logic::protocol::{Deployment, Ending, Report};
 use dbmanager::logic::key::Key;
+use dbmanager::logic::state::State;
 use dbmanager::logic::txn::Write;
 use dbmanager::logic::view::value::Datum;
 use language::plan::Plan;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
 /// How many deployments of one name are kept.
-const KEPT: u64 = 100;
+const KEPT: usize = 100;
+/// How many records are forgotten at a time at most.
+const FORGOTTEN_MAX: usize = 512;
 
 /// Returns what is written down when a deployment begins.
 pub fn begun(home: &str, deployment: &Deployment, plan: &Plan, by: &str) -> Commit {
@@ -22,13 +26,28 @@ pub fn begun(home: &str, deployment: &Deployment, plan: &Plan, by: &str) -> Comm
         ("hosts", Datum::List(hosts)),
         ("programs", Datum::Integer(i64::try_from(plan.leaves.len()).unwrap_or(i64::MAX))),
     ];
-    let mut commit = commit(home, deployment, "begun", fields);
-    if let Some(old) = deployment.epoch.checked_sub(KEPT) {
-        let old = Deployment { name: deployment.name.clone(), epoch: old };
-        let keys = ["begun", "ended"].into_iter().filter_map(|what| key(home, &old, what));
-        commit.writes.extend(keys.map(|key| Write { key, value: None }));
+    commit(home, deployment, "begun", fields)
+}
+
+/// Returns what a node writes down; with the beginning of a deployment the oldest records of its name are forgotten.
+pub(super) fn trimmed(mut commit: Commit, state: &State) -> Commit {
+    let Some((below, begun)) = commit.writes.iter().find_map(|write| beginning(&write.key)) else { return commit };
+    let epoch = |key: &Key| key.as_str().strip_prefix(&below)?.split_once('/')?.0.parse::<u64>().ok();
+    let there = state.scan(&below).filter(|(key, _)| state.get(key).is_some());
+    let known: Vec<(u64, &Key)> = there.filter_map(|(key, _)| Some((epoch(key)?, key))).collect();
+    let epochs: BTreeSet<u64> = known.iter().map(|(epoch, _)| *epoch).chain([begun]).collect();
+    if let Some(oldest) = epochs.iter().rev().nth(KEPT - 1) {
+        let old = known.iter().filter(|(epoch, _)| epoch < oldest && *epoch != begun).take(FORGOTTEN_MAX);
+        commit.writes.extend(old.map(|(_, key)| Write { key: (*key).clone(), value: None }));
     }
     commit
+}
+
+/// Returns below which prefix all deployments of one name are, and the epoch of this one, if the key is of its beginning.
+fn beginning(key: &Key) -> Option<(String, u64)> {
+    let (below, epoch) = key.as_str().strip_suffix("/begun")?.rsplit_once('/')?;
+    let is_chronicle = below.starts_with("robot/") && below.split('/').nth(2) == Some("deployments");
+    Some((format!("{below}/"), epoch.parse().ok().filter(|_| is_chronicle)?))
 }
 
 /// Returns what is written down when a deployment is over; nothing if its reports do not say how it ended.
