@@ -89,9 +89,13 @@ impl Import {
         if self.dry_run {
             return Ok(());
         }
-        // Each robot's own keys go to it; a transaction over several of them would be refused by all.
-        for writes in transactions.into_iter().flat_map(by_owner) {
-            self.writing.commit(vec![], writes)?;
+        // What belongs to one robot goes to it; a transaction over the keys of several would be refused by all.
+        let reply = self.writing.asking.ask(Question::Owners)?;
+        let Reply::Owners(owners) = reply else { return Err(refusal(&reply)) };
+        let parts: Vec<_> = transactions.into_iter().flat_map(|writes| by_owner(writes, &owners)).collect();
+        let count = parts.len();
+        for (done, writes) in parts.into_iter().enumerate() {
+            self.writing.commit(vec![], writes).map_err(|failure| partly(failure, done, count))?;
         }
         Ok(())
     }
@@ -105,17 +109,35 @@ impl Tx {
     }
 }
 
-/// Returns the writes by whose keys they are.
-fn by_owner(writes: Vec<Write>) -> Vec<Vec<Write>> {
+/// Returns the writes by whose keys they are, as the prefixes with an owner say.
+fn by_owner(writes: Vec<Write>, owners: &[(String, Option<String>)]) -> Vec<Vec<Write>> {
+    let owner = |key: &Key| {
+        let rest = |prefix: &str| key.as_str().strip_prefix(prefix);
+        let is_below = |prefix: &str| rest(prefix).is_some_and(|rest| rest.is_empty() || rest.starts_with('/'));
+        let nearest = owners.iter().filter(|(prefix, _)| is_below(prefix)).max_by_key(|(prefix, _)| prefix.len());
+        match (nearest, key.namespace()) {
+            (Some((_, owner)), _) => owner.clone(),
+            (None, Namespace::Robot(name)) => Some(name.to_owned()),
+            (None, Namespace::Team | Namespace::System | Namespace::Local) => None,
+        }
+    };
     let mut groups: BTreeMap<Option<String>, Vec<Write>> = BTreeMap::new();
     for write in writes {
-        let owner = match write.key.namespace() {
-            Namespace::Robot(name) => Some(name.to_owned()),
-            Namespace::Team | Namespace::System | Namespace::Local => None,
-        };
-        groups.entry(owner).or_default().push(write);
+        groups.entry(owner(&write.key)).or_default().push(write);
     }
     groups.into_values().collect()
+}
+
+/// Says of a transaction that failed what was committed before it.
+fn partly(failure: Failure, done: usize, count: usize) -> Failure {
+    let add = |error: anyhow::Error| {
+        anyhow!("{error:#}; before that, {done} of the {count} transactions for this file were committed")
+    };
+    match failure {
+        Failure::Refused(error) if done > 0 => Failure::Refused(add(error)),
+        Failure::Unreachable(error) if done > 0 => Failure::Unreachable(add(error)),
+        Failure::Refused(_) | Failure::Unreachable(_) | Failure::Told => failure,
+    }
 }
 
 fn read(file: &Path) -> anyhow::Result<String> {
@@ -164,6 +186,40 @@ fn change(line: &str, requires: &mut Vec<Require>, writes: &mut Vec<Write>) -> a
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_file_goes_to_whom_its_keys_belong() {
+        let write = |key: &&str| Write { key: Key::new(*key).unwrap(), value: None };
+        let owners = [
+            ("team/arm", Some("r2")),
+            ("team/arm/left", Some("r3")),
+            ("team/free", None),
+            ("robot/r5/leg", Some("r6")),
+        ];
+        let owners = owners.map(|(prefix, owner)| (prefix.to_owned(), owner.map(str::to_owned)));
+        let keys =
+            ["robot/r2/a", "robot/r5/a", "robot/r5/leg/a", "team/arm/a", "team/arm/left/a", "team/army", "team/free/a"];
+        let groups = by_owner(keys.iter().map(write).collect(), &owners);
+        let texts = |group: &Vec<Write>| group.iter().map(|write| write.key.to_string()).collect::<Vec<_>>();
+        let expected: [&[&str]; 5] = [
+            &["team/army", "team/free/a"],
+            &["robot/r2/a", "team/arm/a"],
+            &["team/arm/left/a"],
+            &["robot/r5/a"],
+            &["robot/r5/leg/a"],
+        ];
+        assert_eq!(groups.iter().map(texts).collect::<Vec<_>>(), expected);
+    }
+
+    #[test]
+    fn what_was_committed_before_a_failure_is_said() {
+        let check = |done, expected: &str| {
+            let Failure::Refused(error) = partly(anyhow!("`r3` is away").into(), done, 3) else { panic!("told") };
+            assert_eq!(error.to_string(), expected);
+        };
+        check(0, "`r3` is away");
+        check(2, "`r3` is away; before that, 2 of the 3 transactions for this file were committed");
+    }
 
     #[test]
     fn a_transaction_as_text() {
