@@ -29,7 +29,6 @@ pub struct Letter {
 impl Enveloped for Letter {
     const KIND: u16 = 103;
     const VERSION: u16 = 1;
-    const SIZE_MAX: usize = 4 << 20;
 }
 
 /// A question to the database of one robot.
