@@ -4,8 +4,9 @@
 //! empty state if nothing was ever dropped. Transactions are applied by the same rule as in the replica, so the state
 //! at the present cut is the present state, to the digest.
 //!
-//! A replica that has joined a team, or has dropped some of its log, has no state from before. From then on it keeps its
-//! own [`Checkpoints`]: states share what they have in common, so a handful costs little.
+//! A replica that has joined a team, or has dropped some of its log, has no state from before. So each keeps its own
+//! [`Checkpoints`] from its start on, before the first of the log is dropped: states share what they have in common, so a
+//! handful costs little.
 //!
 //! A date names a cut, too: all transactions that were committed by then by a clock in step, and all that those had
 //! seen. What was written without such a clock counts by its stamp, which is no earlier than any date that its writer
@@ -23,8 +24,10 @@ use thiserror::Error;
 
 /// The most states that are kept to work others out from.
 const CHECKPOINTS_MAX: usize = 16;
-/// After how many transactions another one is kept.
-const CHECKPOINT_PERIOD: u64 = 1024;
+/// After how many transactions at least another one is kept.
+const CHECKPOINT_PERIOD: usize = 1024;
+/// Of how many transactions in the log another one is kept: what the log drops with its oldest takes no more than that along.
+const CHECKPOINT_SHARE: usize = 8;
 
 /// A state from which later ones can be worked out.
 #[derive(Clone, Debug, Default)]
@@ -101,8 +104,9 @@ impl Checkpoints {
             self.0.pop_front();
         }
         let count = |cut: &Cut| cut.iter().map(|(_, seq)| seq).sum::<u64>();
-        let due = |base: &Base| count(past.log.cut()) >= count(&base.cut()).saturating_add(CHECKPOINT_PERIOD);
-        if low.is_empty() || !self.0.back().is_none_or(due) {
+        let period = CHECKPOINT_PERIOD.max(past.log.len() / CHECKPOINT_SHARE) as u64;
+        let due = |base: &Base| count(past.log.cut()) >= count(&base.cut()).saturating_add(period);
+        if !self.0.back().is_none_or(due) {
             return;
         }
         self.0.push_back(Base { heads: past.log.heads().clone(), state: past.state.clone() });

@@ -96,13 +96,12 @@ fn who_has_joined_can_look_back_to_that() {
     let mut team = Robot::team(1);
     let mut checkpoints = Checkpoints::default();
     checkpoints.note(&team[0].past());
-    assert!(checkpoints.oldest().is_none(), "a log that is whole needs none");
     let before = team[0].cut();
     team[0].put("", "team/old", "1");
     team[0].forget(0);
     checkpoints.note(&team[0].past());
     let mut moments = vec![team[0].clone()];
-    for number in 0..20 * CHECKPOINT_PERIOD {
+    for number in 0..20 * CHECKPOINT_PERIOD as u64 {
         team[0].put("", &format!("team/{}", number % 7), &number.to_string());
         checkpoints.note(&team[0].past());
         if number % 1000 == 0 {
@@ -126,6 +125,47 @@ fn who_has_joined_can_look_back_to_that() {
         assert_eq!(shown.is_ok(), moment.log.cut().dominates(&reached));
     }
     assert!(look(&team[0], &checkpoints, moments[15].log.cut()).is_ok());
+}
+
+#[test]
+fn the_first_that_the_log_drops_takes_only_itself() {
+    let mut robot = Robot::team(1).remove(0);
+    let mut checkpoints = Checkpoints::default();
+    let mut moments = Vec::new();
+    for number in 0..3000 {
+        robot.put("", "team/a", &number.to_string());
+        checkpoints.note(&robot.past());
+        moments.push(robot.cut());
+    }
+    let whole = robot.log.len();
+    robot.forget(robot.log.size() - 1);
+    checkpoints.note(&robot.past());
+    assert_eq!(robot.log.len(), whole - 1);
+    let shown = |moment: &Cut| robot.past().at(moment, checkpoints.before(moment)).is_ok();
+    assert!(moments.iter().step_by(100).all(shown));
+}
+
+#[test]
+fn one_clock_in_2099_does_not_end_dates() {
+    let mut team = Robot::team(2);
+    let (mut checkpoints, right) = (Checkpoints::default(), team[0].wall);
+    let before = team[0].cut();
+    team[1].wall.millis = 4_070_908_800_000;
+    team[1].put("a clock in 2099", "team/b", "1");
+    heal(&mut team);
+    // The log begins anew after it; nobody has written since.
+    team[0].wall = right;
+    team[0].forget(0);
+    checkpoints.note(&team[0].past());
+    let late = |team: &[Robot]| team[0].past().cut_at(MORNING + 3_600_000, checkpoints.oldest());
+    assert_eq!(late(&team), Err(MomentError::Compacted { oldest: team[0].cut() }));
+    team[0].put("in order, and seen", "team/a", "1");
+    let seen = team[0].cut();
+    team[1].put("in 2099, and not seen", "team/b", "2");
+    heal(&mut team);
+    assert_eq!(late(&team), Ok(seen));
+    let early = team[0].past().cut_at(MORNING, checkpoints.oldest());
+    assert!(matches!(early, Err(MomentError::Compacted { oldest }) if oldest.dominates(&before)));
 }
 
 #[test]
