@@ -10,7 +10,7 @@
 //!
 //! A date names a cut, too: all transactions that were committed by then by a clock in step, and all that those had
 //! seen. What was written without such a clock counts by its stamp, which is no earlier than any date that its writer
-//! had seen.
+//! had seen. A base will do if it is within that cut, so one date in 2099 is in the way of none, once others have seen it.
 
 use super::past::{Past, When};
 use super::value::Datum;
@@ -168,16 +168,24 @@ impl Past<'_> {
     /// If it is not kept any more.
     pub fn cut_at(&self, millis: u64, base: Option<&Base>) -> Result<Cut, MomentError> {
         let base = Base::of(self, base)?;
-        let mut cut = base.cut();
-        if base.heads.values().any(|head| head.stamp.millis() > millis) {
-            return Err(MomentError::Compacted { oldest: cut });
+        let (mut cut, oldest) = (Cut::default(), base.cut());
+        for (origin, head) in &base.heads {
+            let dot = Dot { origin: *origin, seq: head.seq };
+            let kept = self.log.frame(dot).and_then(|frame| frame.open().ok());
+            if kept.map_or(head.stamp.millis(), |txn| When::of(txn.wall, txn.stamp).millis) <= millis {
+                cut.join(&head.context);
+                cut.include(dot);
+            }
         }
         self.walk(&base.heads, |txn, context| {
-            if When::of(txn.wall, txn.stamp).millis <= millis {
+            if !oldest.contains(txn.dot()) && When::of(txn.wall, txn.stamp).millis <= millis {
                 cut.join(context);
                 cut.include(txn.dot());
             }
         });
+        if !cut.dominates(&oldest) {
+            return Err(MomentError::Compacted { oldest });
+        }
         Ok(cut)
     }
 }
