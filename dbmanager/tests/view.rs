@@ -43,6 +43,14 @@ struct Team {
 impl Team {
     /// Returns a team of which both are members.
     fn new() -> Self {
+        let mut team = Self::strangers();
+        team.meet();
+        assert!(team.robots.iter().all(|robot| robot.replica.is_member()));
+        team
+    }
+
+    /// Returns a team of which `r1` is a member, and `r2` is about to be.
+    fn strangers() -> Self {
         let robot = |number: u64| {
             let config = Config { robot: format!("r{number}"), seed: number, log_size: 1 << 20, mutant: Mutant::None };
             let replica = Replica::open(config, &Records::new()).unwrap();
@@ -50,9 +58,7 @@ impl Team {
             Robot { replica, watch, told: Vec::new() }
         };
         let mut team = Self { now: Time::ZERO, robots: vec![robot(1), robot(2)] };
-        team.handle(0, Input::Found(team.wall()), true);
-        team.meet();
-        assert!(team.robots.iter().all(|robot| robot.replica.is_member()));
+        team.handle(0, Input::Found(team.wall()), false);
         team
     }
 
@@ -196,6 +202,25 @@ fn retired_while_away_returns_with_writes() {
         |told: &Told| matches!(told, Told::Event(event) if matches!(&**event, Event { deed, .. } if deed.by == "r2"));
     assert!(team.robots[0].told.iter().any(known));
 }
+    let here = past(&team.robots[0].replica);
+    let mut elsewhere = Watch::new(Keys::Below("team/".into()), told_there, here.log).unwrap();
+    assert_eq!(elsewhere.next(&here, 16).told, vec![], "who was told there is not told again here");
+}
+
+#[test]
+fn what_was_written_before_joining_has_an_author() {
+    let mut team = Team::strangers();
+    team.put(0, "one", "team/gain", 1);
+    team.put(1, "two", "team/gain", 2);
+    team.meet();
+    for at in 0..2 {
+        let by_r2 = Filter { by: Some("r2".into()), ..Filter::new(Keys::Only(key("team/gain")), 100) };
+        let here = past(&team.robots[at].replica);
+        let reasons: Vec<_> = here.deeds(&by_r2).into_iter().map(|deed| deed.reason).collect();
+        assert_eq!(reasons, ["two"], "{at}");
+        let authors: Vec<_> = here.conflicts("")[0].versions.iter().map(|one| one.by.clone()).collect();
+        assert_eq!(authors, ["r1", "r2"], "{at}");
+    }
 
 fn give(prefix: &str, robot: Option<&str>) -> Draft {
     Draft::new("give").grant(key(prefix), Grant::Give(robot.map(str::to_owned)))

@@ -14,6 +14,7 @@ use crate::logic::clock::{Quality, Stamp, Wall};
 use crate::logic::cut::{Cut, Dot, Origin};
 use crate::logic::key::Key;
 use crate::logic::log::{Head, Log};
+use crate::logic::member::Members;
 use crate::logic::state::State;
 use crate::logic::txn::{Condition, Require, Txn, Write};
 use serde::{Deserialize, Serialize};
@@ -169,14 +170,16 @@ impl Past<'_> {
         })
     }
 
-    /// Returns the robot of an origin, retired ones included; the origin itself if nobody has told.
+    /// Returns the robot of an origin, retired ones included. If nobody has told, which is so of what was written before
+    /// joining, that is the robot that has brought it in; if nobody has, the origin itself.
     pub fn robot(&self, origin: Origin) -> String {
-        let named = || {
+        let named = |origin| {
             let key = Key::new(format!("sys/members/{origin}")).ok()?;
             let Datum::Text(name) = Datum::of(self.state.versions(&key).last()?.value.as_ref()?) else { return None };
             Some(name)
         };
-        named().unwrap_or_else(|| origin.to_string())
+        let brought = || named(Members::of(self.state).brought(origin)?.by.origin);
+        named(origin).or_else(brought).unwrap_or_else(|| origin.to_string())
     }
 
     /// Visits each kept transaction in the order of application, with what it had seen; `heads` are those from before.
