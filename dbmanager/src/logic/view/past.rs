@@ -127,7 +127,7 @@ impl Past<'_> {
         let mut writers: BTreeMap<Key, BTreeMap<Origin, Vec<Dot>>> = BTreeMap::new();
         let mut beside: BTreeMap<Dot, Vec<Dot>> = BTreeMap::new();
         self.walk(&BTreeMap::new(), |txn, seen| {
-            let Some(deed) = self.deed(txn, &filter.keys).filter(|deed| filter.admits(deed)) else { return };
+            let Some(deed) = self.deed(txn, &filter.keys) else { return };
             for (key, _) in &deed.changes {
                 let earlier = writers.entry(key.clone()).or_default();
                 // Of each origin, what was not seen is the end of its chain.
@@ -142,7 +142,9 @@ impl Past<'_> {
                 }
                 earlier.entry(deed.dot.origin).or_default().push(deed.dot);
             }
-            deeds.push_back(deed);
+            if filter.admits(&deed) {
+                deeds.push_back(deed);
+            }
             if deeds.len() > filter.limit {
                 deeds.pop_front();
             }
