@@ -215,6 +215,10 @@ fn max_value_sizes() {
     let deep = nested(DEPTH_MAX);
     assert_eq!(Datum::of(&deep.encode().unwrap()), deep);
     assert_eq!(Datum::from_toml(&deep.to_toml()), Ok(deep));
+    let bytes = (0..DEPTH_MAX).fold(Datum::Bytes(vec![1]), |inner, _| Datum::List(vec![inner]));
+    assert!(bytes.encode().is_ok());
+    assert_eq!(Datum::from_toml(&bytes.to_toml()), Ok(bytes.clone()));
+    assert_eq!(Datum::from_json(&bytes.to_json()), Ok(bytes));
     let deeper = nested(DEPTH_MAX + 1);
     assert_eq!(deeper.encode(), Err(DatumError::Deep));
     let stored = deeper.to_value();

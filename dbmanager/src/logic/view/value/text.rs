@@ -67,7 +67,8 @@ pub(in crate::logic::view) fn of_toml(text: &str, value: &Spanned<DeValue<'_>>) 
 
 fn nested(text: &str, value: &Spanned<DeValue<'_>>, depth: usize) -> Result<Datum, TextError> {
     let refuse = |fault: Fault| at(text, value.span().start, fault, String::new());
-    if depth > DEPTH_MAX {
+    // The table that names a kind of value is a level of the text, and none of the value.
+    if depth > DEPTH_MAX + 1 {
         return Err(refuse(("lists and tables lie too deep in each other".to_owned(), "")));
     }
     match value.get_ref() {
