@@ -184,6 +184,7 @@ fn retired_while_away_returns_with_writes() {
     let mut team = Team::new();
     let away = team.robots[1].replica.origin();
     team.put(1, "while away", "team/gain", 2);
+    let told_there = team.robots[1].watch.told().clone();
     team.retire(1);
     team.meet();
     let Robot { replica, told, .. } = &team.robots[1];
@@ -201,7 +202,6 @@ fn retired_while_away_returns_with_writes() {
     let known =
         |told: &Told| matches!(told, Told::Event(event) if matches!(&**event, Event { deed, .. } if deed.by == "r2"));
     assert!(team.robots[0].told.iter().any(known));
-}
     let here = past(&team.robots[0].replica);
     let mut elsewhere = Watch::new(Keys::Below("team/".into()), told_there, here.log).unwrap();
     assert_eq!(elsewhere.next(&here, 16).told, vec![], "who was told there is not told again here");
@@ -221,6 +221,7 @@ fn what_was_written_before_joining_has_an_author() {
         let authors: Vec<_> = here.conflicts("")[0].versions.iter().map(|one| one.by.clone()).collect();
         assert_eq!(authors, ["r1", "r2"], "{at}");
     }
+}
 
 fn give(prefix: &str, robot: Option<&str>) -> Draft {
     Draft::new("give").grant(key(prefix), Grant::Give(robot.map(str::to_owned)))

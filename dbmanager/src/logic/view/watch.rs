@@ -7,7 +7,8 @@
 //! *Why it is right.* The log hands out what is beyond a cut in the order in which it was applied, which is causal, and
 //! each transaction has one name. So each is told once, and nothing before what it had seen. There are two ways to miss
 //! some, and both are told: the log has dropped what was not taken yet ([`Told::Lagged`]), and the replica has begun
-//! anew with the state of another ([`Told::Replaced`]). Then the watcher reads the state, and goes on from there.
+//! anew with the state of another ([`Told::Replaced`]). Then the watcher reads the state, and goes on from there. A name may
+//! change, if a robot was retired while it was away: who was told under the old one is not told again.
 
 use super::moment::MomentError;
 use super::past::{Deed, Keys, Past};
@@ -107,6 +108,11 @@ impl Watch {
             }
             let Ok(txn) = frame.open() else { continue };
             self.told.include(txn.dot());
+            // If the old name is here too, it names another transaction: its origin has used a number twice.
+            let before = txn.rebase.as_ref().and_then(|rebase| rebase.from);
+            if before.is_some_and(|from| self.told.contains(from) && !past.log.cut().contains(from)) {
+                continue;
+            }
             let Some(deed) = past.deed(&txn, &self.keys) else { continue };
             let keys = deed.changes.iter().map(|(key, _)| key);
             let conflicts = keys.filter(|key| past.state.is_conflict(key)).cloned().collect();
