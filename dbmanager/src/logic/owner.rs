@@ -7,13 +7,10 @@
 //! finds it without an owner, may give it to anybody; an operator may *take it over*, by force. Each grant has the term after
 //! the one it knows. Of grants that did not see each other the larger term counts, then the later stamp.
 //!
-//! *Why nothing passes unseen.* Whoever is cut off goes on writing after a takeover, or where there was no owner yet. Its
-//! writes are kept, as everywhere, and each that has not seen a grant to another robot, nor was seen by it, is listed as a race
-//! ([`races`](crate::logic::view::past::Past::races)), whatever the clocks said. Nothing is dropped.
-//!
-//! *What a fence is for.* A write below a prefix with a record carries the condition that the grant it relies on stands
-//! ([`Condition::Is`](crate::logic::txn::Condition)). So it is known, even of who came back and has lost the context, which
-//! prefix its writer went by, and which grants it knew.
+//! *Why nothing passes unseen.* Whoever is cut off goes on writing after a takeover, or where there was no owner yet. Each write
+//! that has not seen a grant to another robot, nor was seen by it, is kept, and listed as a race, whatever the clocks said
+//! ([`races`](crate::logic::view::past::Past::races)). A write carries its *fence*, the condition that the grant it relies on
+//! stands, so that it is known what its writer went by, even if that came back and has lost its context.
 //!
 //! *Why conditions at the owner are linearizable.* One robot commits one transaction at a time, and each under a term checks
 //! its conditions on a state with all that came before it under that term: its own. A later term begins at a replica that
@@ -79,10 +76,9 @@ impl Owners {
     /// Reads them from a state.
     pub fn of(state: &State) -> Self {
         let standing = |versions: &[Version]| {
-            let known = |version: &Version| Some((version.stamp, version.dot, read(version.value.as_ref()?)?));
-            let known = versions.iter().filter_map(known);
-            let (_, dot, (term, robot)) = known.max_by_key(|(stamp, _, (term, _))| (*term, *stamp))?;
-            Some(Owner { term, robot, grant: Some(dot) })
+            let known = versions.iter().filter_map(|version| Some((version, read(version.value.as_ref()?)?)));
+            let (version, (term, robot)) = known.max_by_key(|(version, (term, _))| (*term, version.stamp))?;
+            Some(Owner { term, robot, grant: Some(version.dot) })
         };
         let owner = |(key, versions)| Some((prefix(key)?.to_owned(), standing(versions)?));
         Self(state.scan(OWN).filter_map(owner).collect())

@@ -18,8 +18,6 @@ use std::collections::{BTreeMap, BTreeSet};
 
 /// The most tickets that wait; whoever comes later hears at once that it is pending.
 const WAITING_MAX: usize = 1024;
-/// Where the schemas are, which anybody may write.
-const SCHEMAS: &str = "sys/schema/";
 /// How often the name of a transaction may have changed.
 const LIVES_MAX: u32 = 32;
 
@@ -208,18 +206,13 @@ impl Replica {
         draft.check()?;
         let conditions = draft.requires().iter().filter(|_| !self.config.mutant.is(Mutant::ConditionsIgnored));
         conditions.into_iter().try_for_each(|require| self.check(require))?;
-        let mut fences = BTreeMap::new();
-        for (key, _) in draft.writes() {
-            fences.extend(self.check_owner(key)?);
-        }
+        let fences = draft.writes().filter_map(|(key, _)| self.check_owner(key).transpose());
+        let fences: BTreeMap<Key, Dot> = fences.collect::<Result<_, _>>()?;
         let mut granted = Vec::new();
         for (prefix, grant) in draft.grants() {
             let record = owner::record(prefix).map_err(|_long| TxnError::Reserved { key: prefix.clone() })?;
             let robot = match grant {
-                Grant::Give(robot) => {
-                    fences.extend(self.check_owner(prefix)?);
-                    robot.as_deref()
-                }
+                Grant::Give(robot) => self.check_owner(prefix).map(|_fence| robot.as_deref())?,
                 Grant::TakeOver(robot) => Some(robot.as_str()),
             };
             let term = self.owners.find(prefix).map_or(0, |(_, owner)| owner.term);
@@ -241,10 +234,8 @@ impl Replica {
 
     /// Returns the grant on which writing a key here relies, if any, with the key of its record.
     fn check_owner(&self, key: &Key) -> Result<Option<(Key, Dot)>, TxnError> {
-        match key.namespace() {
-            Namespace::System if key.as_str().starts_with(SCHEMAS) => {}
-            Namespace::System | Namespace::Local => return Err(TxnError::Reserved { key: key.clone() }),
-            Namespace::Team | Namespace::Robot(_) => {}
+        if matches!(key.namespace(), Namespace::System | Namespace::Local) {
+            return Err(TxnError::Reserved { key: key.clone() });
         }
         let Some((prefix, Owner { term, robot, grant })) = self.owners.find(key) else { return Ok(None) };
         let other = robot.filter(|robot| *robot != self.identity.robot);

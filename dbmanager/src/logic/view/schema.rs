@@ -12,7 +12,6 @@
 //! one_of = [0.0, 200.0]    # an enumeration
 //! default = 50.0           # what a reader takes if there is nothing
 //! required = true          # it is not to be deleted
-//! merge = "owned"          # siblings (if it says nothing), owned, decided
 //! doc = "largest force of the gripper"
 //! ```
 //!
@@ -42,18 +41,6 @@ const ANY: &str = "+";
 /// The words for types, as [`Datum::kind`] has them.
 const KINDS: [&str; 7] = ["bool", "integer", "float", "text", "bytes", "list", "table"];
 
-/// What is to become of writes that did not see each other.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Merge {
-    /// The one with the latest stamp is shown, and the others are kept beside it until somebody settles it.
-    #[default]
-    Siblings,
-    /// There are none: only the owner of the prefix writes.
-    Owned,
-    /// There are none: a majority decides on each write.
-    Decided,
-}
-
 /// What the keys below a prefix are meant to hold.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Schema {
@@ -71,8 +58,6 @@ pub struct Schema {
     pub default: Option<Datum>,
     /// Whether there has to be something.
     pub required: bool,
-    /// What is to become of writes that did not see each other.
-    pub merge: Merge,
     /// What it is, for people.
     pub doc: String,
 }
@@ -157,14 +142,6 @@ impl Schema {
             "required" => {
                 let Datum::Bool(yes) = datum else { return Err("true or false".to_owned()) };
                 self.required = *yes;
-            }
-            "merge" => {
-                self.merge = match text()?.as_str() {
-                    "siblings" => Merge::Siblings,
-                    "owned" => Merge::Owned,
-                    "decided" => Merge::Decided,
-                    _ => return Err("one of siblings, owned, decided".to_owned()),
-                }
             }
             _ => {}
         }

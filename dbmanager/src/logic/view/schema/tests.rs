@@ -133,13 +133,9 @@ fn schemas_that_are_none() {
     check("{min = 3, max = 2.5}", expect!["the field `max` of a schema must be at least min, which is 3, got 2.5"]);
     check("{one_of = []}", expect!["the field `one_of` of a schema must be a list with at least one value, got []"]);
     check("{required = 1}", expect!["the field `required` of a schema must be true or false, got 1"]);
-    check(
-        "{merge = \"mine\"}",
-        expect![[r#"the field `merge` of a schema must be one of siblings, owned, decided, got "mine""#]],
-    );
     check("{max = 3, default = 4}", expect!["the field `default` of a schema must be at most 3, got 4"]);
-    let newer = schema("{max = 3, colour = \"red\", merge = \"decided\"}");
-    assert_eq!(newer, Schema { max: Some(Datum::Integer(3)), merge: Merge::Decided, ..Schema::default() });
+    let newer = schema("{max = 3, colour = \"red\"}");
+    assert_eq!(newer, Schema { max: Some(Datum::Integer(3)), ..Schema::default() });
 }
 
 #[expect(clippy::cast_possible_truncation, reason = "it is a whole number")]
