@@ -338,7 +338,9 @@ impl Replica {
                     self.sync.ahead(from, now);
                 }
             }
-            Chunk::Snapshot(manifest) if asked => self.begin_download(now, (from, manifest), effects),
+            Chunk::Snapshot(manifest) if asked || self.members.is_active(from) || self.identity.asked == Some(from) => {
+                self.begin_download(now, (from, manifest), effects);
+            }
             Chunk::Frames { .. } | Chunk::Snapshot(_) => {}
             Chunk::Retired(_) if asked && self.identity.joining.is_some() => self.want_another(now, from),
             Chunk::Retired(stamp) => {
