@@ -80,7 +80,10 @@ fn lag(lag: Lag) -> String {
         Lag { transactions: 0, .. } => "-".to_owned(),
         Lag { transactions, dropped, .. } if dropped > 0 => format!("{transactions}, the whole state has to be sent"),
         Lag { transactions, bytes, since, .. } => {
-            let since = since.map(|since| format!(", since {}", date::text(since.millis))).unwrap_or_default();
+            // What an unkept clock says would be told as a date in 1970.
+            let since =
+                since.filter(|since| since.trusted).map(|since| format!(", since {}", date::text(since.millis)));
+            let since = since.unwrap_or_default();
             format!("{transactions} ({}){since}", size(bytes))
         }
     }
