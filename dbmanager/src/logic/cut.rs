@@ -108,6 +108,12 @@ impl Cut {
         }
     }
 
+    /// Goes on, as what its origin has seen, to a transaction that says of its context no more than `more`.
+    pub fn go_on(&mut self, to: Dot, more: &Self) {
+        self.join(more);
+        self.include(Dot { seq: to.seq.saturating_sub(1), ..to });
+    }
+
     /// Shrinks to what is in `other` too.
     pub fn meet(&mut self, other: &Self) {
         self.0.retain(|origin, seq| {

@@ -37,8 +37,7 @@ impl Head {
     /// Returns the full context of a transaction that is next, and says that it has seen `more`.
     pub fn seen_after(&self, next: Dot, more: &Cut) -> Cut {
         let mut context = self.context.clone();
-        context.join(more);
-        context.include(Dot { seq: next.seq.saturating_sub(1), ..next });
+        context.go_on(next, more);
         context
     }
 }
@@ -145,13 +144,25 @@ impl Log {
 
     /// Returns the cut below which frames are gone.
     pub fn low(&self) -> Cut {
-        let gone = |(origin, seq)| (origin, self.first(origin).map_or(seq, |(dot, _)| dot.seq - 1));
-        self.cut.iter().map(gone).collect()
+        let kept = |origin: Origin| {
+            self.frames.range(Dot { origin, seq: 0 }..=Dot { origin, seq: u64::MAX }).next().map(|(dot, _)| dot.seq - 1)
+        };
+        self.cut.iter().map(|(origin, seq)| (origin, kept(origin).unwrap_or(seq))).collect()
     }
 
-    /// Returns the first frame of an origin that is still kept.
-    fn first(&self, origin: Origin) -> Option<(&Dot, &Logged)> {
-        self.frames.range(Dot { origin, seq: 0 }..=Dot { origin, seq: u64::MAX }).next()
+    /// Returns what follows `cut`, each chain without a gap, in the order of application.
+    fn after(&self, cut: &Cut) -> impl Iterator<Item = (Dot, &Frame)> {
+        let next = |origin, after: u64| {
+            let dot = Dot { origin, seq: after.saturating_add(1) };
+            self.frames.get(&dot).map(|logged| (logged.index, (dot, &logged.frame)))
+        };
+        let firsts = self.cut.iter().filter_map(|(origin, _)| next(origin, cut.get(origin)));
+        let mut waiting: BTreeMap<u64, (Dot, &Frame)> = firsts.collect();
+        std::iter::from_fn(move || {
+            let (_, found) = waiting.pop_first()?;
+            waiting.extend(next(found.0.origin, found.0.seq));
+            Some(found)
+        })
     }
 
     /// Returns the full context of a transaction that is next at its origin.
@@ -205,42 +216,35 @@ impl Log {
         if !cut.dominates(&self.low()) && !self.mutant.is(Mutant::GoneServed) {
             return None;
         }
-        let next = |origin, after: u64| {
-            let dot = Dot { origin, seq: after.saturating_add(1) };
-            self.frames.get(&dot).map(|logged| (logged.index, dot))
-        };
-        let mut waiting: BTreeMap<u64, Dot> = self.cut.iter().filter_map(|(o, _)| next(o, cut.get(o))).collect();
         let (mut frames, mut size) = (Vec::new(), 0);
-        while let Some((_, dot)) = waiting.pop_first() {
-            let Some(logged) = self.frames.get(&dot) else { continue };
-            if !frames.is_empty() && size + logged.frame.size() > size_max {
+        for (_, frame) in self.after(cut) {
+            size += frame.size();
+            if size > size_max && !frames.is_empty() {
                 return Some((frames, true));
             }
-            size += logged.frame.size();
-            frames.push(logged.frame.clone());
-            waiting.extend(next(dot.origin, dot.seq));
+            frames.push(frame.clone());
         }
         Some((frames, false))
     }
 
     /// Returns the frames in the order of application.
     pub fn in_order(&self) -> Vec<(Dot, &Frame)> {
-        let by_index: BTreeMap<u64, (Dot, &Frame)> =
-            self.frames.iter().map(|(dot, logged)| (logged.index, (*dot, &logged.frame))).collect();
-        by_index.into_values().collect()
+        self.after(&self.low()).collect()
     }
 
     /// Drops the oldest frames within `stable` until no more than `size_max` bytes are left. Returns their names.
     pub(crate) fn truncate(&mut self, stable: &Cut, size_max: usize) -> Vec<Dot> {
-        let mut dropped = Vec::new();
-        while self.size > size_max && !self.mutant.is(Mutant::LogNeverCut) {
+        let (mut dropped, mut size) = (Vec::new(), self.size);
+        for (dot, frame) in self.after(&self.low()) {
             // What is applied later may be stable earlier, but a chain is only ever cut from below.
-            let firsts = self.heads.keys().filter_map(|origin| self.first(*origin));
-            let oldest = firsts.min_by_key(|(_, logged)| logged.index).map(|(dot, _)| *dot);
-            let Some(dot) = oldest.filter(|dot| stable.contains(*dot)) else { break };
-            self.size -= self.frames.remove(&dot).map_or(0, |logged| logged.frame.size());
+            if size <= size_max || !stable.contains(dot) || self.mutant.is(Mutant::LogNeverCut) {
+                break;
+            }
+            size -= frame.size();
             dropped.push(dot);
         }
+        self.size = size;
+        dropped.iter().for_each(|dot| drop(self.frames.remove(dot)));
         dropped
     }
 }

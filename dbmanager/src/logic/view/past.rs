@@ -191,10 +191,8 @@ impl Past<'_> {
         for (_, frame) in self.log.in_order() {
             // What cannot be read was not applied either.
             let Ok(txn) = frame.open() else { continue };
-            let Dot { origin, seq } = txn.dot();
-            let context = contexts.entry(origin).or_default();
-            context.join(&txn.context);
-            context.include(Dot { origin, seq: seq.saturating_sub(1) });
+            let context = contexts.entry(txn.stamp.origin).or_default();
+            context.go_on(txn.dot(), &txn.context);
             visit(&txn, context);
         }
     }
