@@ -72,6 +72,12 @@ pub fn prefixes(key: &Key) -> impl Iterator<Item = &str> {
     text.match_indices('/').map(|(end, _)| end).chain([text.len()]).map(|end| &text[..end])
 }
 
+impl FromIterator<(String, Owner)> for Owners {
+    fn from_iter<T: IntoIterator<Item = (String, Owner)>>(owners: T) -> Self {
+        Self(owners.into_iter().collect())
+    }
+}
+
 impl Owners {
     /// Reads them from a state.
     pub fn of(state: &State) -> Self {
@@ -80,8 +86,7 @@ impl Owners {
             let (version, (term, robot)) = known.max_by_key(|(version, (term, _))| (*term, version.stamp))?;
             Some(Owner { term, robot, grant: Some(version.dot) })
         };
-        let owner = |(key, versions)| Some((prefix(key)?.to_owned(), standing(versions)?));
-        Self(state.scan(OWN).filter_map(owner).collect())
+        state.scan(OWN).filter_map(|(key, versions)| Some((prefix(key)?.to_owned(), standing(versions)?))).collect()
     }
 
     /// Returns who owns the longest prefix of `key` that has an owner or a record, and the prefix.

@@ -6,7 +6,8 @@ use super::write::Writing;
 use crate::cli::{Failure, output};
 use crate::logic::database::question::{Moment, Question, Reply};
 use anyhow::{Context, anyhow, bail};
-use dbmanager::logic::key::{Key, Namespace};
+use dbmanager::logic::key::Key;
+use dbmanager::logic::owner::{Owner, Owners};
 use dbmanager::logic::txn::{Condition, Require, Write};
 use dbmanager::logic::view::value::Datum;
 use dbmanager::logic::view::{table, token};
@@ -92,6 +93,8 @@ impl Import {
         // What belongs to one robot goes to it; a transaction over the keys of several would be refused by all.
         let reply = self.writing.asking.ask(Question::Owners)?;
         let Reply::Owners(owners) = reply else { return Err(refusal(&reply)) };
+        let owner = |(prefix, robot)| (prefix, Owner { term: 0, robot, grant: None });
+        let owners = owners.into_iter().map(owner).collect();
         let parts: Vec<_> = transactions.into_iter().flat_map(|writes| by_owner(writes, &owners)).collect();
         let count = parts.len();
         for (done, writes) in parts.into_iter().enumerate() {
@@ -110,20 +113,11 @@ impl Tx {
 }
 
 /// Returns the writes by whose keys they are, as the prefixes with an owner say.
-fn by_owner(writes: Vec<Write>, owners: &[(String, Option<String>)]) -> Vec<Vec<Write>> {
-    let owner = |key: &Key| {
-        let rest = |prefix: &str| key.as_str().strip_prefix(prefix);
-        let is_below = |prefix: &str| rest(prefix).is_some_and(|rest| rest.is_empty() || rest.starts_with('/'));
-        let nearest = owners.iter().filter(|(prefix, _)| is_below(prefix)).max_by_key(|(prefix, _)| prefix.len());
-        match (nearest, key.namespace()) {
-            (Some((_, owner)), _) => owner.clone(),
-            (None, Namespace::Robot(name)) => Some(name.to_owned()),
-            (None, Namespace::Team | Namespace::System | Namespace::Local) => None,
-        }
-    };
+fn by_owner(writes: Vec<Write>, owners: &Owners) -> Vec<Vec<Write>> {
     let mut groups: BTreeMap<Option<String>, Vec<Write>> = BTreeMap::new();
     for write in writes {
-        groups.entry(owner(&write.key)).or_default().push(write);
+        let owner = owners.find(&write.key).and_then(|(_, owner)| owner.robot);
+        groups.entry(owner).or_default().push(write);
     }
     groups.into_values().collect()
 }
@@ -196,7 +190,8 @@ mod tests {
             ("team/free", None),
             ("robot/r5/leg", Some("r6")),
         ];
-        let owners = owners.map(|(prefix, owner)| (prefix.to_owned(), owner.map(str::to_owned)));
+        let owner = |robot: Option<&str>| Owner { term: 0, robot: robot.map(str::to_owned), grant: None };
+        let owners = owners.into_iter().map(|(prefix, robot)| (prefix.to_owned(), owner(robot))).collect();
         let keys =
             ["robot/r2/a", "robot/r5/a", "robot/r5/leg/a", "team/arm/a", "team/arm/left/a", "team/army", "team/free/a"];
         let groups = by_owner(keys.iter().map(write).collect(), &owners);
