@@ -156,17 +156,21 @@ fn power_cut() {
     assert!(without.get(&Left::All).copied().unwrap_or(0) <= 3, "the method does not find the hole: {without:?}");
 }
 
-/// The store is opened and closed all the time, which writes too.
-#[test]
-fn power_cut_while_it_opens_and_closes() {
+/// Cuts the power so often within so many acknowledgements of a life, with about so many calls between two: all is there.
+fn check_cuts(order: Order, (cuts, acks, calls): (u64, u64, u64), look: impl Fn(&Path, u64) -> Left) {
     if !has_strace() {
         return;
     }
     let folder = Folder::quick();
-    let mut cuts =
-        Cuts::new(&folder, Barriers::All, (200, 700, 60), |path, acked| look_at_robot(DirStore::open, path, acked));
-    watch(&folder, (Order::CommitAndClose, 700), |call| cuts.take(&call));
-    assert_eq!(cuts.end(), BTreeMap::from([(Left::All, 200)]));
+    let mut life = Cuts::new(&folder, Barriers::All, (cuts, acks, calls), look);
+    watch(&folder, (order, acks), |call| life.take(&call));
+    assert_eq!(life.end(), BTreeMap::from([(Left::All, cuts)]));
+}
+
+/// The store is opened and closed all the time, which writes too.
+#[test]
+fn power_cut_while_it_opens_and_closes() {
+    check_cuts(Order::CommitAndClose, (200, 700, 60), |path, acked| look_at_robot(DirStore::open, path, acked));
 }
 
 /// The power is cut again, after each call while the store recovers from a cut, and goes on.
@@ -203,14 +207,7 @@ fn power_cut_after_a_power_cut() {
 /// The reference goes through the same, for a shorter time.
 #[test]
 fn power_cut_of_the_reference() {
-    if !has_strace() {
-        return;
-    }
-    let folder = Folder::quick();
-    let look = |path: &Path, acked| look_at_robot(SledStore::open, path, acked);
-    let mut cuts = Cuts::new(&folder, Barriers::All, (20, 900, 12), look);
-    watch(&folder, (Order::CommitOnSled, 900), |call| cuts.take(&call));
-    assert_eq!(cuts.end(), BTreeMap::from([(Left::All, 20)]));
+    check_cuts(Order::CommitOnSled, (20, 900, 12), |path, acked| look_at_robot(SledStore::open, path, acked));
 }
 
 /// Opens what is left of batches of large records: each is there as a whole or not at all.
@@ -234,13 +231,7 @@ fn look_at_batches(path: &Path, acked: u64) -> Left {
 
 #[test]
 fn crash_between_log_and_kv() {
-    if !has_strace() {
-        return;
-    }
-    let folder = Folder::quick();
-    let mut cuts = Cuts::new(&folder, Barriers::All, (60, LARGE.0, 80), look_at_batches);
-    watch(&folder, (Order::Large, LARGE.0), |call| cuts.take(&call));
-    assert_eq!(cuts.end(), BTreeMap::from([(Left::All, 60)]));
+    check_cuts(Order::Large, (60, LARGE.0, 80), look_at_batches);
 }
 
 /// The power is cut while the store is made: nothing was promised, but it has to open.
