@@ -85,7 +85,7 @@ pub fn retired_by(key: &Key) -> Option<Origin> {
 impl Members {
     /// Reads them from a state.
     pub fn of(state: &State) -> Self {
-        let origin = |key: &Key, prefix: &str| Origin::parse(key.as_str().strip_prefix(prefix)?);
+        let origin = |key: &Key| Origin::parse(key.as_str().strip_prefix(MEMBERS)?);
         let by = |versions: &[Version]| versions.iter().map(|version| (version.dot, version.stamp)).collect();
         let retired: BTreeMap<Origin, Vec<(Dot, Stamp)>> =
             state.scan(RETIRED).filter_map(|(key, versions)| Some((retired_by(key)?, by(versions)))).collect();
@@ -93,10 +93,9 @@ impl Members {
             let value = versions.last()?.value.as_ref()?;
             Some(String::from_utf8_lossy(&value.bytes).into_owned())
         };
-        let active = state.scan(MEMBERS).filter_map(|(key, versions)| Some((origin(key, MEMBERS)?, name(versions)?)));
+        let active = state.scan(MEMBERS).filter_map(|(key, versions)| Some((origin(key)?, name(versions)?)));
         let sponsor = |versions: &[Version]| versions.first().map(|version| version.dot.origin);
-        let sponsors =
-            state.scan(MEMBERS).filter_map(|(key, versions)| Some((origin(key, MEMBERS)?, sponsor(versions)?)));
+        let sponsors = state.scan(MEMBERS).filter_map(|(key, versions)| Some((origin(key)?, sponsor(versions)?)));
         let sponsors = sponsors.collect();
         let active = active.filter(|(origin, _)| !retired.contains_key(origin)).collect();
         Self { active, sponsors, retired, brought: brought(state) }

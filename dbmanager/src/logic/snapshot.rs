@@ -67,7 +67,7 @@ impl Manifest {
     /// # Errors
     /// If they are not this snapshot.
     pub fn assemble(&self, chunks: &BTreeMap<Name, Vec<u8>>, mutant: Mutant) -> Result<State, SnapshotError> {
-        let mut state = State::new(mutant);
+        let mut state = State::default().with(mutant);
         for name in &self.chunks {
             let bytes = chunks.get(name).ok_or(SnapshotError::Missing)?;
             let Ok(entries) = postcard::from_bytes::<Vec<(Key, Vec<Version>)>>(bytes) else {

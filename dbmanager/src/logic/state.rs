@@ -80,11 +80,6 @@ impl PartialEq for State {
 }
 
 impl State {
-    /// Returns a state without keys.
-    pub fn new(mutant: Mutant) -> Self {
-        Self { mutant, ..Self::default() }
-    }
-
     /// Returns the same state with a planted bug.
     pub(crate) fn with(self, mutant: Mutant) -> Self {
         Self { mutant, ..self }

@@ -119,9 +119,8 @@ impl Replica {
         };
         let mut forked: Forked = self.log.heads().iter().filter_map(other).collect();
         let forgets = self.config.mutant.is(Mutant::ToldForgotten);
-        for Past { origin, told, twice, .. } in
-            self.identity.past.iter().filter(|past| past.told < u64::MAX && !forgets)
-        {
+        let past = self.identity.past.iter().filter(|past| past.told < u64::MAX && !forgets);
+        for Past { origin, told, twice, .. } in past {
             // Who knows less of its own transactions than others was set back.
             let behind = old.cut().get(*origin) < self.log.cut().get(*origin);
             if *twice || behind || forked.contains_key(origin) {

@@ -6,6 +6,7 @@
 //! seen it. A newer program finds it on the disk and applies it in the order in which it came, which is causal.
 //!
 //! That way a robot with an older program still carries news from one newer robot to another, and never shows half of them.
+//!
 //! What retires an origin of which something is held is held too: who says to have it counts as one who has applied all of that
 //! origin that anybody has.
 //!

@@ -7,6 +7,7 @@
 //! that cannot be applied is dropped, and pulled instead. How much is asked for at a time follows the speed of the link, so
 //! that neither an answer nor what is urgent is late on a slow one.
 
+use super::take::is_set_back;
 use super::{Alarm, Effect, Replica};
 use crate::logic::cut::Origin;
 use crate::logic::message::{CHUNK_SIZE_MAX, Chunk, Hello, Join, Message, Pull};
@@ -256,8 +257,8 @@ impl Replica {
         if let Some(peer) = self.sync.peer(from) {
             peer.format = Some(hello.format);
         }
-        let (head, (seq, link)) = (hello.head, self.log.tip(from));
-        if head.0 < seq || head.0 == seq && head.1 != link {
+        let (seq, link) = self.log.tip(from);
+        if is_set_back(hello.head, (seq, link)) {
             // An old hello may have been overtaken by what it announces: who gets this knows better.
             effects.push(Effect::Send(from, Message::Chunk(Chunk::Fork { seq, link })));
         } else if hello.cut == self.log.cut().digest() {

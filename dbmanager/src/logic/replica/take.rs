@@ -84,9 +84,7 @@ impl Replica {
         // If that frame is gone, the next one still says what it was.
         let next = || Some(self.log.frame(Dot { origin, seq: seq.checked_add(1)? })?.open().ok()?.prev);
         let known = self.log.frame(Dot { origin, seq }).map(Frame::link).or_else(next);
-        let tip = self.log.tip(origin);
-        let older = seq > tip.0 || seq == tip.0 && link != tip.1;
-        if older || known.is_some_and(|known| known != link) {
+        if is_set_back(self.log.tip(origin), (seq, link)) || known.is_some_and(|known| known != link) {
             self.rejoin(now, true, effects);
         }
     }
@@ -98,4 +96,9 @@ impl Replica {
             self.acks.said(from).filter(|said| !cut.dominates(said) && !self.config.mutant.is(Mutant::SetBackUntold));
         said.map(|said| Effect::Send(from, Message::Chunk(Chunk::Behind(said.clone()))))
     }
+}
+
+/// Returns whether whoever ends its own chain so has less of it, or another one, than whoever knows it to end so.
+pub(super) fn is_set_back(own: (u64, Link), known: (u64, Link)) -> bool {
+    own.0 < known.0 || own.0 == known.0 && own.1 != known.1
 }
