@@ -10,6 +10,9 @@ use dbmanager::logic::view::moment::{MomentError, diff};
 use dbmanager::logic::view::past::{Filter, Past};
 use dbmanager::logic::view::transfer::{self, Absent};
 
+/// Below which prefix what never leaves the robot is.
+const LOCAL: &str = "local/";
+
 impl Database {
     fn past(&self) -> Past<'_> {
         Past { log: self.replica.log(), state: self.state() }
@@ -61,11 +64,11 @@ impl Database {
     /// Returns what a read finds at a moment below a prefix. What is local has no past.
     pub(super) fn readable(&self, prefix: &str, moment: &Moment) -> Result<State, String> {
         match moment {
-            Moment::Now => Ok(self.everything()),
-            Moment::Cut(_) | Moment::Date(_) if prefix.starts_with("local/") => {
+            Moment::Now if prefix.starts_with(LOCAL) || LOCAL.starts_with(prefix) => Ok(self.everything()),
+            Moment::Cut(_) | Moment::Date(_) if prefix.starts_with(LOCAL) => {
                 Err("what is below `local/` has no past; only what it holds now can be shown".to_owned())
             }
-            Moment::Cut(_) | Moment::Date(_) => self.at(moment).map_err(|why| why.to_string()),
+            Moment::Now | Moment::Cut(_) | Moment::Date(_) => self.at(moment).map_err(|why| why.to_string()),
         }
     }
 
