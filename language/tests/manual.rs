@@ -33,6 +33,8 @@ const WORDS: [&str; 17] = [
     "skip", "never", "fail", "wait", "else", "within", "retry", "pause", "any", "of", "all", "race", "in", "match",
     "shield", "using", "i",
 ];
+/// Remarks on what makes no sense: no spec of the manual deserves one.
+const MISTAKES: [Code; 5] = [Code::W0311, Code::W0403, Code::W0405, Code::W0406, Code::W0407];
 /// Runs by chance of each spec.
 const SEEDS: u64 = 5;
 
@@ -119,6 +121,8 @@ impl Page {
         let Compiled { plan, diagnostics } = compile(&spec, &interfaces(), &Options::named("manual"));
         let said = render(&diagnostics, &spec, &interfaces(), Style::Plain);
         assert_eq!(plan.is_none(), is_refused, "{}: {name}\n{formatted}\n{said}", self.name);
+        let is_noise = diagnostics.iter().any(|found| MISTAKES.contains(&found.code));
+        assert!(!is_noise, "{}: {name} is meant as it is:\n{formatted}\n{said}", self.name);
         simulate(&self.name, &spec);
         self.specs.insert(name.to_owned(), spec.clone());
         (self.last, self.script) = (Some(spec), None);

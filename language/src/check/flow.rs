@@ -1,5 +1,7 @@
 //! What runs with what, what ends, and what never does.
 
+mod dead;
+mod ends;
 mod instant;
 mod outcome;
 mod resource;
@@ -13,12 +15,14 @@ use std::collections::BTreeMap;
 /// Infers services, then checks every event action. Groups nest finitely here.
 pub(super) fn check(spec: &mut Spec, diagnostics: &mut Vec<Diagnostic>) {
     service::infer(spec);
-    for process in spec.processes.iter().filter(|process| !process.damage.actions) {
+    let members = ends::members(spec);
+    for (process, members) in spec.processes.iter().zip(&members).filter(|(process, _)| !process.damage.actions) {
         let Some(actions) = &process.actions else { continue };
         let mut clashes = BTreeMap::new();
         instances_of(actions, &mut clashes);
         diagnostics.extend(clashes.into_iter().map(|(slot, places)| runs_twice(process, slot, places)));
-        service::check(spec, process, actions, diagnostics);
+        service::check((spec, process), members, actions, diagnostics);
+        dead::check(members, actions, diagnostics);
         resource::check(process, actions, diagnostics);
     }
     instant::check(spec, diagnostics);

@@ -1,5 +1,6 @@
 //! Services: processes that have no normal end. Declared on modules, inferred for groups.
 
+use super::ends::Members;
 use super::group_of;
 use crate::check::spec::{Expr, ExprKind, Process, Spec, Target};
 use crate::diagnostic::{Code, Diagnostic};
@@ -35,7 +36,7 @@ fn infer_process(spec: &Spec, process: usize, known: &mut Vec<Option<bool>>) -> 
 }
 
 /// Whether no fault-free run of the expression ends, given which members are services.
-fn is_service(expr: &Expr, members: &[bool]) -> bool {
+pub(super) fn is_service(expr: &Expr, members: &[bool]) -> bool {
     let rest = |part: &Expr| is_service(part, members);
     match &expr.kind {
         ExprKind::Run(slot, _) => members[*slot],
@@ -51,25 +52,38 @@ fn is_service(expr: &Expr, members: &[bool]) -> bool {
     }
 }
 
-/// Reports what never starts or never ends because of a service, and what may never end for want of one.
-pub(super) fn check(spec: &Spec, process: &Process, expr: &Expr, diagnostics: &mut Vec<Diagnostic>) {
-    let members: Vec<bool> =
-        process.instances.iter().map(|instance| is_service_target(spec, instance.target)).collect();
-    walk(&Context { spec, process, members }, expr, diagnostics);
-}
-
-fn is_service_target(spec: &Spec, target: Target) -> bool {
-    match target {
+/// Which instances of a group are services; known after `infer`.
+pub(super) fn members(spec: &Spec, process: &Process) -> Vec<bool> {
+    let is_service = |target| match target {
         Target::Process(target) => spec.processes[target].is_service,
         Target::Module(module) => spec.modules[module].is_service,
         Target::Unknown => false,
-    }
+    };
+    process.instances.iter().map(|instance| is_service(instance.target)).collect()
+}
+
+/// Reports what never starts or never ends because of a service, and what may never end for want of one.
+pub(super) fn check(
+    (spec, process): (&Spec, &Process),
+    members: &Members,
+    expr: &Expr,
+    diagnostics: &mut Vec<Diagnostic>,
+) {
+    walk(&Context { spec, process, members, intolerant: members.without_tolerance() }, expr, diagnostics);
 }
 
 struct Context<'a> {
     spec: &'a Spec,
     process: &'a Process,
-    members: Vec<bool>,
+    members: &'a Members,
+    /// The members as if no group around a service tolerated its failure.
+    intolerant: Members,
+}
+
+impl Context<'_> {
+    fn is_service(&self, expr: &Expr) -> bool {
+        is_service(expr, &self.members.services)
+    }
 }
 
 fn walk(context: &Context<'_>, expr: &Expr, diagnostics: &mut Vec<Diagnostic>) {
@@ -83,7 +97,7 @@ fn walk(context: &Context<'_>, expr: &Expr, diagnostics: &mut Vec<Diagnostic>) {
         check_order(context, &std::iter::once(&**source).chain(pool.first()).collect::<Vec<_>>(), diagnostics);
     }
     if let ExprKind::Shield(None, part) = &expr.kind
-        && is_service(part, &context.members)
+        && context.is_service(part)
     {
         let message = "a stop would wait for ever: what is shielded has no normal end";
         let diagnostic = Diagnostic::new(Code::E0411, part.span, message).label("has no normal end");
@@ -100,21 +114,43 @@ fn walk(context: &Context<'_>, expr: &Expr, diagnostics: &mut Vec<Diagnostic>) {
     }
 }
 
-/// In `P ; Q` a service `P` keeps `Q` from starting; a group that turns out to be a service keeps the end from coming.
+/// In `P ; Q` a `P` that is never done keeps `Q` from starting; a group that turns out to be a service keeps the end from
+/// coming. A service whose failure is tolerated here, as in `lidar? ; alarm`, is meant to fail over: nothing is said.
 fn check_order(context: &Context<'_>, parts: &[&Expr], diagnostics: &mut Vec<Diagnostic>) {
     let Some((last, before)) = parts.split_last() else { return };
-    if let Some(index) = before.iter().position(|part| is_service(part, &context.members)) {
-        let message = "what comes after a service never starts";
-        let diagnostic = Diagnostic::new(Code::W0403, parts[index + 1].span, message).label("never starts");
-        let diagnostic = diagnostic.reason(before[index].span, "has no normal end");
-        diagnostics.push(diagnostic.help("run them together with `,`, or end the service with `# task`"));
-    } else if let Some(group) = group_of(context.spec, context.process, last).filter(|group| group.is_service) {
+    let is_open = |part: &&&Expr| context.intolerant.ends_of(part).done.is_none();
+    let is_done = |part: &Expr| context.members.ends_of(part).done.is_some();
+    if let Some(index) = before.iter().position(|part| is_open(&part)) {
+        diagnostics.push(never_started(context, before[index], parts[index + 1], is_done(before[index])));
+    } else if let Some(group) = group_of(context.spec, context.process, last).filter(|group| group.is_service)
+        && !is_done(last)
+    {
         let message = format!("the sequence never finishes: `{}` has no normal end", group.name.text);
         let diagnostic = Diagnostic::new(Code::W0403, last.span, message);
         let reason = group.actions.as_ref().map_or(group.name.span, |actions| actions.span);
         let diagnostic = diagnostic.reason(reason, "nothing that runs here ends");
         diagnostics.push(diagnostic.help("give one of its processes an end, or disable it with `# task`"));
     }
+}
+
+/// `next` stands behind `part`, which is done only after a fault, or never.
+fn never_started(context: &Context<'_>, part: &Expr, next: &Expr, is_after_fault: bool) -> Diagnostic {
+    if !context.is_service(part) {
+        let message = "this never starts: what stands before it is never done";
+        let diagnostic = Diagnostic::new(Code::W0405, next.span, message).label("never starts");
+        return diagnostic.reason(part.span, "fails or is stopped, but is never done");
+    }
+    if is_after_fault {
+        let message = "what comes after a service starts only when something in the service has failed";
+        let diagnostic = Diagnostic::new(Code::W0403, next.span, message).label("starts only after a failure");
+        let diagnostic = diagnostic.reason(part.span, "has no normal end, but tolerates failures");
+        return diagnostic
+            .help("if this is a failover, tolerate the failure here, where it can be seen: `sensor? ; rest`");
+    }
+    let message = "what comes after a service never starts";
+    let diagnostic = Diagnostic::new(Code::W0403, next.span, message).label("never starts");
+    let diagnostic = diagnostic.reason(part.span, "has no normal end");
+    diagnostic.help("run them together with `,`, or end the service with `# task`")
 }
 
 /// A group `sensor, threshold` that is used as `group # arm`, where nothing says that the sensor never ends: `,` would

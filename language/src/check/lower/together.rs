@@ -1,4 +1,5 @@
-//! What may run at the same time, seen from the event actions alone: two writers of one input, two owners of one device.
+//! What may run at the same time, seen from the event actions alone: two writers of one input, two owners of one device, and
+//! what never does although it should: the senders and the receiver of an input.
 //!
 //! Two processes may run together when the operator that joins them is one of `, & # any`. Groups pass this down: what is
 //! in one of them may run together with what is in the other.
@@ -7,7 +8,7 @@ use super::tree::Tree;
 use super::wires::leaf_port;
 use crate::check::spec::{Claim, Connection, Expr, ExprKind, Module, Path, Process, Spec, Target, are_parallel};
 use crate::diagnostic::{Code, Diagnostic};
-use crate::plan::MemberKind;
+use crate::plan::{MemberKind, Retention, Transfer};
 use crate::source::Span;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -77,7 +78,9 @@ pub(super) fn check(spec: &Spec, tree: &Tree, diagnostics: &mut Vec<Diagnostic>)
         }
     }
     let together = Together { spec, tree, places: places.collect(), around };
-    together.check_writers(diagnostics);
+    let writers = together.writers();
+    together.check_writers(&writers, diagnostics);
+    together.check_meetings(&writers, diagnostics);
     together.check_claims(diagnostics);
 }
 
@@ -159,7 +162,8 @@ impl<'a> Together<'a> {
         Some(if a.span == b.span { vec![a.span] } else { vec![a.span, b.span] })
     }
 
-    fn check_writers(&'a self, diagnostics: &mut Vec<Diagnostic>) {
+    /// All connections into each input.
+    fn writers(&'a self) -> BTreeMap<(u32, String), Vec<Writer<'a>>> {
         let mut writers: BTreeMap<(u32, String), Vec<Writer<'_>>> = BTreeMap::new();
         for group in 0..self.tree.groups.len() {
             for (set, source) in self.process(group).sets.iter().enumerate() {
@@ -170,6 +174,10 @@ impl<'a> Together<'a> {
                 }
             }
         }
+        writers
+    }
+
+    fn check_writers(&'a self, writers: &BTreeMap<(u32, String), Vec<Writer<'a>>>, diagnostics: &mut Vec<Diagnostic>) {
         let mut reported = BTreeSet::new();
         for ((leaf, port), writers) in writers.iter().filter(|(_, writers)| writers.len() <= USERS_MAX) {
             for (index, &one) in writers.iter().enumerate() {
@@ -195,6 +203,51 @@ impl<'a> Together<'a> {
             return None;
         }
         self.meeting(&self.of_set(one.group, one.set), &self.of_set(other.group, other.set))
+    }
+
+    /// Reports inputs of which no sender ever runs beside the receiver, so that nothing ever arrives.
+    fn check_meetings(&'a self, writers: &BTreeMap<(u32, String), Vec<Writer<'a>>>, diagnostics: &mut Vec<Diagnostic>) {
+        let mut reported = BTreeSet::new();
+        for ((leaf, port), writers) in writers.iter().filter(|(_, writers)| writers.len() <= USERS_MAX) {
+            let (group, slot) = self.tree.place_of[*leaf as usize];
+            let receiver = self.of_slot(group, slot);
+            if !writers.iter().all(|&writer| self.never_meets(writer, &receiver)) {
+                continue;
+            }
+            for writer in writers.iter().filter(|writer| reported.insert(writer.connection.span)) {
+                let path = &self.tree.leaves[*leaf as usize].path;
+                let message = format!("nothing sent here ever reaches `{path}`, `{port}`: they never run together");
+                let diagnostic = Diagnostic::new(Code::W0311, writer.connection.span, message);
+                let help =
+                    "run them beside each other, hand the value on with `:`, or keep the last value with `latch`";
+                diagnostics.push(diagnostic.help(help));
+            }
+        }
+    }
+
+    /// Whether the receiver of a connection never runs while its sender or its set does. Not so where the value waits or is
+    /// fetched, and where one of them never runs at all, which is said elsewhere.
+    fn never_meets(&'a self, writer: Writer<'_>, receiver: &Activity<'a>) -> bool {
+        let connection = writer.connection;
+        if connection.transfer == Transfer::Pull || connection.quality.retention == Retention::Latch {
+            return false;
+        }
+        let Some(from) = leaf_port(self.tree, self.spec, writer.group, &connection.from) else { return false };
+        let (group, slot) = self.tree.place_of[from.leaf as usize];
+        let (sender, set) = (self.of_slot(group, slot), self.of_set(writer.group, writer.set));
+        let ever_runs = |activity: &Activity<'a>| activity.is_always || self.ever_runs(activity);
+        let never = |one: &Activity<'a>, other: &Activity<'a>| {
+            ever_runs(one) && ever_runs(other) && self.meeting(one, other).is_none()
+        };
+        never(&sender, receiver) || never(&set, receiver)
+    }
+
+    /// Whether an event action runs it, and the groups around it.
+    fn ever_runs(&'a self, activity: &Activity<'a>) -> bool {
+        let outwards = std::iter::successors(Some(activity.clone()), |activity| {
+            self.around[activity.group].map(|(outer, slot)| self.of_slot(outer, slot))
+        });
+        outwards.into_iter().all(|activity| activity.is_always || !activity.places.is_empty())
     }
 
     fn check_claims(&'a self, diagnostics: &mut Vec<Diagnostic>) {

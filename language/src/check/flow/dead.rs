@@ -1,0 +1,98 @@
+//! Operands that make no difference, and limits that leave nothing to happen.
+
+use super::ends::Members;
+use crate::check::spec::{Expr, ExprKind};
+use crate::diagnostic::{Code, Diagnostic};
+use crate::source::Span;
+use std::time::Duration;
+
+/// Reports what in an expression never starts because of what stands before it, and limits that are too short.
+pub(super) fn check(members: &Members, expr: &Expr, diagnostics: &mut Vec<Diagnostic>) {
+    if let ExprKind::Otherwise(parts) = &expr.kind {
+        let cannot_fail = parts.iter().position(|part| !members.ends_of(part).aborted);
+        let dead = cannot_fail.and_then(|index| Some((&parts[index], parts.get(index + 1)?)));
+        diagnostics.extend(dead.map(|(part, next)| never_needed(part, next)));
+    }
+    if let ExprKind::Retry(1.., _, part) = &expr.kind
+        && !members.ends_of(part).aborted
+    {
+        let message = "this is tried again only if it fails, and it cannot fail";
+        diagnostics.push(Diagnostic::new(Code::W0406, part.span, message).label("cannot fail"));
+    }
+    if let ExprKind::Disable(parts) = &expr.kind {
+        let at_once = parts.iter().position(is_over_at_once);
+        diagnostics.extend(at_once.and_then(|index| disabled_at_once(parts, index)));
+    }
+    if let ExprKind::Within(limit, part) = &expr.kind {
+        diagnostics.extend(too_short(*limit, members.ends_of(part).done, (part.span, expr.span)));
+    }
+    expr.parts().into_iter().for_each(|part| check(members, part, diagnostics));
+}
+
+/// In `part else next`, and in `part?`, whose `next` is the `?`.
+fn never_needed(part: &Expr, next: &Expr) -> Diagnostic {
+    let is_question = matches!(next.kind, ExprKind::Skip) && next.span.end == next.span.start + 1;
+    let (message, label) = match is_question {
+        true => ("`?` makes no difference: what stands before it cannot fail", "has no effect"),
+        false => ("what comes after `else` never starts: what stands before it cannot fail", "never starts"),
+    };
+    let diagnostic = Diagnostic::new(Code::W0406, next.span, message).label(label);
+    diagnostic.reason(part.span, "cannot fail")
+}
+
+/// Whether it has ended when it has started, whatever happens.
+fn is_over_at_once(expr: &Expr) -> bool {
+    match &expr.kind {
+        ExprKind::Skip | ExprKind::Fail(_) => true,
+        ExprKind::Sequence(parts) | ExprKind::Conditional(parts) | ExprKind::Otherwise(parts) => {
+            parts.iter().all(is_over_at_once)
+        }
+        ExprKind::Concurrent(parts) | ExprKind::FailFast(parts) => parts.iter().all(is_over_at_once),
+        ExprKind::Disable(parts) => parts.iter().any(is_over_at_once),
+        ExprKind::Run(..)
+        | ExprKind::Never
+        | ExprKind::Wait(_)
+        | ExprKind::AnyOf(..)
+        | ExprKind::Recurrent(..)
+        | ExprKind::Retry(..)
+        | ExprKind::Within(..)
+        | ExprKind::Match(_)
+        | ExprKind::Shield(..)
+        | ExprKind::Using(..)
+        | ExprKind::Asynchronous(..)
+        | ExprKind::Broken => false,
+    }
+}
+
+/// In `skip # P`, P never starts; in `P # skip` it is stopped as soon as it has started.
+fn disabled_at_once(parts: &[Expr], index: usize) -> Option<Diagnostic> {
+    let (other, message, label) = match parts.get(index + 1) {
+        Some(next) => (next, "this never starts: what stands before it is over at once", "never starts"),
+        None => {
+            let before = parts.get(index.checked_sub(1)?)?;
+            (before, "this is stopped as soon as it has started", "stopped at once")
+        }
+    };
+    let diagnostic = Diagnostic::new(Code::W0406, other.span, message).label(label);
+    Some(diagnostic.reason(parts[index].span, "is over at once"))
+}
+
+fn too_short(limit: Duration, earliest: Option<Duration>, (part, whole): (Span, Span)) -> Option<Diagnostic> {
+    if limit.is_zero() {
+        let message = "a limit of no time: this is stopped as soon as it has started";
+        let diagnostic = Diagnostic::new(Code::W0407, whole, message).label("always fails");
+        return Some(diagnostic.help("give it a time that it can be done in, such as `within 5 s`"));
+    }
+    let earliest = earliest.filter(|earliest| *earliest > limit)?;
+    let message = format!("this takes at least {}, so it is never done within {}", time(earliest), time(limit));
+    let diagnostic = Diagnostic::new(Code::W0407, whole, message);
+    Some(diagnostic.reason(part, format!("takes at least {}", time(earliest))))
+}
+
+/// A time in words: `1.5 s`, `20 ms`.
+fn time(time: Duration) -> String {
+    match time.as_secs_f64() {
+        seconds if seconds < 1.0 => format!("{} ms", seconds * 1e3),
+        seconds => format!("{seconds} s"),
+    }
+}

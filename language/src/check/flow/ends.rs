@@ -1,0 +1,126 @@
+//! How an expression can end when any process may fail at any time: what a service check, which looks at runs without
+//! faults only, cannot say.
+
+use super::service;
+use crate::check::spec::{Expr, ExprKind, Process, Spec, Target};
+use std::time::Duration;
+
+/// How something can end.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Ends {
+    /// After how long it can be done at the earliest; nothing if it is never done.
+    pub(super) done: Option<Duration>,
+    /// Whether it can abort.
+    pub(super) aborted: bool,
+}
+
+impl Ends {
+    /// What is known of a process that ends: any program can fail, and so can the host of a group.
+    const TASK: Self = Self { done: Some(Duration::ZERO), aborted: true };
+    /// What is known of a module that never ends: its normal end is a failure, too.
+    const SERVICE: Self = Self { done: None, aborted: true };
+    /// `skip`
+    const SKIP: Self = Self { done: Some(Duration::ZERO), aborted: false };
+}
+
+/// The instances of one group.
+pub(super) struct Members {
+    /// How each of them can end.
+    pub(super) ends: Vec<Ends>,
+    /// Whether no run of it without faults ends.
+    pub(super) services: Vec<bool>,
+}
+
+/// Returns the instances of every group of the spec. Groups nest finitely here, and services are inferred.
+pub(super) fn members(spec: &Spec) -> Vec<Members> {
+    let mut known = vec![None; spec.processes.len()];
+    spec.processes.iter().map(|process| members_of(spec, process, &mut known)).collect()
+}
+
+fn members_of(spec: &Spec, process: &Process, known: &mut Vec<Option<Ends>>) -> Members {
+    let ends = process.instances.iter().map(|instance| match instance.target {
+        Target::Process(group) => of_group(spec, group, known),
+        Target::Module(module) if spec.modules[module].is_service => Ends::SERVICE,
+        Target::Module(_) | Target::Unknown => Ends::TASK,
+    });
+    Members { ends: ends.collect(), services: service::members(spec, process) }
+}
+
+fn of_group(spec: &Spec, group: usize, known: &mut Vec<Option<Ends>>) -> Ends {
+    if let Some(found) = known[group] {
+        return found;
+    }
+    let process = &spec.processes[group];
+    let members = members_of(spec, process, known);
+    let found = match &process.actions {
+        Some(_) | None if process.damage.actions => Ends::TASK,
+        Some(actions) => Ends { aborted: true, ..members.ends_of(actions) },
+        None => Ends::TASK,
+    };
+    known[group] = Some(found);
+    found
+}
+
+impl Members {
+    /// The same, but a group that is a service is never done, whatever failures it tolerates.
+    pub(super) fn without_tolerance(&self) -> Self {
+        let ends = self.ends.iter().zip(&self.services);
+        let ends = ends.map(|(ends, is_service)| if *is_service { Ends::SERVICE } else { *ends });
+        Self { ends: ends.collect(), services: self.services.clone() }
+    }
+
+    /// Returns how an expression can end.
+    pub(super) fn ends_of(&self, expr: &Expr) -> Ends {
+        let parts: Vec<Ends> = expr.parts().into_iter().map(|part| self.ends_of(part)).collect();
+        let any_aborted = parts.iter().any(|part| part.aborted);
+        match &expr.kind {
+            ExprKind::Run(slot, _) => self.ends[*slot],
+            ExprKind::Broken => Ends::TASK,
+            ExprKind::Skip => Ends::SKIP,
+            ExprKind::Never => Ends { done: None, aborted: false },
+            ExprKind::Fail(_) => Ends { done: None, aborted: true },
+            ExprKind::Wait(time) => Ends { done: Some(*time), aborted: false },
+            ExprKind::Sequence(_) | ExprKind::Conditional(_) => in_turn(&parts),
+            ExprKind::Recurrent(..) => Ends { done: None, ..in_turn(&parts) },
+            ExprKind::Asynchronous(..) => Ends { done: None, aborted: any_aborted },
+            ExprKind::Otherwise(_) => {
+                let tried = parts.iter().take_while(|part| part.aborted).count();
+                let done = parts.iter().take(tried + 1).filter_map(|part| part.done).min();
+                Ends { done, aborted: tried == parts.len() }
+            }
+            ExprKind::Concurrent(of) => {
+                let is_service = service::is_service(expr, &self.services);
+                let is_task = |part: &Expr| is_service || !service::is_service(part, &self.services);
+                let tasks = of.iter().zip(&parts).filter(|(part, _)| is_task(part)).map(|(_, ends)| ends.done);
+                Ends { done: all(tasks), aborted: any_aborted }
+            }
+            ExprKind::FailFast(_) => Ends { done: all(parts.iter().map(|part| part.done)), aborted: any_aborted },
+            ExprKind::AnyOf(count, _) => {
+                let mut done: Vec<Duration> = parts.iter().filter_map(|part| part.done).collect();
+                done.sort_unstable();
+                Ends { done: done.get((*count as usize).saturating_sub(1)).copied(), aborted: any_aborted }
+            }
+            ExprKind::Disable(_) => {
+                Ends { done: parts.iter().filter_map(|part| part.done).min(), aborted: any_aborted }
+            }
+            // No arm may have the tag of an outcome.
+            ExprKind::Match(_) => Ends { done: parts.iter().filter_map(|part| part.done).min(), aborted: true },
+            ExprKind::Within(limit, _) => {
+                Ends { done: parts[0].done.filter(|earliest| earliest <= limit), aborted: true }
+            }
+            ExprKind::Retry(..) | ExprKind::Shield(..) | ExprKind::Using(..) => parts[0],
+        }
+    }
+}
+
+/// One after the other, as long as they are done.
+fn in_turn(parts: &[Ends]) -> Ends {
+    let done = parts.iter().map(|part| part.done).try_fold(Duration::ZERO, |sum, done| Some(sum.saturating_add(done?)));
+    let reached = parts.iter().take_while(|part| part.done.is_some()).count();
+    Ends { done, aborted: parts.iter().take(reached + 1).any(|part| part.aborted) }
+}
+
+/// When the last of them can be done.
+fn all(done: impl Iterator<Item = Option<Duration>>) -> Option<Duration> {
+    done.collect::<Option<Vec<_>>>().map(|done| done.into_iter().max().unwrap_or_default())
+}
