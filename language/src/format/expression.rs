@@ -32,8 +32,9 @@ impl Printer<'_> {
             self.parentheses(node);
         } else if node.kind() == Match {
             self.arms(node);
-        } else if self.hangs(node) {
-            self.walk(node, reserve);
+        } else if let Some(last) = self.hanging(node) {
+            self.flat(&(range.start..self.range(&last).start));
+            self.node(&last, reserve);
         } else {
             self.operands(node, reserve);
         }
@@ -56,20 +57,19 @@ impl Printer<'_> {
         )
     }
 
-    /// `a, (` with the rest on the lines below.
-    fn hangs(&self, node: &SyntaxNode) -> bool {
+    /// The last operand of `a, (`, which has the rest on the lines below.
+    fn hanging(&self, node: &SyntaxNode) -> Option<SyntaxNode> {
         let operands: Vec<SyntaxNode> = node.children().collect();
-        let Some((last, before)) = operands.split_last() else { return false };
-        let range = self.range(node);
-        let last_range = self.range(last);
-        let is_last = last_range.end == range.end;
-        let hangs = last.kind() == Paren || last.kind() == AnyOf;
-        is_last
-            && hangs
+        let last = operands.last()?;
+        let (range, last_range) = (self.range(node), self.range(last));
+        let before = range.start..last_range.start;
+        let hangs = [Paren, AnyOf].contains(&last.kind())
+            && last_range.end == range.end
             && operands.len() <= HANGING_MAX
             && !self.is_broken_here(node)
-            && !before.iter().any(|operand| self.is_forced(&self.range(operand)))
-            && self.fits(&(range.start..last_range.start + 1), 0)
+            && !self.is_forced(&before)
+            && self.fits(&(range.start..last_range.start + 1), 0);
+        hangs.then(|| last.clone())
     }
 
     /// Each operand in lines of its own, the operator at the end.
@@ -99,13 +99,8 @@ impl Printer<'_> {
         }
     }
 
-    /// Writes an operator; comments before it move behind it.
+    /// Writes an operator, which ends its line.
     fn operator(&mut self) {
-        let mut moved = std::mem::take(&mut self.pieces[self.cursor].comments);
-        if let Some(next) = self.pieces.get_mut(self.cursor + 1) {
-            moved.append(&mut next.comments);
-            next.comments = moved;
-        }
         self.starts_line = false;
         self.token();
     }

@@ -75,7 +75,25 @@ pub(super) fn pieces<'t>(root: &SyntaxNode, text: &'t str) -> Vec<Piece<'t>> {
     let Reader { offset: start, mut pieces, comments, is_broken, .. } = reader;
     let (kind, parent) = (SyntaxKind::End, SyntaxKind::File);
     pieces.push(Piece { kind, parent, text: "", start, comments, is_broken, is_spaced: false });
+    move_behind_operators(&mut pieces);
     pieces
+}
+
+/// Moves the comments before each operator behind it: an operator ends a line and never begins one. Comments are moved before
+/// anything is measured, since they count where they go.
+fn move_behind_operators(pieces: &mut [Piece<'_>]) {
+    for index in 1..pieces.len() {
+        let [operator, next] = &mut pieces[index - 1..=index] else { continue };
+        if !is_operator(operator.parent) || operator.comments.is_empty() {
+            continue;
+        }
+        let mut moved = std::mem::take(&mut operator.comments);
+        if let (Some(last), Some(first)) = (moved.last(), next.comments.first_mut()) {
+            first.is_own_line |= last.ends_line();
+        }
+        moved.append(&mut next.comments);
+        next.comments = moved;
+    }
 }
 
 /// Goes through a tree, token by token.
@@ -133,8 +151,8 @@ impl Reader<'_> {
     }
 }
 
-/// What a stretch of tokens comes to, at once: for each token, the sum of all before it. Comments that have moved since do not
-/// matter, since those before the first token of a stretch are no part of it.
+/// What a stretch of tokens comes to, at once: for each token, the sum of all before it. The comments before the first token of
+/// a stretch are no part of it.
 #[derive(Debug)]
 pub(super) struct Sums {
     /// Columns in one line, up to the token and up to the comments before it.
@@ -160,8 +178,8 @@ impl Sums {
             sums.comments.push(comments);
             sums.lines.push(lines);
             sums.operators.push(operators);
-            columns =
-                start + piece.text.chars().count() + usize::from(before.is_some_and(|before| is_apart(before, piece)));
+            let is_apart = !piece.comments.is_empty() || before.is_some_and(|before| is_apart(before, piece));
+            columns = start + piece.text.chars().count() + usize::from(is_apart);
             comments += u32::from(piece.forces_lines());
             lines += u32::from(piece.is_broken);
             operators += u32::from(is_operator(piece.parent) && piece.is_broken_beside(pieces.get(index + 1)));

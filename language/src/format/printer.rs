@@ -148,7 +148,7 @@ impl<'t> Printer<'t> {
     /// Writes the comments before the next token, once.
     pub(super) fn comments(&mut self) {
         for comment in std::mem::take(&mut self.pieces[self.cursor].comments) {
-            if comment.is_own_line || self.is_after_line_comment() {
+            if comment.is_own_line {
                 self.break_line(comment.is_spaced);
                 self.starts_line = true;
             } else if self.column > 0 {
@@ -158,10 +158,6 @@ impl<'t> Printer<'t> {
             self.starts_line |= comment.ends_line();
             (self.is_block_start, self.is_after_comment) = (false, true);
         }
-    }
-
-    fn is_after_line_comment(&self) -> bool {
-        self.starts_line && self.is_after_comment
     }
 
     fn break_line(&mut self, is_spaced: bool) {
