@@ -111,7 +111,7 @@ impl<'t> Printer<'t> {
     fn is_one_line(&self, item: &SyntaxNode) -> bool {
         let range = self.range(item);
         let is_short = self.indent * INDENT + self.sums.width(&range) <= COLUMNS;
-        item.kind() != Process && is_short && !self.sums.is_broken(&range)
+        item.kind() != Process && is_short && !self.sums.is_broken(&range) && !self.sums.is_commented(&range)
     }
 
     // ---- writing ----
@@ -182,7 +182,7 @@ impl<'t> Printer<'t> {
     pub(super) fn node(&mut self, node: &SyntaxNode, reserve: usize) {
         let kind = node.kind();
         if [Process, Instances, Policies, External, Connections, Actions].contains(&kind)
-            || kind == Module && (!self.is_one_line(node) || self.sums.is_commented(&self.range(node)))
+            || kind == Module && !self.is_one_line(node)
             || kind == Host && self.sums.is_commented(&self.range(node))
         {
             self.block(node);
