@@ -1,0 +1,218 @@
+//! The rules of the manual: the heading, the rule, and runs. P, Q, R and W are tasks, S and U services, M has the outcomes t
+//! and u.
+
+/// `expression | event: reaction | ...`
+pub(crate) const RULES: &[(&str, &str, &[&str])] = &[
+    (
+        "`P ; Q`",
+        "P done(v): Q starts, with nothing. Q's outcome is that of `P ; Q`.",
+        &[
+            "P ; Q | start s: P(s) | P done v: Q() | Q done w: done(w)",
+            "P ; Q | start s: P(s) | P done v: Q() | Q abort r: aborted(r)",
+        ],
+    ),
+    ("`P ; Q`", "P aborted(r): aborted(r). Q does not start.", &["P ; Q | start s: P(s) | P abort r: aborted(r)"]),
+    (
+        "`P ; Q`",
+        "A stop goes to the one that runs; Q is forgotten if it has not started.",
+        &[
+            "P ; Q | start s: P(s) | stop: stop P | P stopped: stopped",
+            "P ; Q | start s: P(s) | P done v: Q() | stop: stop Q | Q stopped: stopped",
+        ],
+    ),
+    ("`P : Q`", "P done(v): Q starts with v.", &["P : Q | start s: P(s) | P done v: Q(v) | Q done w: done(w)"]),
+    (
+        "`P : Q`",
+        "Everything else as in `P ; Q`.",
+        &[
+            "P : Q | start s: P(s) | P abort r: aborted(r)",
+            "P : Q | start s: P(s) | P done v: Q(v) | Q abort r: aborted(r)",
+            "P : Q | start s: P(s) | stop: stop P | P done v: stopped",
+        ],
+    ),
+    (
+        "`P ;; Q`",
+        "P done(v): Q starts with v. Q done: P starts, with nothing.",
+        &["P ;; Q | start s: P(s) | P done v: Q(v) | Q done w: P() | P done x: Q(x)"],
+    ),
+    (
+        "`P ;; Q`",
+        "P or Q aborted(r): aborted(r).",
+        &[
+            "P ;; Q | start s: P(s) | P abort r: aborted(r)",
+            "P ;; Q | start s: P(s) | P done v: Q(v) | Q abort r: aborted(r)",
+        ],
+    ),
+    (
+        "`P ;; Q`",
+        "It is never done: `P ;; Q` is a service. `P ;; Q = P : (Q ; (P ;; Q))`.",
+        &["P ;; Q | kind: service"],
+    ),
+    (
+        "`P ::[n] Q`",
+        "P done(v): a free place of the pool starts Q with v, and P starts again. If no place is free, P starts again when one is.",
+        &[
+            "P ::[2] W | start s: P(s) | P done v: W_0(v), P() | P done w: W_1(w), P() | P done x: | W_0 done y: W_0(x), P()",
+        ],
+    ),
+    (
+        "`P ::[n] Q`",
+        "Q done: its place is free.",
+        &["P ::[2] W | start s: P(s) | P done v: W_0(v), P() | W_0 done x: | P done y: W_0(y), P()"],
+    ),
+    (
+        "`P ::[n] Q`",
+        "P or Q aborted(r): P is stopped, the Qs that run come to their own end; then aborted(r).",
+        &[
+            "P ::[2] W | start s: P(s) | P done v: W_0(v), P() | P done w: W_1(w), P() | W_0 abort r: stop P | P stopped: | W_1 done x: aborted(r)",
+            "P ::[2] W | start s: P(s) | P done v: W_0(v), P() | P abort r: | W_0 done x: aborted(r)",
+        ],
+    ),
+    ("`P ::[n] Q`", "It is never done: it is a service.", &["P ::[2] W | kind: service"]),
+    (
+        "`P : match { ... }`",
+        "P done with the tag t and the value v: the arm called t starts with v. Its outcome is the outcome.",
+        &[
+            "M : match { t => P, u => Q } | start s: M(s) | M done t:v: P(v) | P done w: done(w)",
+            "M : match { t => P, u => Q } | start s: M(s) | M done u:v: Q(v) | Q abort r: aborted(r)",
+        ],
+    ),
+    (
+        "`P : match { ... }`",
+        "No arm is called t: the arm `else` starts, with tag and value as they are. `dca check` wants an arm for every outcome, or `else` (E0420).",
+        &["M : match { t => P, else => Q } | start s: M(s) | M done u:v: Q(u:v)"],
+    ),
+    (
+        "`P : match { ... }`",
+        "P aborted(r): aborted(r), as with any `:`.",
+        &["M : match { t => P, u => Q } | start s: M(s) | M abort r: aborted(r)"],
+    ),
+    (
+        "`P , Q`",
+        "Every *task* has ended: the services are stopped; then done(v), where v is what the tasks left, in the order of the text, or aborted(r) with the first failure.",
+        &[
+            "P, Q, S | start s: P(s), Q(s), S(s) | Q done y: | P done x: stop S | S stopped: done(x+y)",
+            "P, Q | start s: P(s), Q(s) | Q abort r: | P abort q: aborted(r)",
+        ],
+    ),
+    (
+        "`P , Q`",
+        "A task aborts: the others go on; the failure counts in the end.",
+        &["P, Q, S | start s: P(s), Q(s), S(s) | P abort r: | Q done y: stop S | S stopped: aborted(r)"],
+    ),
+    (
+        "`P , Q`",
+        "A *service* aborts, or ends although it should not: all others are stopped; then aborted(r).",
+        &[
+            "P, S | start s: P(s), S(s) | S abort r: stop P | P stopped: aborted(r)",
+            "P, S | start s: P(s), S(s) | S done v: stop P | P stopped: aborted(ended)",
+        ],
+    ),
+    (
+        "`P , Q`",
+        "If all operands are services, so is the whole, and losing one of them ends it in the same way.",
+        &["S, U | kind: service | start s: S(s), U(s) | S abort r: stop U | U stopped: aborted(r)"],
+    ),
+    (
+        "`P # Q`",
+        "The first outcome, done(v) or aborted(r), is the outcome; it is reported when all the others have stopped.",
+        &[
+            "P # Q | start s: P(s), Q(s) | P done v: stop Q | Q stopped: done(v)",
+            "P # Q | start s: P(s), Q(s) | Q abort r: stop P | P done v: aborted(r)",
+        ],
+    ),
+    (
+        "`P # Q`",
+        "With more than two operands all losers are stopped at once.",
+        &["P # Q # R | start s: P(s), Q(s), R(s) | Q done v: stop P, stop R | R stopped: | P stopped: done(v)"],
+    ),
+    (
+        "`P & Q`",
+        "All done: done(v), where v is what they left, in the order of the text.",
+        &["P & Q | start s: P(s), Q(s) | Q done y: | P done x: done(x+y)"],
+    ),
+    (
+        "`P & Q`",
+        "One aborts: the others are stopped at once; then aborted(r).",
+        &["P & Q | start s: P(s), Q(s) | P abort r: stop Q | Q stopped: aborted(r)"],
+    ),
+    ("`P else Q`", "P done(v): done(v). Q does not start.", &["P else Q | start s: P(s) | P done v: done(v)"]),
+    (
+        "`P else Q`",
+        "P aborted(r): Q starts with r, as text. Q's outcome is that of `P else Q`.",
+        &[
+            "P else Q | start s: P(s) | P abort r: Q(r) | Q done w: done(w)",
+            "P else Q | start s: P(s) | P abort r: Q(r) | Q abort q: aborted(q)",
+        ],
+    ),
+    (
+        "`P within d`",
+        "P ends in time: its outcome.",
+        &["P within 5 s | start s: P(s) | P done v: done(v)", "P within 5 s | start s: P(s) | P abort r: aborted(r)"],
+    ),
+    (
+        "`P within d`",
+        "The time has passed: P is stopped; then aborted(timeout).",
+        &["P within 5 s | start s: P(s) | time: stop P | P stopped: aborted(timeout)"],
+    ),
+    ("`P within d`", "`P within d = P # (wait(d) ; fail(\"timeout\"))`", &[]),
+    (
+        "Shield",
+        "Nobody stops it: it is P.",
+        &["shield P | start s: P(s) | P done v: done(v)", "shield P | start s: P(s) | P abort r: aborted(r)"],
+    ),
+    (
+        "Shield",
+        "A stop: nothing happens until P has ended, in whatever way; then stopped. With a bound, P is stopped when d has passed.",
+        &[
+            "shield P | start s: P(s) | stop: | P done v: stopped",
+            "shield P | start s: P(s) | stop: | P abort r: stopped",
+            "shield(5 s) P | start s: P(s) | stop: | time: stop P | P stopped: stopped",
+        ],
+    ),
+    (
+        "Using",
+        "All that is named is free, and nobody has waited longer for any of it: it is taken, and P starts.",
+        &[
+            "using(arm) P, using(arm, table) Q, using(table) R | start s: P(s) | P done x: Q(s) | Q done y: R(s) | R done z: done(x+y+z)",
+        ],
+    ),
+    (
+        "Using",
+        "Otherwise it waits, first come, first served. A stop while it waits: stopped at once.",
+        &[
+            "using(arm) P, using(arm) Q, using(arm) R | start s: P(s) | P done x: Q(s) | Q done y: R(s)",
+            "using(arm) P, using(arm) Q | start s: P(s) | stop: stop P | P stopped: stopped",
+        ],
+    ),
+    (
+        "Using",
+        "P has ended: all of it is free again, after P has cleaned up. The outcome is that of P.",
+        &[
+            "using(arm) P | start s: P(s) | P done v: done(v)",
+            "using(arm) P | start s: P(s) | P abort r: aborted(r)",
+            "((using(arm) P) # R), using(arm) Q | start s: P(s), R(s) | R done v: stop P | P stopped: Q(s)",
+        ],
+    ),
+    (
+        "Any ... of",
+        "k operands are done: the others are stopped; then done(v) with the values of these.",
+        &["any 2 of (P, Q, R) | start s: P(s), Q(s), R(s) | R done z: | P done x: stop Q | Q stopped: done(x+z)"],
+    ),
+    (
+        "Any ... of",
+        "So many have failed that k can no longer be done: the others are stopped; then aborted(r) with the first failure.",
+        &["any 2 of (P, Q, R) | start s: P(s), Q(s), R(s) | Q abort q: | P abort r: stop R | R stopped: aborted(q)"],
+    ),
+    (
+        "Constants",
+        "`skip` is done at once, with nothing. Started with nothing, `skip ; P = P`.",
+        &["skip | start s: done()"],
+    ),
+    (
+        "Constants",
+        "`never` runs until it is stopped. `never # P = P`.",
+        &["never | kind: service | start s: | stop: stopped"],
+    ),
+    ("Constants", "`fail(\"why\")` aborts at once, for this reason.", &["fail(\"why\") | start s: aborted(why)"]),
+];
