@@ -115,7 +115,7 @@ impl<E: Into<anyhow::Error>> From<E> for Failure {
 pub fn main() -> ExitCode {
     session::prepare_process();
     let command = Command::parse();
-    logging::start();
+    logging::start(logging::COMMAND);
     finish(match command.verb {
         Verb::Run(arguments) => run::run(arguments),
         Verb::Deploy(arguments) => deploy::run(arguments),

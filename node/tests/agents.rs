@@ -4,6 +4,8 @@
 
 #[path = "agents/losses.rs"]
 mod losses;
+#[path = "agents/names.rs"]
+mod names;
 #[path = "agents/restarts.rs"]
 mod restarts;
 #[path = "agents/world.rs"]
@@ -98,6 +100,7 @@ fn every_reason_of_every_host_is_told_and_nothing_stays() {
     for host in ["c1", "c2"] {
         let identity = Identity { host: host.into(), boot: 9, pid: 1, machine: host.into(), epoch: 0 };
         world.agents.insert(host.into(), Agent::new(identity, Programs::default(), Time::ZERO));
+        world.boots.insert(host.into(), 9);
     }
     world.at(0, "c1", Coming::Input(Input::Appeared { host: "c2".into(), boot: 9 }));
     world.at(0, "c2", Coming::Input(Input::Appeared { host: "c1".into(), boot: 9 }));

@@ -3,6 +3,8 @@
 //! ```text
 //! dca/n/<host>/rpc/<verb>            a call to a node
 //! dca/n/<host>/in                    messages from node to node
+//! dca/n/<host>/ping                  a node asks who is there
+//! dca/n/<host>/pong                  answers to it
 //! dca/live/<host>/<boot>             a node is up
 //! dca/d/<deployment>/<epoch>/w/<wire>  samples of one wire
 //! dca/db/<team>/news/<origin>        what a replica of the database tells everybody
@@ -105,6 +107,21 @@ pub fn parse_rpc(key: &str) -> Option<(String, String)> {
 /// Returns the key of messages to a node from other nodes.
 pub fn inbox(host: &str) -> String {
     format!("dca/n/{}/in", escape(host))
+}
+
+/// Returns the key on which a node asks who is there.
+pub fn ping(host: &str) -> String {
+    format!("dca/n/{}/ping", escape(host))
+}
+
+/// Returns the key expression on which any node asks who is there.
+pub fn ping_any() -> String {
+    "dca/n/*/ping".to_owned()
+}
+
+/// Returns the key of answers to a node that has asked who is there.
+pub fn pong(host: &str) -> String {
+    format!("dca/n/{}/pong", escape(host))
 }
 
 /// Returns the key that says that a node is up.
@@ -261,7 +278,7 @@ mod tests {
     proptest! {
         #[test]
         fn every_name_gives_a_plain_key_and_comes_back(a in ".*", b in ".*", boot: u64) {
-            for key in [rpc(&a, &b), inbox(&a), live(&a, boot), wire(&a, boot, 3), signals(&a, &b),
+            for key in [rpc(&a, &b), inbox(&a), ping(&a), pong(&a), live(&a, boot), wire(&a, boot, 3), signals(&a, &b),
                         db_news(&a, boot), db_inbox(&a, boot), db_ask(&a, boot), hardware(&a, &b, Channel::State)] {
                 let key = KeyExpr::try_from(key).unwrap();
                 prop_assert!(!key.is_wild());

@@ -53,7 +53,7 @@ struct Arguments {
 pub fn main() -> ExitCode {
     session::prepare_process();
     let arguments = Arguments::parse();
-    finish(run(arguments, logging::start()))
+    finish(run(arguments, logging::start(logging::NODE)))
 }
 
 fn run(arguments: Arguments, log: Log) -> Result<(), Failure> {

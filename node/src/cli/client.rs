@@ -15,6 +15,8 @@ use tokio::task::JoinSet;
 
 /// How long a node has to answer a question that it can answer at once.
 const ANSWER_WITHIN: Duration = Duration::from_secs(3);
+/// How long until the node of this machine is asked again whom it reaches.
+const ASK_AGAIN: Duration = Duration::from_millis(200);
 /// How long nodes are looked for on the network.
 const FIND_WITHIN: Duration = Duration::from_millis(1500);
 /// The verb of every request: the request itself says what is asked.
@@ -77,24 +79,41 @@ impl Client {
         self.local.as_deref()
     }
 
-    /// Returns the nodes that can be reached: at once when all of `wanted` are there, else after a while.
+    /// Returns the nodes that can be reached: at once when all of `wanted` are there, else after a while. What the node of
+    /// this machine has heard of counts, too: a token alone can be lost.
     pub(crate) async fn hosts(&self, wanted: &[String]) -> Result<BTreeSet<String>, Failure> {
         let mut watch = self.session.watch(&key::live_any()).map_err(unreachable)?;
-        let mut hosts = BTreeSet::new();
+        let (mut tokens, mut heard) = (BTreeSet::new(), BTreeSet::new());
         let deadline = clock::now() + FIND_WITHIN;
+        let mut asking = Box::pin(self.heard_here(clock::now()));
         loop {
-            if !wanted.is_empty() && wanted.iter().all(|host| hosts.contains(host)) {
-                return Ok(hosts);
+            if !wanted.is_empty() && wanted.iter().all(|host| tokens.contains(host) || heard.contains(host)) {
+                return Ok(&tokens | &heard);
             }
             let presence = tokio::select! {
                 presence = watch.next() => presence,
+                hosts = &mut asking => {
+                    heard = hosts;
+                    asking = Box::pin(self.heard_here(clock::now() + ASK_AGAIN));
+                    continue;
+                }
                 () = clock::sleep_until(deadline) => None,
             };
             match presence {
-                Some(Presence::Appeared(key)) => hosts.extend(key::parse_live(&key).map(|(host, _)| host)),
-                Some(Presence::Vanished(key)) => drop(key::parse_live(&key).map(|(host, _)| hosts.remove(&host))),
-                None => return Ok(hosts),
+                Some(Presence::Appeared(key)) => tokens.extend(key::parse_live(&key).map(|(host, _)| host)),
+                Some(Presence::Vanished(key)) => drop(key::parse_live(&key).map(|(host, _)| tokens.remove(&host))),
+                None => return Ok(&tokens | &heard),
             }
+        }
+    }
+
+    /// Asks the node of this machine, at some time, whom it reaches; nobody if there is none or it does not answer.
+    async fn heard_here(&self, at: Time) -> BTreeSet<String> {
+        clock::sleep_until(at).await;
+        let Some(local) = &self.local else { return std::future::pending().await };
+        match self.ask(local, &Request::Status, ANSWER_WITHIN).await {
+            Ok(Answer::Status(status)) => status.peers.into_iter().chain([status.host]).collect(),
+            _ => BTreeSet::new(),
         }
     }
 

@@ -12,6 +12,7 @@ use crate::logic::agent::{Agent, Identity, Input};
 use crate::logic::child::{Gate, ShimReport, ShimStart};
 use crate::logic::database::settings::Settings;
 use crate::logic::effect::{Effect, ProcessId, SpawnOrder};
+use crate::logic::nameserver::Change;
 use crate::logic::programs::Programs;
 use crate::logic::protocol::{Answer, Deployment, Request};
 use anyhow::Context;
@@ -87,6 +88,8 @@ struct Driver {
     tasks: JoinSet<()>,
     /// What this robot's own keys say.
     settings: Settings,
+    /// Why the node had to leave.
+    yielded: Option<String>,
 }
 
 /// Runs a node until `leave` turns true and nothing of it is left, or for ever. `ready` turns true when it can be called.
@@ -118,7 +121,9 @@ pub async fn run(config: Config, mut leave: watch::Receiver<bool>, ready: watch:
         };
         driver.pending.extend(input);
         if driver.work_off().await {
-            return driver.close().await;
+            let yielded = driver.yielded.take();
+            driver.close().await?;
+            return yielded.map_or(Ok(()), |why| Err(anyhow::Error::msg(why)));
         }
     }
 }
@@ -204,6 +209,7 @@ impl Driver {
             events,
             tasks,
             settings: Settings::default(),
+            yielded: None,
         })
     }
 
@@ -214,7 +220,7 @@ impl Driver {
             let mut effects = Vec::new();
             self.agent.handle(clock::now(), input, &mut effects);
             for effect in effects {
-                over |= effect == Effect::Leave;
+                over |= matches!(effect, Effect::Leave | Effect::Yield { .. });
                 self.carry_out(effect).await;
             }
         }
@@ -225,12 +231,7 @@ impl Driver {
     fn input(&mut self, event: Event) -> Option<Input> {
         while self.tasks.try_join_next().is_some() {}
         match event {
-            Event::Arrival(Arrival::Input(input)) => {
-                if matches!(input, Input::Appeared { .. }) {
-                    self.database.handle().appeared();
-                }
-                Some(input)
-            }
+            Event::Arrival(Arrival::Input(input)) => Some(input),
             Event::Arrival(Arrival::Call(call, Request::Database(question), sink)) => {
                 self.database.handle().call(call, question, Some(sink));
                 None
@@ -288,6 +289,9 @@ impl Driver {
     async fn carry_out(&mut self, effect: Effect) {
         match effect {
             Effect::Transmit { to, frame } => self.peers.send(&to, &frame),
+            Effect::Ping { round } => self.peers.ping(round),
+            Effect::Holders(holders) => self.peers.hold(holders),
+            Effect::Peer(change) => self.peer(&change),
             Effect::Spawn(order) => self.spawn(&order).await,
             Effect::Shim { process, order } => {
                 if let Some(shim) = self.shims.get_mut(&process) {
@@ -314,7 +318,18 @@ impl Driver {
             Effect::EndAnswers { call } => drop(self.peers.end(call)),
             Effect::Tail { call, process, follow } => self.tail(call, &process, follow),
             Effect::Record(commit) => self.database.handle().write(*commit),
+            Effect::Yield { why } => self.yielded = Some(why),
             Effect::Leave => {}
+        }
+    }
+
+    /// Tells the database of a node that has come, and people of every change, where the log is this node's alone.
+    fn peer(&self, change: &Change) {
+        if matches!(change, Change::Appeared { .. }) {
+            self.database.handle().appeared();
+        }
+        if self.config.log.is_some() {
+            if change.is_good() { tracing::info!("{change}") } else { tracing::warn!("{change}") }
         }
     }
 

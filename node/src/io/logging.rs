@@ -6,22 +6,27 @@ use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
 use tracing_subscriber::{EnvFilter, Registry, reload};
 
-/// What is logged where nothing else is said.
-const DEFAULT: &str = "warn,zenoh=error";
+/// What a command line logs where nothing else is said.
+pub const COMMAND: &str = "warn,zenoh=error";
+/// What a node logs where nothing else is said.
+pub const NODE: &str = "info,zenoh=error";
 
 /// The log of this process.
 #[derive(Clone, Debug)]
-pub struct Log(reload::Handle<EnvFilter, Registry>);
+pub struct Log {
+    handle: reload::Handle<EnvFilter, Registry>,
+    usual: &'static str,
+}
 
-/// Sends the program's own log to standard error; what is logged is set by `RUST_LOG`.
-pub fn start() -> Log {
-    let (filter, handle) = reload::Layer::new(from_environment());
+/// Sends the program's own log to standard error; what is logged is set by `RUST_LOG`, and without it by `usual`.
+pub fn start(usual: &'static str) -> Log {
+    let (filter, handle) = reload::Layer::new(from_environment(usual));
     let colours = std::io::stderr().is_terminal();
     let lines = tracing_subscriber::fmt::layer().with_ansi(colours).with_writer(std::io::stderr);
     if let Err(error) = tracing_subscriber::registry().with(filter).with(lines).try_init() {
         tracing::debug!(%error, "logging was started before");
     }
-    Log(handle)
+    Log { handle, usual }
 }
 
 impl Log {
@@ -32,12 +37,12 @@ impl Log {
     pub fn filter(&self, filter: Option<&str>) -> anyhow::Result<()> {
         let filter = match filter {
             Some(text) => EnvFilter::try_new(text).with_context(|| format!("reading the filter `{text}`"))?,
-            None => from_environment(),
+            None => from_environment(self.usual),
         };
-        Ok(self.0.reload(filter)?)
+        Ok(self.handle.reload(filter)?)
     }
 }
 
-fn from_environment() -> EnvFilter {
-    EnvFilter::try_from_default_env().unwrap_or_else(|_unset| EnvFilter::new(DEFAULT))
+fn from_environment(usual: &str) -> EnvFilter {
+    EnvFilter::try_from_default_env().unwrap_or_else(|_unset| EnvFilter::new(usual))
 }

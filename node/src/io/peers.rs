@@ -2,13 +2,15 @@
 
 use crate::logic::agent::Input;
 use crate::logic::link::Frame;
-use crate::logic::protocol::{Answer, Request, SILENCE_MAX};
+use crate::logic::protocol::{Answer, Ping, Pong, Request, SILENCE_MAX};
 use anyhow::Context;
+use comms::io::clock;
 use comms::io::session::{self, NodeOptions, Presence, Server, Session, Subscription, Token, Watch};
 use comms::logic::port::Policy;
+use comms::logic::time::Time;
 use comms::logic::{codec, key};
 use std::collections::BTreeMap;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::mpsc::Sender;
 use tokio::task::JoinSet;
 
@@ -23,6 +25,18 @@ pub struct Peers {
     session: Arc<Session>,
     token: Token,
     calls: BTreeMap<u64, Sender<Answer>>,
+    own: Arc<Own>,
+}
+
+/// What a node says of itself. It is said by a task of its own, so a driver that is busy is not taken for one that is gone.
+#[derive(Debug)]
+struct Own {
+    host: String,
+    boot: u64,
+    started: Time,
+    place: String,
+    /// Which boot of each other name the node deals with.
+    holders: Mutex<BTreeMap<String, u64>>,
 }
 
 /// What comes in from outside.
@@ -49,12 +63,35 @@ impl Peers {
         let session = Session::open_node(options).await.with_context(|| format!("opening the node `{host}`"))?;
         let inbox = session.subscribe(&key::inbox(host.as_str()), Policy::reject(FRAMES_MAX))?;
         let calls = session.serve(&key::rpc_any(host.as_str()))?;
+        let (pings, pongs) = (key::ping_any(), key::pong(host.as_str()));
+        let pings = session.subscribe(&pings, Policy::reject(FRAMES_MAX))?;
+        let pongs = session.subscribe(&pongs, Policy::reject(FRAMES_MAX))?;
         let presence = session.watch(&key::live_any())?;
         let token = session.announce(&key::live(host.as_str(), boot))?;
         tasks.spawn(hear_frames(inbox, sink.clone()));
         tasks.spawn(hear_presence(presence, sink.clone()));
+        let (host, started) = (host.as_str().to_owned(), clock::now());
+        let own = Arc::new(Own { host, boot, started, place: place(), holders: Mutex::default() });
+        let session = Arc::new(session);
+        tasks.spawn(answer_pings(pings, Arc::clone(&session), Arc::clone(&own), sink.clone()));
+        tasks.spawn(hear_pongs(pongs, sink.clone()));
         tasks.spawn(hear_calls(calls, sink));
-        Ok(Self { session: Arc::new(session), token, calls: BTreeMap::new() })
+        Ok(Self { session, token, calls: BTreeMap::new(), own })
+    }
+
+    /// Asks all other nodes whether they are there.
+    pub fn ping(&self, round: u64) {
+        let ping = Ping { from: self.own.host.clone(), boot: self.own.boot, round };
+        let sent = codec::encode(&ping).map_err(anyhow::Error::from);
+        let sent = sent.and_then(|bytes| Ok(self.session.put(&key::ping(&ping.from), bytes)?));
+        if let Err(error) = sent {
+            tracing::warn!(error = format!("{error:#}"), "cannot ask who is there");
+        }
+    }
+
+    /// Tells those who ask from now on which boot of their name this node deals with.
+    pub fn hold(&self, holders: BTreeMap<String, u64>) {
+        *self.own.holders() = holders;
     }
 
     /// Sends a frame; one that is lost is sent again by its link.
@@ -93,6 +130,63 @@ impl Peers {
         match Arc::into_inner(self.session) {
             Some(session) => session.close().await,
             None => tracing::debug!("somebody still uses the session; it closes with the process"),
+        }
+    }
+}
+
+impl Own {
+    fn holders(&self) -> MutexGuard<'_, BTreeMap<String, u64>> {
+        // A map of plain values is valid whatever happened to the thread that held it.
+        self.holders.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Returns where this node runs, for a person.
+fn place() -> String {
+    let machine = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
+    let machine: String = machine.trim().chars().take(64).collect();
+    format!("on `{machine}`, process {}", std::process::id())
+}
+
+/// Answers every other node that asks whether this one is there.
+async fn answer_pings(mut pings: Subscription, session: Arc<Session>, own: Arc<Own>, sink: Sender<Arrival>) {
+    while let Some((_, bytes)) = pings.next().await {
+        let Ok(Ping { from, boot, round }) = codec::decode(&bytes) else {
+            tracing::debug!("a node asks who is there in a way that cannot be read");
+            continue;
+        };
+        if from == own.host && boot == own.boot {
+            continue;
+        }
+        let pong = Pong {
+            from: own.host.clone(),
+            boot: own.boot,
+            to_boot: boot,
+            round,
+            up: clock::now() - own.started,
+            place: own.place.clone(),
+            holder: own.holders().get(&from).copied(),
+            session: session.id(),
+        };
+        let sent = codec::encode(&pong).map_err(anyhow::Error::from);
+        if let Err(error) = sent.and_then(|bytes| Ok(session.put(&key::pong(&from), bytes)?)) {
+            tracing::debug!(host = from, error = format!("{error:#}"), "an answer was not sent");
+        }
+        if sink.send(Arrival::Input(Input::Ping { host: from, boot })).await.is_err() {
+            return;
+        }
+    }
+}
+
+async fn hear_pongs(mut pongs: Subscription, sink: Sender<Arrival>) {
+    while let Some((_, bytes)) = pongs.next().await {
+        match codec::decode::<Pong>(&bytes) {
+            Ok(pong) => {
+                if sink.send(Arrival::Input(Input::Pong(Box::new(pong)))).await.is_err() {
+                    return;
+                }
+            }
+            Err(error) => tracing::debug!(%error, "an answer of a node cannot be read"),
         }
     }
 }

@@ -1,6 +1,7 @@
 //! The agent of a host: routes every input to the machine it belongs to, and nothing else.
 
 mod calls;
+mod peers;
 
 use crate::logic::child::ShimReport;
 use crate::logic::database::chronicle;
@@ -10,7 +11,7 @@ use crate::logic::link::{Frame, Link};
 use crate::logic::nameserver::NameServer;
 use crate::logic::programs::Programs;
 use crate::logic::protocol::{
-    Body, Deployment, Ending, Failure, FailureCause, Message, NodeStatus, Report, Request, ToHome, ToTenant,
+    Body, Deployment, Ending, Failure, FailureCause, Message, NodeStatus, Pong, Report, Request, ToHome, ToTenant,
 };
 use crate::logic::tenant::Tenant;
 use comms::logic::control::Notice;
@@ -44,7 +45,7 @@ pub struct Identity {
 /// What happened.
 #[derive(Debug)]
 pub enum Input {
-    /// A node is there.
+    /// A node's token is there.
     Appeared {
         /// Its name.
         host: String,
@@ -58,6 +59,15 @@ pub enum Input {
         /// Its boot number.
         boot: u64,
     },
+    /// A node asks whether this one is there, which has been answered.
+    Ping {
+        /// Its name.
+        host: String,
+        /// Its boot number.
+        boot: u64,
+    },
+    /// A node answers that it is there.
+    Pong(Box<Pong>),
     /// A frame from a node.
     Frame(Box<Frame>),
     /// A call from the command line.
@@ -113,7 +123,10 @@ pub struct Agent {
     started: Time,
     programs: Programs,
     names: NameServer,
-    links: BTreeMap<String, Link>,
+    /// Of each name, the links to its last boots; the one to the holder of the name is the last.
+    links: BTreeMap<String, Vec<Link>>,
+    /// What was told of who holds which name.
+    holders: BTreeMap<String, u64>,
     homes: BTreeMap<Deployment, Home>,
     tenants: BTreeMap<Deployment, Tenant>,
     requests: BTreeSet<u64>,
@@ -137,11 +150,12 @@ impl Agent {
     /// Returns an agent that knows of nobody else yet.
     pub fn new(identity: Identity, programs: Programs, now: Time) -> Self {
         Self {
+            names: NameServer::new(&identity.host, identity.boot, now),
             identity,
             started: now,
             programs,
-            names: NameServer::default(),
             links: BTreeMap::new(),
+            holders: BTreeMap::new(),
             homes: BTreeMap::new(),
             tenants: BTreeMap::new(),
             requests: BTreeSet::new(),
@@ -175,19 +189,17 @@ impl Agent {
     pub fn deadline(&self) -> Option<Time> {
         let homes = self.homes.values().map(Home::deadline);
         let tenants = self.tenants.values().map(Tenant::deadline);
-        let links = self.links.values().map(Link::deadline);
+        let links = self.links.values().flatten().map(Link::deadline);
         let gathering = self.gathering.iter().map(|one| Some(one.until));
         homes.chain(tenants).chain(links).chain(gathering).fold(self.names.deadline(), earliest)
     }
 
     fn take(&mut self, input: Input, out: &mut Out<'_>) {
         match input {
-            Input::Appeared { host, boot } => self.appeared(&host, boot, out),
-            Input::Vanished { host, boot } => {
-                if self.names.vanished(out.now, &host, boot) {
-                    self.tenants.values_mut().for_each(|tenant| tenant.host_missing(&host, out.now));
-                }
-            }
+            Input::Appeared { host, boot } => self.names.token(out.now, &host, boot),
+            Input::Vanished { host, boot } => self.names.no_token(out.now, &host, boot),
+            Input::Ping { host, boot } => self.names.heard_of(out.now, &host, boot),
+            Input::Pong(pong) => self.names.answered(out.now, &pong),
             Input::Frame(frame) => self.frame(*frame, out),
             Input::Call { call, request } => self.call(call, *request, out),
             Input::CallGone { call } => self.homes.values_mut().for_each(|home| home.forget(call)),
@@ -218,37 +230,6 @@ impl Agent {
                 away.for_each(|(_, tenant)| tenant.leave(out));
             }
             Input::Tick => {}
-        }
-    }
-
-    fn appeared(&mut self, host: &str, boot: u64, out: &mut Out<'_>) {
-        if host == self.identity.host {
-            return;
-        }
-        let known_before = self.names.knows(host);
-        if self.names.appeared(host, boot) && known_before {
-            // Another boot has forgotten everything: for deployments that is the loss of the host.
-            self.host_lost(host, out);
-        }
-        if self.links.get(host).is_none_or(|link| link.boot_peer() != boot) {
-            self.links.insert(host.to_owned(), Link::new(&self.identity.host, self.identity.boot, boot));
-        }
-        self.homes.values_mut().for_each(|home| home.host_back(host, out));
-        self.tenants.values_mut().for_each(|tenant| tenant.host_back(host, out));
-    }
-
-    fn frame(&mut self, frame: Frame, out: &mut Out<'_>) {
-        let from = frame.from.clone();
-        if !self.names.knows(&from) {
-            self.appeared(&from, frame.boot, out);
-        }
-        let Some(link) = self.links.get_mut(&from) else { return };
-        let (message, answer) = link.receive(out.now, frame);
-        if let Some(frame) = answer {
-            out.effects.push(Effect::Transmit { to: from.clone(), frame: Box::new(frame) });
-        }
-        if let Some(message) = message {
-            self.deliver(message, &from, out);
         }
     }
 
@@ -301,6 +282,9 @@ impl Agent {
         if self.leaving {
             return refuse("its node is leaving".into(), out);
         }
+        if let Some(why) = self.namesake() {
+            return refuse(why, out);
+        }
         if let Err(why) = plan.validate() {
             return refuse(format!("the plan is not sound: {why}"), out);
         }
@@ -313,30 +297,6 @@ impl Agent {
         let machine = self.identity.machine.clone();
         let tenant = Tenant::prepare(deployment.clone(), Arc::new(plan), (host, &machine), &self.programs, out);
         self.tenants.insert(deployment, tenant);
-    }
-
-    /// Sends to another node; what cannot be sent is answered as a loss, so that nobody waits for ever. What is final is kept
-    /// for a node that is lost, which may not know that it is.
-    fn transmit(&mut self, to: &str, message: Message, out: &mut Out<'_>) {
-        let is_known = self.names.knows(to);
-        let link = self.links.get_mut(to).filter(|_| is_known || message.is_final());
-        match link.and_then(|link| link.send(out.now, message.clone())) {
-            Some(frame) => {
-                out.effects.push(Effect::Transmit { to: to.to_owned(), frame: Box::new(frame) });
-                if is_known {
-                    return;
-                }
-            }
-            None if is_known => {
-                // So much is unacknowledged that it counts as lost.
-                self.names.lose(to);
-                self.host_lost(to, out);
-            }
-            None => {}
-        }
-        if let Message { deployment, body: Body::Tenant(message) } = message {
-            self.answer_for_lost(to, &deployment, message, out);
-        }
     }
 
     /// Says what a host that cannot be reached would have to say.
@@ -372,23 +332,15 @@ impl Agent {
     }
 
     fn tick(&mut self, out: &mut Out<'_>) {
-        for host in self.names.take_lost(out.now) {
-            self.host_lost(&host, out);
-        }
+        self.look_around(out);
         self.begin_gathered(out);
-        for (host, link) in &mut self.links {
-            for frame in link.resend(out.now) {
+        for (host, links) in &mut self.links {
+            for frame in links.iter_mut().flat_map(|link| link.resend(out.now)) {
                 out.effects.push(Effect::Transmit { to: host.clone(), frame: Box::new(frame) });
             }
         }
         self.homes.values_mut().for_each(|home| home.tick(out));
         self.tenants.values_mut().for_each(|tenant| tenant.tick(out));
-    }
-
-    fn host_lost(&mut self, host: &str, out: &mut Out<'_>) {
-        self.links.get_mut(host).into_iter().for_each(Link::abandon);
-        self.homes.values_mut().for_each(|home| home.host_lost(host, out));
-        self.tenants.values_mut().for_each(|tenant| tenant.host_lost(host, out));
     }
 
     /// Drops what is over. A node that leaves says so when nothing is left.
@@ -403,8 +355,12 @@ impl Agent {
         for (deployment, _) in self.tenants.extract_if(.., |_, tenant| tenant.is_over()) {
             effects.push(Effect::Bury { deployment });
         }
-        if self.leaving && self.homes.is_empty() && self.tenants.is_empty() {
-            effects.push(Effect::Leave);
+        if self.homes.is_empty() && self.tenants.is_empty() {
+            if self.leaving {
+                effects.push(Effect::Leave);
+            } else if let Some(why) = self.namesake().filter(|_| self.gathering.is_empty()) {
+                effects.push(Effect::Yield { why });
+            }
         }
     }
 }

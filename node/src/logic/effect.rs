@@ -3,10 +3,12 @@
 use crate::logic::child::ShimOrder;
 use crate::logic::database::question::Commit;
 use crate::logic::link::Frame;
+use crate::logic::nameserver::Change;
 use crate::logic::protocol::{Answer, Deployment, Message};
 use comms::logic::control::Order;
 use comms::logic::time::Time;
 use language::plan::{LeafKind, Policy};
+use std::collections::BTreeMap;
 
 /// One program of one deployment on this host.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -42,6 +44,15 @@ pub enum Effect {
         /// What.
         frame: Box<Frame>,
     },
+    /// Ask all other nodes whether they are there.
+    Ping {
+        /// Numbers the question.
+        round: u64,
+    },
+    /// Tell those who ask from now on which boot has their name.
+    Holders(BTreeMap<String, u64>),
+    /// Tell people, and whoever else wants to know, what has become of another node.
+    Peer(Change),
     /// Start a program under a shim.
     Spawn(Box<SpawnOrder>),
     /// Tell a shim.
@@ -100,6 +111,11 @@ pub enum Effect {
     Record(Box<Commit>),
     /// Nothing is left on this host: the node may leave.
     Leave,
+    /// The node has to leave, since another one has its name, and nothing is left on this host.
+    Yield {
+        /// Why, for a person.
+        why: String,
+    },
 }
 
 /// Where a machine puts what it wants: effects for the driver, messages for nodes (this one included).

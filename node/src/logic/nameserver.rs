@@ -1,95 +1,449 @@
 //! Who is there: the nodes this one can reach, and since when one is missing.
 //!
-//! A node that vanishes is only missing; it is lost after [`LOST_AFTER`], because a short cut, or a node that was
-//! suspended, must not end a mission. Never acts on a wall clock.
+//! A node is there because it has answered: about once a second this one asks all others, in numbered rounds, and each
+//! answers with the number of the round. A token that appears or vanishes, a second node of the same name, or a word of
+//! somebody who is not listed is only a reason to ask at once: tokens get lost when a session is made anew, they come in
+//! any order, and anybody can make one. What speaks against a node is cleared by its answer to a later round, never by what
+//! was on its way before.
+//!
+//! A node that does not answer is only missing; it is lost after [`LOST_AFTER`], because a short cut, or a node that was
+//! suspended, must not end a mission. Two nodes with one name are both kept: the first one that answered holds the name for
+//! as long as it answers, the second is refused, and takes over only when the first is gone. Never acts on a wall clock.
 
+use super::protocol::Pong;
 use comms::logic::time::Time;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
+use std::fmt;
 use std::time::Duration;
 
 /// How long a node may be missing before its part of a deployment counts as lost.
 pub const LOST_AFTER: Duration = Duration::from_secs(5);
+/// How often all others are asked.
+const ASK_EVERY: Duration = Duration::from_secs(1);
+/// How often at the most, whatever happens.
+const ASK_GAP: Duration = Duration::from_millis(100);
+/// How many rounds an answer may be late: longer than the longest way, which is 3 s, at the shortest gap.
+const ROUNDS_MAX: usize = 64;
+/// How long a node whose token has vanished has to answer, besides its usual time.
+const DOUBT: Duration = Duration::from_millis(300);
+/// How long a node has to answer when another one has taken its name: it may be a busy one.
+const DOUBT_RIVAL: Duration = Duration::from_secs(2);
+/// How long nothing may be heard of a node, besides its usual time.
+const SILENCE_MAX: Duration = Duration::from_millis(2500);
+/// From the last answer of a silent node to when it is missing.
+const SILENCE_MISSING: Duration = Duration::from_secs(1);
+/// How long nodes that are lost are remembered: no answer to a round from before the loss is accepted any more then.
+const REMEMBERED: Duration = Duration::from_secs(60);
+/// How many names are kept.
+const NAMES_MAX: usize = 1024;
+/// How many nodes of one name are kept.
+const LIVES_MAX: usize = 8;
 
-/// One other node.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Peer {
-    boot: u64,
+/// Something that has changed, for the agent and for people.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Change {
+    /// A node answers that did not.
+    Appeared {
+        /// Its name.
+        host: String,
+        /// Its boot number.
+        boot: u64,
+        /// Where it runs, for a person.
+        place: String,
+        /// Whether another boot had the name before, which has lost everything.
+        replaces: bool,
+    },
+    /// A node does not answer any more.
+    Missing {
+        /// Its name.
+        host: String,
+        /// Since when.
+        since: Time,
+        /// Why, for a person.
+        why: String,
+    },
+    /// A node has been missing for too long.
+    Lost {
+        /// Its name.
+        host: String,
+    },
+    /// A second node has a name that is taken.
+    Refused {
+        /// The name.
+        host: String,
+        /// Where the second runs.
+        place: String,
+        /// Where the first does.
+        first: String,
+    },
+    /// Another node has this one's name.
+    Namesake {
+        /// Where it runs.
+        place: String,
+        /// Whether it was there first.
+        elder: bool,
+    },
+}
+
+impl Change {
+    /// Returns whether nobody has to mind.
+    pub fn is_good(&self) -> bool {
+        matches!(self, Self::Appeared { .. })
+    }
+}
+
+impl fmt::Display for Change {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Appeared { host, place, replaces: false, .. } => write!(f, "the node `{host}` is there: {place}"),
+            Self::Appeared { host, place, .. } => write!(f, "the node `{host}` was started again: {place}"),
+            Self::Missing { host, why, .. } => write!(f, "the node `{host}` is missing: {why}"),
+            Self::Lost { host } => write!(f, "the node `{host}` is lost: it was missing for {LOST_AFTER:?}"),
+            Self::Refused { host, place, first } => write!(
+                f,
+                "a second node called `{host}` ({place}) is not dealt with: the first one ({first}) is there; give the \
+                 second another name with `dca-node --name`"
+            ),
+            Self::Namesake { place, elder: true } => {
+                write!(f, "another node has this one's name, and was there first: {place}")
+            }
+            Self::Namesake { place, elder: false } => {
+                write!(f, "another node has this one's name, and is not dealt with: {place}; give it another name")
+            }
+        }
+    }
+}
+
+/// One boot of a node.
+#[derive(Clone, Debug, PartialEq, Eq)]
+struct Life {
+    place: String,
+    /// When its last answer came.
+    heard: Time,
+    /// How long that took.
+    took: Duration,
+    /// The first round that it answered.
+    first: u64,
+    /// Answers to rounds before this one prove nothing.
+    proof: u64,
+    /// Until when it has to answer, where something speaks against it, and since when.
+    doubted: Option<(Time, Time)>,
     missing_since: Option<Time>,
+    lost_at: Option<Time>,
+    /// Whether it and the holder of its name were there at the same time.
+    is_rival: bool,
+    /// Whether it has this node's own name, and was there first.
+    is_elder: bool,
+}
+
+/// Every boot of one name that is there, or was of late.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+struct Peer {
+    holder: Option<u64>,
+    lives: BTreeMap<u64, Life>,
 }
 
 /// The table of other nodes.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct NameServer {
+    host: String,
+    boot: u64,
+    started: Time,
     peers: BTreeMap<String, Peer>,
+    rounds: VecDeque<(u64, Time)>,
+    round: u64,
+    ask_at: Time,
+    seen: Time,
+    changes: Vec<Change>,
 }
 
 impl NameServer {
-    /// Notes that a node is there, booted as `boot`. Returns whether this is another boot than the last one known.
-    pub fn appeared(&mut self, host: &str, boot: u64) -> bool {
-        let before = self.peers.insert(host.to_owned(), Peer { boot, missing_since: None });
-        before.is_none_or(|peer| peer.boot != boot)
+    /// Returns a table without others for the node `host`, booted as `boot`.
+    pub fn new(host: &str, boot: u64, now: Time) -> Self {
+        Self {
+            host: host.to_owned(),
+            boot,
+            started: now,
+            peers: BTreeMap::new(),
+            rounds: VecDeque::new(),
+            round: 0,
+            ask_at: now,
+            seen: now,
+            changes: Vec::new(),
+        }
     }
 
-    /// Notes that a node is missing; returns whether that is news. A vanished token of an older boot says nothing about the
-    /// newer one.
-    pub fn vanished(&mut self, now: Time, host: &str, boot: u64) -> bool {
-        let there = self.peers.get_mut(host).filter(|peer| peer.boot == boot && peer.missing_since.is_none());
-        there.is_some_and(|peer| peer.missing_since.replace(now).is_none())
+    /// Takes note that a token of a node is there.
+    pub fn token(&mut self, now: Time, host: &str, boot: u64) {
+        self.heard_of(now, host, boot);
+    }
+
+    /// Takes note that a token of a node is gone. A token of another boot says nothing about this one.
+    pub fn no_token(&mut self, now: Time, host: &str, boot: u64) {
+        let proof = self.round + 1;
+        let Some(life) = self.life_mut(host, boot).filter(|life| life.is_there()) else { return };
+        life.proof = proof;
+        let until = now + DOUBT + 2 * life.took;
+        life.doubted = Some(life.doubted.map_or((now, until), |(since, before)| (since, before.min(until))));
+        self.ask_soon(now);
+    }
+
+    /// Takes note of a word of a node that is no answer: one that is not listed is asked at once.
+    pub fn heard_of(&mut self, now: Time, host: &str, boot: u64) {
+        let is_own = host == self.host && boot == self.boot;
+        let is_there = self.peers.get(host).and_then(|peer| peer.lives.get(&boot)).is_some_and(Life::is_there);
+        if !is_own && !is_there {
+            self.ask_soon(now);
+        }
+    }
+
+    /// Takes an answer.
+    pub fn answered(&mut self, now: Time, pong: &Pong) {
+        let (host, boot) = (&pong.from, pong.boot);
+        let asked = self.rounds.iter().find(|(round, _)| *round == pong.round).map(|(_, at)| *at);
+        let Some(asked) = asked.filter(|_| pong.to_boot == self.boot && (host, boot) != (&self.host, self.boot)) else {
+            return;
+        };
+        if !self.has_room(host, boot) {
+            return;
+        }
+        let peer = self.peers.entry(host.clone()).or_default();
+        let is_new = !peer.lives.contains_key(&boot);
+        let life = peer.lives.entry(boot).or_insert_with(|| Life::new(pong, now));
+        if pong.round < life.proof {
+            return;
+        }
+        (life.heard, life.took, life.place) = (now, now.since(asked), pong.place.clone());
+        let (was_there, is_holder) = (life.is_there(), peer.holder == Some(boot));
+        if pong.holder.is_some_and(|holder| holder != self.boot) && *host != self.host {
+            // Who deals with another node of this one's name is not there for this one.
+            life.missing_since.get_or_insert(now);
+            if was_there && is_holder {
+                let why = format!("it deals with another node called `{}`", self.host);
+                self.changes.push(Change::Missing { host: host.clone(), since: now, why });
+            }
+            return;
+        }
+        (life.doubted, life.missing_since, life.lost_at) = (None, None, None);
+        if *host == self.host {
+            life.is_elder = (pong.up, boot) > (now.since(self.started), self.boot);
+            if is_new || !was_there {
+                self.changes.push(Change::Namesake { place: pong.place.clone(), elder: life.is_elder });
+            }
+        } else {
+            if !was_there && is_holder {
+                let place = life.place.clone();
+                self.changes.push(Change::Appeared { host: host.clone(), boot, place, replaces: false });
+            }
+            self.settle(now, &pong.from);
+        }
+    }
+
+    /// Returns whether one more node can be remembered; forgets one of the same name that is lost if that helps.
+    fn has_room(&mut self, host: &str, boot: u64) -> bool {
+        let Some(peer) = self.peers.get_mut(host) else { return self.peers.len() < NAMES_MAX };
+        if peer.lives.contains_key(&boot) || peer.lives.len() < LIVES_MAX {
+            return true;
+        }
+        let gone = peer.lives.iter().filter(|(other, life)| !life.is_there() && Some(**other) != peer.holder);
+        let oldest = gone.min_by_key(|(_, life)| life.missing_since).map(|(other, _)| *other);
+        oldest.is_some_and(|oldest| peer.lives.remove(&oldest).is_some())
+    }
+
+    /// Works out who holds a name.
+    fn settle(&mut self, now: Time, host: &str) {
+        let next = self.round + 1;
+        let Some(peer) = self.peers.get_mut(host).filter(|_| *host != *self.host) else { return };
+        let held = peer.holder.and_then(|boot| peer.lives.get(&boot));
+        // Who was never there beside the holder is the next boot of the same node.
+        let is_free = held.is_none_or(|life| life.lost_at.is_some());
+        let is_gone = held.is_none_or(|life| !life.is_there());
+        let others = peer.lives.iter().filter(|(boot, life)| Some(**boot) != peer.holder && life.is_there());
+        let other = others.filter(|(_, life)| is_free || !life.is_rival).min_by_key(|(_, life)| life.first);
+        let Some((&boot, taker)) = other else { return };
+        if is_gone {
+            let (place, replaces) = (taker.place.clone(), !is_free);
+            peer.holder = Some(boot);
+            peer.lives.values_mut().for_each(|life| life.is_rival = false);
+            self.changes.push(Change::Appeared { host: host.to_owned(), boot, place, replaces });
+            return;
+        }
+        let (place, first) = (taker.place.clone(), taker.first);
+        let Some(holder) = peer.holder.and_then(|boot| peer.lives.get_mut(&boot)) else { return };
+        if holder.doubted.is_some() {
+            return;
+        }
+        if holder.proof > first {
+            // It has answered a round that began when the other was there.
+            let first = holder.place.clone();
+            peer.lives.entry(boot).and_modify(|life| life.is_rival = true);
+            self.changes.push(Change::Refused { host: host.to_owned(), place, first });
+        } else {
+            (holder.proof, holder.doubted) = (next, Some((now, now + DOUBT_RIVAL + 2 * holder.took)));
+            self.ask_soon(now);
+        }
+    }
+
+    /// Returns where another node with this one's name runs that was there first, if there is one.
+    pub fn elder(&self) -> Option<&str> {
+        let mut own = self.peers.get(&self.host).into_iter().flat_map(|peer| peer.lives.values());
+        own.find(|life| life.is_elder && life.is_there()).map(|life| life.place.as_str())
     }
 
     /// Returns whether a node was seen and is not lost.
     pub fn knows(&self, host: &str) -> bool {
-        self.peers.contains_key(host)
+        self.held(host).is_some_and(|life| life.lost_at.is_none())
     }
 
-    /// Forgets a node that counts as lost.
-    pub fn lose(&mut self, host: &str) {
-        self.peers.remove(host);
+    /// Counts a node as lost that takes nothing any more; it is there again when it answers.
+    pub fn lose(&mut self, now: Time, host: &str) {
+        let proof = self.round + 1;
+        let holder = self.peers.get(host).and_then(|peer| peer.holder);
+        if let Some(life) = holder.and_then(|boot| self.life_mut(host, boot)) {
+            (life.proof, life.missing_since, life.lost_at) = (proof, Some(now), Some(now));
+        }
+    }
+
+    /// Returns the boot that a name belongs to.
+    pub fn holder(&self, host: &str) -> Option<u64> {
+        self.peers.get(host)?.holder
+    }
+
+    /// Returns every name that is held, and the boot that holds it.
+    pub fn holders(&self) -> BTreeMap<String, u64> {
+        let known = self.peers.iter().filter(|(host, _)| self.knows(host));
+        known.filter_map(|(host, peer)| Some((host.clone(), peer.holder?))).collect()
     }
 
     /// Returns whether a node can be reached right now.
     pub fn reaches(&self, host: &str) -> bool {
-        self.peers.get(host).is_some_and(|peer| peer.missing_since.is_none())
+        self.held(host).is_some_and(Life::is_there)
     }
 
     /// Returns the nodes that can be reached right now, in order of name.
     pub fn present(&self) -> impl Iterator<Item = &str> {
-        self.peers.iter().filter(|(_, peer)| peer.missing_since.is_none()).map(|(host, _)| host.as_str())
+        self.peers.keys().map(String::as_str).filter(|host| self.reaches(host))
     }
 
-    /// Removes and returns the nodes that have been missing for too long.
-    pub fn take_lost(&mut self, now: Time) -> Vec<String> {
-        let lost = |peer: &Peer| peer.missing_since.is_some_and(|since| since + LOST_AFTER <= now);
-        let hosts: Vec<String> =
-            self.peers.iter().filter(|(_, peer)| lost(peer)).map(|(host, _)| host.clone()).collect();
-        self.peers.retain(|_, peer| !lost(peer));
-        hosts
+    /// Lets time pass. Returns what has changed since the last call, and the round to ask all others in, if it is time.
+    pub fn tick(&mut self, now: Time) -> (Vec<Change>, Option<u64>) {
+        self.make_up(now);
+        for host in self.peers.keys().cloned().collect::<Vec<_>>() {
+            self.grow_old(now, &host);
+        }
+        let round = (self.ask_at <= now).then(|| {
+            self.round += 1;
+            self.rounds.push_back((self.round, now));
+            self.rounds.drain(..self.rounds.len().saturating_sub(ROUNDS_MAX));
+            self.ask_at = now + ASK_EVERY;
+            self.round
+        });
+        (std::mem::take(&mut self.changes), round)
     }
 
-    /// Returns when [`NameServer::take_lost`] wants to be called.
+    /// What this node has slept through is no silence of others.
+    fn make_up(&mut self, now: Time) {
+        let slept = now.since(self.seen).saturating_sub(ASK_EVERY);
+        self.seen = now;
+        if slept > Duration::ZERO {
+            let lives = self.peers.values_mut().flat_map(|peer| peer.lives.values_mut());
+            for life in lives {
+                life.heard = life.heard + slept;
+                life.doubted = life.doubted.map(|(since, until)| (since + slept, until + slept));
+            }
+        }
+    }
+
+    fn grow_old(&mut self, now: Time, host: &str) {
+        let proof = self.round + 1;
+        let Some(peer) = self.peers.get_mut(host) else { return };
+        for (boot, life) in &mut peer.lives {
+            let is_holder = peer.holder == Some(*boot);
+            if life.is_there()
+                && let Some(since) = life.missed(now)
+            {
+                (life.missing_since, life.doubted, life.proof) = (Some(since), None, proof);
+                if is_holder {
+                    let why = "it does not answer".to_owned();
+                    self.changes.push(Change::Missing { host: host.to_owned(), since, why });
+                }
+            }
+            if life.lost_at.is_none() && life.missing_since.is_some_and(|since| since + LOST_AFTER <= now) {
+                life.lost_at = Some(now);
+                if is_holder {
+                    self.changes.push(Change::Lost { host: host.to_owned() });
+                }
+            }
+        }
+        peer.lives.retain(|_, life| !life.is_over(now));
+        peer.holder.take_if(|holder| !peer.lives.contains_key(holder));
+        if peer.lives.is_empty() {
+            self.peers.remove(host);
+        } else {
+            self.settle(now, host);
+        }
+    }
+
+    /// Returns when [`NameServer::tick`] wants to be called.
     pub fn deadline(&self) -> Option<Time> {
-        self.peers.values().filter_map(|peer| peer.missing_since).min().map(|since| since + LOST_AFTER)
+        let lives = self.peers.values().flat_map(|peer| peer.lives.values());
+        Some(lives.filter_map(Life::deadline).fold(self.ask_at, Time::min))
+    }
+
+    fn ask_soon(&mut self, now: Time) {
+        let last = self.rounds.back().map_or(Time::ZERO, |(_, at)| *at + ASK_GAP);
+        self.ask_at = self.ask_at.min(last.max(now));
+    }
+
+    fn held(&self, host: &str) -> Option<&Life> {
+        let peer = self.peers.get(host)?;
+        peer.lives.get(&peer.holder?)
+    }
+
+    fn life_mut(&mut self, host: &str, boot: u64) -> Option<&mut Life> {
+        self.peers.get_mut(host)?.lives.get_mut(&boot)
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
+impl Life {
+    fn new(pong: &Pong, now: Time) -> Self {
+        Self {
+            place: pong.place.clone(),
+            heard: now,
+            took: Duration::ZERO,
+            first: pong.round,
+            proof: 0,
+            doubted: None,
+            missing_since: None,
+            lost_at: None,
+            is_rival: false,
+            is_elder: false,
+        }
+    }
 
-    #[test]
-    fn a_short_absence_is_no_loss() {
-        let mut names = NameServer::default();
-        let at = |seconds| Time::ZERO + Duration::from_secs(seconds);
-        assert!(names.appeared("c2", 7));
-        assert!(names.vanished(at(1), "c2", 7) && !names.vanished(at(2), "c2", 7));
-        assert!(!names.reaches("c2"));
-        assert!(!names.appeared("c2", 7), "the same boot is back");
-        assert_eq!(names.take_lost(at(100)), Vec::<String>::new());
-        assert!(!names.vanished(at(101), "c2", 6));
-        assert!(names.reaches("c2"), "an old boot's token says nothing");
-        assert!(names.vanished(at(101), "c2", 7));
-        assert_eq!(names.deadline(), Some(at(106)));
-        assert_eq!(names.take_lost(at(106)), ["c2"]);
-        assert!(!names.knows("c2"));
+    fn is_there(&self) -> bool {
+        self.missing_since.is_none()
+    }
+
+    fn silent_at(&self) -> Time {
+        self.heard + SILENCE_MAX + 2 * self.took
+    }
+
+    /// Returns since when it is missing, if it is.
+    fn missed(&self, now: Time) -> Option<Time> {
+        let doubted = self.doubted.filter(|(_, until)| *until <= now).map(|(since, _)| since);
+        doubted.or_else(|| (self.silent_at() <= now).then_some(self.heard + SILENCE_MISSING))
+    }
+
+    fn is_over(&self, now: Time) -> bool {
+        self.lost_at.is_some_and(|at| at + REMEMBERED <= now)
+    }
+
+    fn deadline(&self) -> Option<Time> {
+        match (self.missing_since, self.lost_at) {
+            (_, Some(lost)) => Some(lost + REMEMBERED),
+            (Some(since), None) => Some(since + LOST_AFTER),
+            (None, None) => Some(self.doubted.map_or(self.silent_at(), |(_, until)| until.min(self.silent_at()))),
+        }
     }
 }

@@ -7,8 +7,9 @@ use language::{Options, Source, compile};
 use node::logic::agent::{Agent, Identity, Input};
 use node::logic::child::{ShimOrder, ShimReport};
 use node::logic::effect::{Effect, ProcessId, SpawnOrder};
+use node::logic::nameserver::Change;
 use node::logic::programs::Programs;
-use node::logic::protocol::{Answer, Ending, Report, Request};
+use node::logic::protocol::{Answer, Ending, Pong, Report, Request};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
@@ -46,6 +47,12 @@ pub(super) struct World {
     /// The sessions that each program dials.
     pub(super) dialled: BTreeMap<ProcessId, BTreeSet<String>>,
     pub(super) cut: BTreeSet<String>,
+    /// The boot number of each host.
+    pub(super) boots: BTreeMap<String, u64>,
+    /// Which boots each host deals with.
+    pub(super) holders: BTreeMap<String, BTreeMap<String, u64>>,
+    /// What became of other nodes, as each host saw it.
+    pub(super) changes: Vec<(String, Change)>,
     pub(super) answers: BTreeMap<u64, Vec<Answer>>,
     pub(super) wires_open: BTreeSet<u32>,
     pub(super) log: Vec<String>,
@@ -66,6 +73,7 @@ impl World {
             let mut programs = Programs::default();
             programs.offer("controllers", ["Step", "Long", "Sensor", "Stubborn"].map(str::to_owned));
             world.agents.insert((*host).into(), Agent::new(identity, programs, Time::ZERO));
+            world.boots.insert((*host).into(), boot);
         }
         for (boot, from) in (1..).zip(hosts) {
             for to in hosts.iter().filter(|to| *to != from) {
@@ -193,6 +201,9 @@ impl World {
                     self.at(1, &to, Coming::Input(Input::Frame(frame)));
                 }
             }
+            Effect::Ping { round } => self.ping(host, round),
+            Effect::Holders(holders) => drop(self.holders.insert(host.into(), holders)),
+            Effect::Peer(change) => self.changes.push((host.into(), change)),
             Effect::Spawn(order) => self.spawn(host, *order),
             Effect::Shim { process, order } => match order {
                 ShimOrder::Stop { .. } | ShimOrder::Kill if self.immortal => {}
@@ -207,7 +218,23 @@ impl World {
                 self.at(self.disk_ms, host, Coming::Input(Input::Committed { deployment }));
             }
             Effect::EndAnswers { .. } | Effect::Forget { .. } | Effect::Bury { .. } => {}
-            Effect::Tail { .. } | Effect::Record(_) | Effect::Leave => {}
+            Effect::Tail { .. } | Effect::Record(_) | Effect::Leave | Effect::Yield { .. } => {}
+        }
+    }
+
+    /// Asks every other host, which answers at once where the network lets it.
+    fn ping(&mut self, host: &str, round: u64) {
+        let boots: BTreeMap<String, u64> = self.boots.clone();
+        let to_boot = boots[host];
+        for (from, &boot) in boots.iter().filter(|(from, _)| *from != host) {
+            if self.cut.contains(host) || self.cut.contains(from) {
+                continue;
+            }
+            let holder = self.holders.get(from).and_then(|holders| holders.get(host)).copied();
+            let (up, place, session) = (self.now.since(Time::ZERO), from.clone(), from.clone());
+            let pong = Pong { from: from.clone(), boot, to_boot, round, up, place, holder, session };
+            self.at(1, from, Coming::Input(Input::Ping { host: host.into(), boot: to_boot }));
+            self.at(2, host, Coming::Input(Input::Pong(Box::new(pong))));
         }
     }
 

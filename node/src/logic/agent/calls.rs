@@ -49,6 +49,8 @@ impl Agent {
         let home_is_here = plan.home() == Some(&self.identity.host);
         let refusal = if self.leaving {
             Some("this node is leaving".to_owned())
+        } else if let Some(why) = self.namesake() {
+            Some(why)
         } else if let Err(why) = plan.validate() {
             Some(format!("the plan is not sound: {why}"))
         } else if !home_is_here {

@@ -1,0 +1,103 @@
+//! Other nodes: who is there, and what is said to them.
+
+use super::Agent;
+use crate::logic::effect::{Effect, Out};
+use crate::logic::link::{Frame, Link};
+use crate::logic::nameserver::Change;
+use crate::logic::protocol::{Body, Message};
+
+/// Of how many boots of one name links are kept.
+const LINKS_MAX: usize = 4;
+
+impl Agent {
+    /// Works out who is there now, and tells everybody whom that concerns.
+    pub(super) fn look_around(&mut self, out: &mut Out<'_>) {
+        let (changes, round) = self.names.tick(out.now);
+        for change in changes {
+            match &change {
+                Change::Appeared { host, boot, replaces, .. } => self.appeared(host, *boot, *replaces, out),
+                Change::Missing { host, since, .. } => {
+                    self.tenants.values_mut().for_each(|tenant| tenant.host_missing(host, *since));
+                }
+                Change::Lost { host } => self.host_lost(host, out),
+                Change::Refused { .. } | Change::Namesake { .. } => {}
+            }
+            out.effects.push(Effect::Peer(change));
+        }
+        let holders = self.names.holders();
+        if holders != self.holders {
+            self.holders.clone_from(&holders);
+            out.effects.push(Effect::Holders(holders));
+        }
+        out.effects.extend(round.map(|round| Effect::Ping { round }));
+    }
+
+    fn appeared(&mut self, host: &str, boot: u64, replaces: bool, out: &mut Out<'_>) {
+        if replaces {
+            // Another boot has forgotten everything: for deployments that is the loss of the host.
+            self.host_lost(host, out);
+        }
+        let links = self.links.entry(host.to_owned()).or_default();
+        // The link to a boot that is back goes on where it was: the boot has not forgotten it either.
+        let known = links.iter().position(|link| link.boot_peer() == boot).map(|at| links.remove(at));
+        links.push(known.unwrap_or_else(|| Link::new(&self.identity.host, self.identity.boot, boot)));
+        links.drain(..links.len().saturating_sub(LINKS_MAX));
+        self.homes.values_mut().for_each(|home| home.host_back(host, out));
+        self.tenants.values_mut().for_each(|tenant| tenant.host_back(host, out));
+    }
+
+    pub(super) fn host_lost(&mut self, host: &str, out: &mut Out<'_>) {
+        self.links.get_mut(host).into_iter().flatten().for_each(Link::abandon);
+        self.homes.values_mut().for_each(|home| home.host_lost(host, out));
+        self.tenants.values_mut().for_each(|tenant| tenant.host_lost(host, out));
+    }
+
+    /// Takes a frame of the node that holds its name. One that is not there is asked first, and sends again.
+    pub(super) fn frame(&mut self, frame: Frame, out: &mut Out<'_>) {
+        let (from, boot) = (frame.from.clone(), frame.boot);
+        self.names.heard_of(out.now, &from, boot);
+        if !self.names.knows(&from) || self.names.holder(&from) != Some(boot) {
+            return;
+        }
+        let Some(link) = self.links.get_mut(&from).and_then(|links| links.last_mut()) else { return };
+        let (message, answer) = link.receive(out.now, frame);
+        if let Some(frame) = answer {
+            out.effects.push(Effect::Transmit { to: from.clone(), frame: Box::new(frame) });
+        }
+        if let Some(message) = message {
+            self.deliver(message, &from, out);
+        }
+    }
+
+    /// Sends to another node; what cannot be sent is answered as a loss, so that nobody waits for ever. What is final is kept
+    /// for a node that is lost, which may not know that it is.
+    pub(super) fn transmit(&mut self, to: &str, message: Message, out: &mut Out<'_>) {
+        let is_known = self.names.knows(to);
+        let link = self.links.get_mut(to).and_then(|links| links.last_mut());
+        match link.filter(|_| is_known || message.is_final()).and_then(|link| link.send(out.now, message.clone())) {
+            Some(frame) => {
+                out.effects.push(Effect::Transmit { to: to.to_owned(), frame: Box::new(frame) });
+                if is_known {
+                    return;
+                }
+            }
+            None if is_known => {
+                // So much is unacknowledged that it counts as lost.
+                self.names.lose(out.now, to);
+                self.host_lost(to, out);
+            }
+            None => {}
+        }
+        if let Message { deployment, body: Body::Tenant(message) } = message {
+            self.answer_for_lost(to, &deployment, message, out);
+        }
+    }
+
+    /// Says why this node takes nothing on, where another one has its name and was there first.
+    pub(super) fn namesake(&self) -> Option<String> {
+        let (host, place) = (&self.identity.host, self.names.elder()?);
+        Some(format!(
+            "another node called `{host}` was there first: {place}; give this one another name with `dca-node --name`"
+        ))
+    }
+}
