@@ -41,12 +41,21 @@ async fn node(dir: &Dir, name: &str, peers: &[&str]) -> Session {
 /// Serves until its session closes: echoes, counts, refuses, and leaves one call hanging.
 async fn serve(mut server: Server, host: &str) {
     let mut hanging = Vec::new();
-    while let Some(request) = server.next().await {
+    while let Some(mut request) = server.next().await {
         let (to, verb) = key::parse_rpc(request.key()).unwrap();
         assert_eq!(to, host);
         match verb.as_str() {
             "echo" => request.reply(request.payload()),
-            "count" => (0..request.payload()[0]).for_each(|number| request.reply(vec![number])),
+            "count" => {
+                (0..request.payload()[0]).for_each(|number| request.reply(vec![number]));
+                request.finish();
+            }
+            "nothing" => request.finish(),
+            "part" => (0..3).for_each(|number| request.reply(vec![number])),
+            "give up" => {
+                request.reply(vec![0]);
+                request.break_off("it is too much");
+            }
             "refuse" => request.refuse("not today"),
             "hang" => hanging.push(request),
             "linger" => {
@@ -89,6 +98,9 @@ async fn check_calls(session: &Session, host: &str) {
         assert_eq!(replies.next().await, Some(Ok(vec![number])));
     }
     assert_eq!(replies.next().await, None);
+    let nothing = session.call_stream(&key::rpc(host, "nothing"), Vec::new(), LONG).unwrap().next().await;
+    assert_eq!(nothing, None);
+    check_broken(session, host).await;
     let mut replies = session.call_stream(&key::rpc("nobody", "count"), vec![1], LONG).unwrap();
     assert!(matches!(replies.next().await, Some(Err(CallError::Unreachable { .. }))));
     assert_eq!(replies.next().await, None);
@@ -99,6 +111,44 @@ async fn check_calls(session: &Session, host: &str) {
     assert_eq!(replies.next().await, Some(Ok(vec![1])));
     assert!(matches!(replies.next().await, Some(Err(CallError::Silent { .. }))));
     assert_eq!(replies.next().await, None);
+}
+
+/// A stream that ends without its mark is no stream that is complete.
+async fn check_broken(session: &Session, host: &str) {
+    for (verb, came, part) in [("part", 3, "in the middle"), ("give up", 1, "it is too much")] {
+        let mut replies = session.call_stream(&key::rpc(host, verb), Vec::new(), LONG).unwrap();
+        for number in 0..came {
+            assert_eq!(replies.next().await, Some(Ok(vec![number])));
+        }
+        let end = replies.next().await;
+        let Some(Err(CallError::Broken { count, why, .. })) = &end else { panic!("{end:?}") };
+        assert!(*count == u64::from(came) && why.contains(part), "{end:?}");
+        assert_eq!(replies.next().await, None);
+    }
+}
+
+/// Answers that find no room end the stream there: nobody takes what came before and after a hole for everything.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_caller_that_takes_no_answers_is_told_that_some_are_lost() {
+    let dir = Dir::new("overrun");
+    let a = node(&dir, "a", &[]).await;
+    let mut server = a.serve(&key::rpc_any("a")).unwrap();
+    let mut replies = a.call_stream(&key::rpc("a", "many"), Vec::new(), LONG).unwrap();
+    let mut request = server.next().await.unwrap();
+    (0..3000_u16).for_each(|number| request.reply(number.to_le_bytes().to_vec()));
+    // The server goes on: it is no end of the stream that shows the hole.
+    let mut came = 0_u16;
+    let end = loop {
+        match replies.next().await {
+            Some(Ok(bytes)) => assert_eq!(bytes, came.to_le_bytes()),
+            end => break end,
+        }
+        came += 1;
+    };
+    assert!(matches!(end, Some(Err(CallError::Overrun { .. }))), "{end:?}");
+    assert!((1..3000).contains(&came), "{came}");
+    request.finish();
+    a.close().await;
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -180,10 +230,14 @@ async fn a_killed_node_vanishes_and_its_calls_end() {
         assert_eq!(watch.next().await, Some(Presence::Appeared(key::live("other", 7))));
         assert_eq!(call(&a, "other", "echo", b"x").await.unwrap(), b"x");
         let mut hanging = a.call_stream(&key::rpc("other", "hang"), Vec::new(), LONG).unwrap();
+        let mut flowing = a.call_stream(&key::rpc("other", "linger"), Vec::new(), LONG).unwrap();
+        assert_eq!(flowing.next().await, Some(Ok(vec![1])));
         other.kill().unwrap();
         other.wait().unwrap();
         assert_eq!(watch.next().await, Some(Presence::Vanished(key::live("other", 7))));
         assert!(matches!(hanging.next().await, Some(Err(CallError::Unreachable { .. }))));
+        let end = flowing.next().await;
+        assert!(matches!(end, Some(Err(CallError::Broken { count: 1, .. }))), "{end:?}");
     }
     a.close().await;
 }

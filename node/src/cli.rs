@@ -25,6 +25,7 @@ pub mod status;
 pub mod stop;
 
 use crate::io::logging;
+use anyhow::anyhow;
 use clap::{Args, Parser, Subcommand};
 use comms::io::session;
 use std::path::PathBuf;
@@ -139,7 +140,10 @@ pub fn main() -> ExitCode {
 /// Says why something was not done; returns the exit code for it.
 fn finish(result: Result<(), Failure>) -> ExitCode {
     let (error, code) = match result {
-        Ok(()) => return ExitCode::SUCCESS,
+        Ok(()) => match output::failed() {
+            None => return ExitCode::SUCCESS,
+            Some(error) => (anyhow!("the result could not be written to standard output: {error}"), 1),
+        },
         Err(Failure::Told) => return ExitCode::from(1),
         Err(Failure::Refused(error)) => (error, 1),
         Err(Failure::Unreachable(error)) => (error, 3),

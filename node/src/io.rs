@@ -1,5 +1,6 @@
 //! Where a node's decisions become processes, sockets and files.
 
+pub mod caller;
 pub mod child;
 pub mod database;
 pub mod driver;
@@ -13,3 +14,4 @@ pub mod recorder;
 pub mod run_dir;
 pub mod state_dir;
 pub mod tail;
+pub mod whole_file;

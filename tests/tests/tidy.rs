@@ -57,7 +57,7 @@ const HIDDEN_INPUTS: [&str; 21] = [
     "rand::",
 ];
 /// What looks like a key expression and is none: names of encodings.
-const NO_KEYS: [&str; 2] = ["dca/refused", "dca/here"];
+const NO_KEYS: [&str; 4] = ["dca/refused", "dca/here", "dca/end", "dca/broken"];
 
 /// A source file.
 struct Source {

@@ -10,6 +10,7 @@ mod call;
 mod config;
 mod message;
 mod open;
+mod tally;
 
 pub use call::{CallError, Replies, Request, Server};
 pub(crate) use config::{Settings, unix_locator};

@@ -164,7 +164,7 @@ impl Client {
 }
 
 impl Answers {
-    /// Returns the next answer; none when the node has said everything, or is gone.
+    /// Returns the next answer; none when the node has said everything. A node that is gone before is an error.
     ///
     /// # Cancellation
     /// Safe.
@@ -208,8 +208,11 @@ fn call_failure(host: &str, error: CallError) -> Failure {
     match error {
         CallError::Refused { reason } => Failure::Refused(anyhow!("host `{host}`: {reason}")),
         CallError::Overrun { .. } => {
-            Failure::Refused(anyhow!("the answers of the node `{host}` came faster than they were taken"))
+            Failure::Unreachable(anyhow!("the answers of the node `{host}` came faster than they were taken"))
         }
+        CallError::Broken { count, why, .. } => Failure::Unreachable(anyhow!(
+            "the answers of the node `{host}` broke off after {count}: {why}; what has come is not everything"
+        )),
         CallError::Unreachable { .. } => Failure::Unreachable(anyhow!("the node `{host}` cannot be reached")),
         CallError::Timeout { within, .. } => {
             Failure::Unreachable(anyhow!("the node `{host}` has not answered within {within:?}"))
@@ -312,6 +315,9 @@ mod tests {
         let closed = CallError::Session { key: key(), cause: "closed".into() };
         check(closed, true, "the node `c1` cannot be asked: closed");
         let text = "the answers of the node `c1` came faster than they were taken";
-        check(CallError::Overrun { key: key() }, false, text);
+        check(CallError::Overrun { key: key() }, true, text);
+        let broken = CallError::Broken { key: key(), count: 3, why: "it went away".into() };
+        let text = "the answers of the node `c1` broke off after 3: it went away; what has come is not everything";
+        check(broken, true, text);
     }
 }

@@ -3,13 +3,28 @@
 use crate::logic::mission::{Line, Style};
 use std::fmt;
 use std::io::{self, IsTerminal as _, Write};
+use std::sync::OnceLock;
 
 /// Columns of a terminal that does not tell.
 const COLUMNS_DEFAULT: usize = 80;
 
-/// Writes a result. When nobody reads it any more, nothing is said of it.
+/// Why a result could not be written, the first time.
+static FAILED: OnceLock<io::Error> = OnceLock::new();
+
+/// Writes a result. When nobody reads it any more, nothing is said of it; any other failure is one of the command
+/// ([`failed`]).
 pub fn say(text: &str) {
-    drop(Output::standard().result(text));
+    if let Err(error) = Output::standard().result(text)
+        && error.kind() != io::ErrorKind::BrokenPipe
+    {
+        // The first reason is the one that helps.
+        drop(FAILED.set(error));
+    }
+}
+
+/// Returns why some result of this command could not be written, if that is so.
+pub fn failed() -> Option<&'static io::Error> {
+    FAILED.get()
 }
 
 /// Writes what a program has written.

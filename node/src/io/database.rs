@@ -11,6 +11,7 @@
 mod store;
 mod wire;
 
+use crate::io::caller::Caller;
 use crate::logic::database::disk::Durable;
 use crate::logic::database::question::{Commit, Letter, Question, Reply};
 use crate::logic::database::settings::Settings;
@@ -28,7 +29,7 @@ use dbmanager::logic::record::Batch;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::mpsc::{SyncSender, sync_channel};
+use std::sync::mpsc::{SyncSender, TrySendError, sync_channel};
 use std::time::Duration;
 use store::Place;
 use tokio::sync::mpsc::Sender;
@@ -58,7 +59,7 @@ pub struct Options {
 
 /// What comes to the thread.
 enum Arrival {
-    Call(u64, Question, Option<Sender<Answer>>),
+    Call(u64, Question, Option<Caller>),
     Letter(Letter),
     Asked(Request, Letter),
     Appeared,
@@ -88,7 +89,7 @@ struct Worker {
     arrivals: Groups<Arrival>,
     outgoing: Sender<Outgoing>,
     /// Where answers go, by number of the call.
-    sinks: BTreeMap<u64, Sender<Answer>>,
+    sinks: BTreeMap<u64, Caller>,
     /// Questions of other replicas that are not answered yet.
     asked: BTreeMap<u64, Request>,
     asked_next: u64,
@@ -163,14 +164,13 @@ impl Running {
 }
 
 impl Handle {
-    /// Asks something; the answers go to `sink`.
-    pub fn call(&self, call: u64, question: Question, sink: Option<Sender<Answer>>) {
-        let full = |sink: &Sender<Answer>| {
+    /// Asks something; the answers go to `caller`.
+    pub fn call(&self, call: u64, question: Question, caller: Option<Caller>) {
+        let refused = self.arrivals.try_send(Arrival::Call(call, question, caller));
+        if let Err(TrySendError::Full(Arrival::Call(.., Some(caller)))) = refused {
             let why = "the database has too much to do; try again".to_owned();
-            sink.try_send(Answer::Database(Reply::Refused(why))).unwrap_or_default();
-        };
-        if self.arrivals.try_send(Arrival::Call(call, question, sink.clone())).is_err() {
-            sink.iter().for_each(full);
+            caller.offer(Answer::Database(Reply::Refused(why)));
+            caller.end();
         }
     }
 
@@ -265,14 +265,14 @@ impl Worker {
                 }
             }
             Effect::Answer(call, reply) => {
-                if let Some(sink) = self.sinks.get(&call)
-                    && sink.try_send(Answer::Database(reply)).is_err()
+                if let Some(caller) = self.sinks.get(&call)
+                    && !caller.offer(Answer::Database(reply))
                 {
                     self.sinks.remove(&call);
                     self.gone.push(call);
                 }
             }
-            Effect::End(call) => drop(self.sinks.remove(&call)),
+            Effect::End(call) => self.sinks.remove(&call).into_iter().for_each(Caller::end),
             Effect::Alarm(words) => tracing::warn!("{words}"),
             Effect::Settings(settings) => drop(self.settings.send_replace(settings)),
         }

@@ -1,5 +1,6 @@
 //! A running node: one `select!` that turns every event into an input of the agent and carries its effects out, in order.
 
+use crate::io::caller::Caller;
 use crate::io::child::{self, Shim};
 use crate::io::database;
 use crate::io::event::{Connection, Event, hear_programs};
@@ -311,11 +312,11 @@ impl Driver {
             Effect::Commit { deployment } => self.commit(deployment),
             Effect::Answer { call, answer } => {
                 if !self.peers.answer(call, *answer) {
-                    self.peers.end(call);
+                    self.peers.take(call);
                     self.pending.push_back(Input::CallGone { call });
                 }
             }
-            Effect::EndAnswers { call } => drop(self.peers.end(call)),
+            Effect::EndAnswers { call } => self.peers.take(call).into_iter().for_each(Caller::end),
             Effect::Tail { call, process, follow } => self.tail(call, &process, follow),
             Effect::Record(commit) => self.database.handle().write(*commit),
             Effect::Yield { why } => self.yielded = Some(why),
@@ -443,7 +444,7 @@ impl Driver {
     }
 
     fn tail(&mut self, call: u64, process: &ProcessId, follow: bool) {
-        let Some(answers) = self.peers.end(call) else { return };
+        let Some(caller) = self.peers.take(call) else { return };
         let dir = self.dir.process(process);
         self.tasks.spawn(async move {
             let (sink, mut chunks) = mpsc::channel(4);
@@ -452,7 +453,7 @@ impl Driver {
                 // Silence is an answer, too: a call that ends without any looks as if nobody had heard it.
                 let mut next = Some(Vec::new());
                 while let Some(chunk) = next {
-                    if answers.send(Answer::Output(chunk)).await.is_err() {
+                    if !caller.send(Answer::Output(chunk)).await {
                         return;
                     }
                     next = chunks.recv().await;
@@ -460,8 +461,9 @@ impl Driver {
             };
             tokio::select! {
                 () = async { tokio::join!(reading, sending); } => {}
-                () = answers.closed() => {}
+                () = caller.closed() => {}
             }
+            caller.end();
         });
     }
 

@@ -1,5 +1,6 @@
 //! The node's session with other nodes and with command lines: presence, frames and calls, as inputs for the agent.
 
+use crate::io::caller::{Answers, Caller, answers};
 use crate::logic::agent::Input;
 use crate::logic::link::Frame;
 use crate::logic::protocol::{Answer, Ping, Pong, Request, SILENCE_MAX};
@@ -16,15 +17,13 @@ use tokio::task::JoinSet;
 
 /// How many frames wait for the agent; more are dropped, and their senders send them again.
 const FRAMES_MAX: usize = 4096;
-/// How many answers wait for one caller; one that takes fewer than this behind is given up.
-const ANSWERS_MAX: usize = 4096;
 
 /// The open session of a node.
 #[derive(Debug)]
 pub struct Peers {
     session: Arc<Session>,
     token: Token,
-    calls: BTreeMap<u64, Sender<Answer>>,
+    calls: BTreeMap<u64, Caller>,
     own: Arc<Own>,
 }
 
@@ -45,7 +44,7 @@ pub enum Arrival {
     /// For the agent.
     Input(Input),
     /// A call: its number, and where its answers go.
-    Call(u64, Request, Sender<Answer>),
+    Call(u64, Request, Caller),
 }
 
 impl Peers {
@@ -104,18 +103,18 @@ impl Peers {
     }
 
     /// Notes where the answers of a call go.
-    pub fn expect(&mut self, call: u64, sink: Sender<Answer>) {
-        self.calls.insert(call, sink);
+    pub fn expect(&mut self, call: u64, caller: Caller) {
+        self.calls.insert(call, caller);
     }
 
-    /// Answers a call. Returns whether the caller is still there.
+    /// Answers a call. Returns whether the caller is still there, and takes its answers; one that does not must not hold the
+    /// node up.
     pub fn answer(&self, call: u64, answer: Answer) -> bool {
-        // A caller that does not take its answers must not hold the node up.
-        self.calls.get(&call).is_some_and(|sink| sink.try_send(answer).is_ok())
+        self.calls.get(&call).is_some_and(|caller| caller.offer(answer))
     }
 
-    /// Ends the answers of a call; returns where they went.
-    pub fn end(&mut self, call: u64) -> Option<Sender<Answer>> {
+    /// Forgets a call; returns where its answers go.
+    pub fn take(&mut self, call: u64) -> Option<Caller> {
         self.calls.remove(&call)
     }
 
@@ -225,9 +224,9 @@ async fn hear_calls(mut calls: Server, sink: Sender<Arrival>) {
         number += 1;
         match codec::decode::<Request>(&request.payload()) {
             Ok(asked) => {
-                let (answers, to_send) = tokio::sync::mpsc::channel(ANSWERS_MAX);
+                let (caller, to_send) = answers();
                 answering.spawn(reply(request, to_send));
-                if sink.send(Arrival::Call(number, asked, answers)).await.is_err() {
+                if sink.send(Arrival::Call(number, asked, caller)).await.is_err() {
                     return;
                 }
             }
@@ -236,16 +235,19 @@ async fn hear_calls(mut calls: Server, sink: Sender<Arrival>) {
     }
 }
 
-/// Passes answers on, and says in the pauses that there may be more.
-async fn reply(request: session::Request, mut answers: tokio::sync::mpsc::Receiver<Answer>) {
+/// Passes answers on, says in the pauses that there may be more, and at the end whether that was everything.
+async fn reply(mut request: session::Request, mut answers: Answers) {
     let mut pause = tokio::time::interval(SILENCE_MAX / 4);
     pause.reset();
     loop {
         tokio::select! {
-            answer = answers.recv() => match answer.map(|answer| codec::encode(&answer)) {
+            answer = answers.next() => match answer.map(|answer| codec::encode(&answer)) {
                 Some(Ok(bytes)) => request.reply(bytes),
                 Some(Err(error)) => return request.refuse(&format!("the answer cannot be written: {error}")),
-                None => return,
+                None => return match answers.end() {
+                    Ok(()) => request.finish(),
+                    Err(why) => request.break_off(why),
+                },
             },
             _ = pause.tick() => request.still_here(),
         }

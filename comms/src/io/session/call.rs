@@ -1,15 +1,18 @@
 //! Calls: one request, one answer or a stream of them.
 //!
-//! A stream ends when its server has said everything, or is gone. The network does not always tell: a link may be lost that
-//! both ends take for whole, or the server may stand still. So a server says now and then that it is still there
-//! ([`Request::still_here`]), which callers do not see, and a stream without a word for too long ends with an error.
+//! A stream ends with a mark: how many answers it has, and their digest ([`Request::finish`]). A stream that ends in any
+//! other way is broken, and its caller gets an error: what has come may be a part. The network does not always tell: a link
+//! may be lost that both ends take for whole, or the server may stand still. So a server says now and then that it is still
+//! there ([`Request::still_here`]), which callers do not see, and a stream without a word for too long ends with an error.
 
 use super::Session;
 use super::open::plain;
+use super::tally::Tally;
 use crate::io::clock;
 use crate::io::queue::{self, Receiver};
 use crate::logic::port::{Policy, Pushed};
 use crate::logic::time::Time;
+use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 use thiserror::Error;
 use zenoh::Wait;
@@ -21,6 +24,10 @@ use zenoh::query::{ConsolidationMode, Query, Queryable, Reply};
 const REFUSED: &str = "dca/refused";
 /// Marks an answer that says only that the server is still there.
 const STILL_HERE: &str = "dca/here";
+/// Marks the end of a stream that is complete.
+const END: &str = "dca/end";
+/// Marks an error reply that ends a stream before it is complete.
+const BROKEN: &str = "dca/broken";
 /// A stream of answers lives as long as its server does; zenoh wants a limit all the same.
 const STREAM_TIMEOUT: Duration = Duration::from_secs(365 * 24 * 3600);
 /// Answers of a stream that have not been taken yet.
@@ -53,6 +60,16 @@ pub enum CallError {
         /// How long.
         silent: Duration,
     },
+    /// The stream has ended without its mark, or its answers are not those that the mark counts.
+    #[error("the answers from `{key}` broke off after {count}: {why}")]
+    Broken {
+        /// What was called.
+        key: String,
+        /// How many answers came.
+        count: u64,
+        /// For a person.
+        why: String,
+    },
     /// The server's reason.
     #[error("{reason}")]
     Refused {
@@ -83,12 +100,15 @@ pub struct Replies {
     silence_max: Option<Duration>,
     heard: Time,
     replies: Receiver<Reply>,
+    tally: Tally,
     state: Stream,
 }
 
 #[derive(Debug, PartialEq, Eq)]
 enum Stream {
-    Empty,
+    /// Nothing has come.
+    Silent,
+    /// The server has said something.
     Flowing,
     Ended,
 }
@@ -100,10 +120,12 @@ pub struct Server {
     _queryable: Queryable<()>,
 }
 
-/// One call. Dropping it ends the answer.
+/// One call. Whoever asked for one answer has it with the first; a stream is complete only with [`Request::finish`], and
+/// broken if the request is dropped before.
 #[derive(Debug)]
 pub struct Request {
     query: Query,
+    tally: Tally,
 }
 
 impl Session {
@@ -123,8 +145,8 @@ impl Session {
         first.unwrap_or_else(|| Err(CallError::Unreachable { key: key.to_owned() }))
     }
 
-    /// Calls the server of `key`; the stream ends when the server has said everything, or is gone, or has not said for
-    /// `silence_max` that it is still there.
+    /// Calls the server of `key`; the stream ends when the server has said everything, and with an error if the server is
+    /// gone, or has not said for `silence_max` that it is still there.
     ///
     /// # Errors
     /// If the session is closed. A missing server shows in the stream.
@@ -135,7 +157,14 @@ impl Session {
 
     fn ask(&self, key: &str, payload: Vec<u8>, within: Duration) -> Result<Replies, CallError> {
         let (reply_tx, replies) = queue::channel(Policy::reject(REPLIES_MAX));
-        // The closure goes, and with it the sender, when the last answer is in or the server is gone.
+        // The closure goes, and with it the sender, when the last answer is in or the server is gone. After an answer that
+        // found no room nothing is taken any more: there would be a hole.
+        let sink = Mutex::new(Some(reply_tx));
+        let take = move |reply| {
+            let mut sink = sink.lock().unwrap_or_else(PoisonError::into_inner);
+            let rejected = sink.as_ref().is_some_and(|sink| matches!(sink.push(reply), Pushed::Rejected(_)));
+            sink.take_if(|_| rejected);
+        };
         let asked = self
             .opened
             .session
@@ -144,11 +173,12 @@ impl Session {
             .consolidation(ConsolidationMode::None)
             .congestion_control(CongestionControl::Block)
             .timeout(within)
-            .callback(move |reply| drop(reply_tx.push(reply)))
+            .callback(take)
             .wait();
         asked.map_err(|cause| CallError::Session { key: key.to_owned(), cause: plain(&cause) })?;
         let (key, heard) = (key.to_owned(), clock::now());
-        Ok(Replies { key, within, silence_max: None, heard, replies, state: Stream::Empty })
+        let (tally, state) = (Tally::default(), Stream::Silent);
+        Ok(Replies { key, within, silence_max: None, heard, replies, tally, state })
     }
 
     /// Serves `key`, which may be an expression such as [`crate::logic::key::rpc_any`].
@@ -160,7 +190,7 @@ impl Session {
     pub fn serve(&self, key: &str) -> Result<Server, CallError> {
         let (request_tx, requests) = queue::channel(Policy::reject(REQUESTS_MAX));
         let on_query = move |query| {
-            if let Pushed::Rejected(request) = request_tx.push(Request { query }) {
+            if let Pushed::Rejected(request) = request_tx.push(Request { query, tally: Tally::default() }) {
                 request.refuse("it has too many requests waiting; try again");
             }
         };
@@ -171,8 +201,9 @@ impl Session {
 }
 
 impl Replies {
-    /// Returns the next answer; none when the server has said everything or is gone. After an error there is nothing
-    /// more. A server that is not there, or goes without a word, is [`CallError::Unreachable`].
+    /// Returns the next answer; none when the server has said everything. After an error there is nothing more. A server
+    /// that is not there, or goes without a word, is [`CallError::Unreachable`]; one that goes after its first word, or
+    /// some of whose answers are missing, is [`CallError::Broken`].
     ///
     /// # Cancellation
     /// Safe.
@@ -180,36 +211,49 @@ impl Replies {
         if self.state == Stream::Ended {
             return None;
         }
-        let answer = loop {
+        let end = loop {
             let reply = tokio::select! {
                 // What is there counts, however late it is looked at.
                 biased;
                 reply = self.replies.recv() => reply,
                 silent = over(self.heard, self.silence_max) => {
-                    break Some(Err(CallError::Silent { key: self.key.clone(), silent }));
+                    break Some(CallError::Silent { key: self.key.clone(), silent });
                 }
             };
             self.heard = clock::now();
-            break match reply.map(Reply::into_result) {
-                Some(Ok(sample)) if *sample.encoding() == Encoding::from(STILL_HERE) => continue,
-                Some(Ok(sample)) => {
-                    self.state = Stream::Flowing;
-                    return Some(Ok(sample.payload().to_bytes().into_owned()));
-                }
-                Some(Err(error)) => Some(Err(self.error(&error))),
-                None if self.replies.lost() > 0 => Some(Err(CallError::Overrun { key: self.key.clone() })),
-                None if self.state == Stream::Empty => Some(Err(CallError::Unreachable { key: self.key.clone() })),
-                None => None,
+            let key = || self.key.clone();
+            let sample = match reply.map(Reply::into_result) {
+                Some(Ok(sample)) => sample,
+                Some(Err(error)) => break Some(self.error(&error)),
+                None if self.replies.lost() > 0 => break Some(CallError::Overrun { key: key() }),
+                None if self.state == Stream::Silent => break Some(CallError::Unreachable { key: key() }),
+                None => break Some(self.broken("it went away in the middle")),
             };
+            self.state = Stream::Flowing;
+            let payload = sample.payload().to_bytes();
+            if *sample.encoding() == Encoding::from(END) {
+                let whole = *payload == self.tally.mark();
+                break (!whole).then(|| self.broken("some of them are missing"));
+            }
+            if *sample.encoding() != Encoding::from(STILL_HERE) {
+                self.tally.add(&payload);
+                return Some(Ok(payload.into_owned()));
+            }
         };
         self.state = Stream::Ended;
-        answer
+        end.map(Err)
+    }
+
+    fn broken(&self, why: &str) -> CallError {
+        CallError::Broken { key: self.key.clone(), count: self.tally.count(), why: why.to_owned() }
     }
 
     fn error(&self, error: &zenoh::query::ReplyError) -> CallError {
         let text = String::from_utf8_lossy(&error.payload().to_bytes()).into_owned();
         if *error.encoding() == Encoding::from(REFUSED) {
             CallError::Refused { reason: text }
+        } else if *error.encoding() == Encoding::from(BROKEN) {
+            self.broken(&text)
         } else if text == "Timeout" {
             CallError::Timeout { key: self.key.clone(), within: self.within }
         } else {
@@ -250,13 +294,24 @@ impl Request {
     }
 
     /// Answers, once or many times. Waits when the link is congested. An asker that is gone is not an error.
-    pub fn reply(&self, bytes: Vec<u8>) {
+    pub fn reply(&mut self, bytes: Vec<u8>) {
+        self.tally.add(&bytes);
         self.send(bytes, Encoding::default());
     }
 
     /// Says that more may come, without an answer.
     pub fn still_here(&self) {
         self.send(Vec::new(), Encoding::from(STILL_HERE));
+    }
+
+    /// Says that this was everything.
+    pub fn finish(self) {
+        self.send(self.tally.mark().to_vec(), Encoding::from(END));
+    }
+
+    /// Says that this was not everything, and why, for a person.
+    pub fn break_off(self, why: &str) {
+        self.refuse_as(BROKEN, why);
     }
 
     fn send(&self, bytes: Vec<u8>, encoding: Encoding) {
@@ -267,7 +322,11 @@ impl Request {
 
     /// Answers with a reason for a person, and ends.
     pub fn refuse(self, reason: &str) {
-        if let Err(error) = self.query.reply_err(reason).encoding(REFUSED).wait() {
+        self.refuse_as(REFUSED, reason);
+    }
+
+    fn refuse_as(&self, encoding: &'static str, reason: &str) {
+        if let Err(error) = self.query.reply_err(reason).encoding(encoding).wait() {
             tracing::debug!(key = self.key(), %error, "a refusal was not sent");
         }
     }

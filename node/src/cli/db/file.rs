@@ -4,6 +4,7 @@ use super::asking::{Asking, refusal};
 use super::past::a_moment;
 use super::write::Writing;
 use crate::cli::{Failure, output};
+use crate::io::whole_file::WholeFile;
 use crate::logic::database::question::{Moment, Question, Reply};
 use anyhow::{Context, anyhow, bail};
 use dbmanager::logic::key::Key;
@@ -24,6 +25,9 @@ pub struct Export {
     /// When: a date, a cut, or `now`
     #[arg(long, value_name = "MOMENT", value_parser = a_moment, default_value = "now")]
     at: Moment,
+    /// Write to this file, which has its name only once it is whole [default: standard output]
+    #[arg(long, short, value_name = "FILE", conflicts_with = "json")]
+    output: Option<PathBuf>,
     #[command(flatten)]
     asking: Asking,
 }
@@ -57,12 +61,18 @@ impl Export {
     /// Runs the verb.
     pub(crate) fn run(self) -> Result<(), Failure> {
         let question = Question::Export { prefix: self.prefix, at: self.at };
-        let mut text = String::new();
+        let (mut text, mut file) = (String::new(), self.output.as_deref().map(WholeFile::create).transpose()?);
         self.asking.ask_all(question, |reply| {
             let Reply::Text(part) = reply else { return Err(refusal(&reply)) };
-            text.push_str(&part);
+            match &mut file {
+                Some(file) => file.write(part.as_bytes())?,
+                None => text.push_str(&part),
+            }
             Ok(())
         })?;
+        if let Some(file) = file {
+            return Ok(file.finish()?);
+        }
         output::say(&if self.asking.json { serde_json::json!({ "file": text }).to_string() } else { text });
         Ok(())
     }

@@ -91,7 +91,7 @@ impl Wire {
                         ask(session.call(&key, bytes, within).await, &handle);
                     });
                 }
-                Outgoing::Reply(request, bytes) => {
+                Outgoing::Reply(mut request, bytes) => {
                     self.on_the_way.spawn(async move { request.reply(bytes) });
                 }
                 Outgoing::Address(address) => {

@@ -1,0 +1,140 @@
+//! Where the answers to a call go, and how they end: complete, or with a reason why not.
+//!
+//! Whoever answers must not wait for a caller that takes nothing, so there is room for so many answers. The first one that
+//! finds no room ends the call, and the caller is told that what it has is not everything. It is told the same when
+//! whoever answers is gone before [`Caller::end`].
+
+use crate::logic::protocol::Answer;
+use std::sync::{Arc, OnceLock};
+use tokio::sync::mpsc::error::TrySendError;
+use tokio::sync::mpsc::{self, Receiver, Sender};
+
+/// How many answers wait for one caller.
+const ANSWERS_MAX: usize = 4096;
+/// What a caller is told that has taken fewer answers than there are.
+const SLOW: &str = "more came than were taken";
+/// What a caller is told whose answers nobody has ended.
+const LEFT: &str = "the node went away from them";
+
+/// How the answers have ended, as soon as that is known.
+type End = Arc<OnceLock<Result<(), &'static str>>>;
+
+/// The end of whoever answers.
+#[derive(Debug)]
+pub struct Caller {
+    answers: Sender<Answer>,
+    end: End,
+}
+
+/// The end of whoever passes the answers on.
+#[derive(Debug)]
+pub struct Answers {
+    answers: Receiver<Answer>,
+    end: End,
+}
+
+/// Returns both ends of the answers to one call.
+pub fn answers() -> (Caller, Answers) {
+    let ((to_send, answers), end) = (mpsc::channel(ANSWERS_MAX), End::default());
+    (Caller { answers: to_send, end: Arc::clone(&end) }, Answers { answers, end })
+}
+
+impl Caller {
+    /// Answers without waiting. Returns whether there was room, and somebody who still takes answers; if not, there will be
+    /// no more.
+    pub fn offer(&self, answer: Answer) -> bool {
+        match self.answers.try_send(answer) {
+            Ok(()) => true,
+            Err(TrySendError::Closed(_)) => false,
+            Err(TrySendError::Full(_)) => {
+                self.settle(Err(SLOW));
+                false
+            }
+        }
+    }
+
+    /// Answers, once there is room. Returns whether somebody still takes answers.
+    ///
+    /// # Cancellation
+    /// The answer is lost.
+    pub async fn send(&self, answer: Answer) -> bool {
+        self.answers.send(answer).await.is_ok()
+    }
+
+    /// Waits until nobody takes answers any more.
+    ///
+    /// # Cancellation
+    /// Safe.
+    pub async fn closed(&self) {
+        self.answers.closed().await;
+    }
+
+    /// Says that this was everything; unless there was no room for something.
+    pub fn end(self) {
+        self.settle(Ok(()));
+    }
+
+    fn settle(&self, end: Result<(), &'static str>) {
+        // What was said first stays.
+        self.end.set(end).unwrap_or_default();
+    }
+}
+
+impl Answers {
+    /// Returns the next answer; nothing after the last one.
+    ///
+    /// # Cancellation
+    /// Safe.
+    pub async fn next(&mut self) -> Option<Answer> {
+        self.answers.recv().await
+    }
+
+    /// Says, after the last answer, whether that was everything.
+    ///
+    /// # Errors
+    /// It was not; for a person.
+    pub fn end(self) -> Result<(), &'static str> {
+        self.end.get().copied().unwrap_or(Err(LEFT))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn answer() -> Answer {
+        Answer::Refused(String::new())
+    }
+
+    async fn drain(mut answers: Answers) -> (usize, Result<(), &'static str>) {
+        let mut count = 0;
+        while answers.next().await.is_some() {
+            count += 1;
+        }
+        (count, answers.end())
+    }
+
+    #[tokio::test]
+    async fn what_is_ended_is_complete() {
+        let (caller, rest) = answers();
+        assert!(caller.offer(answer()));
+        caller.end();
+        assert_eq!(drain(rest).await, (1, Ok(())));
+    }
+
+    #[tokio::test]
+    async fn a_caller_that_takes_too_little_is_told_so() {
+        let (caller, rest) = answers();
+        let taken = (0..=ANSWERS_MAX).take_while(|_| caller.offer(answer())).count();
+        caller.end();
+        assert_eq!((taken, drain(rest).await), (ANSWERS_MAX, (ANSWERS_MAX, Err(SLOW))));
+    }
+
+    #[tokio::test]
+    async fn what_nobody_ends_is_broken() {
+        let (caller, rest) = answers();
+        assert!(caller.send(answer()).await);
+        drop(caller);
+        assert_eq!(drain(rest).await, (1, Err(LEFT)));
+    }
+}

@@ -1,0 +1,94 @@
+//! A file that has its name only once it is whole: until then it has another one, beside it.
+
+use anyhow::{Context, bail};
+use std::fs::{self, File};
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+/// A file that is being written. Dropped before [`WholeFile::finish`], it is gone, and what had its name before is as it was.
+#[derive(Debug)]
+pub struct WholeFile {
+    file: File,
+    path: PathBuf,
+    /// Its name until it is whole; none once it has the right one.
+    part: Option<PathBuf>,
+}
+
+impl WholeFile {
+    /// Begins a file that is to have this name.
+    ///
+    /// # Errors
+    /// The folder cannot be written, or something else than a file has the name.
+    pub fn create(path: &Path) -> anyhow::Result<Self> {
+        if fs::metadata(path).is_ok_and(|there| !there.is_file()) {
+            bail!("{} is no regular file", path.display());
+        }
+        let name = path.file_name().with_context(|| format!("{} names no file", path.display()))?;
+        // Two commands that write the same file at the same time do not write into one.
+        let part = path.with_file_name(format!("{}.part-{}", name.to_string_lossy(), std::process::id()));
+        let file = File::create(&part).with_context(|| format!("writing {}", part.display()))?;
+        Ok(Self { file, path: path.to_owned(), part: Some(part) })
+    }
+
+    /// Adds to it.
+    ///
+    /// # Errors
+    /// The disk refuses.
+    pub fn write(&mut self, bytes: &[u8]) -> anyhow::Result<()> {
+        self.file.write_all(bytes).with_context(|| format!("writing {}", self.path.display()))
+    }
+
+    /// Gives it its name. It is on the disk when this returns.
+    ///
+    /// # Errors
+    /// The disk refuses; then there is no such file, or the one from before.
+    pub fn finish(mut self) -> anyhow::Result<()> {
+        let part = self.part.take().unwrap_or_default();
+        let named = self.file.sync_all().and_then(|()| fs::rename(&part, &self.path)).and_then(|()| self.sync_folder());
+        if named.is_err() {
+            self.part = Some(part);
+        }
+        named.with_context(|| format!("writing {}", self.path.display()))
+    }
+
+    fn sync_folder(&self) -> io::Result<()> {
+        let folder = self.path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        File::open(folder)?.sync_all()
+    }
+}
+
+impl Drop for WholeFile {
+    fn drop(&mut self) {
+        if let Some(Err(error)) = self.part.take().map(fs::remove_file) {
+            tracing::debug!(%error, "a part of a file stays");
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_has_its_name_once_it_is_whole() {
+        let folder = std::env::temp_dir().join(format!("dca-whole-{}", std::process::id()));
+        fs::create_dir_all(&folder).unwrap();
+        let path = folder.join("a.toml");
+        let names = || fs::read_dir(&folder).unwrap().count();
+        let mut file = WholeFile::create(&path).unwrap();
+        file.write(b"half").unwrap();
+        assert!(!path.exists() && names() == 1);
+        drop(file);
+        assert_eq!(names(), 0, "nothing is left of it");
+        let mut file = WholeFile::create(&path).unwrap();
+        file.write(b"whole").unwrap();
+        file.finish().unwrap();
+        let mut file = WholeFile::create(&path).unwrap();
+        file.write(b"half").unwrap();
+        drop(file);
+        assert_eq!((fs::read(&path).unwrap(), names()), (b"whole".to_vec(), 1));
+        let wrong = WholeFile::create(&folder).unwrap_err().to_string();
+        assert!(wrong.ends_with("is no regular file"), "{wrong}");
+        fs::remove_dir_all(&folder).unwrap();
+    }
+}

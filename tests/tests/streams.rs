@@ -1,0 +1,160 @@
+//! Streams of answers that break: a node is killed in the middle of one, and whoever asked is told that it lacks the rest.
+
+use comms::io::session::Session;
+use comms::logic::{codec, key};
+use dbmanager::logic::key::Key;
+use dbmanager::logic::txn::Write as Change;
+use dbmanager::logic::view::value::Datum;
+use dca_tests::cluster::{Cluster, Ended, Host, Program, SOON, wait_until};
+use node::logic::database::question::{Commit, Far, Question};
+use node::logic::protocol::Request;
+use rustix::fs::{FlockOperation, flock};
+use rustix::process::Signal;
+use std::fs::File;
+use std::io::{Read, Write};
+use std::net::Shutdown;
+use std::os::unix::net::{UnixListener, UnixStream};
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex};
+
+/// One program that writes 900 kB and stays.
+const TALKER: &str = "
+module Talker(host) { exec \"sh -c 'yes | head -c 900000; sleep 3600'\"; plain; }
+process main() { host { r1 } instantiated_processes { talker instof Talker(r1); } internal_event_actions { talker } }
+";
+/// How much a caller gets before the node is killed.
+const PASSED: usize = 300_000;
+
+/// A way to a node on which it is killed as soon as it has said so much.
+struct Passage {
+    host: Host,
+    _lock: File,
+}
+
+impl Passage {
+    /// Opens one to the node `r1` of a host; commands of the returned host go through it.
+    fn open(cluster: &Cluster, node: Program) -> Self {
+        let folder = cluster.folder().join("p/r1");
+        std::fs::create_dir_all(&folder).expect("a test can write in its own folder");
+        let lock = File::create(folder.join("lock")).expect("a test can write in its own folder");
+        flock(&lock, FlockOperation::LockExclusive).expect("nobody else has it");
+        let listener = UnixListener::bind(folder.join("node.sock")).expect("nobody else has it");
+        let socket = cluster.here().run_dir().join("r1/node.sock");
+        std::thread::spawn(move || pass_on(&listener, &socket, node));
+        Self { host: cluster.here().with_run_dir(cluster.folder().join("p")), _lock: lock }
+    }
+
+    fn ask(&self, arguments: &[&str]) -> Ended {
+        self.host.ask(arguments)
+    }
+}
+
+/// Passes on what is said on every connection, until the node has said so much.
+fn pass_on(listener: &UnixListener, socket: &PathBuf, node: Program) {
+    let left = Arc::new(Mutex::new((PASSED, Some(node))));
+    for caller in listener.incoming().map_while(Result::ok) {
+        // Once the node is gone, nobody gets through.
+        let Ok(there) = UnixStream::connect(socket) else { continue };
+        let both = || Some((caller.try_clone().ok()?, there.try_clone().ok()?));
+        let (Some((mut to_caller, mut from_node)), Some((mut from_caller, mut to_node))) = (both(), both()) else {
+            return;
+        };
+        std::thread::spawn(move || std::io::copy(&mut from_caller, &mut to_node));
+        let left = Arc::clone(&left);
+        std::thread::spawn(move || {
+            let mut chunk = [0; 4096];
+            while let Ok(size @ 1..) = from_node.read(&mut chunk) {
+                let mut left = left.lock().expect("nothing in here panics");
+                left.0 = left.0.saturating_sub(size);
+                if left.0 == 0 {
+                    left.1.take().inspect(|node| node.signal(Signal::KILL));
+                    break;
+                }
+                drop(left);
+                if to_caller.write_all(&chunk[..size]).is_err() {
+                    break;
+                }
+            }
+            // Who has gone already need not be told.
+            drop(to_caller.shutdown(Shutdown::Both));
+        });
+    }
+}
+
+/// Writes 4 MiB of keys.
+fn fill(host: &Host) {
+    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build();
+    runtime.expect("the machine has threads").block_on(async {
+        let session = Session::open_client(&host.run_dir().join("r1/node.sock")).await.expect("the node is ready");
+        let value = Datum::Text("x".repeat(60 << 10)).encode().expect("it is short enough");
+        for part in 0..22 {
+            let key = |number| Key::new(format!("team/{part}/{number}")).expect("it is plain");
+            let writes = (0..3).map(|number| Change { key: key(number), value: Some(value.clone()) }).collect();
+            let (reason, requires, far, within) = (String::new(), vec![], Far::Local, SOON);
+            let commit = Request::Database(Question::Commit(Commit { reason, requires, writes, far, within }));
+            let bytes = codec::encode(&commit).expect("it is short enough");
+            let mut replies = session.call_stream(&key::rpc("r1", "request"), bytes, SOON).expect("it is open");
+            while let Some(reply) = replies.next().await {
+                drop(reply.expect("the node is there"));
+            }
+        }
+        session.close().await;
+    });
+}
+
+#[track_caller]
+fn check_broken(ended: &Ended) {
+    assert_eq!(ended.code, Some(3), "{ended}");
+    let said: Vec<&str> = ended.err.lines().filter(|line| line.starts_with("error: ")).collect();
+    assert!(said.len() == 1 && said[0].contains("not everything"), "{ended}");
+}
+
+/// A node that is killed in the middle of an export leaves no file that looks whole, and none under the name that was asked for.
+#[test]
+fn a_broken_export_is_no_export() {
+    let cluster = Cluster::new();
+    let (host, node) = (cluster.here(), cluster.here().node("r1", &[]));
+    fill(&host);
+    let whole = host.ask(&["db", "export", "team/", "--output", "whole.toml"]);
+    assert_eq!(whole.code, Some(0), "{whole}");
+    let written = std::fs::read_to_string(cluster.folder().join("whole.toml")).expect("it is written");
+    assert_eq!(written.lines().filter(|line| line.starts_with("\"team/")).count(), 66);
+    let ended = Passage::open(&cluster, node).ask(&["db", "export", "team/", "--output", "broken.toml"]);
+    check_broken(&ended);
+    let names = std::fs::read_dir(cluster.folder()).expect("it is there").flatten().map(|entry| entry.file_name());
+    let left: Vec<_> = names.filter(|name| name.to_string_lossy().starts_with("broken")).collect();
+    assert!(left.is_empty(), "{left:?}");
+}
+
+/// Neither is part of a list printed as if it were everything.
+#[test]
+fn a_broken_list_is_no_list() {
+    let cluster = Cluster::new();
+    let (host, node) = (cluster.here(), cluster.here().node("r1", &[]));
+    fill(&host);
+    let ended = Passage::open(&cluster, node).ask(&["db", "get", "team/"]);
+    check_broken(&ended);
+    assert_eq!(ended.out, "");
+}
+
+/// The output of a program that breaks off is told to be a part.
+#[test]
+fn a_broken_log_is_told() {
+    let cluster = Cluster::new();
+    let (host, node) = (cluster.here(), cluster.here().node("r1", &[]));
+    let _deploying = host.dca(&["deploy", &cluster.file("talker.dca", TALKER), "--no-record"]);
+    let all = wait_until(SOON, || host.ask(&["logs", "talker"]).out.len() == 900_000);
+    assert!(all.is_some(), "{}", host.ask(&["logs", "talker"]));
+    let ended = Passage::open(&cluster, node).ask(&["logs", "talker"]);
+    check_broken(&ended);
+}
+
+/// A result that the disk does not take is no result.
+#[test]
+fn a_result_that_cannot_be_written_is_a_failure() {
+    let full = File::options().write(true).open("/dev/full").expect("Linux has it");
+    let mut command = std::process::Command::new(dca_tests::cluster::executable("dca"));
+    let ended = command.args(["explain", "E0101"]).stdout(full).output().expect("it can be started");
+    let said = String::from_utf8_lossy(&ended.stderr).into_owned();
+    assert!(ended.status.code() == Some(1) && said.contains("standard output: No space left"), "{said}");
+}
