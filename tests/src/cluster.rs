@@ -108,7 +108,7 @@ impl Cluster {
 
     /// Returns this machine.
     pub fn here(&self) -> Host {
-        Host { folder: self.folder.clone(), run_dir: self.folder.join("n"), namespace: None }
+        Host { folder: self.folder.clone(), run_dir: self.folder.join("n"), namespace: None, sealed: None }
     }
 
     /// Returns host `number` of a network, with a folder for sockets of its own as on a machine of its own.
@@ -122,7 +122,7 @@ impl Cluster {
             std::fs::create_dir_all(folder).expect("a test can write in its own folder");
         }
         let namespace = Some((network.namespace(number), others));
-        Host { folder: self.folder.clone(), run_dir: run_dir(number), namespace }
+        Host { folder: self.folder.clone(), run_dir: run_dir(number), namespace, sealed: None }
     }
 
     /// Returns every process that descends from this test, but for the test itself.
@@ -164,6 +164,8 @@ pub struct Host {
     run_dir: PathBuf,
     /// Its name, and the folders with sockets of the other hosts.
     namespace: Option<(String, Vec<PathBuf>)>,
+    /// A folder that can only be read there.
+    sealed: Option<PathBuf>,
 }
 
 impl Host {
@@ -171,6 +173,18 @@ impl Host {
     #[must_use]
     pub fn with_run_dir(self, run_dir: impl Into<PathBuf>) -> Self {
         Self { run_dir: run_dir.into(), ..self }
+    }
+
+    /// Returns this machine as it is when the disk with the states of its nodes can only be read. Needs root.
+    #[must_use]
+    pub fn with_read_only_state(self) -> Self {
+        Self { sealed: Some(self.state()), ..self }
+    }
+
+    /// Returns the folder with the states of this host's nodes.
+    pub fn state(&self) -> PathBuf {
+        // Two nodes of one name have different folders for sockets, so these are different too.
+        self.folder.join(self.run_dir.file_name().unwrap_or_default()).with_extension("state")
     }
 
     /// Returns the folder with the sockets of this host's nodes.
@@ -197,9 +211,7 @@ impl Host {
     pub fn start_node(&self, name: &str, arguments: &[&str]) -> Program {
         let mut command = self.command("dca-node");
         command.arg("--name").arg(name).arg("--run-dir").arg(&self.run_dir).args(arguments);
-        // Two nodes of one name have different folders for sockets, so these are different too.
-        let name = self.run_dir.file_name().unwrap_or_default();
-        command.arg("--state").arg(self.folder.join(name).with_extension("state"));
+        command.arg("--state").arg(self.state());
         Program::start(command)
     }
 
@@ -232,9 +244,16 @@ impl Host {
 
     fn command(&self, name: &str) -> Command {
         let executable = executable(name);
-        let mut command = match &self.namespace {
-            None => Command::new(executable),
-            Some((namespace, others)) => {
+        let mut command = match (&self.namespace, &self.sealed) {
+            (None, None) => Command::new(executable),
+            (None, Some(folder)) => {
+                const SEAL: &str =
+                    "mount --bind \"$1\" \"$1\" && mount -o remount,bind,ro \"$1\" && shift && exec \"$@\"";
+                let mut command = Command::new("unshare");
+                command.args(["--mount", "sh", "-c", SEAL, "sh"]).arg(folder).arg(executable);
+                command
+            }
+            (Some((namespace, others)), _) => {
                 let mut command = Command::new("ip");
                 // Hosts share no files: a socket of another would be a way around the network. What is mounted here is
                 // seen by this program alone. Each executes the next in its own place, so the process id stays.

@@ -13,7 +13,7 @@ use dbmanager::logic::view::value::Datum;
 use dca_tests::cluster::{Cluster, Ended, Host, Network, Program, SOON, wait_until};
 use node::logic::database::question::{Commit, Far, Moment, Question, Reply, Status};
 use node::logic::protocol::{Answer, Request};
-use rustix::process::Signal;
+use rustix::process::{Signal, getuid};
 use std::collections::BTreeSet;
 use std::time::Duration;
 use tokio::runtime::Runtime;
@@ -281,4 +281,43 @@ fn a_killed_node_has_lost_nothing() {
     }
     println!("{} acknowledged writes, five kills, none lost", acknowledged.len());
     assert!(acknowledged.len() > 10);
+}
+
+/// What cannot be found again is not acknowledged; what was, can still be read.
+#[test]
+fn a_store_whose_folder_is_deleted_takes_no_writes() {
+    let cluster = Cluster::new();
+    let host = cluster.here();
+    let _node = host.node("r1", &[]);
+    let check = |arguments: &[&str], code: i32, part: &str| {
+        let ended = host.ask(&[&["db"], arguments].concat());
+        assert!(ended.code == Some(code) && format!("{}{}", ended.out, ended.err).contains(part), "{ended}");
+    };
+    check(&["put", "team/a", "1"], 0, "committed");
+    std::fs::remove_dir_all(host.state().join("r1/db")).expect("it is the test's own");
+    check(&["put", "team/b", "2"], 1, "was deleted or moved");
+    check(&["get", "team/a"], 0, "1");
+    check(&["get", "team/b"], 1, "there is nothing");
+    check(&["status"], 0, "was deleted or moved");
+}
+
+/// A node on a disk that can only be read starts, answers, and says why it takes no writes. It was killed before: what is on
+/// the disk has to be recovered first.
+#[test]
+fn a_node_on_a_read_only_disk_reads_and_reports() {
+    if !getuid().is_root() {
+        println!("skipped: needs root, for mounts");
+        return;
+    }
+    let cluster = Cluster::new();
+    let host = cluster.here();
+    let node = host.node("r1", &[]);
+    assert_eq!(host.ask(&["db", "put", "team/a", "1"]).code, Some(0));
+    node.signal(Signal::KILL);
+    assert_eq!(node.ended(SOON).signal, Some(9));
+    let _node = host.clone().with_read_only_state().node("r1", &[]);
+    assert_eq!(host.ask(&["db", "get", "team/a"]).out, "1\n");
+    let refused = host.ask(&["db", "put", "team/b", "1"]);
+    assert!(refused.code == Some(1) && refused.err.contains("can only be read"), "{refused}");
+    assert!(host.ask(&["db", "status"]).out.contains("can only be read"));
 }

@@ -22,8 +22,6 @@ const TALKER: &str = "
 module Talker(host) { exec \"sh -c 'yes | head -c 900000; sleep 3600'\"; plain; }
 process main() { host { r1 } instantiated_processes { talker instof Talker(r1); } internal_event_actions { talker } }
 ";
-/// How much a caller gets before the node is killed.
-const PASSED: usize = 300_000;
 
 /// A way to a node on which it is killed as soon as it has said so much.
 struct Passage {
@@ -32,15 +30,15 @@ struct Passage {
 }
 
 impl Passage {
-    /// Opens one to the node `r1` of a host; commands of the returned host go through it.
-    fn open(cluster: &Cluster, node: Program) -> Self {
+    /// Opens one to the node `r1` of a host, on which so many bytes pass: more than one answer, less than all.
+    fn open(cluster: &Cluster, node: Program, passed: usize) -> Self {
         let folder = cluster.folder().join("p/r1");
         std::fs::create_dir_all(&folder).expect("a test can write in its own folder");
         let lock = File::create(folder.join("lock")).expect("a test can write in its own folder");
         flock(&lock, FlockOperation::LockExclusive).expect("nobody else has it");
         let listener = UnixListener::bind(folder.join("node.sock")).expect("nobody else has it");
         let socket = cluster.here().run_dir().join("r1/node.sock");
-        std::thread::spawn(move || pass_on(&listener, &socket, node));
+        std::thread::spawn(move || pass_on(&listener, &socket, (node, passed)));
         Self { host: cluster.here().with_run_dir(cluster.folder().join("p")), _lock: lock }
     }
 
@@ -50,8 +48,8 @@ impl Passage {
 }
 
 /// Passes on what is said on every connection, until the node has said so much.
-fn pass_on(listener: &UnixListener, socket: &PathBuf, node: Program) {
-    let left = Arc::new(Mutex::new((PASSED, Some(node))));
+fn pass_on(listener: &UnixListener, socket: &PathBuf, (node, passed): (Program, usize)) {
+    let left = Arc::new(Mutex::new((passed, Some(node))));
     for caller in listener.incoming().map_while(Result::ok) {
         // Once the node is gone, nobody gets through.
         let Ok(there) = UnixStream::connect(socket) else { continue };
@@ -119,7 +117,7 @@ fn a_broken_export_is_no_export() {
     assert_eq!(whole.code, Some(0), "{whole}");
     let written = std::fs::read_to_string(cluster.folder().join("whole.toml")).expect("it is written");
     assert_eq!(written.lines().filter(|line| line.starts_with("\"team/")).count(), 66);
-    let ended = Passage::open(&cluster, node).ask(&["db", "export", "team/", "--output", "broken.toml"]);
+    let ended = Passage::open(&cluster, node, 2_000_000).ask(&["db", "export", "team/", "--output", "broken.toml"]);
     check_broken(&ended);
     let names = std::fs::read_dir(cluster.folder()).expect("it is there").flatten().map(|entry| entry.file_name());
     let left: Vec<_> = names.filter(|name| name.to_string_lossy().starts_with("broken")).collect();
@@ -132,7 +130,7 @@ fn a_broken_list_is_no_list() {
     let cluster = Cluster::new();
     let (host, node) = (cluster.here(), cluster.here().node("r1", &[]));
     fill(&host);
-    let ended = Passage::open(&cluster, node).ask(&["db", "get", "team/"]);
+    let ended = Passage::open(&cluster, node, 2_000_000).ask(&["db", "get", "team/"]);
     check_broken(&ended);
     assert_eq!(ended.out, "");
 }
@@ -145,7 +143,7 @@ fn a_broken_log_is_told() {
     let _deploying = host.dca(&["deploy", &cluster.file("talker.dca", TALKER), "--no-record"]);
     let all = wait_until(SOON, || host.ask(&["logs", "talker"]).out.len() == 900_000);
     assert!(all.is_some(), "{}", host.ask(&["logs", "talker"]));
-    let ended = Passage::open(&cluster, node).ask(&["logs", "talker"]);
+    let ended = Passage::open(&cluster, node, 300_000).ask(&["logs", "talker"]);
     check_broken(&ended);
 }
 

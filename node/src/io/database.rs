@@ -8,6 +8,7 @@
 //! is on the disk: a sync that is tried once more may succeed without having written anything. While the store cannot be
 //! opened either, the database answers questions and takes no writes; it tries again every few seconds.
 
+mod presence;
 mod store;
 mod wire;
 
@@ -43,6 +44,8 @@ const ARRIVALS_MAX: usize = 4096;
 const TURN_MAX: usize = 1024;
 /// How long until a store that could not be opened is tried again.
 const REOPEN_AFTER: Duration = Duration::from_secs(5);
+/// How often the files of the store are looked for while nothing is written.
+const CHECK_EVERY: Duration = Duration::from_secs(1);
 
 /// What a database is started with.
 #[derive(Clone, Debug)]
@@ -53,6 +56,8 @@ pub struct Options {
     pub team: String,
     /// Folder for what must survive; none for a database in memory.
     pub folder: Option<PathBuf>,
+    /// Folder for what may be gone with the node: a copy of a store that can only be read.
+    pub scratch: PathBuf,
     /// Whether it begins a team of its own at once, as the first of a command's own nodes does.
     pub founds: bool,
 }
@@ -96,6 +101,9 @@ struct Worker {
     /// Calls whose answers nobody takes any more.
     gone: Vec<u64>,
     reopen_at: Time,
+    check_at: Time,
+    /// Why the store could not be opened, as it was last told.
+    told: Option<String>,
     /// Where what the robot's own keys say is shown.
     settings: watch::Sender<Settings>,
 }
@@ -103,10 +111,14 @@ struct Worker {
 /// Opens the store and starts the database on it.
 ///
 /// # Errors
-/// The store cannot be used, is open already, or belongs to another robot.
+/// The store cannot be read, is open already, or belongs to another robot.
 pub fn start(options: &Options, session: &Arc<Session>) -> anyhow::Result<Running> {
-    let (place, replica) = Place::open(options)?;
-    let machine = Database::new(replica, (&options.robot, &options.team), place.name());
+    let (place, replica, unwritable) = Place::open(options)?;
+    let mut machine = Database::new(replica, (&options.robot, &options.team), place.name());
+    let mut closed = Vec::new();
+    if let Some(why) = &unwritable {
+        closed = machine.fail(why, machine.durable(), Vec::new());
+    }
     let (to_thread, arrivals) = sync_channel(ARRIVALS_MAX);
     let arrivals = Groups::new(arrivals, TURN_MAX);
     let handle = Handle { arrivals: to_thread };
@@ -116,8 +128,8 @@ pub fn start(options: &Options, session: &Arc<Session>) -> anyhow::Result<Runnin
     }
     let (sinks, asked) = (BTreeMap::new(), BTreeMap::new());
     let (settings, shown) = watch::channel(Settings::default());
-    let reopen_at = Time::ZERO;
-    let worker = Worker {
+    let (reopen_at, check_at) = (clock::now() + REOPEN_AFTER, clock::now() + CHECK_EVERY);
+    let mut worker = Worker {
         machine,
         place,
         arrivals,
@@ -127,8 +139,11 @@ pub fn start(options: &Options, session: &Arc<Session>) -> anyhow::Result<Runnin
         asked_next: 0,
         gone: Vec::new(),
         reopen_at,
+        check_at,
+        told: unwritable,
         settings,
     };
+    closed.into_iter().for_each(|effect| worker.do_one(effect));
     let thread = std::thread::Builder::new().name("database".to_owned()).spawn(move || worker.run());
     Ok(Running { handle, settings: shown, thread: thread.context("starting the thread of the database")?, wire })
 }
@@ -197,6 +212,7 @@ impl Worker {
         while let Some(arrivals) = self.wait() {
             let Some(inputs) = self.inputs(arrivals) else { return };
             self.reopen_if_due();
+            self.check_if_due();
             let (mut effects, durable) = (Vec::new(), self.machine.durable());
             self.machine.handle(clock::now(), wall(), inputs, &mut effects);
             self.carry_out(effects, durable);
@@ -285,14 +301,34 @@ impl Worker {
         effects.into_iter().for_each(|effect| self.do_one(effect));
     }
 
+    /// Notices a store that is gone although nothing is written.
+    fn check_if_due(&mut self) {
+        let now = clock::now();
+        if self.machine.closed().is_some() || now < self.check_at {
+            return;
+        }
+        self.check_at = now + CHECK_EVERY;
+        if let Err(error) = self.place.check() {
+            let durable = self.machine.durable();
+            self.fail(&error, durable, Vec::new());
+        }
+    }
+
     fn reopen_if_due(&mut self) {
         if self.machine.closed().is_none() || clock::now() < self.reopen_at {
             return;
         }
         match self.place.reopen() {
-            Ok(replica) => self.machine.reopen(replica),
+            Ok(replica) => {
+                self.told = None;
+                self.machine.reopen(replica);
+            }
             Err(error) => {
-                tracing::warn!(error = format!("{error:#}"), "the store of the database cannot be opened");
+                let why = words(&error);
+                if self.told.as_ref() != Some(&why) {
+                    tracing::warn!(error = why, "the store of the database cannot be opened");
+                    self.told = Some(why);
+                }
                 self.reopen_at = clock::now() + REOPEN_AFTER;
             }
         }
@@ -328,6 +364,9 @@ fn words(error: &anyhow::Error) -> String {
     // The engine tells the system's errors as a program would print them for itself.
     if text.contains("StorageFull") || text.contains("No space left") {
         return "the disk that it is on is full; it goes on by itself when there is room again".to_owned();
+    }
+    if text.contains("ReadOnlyFilesystem") || text.contains("Read-only file system") {
+        return "the disk that it is on can only be read; it goes on by itself when it can be written again".to_owned();
     }
     text
 }

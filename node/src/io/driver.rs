@@ -180,6 +180,7 @@ impl Driver {
             robot: config.name.clone(),
             team: config.team.clone(),
             folder: config.state.clone(),
+            scratch: dir.path().to_owned(),
             founds: config.founds,
         };
         let session = Arc::clone(peers.session());

@@ -6,21 +6,23 @@
 
 use crate::logic::protocol::Deployment;
 use std::fs::{File, OpenOptions};
-use std::io::{self, Write};
-use std::path::Path;
+use std::io::{self, Read, Write};
+use std::path::{Path, PathBuf};
 
 /// The open journal.
 #[derive(Debug)]
 pub struct Journal {
-    file: File,
+    path: PathBuf,
+    /// None while the disk takes no writes.
+    file: Option<File>,
     epoch: u64,
 }
 
 impl Journal {
-    /// Opens or makes a journal.
+    /// Opens or makes a journal. On a disk that can only be read it is read; what is committed is refused.
     ///
     /// # Errors
-    /// The file cannot be read or written.
+    /// The file cannot be read, or not be written for another reason.
     pub fn open(path: &Path) -> io::Result<Self> {
         let text = match std::fs::read(path) {
             Ok(bytes) => String::from_utf8_lossy(&bytes).into_owned(),
@@ -29,11 +31,11 @@ impl Journal {
         };
         let epochs = text.lines().filter_map(|line| line.split_once(' ')?.0.parse::<u64>().ok());
         let epoch = epochs.max().unwrap_or(0);
-        let mut file = OpenOptions::new().create(true).append(true).open(path)?;
-        if !text.is_empty() && !text.ends_with('\n') {
-            file.write_all(b"\n")?;
-        }
-        Ok(Self { file, epoch })
+        let file = match append(path) {
+            Err(error) if error.kind() == io::ErrorKind::ReadOnlyFilesystem => None,
+            opened => Some(opened?),
+        };
+        Ok(Self { path: path.to_owned(), file, epoch })
     }
 
     /// Returns the highest epoch in it.
@@ -46,9 +48,26 @@ impl Journal {
     /// # Errors
     /// The disk refuses.
     pub fn commit(&mut self, deployment: &Deployment) -> io::Result<()> {
-        self.file.write_all(format!("{} {}\n", deployment.epoch, deployment.name).as_bytes())?;
-        self.file.sync_data()?;
+        let mut file = match self.file.take() {
+            Some(file) => file,
+            None => append(&self.path)?,
+        };
+        let written = file.write_all(format!("{} {}\n", deployment.epoch, deployment.name).as_bytes());
+        let synced = written.and_then(|()| file.sync_data());
+        self.file = Some(file);
+        synced?;
         self.epoch = self.epoch.max(deployment.epoch);
         Ok(())
     }
+}
+
+/// Opens the file to write behind what is in it, on a line of its own.
+fn append(path: &Path) -> io::Result<File> {
+    let mut file = OpenOptions::new().create(true).append(true).read(true).open(path)?;
+    let mut text = Vec::new();
+    file.read_to_end(&mut text)?;
+    if text.last().is_some_and(|last| *last != b'\n') {
+        file.write_all(b"\n")?;
+    }
+    Ok(file)
 }

@@ -138,6 +138,11 @@ impl RunDir {
         }
     }
 
+    /// Returns the folder itself.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
     /// Returns the socket of the node's session.
     pub fn socket(&self) -> PathBuf {
         self.path.join("node.sock")

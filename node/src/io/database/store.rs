@@ -1,14 +1,19 @@
 //! Where a node's database lies: a folder, or only memory.
+//!
+//! A store whose folder is gone takes no writes, and no empty one is begun in its place while the node runs: what was
+//! acknowledged is in memory, and a new store would hide that it is nowhere else. A store on a disk that cannot be written is
+//! read from a copy, so that the node can start and answer questions.
 
 use super::Options;
-use anyhow::Context;
+use super::presence::Presence;
+use anyhow::{Context, bail};
 use dbmanager::io::store::memory::MemoryStore;
 use dbmanager::io::store::{DirStore, Store, StoreError, Trust};
 use dbmanager::logic::mutant::Mutant;
 use dbmanager::logic::record::{Batch, OpenError, Reading};
 use dbmanager::logic::replica::{Config, Replica};
-use std::fs::File;
-use std::io::Read;
+use std::fs::{self, File};
+use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
 /// How many bytes of transactions are kept although everybody has them, so that they can be looked at.
@@ -19,16 +24,28 @@ pub(super) struct Place {
     robot: String,
     folder: Option<PathBuf>,
     store: Option<Box<dyn Store + Send>>,
+    /// What was there when it was last opened.
+    presence: Option<Presence>,
 }
+
+/// A place, the replica that is in it, and why it takes no writes, if it does not.
+pub(super) type Opened = (Place, Replica, Option<String>);
 
 impl Place {
     /// Opens the store; returns the replica that is in it. One that is damaged is put aside, and a new one begins, which
-    /// gets everything that others have.
-    pub(super) fn open(options: &Options) -> anyhow::Result<(Self, Replica)> {
+    /// gets everything that others have. One on a disk that takes no writes is only read.
+    pub(super) fn open(options: &Options) -> anyhow::Result<Opened> {
         let folder = options.folder.as_ref().map(|folder| folder.join("db"));
-        let mut place = Self { robot: options.robot.clone(), folder, store: None };
-        let replica = place.reopen()?;
-        Ok((place, replica))
+        let mut place = Self { robot: options.robot.clone(), folder, store: None, presence: None };
+        match (place.reopen(), place.folder.clone()) {
+            (Ok(replica), _) => Ok((place, replica, None)),
+            (Err(error), Some(folder)) if is_unwritable(&error) => {
+                let replica = place.read_only(&folder, &options.scratch);
+                let replica = replica.with_context(|| super::words(&error))?;
+                Ok((place, replica, Some(super::words(&error))))
+            }
+            (Err(error), _) => Err(error),
+        }
     }
 
     /// Returns the folder, for a person; nothing for a store in memory.
@@ -39,12 +56,29 @@ impl Place {
     /// Writes a batch; it is durable when this returns.
     pub(super) fn commit(&mut self, batch: &Batch) -> anyhow::Result<()> {
         self.store.as_mut().context("the store is not open")?.commit(batch)?;
-        Ok(())
+        // The engine would go on in files that nobody finds again.
+        self.check()
+    }
+
+    /// Looks whether the store is still where it was opened.
+    pub(super) fn check(&self) -> anyhow::Result<()> {
+        if self.presence.as_ref().is_none_or(Presence::holds) { Ok(()) } else { self.gone() }
+    }
+
+    fn gone(&self) -> anyhow::Result<()> {
+        let folder = self.name().unwrap_or_default();
+        bail!(
+            "the folder of the store, {folder}, was deleted or moved while the node was running, and what it holds is in \
+             memory only; move it back, or save what `dca db export` gives and start the node again"
+        )
     }
 
     /// Opens the store again, after letting go of it.
     pub(super) fn reopen(&mut self) -> anyhow::Result<Replica> {
         self.store = None;
+        if self.presence.as_ref().is_some_and(|presence| !presence.is_replaced()) {
+            self.gone()?;
+        }
         let Some(folder) = self.folder.clone() else {
             self.store = Some(Box::new(MemoryStore::default()));
             return Ok(Replica::open(self.config()?, Reading::default())?);
@@ -74,8 +108,24 @@ impl Place {
                 Replica::open_copied(config, stored)?
             }
         };
+        self.presence = Some(Presence::of(folder).context("looking at the files of the store")?);
         self.store = Some(Box::new(store));
         Ok(replica)
+    }
+
+    /// Returns the replica of a store that cannot be opened where it is, from a copy; a new one if there is none.
+    fn read_only(&self, folder: &Path, scratch: &Path) -> anyhow::Result<Replica> {
+        if !folder.exists() {
+            return Ok(Replica::open(self.config()?, Reading::default())?);
+        }
+        let copy = scratch.join("db-copy");
+        let read = copy_files(folder, &copy).context("copying it, to be read").and_then(|()| {
+            let store = DirStore::open(&copy)?;
+            Ok(Replica::open(self.config()?, store.read()?)?)
+        });
+        // Nobody reads the copy again; it is in the way of nothing either.
+        drop(fs::remove_dir_all(&copy));
+        read
     }
 
     fn config(&self) -> anyhow::Result<Config> {
@@ -87,8 +137,81 @@ impl Place {
     }
 }
 
+/// Copies the files of a folder into a new one.
+fn copy_files(from: &Path, to: &Path) -> io::Result<()> {
+    fs::create_dir_all(to)?;
+    for entry in fs::read_dir(from)? {
+        let entry = entry?;
+        if entry.file_type()?.is_file() {
+            fs::copy(entry.path(), to.join(entry.file_name()))?;
+        }
+    }
+    Ok(())
+}
+
+/// Returns whether a store does not open because its disk takes no writes.
+fn is_unwritable(error: &anyhow::Error) -> bool {
+    use io::ErrorKind::{QuotaExceeded, ReadOnlyFilesystem, StorageFull};
+    let unwritable = |cause: &io::Error| matches!(cause.kind(), ReadOnlyFilesystem | StorageFull | QuotaExceeded);
+    matches!(error.downcast_ref(), Some(StoreError::File { cause, .. }) if unwritable(cause))
+}
+
 /// Returns whether a store does not open because of what is in it. Another robot's store is none of ours to move.
 fn is_damage(error: &anyhow::Error) -> bool {
     error.downcast_ref().is_some_and(StoreError::is_damage)
         || matches!(error.downcast_ref(), Some(OpenError::Record { .. } | OpenError::Damaged { .. }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn options(name: &str) -> (PathBuf, Options) {
+        let base = std::env::temp_dir().join(format!("dca-place-{name}-{}", std::process::id()));
+        fs::create_dir_all(&base).unwrap();
+        let (robot, team, folder, scratch) = ("r1".into(), "dca".into(), Some(base.clone()), base.join("scratch"));
+        (base, Options { robot, team, folder, scratch, founds: false })
+    }
+
+    #[test]
+    fn what_goes_into_a_folder_that_is_gone_is_not_committed() {
+        let (base, options) = options("gone");
+        let (folder, away) = (base.join("db"), base.join("away"));
+        let ways: [(&str, &dyn Fn()); 3] = [
+            ("moved", &|| fs::rename(&folder, &away).unwrap()),
+            ("deleted", &|| fs::remove_dir_all(&folder).unwrap()),
+            ("replaced", &|| {
+                fs::remove_dir_all(&folder).unwrap();
+                fs::create_dir(&folder).unwrap();
+            }),
+        ];
+        for (way, take_away) in ways {
+            let (mut place, ..) = Place::open(&options).unwrap();
+            place.commit(&Batch::default()).unwrap();
+            place.check().unwrap();
+            take_away();
+            let refused = place.commit(&Batch::default()).unwrap_err().to_string();
+            assert!(refused.contains("deleted or moved"), "{way}: {refused}");
+            assert!(place.check().is_err() && place.reopen().is_err(), "{way}: no empty one takes its place");
+            if way == "moved" {
+                fs::rename(&away, &folder).unwrap();
+                place.reopen().unwrap();
+                place.commit(&Batch::default()).unwrap();
+            }
+        }
+        fs::remove_dir_all(&base).unwrap();
+    }
+
+    #[test]
+    fn a_copy_is_read_and_nothing_stays_of_it() {
+        let (base, options) = options("copy");
+        let (mut place, ..) = Place::open(&options).unwrap();
+        place.commit(&Batch::default()).unwrap();
+        for folder in ["db", "nowhere"] {
+            place.read_only(&base.join(folder), &options.scratch).unwrap();
+            assert!(!options.scratch.join("db-copy").exists());
+        }
+        drop(place);
+        fs::remove_dir_all(&base).unwrap();
+    }
 }

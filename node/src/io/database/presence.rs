@@ -1,0 +1,43 @@
+//! Whether a store is still where it was opened. Its files may be deleted or moved while the engine has them open: it goes on
+//! writing, and the next start finds nothing of what it wrote.
+
+use std::fs;
+use std::io;
+use std::os::unix::fs::MetadataExt;
+use std::path::{Path, PathBuf};
+
+/// How files of an engine begin that come and go while it runs.
+const PASSING: &str = "snap.";
+
+/// The folder of a store and its files, each with its device and its inode.
+#[derive(Debug)]
+pub(super) struct Presence(Vec<(PathBuf, (u64, u64))>);
+
+impl Presence {
+    /// Notes what is there.
+    pub(super) fn of(folder: &Path) -> io::Result<Self> {
+        let mut all = vec![(folder.to_owned(), identity(folder)?)];
+        for entry in fs::read_dir(folder)? {
+            let (path, name) = entry.map(|entry| (entry.path(), entry.file_name()))?;
+            if path.is_file() && !name.to_string_lossy().starts_with(PASSING) {
+                let identity = identity(&path)?;
+                all.push((path, identity));
+            }
+        }
+        Ok(Self(all))
+    }
+
+    /// Returns whether everything is there, and still the same.
+    pub(super) fn holds(&self) -> bool {
+        self.0.iter().all(|(path, known)| identity(path).is_ok_and(|identity| identity == *known))
+    }
+
+    /// Returns whether everything is there, though it may be something else.
+    pub(super) fn is_replaced(&self) -> bool {
+        self.0.iter().all(|(path, _)| path.exists())
+    }
+}
+
+fn identity(path: &Path) -> io::Result<(u64, u64)> {
+    fs::metadata(path).map(|meta| (meta.dev(), meta.ino()))
+}
