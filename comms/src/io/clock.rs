@@ -1,5 +1,7 @@
 //! The only place where a clock is read, and where a thread waits for one.
 
+mod kernel;
+
 use crate::logic::time::Time;
 use rustix::thread::set_current_timer_slack;
 use rustix::time::{ClockId, clock_gettime};
@@ -18,10 +20,34 @@ pub fn unix_time() -> Duration {
     Duration::from_nanos(since_origin(ClockId::Realtime).nanos())
 }
 
-/// Returns whether this host's calendar clock is kept in step with others. Only systemd says so in a file; a clock that
-/// something else keeps counts as one that nobody has set.
-pub fn is_synchronised() -> bool {
-    Path::new("/run/systemd/timesync/synchronized").exists()
+/// How far a calendar clock is to be believed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Belief {
+    /// Somebody keeps it in step with others.
+    Kept,
+    /// It shows a date that may be right, and nobody keeps it.
+    Plausible,
+    /// It shows a date that cannot be right: nobody has set it.
+    Unset,
+}
+
+/// The dates between which an unkept clock may be right, as time since 1970: 2024, when no program could write what this one
+/// reads, and 2100.
+const PLAUSIBLE: [Duration; 2] = [Duration::from_secs(1_704_067_200), Duration::from_secs(4_102_444_800)];
+
+/// Returns how far this host's calendar clock is to be believed. The kernel knows whether chrony, ntpd, PTP or systemd keeps
+/// it, and says so to everybody; where it may not be asked, as in some containers, systemd's own mark counts.
+pub fn belief() -> Belief {
+    let kept = kernel::is_kept().unwrap_or_else(|| Path::new("/run/systemd/timesync/synchronized").exists());
+    believe(kept, unix_time())
+}
+
+fn believe(kept: bool, shown: Duration) -> Belief {
+    match shown >= PLAUSIBLE[0] && shown < PLAUSIBLE[1] {
+        true if kept => Belief::Kept,
+        true => Belief::Plausible,
+        false => Belief::Unset,
+    }
 }
 
 fn since_origin(clock: ClockId) -> Time {
@@ -96,6 +122,16 @@ mod tests {
         let times: Vec<Time> = (0..1000).map(|_| now()).collect();
         assert!(times.is_sorted());
         assert!(times[0] > Time::ZERO && unix_time() > Duration::from_secs(1_600_000_000));
+    }
+
+    #[test]
+    fn a_clock_is_believed_as_far_as_its_keeper_and_its_date_go() {
+        let now = Duration::from_secs(1_795_255_200);
+        assert_eq!(believe(true, now), Belief::Kept);
+        assert_eq!(believe(false, now), Belief::Plausible);
+        assert_eq!(believe(false, Duration::from_secs(5)), Belief::Unset, "a board without a battery begins in 1970");
+        assert_eq!(believe(true, Duration::from_secs(5)), Belief::Unset, "whoever keeps it there keeps it wrong");
+        assert_ne!(belief(), Belief::Unset, "the machine that runs this test has a date");
     }
 
     #[test]

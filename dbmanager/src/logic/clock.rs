@@ -30,7 +30,7 @@ pub enum Quality {
     /// Nobody has set it.
     #[default]
     Unset,
-    /// Set from a battery-backed clock.
+    /// It shows a date that may be right, as after a start from a battery-backed clock, and nobody keeps it.
     Battery,
     /// Kept in step by NTP or PTP.
     Network,

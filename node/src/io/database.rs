@@ -19,7 +19,7 @@ use crate::logic::database::settings::Settings;
 use crate::logic::database::{Database, Effect, Input};
 use crate::logic::protocol::Answer;
 use anyhow::Context;
-use comms::io::clock;
+use comms::io::clock::{self, Belief};
 use comms::io::session::{Request, Session};
 use comms::logic::codec;
 use comms::logic::time::Time;
@@ -374,5 +374,10 @@ fn words(error: &anyhow::Error) -> String {
 /// Returns the calendar time, and how far it is to be believed.
 fn wall() -> Wall {
     let millis = u64::try_from(clock::unix_time().as_millis()).unwrap_or(u64::MAX);
-    Wall { millis, quality: if clock::is_synchronised() { Quality::Network } else { Quality::Unset } }
+    let quality = match clock::belief() {
+        Belief::Kept => Quality::Network,
+        Belief::Plausible => Quality::Battery,
+        Belief::Unset => Quality::Unset,
+    };
+    Wall { millis, quality }
 }

@@ -8,9 +8,10 @@
 //! [`Checkpoints`] from its start on, before the first of the log is dropped: states share what they have in common, so a
 //! handful costs little.
 //!
-//! A date names a cut, too: all transactions that were committed by then by a clock in step, and all that those had
-//! seen. What was written without such a clock counts by its stamp, which is no earlier than any date that its writer
-//! had seen. A base will do if it is within that cut, so one date in 2099 is in the way of none, once others have seen it.
+//! A date names a cut, too: all transactions that were committed by then by a clock that may be believed, and all that those
+//! had seen. Of what was written without such a clock two bounds are known: it was not before any date that its writer had
+//! seen, and not after the date of whoever has seen it. A date between the two is refused: nobody can tell. A base will do if
+//! it is within that cut, so one date in 2099 is in the way of none, once others have seen it.
 
 use super::past::{Past, When};
 use super::value::Datum;
@@ -62,6 +63,19 @@ pub enum MomentError {
     Ahead {
         /// Up to which transactions.
         missing: Cut,
+    },
+    /// Some of it was written while no clock was set, and nobody with a date had seen it by then.
+    #[error(
+        "what was there at that date cannot be told: {count} of the changes asked for have no date, since their robot's clock \
+         was not set (the first is {first}, by `{by}`); ask for a later date, or for a cut as `dca db cut` prints it"
+    )]
+    Undated {
+        /// The first of them.
+        first: Dot,
+        /// Its robot.
+        by: String,
+        /// How many there are.
+        count: usize,
     },
 }
 
@@ -162,31 +176,49 @@ impl Past<'_> {
         Ok(state)
     }
 
-    /// Returns the cut at a date, in milliseconds since 1970.
+    /// Returns the cut at a date, in milliseconds since 1970, as far as keys below `prefix` are concerned.
     ///
     /// # Errors
-    /// If it is not kept any more.
-    pub fn cut_at(&self, millis: u64, base: Option<&Base>) -> Result<Cut, MomentError> {
+    /// If it is not kept any more, or nobody can tell what was there then.
+    pub fn cut_at(&self, millis: u64, prefix: &str, base: Option<&Base>) -> Result<Cut, MomentError> {
         let base = Base::of(self, base)?;
         let (mut cut, oldest) = (Cut::default(), base.cut());
         for (origin, head) in &base.heads {
             let dot = Dot { origin: *origin, seq: head.seq };
             let kept = self.log.frame(dot).and_then(|frame| frame.open().ok());
-            if kept.map_or(head.stamp.millis(), |txn| When::of(txn.wall, txn.stamp).millis) <= millis {
+            // Of what is gone the stamp is left; one from before any date had been seen says nothing.
+            let stamp = When { millis: head.stamp.millis(), trusted: false };
+            let stamped = || stamp.is_known().then_some(stamp.millis);
+            if kept.map_or_else(stamped, |txn| When::dated(txn.wall, txn.stamp)).is_some_and(|date| date <= millis) {
                 cut.join(&head.context);
                 cut.include(dot);
             }
         }
-        self.walk(&base.heads, |txn, context| {
-            if !oldest.contains(txn.dot()) && When::of(txn.wall, txn.stamp).millis <= millis {
+        let (mut later, mut undated): (Vec<Dot>, Vec<(Dot, Cut)>) = (Vec::new(), Vec::new());
+        self.walk(&base.heads, |txn, context| match When::dated(txn.wall, txn.stamp) {
+            _ if oldest.contains(txn.dot()) => {}
+            Some(date) if date <= millis => {
                 cut.join(context);
                 cut.include(txn.dot());
             }
+            Some(_) => later.push(txn.dot()),
+            None if txn.stamp.millis() > millis => {}
+            None if txn.writes.iter().any(|write| write.key.as_str().starts_with(prefix)) => {
+                undated.push((txn.dot(), context.clone()));
+            }
+            None => {}
         });
         if !cut.dominates(&oldest) {
             return Err(MomentError::Compacted { oldest });
         }
-        Ok(cut)
+        later.retain(|dot| !cut.contains(*dot));
+        undated.retain(|(dot, seen)| !cut.contains(*dot) && !later.iter().any(|later| seen.contains(*later)));
+        match undated.first() {
+            Some((first, _)) => {
+                Err(MomentError::Undated { first: *first, by: self.robot(first.origin), count: undated.len() })
+            }
+            None => Ok(cut),
+        }
     }
 }
 

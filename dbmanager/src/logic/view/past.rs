@@ -19,16 +19,22 @@ use crate::logic::state::State;
 use crate::logic::txn::{Condition, Require, Txn, Write};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, VecDeque};
+use std::ops::Range;
 
 /// The most transactions that are named as beside one.
 const BESIDE_MAX: usize = 16;
+
+/// The dates that a clock which nobody keeps may be believed, in milliseconds since 1970: 2024, when nobody could have
+/// written what this program reads, to 2100.
+const PLAUSIBLE: Range<u64> = 1_704_067_200_000..4_102_444_800_000;
 
 /// When something was done, as far as clocks are to be believed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct When {
     /// Milliseconds since 1970.
     pub millis: u64,
-    /// Whether the clock was kept in step. If not, it is the latest date that had been seen there.
+    /// Whether the clock was kept in step. If not, it is what the clock showed if that may be right, or else the latest date
+    /// that had been seen there.
     pub trusted: bool,
 }
 
@@ -69,9 +75,9 @@ pub struct Filter {
     pub keys: Keys,
     /// Only what this robot did.
     pub by: Option<String>,
-    /// Only what was done at or after this time, in milliseconds since 1970.
+    /// Only what was done at or after this time, in milliseconds since 1970. What has no date counts, if it may have been then.
     pub from: Option<u64>,
-    /// Only what was done before this time.
+    /// Only what was done before this time, likewise.
     pub until: Option<u64>,
     /// Only the last so many.
     pub limit: usize,
@@ -102,8 +108,9 @@ impl Filter {
         Self { keys, by: None, from: None, until: None, limit }
     }
 
-    fn admits(&self, deed: &Deed) -> bool {
-        self.from.is_none_or(|from| deed.when.millis >= from)
+    fn admits(&self, deed: &Deed, txn: &Txn) -> bool {
+        let dated = When::dated(txn.wall, txn.written()).is_some();
+        self.from.is_none_or(|from| deed.when.millis >= from || !dated)
             && self.until.is_none_or(|until| deed.when.millis < until)
             && self.by.as_ref().is_none_or(|robot| *robot == deed.by)
     }
@@ -112,11 +119,26 @@ impl Filter {
 impl When {
     /// Returns when a transaction was committed.
     pub fn of(wall: Wall, stamp: Stamp) -> Self {
-        // A stamp is above every date that its writer had seen: where no clock was kept, it is the better guess.
+        let trusted = wall.quality >= Quality::Network;
+        // A stamp is above every date that its writer had seen: where no clock was kept, it may be the better guess.
+        Self { millis: Self::dated(wall, stamp).unwrap_or(stamp.millis()), trusted }
+    }
+
+    /// Returns the date of a transaction, in milliseconds since 1970; `None` if its clock showed none that may be right. Then
+    /// nothing is known but that it was not before [`Stamp::millis`].
+    pub(super) fn dated(wall: Wall, stamp: Stamp) -> Option<u64> {
         match wall.quality {
-            Quality::Network | Quality::Satellite => Self { millis: wall.millis, trusted: true },
-            Quality::Unset | Quality::Battery => Self { millis: stamp.millis(), trusted: false },
+            Quality::Network | Quality::Satellite => Some(wall.millis),
+            Quality::Unset | Quality::Battery if PLAUSIBLE.contains(&wall.millis) => {
+                Some(wall.millis.max(stamp.millis()))
+            }
+            Quality::Unset | Quality::Battery => None,
         }
+    }
+
+    /// Returns whether there is a date at all: neither the clock showed one, nor had one been seen.
+    pub fn is_known(self) -> bool {
+        self.trusted || PLAUSIBLE.contains(&self.millis)
     }
 }
 
@@ -142,7 +164,7 @@ impl Past<'_> {
                 }
                 earlier.entry(deed.dot.origin).or_default().push(deed.dot);
             }
-            if filter.admits(&deed) {
+            if filter.admits(&deed, txn) {
                 deeds.push_back(deed);
             }
             if deeds.len() > filter.limit {

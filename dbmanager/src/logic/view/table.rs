@@ -40,7 +40,7 @@ pub fn deeds(deeds: &[Deed], span: Span) -> String {
         Span::All => &["WHEN (UTC)", "BY", "KEY", "VALUE", "WHY", "TRANSACTION", ""],
     })];
     let short = |dot: &Dot| match deeds.iter().find(|deed| deed.dot == *dot) {
-        Some(deed) => format!("{}'s {}", deed.by, date::text(deed.when.millis)),
+        Some(deed) => format!("{}'s {}", deed.by, when(deed.when)),
         None => dot.to_string(),
     };
     for deed in deeds {
@@ -113,6 +113,9 @@ pub fn conflicts(conflicts: &[Conflict], races: &[Race]) -> String {
 
 /// Returns a date; `~` before it says that no clock was kept.
 fn when(when: When) -> String {
+    if !when.is_known() {
+        return "no date".to_owned();
+    }
     format!("{}{}", if when.trusted { "" } else { "~" }, date::text(when.millis))
 }
 

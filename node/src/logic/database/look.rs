@@ -31,21 +31,21 @@ impl Database {
 
     /// Returns what was changed from one moment to another.
     pub(super) fn diff(&self, [from, to]: [&Moment; 2], prefix: &str) -> Reply {
-        let states = self.at(from).and_then(|before| Ok((before, self.at(to)?)));
+        let states = self.at(from, prefix).and_then(|before| Ok((before, self.at(to, prefix)?)));
         match states {
             Ok((before, after)) => Reply::Differences(diff(&before, &after, prefix)),
             Err(why) => Reply::Refused(why.to_string()),
         }
     }
 
-    /// Returns the state at a moment.
-    pub(super) fn at(&self, moment: &Moment) -> Result<State, MomentError> {
+    /// Returns the state at a moment; by a date, as far as keys below `prefix` are concerned.
+    pub(super) fn at(&self, moment: &Moment, prefix: &str) -> Result<State, MomentError> {
         let past = self.past();
         match moment {
             Moment::Now => Ok(self.state().clone()),
             Moment::Cut(cut) => past.at(cut, self.checkpoints.before(cut)),
             Moment::Date(millis) => {
-                let cut = past.cut_at(*millis, self.checkpoints.oldest())?;
+                let cut = past.cut_at(*millis, prefix, self.checkpoints.oldest())?;
                 past.at(&cut, self.checkpoints.before(&cut))
             }
         }
@@ -56,7 +56,7 @@ impl Database {
         let cut: Result<Cut, MomentError> = match moment {
             Moment::Now => Ok(self.replica.log().cut().clone()),
             Moment::Cut(cut) => Ok(cut.clone()),
-            Moment::Date(millis) => self.past().cut_at(*millis, self.checkpoints.oldest()),
+            Moment::Date(millis) => self.past().cut_at(*millis, "", self.checkpoints.oldest()),
         };
         cut.map_or_else(|why| Reply::Refused(why.to_string()), Reply::Cut)
     }
@@ -68,7 +68,7 @@ impl Database {
             Moment::Cut(_) | Moment::Date(_) if prefix.starts_with(LOCAL) => {
                 Err("what is below `local/` has no past; only what it holds now can be shown".to_owned())
             }
-            Moment::Now | Moment::Cut(_) | Moment::Date(_) => self.at(moment).map_err(|why| why.to_string()),
+            Moment::Now | Moment::Cut(_) | Moment::Date(_) => self.at(moment, prefix).map_err(|why| why.to_string()),
         }
     }
 

@@ -67,7 +67,7 @@ fn missing(whole: &Cut, part: &Cut) -> u64 {
 fn quality(quality: Quality) -> &'static str {
     match quality {
         Quality::Unset => "unset",
-        Quality::Battery => "battery",
+        Quality::Battery => "plausible",
         Quality::Network => "network",
         Quality::Satellite => "satellite",
     }

@@ -108,8 +108,8 @@ fn clock(quality: &str) -> &str {
     match quality {
         "network" => "kept by the network",
         "satellite" => "kept by a satellite receiver",
-        "battery" => "kept by a battery: its writes are dated by the team's",
-        _ => "kept by nobody that is known of: its writes are dated by the team's",
+        "plausible" => "shows a date that may be right, but nobody keeps it: its dates are marked `~`",
+        _ => "not set: its writes are dated by the team's, if that has a date",
     }
 }
 
@@ -196,7 +196,7 @@ mod tests {
               log    34 transactions, 4 KiB
               state  0123456789ab (robots with the same have the same)
               store  /var/lib/dca/r1/db
-              clock  kept by nobody that is known of: its writes are dated by the team's"#]]
+              clock  not set: its writes are dated by the team's, if that has a date"#]]
         .assert_eq(&status(&team(members)));
     }
 

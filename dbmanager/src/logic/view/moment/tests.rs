@@ -1,8 +1,10 @@
 use super::*;
-use crate::logic::clock::Quality;
+use crate::logic::clock::{Quality, Wall};
+use crate::logic::log::Log;
 use crate::logic::mutant::Mutant;
 use crate::logic::snapshot;
 use crate::logic::txn::Draft;
+use crate::logic::view::past::{Filter, Keys};
 use crate::logic::view::table;
 use crate::logic::view::tests::{MORNING, Robot, heal, key, play, steps};
 use expect_test::expect;
@@ -157,14 +159,14 @@ fn one_clock_in_2099_does_not_end_dates() {
     team[0].wall = right;
     team[0].forget(0);
     checkpoints.note(&team[0].past());
-    let late = |team: &[Robot]| team[0].past().cut_at(MORNING + 3_600_000, checkpoints.oldest());
+    let late = |team: &[Robot]| team[0].past().cut_at(MORNING + 3_600_000, "", checkpoints.oldest());
     assert_eq!(late(&team), Err(MomentError::Compacted { oldest: team[0].cut() }));
     team[0].put("in order, and seen", "team/a", "1");
     let seen = team[0].cut();
     team[1].put("in 2099, and not seen", "team/b", "2");
     heal(&mut team);
     assert_eq!(late(&team), Ok(seen));
-    let early = team[0].past().cut_at(MORNING, checkpoints.oldest());
+    let early = team[0].past().cut_at(MORNING, "", checkpoints.oldest());
     assert!(matches!(early, Err(MomentError::Compacted { oldest }) if oldest.dominates(&before)));
 }
 
@@ -172,23 +174,76 @@ fn one_clock_in_2099_does_not_end_dates() {
 fn a_date_is_a_cut() {
     let mut team = Robot::team(2);
     team[0].put("at 10:00:02", "team/a", "1");
-    team[1].wall = crate::logic::clock::Wall { millis: 5000, quality: Quality::Unset };
+    team[1].wall = Wall { millis: 5000, quality: Quality::Unset };
     team[1].put("in 1970", "team/b", "1");
     team[0].put("at 10:00:03", "team/a", "2");
     heal(&mut team);
     team[0].wall.millis = MORNING + 10_000;
     team[0].put("at 10:00:11", "team/a", "3");
     let past = team[0].past();
-    let at = |seconds: u64| {
-        let state = past.at(&past.cut_at(MORNING + 1000 * seconds, None).unwrap(), None).unwrap();
+    let at = |seconds: u64| -> Result<_, MomentError> {
+        let state = past.at(&past.cut_at(MORNING + 1000 * seconds, "", None)?, None)?;
         let read = |text: &str| state.get(&key(text)).map(|v| Datum::of(v.value.as_ref().unwrap()).to_toml());
-        (read("team/a"), read("team/b"))
+        Ok((read("team/a"), read("team/b")))
     };
     let one = || Some("1".to_owned());
-    assert_eq!(at(0), (None, None));
-    assert_eq!(at(2), (one(), one()), "without a clock, it counts from the last date that was seen there");
-    assert_eq!(at(3), (Some("2".into()), one()));
-    assert_eq!(at(60), (Some("3".into()), one()));
+    assert_eq!(at(0), Ok((None, None)), "it was not before the last date that was seen there");
+    let refused = at(2).unwrap_err();
+    assert_eq!(refused, at(10).unwrap_err(), "it may have been then, or not");
+    expect!["what was there at that date cannot be told: 1 of the changes asked for have no date, since their robot's clock was not set (the first is 0000000000000002:1, by `r2`); ask for a later date, or for a cut as `dca db cut` prints it"].assert_eq(&refused.to_string());
+    assert_eq!(at(11), Ok((Some("3".into()), one())), "whoever wrote at that date had seen it");
+    let of_a = past.cut_at(MORNING + 2000, "team/a", None).unwrap();
+    assert_eq!(of_a.to_string(), "0000000000000001:2", "other keys are not its business");
+}
+
+#[test]
+fn a_clock_that_nobody_keeps_tells_dates_all_the_same() {
+    let mut team = Robot::team(2);
+    for (robot, quality) in team.iter_mut().zip([Quality::Battery, Quality::Unset]) {
+        // So did robots whose system clock was right, but not kept by systemd.
+        (robot.log, robot.state, robot.wall.quality) = Default::default();
+        robot.wall.quality = quality;
+    }
+    team[0].put("at 10:00:02", "team/a", "1");
+    team[0].put("at 10:00:03", "team/a", "2");
+    let first = team[0].clone();
+    team[1].pull(&first);
+    team[1].put("at 10:00:04", "team/a", "3");
+    assert!(team[1].log.last_stamp().millis() < 10, "stamps go on from nothing");
+    let past = team[1].past();
+    let deeds = past.deeds(&Filter::new(Keys::Only(key("team/a")), 9));
+    expect![[r#"
+        WHEN (UTC)            BY                VALUE  WHY          TRANSACTION
+        ~2026-11-21 10:00:02  0000000000000001  1      at 10:00:02  0000000000000001:1
+        ~2026-11-21 10:00:03  0000000000000001  2      at 10:00:03  0000000000000001:2
+        ~2026-11-21 10:00:04  0000000000000002  3      at 10:00:04  0000000000000002:1"#]]
+    .assert_eq(&table::deeds(&deeds, table::Span::Key));
+    let shown = |seconds: u64| {
+        let state = past.at(&past.cut_at(MORNING + 1000 * seconds, "", None).unwrap(), None).unwrap();
+        state.get(&key("team/a")).map(|v| Datum::of(v.value.as_ref().unwrap()).to_toml())
+    };
+    assert_eq!([1, 2, 3, 4].map(shown), [None, Some("1".into()), Some("2".into()), Some("3".into())]);
+}
+
+#[test]
+fn without_any_date_no_question_by_date_is_answered() {
+    let mut robot = Robot { log: Log::default(), state: State::default(), ..Robot::team(1).remove(0) };
+    robot.wall = Wall { millis: 5000, quality: Quality::Unset };
+    robot.put("", "team/a", "1");
+    let past = robot.past();
+    let deeds = past.deeds(&Filter { from: Some(MORNING), ..Filter::new(Keys::Below(String::new()), 9) });
+    expect![[r#"
+        WHEN (UTC)  BY                VALUE  WHY  TRANSACTION
+        no date     0000000000000001  1           0000000000000001:1"#]]
+    .assert_eq(&table::deeds(&deeds, table::Span::Key));
+    for date in [5000, 6000, MORNING] {
+        assert!(matches!(past.cut_at(date, "", None), Err(MomentError::Undated { count: 1, .. })), "{date}");
+    }
+    // What is left of it once the log is cut says no more.
+    let base = Base { heads: robot.log.heads().clone(), state: robot.state.clone() };
+    robot.forget(0);
+    let cut = robot.past().cut_at(MORNING, "", Some(&base));
+    assert_eq!(cut, Err(MomentError::Compacted { oldest: robot.cut() }));
 }
 
 #[test]

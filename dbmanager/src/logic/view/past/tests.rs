@@ -16,14 +16,14 @@ fn the_history_of_a_key() {
     let first = team[0].clone();
     team[1].pull(&first);
     team[0].commit(Draft::new("").put(key("team/gain"), b"x").put(key("team/other"), b"y"));
-    team[1].wall.quality = Quality::Unset;
+    team[1].wall = Wall { millis: 0, quality: Quality::Unset };
     team[1].commit(Draft::new("new lens").delete(key("team/gain")));
     heal(&mut team);
     let (left, right) = (team[0].past().deeds(&of("team/gain")), team[1].past().deeds(&of("team/gain")));
     expect![[r#"
         WHEN (UTC)            BY  VALUE              WHY          TRANSACTION
         2026-11-21 10:00:02   r1  1.0                first light  0000000000000001:2
-        2026-11-21 10:00:03   r1  {"$bytes" = "78"}               0000000000000001:3  ! beside r2's 2026-11-21 10:00:02
+        2026-11-21 10:00:03   r1  {"$bytes" = "78"}               0000000000000001:3  ! beside r2's ~2026-11-21 10:00:02
         ~2026-11-21 10:00:02  r2  (deleted)          new lens     0000000000000002:1  ! beside r1's 2026-11-21 10:00:03"#]].assert_eq(&table::deeds(&left, table::Span::Key));
     let mut sorted = [left, right];
     sorted.iter_mut().for_each(|deeds| deeds.sort_by_key(|deed| deed.dot));

@@ -1,0 +1,20 @@
+//! The kernel's word on its own calendar clock. `adjtimex` is in no safe crate that this workspace has.
+//!
+//! Whoever disciplines the clock (chrony with `rtcsync`, ntpd, ptp4l with phc2sys, systemd-timesyncd) clears the flag
+//! `STA_UNSYNC`; the kernel sets it again by itself once its estimated error exceeds 16 s, about nine hours after the last word of
+//! its keeper. Source: adjtimex(2), Linux `kernel/time/ntp.c`.
+
+/// Returns whether somebody keeps the calendar clock in step; `None` if the kernel does not say.
+pub(super) fn is_kept() -> Option<bool> {
+    let timex = read()?;
+    Some(timex.status & libc::STA_UNSYNC == 0)
+}
+
+#[expect(unsafe_code, reason = "no crate in use has a safe signature for adjtimex")]
+fn read() -> Option<libc::timex> {
+    // SAFETY: `timex` is a plain C structure of integers, for which all zeros are a valid value.
+    let mut timex: libc::timex = unsafe { std::mem::zeroed() };
+    // SAFETY: the pointer is valid for the call, and the kernel writes no more than the structure. `modes` is 0, so nothing is set.
+    let state = unsafe { libc::adjtimex(&raw mut timex) };
+    (state >= 0).then_some(timex)
+}
