@@ -291,6 +291,64 @@ fn what_has_not_begun_can_be_stopped() {
 /// The host of a group's supervisor is lost: what it ran here is stopped before something takes its place.
 #[test]
 fn a_lost_supervisor_leaves_nothing_running() {
+/// Opens wires at a host that does not answer, at 50 ms; stops on contact at 100 ms.
+fn behind_a_slow_host(actions: &str) -> World {
+    let text = format!(
+        r#"
+process main() {{
+    host {{ "c1" }}
+    instantiated_processes {{
+        cam instof Sensor("c2");
+        first instof Step("c1");
+        viewer instof Long("c1");
+        near instof Step("c1");
+        contact instof Step("c1");
+        arm instof Long("c1");
+    }}
+    internal_connections(viewer, view) {{ cam, Out -> viewer, In; }}
+    internal_event_actions {{ {actions} }}
+}}
+"#
+    );
+    let mut world = World::new(&["c1", "c2"]);
+    world.deploy("c1", &text);
+    while world.log.is_empty() {
+        world.run_for(Duration::from_millis(1));
+    }
+    world.run_for(Duration::from_millis(20));
+    world.cut.insert("c2".into());
+    world
+}
+
+/// Whatever waits for its wires, a stop does not wait with it.
+#[test]
+fn a_stop_does_not_wait_behind_a_slow_host() {
+    let mut world = behind_a_slow_host("cam , (first ; viewer[view]) , ((near ; contact) # arm)");
+    let is_running = |world: &World, path: &str| {
+        let leaves = &world.plan.as_ref().unwrap().leaves;
+        let is_meant = |leaf: u32| leaves[leaf as usize].path == format!("main/{path}");
+        world.running.keys().any(|(_, process)| is_meant(process.leaf))
+    };
+    assert!(is_running(&world, "arm"));
+    world.run_for(Duration::from_millis(130));
+    assert!(!is_running(&world, "arm"), "contact was made 30 ms ago");
+    assert!(!is_running(&world, "viewer"), "its wires are not confirmed");
+    world.run_for(Duration::from_secs(1));
+    assert!(is_running(&world, "viewer"), "it is not kept waiting for longer than 1 s");
+}
+
+/// What waits can be stopped, too: it never runs.
+#[test]
+fn an_activation_that_waits_for_its_wires_can_be_stopped() {
+    let mut world = behind_a_slow_host("cam # ((first ; viewer[view]) # (near ; contact))");
+    world.run_for(Duration::from_millis(500));
+    world.cut.clear();
+    world.run_for(Duration::from_secs(5));
+    assert_eq!(world.log.iter().filter(|line| line.starts_with("Long")).count(), 0, "{:?}", world.log);
+    assert_eq!(world.ending(world.calls[0]), &Ending::Done(vec![]));
+    assert_eq!(world.wires_open, BTreeSet::new());
+}
+
     let text = r#"
 process Pair(here, there) {
     host { there }

@@ -1,15 +1,15 @@
 //! The supervisor of one process group: feeds events to the algebra and turns its commands into orders.
 //!
-//! Commands go out strictly in the algebra's order. One rule is added: an activation waits until every connection set
-//! opened before it is confirmed by its producers, so that a consumer never runs on closed wires. Wires are counted, since
-//! two sets may share one.
+//! Commands go out at once and in the algebra's order, but for one: an activation waits until the wires that were opened for
+//! its member are confirmed by their producers, so that a consumer never runs on closed wires. Nothing else waits with it: a
+//! stop on contact must not stand behind a slow host. Wires are counted, since two sets may share one.
 
 use crate::logic::effect::{Out, earliest};
 use crate::logic::protocol::{Deployment, Ending, Failure, FailureCause, Target, ToTenant};
 use comms::logic::time::Time;
 use language::algebra::{Activation, Activity, Cause, Command, Event, Outcome, Program, Reason, State, Value, step};
 use language::plan::{Group, MemberKind, Plan};
-use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
 /// How long producers have to confirm that wires are open; then the consumer runs anyway and its own freshness checks
@@ -32,6 +32,28 @@ pub struct Surroundings<'a> {
     pub since_go: Duration,
 }
 
+/// Wires that were opened, and that their producers have not confirmed yet.
+#[derive(Debug)]
+struct Unconfirmed {
+    /// The host of the producers.
+    host: String,
+    /// Slots of the members that they lead to.
+    consumers: BTreeSet<u32>,
+}
+
+/// An activation that has not gone out.
+#[derive(Debug)]
+struct Waiting {
+    activation: u32,
+    value: Vec<u8>,
+    /// The generations of wires that it waits for.
+    wires: BTreeSet<u64>,
+    /// When it goes out without them.
+    until: Time,
+    /// When it goes out at the earliest.
+    not_before: Time,
+}
+
 /// The supervisor of one group.
 #[derive(Debug)]
 pub struct Executer {
@@ -40,12 +62,13 @@ pub struct Executer {
     state: State,
     activation: u32,
     running: bool,
-    queue: VecDeque<Command>,
+    /// Slot of the member that a leaf is, or is below of, for each leaf that a wire of this group leads to.
+    consumers: BTreeMap<u32, u32>,
     open: BTreeMap<u32, u32>,
     generation: u64,
-    unconfirmed: BTreeMap<u64, String>,
-    switch_until: Option<Time>,
-    pace_until: Option<Time>,
+    unconfirmed: BTreeMap<u64, Unconfirmed>,
+    /// Activations that wait, by slot.
+    waiting: BTreeMap<u32, Waiting>,
     activated: BTreeMap<u32, Time>,
     timers: BTreeSet<(Time, u32, u32)>,
     active: BTreeMap<u32, u32>,
@@ -55,7 +78,8 @@ pub struct Executer {
 impl Executer {
     /// Returns an idle supervisor for `plan.groups[group]`.
     pub fn new(plan: &Plan, group: u32) -> Option<Self> {
-        let program = Program::compile(plan.groups.get(group as usize)?);
+        let declared = plan.groups.get(group as usize)?;
+        let program = Program::compile(declared);
         let state = State::new(&program);
         Some(Self {
             group,
@@ -63,12 +87,11 @@ impl Executer {
             state,
             activation: 0,
             running: false,
-            queue: VecDeque::new(),
+            consumers: consumers(plan, declared),
             open: BTreeMap::new(),
             generation: 0,
             unconfirmed: BTreeMap::new(),
-            switch_until: None,
-            pace_until: None,
+            waiting: BTreeMap::new(),
             activated: BTreeMap::new(),
             timers: BTreeSet::new(),
             active: BTreeMap::new(),
@@ -113,6 +136,7 @@ impl Executer {
     /// Ends the group without waiting for anything: its node leaves.
     pub fn abandon(&mut self) {
         self.running = false;
+        self.waiting.clear();
     }
 
     /// Returns the activation that [`Executer::activate`] was given last.
@@ -131,6 +155,7 @@ impl Executer {
         let current = self.active.get(&slot) == Some(&activation);
         if current {
             self.active.remove(&slot);
+            self.waiting.remove(&slot);
         }
         let (member, activation) = (slot, Activation(activation));
         let event = match ending {
@@ -160,14 +185,15 @@ impl Executer {
 
     /// Notes that the producers of a generation of wires are switched.
     pub fn switched(&mut self, generation: u64, at: Surroundings<'_>, out: &mut Out<'_>) {
-        self.unconfirmed.remove(&generation);
-        self.flush(at, out);
+        self.confirm(&BTreeSet::from([generation]));
+        self.activate_ready(at, out);
     }
 
     /// Takes the loss of a host: its members fail, and nobody waits for it any more.
     pub fn host_lost(&mut self, host: &str, at: Surroundings<'_>, out: &mut Out<'_>) -> Option<Ending> {
-        self.unconfirmed.retain(|_, waited| waited != host);
-        self.flush(at, out);
+        let theirs = self.unconfirmed.iter().filter(|(_, wires)| wires.host == host).map(|(number, _)| *number);
+        self.confirm(&theirs.collect());
+        self.activate_ready(at, out);
         let group = at.plan.groups.get(self.group as usize)?;
         let lost: Vec<(u32, u32)> = self.active.iter().map(|(slot, number)| (*slot, *number)).collect();
         for (slot, number) in lost {
@@ -187,13 +213,7 @@ impl Executer {
 
     /// Does what is due. Returns how the group ended, if it did.
     pub fn tick(&mut self, at: Surroundings<'_>, out: &mut Out<'_>) -> Option<Ending> {
-        if self.switch_until.is_some_and(|until| until <= out.now) {
-            self.unconfirmed.clear();
-            self.flush(at, out);
-        }
-        if self.pace_until.is_some_and(|until| until <= out.now) {
-            self.flush(at, out);
-        }
+        self.activate_ready(at, out);
         let due: Vec<_> = self.timers.iter().copied().take_while(|(due, ..)| *due <= out.now).collect();
         for (due, timer, number) in due {
             // An earlier one of them may have cancelled it.
@@ -211,14 +231,15 @@ impl Executer {
     /// Returns when [`Executer::tick`] wants to be called.
     pub fn deadline(&self) -> Option<Time> {
         let timer = self.timers.first().map(|(due, ..)| *due);
-        earliest(earliest(self.switch_until, self.pace_until), timer)
+        self.waiting.values().map(|waiting| Some(waiting.ready_at())).fold(timer, earliest)
     }
 
     fn react(&mut self, event: Event, at: Surroundings<'_>, out: &mut Out<'_>) -> Option<Ending> {
         let mut commands = Vec::new();
         let outcome = step(&self.program, &mut self.state, event, &mut commands);
-        self.queue.extend(commands);
-        self.flush(at, out);
+        for command in commands {
+            self.carry_out(command, at, out);
+        }
         let outcome = outcome?;
         self.running = false;
         Some(match outcome {
@@ -228,25 +249,37 @@ impl Executer {
         })
     }
 
-    fn flush(&mut self, at: Surroundings<'_>, out: &mut Out<'_>) {
-        self.pace_until = None;
-        while let Some(command) = self.queue.front() {
-            if let Command::Activate { member, .. } = command {
-                if !self.unconfirmed.is_empty() {
-                    self.switch_until.get_or_insert(out.now + SWITCH_WITHIN);
-                    return;
-                }
-                if let Some(last) = self.activated.get(member).filter(|last| **last + PACE > out.now) {
-                    self.pace_until = Some(*last + PACE);
-                    return;
-                }
-                self.switch_until = None;
-            }
-            if let Some(command) = self.queue.pop_front() {
-                self.carry_out(command, at, out);
-            }
+    /// Takes note that generations of wires need not be waited for any more.
+    fn confirm(&mut self, generations: &BTreeSet<u64>) {
+        self.unconfirmed.retain(|generation, _| !generations.contains(generation));
+        for waiting in self.waiting.values_mut() {
+            waiting.wires.retain(|generation| !generations.contains(generation));
         }
-        self.switch_until = None;
+    }
+
+    /// Sends the activations that wait for nothing any more.
+    fn activate_ready(&mut self, at: Surroundings<'_>, out: &mut Out<'_>) {
+        let ready: Vec<(u32, Waiting)> =
+            self.waiting.extract_if(.., |_, waiting| waiting.ready_at() <= out.now).collect();
+        for (member, waiting) in ready {
+            // Who has not confirmed within the time is not waited for by others either.
+            self.confirm(&waiting.wires);
+            self.activate_member((member, waiting.activation), waiting.value, at, out);
+        }
+    }
+
+    fn activate_member(
+        &mut self,
+        (member, activation): (u32, u32),
+        value: Vec<u8>,
+        at: Surroundings<'_>,
+        out: &mut Out<'_>,
+    ) {
+        let Some(group) = at.plan.groups.get(self.group as usize) else { return };
+        let Some((target, host)) = member_target(at.plan, group, member) else { return };
+        self.activated.insert(member, out.now);
+        let order = ToTenant::Activate { target, activation, value };
+        out.send(host, at.deployment.to_tenant(order));
     }
 
     fn carry_out(&mut self, command: Command, at: Surroundings<'_>, out: &mut Out<'_>) {
@@ -255,18 +288,26 @@ impl Executer {
             Command::Connect { set } => self.switch(set, true, at, out),
             Command::Disconnect { set } => self.switch(set, false, at, out),
             Command::Activate { member, activation: Activation(activation), value } => {
-                let Some((target, host)) = member_target(at.plan, group, member) else { return };
+                let Some((target, _)) = member_target(at.plan, group, member) else { return };
                 self.active.insert(member, activation);
-                self.activated.insert(member, out.now);
                 let value = value.bytes().to_vec();
                 if value.len() > VALUE_MAX {
                     return self.refuse_value((target, activation), value.len(), at, out);
                 }
-                let order = ToTenant::Activate { target, activation, value };
-                out.send(host, at.deployment.to_tenant(order));
+                let leads_here = |wires: &Unconfirmed| wires.consumers.contains(&member);
+                let wires = self.unconfirmed.iter().filter(|(_, wires)| leads_here(wires)).map(|(number, _)| *number);
+                let (wires, until) = (wires.collect(), out.now + SWITCH_WITHIN);
+                let not_before = self.activated.get(&member).map_or(out.now, |last| *last + PACE);
+                self.waiting.insert(member, Waiting { activation, value, wires, until, not_before });
+                self.activate_ready(at, out);
             }
             Command::Stop { member, activation: Activation(activation) } => {
                 let Some((target, host)) = member_target(at.plan, group, member) else { return };
+                if self.waiting.get(&member).is_some_and(|waiting| waiting.activation == activation) {
+                    // It has never begun.
+                    self.waiting.remove(&member);
+                    return self.end_member((target, activation), Ending::Stopped, at, out);
+                }
                 out.send(host, at.deployment.to_tenant(ToTenant::Stop { target, activation }));
             }
             Command::Arm { timer, activation: Activation(number), after } => {
@@ -279,10 +320,15 @@ impl Executer {
     }
 
     fn refuse_value(&self, process: (Target, u32), size: usize, at: Surroundings<'_>, out: &mut Out<'_>) {
-        let (target, activation) = process;
         let cause =
             FailureCause::Reported(format!("the value for its `Init` has {size} bytes; {VALUE_MAX} are allowed"));
         let ending = Ending::Aborted(Failure { origin: String::new(), cause, at: at.since_go });
+        self.end_member(process, ending, at, out);
+    }
+
+    /// Says what a member that was never told to run would have to say, after the commands that are being carried out.
+    fn end_member(&self, process: (Target, u32), ending: Ending, at: Surroundings<'_>, out: &mut Out<'_>) {
+        let (target, activation) = process;
         if let Some(here) = group_host(at.plan, self.group) {
             out.send(here, at.deployment.to_tenant(ToTenant::Ended { target, activation, ending }));
         }
@@ -292,21 +338,23 @@ impl Executer {
     fn switch(&mut self, set: u32, open: bool, at: Surroundings<'_>, out: &mut Out<'_>) {
         let group = at.plan.groups.get(self.group as usize);
         let Some(set) = group.and_then(|group| group.sets.get(set as usize)) else { return };
-        let mut by_host: BTreeMap<&str, Vec<u32>> = BTreeMap::new();
+        let mut by_host: BTreeMap<&str, (Vec<u32>, BTreeSet<u32>)> = BTreeMap::new();
         for &wire in &set.wires {
             let count = self.open.entry(wire).or_default();
             let flips = if open { *count == 0 } else { *count == 1 };
             *count = if open { *count + 1 } else { count.saturating_sub(1) };
-            let host = at.plan.wires.get(wire as usize).and_then(|wire| leaf_host(at.plan, wire.from.leaf));
-            if let Some(host) = host.filter(|_| flips) {
-                by_host.entry(host).or_default().push(wire);
+            let Some(ends) = at.plan.wires.get(wire as usize).filter(|_| flips) else { continue };
+            if let Some(host) = leaf_host(at.plan, ends.from.leaf) {
+                let (wires, consumers) = by_host.entry(host).or_default();
+                wires.push(wire);
+                consumers.extend(self.consumers.get(&ends.to.leaf));
             }
         }
-        for (host, wires) in by_host {
+        for (host, (wires, consumers)) in by_host {
             self.generation += 1;
             let generation = self.generation;
             if open {
-                self.unconfirmed.insert(generation, host.to_owned());
+                self.unconfirmed.insert(generation, Unconfirmed { host: host.to_owned(), consumers });
             }
             let order = ToTenant::Switch { wires, open, group: self.group, generation };
             out.send(host, at.deployment.to_tenant(order));
@@ -335,6 +383,24 @@ impl Executer {
         };
         Failure { origin, cause, at: at.since_go }
     }
+}
+
+impl Waiting {
+    fn ready_at(&self) -> Time {
+        if self.wires.is_empty() { self.not_before } else { self.not_before.max(self.until) }
+    }
+}
+
+/// Returns the member that each leaf at the end of a wire of this group is, or is below of.
+fn consumers(plan: &Plan, group: &Group) -> BTreeMap<u32, u32> {
+    let slots: BTreeMap<&str, u32> =
+        (0..).zip(&group.members).map(|(slot, member)| (member.name.as_str(), slot)).collect();
+    let wires = group.sets.iter().flat_map(|set| &set.wires).filter_map(|wire| plan.wires.get(*wire as usize));
+    let consumer = |leaf: u32| {
+        let path = plan.leaves.get(leaf as usize)?.path.strip_prefix(&group.path)?.strip_prefix('/')?;
+        slots.get(path.split('/').next()?).copied()
+    };
+    wires.filter_map(|wire| Some((wire.to.leaf, consumer(wire.to.leaf)?))).collect()
 }
 
 /// Returns the name of the host of a leaf.

@@ -56,6 +56,8 @@ pub(super) struct World {
     pub(super) answers: BTreeMap<u64, Vec<Answer>>,
     pub(super) wires_open: BTreeSet<u32>,
     pub(super) log: Vec<String>,
+    /// The deployments that were asked for.
+    pub(super) calls: Vec<u64>,
     pub(super) plan: Option<Plan>,
     /// Whether shims fail to end their programs.
     pub(super) immortal: bool,
@@ -106,6 +108,7 @@ impl World {
         let call = self.counter;
         let request = Box::new(Request::Stop { name: "test".into() });
         self.at(0, home, Coming::Input(Input::Call { call, request }));
+        self.calls.push(call);
         call
     }
 
