@@ -1,7 +1,7 @@
 //! In-order, exactly-once messages between two running nodes.
 //!
 //! Zenoh keeps nothing for a peer that is away, so each side keeps what the other has not acknowledged and sends it
-//! again (go-back-N). A link belongs to one pair of boots: when either node restarts, both sides begin anew at 1, because
+//! again (go-back-N): the oldest of it, later each time until something is acknowledged, then the next. A link belongs to one pair of boots: when either node restarts, both sides begin anew at 1, because
 //! the state that the old messages spoke of is gone. Invariant: a message is delivered once, after all earlier ones.
 
 use crate::logic::protocol::{Body, Message, VERSION};
@@ -11,8 +11,12 @@ use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// How long an unacknowledged message waits before it is sent again.
+/// How long an unacknowledged message waits at least before it is sent again; on a slow line twice its round trip.
 const RESEND_AFTER: Duration = Duration::from_millis(200);
+/// How long it waits at most, however often it was sent in vain.
+const RESEND_AFTER_MAX: Duration = Duration::from_secs(5);
+/// How many messages are sent again at once.
+const WINDOW: usize = 64;
 /// How many unacknowledged messages are kept; past that the peer counts as lost.
 const BACKLOG_MAX: usize = 4096;
 
@@ -44,15 +48,44 @@ pub struct Link {
     boot_peer: u64,
     sent: u64,
     received: u64,
-    backlog: VecDeque<(u64, Message)>,
+    backlog: VecDeque<Unacknowledged>,
+    /// How long the line takes there and back, if it is known.
+    round_trip: Option<Duration>,
+    /// How long the next answer is waited for.
+    patience: Duration,
     resend_at: Option<Time>,
+    /// The last message that was sent when something had to be sent again, and the last one that was.
+    recovering: (u64, u64),
+    /// Whether the peer counts as lost: then it is only probed.
+    lost: bool,
+}
+
+/// A message that the peer has not acknowledged.
+#[derive(Debug)]
+struct Unacknowledged {
+    number: u64,
+    message: Message,
+    /// When it was sent for the first time; none once it was sent again, since nobody knows which one is acknowledged.
+    sent: Option<Time>,
 }
 
 impl Link {
     /// Returns a fresh link of node `host`, booted as `boot`, to a peer booted as `boot_peer`.
     pub fn new(host: &str, boot: u64, boot_peer: u64) -> Self {
         let host = host.to_owned();
-        Self { host, boot, boot_peer, sent: 0, received: 0, backlog: VecDeque::new(), resend_at: None }
+        Self {
+            host,
+            boot,
+            boot_peer,
+            sent: 0,
+            received: 0,
+            backlog: VecDeque::new(),
+            round_trip: None,
+            patience: RESEND_AFTER,
+            resend_at: None,
+            recovering: (0, 0),
+            lost: false,
+        }
     }
 
     /// Returns the boot number of the peer.
@@ -66,16 +99,26 @@ impl Link {
             return None;
         }
         self.sent += 1;
-        self.backlog.push_back((self.sent, message.clone()));
-        self.resend_at.get_or_insert(now + RESEND_AFTER);
+        self.backlog.push_back(Unacknowledged { number: self.sent, message: message.clone(), sent: Some(now) });
+        self.resend_at.get_or_insert(now + self.patience);
         Some(self.frame(Some((self.sent, message))))
     }
 
     /// Empties the messages that have not arrived: the peer counts as lost, and must not act on them when it is back. What is
-    /// final stays: a peer that has not lost this node waits for it.
+    /// final stays: a peer that has not lost this node waits for it. Until it is reached again it is only probed.
     pub fn abandon(&mut self) {
-        let others = self.backlog.iter_mut().map(|(_, message)| message).filter(|message| !message.is_final());
+        self.lost = true;
+        let others = self.backlog.iter_mut().map(|kept| &mut kept.message).filter(|message| !message.is_final());
         others.for_each(|message| message.body = Body::Void);
+    }
+
+    /// Takes note that the peer is there again: what it has not acknowledged is sent at once.
+    pub fn reached(&mut self, now: Time) {
+        self.lost = false;
+        self.patience = self.patience_first();
+        if !self.backlog.is_empty() {
+            self.resend_at = Some(now);
+        }
     }
 
     /// Takes a frame of the peer. Returns the message it delivers, if any, and the acknowledgement to send, if any.
@@ -83,13 +126,7 @@ impl Link {
         if frame.boot != self.boot_peer || frame.boot_peer != self.boot {
             return (None, None);
         }
-        while self.backlog.front().is_some_and(|(number, _)| *number <= frame.acknowledged) {
-            self.backlog.pop_front();
-            self.resend_at = Some(now + RESEND_AFTER);
-        }
-        if self.backlog.is_empty() {
-            self.resend_at = None;
-        }
+        self.acknowledged(now, frame.acknowledged);
         let Some((number, message)) = frame.message else { return (None, None) };
         let delivered = (number == self.received + 1).then(|| {
             self.received = number;
@@ -98,13 +135,49 @@ impl Link {
         (delivered, Some(self.frame(None)))
     }
 
+    fn acknowledged(&mut self, now: Time, acknowledged: u64) {
+        let mut progress = false;
+        while self.backlog.front().is_some_and(|kept| kept.number <= acknowledged)
+            && let Some(kept) = self.backlog.pop_front()
+        {
+            progress = true;
+            if let Some(sent) = kept.sent {
+                let took = now - sent;
+                self.round_trip = Some(self.round_trip.map_or(took, |before| (before * 7 + took) / 8));
+            }
+        }
+        let Some(oldest) = self.backlog.front().map(|kept| kept.number) else {
+            (self.patience, self.resend_at) = (self.patience_first(), None);
+            return;
+        };
+        if progress {
+            self.patience = self.patience_first();
+            let (sent_before, sent_again) = self.recovering;
+            // What was sent behind a gap was dropped by the peer: it is sent again as soon as the gap is filled.
+            let next_round = oldest <= sent_before && acknowledged >= sent_again;
+            self.resend_at = Some(if next_round { now } else { now + self.patience });
+        }
+    }
+
+    fn patience_first(&self) -> Duration {
+        self.round_trip.map_or(RESEND_AFTER, |took| (took * 2).clamp(RESEND_AFTER, RESEND_AFTER_MAX))
+    }
+
     /// Returns what has to be sent again by now.
     pub fn resend(&mut self, now: Time) -> Vec<Frame> {
         if self.resend_at.is_none_or(|at| at > now) {
             return Vec::new();
         }
-        self.resend_at = Some(now + RESEND_AFTER);
-        self.backlog.iter().map(|entry| self.frame(Some(entry.clone()))).collect()
+        self.resend_at = Some(now + self.patience);
+        self.patience = (self.patience * 2).min(RESEND_AFTER_MAX);
+        let count = if self.lost { 1 } else { WINDOW };
+        let mut again = Vec::new();
+        for kept in self.backlog.iter_mut().take(count) {
+            kept.sent = None;
+            again.push((kept.number, kept.message.clone()));
+        }
+        self.recovering = (self.sent, again.last().map_or(0, |(number, _)| *number));
+        again.into_iter().map(|message| self.frame(Some(message))).collect()
     }
 
     /// Returns when [`Link::resend`] wants to be called.
@@ -175,6 +248,64 @@ mod tests {
             let expected = (1..=30).map(numbered).collect::<Vec<_>>();
             assert_eq!(got, expected, "seed {seed}");
         }
+    }
+
+    /// The first of a minute are quick, since the line may only have lost one frame; then they become rare.
+    #[test]
+    fn a_peer_that_does_not_answer_is_not_flooded() {
+        for (lost, most) in [(false, 20 * WINDOW), (true, 20)] {
+            let mut link = Link::new("a", 1, 2);
+            (1..=1000).for_each(|number| drop(link.send(Time::ZERO, numbered(number))));
+            if lost {
+                link.abandon();
+            }
+            let (mut frames, mut first) = (0, None);
+            while let Some(at) = link.deadline().filter(|at| *at < Time::ZERO + Duration::from_secs(60)) {
+                first.get_or_insert(at);
+                frames += link.resend(at).len();
+            }
+            assert!(frames <= most && frames >= 10, "lost: {lost}, {frames} frames");
+            assert_eq!(first, Some(Time::ZERO + RESEND_AFTER));
+            let back = Time::ZERO + Duration::from_secs(60);
+            link.reached(back);
+            assert_eq!(link.resend(back).len(), WINDOW, "when it is there again, it is told at once");
+        }
+    }
+
+    /// A line of 50 ms each way that was cut: everything is there as soon as it can be, and each message is sent again once.
+    #[test]
+    fn a_long_backlog_comes_window_by_window() {
+        let (mut a, mut b) = (Link::new("a", 1, 2), Link::new("b", 2, 1));
+        (1..=1000).for_each(|number| drop(a.send(Time::ZERO, numbered(number))));
+        let mut now = Time::ZERO + Duration::from_secs(3);
+        let (mut got, mut frames, began) = (0, 0, now);
+        a.reached(now);
+        while got < 1000 {
+            let window = a.resend(now);
+            frames += window.len();
+            now = now + Duration::from_millis(50);
+            let answers = window.into_iter().filter_map(|frame| {
+                let (message, answer) = b.receive(now, frame);
+                got += usize::from(message.is_some());
+                answer
+            });
+            let answers: Vec<Frame> = answers.collect();
+            now = now + Duration::from_millis(50);
+            answers.into_iter().for_each(|answer| drop(a.receive(now, answer)));
+        }
+        assert_eq!((frames, now - began), (1000, Duration::from_millis(1600)));
+    }
+
+    /// Twice a round trip passes before a message is sent again, so a slow line does not carry everything twice.
+    #[test]
+    fn a_slow_line_is_waited_for() {
+        let (mut a, mut b) = (Link::new("a", 1, 2), Link::new("b", 2, 1));
+        let at = |millis| Time::ZERO + Duration::from_millis(millis);
+        let frame = a.send(at(0), numbered(1)).unwrap();
+        let (_, answer) = b.receive(at(500), frame);
+        a.receive(at(1000), answer.unwrap());
+        drop(a.send(at(2000), numbered(2)));
+        assert_eq!(a.deadline(), Some(at(4000)));
     }
 
     #[test]

@@ -40,7 +40,9 @@ impl Agent {
         let links = self.links.entry(host.to_owned()).or_default();
         // The link to a boot that is back goes on where it was: the boot has not forgotten it either.
         let known = links.iter().position(|link| link.boot_peer() == boot).map(|at| links.remove(at));
-        links.push(known.unwrap_or_else(|| Link::new(&self.identity.host, self.identity.boot, boot)));
+        let mut link = known.unwrap_or_else(|| Link::new(&self.identity.host, self.identity.boot, boot));
+        link.reached(out.now);
+        links.push(link);
         links.drain(..links.len().saturating_sub(LINKS_MAX));
         self.homes.values_mut().for_each(|home| home.host_back(host, out));
         self.tenants.values_mut().for_each(|tenant| tenant.host_back(host, out));
