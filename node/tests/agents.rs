@@ -130,6 +130,22 @@ fn nothing_runs_before_its_epoch_is_on_the_disk() {
     assert_eq!((world.alive.len(), world.log.len()), (0, 4));
 }
 
+/// What is not on the disk could be given out again after a restart.
+#[test]
+fn nothing_runs_whose_epoch_the_disk_refuses_and_the_deployer_is_told() {
+    let mut world = World::new(&["c1", "c2"]);
+    world.disk_refuses = Some("no space left on device".to_owned());
+    let call = world.deploy("c1", TWO_HOSTS);
+    world.run_for(Duration::from_secs(20));
+    let Report::Refused { reasons } = world.last_report(call) else { panic!("{:?}", world.last_report(call)) };
+    assert_eq!(reasons, &["host `c1`: the deployment's epoch cannot be written down: no space left on device"]);
+    assert_eq!((world.alive.len(), world.log.len()), (0, 0));
+    world.disk_refuses = None;
+    let call = world.deploy("c1", TWO_HOSTS);
+    world.run_for(Duration::from_secs(5));
+    assert_eq!(world.ending(call), &Ending::Done(vec![]));
+}
+
 #[test]
 fn a_program_of_another_version_is_refused_with_both_versions() {
     let mut world = World::new(&["c1", "c2"]);

@@ -264,7 +264,7 @@ impl Driver {
                 let is_current = self.programs.get(&process).is_some_and(|(current, _)| *current == number);
                 is_current.then_some(Input::Control { process, notice })
             }
-            Event::Committed(deployment) => Some(Input::Committed { deployment }),
+            Event::Committed(deployment, written) => Some(Input::Committed { deployment, written }),
         }
     }
 
@@ -343,11 +343,8 @@ impl Driver {
             let writing = tokio::task::spawn_blocking(move || {
                 journal.lock().unwrap_or_else(PoisonError::into_inner).commit(&epoch)
             });
-            // The mission can go on without the line; another one does not get its epoch while this node lives.
-            if let Err(error) = writing.await.map_err(std::io::Error::other).flatten() {
-                tracing::error!(%deployment, %error, "an epoch was not written down");
-            }
-            events.send(Event::Committed(deployment)).await.unwrap_or_default();
+            let written = writing.await.map_err(std::io::Error::other).flatten().map_err(|error| error.to_string());
+            events.send(Event::Committed(deployment, written)).await.unwrap_or_default();
         });
     }
 

@@ -22,8 +22,8 @@ pub(crate) enum Event {
     Program(Connection, ControlSender),
     /// A word from a program.
     Control(Connection, Notice),
-    /// The epoch of a deployment is in the journal.
-    Committed(Deployment),
+    /// The epoch of a deployment is in the journal, or why it is not.
+    Committed(Deployment, Result<(), String>),
 }
 
 /// A program's way to its node.

@@ -98,11 +98,13 @@ pub enum Input {
         /// What.
         notice: Notice,
     },
-    /// The epoch of a deployment that has its home here is on the disk, or will never be.
+    /// The epoch of a deployment that has its home here is on the disk, or cannot be written.
     Committed {
         /// Which.
         deployment: Deployment,
     },
+        /// Why it is not on the disk, for a person.
+        written: Result<(), String>,
     /// An order did not reach a controller.
     Undelivered {
         /// Which.
@@ -218,8 +220,10 @@ impl Agent {
                     tenant.undelivered(process.leaf, why, out);
                 }
             }
-            Input::Committed { deployment } => {
-                self.homes.get_mut(&deployment).into_iter().for_each(|home| home.committed(out));
+            Input::Committed { deployment, written } => {
+                if let Some(home) = self.homes.get_mut(&deployment) {
+                    home.committed(written, out);
+                }
             }
             Input::Leave => {
                 self.leaving = true;

@@ -79,7 +79,8 @@ pub enum Effect {
         /// Which.
         deployment: Deployment,
     },
-    /// Write down the epoch of a deployment, and give [`Input::Committed`] when it is on the disk. Nothing waits meanwhile.
+    /// Write down the epoch of a deployment, and give [`Input::Committed`] when it is on the disk or cannot be. Nothing waits
+    /// meanwhile.
     ///
     /// [`Input::Committed`]: crate::logic::agent::Input::Committed
     Commit {

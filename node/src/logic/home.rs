@@ -134,8 +134,13 @@ impl Home {
         }
     }
 
-    /// Takes note that its epoch is on the disk.
-    pub fn committed(&mut self, out: &mut Out<'_>) {
+    /// Takes note that its epoch is on the disk, or why it is not: then nothing of it runs.
+    pub fn committed(&mut self, written: Result<(), String>, out: &mut Out<'_>) {
+        if let Err(why) = written {
+            let home = self.plan.home().unwrap_or_default();
+            self.reasons.push(format!("host `{home}`: the deployment's epoch cannot be written down: {why}"));
+            return self.end(None, out);
+        }
         self.committed = true;
         self.go_if_ready(out);
     }

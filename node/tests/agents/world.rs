@@ -66,6 +66,8 @@ pub(super) struct World {
     /// The version of the control protocol that programs speak, if it is another.
     pub(super) version: Option<u16>,
 }
+    /// Why the disk takes nothing.
+    pub(super) disk_refuses: Option<String>,
 
 impl World {
     pub(super) fn new(hosts: &[&str]) -> Self {
@@ -218,7 +220,8 @@ impl World {
             Effect::Control { process, order } => self.order(host, &process, order),
             Effect::Answer { call, answer } => self.answers.entry(call).or_default().push(*answer),
             Effect::Commit { deployment } => {
-                self.at(self.disk_ms, host, Coming::Input(Input::Committed { deployment }));
+                let written = self.disk_refuses.clone().map_or(Ok(()), Err);
+                self.at(self.disk_ms, host, Coming::Input(Input::Committed { deployment, written }));
             }
             Effect::EndAnswers { .. } | Effect::Forget { .. } | Effect::Bury { .. } => {}
             Effect::Tail { .. } | Effect::Record(_) | Effect::Leave | Effect::Yield { .. } => {}
