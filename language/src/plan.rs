@@ -35,6 +35,19 @@ pub struct Plan {
     pub leaves: Vec<Leaf>,
     /// Every data route, leaf port to leaf port.
     pub wires: Vec<Wire>,
+    /// What leaves claim on their hosts.
+    pub claims: Vec<Claim>,
+}
+
+/// What a leaf claims on its host, against other deployments too.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Claim {
+    /// Index into [`Plan::leaves`].
+    pub leaf: u32,
+    /// The device.
+    pub device: String,
+    /// Whether it is alone with it; any number may read.
+    pub is_write: bool,
 }
 
 impl Plan {

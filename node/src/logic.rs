@@ -2,6 +2,7 @@
 
 pub mod agent;
 pub mod child;
+pub mod claims;
 pub mod database;
 pub mod effect;
 pub mod executer;

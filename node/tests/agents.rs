@@ -159,6 +159,54 @@ fn a_program_of_another_version_is_refused_with_both_versions() {
     assert_eq!(world.alive, BTreeSet::new());
 }
 
+fn with_arm(main: &str, module: &str) -> String {
+    format!(
+        r#"process main() {{
+    host {{ "{main}" }}
+    instantiated_processes {{ a instof {module}("c3"); }}
+    internal_event_actions {{ a ; wait(1 s) }}
+}}"#
+    )
+}
+
+/// Whoever claims it in its spec or says that it owns it: one deployment at a time, wherever the others come from.
+#[test]
+fn one_arm_is_held_by_one_deployment() {
+    for (first, second) in [("Arm", "Arm"), ("Owner", "Owner"), ("Arm", "Owner"), ("Eye", "Arm")] {
+        let mut world = World::new(&["c1", "c2", "c3"]);
+        let calls = [
+            world.deploy_as("door", "c1", &with_arm("c1", first)),
+            world.deploy_as("copy", "c2", &with_arm("c2", second)),
+        ];
+        world.run_for(Duration::from_secs(5));
+        let reports: Vec<_> = calls.iter().map(|call| world.last_report(*call)).collect();
+        let is_done = |report: &&&Report| matches!(report, Report::Finished { ending: Ending::Done(_), .. });
+        assert_eq!(reports.iter().filter(is_done).count(), 1, "{first} beside {second}: {reports:?}");
+        let holder = if is_done(&&reports[0]) { "door" } else { "copy" };
+        let held = format!("`arm` is held by `main/a` of `{holder}@1`; `dca stop {holder}` ends that");
+        let expected = [format!("host `c3`: {held}"), format!("`main/a` cannot take part: {held}")];
+        let refused = reports.iter().find_map(|report| match report {
+            Report::Refused { reasons } => Some(reasons),
+            _ => None,
+        });
+        assert!(matches!(&refused.unwrap()[..], [why] if expected.contains(why)), "{refused:?}");
+        assert_eq!((world.log.len(), world.alive.len()), (1, 0), "it has run once");
+        // What is over holds nothing.
+        let again = world.deploy_as("copy", "c2", &with_arm("c2", second));
+        world.run_for(Duration::from_secs(5));
+        assert_eq!(world.ending(again), &Ending::Done(vec![]));
+    }
+}
+
+#[test]
+fn any_number_may_look_at_one_arm() {
+    let mut world = World::new(&["c1", "c2", "c3"]);
+    let calls =
+        [world.deploy_as("door", "c1", &with_arm("c1", "Eye")), world.deploy_as("copy", "c2", &with_arm("c2", "Eye"))];
+    world.run_for(Duration::from_secs(5));
+    calls.iter().for_each(|call| assert_eq!(world.ending(*call), &Ending::Done(vec![])));
+}
+
 #[test]
 fn a_host_that_nobody_has_seen_refuses_at_once() {
     let mut world = World::new(&["c1"]);
@@ -243,6 +291,64 @@ fn watchers_see_every_change() {
     assert_eq!(changes, ["main", "main/pair", "main/pair/sensor", "main/pair/first", "main/pair/second", "main/last"]);
 }
 
+/// Opens wires at a host that does not answer, at 50 ms; stops on contact at 100 ms.
+fn behind_a_slow_host(actions: &str) -> World {
+    let text = format!(
+        r#"
+process main() {{
+    host {{ "c1" }}
+    instantiated_processes {{
+        cam instof Sensor("c2");
+        first instof Step("c1");
+        viewer instof Long("c1");
+        near instof Step("c1");
+        contact instof Step("c1");
+        arm instof Long("c1");
+    }}
+    internal_connections(viewer, view) {{ cam, Out -> viewer, In; }}
+    internal_event_actions {{ {actions} }}
+}}
+"#
+    );
+    let mut world = World::new(&["c1", "c2"]);
+    world.deploy("c1", &text);
+    while world.log.is_empty() {
+        world.run_for(Duration::from_millis(1));
+    }
+    world.run_for(Duration::from_millis(20));
+    world.cut.insert("c2".into());
+    world
+}
+
+/// Whatever waits for its wires, a stop does not wait with it.
+#[test]
+fn a_stop_does_not_wait_behind_a_slow_host() {
+    let mut world = behind_a_slow_host("cam , (first ; viewer[view]) , ((near ; contact) # arm)");
+    let is_running = |world: &World, path: &str| {
+        let leaves = &world.plan.as_ref().unwrap().leaves;
+        let is_meant = |leaf: u32| leaves[leaf as usize].path == format!("main/{path}");
+        world.running.keys().any(|(_, process)| is_meant(process.leaf))
+    };
+    assert!(is_running(&world, "arm"));
+    world.run_for(Duration::from_millis(130));
+    assert!(!is_running(&world, "arm"), "contact was made 30 ms ago");
+    assert!(!is_running(&world, "viewer"), "its wires are not confirmed");
+    world.run_for(Duration::from_secs(1));
+    assert!(is_running(&world, "viewer"), "it is not kept waiting for longer than 1 s");
+}
+
+/// What waits can be stopped, too: it never runs.
+#[test]
+fn an_activation_that_waits_for_its_wires_can_be_stopped() {
+    let mut world = behind_a_slow_host("cam # ((first ; viewer[view]) # (near ; contact))");
+    world.run_for(Duration::from_millis(500));
+    world.cut.clear();
+    world.run_for(Duration::from_secs(5));
+    assert_eq!(world.log.iter().filter(|line| line.starts_with("Long")).count(), 0, "{:?}", world.log);
+    assert_eq!(world.ending(world.calls[0]), &Ending::Done(vec![]));
+    assert_eq!(world.wires_open, BTreeSet::new());
+}
+
 /// Rounds that end at once must not keep the node from anything else: found by a reader, both hung the agent.
 #[test]
 fn a_loop_that_takes_no_time_can_be_stopped() {
@@ -307,64 +413,6 @@ fn what_has_not_begun_can_be_stopped() {
 /// The host of a group's supervisor is lost: what it ran here is stopped before something takes its place.
 #[test]
 fn a_lost_supervisor_leaves_nothing_running() {
-/// Opens wires at a host that does not answer, at 50 ms; stops on contact at 100 ms.
-fn behind_a_slow_host(actions: &str) -> World {
-    let text = format!(
-        r#"
-process main() {{
-    host {{ "c1" }}
-    instantiated_processes {{
-        cam instof Sensor("c2");
-        first instof Step("c1");
-        viewer instof Long("c1");
-        near instof Step("c1");
-        contact instof Step("c1");
-        arm instof Long("c1");
-    }}
-    internal_connections(viewer, view) {{ cam, Out -> viewer, In; }}
-    internal_event_actions {{ {actions} }}
-}}
-"#
-    );
-    let mut world = World::new(&["c1", "c2"]);
-    world.deploy("c1", &text);
-    while world.log.is_empty() {
-        world.run_for(Duration::from_millis(1));
-    }
-    world.run_for(Duration::from_millis(20));
-    world.cut.insert("c2".into());
-    world
-}
-
-/// Whatever waits for its wires, a stop does not wait with it.
-#[test]
-fn a_stop_does_not_wait_behind_a_slow_host() {
-    let mut world = behind_a_slow_host("cam , (first ; viewer[view]) , ((near ; contact) # arm)");
-    let is_running = |world: &World, path: &str| {
-        let leaves = &world.plan.as_ref().unwrap().leaves;
-        let is_meant = |leaf: u32| leaves[leaf as usize].path == format!("main/{path}");
-        world.running.keys().any(|(_, process)| is_meant(process.leaf))
-    };
-    assert!(is_running(&world, "arm"));
-    world.run_for(Duration::from_millis(130));
-    assert!(!is_running(&world, "arm"), "contact was made 30 ms ago");
-    assert!(!is_running(&world, "viewer"), "its wires are not confirmed");
-    world.run_for(Duration::from_secs(1));
-    assert!(is_running(&world, "viewer"), "it is not kept waiting for longer than 1 s");
-}
-
-/// What waits can be stopped, too: it never runs.
-#[test]
-fn an_activation_that_waits_for_its_wires_can_be_stopped() {
-    let mut world = behind_a_slow_host("cam # ((first ; viewer[view]) # (near ; contact))");
-    world.run_for(Duration::from_millis(500));
-    world.cut.clear();
-    world.run_for(Duration::from_secs(5));
-    assert_eq!(world.log.iter().filter(|line| line.starts_with("Long")).count(), 0, "{:?}", world.log);
-    assert_eq!(world.ending(world.calls[0]), &Ending::Done(vec![]));
-    assert_eq!(world.wires_open, BTreeSet::new());
-}
-
     let text = r#"
 process Pair(here, there) {
     host { there }

@@ -34,8 +34,9 @@ pub(super) fn lower(spec: &Spec, root: usize, name: &str, diagnostics: &mut Vec<
     }
     check_inputs(spec, &tree, &wires.all, diagnostics);
     together::check(spec, &tree, diagnostics);
+    let claims = tree.claims(spec);
     let tree::Tree { hosts, groups, leaves, process_of, .. } = tree;
-    let plan = Plan { name: name.to_owned(), hosts, groups, leaves, wires: wires.all };
+    let plan = Plan { name: name.to_owned(), hosts, groups, leaves, wires: wires.all, claims };
     match plan.validate() {
         Ok(()) => Some(plan),
         Err(error) => {

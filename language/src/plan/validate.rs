@@ -90,6 +90,9 @@ impl Plan {
                 in_range(end.leaf, self.leaves.len(), "leaf", &format!("wire at port {}", end.port))?;
             }
         }
+        for claim in &self.claims {
+            in_range(claim.leaf, self.leaves.len(), "leaf", &format!("claim of {}", claim.device))?;
+        }
         self.groups.iter().try_for_each(|group| self.check_group(group))
     }
 
@@ -98,6 +101,7 @@ impl Plan {
             ("groups", self.groups.len(), LEAVES_MAX),
             ("leaves", self.leaves.len(), LEAVES_MAX),
             ("wires", self.wires.len(), WIRES_MAX),
+            ("claims", self.claims.len(), WIRES_MAX),
         ];
         match counts.into_iter().find(|(_, count, limit)| count > limit) {
             Some((what, count, limit)) => Err(PlanError::TooLarge { what, count, limit }),

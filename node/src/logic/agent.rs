@@ -4,6 +4,7 @@ mod calls;
 mod peers;
 
 use crate::logic::child::ShimReport;
+use crate::logic::claims::Claims;
 use crate::logic::database::chronicle;
 use crate::logic::effect::{Effect, Out, ProcessId, earliest};
 use crate::logic::home::Home;
@@ -102,9 +103,9 @@ pub enum Input {
     Committed {
         /// Which.
         deployment: Deployment,
-    },
         /// Why it is not on the disk, for a person.
         written: Result<(), String>,
+    },
     /// An order did not reach a controller.
     Undelivered {
         /// Which.
@@ -210,11 +211,7 @@ impl Agent {
                     tenant.observe(process.leaf, report, last_words, out);
                 }
             }
-            Input::Control { process, notice } => {
-                if let Some(tenant) = self.tenants.get_mut(&process.deployment) {
-                    tenant.hear(process.leaf, notice, out);
-                }
-            }
+            Input::Control { process, notice } => self.hear(&process, notice, out),
             Input::Undelivered { process, why } => {
                 if let Some(tenant) = self.tenants.get_mut(&process.deployment) {
                     tenant.undelivered(process.leaf, why, out);
@@ -235,6 +232,28 @@ impl Agent {
             }
             Input::Tick => {}
         }
+    }
+
+    /// Takes a word from a controller. One that owns what another deployment holds is refused at its hello.
+    fn hear(&mut self, process: &ProcessId, notice: Notice, out: &mut Out<'_>) {
+        let ProcessId { deployment, leaf } = process;
+        let mut conflicts = Vec::new();
+        if let Notice::Hello { owns, .. } = &notice
+            && let Some(path) = self.tenants.get(deployment).and_then(|tenant| tenant.path(*leaf))
+        {
+            conflicts = self.conflicts(deployment, &Claims::of_owner(path, owns));
+        }
+        let Some(tenant) = self.tenants.get_mut(deployment) else { return };
+        match conflicts.first() {
+            Some(why) => tenant.refuse(*leaf, why, out),
+            None => tenant.hear(*leaf, notice, out),
+        }
+    }
+
+    /// Returns why a deployment cannot hold something on this host: others do.
+    fn conflicts(&self, deployment: &Deployment, claims: &Claims) -> Vec<String> {
+        let others = self.tenants.iter().filter(|(other, _)| *other != deployment);
+        others.flat_map(|(other, tenant)| claims.conflicts(other, tenant.claims())).collect()
     }
 
     fn deliver(&mut self, message: Message, from: &str, out: &mut Out<'_>) {
@@ -297,6 +316,9 @@ impl Agent {
         }
         if self.tenants.len() >= DEPLOYMENTS_MAX {
             return refuse(format!("it already takes part in {DEPLOYMENTS_MAX} deployments"), out);
+        }
+        if let Some(why) = self.conflicts(&deployment, &Claims::of(&plan, host)).first() {
+            return refuse(why.clone(), out);
         }
         let machine = self.identity.machine.clone();
         let tenant = Tenant::prepare(deployment.clone(), Arc::new(plan), (host, &machine), &self.programs, out);

@@ -9,6 +9,7 @@ mod loss;
 mod status;
 
 use crate::logic::child::ShimReport;
+use crate::logic::claims::Claims;
 use crate::logic::effect::{Out, ProcessId, SpawnOrder, earliest};
 use crate::logic::executer::{Executer, Surroundings, group_host, leaf_host};
 use crate::logic::instance::{Instance, Moment, Note};
@@ -51,6 +52,7 @@ pub struct Tenant {
     /// Why programs cannot take part, and which.
     refusals: BTreeMap<String, Vec<u32>>,
     registrations: Registrations,
+    claims: Claims,
     /// Open wires whose producers are here.
     open: BTreeSet<u32>,
     switching: BTreeMap<u64, Switching>,
@@ -73,6 +75,7 @@ impl Tenant {
             groups.filter_map(|(number, _)| Executer::new(&plan, number).map(|executer| (number, executer))).collect();
         let mut tenant = Self {
             supervisors: supervisors(&plan),
+            claims: Claims::of(&plan, host),
             deployment,
             plan,
             home,
@@ -130,6 +133,21 @@ impl Tenant {
                 }
             }
         }
+    }
+
+    /// Returns what it holds on this host.
+    pub fn claims(&self) -> &Claims {
+        &self.claims
+    }
+
+    /// Returns the path of a leaf.
+    pub fn path(&self, leaf: u32) -> Option<&str> {
+        self.plan.leaves.get(leaf as usize).map(|leaf| leaf.path.as_str())
+    }
+
+    /// Refuses a controller that has said hello, since it must not run beside something else.
+    pub fn refuse(&mut self, leaf: u32, why: &str, out: &mut Out<'_>) {
+        self.with_instance(leaf, out, |instance, moment| instance.turn_away(why, moment));
     }
 
     /// Takes a word from a controller.
@@ -282,6 +300,8 @@ impl Tenant {
         let target = Target::Leaf(leaf);
         match note {
             Note::Prepared(facts) => {
+                let owned = self.path(leaf).map(|path| Claims::of_owner(path, &facts.owns));
+                self.claims.extend(owned.unwrap_or_default());
                 self.facts.push(facts);
                 self.waiting.remove(&leaf);
                 self.report_prepared(out);

@@ -18,6 +18,9 @@ module Step(host) { in In: Number; out Out: Number; done; }
 module Long(host) { in In: Number; out Out: Number; done; }
 module Sensor(host) { out Out: Number; service; }
 module Stubborn(host) { done; stop within 100 ms; }
+module Arm(host) { done; claims arm; }
+module Eye(host) { done; claims arm(read); }
+module Owner(host) { done; }
 module Script(host) { exec \"sh Script\"; plain; done; }
 ";
 
@@ -53,21 +56,21 @@ pub(super) struct World {
     pub(super) holders: BTreeMap<String, BTreeMap<String, u64>>,
     /// What became of other nodes, as each host saw it.
     pub(super) changes: Vec<(String, Change)>,
+    /// The deployments that were asked for.
+    pub(super) calls: Vec<u64>,
     pub(super) answers: BTreeMap<u64, Vec<Answer>>,
     pub(super) wires_open: BTreeSet<u32>,
     pub(super) log: Vec<String>,
-    /// The deployments that were asked for.
-    pub(super) calls: Vec<u64>,
     pub(super) plan: Option<Plan>,
     /// Whether shims fail to end their programs.
     pub(super) immortal: bool,
     /// How long the disk takes to write something down.
     pub(super) disk_ms: u64,
+    /// Why the disk takes nothing.
+    pub(super) disk_refuses: Option<String>,
     /// The version of the control protocol that programs speak, if it is another.
     pub(super) version: Option<u16>,
 }
-    /// Why the disk takes nothing.
-    pub(super) disk_refuses: Option<String>,
 
 impl World {
     pub(super) fn new(hosts: &[&str]) -> Self {
@@ -75,7 +78,8 @@ impl World {
         for (boot, host) in (1..).zip(hosts) {
             let identity = Identity { host: (*host).into(), boot, pid: 1, machine: (*host).into(), epoch: 0 };
             let mut programs = Programs::default();
-            programs.offer("controllers", ["Step", "Long", "Sensor", "Stubborn"].map(str::to_owned));
+            programs
+                .offer("controllers", ["Step", "Long", "Sensor", "Stubborn", "Arm", "Eye", "Owner"].map(str::to_owned));
             world.agents.insert((*host).into(), Agent::new(identity, programs, Time::ZERO));
             world.boots.insert((*host).into(), boot);
         }
@@ -93,13 +97,18 @@ impl World {
     }
 
     pub(super) fn deploy(&mut self, home: &str, text: &str) -> u64 {
-        let options = Options::named("test");
+        self.deploy_as("test", home, text)
+    }
+
+    pub(super) fn deploy_as(&mut self, name: &str, home: &str, text: &str) -> u64 {
+        let options = Options::named(name);
         let spec = Source::new("test.dca", text);
         let compiled = compile(&spec, &[Source::new("modules", MODULES)], &options);
         let plan = compiled.plan.unwrap_or_else(|| panic!("{:#?}", compiled.diagnostics));
         self.plan = Some(plan.clone());
         self.counter += 1;
         let call = self.counter;
+        self.calls.push(call);
         let request = Box::new(Request::Deploy { request: call, plan, by: "ann".into() });
         self.at(0, home, Coming::Input(Input::Call { call, request }));
         call
@@ -110,7 +119,6 @@ impl World {
         let call = self.counter;
         let request = Box::new(Request::Stop { name: "test".into() });
         self.at(0, home, Coming::Input(Input::Call { call, request }));
-        self.calls.push(call);
         call
     }
 
@@ -292,7 +300,8 @@ impl World {
         self.report(host, &process, ShimReport::Started { pid: 100 + process.leaf });
         let local = vec!["unix".into()];
         let location = Some(Location { session: self.session(&process), local, remote: vec!["tcp".into()] });
-        let (owns, needs) = (vec![], vec![]);
+        let owns = if order.command[1] == "Owner" { vec!["arm".to_owned()] } else { vec![] };
+        let needs = vec![];
         let version = self.version.unwrap_or(VERSION);
         let hello = Notice::Hello { version, instance: order.path, location, owns, needs, signals: false };
         self.notice(5, host, &process, hello);
@@ -308,7 +317,7 @@ impl World {
         self.log.push(format!("{module} with wires {:?}", self.wires_open));
         self.running.insert((host.into(), process.clone()), activation);
         let lasts = match module.as_str() {
-            "Step" | "Script" => 50,
+            "Step" | "Script" | "Arm" | "Eye" | "Owner" => 50,
             "Long" => 10_000,
             _ => return,
         };

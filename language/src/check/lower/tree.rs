@@ -4,7 +4,7 @@ use super::data::{Data, data, filled, flatten};
 use crate::check::spec::{Arg, Instance, Module, Param, Process, Spec, Target, Value};
 use crate::check::types::without_host;
 use crate::diagnostic::{Code, Diagnostic};
-use crate::plan::{Argument, Constant, Expression, Group, Leaf, LeafKind, Member, MemberKind};
+use crate::plan::{Argument, Claim, Constant, Expression, Group, Leaf, LeafKind, Member, MemberKind};
 use crate::source::Span;
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -72,6 +72,21 @@ impl Tree {
         let values = bind(spec, &spec.processes[root], &[], &[]);
         builder.group(root, "main".to_owned(), &values, Place::Root);
         builder.finish()
+    }
+
+    /// What the leaves claim, in their order.
+    pub(super) fn claims(&self, spec: &Spec) -> Vec<Claim> {
+        let mut claims = Vec::new();
+        for (leaf, &(group, slot)) in (0..).zip(&self.place_of) {
+            let instance = &spec.processes[self.process_of[group]].instances[slot];
+            let Target::Module(module) = instance.target else { continue };
+            claims.extend(spec.modules[module].claims.iter().map(|claim| Claim {
+                leaf,
+                device: claim.name.text.clone(),
+                is_write: claim.is_write,
+            }));
+        }
+        claims
     }
 }
 

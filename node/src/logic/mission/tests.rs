@@ -50,6 +50,7 @@ pub(crate) fn plan(names: &[&str], expression: Expression) -> Plan {
         groups: vec![main, group("main/sys", members, expression)],
         leaves,
         wires: Vec::new(),
+        claims: Vec::new(),
     }
 }
 

@@ -1,0 +1,89 @@
+//! What a deployment holds on this host while it is there: no two deployments may move one arm.
+//!
+//! A device is held by whoever `claims` it in the spec, from `Prepare` on, and by the controller that says at its `Hello` that
+//! the device's keys are its own. Any number may hold one `(read)`. It is held until nothing of the deployment is left.
+
+use crate::logic::executer::leaf_host;
+use crate::logic::protocol::Deployment;
+use language::plan::Plan;
+use std::collections::BTreeMap;
+
+/// The devices that one deployment holds on this host.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Claims {
+    held: BTreeMap<String, Holder>,
+}
+
+/// Who holds a device.
+#[derive(Clone, Debug, PartialEq, Eq)]
+struct Holder {
+    path: String,
+    is_write: bool,
+}
+
+impl Claims {
+    /// Returns what the spec claims on `host`.
+    pub fn of(plan: &Plan, host: &str) -> Self {
+        let mut claims = Self::default();
+        for claim in plan.claims.iter().filter(|claim| leaf_host(plan, claim.leaf) == Some(host)) {
+            if let Some(leaf) = plan.leaves.get(claim.leaf as usize) {
+                claims.hold(&claim.device, &leaf.path, claim.is_write);
+            }
+        }
+        claims
+    }
+
+    /// Returns what a controller at `path` holds whose devices these are.
+    pub fn of_owner(path: &str, devices: &[String]) -> Self {
+        let mut claims = Self::default();
+        devices.iter().for_each(|device| claims.hold(device, path, true));
+        claims
+    }
+
+    /// Adds what others of the same deployment hold.
+    pub fn extend(&mut self, others: Self) {
+        for (device, holder) in others.held {
+            self.hold(&device, &holder.path, holder.is_write);
+        }
+    }
+
+    /// Returns why these cannot be held beside what `holder` has, one sentence for each device.
+    pub fn conflicts(&self, holder: &Deployment, theirs: &Self) -> Vec<String> {
+        let both = self.held.iter().filter_map(|(device, own)| Some((device, own, theirs.held.get(device)?)));
+        let conflicts = both.filter(|(_, own, other)| own.is_write || other.is_write);
+        conflicts.map(|(device, _, other)| held(device, holder, &other.path)).collect()
+    }
+
+    fn hold(&mut self, device: &str, path: &str, is_write: bool) {
+        let holder = Holder { path: path.to_owned(), is_write };
+        let held = self.held.entry(device.to_owned()).or_insert_with(|| holder.clone());
+        if is_write && !held.is_write {
+            *held = holder;
+        }
+    }
+}
+
+fn held(device: &str, holder: &Deployment, path: &str) -> String {
+    format!("`{device}` is held by `{path}` of `{holder}`; `dca stop {}` ends that", holder.name)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn readers_share_and_a_writer_is_alone() {
+        let door = Deployment { name: "door".into(), epoch: 3 };
+        let hold = |is_write| {
+            let mut claims = Claims::default();
+            claims.hold("arm", "main/a", false);
+            claims.hold("arm", "main/b", is_write);
+            claims
+        };
+        let refused = ["`arm` is held by `main/b` of `door@3`; `dca stop door` ends that"];
+        assert_eq!(hold(false).conflicts(&door, &hold(false)), Vec::<String>::new());
+        assert_eq!(hold(false).conflicts(&door, &hold(true)), refused);
+        assert_eq!(Claims::of_owner("main/w", &["arm".into()]).conflicts(&door, &hold(true)), refused);
+        assert_eq!(hold(true).conflicts(&door, &Claims::of_owner("main/w", &["leg".into()])), Vec::<String>::new());
+    }
+}
