@@ -4,11 +4,13 @@
 //! a link that is lost is dialled again until the session closes. Nothing here needs tokio, and nothing may be called from
 //! a tokio task.
 
+use crate::io::clock::now;
 use crate::io::session::{OpenError, Opened, Reach, Redial, Settings, addresses, unix_locator};
 use crate::logic::control::{Dial, Location};
+use crate::logic::time::Time;
 use std::borrow::Cow;
 use std::path::Path;
-use std::sync::mpsc::{RecvTimeoutError, sync_channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::Duration;
 use thiserror::Error;
@@ -89,6 +91,14 @@ pub struct Hearing {
 #[derive(Debug)]
 pub struct Answering {
     _queryable: Queryable<()>,
+}
+
+/// A question on its way.
+#[derive(Debug)]
+pub struct Asked {
+    key: String,
+    within: Duration,
+    reply: Receiver<Reply>,
 }
 
 /// Whether anybody listens.
@@ -225,20 +235,20 @@ impl DataSession {
     /// # Errors
     /// If it is there, but does not answer in time.
     pub fn fetch(&self, key: &str, within: Duration) -> Result<Option<Vec<u8>>, DataError> {
+        self.ask(key, within)?.answer(now() + within)
+    }
+
+    /// Asks who answers for a key, and does not wait. After `within` there is no answer any more.
+    ///
+    /// # Errors
+    /// If the session is closed.
+    pub fn ask(&self, key: &str, within: Duration) -> Result<Asked, DataError> {
         let (reply_tx, reply) = sync_channel(1);
         // A second answer finds the queue full and is dropped: a key has one producer.
         let on_reply = move |reply: Reply| drop(reply_tx.try_send(reply));
         let asked = self.opened.session.get(key).timeout(within).callback(on_reply).wait();
         asked.map_err(|cause| session_error(key, &cause))?;
-        let timeout = || DataError::Timeout { key: key.to_owned(), within };
-        match reply.recv_timeout(within) {
-            Ok(reply) => match reply.result() {
-                Ok(sample) => Ok(Some(sample.payload().to_bytes().into_owned())),
-                Err(_) => Err(timeout()),
-            },
-            Err(RecvTimeoutError::Disconnected) => Ok(None),
-            Err(RecvTimeoutError::Timeout) => Err(timeout()),
-        }
+        Ok(Asked { key: key.to_owned(), within, reply })
     }
 
     /// Closes the session, in 1 s at the most.
@@ -252,6 +262,24 @@ impl DataSession {
             Ok(_) if closed.recv_timeout(CLOSE_WITHIN).is_err() => tracing::debug!("the session is still closing"),
             Ok(_) => {}
             Err(error) => tracing::debug!(%error, "no thread to close the session on"),
+        }
+    }
+}
+
+impl Asked {
+    /// Waits for the answer; none if nobody answers for the key. What is there already is taken, however late it is.
+    ///
+    /// # Errors
+    /// If somebody is there, but does not answer before `until`.
+    pub fn answer(self, until: Time) -> Result<Option<Vec<u8>>, DataError> {
+        let timeout = || DataError::Timeout { key: self.key.clone(), within: self.within };
+        match self.reply.recv_timeout(until.since(now())) {
+            Ok(reply) => match reply.result() {
+                Ok(sample) => Ok(Some(sample.payload().to_bytes().into_owned())),
+                Err(_) => Err(timeout()),
+            },
+            Err(RecvTimeoutError::Disconnected) => Ok(None),
+            Err(RecvTimeoutError::Timeout) => Err(timeout()),
         }
     }
 }

@@ -1,7 +1,7 @@
 //! The control loop: the one thread that calls the controller, on absolute deadlines or when a trigger sample arrives.
 
 use super::inbox::{Arrived, Inbox};
-use super::links::Links;
+use super::links::{Links, fetch_all};
 use crate::sdk::arguments::Arguments;
 use crate::sdk::controller::{Progress, Schedule, Stopping};
 use crate::sdk::module::{Delivery, Module};
@@ -246,9 +246,8 @@ impl Cycle {
     }
 
     fn calculate(&mut self, time: Time) {
-        for fetch in self.links.fetches() {
-            let Some(bytes) = fetch.fetch(self.schedule.period / 2) else { continue };
-            match self.call(|module| module.deliver(fetch.port, &bytes, now())) {
+        for (port, bytes) in fetch_all(&self.links.fetches(), self.schedule.period / 2) {
+            match self.call(|module| module.deliver(port, &bytes, now())) {
                 Some(Ok(_)) => {}
                 Some(Err(error)) => tracing::warn!(%error, "a fetched sample was not taken"),
                 None => return,

@@ -234,14 +234,21 @@ impl Patience {
     }
 }
 
-impl Fetch {
-    /// Returns the producer's latest value; none while its wire is closed, or when it does not answer in time.
-    pub(super) fn fetch(&self, within: Duration) -> Option<Vec<u8>> {
-        self.session.fetch(&self.key, within).unwrap_or_else(|error| {
-            tracing::debug!(port = self.port, %error, "nothing fetched");
-            None
+/// Fetches the latest values of several producers at once, in their order; none for a wire that is closed, or for a producer
+/// that does not answer within the time that all of them have together.
+pub(super) fn fetch_all(fetches: &[Arc<Fetch>], within: Duration) -> Vec<(&'static str, Vec<u8>)> {
+    let until = now() + within;
+    let asked: Vec<_> = fetches.iter().map(|fetch| (fetch.port, fetch.session.ask(&fetch.key, within))).collect();
+    let answered = asked.into_iter().map(|(port, asked)| (port, asked.and_then(|asked| asked.answer(until))));
+    answered
+        .filter_map(|(port, answer)| match answer {
+            Ok(bytes) => Some((port, bytes?)),
+            Err(error) => {
+                tracing::debug!(port, %error, "nothing fetched");
+                None
+            }
         })
-    }
+        .collect()
 }
 
 impl Made {
@@ -302,5 +309,46 @@ fn port<'a>(interface: &'a Interface, name: &str, direction: Direction) -> Resul
 fn put(publisher: &Publisher, payload: Payload) {
     if let Err(error) = publisher.put(payload) {
         tracing::debug!(%error, "a sample was not sent");
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use comms::io::session::Reach;
+    use std::sync::mpsc::sync_channel;
+
+    const LONG: Duration = Duration::from_secs(20);
+
+    /// Eight producers that do not answer take as long as one.
+    #[test]
+    fn pulls_have_one_deadline_together() {
+        let folder = std::env::temp_dir().join(format!("dca-pulls-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let open = |name: &str| Arc::new(DataSession::open(&folder.join(name), Reach::Host).unwrap());
+        let (producer, consumer) = (open("p.sock"), open("c.sock"));
+        let keys: Vec<String> = (0..8).map(|wire| key::wire("pulls", 1, wire)).collect();
+        let (release, held) = sync_channel::<()>(0);
+        let held = Arc::new(Mutex::new(held));
+        let silent = |key: &String| {
+            let held = Arc::clone(&held);
+            producer.answer(key, move || held.lock().unwrap().recv().ok().map(|()| Vec::new())).unwrap()
+        };
+        let answering: Vec<_> = keys.iter().map(silent).collect();
+        // What is declared before this publisher is known when it is.
+        let publisher = consumer.publisher(&key::wire("pulls", 1, 99), Priority::Wire).unwrap();
+        let hearing = producer.on_sample(&key::wire("pulls", 1, 99), |_| ()).unwrap();
+        let location = producer.location();
+        consumer.dial(&Dial { session: location.session, locators: location.local }, LONG).unwrap();
+        assert!(publisher.wait_heard(LONG));
+        let fetch = |key: String| Arc::new(Fetch { port: "In", key, session: Arc::clone(&consumer) });
+        let fetches: Vec<_> = keys.into_iter().map(fetch).collect();
+        let (began, within) = (now(), Duration::from_millis(500));
+        let got = fetch_all(&fetches, within);
+        let took = now() - began;
+        assert_eq!(got, []);
+        assert!(took >= within && took < within * 4, "{took:?}");
+        drop((release, hearing, answering, publisher));
+        std::fs::remove_dir_all(&folder).unwrap();
     }
 }
