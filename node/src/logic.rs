@@ -12,6 +12,8 @@ pub mod link;
 pub mod mission;
 pub mod nameserver;
 pub mod page;
+pub mod printable;
+pub mod process_record;
 pub mod programs;
 pub mod protocol;
 pub mod record;

@@ -2,6 +2,7 @@
 
 use crate::cli::client::{self, Client, block_on, unasked};
 use crate::cli::{Failure, Reaching, output};
+use crate::logic::printable::Printable;
 use crate::logic::protocol::{Answer, Deployment, NodeStatus, ProcessStatus, Request};
 use anyhow::anyhow;
 use std::collections::BTreeSet;
@@ -17,6 +18,9 @@ pub struct Arguments {
     /// In this deployment
     #[arg(long)]
     deployment: Option<String>,
+    /// Pass its bytes on as they are: control characters may do anything to a terminal
+    #[arg(long)]
+    raw: bool,
     #[command(flatten)]
     reaching: Reaching,
 }
@@ -47,12 +51,17 @@ async fn print(client: &Client, arguments: &Arguments) -> Result<(), Failure> {
     };
     let request = Request::Logs { deployment: Some(deployment), process, follow: arguments.follow };
     let mut answers = client.ask_on(&host, &request)?;
+    let mut printable = Printable::default();
     while let Some(answer) = answers.next().await {
         let answer = answer?;
         let Answer::Output(bytes) = answer else { return Err(unasked(&host, &answer)) };
-        output::pass(&bytes)?;
+        if arguments.raw {
+            output::pass(&bytes)?;
+        } else {
+            output::pass(printable.push(&bytes).as_bytes())?;
+        }
     }
-    Ok(())
+    Ok(output::pass(printable.finish().as_bytes())?)
 }
 
 /// Returns host, deployment and path of every leaf that is meant, whether its program is alive or not.

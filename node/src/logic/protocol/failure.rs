@@ -1,5 +1,6 @@
 //! What went wrong, in a form that travels, and in words.
 
+use crate::logic::printable::printable;
 use crate::logic::table::counted;
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -60,13 +61,15 @@ impl fmt::Display for FailureCause {
         match self {
             Self::Signal(number) => f.write_str(&signal_name(*number)),
             Self::Exit(code) => write!(f, "left with exit code {code} before it was done"),
-            Self::Reported(text) | Self::Failed(text) => f.write_str(text),
-            Self::Exec(text) => write!(f, "could not be started: {text}"),
-            Self::NotAvailable(text) => write!(f, "was not there any more: {text}"),
+            Self::Reported(text) | Self::Failed(text) => f.write_str(&printable(text)),
+            Self::Exec(text) => write!(f, "could not be started: {}", printable(text)),
+            Self::NotAvailable(text) => write!(f, "was not there any more: {}", printable(text)),
             Self::Busy => f.write_str("was activated while it was still running"),
             Self::ServiceEnded => f.write_str("a service ended by itself"),
             Self::StopUnconfirmed => f.write_str("nobody could confirm that it stopped"),
-            Self::Exhausted { last, restarts } => write!(f, "{last} after {}", counted(*restarts, "restart")),
+            Self::Exhausted { last, restarts } => {
+                write!(f, "{} after {}", printable(last), counted(*restarts, "restart"))
+            }
             Self::HostLost(host) => write!(f, "host `{host}` could not be reached any more"),
         }
     }
