@@ -51,7 +51,7 @@ impl Client {
     pub(crate) async fn open(reaching: &Reaching) -> Result<Self, Failure> {
         let base = reaching.run_dir.clone().unwrap_or_else(run_dir::default_base);
         let mut problem = None;
-        for (name, socket) in run_dir::running(&base) {
+        for (name, socket) in run_dir::running(&base).map_err(anyhow::Error::from)? {
             match Session::open_client(&socket).await {
                 Ok(session) => return Ok(Self { session, local: Some(name) }),
                 Err(error) => problem = Some(anyhow!(error).context(format!("connecting to the node `{name}`"))),

@@ -166,7 +166,7 @@ impl Driver {
             Identity { host: config.name.clone(), boot, pid: std::process::id(), machine, epoch: journal.epoch() };
         let mut tasks = JoinSet::new();
         let (sink, mut arrivals) = mpsc::channel(EVENTS_MAX);
-        let siblings = crate::io::run_dir::running(&config.base).into_iter().filter(|(name, _)| *name != config.name);
+        let siblings = crate::io::run_dir::running(&config.base)?.into_iter().filter(|(name, _)| *name != config.name);
         let siblings = siblings.map(|(_, socket)| format!("unixsock-stream/{}", socket.display()));
         let options = NodeOptions {
             name: HostName::parse(&config.name)?,

@@ -46,6 +46,18 @@ pub enum RunDirError {
     },
     /// A node of that name is running.
     #[error("a node named `{name}` is already running on this machine")]
+    /// The folder is a link: who made it can lead it elsewhere.
+    #[error("the folder {path:?} is a link; name the folder itself with `--run-dir`")]
+    Link {
+        /// Which.
+        path: PathBuf,
+    },
+    /// Others can put files into the folder.
+    #[error("anybody can write to the folder {path:?}; `chmod go-w` it, or choose another with `--run-dir`")]
+    Open {
+        /// Which.
+        path: PathBuf,
+    },
     Taken {
         /// Its name.
         name: String,
@@ -66,7 +78,13 @@ pub fn default_base() -> PathBuf {
 }
 
 /// Returns the nodes of this machine that are running, in order of name, with their sockets.
-pub fn running(base: &Path) -> Vec<(String, PathBuf)> {
+///
+/// # Errors
+/// The folder is not this user's own.
+pub fn running(base: &Path) -> Result<Vec<(String, PathBuf)>, RunDirError> {
+    if fs::symlink_metadata(base).is_ok() {
+        check_own(base)?;
+    }
     // Sockets are named by whole paths; a base that has none has no entries either.
     let base = std::path::absolute(base).unwrap_or_default();
     let entries = fs::read_dir(base).into_iter().flatten().flatten();
@@ -75,7 +93,7 @@ pub fn running(base: &Path) -> Vec<(String, PathBuf)> {
         .map(|entry| (entry.file_name().to_string_lossy().into_owned(), entry.path().join("node.sock")))
         .collect();
     nodes.sort();
-    nodes
+    Ok(nodes)
 }
 
 /// Makes a folder for the nodes of this command alone; removes those that commands which were killed have left.
@@ -185,12 +203,24 @@ impl RunDir {
 
 fn private_folder(path: &Path) -> Result<(), RunDirError> {
     let unusable = |cause| RunDirError::Unusable { path: path.to_owned(), cause };
-    fs::DirBuilder::new().recursive(true).mode(0o700).create(path).map_err(unusable)?;
-    let owner = fs::symlink_metadata(path).map_err(unusable)?.uid();
-    if owner == rustix::process::getuid().as_raw() {
-        Ok(())
+    let made = fs::DirBuilder::new().recursive(true).mode(0o700).create(path);
+    // What is wrong with a folder that is there says more than that it cannot be made.
+    check_own(path).and_then(|()| made.map_err(unusable))
+}
+
+/// Checks that a folder is this user's own and nobody else can put anything into it.
+fn check_own(path: &Path) -> Result<(), RunDirError> {
+    let unusable = |cause| RunDirError::Unusable { path: path.to_owned(), cause };
+    let found = fs::symlink_metadata(path).map_err(unusable)?;
+    let (owner, path) = (found.uid(), path.to_owned());
+    if found.is_symlink() {
+        Err(RunDirError::Link { path })
+    } else if owner != rustix::process::getuid().as_raw() {
+        Err(RunDirError::Foreign { path, owner })
+    } else if found.mode() & 0o002 != 0 {
+        Err(RunDirError::Open { path })
     } else {
-        Err(RunDirError::Foreign { path: path.to_owned(), owner })
+        Ok(())
     }
 }
 
@@ -199,5 +229,42 @@ fn remove_leftover(path: &Path) -> io::Result<()> {
     match fs::remove_file(path) {
         Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
         _ => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::os::unix::fs::{PermissionsExt, chown, symlink};
+
+    /// Whoever makes the folder first must not become the one who answers for the nodes.
+    #[test]
+    fn a_folder_of_somebody_else_is_refused() {
+        let folder = std::env::temp_dir().join(format!("dca-own-{}", std::process::id()));
+        let (own, link, open) = (folder.join("own"), folder.join("link"), folder.join("open"));
+        fs::create_dir_all(&own).unwrap();
+        fs::create_dir_all(&open).unwrap();
+        symlink(&own, &link).unwrap();
+        fs::set_permissions(&open, fs::Permissions::from_mode(0o777)).unwrap();
+        let check = |path: &Path| {
+            let taken = RunDir::take(path, "c1").map(|_| ()).map_err(|error| error.to_string());
+            let asked = running(path).map(|_| ()).map_err(|error| error.to_string());
+            assert_eq!(taken, asked, "nodes and command lines agree");
+            taken.err().unwrap_or_default()
+        };
+        assert_eq!(check(&own), "");
+        assert!(check(&link).contains("is a link"));
+        assert!(check(&open).contains("anybody can write to the folder"));
+        assert_eq!(running(&folder.join("nowhere")).unwrap(), []);
+        fs::create_dir_all(folder.join("named")).unwrap();
+        symlink(&own, folder.join("named/c1")).unwrap();
+        assert!(RunDir::take(&folder.join("named"), "c1").unwrap_err().to_string().contains("is a link"));
+        if rustix::process::getuid().is_root() {
+            chown(&own, Some(12345), None).unwrap();
+            assert!(check(&own).contains("belongs to user 12345"));
+        } else {
+            println!("skipped: needs root to make a folder of somebody else");
+        }
+        fs::remove_dir_all(&folder).unwrap();
     }
 }

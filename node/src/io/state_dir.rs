@@ -8,9 +8,9 @@
 //! ```
 
 use anyhow::Context;
-use std::fs::DirBuilder;
+use std::fs::{DirBuilder, Metadata};
 use std::io::ErrorKind;
-use std::os::unix::fs::DirBuilderExt;
+use std::os::unix::fs::{DirBuilderExt, MetadataExt};
 use std::path::{Path, PathBuf};
 
 /// Returns the folder of a node below `base`, or below the one that the system has for such things; makes it.
@@ -29,6 +29,12 @@ pub fn take(base: Option<&Path>, name: &str) -> anyhow::Result<PathBuf> {
         Err(error) if error.kind() == ErrorKind::ReadOnlyFilesystem => {}
         made => made.with_context(|| format!("making the folder {folder:?}; choose another with `--state`"))?,
     }
+    // The base may be a link: it is where an administrator wants it. The node's own folder is not.
+    let is_own = |found: Metadata| found.is_dir() && found.uid() == rustix::process::getuid().as_raw();
+    anyhow::ensure!(
+        std::fs::symlink_metadata(&folder).map_or(true, is_own),
+        "the folder {folder:?} is a link or belongs to somebody else; choose another with `--state`"
+    );
     Ok(folder)
 }
 
@@ -38,4 +44,27 @@ fn default_base() -> Option<PathBuf> {
     }
     let folder = |name| std::env::var_os(name).map(PathBuf::from).filter(|folder| folder.is_absolute());
     folder("XDG_STATE_HOME").or_else(|| Some(folder("HOME")?.join(".local/state"))).map(|base| base.join("dca"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::os::unix::fs::{chown, symlink};
+
+    #[test]
+    fn a_folder_that_is_a_link_or_somebody_else_s_is_refused() {
+        let base = std::env::temp_dir().join(format!("dca-state-{}", std::process::id()));
+        let own = take(Some(&base), "c1").unwrap();
+        assert_eq!(own, base.join("c1"));
+        symlink(&own, base.join("c2")).unwrap();
+        let refused = "is a link or belongs to somebody else; choose another with `--state`";
+        assert!(take(Some(&base), "c2").unwrap_err().to_string().ends_with(refused));
+        if rustix::process::getuid().is_root() {
+            chown(&own, Some(12345), None).unwrap();
+            assert!(take(Some(&base), "c1").unwrap_err().to_string().ends_with(refused));
+        } else {
+            println!("skipped: needs root to make a folder of somebody else");
+        }
+        std::fs::remove_dir_all(&base).unwrap();
+    }
 }
