@@ -4,6 +4,7 @@ pub mod clock;
 pub mod control;
 #[cfg(feature = "zenoh")]
 pub mod data;
+pub mod descriptors;
 pub mod queue;
 #[cfg(feature = "zenoh")]
 pub mod session;

@@ -44,6 +44,7 @@ impl Shim {
             gate: Gate::None,
             agent_loss_grace: Duration::from_millis(200),
             usage: Usage::default(),
+            descriptors: None,
             environment: vec![("PATH".into(), "/usr/bin:/bin".into()), ("DCA_INSTANCE".into(), "main/x".into())],
             command: Vec::new(),
         };
@@ -297,6 +298,19 @@ fn a_program_has_its_limits_from_the_start() {
     };
     let over = limited(usage, "ulimit -v; ulimit -t; ulimit -n; nice").expect(&[STARTED, exited(0), ShimReport::Gone]);
     assert_eq!(over.read(OUTPUT_FILE), "524288\n90\n64\n7\n");
+}
+
+/// A node raises its own limit; programs that use select(2) must not find it raised.
+#[test]
+fn a_program_has_the_soft_limit_that_it_is_given() {
+    let shim = Shim::start_with(|start| {
+        start.descriptors = Some(100);
+        start.command = ["sh", "-c", "ulimit -Sn; [ $(ulimit -Hn) = unlimited ] || [ $(ulimit -Hn) -gt 100 ]"]
+            .map(str::to_owned)
+            .to_vec();
+    });
+    let over = shim.expect(&[STARTED, exited(0), ShimReport::Gone]);
+    assert_eq!(over.read(OUTPUT_FILE), "100\n");
 }
 
 /// No kernel lets anybody open more files than it has numbers for.

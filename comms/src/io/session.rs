@@ -17,6 +17,7 @@ pub(crate) use config::{Settings, unix_locator};
 pub use message::{Presence, Subscription, Token, Watch};
 pub(crate) use open::{Opened, Redial, addresses, plain};
 
+use crate::io::descriptors;
 use crate::logic::key::HostName;
 use config::Scouting;
 use std::net::TcpListener;
@@ -106,8 +107,10 @@ pub enum OpenError {
     NoThread,
 }
 
-/// Tunes zenoh for this process. Called first in `main`; calling it later, or twice, has no effect.
+/// Tunes this process for sessions: its limit of descriptors, and the threads of zenoh. Called first in `main`; later, or the
+/// second time, it has no effect on the threads.
 pub fn prepare_process() {
+    descriptors::raise();
     const VARIABLE: &str = "ZENOH_RUNTIME";
     let threads = std::fs::read_dir("/proc/self/task").map_or(0, Iterator::count);
     if threads != 1 || std::env::var_os(VARIABLE).is_some() {

@@ -18,7 +18,8 @@ use crate::logic::programs::Programs;
 use crate::logic::protocol::{Answer, Deployment, Request};
 use anyhow::Context;
 use comms::io::clock;
-use comms::io::control::{ControlSender, Listener};
+use comms::io::control::ControlSender;
+use comms::io::descriptors;
 use comms::io::session::{NodeOptions, Reach};
 use comms::logic::control::Order;
 use comms::logic::key::HostName;
@@ -348,9 +349,29 @@ impl Driver {
         });
     }
 
-    async fn spawn(&mut self, order: &SpawnOrder) {
-        if let Err(error) = self.try_spawn(order).await {
-            let reason = format!("{error:#}");
+    /// Has a program started beside the loop; what it is told meanwhile waits for it.
+    fn spawn(&mut self, order: SpawnOrder) {
+        let (sender, orders) = mpsc::channel(starter::ORDERS_MAX);
+        let process = order.process;
+        self.paths.insert((process.deployment.clone(), order.path.clone()), process.clone());
+        self.shims.insert(process.clone(), sender);
+        let is_controller = order.kind == LeafKind::Controller;
+        let control = is_controller.then(|| self.dir.control_socket(&process.deployment));
+        let dir = self.dir.process(&process);
+        let grace = self.settings.agent_loss_grace.unwrap_or(self.config.agent_loss_grace);
+        let shim = ShimStart {
+            working_directory: std::env::current_dir().unwrap_or_else(|_gone| "/".into()),
+            gate: if is_controller { Gate::None } else { Gate::Exec },
+            agent_loss_grace: order.policy.agent_loss.unwrap_or(grace),
+            usage: order.policy.usage,
+            descriptors: descriptors::before(),
+            environment: self.environment(order.path, &dir, control.as_deref()),
+            command: order.command,
+            dir,
+        };
+        let start = Start { process: process.clone(), shim, control, orders };
+        if self.jobs.try_send(Job::Start(Box::new(start))).is_err() {
+            let reason = "too many programs wait to be started".to_owned();
             for report in [ShimReport::ExecFailed { reason }, ShimReport::Gone] {
                 self.pending.push_back(Input::Shim { process: order.process.clone(), report, last_words: None });
             }

@@ -39,6 +39,8 @@ pub struct ShimStart {
     pub agent_loss_grace: Duration,
     /// What the program may use.
     pub usage: Usage,
+    /// How many files and sockets the program may have open before it asks for more: its soft limit.
+    pub descriptors: Option<u64>,
     /// The program's whole environment; nothing is inherited.
     pub environment: Vec<(String, String)>,
     /// The executable (a path, or a name looked up in the `PATH` above) and its arguments.
@@ -176,6 +178,9 @@ impl ShimStart {
         arguments.extend(["--working-directory".into(), self.working_directory.clone().into()]);
         arguments.extend(["--gate".into(), gate.into()]);
         arguments.extend(["--agent-loss-grace-ms".into(), self.agent_loss_grace.as_millis().to_string().into()]);
+        if let Some(descriptors) = self.descriptors {
+            arguments.extend(["--descriptors".into(), descriptors.to_string().into()]);
+        }
         for (name, value) in usage_arguments(&self.usage) {
             arguments.extend([name.into(), value.into()]);
         }
@@ -198,6 +203,7 @@ impl ShimStart {
             gate: Gate::None,
             agent_loss_grace: AGENT_LOSS_GRACE,
             usage: Usage::default(),
+            descriptors: None,
             environment: Vec::new(),
             command: Vec::new(),
         };
@@ -237,6 +243,10 @@ impl ShimStart {
             "--agent-loss-grace-ms" => {
                 let millis = value.to_str().and_then(|millis| millis.parse().ok());
                 self.agent_loss_grace = Duration::from_millis(millis.ok_or("must be a number")?);
+            }
+            "--descriptors" => {
+                let count = value.to_str().and_then(|count| count.parse().ok());
+                self.descriptors = Some(count.ok_or("must be a number")?);
             }
             "--memory" | "--cpu-s" | "--files" | "--nice" | "--realtime" | "--realtime-optional" => {
                 let value = value.to_str().ok_or("must be a number")?;
@@ -325,6 +335,7 @@ mod tests {
                 nice: Some(-5),
                 realtime: Some(Realtime { priority: 40, is_optional: true }),
             },
+            descriptors: Some(1024),
             environment: vec![("DCA_INSTANCE".into(), "main/a=b".into()), ("EMPTY".into(), String::new())],
             command: vec!["sleep".into(), "--".into(), "5".into()],
         };

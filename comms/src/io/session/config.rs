@@ -9,6 +9,9 @@ const MULTICAST_GROUP: &str = "224.0.0.231:7999";
 /// The longest path of a Unix socket. Source: unix(7), `sun_path` less its final zero.
 const SOCKET_PATH_SIZE_MAX: usize = 107;
 
+/// How many connections may be open that have not said who they are; zenoh's own 100 are gone in a moment.
+const ACCEPT_PENDING_MAX: &str = "4096";
+
 /// A zenoh configuration under construction.
 pub(crate) struct Settings(Config);
 
@@ -34,6 +37,8 @@ impl Settings {
             .set("open/return_conditions/connect_scouted", "false")
             .set("transport/link/tx/lease", &lease_ms.to_string())
             .set("transport/link/tx/keep_alive", "4")
+            // Who connects and says nothing must not keep out who comes next.
+            .set("transport/unicast/accept_pending", ACCEPT_PENDING_MAX)
             // A machine that starts many programs at once is slow to answer; a radio that is gone never answers.
             .set("transport/unicast/open_timeout", "1000")
             .set("transport/unicast/accept_timeout", "1000")

@@ -11,6 +11,7 @@ mod launch;
 mod output;
 
 use comms::io::clock::now;
+use comms::io::descriptors;
 use comms::logic::time::Time;
 use descendants::kill_descendants;
 use node::logic::child::{EXIT_FILE, Gate, LAUNCH, ShimOrder, ShimReport, ShimStart};
@@ -89,6 +90,9 @@ fn supervise(start: &ShimStart) -> io::Result<()> {
     report(&ShimReport::Gone);
     Ok(())
 }
+    if start.descriptors.is_some() {
+        descriptors::set(start.descriptors);
+    }
 
 /// Waits at the gate; says whether it was opened.
 fn is_opened(events: &Receiver<Event>) -> bool {
