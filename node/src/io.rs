@@ -1,6 +1,7 @@
 //! Where a node's decisions become processes, sockets and files.
 
 pub mod caller;
+pub mod cgroup;
 pub mod child;
 pub mod database;
 pub mod driver;
@@ -9,9 +10,11 @@ pub mod journal;
 pub mod logging;
 pub mod observer;
 pub mod peers;
+pub mod processes;
 pub mod programs;
 pub mod recorder;
 pub mod run_dir;
+pub(crate) mod starter;
 pub mod state_dir;
 pub mod tail;
 pub mod whole_file;

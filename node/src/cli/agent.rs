@@ -4,7 +4,7 @@ use crate::cli::client::{block_on, ended};
 use crate::cli::{Failure, finish, output};
 use crate::io::driver::{self, Config};
 use crate::io::logging::{self, Log};
-use crate::io::{programs, run_dir, state_dir};
+use crate::io::{cgroup, programs, run_dir, state_dir};
 use crate::logic::database::TEAM;
 use anyhow::Context;
 use clap::Parser;
@@ -76,7 +76,7 @@ fn run(arguments: Arguments, log: Log) -> Result<(), Failure> {
         agent_loss_grace,
         log: Some(log),
     };
-    block_on(async {
+    let result = block_on(async {
         let (leave, ready) = (watch::Sender::new(false), watch::Sender::new(false));
         let (mut is_ready, name) = (ready.subscribe(), config.name.clone());
         let announcing = async move {
@@ -97,5 +97,7 @@ fn run(arguments: Arguments, log: Log) -> Result<(), Failure> {
                 _ = interrupt.recv() => { leave.send_replace(true); }
             }
         }
-    })
+    });
+    cgroup::leave();
+    result
 }

@@ -5,7 +5,7 @@ use crate::cli::client::{Client, block_on, ended};
 use crate::cli::follow::Spec;
 use crate::cli::{Controllers, Failure, check, deploy, follow};
 use crate::io::driver::{self, Config};
-use crate::io::{programs, run_dir, state_dir};
+use crate::io::{cgroup, programs, run_dir, state_dir};
 use crate::logic::child::AGENT_LOSS_GRACE;
 use crate::logic::database::TEAM;
 use anyhow::{Context, anyhow};
@@ -108,6 +108,7 @@ impl Nodes {
                 () = clock::sleep_until(deadline) => break,
             }
         }
+        cgroup::leave();
         remove(&self.base);
     }
 }

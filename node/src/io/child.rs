@@ -2,20 +2,22 @@
 //!
 //! Nothing here kills on drop: a node that dies leaves its shims to their own rule, a node that lives tells them.
 
+pub mod leftovers;
+
 use crate::logic::child::{OUTPUT_FILE, ShimOrder, ShimReport, ShimStart};
 use std::io;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use tokio::io::{AsyncBufReadExt, AsyncWriteExt, BufReader};
 use tokio::process::{ChildStdin, ChildStdout};
-use tokio::sync::mpsc::Sender;
+use tokio::sync::mpsc::{Receiver, Sender};
 
 /// The longest line of output that is told as a program's last words, in bytes.
 const LAST_WORDS_MAX: usize = 400;
 
 /// A started shim, seen from the node: its orders go in here.
 #[derive(Debug)]
-pub struct Shim {
+pub struct ShimOrders {
     orders: ChildStdin,
 }
 
@@ -25,14 +27,13 @@ pub struct ShimEar {
     child: std::process::Child,
     reports: ChildStdout,
     dir: PathBuf,
-    instance: String,
 }
 
-/// Starts a shim. `instance` marks every process below it in the environment, as `DCA_INSTANCE`.
+/// Starts a shim.
 ///
 /// # Errors
 /// The shim itself cannot be started.
-pub fn start(shim: &Path, start: &ShimStart, instance: &str) -> io::Result<(Shim, ShimEar)> {
+pub fn start(shim: &Path, start: &ShimStart) -> io::Result<(ShimOrders, ShimEar)> {
     let mut child = Command::new(shim)
         .args(start.arguments())
         .stdin(Stdio::piped())
@@ -43,8 +44,7 @@ pub fn start(shim: &Path, start: &ShimStart, instance: &str) -> io::Result<(Shim
     let missing = || io::Error::other("a pipe to the shim is missing");
     let orders = ChildStdin::from_std(child.stdin.take().ok_or_else(missing)?)?;
     let reports = ChildStdout::from_std(child.stdout.take().ok_or_else(missing)?)?;
-    let (dir, instance) = (start.dir.clone(), instance.to_owned());
-    Ok((Shim { orders }, ShimEar { child, reports, dir, instance }))
+    Ok((ShimOrders { orders }, ShimEar { child, reports, dir: start.dir.clone() }))
 }
 
 /// Checks that a command names something that can be executed, so that a spec is refused before anything runs.
@@ -71,11 +71,16 @@ pub fn check_executable(command: &[String]) -> io::Result<()> {
     Ok(())
 }
 
-impl Shim {
-    /// Gives an order. A shim that is gone is told nothing; its reports say what became of it.
-    pub async fn tell(&mut self, order: ShimOrder) {
-        if let Err(error) = self.orders.write_all(format!("{order}\n").as_bytes()).await {
-            tracing::debug!(%error, "shim does not listen");
+impl ShimOrders {
+    /// Passes orders on until there are no more. A shim that is gone is told nothing; its reports say what became of it.
+    ///
+    /// # Cancellation
+    /// The shim then counts its node as gone.
+    pub async fn pass(mut self, mut orders: Receiver<ShimOrder>) {
+        while let Some(order) = orders.recv().await {
+            if let Err(error) = self.orders.write_all(format!("{order}\n").as_bytes()).await {
+                tracing::debug!(%error, "shim does not listen");
+            }
         }
     }
 }
@@ -86,13 +91,16 @@ impl ShimEar {
     /// # Cancellation
     /// Not safe: reports are lost. Runs in a task of its own until the shim ends.
     pub async fn listen(self, sink: Sender<(ShimReport, Option<String>)>) {
-        let Self { mut child, reports, dir, instance } = self;
+        let Self { mut child, reports, dir } = self;
         let mut lines = BufReader::new(reports).lines();
         let mut gone = false;
         while let Ok(Some(line)) = lines.next_line().await {
             let Some(report) = ShimReport::parse(&line) else { continue };
             let last_words = match report {
-                ShimReport::Exited { .. } | ShimReport::Signalled { .. } => last_line(&dir.join(OUTPUT_FILE)),
+                ShimReport::Exited { .. } | ShimReport::Signalled { .. } => {
+                    let path = dir.join(OUTPUT_FILE);
+                    tokio::task::spawn_blocking(move || last_line(&path)).await.unwrap_or_default()
+                }
                 ShimReport::Ready | ShimReport::Started { .. } | ShimReport::ExecFailed { .. } | ShimReport::Gone => {
                     None
                 }
@@ -105,7 +113,7 @@ impl ShimEar {
         let reaped = tokio::task::spawn_blocking(move || {
             let reaped = child.wait();
             if !gone {
-                remove_leftovers(&dir, &instance);
+                leftovers::end_instance(&dir);
             }
             reaped
         });
@@ -117,35 +125,6 @@ impl ShimEar {
             sink.send((ShimReport::Gone, None)).await.unwrap_or_default();
         }
     }
-}
-
-/// Kills what a killed shim left behind: the processes of this user that carry its mark in their environment.
-fn remove_leftovers(dir: &Path, instance: &str) {
-    let marks = [format!("DCA_INSTANCE={instance}"), format!("DCA_DIR={}", dir.display())];
-    // A fork can slip past one look; two empty looks in a row cannot both be wrong for a marked process that is alive.
-    for _ in 0..100 {
-        let found = marked(&marks);
-        if found.is_empty() {
-            return;
-        }
-        for pid in found {
-            if let Some(pid) = rustix::process::Pid::from_raw(pid) {
-                rustix::process::kill_process(pid, rustix::process::Signal::KILL).unwrap_or_default();
-            }
-        }
-        std::thread::yield_now();
-    }
-}
-
-fn marked(marks: &[String; 2]) -> Vec<i32> {
-    let pids = std::fs::read_dir("/proc").into_iter().flatten().flatten();
-    let pids = pids.filter_map(|entry| entry.file_name().to_str()?.parse::<i32>().ok());
-    let carries = |pid: &i32| {
-        let environment = std::fs::read(format!("/proc/{pid}/environ")).unwrap_or_default();
-        let entries: Vec<&[u8]> = environment.split(|byte| *byte == 0).collect();
-        marks.iter().all(|mark| entries.contains(&mark.as_bytes()))
-    };
-    pids.filter(carries).collect()
 }
 
 /// Returns the last line that is not blank, from the last few kilobytes of a file.

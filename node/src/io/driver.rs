@@ -1,16 +1,18 @@
 //! A running node: one `select!` that turns every event into an input of the agent and carries its effects out, in order.
 
 use crate::io::caller::Caller;
-use crate::io::child::{self, Shim};
+use crate::io::cgroup;
+use crate::io::child::leftovers;
 use crate::io::database;
-use crate::io::event::{Connection, Event, hear_programs};
+use crate::io::event::{Connection, Event};
 use crate::io::journal::Journal;
 use crate::io::logging::Log;
 use crate::io::peers::{Arrival, Peers};
 use crate::io::run_dir::RunDir;
+use crate::io::starter::{self, Job, Start, Starter};
 use crate::io::{programs, tail};
 use crate::logic::agent::{Agent, Identity, Input};
-use crate::logic::child::{Gate, ShimReport, ShimStart};
+use crate::logic::child::{Gate, ShimOrder, ShimReport, ShimStart};
 use crate::logic::database::settings::Settings;
 use crate::logic::effect::{Effect, ProcessId, SpawnOrder};
 use crate::logic::nameserver::Change;
@@ -26,8 +28,7 @@ use comms::logic::key::HostName;
 use comms::logic::time::Time;
 use language::plan::LeafKind;
 use std::collections::{BTreeMap, VecDeque};
-use std::path::PathBuf;
-use std::sync::atomic::AtomicU64;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use tokio::sync::mpsc::{self, Receiver, Sender};
@@ -77,12 +78,10 @@ struct Driver {
     peers: Peers,
     database: database::Running,
     journal: Arc<Mutex<Journal>>,
-    shim: PathBuf,
-    shims: BTreeMap<ProcessId, Shim>,
+    /// What is done beside the loop.
+    jobs: Sender<Job>,
+    shims: BTreeMap<ProcessId, Sender<ShimOrder>>,
     programs: BTreeMap<ProcessId, (u64, ControlSender)>,
-    /// How many programs have connected.
-    connected: Arc<AtomicU64>,
-    listeners: BTreeMap<Deployment, tokio::task::AbortHandle>,
     paths: BTreeMap<(Deployment, String), ProcessId>,
     buried: VecDeque<Deployment>,
     pending: VecDeque<Input>,
@@ -122,7 +121,7 @@ pub async fn run(config: Config, mut leave: watch::Receiver<bool>, ready: watch:
             }
         };
         driver.pending.extend(input);
-        if driver.work_off().await {
+        if driver.work_off() {
             let yielded = driver.yielded.take();
             driver.close().await?;
             return yielded.map_or(Ok(()), |why| Err(anyhow::Error::msg(why)));
@@ -151,7 +150,7 @@ async fn next(arriving: &mut Receiver<Event>) -> Event {
 
 impl Driver {
     async fn open(config: Config, events: Sender<Event>) -> anyhow::Result<Self> {
-        let dir = RunDir::take(&config.base, &config.name)?;
+        let dir = take_folder(&config).await?;
         let journal =
             Journal::open(&config.state.as_deref().map_or_else(|| dir.journal(), |state| state.join("journal")))
                 .context("opening the journal")?;
@@ -186,6 +185,8 @@ impl Driver {
         };
         let session = Arc::clone(peers.session());
         let database = tokio::task::spawn_blocking(move || database::start(&options, &session)).await??;
+        let (jobs, waiting) = mpsc::channel(starter::JOBS_MAX);
+        tasks.spawn(Starter::new(programs::beside("dca-shim"), events.clone()).run(waiting));
         let forward = events.clone();
         tasks.spawn(async move {
             while let Some(arrival) = arrivals.recv().await {
@@ -196,16 +197,14 @@ impl Driver {
         });
         Ok(Self {
             agent: Agent::new(identity, offered, clock::now()),
-            shim: programs::beside("dca-shim"),
             config,
             dir,
             peers,
             database,
+            jobs,
             journal: Arc::new(Mutex::new(journal)),
             shims: BTreeMap::new(),
             programs: BTreeMap::new(),
-            connected: Arc::default(),
-            listeners: BTreeMap::new(),
             paths: BTreeMap::new(),
             buried: VecDeque::new(),
             pending: VecDeque::new(),
@@ -217,14 +216,14 @@ impl Driver {
     }
 
     /// Gives what waits to the agent and carries its effects out, which may bring more. Says whether the node is to leave.
-    async fn work_off(&mut self) -> bool {
+    fn work_off(&mut self) -> bool {
         let mut over = false;
         while let Some(input) = self.pending.pop_front() {
             let mut effects = Vec::new();
             self.agent.handle(clock::now(), input, &mut effects);
             for effect in effects {
                 over |= matches!(effect, Effect::Leave | Effect::Yield { .. });
-                self.carry_out(effect).await;
+                self.carry_out(effect);
             }
         }
         over
@@ -289,16 +288,18 @@ impl Driver {
         unfit.iter().filter(|one| !before.unfit.contains(one)).for_each(|sentence| tracing::warn!("{sentence}"));
     }
 
-    async fn carry_out(&mut self, effect: Effect) {
+    fn carry_out(&mut self, effect: Effect) {
         match effect {
             Effect::Transmit { to, frame } => self.peers.send(&to, &frame),
             Effect::Ping { round } => self.peers.ping(round),
             Effect::Holders(holders) => self.peers.hold(holders),
             Effect::Peer(change) => self.peer(&change),
-            Effect::Spawn(order) => self.spawn(&order).await,
+            Effect::Spawn(order) => self.spawn(*order),
             Effect::Shim { process, order } => {
-                if let Some(shim) = self.shims.get_mut(&process) {
-                    shim.tell(order).await;
+                if let Some(shim) = self.shims.get(&process)
+                    && let Err(error) = shim.try_send(order)
+                {
+                    tracing::warn!(%error, "a shim does not take its orders");
                 }
             }
             Effect::Control { process, order } => {
@@ -373,82 +374,44 @@ impl Driver {
         if self.jobs.try_send(Job::Start(Box::new(start))).is_err() {
             let reason = "too many programs wait to be started".to_owned();
             for report in [ShimReport::ExecFailed { reason }, ShimReport::Gone] {
-                self.pending.push_back(Input::Shim { process: order.process.clone(), report, last_words: None });
+                self.pending.push_back(Input::Shim { process: process.clone(), report, last_words: None });
             }
         }
     }
 
-    async fn try_spawn(&mut self, order: &SpawnOrder) -> anyhow::Result<()> {
-        let process = &order.process;
-        child::check_executable(&order.command)?;
-        let dir = self.dir.make_process(process).context("making its folder")?;
-        if order.kind == LeafKind::Controller && !self.listeners.contains_key(&process.deployment) {
-            self.listen(&process.deployment).context("opening its control socket")?;
-        }
-        self.paths.insert((process.deployment.clone(), order.path.clone()), process.clone());
+    /// Returns the whole environment of a program.
+    fn environment(&self, instance: String, dir: &Path, control: Option<&Path>) -> Vec<(String, String)> {
         let inherited = INHERITED.iter().filter_map(|name| Some(((*name).to_owned(), std::env::var(name).ok()?)));
-        let path = |path: PathBuf| path.display().to_string();
+        let path = |path: &Path| path.display().to_string();
         let mut environment: Vec<(String, String)> = inherited.collect();
-        environment.push(("DCA_INSTANCE".into(), order.path.clone()));
-        environment.push(("DCA_DIR".into(), path(dir.clone())));
-        if order.kind == LeafKind::Controller {
-            environment.push(("DCA_CONTROL".into(), path(self.dir.control_socket(&process.deployment))));
-            environment.push(("DCA_DATA_SOCKET".into(), path(dir.join("data.sock"))));
+        environment.push(("DCA_INSTANCE".into(), instance));
+        environment.push(("DCA_DIR".into(), path(dir)));
+        if let Some(control) = control {
+            environment.push(("DCA_CONTROL".into(), path(control)));
+            environment.push(("DCA_DATA_SOCKET".into(), path(&dir.join("data.sock"))));
             if self.config.reach == Reach::Lan {
                 environment.push(("DCA_REMOTE".into(), "1".into()));
             }
         }
-        let grace = self.settings.agent_loss_grace.unwrap_or(self.config.agent_loss_grace);
-        let start = ShimStart {
-            working_directory: std::env::current_dir().unwrap_or_else(|_gone| "/".into()),
-            dir,
-            gate: if order.kind == LeafKind::Plain { Gate::Exec } else { Gate::None },
-            agent_loss_grace: order.policy.agent_loss.unwrap_or(grace),
-            usage: order.policy.usage,
-            environment,
-            command: order.command.clone(),
-        };
-        let shim = self.shim.clone();
-        let instance = order.path.clone();
-        let (shim, ear) =
-            child::start(&shim, &start, &instance).with_context(|| format!("starting {}", self.shim.display()))?;
-        self.shims.insert(process.clone(), shim);
-        let (events, process) = (self.events.clone(), process.clone());
-        self.tasks.spawn(async move {
-            let (sink, mut reports) = mpsc::channel(16);
-            let listening = ear.listen(sink);
-            let forwarding = async {
-                while let Some((report, last_words)) = reports.recv().await {
-                    events.send(Event::Shim(process.clone(), report, last_words)).await.unwrap_or_default();
-                }
-            };
-            tokio::join!(listening, forwarding);
-        });
-        Ok(())
+        environment
     }
 
-    /// Opens the socket where the programs of a deployment report.
-    fn listen(&mut self, deployment: &Deployment) -> anyhow::Result<()> {
-        let listener = Listener::bind(&self.dir.control_socket(deployment))?;
-        let (connected, events) = (Arc::clone(&self.connected), self.events.clone());
-        let handle = self.tasks.spawn(hear_programs(listener, deployment.clone(), connected, events));
-        self.listeners.insert(deployment.clone(), handle);
-        Ok(())
+    /// Has something done beside the loop that nobody waits for.
+    fn later(&self, job: Job) {
+        if let Err(error) = self.jobs.try_send(job) {
+            tracing::warn!(%error, "too much waits to be done");
+        }
     }
 
     /// Closes what belongs to a deployment; the output of the last few stays in their folders.
     fn bury(&mut self, deployment: Deployment) {
-        if let Some(listener) = self.listeners.remove(&deployment) {
-            listener.abort();
-        }
+        self.later(Job::Close(deployment.clone()));
         self.paths.retain(|(of, _), _| *of != deployment);
         self.programs.retain(|process, _| process.deployment != deployment);
         self.buried.push_back(deployment);
         if self.buried.len() > BURIED_MAX {
             let folder = self.buried.pop_front().map(|oldest| self.dir.deployment(&oldest));
-            if let Some(Err(error)) = folder.map(std::fs::remove_dir_all) {
-                tracing::debug!(%error, "the folder of an old deployment stays");
-            }
+            folder.into_iter().for_each(|folder| self.later(Job::Remove(folder)));
         }
     }
 
@@ -457,8 +420,8 @@ impl Driver {
         self.programs.remove(process);
         self.paths.retain(|_, other| other != process);
         let more = self.paths.keys().any(|(deployment, _)| *deployment == process.deployment);
-        if !more && let Some(listener) = self.listeners.remove(&process.deployment) {
-            listener.abort();
+        if !more {
+            self.later(Job::Close(process.deployment.clone()));
         }
     }
 
@@ -493,6 +456,23 @@ impl Driver {
         self.peers.close().await;
         Ok(())
     }
+}
+
+/// Takes the folder of the node, ends what an earlier run has left, and moves into a control group of its own.
+async fn take_folder(config: &Config) -> anyhow::Result<RunDir> {
+    let dir = RunDir::take(&config.base, &config.name)?;
+    let cleaning = tokio::task::spawn_blocking(move || {
+        let left = leftovers::end_all(dir.path());
+        if !left.is_empty() {
+            tracing::error!(pids = ?left, "processes of an earlier run cannot be ended: they may still move something");
+        }
+        dir.clear().map(|()| dir)
+    });
+    let dir = cleaning.await??;
+    cgroup::enter(dir.path());
+    // What a killed shim leaves behind comes to this process, which ends it.
+    rustix::process::set_child_subreaper(Some(rustix::process::getpid())).context("becoming the parent of orphans")?;
+    Ok(dir)
 }
 
 /// Tells a program something that it can do without.

@@ -4,13 +4,15 @@
 //! BASE/                     0700, owned by the user: /run/user/UID/dca, or dca-UID in the folder for temporary files
 //!   c1/                     one node
 //!     lock                  held while the node runs
+//!     cgroup                names the control group that it runs in, if it could have one
 //!     node.sock             its zenoh session, for other nodes and command lines of this machine
 //!     journal               what it has committed, if it has no folder that survives it
 //!     door_opening.1/       one deployment
 //!       control.sock        where its programs talk to the node
-//!       12/                 one program: out.log, exit, data.sock
+//!       12/                 one program: out.log, exit, processes (while it runs), data.sock
 //! ```
 
+use crate::io::child::leftovers;
 use crate::logic::effect::ProcessId;
 use crate::logic::protocol::Deployment;
 use rustix::fs::{FlockOperation, flock};
@@ -44,8 +46,6 @@ pub enum RunDirError {
         /// Whose.
         owner: u32,
     },
-    /// A node of that name is running.
-    #[error("a node named `{name}` is already running on this machine")]
     /// The folder is a link: who made it can lead it elsewhere.
     #[error("the folder {path:?} is a link; name the folder itself with `--run-dir`")]
     Link {
@@ -58,6 +58,8 @@ pub enum RunDirError {
         /// Which.
         path: PathBuf,
     },
+    /// A node of that name is running.
+    #[error("a node named `{name}` is already running on this machine")]
     Taken {
         /// Its name.
         name: String,
@@ -96,14 +98,16 @@ pub fn running(base: &Path) -> Result<Vec<(String, PathBuf)>, RunDirError> {
     Ok(nodes)
 }
 
-/// Makes a folder for the nodes of this command alone; removes those that commands which were killed have left.
+/// Makes a folder for the nodes of this command alone; ends and removes what commands that were killed have left. Blocks.
 pub fn of_this_command(base: &Path) -> PathBuf {
     for entry in fs::read_dir(base).into_iter().flatten().flatten() {
         let (name, path) = (entry.file_name(), entry.path());
         let pid = name.to_str().and_then(|name| name.strip_prefix(COMMAND_PREFIX)?.parse::<u32>().ok());
         // A command that is starting has no locks yet, but it is alive.
         let alive = pid.is_none_or(|pid| Path::new(&format!("/proc/{pid}")).exists());
-        if !alive && running(&path).is_empty() {
+        if !alive && running(&path).is_ok_and(|nodes| nodes.is_empty()) {
+            let nodes = fs::read_dir(&path).into_iter().flatten().flatten();
+            nodes.for_each(|node| drop(leftovers::end_all(&node.path())));
             drop(fs::remove_dir_all(&path));
         }
     }
@@ -140,25 +144,26 @@ impl RunDir {
         if deepest.as_os_str().len() > SOCKET_PATH_MAX {
             return Err(RunDirError::TooDeep { path });
         }
-        let dir = Self { path, _lock: lock };
-        dir.remove_deployments();
-        remove_leftover(&dir.socket()).map_err(|cause| RunDirError::Unusable { path: dir.socket(), cause })?;
-        Ok(dir)
+        Ok(Self { path, _lock: lock })
     }
 
-    /// Removes the deployments of an earlier run, whose programs have ended with it.
-    fn remove_deployments(&self) {
+    /// Returns the folder.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Removes the deployments of an earlier run, whose programs have ended, and its socket.
+    ///
+    /// # Errors
+    /// The socket cannot be removed.
+    pub fn clear(&self) -> Result<(), RunDirError> {
         for entry in fs::read_dir(&self.path).into_iter().flatten().flatten() {
             let folder = entry.path();
             if entry.file_name().to_string_lossy().contains('.') && folder.is_dir() {
                 drop(fs::remove_dir_all(&folder));
             }
         }
-    }
-
-    /// Returns the folder itself.
-    pub fn path(&self) -> &Path {
-        &self.path
+        remove_leftover(&self.socket()).map_err(|cause| RunDirError::Unusable { path: self.socket(), cause })
     }
 
     /// Returns the socket of the node's session.
@@ -188,17 +193,15 @@ impl RunDir {
     pub fn process(&self, process: &ProcessId) -> PathBuf {
         self.deployment(&process.deployment).join(process.leaf.to_string())
     }
+}
 
-    /// Makes the folder of a program.
-    ///
-    /// # Errors
-    /// The file system refuses.
-    pub fn make_process(&self, process: &ProcessId) -> io::Result<PathBuf> {
-        let path = self.process(process);
-        fs::DirBuilder::new().recursive(true).mode(0o700).create(&path)?;
-        remove_leftover(&path.join("data.sock"))?;
-        Ok(path)
-    }
+/// Makes the folder of a program.
+///
+/// # Errors
+/// The file system refuses.
+pub fn make_process(path: &Path) -> io::Result<()> {
+    fs::DirBuilder::new().recursive(true).mode(0o700).create(path)?;
+    remove_leftover(&path.join("data.sock"))
 }
 
 fn private_folder(path: &Path) -> Result<(), RunDirError> {

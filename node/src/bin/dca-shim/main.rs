@@ -14,15 +14,17 @@ use comms::io::clock::now;
 use comms::io::descriptors;
 use comms::logic::time::Time;
 use descendants::kill_descendants;
+use node::io::processes;
 use node::logic::child::{EXIT_FILE, Gate, LAUNCH, ShimOrder, ShimReport, ShimStart};
+use node::logic::process_record::{ProcessRecord, RECORD_FILE};
 use output::Output;
 use rustix::io::Errno;
 use rustix::process::{Pid, PidfdFlags, Signal, WaitOptions, WaitStatus, pidfd_open, pidfd_send_signal};
-use std::fs::File;
+use std::fs::{File, OpenOptions};
 use std::io::{self, Write};
 use std::os::fd::OwnedFd;
 use std::os::unix::process::CommandExt;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode, Stdio};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::time::Duration;
@@ -67,19 +69,33 @@ fn main() -> ExitCode {
 /// Runs the program from the gate to the last report.
 fn supervise(start: &ShimStart) -> io::Result<()> {
     rustix::process::set_child_subreaper(Some(rustix::process::getpid()))?;
+    let record = match Record::begin(start) {
+        Ok(record) => record,
+        Err(error) => {
+            let reason = format!("cannot write {:?}: {}", start.dir.join(RECORD_FILE), plain(&error));
+            conclude(&start.dir, &ShimReport::ExecFailed { reason });
+            report(&ShimReport::Gone);
+            return Ok(());
+        }
+    };
     let (events_tx, events) = sync_channel(64);
     let orders_tx = events_tx.clone();
     std::thread::Builder::new().name("orders".into()).spawn(move || hear_orders(&orders_tx))?;
     if start.gate == Gate::Exec {
         report(&ShimReport::Ready);
         if !is_opened(&events) {
+            record.remove();
             report(&ShimReport::Gone);
             return Ok(());
         }
     }
     let output = Output::open(&start.dir)?;
+    if start.descriptors.is_some() {
+        descriptors::set(start.descriptors);
+    }
     match execute(start, &output) {
         Ok(program) => {
+            record.add(program.pid);
             report(&ShimReport::Started { pid: program.pid.as_raw_nonzero().get().cast_unsigned() });
             std::thread::Builder::new().name("reaper".into()).spawn(move || reap(&events_tx))?;
             Supervision { start, program, output: &output, deadline: None, killing: false }.run(&events);
@@ -87,12 +103,43 @@ fn supervise(start: &ShimStart) -> io::Result<()> {
         Err(reason) => conclude(&start.dir, &ShimReport::ExecFailed { reason }),
     }
     output.settle(SETTLE);
+    record.remove();
     report(&ShimReport::Gone);
     Ok(())
 }
-    if start.descriptors.is_some() {
-        descriptors::set(start.descriptors);
+
+/// The record of who runs here, for a node that starts after this shim and its node were killed.
+struct Record {
+    path: PathBuf,
+}
+
+impl Record {
+    fn begin(start: &ShimStart) -> io::Result<Self> {
+        let path = start.dir.join(RECORD_FILE);
+        let record = ProcessRecord {
+            boot: processes::kernel_boot(),
+            grace: start.agent_loss_grace,
+            shim: processes::this(),
+            program: None,
+        };
+        std::fs::write(&path, record.head())?;
+        Ok(Self { path })
     }
+
+    fn add(&self, program: Pid) {
+        let Some(stat) = processes::stat(program.as_raw_nonzero().get()) else { return };
+        let line = ProcessRecord::program_line(stat.process);
+        let file = OpenOptions::new().append(true).open(&self.path);
+        // Without it the marks in its environment are left.
+        if let Err(error) = file.and_then(|mut file| file.write_all(line.as_bytes())) {
+            complain(&format!("dca-shim: cannot write {:?}: {error}", self.path));
+        }
+    }
+
+    fn remove(&self) {
+        std::fs::remove_file(&self.path).unwrap_or_default();
+    }
+}
 
 /// Waits at the gate; says whether it was opened.
 fn is_opened(events: &Receiver<Event>) -> bool {

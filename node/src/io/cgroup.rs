@@ -1,0 +1,147 @@
+//! A control group for this process and everything that it starts, where the system lets it have one.
+//!
+//! The process moves into a group of its own once, at its start, and whatever it starts is born there: a start costs
+//! nothing more, and no program leaves the group by itself, whatever it does to its parents, session and environment. After
+//! a crash the next run finds the group by the file that names it, and kills what is in it. Only the second version of
+//! control groups is used (`cgroup.kill`: Linux 5.14). Source: Documentation/admin-guide/cgroup-v2.rst.
+
+use crate::io::processes;
+use crate::logic::process_record::Process;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
+
+/// The file in a node's folder that names the group it runs in.
+const GROUP_FILE: &str = "cgroup";
+/// How the name of a group begins; the number and the start time of its process follow.
+const PREFIX: &str = "dca-";
+
+/// The group of this process, once it has one.
+static OWN: Mutex<Option<PathBuf>> = Mutex::new(None);
+
+/// Moves this process into a group of its own, unless it is in one, and writes the group's name into `folder`. Nothing
+/// happens where the system does not allow it: in containers, in sessions that are not delegated.
+pub fn enter(folder: &Path) {
+    let mut own = OWN.lock().unwrap_or_else(PoisonError::into_inner);
+    if own.is_none() {
+        *own = make();
+    }
+    let written = own.as_ref().map(|group| std::fs::write(folder.join(GROUP_FILE), group.to_string_lossy().as_bytes()));
+    if let Some(Err(error)) = written {
+        tracing::warn!(%error, "the name of the control group is not kept");
+    }
+}
+
+/// Moves this process out of its group, and removes that if nothing else is in it.
+pub fn leave() {
+    let Some(group) = OWN.lock().unwrap_or_else(PoisonError::into_inner).take() else { return };
+    let parent = group.parent().unwrap_or(Path::new("/"));
+    // Without the right to go back the group stays until the machine stops, or the next run removes it.
+    if std::fs::write(parent.join("cgroup.procs"), std::process::id().to_string()).is_ok() {
+        remove(&group);
+    }
+}
+
+/// Returns the group that the earlier run in `folder` was in; none if there is none, or if that process is alive.
+pub fn recorded(folder: &Path) -> Option<PathBuf> {
+    let group = PathBuf::from(std::fs::read_to_string(folder.join(GROUP_FILE)).ok()?);
+    let process = process_of(&group)?;
+    // One that holds this process, too, cannot be killed as a whole: a program of the earlier run has started it.
+    let holds_this = place().is_none_or(|place| place.starts_with(&group));
+    (group.join("cgroup.procs").is_file() && !processes::is_running(process) && !holds_this).then_some(group)
+}
+
+/// Returns the numbers of the processes in a group.
+pub fn members(group: &Path) -> Vec<i32> {
+    let text = std::fs::read_to_string(group.join("cgroup.procs")).unwrap_or_default();
+    text.lines().filter_map(|line| line.parse().ok()).collect()
+}
+
+/// Kills every process of a group at once.
+pub fn kill(group: &Path) {
+    // Older kernels do not know it; the caller kills one by one as well.
+    std::fs::write(group.join("cgroup.kill"), "1").unwrap_or_default();
+}
+
+/// Removes an empty group.
+pub fn remove(group: &Path) {
+    if let Err(error) = std::fs::remove_dir(group) {
+        tracing::debug!(%error, ?group, "a control group stays");
+    }
+}
+
+fn make() -> Option<PathBuf> {
+    let place = place()?;
+    // With controllers in it, a group of its own would change how much of the machine this process gets.
+    let controllers = std::fs::read_to_string(place.join("cgroup.subtree_control")).ok()?;
+    let this = processes::this()?;
+    if !controllers.trim().is_empty() {
+        return None;
+    }
+    remove_abandoned(&place);
+    let group = place.join(format!("{PREFIX}{}-{}", this.pid, this.started));
+    let moved = std::fs::create_dir(&group).and_then(|()| join(&group));
+    if let Err(error) = moved {
+        tracing::debug!(%error, "no control group of its own");
+        return None;
+    }
+    Some(group)
+}
+
+/// Removes the empty groups of processes that were killed and never had a successor.
+fn remove_abandoned(place: &Path) {
+    let groups = std::fs::read_dir(place).into_iter().flatten().flatten().map(|entry| entry.path());
+    let is_over = |group: &PathBuf| process_of(group).is_some_and(|process| !processes::is_running(process));
+    groups.filter(is_over).filter(|group| members(group).is_empty()).for_each(|group| remove(&group));
+}
+
+/// Returns the process that a group was made for.
+fn process_of(group: &Path) -> Option<Process> {
+    let (pid, started) = group.file_name()?.to_str()?.strip_prefix(PREFIX)?.split_once('-')?;
+    Some(Process { pid: pid.parse().ok()?, started: started.parse().ok()? })
+}
+
+fn join(group: &Path) -> io::Result<()> {
+    let joined = std::fs::write(group.join("cgroup.procs"), std::process::id().to_string());
+    if joined.is_err() {
+        remove(group);
+    }
+    joined
+}
+
+/// Returns the folder of the group that this process is in.
+fn place() -> Option<PathBuf> {
+    let groups = std::fs::read_to_string("/proc/self/cgroup").ok()?;
+    let path = groups.lines().find_map(|line| line.strip_prefix("0::"))?.to_owned();
+    let mounts = std::fs::read_to_string("/proc/self/mountinfo").ok()?;
+    mounts.lines().find_map(|line| below_mount(line, &path))
+}
+
+/// Returns the folder of the group `path` if a line of `/proc/self/mountinfo` is a mount that shows it. Source:
+/// proc_pid_mountinfo(5): fields 4 and 5 are what is mounted and where, the type stands behind ` - `.
+fn below_mount(line: &str, path: &str) -> Option<PathBuf> {
+    let (before, after) = line.split_once(" - ")?;
+    let mut fields = before.split(' ').skip(3);
+    let (root, mount) = (fields.next()?, fields.next()?);
+    let relative = Path::new(path).strip_prefix(root).ok()?;
+    (after.split(' ').next() == Some("cgroup2")).then(|| Path::new(mount).join(relative))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_folder_of_a_group_is_found_below_its_mount() {
+        let check = |line: &str, path: &str, expected: Option<&str>| {
+            assert_eq!(below_mount(line, path), expected.map(PathBuf::from));
+        };
+        let unified = "30 23 0:26 / /sys/fs/cgroup rw,nosuid shared:4 - cgroup2 cgroup2 rw,nsdelegate";
+        check(unified, "/user.slice/a.scope", Some("/sys/fs/cgroup/user.slice/a.scope"));
+        check(unified, "/", Some("/sys/fs/cgroup"));
+        let inside = "30 23 0:26 /docker/7 /sys/fs/cgroup rw - cgroup2 cgroup rw";
+        check(inside, "/docker/7/app", Some("/sys/fs/cgroup/app"));
+        check(inside, "/other", None);
+        check("31 23 0:27 / /sys/fs/cgroup/cpu rw - cgroup cgroup rw,cpu", "/", None);
+    }
+}

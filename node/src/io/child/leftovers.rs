@@ -1,0 +1,195 @@
+//! Ends what an earlier run has left behind: programs whose shims were killed, with the node or without it.
+//!
+//! A leftover is found by what it cannot shed, or does not: its control group (nothing leaves that by itself), the record of
+//! its shim (numbers, start times, the session), the parents it has, and the marks in its environment. Only the control
+//! group finds a daemon with an empty environment and a session of its own after its node has died, too.
+
+use crate::io::cgroup;
+use crate::io::processes::{self, Stat};
+use crate::logic::process_record::{Process, ProcessRecord, RECORD_FILE};
+use comms::io::clock::{Wakeup, now};
+use comms::logic::time::Time;
+use rustix::process::{Pid, Signal, WaitOptions, getpid, waitpid};
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// Rounds of stopping before the killing begins; a program that forks faster than it is stopped is killed in pieces.
+const STOP_ROUNDS_MAX: usize = 20;
+/// How long the kernel has to remove what was killed.
+const KILL_WITHIN: Duration = Duration::from_secs(5);
+/// How much longer than the grace of its program a shim may take.
+const SHIM_MARGIN: Duration = Duration::from_secs(1);
+/// How often the processes are looked at.
+const LOOK_EVERY: Duration = Duration::from_millis(10);
+/// The name of a shim, as the kernel has it.
+const SHIM: &str = "dca-shim";
+
+/// Where leftovers are looked for.
+#[derive(Debug)]
+struct Search {
+    /// Everything below it is ours: `DCA_DIR` of a leftover names it or something below it.
+    folder: PathBuf,
+    records: Vec<ProcessRecord>,
+    /// The control group of the earlier run, if it had one.
+    group: Option<PathBuf>,
+    /// Whether children of this process that are no shims count: what a killed shim leaves comes to its node.
+    adopts: bool,
+}
+
+/// Ends what a killed shim of this node has left of the program in `dir`. Blocks.
+pub fn end_instance(dir: &Path) {
+    let records = read_record(dir).into_iter().collect();
+    let search = Search { folder: dir.to_owned(), records, group: None, adopts: true };
+    search.kill();
+}
+
+/// Ends what earlier runs of the node in `folder` have left, and returns what could not be ended. A program has the grace
+/// that it was started with; then everything is killed. Blocks for as long.
+pub fn end_all(folder: &Path) -> Vec<i32> {
+    let deployments = folders(folder).filter(|folder| folder.to_string_lossy().contains('.'));
+    let instances = deployments.flat_map(|deployment| folders(&deployment).collect::<Vec<_>>());
+    let boot = processes::kernel_boot();
+    let records = instances.filter_map(|dir| read_record(&dir)).filter(|record| record.boot == boot).collect();
+    let search = Search { folder: folder.to_owned(), records, group: cgroup::recorded(folder), adopts: false };
+    let found = search.find();
+    if !found.is_empty() {
+        tracing::warn!(count = found.len(), "ending processes that an earlier run has left");
+        search.stop();
+    }
+    let left = search.kill();
+    search.group.iter().for_each(|group| cgroup::remove(group));
+    left
+}
+
+impl Search {
+    /// Asks programs without a shim to stop, and waits for all programs as long as they may take.
+    fn stop(&self) {
+        let (began, pause) = (now(), Wakeup::default());
+        for record in &self.records {
+            let is_alone = !record.shim.is_some_and(processes::is_running);
+            if let Some(program) = record.program.filter(|_| is_alone) {
+                processes::signal(program, Signal::TERM);
+                // A stopped process could not hear the first without the second.
+                processes::signal(program, Signal::CONT);
+            }
+        }
+        while self.records.iter().any(|record| is_stopping(record, began)) {
+            pause.wait(Some(now() + LOOK_EVERY));
+        }
+    }
+
+    /// Kills everything that is found until nothing is; returns what is left after 5 s.
+    fn kill(&self) -> Vec<i32> {
+        let (until, pause) = (now() + KILL_WITHIN, Wakeup::default());
+        loop {
+            let found = self.freeze();
+            if found.is_empty() {
+                return Vec::new();
+            }
+            if now() >= until {
+                return found.into_iter().map(|process| process.pid).collect();
+            }
+            self.group.iter().for_each(|group| cgroup::kill(group));
+            for process in found {
+                processes::signal(process, Signal::KILL);
+            }
+            self.reap();
+            pause.wait(Some(now() + LOOK_EVERY));
+            self.reap();
+        }
+    }
+
+    /// Stops everything that is found, so that nothing forks while others are killed; returns it.
+    fn freeze(&self) -> BTreeSet<Process> {
+        let mut stopped = BTreeSet::new();
+        for _ in 0..STOP_ROUNDS_MAX {
+            let fresh: Vec<Process> = self.find().difference(&stopped).copied().collect();
+            if fresh.is_empty() {
+                break;
+            }
+            for process in fresh {
+                processes::signal(process, Signal::STOP);
+                stopped.insert(process);
+            }
+        }
+        stopped
+    }
+
+    /// Returns everything that runs and belongs to what is searched for.
+    fn find(&self) -> BTreeSet<Process> {
+        let this = getpid().as_raw_nonzero().get();
+        let all: Vec<Stat> = processes::all().into_iter().filter(|stat| !stat.is_zombie).collect();
+        let in_group: BTreeSet<i32> = self.group.iter().flat_map(|group| cgroup::members(group)).collect();
+        let is_found = |stat: &&Stat| {
+            in_group.contains(&stat.process.pid)
+                || self.records.iter().any(|record| is_of(record, stat, &all))
+                || (self.adopts && stat.parent == this && !is_shim(stat.process.pid))
+                || self.is_marked(stat.process.pid)
+        };
+        let mut found: BTreeSet<Process> =
+            all.iter().filter(|stat| stat.process.pid != this).filter(is_found).map(|stat| stat.process).collect();
+        found.extend(processes::descendants(&all, found.iter().map(|process| process.pid).collect::<Vec<_>>()));
+        // A node that was started by such a program would end itself.
+        found.retain(|process| process.pid != this);
+        found
+    }
+
+    fn is_marked(&self, pid: i32) -> bool {
+        use std::os::unix::ffi::OsStrExt;
+        let folder = self.folder.as_os_str().as_bytes();
+        processes::environment(pid).iter().any(|entry| {
+            let below = entry.strip_prefix(b"DCA_DIR=").and_then(|dir| dir.strip_prefix(folder));
+            below.is_some_and(|rest| rest.is_empty() || rest.starts_with(b"/"))
+        })
+    }
+
+    /// Takes note of adopted processes that have ended, which the kernel keeps for that.
+    fn reap(&self) {
+        if !self.adopts {
+            return;
+        }
+        let this = getpid().as_raw_nonzero().get();
+        let ended = processes::all().into_iter().filter(|stat| stat.is_zombie && stat.parent == this);
+        for pid in ended.map(|stat| stat.process.pid).filter(|pid| !is_shim(*pid)) {
+            // Nobody wants to know how it ended.
+            waitpid(Pid::from_raw(pid), WaitOptions::NOHANG).map(|_ended| ()).unwrap_or_default();
+        }
+    }
+}
+
+/// Whether a program is still within the time that it may take to stop: by its shim's hands, or by itself.
+fn is_stopping(record: &ProcessRecord, began: Time) -> bool {
+    let since = now() - began;
+    let runs = |process: Option<Process>| process.is_some_and(processes::is_running);
+    runs(record.shim) && since < record.grace + SHIM_MARGIN || runs(record.program) && since < record.grace
+}
+
+/// Whether a process is the shim or the program of a record, or of the session that the shim has made. A number is not given
+/// away while a session has it, so a session without its leader is the shim's.
+fn is_of(record: &ProcessRecord, stat: &Stat, all: &[Stat]) -> bool {
+    let is_named = record.shim == Some(stat.process) || record.program == Some(stat.process);
+    let has_session = record.shim.is_some_and(|shim| {
+        let leader = all.iter().find(|other| other.process.pid == shim.pid);
+        stat.session == shim.pid
+            && stat.process.started >= shim.started
+            && leader.is_none_or(|leader| leader.process == shim)
+    });
+    is_named || has_session
+}
+
+/// Whether a child of this process is a shim, or is about to become one: until then it is this executable.
+fn is_shim(pid: i32) -> bool {
+    let executable = |pid: &str| std::fs::read_link(format!("/proc/{pid}/exe")).ok();
+    std::fs::read_to_string(format!("/proc/{pid}/comm")).is_ok_and(|name| name.trim_end() == SHIM)
+        || executable(&pid.to_string()) == executable("self")
+}
+
+fn read_record(dir: &Path) -> Option<ProcessRecord> {
+    std::fs::read_to_string(dir.join(RECORD_FILE)).ok().map(|text| ProcessRecord::parse(&text))
+}
+
+fn folders(folder: &Path) -> impl Iterator<Item = PathBuf> {
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    entries.filter(|entry| entry.file_type().is_ok_and(|kind| kind.is_dir())).map(|entry| entry.path())
+}

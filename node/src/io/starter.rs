@@ -1,0 +1,133 @@
+//! Starts programs, and closes and removes what they leave, one after the other and beside the loop of the node: a file system
+//! may take long.
+
+use crate::io::child::{self, ShimEar, ShimOrders};
+use crate::io::event::{Event, hear_programs};
+use crate::io::run_dir;
+use crate::logic::child::{ShimOrder, ShimReport, ShimStart};
+use crate::logic::effect::ProcessId;
+use crate::logic::protocol::Deployment;
+use anyhow::Context;
+use comms::io::control::Listener;
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::AtomicU64;
+use tokio::sync::mpsc::{self, Receiver, Sender};
+use tokio::task::{AbortHandle, JoinSet};
+
+/// How many jobs wait: every program of a few large plans.
+pub(crate) const JOBS_MAX: usize = 32_768;
+/// How many orders wait for one shim.
+pub(crate) const ORDERS_MAX: usize = 64;
+
+/// Something to be done beside the loop.
+#[derive(Debug)]
+pub(crate) enum Job {
+    Start(Box<Start>),
+    /// Nobody of this deployment connects any more.
+    Close(Deployment),
+    /// Its output is not wanted any more.
+    Remove(PathBuf),
+}
+
+/// A program to be started.
+#[derive(Debug)]
+pub(crate) struct Start {
+    pub(crate) process: ProcessId,
+    pub(crate) shim: ShimStart,
+    /// Where programs of its deployment connect, if it does.
+    pub(crate) control: Option<PathBuf>,
+    /// What its shim is told once it is there.
+    pub(crate) orders: Receiver<ShimOrder>,
+}
+
+/// Does the jobs.
+#[derive(Debug)]
+pub(crate) struct Starter {
+    shim: PathBuf,
+    events: Sender<Event>,
+    /// How many programs have connected.
+    connected: Arc<AtomicU64>,
+    listeners: BTreeMap<Deployment, AbortHandle>,
+    tasks: JoinSet<()>,
+}
+
+impl Starter {
+    pub(crate) fn new(shim: PathBuf, events: Sender<Event>) -> Self {
+        Self { shim, events, connected: Arc::default(), listeners: BTreeMap::new(), tasks: JoinSet::new() }
+    }
+
+    /// Does jobs until there are no more.
+    ///
+    /// # Cancellation
+    /// What it has started is heard no more.
+    pub(crate) async fn run(mut self, mut jobs: Receiver<Job>) {
+        while let Some(job) = jobs.recv().await {
+            while self.tasks.try_join_next().is_some() {}
+            match job {
+                Job::Start(start) => self.start(*start).await,
+                Job::Close(deployment) => {
+                    self.listeners.remove(&deployment).into_iter().for_each(|listener| listener.abort());
+                }
+                Job::Remove(folder) => {
+                    if let Err(error) = tokio::fs::remove_dir_all(&folder).await {
+                        tracing::debug!(%error, "the folder of an old deployment stays");
+                    }
+                }
+            }
+        }
+    }
+
+    async fn start(&mut self, start: Start) {
+        let (process, orders) = (start.process.clone(), start.orders);
+        match self.try_start(start.process, start.shim, start.control).await {
+            Ok((shim, ear)) => {
+                self.tasks.spawn(shim.pass(orders));
+                self.tasks.spawn(hear(process, ear, self.events.clone()));
+            }
+            Err(error) => {
+                let reason = format!("{error:#}");
+                for report in [ShimReport::ExecFailed { reason }, ShimReport::Gone] {
+                    self.events.send(Event::Shim(process.clone(), report, None)).await.unwrap_or_default();
+                }
+            }
+        }
+    }
+
+    async fn try_start(
+        &mut self,
+        process: ProcessId,
+        start: ShimStart,
+        control: Option<PathBuf>,
+    ) -> anyhow::Result<(ShimOrders, ShimEar)> {
+        let unbound = control.filter(|_| !self.listeners.contains_key(&process.deployment));
+        let shim = self.shim.clone();
+        let starting = tokio::task::spawn_blocking(move || {
+            child::check_executable(&start.command)?;
+            run_dir::make_process(&start.dir).context("making its folder")?;
+            let listener = unbound.map(|path| Listener::bind(&path)).transpose();
+            let listener = listener.context("opening its control socket")?;
+            let started = child::start(&shim, &start).with_context(|| format!("starting {}", shim.display()))?;
+            anyhow::Ok((listener, started))
+        });
+        let (listener, started) = starting.await??;
+        if let Some(listener) = listener {
+            let (connected, events) = (Arc::clone(&self.connected), self.events.clone());
+            let hearing = hear_programs(listener, process.deployment.clone(), connected, events);
+            self.listeners.insert(process.deployment, self.tasks.spawn(hearing));
+        }
+        Ok(started)
+    }
+}
+
+/// Passes on what a shim says, until it is gone.
+async fn hear(process: ProcessId, ear: ShimEar, events: Sender<Event>) {
+    let (sink, mut reports) = mpsc::channel(16);
+    let forwarding = async {
+        while let Some((report, last_words)) = reports.recv().await {
+            events.send(Event::Shim(process.clone(), report, last_words)).await.unwrap_or_default();
+        }
+    };
+    tokio::join!(ear.listen(sink), forwarding);
+}
