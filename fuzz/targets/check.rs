@@ -11,7 +11,7 @@ const STEPS: usize = 100;
 fuzz_target!(|bytes: &[u8]| {
     let text = String::from_utf8_lossy(bytes);
     let (spec, options) = (Source::new("fuzz.dca", &*text), Options::named("fuzz"));
-    let Compiled { plan, diagnostics } = compile(&spec, &[], &options);
+    let Compiled { plan, diagnostics, .. } = compile(&spec, &[], &options);
     assert_eq!(plan.is_none(), diagnostics.iter().any(|found| found.severity == Severity::Error));
     for found in &diagnostics {
         let edits = found.fix.iter().flat_map(|fix| &fix.edits).map(|edit| edit.span);

@@ -16,7 +16,7 @@ pub(crate) mod unit;
 mod uses;
 mod value;
 
-use crate::diagnostic::{Code, Diagnostic, Severity};
+use crate::diagnostic::{Code, Diagnostic, Severity, limit};
 use crate::source::{Origin, Role, Source};
 use crate::syntax::{Parse, ast, parse};
 use crate::{Compiled, Options};
@@ -31,11 +31,12 @@ pub(crate) fn compile_with_model(
     let origins = (0..).map(Origin::Interface);
     let sources = std::iter::once((Origin::Spec, spec)).chain(origins.zip(interfaces));
     let mut model = spec::Spec::default();
-    let mut diagnostics = Vec::new();
+    let (mut diagnostics, mut omitted) = (Vec::new(), 0);
     let mut trees = Vec::new();
     let files = uses::Files::new(spec, interfaces);
     for (origin, source) in sources {
-        let Parse { root, diagnostics: found, mut damage } = parse(source, origin);
+        let Parse { root, diagnostics: found, omitted: more, mut damage } = parse(source, origin);
+        omitted += more;
         damage.sort_unstable();
         let root = ast::Node::new(root, origin);
         declare::constants(&mut model, &root, &damage, &mut diagnostics);
@@ -63,7 +64,8 @@ pub(crate) fn compile_with_model(
     };
     diagnostics.sort_by_key(|found| (found.primary.span, found.code));
     let plan = plan.filter(|_| !is_wrong(&diagnostics));
-    (Compiled { plan, diagnostics }, model, root)
+    omitted += limit(&mut diagnostics);
+    (Compiled { plan, diagnostics, omitted }, model, root)
 }
 
 /// Whether a code is a name that was read leniently.

@@ -63,6 +63,8 @@ pub struct Diagnostic {
     pub fix: Option<Fix>,
 }
 
+/// The most remarks that are kept of one spec. A person is shown a hundred; `dca fix` and editors take more.
+pub(crate) const DIAGNOSTICS_MAX: usize = 10_000;
 /// The most secondary places of one diagnostic.
 const REASONS_MAX: usize = 12;
 
@@ -134,6 +136,20 @@ pub fn apply_fixes(text: &str, diagnostics: &[Diagnostic]) -> String {
 
 fn fits(text: &str, edit: &Edit) -> bool {
     edit.span.origin == Origin::Spec && text.get(edit.span.start as usize..edit.span.end as usize).is_some()
+}
+
+/// Keeps as many as there is room for, errors before warnings, in their order; returns how many are left out.
+pub(crate) fn limit(diagnostics: &mut Vec<Diagnostic>) -> usize {
+    let Some(omitted) = diagnostics.len().checked_sub(DIAGNOSTICS_MAX) else { return 0 };
+    let errors = diagnostics.iter().filter(|found| found.severity == Severity::Error).count().min(DIAGNOSTICS_MAX);
+    let (mut errors, mut warnings) = (errors, DIAGNOSTICS_MAX - errors);
+    diagnostics.retain(|found| {
+        let room = if found.severity == Severity::Error { &mut errors } else { &mut warnings };
+        let is_kept = *room > 0;
+        *room -= usize::from(is_kept);
+        is_kept
+    });
+    omitted
 }
 
 /// Two spans overlap when they share a byte, or when both would insert at the same place.

@@ -46,7 +46,7 @@ pub struct Graph {
 /// assert!(graph.dot().contains("u1:o0 -> u0:i0"));
 /// ```
 pub fn graph(spec: &Source, interfaces: &[Source], options: &Options) -> (Option<Graph>, Vec<Diagnostic>) {
-    let (Compiled { plan, diagnostics }, model, root) = check::compile_with_model(spec, interfaces, options);
+    let (Compiled { plan, diagnostics, .. }, model, root) = check::compile_with_model(spec, interfaces, options);
     let graph = plan.zip(root).map(|(plan, root)| {
         let root = model::unit(&model, root, &plan);
         Graph { root, hosts: plan.hosts }

@@ -50,7 +50,7 @@ pub use format::format;
 pub use gather::{Content, gather};
 pub use graph::{Graph, graph};
 pub use simulate::{Chance, Ending, Happening, Simulation, SimulationError, What};
-pub use source::{Origin, Position, Role, SOURCE_MAX, Source, Span};
+pub use source::{Lines, Origin, Position, Role, SOURCE_MAX, Source, Span, Texts};
 
 /// What a caller may choose.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -73,8 +73,10 @@ impl Options {
 pub struct Compiled {
     /// What to run; absent exactly when there is an error.
     pub plan: Option<plan::Plan>,
-    /// Everything there is to say, in the order of the text.
+    /// Everything there is to say, in the order of the text; of more than 10,000 remarks the errors first.
     pub diagnostics: Vec<Diagnostic>,
+    /// How many remarks were left out.
+    pub omitted: usize,
 }
 
 /// Compiles a spec. `interfaces` are texts that consist of `module` blocks, as controller programs print them.

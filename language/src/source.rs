@@ -1,5 +1,9 @@
 //! Texts and places in them.
 
+mod lines;
+
+pub use lines::{Lines, Texts};
+
 /// The longest text that is read, in bytes.
 pub const SOURCE_MAX: usize = 16 * 1024 * 1024;
 
@@ -31,17 +35,6 @@ impl Source {
     /// Returns a source that diagnostics call `name`.
     pub fn new(name: impl Into<String>, text: impl Into<String>) -> Self {
         Self { name: name.into(), text: text.into(), role: Role::Whole }
-    }
-
-    /// Returns the line and column of a byte offset; an offset beyond the end is at the end.
-    pub fn position(&self, offset: u32) -> Position {
-        let mut offset = (offset as usize).min(self.text.len());
-        while !self.text.is_char_boundary(offset) {
-            offset -= 1;
-        }
-        let before = &self.text[..offset];
-        let line_start = before.rfind('\n').map_or(0, |newline| newline + 1);
-        Position { line: before.matches('\n').count() + 1, column: before[line_start..].chars().count() + 1 }
     }
 }
 
@@ -88,19 +81,5 @@ impl Span {
     /// Returns whether `other` lies within this span.
     pub fn contains(self, other: Self) -> bool {
         self.origin == other.origin && self.start <= other.start && other.end <= self.end
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn positions_count_characters_from_one() {
-        let source = Source::new("a.dca", "über\nb");
-        assert_eq!(source.position(0), Position { line: 1, column: 1 });
-        assert_eq!(source.position(2), Position { line: 1, column: 2 });
-        assert_eq!(source.position(6), Position { line: 2, column: 1 });
-        assert_eq!(source.position(900), Position { line: 2, column: 2 });
     }
 }

@@ -48,7 +48,7 @@ fn every_file_says_what_it_always_said() {
 fn check(path: &Path, interfaces: &[Source], expected: &Path) {
     let spec = read(path);
     let interfaces = &with_parts(&spec, interfaces);
-    let Compiled { plan, diagnostics } = compile(&spec, interfaces, &options(path));
+    let Compiled { plan, diagnostics, .. } = compile(&spec, interfaces, &options(path));
     let mut text = render(&diagnostics, &spec, interfaces, Style::Plain);
     let is_refused = diagnostics.iter().any(|found| found.severity == Severity::Error);
     assert_eq!(plan.is_none(), is_refused, "{}", path.display());

@@ -195,7 +195,7 @@ fn lines(analysis: &Analysis, spans: &[Span]) -> Vec<String> {
     let place = |span: &Span| {
         let source = analysis.source(*span);
         let name = &source.text[span.start as usize..span.end as usize];
-        format!("{}:{} {name}", source.name, source.position(span.start).line)
+        format!("{}:{} {name}", source.name, language::Lines::new(source).position(span.start).line)
     };
     spans.iter().map(place).collect()
 }

@@ -118,7 +118,7 @@ impl Page {
             Err(found) => panic!("{}: {name} cannot be read: {found:?}", self.name),
         };
         let spec = Source::new(name, &*formatted);
-        let Compiled { plan, diagnostics } = compile(&spec, &interfaces(), &Options::named("manual"));
+        let Compiled { plan, diagnostics, .. } = compile(&spec, &interfaces(), &Options::named("manual"));
         let said = render(&diagnostics, &spec, &interfaces(), Style::Plain);
         assert_eq!(plan.is_none(), is_refused, "{}: {name}\n{formatted}\n{said}", self.name);
         let is_noise = diagnostics.iter().any(|found| MISTAKES.contains(&found.code));
@@ -192,7 +192,7 @@ fn type_name(member: &str) -> String {
 
 /// What `dca check` says.
 fn check(spec: &Source) -> String {
-    let Compiled { plan, diagnostics } = compile(spec, &interfaces(), &Options::named("manual"));
+    let Compiled { plan, diagnostics, .. } = compile(spec, &interfaces(), &Options::named("manual"));
     let mut said = render(&diagnostics, spec, &interfaces(), Style::Plain);
     let count = |severity| diagnostics.iter().filter(|found| found.severity == severity).count();
     let plural = |count: usize, word| format!("{count} {word}{}", if count == 1 { "" } else { "s" });

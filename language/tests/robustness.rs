@@ -88,7 +88,7 @@ fn one_damaged_token_costs_at_most_two_errors() {
         let text = &spec.text;
         let places = tokens(text);
         let what = |token: &Range<usize>| {
-            let place = spec.position(u32::try_from(token.start).unwrap());
+            let place = language::Lines::new(&spec).position(u32::try_from(token.start).unwrap());
             format!("`{}` at {}:{}:{}", &text[token.clone()], spec.name, place.line, place.column)
         };
         for token in &places {

@@ -6,6 +6,7 @@ pub(crate) mod together;
 mod tree;
 mod wires;
 
+use super::names::listed;
 use super::spec::{Direction, Process, Spec, Target};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::{Plan, PlanError, Wire};
@@ -81,11 +82,9 @@ fn check_inputs(spec: &Spec, tree: &tree::Tree, wires: &[Wire], diagnostics: &mu
     for (process, inputs) in unfed {
         let source = &spec.processes[process];
         let name = |slot: usize| &source.instances[slot].name;
-        let listed: Vec<String> = inputs.iter().map(|&(slot, port)| format!("`{}.{port}`", name(slot).text)).collect();
-        let message = match listed.len() {
-            1 => format!("nothing is ever sent to input {}", listed[0]),
-            _ => format!("nothing is ever sent to inputs {}", listed.join(", ")),
-        };
+        let ports: Vec<String> = inputs.iter().map(|&(slot, port)| format!("{}.{port}", name(slot).text)).collect();
+        let word = if ports.len() == 1 { "input" } else { "inputs" };
+        let message = format!("nothing is ever sent to {word} {}", listed(ports.iter().map(String::as_str)));
         let slots: BTreeSet<usize> = inputs.iter().map(|&(slot, _)| slot).collect();
         let mut diagnostic = Diagnostic::new(Code::W0310, source.name.span, message);
         for slot in slots {

@@ -9,6 +9,10 @@ use std::collections::{BTreeMap, BTreeSet};
 
 /// Fewer letters in common make no abbreviation.
 const ABBREVIATION_MIN: usize = 4;
+/// As many names are written out in one sentence.
+const LISTED_MAX: usize = 20;
+/// As many names of one group are compared for a suggestion before no more is made: a suggestion takes a look at each.
+const COMPARED_MAX: usize = 20_000;
 
 /// The instances of one group by name, by type, and by name without case.
 pub(super) struct Names<'a> {
@@ -16,6 +20,9 @@ pub(super) struct Names<'a> {
     exact: BTreeMap<&'a str, usize>,
     by_type: BTreeMap<&'a str, Vec<usize>>,
     folded: BTreeMap<String, Vec<usize>>,
+    lowered: BTreeMap<String, Vec<usize>>,
+    /// How many more names are compared with each other, letter by letter.
+    budget: usize,
     /// Unknown names that were reported: one cause is one report.
     reported: BTreeSet<String>,
     /// How many instances each array has.
@@ -30,10 +37,12 @@ impl<'a> Names<'a> {
     pub(super) fn new(instances: &'a [Instance], is_damaged: bool) -> Self {
         let mut by_type: BTreeMap<&str, Vec<usize>> = BTreeMap::new();
         let mut folded: BTreeMap<String, Vec<usize>> = BTreeMap::new();
+        let mut lowered: BTreeMap<String, Vec<usize>> = BTreeMap::new();
         let mut exact = BTreeMap::new();
         for (slot, instance) in instances.iter().enumerate() {
             exact.entry(instance.name.text.as_str()).or_insert(slot);
             folded.entry(fold(&instance.name.text)).or_default().push(slot);
+            lowered.entry(instance.name.text.to_lowercase()).or_default().push(slot);
             if let Some(kind) = &instance.kind {
                 by_type.entry(kind.text.as_str()).or_default().push(slot);
             }
@@ -43,6 +52,8 @@ impl<'a> Names<'a> {
             exact,
             by_type,
             folded,
+            lowered,
+            budget: COMPARED_MAX,
             reported: BTreeSet::new(),
             arrays: BTreeMap::new(),
             is_damaged,
@@ -90,13 +101,19 @@ impl<'a> Names<'a> {
     fn candidates(&self, name: &str) -> [(Code, Vec<usize>); 3] {
         let by_type = self.by_type.get(name).cloned().unwrap_or_default();
         let folded = self.folded.get(&fold(name)).cloned().unwrap_or_default();
-        let is_short_for = |slot: &usize| {
-            let (one, other) = (name.to_lowercase(), self.instances[*slot].name.text.to_lowercase());
-            let common = one.chars().count().min(other.chars().count());
-            common >= ABBREVIATION_MIN && (one.starts_with(&other) || other.starts_with(&one))
-        };
-        let abbreviated = (0..self.instances.len()).filter(is_short_for).collect();
-        [(Code::W0201, by_type), (Code::W0202, folded), (Code::W0203, abbreviated)]
+        [(Code::W0201, by_type), (Code::W0202, folded), (Code::W0203, self.abbreviated(name))]
+    }
+
+    /// The instances whose name begins as this one does, or the other way round.
+    fn abbreviated(&self, name: &str) -> Vec<usize> {
+        let name = name.to_lowercase();
+        let ends = name.char_indices().map(|(at, _)| at).skip(ABBREVIATION_MIN);
+        let shorter = ends.filter_map(|end| self.lowered.get(&name[..end]));
+        let is_long = name.chars().count() >= ABBREVIATION_MIN;
+        let longer = self.lowered.range(name.clone()..).take_while(|(other, _)| is_long && other.starts_with(&name));
+        let mut found: Vec<usize> = shorter.chain(longer.map(|(_, slots)| slots)).flatten().copied().collect();
+        found.sort_unstable();
+        found
     }
 
     fn read_as(&self, code: Code, name: &Name, slot: usize) -> Diagnostic {
@@ -143,16 +160,19 @@ impl<'a> Names<'a> {
             }
             None if self.instances.is_empty() => diagnostic.help("the group has no instances"),
             None => {
-                let names: Vec<String> = self.instances.iter().map(|other| format!("`{}`", other.name.text)).collect();
-                let shown = names.len().min(8);
-                let more = if shown < names.len() { ", ..." } else { "" };
-                diagnostic.help(format!("the instances are {}{more}", names[..shown].join(", ")))
+                let names = listed(self.instances.iter().take(8).map(|other| other.name.text.as_str()));
+                let more = if self.instances.len() > 8 { ", ..." } else { "" };
+                diagnostic.help(format!("the instances are {names}{more}"))
             }
         })
     }
 
     /// The instance that was probably meant: by its name, else by its type.
-    fn suggestion(&self, name: &str) -> Option<usize> {
+    fn suggestion(&mut self, name: &str) -> Option<usize> {
+        if self.budget == 0 {
+            return None;
+        }
+        self.budget = self.budget.saturating_sub(self.instances.len() + self.by_type.len());
         let by_name = nearest(name, self.instances.iter().map(|instance| instance.name.text.as_str()));
         let by_type =
             || nearest(name, self.by_type.iter().filter(|(_, slots)| slots.len() == 1).map(|(kind, _)| *kind));
@@ -165,9 +185,14 @@ fn fold(name: &str) -> String {
     name.chars().filter(|&c| c != '_').flat_map(char::to_lowercase).collect()
 }
 
-/// Names in a sentence.
+/// Names in a sentence: as many as a person reads.
 pub(super) fn listed<'a>(names: impl Iterator<Item = &'a str>) -> String {
-    names.map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ")
+    let mut names = names.map(|name| format!("`{name}`"));
+    let shown: Vec<String> = names.by_ref().take(LISTED_MAX).collect();
+    match names.count() {
+        0 => shown.join(", "),
+        more => format!("{} and {more} more", shown.join(", ")),
+    }
 }
 
 /// Reports the second of two things of one name.

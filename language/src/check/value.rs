@@ -11,6 +11,8 @@ use crate::syntax::SyntaxKind::{self, Ident, Minus, Number, Text};
 use crate::syntax::ast::{Name, Node};
 use std::time::Duration;
 
+/// Among more names that a value may have no similar one is looked for: each use would be compared with each of them.
+const COMPARED_MAX: usize = 200;
 /// The longest time that a spec can name: a hundred years.
 const SECONDS_MAX: f64 = 100.0 * 366.0 * 86_400.0;
 
@@ -119,8 +121,10 @@ pub(super) fn symbol(name: &Name, scope: Scope<'_>, diagnostics: &mut Vec<Diagno
             None => limited(value(ValueKind::List(named.values.clone())), diagnostics),
         };
     }
-    let params = scope.params.iter().map(|param| param.name.text.as_str());
-    if let Some(near) = nearest(&name.text, params.chain(scope.consts.keys().map(String::as_str))) {
+    let is_few = scope.params.len() + scope.consts.len() <= COMPARED_MAX;
+    let params = scope.params.iter().map(|param| param.name.text.as_str()).filter(|_| is_few);
+    let consts = scope.consts.keys().map(String::as_str).filter(|_| is_few);
+    if let Some(near) = nearest(&name.text, params.chain(consts)) {
         let message = format!("`{}` is no parameter: it stands for itself", name.text);
         let diagnostic = Diagnostic::new(Code::W0106, name.span, message).label(format!("did you mean `{near}`?"));
         diagnostics.push(diagnostic.help(format!("write `\"{}\"` if it is meant as text", name.text)));

@@ -45,7 +45,12 @@ const SYMBOLS: &[(&str, SyntaxKind)] = &[
 
 /// Returns the tokens of a text; they cover it without a gap. A text is read up to [`crate::source::SOURCE_MAX`].
 pub fn lex(text: &str) -> Vec<Token> {
-    let mut tokens: Vec<Token> = Vec::with_capacity(text.len() / 4);
+    lex_at_most(text, usize::MAX).unwrap_or_default()
+}
+
+/// Returns the tokens of a text; none if there are more than `count_max`.
+pub(super) fn lex_at_most(text: &str, count_max: usize) -> Option<Vec<Token>> {
+    let mut tokens: Vec<Token> = Vec::with_capacity((text.len() / 4).min(count_max));
     let mut start = 0;
     while let Some(first) = text[start..].chars().next() {
         let (kind, length) = token(&text[start..], first);
@@ -55,9 +60,12 @@ pub fn lex(text: &str) -> Vec<Token> {
             Some(last) if kind == SyntaxKind::Unknown && last.kind == kind => last.end = offset(end),
             Some(_) | None => tokens.push(Token { kind, start: offset(start), end: offset(end) }),
         }
+        if tokens.len() > count_max {
+            return None;
+        }
         start = end;
     }
-    tokens
+    Some(tokens)
 }
 
 fn offset(bytes: usize) -> u32 {

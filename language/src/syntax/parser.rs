@@ -11,14 +11,18 @@ mod process;
 mod repair;
 mod value;
 
-use super::{SyntaxKind, SyntaxNode, Token, lex, lexer};
-use crate::diagnostic::{Code, Diagnostic, Edit, Severity};
+use super::{SyntaxKind, SyntaxNode, Token, lexer};
+use crate::diagnostic::{Code, DIAGNOSTICS_MAX, Diagnostic, Edit, Severity};
 use crate::plan::DEPTH_MAX;
 use crate::source::{Origin, SOURCE_MAX, Source, Span};
 use rowan::{Checkpoint, GreenNodeBuilder, Language};
 
 /// As many tokens have to be read after an error before the next one is believed to have a cause of its own.
 const SHADOW: usize = 3;
+/// As many characters of a token are repeated in a remark.
+const EXCERPT_MAX: usize = 40;
+/// The most tokens of one text, comments and blanks too: some hundred bytes of memory each.
+const TOKENS_MAX: usize = 1_000_000;
 
 /// A parsed text.
 pub(crate) struct Parse {
@@ -26,22 +30,32 @@ pub(crate) struct Parse {
     pub(crate) root: SyntaxNode,
     /// What is wrong with the text as a text.
     pub(crate) diagnostics: Vec<Diagnostic>,
+    /// How much more there would be to say of it.
+    pub(crate) omitted: usize,
     /// Where it is damaged.
     pub(crate) damage: Vec<Span>,
 }
 
 /// Returns the tree of a text; of one that is too long, an empty tree and the reason.
 pub(crate) fn parse(source: &Source, origin: Origin) -> Parse {
-    let is_short = source.text.len() <= SOURCE_MAX;
-    let mut parser = Parser::new(if is_short { &source.text } else { "" }, origin);
-    if !is_short {
-        parser.report(Code::E0007, format!("the text is longer than {} MiB", SOURCE_MAX >> 20));
-    }
+    let read = match source.text.len() <= SOURCE_MAX {
+        true => lexer::lex_at_most(&source.text, TOKENS_MAX)
+            .ok_or_else(|| format!("the text has more than {TOKENS_MAX} words, signs, blanks and comments")),
+        false => Err(format!("the text is longer than {} MiB", SOURCE_MAX >> 20)),
+    };
+    let mut parser = match read {
+        Ok(tokens) => Parser::new(&source.text, tokens, origin),
+        Err(why) => {
+            let mut parser = Parser::new("", Vec::new(), origin);
+            parser.report(Code::E0007, why);
+            parser
+        }
+    };
     parser.check_tokens();
     parser.file();
     let root = SyntaxNode::new_root(parser.builder.finish());
-    debug_assert!(!is_short || root.text() == source.text.as_str(), "the tree keeps every byte");
-    Parse { root, diagnostics: parser.diagnostics, damage: parser.damage }
+    debug_assert!(parser.text.is_empty() || root.text() == source.text.as_str(), "the tree keeps every byte");
+    Parse { root, diagnostics: parser.diagnostics, omitted: parser.omitted, damage: parser.damage }
 }
 
 struct Parser<'t> {
@@ -56,6 +70,8 @@ struct Parser<'t> {
     placed: usize,
     builder: GreenNodeBuilder<'static>,
     diagnostics: Vec<Diagnostic>,
+    /// How many remarks found no room.
+    omitted: usize,
     /// Where the text is damaged, reported or not.
     damage: Vec<Span>,
     /// Where the last error was found.
@@ -64,8 +80,7 @@ struct Parser<'t> {
 }
 
 impl<'t> Parser<'t> {
-    fn new(text: &'t str, origin: Origin) -> Self {
-        let tokens = lex(text);
+    fn new(text: &'t str, tokens: Vec<Token>, origin: Origin) -> Self {
         let is_solid = |&index: &usize| !tokens[index].kind.is_trivia() && tokens[index].kind != SyntaxKind::Unknown;
         let solid = (0..tokens.len()).filter(is_solid).collect();
         Self {
@@ -77,6 +92,7 @@ impl<'t> Parser<'t> {
             placed: 0,
             builder: GreenNodeBuilder::new(),
             diagnostics: Vec::new(),
+            omitted: 0,
             damage: Vec::new(),
             reported_at: None,
             depth: 0,
@@ -194,7 +210,17 @@ impl<'t> Parser<'t> {
                 return None;
             }
         }
-        self.diagnostics.push(Diagnostic::new(code, self.span(), message));
+        let report = Diagnostic::new(code, self.span(), message);
+        self.add(report)
+    }
+
+    /// Adds a remark unless there are too many.
+    fn add(&mut self, report: Diagnostic) -> Option<&mut Diagnostic> {
+        if self.diagnostics.len() >= DIAGNOSTICS_MAX {
+            self.omitted += 1;
+            return None;
+        }
+        self.diagnostics.push(report);
         self.diagnostics.last_mut()
     }
 
@@ -202,7 +228,7 @@ impl<'t> Parser<'t> {
     fn expected(&mut self, what: &str) -> Option<&mut Diagnostic> {
         let found = match self.at(SyntaxKind::End) {
             true => SyntaxKind::End.describe().to_owned(),
-            false => format!("`{}`", self.word(0)),
+            false => format!("`{}`", excerpt(self.word(0))),
         };
         self.report(Code::E0001, format!("expected {what}, found {found}"))
     }
@@ -247,18 +273,27 @@ impl<'t> Parser<'t> {
 
     /// Reports the tokens that are wrong wherever they stand.
     fn check_tokens(&mut self) {
-        for &token in &self.tokens {
+        for index in 0..self.tokens.len() {
+            let token = self.tokens[index];
             let text = &self.text[token.start as usize..token.end as usize];
             let span = Span { origin: self.origin, start: token.start, end: token.end };
             let report = match token.kind == SyntaxKind::Unknown {
-                true => Diagnostic::new(Code::E0003, span, format!("`{text}` means nothing here")),
+                true => Diagnostic::new(Code::E0003, span, format!("`{}` means nothing here", excerpt(text))),
                 false if lexer::is_open(token.kind, text) => {
                     Diagnostic::new(Code::E0002, span, format!("{} does not end", token.kind.describe()))
                 }
                 false => continue,
             };
-            self.diagnostics.push(report);
+            self.add(report);
             self.damage.push(span);
         }
+    }
+}
+
+/// What a remark says of a piece of text: not all of a long one.
+fn excerpt(text: &str) -> String {
+    match text.char_indices().nth(EXCERPT_MAX) {
+        Some((end, _)) => format!("{}...", &text[..end]),
+        None => text.to_owned(),
     }
 }

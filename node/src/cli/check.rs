@@ -9,9 +9,7 @@ use crate::io::programs;
 use crate::logic::table::counted;
 use anyhow::Context;
 use language::plan::Plan;
-use language::{
-    Compiled, Content, Diagnostic, Options, Origin, Severity, Source, Span, Style, compile, gather, render,
-};
+use language::{Compiled, Content, Diagnostic, Options, Severity, Source, Style, Texts, compile, gather, render};
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 
@@ -53,6 +51,8 @@ struct Checked {
     interfaces: Vec<Source>,
     plan: Option<Plan>,
     diagnostics: Vec<Diagnostic>,
+    /// How many more there would be.
+    omitted: usize,
 }
 
 impl Checked {
@@ -60,16 +60,13 @@ impl Checked {
     fn read(file: &Path, controllers: &Controllers, deny_lenient_names: bool) -> Result<Self, Failure> {
         let spec = read(file)?;
         let interfaces = others(&spec, controllers)?;
-        let Compiled { plan, diagnostics } = compile(&spec, &interfaces, &options(file, deny_lenient_names));
-        Ok(Self { spec, interfaces, plan, diagnostics })
+        let Compiled { plan, diagnostics, omitted } = compile(&spec, &interfaces, &options(file, deny_lenient_names));
+        Ok(Self { spec, interfaces, plan, diagnostics, omitted })
     }
 
-    /// The text that a span is in.
-    fn source(&self, span: Span) -> &Source {
-        match span.origin {
-            Origin::Spec => &self.spec,
-            Origin::Interface(index) => self.interfaces.get(index as usize).unwrap_or(&self.spec),
-        }
+    /// The texts that spans point into.
+    fn texts(&self) -> Texts<'_> {
+        Texts::new(&self.spec, &self.interfaces)
     }
 }
 
@@ -98,14 +95,17 @@ fn check(arguments: &Arguments) -> Result<(), Failure> {
 
 /// Reads and compiles a spec; diagnostics go to standard error.
 pub(crate) fn load(file: &Path, controllers: &Controllers, deny_lenient_names: bool) -> Result<Spec, Failure> {
-    let Checked { spec, interfaces, plan, diagnostics } = Checked::read(file, controllers, deny_lenient_names)?;
+    let Checked { spec, interfaces, plan, diagnostics, omitted } =
+        Checked::read(file, controllers, deny_lenient_names)?;
     if !diagnostics.is_empty() {
         output::note(&render(&diagnostics, &spec, &interfaces, style()));
     }
     let count = |severity| diagnostics.iter().filter(|diagnostic| diagnostic.severity == severity).count();
     let (errors, warnings) = (count(Severity::Error), count(Severity::Warning));
     if errors + warnings > 0 {
-        output::note(&format!("{}: {}, {}", spec.name, counted(errors, "error"), counted(warnings, "warning")));
+        let at_least = if omitted > 0 { "at least " } else { "" };
+        let (errors, warnings) = (counted(errors, "error"), counted(warnings, "warning"));
+        output::note(&format!("{}: {at_least}{errors}, {warnings}", spec.name));
     }
     let plan = plan.ok_or(Failure::Told)?;
     Ok(Spec { file: file.to_owned(), text: spec.text, plan })
@@ -175,8 +175,8 @@ mod tests {
     fn checked() -> Checked {
         let text = "process main(){\n    instantiated_processes{ arm instof Arm(c1); }\n    internal_event_actions{ Arm }\n}\n";
         let (spec, interfaces) = (Source::new("a.dca", text), vec![Source::new("arms", "module Arm(host) { done; }")]);
-        let Compiled { plan, diagnostics } = compile(&spec, &interfaces, &Options::named("a"));
-        Checked { spec, interfaces, plan, diagnostics }
+        let Compiled { plan, diagnostics, omitted } = compile(&spec, &interfaces, &Options::named("a"));
+        Checked { spec, interfaces, plan, diagnostics, omitted }
     }
 
     #[test]
@@ -245,6 +245,7 @@ mod tests {
                   "severity": "warning"
                 }
               ],
+              "omitted": 0,
               "spec": "a.dca",
               "version": 1
             }"#]]

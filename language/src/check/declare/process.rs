@@ -172,13 +172,14 @@ fn instances(
             add(name, scope, diagnostics);
             continue;
         };
+        let since = diagnostics.len();
         for index in 0..count {
             let indices = [("i".to_owned(), index)];
             let element = Name { text: index::element(&name.text, index), span: name.span };
             // What is wrong with one of them is wrong with most, and is said once.
             let mut found = Vec::new();
             add(element.clone(), Scope { indices: &indices, ..scope }, &mut found);
-            found.retain(|found| !diagnostics.contains(found));
+            found.retain(|found| !diagnostics[since..].contains(found));
             diagnostics.append(&mut found);
             first.insert(element.text, name.span);
         }
@@ -259,6 +260,7 @@ fn sets(node: &Node, names: &mut Names<'_>, diagnostics: &mut Vec<Diagnostic>) -
         let owner = section.child(SyntaxKind::Owner);
         let variable = owner.as_ref().and_then(|owner| index::unbound(std::slice::from_ref(owner), names, &[]));
         let rounds = variable.as_ref().map_or(1, |(_, count)| *count);
+        let since = diagnostics.len();
         for round in 0..rounds {
             let bindings: Vec<Binding> = variable.iter().map(|(name, _)| (name.clone(), round)).collect();
             let mut found = Vec::new();
@@ -273,7 +275,7 @@ fn sets(node: &Node, names: &mut Names<'_>, diagnostics: &mut Vec<Diagnostic>) -
                     owner.iter().flat_map(|owner| owner.names().skip(1).collect::<Vec<_>>()).collect();
                 add_sets(&mut sets, &mut first, (slot.flatten(), labels, section.span()), &connections, &mut found);
             }
-            found.retain(|found| !diagnostics.contains(found));
+            found.retain(|found| !diagnostics[since..].contains(found));
             diagnostics.append(&mut found);
         }
     }
@@ -320,12 +322,13 @@ fn connections(
         // `robot[i], Out -> map, In` stands for one connection of each robot.
         let variable = index::unbound(&ends, names, bindings);
         let rounds = variable.as_ref().map_or(1, |(_, count)| *count);
+        let since = diagnostics.len();
         for round in 0..rounds {
             let bound: Vec<Binding> =
                 bindings.iter().cloned().chain(variable.iter().map(|(name, _)| (name.clone(), round))).collect();
             let mut found = Vec::new();
             let ends: Vec<Option<Endpoint>> = ends.iter().map(|end| endpoint(end, names, &bound, &mut found)).collect();
-            found.retain(|found| !diagnostics.contains(found));
+            found.retain(|found| !diagnostics[since..].contains(found));
             diagnostics.append(&mut found);
             let [Some(left), Some(right)] = ends.as_slice() else { continue };
             let is_backwards = node.token(BackArrow).is_some();

@@ -25,12 +25,13 @@ pub(super) fn all_of(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<D
     };
     let mut copies: Vec<Expr> = Vec::new();
     let mut runs: BTreeMap<usize, Span> = BTreeMap::new();
+    let since = diagnostics.len();
     for value in start..end {
         group.indices.push((variable.text.clone(), value));
         let mut found = Vec::new();
         let copy = super::expression(&parens, group, &mut found);
         group.indices.pop();
-        found.retain(|found| !diagnostics.contains(found));
+        found.retain(|found| !diagnostics[since..].contains(found));
         diagnostics.append(&mut found);
         if let Some(shared) = shared(&copy, &mut runs, value > start) {
             let message = format!("one instance is run for each `{}`, all at the same time", variable.text);
@@ -62,12 +63,13 @@ pub(super) fn pool(
     };
     let mut copies = Vec::new();
     let mut runs: BTreeMap<usize, Span> = BTreeMap::new();
+    let since = diagnostics.len();
     for place in 0..places {
         let around = group.pool.replace(place);
         let mut found = Vec::new();
         let copy = copy(group, &mut found);
         group.pool = around;
-        found.retain(|found| !diagnostics.contains(found));
+        found.retain(|found| !diagnostics[since..].contains(found));
         diagnostics.append(&mut found);
         if let Some(shared) = shared(&copy, &mut runs, place > 0) {
             let message = format!("one instance would run up to {places} times at the same time");

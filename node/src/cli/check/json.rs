@@ -3,57 +3,61 @@
 //! ```json
 //! {"version": 1, "spec": "door.dca", "accepted": true, "diagnostics": [{"code": "W0201", "severity": "warning",
 //!   "message": "...", "place": {...}, "label": "...", "reasons": [{"place": {...}, "text": "..."}], "help": ["..."],
-//!   "fix": {"title": "...", "edits": [{"place": {...}, "text": "..."}]}}]}
+//!   "fix": {"title": "...", "edits": [{"place": {...}, "text": "..."}]}}], "omitted": 0}
 //! ```
+//!
+//! Of more than 10,000 diagnostics the rest, warnings first, is only counted: `omitted`.
 //!
 //! A place is `{"file", "start", "end"}` with lines and columns from 1 and byte offsets from 0. `version` changes when a
 //! field changes its meaning; fields are added without notice.
 
 use super::Checked;
-use language::{Diagnostic, Fix, Label, Severity, Source, Span};
+use language::{Diagnostic, Fix, Label, Lines, Severity, Span, Texts};
 use serde_json::{Value, json};
 
 /// Returns the document.
 pub(super) fn json(checked: &Checked) -> String {
-    let diagnostics: Vec<Value> = checked.diagnostics.iter().map(|found| diagnostic(found, checked)).collect();
+    let texts = checked.texts();
+    let diagnostics: Vec<Value> = checked.diagnostics.iter().map(|found| diagnostic(found, &texts)).collect();
     let document = json!({
         "version": 1,
         "spec": checked.spec.name,
         "accepted": checked.plan.is_some(),
         "diagnostics": diagnostics,
+        "omitted": checked.omitted,
     });
     format!("{document:#}")
 }
 
-fn diagnostic(found: &Diagnostic, checked: &Checked) -> Value {
-    let reason = |label: &Label| json!({"place": place(label.span, checked), "text": label.text});
+fn diagnostic(found: &Diagnostic, texts: &Texts<'_>) -> Value {
+    let reason = |label: &Label| json!({"place": place(label.span, texts), "text": label.text});
     json!({
         "code": found.code.as_str(),
         "severity": match found.severity { Severity::Error => "error", Severity::Warning => "warning" },
         "message": found.message,
-        "place": place(found.primary.span, checked),
+        "place": place(found.primary.span, texts),
         "label": found.primary.text,
         "reasons": found.secondary.iter().map(reason).collect::<Vec<_>>(),
         "help": found.help,
-        "fix": found.fix.as_ref().map(|fix| self::fix(fix, checked)),
+        "fix": found.fix.as_ref().map(|fix| self::fix(fix, texts)),
     })
 }
 
-fn fix(fix: &Fix, checked: &Checked) -> Value {
-    let edits = fix.edits.iter().map(|edit| json!({"place": place(edit.span, checked), "text": edit.text}));
+fn fix(fix: &Fix, texts: &Texts<'_>) -> Value {
+    let edits = fix.edits.iter().map(|edit| json!({"place": place(edit.span, texts), "text": edit.text}));
     json!({"title": fix.title, "edits": edits.collect::<Vec<_>>()})
 }
 
-fn place(span: Span, checked: &Checked) -> Value {
-    let source = checked.source(span);
+fn place(span: Span, texts: &Texts<'_>) -> Value {
+    let lines = texts.of(span);
     json!({
-        "file": source.name,
-        "start": position(source, span.start),
-        "end": position(source, span.end),
+        "file": lines.source().name,
+        "start": position(lines, span.start),
+        "end": position(lines, span.end),
     })
 }
 
-fn position(source: &Source, offset: u32) -> Value {
-    let position = source.position(offset);
+fn position(lines: &Lines<'_>, offset: u32) -> Value {
+    let position = lines.position(offset);
     json!({"line": position.line, "column": position.column, "offset": offset})
 }

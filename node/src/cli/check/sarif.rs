@@ -1,7 +1,7 @@
 //! Diagnostics for code hosts and editors: SARIF 2.1.0 (OASIS Standard, "Static Analysis Results Interchange Format").
 
 use super::Checked;
-use language::{Code, Diagnostic, Edit, Severity, Span};
+use language::{Code, Diagnostic, Edit, Severity, Span, Texts};
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
 
@@ -11,7 +11,8 @@ const SCHEMA: &str = "https://json.schemastore.org/sarif-2.1.0.json";
 /// Returns the log of one run; the rules are the codes that occur in it.
 pub(super) fn sarif(checked: &Checked) -> String {
     let codes: BTreeSet<Code> = checked.diagnostics.iter().map(|found| found.code).collect();
-    let results: Vec<Value> = checked.diagnostics.iter().map(|found| result(found, checked)).collect();
+    let texts = checked.texts();
+    let results: Vec<Value> = checked.diagnostics.iter().map(|found| result(found, &texts)).collect();
     let driver = json!({
         "name": "dca",
         "version": env!("CARGO_PKG_VERSION"),
@@ -38,9 +39,9 @@ fn level(severity: Severity) -> &'static str {
     }
 }
 
-fn result(found: &Diagnostic, checked: &Checked) -> Value {
+fn result(found: &Diagnostic, texts: &Texts<'_>) -> Value {
     let related = found.secondary.iter().map(|label| {
-        let mut location = location(label.span, checked);
+        let mut location = location(label.span, texts);
         location["message"] = json!({"text": label.text});
         location
     });
@@ -48,12 +49,12 @@ fn result(found: &Diagnostic, checked: &Checked) -> Value {
         "ruleId": found.code.as_str(),
         "level": level(found.severity),
         "message": {"text": message(found)},
-        "locations": [location(found.primary.span, checked)],
+        "locations": [location(found.primary.span, texts)],
         "relatedLocations": related.collect::<Vec<_>>(),
     });
     if let Some(fix) = &found.fix {
-        let replacements: Vec<Value> = fix.edits.iter().map(|edit| replacement(edit, checked)).collect();
-        let change = json!({"artifactLocation": {"uri": checked.spec.name}, "replacements": replacements});
+        let replacements: Vec<Value> = fix.edits.iter().map(|edit| replacement(edit, texts)).collect();
+        let change = json!({"artifactLocation": {"uri": texts.spec().name}, "replacements": replacements});
         result["fixes"] = json!([{"description": {"text": fix.title}, "artifactChanges": [change]}]);
     }
     result
@@ -67,17 +68,17 @@ fn message(found: &Diagnostic) -> String {
     parts.join("; ")
 }
 
-fn location(span: Span, checked: &Checked) -> Value {
-    let uri = &checked.source(span).name;
-    json!({"physicalLocation": {"artifactLocation": {"uri": uri}, "region": region(span, checked)}})
+fn location(span: Span, texts: &Texts<'_>) -> Value {
+    let uri = &texts.of(span).source().name;
+    json!({"physicalLocation": {"artifactLocation": {"uri": uri}, "region": region(span, texts)}})
 }
 
-fn region(span: Span, checked: &Checked) -> Value {
-    let source = checked.source(span);
-    let (start, end) = (source.position(span.start), source.position(span.end));
+fn region(span: Span, texts: &Texts<'_>) -> Value {
+    let lines = texts.of(span);
+    let (start, end) = (lines.position(span.start), lines.position(span.end));
     json!({"startLine": start.line, "startColumn": start.column, "endLine": end.line, "endColumn": end.column})
 }
 
-fn replacement(edit: &Edit, checked: &Checked) -> Value {
-    json!({"deletedRegion": region(edit.span, checked), "insertedContent": {"text": edit.text}})
+fn replacement(edit: &Edit, texts: &Texts<'_>) -> Value {
+    json!({"deletedRegion": region(edit.span, texts), "insertedContent": {"text": edit.text}})
 }

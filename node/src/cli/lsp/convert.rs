@@ -27,8 +27,14 @@ pub(super) fn range(source: &Source, lines: &Lines, span: Span, encoding: Encodi
 
 /// Returns where a span is, if it is in a file.
 pub(super) fn location(workspace: &Workspace, source: &Source, span: Span, encoding: Encoding) -> Location {
-    let uri = workspace.open_from(&source.name).map_or_else(|| disk::uri(&source.name), |open| open.uri.clone());
-    Location { uri: Uri(uri), range: range(source, &Lines::new(&source.text), span, encoding) }
+    match workspace.open_from(&source.name) {
+        // Its lines are counted already.
+        Some(open) => Location { uri: Uri(open.uri.clone()), range: range(source, &open.lines, span, encoding) },
+        None => {
+            let range = range(source, &Lines::new(&source.text), span, encoding);
+            Location { uri: Uri(disk::uri(&source.name)), range }
+        }
+    }
 }
 
 /// Returns a remark for the text that it is about.

@@ -12,12 +12,15 @@ pub(super) enum Encoding {
     Utf8,
 }
 
+/// Units are counted in blocks of so many bytes.
+const BLOCK: usize = 1024;
+
 /// Where each line of a text begins.
 #[derive(Clone, Debug)]
 pub(super) struct Lines {
     starts: Vec<usize>,
-    /// Whether each character of a line is one byte, so that nothing has to be counted.
-    are_plain: Vec<bool>,
+    /// How many units of UTF-16 stand before each block of bytes.
+    units: Vec<usize>,
 }
 
 impl Lines {
@@ -25,9 +28,12 @@ impl Lines {
         let bytes = text.as_bytes();
         let is_end = |&at: &usize| bytes[at] == b'\n' || bytes[at] == b'\r' && bytes.get(at + 1) != Some(&b'\n');
         let starts: Vec<usize> = std::iter::once(0).chain((0..bytes.len()).filter(is_end).map(|at| at + 1)).collect();
-        let ends = starts.iter().skip(1).copied().chain([bytes.len()]);
-        let are_plain = std::iter::zip(&starts, ends).map(|(&start, end)| bytes[start..end].is_ascii()).collect();
-        Self { starts, are_plain }
+        let counts = bytes.chunks(BLOCK).scan(0, |sum, block| {
+            *sum += units(block);
+            Some(*sum)
+        });
+        let units = std::iter::once(0).chain(counts).collect();
+        Self { starts, units }
     }
 
     /// The byte offset of a position; one beyond its line is at the end of the line, one beyond the text at its end.
@@ -52,11 +58,16 @@ impl Lines {
         let offset = (0..=offset.min(text.len())).rev().find(|&at| text.is_char_boundary(at)).unwrap_or(0);
         let line = self.starts.partition_point(|&start| start <= offset).saturating_sub(1);
         let start = self.starts.get(line).copied().unwrap_or(0);
-        let column = match self.are_plain.get(line) {
-            Some(true) => offset - start,
-            Some(false) | None => text[start..offset].chars().map(|c| width(c, encoding)).sum(),
+        let column = match encoding {
+            Encoding::Utf8 => offset - start,
+            Encoding::Utf16 => self.units_before(text, offset) - self.units_before(text, start),
         };
         Position { line: number(line), character: number(column) }
+    }
+
+    fn units_before(&self, text: &str, offset: usize) -> usize {
+        let block = (offset / BLOCK).min(self.units.len() - 1);
+        self.units[block] + text.as_bytes().get(block * BLOCK..offset).map_or(0, units)
     }
 
     /// The range of a stretch of bytes.
@@ -64,6 +75,11 @@ impl Lines {
         let start = self.position(text, bytes.start, encoding);
         Range { start, end: self.position(text, bytes.end.max(bytes.start), encoding) }
     }
+}
+
+/// The units of UTF-16 of the characters that begin in these bytes.
+fn units(bytes: &[u8]) -> usize {
+    bytes.iter().map(|byte| usize::from(byte & 0xc0 != 0x80) + usize::from(*byte >= 0xf0)).sum()
 }
 
 fn width(c: char, encoding: Encoding) -> usize {
@@ -104,6 +120,18 @@ mod tests {
             let position = Position { line, character: byte };
             assert_eq!(lines.offset(TEXT, position, Encoding::Utf8), offset);
             assert_eq!(lines.position(TEXT, offset, Encoding::Utf8), position);
+        }
+    }
+
+    /// A place costs the same wherever it is on a long line.
+    #[test]
+    fn long_lines_are_counted_in_blocks() {
+        let text = "aö𝄞".repeat(1000);
+        let lines = Lines::new(&text);
+        for (place, (offset, _)) in text.char_indices().enumerate().step_by(7) {
+            let units: usize = text[..offset].chars().map(char::len_utf16).sum();
+            let position = lines.position(&text, offset, Encoding::Utf16);
+            assert_eq!(position, Position { line: 0, character: number(units) }, "{place}");
         }
     }
 

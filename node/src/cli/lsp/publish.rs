@@ -14,7 +14,7 @@ use std::collections::BTreeMap;
 use std::rc::Rc;
 
 /// The most remarks on one file that an editor is told.
-const REMARKS_MAX: usize = 1000;
+const REMARKS_MAX: usize = 500;
 
 /// What the editor was told last.
 #[derive(Debug, Default)]
@@ -56,15 +56,25 @@ impl Server {
             let remarks = if document.is_short() { Vec::new() } else { vec![too_long()] };
             files.insert(document.uri.clone(), (Some(document.version), remarks));
         }
+        let mut closed: BTreeMap<String, Lines> = BTreeMap::new();
         for analysis in self.roots() {
             for found in analysis.diagnostics().iter().filter(|found| self.is_known(found)) {
                 let source = analysis.source(found.primary.span);
                 if !is_file(source, &analysis) {
                     continue;
                 }
-                let (uri, remark) = self.remark(found, source, &analysis);
+                let open = self.workspace.open_from(&source.name);
+                let uri = open.map_or_else(|| super::disk::uri(&source.name), |open| open.uri.clone());
                 let (_, remarks) = files.entry(uri).or_default();
-                if remarks.len() < REMARKS_MAX && !remarks.contains(&remark) {
+                if remarks.len() >= REMARKS_MAX {
+                    continue;
+                }
+                let lines = match open {
+                    Some(Document { lines, .. }) => lines,
+                    None => &*closed.entry(source.name.clone()).or_insert_with(|| Lines::new(&source.text)),
+                };
+                let remark = self.remark(found, (source, lines), &analysis);
+                if !remarks.contains(&remark) {
                     remarks.push(remark);
                 }
             }
@@ -94,21 +104,17 @@ impl Server {
         found.severity == Severity::Error || !self.workspace.interfaces.is_waiting()
     }
 
-    fn remark(&self, found: &Diagnostic, source: &Source, analysis: &Analysis) -> (String, lsp_types::Diagnostic) {
+    fn remark(
+        &self,
+        found: &Diagnostic,
+        (source, lines): (&Source, &Lines),
+        analysis: &Analysis,
+    ) -> lsp_types::Diagnostic {
         let reasons = match self.client.related {
             true => found.secondary.iter().filter_map(|label| self.reason(label.span, &label.text, analysis)).collect(),
             false => Vec::new(),
         };
-        match self.workspace.open_from(&source.name) {
-            Some(Document { uri, lines, .. }) => {
-                (uri.clone(), convert::diagnostic(found, (source, lines), reasons, &self.client))
-            }
-            None => {
-                let lines = Lines::new(&source.text);
-                let remark = convert::diagnostic(found, (source, &lines), reasons, &self.client);
-                (super::disk::uri(&source.name), remark)
-            }
-        }
+        convert::diagnostic(found, (source, lines), reasons, &self.client)
     }
 
     fn reason(&self, span: Span, text: &str, analysis: &Analysis) -> Option<DiagnosticRelatedInformation> {

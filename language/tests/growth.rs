@@ -1,0 +1,103 @@
+//! What a text costs grows with its length and no faster, whatever it contains.
+//!
+//! One long text is compared with four of a quarter of it: that costs as much if the work is linear, and a quarter of it if
+//! the work is quadratic. Time is what this thread had of a processor, so that a loaded machine changes nothing.
+
+#![expect(clippy::print_stdout, reason = "the measured ratios are for the reader of the test")]
+
+use language::{Options, Source, Style, compile, format, render};
+
+/// How much more than four quarters a whole may cost: caches and logarithms, no squares.
+const RATIO_MAX: f64 = 2.2;
+
+/// What this thread had of a processor so far, in seconds.
+fn spent() -> f64 {
+    let text = std::fs::read_to_string("/proc/thread-self/schedstat").expect("Linux counts it");
+    let nanoseconds: f64 = text.split(' ').next().and_then(|first| first.parse().ok()).expect("it is a number");
+    nanoseconds * 1e-9
+}
+
+/// Reads a text as `dca check`, `dca fmt` and an editor do, and says all there is to say.
+fn work(text: &str) {
+    let source = Source::new("long.dca", text);
+    let compiled = compile(&source, &[], &Options::named("long"));
+    let told = render(&compiled.diagnostics, &source, &[], Style::Plain);
+    assert!(told.lines().all(|line| line.len() < 1000), "lines are clipped");
+    assert!(told.lines().count() < 3000, "remarks are limited");
+    assert!(format(&source).is_ok() || !compiled.diagnostics.is_empty());
+}
+
+fn cost(text: &str, times: usize) -> f64 {
+    let began = spent();
+    (0..times).for_each(|_| work(text));
+    spent() - began
+}
+
+#[track_caller]
+fn check(what: &str, size: usize, text: &dyn Fn(usize) -> String) {
+    let (small, large) = (text(size / 4), text(size));
+    let ratios = (0..3).map(|_| cost(&large, 1) / cost(&small, 4).max(0.004));
+    let ratio = ratios.fold(f64::INFINITY, f64::min);
+    println!("{what}: {} bytes cost {ratio:.2} times four quarters of it, {:.3} s", large.len(), cost(&large, 1));
+    assert!(ratio < RATIO_MAX, "{what}: {ratio:.2}");
+}
+
+/// `count` pieces of text, each with its number.
+fn many(count: usize, piece: &dyn Fn(usize) -> String) -> String {
+    (0..count).map(piece).collect()
+}
+
+fn around(instances: &str, rest: &str, actions: &str) -> String {
+    format!("process main() {{ host{{c1}} instantiated_processes {{ {instances} }} {rest} internal_event_actions {{ {actions} }} }}
+             module Arm(host) {{ in In: Force; out Out: Force; done; }}")
+}
+
+#[test]
+fn a_good_spec() {
+    check("good", 4000, &|size| {
+        let instances = many(size, &|n| format!("arm{n} instof Arm(c1);\n"));
+        let wires = many(size - 1, &|n| format!("arm{n}, Out -> arm{}, In;\n", n + 1));
+        let actions = many(size, &|n| format!("{}arm{n}", if n > 0 { ", " } else { "" }));
+        around(&instances, &format!("internal_connections {{ {wires} }}"), &actions)
+    });
+}
+
+#[test]
+fn garbage() {
+    check("braces", 80_000, &|size| "}".repeat(size));
+    check("words on one line", 20_000, &|size| many(size, &|n| format!("w{n} ")));
+    check("words on many lines", 20_000, &|size| many(size, &|n| format!("w{n}\n")));
+    check("signs", 20_000, &|size| "$ ".repeat(size));
+    check("strings without end", 20_000, &|size| "\"\n".repeat(size));
+    check("open brackets", 20_000, &|size| "process a( { [".repeat(size));
+    check("letters", 100_000, &|size| "ö€𝄞".repeat(size));
+}
+
+#[test]
+fn many_mistakes() {
+    let actions = |size: usize, between: &str| many(size, &|n| format!("{}x{n}", if n > 0 { between } else { "" }));
+    check("unknown names on one line", 10_000, &|size| around("", "", &actions(size, ",")));
+    check("unknown names on many lines", 10_000, &|size| around("", "", &actions(size, ",\n")));
+    check("unknown names beside known ones", 6000, &|size| {
+        let instances = many(size, &|n| format!("robot{n} instof Arm(c1);\n"));
+        around(&instances, "", &many(size, &|n| format!("{}gripper{n}", if n > 0 { ", " } else { "" })))
+    });
+    check("names in another case", 6000, &|size| {
+        let instances = many(size, &|n| format!("robot{n} instof Arm(c1);\n"));
+        around(&instances, "", &many(size, &|n| format!("{}Robot{n}", if n > 0 { ", " } else { "" })))
+    });
+    check("instances twice", 10_000, &|size| around(&"arm instof Arm(c1);\n".repeat(size), "", "arm"));
+    check("unknown ports", 6000, &|size| {
+        let wires = many(size, &|n| format!("arm, Ouu{n} -> arm, Inn{n};\n"));
+        around("arm instof Arm(c1);", &format!("internal_connections {{ {wires} }}"), "arm")
+    });
+    check("unknown types", 6000, &|size| around(&many(size, &|n| format!("a{n} instof T{n}(c1);")), "", "skip"));
+    check("wrong arguments", 6000, &|size| {
+        around(&many(size, &|n| format!("a{n} instof Arm(c1, 4, x = {n});")), "", "skip")
+    });
+    check("constants", 6000, &|size| many(size, &|n| format!("const c{n} = d{n};\n")) + "process main() {}");
+    check("processes twice", 6000, &|size| "process main() {}\n".repeat(size));
+    check("empty groups", 6000, &|size| {
+        many(size, &|n| format!("process g{n}(h) {{ internal_event_actions {{ x }} }}\n"))
+    });
+}
