@@ -1,6 +1,6 @@
 //! The files that a spec uses: `use "arm.dca";`, and folders of them: `use "arms";`.
 
-use crate::source::{Origin, Role, Source};
+use crate::source::{Origin, Role, SOURCE_MAX, Source};
 use crate::syntax::SyntaxKind::{Text, Use};
 use crate::syntax::ast::{Name, Node};
 use crate::syntax::parse;
@@ -8,6 +8,8 @@ use std::collections::BTreeSet;
 
 /// The most files of one spec.
 pub(crate) const FILES_MAX: usize = 1000;
+/// The most bytes of all files of one spec together.
+const TEXTS_MAX: usize = 4 * SOURCE_MAX;
 
 /// What a path names.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -52,7 +54,7 @@ pub fn gather(spec: &Source, read: &dyn Fn(&str) -> Result<Content, String>) -> 
             }
             match read(&path) {
                 Ok(Content::Folder(names)) => add_folder(&path, names, (&mut known, &mut parts), read),
-                Ok(Content::File(text)) => parts.push(Source { name: path, text, role: Role::Part }),
+                Ok(Content::File(text)) => parts.push(part(path, text, &parts)),
                 Err(why) => parts.push(missing(path, why)),
             }
         }
@@ -82,11 +84,20 @@ fn add_folder(
     parts.push(Source { name: folder.to_owned(), text: String::new(), role: Role::Folder(paths.clone()) });
     for path in paths.into_iter().filter(|path| known.insert(path.clone())) {
         parts.push(match read(&path) {
-            Ok(Content::File(text)) => Source { name: path, text, role: Role::Part },
+            Ok(Content::File(text)) => part(path, text, parts),
             Ok(Content::Folder(_)) => missing(path, "it is a folder".to_owned()),
             Err(why) => missing(path, why),
         });
     }
+}
+
+/// A file, unless there is no room for it beside those that are there.
+fn part(name: String, text: String, parts: &[Source]) -> Source {
+    let taken: usize = parts.iter().map(|part| part.text.len()).sum();
+    if taken + text.len() > TEXTS_MAX {
+        return missing(name, format!("the files of a spec have at most {} MiB together", TEXTS_MAX >> 20));
+    }
+    Source { name, text, role: Role::Part }
 }
 
 fn missing(name: String, why: String) -> Source {
@@ -180,6 +191,19 @@ mod tests {
                 Role::Missing(why) => format!("{}! {why}", part.name),
             })
             .collect()
+    }
+
+    #[test]
+    fn the_files_of_a_spec_have_a_limit_together() {
+        let read = |path: &str| match path {
+            "parts" => Ok(Content::Folder((0..6).map(|number| format!("{number}.dca")).collect())),
+            _ => Ok(Content::File(" ".repeat(SOURCE_MAX))),
+        };
+        let parts = gather(&Source::new("spec.dca", "use \"parts\";"), &read);
+        let read: Vec<bool> = parts.iter().skip(1).map(|part| part.role == Role::Part).collect();
+        assert_eq!(read, [true, true, true, true, false, false]);
+        let why = Role::Missing("the files of a spec have at most 64 MiB together".to_owned());
+        assert_eq!((&parts[5].role, parts[6].text.len()), (&why, 0));
     }
 
     #[test]

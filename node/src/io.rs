@@ -8,6 +8,7 @@ pub mod driver;
 pub(crate) mod event;
 pub mod journal;
 pub mod logging;
+pub mod named_file;
 pub mod observer;
 pub mod peers;
 pub mod processes;

@@ -160,6 +160,33 @@ fn a_folder_is_known_when_a_file_comes_into_it() {
     std::fs::remove_dir_all(folder).unwrap();
 }
 
+/// A name ends in `.dca`, and belongs to a pipe that nobody writes, or to a device without an end.
+#[test]
+fn what_is_no_regular_file_holds_nobody_up() {
+    let folder = std::env::temp_dir().join(format!("dca-lsp-pipe-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    assert!(Command::new("mkfifo").arg(folder.join("a pipe.dca")).status().unwrap().success());
+    std::os::unix::fs::symlink("/dev/zero", folder.join("endless.dca")).unwrap();
+    let door = format!("file://{}", folder.join("door.dca").display());
+    let mut editor = Editor::ready(NOBODY, &json!({}));
+    let text =
+        "use \".\";\nprocess main() { instantiated_processes { a instof Arm(c1); } internal_event_actions { a } }";
+    editor.open(&door, text);
+    let found = editor.diagnostics(&door, 1);
+    let unread: Vec<&str> =
+        found.iter().filter(|it| it["code"] == "E0010").filter_map(|it| it["message"].as_str()).collect();
+    assert_eq!(unread.len(), 2, "{found:?}");
+    assert!(unread[0].contains("it is a pipe; only regular files are read"), "{unread:?}");
+    let column = u32::try_from(text.lines().nth(1).unwrap().find("a instof").unwrap()).unwrap();
+    let mut asked = at(&door, 1, column);
+    asked["context"] = json!({"includeDeclaration": true});
+    // All specs of the folder are looked through for the name.
+    let uses = editor.ask("textDocument/references", &asked);
+    assert_eq!(uses["result"].as_array().map(Vec::len), Some(2), "{uses}");
+    assert!(editor.end().success());
+    std::fs::remove_dir_all(folder).unwrap();
+}
+
 /// Makes a program that tells this interface. Another process writes it: one that is still open here could not be run.
 fn tells(program: &Path, interface: &str) {
     let script =

@@ -1,7 +1,7 @@
 //! Acceptance 9: whatever is wrong is said in one clear sentence, with the right exit code, and leaves nothing behind.
 
 use dca_tests::cluster::{Cluster, Ended, Program, SOON, Stream, spec};
-use rustix::fs::{Gid, Uid};
+use rustix::fs::{CWD, FileType, Gid, Mode, Uid, mknodat};
 use rustix::process::{Signal, getuid};
 use std::os::unix::fs::PermissionsExt;
 use std::time::Duration;
@@ -56,6 +56,28 @@ fn a_file_that_cannot_be_read() {
         path
     };
     check_run(&secret, 1, &["cannot read the spec", "Permission denied"]);
+}
+
+/// Nothing is waited for, and nothing is read without an end.
+#[test]
+fn a_name_that_belongs_to_no_regular_file() {
+    let cluster = Cluster::new();
+    let pipe = cluster.folder().join("pipe.dca").display().to_string();
+    mknodat(CWD, pipe.as_str(), FileType::Fifo, Mode::RUSR | Mode::WUSR, 0)
+        .expect("a test can write in its own folder");
+    let idle = cluster.file("idle.dca", IDLE);
+    let device = cluster.file("device.dca", "use \"/dev/zero\";\nuse \"pipe.dca\";\n");
+    let why = "it is a pipe; only regular files are read";
+    for verb in [&["check", &pipe][..], &["fmt", &pipe], &["fix", &pipe], &["graph", &pipe], &["run", &pipe]] {
+        check(&cluster, &cluster.here().ask(verb), 1, &["cannot read the spec", why]);
+    }
+    check(&cluster, &cluster.here().ask(&["sim", &idle, "--script", &pipe]), 1, &["reading the script", why]);
+    check(&cluster, &cluster.here().ask(&["report", &pipe]), 1, &["reading the record", why]);
+    check(&cluster, &cluster.here().ask(&["db", "tx", &pipe]), 1, &["reading", why]);
+    check(&cluster, &cluster.here().ask(&["db", "import", &pipe]), 1, &["reading", why]);
+    let used = cluster.here().ask(&["check", &device]);
+    check(&cluster, &used, 1, &["cannot read `pipe.dca`", why]);
+    check(&cluster, &used, 1, &["cannot read `/dev/zero`: it is a device"]);
 }
 
 #[test]

@@ -5,7 +5,7 @@ mod sarif;
 
 use crate::cli::follow::Spec;
 use crate::cli::{Controllers, Failure, fix, output};
-use crate::io::programs;
+use crate::io::{named_file, programs};
 use crate::logic::table::counted;
 use anyhow::Context;
 use language::plan::Plan;
@@ -113,7 +113,8 @@ pub(crate) fn load(file: &Path, controllers: &Controllers, deny_lenient_names: b
 
 /// Reads the text of a spec.
 pub(crate) fn read(file: &Path) -> Result<Source, Failure> {
-    let text = std::fs::read_to_string(file).with_context(|| format!("cannot read the spec `{}`", file.display()))?;
+    let text = named_file::text(file, named_file::TEXT_MAX);
+    let text = text.with_context(|| format!("cannot read the spec `{}`", file.display()))?;
     Ok(Source::new(file.display().to_string(), text))
 }
 
@@ -128,7 +129,7 @@ fn interfaces(controllers: &Controllers) -> Result<Vec<Source>, Failure> {
 
 /// The texts that a spec is compiled with: the files it uses, and the interfaces of the controllers.
 pub(crate) fn others(spec: &Source, controllers: &Controllers) -> Result<Vec<Source>, Failure> {
-    let read = |path: &str| std::fs::read_to_string(path).map_err(|error| error.to_string());
+    let read = |path: &str| named_file::text(Path::new(path), named_file::TEXT_MAX).map_err(|error| error.to_string());
     let mut others = gather(spec, &|path| content(path, read));
     others.extend(interfaces(controllers)?);
     Ok(others)

@@ -1,6 +1,7 @@
 //! `dca sim`: the event actions of a spec with fake leaves, from the keyboard, from a script, or by chance.
 
 use crate::cli::{Controllers, Failure, check, output};
+use crate::io::named_file;
 use anyhow::{Context as _, anyhow};
 use language::plan::Plan;
 use language::{Chance, Happening, Simulation, What};
@@ -67,7 +68,8 @@ fn by_chance(plan: &Plan, simulation: &mut Simulation<'_>, seed: u64, arguments:
 }
 
 fn from_script(simulation: &mut Simulation<'_>, script: &Path) -> Result<(), Failure> {
-    let text = std::fs::read_to_string(script).with_context(|| format!("reading the script `{}`", script.display()))?;
+    let text = named_file::text(script, named_file::TEXT_MAX);
+    let text = text.with_context(|| format!("reading the script `{}`", script.display()))?;
     show(simulation);
     for (number, line) in (1..).zip(text.lines()) {
         if simulation.outcome().is_some() {

@@ -6,6 +6,7 @@
 
 mod queue;
 
+use crate::io::named_file;
 use crate::logic::record::{Entry, Header, ReadError, Row, Rows, Run};
 use mcap::records::MessageHeader;
 use mcap::write::NoSeek;
@@ -20,6 +21,8 @@ use std::time::Duration;
 
 /// Name of a record in the folder of its run.
 pub const FILE: &str = "run.mcap";
+/// The longest record that is read, in bytes: as much again in memory.
+const RECORD_MAX: usize = 1 << 30;
 /// How much can be lost when the recorder is killed.
 pub const FLUSH_EVERY: Duration = Duration::from_secs(1);
 
@@ -65,7 +68,8 @@ pub enum RecordError {
 /// # Errors
 /// When there is no such file, or it does not say what was run.
 pub fn read(path: &Path) -> Result<Run, RecordError> {
-    let bytes = fs::read(path).map_err(|cause| RecordError::Open { path: path.to_owned(), cause })?;
+    let bytes =
+        named_file::bytes(path, RECORD_MAX).map_err(|cause| RecordError::Open { path: path.to_owned(), cause })?;
     Run::from_bytes(&bytes).map_err(|cause| RecordError::Read { path: path.to_owned(), cause })
 }
 

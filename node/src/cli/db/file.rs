@@ -4,6 +4,7 @@ use super::asking::{Asking, refusal};
 use super::past::a_moment;
 use super::write::Writing;
 use crate::cli::{Failure, output};
+use crate::io::named_file;
 use crate::io::whole_file::WholeFile;
 use crate::logic::database::question::{Moment, Question, Reply};
 use anyhow::{Context, anyhow, bail};
@@ -13,8 +14,10 @@ use dbmanager::logic::txn::{Condition, Require, Write};
 use dbmanager::logic::view::value::Datum;
 use dbmanager::logic::view::{table, token};
 use std::collections::BTreeMap;
-use std::io::Read;
 use std::path::{Path, PathBuf};
+
+/// The longest file of values, in bytes: some million keys.
+const FILE_MAX: usize = 256 << 20;
 
 /// What `dca db export` is told.
 #[derive(Debug, clap::Args)]
@@ -146,11 +149,9 @@ fn partly(failure: Failure, done: usize, count: usize) -> Failure {
 
 fn read(file: &Path) -> anyhow::Result<String> {
     if file == Path::new("-") {
-        let mut text = String::new();
-        std::io::stdin().read_to_string(&mut text).context("reading standard input")?;
-        return Ok(text);
+        return named_file::standard_input(FILE_MAX).context("reading standard input");
     }
-    std::fs::read_to_string(file).with_context(|| format!("reading {}", file.display()))
+    named_file::text(file, FILE_MAX).with_context(|| format!("reading {}", file.display()))
 }
 
 /// Reads the lines of a transaction.

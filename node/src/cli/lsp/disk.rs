@@ -8,6 +8,8 @@ use std::path::{Path, PathBuf};
 const SPECS_MAX: usize = 2000;
 /// The most folders that are looked into for them.
 const FOLDERS_MAX: usize = 10_000;
+/// The most names of one folder that are looked at.
+const ENTRIES_MAX: usize = 10_000;
 
 /// Returns the path that a URI names; what names no file stands for itself.
 pub(super) fn path(uri: &str) -> String {
@@ -53,7 +55,7 @@ pub(super) fn specs(folders: &[PathBuf]) -> Vec<String> {
     while let Some(folder) = next.pop_front().filter(|_| looked < FOLDERS_MAX && found.len() < SPECS_MAX) {
         looked += 1;
         let Ok(entries) = fs::read_dir(&folder) else { continue };
-        let mut paths: Vec<PathBuf> = entries.filter_map(|entry| Some(entry.ok()?.path())).collect();
+        let mut paths: Vec<PathBuf> = entries.take(ENTRIES_MAX).filter_map(|entry| Some(entry.ok()?.path())).collect();
         paths.sort();
         for path in paths {
             let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();

@@ -4,6 +4,7 @@ use super::disk;
 use super::interfaces::Interfaces;
 use super::position::{Encoding, Lines};
 use crate::cli::check;
+use crate::io::named_file;
 use language::ide::Analysis;
 use language::{Content, Options, Role, Source, gather};
 use lsp_types::{Range, TextDocumentContentChangeEvent};
@@ -197,11 +198,7 @@ impl Workspace {
         if let Some(document) = self.open_from(path) {
             return Ok(document.text.clone());
         }
-        let length = std::fs::metadata(path).map_err(|error| error.to_string())?.len();
-        if length > DOCUMENT_MAX as u64 {
-            return Err(format!("it is longer than {} MiB", DOCUMENT_MAX >> 20));
-        }
-        std::fs::read_to_string(path).map_err(|error| error.to_string())
+        named_file::text(Path::new(path), DOCUMENT_MAX).map_err(|error| error.to_string())
     }
 }
 

@@ -1,0 +1,123 @@
+//! Reads files that a person or a folder names: regular files only, whole, never more than a limit, never waiting.
+//!
+//! A name in a folder may belong to anything. A named pipe holds whoever opens it until somebody writes, a device may have
+//! no end, and a regular file may be larger than the memory.
+
+use rustix::fs::{FileType, Mode, OFlags, fstat, open, stat};
+use rustix::io::Errno;
+use std::fs::File;
+use std::io::{self, ErrorKind, Read};
+use std::path::Path;
+
+/// The longest spec, script or import, in bytes: as much as the compiler takes of one text.
+pub const TEXT_MAX: usize = language::SOURCE_MAX;
+
+/// Returns the bytes of a regular file that has at most `bytes_max` of them.
+///
+/// # Errors
+/// The file cannot be opened or read, is no regular file, or is longer.
+pub fn bytes(path: &Path, bytes_max: usize) -> io::Result<Vec<u8>> {
+    // To open a device may already do something to it.
+    require_regular(FileType::from_raw_mode(stat(path)?.st_mode))?;
+    // Without blocking: the name may belong to something else by now.
+    let file = open(path, OFlags::RDONLY | OFlags::NONBLOCK | OFlags::NOCTTY | OFlags::CLOEXEC, Mode::empty())?;
+    require_regular(FileType::from_raw_mode(fstat(&file)?.st_mode))?;
+    bounded(File::from(file), bytes_max)
+}
+
+/// Returns the text of a regular file that has at most `bytes_max` bytes.
+///
+/// # Errors
+/// As [`bytes`], or it is no UTF-8 text.
+pub fn text(path: &Path, bytes_max: usize) -> io::Result<String> {
+    utf8(bytes(path, bytes_max)?)
+}
+
+/// Returns what is on standard input, whatever that is, up to its end.
+///
+/// # Errors
+/// It cannot be read, has more than `bytes_max` bytes, or is no UTF-8 text.
+pub fn standard_input(bytes_max: usize) -> io::Result<String> {
+    utf8(bounded(io::stdin().lock(), bytes_max)?)
+}
+
+fn require_regular(kind: FileType) -> io::Result<()> {
+    let what = match kind {
+        FileType::RegularFile => return Ok(()),
+        FileType::Directory => return Err(Errno::ISDIR.into()),
+        FileType::Fifo => "a pipe",
+        FileType::Socket => "a socket",
+        FileType::CharacterDevice | FileType::BlockDevice => "a device",
+        FileType::Symlink | FileType::Unknown => "something else",
+    };
+    Err(io::Error::new(ErrorKind::InvalidInput, format!("it is {what}; only regular files are read")))
+}
+
+fn bounded(from: impl Read, bytes_max: usize) -> io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    from.take(bytes_max as u64 + 1).read_to_end(&mut bytes)?;
+    if bytes.len() > bytes_max {
+        return Err(io::Error::new(ErrorKind::FileTooLarge, format!("it is longer than {} MiB", bytes_max >> 20)));
+    }
+    Ok(bytes)
+}
+
+fn utf8(bytes: Vec<u8>) -> io::Result<String> {
+    String::from_utf8(bytes).map_err(|error| {
+        let at = error.utf8_error().valid_up_to();
+        io::Error::new(ErrorKind::InvalidData, format!("it is no UTF-8 text: byte {at} belongs to no character"))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rustix::fs::{CWD, mknodat};
+    use std::fs;
+    use std::os::unix::net::UnixListener;
+    use std::path::PathBuf;
+
+    fn folder(name: &str) -> PathBuf {
+        let folder = std::env::temp_dir().join(format!("dca-named-{name}-{}", std::process::id()));
+        fs::create_dir_all(&folder).unwrap();
+        folder
+    }
+
+    fn why(path: &Path) -> String {
+        text(path, 1 << 20).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn only_regular_files_are_read() {
+        let folder = folder("kinds");
+        let path = |name: &str| folder.join(name);
+        mknodat(CWD, path("pipe"), FileType::Fifo, Mode::RUSR | Mode::WUSR, 0).unwrap();
+        std::os::unix::fs::symlink(path("pipe"), path("link")).unwrap();
+        std::os::unix::fs::symlink(path("text"), path("good")).unwrap();
+        let _socket = UnixListener::bind(path("socket")).unwrap();
+        fs::write(path("text"), "a").unwrap();
+        fs::write(path("latin"), [b'a', 0xff]).unwrap();
+        assert_eq!(text(&path("good"), 1).unwrap(), "a");
+        assert_eq!(why(&path("pipe")), "it is a pipe; only regular files are read");
+        assert_eq!(why(&path("link")), "it is a pipe; only regular files are read");
+        assert_eq!(why(&path("socket")), "it is a socket; only regular files are read");
+        assert_eq!(why(Path::new("/dev/zero")), "it is a device; only regular files are read");
+        assert_eq!(why(&folder), "Is a directory (os error 21)");
+        assert_eq!(why(&path("none")), "No such file or directory (os error 2)");
+        assert_eq!(why(&path("latin")), "it is no UTF-8 text: byte 1 belongs to no character");
+        fs::remove_dir_all(folder).unwrap();
+    }
+
+    /// A file may say that it has no length, and may have a terabyte without a block on the disk.
+    #[test]
+    fn a_limit_holds_whatever_the_file_says_of_itself() {
+        let folder = folder("limit");
+        let path = folder.join("long");
+        File::create(&path).unwrap().set_len(1 << 40).unwrap();
+        assert_eq!(why(&path), "it is longer than 1 MiB");
+        File::create(&path).unwrap().set_len(1 << 20).unwrap();
+        assert_eq!(bytes(&path, 1 << 20).unwrap().len(), 1 << 20);
+        assert!(text(Path::new("/proc/self/status"), 1 << 20).unwrap().contains("Pid:"));
+        fs::remove_dir_all(folder).unwrap();
+    }
+}
