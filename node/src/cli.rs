@@ -5,6 +5,7 @@
 pub mod agent;
 pub mod check;
 pub mod client;
+pub mod completions;
 pub mod db;
 pub mod deploy;
 pub mod display;
@@ -15,6 +16,7 @@ pub mod follow;
 pub mod graph;
 pub mod logs;
 pub mod lsp;
+pub mod man;
 pub mod new;
 pub mod nodes;
 pub mod output;
@@ -60,6 +62,10 @@ enum Verb {
     Sim(sim::Arguments),
     /// Say what a diagnostic code means
     Explain(explain::Arguments),
+    /// Print what a shell needs to complete verbs and options
+    Completions(completions::Arguments),
+    /// Write the pages that `man` shows
+    Man(man::Arguments),
     /// Serve editors: diagnostics, completion and all that, over standard input and output
     Lsp(lsp::Arguments),
     /// List the nodes that can be reached
@@ -127,6 +133,8 @@ pub fn main() -> ExitCode {
         Verb::Graph(arguments) => graph::run(&arguments),
         Verb::Sim(arguments) => sim::run(&arguments),
         Verb::Explain(arguments) => explain::run(&arguments),
+        Verb::Completions(arguments) => completions::run(&arguments),
+        Verb::Man(arguments) => man::run(&arguments),
         Verb::Lsp(arguments) => lsp::run(&arguments),
         Verb::Nodes(arguments) => nodes::run(&arguments),
         Verb::Status(arguments) => status::run(&arguments),

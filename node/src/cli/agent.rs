@@ -7,7 +7,7 @@ use crate::io::logging::{self, Log};
 use crate::io::{cgroup, programs, run_dir, state_dir};
 use crate::logic::database::TEAM;
 use anyhow::Context;
-use clap::Parser;
+use clap::{CommandFactory as _, Parser};
 use comms::io::session::{self, Reach};
 use comms::logic::key::HostName;
 use std::path::PathBuf;
@@ -47,6 +47,11 @@ struct Arguments {
     /// The team whose database this robot has a copy of
     #[arg(long, value_name = "NAME", default_value = TEAM)]
     team: String,
+}
+
+/// The command line of `dca-node`, for its page of the manual.
+pub(crate) fn command() -> clap::Command {
+    Arguments::command()
 }
 
 /// Runs the agent of this process.
