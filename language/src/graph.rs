@@ -11,6 +11,7 @@
 
 mod column;
 mod dot;
+mod font;
 mod layout;
 mod model;
 mod place;

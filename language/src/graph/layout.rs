@@ -175,18 +175,37 @@ mod tests {
                     (inner.x + inner.ports[end.port].0, inner.y + inner.ports[end.port].1)
                 }
             };
-            assert_eq!(
-                (line.first(), line.last()),
-                (Some(&place(link.from)), Some(&place(link.to))),
-                "{path}: {link:?}"
-            );
+            let (from, to) = (place(link.from), place(link.to));
+            let last = line.last().unwrap();
+            assert_eq!((line.first(), last.0), (Some(&from), to.0), "{path}: {link:?}");
+            assert!((last.1 - to.1).abs() < PORT_STEP / 2, "{path}: {link:?}");
             for pair in line.windows(2) {
                 assert!(pair[0].0 == pair[1].0 || pair[0].1 == pair[1].1, "{path}: {link:?} is not straight: {line:?}");
+            }
+        }
+        // Two lines over each other are one line to the eye, unless they come from one port.
+        let drawn: Vec<_> = unit.links.iter().zip(&placed.lines).collect();
+        for (index, (link, line)) in drawn.iter().enumerate() {
+            for (other, others) in drawn[..index].iter().filter(|(other, _)| other.from != link.from) {
+                let shared = line.windows(2).find(|one| others.windows(2).any(|two| are_over_each_other(one, two)));
+                assert_eq!(shared, None, "{path}: {link:?} and {other:?}");
             }
         }
         for (unit, placed) in unit.units.iter().zip(&placed.inner) {
             check(&path, unit, placed);
         }
+    }
+
+    /// Whether two straight pieces have more than a point in common.
+    fn are_over_each_other(one: &[(i32, i32)], two: &[(i32, i32)]) -> bool {
+        let range = |a: i32, b: i32| (a.min(b), a.max(b));
+        let share = |one: (i32, i32), two: (i32, i32)| one.0.max(two.0) < one.1.min(two.1);
+        let (ys, xs) = (
+            |piece: &[(i32, i32)]| range(piece[0].1, piece[1].1),
+            |piece: &[(i32, i32)]| range(piece[0].0, piece[1].0),
+        );
+        let lie = |a: (i32, i32), b: (i32, i32)| a == b && a.0 == a.1;
+        lie(ys(one), ys(two)) && share(xs(one), xs(two)) || lie(xs(one), xs(two)) && share(ys(one), ys(two))
     }
 
     #[test]

@@ -6,10 +6,14 @@ use super::layout::{PORT_STEP, Placed, TOP, label_width, labels};
 use super::model::{End, Unit};
 use super::place::{Heights, offset};
 use crate::check::spec::Direction;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// From one lane to the next.
 const LANE: i32 = 9;
+/// Nets that end at one port are this far apart, if there is room.
+const FAN_STEP: i32 = 3;
+/// The room for all of them: ports are further apart.
+const FAN: i32 = PORT_STEP - 4;
 /// The room between boxes and the first lane.
 const MARGIN: i32 = 14;
 
@@ -43,11 +47,14 @@ pub(super) struct Router<'a> {
     inner: &'a [Placed],
     /// The height of each port of the group itself.
     border: Vec<i32>,
+    /// How far above or below its port a net ends that is not the only one there.
+    fan: BTreeMap<(End, usize), i32>,
 }
 
 impl<'a> Router<'a> {
     pub(super) fn new(unit: &'a Unit, columns: &'a Columns, heights: &'a Heights<'a>, inner: &'a [Placed]) -> Self {
-        let mut router = Self { unit, columns, heights, inner, border: vec![TOP; unit.ports.len()] };
+        let border = vec![TOP; unit.ports.len()];
+        let mut router = Self { unit, columns, heights, inner, border, fan: BTreeMap::new() };
         for direction in [Direction::In, Direction::Out] {
             let ports = (0..unit.ports.len()).filter(|&port| unit.ports[port].direction == direction);
             let mut wishes: Vec<(i32, usize)> = ports.map(|port| (router.wish(port), port)).collect();
@@ -58,7 +65,37 @@ impl<'a> Router<'a> {
                 next = router.border[port] + PORT_STEP;
             }
         }
+        router.fan = router.fans();
         router
+    }
+
+    /// Nets that end at one port end side by side, in the order in which they come: what is drawn over each other is one
+    /// line to the eye.
+    fn fans(&self) -> BTreeMap<(End, usize), i32> {
+        let mut ends: BTreeMap<End, BTreeSet<(bool, i32, usize)>> = BTreeMap::new();
+        for (index, net) in self.columns.nets.iter().enumerate() {
+            for &link in &net.links {
+                let to = self.unit.links[link].to;
+                let before = self.channels(to, false).checked_sub(1).and_then(|column| self.pass(index, column));
+                let from = before.unwrap_or_else(|| self.height(net.from));
+                ends.entry(to).or_default().insert((self.is_back(link), from, index));
+            }
+        }
+        let mut fans = BTreeMap::new();
+        for (end, nets) in ends {
+            let last = i32::try_from(nets.len()).unwrap_or(i32::MAX).saturating_sub(1);
+            let step = (FAN / last.max(1)).clamp(1, FAN_STEP);
+            for (place, (.., net)) in (0..).zip(nets) {
+                // More than there is room for end at one place.
+                fans.entry((end, net)).or_insert((place * step - last * step / 2).clamp(-FAN / 2, FAN / 2));
+            }
+        }
+        fans
+    }
+
+    /// The height at which a net ends at a port.
+    fn arrival(&self, net: usize, end: End) -> i32 {
+        self.height(end) + self.fan.get(&(end, net)).copied().unwrap_or(0)
     }
 
     fn count(&self) -> usize {
@@ -125,7 +162,7 @@ impl<'a> Router<'a> {
         }
         let left = if channel == first { self.height(source) } else { self.pass(net, channel - 1)? };
         let here = targets.iter().filter(|&&end| self.channels(end, false) == channel);
-        let mut right: Vec<i32> = here.map(|&end| self.height(end)).collect();
+        let mut right: Vec<i32> = here.map(|&end| self.arrival(net, end)).collect();
         if channel < last {
             right.extend(self.pass(net, channel));
         }
@@ -215,7 +252,8 @@ impl<'a> Router<'a> {
                 left + (room - width) / 2 + if is_source { width } else { 0 }
             })
         };
-        let (start, end) = (self.height(ends.from), self.height(ends.to));
+        let net = self.columns.nets.iter().position(|net| net.links.contains(&link)).unwrap_or(0);
+        let (start, end) = (self.height(ends.from), self.arrival(net, ends.to));
         let mut line = vec![(edge(ends.from, true), start)];
         let (first, last) = (self.channels(ends.from, true), self.channels(ends.to, false));
         if self.is_back(link) {
@@ -223,7 +261,6 @@ impl<'a> Router<'a> {
             let (out, back) = (lane(first, Turn::Out(link)), lane(last, Turn::Back(link)));
             line.extend([(out, start), (out, below), (back, below), (back, end)]);
         } else {
-            let net = self.columns.nets.iter().position(|net| net.links.contains(&link)).unwrap_or(0);
             let mut y = start;
             for channel in first..=last {
                 let next = if channel == last { end } else { self.pass(net, channel).unwrap_or(y) };

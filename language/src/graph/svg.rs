@@ -1,5 +1,6 @@
 //! The picture as SVG text.
 
+use super::font;
 use super::layout::{BAND, Placed, labels, layout, plate, plate_width, text_width};
 use super::model::{Link, Unit};
 use crate::check::spec::Direction;
@@ -105,7 +106,7 @@ impl Key {
                 let place = format!("x=\"{x}\" y=\"{y}\" width=\"14\" height=\"14\"");
                 line(out, format_args!("<rect {place} fill=\"{band}\" stroke=\"#555\"/>"));
             }
-            Self::Service => text(out, (x, y + 12), " font-weight=\"bold\"", "∞"),
+            Self::Service => text(out, (x, y + 12), BOLD, "∞"),
             Self::Unused => {
                 line(
                     out,
@@ -125,7 +126,7 @@ impl Key {
                 line(out, format_args!("<path d=\"M{left} {middle} h17\" {style}/>"));
             }
         }
-        text(out, (x + 20, y + 11), "", self.word(hosts));
+        text(out, (x + 20, y + 11), PLAIN, self.word(hosts));
     }
 }
 
@@ -134,7 +135,7 @@ fn draw_plate(out: &mut String, plate: &str, (middle, bottom): (i32, i32)) {
     let width = plate_width(plate);
     let place = format!("x=\"{}\" y=\"{}\" width=\"{width}\" height=\"14\"", middle - width / 2, bottom - 7);
     line(out, format_args!("<rect {place} rx=\"7\" fill=\"{PLATE}\" stroke=\"#333\" stroke-width=\"0.8\"/>"));
-    text(out, (middle, bottom + 4), " text-anchor=\"middle\" font-size=\"10\"", plate);
+    text(out, (middle, bottom + 4), Face { size: 10, is_bold: false, more: " text-anchor=\"middle\"" }, plate);
 }
 
 fn line(out: &mut String, text: std::fmt::Arguments<'_>) {
@@ -144,8 +145,30 @@ fn line(out: &mut String, text: std::fmt::Arguments<'_>) {
     out.push('\n');
 }
 
-fn text(out: &mut String, (x, y): (i32, i32), attributes: &str, text: &str) {
-    line(out, format_args!("<text x=\"{x}\" y=\"{y}\"{attributes}>{}</text>", escape(text)));
+/// How a text looks.
+#[derive(Clone, Copy)]
+struct Face<'a> {
+    size: i32,
+    is_bold: bool,
+    /// More attributes.
+    more: &'a str,
+}
+
+const PLAIN: Face<'_> = Face { size: 12, is_bold: false, more: "" };
+const BOLD: Face<'_> = Face { size: 12, is_bold: true, more: "" };
+
+impl Face<'_> {
+    /// The columns that a text takes, whatever font it is shown in: a viewer stretches or squeezes its letters to that.
+    fn width(self, text: &str) -> i32 {
+        font::width(text, self.size, self.is_bold).min(text_width(text) * self.size / 12).max(1)
+    }
+}
+
+fn text(out: &mut String, (x, y): (i32, i32), face: Face<'_>, text: &str) {
+    let size = if face.size == PLAIN.size { String::new() } else { format!(" font-size=\"{}\"", face.size) };
+    let weight = if face.is_bold { " font-weight=\"bold\"" } else { "" };
+    let width = format!(" textLength=\"{}\" lengthAdjust=\"spacingAndGlyphs\"", face.width(text));
+    line(out, format_args!("<text x=\"{x}\" y=\"{y}\"{weight}{size}{width}{}>{}</text>", face.more, escape(text)));
 }
 
 fn escape(text: &str) -> String {
@@ -186,8 +209,8 @@ fn draw(out: &mut String, unit: &Unit, placed: &Placed, (x, y): (i32, i32), host
     for (net, indent) in labels(unit) {
         let link = &unit.links[net];
         let Some(start) = placed.lines[net].first() else { continue };
-        let style = format!(" font-size=\"9\" fill=\"{}\"", colour(link));
-        text(out, (x + start.0 + 8 + indent, y + start.1 - 3), &style, &link.label);
+        let face = Face { size: 9, is_bold: false, more: &format!(" fill=\"{}\"", colour(link)) };
+        text(out, (x + start.0 + 8 + indent, y + start.1 - 3), face, &link.label);
     }
     for (inner, place) in unit.units.iter().zip(&placed.inner) {
         draw(out, inner, place, (x + place.x, y + place.y), hosts);
@@ -205,17 +228,14 @@ fn draw(out: &mut String, unit: &Unit, placed: &Placed, (x, y): (i32, i32), host
 
 fn head(out: &mut String, unit: &Unit, placed: &Placed, (x, y): (i32, i32), host: &str) {
     let name = if unit.is_service { format!("{} ∞", unit.name) } else { unit.name.clone() };
-    text(out, (x + 8, y + 15), " font-weight=\"bold\"", &name);
-    text(out, (x + placed.width - 8, y + 15), " text-anchor=\"end\" font-size=\"10\" fill=\"#444\"", host);
+    text(out, (x + 8, y + 15), BOLD, &name);
+    let face = Face { size: 10, is_bold: false, more: " text-anchor=\"end\" fill=\"#444\"" };
+    text(out, (x + placed.width - 8, y + 15), face, host);
     if unit.is_group {
-        text(out, (x + 8 + text_width(&name) + 8, y + 15), " fill=\"#444\"", &unit.kind);
+        text(out, (x + 8 + BOLD.width(&name) + 8, y + 15), Face { more: " fill=\"#444\"", ..PLAIN }, &unit.kind);
     } else {
-        text(
-            out,
-            (x + placed.width / 2, y + BAND + 13),
-            " text-anchor=\"middle\" font-size=\"11\" fill=\"#555\"",
-            &unit.kind,
-        );
+        let face = Face { size: 11, is_bold: false, more: " text-anchor=\"middle\" fill=\"#555\"" };
+        text(out, (x + placed.width / 2, y + BAND + 13), face, &unit.kind);
     }
 }
 
@@ -225,7 +245,8 @@ fn port_mark(out: &mut String, port: &super::model::Port, (x, y): (i32, i32), ab
     line(out, format_args!("<path d=\"M{} {} l9 5 l-9 5 z\" fill=\"{fill}\" stroke=\"{stroke}\"/>", x - 4, y - 5));
     let colour = if port.is_used { "#222" } else { WRONG };
     let (x, anchor) = if port.direction == Direction::In { (x + 8, "start") } else { (x - 8, "end") };
-    text(out, (x, y - above), &format!(" text-anchor=\"{anchor}\" font-size=\"10\" fill=\"{colour}\""), &port.name);
+    let more = format!(" text-anchor=\"{anchor}\" fill=\"{colour}\"");
+    text(out, (x, y - above), Face { size: 10, is_bold: false, more: &more }, &port.name);
 }
 
 fn arrow(out: &mut String, link: &Link, points: &[(i32, i32)], (x, y): (i32, i32)) {

@@ -48,3 +48,12 @@ fn a_refusal_shows_its_reasons_and_no_pictures() {
     assert!(page.contains("✕ refused") && page.contains("<p class=\"alarm\">host `c3` could not be reached</p>"));
     assert!(!page.contains("<figure>"));
 }
+
+/// On a telephone the pictures are as wide as they are drawn, and scroll: shrunk to its width, a letter has three pixels.
+#[test]
+fn a_narrow_screen_shrinks_no_letters() {
+    let page = page(&run(None));
+    let (_, narrow) = page.split_once("@media (max-width: 720px) {").expect("there is a rule for narrow screens");
+    assert!(narrow.contains(&format!("svg.plot, svg.strip {{ width: {}px; }}", axis::WIDTH)));
+    assert!(narrow.contains("#pictures { overflow-x: auto; }"));
+}
