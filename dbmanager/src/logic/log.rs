@@ -8,7 +8,9 @@
 //!
 //! *T6, a dot names one transaction.* Two frames with one dot either have different links, or they are the same bytes. The
 //! link is in the next frame, so from a common head on, chains that differ once differ for ever, and the first exchange that
-//! could notice ends in [`Verdict::Fork`].
+//! could notice ends in [`Verdict::Fork`]. A frame also has a digest of the links of what it has seen of others: one that has seen
+//! another transaction by a number that is known here is not taken ([`Verdict::Apart`]), so it cannot take away what its writer
+//! never saw.
 //!
 //! *T7, liveness.* Among transactions that are missing here and present there, the first by causality can be applied, and it
 //! is what is served first: one complete pull makes the own cut dominate the cut that the other had when it began.
@@ -53,6 +55,8 @@ pub enum Verdict {
     Early,
     /// Its origin has used a number twice, or an order of stamps that cannot be.
     Fork,
+    /// It has seen another transaction by a number that means one here.
+    Apart,
 }
 
 /// A frame, and when it was applied here.
@@ -112,9 +116,7 @@ impl Log {
         for (origin, head) in &self.heads {
             hasher.update(&origin.number().to_le_bytes()).update(&head.seq.to_le_bytes()).update(&head.link.0);
         }
-        let mut digest = [0; 8];
-        digest.copy_from_slice(&hasher.finalize().as_bytes()[..8]);
-        u64::from_le_bytes(digest)
+        u64::from_le_bytes(Link::of(&hasher).0)
     }
 
     /// Returns the frame of a transaction, if it is still kept.
@@ -189,7 +191,29 @@ impl Log {
         let missing = self.context(txn).beyond(&self.cut);
         let gap = |origin: Origin| self.mutant.is(Mutant::GapTaken) && origin == dot.origin;
         let seen = missing.iter().all(|(origin, _)| gap(origin));
-        if seen || self.mutant.is(Mutant::GuardOpen) { Verdict::Next } else { Verdict::Early }
+        if !seen && !self.mutant.is(Mutant::GuardOpen) {
+            return Verdict::Early;
+        }
+        let differs = |said| self.seen(&txn.context).is_some_and(|here| here != said);
+        let apart = frame.seen().is_some_and(differs) && !self.mutant.is(Mutant::SeenByNumber);
+        if apart { Verdict::Apart } else { Verdict::Next }
+    }
+
+    /// Returns by which link a transaction is known; `None` if it is not, or too little is kept to tell.
+    pub fn link(&self, dot: Dot) -> Option<Link> {
+        let head = self.head(dot.origin).filter(|head| head.seq == dot.seq).map(|head| head.link);
+        // If the frame is gone, the next one still says what it was.
+        let next = || Some(self.frame(Dot { seq: dot.seq.checked_add(1)?, ..dot })?.open().ok()?.prev);
+        head.or_else(|| self.frame(dot).map(Frame::link)).or_else(next)
+    }
+
+    /// Returns a digest of the links of the last transactions in a cut; `None` if some of them are not known.
+    pub fn seen(&self, cut: &Cut) -> Option<Link> {
+        let mut hasher = blake3::Hasher::new();
+        for (origin, seq) in cut.iter() {
+            hasher.update(&self.link(Dot { origin, seq })?.0);
+        }
+        Some(Link::of(&hasher))
     }
 
     /// Adds a transaction that is [`Verdict::Next`]; returns its place in the order of application.

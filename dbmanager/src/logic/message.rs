@@ -4,7 +4,7 @@
 //! that is needed; a connection that is cut costs one chunk. Each message may be lost, repeated, late or out of order.
 
 use crate::logic::clock::{Stamp, Wall};
-use crate::logic::cut::{Cut, Origin};
+use crate::logic::cut::{Cut, Dot, Origin};
 use crate::logic::news::News;
 use crate::logic::snapshot::{Manifest, Name};
 use crate::logic::txn::{Frame, Link};
@@ -117,4 +117,6 @@ pub enum Chunk {
     },
     /// You have said to have this, and now you say that you have less.
     Behind(Cut),
+    /// You have seen another transaction by one of these numbers: I know them by these links.
+    Known(Vec<(Dot, Link)>),
 }

@@ -121,6 +121,8 @@ bugs! {
     ToldForgotten,
     /// After a move stamps carry the old origin.
     ClockNotMoved,
+    /// What a transaction has seen is compared by numbers only.
+    SeenByNumber,
 }
 
 impl Mutant {

@@ -2,13 +2,14 @@
 //!
 //! *Rule.* A frame is taken only by who has the one before it at its origin, hence the same [`Head`]. So in the header of a frame,
 //! and there only, stamp and wall clock are said as differences, and what was seen by places in the head's context in place of
-//! names; in place of the link before is the frame's own. That is 45 bytes less for one who has seen three others. Whoever has
-//! another head makes another frame of it, which the link shows, and pulls. Logs, disks and answers have whole frames.
+//! names; in place of the link before is the frame's own. That is 45 bytes less for one who has seen three others. The digest of what
+//! was seen is left out: who has that works it out. Whoever has another head, or has seen other transactions, makes another frame of
+//! it, which the link shows, and pulls. Logs, disks and answers have whole frames.
 
 use crate::logic::clock::{Stamp, Wall};
 use crate::logic::cut::{Cut, Dot, Origin};
 use crate::logic::log::Head;
-use crate::logic::txn::{Frame, Header, Link};
+use crate::logic::txn::{FORMAT, Frame, Header, Link};
 use serde::{Deserialize, Serialize};
 
 /// Frames that follow each other.
@@ -25,6 +26,7 @@ impl News {
         let after = head.seq;
         let shorten = |frame: &Frame| {
             let (header, rest) = frame.split().ok()?;
+            let rest = frame.seen().map_or(Some(rest), |seen| rest.strip_suffix(&seen.0))?;
             let short = Frame::join(frame.format, &relative(&header, &head, frame.link())?, rest);
             head = next(&head, &header, frame.link());
             Some(short)
@@ -32,15 +34,19 @@ impl News {
         Some(Self { after, short: frames.iter().map(shorten).collect::<Option<_>>()? })
     }
 
-    /// Returns the frames of `origin`; `None` if `head` is not the one before them.
-    pub fn frames(&self, origin: Origin, mut head: Head) -> Option<Vec<Frame>> {
+    /// Returns the frames of `origin`; `None` if `head` is not the one before them. `seen` is [`Log::seen`](super::log::Log::seen).
+    pub fn frames(&self, origin: Origin, mut head: Head, seen: impl Fn(&Cut) -> Option<Link>) -> Option<Vec<Frame>> {
         if head.seq != self.after {
             return None;
         }
         let lengthen = |short: &Frame| {
             let (said, rest) = short.split().ok()?;
             let header = absolute(&said, &head, origin)?;
-            let frame = Frame::join(short.format, &header, rest);
+            let rest = match short.format {
+                FORMAT => [rest, &seen(&header.context)?.0].concat(),
+                _ => rest.to_vec(),
+            };
+            let frame = Frame::join(short.format, &header, &rest);
             head = next(&head, &header, said.prev);
             (frame.link() == said.prev).then_some(frame)
         };
@@ -118,6 +124,8 @@ mod tests {
         proptest::collection::vec((seen, 0..1_u64 << 40, any::<u64>()), 1..6)
     }
 
+    const SEEN: Link = Link([9; 8]);
+
     fn name(number: u64) -> Origin {
         Origin::new(0x9e37_79b9_7f4a_7c15_u64.wrapping_mul(number + 1))
     }
@@ -133,7 +141,7 @@ mod tests {
             let (seq, prev, context) = (head.seq + 1, head.link, cut);
             let (reason, requires, writes) = (String::new(), Vec::new(), vec![write]);
             let txn = Txn { stamp, seq, prev, wall, context, reason, requires, writes, wants_ack: false, rebase: None };
-            let frame = Frame::seal(&txn).unwrap();
+            let frame = Frame::seal_on(&txn, SEEN).unwrap();
             let after = next(&head, &frame.split().unwrap().0, frame.link());
             chain.push((std::mem::replace(&mut head, after), frame));
         }
@@ -153,18 +161,20 @@ mod tests {
             prop_assert_eq!(links, frames.iter().map(Frame::link).collect::<Vec<_>>());
             for (head, _) in &chain {
                 let expected = (head.seq == chain[split].0.seq).then_some(&frames);
-                let meant = news.frames(name(100), head.clone());
+                let meant = news.frames(name(100), head.clone(), |_| Some(SEEN));
                 prop_assert_eq!(meant.as_ref(), expected);
             }
             let other = Head { link: Link([7; 8]), ..chain[split].0.clone() };
-            prop_assert_eq!(news.frames(name(100), other), None);
+            prop_assert_eq!(news.frames(name(100), other, |_| Some(SEEN)), None);
+            let elsewhere = news.frames(name(100), chain[split].0.clone(), |_| Some(Link([8; 8])));
+            prop_assert_eq!(elsewhere, None, "who has seen another transaction by such a number makes nothing of it");
         }
 
         #[test]
         fn any_bytes_are_read_or_refused(format: u8, body: Vec<u8>, seq: u64) {
             let head = Head { seq, ..Head::default() };
             let news = News { after: seq, short: vec![Frame { format, body }] };
-            prop_assert!(news.frames(name(100), head).is_none_or(|frames| frames.len() == 1));
+            prop_assert!(news.frames(name(100), head, |_| Some(SEEN)).is_none_or(|frames| frames.len() == 1));
         }
     }
 

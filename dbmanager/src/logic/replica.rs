@@ -178,6 +178,8 @@ pub struct Replica {
     owners: Owners,
     acks: Acks,
     collected: Cut,
+    /// Up to where others are known to mean the same by the own numbers, as this start has seen.
+    proven: u64,
     random: Random,
     sync: sync::Sync,
     waiting: commit::Waiting,
@@ -226,6 +228,7 @@ impl Replica {
             wall: Wall::default(),
             acks: Acks::default(),
             collected: Cut::default(),
+            proven: 0,
             download: None,
             spare: BTreeMap::new(),
             offer: join::Offer::default(),
@@ -367,6 +370,10 @@ impl Replica {
                 self.clock.observe(now, Stamp { epoch, ..txn.stamp }, txn.wall);
             }
         }
+        let own = txn.context.get(self.identity.origin);
+        if own > self.proven && frame.seen().is_some_and(|said| self.log.seen(&txn.context) == Some(said)) {
+            self.proven = own;
+        }
         self.enter(&txn, &frame);
         if self.config.mutant.is(Mutant::ShownTwice) {
             effects.push(Effect::Visible(txn.dot(), frame.clone()));
@@ -408,8 +415,15 @@ impl Replica {
             }
             self.collected = stable;
         }
+        let mut stable = self.collected.clone();
+        // By the own numbers others may mean what they know from before a set-back; that shows as long as the frames are here.
+        let (me, proven) = (self.identity.origin, self.proven.max(self.identity.told));
+        if stable.get(me) > proven && self.members.active().nth(1).is_some() {
+            stable = stable.without(me);
+            stable.include(Dot { origin: me, seq: proven });
+        }
         let own = self.config.mutant.is(Mutant::LogCutAtOwn).then(|| self.log.cut().clone());
-        for dot in self.log.truncate(own.as_ref().unwrap_or(&self.collected), self.config.log_size) {
+        for dot in self.log.truncate(own.as_ref().unwrap_or(&stable), self.config.log_size) {
             self.batch.no_frame(dot);
         }
     }

@@ -2,13 +2,13 @@
 //!
 //! A [`Draft`] is what somebody wants; a [`Txn`] is that with its place in history: its dot, its stamp, and its *context*,
 //! the cut it was committed on. A [`Frame`] is a transaction as bytes, in the log and on the wire. Each names the hash of
-//! the one before it at its origin, so a number that was used twice shows (T6).
+//! the one before it at its origin, and what else it has seen, so a number that was used twice shows (T6).
 
 use crate::logic::clock::{Stamp, Wall};
 use crate::logic::cut::{Cut, Dot};
-use crate::logic::key::{Key, Namespace};
+use crate::logic::key::Key;
+pub use crate::logic::view::draft::{Draft, Grant, TxnError};
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
 use std::sync::Arc;
 use thiserror::Error;
 
@@ -23,7 +23,7 @@ pub const CHANGES_MAX: usize = 4096;
 /// The longest reason, in bytes.
 pub const REASON_SIZE_MAX: usize = 1024;
 /// The format that this version writes. Formats are only ever added, and all begin with a [`Header`].
-pub const FORMAT: u8 = 1;
+pub const FORMAT: u8 = 2;
 /// The format that every version reads.
 pub const FORMAT_FIRST: u8 = 1;
 
@@ -100,6 +100,15 @@ pub struct Write {
 /// The eight bytes that chain the frames of an origin.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Link(pub [u8; 8]);
+
+impl Link {
+    /// Returns the first eight bytes of a hash.
+    pub(crate) fn of(hasher: &blake3::Hasher) -> Self {
+        let mut link = [0; 8];
+        link.copy_from_slice(&hasher.finalize().as_bytes()[..8]);
+        Self(link)
+    }
+}
 
 /// Where a transaction was before its origin had to be given up.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -196,8 +205,28 @@ pub enum FrameError {
     },
 }
 
+/// How many bytes [`Frame::seen`] takes at the end of a body.
+const SEEN_SIZE: usize = 8;
+
 impl Frame {
-    /// Returns the transaction as bytes.
+    /// Returns the transaction as bytes, with the digest of what it has seen of others: [`Log::seen`](super::log::Log::seen).
+    ///
+    /// # Errors
+    /// If it is too long.
+    pub fn seal_on(txn: &Txn, seen: Link) -> Result<Self, FrameError> {
+        let Self { mut body, .. } = Self::seal(txn)?;
+        body.extend(seen.0);
+        Ok(Self { format: FORMAT, body })
+    }
+
+    /// Returns the digest of what the transaction has seen of others. The first format has none, which is also written where
+    /// nothing of others was seen.
+    pub fn seen(&self) -> Option<Link> {
+        let seen = self.body.last_chunk::<SEEN_SIZE>().filter(|_| self.format == FORMAT)?;
+        Some(Link(*seen))
+    }
+
+    /// Returns the transaction as bytes, in the first format.
     ///
     /// # Errors
     /// If it is too long.
@@ -207,7 +236,7 @@ impl Frame {
         if body.len() > TXN_SIZE_MAX + spare {
             return Err(FrameError::Long { size: body.len() });
         }
-        Ok(Self { format: FORMAT, body })
+        Ok(Self { format: FORMAT_FIRST, body })
     }
 
     /// Reads the transaction.
@@ -215,14 +244,15 @@ impl Frame {
     /// # Errors
     /// If the bytes are none that this version can read.
     pub fn open(&self) -> Result<Txn, FrameError> {
-        if self.format != FORMAT {
+        if !(FORMAT_FIRST..=FORMAT).contains(&self.format) {
             return Err(FrameError::Format { format: self.format });
         }
         if self.body.len() > TXN_SIZE_MAX + REBASE_SIZE_MAX {
             return Err(FrameError::Long { size: self.body.len() });
         }
+        let behind = if self.format == FORMAT { SEEN_SIZE } else { 0 };
         match postcard::take_from_bytes(&self.body) {
-            Ok((txn, [])) => Ok(txn),
+            Ok((txn, rest)) if rest.len() == behind => Ok(txn),
             Ok(_) => Err(FrameError::Body { cause: postcard::Error::DeserializeBadEncoding }),
             Err(cause) => Err(FrameError::Body { cause }),
         }
@@ -249,176 +279,12 @@ impl Frame {
 
     /// Returns what the next frame of the origin calls it.
     pub fn link(&self) -> Link {
-        let digest = blake3::Hasher::new().update(&[self.format]).update(&self.body).finalize();
-        let mut link = [0; 8];
-        link.copy_from_slice(&digest.as_bytes()[..8]);
-        Link(link)
+        Link::of(blake3::Hasher::new().update(&[self.format]).update(&self.body))
     }
 
     /// Returns about how many bytes it takes.
     pub fn size(&self) -> usize {
         self.body.len() + 4
-    }
-}
-
-/// What somebody wants to commit.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Draft {
-    reason: String,
-    requires: Vec<Require>,
-    writes: BTreeMap<Key, Option<Value>>,
-    grants: BTreeMap<Key, Grant>,
-}
-
-/// Who is to own a prefix from now on.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Grant {
-    /// Its owner, or anybody if it has none, gives it to a robot, or releases it.
-    Give(Option<String>),
-    /// An operator takes it from whoever has it, and gives it to a robot.
-    TakeOver(String),
-}
-
-/// Why nothing was committed. The state is as if the transaction had not been tried.
-#[derive(Clone, Debug, Error, PartialEq, Eq)]
-pub enum TxnError {
-    /// A condition does not hold here.
-    #[error("`{key}` is not as required ({condition:?}), but written by {actual:?}")]
-    Precondition {
-        /// Of which key.
-        key: Key,
-        /// What was required.
-        condition: Condition,
-        /// Who wrote what is there, siblings included, deletions left out.
-        actual: Vec<Dot>,
-    },
-    /// A value that is too long.
-    #[error("the value of `{key}` has {size} bytes, more than {VALUE_SIZE_MAX}")]
-    Value {
-        /// Of which key.
-        key: Key,
-        /// Its size.
-        size: usize,
-    },
-    /// Too many writes or conditions, or a long reason.
-    #[error("a transaction has {count} {what}, more than {limit}")]
-    Limit {
-        /// Of what there is too much.
-        what: &'static str,
-        /// How much.
-        count: usize,
-        /// How much is allowed.
-        limit: usize,
-    },
-    /// Too long as a whole.
-    #[error("the transaction does not fit")]
-    Frame(#[from] FrameError),
-    /// The prefix belongs to somebody else, on whose robot the transaction can be tried.
-    #[error("`{key}` may only be written on the robot `{owner}`")]
-    NotOwner {
-        /// Which key.
-        key: Key,
-        /// Whose it is.
-        owner: String,
-        /// Since which grant.
-        term: u64,
-    },
-    /// The namespace is not written by transactions.
-    #[error("`{key}` is in a namespace that transactions do not write")]
-    Reserved {
-        /// Which key.
-        key: Key,
-    },
-    /// The clock has no stamp left.
-    #[error("the clock has come to its end: a peer has sent a stamp that nobody can have issued")]
-    Clock,
-    /// It never leaves the robot, so no other robot can have it.
-    #[error("`{key}` stays on this robot, so nobody else can have it")]
-    Stays {
-        /// Which key.
-        key: Key,
-    },
-}
-
-impl Draft {
-    /// Returns a transaction without changes, done for `reason`.
-    pub fn new(reason: impl Into<String>) -> Self {
-        Self { reason: reason.into(), requires: Vec::new(), writes: BTreeMap::new(), grants: BTreeMap::new() }
-    }
-
-    /// Adds a condition.
-    #[must_use]
-    pub fn require(mut self, key: Key, condition: Condition) -> Self {
-        self.requires.push(Require { key, condition });
-        self
-    }
-
-    /// Adds a value; of several at one key the last counts.
-    #[must_use]
-    pub fn put(mut self, key: Key, value: impl Into<Value>) -> Self {
-        self.writes.insert(key, Some(value.into()));
-        self
-    }
-
-    /// Adds a deletion.
-    #[must_use]
-    pub fn delete(mut self, key: Key) -> Self {
-        self.writes.insert(key, None);
-        self
-    }
-
-    /// Gives a prefix such as `team/arm` to somebody: see [`owner`](crate::logic::owner).
-    #[must_use]
-    pub fn grant(mut self, prefix: Key, grant: Grant) -> Self {
-        self.grants.insert(prefix, grant);
-        self
-    }
-
-    /// Returns which prefixes it gives to somebody.
-    pub fn grants(&self) -> impl Iterator<Item = (&Key, &Grant)> {
-        self.grants.iter()
-    }
-
-    /// Returns whether it writes what never leaves the robot, and nothing else.
-    pub fn is_local(&self) -> bool {
-        let local = |key: &Key| key.namespace() == Namespace::Local;
-        self.grants.is_empty() && !self.writes.is_empty() && self.writes.keys().all(local)
-    }
-
-    /// Returns what it changes.
-    pub fn writes(&self) -> impl Iterator<Item = (&Key, Option<&Value>)> {
-        self.writes.iter().map(|(key, value)| (key, value.as_ref()))
-    }
-
-    /// Returns what it requires.
-    pub fn requires(&self) -> &[Require] {
-        &self.requires
-    }
-
-    /// Checks its limits.
-    ///
-    /// # Errors
-    /// If it exceeds one.
-    pub fn check(&self) -> Result<(), TxnError> {
-        let limits = [
-            ("writes", self.writes.len() + self.grants.len(), CHANGES_MAX),
-            ("conditions", self.requires.len(), CHANGES_MAX),
-            ("bytes of reason", self.reason.len(), REASON_SIZE_MAX),
-        ];
-        if let Some((what, count, limit)) = limits.into_iter().find(|(_, count, limit)| count > limit) {
-            return Err(TxnError::Limit { what, count, limit });
-        }
-        let values = self.writes.iter().filter_map(|(key, value)| Some((key, value.as_ref()?.bytes.len())));
-        match values.into_iter().find(|(_, size)| *size > VALUE_SIZE_MAX) {
-            Some((key, size)) => Err(TxnError::Value { key: key.clone(), size }),
-            None => Ok(()),
-        }
-    }
-
-    /// Takes it apart: reason, conditions, writes by key.
-    pub fn into_parts(self) -> (String, Vec<Require>, Vec<Write>) {
-        let writes = self.writes.into_iter().map(|(key, value)| Write { key, value }).collect();
-        (self.reason, self.requires, writes)
     }
 }
 
@@ -459,7 +325,10 @@ mod tests {
         let frame = Frame::seal(&txn()).unwrap();
         let hex: String = frame.body.iter().map(|byte| format!("{byte:02x}")).collect();
         assert_eq!(hex, GOLDEN);
-        assert_eq!(frame.open(), Ok(txn()));
+        assert_eq!((frame.open(), frame.seen()), (Ok(txn()), None));
+        let second = Frame::seal_on(&txn(), Link([2; 8])).unwrap();
+        assert_eq!((second.format, &second.body), (2, &[frame.body.clone(), vec![2; 8]].concat()));
+        assert_eq!((second.open(), second.seen()), (Ok(txn()), Some(Link([2; 8]))));
         let Txn { stamp, seq, prev, wall, context, .. } = txn();
         let newer = Frame { format: 9, body: [frame.body, vec![7; 9]].concat() };
         assert_eq!(

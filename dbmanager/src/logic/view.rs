@@ -10,11 +10,13 @@
 //! | [`watch`] | what is happening to it? |
 //! | [`status`] | how far are others behind? |
 //! | [`transfer`] | how is it written to a file, and read from one? |
+//! | [`draft`] | what is to be changed, and only if what? |
 //! | [`token`], [`date`] | how are cuts and dates written down? |
 //! | [`table`] | how does all of it look on a terminal? |
 
 pub mod conflict;
 pub mod date;
+pub mod draft;
 pub mod moment;
 pub mod past;
 pub mod schema;

@@ -11,11 +11,12 @@ type Scene = (&'static str, fn(Mutant) -> Ending);
 
 /// All of them, by name.
 #[cfg_attr(test, expect(dead_code, reason = "the named cases call each by itself"))]
-pub(crate) const ALL: [Scene; 4] = [
+pub(crate) const ALL: [Scene; 5] = [
     ("two_with_each_others_transactions_as_state_only", states_only),
     ("retired_robot_meets_one_who_does_not_know", last_words),
     ("set_back_without_witness_only_others_transactions_lost", set_back),
     ("number_used_twice_is_an_alarm_at_once", fork),
+    ("two_writes_under_one_name_are_both_kept", two_writes),
 ];
 
 fn team(count: usize, mutant: Mutant) -> World {
@@ -117,4 +118,30 @@ pub(crate) fn fork(mutant: Mutant) -> Ending {
     must(world.alarms.contains(&(0, Alarm::Fork(origin))), "T6: a number was used twice, and no alarm says so")?;
     world.settle()?;
     must(world.value(0, "team/a") == Some(3) && world.value(0, "team/b") == Some(2), "I5: both are kept")
+}
+
+/// A store is set back, and its robot writes as much as before, and more, before it hears from anybody. Who had seen the first
+/// writes has written on them: nothing of the second ones is overwritten by that.
+pub(crate) fn two_writes(mutant: Mutant) -> Ending {
+    let mut world = team(3, mutant);
+    world.expect_forks();
+    let backup = world.backup(1);
+    world.put(1, "team/x", 1);
+    world.settle()?;
+    world.put(2, "team/a", 2);
+    world.put(2, "team/b", 2);
+    world.settle()?;
+    world.restore(1, backup);
+    world.isolate(1);
+    world.restart(1);
+    ["team/a", "team/b", "team/y"].into_iter().for_each(|key| world.put(1, key, 7));
+    world.join_network(1);
+    world.settle()?;
+    for key in ["team/a", "team/b"] {
+        must(
+            world.siblings(0, key) == 2,
+            &format!("I5: what was acknowledged at {key} was overwritten by who never saw it"),
+        )?;
+    }
+    must(world.value(0, "team/x") == Some(1) && world.value(0, "team/y") == Some(7), "I5: all is kept")
 }

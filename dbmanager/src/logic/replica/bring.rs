@@ -26,7 +26,7 @@ use crate::logic::merge::{self, Forked, Side};
 use crate::logic::mutant::Mutant;
 use crate::logic::record::Past;
 use crate::logic::state::State;
-use crate::logic::txn::{Frame, FrameError, Rebase, Require, TxnError, Write};
+use crate::logic::txn::{FrameError, Rebase, Require, TxnError, Write};
 use comms::logic::time::Time;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -83,6 +83,7 @@ impl Replica {
     pub(super) fn admitted(&mut self, joining: Origin) {
         self.identity.origin = joining;
         (self.identity.joining, self.identity.asked, self.identity.told) = (None, None, 0);
+        self.proven = 0;
         // It says so to every later sponsor: a team that was given up too may have been the only one that knew.
         self.identity.past.iter_mut().for_each(|past| (past.told, past.twice, past.asked) = (u64::MAX, false, None));
         let surplus = self.identity.past.len().saturating_sub(PAST_MAX);
@@ -113,8 +114,7 @@ impl Replica {
     /// for it: up to which number they mean the same here and there.
     fn forked(&self, old: &Log) -> Forked {
         let other = |(origin, head): (&Origin, &Head)| {
-            let known = old.head(*origin).filter(|known| known.seq == head.seq).map(|known| known.link);
-            let link = old.frame(Dot { origin: *origin, seq: head.seq }).map(Frame::link).or(known)?;
+            let link = old.link(Dot { origin: *origin, seq: head.seq })?;
             (link != head.link).then_some((*origin, 0))
         };
         let mut forked: Forked = self.log.heads().iter().filter_map(other).collect();

@@ -271,7 +271,9 @@ impl Replica {
             wants_ack: change.wants_ack,
             rebase: change.rebase,
         };
-        let frame = Frame::seal(&txn)?;
+        // All of it is what others wrote last, so it is known.
+        let seen = self.log.seen(&txn.context).filter(|_| !txn.context.is_empty());
+        let frame = seen.map_or_else(|| Frame::seal(&txn), |seen| Frame::seal_on(&txn, seen))?;
         self.clock = clock;
         self.enter(&txn, &frame);
         Ok((txn.dot(), frame))

@@ -19,8 +19,8 @@ use super::bring::Old;
 use super::commit::Change;
 use super::{Alarm, Effect, Replica};
 use crate::logic::clock::Wall;
-use crate::logic::cut::{Cut, Origin};
-use crate::logic::log::{Log, Verdict};
+use crate::logic::cut::{Cut, Dot, Origin};
+use crate::logic::log::{Head, Log, Verdict};
 use crate::logic::member::{self, Members};
 use crate::logic::message::{Chunk, Join, Message};
 use crate::logic::mutant::Mutant;
@@ -28,6 +28,7 @@ use crate::logic::owner::Owners;
 use crate::logic::record::{Past, SHARED};
 use crate::logic::snapshot::{self, CHUNKS_MAX, Manifest, Name};
 use crate::logic::state::State;
+use crate::logic::txn::Link;
 use comms::logic::time::Time;
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
@@ -265,13 +266,14 @@ impl Replica {
             }
             return;
         }
-        // A state that knows other transactions of ours by their numbers would hide ours.
-        let own = download.manifest.heads.iter().find(|(origin, _)| *origin == self.identity.origin);
-        if let Some((seq, link)) =
-            own.map(|(_, head)| (head.seq, head.link)).filter(|_| self.identity.joining.is_none())
-        {
-            self.take_fork(now, (seq, link), effects);
-            if self.identity.joining.is_some() {
+        // A state that knows other transactions by the same numbers would hide some.
+        if self.identity.joining.is_none() {
+            let head = |(origin, head): &(Origin, Head)| (Dot { origin: *origin, seq: head.seq }, head.link);
+            let heads: Vec<(Dot, Link)> = download.manifest.heads.iter().map(head).collect();
+            if let Some((own, link)) = heads.iter().find(|(dot, _)| dot.origin == self.identity.origin) {
+                self.take_fork(now, (own.seq, *link), effects);
+            }
+            if self.take_known(now, (download.from, &heads), effects) || self.identity.joining.is_some() {
                 return;
             }
         }

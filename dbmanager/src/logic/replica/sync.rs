@@ -272,6 +272,9 @@ impl Replica {
                 self.learn_told();
             } else {
                 effects.push(Effect::Alarm(Alarm::Diverged(from)));
+                if hello.chains != self.log.chains() {
+                    self.tell_known(from, self.log.cut().iter(), effects);
+                }
             }
         } else if !self.config.mutant.is(Mutant::PushOnly) {
             self.sync.ahead(from, now);
@@ -352,6 +355,11 @@ impl Replica {
                 }
             }
             Chunk::Fork { seq, link } => self.take_fork(now, (seq, link), effects),
+            Chunk::Known(known) => {
+                if self.is_member() && self.members.is_active(from) {
+                    self.take_known(now, (from, &known), effects);
+                }
+            }
             Chunk::Behind(cut) if self.identity.joining.is_none() && !self.log.cut().dominates(&cut) => {
                 self.rejoin(now, false, effects);
             }

@@ -2,6 +2,11 @@
 //!
 //! *Rule.* Frames are applied in the order in which they come; what does not fit is held, or pulled again.
 //!
+//! *Numbers used twice.* A store that was set back, and writes before it hears from others, uses numbers of its that others know
+//! already. Nobody takes the one transaction for the other: a frame that does not follow, or that has seen the other one, is
+//! refused, and the two who disagree say by which links they know what ([`Chunk::Known`]). So nothing that was acknowledged is
+//! overwritten by somebody who never saw it, and each branch is brought in.
+//!
 //! *Set back.* A store that was set back without a witness shows in two ways: others know more of its own transactions than
 //! itself ([`Chunk::Fork`]), or it says that it has less than it said before ([`Chunk::Behind`]). Either way it begins anew. Of the
 //! second nobody knows any more if all that had heard it were started again since; nor does it help who has
@@ -13,8 +18,12 @@ use crate::logic::log::Verdict;
 use crate::logic::message::{Chunk, Message};
 use crate::logic::mutant::Mutant;
 use crate::logic::news::News;
+use crate::logic::record::Past;
 use crate::logic::txn::{Frame, FrameError, Link};
 use comms::logic::time::Time;
+
+/// How many links are told at a time.
+const KNOWN_MAX: usize = 1024;
 
 impl Replica {
     /// Applies frames; returns whether one could not be.
@@ -34,7 +43,16 @@ impl Replica {
                 Ok(Verdict::Known) => {}
                 Ok(Verdict::Early) => missing |= !self.hold(&frame),
                 Ok(Verdict::Fork) => {
-                    self.tell_fork(written.map_or(from, |(origin, _)| origin), effects);
+                    let origin = written.map_or(from, |(origin, _)| origin);
+                    self.tell_fork(origin, effects);
+                    if origin != from {
+                        self.tell_known(from, [(origin, self.log.cut().get(origin))], effects);
+                    }
+                    missing = true;
+                }
+                Ok(Verdict::Apart) => {
+                    let seen = frame.open().map(|txn| txn.context).unwrap_or_default();
+                    self.tell_known(from, seen.iter(), effects);
                     missing = true;
                 }
                 Err(FrameError::Format { format }) => {
@@ -57,7 +75,8 @@ impl Replica {
 
     /// Takes what a peer has written after the head that is known here; returns whether something is missing.
     pub(super) fn take_news(&mut self, now: Time, (from, news): (Origin, &News), effects: &mut Vec<Effect>) -> bool {
-        if let Some(frames) = news.frames(from, self.log.head(from).cloned().unwrap_or_default()) {
+        let head = self.log.head(from).cloned().unwrap_or_default();
+        if let Some(frames) = news.frames(from, head, |cut| self.log.seen(cut)) {
             return self.take_frames(now, (from, frames), effects);
         }
         let known = |seq| self.log.frame(Dot { origin: from, seq }).map(Frame::link);
@@ -75,15 +94,56 @@ impl Replica {
         effects.push(Effect::Send(origin, Message::Chunk(Chunk::Fork { seq, link })));
     }
 
+    /// Tells a peer by which links these transactions are known here, of which it means others.
+    pub(super) fn tell_known(
+        &self,
+        to: Origin,
+        of: impl IntoIterator<Item = (Origin, u64)>,
+        effects: &mut Vec<Effect>,
+    ) {
+        let known = of.into_iter().filter_map(|(origin, seq)| {
+            let dot = Dot { origin, seq };
+            Some((dot, self.log.link(dot)?))
+        });
+        effects.push(Effect::Send(to, Message::Chunk(Chunk::Known(known.take(KNOWN_MAX).collect()))));
+    }
+
+    /// A member knows transactions by these links. If one is another here, somebody was set back, and both branches have spread:
+    /// of two that stand on different ones, the one with the larger origin begins anew, from the other, and brings in what it has.
+    /// Returns whether it does, or the other has to.
+    pub(super) fn take_known(
+        &mut self,
+        now: Time,
+        (from, known): (Origin, &[(Dot, Link)]),
+        effects: &mut Vec<Effect>,
+    ) -> bool {
+        let other = |(dot, link): &&(Dot, Link)| self.log.link(*dot).is_some_and(|here| here != *link);
+        let Some((dot, link)) = known.iter().find(other).copied() else { return false };
+        let me = self.identity.origin;
+        if self.identity.joining.is_some() || self.config.mutant.is(Mutant::Reuse) {
+            return false;
+        } else if dot.origin == me {
+            self.take_fork(now, (dot.seq, link), effects);
+        } else if dot.origin == from {
+            self.tell_fork(from, effects);
+        } else if from < me {
+            effects.push(Effect::Alarm(Alarm::Fork(dot.origin)));
+            self.identity.past.push(Past { origin: dot.origin, twice: true, ..Past::default() });
+            self.rejoin(now, false, effects);
+        } else {
+            self.tell_fork(dot.origin, effects);
+            self.tell_known(from, [(dot.origin, dot.seq)], effects);
+        }
+        true
+    }
+
     /// A peer knows the own transaction `seq` by this link.
     pub(super) fn take_fork(&mut self, now: Time, (seq, link): (u64, Link), effects: &mut Vec<Effect>) {
         let origin = self.identity.origin;
         if self.identity.joining.is_some() || self.config.mutant.is(Mutant::Reuse) {
             return;
         }
-        // If that frame is gone, the next one still says what it was.
-        let next = || Some(self.log.frame(Dot { origin, seq: seq.checked_add(1)? })?.open().ok()?.prev);
-        let known = self.log.frame(Dot { origin, seq }).map(Frame::link).or_else(next);
+        let known = self.log.link(Dot { origin, seq });
         if is_set_back(self.log.tip(origin), (seq, link)) || known.is_some_and(|known| known != link) {
             self.rejoin(now, true, effects);
         }

@@ -69,6 +69,11 @@ fn number_used_twice_is_an_alarm_at_once() {
 }
 
 #[test]
+fn two_writes_under_one_name_are_both_kept() {
+    scenes::two_writes(Mutant::None).unwrap();
+}
+
+#[test]
 fn tail_lost_flush_lied_seq_reused() {
     let mut world = team(2);
     world.expect_forks();
