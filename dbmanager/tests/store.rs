@@ -17,8 +17,6 @@ mod disk;
 mod identity;
 #[path = "store/laws.rs"]
 mod laws;
-#[path = "store/on_sled.rs"]
-mod on_sled;
 #[path = "store/platter.rs"]
 mod platter;
 #[path = "store/power_cut.rs"]
@@ -27,7 +25,7 @@ mod power_cut;
 mod trace;
 
 use comms::logic::time::Time;
-use dbmanager::io::store::Store;
+use dbmanager::io::store::{DirStore, Engine, Store, StoreError};
 use dbmanager::logic::clock::Wall;
 use dbmanager::logic::cut::Dot;
 use dbmanager::logic::key::Key;
@@ -35,13 +33,30 @@ use dbmanager::logic::mutant::Mutant;
 use dbmanager::logic::record::Batch;
 use dbmanager::logic::replica::{Answer, Config, Effect, Input, Level, Replica, Request};
 use dbmanager::logic::txn::{Draft, Value};
+use std::cell::Cell;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
 
-/// The file in the folder of a store.
-const RECORDS: &str = "records.redb";
+thread_local! {
+    /// On which engine stores are made.
+    static ENGINE: Cell<Engine> = const { Cell::new(Engine::Redb) };
+}
+
+/// Checks something on one engine after the other.
+fn on_each_engine(check: impl Fn()) {
+    for engine in Engine::ALL {
+        println!("on {engine}:");
+        ENGINE.set(engine);
+        check();
+    }
+}
+
+/// Opens a store, or makes one on the engine of the moment.
+fn open(path: &Path) -> Result<DirStore, StoreError> {
+    DirStore::open_on(Some(ENGINE.get()), path)
+}
 
 /// A folder that is gone after the test.
 struct Folder(PathBuf);
@@ -72,7 +87,7 @@ impl Folder {
 
     /// Returns the file in which the store has its records.
     fn records(&self) -> PathBuf {
-        self.store().join(RECORDS)
+        ENGINE.get().data(&self.store())
     }
 }
 

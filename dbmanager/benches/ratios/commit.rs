@@ -2,12 +2,11 @@
 //! sled, and etcd alone on this machine.
 
 use crate::etcd::Etcd;
-use crate::on_sled::SledStore;
-use crate::robot::{self, KEY_AND_VALUE, Robot, dir_store, request};
+use crate::robot::{self, KEY_AND_VALUE, Robot, request};
 use crate::table::{Reach, Samples, Table};
 use crate::{Failure, say};
 use comms::io::clock;
-use dbmanager::io::store::Store;
+use dbmanager::io::store::{Engine, Store};
 use dbmanager::logic::clock::Wall;
 use dbmanager::logic::replica::Input;
 use std::fs::File;
@@ -24,8 +23,7 @@ const IDENTITY_SIZE: usize = 29;
 
 pub(crate) fn measure(folder: &Path, table: &mut Table) -> Result<(), Failure> {
     let mut raw_file = File::create(folder.join("raw"))?;
-    let mut ours = Robot::open(dir_store(folder, "db")?)?;
-    let mut sled = Robot::open(SledStore::open(&folder.join("sled"))?)?;
+    let [mut ours, mut sled] = [Robot::on(Engine::Redb, folder)?, Robot::on(Engine::Sled, folder)?];
     let mut etcd = Etcd::start(&folder.join("etcd"))?;
     if etcd.is_none() {
         say("skipped: etcd is not installed (Debian: etcd-server)")?;
@@ -42,7 +40,12 @@ pub(crate) fn measure(folder: &Path, table: &mut Table) -> Result<(), Failure> {
         }
     }
     table.note("append of 320 bytes, fdatasync", &of_raw.text());
-    table.line("durable commit, one caller", &of_ours.text(), (of_ours.ratio(&of_raw), "of it"), Reach::AtMost(1.3));
+    table.line(
+        "durable commit, one caller, redb",
+        &of_ours.text(),
+        (of_ours.ratio(&of_raw), "of it"),
+        Reach::AtMost(1.3),
+    );
     table.line("the same replica on sled", &of_sled.text(), (of_sled.ratio(&of_raw), "of it"), Reach::None);
     match etcd {
         Some(etcd) => {

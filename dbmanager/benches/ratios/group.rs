@@ -1,12 +1,11 @@
 //! Many callers commit at the same time: how many share a sync, beside how many there are; the same on sled.
 
 use crate::Failure;
-use crate::on_sled::SledStore;
-use crate::robot::{Robot, dir_store, request};
+use crate::robot::{Robot, request};
 use crate::table::{Reach, Table};
 use comms::io::clock;
 use dbmanager::io::group::Groups;
-use dbmanager::io::store::Store;
+use dbmanager::io::store::{Engine, Store};
 use dbmanager::logic::clock::Wall;
 use dbmanager::logic::replica::{Effect, Input, Request};
 use std::path::Path;
@@ -29,8 +28,8 @@ struct Run {
 type Wish = (Request, SyncSender<()>);
 
 pub(crate) fn measure(folder: &Path, table: &mut Table) -> Result<(), Failure> {
-    let ours = run(Robot::open(dir_store(folder, "db")?)?)?;
-    let sled = run(Robot::open(SledStore::open(&folder.join("sled"))?)?)?;
+    let ours = run(Robot::on(Engine::Redb, folder)?)?;
+    let sled = run(Robot::on(Engine::Sled, folder)?)?;
     let count = (CALLERS * COMMITS) as f64;
     let per_second = |run: &Run| format!("{:.0} commits/s", count / run.took.as_secs_f64());
     let per_group = |run: &Run| count / run.groups as f64;

@@ -2,14 +2,13 @@
 //!
 //! The disk and the memory are measured in alternating rounds of the same run; links are simulated under the real replicas,
 //! on virtual time, so that the limit is known exactly. One part alone: `cargo bench -p dbmanager -- commit`, or `group`,
-//! `read`, `link`, `reopen`. Everything is made below the folder for temporary files (`TMPDIR` chooses the disk).
+//! `read`, `link`, `reopen`, `engines`. Everything is made below the folder for temporary files (`TMPDIR` chooses the disk).
 
 mod commit;
+mod engines;
 mod etcd;
 mod group;
 mod link;
-#[path = "../../tests/store/on_sled.rs"]
-mod on_sled;
 mod read;
 mod reopen;
 mod robot;
@@ -25,19 +24,20 @@ type Part = fn(&Path, &mut Table) -> Result<(), Failure>;
 /// Why it has ended early.
 type Failure = Box<dyn std::error::Error>;
 
-const PARTS: [(&str, Part); 5] = [
+const PARTS: [(&str, Part); 6] = [
     ("commit", commit::measure),
     ("group", group::measure),
     ("read", read::measure),
     ("link", link::measure),
     ("reopen", reopen::measure),
+    ("engines", engines::measure),
 ];
 
 fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let words: Vec<&str> = arguments.iter().map(String::as_str).collect();
     let result = match words[..] {
-        ["opens", dir] => reopen::opens(Path::new(dir)),
+        ["opens", engine, dir] => reopen::opens(engine, Path::new(dir)),
         _ if words.contains(&"--bench") => bench(words.iter().copied().find(|word| !word.starts_with('-'))),
         _ => say("this measures only when it is started by `cargo bench`"),
     };

@@ -1,11 +1,11 @@
 //! A robot is switched on: how long until its database can be used, and how much memory it takes then, beside reading and
 //! hashing the same bytes, and the bytes themselves.
 
-use crate::robot::{Robot, dir_store, key, value};
+use crate::robot::{Robot, key, value};
 use crate::table::{Reach, Table};
 use crate::{Failure, say};
 use comms::io::clock::{self, Wakeup};
-use dbmanager::io::store::DirStore;
+use dbmanager::io::store::{DirStore, Engine};
 use dbmanager::logic::clock::Wall;
 use dbmanager::logic::replica::{Input, Level, Request};
 use dbmanager::logic::txn::Draft;
@@ -21,8 +21,13 @@ const KEYS: (u64, usize) = (100_000, 64);
 const TOGETHER: u64 = 100;
 
 pub(crate) fn measure(folder: &Path, table: &mut Table) -> Result<(), Failure> {
-    let live = fill(folder)?;
-    let output = Command::new(std::env::current_exe()?).arg("opens").arg(folder).output()?;
+    measure_on(Engine::default(), folder, table)
+}
+
+/// The same on an engine.
+pub(crate) fn measure_on(engine: Engine, folder: &Path, table: &mut Table) -> Result<(), Failure> {
+    let live = fill(engine, folder)?;
+    let output = Command::new(std::env::current_exe()?).args(["opens", engine.name()]).arg(folder).output()?;
     let said = String::from_utf8(output.stdout)?;
     let mut numbers = said.split_whitespace().map(str::parse::<u64>);
     let mut number = || numbers.next().ok_or("a child said nothing")?.map_err(Failure::from);
@@ -31,7 +36,7 @@ pub(crate) fn measure(folder: &Path, table: &mut Table) -> Result<(), Failure> {
     let mega = |bytes: u64| format!("{:.1} MB", bytes as f64 / 1e6);
     let ratio = |one: u64, other: u64| one as f64 / other as f64;
     table.note("reading and hashing 100,000 keys and their log", &time(hashed));
-    table.line("opening them", &time(opened), (ratio(opened, hashed), "of it"), Reach::None);
+    table.line(&format!("{engine}: opening them"), &time(opened), (ratio(opened, hashed), "of it"), Reach::None);
     let second = 1_000_000;
     table.line("", "", (ratio(opened, second), "s"), Reach::AtMost(1.0));
     table.note("keys and values", &mega(live));
@@ -48,8 +53,8 @@ pub(crate) fn measure(folder: &Path, table: &mut Table) -> Result<(), Failure> {
 }
 
 /// Writes all keys; returns how many bytes keys and values have.
-fn fill(folder: &Path) -> Result<u64, Failure> {
-    let mut robot = Robot::open(dir_store(folder, "db")?)?;
+fn fill(engine: Engine, folder: &Path) -> Result<u64, Failure> {
+    let mut robot = Robot::on(engine, folder)?;
     let mut live = 0;
     for first in (0..KEYS.0).step_by(usize::try_from(TOGETHER)?) {
         let mut draft = Draft::new("");
@@ -71,8 +76,8 @@ fn fill(folder: &Path) -> Result<u64, Failure> {
 }
 
 /// In a process of its own: opens the store, and says how long that and hashing took, its memory, and the size of the file.
-pub(crate) fn opens(folder: &Path) -> Result<(), Failure> {
-    let path = folder.join("db");
+pub(crate) fn opens(engine: &str, folder: &Path) -> Result<(), Failure> {
+    let (engine, path) = (engine.parse::<Engine>()?, folder.join(engine));
     let began = clock::now();
     let robot = Robot::open(DirStore::open(&path)?)?;
     let opened = clock::now().since(began);
@@ -80,10 +85,10 @@ pub(crate) fn opens(folder: &Path) -> Result<(), Failure> {
     drop(robot);
     let began = clock::now();
     let mut hasher = blake3::Hasher::new();
-    hasher.update(&fs::read(path.join("records.redb"))?);
+    hasher.update(&fs::read(engine.data(&path))?);
     std::hint::black_box(hasher.finalize());
     let hashed = clock::now().since(began);
-    let disk = fs::metadata(path.join("records.redb"))?.blocks() * 512;
+    let disk = fs::metadata(engine.data(&path))?.blocks() * 512;
     say(&format!("{} {} {memory} {disk}", opened.as_micros(), hashed.as_micros()))
 }
 

@@ -2,7 +2,7 @@
 
 use crate::Failure;
 use comms::io::clock;
-use dbmanager::io::store::{DirStore, Store};
+use dbmanager::io::store::{DirStore, Engine, Store};
 use dbmanager::logic::clock::Wall;
 use dbmanager::logic::key::Key;
 use dbmanager::logic::mutant::Mutant;
@@ -41,9 +41,11 @@ pub(crate) fn request(number: u64) -> Result<Request, Failure> {
     Ok(Request { ticket: number, draft, level: Level::Local, until: clock::now() })
 }
 
-/// Opens the store of a robot.
-pub(crate) fn dir_store(folder: &Path, name: &str) -> Result<DirStore, Failure> {
-    Ok(DirStore::open(&folder.join(name))?)
+impl Robot<DirStore> {
+    /// Opens a robot on an engine, in a folder of its own.
+    pub(crate) fn on(engine: Engine, folder: &Path) -> Result<Self, Failure> {
+        Self::open(DirStore::open_on(Some(engine), &folder.join(engine.name()))?)
+    }
 }
 
 impl<S: Store> Robot<S> {

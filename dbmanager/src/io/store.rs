@@ -4,21 +4,26 @@
 //! (fsyncgate). Whoever has it opens it anew, which syncs and checks everything. A store that does not open because of what
 //! is in it is put aside, by renaming, and never deleted: somebody may want to look at it.
 
+mod dir;
 pub mod memory;
 mod on_redb;
+mod on_sled;
+mod watch;
 mod witness;
 
-pub use on_redb::DirStore;
+pub use dir::{DirStore, Engine};
 pub use witness::{Doubt, Trust};
 
 use crate::logic::record::{Batch, Reading, Records};
+use std::fs::File;
 use std::io;
-use std::path::PathBuf;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 /// Somewhere to keep records.
 pub trait Store {
-    /// Hands out every record, with its name, in the order of the names.
+    /// Hands out every record, with its name; names of one length come in their order.
     ///
     /// # Errors
     /// If that fails, or what is there is not what was written.
@@ -83,6 +88,19 @@ pub enum StoreError {
         /// Where.
         path: PathBuf,
     },
+    /// It was made on the other engine, which stays as long as the folder does.
+    #[error(
+        "the store `{path}` is kept by {found}, not by {wanted}; start without `--store`, or move the folder away: then a new one \
+         is made, and what other robots have comes back from them"
+    )]
+    Engine {
+        /// Where.
+        path: PathBuf,
+        /// Which keeps it.
+        found: Engine,
+        /// Which was asked for.
+        wanted: Engine,
+    },
     /// It is not as it was written.
     #[error("the store `{path}` is damaged: {what}")]
     Damaged {
@@ -110,4 +128,33 @@ impl StoreError {
     pub fn is_damage(&self) -> bool {
         matches!(self, Self::Damaged { .. })
     }
+}
+
+/// Runs what calls the engine. A panic in there is about files that are not as it left them.
+fn shielded<T>(path: &Path, work: impl FnOnce() -> Result<T, StoreError>) -> Result<T, StoreError> {
+    catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|panic| {
+        let what = panic.downcast_ref::<String>().map(String::as_str);
+        let what = what.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("the engine panicked");
+        Err(damaged(path, what.lines().next().unwrap_or(what)))
+    })
+}
+
+fn parent(path: &Path) -> &Path {
+    path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
+fn sync(path: &Path) -> Result<(), StoreError> {
+    File::open(path).and_then(|file| file.sync_all()).map_err(|cause| file_error(path, cause))
+}
+
+fn file_error(path: &Path, cause: io::Error) -> StoreError {
+    StoreError::File { path: path.to_owned(), cause }
+}
+
+fn damaged(path: &Path, what: &str) -> StoreError {
+    StoreError::Damaged { path: path.to_owned(), what: what.to_owned() }
+}
+
+fn poisoned(path: &Path) -> StoreError {
+    StoreError::Poisoned { path: path.to_owned() }
 }

@@ -3,9 +3,8 @@
 //! It is this test program again, told by a variable what to do. It says on its output what it has committed, and what has
 //! failed; the lines count only once they are out.
 
-use crate::on_sled::SledStore;
-use crate::{Robot, put_text};
-use dbmanager::io::store::{DirStore, Store, StoreError};
+use crate::{ENGINE, Robot, open, put_text};
+use dbmanager::io::store::{DirStore, Engine, Store};
 use dbmanager::logic::record::Batch;
 use std::fs;
 use std::io::Write;
@@ -26,8 +25,6 @@ pub(crate) enum Order {
     Commit,
     /// The same, but closes its store and opens it again after every seventh.
     CommitAndClose,
-    /// The same as the first, on the engine that is the reference.
-    CommitOnSled,
     /// Writes batches of large records to the bare store.
     Large,
 }
@@ -38,7 +35,7 @@ pub(crate) fn command(wrapper: &[&str], (order, dir, count): (Order, &Path, u64)
     let myself = myself.to_str().unwrap();
     let words: Vec<&str> = wrapper.iter().copied().chain([myself, "--exact", "child::obeys", "--nocapture"]).collect();
     let mut command = Command::new(words[0]);
-    command.args(&words[1..]).env(ORDER, format!("{order:?} {count} {}", dir.display()));
+    command.args(&words[1..]).env(ORDER, format!("{order:?} {} {count} {}", ENGINE.get(), dir.display()));
     command
 }
 
@@ -46,13 +43,14 @@ pub(crate) fn command(wrapper: &[&str], (order, dir, count): (Order, &Path, u64)
 #[test]
 fn obeys() {
     let Ok(order) = std::env::var(ORDER) else { return };
-    let mut words = order.splitn(3, ' ');
+    let mut words = order.splitn(4, ' ');
     let mut word = || words.next().unwrap();
-    let (order, count, dir) = (word(), word().parse().unwrap(), PathBuf::from(word()));
+    let (order, engine) = (word(), word().parse::<Engine>().unwrap());
+    ENGINE.set(engine);
+    let (count, dir) = (word().parse().unwrap(), PathBuf::from(word()));
     match order {
-        "Commit" => commit(DirStore::open, &dir, (count, u64::MAX)),
-        "CommitAndClose" => commit(DirStore::open, &dir, (count, 7)),
-        "CommitOnSled" => commit(SledStore::open, &dir, (count, u64::MAX)),
+        "Commit" => commit(&dir, (count, u64::MAX)),
+        "CommitAndClose" => commit(&dir, (count, 7)),
         "Large" => large(&dir, count),
         other => panic!("nobody knows how to {other}"),
     }
@@ -67,8 +65,8 @@ fn say(text: &str) {
 
 /// Commits until the transaction with the number `count` is durable; closes the store after every `close_after`. A file
 /// `ballast` beside the store is removed when the store cannot be opened any more: then there is room again.
-fn commit<S: Store>(engine: fn(&Path) -> Result<S, StoreError>, dir: &Path, (count, close_after): (u64, u64)) {
-    let mut robot = open(engine, dir);
+fn commit(dir: &Path, (count, close_after): (u64, u64)) {
+    let mut robot = reopen(dir);
     say(&format!("open {}", robot.committed()));
     while robot.committed() < count {
         let number = robot.committed() + 1;
@@ -77,7 +75,7 @@ fn commit<S: Store>(engine: fn(&Path) -> Result<S, StoreError>, dir: &Path, (cou
                 say(&format!("ack {}", robot.committed()));
                 if number.is_multiple_of(close_after) {
                     drop(robot);
-                    robot = open(engine, dir);
+                    robot = reopen(dir);
                 }
             }
             Err(error) => {
@@ -86,16 +84,16 @@ fn commit<S: Store>(engine: fn(&Path) -> Result<S, StoreError>, dir: &Path, (cou
                 let readable = robot.replica.state().scan("team/").count();
                 say(&format!("readable {readable}"));
                 drop(robot);
-                robot = open(engine, dir);
+                robot = reopen(dir);
                 say(&format!("open {}", robot.committed()));
             }
         }
     }
 }
 
-fn open<S: Store>(engine: fn(&Path) -> Result<S, StoreError>, dir: &Path) -> Robot<S> {
+fn reopen(dir: &Path) -> Robot<DirStore> {
     for _ in 0..TRIES_MAX {
-        match engine(dir).map_err(|error| error.to_string()).and_then(Robot::open) {
+        match open(dir).map_err(|error| error.to_string()).and_then(Robot::open) {
             Ok(robot) => return robot,
             Err(error) => {
                 say(&format!("closed {error}"));
@@ -122,7 +120,7 @@ fn write(robot: &mut Robot<impl Store>, number: u64) -> Result<(), String> {
 
 /// Writes batch after batch; each has records of 60 kB with its own number, and so takes hundreds of pages of the engine.
 fn large(dir: &Path, count: u64) {
-    let mut store = DirStore::open(dir).unwrap();
+    let mut store = open(dir).unwrap();
     for number in 1..=count {
         let record = |name: u64| (vec![u8::try_from(name).unwrap()], Some(large_record(number, name)));
         store.commit(&Batch((0..LARGE.1).map(record).collect())).unwrap();

@@ -1,14 +1,14 @@
 //! Whether a store is the one that was here: the witness beside it.
 
-use crate::{Folder, Robot, batch, config, put_text};
-use dbmanager::io::store::{DirStore, Doubt, Store, Trust};
+use crate::{Folder, Robot, batch, config, on_each_engine, open, put_text};
+use dbmanager::io::store::{Doubt, Store, Trust};
 use dbmanager::logic::replica::{Config, Replica};
 use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Opens a store, writes to it, and returns what was thought of it.
 fn live(path: &Path) -> Trust {
-    let mut store = DirStore::open(path).unwrap();
+    let mut store = open(path).unwrap();
     store.commit(&batch(&[(b"a", Some(vec![1]))])).unwrap();
     store.trust()
 }
@@ -31,92 +31,114 @@ fn copy(from: &Path, to: &Path) {
 
 #[test]
 fn a_store_that_stays_is_trusted() {
-    let folder = Folder::quick();
-    assert_eq!(DirStore::open(&folder.store()).unwrap().trust(), Trust::New);
-    assert_eq!(live(&folder.store()), Trust::New, "nothing was written before");
-    for _ in 0..3 {
-        assert_eq!(live(&folder.store()), Trust::Kept);
-        assert_eq!(DirStore::open(&folder.store()).unwrap().trust(), Trust::Kept, "to look is no life");
-    }
+    on_each_engine(|| {
+        let folder = Folder::quick();
+        assert_eq!(open(&folder.store()).unwrap().trust(), Trust::New);
+        assert_eq!(live(&folder.store()), Trust::New, "nothing was written before");
+        for _ in 0..3 {
+            assert_eq!(live(&folder.store()), Trust::Kept);
+            assert_eq!(open(&folder.store()).unwrap().trust(), Trust::Kept, "to look is no life");
+        }
+    });
 }
 
 #[test]
 fn witness_missing_db_present() {
-    let folder = Folder::quick();
-    live(&folder.store());
-    fs::remove_file(witness(&folder)).unwrap();
-    assert_eq!(DirStore::open(&folder.store()).unwrap().trust(), Trust::Doubtful(Doubt::Missing));
-    assert_eq!(
-        live(&folder.store()),
-        Trust::Doubtful(Doubt::Missing),
-        "the doubt stays until something is done about it"
-    );
-    assert_eq!(live(&folder.store()), Trust::Kept);
+    on_each_engine(|| {
+        let folder = Folder::quick();
+        live(&folder.store());
+        fs::remove_file(witness(&folder)).unwrap();
+        assert_eq!(open(&folder.store()).unwrap().trust(), Trust::Doubtful(Doubt::Missing));
+        assert_eq!(
+            live(&folder.store()),
+            Trust::Doubtful(Doubt::Missing),
+            "the doubt stays until something is done about it"
+        );
+        assert_eq!(live(&folder.store()), Trust::Kept);
+    });
 }
 
 #[test]
 fn a_backup_that_was_restored() {
-    let folder = Folder::quick();
-    live(&folder.store());
-    let backup = folder.0.join("backup");
-    copy(&folder.store(), &backup);
-    live(&folder.store());
-    fs::remove_dir_all(folder.store()).unwrap();
-    copy(&backup, &folder.store());
-    assert_eq!(live(&folder.store()), Trust::Doubtful(Doubt::Copied));
-    // Bytes put back into the same files.
-    copy(&folder.store(), &folder.0.join("backup2"));
-    live(&folder.store());
-    live(&folder.store());
-    copy(&folder.0.join("backup2"), &folder.store());
-    assert_eq!(live(&folder.store()), Trust::Doubtful(Doubt::Restored));
+    on_each_engine(|| {
+        let folder = Folder::quick();
+        live(&folder.store());
+        let backup = folder.0.join("backup");
+        copy(&folder.store(), &backup);
+        live(&folder.store());
+        fs::remove_dir_all(folder.store()).unwrap();
+        copy(&backup, &folder.store());
+        assert_eq!(live(&folder.store()), Trust::Doubtful(Doubt::Copied));
+        // Bytes put back into the same files, and no others.
+        copy(&folder.store(), &folder.0.join("backup2"));
+        live(&folder.store());
+        live(&folder.store());
+        let sled = folder.store().join("records.sled");
+        for entry in
+            fs::read_dir(&sled).into_iter().flatten().map(Result::unwrap).filter(|entry| entry.path().is_file())
+        {
+            if !folder.0.join("backup2/records.sled").join(entry.file_name()).exists() {
+                fs::remove_file(entry.path()).unwrap();
+            }
+        }
+        copy(&folder.0.join("backup2"), &folder.store());
+        assert_eq!(live(&folder.store()), Trust::Doubtful(Doubt::Restored));
+    });
 }
 
 #[test]
 fn a_store_of_another_robot() {
-    let (one, other) = (Folder::quick(), Folder::quick());
-    live(&one.store());
-    live(&other.store());
-    fs::remove_dir_all(one.store()).unwrap();
-    fs::rename(other.store(), one.store()).unwrap();
-    assert_eq!(live(&one.store()), Trust::Doubtful(Doubt::Another));
+    on_each_engine(|| {
+        let (one, other) = (Folder::quick(), Folder::quick());
+        live(&one.store());
+        live(&other.store());
+        fs::remove_dir_all(one.store()).unwrap();
+        fs::rename(other.store(), one.store()).unwrap();
+        assert_eq!(live(&one.store()), Trust::Doubtful(Doubt::Another));
+    });
 }
 
 #[test]
 fn a_store_on_another_machine() {
-    let folder = Folder::quick();
-    live(&folder.store());
-    let said = fs::read_to_string(witness(&folder)).unwrap();
-    let elsewhere =
-        said.lines().map(|line| if line.starts_with("machine ") { "machine 0123456789abcdef" } else { line });
-    fs::write(witness(&folder), elsewhere.collect::<Vec<_>>().join("\n")).unwrap();
-    assert_eq!(live(&folder.store()), Trust::Doubtful(Doubt::Moved));
-    assert_eq!(live(&folder.store()), Trust::Kept);
+    on_each_engine(|| {
+        let folder = Folder::quick();
+        live(&folder.store());
+        let said = fs::read_to_string(witness(&folder)).unwrap();
+        let elsewhere =
+            said.lines().map(|line| if line.starts_with("machine ") { "machine 0123456789abcdef" } else { line });
+        fs::write(witness(&folder), elsewhere.collect::<Vec<_>>().join("\n")).unwrap();
+        assert_eq!(live(&folder.store()), Trust::Doubtful(Doubt::Moved));
+        assert_eq!(live(&folder.store()), Trust::Kept);
+    });
 }
 
 #[test]
 fn a_crash_between_store_and_witness() {
-    let folder = Folder::quick();
-    live(&folder.store());
-    let before = fs::read(witness(&folder)).unwrap();
-    live(&folder.store());
-    fs::write(witness(&folder), &before).unwrap();
-    assert_eq!(live(&folder.store()), Trust::Kept, "the store is one life ahead");
-    live(&folder.store());
-    fs::write(witness(&folder), &before).unwrap();
-    assert_eq!(live(&folder.store()), Trust::Doubtful(Doubt::Restored));
+    on_each_engine(|| {
+        let folder = Folder::quick();
+        live(&folder.store());
+        let before = fs::read(witness(&folder)).unwrap();
+        live(&folder.store());
+        fs::write(witness(&folder), &before).unwrap();
+        assert_eq!(live(&folder.store()), Trust::Kept, "the store is one life ahead");
+        live(&folder.store());
+        fs::write(witness(&folder), &before).unwrap();
+        assert_eq!(live(&folder.store()), Trust::Doubtful(Doubt::Restored));
+    });
 }
 
 #[test]
 fn a_copy_begins_a_new_life_with_what_it_has() {
-    let folder = Folder::quick();
-    let mut robot = Robot::open(DirStore::open(&folder.store()).unwrap()).unwrap();
-    robot.commit([put_text("team/a", "1")]).unwrap();
-    let (origin, digest) = (robot.replica.origin(), robot.replica.state().digest());
-    let records = robot.store.load().unwrap();
-    let kept = Replica::open(config(), &records).unwrap();
-    assert!(kept.origin() == origin && kept.is_member());
-    let copied = Replica::open_copied(Config { seed: 2, ..config() }, &records).unwrap();
-    assert!(copied.origin() != origin && !copied.is_member());
-    assert_eq!(copied.state().digest(), digest);
+    on_each_engine(|| {
+        let folder = Folder::quick();
+        let mut robot = Robot::open(open(&folder.store()).unwrap()).unwrap();
+        robot.commit([put_text("team/a", "1")]).unwrap();
+        let (origin, digest) = (robot.replica.origin(), robot.replica.state().digest());
+        let records = robot.store.load().unwrap();
+        let kept = Replica::open(config(), &records).unwrap();
+        assert!(kept.origin() == origin && kept.is_member());
+        let copied = Replica::open_copied(Config { seed: 2, ..config() }, &records).unwrap();
+        assert!(copied.origin() != origin && !copied.is_member());
+        assert_eq!(copied.state().digest(), digest);
+    });
 }

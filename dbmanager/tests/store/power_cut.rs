@@ -6,11 +6,10 @@
 //! `DCA_POWER_CUTS=1000 DCA_COMMITS=100000 cargo test -p dbmanager --release --test store power_cut -- --nocapture`.
 
 use crate::child::{self, LARGE, Order, large_record};
-use crate::on_sled::SledStore;
 use crate::platter::{Barriers, Platter};
 use crate::trace::{self, Call};
-use crate::{Folder, RECORDS, Robot};
-use dbmanager::io::store::{DirStore, Store, StoreError};
+use crate::{ENGINE, Folder, Robot, on_each_engine, open};
+use dbmanager::io::store::{Store, StoreError};
 use dbmanager::logic::random::Random;
 use std::collections::BTreeMap;
 use std::fs;
@@ -129,31 +128,33 @@ fn look_at_robot<S: Store>(open: fn(&Path) -> Result<S, StoreError>, path: &Path
 
 #[test]
 fn power_cut() {
-    if !has_strace() {
-        return;
-    }
-    let (cuts, commits) = (from_environment("DCA_POWER_CUTS", 120), from_environment("DCA_COMMITS", 20_000));
-    let folder = Folder::quick();
-    let data = folder.0.join("root/db").join(RECORDS);
-    let look = |path: &Path, acked| look_at_robot(DirStore::open, path, acked);
-    let mut with = Cuts::new(&folder, Barriers::All, (cuts, commits, 12), look);
-    // The method finds what is missing when nobody syncs the data.
-    let mut without = Cuts::new(&folder, Barriers::NoDataSync, (12, 500, 12), look);
-    let mut written = 0;
-    watch(&folder, (Order::Commit, commits), |call| {
-        with.take(&call);
-        without.take(&call);
-        if let Call::Write(path, _, bytes) = call {
-            written += if path == data { bytes.len() as u64 } else { 0 };
+    on_each_engine(|| {
+        if !has_strace() {
+            return;
         }
+        let (cuts, commits) = (from_environment("DCA_POWER_CUTS", 120), from_environment("DCA_COMMITS", 20_000));
+        let folder = Folder::quick();
+        let data = ENGINE.get().data(&folder.0.join("root/db"));
+        let look = |path: &Path, acked| look_at_robot(open, path, acked);
+        let mut with = Cuts::new(&folder, Barriers::All, (cuts, commits, 12), look);
+        // The method finds what is missing when nobody syncs the data.
+        let mut without = Cuts::new(&folder, Barriers::NoDataSync, (12, 500, 12), look);
+        let mut written = 0;
+        watch(&folder, (Order::Commit, commits), |call| {
+            with.take(&call);
+            without.take(&call);
+            if let Call::Write(path, _, bytes) = call {
+                written += if path == data { bytes.len() as u64 } else { 0 };
+            }
+        });
+        let kept = fs::metadata(&data).unwrap().len();
+        println!("{commits} commits, {written} bytes written to a file of {kept}");
+        assert!(written > 3 * kept, "space was not used again: {written} bytes in a file of {kept}");
+        let (with, without) = (with.end(), without.end());
+        println!("with the data sync: {with:?}, without: {without:?}");
+        assert_eq!(with, BTreeMap::from([(Left::All, cuts)]));
+        assert!(without.get(&Left::All).copied().unwrap_or(0) <= 3, "the method does not find the hole: {without:?}");
     });
-    let kept = fs::metadata(&data).unwrap().len();
-    println!("{commits} commits, {written} bytes written to a file of {kept}");
-    assert!(written > 3 * kept, "space was not used again: {written} bytes in a file of {kept}");
-    let (with, without) = (with.end(), without.end());
-    println!("with the data sync: {with:?}, without: {without:?}");
-    assert_eq!(with, BTreeMap::from([(Left::All, cuts)]));
-    assert!(without.get(&Left::All).copied().unwrap_or(0) <= 3, "the method does not find the hole: {without:?}");
 }
 
 /// Cuts the power so often within so many acknowledgements of a life, with about so many calls between two: all is there.
@@ -170,49 +171,47 @@ fn check_cuts(order: Order, (cuts, acks, calls): (u64, u64, u64), look: impl Fn(
 /// The store is opened and closed all the time, which writes too.
 #[test]
 fn power_cut_while_it_opens_and_closes() {
-    check_cuts(Order::CommitAndClose, (200, 700, 60), |path, acked| look_at_robot(DirStore::open, path, acked));
+    on_each_engine(|| {
+        check_cuts(Order::CommitAndClose, (200, 700, 60), |path, acked| look_at_robot(open, path, acked));
+    });
 }
 
 /// The power is cut again, after each call while the store recovers from a cut, and goes on.
 #[test]
 fn power_cut_after_a_power_cut() {
-    if !has_strace() {
-        return;
-    }
-    let (first, mut calls) = (Folder::quick(), Vec::new());
-    watch(&first, (Order::Commit, 40), |call| calls.push(call));
-    let acks: Vec<usize> = (0..calls.len()).filter(|call| acknowledged(&calls[*call]).is_some()).collect();
-    let mut random = Random::new(1);
-    for (commit, after) in [(20, 1), (27, 4), (38, 7)] {
-        let second = Folder::quick();
-        let (root, left) = (second.0.join("root"), second.0.join("left"));
-        let mut platter = Platter::new(Barriers::All);
-        calls[..acks[commit] + after].iter().for_each(|call| platter.take(call));
-        platter.cut(&mut random, 50, (&first.0.join("root"), &root));
-        let mut platter = Platter::holding(&root);
-        let acked = acknowledged(&calls[acks[commit]]).unwrap();
-        let (mut now, mut number) = (acked, 0);
-        watch(&second, (Order::Commit, acked + 3), |call| {
-            platter.take(&call);
-            now = acknowledged(&call).unwrap_or(now);
-            platter.cut(&mut random, SURVIVAL[number % SURVIVAL.len()], (&root, &left));
-            assert_eq!(look_at_robot(DirStore::open, &left.join("db"), now), Left::All, "call {number}: {call:?}");
-            fs::remove_dir_all(&left).unwrap();
-            number += 1;
-        });
-        println!("cut after each of {number} calls");
-    }
-}
-
-/// The reference goes through the same, for a shorter time.
-#[test]
-fn power_cut_of_the_reference() {
-    check_cuts(Order::CommitOnSled, (20, 900, 12), |path, acked| look_at_robot(SledStore::open, path, acked));
+    on_each_engine(|| {
+        if !has_strace() {
+            return;
+        }
+        let (first, mut calls) = (Folder::quick(), Vec::new());
+        watch(&first, (Order::Commit, 40), |call| calls.push(call));
+        let acks: Vec<usize> = (0..calls.len()).filter(|call| acknowledged(&calls[*call]).is_some()).collect();
+        let mut random = Random::new(1);
+        for (commit, after) in [(20, 1), (27, 4), (38, 7)] {
+            let second = Folder::quick();
+            let (root, left) = (second.0.join("root"), second.0.join("left"));
+            let mut platter = Platter::new(Barriers::All);
+            calls[..acks[commit] + after].iter().for_each(|call| platter.take(call));
+            platter.cut(&mut random, 50, (&first.0.join("root"), &root));
+            let mut platter = Platter::holding(&root);
+            let acked = acknowledged(&calls[acks[commit]]).unwrap();
+            let (mut now, mut number) = (acked, 0);
+            watch(&second, (Order::Commit, acked + 3), |call| {
+                platter.take(&call);
+                now = acknowledged(&call).unwrap_or(now);
+                platter.cut(&mut random, SURVIVAL[number % SURVIVAL.len()], (&root, &left));
+                assert_eq!(look_at_robot(open, &left.join("db"), now), Left::All, "call {number}: {call:?}");
+                fs::remove_dir_all(&left).unwrap();
+                number += 1;
+            });
+            println!("cut after each of {number} calls");
+        }
+    });
 }
 
 /// Opens what is left of batches of large records: each is there as a whole or not at all.
 fn look_at_batches(path: &Path, acked: u64) -> Left {
-    let records = match DirStore::open(path).and_then(|store| store.load()) {
+    let records = match open(path).and_then(|store| store.load()) {
         Ok(records) => records,
         Err(error) => {
             println!("{error}");
@@ -231,25 +230,29 @@ fn look_at_batches(path: &Path, acked: u64) -> Left {
 
 #[test]
 fn crash_between_log_and_kv() {
-    check_cuts(Order::Large, (60, LARGE.0, 80), look_at_batches);
+    on_each_engine(|| {
+        check_cuts(Order::Large, (60, LARGE.0, 80), look_at_batches);
+    });
 }
 
 /// The power is cut while the store is made: nothing was promised, but it has to open.
 #[test]
 fn power_cut_at_birth() {
-    if !has_strace() {
-        return;
-    }
-    let (folder, mut calls) = (Folder::quick(), Vec::new());
-    watch(&folder, (Order::Commit, 2), |call| calls.push(call));
-    let first = calls.iter().position(|call| acknowledged(call).is_some()).unwrap();
-    let (from, to) = (folder.0.join("root"), folder.0.join("left"));
-    let mut random = Random::new(1);
-    for (moment, percent) in (0..first).flat_map(|moment| SURVIVAL.map(|percent| (moment, percent))) {
-        let mut platter = Platter::new(Barriers::All);
-        calls[..=moment].iter().for_each(|call| platter.take(call));
-        platter.cut(&mut random, percent, (&from, &to));
-        assert_eq!(look_at_robot(DirStore::open, &to.join("db"), 0), Left::All, "after call {moment}");
-        fs::remove_dir_all(&to).unwrap_or_default();
-    }
+    on_each_engine(|| {
+        if !has_strace() {
+            return;
+        }
+        let (folder, mut calls) = (Folder::quick(), Vec::new());
+        watch(&folder, (Order::Commit, 2), |call| calls.push(call));
+        let first = calls.iter().position(|call| acknowledged(call).is_some()).unwrap();
+        let (from, to) = (folder.0.join("root"), folder.0.join("left"));
+        let mut random = Random::new(1);
+        for (moment, percent) in (0..first).flat_map(|moment| SURVIVAL.map(|percent| (moment, percent))) {
+            let mut platter = Platter::new(Barriers::All);
+            calls[..=moment].iter().for_each(|call| platter.take(call));
+            platter.cut(&mut random, percent, (&from, &to));
+            assert_eq!(look_at_robot(open, &to.join("db"), 0), Left::All, "after call {moment}");
+            fs::remove_dir_all(&to).unwrap_or_default();
+        }
+    });
 }

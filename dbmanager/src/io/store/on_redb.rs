@@ -1,4 +1,4 @@
-//! The store of a robot: a file of redb, and a witness beside its folder.
+//! A store on redb: one file.
 //!
 //! *What a commit does.* The engine copies each page that changes to a place that the last state does not use, and
 //! writes it; then, into the first sector of the file, the root of the new state, in the one of two slots that is not
@@ -10,24 +10,21 @@
 //! grows, and is synced, before anything says that it is longer.
 //!
 //! *What is added.* The engine checks sums only when it was not closed in order, and may panic over what it then finds:
-//! here every opening checks all of them, and a panic is an error. It never syncs the folder: every opening does. It
-//! takes an empty file for a new one: not if there is a witness of what was in it. After an error it is closed, and has
-//! to be opened anew.
+//! here every opening checks all of them. It never syncs the folder: every opening of a store does. It takes an empty file
+//! for a new one: not if there is a witness of what was in it.
 
-use super::witness::{self, Life, Trust};
-use super::{Store, StoreError};
+use super::dir::{Opened, Records};
+use super::witness::{self, Life};
+use super::{StoreError, damaged, file_error, shielded};
 use crate::logic::record::Batch;
 use redb::backends::FileBackend;
 use redb::{Database, ReadableDatabase, ReadableTable, TableDefinition};
-use std::fs::{self, File, TryLockError};
+use std::fs::{File, TryLockError};
 use std::io::{self, Read};
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 
 /// The file in the folder of a store.
-const DATA: &str = "records.redb";
-/// Files of the engine that earlier versions of this program had.
-const OUTDATED: [&str; 2] = ["conf", "db"];
+pub(super) const DATA: &str = "records.redb";
 /// The records, by name.
 const RECORDS: TableDefinition<'static, &[u8], &[u8]> = TableDefinition::new("records");
 /// Says whose store it is, in which layout, which one, and in how many lives it was written to.
@@ -36,127 +33,42 @@ const LAYOUT: (&str, &[u8]) = ("layout", b"1");
 const LIFE: &str = "life";
 /// Bytes of the file that the engine may keep in memory. The replica has all that is in it in memory anyway.
 const CACHE_SIZE: usize = 1 << 20;
-/// The longest name of a record, and the longest record: far more than a replica ever writes.
-const NAME_SIZE_MAX: usize = 32 << 10;
-const RECORD_SIZE_MAX: usize = 64 << 20;
 /// Of the engine's file: what it is, the page with that and the roots, and how long a new one is at the most.
 /// Source: redb 4.5, `header.rs` and `page_manager.rs`.
 const MAGIC_SIZE: usize = 9;
 const HEAD_SIZE: usize = 4096;
 const NEW_SIZE_MAX: u64 = 4 << 20;
-/// How many damaged stores are put aside before somebody has to look.
-const ASIDE_MAX: u32 = 100;
 
-/// A store in a directory, and its witness beside it.
+/// A file that is open.
 #[derive(Debug)]
-pub struct DirStore {
+struct OnRedb {
     path: PathBuf,
-    /// Gone after an error.
-    engine: Option<Database>,
-    trust: Trust,
-    /// The present life, until the witness knows of it.
-    unsworn: Option<Life>,
+    engine: Database,
 }
 
-impl DirStore {
-    /// Opens the store in this directory, or makes one. Everything in it is durable when this returns.
-    ///
-    /// # Errors
-    /// If the directory cannot be used, is open already, or is damaged.
-    pub fn open(path: &Path) -> Result<Self, StoreError> {
-        let file_error = |cause| file_error(path, cause);
-        fs::create_dir_all(path).map_err(file_error)?;
-        let data = path.join(DATA);
-        let was_there = data.try_exists().map_err(file_error)?;
-        if !was_there && OUTDATED.iter().any(|name| path.join(name).exists()) {
-            return Err(StoreError::Outdated { path: path.to_owned() });
-        }
-        let (engine, known) = shielded(path, || open_engine(path, &data))?;
-        let mut store = Self { path: path.to_owned(), engine: Some(engine), trust: Trust::New, unsworn: None };
-        [data.as_path(), path, parent(path)].into_iter().try_for_each(sync)?;
-        let life = match known {
-            Some(life) => life,
-            None if was_there && witness::exists(path) => return Err(damaged(path, "it is empty, and was not")),
-            None => {
-                let life = Life::new().map_err(file_error)?;
-                store.apply(Some(life), &Batch::default())?;
-                life
-            }
-        };
-        store.trust = witness::ask(path, life, &data).map_err(file_error)?;
-        store.unsworn = Some(Life { boots: life.boots.saturating_add(1), ..life });
-        Ok(store)
-    }
-
-    /// Returns whether the replica in it may go on under the origin that it has.
-    pub fn trust(&self) -> Trust {
-        self.trust
-    }
-
-    /// Puts a damaged store aside, under a name beside its own that is returned. Nothing is deleted.
-    ///
-    /// # Errors
-    /// If it cannot be renamed.
-    pub fn put_aside(path: &Path) -> Result<PathBuf, StoreError> {
-        let name = |number| path.with_extension(format!("aside-{number}"));
-        let free = (1..=ASIDE_MAX).map(name).find(|aside| !aside.exists());
-        let full = || io::Error::other("too many damaged stores lie beside it; look at them, and remove them");
-        let aside = free.ok_or_else(|| file_error(path, full()))?;
-        fs::rename(path, &aside).map_err(|cause| file_error(path, cause))?;
-        sync(parent(path))?;
-        Ok(aside)
-    }
-
-    /// Makes changes durable, or closes the engine.
-    fn apply(&mut self, life: Option<Life>, batch: &Batch) -> Result<(), StoreError> {
-        let engine = self.engine.take().ok_or_else(|| poisoned(&self.path))?;
-        let done = shielded(&self.path, || {
-            check_sizes(batch)?;
-            write(&engine, life, batch).map_err(|cause| told(&self.path, cause))
-        });
-        match done {
-            Ok(()) => self.engine = Some(engine),
-            Err(_) => close(&self.path, engine),
-        }
-        done
-    }
-
-    /// Tells the witness about this life, if it does not know. Whatever made the store doubtful stays so until the
-    /// replica has written what it does about it.
-    fn swear(&mut self) -> Result<(), StoreError> {
-        if let Some(life) = self.unsworn {
-            let sworn = witness::swear(&self.path, life, &self.path.join(DATA));
-            sworn.map_err(|cause| file_error(&self.path, cause))?;
-            self.unsworn = None;
-        }
-        Ok(())
-    }
-}
-
-impl Store for DirStore {
+impl Records for OnRedb {
     fn each(&self, take: &mut dyn FnMut(&[u8], &[u8])) -> Result<(), StoreError> {
-        let engine = self.engine.as_ref().ok_or_else(|| poisoned(&self.path))?;
-        shielded(&self.path, || read(engine, take).map_err(|cause| told(&self.path, cause)))
+        read(&self.engine, take).map_err(|cause| told(&self.path, cause))
     }
 
-    fn commit(&mut self, batch: &Batch) -> Result<(), StoreError> {
-        self.apply(self.unsworn, batch)?;
-        let sworn = self.swear();
-        if sworn.is_err()
-            && let Some(engine) = self.engine.take()
-        {
-            close(&self.path, engine);
+    fn write(&mut self, life: Option<Life>, batch: &Batch) -> Result<(), StoreError> {
+        write(&self.engine, life, batch).map_err(|cause| told(&self.path, cause))
+    }
+
+    /// A store that is not closed in order is only opened a little more slowly.
+    fn close(self: Box<Self>) {
+        let Self { path, engine } = *self;
+        let closed = shielded(&path, || engine.close().map_err(|cause| told(&path, cause.into())));
+        if let Err(error) = closed {
+            tracing::debug!(%error, "a store was not closed in order");
         }
-        sworn
     }
 }
 
-impl Drop for DirStore {
-    fn drop(&mut self) {
-        if let Some(engine) = self.engine.take() {
-            close(&self.path, engine);
-        }
-    }
+/// Opens the engine of the store in `path`.
+pub(super) fn open(path: &Path) -> Result<Opened, StoreError> {
+    let (engine, life) = open_engine(path, &path.join(DATA))?;
+    Ok((Box::new(OnRedb { path: path.to_owned(), engine }), life))
 }
 
 /// Opens the engine, and checks every sum in its file; returns what the store says of its life, if it is not new.
@@ -245,31 +157,6 @@ fn write(engine: &Database, life: Option<Life>, batch: &Batch) -> Result<(), red
     Ok(txn.commit()?)
 }
 
-/// Closes the engine: a store that is not closed in order is only opened a little more slowly.
-fn close(path: &Path, engine: Database) {
-    let closed = shielded(path, || engine.close().map_err(|cause| told(path, cause.into())));
-    if let Err(error) = closed {
-        tracing::debug!(%error, "a store was not closed in order");
-    }
-}
-
-fn check_sizes(batch: &Batch) -> Result<(), StoreError> {
-    let long = |(name, record): (&Vec<u8>, &Option<Vec<u8>>)| {
-        let size = record.as_ref().map_or(0, Vec::len);
-        (name.len() > NAME_SIZE_MAX || size > RECORD_SIZE_MAX).then_some(StoreError::Long { size: name.len() + size })
-    };
-    batch.0.iter().find_map(long).map_or(Ok(()), Err)
-}
-
-/// Runs what calls the engine. A panic in there is about files that are not as it left them.
-fn shielded<T>(path: &Path, work: impl FnOnce() -> Result<T, StoreError>) -> Result<T, StoreError> {
-    catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|panic| {
-        let what = panic.downcast_ref::<String>().map(String::as_str);
-        let what = what.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("the engine panicked");
-        Err(damaged(path, what.lines().next().unwrap_or(what)))
-    })
-}
-
 /// Returns what the engine's error means for who uses the store.
 #[expect(
     clippy::wildcard_enum_match_arm,
@@ -288,24 +175,4 @@ fn told(path: &Path, cause: redb::Error) -> StoreError {
         Error::Io(cause) => file_error(path, cause),
         cause => file_error(path, io::Error::other(cause)),
     }
-}
-
-fn parent(path: &Path) -> &Path {
-    path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."))
-}
-
-fn sync(path: &Path) -> Result<(), StoreError> {
-    File::open(path).and_then(|file| file.sync_all()).map_err(|cause| file_error(path, cause))
-}
-
-fn file_error(path: &Path, cause: io::Error) -> StoreError {
-    StoreError::File { path: path.to_owned(), cause }
-}
-
-fn damaged(path: &Path, what: &str) -> StoreError {
-    StoreError::Damaged { path: path.to_owned(), what: what.to_owned() }
-}
-
-fn poisoned(path: &Path) -> StoreError {
-    StoreError::Poisoned { path: path.to_owned() }
 }

@@ -1,0 +1,256 @@
+//! The store of a robot: a folder with the records, kept by one of two engines, and a witness beside the folder.
+//!
+//! Which engine it is was chosen when the folder was made, and shows in the name of what is in it. Whatever the engine does not
+//! do by itself is done here or in its adapter: an opening checks what is there and makes it durable, names of files
+//! included; a panic is an error; after an error the engine is closed, and the store has to be opened anew.
+
+use super::witness::{self, Life, Trust};
+use super::{Store, StoreError, damaged, file_error, on_redb, on_sled, parent, poisoned, shielded, sync};
+use crate::logic::record::Batch;
+use std::fmt;
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+/// What an older version of this program had in the folder.
+const OUTDATED: [&str; 2] = ["conf", "db"];
+/// The longest name of a record, and the longest record: far more than a replica ever writes.
+const NAME_SIZE_MAX: usize = 32 << 10;
+const RECORD_SIZE_MAX: usize = 64 << 20;
+/// How many damaged stores are put aside before somebody has to look.
+const ASIDE_MAX: u32 = 100;
+
+/// What keeps the records of a store on the disk.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Engine {
+    /// redb 4: a file of pages that are copied when they change.
+    #[default]
+    Redb,
+    /// sled 0.34: a log of what changes.
+    Sled,
+}
+
+/// What an adapter does with its engine.
+pub(super) trait Records: fmt::Debug + Send {
+    /// As [`Store::each`].
+    fn each(&self, take: &mut dyn FnMut(&[u8], &[u8])) -> Result<(), StoreError>;
+
+    /// As [`Store::commit`]; writes down the present life too, if there is a new one.
+    fn write(&mut self, life: Option<Life>, batch: &Batch) -> Result<(), StoreError>;
+
+    /// Ends it in order, as far as that is possible.
+    fn close(self: Box<Self>);
+}
+
+/// An engine that was opened, and what the store says of its life, if it is not new.
+pub(super) type Opened = (Box<dyn Records>, Option<Life>);
+
+/// A store in a directory, and its witness beside it.
+#[derive(Debug)]
+pub struct DirStore {
+    path: PathBuf,
+    engine: Engine,
+    /// Gone after an error.
+    records: Option<Box<dyn Records>>,
+    trust: Trust,
+    /// The present life, until the witness knows of it.
+    unsworn: Option<Life>,
+}
+
+impl Engine {
+    /// Both.
+    pub const ALL: [Self; 2] = [Self::Redb, Self::Sled];
+
+    /// Returns the name under which it is chosen.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Redb => "redb",
+            Self::Sled => "sled",
+        }
+    }
+
+    /// Returns what is in the folder of a store: a file, or a folder.
+    const fn place(self) -> &'static str {
+        match self {
+            Self::Redb => on_redb::DATA,
+            Self::Sled => on_sled::FOLDER,
+        }
+    }
+
+    /// Returns the file with the records of the store in `path`.
+    pub fn data(self, path: &Path) -> PathBuf {
+        match self {
+            Self::Redb => path.join(on_redb::DATA),
+            Self::Sled => path.join(on_sled::FOLDER).join(on_sled::DATA),
+        }
+    }
+
+    /// Returns which engine keeps the store in a folder; `None` if there is none yet.
+    pub fn of(path: &Path) -> Option<Self> {
+        Self::ALL.into_iter().find(|engine| path.join(engine.place()).exists())
+    }
+}
+
+impl fmt::Display for Engine {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl FromStr for Engine {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let named = Self::ALL.into_iter().find(|engine| engine.name() == text);
+        named.ok_or_else(|| "an engine is `redb` or `sled`".to_owned())
+    }
+}
+
+impl DirStore {
+    /// Opens the store in this directory, or makes one on the usual engine. Everything in it is durable when this returns.
+    ///
+    /// # Errors
+    /// If the directory cannot be used, is open already, or is damaged.
+    pub fn open(path: &Path) -> Result<Self, StoreError> {
+        Self::open_on(None, path)
+    }
+
+    /// The same; a new one is made on `engine`.
+    ///
+    /// # Errors
+    /// As [`DirStore::open`], and if another engine keeps it.
+    pub fn open_on(engine: Option<Engine>, path: &Path) -> Result<Self, StoreError> {
+        let file_error = |cause| file_error(path, cause);
+        fs::create_dir_all(path).map_err(file_error)?;
+        let found = Engine::of(path);
+        if found.is_none() && OUTDATED.iter().any(|name| path.join(name).exists()) {
+            return Err(StoreError::Outdated { path: path.to_owned() });
+        }
+        if let (Some(found), Some(wanted)) = (found, engine)
+            && found != wanted
+        {
+            return Err(StoreError::Engine { path: path.to_owned(), found, wanted });
+        }
+        let engine = found.or(engine).unwrap_or_default();
+        let data = engine.data(path);
+        let was_there = data.try_exists().map_err(file_error)?;
+        let (records, known) = shielded(path, || match engine {
+            Engine::Redb => on_redb::open(path),
+            Engine::Sled => on_sled::open(path),
+        })?;
+        let mut store =
+            Self { path: path.to_owned(), engine, records: Some(records), trust: Trust::New, unsworn: None };
+        sync_all(path)?;
+        sync(parent(path))?;
+        let life = match known {
+            Some(life) => life,
+            None if was_there && witness::exists(path) => return Err(damaged(path, "it is empty, and was not")),
+            None => {
+                let life = Life::new().map_err(file_error)?;
+                store.apply(Some(life), &Batch::default())?;
+                life
+            }
+        };
+        store.trust = witness::ask(path, life, &data).map_err(file_error)?;
+        store.unsworn = Some(Life { boots: life.boots.saturating_add(1), ..life });
+        Ok(store)
+    }
+
+    /// Returns which engine keeps it.
+    pub fn engine(&self) -> Engine {
+        self.engine
+    }
+
+    /// Returns whether the replica in it may go on under the origin that it has.
+    pub fn trust(&self) -> Trust {
+        self.trust
+    }
+
+    /// Puts a damaged store aside, under a name beside its own that is returned. Nothing is deleted.
+    ///
+    /// # Errors
+    /// If it cannot be renamed.
+    pub fn put_aside(path: &Path) -> Result<PathBuf, StoreError> {
+        let name = |number| path.with_extension(format!("aside-{number}"));
+        let free = (1..=ASIDE_MAX).map(name).find(|aside| !aside.exists());
+        let full = || io::Error::other("too many damaged stores lie beside it; look at them, and remove them");
+        let aside = free.ok_or_else(|| file_error(path, full()))?;
+        fs::rename(path, &aside).map_err(|cause| file_error(path, cause))?;
+        sync(parent(path))?;
+        Ok(aside)
+    }
+
+    /// Makes changes durable, or closes the engine.
+    fn apply(&mut self, life: Option<Life>, batch: &Batch) -> Result<(), StoreError> {
+        let mut records = self.records.take().ok_or_else(|| poisoned(&self.path))?;
+        let done = shielded(&self.path, || {
+            check_sizes(batch)?;
+            records.write(life, batch)
+        });
+        match done {
+            Ok(()) => self.records = Some(records),
+            Err(_) => records.close(),
+        }
+        done
+    }
+
+    /// Tells the witness about this life, if it does not know. Whatever made the store doubtful stays so until the
+    /// replica has written what it does about it.
+    fn swear(&mut self) -> Result<(), StoreError> {
+        if let Some(life) = self.unsworn {
+            let sworn = witness::swear(&self.path, life, &self.engine.data(&self.path));
+            sworn.map_err(|cause| file_error(&self.path, cause))?;
+            self.unsworn = None;
+        }
+        Ok(())
+    }
+}
+
+impl Store for DirStore {
+    fn each(&self, take: &mut dyn FnMut(&[u8], &[u8])) -> Result<(), StoreError> {
+        let records = self.records.as_ref().ok_or_else(|| poisoned(&self.path))?;
+        shielded(&self.path, || records.each(take))
+    }
+
+    fn commit(&mut self, batch: &Batch) -> Result<(), StoreError> {
+        self.apply(self.unsworn, batch)?;
+        let sworn = self.swear();
+        if sworn.is_err()
+            && let Some(records) = self.records.take()
+        {
+            records.close();
+        }
+        sworn
+    }
+}
+
+impl Drop for DirStore {
+    fn drop(&mut self) {
+        if let Some(records) = self.records.take() {
+            records.close();
+        }
+    }
+}
+
+/// Makes every file below a directory durable, and the directories themselves.
+fn sync_all(path: &Path) -> Result<(), StoreError> {
+    for entry in fs::read_dir(path).map_err(|cause| file_error(path, cause))? {
+        let entry = entry.map_err(|cause| file_error(path, cause))?;
+        let kind = entry.file_type().map_err(|cause| file_error(path, cause))?;
+        if kind.is_dir() {
+            sync_all(&entry.path())?;
+        } else if kind.is_file() {
+            sync(&entry.path())?;
+        }
+    }
+    sync(path)
+}
+
+fn check_sizes(batch: &Batch) -> Result<(), StoreError> {
+    let long = |(name, record): (&Vec<u8>, &Option<Vec<u8>>)| {
+        let size = record.as_ref().map_or(0, Vec::len);
+        (name.len() > NAME_SIZE_MAX || size > RECORD_SIZE_MAX).then_some(StoreError::Long { size: name.len() + size })
+    };
+    batch.0.iter().find_map(long).map_or(Ok(()), Err)
+}

@@ -1,0 +1,226 @@
+//! A store on sled 0.34.7, pinned, with what that lacks on Linux: a folder of its own in the folder of the store.
+//!
+//! Its `flush` ends in `sync_file_range`, which never makes the drive empty its cache: of 100 simulated power cuts 99 lost
+//! writes that had been acknowledged. So a commit is one batch, `flush`, and then our own `fdatasync` of its data file. It never
+//! syncs the files it makes first (`conf`), nor its directory: every opening of a store does. It never syncs blobs, which it
+//! makes of long values: records are stored in pieces of 4 KiB, and a blob is an error. It may panic over a damaged file, or
+//! wait for ever for a write that has failed (`watch`): both become errors. A snapshot that it was still writing makes it give up: that is removed.
+
+use super::dir::{Opened, Records};
+use super::watch::Watch;
+use super::witness::{self, Life};
+use super::{StoreError, damaged, file_error, shielded};
+use crate::logic::record::Batch;
+use comms::io::clock::{self, Wakeup};
+use std::fs::{self, File, TryLockError};
+use std::io;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// The folder in the folder of a store, and its data file.
+pub(super) const FOLDER: &str = "records.sled";
+pub(super) const DATA: &str = "db";
+/// The longest piece of a record. A leaf of the engine's tree may hold 17 of them, and a page over 128 KiB becomes a blob.
+const PIECE_SIZE: usize = 4 << 10;
+/// Bytes of the store that sled may keep in memory. The replica has all of it in memory anyway.
+const CACHE_SIZE: u64 = 4 << 20;
+/// Says whose store it is, and in which layout. No record has such a name: those begin with their length.
+const GUARD: (&[u8], &[u8]) = (b"\xff\xffdca-dbmanager", b"2");
+/// Which store it is, and in how many lives it was written to.
+const LIFE: &[u8] = b"\xff\xfflife";
+/// How long the data file of a new store is at the most.
+const NEW_SIZE_MAX: u64 = 4 << 20;
+/// How long a store that was closed may still be locked, and how often to look.
+const CLOSED_WITHIN: Duration = Duration::from_secs(1);
+const ASK_AGAIN_AFTER: Duration = Duration::from_millis(5);
+
+/// A folder that is open.
+#[derive(Debug)]
+struct OnSled {
+    path: PathBuf,
+    /// Before the engine, which it holds too.
+    watch: Watch,
+    engine: sled::Db,
+    data: File,
+}
+
+/// Opens the engine of the store in `path`.
+pub(super) fn open(path: &Path) -> Result<Opened, StoreError> {
+    let file_error = |cause| file_error(path, cause);
+    let folder = path.join(FOLDER);
+    fs::create_dir_all(&folder).map_err(file_error)?;
+    check_free(path, &folder.join(DATA))?;
+    forget_half_snapshots(&folder).map_err(file_error)?;
+    let (engine, life) = open_or_begin_again(path, &folder)?;
+    let data = File::open(folder.join(DATA)).map_err(file_error)?;
+    let watched = engine.clone();
+    let watch = Watch::start(move || {
+        let engine = watched.clone();
+        async move { engine.flush_async().await }
+    });
+    let store = OnSled { path: path.to_owned(), watch: watch.map_err(file_error)?, engine, data };
+    store.check_blobs()?;
+    Ok((Box::new(store), life))
+}
+
+impl Records for OnSled {
+    fn each(&self, take: &mut dyn FnMut(&[u8], &[u8])) -> Result<(), StoreError> {
+        let damaged = || damaged(&self.path, "pieces of a record are missing");
+        let (mut record, mut left): ((Vec<u8>, Vec<u8>), u16) = Default::default();
+        for entry in self.engine.iter() {
+            let (key, piece) = entry.map_err(|cause| told(&self.path, cause))?;
+            if key == GUARD.0 || key == LIFE {
+                continue;
+            }
+            let (_, rest) = key.split_first_chunk::<2>().ok_or_else(damaged)?;
+            let (name, number) = rest.split_last_chunk::<2>().ok_or_else(damaged)?;
+            if u16::from_be_bytes(*number) == 0 && left == 0 {
+                left = self.pieces(&piece)?;
+                record = (name.to_vec(), piece.get(2..).unwrap_or_default().to_vec());
+            } else if name == record.0 && left > 0 {
+                record.1.extend_from_slice(&piece);
+            } else {
+                return Err(damaged());
+            }
+            left = left.checked_sub(1).ok_or_else(damaged)?;
+            if left == 0 {
+                take(&record.0, &record.1);
+            }
+        }
+        if left == 0 { Ok(()) } else { Err(damaged()) }
+    }
+
+    fn write(&mut self, life: Option<Life>, batch: &Batch) -> Result<(), StoreError> {
+        let mut changes = sled::Batch::default();
+        if let Some(life) = life {
+            changes.insert(GUARD.0, GUARD.1);
+            changes.insert(LIFE, life.to_bytes());
+        }
+        for (name, record) in &batch.0 {
+            let before = match self.engine.get(piece_name(name, 0)?).map_err(|cause| told(&self.path, cause))? {
+                Some(first) => self.pieces(&first)?,
+                None => 0,
+            };
+            let bytes = record.as_deref().unwrap_or_default();
+            let pieces: Vec<&[u8]> = bytes.chunks(PIECE_SIZE).collect();
+            let long = |_cause| StoreError::Long { size: bytes.len() };
+            let count = if record.is_some() { u16::try_from(pieces.len().max(1)).map_err(long)? } else { 0 };
+            for number in 0..count {
+                let piece = pieces.get(usize::from(number)).copied().unwrap_or_default();
+                let head = if number == 0 { count.to_be_bytes().to_vec() } else { Vec::new() };
+                changes.insert(piece_name(name, number)?, [&head, piece].concat());
+            }
+            for number in count..before {
+                changes.remove(piece_name(name, number)?);
+            }
+        }
+        let told = |cause| told(&self.path, cause);
+        let write = || {
+            self.engine.apply_batch(changes).map_err(told)?;
+            self.engine.flush().map_err(told)
+        };
+        self.watch.during(write)?;
+        self.data.sync_data().map_err(|cause| file_error(&self.path, cause))?;
+        self.check_blobs()
+    }
+
+    /// The engine closes itself when it is dropped.
+    fn close(self: Box<Self>) {}
+}
+
+impl OnSled {
+    /// Returns of how many pieces a record consists, as its first says.
+    fn pieces(&self, first: &[u8]) -> Result<u16, StoreError> {
+        let count = first.first_chunk().map(|count| u16::from_be_bytes(*count));
+        count.ok_or_else(|| damaged(&self.path, "a piece of a record is too short"))
+    }
+
+    fn check_blobs(&self) -> Result<(), StoreError> {
+        let blobs = match fs::read_dir(self.path.join(FOLDER).join("blobs")) {
+            Ok(mut blobs) => blobs.next().is_some(),
+            Err(cause) if cause.kind() == io::ErrorKind::NotFound => false,
+            Err(cause) => return Err(file_error(&self.path, cause)),
+        };
+        let blob = || damaged(&self.path, "it has a blob, which would not survive a power cut");
+        if blobs { Err(blob()) } else { Ok(()) }
+    }
+}
+
+/// Opens the engine; returns what the store says of its life, if it is not new.
+fn open_engine(path: &Path, folder: &Path) -> Result<(sled::Db, Option<Life>), StoreError> {
+    let told = |cause| told(path, cause);
+    let config = sled::Config::new().path(folder).flush_every_ms(None).cache_capacity(CACHE_SIZE);
+    let engine = config.open().map_err(told)?;
+    let life = match engine.get(GUARD.0).map_err(told)? {
+        Some(found) if found.as_ref() == GUARD.1 => {
+            let life = engine.get(LIFE).map_err(told)?.and_then(|life| Life::from_bytes(&life));
+            Some(life.ok_or_else(|| damaged(path, "it does not say which store it is"))?)
+        }
+        None if engine.is_empty() => None,
+        Some(_) | None => return Err(StoreError::Foreign { path: path.to_owned() }),
+    };
+    Ok((engine, life))
+}
+
+/// Checks that nobody has the store open. The engine takes the same lock, but says nothing that could be told from others;
+/// and it lets go of it on a thread of its own, some time after it was closed, without a word.
+fn check_free(path: &Path, data: &Path) -> Result<(), StoreError> {
+    let file = match File::open(data) {
+        Ok(file) => file,
+        Err(cause) if cause.kind() == io::ErrorKind::NotFound => return Ok(()),
+        Err(cause) => return Err(file_error(path, cause)),
+    };
+    let until = clock::now() + CLOSED_WITHIN;
+    loop {
+        match file.try_lock() {
+            Ok(()) => return Ok(()),
+            Err(TryLockError::WouldBlock) if clock::now() < until => {
+                Wakeup::default().wait(Some(clock::now() + ASK_AGAIN_AFTER));
+            }
+            Err(TryLockError::WouldBlock) => return Err(StoreError::Busy { path: path.to_owned() }),
+            Err(TryLockError::Error(cause)) => return Err(file_error(path, cause)),
+        }
+    }
+}
+
+/// Opens the engine; where it had only begun to make its files when it was cut off, what there is of them is put aside.
+fn open_or_begin_again(path: &Path, folder: &Path) -> Result<(sled::Db, Option<Life>), StoreError> {
+    let opened = shielded(path, || open_engine(path, folder));
+    let size = folder.join(DATA).metadata().map_or(0, |file| file.len());
+    // Nothing was promised as long as there is no witness.
+    if opened.as_ref().is_err_and(StoreError::is_damage) && !witness::exists(path) && size <= NEW_SIZE_MAX {
+        let aside = folder.with_extension("begun");
+        let cleared = if aside.exists() { fs::remove_dir_all(&aside) } else { Ok(()) };
+        let moved = cleared.and_then(|()| fs::rename(folder, &aside)).and_then(|()| fs::create_dir(folder));
+        moved.map_err(|cause| file_error(path, cause))?;
+        return open_engine(path, folder);
+    }
+    opened
+}
+
+/// Removes snapshots of where its pages are that the engine was writing when it was cut off: it would read a torn one, and give up.
+fn forget_half_snapshots(folder: &Path) -> io::Result<()> {
+    for entry in fs::read_dir(folder)? {
+        let entry = entry?;
+        if entry.file_name().as_encoded_bytes().ends_with(b".generating") {
+            fs::remove_file(entry.path())?;
+        }
+    }
+    Ok(())
+}
+
+/// Returns what the engine's error means for who uses the store.
+fn told(path: &Path, cause: sled::Error) -> StoreError {
+    let sled::Error::Io(cause) = cause else { return damaged(path, &cause.to_string()) };
+    // The engine tells what its threads were told by the system as a text.
+    let text = cause.to_string();
+    let full = text.contains("StorageFull");
+    file_error(path, if full { io::Error::new(io::ErrorKind::StorageFull, text) } else { cause })
+}
+
+/// Returns the name of a piece. The length goes first, so that no record's pieces are among another's.
+fn piece_name(name: &[u8], number: u16) -> Result<Vec<u8>, StoreError> {
+    let length = u16::try_from(name.len()).ok().filter(|length| *length < u16::MAX);
+    let length = length.ok_or(StoreError::Long { size: name.len() })?;
+    Ok([&length.to_be_bytes(), name, &number.to_be_bytes()].concat())
+}

@@ -1,0 +1,68 @@
+//! Somebody who looks after flushes.
+//!
+//! When a write fails on one of the engine's threads, the engine does not always wake who waits for it: a commit on a full
+//! disk would wait for ever. Another flush finds the error, and wakes the first. So a thread looks every second, and
+//! begins another flush, which it does not wait for itself, while one goes on for longer than that.
+
+use comms::io::clock::{self, Wakeup, Woken};
+use std::future::Future;
+use std::io;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::task::{Context, Waker};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+/// How long a flush may take before it gets company.
+const PATIENCE: Duration = Duration::from_secs(1);
+
+/// The thread; it ends with this.
+#[derive(Debug)]
+pub(super) struct Watch {
+    shared: Arc<Shared>,
+    thread: Option<JoinHandle<()>>,
+}
+
+#[derive(Debug, Default)]
+struct Shared {
+    /// How many flushes have begun, and how many have ended: odd while one goes on.
+    turns: AtomicU64,
+    closing: Wakeup,
+}
+
+impl Watch {
+    /// Begins to watch; `flush` begins another flush.
+    pub(super) fn start<F: Future>(flush: impl Fn() -> F + Send + 'static) -> io::Result<Self> {
+        let shared = Arc::new(Shared::default());
+        let seen = Arc::clone(&shared);
+        let thread = std::thread::Builder::new().name("store-watch".to_owned()).spawn(move || {
+            let mut before = 0;
+            while seen.closing.wait(Some(clock::now() + PATIENCE)) == Woken::Deadline {
+                let turns = seen.turns.load(Ordering::Relaxed);
+                if turns == before && turns % 2 == 1 {
+                    // Asked once, it goes on by itself.
+                    drop(Box::pin(flush()).as_mut().poll(&mut Context::from_waker(Waker::noop())));
+                }
+                before = turns;
+            }
+        })?;
+        Ok(Self { shared, thread: Some(thread) })
+    }
+
+    /// Does something that flushes and does not panic.
+    pub(super) fn during<T>(&self, work: impl FnOnce() -> T) -> T {
+        self.shared.turns.fetch_add(1, Ordering::Relaxed);
+        let done = work();
+        self.shared.turns.fetch_add(1, Ordering::Relaxed);
+        done
+    }
+}
+
+impl Drop for Watch {
+    fn drop(&mut self) {
+        self.shared.closing.wake();
+        if self.thread.take().is_some_and(|thread| thread.join().is_err()) {
+            tracing::error!("the watch over a store has panicked");
+        }
+    }
+}
