@@ -4,6 +4,7 @@ pub mod codec;
 pub mod control;
 pub mod frame;
 pub mod key;
+pub mod pace;
 pub mod port;
 pub mod signals;
 pub mod time;

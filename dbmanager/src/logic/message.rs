@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 /// The most bytes of frames in one push.
 pub const PUSH_SIZE_MAX: usize = 32 << 10;
 /// The most bytes of frames in one chunk, unless a single one is longer.
-pub const CHUNK_SIZE_MAX: usize = 64 << 10;
+pub const CHUNK_SIZE_MAX: usize = comms::logic::pace::SIZE_MAX;
 
 /// A message. Append only.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]

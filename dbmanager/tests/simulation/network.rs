@@ -35,6 +35,8 @@ pub(crate) struct Network {
     pub(crate) size_max: usize,
     /// Bytes that have been sent, lost ones included.
     pub(crate) sent: u64,
+    /// The shortest and the longest way, in microseconds.
+    pub(crate) latency_us: [u64; 2],
     /// Directions in which nothing gets through.
     cut: BTreeSet<(usize, usize)>,
     /// Bytes per second of slow radios.
@@ -56,6 +58,7 @@ impl Network {
             duplicate: 0,
             size_max: usize::MAX,
             sent: 0,
+            latency_us: LATENCY_US,
             cut: BTreeSet::new(),
             radios: BTreeMap::new(),
             queues: BTreeMap::new(),
@@ -124,7 +127,8 @@ impl Network {
             if self.random.below(100) < self.drop {
                 continue;
             }
-            let way = LATENCY_US[0] + self.random.below(LATENCY_US[1] - LATENCY_US[0]);
+            let [shortest, longest] = self.latency_us;
+            let way = shortest + self.random.below(longest - shortest);
             let mut at = sent + Duration::from_micros(way);
             if let Some((each, until)) = self.slow.get_mut(&to) {
                 at = at.max(*until) + *each;

@@ -40,6 +40,8 @@ const CHUNK_TIME: [Duration; 2] = [Duration::from_secs(2), Duration::from_secs(2
 const TRIES_MAX: u32 = 3;
 /// If chunks come faster than this after each other, more of them are asked for at a time.
 const CHUNK_TIME_FAST: Duration = Duration::from_millis(250);
+/// If one alone takes no longer than this, two at a time are tried: it may have been a long way, and not a slow one.
+const CHUNK_TIME_TRY: Duration = Duration::from_secs(4);
 /// How many states of one peer in a row may turn out to be of no use.
 const DROPPED_MAX: u32 = 2;
 /// How many bytes a state that is taken over may have: it has to be in memory as a whole.
@@ -66,6 +68,8 @@ pub(super) struct Download {
     asked: BTreeSet<Name>,
     /// How many are asked for at a time.
     window: usize,
+    /// How long one took that was asked for alone.
+    alone: Duration,
     /// When the last one came, or the download began.
     since: Time,
     /// How long the next one is waited for, and until when.
@@ -96,14 +100,22 @@ impl Offer {
 impl Download {
     fn new(now: Time, from: Origin, manifest: Manifest, chunks: BTreeMap<Name, Vec<u8>>) -> Self {
         let (asked, patience) = (BTreeSet::new(), CHUNK_TIME[0]);
-        Self { from, manifest, chunks, asked, window: 1, since: now, patience, until: now + patience, tries: 0 }
+        let (since, until, alone) = (now, now + patience, Duration::ZERO);
+        Self { from, manifest, chunks, asked, window: 1, alone, since, patience, until, tries: 0 }
     }
 
     /// A chunk has come: what it took is what the next one may take. On a slow radio there is one on its way at a time.
     fn arrived(&mut self, now: Time, name: Name, bytes: Vec<u8>) {
         self.chunks.insert(name, bytes);
         let took = now.since(self.since);
-        self.window = if took <= CHUNK_TIME_FAST { (2 * self.window).min(CHUNKS_ASKED_MAX) } else { 1 };
+        self.alone = if self.window == 1 { took } else { self.alone };
+        let fast = took <= CHUNK_TIME_FAST.max(self.alone / 2);
+        self.window = match (fast, self.window) {
+            (true, window) => (2 * window).min(CHUNKS_ASKED_MAX),
+            (false, 1) if took <= CHUNK_TIME_TRY => 2,
+            (false, window) if took <= self.alone => window,
+            (false, _) => 1,
+        };
         self.patience = (2 * took).clamp(CHUNK_TIME[0], CHUNK_TIME[1]);
         (self.since, self.until, self.tries) = (now, now + self.patience, 0);
     }

@@ -3,7 +3,7 @@
 //! *State.* For each peer whether it may have more than is here, and when it may be asked; the pulls that wait for an answer.
 //!
 //! *Rule.* Whoever says hello with another cut is pulled from; whoever pulls says what it has, and is pulled from if that is
-//! more. A pull without an answer is over after [`PULL_TIME`], and the peer is left alone for a while that doubles. A push
+//! more. A pull without an answer in time (`pace`) is over, and the peer is left alone for a while that doubles. A push
 //! that cannot be applied is dropped, and pulled instead. How much is asked for at a time follows the speed of the link, so
 //! that neither an answer nor what is urgent is late on a slow one.
 
@@ -14,20 +14,17 @@ use crate::logic::message::{CHUNK_SIZE_MAX, Chunk, Hello, Join, Message, Pull};
 use crate::logic::mutant::Mutant;
 use crate::logic::record::Past;
 use crate::logic::txn::FORMAT;
+use comms::logic::pace::Pace;
 use comms::logic::time::Time;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// How long an answer to a pull is waited for.
-const PULL_TIME: Duration = Duration::from_secs(2);
 /// How many pulls may wait for an answer.
 const PULLS_MAX: usize = 2;
-/// How long a chunk should be on its way: what is urgent waits behind one at the most.
-const CHUNK_TIME: Duration = Duration::from_millis(250);
-/// What is asked of a peer whose link is not known yet, and at least, in bytes: on the slowest radio it comes in time.
-const CHUNK_SIZE: [usize; 2] = [4 << 10, 1 << 10];
 /// How long after a push that did not fit its sender is pulled from: the one before it may be on its way.
 const PULL_AFTER_PUSH: Duration = Duration::from_millis(50);
+/// How late an answer may be that shows how long the way is.
+const LATE_MAX: Duration = Duration::from_secs(10);
 /// How often a sponsor does not answer before another one is asked.
 const SILENT_MAX: u32 = 3;
 /// The shortest and the longest time between two hellos.
@@ -52,22 +49,16 @@ struct Peer {
     ask_at: Time,
     /// An answer is waited for until then.
     pulling: Option<Time>,
-    /// When it was asked.
-    asked_at: Time,
-    /// How many bytes it is asked for, once its link is known.
-    chunk: Option<usize>,
+    /// When it was asked what it has not answered yet, in time or not.
+    asked_at: Option<Time>,
+    /// How much it is asked for.
+    pace: Pace,
     /// How often it has not answered since it last did.
     silent: u32,
     /// How many states of it in a row were of no use.
     dropped: u32,
     /// The newest format it reads, once it has said so.
     format: Option<u8>,
-}
-
-impl Peer {
-    fn chunk(&self) -> usize {
-        self.chunk.unwrap_or(CHUNK_SIZE[0])
-    }
 }
 
 impl Sync {
@@ -133,11 +124,11 @@ impl Sync {
         let Some(peer) = self.peers.get_mut(&origin) else { return false };
         (peer.ahead, peer.silent) = (false, 0);
         let asked = peer.pulling.take().is_some();
-        if asked && full {
-            let (chunk, took) = (peer.chunk(), now.since(peer.asked_at).max(Duration::from_millis(1)));
-            let fits = u128::try_from(chunk).unwrap_or(u128::MAX) * CHUNK_TIME.as_nanos() / took.as_nanos();
-            let fits = usize::try_from(fits).unwrap_or(usize::MAX).min(2 * chunk);
-            peer.chunk = Some(fits.clamp(CHUNK_SIZE[1], CHUNK_SIZE_MAX));
+        // One that comes late shows how long the way is, too.
+        match peer.asked_at.take().map(|at| now.since(at)) {
+            Some(took) if full => peer.pace.arrived(took),
+            Some(took) => peer.pace.heard(took),
+            None => {}
         }
         asked
     }
@@ -151,7 +142,7 @@ impl Replica {
             if over && !self.config.mutant.is(Mutant::PullForEver) {
                 peer.pulling = None;
                 peer.silent = (peer.silent + 1).min(4);
-                peer.chunk = Some((peer.chunk() / 4).max(CHUNK_SIZE[1]));
+                peer.pace.lost();
                 peer.ask_at = now + PULL_AFTER_PUSH * (1 << (2 * peer.silent));
             }
         }
@@ -400,14 +391,15 @@ impl Replica {
             }
             let peer = &peer.to_owned();
             self.note_asked(*peer);
-            let chunk = self.sync.peers.get(peer).map_or(CHUNK_SIZE[0], Peer::chunk);
+            let chunk = self.sync.peers.get(peer).map_or(0, |peer| peer.pace.chunk());
             let (cut, size_max) = (self.log.cut().clone(), u32::try_from(chunk).unwrap_or(u32::MAX));
             let replaces = || self.identity.past.iter().map(|past| past.origin).collect();
             let robot = || self.identity.robot.clone();
             let join = self.identity.joining.map(|origin| Join { origin, robot: robot(), replaces: replaces() });
             effects.push(Effect::Send(*peer, Message::Pull(Pull { cut, held: self.held.cut(), size_max, join })));
             if let Some(peer) = self.sync.peers.get_mut(peer) {
-                (peer.pulling, peer.asked_at) = (Some(now + PULL_TIME), now);
+                peer.pulling = Some(now + peer.pace.wait());
+                peer.asked_at = peer.asked_at.filter(|at| now.since(*at) < LATE_MAX).or(Some(now));
             }
         }
     }

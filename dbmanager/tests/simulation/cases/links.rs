@@ -101,6 +101,26 @@ fn a_link_of_50_kbit_per_s_is_used_well() {
     world.settle().unwrap();
 }
 
+/// A satellite or a mobile network: a backlog takes what its bytes take, whatever the way. Measured at 100 ms: 1.36 of it, 4.0 before.
+#[test]
+fn a_long_way_is_no_slow_one() {
+    for (millis, rate) in [(100, 1_000_000), (500, 250_000), (1500, 50_000)] {
+        let mut world = team(2);
+        world.isolate(1);
+        backlog(&mut world, 0, (if rate > 100_000 { 5500 } else { 1500 }, 1000));
+        world.network.latency_us = [millis * 1000, millis * 1000 + 1];
+        world.network.choke(1, rate);
+        let before = world.network.sent;
+        world.join_network(1);
+        let took = time_to_equal(&mut world, (0, 1));
+        let sent = world.network.sent - before;
+        // The hello, and the question.
+        let limit = sent * 1000 / rate + 3 * millis;
+        println!("{millis} ms, {rate} B/s: {took} ms of {limit} for {sent} bytes");
+        assert!(took <= limit * 3 / 2, "{millis} ms, {rate} B/s: {took} ms of {limit} for {sent} bytes");
+    }
+}
+
 #[test]
 fn a_state_of_large_chunks_comes_over_50_kbit_per_s() {
     let mut world = team(2);

@@ -1,0 +1,152 @@
+//! How much a peer is asked for at a time: enough to keep its link full, and no more than what is urgent may wait behind.
+//!
+//! An answer takes a round trip, which is the same for every size, and the time that its bytes need, which is not. Two
+//! answers of different size tell one from the other. While only one size is known, four times as much is asked for.
+
+use std::time::Duration;
+
+/// The most that is asked for, in bytes.
+pub const SIZE_MAX: usize = 4 << 20;
+
+/// How long an answer is waited for, besides what it is expected to take.
+const PULL_TIME: Duration = Duration::from_secs(2);
+/// How long the bytes of an answer should be on their way; what is urgent waits behind one answer at the most.
+const CHUNK_TIME: Duration = Duration::from_millis(250);
+/// The same in round trips, where those are long: the link rests for one of them in so many.
+const CHUNK_ROUNDS: u32 = 6;
+/// The longest that the bytes of an answer should be on their way, however long a round trip is.
+const CHUNK_TIME_MAX: Duration = Duration::from_secs(16);
+/// What is asked of a peer whose link is not known yet, and at least, in bytes: on the slowest radio it comes in time.
+const CHUNK_SIZE: [usize; 2] = [4 << 10, 1 << 10];
+/// The most that is asked for where a round trip is short: what has come is taken in one turn, which others wait for.
+const CHUNK_SIZE_NEAR: usize = 256 << 10;
+/// How many times more than the last time is asked for at most.
+const GROWTH_MAX: usize = 64;
+
+/// What is known of the link to a peer.
+#[derive(Debug, Default)]
+pub struct Pace {
+    /// The size of the quickest full answer, and how long it took.
+    base: Option<(usize, Duration)>,
+    /// How many bytes need how long, besides a round trip, once two sizes are known.
+    rate: Option<(usize, Duration)>,
+    /// How many bytes are asked for, once the link is known.
+    chunk: Option<usize>,
+    /// How long that many should take.
+    expected: Duration,
+}
+
+impl Pace {
+    /// Returns about how many bytes to ask for.
+    pub fn chunk(&self) -> usize {
+        self.chunk.unwrap_or(CHUNK_SIZE[0])
+    }
+
+    /// Returns how long the answer is waited for.
+    pub fn wait(&self) -> Duration {
+        PULL_TIME + 2 * self.expected
+    }
+
+    /// Notes how long an answer took that was not `full`: its size says nothing.
+    pub fn heard(&mut self, took: Duration) {
+        self.expected = self.expected.max(took.min(CHUNK_TIME_MAX));
+    }
+
+    /// Notes how long a full answer took.
+    pub fn arrived(&mut self, took: Duration) {
+        let (bytes, took) = (self.chunk(), took.max(Duration::from_millis(1)));
+        let (bytes_base, took_base) = self.base.unwrap_or((bytes, took));
+        let (more, longer) = (bytes.saturating_sub(bytes_base), took.saturating_sub(took_base));
+        if more >= bytes_base && longer > Duration::ZERO {
+            self.rate = Some((more, longer));
+        }
+        // What is quicker than the link was has shown that it is another one now.
+        self.rate = self.rate.filter(|rate| sending(*rate, bytes) <= took);
+        let (fits, most) = match self.rate {
+            Some(rate) => {
+                let quickest = if took < took_base { (bytes, took) } else { (bytes_base, took_base) };
+                let round = quickest.1.saturating_sub(sending(rate, quickest.0));
+                let time = CHUNK_TIME.max((CHUNK_ROUNDS * round).min(CHUNK_TIME_MAX));
+                self.expected = round + time;
+                let fits = time.as_nanos() * in_wide(rate.0) / rate.1.as_nanos();
+                let most = if time > CHUNK_TIME { SIZE_MAX } else { CHUNK_SIZE_NEAR };
+                (usize::try_from(fits).unwrap_or(usize::MAX), most)
+            }
+            None => {
+                self.expected = 2 * took;
+                (4 * bytes, CHUNK_SIZE_NEAR)
+            }
+        };
+        if self.base.is_none() || took < took_base {
+            self.base = Some((bytes, took));
+        }
+        self.chunk = Some(fits.min(GROWTH_MAX * bytes).clamp(CHUNK_SIZE[1], most));
+    }
+
+    /// Notes that no answer came in time.
+    pub fn lost(&mut self) {
+        self.chunk = Some((self.chunk() / 4).max(CHUNK_SIZE[1]));
+    }
+}
+
+fn in_wide(size: usize) -> u128 {
+    u128::try_from(size).unwrap_or(u128::MAX)
+}
+
+/// Returns how long so many bytes are on their way at a rate.
+fn sending((bytes, time): (usize, Duration), size: usize) -> Duration {
+    let nanos = time.as_nanos() * in_wide(size) / in_wide(bytes.max(1));
+    Duration::from_nanos(u64::try_from(nanos).unwrap_or(u64::MAX))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Returns what share of the time of the bytes alone `total` bytes take on a link of this rate and round trip.
+    fn ratio(total: usize, rate: f64, round: f64) -> f64 {
+        let (mut pace, mut left, mut time) = (Pace::default(), total, round);
+        while left > 0 {
+            let chunk = pace.chunk().min(left);
+            let took = round + chunk as f64 / rate;
+            assert!(took <= pace.wait().as_secs_f64() || round > 2.0, "{chunk} bytes take {took} s");
+            pace.arrived(Duration::from_secs_f64(took));
+            (left, time) = (left - chunk, time + took);
+        }
+        time / (total as f64 / rate + round)
+    }
+
+    #[test]
+    fn the_link_is_full_at_any_delay() {
+        // As much as takes ten round trips and a second.
+        for (total, rate, round) in [
+            (1_200_000, 1e6, 0.02),
+            (3_000_000, 1e6, 0.2),
+            (5_000_000, 1e6, 0.4),
+            (9_000_000, 3e6, 0.2),
+            (68_750, 50e3 / 8.0, 1.0),
+            (1_100_000, 1e5, 1.0),
+            (3_100_000, 1e5, 3.0),
+        ] {
+            let ratio = ratio(total, rate, round);
+            println!("{rate} B/s, {round} s: {ratio:.2}");
+            assert!(ratio < 1.5, "{rate} B/s, {round} s: {ratio}");
+        }
+    }
+
+    #[test]
+    fn a_slow_radio_is_asked_for_what_it_carries_in_a_quarter_of_a_second() {
+        let mut pace = Pace::default();
+        for number in 0..20 {
+            assert!(number < 3 || pace.chunk() <= 1700, "{number}: {}", pace.chunk());
+            let took = 0.02 + pace.chunk() as f64 / 6250.0;
+            pace.arrived(Duration::from_secs_f64(took));
+        }
+        assert!((1024..=1700).contains(&pace.chunk()), "{}", pace.chunk());
+        // The radio is near again.
+        for _ in 0..20 {
+            pace.arrived(Duration::from_secs_f64(0.02 + pace.chunk() as f64 / 1e6));
+        }
+        assert!((200_000..=300_000).contains(&pace.chunk()), "{}", pace.chunk());
+    }
+}
