@@ -7,14 +7,18 @@ mod declare;
 mod expression;
 mod flow;
 mod index;
+mod interface;
 pub(crate) mod lower;
 mod names;
 mod ports;
+mod range;
 pub(crate) mod spec;
 mod types;
 pub(crate) mod unit;
 mod uses;
 mod value;
+
+pub(crate) use interface::parameters;
 
 use crate::diagnostic::{Code, Diagnostic, Severity, limit};
 use crate::source::{Origin, Role, Source};

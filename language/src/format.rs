@@ -68,6 +68,18 @@ mod tests {
     }
 
     #[test]
+    fn an_end_of_a_range_may_be_left_out() {
+        check(
+            "module M(a:Number in..5=3,b:Number in 1..=3,c:Text in\"a\"|\"b\",d:Force in-1N..2 N=1N){done;}",
+            &expect![[r#"
+                module M(a: Number in ..5 = 3, b: Number in 1.. = 3, c: Text in "a" | "b", d: Force in -1 N..2 N = 1 N) {
+                    done;
+                }
+            "#]],
+        );
+    }
+
+    #[test]
     fn comments_stay_where_they_are() {
         check(
             "// first\nprocess a(){//why\n host{/* h */ c1}\n\n\n // own\n\n internal_event_actions{ a // left\n # b /* x */ ,\n// own\nc } // end\n // last in a\n } // a\n // of b\n process b(){\n}\n// end",

@@ -49,6 +49,7 @@ pub use fix::fix;
 pub use format::format;
 pub use gather::{Content, gather};
 pub use graph::{Graph, graph};
+pub use similar::nearest;
 pub use simulate::{Chance, Ending, Happening, Simulation, SimulationError, What};
 pub use source::{Lines, Origin, Position, Role, SOURCE_MAX, Source, Span, Texts};
 
@@ -77,6 +78,12 @@ pub struct Compiled {
     pub diagnostics: Vec<Diagnostic>,
     /// How many remarks were left out.
     pub omitted: usize,
+}
+
+/// Returns the parameters of each module that interfaces declare, as its program gets them: a field of a record is one of its
+/// own, `grasp.force`. There is nothing for a module of which that cannot be said, as one with a list of any length.
+pub fn parameters(interfaces: &[Source]) -> std::collections::BTreeMap<String, Option<Vec<plan::Parameter>>> {
+    check::parameters(interfaces)
 }
 
 /// Compiles a spec. `interfaces` are texts that consist of `module` blocks, as controller programs print them.

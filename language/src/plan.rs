@@ -7,6 +7,7 @@
 
 mod exec;
 mod nested;
+mod parameter;
 mod policy;
 mod validate;
 
@@ -14,6 +15,7 @@ use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
 pub use exec::{ExecError, words};
+pub use parameter::{Accepts, Parameter};
 pub use policy::{LinkLoss, Policy, REALTIME_MAX, Realtime, Restart, Usage};
 pub use validate::PlanError;
 

@@ -8,7 +8,7 @@ const CASE: usize = 2;
 const LENGTH_MAX: usize = 64;
 
 /// Returns the candidate that looks most like `name`, if it is near enough: at most a third of the letters differ.
-pub(crate) fn nearest<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+pub fn nearest<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let near = candidates.into_iter().filter_map(|candidate| {
         let length = name.chars().count().max(candidate.chars().count()).min(LENGTH_MAX);
         let distance = distance(name, candidate);

@@ -132,15 +132,19 @@ impl Parameter {
         let parts = || parameters.iter().filter(|parameter| parameter.name.starts_with(&below));
         let is_element = |parameter: &Self| parameter.name[below.len()..].parse::<usize>().is_ok();
         match parts().next() {
-            Some(first) if parts().all(is_element) => format!("{inner}: {}[{}]", first.kind.name(), parts().count()),
+            Some(first) if parts().all(is_element) => {
+                let range = first.kind.range().filter(|_| parts().all(|part| part.kind == first.kind));
+                format!("{inner}: {}[{}]{}", first.kind.name(), parts().count(), range.unwrap_or_default())
+            }
             Some(_) | None => format!("{inner}: {{ {} }}", Self::texts_below(parameters, &below).join(", ")),
         }
     }
 
     fn text(&self, name: &str) -> String {
         let (kind, quote) = (self.kind.name(), if matches!(self.kind, Kind::Text(_)) { "\"" } else { "" });
+        let range = self.kind.range().unwrap_or_default();
         let default = self.default.map(|default| format!(" = {quote}{default}{quote}")).unwrap_or_default();
-        format!("{name}: {kind}{default}")
+        format!("{name}: {kind}{range}{default}")
     }
 
     fn expected(&self) -> String {
@@ -175,6 +179,18 @@ impl Kind {
             Self::Text(_) => "Text",
             Self::Number(..) => "Number",
             Self::Truth => "Truth",
+        }
+    }
+
+    /// Which values of it there are, as a spec says it: ` in 1..200`, ` in "open" | "close"`; none if there are no others.
+    fn range(self) -> Option<String> {
+        let end = |number: f64| if number.is_finite() { number.to_string() } else { String::new() };
+        match self {
+            Self::Number(min, max) if min.is_finite() || max.is_finite() => {
+                Some(format!(" in {}..{}", end(min), end(max)))
+            }
+            Self::Text(words) if !words.is_empty() => Some(format!(" in \"{}\"", words.join("\" | \""))),
+            Self::Text(_) | Self::Number(..) | Self::Truth => None,
         }
     }
 }
@@ -306,7 +322,11 @@ mod tests {
             number("corner.0"),
             number("corner.1"),
         ];
-        let expect = ["job: { at: { x: Number, y: Number }, force: Number = 20 }", "name: Text", "corner: Number[2]"];
+        let expect = [
+            "job: { at: { x: Number in 0..100, y: Number in 0..100 }, force: Number in 0..100 = 20 }",
+            "name: Text",
+            "corner: Number[2] in 0..100",
+        ];
         assert_eq!(Parameter::texts(&parameters), expect);
         let arguments =
             Arguments::parse(&parameters, &["name=cup", "job.at.x=1", "job.at.y = 2", "corner.0=3", "corner.1=4"])

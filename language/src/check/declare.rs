@@ -4,6 +4,7 @@ mod module;
 mod process;
 
 use super::names::twice;
+use super::range::Range;
 use super::spec::{Const, Consts, Kind, NamedType, Param, Scope, Spec, Value, ValueKind};
 use super::unit;
 use super::value::value;
@@ -143,7 +144,8 @@ fn params(node: &Node, what: &str, consts: &Consts, diagnostics: &mut Vec<Diagno
         let scope = Scope { params: &[], consts, indices: &[] };
         let default = node.child(Constant).map(|node| value(&node, scope, diagnostics));
         let default = default.filter(|value| !matches!(value.kind, ValueKind::Broken));
-        params.push(Param { name, kind: kind(&node, consts, diagnostics), default });
+        let range = node.child(SyntaxKind::Range).and_then(|node| Range::read(&node, scope, diagnostics));
+        params.push(Param { name, kind: kind(&node, consts, diagnostics), range, default });
     }
     params
 }

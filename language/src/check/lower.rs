@@ -2,6 +2,7 @@
 
 mod data;
 mod expression;
+mod ranges;
 pub(crate) mod together;
 mod tree;
 mod wires;

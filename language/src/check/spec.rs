@@ -2,6 +2,7 @@
 
 mod kind;
 
+use super::range::Range;
 use super::unit::Dimension;
 use crate::plan::{Constant, LeafKind, Policy, Quality, Transfer};
 use crate::source::Span;
@@ -94,6 +95,8 @@ pub(crate) struct Damage {
 pub(crate) struct Param {
     pub(crate) name: Name,
     pub(crate) kind: Option<Kind>,
+    /// Which values it takes; of a list, which its elements take.
+    pub(crate) range: Option<Range>,
     /// Names no parameter.
     pub(crate) default: Option<Value>,
 }

@@ -5,6 +5,7 @@ mod records;
 mod recursion;
 mod resolve;
 
+use super::range::Range;
 use super::spec::{Arg, Param, Process, Spec, Target, ValueKind};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::Constant;
@@ -61,6 +62,8 @@ fn check_defaults(spec: &Spec, uses: &mut Vec<(Span, Span)>, diagnostics: &mut V
     let modules = spec.modules.iter().filter_map(|module| module.params.as_ref());
     let mut kinds = Kinds { spec, outer: &[], uses, diagnostics };
     for param in processes.chain(modules).flatten().chain(spec.fields()) {
+        let bounds = param.range.iter().flat_map(Range::written);
+        bounds.for_each(|bound| kinds.bound(param, bound));
         if let Some(default) = &param.default {
             kinds.value(param, default);
         }

@@ -150,6 +150,8 @@ codes! {
         "Every field of a record has a value, unless its type declares a default: `type Grasp = { force: Force = 20 N };`."
     E0216 Error "values without a name"
         "Programs get the fields of a record as arguments `name.field`, and the values of a list as `name.0` and so on. Where no interface of the program is known, the name has to be written: `Grip(c1, grasp = { force = 20 N })`."
+    E0217 Error "value out of range"
+        "A parameter may say which values it takes: `force: Force in 1 N..200 N`, `mode: Text in \"open\" | \"close\"`. Both ends are among them."
     E0301 Error "unknown connection set"
         "A label in an event action names a set that is declared as `internal_connections(owner, label)`. Labels are never guessed: a wrong wire is dangerous."
     W0302 Warning "label activates nothing"

@@ -242,6 +242,10 @@ pub(super) fn is_apart(before: &Piece<'_>, next: &Piece<'_>) -> bool {
     if next.kind == LeftBracket && next.parent == List {
         return ![LeftParen, LeftBracket].contains(&before.kind);
     }
+    // `in ..5 = 3`, `in 1.. = 3`: an end of a range may be left out.
+    if before.parent == SyntaxKind::Range && (before.kind == SyntaxKind::Ident || next.kind == SyntaxKind::Equals) {
+        return true;
+    }
     let tight_after = [LeftParen, LeftBracket, Dot, Minus, DotDot, Less, Slash];
     let tight_before = [RightParen, RightBracket, Comma, Dot, Question, LeftBracket, Greater, DotDot, Less, Slash];
     if tight_after.contains(&before.kind) || tight_before.contains(&next.kind) {

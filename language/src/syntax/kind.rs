@@ -74,6 +74,7 @@ kinds! {
     Param "a parameter"
     Type "a type"
     RecordType "the fields of a record"
+    Range "the values of a parameter"
     Host "a host section"
     Instances "a section of instances"
     Instance "an instance"

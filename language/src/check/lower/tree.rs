@@ -32,8 +32,8 @@ enum Place {
     Root,
 }
 
-struct Builder<'a> {
-    spec: &'a Spec,
+pub(super) struct Builder<'a> {
+    pub(super) spec: &'a Spec,
     diagnostics: &'a mut Vec<Diagnostic>,
     tree: Tree,
     group_places: Vec<Place>,
@@ -113,6 +113,11 @@ impl Builder<'_> {
             let path = format!("{path}/{name}");
             let (kind, service) = match instance.target {
                 Target::Process(target) => {
+                    self.check_ranges(
+                        &spec.processes[target].params,
+                        &instance.args.iter().collect::<Vec<_>>(),
+                        values,
+                    );
                     let values = bind(spec, &spec.processes[target], &instance.args, values);
                     let group = self.group(target, path, &values, place.clone());
                     (MemberKind::Group(group), spec.processes[target].is_service)
@@ -177,8 +182,9 @@ impl Builder<'_> {
         let host = if rest.len() < instance.args.len() { instance.args.first() } else { by_name };
         let place = host.and_then(|arg| self.named(&arg.value, values, &path)).unwrap_or_else(|| outer.clone());
         let rest = rest.iter().filter(|arg| arg.name.as_ref().is_none_or(|name| name.text != "host"));
-        let arguments =
-            self.arguments(module.and_then(|module| module.params.as_deref()), &rest.collect::<Vec<_>>(), values);
+        let (rest, params) = (rest.collect::<Vec<_>>(), module.and_then(|module| module.params.as_deref()));
+        self.check_ranges(params.unwrap_or_default(), &rest, values);
+        let arguments = self.arguments(params, &rest, values);
         let leaf = number(self.tree.leaves.len());
         let outcomes = module.iter().flat_map(|module| &module.outcomes).map(|outcome| outcome.name.text.clone());
         self.tree.leaves.push(Leaf {
@@ -235,7 +241,7 @@ impl Builder<'_> {
     }
 
     /// Reports what is wrong with a text that is written once, but stands for several leaves.
-    fn report_once(&mut self, diagnostic: Diagnostic) {
+    pub(super) fn report_once(&mut self, diagnostic: Diagnostic) {
         if !self.diagnostics.contains(&diagnostic) {
             self.diagnostics.push(diagnostic);
         }

@@ -58,7 +58,7 @@ impl Param {
     /// An element of a list that is a parameter or a field.
     pub(crate) fn element(&self, kind: &str) -> Self {
         let kind = self.kind.as_ref().map(|list| Kind { text: kind.to_owned(), span: list.span, fields: None });
-        Self { kind, default: None, name: self.name.clone() }
+        Self { kind, range: self.range.clone(), default: None, name: self.name.clone() }
     }
 }
 
@@ -77,12 +77,15 @@ impl fmt::Display for Kind {
     }
 }
 
-/// `name: Type = value`
+/// `name: Type in range = value`
 impl fmt::Display for Param {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&self.name.text)?;
         if let Some(kind) = &self.kind {
             write!(f, ": {kind}")?;
+        }
+        if let Some(range) = &self.range {
+            write!(f, " in {range}")?;
         }
         if let Some(default) = &self.default {
             write!(f, " = {default}")?;

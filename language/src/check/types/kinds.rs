@@ -1,6 +1,7 @@
 //! Whether values are of the types that are declared.
 
 use crate::check::names::listed;
+use crate::check::range;
 use crate::check::spec::{Arg, Kind, Param, Shape, Spec, Value, ValueKind};
 use crate::check::unit;
 use crate::diagnostic::{Code, Diagnostic};
@@ -37,8 +38,29 @@ impl Kinds<'_> {
         }
     }
 
+    /// Compares an end of a range with the parameter or field that it is for; of a list, with its elements.
+    pub(super) fn bound(&mut self, param: &Param, value: &Value) {
+        let element = match param.kind.as_ref().map(|kind| self.spec.shape(kind)) {
+            Some(Shape::List(element, _)) => param.element(element),
+            Some(Shape::Record(_) | Shape::Plain(_)) | None => param.clone(),
+        };
+        self.value(&Param { range: None, ..element }, value);
+    }
+
     /// Compares a value with the parameter or field that it is for.
     pub(super) fn value(&mut self, param: &Param, value: &Value) {
+        let before = self.diagnostics.len();
+        self.kind(param, value);
+        let is_fit = self.diagnostics.len() == before;
+        if let (true, Some(range), ValueKind::Constant(constant)) = (is_fit, &param.range, &value.kind)
+            && range::is_plain(self.spec, param)
+            && !range.has(constant)
+        {
+            self.diagnostics.push(range::outside(param, range, constant, value.span));
+        }
+    }
+
+    fn kind(&mut self, param: &Param, value: &Value) {
         let Some(kind) = &param.kind else { return };
         match (self.spec.shape(kind), &value.kind) {
             (_, ValueKind::Broken) => {}

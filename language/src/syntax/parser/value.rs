@@ -3,8 +3,8 @@
 use super::Parser;
 use crate::diagnostic::{Edit, Fix};
 use crate::syntax::SyntaxKind::{
-    self, Colon, Dot, Equals, Ident, LeftBrace, LeftBracket, LeftParen, Minus, Number, RightBrace, RightBracket,
-    RightParen, Slash, Text,
+    self, Bar, Colon, Dot, DotDot, Equals, Ident, LeftBrace, LeftBracket, LeftParen, Minus, Number, RightBrace,
+    RightBracket, RightParen, Slash, Text,
 };
 
 /// Words that go on after a number and are no unit.
@@ -18,7 +18,7 @@ impl Parser<'_> {
         self.finish();
     }
 
-    /// `name`, `name: Type`, `name: Type = value`.
+    /// `name`, `name: Type`, `name: Type in 1..5 = value`.
     fn param(&mut self) -> bool {
         self.typed(|parser| parser.eat(Colon))
     }
@@ -33,11 +33,49 @@ impl Parser<'_> {
         if follows(self) {
             self.type_name();
         }
+        if self.at_word("in") {
+            self.range();
+        }
         if self.eat(Equals) {
             self.constant();
         }
         self.finish();
         true
+    }
+
+    /// `in 1..200`, `in 1 N..`, `in "open" | "close"`
+    fn range(&mut self) {
+        self.start(SyntaxKind::Range);
+        self.bump();
+        if !self.at(DotDot) {
+            self.bound();
+        }
+        if self.eat(DotDot) {
+            if self.at_any(&[Number, Minus]) {
+                self.bound();
+            }
+        } else {
+            while self.eat(Bar) {
+                self.bound();
+            }
+        }
+        self.finish();
+    }
+
+    /// A constant of a range: `=` may follow its unit.
+    fn bound(&mut self) {
+        self.start(SyntaxKind::Constant);
+        let is_negative = self.eat(Minus);
+        if self.eat(Number) {
+            if self.at(Ident) && !NO_UNITS.contains(&self.word(0)) {
+                self.unit_words();
+            }
+        } else if is_negative {
+            self.expected("a number");
+        } else if !self.eat(Text) {
+            self.expect_name("a value");
+        }
+        self.finish();
     }
 
     /// `Name`, `name.Name`, `Name[6]`, `{ field: Name }`.
@@ -83,11 +121,15 @@ impl Parser<'_> {
     /// `s`, `m/s`; a number without one is a plain number.
     pub(super) fn unit(&mut self) {
         if self.at(Ident) && !NO_UNITS.contains(&self.word(0)) && self.kind(1) != Equals {
+            self.unit_words();
+        }
+    }
+
+    fn unit_words(&mut self) {
+        self.bump();
+        if self.at(Slash) && self.kind(1) == Ident {
             self.bump();
-            if self.at(Slash) && self.kind(1) == Ident {
-                self.bump();
-                self.bump();
-            }
+            self.bump();
         }
     }
 

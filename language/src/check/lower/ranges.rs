@@ -1,0 +1,68 @@
+//! Values that are handed on through groups are known here for the first time: whether a parameter takes them.
+
+use super::data::{Data, data};
+use super::tree::Builder;
+use crate::check::range;
+use crate::check::spec::{Arg, Param, Shape, Value, ValueKind};
+use crate::source::Span;
+
+impl Builder<'_> {
+    /// Compares the arguments of an instance in a group whose parameters have the values `outer`.
+    pub(super) fn check_ranges(&mut self, params: &[Param], args: &[&Arg], outer: &[Data]) {
+        let mut positional = params.iter();
+        for arg in args {
+            let param = match &arg.name {
+                Some(name) => params.iter().find(|param| param.name.text == name.text),
+                None => positional.next(),
+            };
+            if let Some(param) = param {
+                self.check_given(param, &arg.value, outer);
+            }
+        }
+    }
+
+    /// What is written out was compared before; a name in it was not.
+    fn check_given(&mut self, param: &Param, given: &Value, outer: &[Data]) {
+        match (&given.kind, param.kind.as_ref().map(|kind| self.spec.shape(kind))) {
+            (ValueKind::Param(_), _) => {
+                if let Some(value) = data(given, outer) {
+                    self.check_value(param, &value, given.span);
+                }
+            }
+            (ValueKind::Record(values), Some(Shape::Record(fields))) => {
+                for (name, value) in values {
+                    if let Some(field) = fields.iter().find(|field| field.name.text == name.text) {
+                        self.check_given(field, value, outer);
+                    }
+                }
+            }
+            (ValueKind::List(values), Some(Shape::List(element, _))) => {
+                let element = param.element(element);
+                values.iter().for_each(|value| self.check_given(&element, value, outer));
+            }
+            (ValueKind::Constant(_) | ValueKind::Record(_) | ValueKind::List(_) | ValueKind::Broken, _) => {}
+        }
+    }
+
+    fn check_value(&mut self, param: &Param, value: &Data, span: Span) {
+        match (value, param.kind.as_ref().map(|kind| self.spec.shape(kind))) {
+            (Data::Plain(constant), Some(Shape::Plain(_)) | None) => {
+                if let Some(range) = param.range.as_ref().filter(|range| !range.has(constant)) {
+                    self.report_once(range::outside(param, range, constant, span));
+                }
+            }
+            (Data::Record(values), Some(Shape::Record(fields))) => {
+                for (name, value) in values {
+                    if let Some(field) = fields.iter().find(|field| field.name.text == *name) {
+                        self.check_value(field, value, span);
+                    }
+                }
+            }
+            (Data::Record(values), Some(Shape::List(element, _))) => {
+                let element = param.element(element);
+                values.iter().for_each(|(_, value)| self.check_value(&element, value, span));
+            }
+            (Data::Plain(_) | Data::Record(_), _) => {}
+        }
+    }
+}

@@ -1,0 +1,124 @@
+//! Which values of its type a parameter takes: `in 1..200`, `in "open" | "close"`.
+
+use super::spec::{Param, Scope, Shape, Spec, Value, ValueKind};
+use super::value::value;
+use crate::diagnostic::{Code, Diagnostic};
+use crate::plan::Constant;
+use crate::source::Span;
+use crate::syntax::SyntaxKind::{self, DotDot};
+use crate::syntax::ast::Node;
+use std::fmt;
+
+/// The values that a parameter takes.
+#[derive(Clone, Debug)]
+pub(crate) struct Range {
+    pub(crate) values: Values,
+    pub(crate) span: Span,
+}
+
+#[derive(Clone, Debug)]
+pub(crate) enum Values {
+    /// Both ends are among them; an end that is not written is not there.
+    Between(Option<Value>, Option<Value>),
+    OneOf(Vec<Value>),
+}
+
+impl Range {
+    /// Reads what stands behind `in`.
+    pub(super) fn read(node: &Node, scope: Scope<'_>, diagnostics: &mut Vec<Diagnostic>) -> Option<Self> {
+        let values: Vec<Value> =
+            node.children_of(SyntaxKind::Constant).map(|node| value(&node, scope, diagnostics)).collect();
+        if values.iter().any(|value| matches!(value.kind, ValueKind::Broken)) {
+            return None;
+        }
+        let span = node.span();
+        let Some(dots) = node.token(DotDot) else {
+            return (!values.is_empty()).then_some(Self { values: Values::OneOf(values), span });
+        };
+        let (low, high): (Vec<Value>, Vec<Value>) =
+            values.into_iter().partition(|value| value.span.start < dots.span().start);
+        let (low, high) = (low.into_iter().next(), high.into_iter().next());
+        if let (Some(low), Some(high)) = (low.as_ref().and_then(number), high.as_ref().and_then(number))
+            && low > high
+        {
+            let message = format!("no value is from {low} to {high}");
+            diagnostics.push(Diagnostic::new(Code::E0009, span, message).help("the smaller number comes first"));
+            return None;
+        }
+        Some(Self { values: Values::Between(low, high), span })
+    }
+
+    /// The values that are written in it.
+    pub(super) fn written(&self) -> impl Iterator<Item = &Value> {
+        let (ends, all) = match &self.values {
+            Values::Between(low, high) => ([low.as_ref(), high.as_ref()], &[][..]),
+            Values::OneOf(all) => ([None, None], all.as_slice()),
+        };
+        ends.into_iter().flatten().chain(all)
+    }
+
+    /// Whether a value is among them.
+    pub(crate) fn has(&self, value: &Constant) -> bool {
+        match &self.values {
+            Values::Between(low, high) => {
+                let Constant::Number(value) = value else { return false };
+                let end = |end: &Option<Value>| end.as_ref().and_then(number);
+                end(low).is_none_or(|low| low <= *value) && end(high).is_none_or(|high| *value <= high)
+            }
+            Values::OneOf(all) => all.iter().any(|one| matches!(&one.kind, ValueKind::Constant(one) if one == value)),
+        }
+    }
+
+    /// What values there are, for a person: `a value from 1 to 200`.
+    pub(crate) fn expected(&self) -> String {
+        match &self.values {
+            Values::Between(Some(low), Some(high)) => format!("a value from {low} to {high}"),
+            Values::Between(Some(low), None) => format!("a value of {low} or more"),
+            Values::Between(None, Some(high)) => format!("a value of {high} or less"),
+            Values::Between(None, None) => "a number".to_owned(),
+            Values::OneOf(all) => {
+                let all: Vec<String> = all.iter().map(Value::to_string).collect();
+                if all.len() == 1 { all.join("") } else { format!("one of {}", all.join(", ")) }
+            }
+        }
+    }
+}
+
+/// `1..200`, `"open" | "close"`; in SI units.
+impl fmt::Display for Range {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match &self.values {
+            Values::Between(low, high) => {
+                let end = |end: &Option<Value>| end.as_ref().map(Value::to_string).unwrap_or_default();
+                write!(f, "{}..{}", end(low), end(high))
+            }
+            Values::OneOf(all) => {
+                let all: Vec<String> = all.iter().map(Value::to_string).collect();
+                f.write_str(&all.join(" | "))
+            }
+        }
+    }
+}
+
+fn number(value: &Value) -> Option<f64> {
+    match value.kind {
+        ValueKind::Constant(Constant::Number(number)) => Some(number),
+        ValueKind::Constant(Constant::Text(_) | Constant::Truth(_))
+        | ValueKind::Param(_)
+        | ValueKind::Record(_)
+        | ValueKind::List(_)
+        | ValueKind::Broken => None,
+    }
+}
+
+/// Says that a value is not among those that a parameter takes.
+pub(crate) fn outside(param: &Param, range: &Range, value: &Constant, span: Span) -> Diagnostic {
+    let value = Value { span, kind: ValueKind::Constant(value.clone()), dimension: None };
+    let message = format!("`{}` is {value}: expected {}", param.name.text, range.expected());
+    Diagnostic::new(Code::E0217, span, message).reason(range.span, "declared here")
+}
+
+/// Whether values of a type are compared one by one: a list is not, its elements are.
+pub(crate) fn is_plain(spec: &Spec, param: &Param) -> bool {
+    param.kind.as_ref().is_none_or(|kind| matches!(spec.shape(kind), Shape::Plain(_)))
+}
