@@ -10,6 +10,14 @@
 //! assert!(registry.create("GripperControl", &["ajar"]).is_err());
 //! ```
 
+// What the derive macros write says `::controllers`, here as elsewhere.
+extern crate self as controllers;
+
+/// The controller of the README builds as it is printed.
+#[cfg(doctest)]
+#[doc = include_str!("../../README.md")]
+struct Readme;
+
 pub mod control;
 pub mod library;
 pub mod message;

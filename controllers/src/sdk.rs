@@ -5,12 +5,13 @@
 //! virtual time ([`harness`]).
 //!
 //! ```
-//! use controllers::sdk::{About, Arguments, Controller, Message, Progress, Tick};
-//! use serde::{Deserialize, Serialize};
+//! use controllers::sdk::serde::{Deserialize, Serialize};
+//! use controllers::sdk::{About, Arguments, Controller, In, Inputs, Message, Out, Outputs, Progress, Tick};
 //! use std::time::Duration;
 //!
 //! /// In metres.
 //! #[derive(Clone, Debug, Serialize, Deserialize)]
+//! #[serde(crate = "controllers::sdk::serde")] // Not needed where `serde` is a dependency of one's own.
 //! struct Distance {
 //!     length: f64,
 //! }
@@ -18,20 +19,20 @@
 //!     const TYPE: &'static str = "Distance";
 //!     const FIELDS: &'static str = "length: Length";
 //! }
-//! controllers::inputs! {
-//!     /// What it hears.
-//!     struct Inputs {
-//!         /// The length to double.
-//!         distance: Distance = wire("In"),
-//!     }
+//!
+//! #[derive(Inputs)]
+//! struct Inputs {
+//!     /// The length to double.
+//!     #[port("In")]
+//!     distance: In<Distance>,
 //! }
-//! controllers::outputs! {
-//!     /// What it says.
-//!     struct Outputs {
-//!         /// Twice the length.
-//!         twice: Distance = wire("Out"),
-//!     }
+//!
+//! #[derive(Outputs)]
+//! struct Outputs {
+//!     #[port("Out")]
+//!     twice: Out<Distance>,
 //! }
+//!
 //! struct Doubler;
 //! impl Controller for Doubler {
 //!     type Inputs = Inputs;
@@ -54,7 +55,24 @@
 //! registry.add::<Doubler>();
 //! let text = registry.interface_text();
 //! assert!(text.contains("type Distance = { length: Length };"));
-//! assert!(text.contains("module Doubler(host: Host)"));
+//! assert!(text.contains("module Doubler(host: Host)") && text.contains("/// The length to double."));
+//! ```
+//!
+//! What is wrong with a port is an error at the port:
+//!
+//! ```compile_fail
+//! #[derive(controllers::sdk::Inputs)]
+//! struct Inputs {
+//!     #[port("In")]
+//!     distance: f64, // `f64` is no input port: expected `In<T>`
+//! }
+//! ```
+//!
+//! ```compile_fail
+//! #[derive(controllers::sdk::Inputs)]
+//! struct Inputs {
+//!     distance: controllers::sdk::In<f64>, // say which port `distance` is: `#[port("In")]`
+//! }
 //! ```
 
 mod arguments;
@@ -67,10 +85,15 @@ pub mod process;
 mod random;
 mod registry;
 
+pub use comms::logic::signals::Signal;
+pub use comms::logic::time::Time;
+pub use controllers_derive::{Inputs, Outputs};
+pub use serde;
+
 pub use arguments::{ArgumentError, Arguments, Kind, Parameter};
 pub use controller::{About, Configured, Controller, Outcome, Progress, Schedule, Stopping, TAG_MAX, Tick};
 pub use interface::{Binding, Device, Direction, Interface, PortInterface};
 pub use module::{Delivery, DeliveryError, Module};
-pub use port::{AnyIn, AnyOut, In, InputSet, Message, Out, OutputSet};
+pub use port::{AnyIn, AnyOut, In, InputPort, InputSet, Message, Out, OutputPort, OutputSet};
 pub use random::Random;
 pub use registry::{CreateError, Registry};

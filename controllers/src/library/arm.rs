@@ -4,7 +4,7 @@ use super::{FRESH, Watch, ramp_dt};
 use crate::control::puma560::{self, Joints};
 use crate::control::ramp::towards;
 use crate::message::{ArmCommand, ArmState, JointState, JointVelocity, Velocity};
-use crate::sdk::{About, Arguments, Controller, Out, Progress, Stopping, Tick};
+use crate::sdk::{About, Arguments, Controller, In, Inputs, Out, Outputs, Progress, Stopping, Tick};
 use comms::logic::time::Time;
 use nalgebra::Vector6;
 use std::time::Duration;
@@ -17,23 +17,26 @@ const LIMIT_MARGIN: f64 = 0.03;
 /// After a gap this long the drives have stopped by themselves.
 const GAP: f64 = 0.08;
 
-crate::inputs! {
-    /// What [`Puma560Ctrl`] hears.
-    pub(super) struct CtrlInputs {
-        /// How the joints shall move.
-        rates: JointVelocity = wire("In"),
-        /// The arm's encoders.
-        state: ArmState = device("arm/state"),
-    }
+/// What [`Puma560Ctrl`] hears.
+#[derive(Debug, Inputs)]
+pub(super) struct CtrlInputs {
+    /// How the joints shall move.
+    #[port("In")]
+    rates: In<JointVelocity>,
+    /// The arm's encoders.
+    #[device("arm/state")]
+    state: In<ArmState>,
 }
-crate::outputs! {
-    /// What [`Puma560Ctrl`] says.
-    pub(super) struct CtrlOutputs {
-        /// The joints.
-        joints: JointState = wire("Out"),
-        /// To the arm.
-        command: ArmCommand = device("arm/cmd"),
-    }
+
+/// What [`Puma560Ctrl`] says.
+#[derive(Debug, Outputs)]
+pub(super) struct CtrlOutputs {
+    /// The joints.
+    #[port("Out")]
+    joints: Out<JointState>,
+    /// To the arm.
+    #[device("arm/cmd")]
+    command: Out<ArmCommand>,
 }
 
 /// The last command to the arm, and how it may change.
@@ -125,19 +128,20 @@ impl Controller for Puma560Ctrl {
     }
 }
 
-crate::inputs! {
-    /// What [`Puma560Joints`] hears.
-    pub(super) struct JointsInputs {
-        /// The arm's encoders.
-        state: ArmState = device("arm/state"),
-    }
+/// What [`Puma560Joints`] hears.
+#[derive(Debug, Inputs)]
+pub(super) struct JointsInputs {
+    /// The arm's encoders.
+    #[device("arm/state")]
+    state: In<ArmState>,
 }
-crate::outputs! {
-    /// What [`Puma560Joints`] says.
-    pub(super) struct JointsOutputs {
-        /// The joints.
-        joints: JointState = wire("Out"),
-    }
+
+/// What [`Puma560Joints`] says.
+#[derive(Debug, Outputs)]
+pub(super) struct JointsOutputs {
+    /// The joints.
+    #[port("Out")]
+    joints: Out<JointState>,
 }
 
 /// Tells where the arm's joints are.
@@ -178,21 +182,23 @@ impl Controller for Puma560Joints {
     }
 }
 
-crate::inputs! {
-    /// What [`Puma560`] hears.
-    pub(super) struct ArmInputs {
-        /// How the hand shall move.
-        velocity: Velocity = wire("In1"),
-        /// The arm's encoders.
-        state: ArmState = device("arm/state"),
-    }
+/// What [`Puma560`] hears.
+#[derive(Debug, Inputs)]
+pub(super) struct ArmInputs {
+    /// How the hand shall move.
+    #[port("In1")]
+    velocity: In<Velocity>,
+    /// The arm's encoders.
+    #[device("arm/state")]
+    state: In<ArmState>,
 }
-crate::outputs! {
-    /// What [`Puma560`] says.
-    pub(super) struct ArmOutputs {
-        /// To the arm.
-        command: ArmCommand = device("arm/cmd"),
-    }
+
+/// What [`Puma560`] says.
+#[derive(Debug, Outputs)]
+pub(super) struct ArmOutputs {
+    /// To the arm.
+    #[device("arm/cmd")]
+    command: Out<ArmCommand>,
 }
 
 /// Moves the hand as told with the arm alone; the base stays.

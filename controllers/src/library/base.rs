@@ -4,7 +4,7 @@ use super::{FRESH, Watch, ramp_dt};
 use crate::control::caster::{Casters, Odometry};
 use crate::control::ramp::towards;
 use crate::message::{BaseCommand, BasePose, BaseState, BaseVelocity};
-use crate::sdk::{About, Arguments, Controller, Progress, Stopping, Tick};
+use crate::sdk::{About, Arguments, Controller, In, Inputs, Out, Outputs, Progress, Stopping, Tick};
 use comms::logic::signals::Signal;
 use std::time::Duration;
 
@@ -12,19 +12,20 @@ const ACCELERATION_MAX: f64 = 1.5;
 /// Five time constants of the drives: then the base stands.
 const SETTLING: Duration = Duration::from_millis(400);
 
-crate::inputs! {
-    /// What [`Xr4000Ctrl`] hears.
-    pub(super) struct CtrlInputs {
-        /// How the base shall move.
-        velocity: BaseVelocity = wire("In"),
-    }
+/// What [`Xr4000Ctrl`] hears.
+#[derive(Debug, Inputs)]
+pub(super) struct CtrlInputs {
+    /// How the base shall move.
+    #[port("In")]
+    velocity: In<BaseVelocity>,
 }
-crate::outputs! {
-    /// What [`Xr4000Ctrl`] says.
-    pub(super) struct CtrlOutputs {
-        /// To the base.
-        command: BaseCommand = device("base/cmd"),
-    }
+
+/// What [`Xr4000Ctrl`] says.
+#[derive(Debug, Outputs)]
+pub(super) struct CtrlOutputs {
+    /// To the base.
+    #[device("base/cmd")]
+    command: Out<BaseCommand>,
 }
 
 /// Moves the base as told.
@@ -81,19 +82,20 @@ impl Controller for Xr4000Ctrl {
     }
 }
 
-crate::inputs! {
-    /// What [`Xr4000Odometry`] hears.
-    pub(super) struct OdometryInputs {
-        /// The encoders of the casters.
-        state: BaseState = device("base/state"),
-    }
+/// What [`Xr4000Odometry`] hears.
+#[derive(Debug, Inputs)]
+pub(super) struct OdometryInputs {
+    /// The encoders of the casters.
+    #[device("base/state")]
+    state: In<BaseState>,
 }
-crate::outputs! {
-    /// What [`Xr4000Odometry`] says.
-    pub(super) struct OdometryOutputs {
-        /// Where the base is, from where it was when this began.
-        pose: BasePose = wire("Out"),
-    }
+
+/// What [`Xr4000Odometry`] says.
+#[derive(Debug, Outputs)]
+pub(super) struct OdometryOutputs {
+    /// Where the base is, from where it was when this began.
+    #[port("Out")]
+    pose: Out<BasePose>,
 }
 
 /// Tells where the base is, by dead reckoning from its casters.

@@ -3,25 +3,27 @@
 use super::FRESH;
 use crate::control::compliant::{self, Guide};
 use crate::message::{Constraint, Velocity, Wrench};
-use crate::sdk::{About, Arguments, Controller, Progress, Tick};
+use crate::sdk::{About, Arguments, Controller, In, Inputs, Out, Outputs, Progress, Tick};
 use nalgebra::{Vector3, Vector6};
 use std::time::Duration;
 
-crate::inputs! {
-    /// What it hears.
-    pub(super) struct Inputs {
-        /// The wrench on the hand.
-        wrench: Wrench = wire("In1"),
-        /// The direction in which another law leads the hand; without it the hand gives way in every direction.
-        guide: Constraint = optional("In2"),
-    }
+/// What it hears.
+#[derive(Debug, Inputs)]
+pub(super) struct Inputs {
+    /// The wrench on the hand.
+    #[port("In1")]
+    wrench: In<Wrench>,
+    /// The direction in which another law leads the hand; without it the hand gives way in every direction.
+    #[port("In2", optional)]
+    guide: In<Constraint>,
 }
-crate::outputs! {
-    /// What it says.
-    pub(super) struct Outputs {
-        /// How the hand shall move.
-        velocity: Velocity = wire("Out1"),
-    }
+
+/// What it says.
+#[derive(Debug, Outputs)]
+pub(super) struct Outputs {
+    /// How the hand shall move.
+    #[port("Out1")]
+    velocity: Out<Velocity>,
 }
 
 /// Moves the hand the way it is pushed, except in the direction in which another law leads it.

@@ -5,7 +5,7 @@ use crate::control::filter::Debounce;
 use crate::control::{line, puma560};
 use crate::message::{ArmState, LaserScan, LaserState};
 use crate::robot::laser;
-use crate::sdk::{About, Arguments, Controller, Kind, Parameter, Progress, Random, Tick};
+use crate::sdk::{About, Arguments, Controller, In, Inputs, Kind, Out, Outputs, Parameter, Progress, Random, Tick};
 use comms::logic::signals::Signal;
 use nalgebra::Vector2;
 use std::time::Duration;
@@ -19,19 +19,20 @@ const TOLERANCE: f64 = 0.02;
 const SETTLED: f64 = 0.003;
 const SETTLE: usize = 8;
 
-crate::inputs! {
-    /// What [`LaserSensor`] hears.
-    pub(super) struct SensorInputs {
-        /// The laser.
-        state: LaserState = device("laser/state"),
-    }
+/// What [`LaserSensor`] hears.
+#[derive(Debug, Inputs)]
+pub(super) struct SensorInputs {
+    /// The laser.
+    #[device("laser/state")]
+    state: In<LaserState>,
 }
-crate::outputs! {
-    /// What [`LaserSensor`] says.
-    pub(super) struct SensorOutputs {
-        /// The sweep.
-        scan: LaserScan = wire("Out"),
-    }
+
+/// What [`LaserSensor`] says.
+#[derive(Debug, Outputs)]
+pub(super) struct SensorOutputs {
+    /// The sweep.
+    #[port("Out")]
+    scan: Out<LaserScan>,
 }
 
 /// Tells what the laser sees.
@@ -70,14 +71,15 @@ impl Controller for LaserSensor {
     }
 }
 
-crate::inputs! {
-    /// What [`DistanceThreshold`] hears.
-    pub(super) struct ThresholdInputs {
-        /// The laser's sweep.
-        scan: LaserScan = wire("In"),
-        /// The arm's encoders, for where the hand is before the base.
-        state: ArmState = device("arm/state"),
-    }
+/// What [`DistanceThreshold`] hears.
+#[derive(Debug, Inputs)]
+pub(super) struct ThresholdInputs {
+    /// The laser's sweep.
+    #[port("In")]
+    scan: In<LaserScan>,
+    /// The arm's encoders, for where the hand is before the base.
+    #[device("arm/state")]
+    state: In<ArmState>,
 }
 
 /// Ends when the hand is near the wall in front of the base, and no longer approaching it.

@@ -3,33 +3,37 @@
 use super::Watch;
 use crate::control::filter::Debounce;
 use crate::message::{FtCommand, FtState, Wrench};
-use crate::sdk::{About, Arguments, Controller, In, Kind, Parameter, Progress, Tick};
+use crate::sdk::{About, Arguments, Configured, Controller, In, Inputs, Kind, Out, Outputs, Parameter, Progress, Tick};
 use nalgebra::Vector3;
 use std::time::Duration;
 
 const IN_A_ROW: u32 = 3;
 
-crate::inputs! {
-    /// What the sensors hear.
-    pub(super) struct SensorInputs {
-        /// The wrist sensor.
-        state: FtState = device("ft/state"),
-    }
+/// What the sensors hear.
+#[derive(Debug, Inputs)]
+pub(super) struct SensorInputs {
+    /// The wrist sensor.
+    #[device("ft/state")]
+    state: In<FtState>,
 }
-crate::outputs! {
-    /// What [`ForceTorque`] says.
-    pub(super) struct Outputs {
-        /// The wrench on the hand.
-        wrench: Wrench = wire("Out"),
-        /// To the wrist sensor.
-        command: FtCommand = device("ft/cmd"),
-    }
+
+/// What [`ForceTorque`] says.
+#[derive(Debug, Outputs)]
+pub(super) struct Outputs {
+    /// The wrench on the hand.
+    #[port("Out")]
+    wrench: Out<Wrench>,
+    /// To the wrist sensor.
+    #[device("ft/cmd")]
+    command: Out<FtCommand>,
 }
 
 /// Tells the wrench on the hand; with `"zero"` it sets the sensor to zero first, which is for a free hand.
 #[derive(Debug)]
 pub(super) struct ForceTorque {
     zero: bool,
+    /// Smaller forces are told as none (N).
+    threshold: f64,
     /// How often the sensor had been zeroed when this began.
     zeroed_before: Option<u32>,
     watch: Watch,
@@ -41,15 +45,26 @@ impl Controller for ForceTorque {
     const TYPE: &'static str = "ForceTorque";
 
     fn about() -> About {
-        const ZERO: &[Parameter] = &[Parameter::new("zero", Kind::Text(&["keep", "zero"])).or("keep")];
-        About::service("Tells the wrench on the hand; with \"zero\" it first sets the sensor, on a free hand, to zero.")
-            .every(Duration::from_millis(50))
-            .triggered_by("ft/state")
-            .with(ZERO)
+        const PARAMETERS: &[Parameter] = &[
+            Parameter::new("zero", Kind::Text(&["keep", "zero"])).or("keep"),
+            Parameter::new("threshold", Kind::Number(0.0, 200.0)).or("0"),
+        ];
+        About::service(
+            "Tells the wrench on the hand, forces below a threshold [N] as none; \"zero\" first zeroes the sensor.",
+        )
+        .every(Duration::from_millis(50))
+        .triggered_by("ft/state")
+        .with(PARAMETERS)
     }
 
     fn new(arguments: &Arguments) -> Result<Self, String> {
-        Ok(Self { zero: arguments.text("zero") == "zero", zeroed_before: None, watch: Watch::default() })
+        let (zero, threshold) = (arguments.text("zero") == "zero", arguments.number("threshold"));
+        Ok(Self { zero, threshold, zeroed_before: None, watch: Watch::default() })
+    }
+
+    fn configure(&mut self, arguments: &Arguments) -> Result<Configured, String> {
+        self.threshold = arguments.number("threshold");
+        Ok(Configured::Now)
     }
 
     fn init(&mut self, _: &[u8]) -> Result<(), String> {
@@ -67,20 +82,23 @@ impl Controller for ForceTorque {
         if self.zero && state.zeroed == before {
             outputs.command.send(FtCommand { after: before });
         } else {
-            outputs.wrench.send(Wrench { force: state.force, torque: state.torque });
+            let is_felt = Vector3::from(state.force).norm() >= self.threshold;
+            let force = if is_felt { state.force } else { [0.0; 3] };
+            outputs.wrench.send(Wrench { force, torque: state.torque });
         }
         Progress::Continue
     }
 }
 
-crate::outputs! {
-    /// What [`ForceSensor`] says.
-    pub(super) struct SensorOutputs {
-        /// The wrench on the hand.
-        wrench: Wrench = wire("Out1"),
-        /// To the wrist sensor.
-        command: FtCommand = device("ft/cmd"),
-    }
+/// What [`ForceSensor`] says.
+#[derive(Debug, Outputs)]
+pub(super) struct SensorOutputs {
+    /// The wrench on the hand.
+    #[port("Out1")]
+    wrench: Out<Wrench>,
+    /// To the wrist sensor.
+    #[device("ft/cmd")]
+    command: Out<FtCommand>,
 }
 
 /// Sets the sensor to zero, then tells the wrench on the hand.
@@ -140,6 +158,11 @@ impl Threshold {
         Self { threshold, debounce: Debounce::new(IN_A_ROW), watch: Watch::default() }
     }
 
+    fn configure(&mut self, arguments: &Arguments) -> Configured {
+        self.threshold = arguments.number("threshold");
+        Configured::Now
+    }
+
     fn reset(&mut self) {
         (self.debounce, self.watch) = (Debounce::new(IN_A_ROW), Watch::default());
     }
@@ -158,12 +181,12 @@ impl Threshold {
     }
 }
 
-crate::inputs! {
-    /// What [`ForceThreshold`] hears.
-    pub(super) struct ThresholdInputs {
-        /// The wrench on the hand.
-        wrench: Wrench = wire("In"),
-    }
+/// What [`ForceThreshold`] hears.
+#[derive(Debug, Inputs)]
+pub(super) struct ThresholdInputs {
+    /// The wrench on the hand.
+    #[port("In")]
+    wrench: In<Wrench>,
 }
 
 /// Ends when three forces in a row exceed a threshold.
@@ -187,6 +210,10 @@ impl Controller for ForceThreshold {
         Ok(Self(Threshold::new(arguments)))
     }
 
+    fn configure(&mut self, arguments: &Arguments) -> Result<Configured, String> {
+        Ok(self.0.configure(arguments))
+    }
+
     fn init(&mut self, _: &[u8]) -> Result<(), String> {
         self.0.reset();
         Ok(())
@@ -197,12 +224,12 @@ impl Controller for ForceThreshold {
     }
 }
 
-crate::inputs! {
-    /// What [`HitDetector`] hears.
-    pub(super) struct HitInputs {
-        /// The wrench on the hand.
-        wrench: Wrench = wire("In1"),
-    }
+/// What [`HitDetector`] hears.
+#[derive(Debug, Inputs)]
+pub(super) struct HitInputs {
+    /// The wrench on the hand.
+    #[port("In1")]
+    wrench: In<Wrench>,
 }
 
 /// Ends when the hand is hit: the one-process detector of the paper's CompliantMotion.
@@ -224,6 +251,10 @@ impl Controller for HitDetector {
 
     fn new(arguments: &Arguments) -> Result<Self, String> {
         Ok(Self(Threshold::new(arguments)))
+    }
+
+    fn configure(&mut self, arguments: &Arguments) -> Result<Configured, String> {
+        Ok(self.0.configure(arguments))
     }
 
     fn init(&mut self, _: &[u8]) -> Result<(), String> {

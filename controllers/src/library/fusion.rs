@@ -3,7 +3,7 @@
 use super::FRESH;
 use crate::control::puma560::Joints;
 use crate::message::{JointState, Velocity};
-use crate::sdk::{About, Arguments, Controller, In, Progress, Stopping, Tick};
+use crate::sdk::{About, Arguments, Controller, In, Inputs, Out, Outputs, Progress, Stopping, Tick};
 use nalgebra::{SVector, Vector3};
 use std::time::Duration;
 
@@ -11,19 +11,20 @@ const POSTURE_GAIN: f64 = 0.9;
 const LINEAR_MAX: f64 = 0.25;
 const ANGULAR_MAX: f64 = 0.8;
 
-crate::inputs! {
-    /// What [`ConfigCtrl`] hears.
-    pub(super) struct ConfigInputs {
-        /// The arm's joints.
-        joints: JointState = wire("In"),
-    }
+/// What [`ConfigCtrl`] hears.
+#[derive(Debug, Inputs)]
+pub(super) struct ConfigInputs {
+    /// The arm's joints.
+    #[port("In")]
+    joints: In<JointState>,
 }
-crate::outputs! {
-    /// What both say.
-    pub(super) struct Outputs {
-        /// How the hand shall move.
-        velocity: Velocity = wire("Out"),
-    }
+
+/// What both say.
+#[derive(Debug, Outputs)]
+pub(super) struct Outputs {
+    /// How the hand shall move.
+    #[port("Out")]
+    velocity: Out<Velocity>,
 }
 
 /// Keeps the arm in the posture it has at the start, as far as the hand does not notice; so the base carries the arm.
@@ -63,16 +64,18 @@ impl Controller for ConfigCtrl {
     }
 }
 
-crate::inputs! {
-    /// What [`AddVelocity`] hears.
-    pub(super) struct AddInputs {
-        /// The first velocity; each new one makes a sum.
-        first: Velocity = wire("In1"),
-        /// The second.
-        second: Velocity = optional("In2"),
-        /// The third.
-        third: Velocity = optional("In3"),
-    }
+/// What [`AddVelocity`] hears.
+#[derive(Debug, Inputs)]
+pub(super) struct AddInputs {
+    /// The first velocity; each new one makes a sum.
+    #[port("In1")]
+    first: In<Velocity>,
+    /// The second.
+    #[port("In2", optional)]
+    second: In<Velocity>,
+    /// The third.
+    #[port("In3", optional)]
+    third: In<Velocity>,
 }
 
 /// Adds velocities; one that has fallen silent counts as zero.

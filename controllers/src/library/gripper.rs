@@ -3,7 +3,7 @@
 use super::{FRESH, Watch};
 use crate::control::filter::Debounce;
 use crate::message::{GripperCommand, GripperState};
-use crate::sdk::{About, Arguments, Controller, Kind, Parameter, Progress, Stopping, Tick};
+use crate::sdk::{About, Arguments, Controller, In, Inputs, Kind, Out, Outputs, Parameter, Progress, Stopping, Tick};
 use comms::logic::time::Time;
 use std::time::Duration;
 
@@ -15,19 +15,20 @@ const HOLD_FORCE: f64 = 20.0;
 const TIMEOUT: Duration = Duration::from_secs(4);
 const IN_A_ROW: u32 = 3;
 
-crate::inputs! {
-    /// What it hears.
-    pub(super) struct Inputs {
-        /// The gripper.
-        state: GripperState = device("gripper/state"),
-    }
+/// What it hears.
+#[derive(Debug, Inputs)]
+pub(super) struct Inputs {
+    /// The gripper.
+    #[device("gripper/state")]
+    state: In<GripperState>,
 }
-crate::outputs! {
-    /// What it says.
-    pub(super) struct Outputs {
-        /// To the gripper.
-        command: GripperCommand = device("gripper/cmd"),
-    }
+
+/// What it says.
+#[derive(Debug, Outputs)]
+pub(super) struct Outputs {
+    /// To the gripper.
+    #[device("gripper/cmd")]
+    command: Out<GripperCommand>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

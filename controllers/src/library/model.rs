@@ -5,7 +5,7 @@ use crate::control::caster::Pose;
 use crate::control::door::{Failure, Opening, Pull};
 use crate::control::puma560;
 use crate::message::{BasePose, Constraint, JointState, Velocity, Wrench};
-use crate::sdk::{About, Arguments, Controller, Kind, Parameter, Progress, Tick};
+use crate::sdk::{About, Arguments, Controller, In, Inputs, Kind, Out, Outputs, Parameter, Progress, Tick};
 use comms::logic::signals::Signal;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use std::time::Duration;
@@ -13,25 +13,29 @@ use std::time::Duration;
 /// The longest an opening may take.
 const TIMEOUT: Duration = Duration::from_secs(40);
 
-crate::inputs! {
-    /// What it hears.
-    pub(super) struct Inputs {
-        /// The wrench on the hand.
-        wrench: Wrench = wire("In1"),
-        /// The arm's joints.
-        joints: JointState = wire("In2"),
-        /// Where the base is.
-        pose: BasePose = wire("In3"),
-    }
+/// What it hears.
+#[derive(Debug, Inputs)]
+pub(super) struct Inputs {
+    /// The wrench on the hand.
+    #[port("In1")]
+    wrench: In<Wrench>,
+    /// The arm's joints.
+    #[port("In2")]
+    joints: In<JointState>,
+    /// Where the base is.
+    #[port("In3")]
+    pose: In<BasePose>,
 }
-crate::outputs! {
-    /// What it says.
-    pub(super) struct Outputs {
-        /// How the hand shall move.
-        velocity: Velocity = wire("Out1"),
-        /// Where it leads the hand, for compliance beside it.
-        guide: Constraint = wire("Out2"),
-    }
+
+/// What it says.
+#[derive(Debug, Outputs)]
+pub(super) struct Outputs {
+    /// How the hand shall move.
+    #[port("Out1")]
+    velocity: Out<Velocity>,
+    /// Where it leads the hand, for compliance beside it.
+    #[port("Out2")]
+    guide: Out<Constraint>,
 }
 
 /// Pulls a door open about its hinge, which it finds meanwhile; ends at an angle, or when nothing moves.

@@ -2,18 +2,18 @@
 
 use crate::control::ramp::Trapezoid;
 use crate::message::Velocity;
-use crate::sdk::{About, Arguments, Controller, Kind, Parameter, Progress, Stopping, Tick};
+use crate::sdk::{About, Arguments, Controller, Kind, Out, Outputs, Parameter, Progress, Stopping, Tick};
 use comms::logic::time::Time;
 use std::time::Duration;
 
 const ACCELERATION: f64 = 0.1;
 
-crate::outputs! {
-    /// What it says.
-    pub(super) struct Outputs {
-        /// How the hand shall move.
-        velocity: Velocity = wire("Out"),
-    }
+/// What it says.
+#[derive(Debug, Outputs)]
+pub(super) struct Outputs {
+    /// How the hand shall move.
+    #[port("Out")]
+    velocity: Out<Velocity>,
 }
 
 /// Moves the hand straight along its approach axis.

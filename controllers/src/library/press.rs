@@ -4,28 +4,30 @@ use super::FRESH;
 use crate::control::press::Press;
 use crate::control::puma560;
 use crate::message::{ArmState, FtState, Velocity};
-use crate::sdk::{About, Arguments, Controller, Progress, Stopping, Tick};
+use crate::sdk::{About, Arguments, Controller, In, Inputs, Out, Outputs, Progress, Stopping, Tick};
 use comms::logic::time::Time;
 use nalgebra::Vector6;
 use std::time::Duration;
 
 const TIMEOUT: Duration = Duration::from_secs(8);
 
-crate::inputs! {
-    /// What it hears.
-    pub(super) struct Inputs {
-        /// The arm's encoders.
-        arm: ArmState = device("arm/state"),
-        /// The wrist sensor.
-        force: FtState = device("ft/state"),
-    }
+/// What it hears.
+#[derive(Debug, Inputs)]
+pub(super) struct Inputs {
+    /// The arm's encoders.
+    #[device("arm/state")]
+    arm: In<ArmState>,
+    /// The wrist sensor.
+    #[device("ft/state")]
+    force: In<FtState>,
 }
-crate::outputs! {
-    /// What it says.
-    pub(super) struct Outputs {
-        /// How the hand shall move.
-        velocity: Velocity = wire("Out"),
-    }
+
+/// What it says.
+#[derive(Debug, Outputs)]
+pub(super) struct Outputs {
+    /// How the hand shall move.
+    #[port("Out")]
+    velocity: Out<Velocity>,
 }
 
 /// Presses a lever handle down, giving way sideways; ends when it is down.

@@ -1,6 +1,6 @@
 //! A steady source and what listens to it: to see what a connection does to a rhythm, on any network, at any load.
 
-use crate::sdk::{About, Arguments, Controller, Kind, Message, Parameter, Progress, Tick};
+use crate::sdk::{About, Arguments, Controller, In, Inputs, Kind, Message, Out, Outputs, Parameter, Progress, Tick};
 use comms::logic::signals::Signal;
 use comms::logic::time::Time;
 use serde::{Deserialize, Serialize};
@@ -24,12 +24,12 @@ impl Message for Beat {
     const TYPE: &'static str = "Beat";
 }
 
-crate::outputs! {
-    /// What [`RateSource`] says.
-    pub(super) struct SourceOutputs {
-        /// Every period.
-        beat: Beat = wire("Out"),
-    }
+/// What [`RateSource`] says.
+#[derive(Debug, Outputs)]
+pub(super) struct SourceOutputs {
+    /// Every period.
+    #[port("Out")]
+    beat: Out<Beat>,
 }
 
 /// Sends a numbered beat every 10 ms.
@@ -67,12 +67,12 @@ impl Controller for RateSource {
     }
 }
 
-crate::inputs! {
-    /// What [`RateMonitor`] hears.
-    pub(super) struct MonitorInputs {
-        /// From a source.
-        beat: Beat = wire("In"),
-    }
+/// What [`RateMonitor`] hears.
+#[derive(Debug, Inputs)]
+pub(super) struct MonitorInputs {
+    /// From a source.
+    #[port("In")]
+    beat: In<Beat>,
 }
 
 /// Tells how steadily beats arrive: how many have, how many were lost on the way, and the largest gap between two.

@@ -3,7 +3,7 @@
 use super::{FRESH, Watch, ramp_dt};
 use crate::control::redundancy::{Rates, Resolver};
 use crate::message::{BaseVelocity, JointState, JointVelocity, Velocity};
-use crate::sdk::{About, Arguments, Controller, Progress, Tick};
+use crate::sdk::{About, Arguments, Controller, In, Inputs, Out, Outputs, Progress, Tick};
 use comms::logic::signals::Signal;
 use nalgebra::Vector6;
 use std::time::Duration;
@@ -11,23 +11,26 @@ use std::time::Duration;
 /// After a gap this long the drives have stopped by themselves (s).
 const GAP: f64 = 0.08;
 
-crate::inputs! {
-    /// What it hears.
-    pub(super) struct Inputs {
-        /// How the hand shall move.
-        velocity: Velocity = wire("In"),
-        /// The arm's joints.
-        joints: JointState = wire("In1"),
-    }
+/// What it hears.
+#[derive(Debug, Inputs)]
+pub(super) struct Inputs {
+    /// How the hand shall move.
+    #[port("In")]
+    velocity: In<Velocity>,
+    /// The arm's joints.
+    #[port("In1")]
+    joints: In<JointState>,
 }
-crate::outputs! {
-    /// What it says.
-    pub(super) struct Outputs {
-        /// How the base shall move.
-        base: BaseVelocity = wire("Out1"),
-        /// How the arm's joints shall move.
-        arm: JointVelocity = wire("Out2"),
-    }
+
+/// What it says.
+#[derive(Debug, Outputs)]
+pub(super) struct Outputs {
+    /// How the base shall move.
+    #[port("Out1")]
+    base: Out<BaseVelocity>,
+    /// How the arm's joints shall move.
+    #[port("Out2")]
+    arm: Out<JointVelocity>,
 }
 
 /// Shares the velocity of the hand out to base and arm; brings both to rest when nobody commands.

@@ -2,7 +2,7 @@
 
 use crate::control::servoing::{self, Seen};
 use crate::message::{CameraState, Velocity};
-use crate::sdk::{About, Arguments, Controller, Progress, Stopping, Tick};
+use crate::sdk::{About, Arguments, Controller, In, Inputs, Out, Outputs, Progress, Stopping, Tick};
 use comms::logic::signals::Signal;
 use comms::logic::time::Time;
 use std::time::Duration;
@@ -12,19 +12,20 @@ const IMAGE_FRESH: Duration = Duration::from_millis(160);
 /// How long it waits for a handle that is out of sight.
 const LOST: Duration = Duration::from_secs(5);
 
-crate::inputs! {
-    /// What it hears.
-    pub(super) struct Inputs {
-        /// The camera.
-        camera: CameraState = device("camera/state"),
-    }
+/// What it hears.
+#[derive(Debug, Inputs)]
+pub(super) struct Inputs {
+    /// The camera.
+    #[device("camera/state")]
+    camera: In<CameraState>,
 }
-crate::outputs! {
-    /// What it says.
-    pub(super) struct Outputs {
-        /// How the hand shall move.
-        velocity: Velocity = wire("Out"),
-    }
+
+/// What it says.
+#[derive(Debug, Outputs)]
+pub(super) struct Outputs {
+    /// How the hand shall move.
+    #[port("Out")]
+    velocity: Out<Velocity>,
 }
 
 /// Brings the hand before the lever and keeps it there; stands still when the lever is out of sight, gives up after 5 s.

@@ -8,7 +8,7 @@ use crate::robot::door::{Description, Lock};
 use crate::robot::drive::Owner;
 use crate::robot::plant::{Plant, STEP};
 use crate::robot::{camera, laser};
-use crate::sdk::{About, Arguments, Controller, In, Kind, Parameter, Progress, Tick};
+use crate::sdk::{About, Arguments, Controller, In, Inputs, Kind, Out, Outputs, Parameter, Progress, Tick};
 use comms::logic::signals::Signal;
 use comms::logic::time::Time;
 use nalgebra::Vector3;
@@ -20,35 +20,44 @@ const SIGNALS_EVERY: Duration = Duration::from_millis(40);
 /// A visitor's push grows for this long (s), then ends.
 const PUSH_TIME: f64 = 4.0;
 
-crate::inputs! {
-    /// What it hears.
-    pub(super) struct Inputs {
-        /// To the arm.
-        arm: ArmCommand = owner("arm/cmd"),
-        /// To the base.
-        base: BaseCommand = owner("base/cmd"),
-        /// To the wrist sensor.
-        force: FtCommand = owner("ft/cmd"),
-        /// To the gripper.
-        gripper: GripperCommand = owner("gripper/cmd"),
-    }
+/// What it hears.
+#[derive(Debug, Inputs)]
+pub(super) struct Inputs {
+    /// To the arm.
+    #[device("arm/cmd", owner)]
+    arm: In<ArmCommand>,
+    /// To the base.
+    #[device("base/cmd", owner)]
+    base: In<BaseCommand>,
+    /// To the wrist sensor.
+    #[device("ft/cmd", owner)]
+    force: In<FtCommand>,
+    /// To the gripper.
+    #[device("gripper/cmd", owner)]
+    gripper: In<GripperCommand>,
 }
-crate::outputs! {
-    /// What it says.
-    pub(super) struct Outputs {
-        /// The arm's encoders.
-        arm: ArmState = owner("arm/state"),
-        /// The base's encoders.
-        base: BaseState = owner("base/state"),
-        /// The wrist sensor.
-        force: FtState = owner("ft/state"),
-        /// The gripper.
-        gripper: GripperState = owner("gripper/state"),
-        /// The laser.
-        laser: LaserState = owner("laser/state"),
-        /// The camera.
-        camera: CameraState = owner("camera/state"),
-    }
+
+/// What it says.
+#[derive(Debug, Outputs)]
+pub(super) struct Outputs {
+    /// The arm's encoders.
+    #[device("arm/state", owner)]
+    arm: Out<ArmState>,
+    /// The base's encoders.
+    #[device("base/state", owner)]
+    base: Out<BaseState>,
+    /// The wrist sensor.
+    #[device("ft/state", owner)]
+    force: Out<FtState>,
+    /// The gripper.
+    #[device("gripper/state", owner)]
+    gripper: Out<GripperState>,
+    /// The laser.
+    #[device("laser/state", owner)]
+    laser: Out<LaserState>,
+    /// The camera.
+    #[device("camera/state", owner)]
+    camera: Out<CameraState>,
 }
 
 /// A robot before a door.

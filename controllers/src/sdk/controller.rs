@@ -12,9 +12,9 @@ use std::time::Duration;
 /// that it is done or aborted, or until a stop is asked for; then `stop` once per period until it is finished. After
 /// that `init` may be called again. Calls never overlap. Inputs are forgotten between activations.
 pub trait Controller: Sized + Send + 'static {
-    /// Its inputs, declared with [`inputs!`](crate::inputs).
+    /// Its inputs, a struct with `#[derive(Inputs)]`, or `()`.
     type Inputs: InputSet;
-    /// Its outputs, declared with [`outputs!`](crate::outputs).
+    /// Its outputs, a struct with `#[derive(Outputs)]`, or `()`.
     type Outputs: OutputSet;
     /// The process type in specs.
     const TYPE: &'static str;

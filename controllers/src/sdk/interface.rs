@@ -148,14 +148,14 @@ impl Interface {
             text.push_str(&line);
             text.push('\n');
         };
-        line(format!("/// {}", self.about.doc));
+        doc_lines("", self.about.doc).for_each(&mut line);
         line(format!("module {}({}) {{", self.type_name, head.join(", ")));
         for port in self.ports.iter().filter(|port| port.binding == Binding::Wire) {
             let direction = match port.direction {
                 Direction::In => "in",
                 Direction::Out => "out",
             };
-            line(format!("  /// {}", port.doc.trim()));
+            doc_lines("  ", port.doc).for_each(&mut line);
             line(format!("  {direction} {}: {};", port.name, port.type_name));
         }
         line(if self.about.service { "  service;".to_owned() } else { self.done() });
@@ -184,6 +184,11 @@ impl Interface {
         };
         self.about.outcomes.is_empty() || self.about.outcomes.iter().any(|outcome| has_tag(outcome.tag))
     }
+}
+
+/// A doc comment; nothing if there is nothing to say.
+fn doc_lines<'a>(indent: &'a str, doc: &'a str) -> impl Iterator<Item = String> + 'a {
+    doc.trim().lines().map(move |text| format!("{indent}/// {}", text.trim()))
 }
 
 #[cfg(test)]

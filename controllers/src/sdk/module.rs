@@ -105,8 +105,8 @@ impl<C: Controller> Instance<C> {
         Self {
             controller,
             interface,
-            inputs: C::Inputs::default(),
-            outputs: C::Outputs::default(),
+            inputs: C::Inputs::unconnected(),
+            outputs: C::Outputs::unconnected(),
             input_count,
             last: None,
             next: None,
@@ -142,7 +142,7 @@ impl<C: Controller> Module for Instance<C> {
     }
 
     fn init(&mut self, value: &[u8], now: Time) -> Result<(), String> {
-        self.outputs = C::Outputs::default();
+        self.outputs = C::Outputs::unconnected();
         self.last = None;
         match self.next.take().map(|arguments| C::new(&arguments)) {
             Some(Ok(renewed)) => self.controller = renewed,

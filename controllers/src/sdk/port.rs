@@ -1,4 +1,4 @@
-//! Typed ports, and the macros that declare a controller's set of them.
+//! Typed ports, and sets of them, which `#[derive(Inputs)]` and `#[derive(Outputs)]` write.
 
 use super::interface::PortInterface;
 use comms::logic::time::Time;
@@ -8,6 +8,10 @@ use std::fmt::Debug;
 use std::time::Duration;
 
 /// Something that travels from port to port: plain data in SI units, encoded with postcard.
+#[diagnostic::on_unimplemented(
+    message = "`{Self}` is no message",
+    note = "write `impl Message for {Self} {{ const TYPE: &'static str = \"...\"; }}`"
+)]
 pub trait Message: Serialize + DeserializeOwned + Debug + Send + 'static {
     /// Its name in interfaces; a wire joins ports of one name only.
     const TYPE: &'static str;
@@ -125,16 +129,58 @@ impl<T: Message> AnyOut for Out<T> {
     }
 }
 
-/// The inputs of a controller. Written by [`inputs!`](crate::inputs); `()` for none.
-pub trait InputSet: Default + Send + 'static {
+/// A field of a struct of inputs: [`In`] alone.
+#[diagnostic::on_unimplemented(
+    message = "`{Self}` is no input port",
+    label = "expected `In<T>`, where `T` is a message",
+    note = "a field of a struct with `#[derive(Inputs)]` is an `In<T>`"
+)]
+pub trait InputPort: AnyIn + Default {
+    /// What it hears.
+    type Message: Message;
+}
+
+impl<T: Message> InputPort for In<T> {
+    type Message = T;
+}
+
+/// A field of a struct of outputs: [`Out`] alone.
+#[diagnostic::on_unimplemented(
+    message = "`{Self}` is no output port",
+    label = "expected `Out<T>`, where `T` is a message",
+    note = "a field of a struct with `#[derive(Outputs)]` is an `Out<T>`"
+)]
+pub trait OutputPort: AnyOut + Default {
+    /// What it says.
+    type Message: Message;
+}
+
+impl<T: Message> OutputPort for Out<T> {
+    type Message = T;
+}
+
+/// The inputs of a controller. Written by `#[derive(Inputs)]`; `()` for none.
+#[diagnostic::on_unimplemented(
+    message = "`{Self}` is no set of inputs",
+    note = "a struct becomes one with `#[derive(Inputs)]`; `()` is for a controller without inputs"
+)]
+pub trait InputSet: Sized + Send + 'static {
+    /// Returns the ports before anything has arrived.
+    fn unconnected() -> Self;
     /// Returns the ports in order.
     fn declared() -> Vec<PortInterface>;
     /// Visits the ports in the same order.
     fn visit(&mut self, visit: &mut dyn FnMut(usize, &mut dyn AnyIn));
 }
 
-/// The outputs of a controller. Written by [`outputs!`](crate::outputs); `()` for none.
-pub trait OutputSet: Default + Send + 'static {
+/// The outputs of a controller. Written by `#[derive(Outputs)]`; `()` for none.
+#[diagnostic::on_unimplemented(
+    message = "`{Self}` is no set of outputs",
+    note = "a struct becomes one with `#[derive(Outputs)]`; `()` is for a controller without outputs"
+)]
+pub trait OutputSet: Sized + Send + 'static {
+    /// Returns the ports before anything is sent.
+    fn unconnected() -> Self;
     /// Returns the ports in order.
     fn declared() -> Vec<PortInterface>;
     /// Visits the ports in the same order.
@@ -142,6 +188,7 @@ pub trait OutputSet: Default + Send + 'static {
 }
 
 impl InputSet for () {
+    fn unconnected() -> Self {}
     fn declared() -> Vec<PortInterface> {
         Vec::new()
     }
@@ -149,61 +196,9 @@ impl InputSet for () {
 }
 
 impl OutputSet for () {
+    fn unconnected() -> Self {}
     fn declared() -> Vec<PortInterface> {
         Vec::new()
     }
     fn visit(&mut self, _: &mut dyn FnMut(usize, &mut dyn AnyOut)) {}
-}
-
-/// Declares a struct of inputs: `field: Type = wire("In1"),`.
-///
-/// `wire` must be connected, `optional` may be; `device("arm/state")` hears a device, `owner("arm/cmd")` is the device's
-/// own side. Each port needs a doc comment, which goes into the interface.
-#[macro_export]
-macro_rules! inputs {
-    ($(#[$meta:meta])* $vis:vis struct $name:ident {
-        $($(#[doc = $doc:literal])+ $field:ident: $type:ty = $kind:ident($port:literal),)+
-    }) => {
-        $(#[$meta])*
-        #[derive(Debug, Default)]
-        $vis struct $name { $($(#[doc = $doc])+ pub $field: $crate::sdk::In<$type>,)+ }
-        impl $crate::sdk::InputSet for $name {
-            fn declared() -> Vec<$crate::sdk::PortInterface> {
-                vec![$($crate::sdk::PortInterface::$kind(
-                    $port,
-                    $crate::sdk::Direction::In,
-                    <$type as $crate::sdk::Message>::TYPE,
-                ).carrying(<$type as $crate::sdk::Message>::FIELDS).documented(concat!($($doc),+)),)+]
-            }
-            fn visit(&mut self, visit: &mut dyn FnMut(usize, &mut dyn $crate::sdk::AnyIn)) {
-                let mut index = 0..;
-                $(if let Some(index) = index.next() { visit(index, &mut self.$field); })+
-            }
-        }
-    };
-}
-
-/// Declares a struct of outputs: `field: Type = wire("Out"),`; kinds as in [`inputs!`](crate::inputs).
-#[macro_export]
-macro_rules! outputs {
-    ($(#[$meta:meta])* $vis:vis struct $name:ident {
-        $($(#[doc = $doc:literal])+ $field:ident: $type:ty = $kind:ident($port:literal),)+
-    }) => {
-        $(#[$meta])*
-        #[derive(Debug, Default)]
-        $vis struct $name { $($(#[doc = $doc])+ pub $field: $crate::sdk::Out<$type>,)+ }
-        impl $crate::sdk::OutputSet for $name {
-            fn declared() -> Vec<$crate::sdk::PortInterface> {
-                vec![$($crate::sdk::PortInterface::$kind(
-                    $port,
-                    $crate::sdk::Direction::Out,
-                    <$type as $crate::sdk::Message>::TYPE,
-                ).carrying(<$type as $crate::sdk::Message>::FIELDS).documented(concat!($($doc),+)),)+]
-            }
-            fn visit(&mut self, visit: &mut dyn FnMut(usize, &mut dyn $crate::sdk::AnyOut)) {
-                let mut index = 0..;
-                $(if let Some(index) = index.next() { visit(index, &mut self.$field); })+
-            }
-        }
-    };
 }

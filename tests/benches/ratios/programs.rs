@@ -1,7 +1,9 @@
 //! The controllers that are measured. Each is as small as a controller can be; none reads a clock.
 
 use comms::logic::time::Time;
-use controllers::sdk::{About, Arguments, Controller, Kind, Message, Parameter, Progress, Registry, Tick};
+use controllers::sdk::{
+    About, Arguments, Controller, In, Inputs, Kind, Message, Out, Outputs, Parameter, Progress, Registry, Tick,
+};
 use serde::de::Visitor;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::fmt;
@@ -42,19 +44,20 @@ impl<'de> Deserialize<'de> for Blob {
     }
 }
 
-controllers::inputs! {
-    /// What is heard.
-    pub(crate) struct Hears {
-        /// From the other side.
-        heard: Blob = optional("In"),
-    }
+/// What is heard.
+#[derive(Debug, Inputs)]
+pub(crate) struct Hears {
+    /// From the other side.
+    #[port("In", optional)]
+    heard: In<Blob>,
 }
-controllers::outputs! {
-    /// What is said.
-    pub(crate) struct Says {
-        /// To the other side.
-        said: Blob = optional("Out"),
-    }
+
+/// What is said.
+#[derive(Debug, Outputs)]
+pub(crate) struct Says {
+    /// To the other side.
+    #[port("Out", optional)]
+    said: Out<Blob>,
 }
 
 /// Returns everything that this program can be as a controller.

@@ -1,0 +1,26 @@
+//! The controllers of all examples in one program; the folder of each example has its spec, its page and its source.
+
+#[path = "../machines/machines.rs"]
+mod machines;
+#[path = "../patrol/patrol.rs"]
+mod patrol;
+#[path = "../pid/pid.rs"]
+mod pid;
+#[path = "../serial/serial.rs"]
+mod serial;
+
+use controllers::sdk::{Registry, Signal, process};
+
+/// Returns a signal that the summary of a run shows.
+fn headline(name: &str, unit: &str, value: f64) -> Signal {
+    Signal { name: name.into(), unit: unit.into(), value, headline: true }
+}
+
+fn main() -> std::process::ExitCode {
+    let mut registry = Registry::default();
+    machines::add(&mut registry);
+    patrol::add(&mut registry);
+    pid::add(&mut registry);
+    serial::add(&mut registry);
+    process::run(&registry)
+}
