@@ -20,6 +20,7 @@ pub mod man;
 pub mod new;
 pub mod nodes;
 pub mod output;
+pub mod param;
 pub mod report;
 pub mod run;
 pub mod sim;
@@ -76,6 +77,8 @@ enum Verb {
     Logs(logs::Arguments),
     /// Stop a deployment everywhere
     Stop(stop::Arguments),
+    /// List and change parameters of running programs
+    Param(param::Arguments),
     /// Read and write the database that every robot of a team has a copy of
     Db(db::Arguments),
     /// Make one page to look at from the record of a run
@@ -140,6 +143,7 @@ pub fn main() -> ExitCode {
         Verb::Status(arguments) => status::run(&arguments),
         Verb::Logs(arguments) => logs::run(&arguments),
         Verb::Stop(arguments) => stop::run(&arguments),
+        Verb::Param(arguments) => param::run(arguments),
         Verb::Db(arguments) => db::run(arguments),
         Verb::Report(arguments) => report::run(&arguments),
     })

@@ -12,6 +12,7 @@ pub mod link;
 pub mod mission;
 pub mod nameserver;
 pub mod page;
+pub mod parameters;
 pub mod printable;
 pub mod process_record;
 pub mod programs;

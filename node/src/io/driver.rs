@@ -157,8 +157,8 @@ impl Driver {
         let mut offered = Programs::default();
         for program in programs::chosen(&config.controllers) {
             let asked = program.clone();
-            let types = tokio::task::spawn_blocking(move || programs::types(&asked)).await??;
-            offered.offer(&program.display().to_string(), types);
+            let interface = tokio::task::spawn_blocking(move || programs::interfaces(&asked)).await??;
+            offered.declare(&program.display().to_string(), interface);
         }
         let boot = boot_number();
         let machine = machine();

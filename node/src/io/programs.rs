@@ -65,14 +65,6 @@ pub fn interfaces(program: &Path) -> Result<String, ProgramsError> {
     ask(program, "--dca-interface", ANSWER_WITHIN)
 }
 
-/// Returns the names of the controller types an executable offers.
-///
-/// # Errors
-/// It cannot be run, fails, or does not answer within 10 s.
-pub fn types(program: &Path) -> Result<Vec<String>, ProgramsError> {
-    Ok(ask(program, "--list", ANSWER_WITHIN)?.split_whitespace().map(str::to_owned).collect())
-}
-
 fn ask(program: &Path, argument: &'static str, within: Duration) -> Result<String, ProgramsError> {
     let run = |cause| ProgramsError::Run { program: program.to_owned(), cause };
     let child = Command::new(program)

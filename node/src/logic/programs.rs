@@ -1,12 +1,15 @@
 //! Which program runs a controller type on this host.
 
-use language::plan::{Argument, Constant, Leaf, words};
+use language::Source;
+use language::plan::{Argument, Constant, Leaf, Parameter, words};
 use std::collections::BTreeMap;
 
 /// Controller types and the executables that offer them.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Programs {
     types: BTreeMap<String, String>,
+    /// What parameters the types have, as far as their programs say it.
+    parameters: BTreeMap<String, Vec<Parameter>>,
 }
 
 impl Programs {
@@ -15,6 +18,21 @@ impl Programs {
         for name in types {
             self.types.entry(name).or_insert_with(|| executable.to_owned());
         }
+    }
+
+    /// Notes that `executable` offers the types whose interfaces these are.
+    pub fn declare(&mut self, executable: &str, interface: String) {
+        for (name, parameters) in language::parameters(&[Source::new(executable, interface)]) {
+            if let (Some(parameters), false) = (parameters, self.types.contains_key(&name)) {
+                self.parameters.insert(name.clone(), parameters);
+            }
+            self.offer(executable, [name]);
+        }
+    }
+
+    /// Returns the parameters of a type; none if no program here says what they are.
+    pub fn parameters(&self, module: &str) -> Option<&[Parameter]> {
+        self.parameters.get(module).map(Vec::as_slice)
     }
 
     /// Returns the executable and its arguments for a leaf: `EXECUTABLE TYPE [NAME=]VALUE...`, or the leaf's own `exec`
@@ -62,7 +80,7 @@ fn argument(argument: &Argument) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use language::{Options, Source, compile};
+    use language::{Options, compile};
 
     #[test]
     fn what_a_spec_says_is_what_is_executed() {

@@ -4,12 +4,14 @@
 //! and the envelope of `comms` carries the version.
 
 mod failure;
+mod parameters;
 
 use crate::logic::database::question::{Question, Reply};
 use comms::logic::codec::Enveloped;
 use comms::logic::control::{Dial, Location};
 pub use failure::{Failure, FailureCause, signal_name};
 use language::plan::{MemberKind, Plan};
+pub use parameters::{InstanceParameters, ParameterStatus};
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::time::Duration;
@@ -296,6 +298,8 @@ pub enum Request {
     },
     /// Answered by [`Answer::Database`].
     Database(Question),
+    /// Answered by [`Answer::Parameters`].
+    Parameters,
 }
 
 /// An element of the answer to a [`Request`].
@@ -313,6 +317,8 @@ pub enum Answer {
     Refused(String),
     /// To `Database`.
     Database(Reply),
+    /// To `Parameters`: every program of this host.
+    Parameters(Vec<InstanceParameters>),
 }
 
 /// The question whether a node is there, to all others.

@@ -3,7 +3,7 @@
 use crate::cli::client::{Answers, Client, block_on, unasked};
 use crate::cli::{Failure, Reaching, output};
 use crate::logic::database::question::{Question, Reply};
-use crate::logic::protocol::{Answer, Request};
+use crate::logic::protocol::{Answer, InstanceParameters, Request};
 use anyhow::anyhow;
 use comms::io::clock;
 use comms::logic::time::Time;
@@ -107,6 +107,19 @@ impl Databases<'_> {
     pub(crate) fn ask(&self, robot: &str, question: Question) -> Result<Replies, Failure> {
         let answers = self.client.ask_on(robot, &Request::Database(question))?;
         Ok(Replies { answers, robot: robot.to_owned() })
+    }
+
+    /// Returns what may be told to the programs of a robot.
+    pub(crate) async fn parameters(&self, robot: &str) -> Result<Vec<InstanceParameters>, Failure> {
+        match self.client.ask(robot, &Request::Parameters, ANSWER_WITHIN).await? {
+            Answer::Parameters(all) => Ok(all),
+            other => Err(unasked(robot, &other)),
+        }
+    }
+
+    /// Returns the robots that can be reached now.
+    pub(crate) async fn robots(&self) -> Result<Vec<String>, Failure> {
+        Ok(self.client.hosts(&[]).await?.into_iter().collect())
     }
 
     /// Returns whether a robot can be reached now.

@@ -3,12 +3,16 @@
 use super::asking::{ANSWER_WITHIN, Asking, Databases, refusal};
 use crate::cli::{Failure, output};
 use crate::logic::database::question::{Commit, Far, Question, Reply};
+use crate::logic::database::settings::spelt;
+use crate::logic::parameters::{self, Verdict};
+use crate::logic::protocol::InstanceParameters;
 use anyhow::{Context, anyhow};
 use comms::io::clock;
 use dbmanager::logic::cut::Dot;
 use dbmanager::logic::key::Key;
 use dbmanager::logic::txn::{Require, Write};
 use dbmanager::logic::view::value::Datum;
+use std::collections::BTreeMap;
 use std::time::Duration;
 
 /// What every verb that writes is told.
@@ -105,6 +109,9 @@ impl Writing {
     /// Sends what is answered as a transaction is, to the robot whose keys they are, and says how far it has got.
     pub(crate) fn send(&self, question: &Question) -> Result<(), Failure> {
         let got = self.asking.with(async |databases| {
+            if let Question::Commit(commit) = question {
+                check_parameters(databases, &commit.writes).await?;
+            }
             let robot = databases.robot();
             match self.ask(databases, robot, question.clone()).await? {
                 Ok(got) => Ok(got),
@@ -181,6 +188,31 @@ impl Writing {
             Err(failure) => Err(failure),
         }
     }
+}
+
+/// Refuses what no running program takes; where nobody can say that, a note does.
+async fn check_parameters(databases: &Databases<'_>, writes: &[Write]) -> Result<(), Failure> {
+    let mut known: BTreeMap<&str, Vec<InstanceParameters>> = BTreeMap::new();
+    let values = writes.iter().filter_map(|write| Some((write.key.as_str(), write.value.as_ref()?)));
+    for (key, value) in values {
+        let Some(robot) = parameters::robot_of(key) else { continue };
+        if !known.contains_key(robot) {
+            let told = match databases.parameters(robot).await {
+                Ok(told) => told,
+                // Whether it can be written there is said by whoever is asked to.
+                Err(Failure::Unreachable(_)) => continue,
+                Err(failure) => return Err(failure),
+            };
+            known.insert(robot, told);
+        }
+        let known = known.get(robot).map(Vec::as_slice).unwrap_or_default();
+        match parameters::check(key, &spelt(&Datum::of(value)), known) {
+            Verdict::Fits => {}
+            Verdict::Unknown(why) => output::note(&format!("note: {why}")),
+            Verdict::Refused(why) => return Err(anyhow!("{why}; nothing was written").into()),
+        }
+    }
+    Ok(())
 }
 
 /// Reads a level.

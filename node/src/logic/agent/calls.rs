@@ -39,6 +39,10 @@ impl Agent {
                 Ok(process) => return out.effects.push(Effect::Tail { call, process, follow }),
                 Err(why) => answer(call, Answer::Refused(why), out),
             },
+            Request::Parameters => {
+                let all = self.tenants.values().flat_map(|tenant| tenant.parameters(&self.programs)).collect();
+                answer(call, Answer::Parameters(all), out);
+            }
             // The driver hands these to the database; an agent alone has none.
             Request::Database(_) => answer(call, Answer::Refused("this node has no database".to_owned()), out),
         }

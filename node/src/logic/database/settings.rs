@@ -1,7 +1,8 @@
 //! What a robot's own keys say to its node: parameters of controllers, and settings of the node itself.
 //!
 //! `robot/<robot>/params/<deployment>/<instance>/<parameter>`: goes over the argument that the spec gives to an instance of
-//! this host. The instance is its path without `main`: `robot/c3/params/door_opening/hit/force/threshold = 12.0`.
+//! this host. The instance is its path without `main`, or the end of it: `robot/c3/params/door_opening/hit/force/threshold =
+//! 12.0`. Where several keys name one instance, the one that names most of its path counts.
 //!
 //! `robot/<robot>/node/<setting>`: goes over what the node was started with, until the key is deleted. `log` is what it logs, a
 //! filter such as `"info"`; `agent_loss_grace` is how long programs that start from then on have to stop when it is gone, in
@@ -68,13 +69,38 @@ impl Settings {
 
     /// Returns the parameters of one instance, by name.
     pub fn parameters(&self, deployment: &str, path: &str) -> Vec<(String, String)> {
-        let instance = path.split_once('/').map_or(path, |(_main, rest)| rest);
-        let below = format!("{deployment}/{instance}/");
+        let below = format!("{deployment}/");
         let of_it = self.parameters.range(below.clone()..).take_while(|(key, _)| key.starts_with(&below));
-        let named = of_it.filter_map(|(key, value)| Some((key.strip_prefix(&below)?, value)));
-        // What lies deeper belongs to an instance below this one.
-        named.filter(|(name, _)| !name.contains('/')).map(|(name, value)| (name.to_owned(), value.clone())).collect()
+        let named = of_it.filter_map(|(key, value)| Some((key.strip_prefix(&below)?.rsplit_once('/')?, value)));
+        let mut found: BTreeMap<&str, (usize, &String)> = BTreeMap::new();
+        for ((instance, name), value) in named.filter(|((instance, _), _)| stands_for(instance, path)) {
+            let best = found.entry(name).or_insert((instance.len(), value));
+            if best.0 < instance.len() {
+                *best = (instance.len(), value);
+            }
+        }
+        found.into_iter().map(|(name, (_, value))| (name.to_owned(), value.clone())).collect()
     }
+}
+
+/// Returns whether a name in a key stands for the instance with an absolute path: its path without `main`, or the end of that.
+pub fn stands_for(name: &str, path: &str) -> bool {
+    let path = path.split_once('/').map_or(path, |(_main, rest)| rest);
+    path.strip_suffix(name).is_some_and(|before| !name.is_empty() && (before.is_empty() || before.ends_with('/')))
+}
+
+/// Reads the key of a parameter: robot, deployment, instance, name.
+pub fn parameter_key(key: &str) -> Option<(&str, &str, &str, &str)> {
+    let (robot, below) = key.strip_prefix("robot/")?.split_once('/')?;
+    let (deployment, rest) = below.strip_prefix(PARAMETERS.trim_start_matches('/'))?.split_once('/')?;
+    let (instance, name) = rest.rsplit_once('/')?;
+    Some((robot, deployment, instance, name))
+}
+
+/// Returns the key of a parameter of an instance with an absolute path.
+pub fn key_of_parameter(robot: &str, deployment: &str, path: &str, name: &str) -> String {
+    let instance = path.split_once('/').map_or(path, |(_main, rest)| rest);
+    format!("{}{deployment}/{instance}/{name}", prefix(robot, PARAMETERS))
 }
 
 fn prefix(robot: &str, below: &str) -> String {
@@ -90,7 +116,7 @@ fn below<'a>(state: &'a State, prefix: &'a str) -> impl Iterator<Item = (String,
 }
 
 /// Returns a value as a spec spells it.
-fn spelt(datum: &Datum) -> String {
+pub fn spelt(datum: &Datum) -> String {
     if let Datum::Text(text) = datum { text.clone() } else { datum.to_toml() }
 }
 
@@ -145,6 +171,22 @@ mod tests {
         };
         check("main/hit/force", &[("level", "2.5"), ("mode", "soft")]);
         check("main/hit", &[("level", "3")]);
+        // The end of a path names it, too; what names more of it counts.
+        check("main/arm/hit", &[("level", "3")]);
+        check("main/arm/hit/force", &[("level", "2.5"), ("mode", "soft")]);
+        check("main/door/hitter", &[("level", "4")]);
+        let both = Settings::of(
+            &state(&[
+                ("robot/c1/params/door/force/level", Datum::from(7)),
+                ("robot/c1/params/door/hit/force/level", Datum::from(8)),
+            ]),
+            "c1",
+        );
+        assert_eq!(both.parameters("door", "main/arm/hit/force"), [("level".to_owned(), "8".to_owned())]);
+        assert_eq!(both.parameters("door", "main/arm/force"), [("level".to_owned(), "7".to_owned())]);
+        let key = key_of_parameter("c1", "door", "main/arm/hit", "level");
+        assert_eq!(key, "robot/c1/params/door/arm/hit/level");
+        assert_eq!(parameter_key(&key), Some(("c1", "door", "arm/hit", "level")));
         check("main/other", &[]);
         let concern = |key: &str| Settings::concern("c1", &Key::new(key).unwrap());
         assert!(concern(entries[0].0) && concern("robot/c1/node/log") && !concern(entries[4].0));

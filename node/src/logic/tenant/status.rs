@@ -3,7 +3,10 @@
 use super::{Phase, Tenant};
 use crate::logic::executer::Executer;
 use crate::logic::instance::Instance;
-use crate::logic::protocol::{DeploymentStatus, ProcessStatus};
+use crate::logic::parameters;
+use crate::logic::programs::Programs;
+use crate::logic::protocol::{DeploymentStatus, InstanceParameters, ProcessStatus};
+use language::plan::{Leaf, LeafKind};
 
 impl Tenant {
     /// Returns what runs here, in the plan's order.
@@ -29,6 +32,25 @@ impl Tenant {
         };
         let (deployment, home) = (self.deployment.clone(), self.home.clone());
         DeploymentStatus { deployment, home, phase: phase.to_owned(), processes }
+    }
+
+    /// Returns what may be told to the programs of this host while they run.
+    pub fn parameters(&self, programs: &Programs) -> Vec<InstanceParameters> {
+        let leaves = self.instances.keys().filter_map(|number| self.plan.leaves.get(*number as usize));
+        let of_leaf = |leaf: &Leaf| {
+            // A plain program is told nothing while it runs.
+            let declared = match leaf.kind {
+                LeafKind::Controller => programs.parameters(&leaf.module),
+                LeafKind::Plain => Some(&[][..]),
+            };
+            InstanceParameters {
+                deployment: self.deployment.clone(),
+                path: leaf.path.clone(),
+                module: leaf.module.clone(),
+                parameters: declared.map(|declared| parameters::given(declared, &leaf.arguments)),
+            }
+        };
+        leaves.map(of_leaf).collect()
     }
 
     /// Returns the leaves of this host whose absolute path is `process` or ends in it.

@@ -1,0 +1,185 @@
+//! Parameters of running programs: which there are, what they are now, and whether a key of the database is one of them.
+
+use crate::logic::database::settings::{parameter_key, stands_for};
+use crate::logic::protocol::{InstanceParameters, ParameterStatus};
+use language::plan::{Argument, Constant, Parameter};
+use std::collections::BTreeMap;
+
+/// What is to be said about a key below `robot/HOST/params/` and a value for it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    /// It is a parameter, and takes the value.
+    Fits,
+    /// Nobody can say now; the sentence says why.
+    Unknown(String),
+    /// It is none, or does not take the value; the sentence says why.
+    Refused(String),
+}
+
+/// Returns the parameters of an instance with what its plan gives them.
+pub fn given(parameters: &[Parameter], arguments: &[Argument]) -> Vec<ParameterStatus> {
+    let mut places = parameters.iter().map(|parameter| parameter.name.as_str());
+    let values: BTreeMap<&str, &Constant> = arguments
+        .iter()
+        .filter_map(|argument| Some((argument.name.as_deref().or_else(|| places.next())?, &argument.value)))
+        .collect();
+    let status = |parameter: &Parameter| ParameterStatus {
+        given: values.get(parameter.name.as_str()).map(|value| (*value).clone()),
+        parameter: parameter.clone(),
+    };
+    parameters.iter().map(status).collect()
+}
+
+/// Returns the robot whose parameter a key would be; none if it is not below `robot/HOST/params/`.
+pub fn robot_of(key: &str) -> Option<&str> {
+    let (robot, below) = key.strip_prefix("robot/")?.split_once('/')?;
+    (below == "params" || below.starts_with("params/")).then_some(robot)
+}
+
+/// Looks whether a key is a parameter of a program that runs on its robot, and takes a value; `known` is what the robot's node
+/// says of its programs.
+pub fn check(key: &str, text: &str, known: &[InstanceParameters]) -> Verdict {
+    let Some((robot, deployment, instance, name)) = parameter_key(key) else {
+        return Verdict::Refused(format!("`{key}` is no parameter: `robot/HOST/params/DEPLOYMENT/INSTANCE/PARAMETER`"));
+    };
+    let deployed: Vec<&InstanceParameters> = known.iter().filter(|one| one.deployment.name == deployment).collect();
+    if deployed.is_empty() {
+        return Verdict::Unknown(format!(
+            "`{deployment}` does not run on `{robot}` now, so nobody could say whether `{instance}` has a parameter `{name}`"
+        ));
+    }
+    let meant: Vec<&&InstanceParameters> = deployed.iter().filter(|one| stands_for(instance, &one.path)).collect();
+    if meant.is_empty() {
+        let all: Vec<&str> = deployed.iter().map(|one| without_main(&one.path)).collect();
+        let hint = near(instance, &all).map_or_else(|| format!("there are {}", listed(&all)), did_you_mean);
+        return Verdict::Refused(format!("`{deployment}` has no program `{instance}` on `{robot}`; {hint}"));
+    }
+    let mut why = None;
+    for one in meant {
+        let Some(parameters) = &one.parameters else {
+            let path = without_main(&one.path);
+            why = Some(Verdict::Unknown(format!("`{path}` does not say what parameters it has")));
+            continue;
+        };
+        match parameters.iter().find(|status| status.parameter.name == name) {
+            Some(status) => match status.parameter.accepts.check(text) {
+                Ok(()) => return Verdict::Fits,
+                Err(expected) => {
+                    why = Some(Verdict::Refused(format!("`{name}` cannot be `{text}`: expected {expected}")))
+                }
+            },
+            None => {
+                let unknown = || Verdict::Refused(no_parameter(one, parameters, name));
+                why.get_or_insert_with(unknown);
+            }
+        }
+    }
+    why.unwrap_or(Verdict::Fits)
+}
+
+/// Says that an instance has no such parameter, and which it has.
+pub fn no_parameter(instance: &InstanceParameters, parameters: &[ParameterStatus], name: &str) -> String {
+    let all: Vec<&str> = parameters.iter().map(|status| status.parameter.name.as_str()).collect();
+    let (path, module) = (without_main(&instance.path), &instance.module);
+    let hint = match near(name, &all) {
+        Some(near) => did_you_mean(near),
+        None if all.is_empty() => "it has none".to_owned(),
+        None => format!("it has {}", listed(&all)),
+    };
+    format!("`{path}`, which is a {module}, has no parameter `{name}`; {hint}")
+}
+
+/// Returns a path without `main`.
+pub fn without_main(path: &str) -> &str {
+    path.split_once('/').map_or(path, |(_main, rest)| rest)
+}
+
+fn did_you_mean(near: &str) -> String {
+    format!("did you mean `{near}`?")
+}
+
+/// The most names that a sentence lists.
+const LISTED_MAX: usize = 12;
+
+fn listed(names: &[&str]) -> String {
+    let shown: Vec<String> = names.iter().take(LISTED_MAX).map(|name| format!("`{name}`")).collect();
+    let more = names.len().saturating_sub(LISTED_MAX);
+    if more > 0 { format!("{} and {more} more", shown.join(", ")) } else { shown.join(", ") }
+}
+
+/// The name that was probably meant.
+fn near<'a>(name: &str, all: &[&'a str]) -> Option<&'a str> {
+    language::nearest(name, all.iter().copied()).or_else(|| all.iter().copied().find(|one| stands_for(name, one)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::logic::protocol::Deployment;
+    use language::plan::Accepts;
+
+    fn instance(path: &str, parameters: Option<&[(&str, Accepts)]>) -> InstanceParameters {
+        let deployment = Deployment { name: "door".into(), epoch: 1 };
+        let status = |(name, accepts): &(&str, Accepts)| ParameterStatus {
+            parameter: Parameter { name: (*name).to_owned(), accepts: accepts.clone() },
+            given: None,
+        };
+        let parameters = parameters.map(|all| all.iter().map(status).collect());
+        InstanceParameters { deployment, path: path.into(), module: "Sensor".into(), parameters }
+    }
+
+    #[test]
+    fn a_key_is_compared_with_what_runs() {
+        let force = [("threshold", Accepts::Between { low: Some(0.0), high: Some(200.0) }), ("zero", Accepts::Truth)];
+        let known = [instance("main/task/hit/force", Some(&force)), instance("main/task/say", None)];
+        let says = |key: &str, text: &str| match check(&format!("robot/c3/params/{key}"), text, &known) {
+            Verdict::Fits => "fits".to_owned(),
+            Verdict::Unknown(why) | Verdict::Refused(why) => why,
+        };
+        for key in ["door/task/hit/force/threshold", "door/hit/force/threshold", "door/force/threshold"] {
+            assert_eq!(says(key, "12.0"), "fits", "{key}");
+        }
+        for (key, text, why) in [
+            ("door/hit/force/threshold", "500", "`threshold` cannot be `500`: expected a number from 0 to 200"),
+            ("door/hit/force/zero", "1", "`zero` cannot be `1`: expected `true` or `false`"),
+            (
+                "door/hit/force/treshold",
+                "12",
+                "`task/hit/force`, which is a Sensor, has no parameter `treshold`; did you mean `threshold`?",
+            ),
+            (
+                "door/hit/forse/threshold",
+                "12",
+                "`door` has no program `hit/forse` on `c3`; there are `task/hit/force`, `task/say`",
+            ),
+            ("door/say/text", "12", "`task/say` does not say what parameters it has"),
+            (
+                "gate/hit/force/threshold",
+                "12",
+                "`gate` does not run on `c3` now, so nobody could say whether `hit/force` has a parameter `threshold`",
+            ),
+            (
+                "door/threshold",
+                "12",
+                "`robot/c3/params/door/threshold` is no parameter: `robot/HOST/params/DEPLOYMENT/INSTANCE/PARAMETER`",
+            ),
+        ] {
+            assert_eq!(says(key, text), why, "{key}");
+        }
+        assert_eq!(
+            (robot_of("robot/c3/params/a/b/c"), robot_of("robot/c3/node/log"), robot_of("team/params/a")),
+            (Some("c3"), None, None)
+        );
+    }
+
+    #[test]
+    fn what_a_plan_gives_is_found_by_place_and_by_name() {
+        let parameters: Vec<Parameter> =
+            ["a", "b", "c"].map(|name| Parameter { name: name.into(), accepts: Accepts::Number }).into();
+        let argument =
+            |name: Option<&str>, value| Argument { name: name.map(str::to_owned), value: Constant::Number(value) };
+        let found = given(&parameters, &[argument(Some("c"), 3.0), argument(None, 1.0)]);
+        let found: Vec<Option<Constant>> = found.into_iter().map(|status| status.given).collect();
+        assert_eq!(found, [Some(Constant::Number(1.0)), None, Some(Constant::Number(3.0))]);
+    }
+}

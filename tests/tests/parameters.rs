@@ -1,0 +1,134 @@
+//! Parameters of controllers that run: what the database says takes effect, and what means nothing is refused.
+
+use dca_tests::cluster::{Cluster, Host, Program, SOON, Stream, pass, spec, wait_until};
+use std::time::Duration;
+
+/// The documented key; also the name of the deployment, and of the instance.
+const KEY: &str = "robot/c3/params/door_opening/hit/force/threshold";
+
+/// Somebody pushes the hand again and again, with up to 60 N, until it is felt.
+const SPEC: &str = r#"
+process HitDetector(host1){
+    host{host1}
+    instantiated_processes{
+        force instof ForceTorque(host1);
+        threshold instof ForceThreshold(host1, threshold = 2);
+    }
+    internal_connections(force, lbl1){
+        force, Out -> threshold, In;
+    }
+    internal_event_actions{
+        force[lbl1], threshold
+    }
+}
+
+process main(){
+    host{c3}
+    instantiated_processes{
+        world instof DoorWorld(c3, push_at = 0, push = 60);
+        hit instof HitDetector(c3);
+    }
+    internal_event_actions{
+        ((world # wait(4 s)) ;; skip) # hit
+    }
+}
+"#;
+
+/// A node `c3` with the mission on it.
+fn deploy(cluster: &Cluster) -> (Host, Program, Program) {
+    let here = cluster.here();
+    let node = here.node("c3", &[]);
+    let file = cluster.file("door_opening.dca", SPEC);
+    // Before it runs nobody can say whether there is such a parameter; it counts all the same.
+    let early = here.ask(&["db", "put", KEY, "150.0"]);
+    assert_eq!(early.code, Some(0), "{early}");
+    assert!(early.err.contains("note: `door_opening` does not run on `c3` now"), "{early}");
+    let mission = here.dca(&["deploy", "--no-record", &file]);
+    let runs = || here.processes(&[]).iter().any(|(_, one)| one.path == "main/hit/force" && one.state == "running");
+    assert!(wait_until(SOON, runs).is_some(), "{}", mission.text(Stream::Err));
+    (here, node, mission)
+}
+
+#[test]
+fn the_documented_parameter_changes_what_a_controller_does_while_it_runs() {
+    let cluster = Cluster::new();
+    let (here, _node, mission) = deploy(&cluster);
+    let value = || here.ask(&["param", "get", "hit/force", "threshold"]);
+    assert_eq!(value().out, "150.0\n");
+    // A whole push, and the next one: nothing is felt below 150 N.
+    pass(Duration::from_secs(6));
+    assert!(mission.is_running(), "{}{}", mission.text(Stream::Out), mission.text(Stream::Err));
+    let changed = here.ask(&["db", "put", KEY, "5.0", "-m", "it has to feel a push"]);
+    assert!(changed.code == Some(0) && !changed.err.contains("does not run"), "{changed}");
+    let ended = mission.ended(Duration::from_secs(60));
+    assert_eq!(ended.code, Some(0), "{ended}");
+}
+
+#[test]
+fn what_no_controller_takes_is_refused() {
+    let cluster = Cluster::new();
+    let (here, _node, mission) = deploy(&cluster);
+    let check = |arguments: &[&str], code: i32, why: &str| {
+        let ended = here.ask(arguments);
+        assert_eq!(ended.code, Some(code), "{arguments:?}: {ended}");
+        assert!(ended.err.contains(why) || ended.out.contains(why), "{arguments:?}: {ended}");
+    };
+    let base = "robot/c3/params/door_opening";
+    check(&["db", "put", KEY, "500.0"], 1, "`threshold` cannot be `500.0`: expected a number from 0 to 200");
+    check(&["db", "put", KEY, "\"much\""], 1, "`threshold` cannot be `much`");
+    check(&["db", "put", &format!("{base}/hit/force/treshold"), "5.0"], 1, "did you mean `threshold`?");
+    check(&["db", "put", &format!("{base}/hit/forse/threshold"), "5.0"], 1, "has no program `hit/forse` on `c3`");
+    check(&["db", "put", &format!("{base}/threshold"), "5.0"], 1, "`robot/HOST/params/DEPLOYMENT/INSTANCE/PARAMETER`");
+    let file = cluster.file("tx", &format!("put {base}/world/radius 9.0\n"));
+    check(&["db", "tx", &file], 1, "expected a number from 0.5 to 1.2");
+    check(&["param", "set", "hit/force", "threshold", "500"], 1, "expected a number from 0 to 200");
+    check(&["param", "set", "hit/force", "treshold", "5"], 1, "did you mean `threshold`?");
+    check(&["param", "set", "hit/forse", "threshold", "5"], 1, "did you mean `hit/force`?");
+    check(&["param", "get", "world", "radios"], 1, "did you mean `radius`?");
+    check(&["param", "get", "world", "radius"], 0, "0.82");
+    check(&["param", "list", "nobody"], 1, "no program `nobody` runs");
+    let list = here.ask(&["param", "list", "hit/force"]);
+    let rows: Vec<Vec<&str>> =
+        list.out.lines().map(|line| line.split("  ").filter(|cell| !cell.is_empty()).collect()).collect();
+    let cells = |row: usize| rows[row].iter().map(|cell| cell.trim()).collect::<Vec<_>>();
+    assert_eq!(cells(1), ["door_opening/hit/force", "zero", "\"keep\"", "\"keep\"", "keep | zero"], "{list}");
+    assert_eq!(cells(2), ["door_opening/hit/force", "threshold", "150.0", "0.0", "Number in 0..200"], "{list}");
+    // The key that is there is changed, not another one that would count more or less.
+    check(&["param", "set", "hit/force", "threshold", "140"], 0, KEY);
+    check(&["db", "get", KEY], 0, "140.0");
+    check(&["param", "unset", "hit/threshold", "threshold"], 1, "was not changed");
+    check(&["param", "unset", "hit/force", "threshold"], 0, KEY);
+    // Without a threshold the push is felt.
+    let ended = mission.ended(Duration::from_secs(60));
+    assert_eq!(ended.code, Some(0), "{ended}");
+}
+
+/// The real door has the documented parameter, and an argument out of its range is no spec.
+#[test]
+fn arguments_are_compared_with_the_interfaces() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let door = std::fs::read_to_string(spec("door_opening")).unwrap();
+    for (from, to, why) in [
+        (
+            "ForceTorque(host1, \"zero\")",
+            "ForceTorque(host1, \"zero\", threshold = 500)",
+            "`threshold` is 500: expected a value from 0 to 200",
+        ),
+        (
+            "GripperControl(host3, \"open\")",
+            "GripperControl(host3, \"ajar\")",
+            "`goal` is \"ajar\": expected one of \"open\", \"close\"",
+        ),
+        ("DoorWorld(\"c3\")", "DoorWorld(\"c3\", radios = 1)", "has no parameter `radios`"),
+    ] {
+        assert!(door.contains(from), "{from}");
+        let file = cluster.file("door.dca", &door.replace(from, to));
+        let refused = here.ask(&["check", &file]);
+        assert_eq!(refused.code, Some(1), "{refused}");
+        assert!(refused.err.contains(why), "{why}: {refused}");
+    }
+    let file = cluster
+        .file("door.dca", &door.replace("ForceTorque(host1, \"zero\")", "ForceTorque(host1, \"zero\", threshold = 3)"));
+    assert_eq!(here.ask(&["check", &file]).code, Some(0));
+}
