@@ -72,7 +72,12 @@ mod tests {
         check(
             "module M(a:Number in..5=3,b:Number in 1..=3,c:Text in\"a\"|\"b\",d:Force in-1N..2 N=1N){done;}",
             &expect![[r#"
-                module M(a: Number in ..5 = 3, b: Number in 1.. = 3, c: Text in "a" | "b", d: Force in -1 N..2 N = 1 N) {
+                module M(
+                    a: Number in ..5 = 3,
+                    b: Number in 1.. = 3,
+                    c: Text in "a" | "b",
+                    d: Force in -1 N..2 N = 1 N
+                ) {
                     done;
                 }
             "#]],
