@@ -10,6 +10,7 @@ use anyhow::Context;
 use clap::{CommandFactory as _, Parser};
 use comms::io::session::{self, Reach};
 use comms::logic::key::HostName;
+use dbmanager::io::store::Engine;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
@@ -44,6 +45,9 @@ struct Arguments {
     /// Folder for the database, which survives this node [default: /var/lib/dca, or dca in the user's state folder]
     #[arg(long, value_name = "DIR")]
     state: Option<PathBuf>,
+    /// What keeps a new database on the disk, `redb` or `sled`; one that is there stays with what it was made on [default: redb]
+    #[arg(long, value_name = "ENGINE")]
+    store: Option<Engine>,
     /// The team whose database this robot has a copy of
     #[arg(long, value_name = "NAME", default_value = TEAM)]
     team: String,
@@ -70,6 +74,7 @@ fn run(arguments: Arguments, log: Log) -> Result<(), Failure> {
     let state = state_dir::take(arguments.state.as_deref(), arguments.name.as_str())?;
     let config = Config {
         state: Some(state),
+        store: arguments.store,
         team: arguments.team,
         founds: false,
         name: arguments.name.as_str().to_owned(),

@@ -67,6 +67,7 @@ impl Nodes {
                 peers: Vec::new(),
                 state: state.map(|state| state_dir::take(Some(state), host)).transpose()?,
                 team: TEAM.to_owned(),
+                store: None,
                 founds: hosts.first() == Some(host),
                 agent_loss_grace: AGENT_LOSS_GRACE,
                 log: None,

@@ -24,6 +24,7 @@ use comms::io::session::{Request, Session};
 use comms::logic::codec;
 use comms::logic::time::Time;
 use dbmanager::io::group::Groups;
+use dbmanager::io::store::Engine;
 use dbmanager::logic::clock::{Quality, Wall};
 use dbmanager::logic::cut::Origin;
 use dbmanager::logic::record::Batch;
@@ -58,6 +59,8 @@ pub struct Options {
     pub folder: Option<PathBuf>,
     /// Folder for what may be gone with the node: a copy of a store that can only be read.
     pub scratch: PathBuf,
+    /// What keeps a new one on the disk; the usual engine if nothing is said.
+    pub store: Option<Engine>,
     /// Whether it begins a team of its own at once, as the first of a command's own nodes does.
     pub founds: bool,
 }

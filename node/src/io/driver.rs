@@ -61,6 +61,8 @@ pub struct Config {
     pub agent_loss_grace: Duration,
     /// Folder for what must survive: the database and the journal; none for a node whose memory ends with it.
     pub state: Option<PathBuf>,
+    /// What keeps a new database on the disk; the usual engine if nothing is said.
+    pub store: Option<dbmanager::io::store::Engine>,
     /// Name of the team whose database this node has a replica of.
     pub team: String,
     /// Whether its database begins a team at once.
@@ -180,6 +182,7 @@ impl Driver {
             robot: config.name.clone(),
             team: config.team.clone(),
             folder: config.state.clone(),
+            store: config.store,
             scratch: dir.path().to_owned(),
             founds: config.founds,
         };

@@ -16,14 +16,8 @@ pub(super) struct Presence(Vec<(PathBuf, (u64, u64))>);
 impl Presence {
     /// Notes what is there.
     pub(super) fn of(folder: &Path) -> io::Result<Self> {
-        let mut all = vec![(folder.to_owned(), identity(folder)?)];
-        for entry in fs::read_dir(folder)? {
-            let (path, name) = entry.map(|entry| (entry.path(), entry.file_name()))?;
-            if path.is_file() && !name.to_string_lossy().starts_with(PASSING) {
-                let identity = identity(&path)?;
-                all.push((path, identity));
-            }
-        }
+        let mut all = Vec::new();
+        gather(folder, &mut all)?;
         Ok(Self(all))
     }
 
@@ -36,6 +30,21 @@ impl Presence {
     pub(super) fn is_replaced(&self) -> bool {
         self.0.iter().all(|(path, _)| path.exists())
     }
+}
+
+/// Adds a folder and what is in it; an engine may have a folder of its own in there.
+fn gather(folder: &Path, all: &mut Vec<(PathBuf, (u64, u64))>) -> io::Result<()> {
+    all.push((folder.to_owned(), identity(folder)?));
+    for entry in fs::read_dir(folder)? {
+        let (path, name) = entry.map(|entry| (entry.path(), entry.file_name()))?;
+        if path.is_dir() {
+            gather(&path, all)?;
+        } else if path.is_file() && !name.to_string_lossy().starts_with(PASSING) {
+            let identity = identity(&path)?;
+            all.push((path, identity));
+        }
+    }
+    Ok(())
 }
 
 fn identity(path: &Path) -> io::Result<(u64, u64)> {

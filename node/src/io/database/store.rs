@@ -8,7 +8,7 @@ use super::Options;
 use super::presence::Presence;
 use anyhow::{Context, bail};
 use dbmanager::io::store::memory::MemoryStore;
-use dbmanager::io::store::{DirStore, Store, StoreError, Trust};
+use dbmanager::io::store::{DirStore, Engine, Store, StoreError, Trust};
 use dbmanager::logic::mutant::Mutant;
 use dbmanager::logic::record::{Batch, OpenError, Reading};
 use dbmanager::logic::replica::{Config, Replica};
@@ -23,6 +23,8 @@ const LOG_SIZE: usize = 64 << 20;
 pub(super) struct Place {
     robot: String,
     folder: Option<PathBuf>,
+    /// What a new store is made on.
+    engine: Option<Engine>,
     store: Option<Box<dyn Store + Send>>,
     /// What was there when it was last opened.
     presence: Option<Presence>,
@@ -36,7 +38,8 @@ impl Place {
     /// gets everything that others have. One on a disk that takes no writes is only read.
     pub(super) fn open(options: &Options) -> anyhow::Result<Opened> {
         let folder = options.folder.as_ref().map(|folder| folder.join("db"));
-        let mut place = Self { robot: options.robot.clone(), folder, store: None, presence: None };
+        let engine = options.store.or_else(|| folder.as_deref().and_then(Engine::of));
+        let mut place = Self { robot: options.robot.clone(), folder, engine, store: None, presence: None };
         match (place.reopen(), place.folder.clone()) {
             (Ok(replica), _) => Ok((place, replica, None)),
             (Err(error), Some(folder)) if is_unwritable(&error) => {
@@ -48,9 +51,10 @@ impl Place {
         }
     }
 
-    /// Returns the folder, for a person; nothing for a store in memory.
+    /// Returns the folder and its engine, for a person; nothing for a store in memory.
     pub(super) fn name(&self) -> Option<String> {
-        self.folder.as_ref().map(|folder| folder.display().to_string())
+        let engine = self.engine.unwrap_or_default();
+        self.folder.as_ref().map(|folder| format!("{} ({engine})", folder.display()))
     }
 
     /// Writes a batch; it is durable when this returns.
@@ -66,7 +70,7 @@ impl Place {
     }
 
     fn gone(&self) -> anyhow::Result<()> {
-        let folder = self.name().unwrap_or_default();
+        let folder = self.folder.as_deref().unwrap_or(Path::new("")).display();
         bail!(
             "the folder of the store, {folder}, was deleted or moved while the node was running, and what it holds is in \
              memory only; move it back, or save what `dca db export` gives and start the node again"
@@ -98,8 +102,9 @@ impl Place {
     }
 
     fn open_folder(&mut self, folder: &Path) -> anyhow::Result<Replica> {
-        let store =
-            DirStore::open(folder).context("the database cannot be opened (`--state` chooses another folder)")?;
+        let store = DirStore::open_on(self.engine, folder)
+            .context("the database cannot be opened (`--state` chooses another folder)")?;
+        self.engine = Some(store.engine());
         let (config, stored) = (self.config()?, store.read()?);
         let replica = match store.trust() {
             Trust::New | Trust::Kept => Replica::open(config, stored)?,
@@ -137,12 +142,14 @@ impl Place {
     }
 }
 
-/// Copies the files of a folder into a new one.
+/// Copies a folder.
 fn copy_files(from: &Path, to: &Path) -> io::Result<()> {
     fs::create_dir_all(to)?;
     for entry in fs::read_dir(from)? {
         let entry = entry?;
-        if entry.file_type()?.is_file() {
+        if entry.file_type()?.is_dir() {
+            copy_files(&entry.path(), &to.join(entry.file_name()))?;
+        } else if entry.file_type()?.is_file() {
             fs::copy(entry.path(), to.join(entry.file_name()))?;
         }
     }
@@ -170,7 +177,7 @@ mod tests {
         let base = std::env::temp_dir().join(format!("dca-place-{name}-{}", std::process::id()));
         fs::create_dir_all(&base).unwrap();
         let (robot, team, folder, scratch) = ("r1".into(), "dca".into(), Some(base.clone()), base.join("scratch"));
-        (base, Options { robot, team, folder, scratch, founds: false })
+        (base, Options { robot, team, folder, scratch, store: None, founds: false })
     }
 
     #[test]
