@@ -12,7 +12,9 @@ use dbmanager::logic::message::Message;
 use dbmanager::logic::mutant::Mutant;
 use dbmanager::logic::record::Records;
 use dbmanager::logic::replica::{Config, Replica};
-use dbmanager::logic::view::past::Keys;
+use dbmanager::logic::view::moment::state_of;
+use dbmanager::logic::view::past::{Filter, Keys};
+use dbmanager::logic::view::transfer::{self, Absent};
 use dbmanager::logic::view::value::Datum;
 use node::logic::database::question::{Choice, Far, Letter, Moment, Own, Question, Reply, Resolve};
 use node::logic::database::{Database, Effect, Input};
@@ -177,9 +179,11 @@ fn what_is_local_is_read_like_anything_else() {
     let Reply::Text(file) = world.ask(0, Question::Export { prefix: "local/".into(), at: Moment::Now }) else {
         panic!("no file")
     };
-    let import = |file: String| Question::Import { file, delete: false, reason: String::new() };
-    assert_eq!(world.ask(0, import(file.clone())), Reply::Import(vec![], vec![], vec![]), "{file}");
-    let Reply::Import(differences, ..) = world.ask(0, import(file.replace("= 7", "= 8"))) else { panic!("no answer") };
+    let question = Question::List { prefix: "local/".into(), at: Moment::Now };
+    let Reply::Entries(entries) = world.ask(0, question) else { panic!("no answer") };
+    let import = |file: &str| transfer::import(file, &state_of(entries.clone()), Absent::Keep, "").unwrap();
+    assert_eq!(import(&file).differences, [], "{file}");
+    let differences = import(&file.replace("= 7", "= 8")).differences;
     assert_eq!((differences.len(), differences[0].before.clone()), (1, Some(Datum::from(7))), "{file}");
 }
 
@@ -289,13 +293,6 @@ fn another_moment_can_be_looked_at() {
     };
     let value = entries[0].1[0].value.as_ref().map(Datum::of);
     assert_eq!((entries.len(), value), (1, Some(Datum::from(1))));
-    let Reply::Text(file) = world.ask(0, Question::Export { prefix: "team/".into(), at: Moment::Now }) else {
-        panic!("no file")
-    };
-    let file = file.replace("= 2", "= 3");
-    let import = Question::Import { file, delete: false, reason: String::new() };
-    let Reply::Import(differences, _, transactions) = world.ask(0, import) else { panic!("no answer") };
-    assert_eq!((differences.len(), transactions.len(), transactions[0].len()), (1, 1, 1));
     assert_eq!(world.robots[0].name, "r1");
 }
 
@@ -311,5 +308,31 @@ fn who_joined_later_can_look_back_to_then() {
         let Reply::Entries(entries) = &answer else { panic!("{answer:?}") };
         let value = entries[0].1[0].value.as_ref().map(Datum::of);
         assert_eq!((entries.len(), value), (1, Some(Datum::from(1))));
+    }
+}
+
+#[test]
+fn a_long_answer_comes_in_parts() {
+    let mut world = World::team(&["r1"]);
+    let text = Datum::Text("x".repeat(60 << 10));
+    for number in 0..12 {
+        let write = vec![put(&format!("team/{number}"), &text)];
+        assert!(matches!(world.ask(0, commit(write, Far::Local)), Reply::Committed(_)));
+    }
+    let keys = Keys::Below("team/".into());
+    let filter = Filter { keys, by: None, from: None, until: None, limit: 100 };
+    let (from, to, prefix) = (Moment::Cut(Cut::default()), Moment::Now, "team/".to_owned());
+    for question in [Question::History(filter), Question::Diff { from, to, prefix }] {
+        let call = world.call(0, question);
+        let sizes = world.replies(0, call).iter().map(|reply| match reply {
+            Reply::Deeds(part) => part.len(),
+            Reply::Differences(part) => part.len(),
+            other => panic!("{other:?}"),
+        });
+        let sizes: Vec<usize> = sizes.collect();
+        assert!(
+            sizes.iter().sum::<usize>() == 12 && sizes.len() > 2 && sizes.iter().all(|size| *size < 6),
+            "{sizes:?}"
+        );
     }
 }

@@ -156,3 +156,33 @@ fn a_result_that_cannot_be_written_is_a_failure() {
     let said = String::from_utf8_lossy(&ended.stderr).into_owned();
     assert!(ended.status.code() == Some(1) && said.contains("standard output: No space left"), "{said}");
 }
+
+/// What a database can export, it can import: 100,000 keys take several messages and several transactions.
+#[test]
+fn what_can_be_exported_can_be_imported() {
+    let cluster = Cluster::new();
+    let (host, _node) = (cluster.here(), cluster.here().node("r1", &[]));
+    let mut file = String::from("# A database of DCA, one key a line.\nformat = 1\nbelow = \"team/\"\n\n[values]\n");
+    for number in 0..100_000 {
+        file.push_str(&format!("\"team/key/{number:06}\" = \"{number:0100}\"\n"));
+    }
+    file.push_str("# end\n");
+    let path = cluster.file("many.toml", &file);
+    let refused = host.ask(&["db", "import", &path, "--atomic"]);
+    assert!(refused.code == Some(1) && refused.err.contains("nothing was written"), "{}", refused.err);
+    let imported = host.dca(&["db", "import", &path]).ended(4 * SOON);
+    assert_eq!(imported.code, Some(0), "{}", imported.err);
+    assert!(imported.out.ends_with('\n') && imported.out.contains("100000 keys written in"), "{}", imported.err);
+    let exported = host.dca(&["db", "export", "team/", "-o", "again.toml"]).ended(4 * SOON);
+    assert_eq!(exported.code, Some(0), "{exported}");
+    let again = std::fs::read_to_string(cluster.folder().join("again.toml")).expect("it is written");
+    assert!(again == file, "what was imported is exported");
+    let nothing = host.dca(&["db", "import", "again.toml", "--delete"]).ended(4 * SOON);
+    assert!(nothing.code == Some(0) && nothing.err.contains("nothing differs"), "{}", nothing.err);
+    let small = cluster.file("small.toml", "format = 1\nbelow = \"team/\"\n[values]\n\"team/a\" = 1\n\"team/b\" = 2\n");
+    let atomic = host.ask(&["db", "import", &small, "--atomic", "--json"]);
+    let told: serde_json::Value = serde_json::from_str(&atomic.out).expect("it is JSON");
+    assert_eq!((atomic.code, told["transactions"].as_array().map(Vec::len)), (Some(0), Some(1)), "{atomic}");
+    let cut_off = host.ask(&["db", "import", &small, "--delete"]);
+    assert!(cut_off.code == Some(1) && cut_off.err.contains("cut off"), "{cut_off}");
+}

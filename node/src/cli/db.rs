@@ -2,6 +2,7 @@
 
 pub mod asking;
 pub mod file;
+pub mod import;
 pub mod own;
 pub mod past;
 pub mod read;
@@ -34,7 +35,7 @@ enum Verb {
     /// Print keys as a file, to be read, edited, compared and imported
     Export(file::Export),
     /// Make keys what a file says
-    Import(file::Import),
+    Import(import::Import),
     /// Show who has changed what, when and why
     History(past::History),
     /// List writes that did not see each other, and nobody has settled

@@ -23,10 +23,15 @@ impl WholeFile {
         if fs::metadata(path).is_ok_and(|there| !there.is_file()) {
             bail!("{} is no regular file", path.display());
         }
+        // A link stays a link, and a file keeps who may read it.
+        let path = &fs::canonicalize(path).unwrap_or_else(|_not_there_yet| path.to_owned());
         let name = path.file_name().with_context(|| format!("{} names no file", path.display()))?;
         // Two commands that write the same file at the same time do not write into one.
         let part = path.with_file_name(format!("{}.part-{}", name.to_string_lossy(), std::process::id()));
         let file = File::create(&part).with_context(|| format!("writing {}", part.display()))?;
+        if let Ok(there) = fs::metadata(path) {
+            file.set_permissions(there.permissions()).with_context(|| format!("writing {}", part.display()))?;
+        }
         Ok(Self { file, path: path.to_owned(), part: Some(part) })
     }
 
@@ -87,6 +92,12 @@ mod tests {
         file.write(b"half").unwrap();
         drop(file);
         assert_eq!((fs::read(&path).unwrap(), names()), (b"whole".to_vec(), 1));
+        let link = folder.join("link");
+        std::os::unix::fs::symlink(&path, &link).unwrap();
+        let mut file = WholeFile::create(&link).unwrap();
+        file.write(b"through a link").unwrap();
+        file.finish().unwrap();
+        assert!(link.is_symlink() && fs::read(&path).unwrap() == b"through a link");
         let wrong = WholeFile::create(&folder).unwrap_err().to_string();
         assert!(wrong.ends_with("is no regular file"), "{wrong}");
         fs::remove_dir_all(&folder).unwrap();

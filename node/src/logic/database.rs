@@ -46,6 +46,9 @@ const HEARD_MAX: usize = 1024;
 const PULL_WITHIN: Duration = Duration::from_secs(60);
 /// The same of a chunk of a state, which no download waits for longer.
 const CHUNK_WITHIN: Duration = Duration::from_secs(30);
+/// What a command line of an earlier version is told.
+const IMPORT_ELSEWHERE: &str =
+    "this node leaves it to `dca` to work out what a file changes; use one of its own version";
 /// About how many bytes of keys and values go into one reply.
 const REPLY_SIZE_MAX: usize = 256 << 10;
 
@@ -302,12 +305,12 @@ impl Database {
                 Ok(state) => look::list(&state, &prefix, &mut say),
                 Err(why) => say(Reply::Refused(why)),
             },
-            Question::History(filter) => say(self.history(&filter)),
-            Question::Conflicts { prefix } => say(self.conflicts(&prefix)),
-            Question::Diff { from, to, prefix } => say(self.diff([&from, &to], &prefix)),
+            Question::History(filter) => self.history(&filter, &mut say),
+            Question::Conflicts { prefix } => self.conflicts(&prefix, &mut say),
+            Question::Diff { from, to, prefix } => self.diff([&from, &to], &prefix, &mut say),
             Question::Cut(moment) => say(self.cut(&moment)),
             Question::Export { prefix, at } => self.export(&prefix, &at, &mut say),
-            Question::Import { file, delete, reason } => say(self.import(&file, delete, &reason)),
+            Question::Import { .. } => say(Reply::Refused(IMPORT_ELSEWHERE.to_owned())),
             Question::Watch { keys, from } => match self.watch(call, keys, from) {
                 Ok(cut) => return say(Reply::Cut(cut)),
                 Err(why) => say(Reply::Refused(why.to_string())),

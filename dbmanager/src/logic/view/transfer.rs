@@ -9,6 +9,7 @@
 //! "team/camera/gain" = 1.5
 //! # 2 writes beside each other, also: 3
 //! "team/camera/rate" = 2
+//! # end
 //! ```
 //!
 //! The file is TOML, sorted by key, a line for each, so that two of them differ where the databases do. What is shown
@@ -16,6 +17,7 @@
 //! what never leaves the robot (`local/`), unless it is asked for.
 //!
 //! To import is to write what differs. A file that was not changed changes nothing; above all it settles no conflict.
+//! A file that was cut off does not end as one that is whole, so nothing is deleted because it is not in it.
 
 use super::moment::Difference;
 use super::past::Keys;
@@ -31,6 +33,8 @@ use toml::de::{DeTable, DeValue};
 const FORMAT: i64 = 1;
 /// About how many bytes of writes go into one transaction: the rest is for what else is in it.
 const WRITES_SIZE_MAX: usize = TXN_SIZE_MAX - (32 << 10);
+/// The last line of a file that is whole.
+const END: &str = "# end";
 /// The longest file, in bytes.
 pub const FILE_SIZE_MAX: usize = 256 << 20;
 
@@ -73,15 +77,20 @@ pub fn export(state: &State, prefix: &str) -> String {
         }
         file.push_str(&format!("{} = {}\n", quote(key.as_str()), Datum::of(value).to_toml()));
     }
-    file
+    file + END + "\n"
 }
 
 /// Returns what a file would change.
 ///
 /// # Errors
-/// If it is no such file, with the place.
+/// If it is no such file, with the place; or if keys are to be deleted because they are not in it, and it may have been cut
+/// off.
 pub fn import(file: &str, state: &State, absent: Absent, reason: &str) -> Result<Import, TextError> {
     let File { below, values } = read(file)?;
+    if absent == Absent::Delete && file.trim_end().lines().next_back() != Some(END) {
+        let what = "the file may have been cut off, so nothing is deleted that is not in it".to_owned();
+        return Err(text::at(file, file.len(), (what, "the last line of a whole file is `# end`"), String::new()));
+    }
     let mut wanted: BTreeMap<Key, Option<(Datum, Value)>> =
         values.into_iter().map(|(key, value)| (key, Some(value))).collect();
     if absent == Absent::Delete {
@@ -118,6 +127,14 @@ pub fn import(file: &str, state: &State, absent: Absent, reason: &str) -> Result
         import.differences.push(Difference { key, before, after, beside: 1 });
     }
     Ok(import)
+}
+
+/// Returns which keys a file is about: how they begin.
+///
+/// # Errors
+/// If it is no such file, with the place.
+pub fn below(file: &str) -> Result<String, TextError> {
+    read(file).map(|file| file.below)
 }
 
 /// Returns whether a key belongs into the file about `prefix`.

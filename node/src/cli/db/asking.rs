@@ -9,6 +9,8 @@ use comms::io::clock;
 use comms::logic::time::Time;
 use dbmanager::logic::key::{Key, KeyError};
 use dbmanager::logic::view::past::Keys;
+use std::collections::BTreeSet;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 /// How long a database has to answer what it can answer at once. A disk may take a while to write.
@@ -31,6 +33,8 @@ pub struct Asking {
 #[derive(Debug)]
 pub(crate) struct Databases<'a> {
     client: &'a Client,
+    /// What a person has been told already.
+    noted: Arc<Mutex<BTreeSet<String>>>,
     /// The one that is asked unless another is named.
     robot: String,
 }
@@ -39,6 +43,7 @@ pub(crate) struct Databases<'a> {
 #[derive(Debug)]
 pub(crate) struct Replies {
     answers: Answers,
+    noted: Arc<Mutex<BTreeSet<String>>>,
     robot: String,
 }
 
@@ -48,7 +53,7 @@ impl Asking {
         block_on(async {
             let client = Client::open(&self.reaching).await?;
             let result = match self.whom(&client).await {
-                Ok(robot) => work(&Databases { client: &client, robot }).await,
+                Ok(robot) => work(&Databases { client: &client, noted: Arc::default(), robot }).await,
                 Err(failure) => Err(failure),
             };
             client.close().await;
@@ -77,15 +82,9 @@ impl Asking {
     pub(crate) fn ask_all(
         &self,
         question: Question,
-        mut take: impl FnMut(Reply) -> Result<(), Failure>,
+        take: impl FnMut(Reply) -> Result<(), Failure>,
     ) -> Result<(), Failure> {
-        self.with(async |databases| {
-            let mut replies = databases.ask(databases.robot(), question)?;
-            while let Some(reply) = replies.next(clock::now() + ANSWER_WITHIN).await? {
-                take(reply)?;
-            }
-            Ok(())
-        })
+        self.with(async |databases| databases.ask_all(question, take).await)
     }
 
     /// Asks what is answered by one sentence, and prints it.
@@ -106,7 +105,20 @@ impl Databases<'_> {
     /// Asks one robot's database.
     pub(crate) fn ask(&self, robot: &str, question: Question) -> Result<Replies, Failure> {
         let answers = self.client.ask_on(robot, &Request::Database(question))?;
-        Ok(Replies { answers, robot: robot.to_owned() })
+        Ok(Replies { answers, noted: Arc::clone(&self.noted), robot: robot.to_owned() })
+    }
+
+    /// Asks what has an answer in any number of parts.
+    pub(crate) async fn ask_all(
+        &self,
+        question: Question,
+        mut take: impl FnMut(Reply) -> Result<(), Failure>,
+    ) -> Result<(), Failure> {
+        let mut replies = self.ask(self.robot(), question)?;
+        while let Some(reply) = replies.next(clock::now() + ANSWER_WITHIN).await? {
+            take(reply)?;
+        }
+        Ok(())
     }
 
     /// Returns what may be told to the programs of a robot.
@@ -145,7 +157,12 @@ impl Replies {
         loop {
             match self.answers.next().await.transpose()? {
                 None => return Ok(None),
-                Some(Answer::Database(Reply::Note(sentence))) => output::note(&format!("note: {sentence}")),
+                Some(Answer::Database(Reply::Note(sentence))) => {
+                    let note = format!("note: {sentence}");
+                    if self.noted.lock().unwrap_or_else(PoisonError::into_inner).insert(sentence) {
+                        output::note(&note);
+                    }
+                }
                 Some(Answer::Database(reply)) => return Ok(Some(reply)),
                 Some(other) => return Err(unasked(&self.robot, &other)),
             }

@@ -1,4 +1,4 @@
-//! `dca db export`, `import`, `tx`: many keys at once, from and to text.
+//! `dca db export`, `tx`: many keys at once, from and to text.
 
 use super::asking::{Asking, refusal};
 use super::past::a_moment;
@@ -9,11 +9,9 @@ use crate::io::whole_file::WholeFile;
 use crate::logic::database::question::{Moment, Question, Reply};
 use anyhow::{Context, anyhow, bail};
 use dbmanager::logic::key::Key;
-use dbmanager::logic::owner::{Owner, Owners};
 use dbmanager::logic::txn::{Condition, Require, Write};
+use dbmanager::logic::view::token;
 use dbmanager::logic::view::value::Datum;
-use dbmanager::logic::view::{table, token};
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// The longest file of values, in bytes: some million keys.
@@ -33,21 +31,6 @@ pub struct Export {
     output: Option<PathBuf>,
     #[command(flatten)]
     asking: Asking,
-}
-
-/// What `dca db import` is told.
-#[derive(Debug, clap::Args)]
-pub struct Import {
-    /// A file as `dca db export` prints it; `-` for standard input
-    file: PathBuf,
-    /// Delete keys that are not in the file, if they are below its prefix
-    #[arg(long)]
-    delete: bool,
-    /// Only show what would change
-    #[arg(long)]
-    dry_run: bool,
-    #[command(flatten)]
-    writing: Writing,
 }
 
 /// What `dca db tx` is told.
@@ -81,42 +64,6 @@ impl Export {
     }
 }
 
-impl Import {
-    /// Runs the verb.
-    pub(crate) fn run(self) -> Result<(), Failure> {
-        let question =
-            Question::Import { file: read(&self.file)?, delete: self.delete, reason: self.writing.reason_or("import") };
-        let reply = self.writing.asking.ask(question)?;
-        let Reply::Import(differences, settles, transactions) = reply else { return Err(refusal(&reply)) };
-        if differences.is_empty() {
-            output::note("nothing differs");
-            return Ok(());
-        }
-        if !self.writing.asking.json {
-            output::say(&table::differences(&differences));
-        } else if self.dry_run {
-            output::say(&serde_json::to_string_pretty(&differences)?);
-        }
-        for key in settles {
-            output::note(&format!("note: this settles the writes beside each other at `{key}`"));
-        }
-        if self.dry_run {
-            return Ok(());
-        }
-        // What belongs to one robot goes to it; a transaction over the keys of several would be refused by all.
-        let reply = self.writing.asking.ask(Question::Owners)?;
-        let Reply::Owners(owners) = reply else { return Err(refusal(&reply)) };
-        let owner = |(prefix, robot)| (prefix, Owner { term: 0, robot, grant: None });
-        let owners = owners.into_iter().map(owner).collect();
-        let parts: Vec<_> = transactions.into_iter().flat_map(|writes| by_owner(writes, &owners)).collect();
-        let count = parts.len();
-        for (done, writes) in parts.into_iter().enumerate() {
-            self.writing.commit(vec![], writes).map_err(|failure| partly(failure, done, count))?;
-        }
-        Ok(())
-    }
-}
-
 impl Tx {
     /// Runs the verb.
     pub(crate) fn run(self) -> Result<(), Failure> {
@@ -125,29 +72,8 @@ impl Tx {
     }
 }
 
-/// Returns the writes by whose keys they are, as the prefixes with an owner say.
-fn by_owner(writes: Vec<Write>, owners: &Owners) -> Vec<Vec<Write>> {
-    let mut groups: BTreeMap<Option<String>, Vec<Write>> = BTreeMap::new();
-    for write in writes {
-        let owner = owners.find(&write.key).and_then(|(_, owner)| owner.robot);
-        groups.entry(owner).or_default().push(write);
-    }
-    groups.into_values().collect()
-}
-
-/// Says of a transaction that failed what was committed before it.
-fn partly(failure: Failure, done: usize, count: usize) -> Failure {
-    let add = |error: anyhow::Error| {
-        anyhow!("{error:#}; before that, {done} of the {count} transactions for this file were committed")
-    };
-    match failure {
-        Failure::Refused(error) if done > 0 => Failure::Refused(add(error)),
-        Failure::Unreachable(error) if done > 0 => Failure::Unreachable(add(error)),
-        Failure::Refused(_) | Failure::Unreachable(_) | Failure::Told => failure,
-    }
-}
-
-fn read(file: &Path) -> anyhow::Result<String> {
+/// Reads a file, or standard input.
+pub(crate) fn read(file: &Path) -> anyhow::Result<String> {
     if file == Path::new("-") {
         return named_file::standard_input(FILE_MAX).context("reading standard input");
     }
@@ -191,41 +117,6 @@ fn change(line: &str, requires: &mut Vec<Require>, writes: &mut Vec<Write>) -> a
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_file_goes_to_whom_its_keys_belong() {
-        let write = |key: &&str| Write { key: Key::new(*key).unwrap(), value: None };
-        let owners = [
-            ("team/arm", Some("r2")),
-            ("team/arm/left", Some("r3")),
-            ("team/free", None),
-            ("robot/r5/leg", Some("r6")),
-        ];
-        let owner = |robot: Option<&str>| Owner { term: 0, robot: robot.map(str::to_owned), grant: None };
-        let owners = owners.into_iter().map(|(prefix, robot)| (prefix.to_owned(), owner(robot))).collect();
-        let keys =
-            ["robot/r2/a", "robot/r5/a", "robot/r5/leg/a", "team/arm/a", "team/arm/left/a", "team/army", "team/free/a"];
-        let groups = by_owner(keys.iter().map(write).collect(), &owners);
-        let texts = |group: &Vec<Write>| group.iter().map(|write| write.key.to_string()).collect::<Vec<_>>();
-        let expected: [&[&str]; 5] = [
-            &["team/army", "team/free/a"],
-            &["robot/r2/a", "team/arm/a"],
-            &["team/arm/left/a"],
-            &["robot/r5/a"],
-            &["robot/r5/leg/a"],
-        ];
-        assert_eq!(groups.iter().map(texts).collect::<Vec<_>>(), expected);
-    }
-
-    #[test]
-    fn what_was_committed_before_a_failure_is_said() {
-        let check = |done, expected: &str| {
-            let Failure::Refused(error) = partly(anyhow!("`r3` is away").into(), done, 3) else { panic!("told") };
-            assert_eq!(error.to_string(), expected);
-        };
-        check(0, "`r3` is away");
-        check(2, "`r3` is away; before that, 2 of the 3 transactions for this file were committed");
-    }
 
     #[test]
     fn a_transaction_as_text() {

@@ -115,8 +115,12 @@ impl History {
         let keys = keys(self.key)?;
         let span = if matches!(keys, Keys::Only(_)) { Span::Key } else { Span::All };
         let filter = Filter { keys, by: self.by, from: self.from, until: self.until, limit: self.limit };
-        let reply = self.asking.ask(Question::History(filter))?;
-        let Reply::Deeds(deeds) = reply else { return Err(refusal(&reply)) };
+        let mut deeds = Vec::new();
+        self.asking.ask_all(Question::History(filter), |reply| {
+            let Reply::Deeds(part) = reply else { return Err(refusal(&reply)) };
+            deeds.extend(part);
+            Ok(())
+        })?;
         if self.asking.json {
             output::say(&serde_json::to_string_pretty(&deeds)?);
         } else if deeds.is_empty() {
@@ -131,8 +135,13 @@ impl History {
 impl Conflicts {
     /// Runs the verb.
     pub(crate) fn run(self) -> Result<(), Failure> {
-        let reply = self.asking.ask(Question::Conflicts { prefix: self.prefix })?;
-        let Reply::Conflicts(conflicts, races) = reply else { return Err(refusal(&reply)) };
+        let (mut conflicts, mut races) = (Vec::new(), Vec::new());
+        self.asking.ask_all(Question::Conflicts { prefix: self.prefix }, |reply| {
+            let Reply::Conflicts(part, more) = reply else { return Err(refusal(&reply)) };
+            conflicts.extend(part);
+            races.extend(more);
+            Ok(())
+        })?;
         if self.asking.json {
             let json = serde_json::json!({ "conflicts": conflicts, "races": races });
             output::say(&serde_json::to_string_pretty(&json)?);
@@ -175,8 +184,13 @@ impl Resolve {
 impl Diff {
     /// Runs the verb.
     pub(crate) fn run(self) -> Result<(), Failure> {
-        let reply = self.asking.ask(Question::Diff { from: self.from, to: self.to, prefix: self.prefix })?;
-        let Reply::Differences(differences) = reply else { return Err(refusal(&reply)) };
+        let (question, mut differences) =
+            (Question::Diff { from: self.from, to: self.to, prefix: self.prefix }, Vec::new());
+        self.asking.ask_all(question, |reply| {
+            let Reply::Differences(part) = reply else { return Err(refusal(&reply)) };
+            differences.extend(part);
+            Ok(())
+        })?;
         if self.asking.json {
             output::say(&serde_json::to_string_pretty(&differences)?);
         } else if differences.is_empty() {

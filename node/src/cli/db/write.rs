@@ -87,8 +87,10 @@ impl Delete {
 }
 
 /// How far a transaction has got.
-enum Got {
+pub(crate) enum Got {
+    /// As far as was asked.
     Far(Dot),
+    /// To a disk.
     Pending(Dot),
     /// There was nothing to do.
     Done(String),
@@ -97,8 +99,13 @@ enum Got {
 impl Writing {
     /// Commits, on the robot whose keys they are, and says how far it has got.
     pub(crate) fn commit(&self, requires: Vec<Require>, writes: Vec<Write>) -> Result<(), Failure> {
-        let (reason, far, within) = (self.reason.clone(), self.level.clone(), self.within);
-        self.send(&Question::Commit(Commit { reason, requires, writes, far, within }))
+        self.send(&self.question(self.reason.clone(), requires, writes))
+    }
+
+    /// Returns what asks for a commit.
+    pub(crate) fn question(&self, reason: String, requires: Vec<Require>, writes: Vec<Write>) -> Question {
+        let (far, within) = (self.level.clone(), self.within);
+        Question::Commit(Commit { reason, requires, writes, far, within })
     }
 
     /// Returns why, or else this.
@@ -108,21 +115,15 @@ impl Writing {
 
     /// Sends what is answered as a transaction is, to the robot whose keys they are, and says how far it has got.
     pub(crate) fn send(&self, question: &Question) -> Result<(), Failure> {
-        let got = self.asking.with(async |databases| {
-            if let Question::Commit(commit) = question {
-                check_parameters(databases, &commit.writes).await?;
-            }
-            let robot = databases.robot();
-            match self.ask(databases, robot, question.clone()).await? {
-                Ok(got) => Ok(got),
-                Err(owner) => self.forward(databases, &owner, question.clone()).await,
-            }
-        })?;
-        let (dot, reached) = match got {
+        let (dot, reached) = match self.asking.with(async |databases| self.write_on(databases, question).await)? {
             Got::Far(dot) => (dot, true),
             Got::Pending(dot) => (dot, false),
             Got::Done(sentence) => {
-                output::say(&sentence);
+                output::say(&if self.asking.json {
+                    serde_json::json!({ "done": sentence }).to_string()
+                } else {
+                    sentence
+                });
                 return Ok(());
             }
         };
@@ -131,14 +132,27 @@ impl Writing {
         } else {
             output::say(&format!("committed as {dot}"));
         }
-        if reached {
-            return Ok(());
-        }
-        Err(Failure::Unreachable(anyhow!(
+        if reached { Ok(()) } else { Err(self.pending()) }
+    }
+
+    /// Says that what was written had not got as far as asked.
+    pub(crate) fn pending(&self) -> Failure {
+        Failure::Unreachable(anyhow!(
             "it is committed for good and will go on to the others, but had not got as far as asked within {:?}; `dca db \
              status` shows who is behind",
             self.within
-        )))
+        ))
+    }
+
+    /// Writes, on the robot whose keys they are.
+    pub(crate) async fn write_on(&self, databases: &Databases<'_>, question: &Question) -> Result<Got, Failure> {
+        if let Question::Commit(commit) = question {
+            check_parameters(databases, &commit.writes).await?;
+        }
+        match self.ask(databases, databases.robot(), question.clone()).await? {
+            Ok(got) => Ok(got),
+            Err(owner) => self.forward(databases, &owner, question.clone()).await,
+        }
     }
 
     /// Asks one robot; answers with the name of another if only that one writes there.

@@ -3,12 +3,12 @@
 use super::question::{Choice, Commit, Moment, Reply, Resolve};
 use super::{Database, REPLY_SIZE_MAX};
 use dbmanager::logic::cut::Cut;
-use dbmanager::logic::key::Key;
 use dbmanager::logic::state::{Seen, State, Version};
 use dbmanager::logic::txn::{Value, Write};
 use dbmanager::logic::view::moment::{MomentError, diff};
 use dbmanager::logic::view::past::{Filter, Past};
-use dbmanager::logic::view::transfer::{self, Absent};
+use dbmanager::logic::view::transfer;
+use serde::Serialize;
 
 /// Below which prefix what never leaves the robot is.
 const LOCAL: &str = "local/";
@@ -19,22 +19,27 @@ impl Database {
     }
 
     /// Returns who has changed what was asked for.
-    pub(super) fn history(&self, filter: &Filter) -> Reply {
-        Reply::Deeds(self.past().deeds(filter))
+    pub(super) fn history(&self, filter: &Filter, say: &mut impl FnMut(Reply)) {
+        parts(self.past().deeds(filter)).into_iter().for_each(|part| say(Reply::Deeds(part)));
     }
 
     /// Returns what nobody has settled below a prefix.
-    pub(super) fn conflicts(&self, prefix: &str) -> Reply {
+    pub(super) fn conflicts(&self, prefix: &str, say: &mut impl FnMut(Reply)) {
         let past = self.past();
-        Reply::Conflicts(past.conflicts(prefix), past.races(prefix))
+        let mut parts = parts(past.conflicts(prefix));
+        let last = parts.pop().unwrap_or_default();
+        parts.into_iter().for_each(|part| say(Reply::Conflicts(part, Vec::new())));
+        say(Reply::Conflicts(last, past.races(prefix)));
     }
 
     /// Returns what was changed from one moment to another.
-    pub(super) fn diff(&self, [from, to]: [&Moment; 2], prefix: &str) -> Reply {
+    pub(super) fn diff(&self, [from, to]: [&Moment; 2], prefix: &str, say: &mut impl FnMut(Reply)) {
         let states = self.at(from, prefix).and_then(|before| Ok((before, self.at(to, prefix)?)));
         match states {
-            Ok((before, after)) => Reply::Differences(diff(&before, &after, prefix)),
-            Err(why) => Reply::Refused(why.to_string()),
+            Ok((before, after)) => {
+                parts(diff(&before, &after, prefix)).into_iter().for_each(|part| say(Reply::Differences(part)));
+            }
+            Err(why) => say(Reply::Refused(why.to_string())),
         }
     }
 
@@ -102,19 +107,6 @@ impl Database {
         }
     }
 
-    /// Returns what it would take to make the keys what a file says.
-    pub(super) fn import(&self, file: &str, delete: bool, reason: &str) -> Reply {
-        let absent = if delete { Absent::Delete } else { Absent::Keep };
-        match transfer::import(file, &self.everything(), absent, reason) {
-            Ok(import) => {
-                let write = |(key, value): (&Key, Option<&Value>)| Write { key: key.clone(), value: value.cloned() };
-                let writes = import.drafts.iter().map(|draft| draft.writes().map(write).collect()).collect();
-                Reply::Import(import.differences, import.settles, writes)
-            }
-            Err(why) => Reply::Refused(format!("the file cannot be imported: {why}")),
-        }
-    }
-
     /// Returns the transaction that settles a key: one more write, which has seen all of the others.
     pub(super) fn settle(&self, resolve: &Resolve) -> Result<Commit, Reply> {
         let Resolve { key, choice, reason, far, within } = resolve;
@@ -157,4 +149,22 @@ pub(super) fn list(state: &State, prefix: &str, say: &mut impl FnMut(Reply)) {
         }
     }
     say(Reply::Entries(entries));
+}
+
+/// Returns items in parts of a bounded size; there is at least one.
+fn parts<T: Serialize>(items: Vec<T>) -> Vec<Vec<T>> {
+    let (mut parts, mut size) = (vec![Vec::new()], 0);
+    for item in items {
+        // What cannot be encoded is told when it is to be sent.
+        let bytes = postcard::to_stdvec(&item).map_or(0, |bytes| bytes.len());
+        if size + bytes > REPLY_SIZE_MAX {
+            parts.push(Vec::new());
+            size = 0;
+        }
+        size += bytes;
+        if let Some(part) = parts.last_mut() {
+            part.push(item);
+        }
+    }
+    parts
 }

@@ -60,16 +60,16 @@ pub enum Question {
     },
     /// Dates have gone wrong: begin a new epoch of stamps. Answered by [`Reply::Done`].
     HealClock,
-    /// Who has changed what. Answered by [`Reply::Deeds`].
+    /// Who has changed what. Answered by a stream of [`Reply::Deeds`].
     History(Filter),
-    /// What nobody has settled. Answered by [`Reply::Conflicts`].
+    /// What nobody has settled. Answered by a stream of [`Reply::Conflicts`].
     Conflicts {
         /// How the keys begin.
         prefix: String,
     },
     /// Settle a key. Answered as `Commit` is, or by [`Reply::Done`] if there is nothing to settle.
     Resolve(Resolve),
-    /// What has changed between two moments. Answered by [`Reply::Differences`].
+    /// What has changed between two moments. Answered by a stream of [`Reply::Differences`].
     Diff {
         /// The earlier one.
         from: Moment,
@@ -94,7 +94,8 @@ pub enum Question {
         /// When.
         at: Moment,
     },
-    /// What it would take to make the keys what a file says. Answered by [`Reply::Import`].
+    /// Of an earlier version: what it would take to make the keys what a file says. Refused; a file is too long for a
+    /// message.
     Import {
         /// The file.
         file: String,
@@ -237,7 +238,7 @@ pub enum Reply {
     Told(Told),
     /// To `Export`: a part of the text.
     Text(String),
-    /// To `Import`: what would change, which conflicts that would settle, and the writes, together as far as they fit.
+    /// To `Import`, in an earlier version.
     Import(Vec<Difference>, Vec<Key>, Vec<Vec<Write>>),
     /// To `Owners`: prefixes, and who writes there; nothing if everybody may.
     Owners(Vec<(String, Option<String>)>),

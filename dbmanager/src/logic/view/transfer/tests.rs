@@ -80,6 +80,7 @@ fn how_it_looks() {
         "team/pose" = {x = 1, y = [0.5, -0.0]}
         # 2 writes beside each other, also: 3
         "team/rate" = 2
+        # end
     "##]]
     .assert_eq(&export(&team[0].state, ""));
     assert!(export(&team[0].state, "local/").contains("\"local/secret\" = 1"));
@@ -103,6 +104,19 @@ fn a_dry_run_shows_what_would_change() {
         ~ team/a  1 → 1.5
         + team/c  [3]"#]]
     .assert_eq(&shown(Absent::Keep));
+}
+
+/// The file of an export that broke off: it must delete nothing.
+#[test]
+fn a_file_that_was_cut_off_deletes_nothing() {
+    let mut team = Robot::team(1);
+    ["team/a", "team/b", "team/c"].iter().for_each(|key| drop(team[0].put("", key, "1")));
+    let file = export(&team[0].state, "team/");
+    for (end, _) in file.match_indices('\n').filter(|(end, _)| *end + 1 < file.len()) {
+        let refused = import(&file[..end], &team[0].state, Absent::Delete, "");
+        assert!(refused.is_err(), "{}", &file[..end]);
+    }
+    assert_eq!(import(&file, &team[0].state, Absent::Delete, ""), Ok(Import::default()));
 }
 
 #[test]
