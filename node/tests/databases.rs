@@ -12,11 +12,12 @@ use dbmanager::logic::message::Message;
 use dbmanager::logic::mutant::Mutant;
 use dbmanager::logic::record::Records;
 use dbmanager::logic::replica::{Config, Replica};
+use dbmanager::logic::txn::{Condition, Require};
 use dbmanager::logic::view::moment::state_of;
 use dbmanager::logic::view::past::{Filter, Keys};
 use dbmanager::logic::view::transfer::{self, Absent};
 use dbmanager::logic::view::value::Datum;
-use node::logic::database::question::{Choice, Far, Letter, Moment, Own, Question, Reply, Resolve};
+use node::logic::database::question::{Choice, Commit, Far, Letter, Moment, Own, Question, Reply, Resolve};
 use node::logic::database::{Database, Effect, Input};
 use std::collections::BTreeSet;
 use std::time::Duration;
@@ -129,10 +130,10 @@ fn a_conflict_is_listed_and_settled_everywhere() {
             conflicts[0].versions.iter().map(|one| one.value.as_ref().unwrap().to_toml()).collect();
         assert_eq!((conflicts.len(), values), (1, ["1".to_owned(), "2".to_owned()].into()));
     }
-    let resolve = |choice| {
-        let (key, reason, within) = (key_of("team/x"), String::new(), Duration::from_secs(1));
-        Question::Resolve(Resolve { key, choice, reason, far: Far::Local, within })
+    let Reply::Conflicts(conflicts, _) = world.ask(0, Question::Conflicts { prefix: "team/".into() }) else {
+        panic!("no conflicts")
     };
+    let resolve = |choice| resolve(choice, &conflicts[0].seen());
     assert!(matches!(world.ask(0, resolve(Choice::By("r9".into()))), Reply::Refused(why) if why.contains("`r9`")));
     assert!(matches!(world.ask(0, resolve(Choice::By("r1".into()))), Reply::Committed(_)));
     world.run(Duration::from_millis(200));
@@ -140,6 +141,123 @@ fn a_conflict_is_listed_and_settled_everywhere() {
         assert_eq!(world.read(robot, "team/x"), [Datum::from(1)]);
     }
     assert!(matches!(world.ask(1, resolve(Choice::Shown)), Reply::Done(_)), "there is nothing to settle any more");
+}
+
+fn resolve(choice: Choice, seen: &str) -> Question {
+    let (key, reason, within, seen) = (key_of("team/x"), String::new(), Duration::from_secs(1), seen.to_owned());
+    Question::Resolve(Resolve { key, choice, reason, far: Far::Local, within, seen })
+}
+
+#[test]
+fn nobody_settles_what_they_have_not_seen() {
+    let mut world = World::team(&["r1", "r2", "r3"]);
+    world.away(&[0, 1, 2], true);
+    for (number, robot) in (1..).zip(0..3) {
+        world.write(robot, "team/x", number);
+    }
+    world.away(&[0, 1], false);
+    world.run(Duration::from_millis(200));
+    let Reply::Conflicts(conflicts, _) = world.ask(0, Question::Conflicts { prefix: "team/".into() }) else {
+        panic!("no conflicts")
+    };
+    let seen = conflicts[0].seen();
+    assert_eq!(conflicts[0].versions.len(), 2);
+    // Between the look and the word comes what the third has written.
+    world.away(&[2], false);
+    world.run(Duration::from_millis(200));
+    let refused = world.ask(0, resolve(Choice::By("r1".into()), &seen));
+    assert!(matches!(&refused, Reply::Refused(why) if why.contains("others than you have seen")), "{refused:?}");
+    let refused = world.ask(0, resolve(Choice::By("r1".into()), ""));
+    assert!(matches!(&refused, Reply::Refused(why) if why.contains("say which")), "{refused:?}");
+    assert_eq!(world.read(0, "team/x").len(), 3, "all of them stand");
+}
+
+#[test]
+fn a_level_that_nobody_can_reach_is_refused_at_once() {
+    let mut world = World::team(&["r1", "r2", "r3"]);
+    for (far, part) in [
+        (Far::On(vec!["r2".into(), "nobody".into()]), "no member `nobody`"),
+        (Far::Replicated(3), "2 robots besides `r1`"),
+    ] {
+        let refused = world.ask(0, commit(vec![put("team/a", &Datum::from(1))], far));
+        assert!(matches!(&refused, Reply::Refused(why) if why.contains(part)), "{refused:?}");
+    }
+    assert!(world.read(0, "team/a").is_empty(), "nothing was written");
+    world.away(&[2], true);
+    let call = world.call(0, commit(vec![put("team/a", &Datum::from(1))], Far::On(vec!["r3".into()])));
+    assert!(matches!(world.replies(0, call), [Reply::Committed(_)]), "who is away may come back");
+}
+
+#[test]
+fn a_key_in_no_namespace_is_refused() {
+    let mut world = World::team(&["r1"]);
+    for key in ["a", "tean/a", "team", "robot", "robot/r1", "local", "robots/r1/a"] {
+        let refused = world.ask(0, commit(vec![put(key, &Datum::from(1))], Far::Local));
+        assert!(matches!(&refused, Reply::Refused(why) if why.contains("namespace")), "{key}: {refused:?}");
+    }
+    for key in ["team/a", "robot/r1/a", "local/a", "team/a/b"] {
+        let written = world.ask(0, commit(vec![put(key, &Datum::from(1))], Far::Local));
+        assert!(matches!(written, Reply::Committed(_)), "{key}: {written:?}");
+    }
+}
+
+#[test]
+fn what_is_local_is_told_to_nobody_on_another_machine() {
+    let mut world = World::team(&["r1", "r2"]);
+    world.write(0, "local/serial", 7);
+    world.write(0, "team/a", 1);
+    let mut ask = |question| {
+        world.robots[0].inbox.push(Input::Elsewhere(900, question));
+        world.turns();
+        world.robots[0].replies.remove(&900).expect("it is answered")
+    };
+    let requires = vec![Require { key: key_of("local/serial"), condition: Condition::Exists }];
+    let (reason, far, within) = (String::new(), Far::Local, Duration::ZERO);
+    let probe = Commit { reason, requires, writes: vec![put("team/b", &Datum::from(1))], far, within };
+    for question in [
+        Question::Get { key: key_of("local/serial") },
+        Question::List { prefix: "local/".into(), at: Moment::Now },
+        Question::Export { prefix: "local/".into(), at: Moment::Now },
+        Question::Commit(probe),
+        commit(vec![put("local/serial", &Datum::from(8))], Far::Local),
+    ] {
+        let replies = ask(question);
+        assert!(matches!(&replies[..], [Reply::Refused(why)] if why.contains("own machine")), "{replies:?}");
+    }
+    for prefix in ["", "lo", "local"] {
+        for question in [
+            Question::List { prefix: prefix.into(), at: Moment::Now },
+            Question::Export { prefix: prefix.into(), at: Moment::Now },
+        ] {
+            let told = format!("{:?}", ask(question));
+            assert!(!told.contains("serial") && (!prefix.is_empty() || told.contains("team/a")), "{prefix}: {told}");
+        }
+    }
+    let told = ask(commit(vec![put("team/b", &Datum::from(1))], Far::Local));
+    assert!(matches!(&told[..], [Reply::Committed(_)]), "{told:?}");
+}
+
+#[test]
+fn a_name_that_a_robot_left_behind_is_retired_by_one_word() {
+    for asked in [0, 1] {
+        let mut world = World::team(&["r1", "r2"]);
+        // The disk of the first is new: it is admitted under another name.
+        world.robots[0].disk = Records::new();
+        world.robots[0].machine = Database::new(open("r1", &Records::new(), 99), ("r1", "dca"), None);
+        world.robots[0].address = world.robots[0].machine.address();
+        world.run(Duration::from_secs(10));
+        assert_eq!(world.status(asked).members.len(), 3, "its old name is still there");
+        let several = world.ask(1, Question::Retire { member: "r1".into() });
+        assert!(matches!(&several, Reply::Refused(why) if why.contains("dca db retire r1 --older")), "{several:?}");
+        let retired = world.ask(asked, Question::RetireOlder { robot: "r1".into() });
+        assert!(matches!(&retired, Reply::Done(_)), "{retired:?}");
+        world.run(Duration::from_secs(5));
+        let members = world.status(1 - asked).members;
+        let present = world.robots[0].machine.address();
+        assert!(members.len() == 2 && members.iter().any(|member| member.origin == present), "{members:?}");
+        let again = world.ask(asked, Question::RetireOlder { robot: "r1".into() });
+        assert!(matches!(&again, Reply::Done(said) if said.contains("one name only")), "{again:?}");
+    }
 }
 
 #[test]

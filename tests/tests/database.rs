@@ -219,7 +219,11 @@ fn three_robots_agree_after_each_was_alone() {
         });
     }
     for (number, key) in [(2, "team/shared"), (1, "team/pair/left"), (3, "team/pair/right")] {
-        robots.db(number, &["resolve", key, "--by", "r1", "-m", "r1 was right", "--level", "everywhere"]);
+        let listed: serde_json::Value =
+            serde_json::from_str(&robots.db(number, &["conflicts", key, "--json"])).expect("it is JSON");
+        let seen = listed["conflicts"][0]["seen"].as_str().expect("it is told");
+        let settled = ["resolve", key, "--by", "r1", "--seen", seen, "-m", "r1 was right", "--level", "everywhere"];
+        robots.db(number, &settled);
     }
     robots.expect_agreement(3);
     for number in 1..=3 {
@@ -315,9 +319,74 @@ fn a_node_on_a_read_only_disk_reads_and_reports() {
     assert_eq!(host.ask(&["db", "put", "team/a", "1"]).code, Some(0));
     node.signal(Signal::KILL);
     assert_eq!(node.ended(SOON).signal, Some(9));
-    let _node = host.clone().with_read_only_state().node("r1", &[]);
-    assert_eq!(host.ask(&["db", "get", "team/a"]).out, "1\n");
-    let refused = host.ask(&["db", "put", "team/b", "1"]);
-    assert!(refused.code == Some(1) && refused.err.contains("can only be read"), "{refused}");
-    assert!(host.ask(&["db", "status"]).out.contains("can only be read"));
+    for (name, read) in [("r1", Some(0)), ("r2", Some(1))] {
+        let node = host.clone().with_read_only_state().node(name, &[]);
+        assert_eq!(host.ask(&["db", "get", "team/a"]).code, read);
+        let refused = host.ask(&["db", "put", "team/b", "1"]);
+        assert!(refused.code == Some(1) && refused.err.contains("can only be read"), "{refused}");
+        assert!(host.ask(&["db", "status"]).out.contains("can only be read"));
+        node.signal(Signal::TERM);
+        assert_eq!(node.ended(SOON).code, Some(0));
+    }
+}
+
+/// A command on a machine without a node finds the robot that it names, however long that takes to be discovered; what is
+/// local to that robot it does not get.
+#[test]
+fn a_robot_is_asked_from_a_machine_without_a_node() {
+    let (cluster, Some(network)) = (Cluster::new(), Network::new(2)) else { return };
+    let (robot, desk) = (cluster.host(&network, 1), cluster.host(&network, 2));
+    let _node = robot.node("r1", &["--lan"]);
+    assert_eq!(robot.ask(&["db", "put", "local/serial", "7"]).code, Some(0));
+    assert_eq!(robot.ask(&["db", "get", "local/serial"]).out, "7\n");
+    for _ in 0..10 {
+        let ended = desk.ask(&["db", "put", "team/a", "1", "--lan", "--robot", "r1"]);
+        assert_eq!(ended.code, Some(0), "{ended}");
+    }
+    let refused = desk.ask(&["db", "get", "local/serial", "--lan", "--robot", "r1"]);
+    assert!(refused.code == Some(1) && refused.out.is_empty() && refused.err.contains("own machine"), "{refused}");
+    let all = desk.ask(&["db", "get", "--lan", "--robot", "r1"]);
+    assert!(all.code == Some(0) && all.out.contains("team/a") && !all.out.contains("serial"), "{all}");
+    let nobody = desk.ask(&["db", "get", "team/a", "--lan", "--robot", "r9"]);
+    assert_eq!(nobody.code, Some(3), "{nobody}");
+}
+
+/// Whoever reads JSON gets JSON, whatever there is to say.
+#[test]
+fn json_is_never_prose() {
+    let cluster = Cluster::new();
+    let (host, _node) = (cluster.here(), cluster.here().node("r1", &[]));
+    let empty = cluster.file("empty.toml", "format = 1\nbelow = \"team/none/\"\n[values]\n# end\n");
+    let tx = cluster.file("tx", "put team/b 2\n");
+    for arguments in [
+        &["found"][..],
+        &["found"],
+        &["put", "team/a", "1"],
+        &["delete", "team/c"],
+        &["tx", tx.as_str()],
+        &["get", "team/a"],
+        &["get", "team/none/"],
+        &["history"],
+        &["history", "team/none"],
+        &["conflicts"],
+        &["resolve", "team/a", "--shown"],
+        &["diff", "0"],
+        &["diff", "now"],
+        &["at", "now"],
+        &["cut"],
+        &["status"],
+        &["export", "team/"],
+        &["import", empty.as_str()],
+        &["import", empty.as_str(), "--dry-run"],
+        &["own"],
+        &["own", "team/arm", "r1"],
+        &["retire", "r1", "--older"],
+        &["heal-clock"],
+    ] {
+        let ended = host.ask(&[&["db"], arguments, &["--json"]].concat());
+        let json: Result<serde_json::Value, _> = serde_json::from_str(&ended.out);
+        assert!(ended.code == Some(0) && json.is_ok(), "{arguments:?}: {ended}");
+    }
+    let refused = host.ask(&["db", "put", "nowhere", "1", "--json"]);
+    assert!(refused.code == Some(1) && refused.out.is_empty(), "{refused}");
 }

@@ -19,6 +19,8 @@ const ANSWER_WITHIN: Duration = Duration::from_secs(3);
 const ASK_AGAIN: Duration = Duration::from_millis(200);
 /// How long nodes are looked for on the network.
 const FIND_WITHIN: Duration = Duration::from_millis(1500);
+/// How long one node that was named is looked for: discovery on a busy network takes several rounds.
+const FIND_NAMED_WITHIN: Duration = Duration::from_secs(5);
 /// The verb of every request: the request itself says what is asked.
 const VERB: &str = "request";
 
@@ -28,6 +30,8 @@ pub(crate) struct Client {
     session: Session,
     /// The node of this machine that it goes through.
     local: Option<String>,
+    /// Folder with the sockets of this machine's nodes.
+    base: Option<PathBuf>,
 }
 
 /// The answers of a node to one request, as they come.
@@ -53,13 +57,13 @@ impl Client {
         let mut problem = None;
         for (name, socket) in run_dir::running(&base).map_err(anyhow::Error::from)? {
             match Session::open_client(&socket).await {
-                Ok(session) => return Ok(Self { session, local: Some(name) }),
+                Ok(session) => return Ok(Self { session, local: Some(name), base: Some(base) }),
                 Err(error) => problem = Some(anyhow!(error).context(format!("connecting to the node `{name}`"))),
             }
         }
         if reaching.lan {
             let session = Session::open_scout().await.context("looking for nodes on the network");
-            return Ok(Self { session: session.map_err(Failure::Unreachable)?, local: None });
+            return Ok(Self { session: session.map_err(Failure::Unreachable)?, local: None, base: Some(base) });
         }
         let none = || {
             anyhow!("no node runs on this machine; start one with `dca-node --name NAME`, or look further with `--lan`")
@@ -71,7 +75,7 @@ impl Client {
     pub(crate) async fn to_socket(socket: PathBuf) -> Result<Self, Failure> {
         let session =
             Session::open_client(&socket).await.with_context(|| format!("connecting to {}", socket.display()));
-        Ok(Self { session: session.map_err(Failure::Unreachable)?, local: None })
+        Ok(Self { session: session.map_err(Failure::Unreachable)?, local: None, base: None })
     }
 
     /// Returns the node of this machine that it goes through, if it does.
@@ -79,12 +83,26 @@ impl Client {
         self.local.as_deref()
     }
 
+    /// Returns what shows the node `host` that this command runs on its machine, if it does.
+    pub(crate) fn proof(&self, host: &str) -> Option<String> {
+        run_dir::proof(self.base.as_deref()?, host)
+    }
+
+    /// Returns whether a node can be reached: at once when it is there, else after it had its time to be found.
+    pub(crate) async fn finds(&self, host: &str) -> Result<bool, Failure> {
+        Ok(self.look(&[host.to_owned()], FIND_NAMED_WITHIN).await?.contains(host))
+    }
+
     /// Returns the nodes that can be reached: at once when all of `wanted` are there, else after a while. What the node of
     /// this machine has heard of counts, too: a token alone can be lost.
     pub(crate) async fn hosts(&self, wanted: &[String]) -> Result<BTreeSet<String>, Failure> {
+        self.look(wanted, FIND_WITHIN).await
+    }
+
+    async fn look(&self, wanted: &[String], within: Duration) -> Result<BTreeSet<String>, Failure> {
         let mut watch = self.session.watch(&key::live_any()).map_err(unreachable)?;
         let (mut tokens, mut heard) = (BTreeSet::new(), BTreeSet::new());
-        let deadline = clock::now() + FIND_WITHIN;
+        let deadline = clock::now() + within;
         let mut asking = Box::pin(self.heard_here(clock::now()));
         loop {
             if !wanted.is_empty() && wanted.iter().all(|host| tokens.contains(host) || heard.contains(host)) {

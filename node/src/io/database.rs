@@ -17,7 +17,7 @@ use crate::logic::database::disk::Durable;
 use crate::logic::database::question::{Commit, Letter, Question, Reply};
 use crate::logic::database::settings::Settings;
 use crate::logic::database::{Database, Effect, Input};
-use crate::logic::protocol::Answer;
+use crate::logic::protocol::{self, Answer};
 use anyhow::Context;
 use comms::io::clock::{self, Belief};
 use comms::io::session::{Request, Session};
@@ -61,6 +61,8 @@ pub struct Options {
     pub scratch: PathBuf,
     /// What keeps a new one on the disk; the usual engine if nothing is said.
     pub store: Option<Engine>,
+    /// What those show who ask on this machine.
+    pub proof: String,
     /// Whether it begins a team of its own at once, as the first of a command's own nodes does.
     pub founds: bool,
 }
@@ -68,6 +70,8 @@ pub struct Options {
 /// What comes to the thread.
 enum Arrival {
     Call(u64, Question, Option<Caller>),
+    /// From another machine.
+    Elsewhere(u64, Question, Caller),
     Letter(Letter),
     Asked(Request, Letter),
     Appeared,
@@ -78,6 +82,8 @@ enum Arrival {
 #[derive(Clone, Debug)]
 pub struct Handle {
     arrivals: SyncSender<Arrival>,
+    /// What those show who ask on this machine.
+    proof: Arc<str>,
 }
 
 /// A running database.
@@ -124,7 +130,7 @@ pub fn start(options: &Options, session: &Arc<Session>) -> anyhow::Result<Runnin
     }
     let (to_thread, arrivals) = sync_channel(ARRIVALS_MAX);
     let arrivals = Groups::new(arrivals, TURN_MAX);
-    let handle = Handle { arrivals: to_thread };
+    let handle = Handle { arrivals: to_thread, proof: options.proof.as_str().into() };
     let (outgoing, wire) = wire::start(session, &options.team, machine.address(), &handle)?;
     if options.founds {
         handle.call(0, Question::Found, None);
@@ -184,8 +190,30 @@ impl Running {
 impl Handle {
     /// Asks something; the answers go to `caller`.
     pub fn call(&self, call: u64, question: Question, caller: Option<Caller>) {
-        let refused = self.arrivals.try_send(Arrival::Call(call, question, caller));
-        if let Err(TrySendError::Full(Arrival::Call(.., Some(caller)))) = refused {
+        self.ask(Arrival::Call(call, question, caller));
+    }
+
+    /// Takes a request that is for the database; returns any other one.
+    pub fn take(&self, call: u64, request: protocol::Request, caller: Caller) -> Option<(protocol::Request, Caller)> {
+        if let protocol::Request::Database(question) = request {
+            self.ask(Arrival::Elsewhere(call, question, caller));
+            return None;
+        }
+        if let protocol::Request::Here { proof, question } = request {
+            let here = proof == *self.proof;
+            self.ask(if here {
+                Arrival::Call(call, question, Some(caller))
+            } else {
+                Arrival::Elsewhere(call, question, caller)
+            });
+            return None;
+        }
+        Some((request, caller))
+    }
+
+    fn ask(&self, arrival: Arrival) {
+        let refused = self.arrivals.try_send(arrival);
+        if let Err(TrySendError::Full(Arrival::Call(.., Some(caller)) | Arrival::Elsewhere(.., caller))) = refused {
             let why = "the database has too much to do; try again".to_owned();
             caller.offer(Answer::Database(Reply::Refused(why)));
             caller.end();
@@ -236,6 +264,10 @@ impl Worker {
                 Arrival::Call(call, question, sink) => {
                     self.sinks.extend(sink.map(|sink| (call, sink)));
                     Input::Call(call, question)
+                }
+                Arrival::Elsewhere(call, question, caller) => {
+                    self.sinks.insert(call, caller);
+                    Input::Elsewhere(call, question)
                 }
                 Arrival::Letter(letter) => Input::Letter(letter),
                 Arrival::Asked(request, letter) => {

@@ -17,7 +17,7 @@ use crate::logic::database::settings::Settings;
 use crate::logic::effect::{Effect, ProcessId, SpawnOrder};
 use crate::logic::nameserver::Change;
 use crate::logic::programs::Programs;
-use crate::logic::protocol::{Answer, Deployment, Request};
+use crate::logic::protocol::{Answer, Deployment};
 use anyhow::Context;
 use comms::io::clock;
 use comms::io::control::ControlSender;
@@ -184,6 +184,7 @@ impl Driver {
             folder: config.state.clone(),
             store: config.store,
             scratch: dir.path().to_owned(),
+            proof: dir.proof().to_owned(),
             founds: config.founds,
         };
         let session = Arc::clone(peers.session());
@@ -237,12 +238,9 @@ impl Driver {
         while self.tasks.try_join_next().is_some() {}
         match event {
             Event::Arrival(Arrival::Input(input)) => Some(input),
-            Event::Arrival(Arrival::Call(call, Request::Database(question), sink)) => {
-                self.database.handle().call(call, question, Some(sink));
-                None
-            }
-            Event::Arrival(Arrival::Call(call, request, sink)) => {
-                self.peers.expect(call, sink);
+            Event::Arrival(Arrival::Call(call, request, caller)) => {
+                let (request, caller) = self.database.handle().take(call, request, caller)?;
+                self.peers.expect(call, caller);
                 Some(Input::Call { call, request: Box::new(request) })
             }
             Event::Shim(process, report, last_words) => {

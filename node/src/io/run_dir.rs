@@ -5,6 +5,7 @@
 //!   c1/                     one node
 //!     lock                  held while the node runs
 //!     cgroup                names the control group that it runs in, if it could have one
+//!     proof                 what commands of this user on this machine show to the node, and nobody else can read
 //!     node.sock             its zenoh session, for other nodes and command lines of this machine
 //!     journal               what it has committed, if it has no folder that survives it
 //!     door_opening.1/       one deployment
@@ -17,7 +18,7 @@ use crate::logic::effect::ProcessId;
 use crate::logic::protocol::Deployment;
 use rustix::fs::{FlockOperation, flock};
 use std::fs::{self, File, OpenOptions};
-use std::io;
+use std::io::{self, Read, Write};
 use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 
@@ -26,6 +27,9 @@ const SOCKET_PATH_MAX: usize = 107;
 
 /// How the folder of a command's own nodes begins; its process id follows.
 const COMMAND_PREFIX: &str = "run-";
+
+/// The file that says that somebody is on this machine.
+const PROOF: &str = "proof";
 
 /// Why a folder cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -98,6 +102,13 @@ pub fn running(base: &Path) -> Result<Vec<(String, PathBuf)>, RunDirError> {
     Ok(nodes)
 }
 
+/// Returns what a command shows to the node `name` of this machine; nothing if there is no such node, or it is another user's.
+pub fn proof(base: &Path, name: &str) -> Option<String> {
+    // A name comes from the network or from a person: it must not lead elsewhere.
+    let plain = Path::new(name).components().eq([std::path::Component::Normal(name.as_ref())]);
+    fs::read_to_string(base.join(name).join(PROOF)).ok().filter(|_| plain)
+}
+
 /// Makes a folder for the nodes of this command alone; ends and removes what commands that were killed have left. Blocks.
 pub fn of_this_command(base: &Path) -> PathBuf {
     for entry in fs::read_dir(base).into_iter().flatten().flatten() {
@@ -122,6 +133,7 @@ fn is_locked(lock: &Path) -> bool {
 #[derive(Debug)]
 pub struct RunDir {
     path: PathBuf,
+    proof: String,
     _lock: File,
 }
 
@@ -144,7 +156,8 @@ impl RunDir {
         if deepest.as_os_str().len() > SOCKET_PATH_MAX {
             return Err(RunDirError::TooDeep { path });
         }
-        Ok(Self { path, _lock: lock })
+        let proof = write_proof(&path.join(PROOF)).map_err(unusable)?;
+        Ok(Self { path, proof, _lock: lock })
     }
 
     /// Returns the folder.
@@ -164,6 +177,11 @@ impl RunDir {
             }
         }
         remove_leftover(&self.socket()).map_err(|cause| RunDirError::Unusable { path: self.socket(), cause })
+    }
+
+    /// Returns what only this user of this machine can read.
+    pub fn proof(&self) -> &str {
+        &self.proof
     }
 
     /// Returns the socket of the node's session.
@@ -202,6 +220,17 @@ impl RunDir {
 pub fn make_process(path: &Path) -> io::Result<()> {
     fs::DirBuilder::new().recursive(true).mode(0o700).create(path)?;
     remove_leftover(&path.join("data.sock"))
+}
+
+/// Writes a number that nobody can guess where nobody else can read it.
+fn write_proof(path: &Path) -> io::Result<String> {
+    remove_leftover(path)?;
+    let mut bytes = [0; 16];
+    File::open("/dev/urandom")?.read_exact(&mut bytes)?;
+    let proof = format!("{:032x}", u128::from_le_bytes(bytes));
+    let mut file = OpenOptions::new().create_new(true).write(true).mode(0o600).open(path)?;
+    file.write_all(proof.as_bytes())?;
+    Ok(proof)
 }
 
 fn private_folder(path: &Path) -> Result<(), RunDirError> {

@@ -13,6 +13,7 @@ pub mod disk;
 mod look;
 mod orders;
 pub mod question;
+mod refuse;
 pub mod settings;
 mod status;
 pub mod table;
@@ -25,12 +26,12 @@ use dbmanager::logic::key::Namespace;
 use dbmanager::logic::message::Message;
 use dbmanager::logic::record::Batch;
 use dbmanager::logic::replica::{self, Alarm, Replica, Request};
-use dbmanager::logic::txn::{Frame, TxnError};
+use dbmanager::logic::txn::{Draft, Frame, TxnError};
 use dbmanager::logic::view::moment::Checkpoints;
 use dbmanager::logic::view::past::Past;
 use dbmanager::logic::view::schema::{self, Schemas};
 use dbmanager::logic::view::watch::Watch;
-use question::{Far, Letter, Question, Reply, Wish};
+use question::{Far, Letter, Moment, Question, Reply, Wish};
 use settings::Settings;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::time::Duration;
@@ -57,6 +58,8 @@ const REPLY_SIZE_MAX: usize = 256 << 10;
 pub enum Input {
     /// Somebody asks something; the answers bear this number. Number 0 is the node itself, which wants none.
     Call(u64, Question),
+    /// Somebody on another machine asks something: what is local to this one is none of theirs.
+    Elsewhere(u64, Question),
     /// Another replica has told something.
     Letter(Letter),
     /// Another replica has asked something, under this number; [`Effect::Reply`] ends it.
@@ -167,7 +170,20 @@ impl Database {
         self.announce(effects);
         let mut commits = Vec::new();
         for input in inputs {
+            let input = if let Input::Elsewhere(call, question) = input {
+                let now = Moment::Cut(self.replica.log().cut().clone());
+                match refuse::from_elsewhere(question, &now) {
+                    Ok(question) => Input::Call(call, question),
+                    Err(why) => {
+                        effects.extend([Effect::Answer(call, Reply::Refused(why)), Effect::End(call)]);
+                        continue;
+                    }
+                }
+            } else {
+                input
+            };
             match input {
+                Input::Elsewhere(..) => {}
                 Input::Call(0, Question::Commit(commit)) => {
                     let commit = chronicle::trimmed(commit, self.replica.state());
                     commits.extend(self.request(now, 0, commit.into(), effects));
@@ -262,18 +278,8 @@ impl Database {
     /// Returns what the replica is asked to commit.
     fn request(&mut self, now: Time, call: u64, wish: Wish, effects: &mut Vec<Effect>) -> Option<Request> {
         let Wish { draft, far, within } = wish;
-        if let Some(why) = &self.closed {
-            effects.push(Effect::Answer(call, Reply::Refused(why.clone())));
-            effects.push(Effect::End(call));
-            return None;
-        }
-        let schemas = self.schemas.get_or_insert_with(|| Schemas::of(self.replica.state()));
-        let breaches = schemas.check(&draft);
-        if !breaches.is_empty() && call != 0 {
-            let sentences: Vec<String> = breaches.iter().map(ToString::to_string).collect();
-            effects
-                .push(Effect::Answer(call, Reply::Refused(format!("nothing was written: {}", sentences.join("; ")))));
-            effects.push(Effect::End(call));
+        if let Some(why) = self.refusal(call, &draft, &far) {
+            effects.extend([Effect::Answer(call, Reply::Refused(why)), Effect::End(call)]);
             return None;
         }
         let alone = !self.replica.is_member() && !self.heard.values().any(|heard| heard.member);
@@ -288,6 +294,21 @@ impl Database {
             self.waiting.insert(call);
         }
         Some(Request { ticket: call, draft, level: far.level(), until: now + within })
+    }
+
+    /// Returns why a transaction is not even tried, if that is so.
+    fn refusal(&mut self, call: u64, draft: &Draft, far: &Far) -> Option<String> {
+        if let Some(why) = &self.closed {
+            return Some(why.clone());
+        }
+        let out_of_reach = || self.out_of_reach(far).filter(|_| !draft.is_local());
+        if let Some(why) = refuse::namespaces(draft).or_else(out_of_reach) {
+            return Some(why);
+        }
+        let schemas = self.schemas.get_or_insert_with(|| Schemas::of(self.replica.state()));
+        let breaches: Vec<String> = schemas.check(draft).iter().map(ToString::to_string).collect();
+        // What the node itself writes is no affair of people's.
+        (call != 0 && !breaches.is_empty()).then(|| format!("nothing was written: {}", breaches.join("; ")))
     }
 
     fn answer(&mut self, now: Time, call: u64, question: Question, effects: &mut Vec<Effect>) {
@@ -322,7 +343,7 @@ impl Database {
                 let owners = self.replica.owners().iter();
                 say(Reply::Owners(owners.map(|(prefix, owner)| (prefix.to_owned(), owner.robot.clone())).collect()));
             }
-            Question::Found | Question::Retire { .. } | Question::HealClock => {
+            Question::Found | Question::Retire { .. } | Question::RetireOlder { .. } | Question::HealClock => {
                 let reply = self.operate(now, question, effects);
                 effects.push(Effect::Answer(call, reply));
             }

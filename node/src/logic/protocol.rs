@@ -296,10 +296,17 @@ pub enum Request {
         /// How many of its reports the asker has.
         seen: u64,
     },
-    /// Answered by [`Answer::Database`].
+    /// Answered by [`Answer::Database`]; of what is local to the robot it learns nothing.
     Database(Question),
     /// Answered by [`Answer::Parameters`].
     Parameters,
+    /// The same, from the node's own machine.
+    Here {
+        /// What the node has written where only this user of this machine can read it.
+        proof: String,
+        /// What is asked.
+        question: Question,
+    },
 }
 
 /// An element of the answer to a [`Request`].

@@ -94,6 +94,25 @@ struct Granted {
 /// The grants of each prefix, in the order of their stamps.
 type Grants = BTreeMap<String, BTreeMap<Stamp, Granted>>;
 
+/// How many hexadecimal digits name what somebody has seen: enough that writes that were not seen never have the same.
+const SEEN_DIGITS: usize = 12;
+
+/// Returns a name for these writes at a key, in any order: whoever settles them says by it which ones they have seen.
+pub fn seen(writes: impl IntoIterator<Item = Dot>) -> String {
+    let mut digest = blake3::Hasher::new();
+    for dot in writes.into_iter().collect::<BTreeSet<Dot>>() {
+        digest.update(&dot.origin.number().to_le_bytes()).update(&dot.seq.to_le_bytes());
+    }
+    digest.finalize().to_hex()[..SEEN_DIGITS].to_owned()
+}
+
+impl Conflict {
+    /// Returns the name of its writes.
+    pub fn seen(&self) -> String {
+        seen(self.versions.iter().map(|sibling| sibling.dot))
+    }
+}
+
 impl Past<'_> {
     /// Returns the keys below `prefix` with writes that did not see each other.
     pub fn conflicts(&self, prefix: &str) -> Vec<Conflict> {

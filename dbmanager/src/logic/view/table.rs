@@ -82,7 +82,8 @@ pub fn differences(differences: &[Difference]) -> String {
 /// Returns what nobody has settled, a block for each.
 pub fn conflicts(conflicts: &[Conflict], races: &[Race]) -> String {
     let mut blocks = Vec::new();
-    for Conflict { key, versions } in conflicts {
+    for conflict in conflicts {
+        let Conflict { key, versions } = conflict;
         let mut rows = Vec::new();
         for (index, sibling) in versions.iter().enumerate() {
             let Sibling { dot, value, by, when: at, reason } = sibling;
@@ -90,7 +91,9 @@ pub fn conflicts(conflicts: &[Conflict], races: &[Race]) -> String {
             let why = reason.as_deref().map_or("(too long ago to tell why)".to_owned(), shortened);
             rows.push(vec![shown(value.as_ref()), mark.to_owned(), by.clone(), when(*at), dot.to_string(), why]);
         }
-        blocks.push(format!("{key}: {} writes did not see each other\n{}", versions.len(), indented(&table(&rows))));
+        let (count, seen) = (versions.len(), conflict.seen());
+        blocks
+            .push(format!("{key}: {count} writes did not see each other (--seen {seen})\n{}", indented(&table(&rows))));
     }
     for Race { key, relied, condition, changed } in races {
         let relied_on =

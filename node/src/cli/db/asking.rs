@@ -64,6 +64,10 @@ impl Asking {
     /// Returns the robot that is asked unless the verb names another.
     async fn whom(&self, client: &Client) -> Result<String, Failure> {
         if let Some(robot) = self.robot.as_deref().or_else(|| client.local()) {
+            // It may have to be discovered first. Whether it answers shows when it is asked.
+            if client.local() != Some(robot) && !client.finds(robot).await? {
+                tracing::debug!(robot, "nobody has announced it");
+            }
             return Ok(robot.to_owned());
         }
         let nobody = || anyhow!("no node answers; start one with `dca-node --name NAME --lan`");
@@ -104,7 +108,11 @@ impl Databases<'_> {
 
     /// Asks one robot's database.
     pub(crate) fn ask(&self, robot: &str, question: Question) -> Result<Replies, Failure> {
-        let answers = self.client.ask_on(robot, &Request::Database(question))?;
+        let request = match self.client.proof(robot) {
+            Some(proof) => Request::Here { proof, question },
+            None => Request::Database(question),
+        };
+        let answers = self.client.ask_on(robot, &request)?;
         Ok(Replies { answers, noted: Arc::clone(&self.noted), robot: robot.to_owned() })
     }
 
@@ -123,10 +131,9 @@ impl Databases<'_> {
 
     /// Returns what may be told to the programs of a robot.
     pub(crate) async fn parameters(&self, robot: &str) -> Result<Vec<InstanceParameters>, Failure> {
-        match self.client.ask(robot, &Request::Parameters, ANSWER_WITHIN).await? {
-            Answer::Parameters(all) => Ok(all),
-            other => Err(unasked(robot, &other)),
-        }
+        let answer = self.client.ask(robot, &Request::Parameters, ANSWER_WITHIN).await?;
+        let Answer::Parameters(all) = answer else { return Err(unasked(robot, &answer)) };
+        Ok(all)
     }
 
     /// Returns the robots that can be reached now.
@@ -136,7 +143,7 @@ impl Databases<'_> {
 
     /// Returns whether a robot can be reached now.
     pub(crate) async fn reaches(&self, robot: &str) -> Result<bool, Failure> {
-        Ok(self.client.hosts(&[robot.to_owned()]).await?.contains(robot))
+        self.client.finds(robot).await
     }
 }
 

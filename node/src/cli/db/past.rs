@@ -66,6 +66,9 @@ pub struct Resolve {
     /// Nothing: delete it
     #[arg(long, group = "choice")]
     delete: bool,
+    /// Which writes you have seen, as `dca db conflicts` says it; if there are others by now, nothing is settled
+    #[arg(long, value_name = "SEEN", default_value = "", hide_default_value = true)]
+    seen: String,
     #[command(flatten)]
     writing: Writing,
 }
@@ -143,14 +146,20 @@ impl Conflicts {
             Ok(())
         })?;
         if self.asking.json {
-            let json = serde_json::json!({ "conflicts": conflicts, "races": races });
+            let mut listed = Vec::new();
+            for conflict in &conflicts {
+                let mut json = serde_json::to_value(conflict)?;
+                json["seen"] = conflict.seen().into();
+                listed.push(json);
+            }
+            let json = serde_json::json!({ "conflicts": listed, "races": races });
             output::say(&serde_json::to_string_pretty(&json)?);
         } else if conflicts.is_empty() && races.is_empty() {
             output::say("no conflicts");
         } else {
             output::say(&table::conflicts(&conflicts, &races));
             output::note(
-                "`dca db resolve KEY --by ROBOT` (or `--value`, `--shown`, `--delete`) settles one everywhere",
+                "`dca db resolve KEY --seen SEEN --by ROBOT` (or `--value`, `--shown`, `--delete`) settles one everywhere",
             );
         }
         Ok(())
@@ -177,6 +186,7 @@ impl Resolve {
             reason: self.writing.reason_or("settle"),
             far: far.clone(),
             within: *within,
+            seen: self.seen,
         }))
     }
 }

@@ -17,6 +17,9 @@ pub struct Status {
 pub struct Retire {
     /// The robot, or one of its origins as `dca db status` shows them
     member: String,
+    /// Retire the names that the robot had before its present one, as after its disk was lost or set back
+    #[arg(long)]
+    older: bool,
     #[command(flatten)]
     asking: Asking,
 }
@@ -41,7 +44,8 @@ impl Status {
 impl Retire {
     /// Runs the verb.
     pub(crate) fn run(self) -> Result<(), Failure> {
-        self.asking.order(Question::Retire { member: self.member })
+        let robot = self.member;
+        self.asking.order(if self.older { Question::RetireOlder { robot } } else { Question::Retire { member: robot } })
     }
 }
 

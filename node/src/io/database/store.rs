@@ -177,7 +177,8 @@ mod tests {
         let base = std::env::temp_dir().join(format!("dca-place-{name}-{}", std::process::id()));
         fs::create_dir_all(&base).unwrap();
         let (robot, team, folder, scratch) = ("r1".into(), "dca".into(), Some(base.clone()), base.join("scratch"));
-        (base, Options { robot, team, folder, scratch, store: None, founds: false })
+        let proof = String::new();
+        (base, Options { robot, team, folder, scratch, store: None, proof, founds: false })
     }
 
     #[test]

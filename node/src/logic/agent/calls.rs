@@ -44,7 +44,9 @@ impl Agent {
                 answer(call, Answer::Parameters(all), out);
             }
             // The driver hands these to the database; an agent alone has none.
-            Request::Database(_) => answer(call, Answer::Refused("this node has no database".to_owned()), out),
+            Request::Database(_) | Request::Here { .. } => {
+                answer(call, Answer::Refused("this node has no database".to_owned()), out);
+            }
         }
         out.effects.push(Effect::EndAnswers { call });
     }

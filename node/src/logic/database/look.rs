@@ -1,17 +1,16 @@
 //! What is answered from the past and about it: history, other moments, what has changed, what nobody has settled.
 
 use super::question::{Choice, Commit, Moment, Reply, Resolve};
+use super::refuse::LOCAL;
 use super::{Database, REPLY_SIZE_MAX};
 use dbmanager::logic::cut::Cut;
 use dbmanager::logic::state::{Seen, State, Version};
 use dbmanager::logic::txn::{Value, Write};
+use dbmanager::logic::view::conflict;
 use dbmanager::logic::view::moment::{MomentError, diff};
 use dbmanager::logic::view::past::{Filter, Past};
 use dbmanager::logic::view::transfer;
 use serde::Serialize;
-
-/// Below which prefix what never leaves the robot is.
-const LOCAL: &str = "local/";
 
 impl Database {
     fn past(&self) -> Past<'_> {
@@ -109,10 +108,17 @@ impl Database {
 
     /// Returns the transaction that settles a key: one more write, which has seen all of the others.
     pub(super) fn settle(&self, resolve: &Resolve) -> Result<Commit, Reply> {
-        let Resolve { key, choice, reason, far, within } = resolve;
+        let Resolve { key, choice, reason, far, within, seen } = resolve;
         let (state, versions) = (self.replica.state(), self.replica.state().versions(key));
         if !state.is_conflict(key) {
             return Err(Reply::Done(format!("nothing stands beside each other at `{key}`")));
+        }
+        if *seen != conflict::seen(versions.iter().map(|version| version.dot)) {
+            let what =
+                if seen.is_empty() { "say which writes you have seen" } else { "there are others than you have seen" };
+            return Err(Reply::Refused(format!(
+                "nothing is settled: {what}; `dca db conflicts {key}` lists those at `{key}`, with what `--seen` is to say"
+            )));
         }
         let robot = |version: &Version| self.past().robot(version.stamp.origin);
         let pick = |found: Vec<&Version>, what: &str| match found.as_slice() {

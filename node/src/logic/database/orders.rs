@@ -25,6 +25,11 @@ impl Database {
                 Err(why) => Reply::Refused(why),
             };
         }
+        if let Question::RetireOlder { robot } = question {
+            return self
+                .older(now, &robot)
+                .map_or_else(Reply::Refused, |origins| self.retire_all(now, &robot, origins, effects));
+        }
         if question == Question::HealClock {
             self.feed(now, replica::Input::HealClock(wall), &mut None, effects);
             return Reply::Done("new writes are dated in a new epoch, above all that were dated wrongly".to_owned());
@@ -33,6 +38,51 @@ impl Database {
             return Reply::Done(format!("`{}` belongs to the team `{}` already", self.robot, self.team));
         }
         self.found(now, effects)
+    }
+
+    /// Retires what a robot was called before.
+    fn retire_all(&mut self, now: Time, robot: &str, origins: Vec<Origin>, effects: &mut Vec<Effect>) -> Reply {
+        let wall = self.wall;
+        for origin in &origins {
+            self.feed(now, replica::Input::Retire(*origin, wall), &mut None, effects);
+            if self.replica.members().is_active(*origin) {
+                return Reply::Refused(self.why_not_retired(&origin.to_string()));
+            }
+        }
+        match &origins[..] {
+            [] => Reply::Done(format!("`{robot}` has one name only, so there is nothing to retire")),
+            _ => {
+                let names: Vec<String> = origins.iter().map(ToString::to_string).collect();
+                Reply::Done(format!(
+                    "older names of `{robot}` are retired: {}; what they had written stays",
+                    names.join(", ")
+                ))
+            }
+        }
+    }
+
+    /// Returns under which names a robot is a member besides the one that it has now.
+    fn older(&self, now: Time, robot: &str) -> Result<Vec<Origin>, String> {
+        let members = self.replica.members().active().filter(|(_, name)| *name == robot);
+        let names: Vec<Origin> = members.map(|(origin, _)| origin).collect();
+        let heard = |origin: &&Origin| {
+            let heard = self.heard.get(origin).filter(|heard| now.since(heard.at) < status::HEARD_WITHIN);
+            heard.map(|heard| heard.at)
+        };
+        let present = if robot == self.robot {
+            Some(self.replica.origin())
+        } else {
+            names.iter().filter(|origin| heard(origin).is_some()).max_by_key(heard).copied()
+        };
+        match present {
+            _ if names.is_empty() => Err(format!("there is no member `{robot}`; `dca db status` lists them")),
+            _ if names.len() == 1 => Ok(Vec::new()),
+            Some(present) => Ok(names.into_iter().filter(|origin| *origin != present).collect()),
+            None => Err(format!(
+                "`{robot}` is not heard now, so nobody knows which of its names is the present one; ask again when it is there, \
+                 or retire one by its digits"
+            )),
+        }
     }
 
     fn why_not_retired(&self, member: &str) -> String {
@@ -73,7 +123,11 @@ impl Database {
             [] => Err(format!("there is no member `{name}`; `dca db status` lists them")),
             several => {
                 let origins: Vec<String> = several.iter().map(ToString::to_string).collect();
-                Err(format!("`{name}` is a member under several names; give one of `{}`", origins.join("`, `")))
+                Err(format!(
+                    "`{name}` is a member under several names: `dca db retire {name} --older` retires all but the present one, or \
+                     give one of `{}`",
+                    origins.join("`, `")
+                ))
             }
         }
     }

@@ -108,6 +108,12 @@ pub enum Question {
     Own(Own),
     /// Who alone writes where. Answered by [`Reply::Owners`].
     Owners,
+    /// The names that a robot had before the one under which it is heard now will never write again. Answered by
+    /// [`Reply::Done`].
+    RetireOlder {
+        /// The robot.
+        robot: String,
+    },
 }
 
 /// A point in the history of one robot's copy.
@@ -134,6 +140,9 @@ pub struct Resolve {
     pub far: Far,
     /// How long that may take.
     pub within: Duration,
+    /// Which writes whoever settles has seen, as [`conflict::seen`](dbmanager::logic::view::conflict::seen) names them. If others
+    /// stand there, nothing is settled.
+    pub seen: String,
 }
 
 /// What a key holds from now on.

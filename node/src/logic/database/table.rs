@@ -4,6 +4,7 @@ use super::question::{Clock, MemberStatus, Status};
 use crate::logic::table::{counted, table};
 use dbmanager::logic::view::date;
 use dbmanager::logic::view::status::Lag;
+use std::cmp::Reverse;
 use std::time::Duration;
 
 /// How many digits of a state are shown: enough to compare two by eye.
@@ -60,9 +61,18 @@ fn row(status: &Status, member: &MemberStatus) -> Vec<String> {
     // A robot that had two disks is there twice until the older one is retired.
     let twice = status.members.iter().filter(|other| other.robot == member.robot).count() > 1;
     let name = if twice { format!("{} ({})", member.robot, member.origin) } else { member.robot.clone() };
-    let pins = if member.pins && !me { "nothing older is forgotten until it is back, or retired" } else { "" };
+    // Of several names of one robot, the present one is this robot's own, or the one that was heard last.
+    let rank = |one: &MemberStatus| (one.origin == status.origin, one.heard.map(Reverse));
+    let is_older = status.members.iter().any(|other| other.robot == member.robot && rank(other) > rank(member));
+    let pins = if is_older {
+        format!("a name from before: `dca db retire {} --older` ends it", member.robot)
+    } else if member.pins && !me {
+        "nothing older is forgotten until it is back, or retired".to_owned()
+    } else {
+        String::new()
+    };
     let clock = if me { status.clock.clone() } else { member.clock.as_ref().map_or("-".to_owned(), apart) };
-    vec![name, heard, clock, if me { "-".to_owned() } else { lag(member.lacks) }, count(member.ahead), pins.to_owned()]
+    vec![name, heard, clock, if me { "-".to_owned() } else { lag(member.lacks) }, count(member.ahead), pins]
 }
 
 /// Returns what a clock is kept by, and how wrong it is beside the own one.
@@ -198,6 +208,16 @@ mod tests {
               store  /var/lib/dca/r1/db
               clock  not set: its writes are dated by the team's, if that has a date"#]]
         .assert_eq(&status(&team(members)));
+    }
+
+    #[test]
+    fn a_robot_under_two_names() {
+        let members = |heard| vec![member("r1", 1, None, 0), member("r2", 2, heard, 0), member("r2", 3, Some(1), 0)];
+        for heard in [None, Some(20)] {
+            let text = status(&team(members(heard)));
+            let told: Vec<&str> = text.lines().filter(|line| line.contains("dca db retire r2 --older")).collect();
+            assert!(told.len() == 1 && told[0].contains(&Origin::new(2).to_string()), "{text}");
+        }
     }
 
     #[test]

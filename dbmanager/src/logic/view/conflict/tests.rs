@@ -13,7 +13,7 @@ fn both_values_who_and_why() {
     let conflicts = team[0].past().conflicts("team/");
     assert_eq!(conflicts, team[1].past().conflicts("team/"));
     expect![[r#"
-        team/gain: 2 writes did not see each other
+        team/gain: 2 writes did not see each other (--seen 39158c935eeb)
           1.5               r1  2026-11-21 10:00:02  0000000000000001:2  brighter
           (deleted)  shown  r2  2026-11-21 10:00:02  0000000000000002:1  not used any more"#]]
     .assert_eq(&table::conflicts(&conflicts, &[]));
@@ -37,7 +37,7 @@ fn require_absent_both_create() {
     let past = team[0].past();
     assert_eq!((past.conflicts("").len(), past.races("").len(), past.races("robot/").len()), (1, 1, 0));
     expect![[r#"
-        team/leader: 2 writes did not see each other
+        team/leader: 2 writes did not see each other (--seen 39158c935eeb)
           "r1"         r1  2026-11-21 10:00:02  0000000000000001:2  relies
           "r2"  shown  r2  2026-11-21 10:00:02  0000000000000002:1  relies
 

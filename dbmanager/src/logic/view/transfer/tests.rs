@@ -110,7 +110,9 @@ fn a_dry_run_shows_what_would_change() {
 #[test]
 fn a_file_that_was_cut_off_deletes_nothing() {
     let mut team = Robot::team(1);
-    ["team/a", "team/b", "team/c"].iter().for_each(|key| drop(team[0].put("", key, "1")));
+    for key in ["team/a", "team/b", "team/c"] {
+        team[0].put("", key, "1");
+    }
     let file = export(&team[0].state, "team/");
     for (end, _) in file.match_indices('\n').filter(|(end, _)| *end + 1 < file.len()) {
         let refused = import(&file[..end], &team[0].state, Absent::Delete, "");

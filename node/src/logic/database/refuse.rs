@@ -1,0 +1,102 @@
+//! What is refused at once, each with one sentence: a level that nobody can reach, a key in no namespace, and what belongs to
+//! this robot alone, if somebody on another machine asks for it.
+
+use super::Database;
+use super::question::{Commit, Far, Moment, Question};
+use crate::logic::table::counted;
+use dbmanager::logic::key::{Key, Namespace};
+use dbmanager::logic::txn::Draft;
+use std::collections::BTreeSet;
+
+/// Below which prefix what never leaves the robot is.
+pub(super) const LOCAL: &str = "local/";
+/// What somebody on another machine is told.
+const ELSEWHERE: &str = "what is below `local/` is read and written on the robot's own machine only";
+
+impl Database {
+    /// Returns why a transaction cannot get as far as somebody wants, if nobody is there whom it would have to reach.
+    pub(super) fn out_of_reach(&self, far: &Far) -> Option<String> {
+        let members = self.replica.members().active().map(|(_, robot)| robot);
+        let others: BTreeSet<&str> = members.filter(|robot| *robot != self.robot).collect();
+        match far {
+            Far::Local | Far::Everywhere => None,
+            Far::On(robots) => {
+                let known = |robot: &&String| **robot == self.robot || others.contains(robot.as_str());
+                let unknown = robots.iter().find(|robot| !known(robot))?;
+                Some(format!("nothing was written: there is no member `{unknown}`; `dca db status` lists them"))
+            }
+            Far::Replicated(count) => {
+                let there = u64::try_from(others.len()).unwrap_or(u64::MAX);
+                (u64::from(*count) > there).then(|| {
+                    let (me, robots) = (&self.robot, counted(there, "robot"));
+                    format!("nothing was written: the team has {robots} besides `{me}`, so it cannot get to {count}")
+                })
+            }
+        }
+    }
+}
+
+/// Returns why a draft is refused for its keys, if one is in no namespace. What is there all the same can be deleted.
+pub(super) fn namespaces(draft: &Draft) -> Option<String> {
+    let written = draft.writes().filter(|(_, value)| value.is_some()).map(|(key, _)| key);
+    let granted = draft.grants().map(|(prefix, _)| prefix);
+    let lost = written.filter(|key| !is_at_home(key)).chain(granted.filter(|prefix| !begins_well(prefix))).next()?;
+    Some(format!(
+        "nothing was written: `{lost}` is in no namespace; a key is `team/NAME`, `robot/ROBOT/NAME` or `local/NAME`"
+    ))
+}
+
+/// Returns whether a key is one of somebody. Those of the database itself are refused elsewhere, in other words.
+fn is_at_home(key: &Key) -> bool {
+    let segments = key.as_str().split('/').count();
+    match key.namespace() {
+        Namespace::Robot(_) => segments > 2,
+        Namespace::Local | Namespace::System => segments > 1,
+        Namespace::Team => segments > 1 && begins_well(key),
+    }
+}
+
+fn begins_well(key: &Key) -> bool {
+    key.namespace() != Namespace::Team || key.as_str().split('/').next() == Some("team")
+}
+
+/// Returns what a question of somebody on another machine comes to: the same without what is local.
+///
+/// # Errors
+/// It is about that; for a person.
+pub(super) fn from_elsewhere(mut question: Question, now: &Moment) -> Result<Question, String> {
+    let own = |key: &Key| key.namespace() == Namespace::Local;
+    let below = |prefix: &str| prefix.starts_with(LOCAL);
+    let refused = match &question {
+        Question::Get { key } => own(key),
+        Question::List { prefix, .. } | Question::Export { prefix, .. } => below(prefix),
+        Question::Commit(Commit { requires, writes, .. }) => {
+            requires.iter().map(|require| &require.key).chain(writes.iter().map(|write| &write.key)).any(own)
+        }
+        Question::Resolve(resolve) => own(&resolve.key),
+        Question::Own(grant) => own(&grant.prefix),
+        // None of these sees anything local.
+        Question::Status
+        | Question::Found
+        | Question::Retire { .. }
+        | Question::RetireOlder { .. }
+        | Question::HealClock
+        | Question::History(_)
+        | Question::Conflicts { .. }
+        | Question::Diff { .. }
+        | Question::Cut(_)
+        | Question::Watch { .. }
+        | Question::Import { .. }
+        | Question::Owners => false,
+    };
+    if refused {
+        return Err(ELSEWHERE.to_owned());
+    }
+    if let Question::List { prefix, at } | Question::Export { prefix, at } = &mut question {
+        // The state at this moment, unlike what can be read now, has nothing that is local.
+        if LOCAL.starts_with(prefix.as_str()) && *at == Moment::Now {
+            *at = now.clone();
+        }
+    }
+    Ok(question)
+}
