@@ -65,7 +65,7 @@ pub fn check(key: &str, text: &str, known: &[InstanceParameters]) -> Verdict {
             Some(status) => match status.parameter.accepts.check(text) {
                 Ok(()) => return Verdict::Fits,
                 Err(expected) => {
-                    why = Some(Verdict::Refused(format!("`{name}` cannot be `{text}`: expected {expected}")))
+                    why = Some(Verdict::Refused(format!("`{name}` cannot be `{text}`: expected {expected}")));
                 }
             },
             None => {
