@@ -24,9 +24,9 @@ fuzz_target!(|bytes: &[u8]| {
     }
 });
 
-/// Whether something in it has a shield without a bound.
+/// Whether something in it has a shield without a bound, or runs something at its end that no stop ends.
 fn is_held_up(expression: &Expression) -> bool {
-    matches!(expression, Expression::Shield { bound: None, .. }) || expression.operands().into_iter().any(is_held_up)
+    matches!(expression, Expression::Shield { bound: None, .. } | Expression::Finally(..)) || expression.operands().into_iter().any(is_held_up)
 }
 
 fn run(program: &Program, members: u32, events: &[u8]) {

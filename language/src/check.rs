@@ -1,6 +1,7 @@
 //! Tree to plan: names, types, ports, flow, and what is wrong with them.
 //!
-//! Each pass adds to one [`spec::Spec`] and to one list of diagnostics: `declare` (what is there), `names` and
+//! Each pass adds to one [`spec::Spec`] and to one list of diagnostics: `declare` (what is there; a group whose parameters
+//! decide its shape once for each choice of values), `names` and
 //! `expression` (inside one group), `types` (between groups), `ports`, `flow`, and at last `lower` makes the plan.
 
 mod declare;
@@ -48,9 +49,13 @@ pub(crate) fn compile_with_model(
         trees.push((root, (origin, origin == Origin::Spec || source.role == Role::Part), damage));
         diagnostics.extend(found);
     }
+    let own = trees.iter().filter(|(_, (_, is_part), _)| *is_part);
+    let items: Vec<_> = own.flat_map(|(root, _, damage)| declare::items(root, damage)).collect();
+    let templates = declare::Templates::new(&items, &model.consts);
     for (root, origin, damage) in &trees {
-        declare::declare(&mut model, root, *origin, damage, &mut diagnostics);
+        declare::declare(&mut model, root, *origin, (damage, &templates), &mut diagnostics);
     }
+    templates.expand(&mut model, &mut diagnostics);
     types::check(&mut model, &mut diagnostics);
     let root = types::root(&model, &mut diagnostics);
     if types::is_finite(&model, root, &mut diagnostics) {
@@ -67,6 +72,8 @@ pub(crate) fn compile_with_model(
         Some(_) | None => None,
     };
     diagnostics.sort_by_key(|found| (found.primary.span, found.code));
+    // What is wrong with a group is wrong with each of its readings.
+    diagnostics.dedup();
     let plan = plan.filter(|_| !is_wrong(&diagnostics));
     omitted += limit(&mut diagnostics);
     (Compiled { plan, diagnostics, omitted }, model, root)

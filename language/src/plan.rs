@@ -278,6 +278,15 @@ pub enum Expression {
         /// Q, written out for each that may run at the same time.
         pool: Vec<Self>,
     },
+    /// `P finally Q`: Q once P has ended, in whatever way, also by a stop, which waits for Q.
+    Finally(Box<Self>, Box<Self>),
+    /// `P as tag`: what P leaves gets a tag, for a `match`.
+    Tagged {
+        /// The tag.
+        tag: String,
+        /// P.
+        of: Box<Self>,
+    },
 }
 
 impl Expression {
@@ -288,11 +297,13 @@ impl Expression {
             Self::Concurrent(of) | Self::FailFast(of) | Self::Disable(of) | Self::AnyOf { of, .. } => {
                 of.iter().collect()
             }
-            Self::Sequence(p, q) | Self::Conditional(p, q) | Self::Recurrent(p, q) | Self::Otherwise(p, q) => {
-                vec![p, q]
-            }
+            Self::Sequence(p, q)
+            | Self::Conditional(p, q)
+            | Self::Recurrent(p, q)
+            | Self::Otherwise(p, q)
+            | Self::Finally(p, q) => vec![p, q],
             Self::Match(arms) => arms.iter().map(|arm| &arm.body).collect(),
-            Self::Shield { of, .. } | Self::Using { of, .. } => vec![of],
+            Self::Shield { of, .. } | Self::Using { of, .. } | Self::Tagged { of, .. } => vec![of],
             Self::Asynchronous { source, pool } => std::iter::once(&**source).chain(pool).collect(),
         }
     }

@@ -77,6 +77,16 @@ fn values_that_are_passed_on_are_shared() {
 }
 
 #[test]
+fn what_runs_at_the_end_costs_nothing() {
+    // (a finally b) ;; ((c # d) finally skip)
+    let first = Expression::Finally(Box::new(run(0)), Box::new(run(1)));
+    let disabled = Expression::Disable(vec![run(2), run(3)]);
+    let second = Expression::Finally(Box::new(disabled), Box::new(Expression::Skip));
+    let program = program(4, Expression::Recurrent(Box::new(first), Box::new(second)));
+    assert_eq!(drive(&program, &Value::new(b"a pose"), 300_000).0, 0);
+}
+
+#[test]
 fn scopes_cost_nothing_either() {
     // (a : match { done => b, else => c }) ;; ((using(r) d ; skip), (using(r) shield e ; skip), (f ::[1] g))
     let arm = |tag: Option<&str>, member| Arm { tag: tag.map(str::to_owned), body: run(member) };

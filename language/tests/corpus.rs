@@ -175,6 +175,8 @@ fn expression(root: &Expression, name: &dyn Fn(u32) -> String) -> String {
         Expression::Shield { bound: Some(bound), of } => format!("shield({bound:?}) {}", expression(of, name)),
         Expression::Shield { bound: None, of } => format!("shield {}", expression(of, name)),
         Expression::Using { resources, of } => format!("using({}) {}", resources.join(", "), expression(of, name)),
+        Expression::Finally(first, second) => two(first, "finally", second),
+        Expression::Tagged { tag, of } => format!("{} as {tag}", expression(of, name)),
         Expression::Asynchronous { source, pool } => {
             format!("({} ::[{}] {})", expression(source, name), pool.len(), many(" | ", pool))
         }

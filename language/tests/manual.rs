@@ -29,9 +29,9 @@ use std::path::{Path, PathBuf};
 /// Processes of event actions that never end; all others do.
 const SERVICES: [&str; 4] = ["sensor", "camera", "drive", "logger"];
 /// Words of event actions that name no process.
-const WORDS: [&str; 17] = [
+const WORDS: [&str; 19] = [
     "skip", "never", "fail", "wait", "else", "within", "retry", "pause", "any", "of", "all", "race", "in", "match",
-    "shield", "using", "i",
+    "shield", "using", "i", "finally", "as",
 ];
 /// Remarks on what makes no sense: no spec of the manual deserves one.
 const MISTAKES: [Code; 5] = [Code::W0311, Code::W0403, Code::W0405, Code::W0406, Code::W0407];
@@ -181,6 +181,7 @@ fn members(actions: &str) -> BTreeSet<String> {
             && !WORDS.contains(&text)
             && before != Some(SyntaxKind::Number)
             && before != Some(SyntaxKind::LeftBracket)
+            && index.checked_sub(1).is_none_or(|before| tokens[before].1 != "as")
             && after != Some(SyntaxKind::FatArrow)
     };
     (0..tokens.len()).filter(is_process).map(|index| tokens[index].1.to_owned()).collect()

@@ -13,7 +13,7 @@
 //! - node 0 is the root and the only node without a parent; a parent's index is smaller than its operands';
 //! - the first operand of node `i` is `i + 1`; the operand after `c` is `nodes[c].end`; the last operand's `end` is the
 //!   node's own, which is how the operands of a node are walked without a list of them;
-//! - `;`, `:`, `;;` and `else` have two operands, `shield` and `using` one, constants and members none, `::` at least one,
+//! - `;`, `:`, `;;`, `else` and `finally` have two operands, `shield`, `using` and `as` one, constants and members none, `::` at least one,
 //!   its source, before the copies of its pool, and the others any number;
 //! - a chain of parents has at most [`DEPTH_MAX`] nodes.
 
@@ -114,6 +114,10 @@ pub(super) enum Kind {
     },
     /// `::`
     Asynchronous,
+    /// `finally`
+    Finally,
+    /// `as`
+    Tagged(Arc<str>),
 }
 
 /// How long a `shield` holds up a stop.
@@ -211,6 +215,8 @@ impl Program {
             }
             Expression::Using { resources, .. } => self.using(resources),
             Expression::Asynchronous { .. } => Kind::Asynchronous,
+            Expression::Finally(..) => Kind::Finally,
+            Expression::Tagged { tag, .. } => Kind::Tagged(tag.as_str().into()),
         }
     }
 
@@ -243,8 +249,12 @@ impl Program {
             Kind::Skip | Kind::Fail(_) | Kind::Wait { .. } => false,
             Kind::Concurrent { .. } => self.end(node) > node + 1 && services.all(|service| service),
             Kind::Disable | Kind::Match { .. } => services.all(|service| service),
-            Kind::Sequence | Kind::Conditional | Kind::FailFast { .. } => services.any(|service| service),
-            Kind::Otherwise | Kind::Shield { .. } | Kind::Using { .. } => self.nodes[node + 1].service,
+            Kind::Sequence | Kind::Conditional | Kind::FailFast { .. } | Kind::Finally => {
+                services.any(|service| service)
+            }
+            Kind::Otherwise | Kind::Shield { .. } | Kind::Using { .. } | Kind::Tagged(_) => {
+                self.nodes[node + 1].service
+            }
             Kind::AnyOf { count, .. } => services.filter(|service| !service).count() < *count as usize,
         }
     }

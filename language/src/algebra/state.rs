@@ -18,12 +18,13 @@
 //!                            done(v), in the queue                                  Stopping
 //!   arec: P done(u), pool    P: Done, outcome =       arec that ends                Draining, but its pool goes on
 //!   full                     done(u)
+//!   fin1(C,F)                Running; stop: Stopping  fin2(o,C)                     Second, outcome = o
 //! ```
 //!
 //! Invariants, between two events:
 //! - an active node (`Running`, `Second`, `Stopping`, `Draining`) other than the root has an active parent;
 //! - below a node that is `Stopping` or `Draining`, every active leaf is `Stopping` and no timer is armed, but for what is
-//!   below a `shield` that is `Second` or a `::`;
+//!   below a `shield` or a `finally` that is `Second` or a `::`;
 //! - `open` is the number of operands that the operator still waits for, and is greater than 0 in `Draining`;
 //! - a seat names a node exactly while that `Run` node is `Running` or `Stopping`;
 //! - a `using` is in the queue exactly while it is `Waiting`, and the holder of what it takes while it is otherwise active.

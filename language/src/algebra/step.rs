@@ -37,6 +37,9 @@
 //! [s-using]  v |- using(res) E    v |- E if all of res are free and nothing that waits wants one of them, else wait
 //! USING      o -> o, and res are free
 //! [e-grant]  at the end of each reaction, the first that waits and can have all it wants starts
+//! FIN        fin1: o -> empty |- F, then fin2(o)    fin2(o): done -> o, r -> o, but r if o is done; no unconfirmed stop is lost
+//!            stop(fin1(C,F)) = fin1(stop(C),F)       stop(fin2(o,C)) = fin2(killed,C), unless o is an unconfirmed stop
+//! TAG        done(v) -> done(t:v)                    any other o -> o
 //! SHIELD     o -> o; of a shield that holds up a stop, killed unless o is an unconfirmed stop
 //! [e-done] [e-abort] [e-stopped] [e-unconf] [e-timer]         the leaf's part, which also disconnects L
 //! [e-ctx]    climbs
@@ -44,7 +47,7 @@
 //! stop       forgets what has not started, drains what runs; a shield lets it wait
 //! ```
 //!
-//! Six points are settled here beyond the study they come from:
+//! Seven points are settled here beyond the study they come from:
 //! - **Unconfirmed stops are never swallowed.** A stopping leaf that cannot confirm yields `aborted(StopUnconfirmed)`;
 //!   a drain takes the first of these from what it waits for as its own outcome, and a later stop does not erase it. So
 //!   a group that is asked to stop never says `Stopped` when one of the leaves it waited for did not confirm. Once such
@@ -57,11 +60,14 @@
 //!   its abort, since it will never end otherwise.
 //! - **`::` goes at once too**: of an instantaneous source, `skip ::[n] Q`, as many Q run as there are places. If they
 //!   are instantaneous too, [rec-instant] holds for it as for `;;`.
+//! - **What `finally` runs is not stopped.** A stop that comes before or while it runs waits for it, as for a `shield`; what
+//!   may take too long gets a limit of its own, `P finally (Q within 5 s)`.
 //! - **One reaction grants at most as many times as there are `using`s**, so that loops which hand something to each
 //!   other in no time cannot hang a node; what is left waits for the next event. No spec that was checked gets there.
 
 mod completion;
 mod drain;
+mod finish;
 mod leaf;
 mod pool;
 mod scope;
@@ -77,7 +83,8 @@ use super::state::{Cell, Phase, State};
 /// activations go on. Harmless: an event with a number that is not current (dropped), `Start` of a group that runs
 /// (dropped), `Stop` of a group that is stopping (dropped), `Stop` of an idle group (`Stopped` at once).
 ///
-/// Allocates only for tuples of values that are not all empty and for the texts of reasons that become values.
+/// Allocates only for tuples of values that are not all empty, for tags that `as` gives, and for the texts of reasons that
+/// become values.
 ///
 /// # Panics
 /// If `state` was made for another program.
@@ -181,6 +188,8 @@ impl Reaction<'_> {
             Kind::Shield { .. } => Some(self.shield(node, outcome)),
             Kind::Using { .. } => Some(self.using(node, outcome)),
             Kind::Asynchronous => self.asynchronous(node, operand, outcome),
+            Kind::Finally => self.finally(node, outcome),
+            Kind::Tagged(_) => Some(self.tagged(node, outcome)),
             Kind::Run { .. } | Kind::Skip | Kind::Never | Kind::Fail(_) | Kind::Wait { .. } => {
                 unreachable!("a node without operands has no operand that ends")
             }

@@ -1,7 +1,10 @@
 //! What a text declares.
 
+mod fixed;
 mod module;
 mod process;
+
+pub(super) use fixed::Templates;
 
 use super::names::twice;
 use super::range::Range;
@@ -39,10 +42,10 @@ pub(super) fn declare(
     spec: &mut Spec,
     root: &Node,
     (origin, is_part): (Origin, bool),
-    damage: &[Span],
+    (damage, templates): (&[Span], &Templates),
     diagnostics: &mut Vec<Diagnostic>,
 ) {
-    for item in root.children() {
+    for item in root.children().filter(|item| !is_part || !templates.contains(item)) {
         let damage = within(damage, item.span());
         if item.kind() == SyntaxKind::TypeItem {
             // What is not known whole is not checked.
@@ -63,6 +66,11 @@ pub(super) fn declare(
             }
         }
     }
+}
+
+/// The items of a tree, each with where its text could not be read.
+pub(super) fn items(root: &Node, damage: &[Span]) -> Vec<(Node, Vec<Span>)> {
+    root.children().map(|item| (item.clone(), within(damage, item.span()).to_vec())).collect()
 }
 
 /// The places, which are sorted, that start in a span.

@@ -10,7 +10,7 @@ use crate::diagnostic::{Code, Diagnostic, Edit};
 use crate::similar::{is_look_alike, nearest, spell};
 use crate::source::Span;
 use crate::syntax::SyntaxKind::{self, Colon, Constant, DoubleColon, Number, Question, Recur, Text};
-use crate::syntax::ast::{Name, Node};
+use crate::syntax::ast::{Name, Node, Token};
 use std::collections::BTreeSet;
 
 /// The most tries of a `retry`: each is a copy of its operand.
@@ -72,12 +72,13 @@ fn expression(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<Diagnost
             Some(_) | None => Expr { span, kind: ExprKind::Broken },
         };
     }
-    let operators: [(SyntaxKind, Make); 5] = [
+    let operators: [(SyntaxKind, Make); 6] = [
         (SyntaxKind::Concurrent, ExprKind::Concurrent),
         (SyntaxKind::FailFast, ExprKind::FailFast),
         (SyntaxKind::Disable, ExprKind::Disable),
         (SyntaxKind::Sequence, ExprKind::Sequence),
         (SyntaxKind::Otherwise, ExprKind::Otherwise),
+        (SyntaxKind::Finally, finally),
     ];
     let Some((_, make)) = operators.iter().find(|(operator, _)| *operator == kind) else {
         return special(node, group, diagnostics);
@@ -92,12 +93,20 @@ fn expression(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<Diagnost
     }
 }
 
-/// `a ; b # c` and `a # b , c`: right by the precedence, but read wrongly by many.
-fn side_by_side(node: &Node) -> Option<Diagnostic> {
-    let is_bare = |child: &Node| match node.kind() == SyntaxKind::Disable {
-        true => child.kind() == SyntaxKind::Sequence,
-        false => child.kind() == SyntaxKind::Disable,
+/// `a finally b finally c` is `(a finally b) finally c`.
+fn finally(parts: Vec<Expr>) -> ExprKind {
+    let join = |first: Expr, second: Expr| {
+        let span = Span { end: second.span.end, ..first.span };
+        Expr { span, kind: ExprKind::Finally(Box::new(first), Box::new(second)) }
     };
+    parts.into_iter().reduce(join).map_or(ExprKind::Broken, |all| all.kind)
+}
+
+/// `a ; b # c`, `a # b , c` and `a ; b finally c`: right by the precedence, but read wrongly by many.
+fn side_by_side(node: &Node) -> Option<Diagnostic> {
+    let looser = [(SyntaxKind::Disable, SyntaxKind::Sequence), (SyntaxKind::Sequence, SyntaxKind::Finally)];
+    let bare = looser.iter().find(|(outer, _)| *outer == node.kind()).map_or(SyntaxKind::Disable, |(_, inner)| *inner);
+    let is_bare = |child: &Node| child.kind() == bare;
     let child = node.children().find(is_bare)?;
     let (outer, inner) = (node.kind().describe(), child.kind().describe());
     let span = child.span();
@@ -201,7 +210,7 @@ fn join(mut operands: Vec<Expr>, span: Span) -> Expr {
     if operands.len() == 1 { operands.remove(0) } else { Expr { span, kind: ExprKind::Conditional(operands) } }
 }
 
-/// `p? within 5 s`, from the inside to the outside.
+/// `p? within 5 s as late`, from the inside to the outside.
 fn suffixed(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<Diagnostic>) -> Expr {
     let span = node.span();
     let mut limits = node.children_of(Constant);
@@ -210,7 +219,13 @@ fn suffixed(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<Diagnostic
         return Expr { span, kind: ExprKind::Broken };
     };
     let mut depth = 0;
-    for suffix in node.tokens() {
+    let is_suffix = |token: &Token| {
+        token.kind() == Question || token.kind() == SyntaxKind::Ident && ["within", "as"].contains(&token.text())
+    };
+    let tokens: Vec<Token> = node.tokens().collect();
+    let mut index = 0;
+    while let Some(suffix) = tokens.get(index).filter(|token| is_suffix(token)) {
+        index += 1;
         depth += 1;
         if depth > REPEAT_MAX {
             diagnostics.push(Diagnostic::new(
@@ -223,6 +238,10 @@ fn suffixed(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<Diagnostic
         let kind = if suffix.kind() == Question {
             let skip = Expr { span: suffix.span(), kind: ExprKind::Skip };
             ExprKind::Otherwise(vec![inner, skip])
+        } else if suffix.text() == "as" {
+            let tag = tokens.get(index).filter(|token| token.kind() == SyntaxKind::Ident);
+            index += 1;
+            tag.map_or(ExprKind::Broken, |tag| ExprKind::Tagged(tag.name(), Box::new(inner)))
         } else {
             match limits.next().and_then(|node| duration(&node, group.consts, diagnostics)) {
                 Some(limit) => ExprKind::Within(limit, Box::new(inner)),
@@ -252,7 +271,15 @@ fn retry(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<Diagnostic>) 
 fn any_of(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<Diagnostic>) -> Option<ExprKind> {
     let parens = node.child(SyntaxKind::Paren)?;
     let candidates = parens.child(SyntaxKind::Concurrent);
-    let candidates = parts(candidates.as_ref().unwrap_or(&parens), group, diagnostics);
+    let mut candidates = parts(candidates.as_ref().unwrap_or(&parens), group, diagnostics);
+    // `any 2 of (all i in 0..3 (a[i]))`: the copies are the candidates.
+    let is_all =
+        parens.child(SyntaxKind::AllOf).is_some_and(|all| all.names().next().is_some_and(|it| it.text == "all"));
+    if let [Expr { kind: ExprKind::Concurrent(copies), .. }] = candidates.as_mut_slice()
+        && is_all
+    {
+        candidates = std::mem::take(copies);
+    }
     let token = node.token(Number)?;
     let count: Option<u32> = token.text().parse().ok();
     match count.filter(|&count| count >= 1 && count as usize <= candidates.len()) {

@@ -18,6 +18,8 @@ pub(crate) struct Spec {
     pub(crate) processes: Vec<Process>,
     pub(crate) modules: Vec<Module>,
     pub(crate) process_names: BTreeMap<String, usize>,
+    /// Which process an instance is of, by process and slot, where its arguments decide how that one is read.
+    pub(crate) readings: BTreeMap<(usize, usize), usize>,
     pub(crate) module_names: BTreeMap<String, usize>,
     pub(crate) consts: Consts,
     pub(crate) types: Vec<NamedType>,
@@ -31,7 +33,7 @@ pub(crate) struct Spec {
 pub(crate) type Consts = BTreeMap<String, Const>;
 
 /// A named constant.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(crate) struct Const {
     pub(crate) name: Name,
     /// One value, or those of a list.
@@ -281,6 +283,9 @@ pub(crate) enum ExprKind {
     Using(Vec<usize>, Box<Expr>),
     /// The source, and the pool written out.
     Asynchronous(Box<Expr>, Vec<Expr>),
+    Finally(Box<Expr>, Box<Expr>),
+    /// The tag that its outcome gets.
+    Tagged(Name, Box<Expr>),
     /// Could not be read or resolved; reported already.
     Broken,
 }
@@ -325,6 +330,8 @@ impl Expr {
             | ExprKind::Match(_)
             | ExprKind::Shield(..)
             | ExprKind::Using(..)
+            | ExprKind::Finally(..)
+            | ExprKind::Tagged(..)
             | ExprKind::Broken => false,
         }
     }
@@ -339,11 +346,12 @@ impl Expr {
             | ExprKind::Sequence(parts)
             | ExprKind::Conditional(parts)
             | ExprKind::Otherwise(parts) => parts.iter().collect(),
-            ExprKind::Recurrent(first, second) => vec![first, second],
+            ExprKind::Recurrent(first, second) | ExprKind::Finally(first, second) => vec![first, second],
             ExprKind::Retry(_, _, part)
             | ExprKind::Within(_, part)
             | ExprKind::Shield(_, part)
-            | ExprKind::Using(_, part) => vec![part],
+            | ExprKind::Using(_, part)
+            | ExprKind::Tagged(_, part) => vec![part],
             ExprKind::Match(arms) => arms.iter().map(|arm| &arm.body).collect(),
             ExprKind::Asynchronous(source, pool) => std::iter::once(&**source).chain(pool).collect(),
             ExprKind::Run(..)

@@ -2,15 +2,17 @@
 
 use super::printer::Printer;
 use crate::syntax::SyntaxKind::{
-    self, AnyOf, Chain, Comma, Concurrent, Disable, FailFast, LeftBrace, Match, Otherwise, Paren, RightBrace, Sequence,
+    self, AnyOf, Chain, Comma, Concurrent, Disable, FailFast, Finally, LeftBrace, Match, Otherwise, Paren, RightBrace,
+    Sequence,
 };
 use crate::syntax::SyntaxNode;
 use rowan::NodeOrToken;
 
 /// A last operand in parentheses may hang at the end of a line when there are no more operands than this.
 const HANGING_MAX: usize = 3;
-/// The columns of the longest operator with the blank before it: ` else`.
+/// The columns of the longest operator with the blank before it: ` else`; but for ` finally`.
 const OPERATOR: usize = 5;
+const FINALLY: usize = 8;
 
 /// Whether a node has operands of its own.
 pub(super) fn is_expression(kind: SyntaxKind) -> bool {
@@ -18,7 +20,7 @@ pub(super) fn is_expression(kind: SyntaxKind) -> bool {
 }
 
 pub(super) fn is_operator(kind: SyntaxKind) -> bool {
-    [Concurrent, FailFast, Disable, Sequence, Otherwise, Chain].contains(&kind)
+    [Concurrent, FailFast, Disable, Sequence, Finally, Otherwise, Chain].contains(&kind)
 }
 
 impl Printer<'_> {
@@ -76,6 +78,7 @@ impl Printer<'_> {
     fn operands(&mut self, node: &SyntaxNode, reserve: usize) {
         let is_nested = node.parent().is_some_and(|parent| is_operator(parent.kind()));
         let last = node.children().last();
+        let operator = if node.kind() == Finally { FINALLY } else { OPERATOR };
         let mut is_first = true;
         for part in node.children_with_tokens() {
             match part {
@@ -90,7 +93,7 @@ impl Printer<'_> {
                 }
                 NodeOrToken::Node(part) => {
                     let is_last = last.as_ref() == Some(&part);
-                    self.node(&part, if is_last { reserve } else { OPERATOR });
+                    self.node(&part, if is_last { reserve } else { operator });
                 }
             }
         }

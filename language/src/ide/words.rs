@@ -104,6 +104,8 @@ words! {
     Action "shield" "shield $0" "What may not be stopped half way: a stop waits until it has ended, or for the time in parentheses."
     Action "using" "using(${1:resource}) $0" "Waits until nobody has the resource, and has it while it runs."
     Suffix "else" "else $0" "`P else Q`: Q if P aborts."
+    Suffix "finally" "finally $0" "`P finally Q`: Q when P has ended, however it has, also when it was stopped."
+    Suffix "as" "as ${1:outcome}" "`P as t`: the outcome of P is called t, for a `match`."
     Suffix "within" "within ${1:5 s}" "Aborts what takes longer."
     Policy "restart" "restart ${1:transient};" "When it is started again: `temporary` (never), `transient` (after a failure) or `permanent`."
     Policy "on_agent_loss" "on_agent_loss stop within ${1:3 s};" "How long it may go on when the node of its host is gone."

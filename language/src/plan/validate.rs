@@ -190,7 +190,8 @@ fn check_expression(group: &Group, root: &Expression) -> Result<(), PlanError> {
             Expression::Sequence(first, second)
             | Expression::Conditional(first, second)
             | Expression::Recurrent(first, second)
-            | Expression::Otherwise(first, second) => {
+            | Expression::Otherwise(first, second)
+            | Expression::Finally(first, second) => {
                 push(first);
                 push(second);
             }
@@ -199,6 +200,10 @@ fn check_expression(group: &Group, root: &Expression) -> Result<(), PlanError> {
                 arms.iter().for_each(|arm| push(&arm.body));
             }
             Expression::Shield { of, .. } => push(of),
+            Expression::Tagged { tag, of } => {
+                check_tags(std::iter::once(tag))?;
+                push(of);
+            }
             Expression::Using { resources, of } => {
                 unique("resource", resources.iter())?;
                 push(of);
@@ -215,14 +220,19 @@ fn check_expression(group: &Group, root: &Expression) -> Result<(), PlanError> {
 
 /// Tags are unique and fit into an outcome; `else` is the last arm.
 fn check_arms(group: &Group, arms: &[Arm]) -> Result<(), PlanError> {
-    let tags = || arms.iter().filter_map(|arm| arm.tag.as_ref());
-    unique("tag", tags())?;
-    if let Some(long) = tags().find(|tag| tag.len() > TAG_MAX) {
-        return Err(PlanError::Tag { tag: long.clone() });
-    }
+    check_tags(arms.iter().filter_map(|arm| arm.tag.as_ref()))?;
     match arms.split_last() {
         Some((_, before)) if before.iter().all(|arm| arm.tag.is_some()) => Ok(()),
         Some(_) | None => Err(PlanError::Operands { group: group.path.clone() }),
+    }
+}
+
+/// No tag is empty, too long, or there twice.
+fn check_tags<'a>(tags: impl Iterator<Item = &'a String> + Clone) -> Result<(), PlanError> {
+    unique("tag", tags.clone())?;
+    match tags.into_iter().find(|tag| tag.len() > TAG_MAX) {
+        Some(long) => Err(PlanError::Tag { tag: long.clone() }),
+        None => Ok(()),
     }
 }
 

@@ -111,6 +111,7 @@ kinds! {
     Disable "`#`"
     Sequence "`;`"
     Otherwise "`else`"
+    Finally "`finally`"
     Chain "`:`"
     Retry "`retry`"
     Shield "`shield`"

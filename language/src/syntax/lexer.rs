@@ -43,6 +43,9 @@ const SYMBOLS: &[(&str, SyntaxKind)] = &[
     ("-", SyntaxKind::Minus),
 ];
 
+/// Some editors begin a text with this mark of its byte order; it means nothing.
+const MARK: char = '\u{feff}';
+
 /// Returns the tokens of a text; they cover it without a gap. A text is read up to [`crate::source::SOURCE_MAX`].
 pub fn lex(text: &str) -> Vec<Token> {
     lex_at_most(text, usize::MAX).unwrap_or_default()
@@ -53,7 +56,10 @@ pub(super) fn lex_at_most(text: &str, count_max: usize) -> Option<Vec<Token>> {
     let mut tokens: Vec<Token> = Vec::with_capacity((text.len() / 4).min(count_max));
     let mut start = 0;
     while let Some(first) = text[start..].chars().next() {
-        let (kind, length) = token(&text[start..], first);
+        let (kind, length) = match first {
+            MARK if start == 0 => (SyntaxKind::Whitespace, MARK.len_utf8()),
+            first => token(&text[start..], first),
+        };
         let end = start + length;
         match tokens.last_mut() {
             // One damaged stretch is one token, hence one diagnostic.

@@ -5,6 +5,7 @@
 //! token costs one diagnostic in most places.
 
 mod expression;
+mod habit;
 mod module;
 mod policy;
 mod process;

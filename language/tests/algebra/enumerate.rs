@@ -9,7 +9,7 @@ use crate::spec::{Spec, number};
 pub(crate) enum Operators {
     /// `, ; : # ;;`
     Core,
-    /// And `else`, `&`, `any k of`, `match`, `::`.
+    /// And `else`, `finally`, `&`, `any k of`, `match`, `::`.
     All,
 }
 
@@ -27,7 +27,7 @@ pub(crate) enum Leaves {
 pub(crate) struct Size {
     /// Its leaves.
     pub(crate) leaves: usize,
-    /// How many times `shield`, `shield(1 s)`, `using(r)` and `match` with one arm stand in it, anywhere.
+    /// How many times `shield`, `shield(1 s)`, `using(r)`, `as` and `match` with one arm stand in it, anywhere.
     pub(crate) unary: usize,
 }
 
@@ -64,6 +64,7 @@ fn shapes(size: Size, operators: Operators) -> Vec<Term> {
             all.extend(binary.into_iter().map(|operator| operator(pair().0, pair().1)));
             if operators == Operators::All {
                 all.push(Term::Else(pair().0, pair().1));
+                all.push(Term::Fin(pair().0, pair().1));
             }
         }
         if operators == Operators::All {
@@ -79,6 +80,7 @@ fn shapes(size: Size, operators: Operators) -> Vec<Term> {
         for inner in shapes(Size { unary: size.unary - 1, ..size }, operators) {
             all.push(Term::Match(vec![(Some(TAGS[0].to_owned()), inner.clone())]));
             all.push(Term::Using(0, vec!["r".to_owned()], Box::new(inner.clone())));
+            all.push(Term::Tag(TAGS[1].to_owned(), Box::new(inner.clone())));
             all.push(Term::Shield(Some(0), Box::new(inner.clone())));
             all.push(Term::Shield(None, Box::new(inner)));
         }

@@ -34,7 +34,7 @@ impl<'a> Pair<'a> {
         let members = u32::try_from(spec.declared.len()).expect("a test has few members");
         let traits = Traits {
             matches: any(&spec.term, &|term| matches!(term, Term::Match(_))),
-            shields_for_ever: any(&spec.term, &|term| matches!(term, Term::Shield(None, _))),
+            shields_for_ever: any(&spec.term, &|term| matches!(term, Term::Shield(None, _) | Term::Fin(..))),
         };
         Self { program, members, traits, state: State::new(program), machine }
     }

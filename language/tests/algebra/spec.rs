@@ -61,6 +61,8 @@ fn expression(term: &Term) -> Expression {
         }
         Term::Shield(bound, e) => Expression::Shield { bound: bound.map(|_| Duration::from_secs(1)), of: boxed(e) },
         Term::Using(_, resources, e) => Expression::Using { resources: resources.clone(), of: boxed(e) },
+        Term::Fin(e, f) => Expression::Finally(boxed(e), boxed(f)),
+        Term::Tag(tag, e) => Expression::Tagged { tag: tag.clone(), of: boxed(e) },
         Term::Arec(e, fs) => Expression::Asynchronous { source: boxed(e), pool: all(fs) },
     }
 }

@@ -2,7 +2,7 @@
 
 use super::World;
 use super::completion::{drain, hold, is_unconfirmed, running};
-use super::scopes::{ending, shield};
+use super::scopes::{ending, fin2, shield, tag};
 use super::term::{Command, Config, Declared, Event, Held, Outcome, R, Reason, Slot};
 
 impl World {
@@ -60,6 +60,18 @@ impl World {
                 shield(t, r)
             }
             Config::ShieldK(t, c) => self.react_held_up(t, *c, e),
+            Config::Fin1(c, f) => {
+                let r = self.react(*c, e);
+                self.fin1(r, &f)
+            }
+            Config::Fin2(o, c) => {
+                let r = self.react(*c, e);
+                fin2(o, r)
+            }
+            Config::Tag(t, c) => {
+                let r = self.react(*c, e);
+                tag(&t, r)
+            }
             Config::Acquiring(u, res, f, v) if *e == Event::Granted(u) => self.granted(u, res, &f, v),
             Config::Acquiring(..) => R::C(c),
             Config::Holding(res, c) => {
@@ -152,6 +164,13 @@ impl World {
             Config::Drain(_, cs) => R::C(Config::Drain(Outcome::Killed, cs)),
             Config::Shield(t, c) => R::C(Config::ShieldK(t.map(|t| (t, self.arm(t))), c)),
             Config::ShieldK(..) => R::C(c),
+            Config::Fin1(c, f) => {
+                let r = self.stop(*c);
+                self.fin1(r, &f)
+            }
+            Config::Fin2(o, c) if is_unconfirmed(&o) => R::C(Config::Fin2(o, c)),
+            Config::Fin2(_, c) => R::C(Config::Fin2(Outcome::Killed, c)),
+            Config::Tag(_, c) => self.stop(*c),
             Config::Acquiring(u, ..) => {
                 self.queue.retain(|(other, _)| *other != u);
                 R::O(Outcome::Killed)
@@ -190,7 +209,9 @@ pub(super) fn leaves(c: &Config, see: &mut impl FnMut(&Config)) {
             see(c);
             leaves(inner, see);
         }
-        Config::Shield(_, c) | Config::Holding(_, c) => leaves(c, see),
+        Config::Shield(_, c) | Config::Holding(_, c) | Config::Fin1(c, _) | Config::Fin2(_, c) | Config::Tag(_, c) => {
+            leaves(c, see)
+        }
         Config::Acquiring(..) => {}
         Config::Arec(k, cs, ..) => {
             if let Held::Runs(c) = &**k {
@@ -249,6 +270,9 @@ pub(super) fn forget(c: Config) -> Config {
         Config::Drain(o, cs) => Config::Drain(o, cs.into_iter().map(forget).collect()),
         Config::Ending(o, cs) => Config::Ending(o, cs.into_iter().map(forget).collect()),
         Config::Shield(t, c) => Config::Shield(t, boxed(c)),
+        Config::Fin1(c, f) => Config::Fin1(boxed(c), f),
+        Config::Fin2(o, c) => Config::Fin2(o, boxed(c)),
+        Config::Tag(t, c) => Config::Tag(t, boxed(c)),
         Config::ShieldK(t, c) => Config::ShieldK(t.map(|(t, _)| (t, 0)), boxed(c)),
         Config::Acquiring(..) => c,
         Config::Holding(res, c) => Config::Holding(res, boxed(c)),

@@ -1,4 +1,4 @@
-//! MATCH, SHIELD, USING, AREC.
+//! MATCH, SHIELD, USING, AREC, FIN, TAG.
 
 use super::World;
 use super::completion::{collect, is_unconfirmed};
@@ -136,6 +136,41 @@ impl World {
     }
 }
 
+impl World {
+    /// FIN1
+    pub(super) fn fin1(&mut self, r: R, f: &Term) -> R {
+        match r {
+            R::C(c) => R::C(Config::Fin1(Box::new(c), f.clone())),
+            R::O(o) => {
+                let r = self.start(f, vec![]);
+                fin2(o, r)
+            }
+        }
+    }
+}
+
+/// FIN2: the first failure counts, and no unconfirmed stop is lost.
+pub(super) fn fin2(o: Outcome, r: R) -> R {
+    match r {
+        R::C(c) => R::C(Config::Fin2(o, Box::new(c))),
+        R::O(last) if is_unconfirmed(&last) && !is_unconfirmed(&o) => R::O(last),
+        R::O(Outcome::Aborted(r)) if matches!(o, Outcome::Done(_)) => R::O(Outcome::Aborted(r)),
+        R::O(_) => R::O(o),
+    }
+}
+
+/// TAG
+pub(super) fn tag(t: &str, r: R) -> R {
+    match r {
+        R::C(c) => R::C(Config::Tag(t.to_owned(), Box::new(c))),
+        R::O(Outcome::Done(v)) => {
+            let length = u8::try_from(t.len()).expect("a tag of a test is short");
+            R::O(Outcome::Done([&[length], t.as_bytes(), &v].concat()))
+        }
+        R::O(o) => R::O(o),
+    }
+}
+
 pub(super) fn shield(t: Option<u32>, r: R) -> R {
     match r {
         R::C(c) => R::C(Config::Shield(t, Box::new(c))),
@@ -170,10 +205,10 @@ impl Term {
     pub(crate) fn parts(&self) -> Vec<&Self> {
         match self {
             Self::Leaf(..) | Self::Skip | Self::Never | Self::Fail(_) | Self::Wait(_) => vec![],
-            Self::Seq(e, f) | Self::Cond(e, f) | Self::Rec(e, f) | Self::Else(e, f) => vec![e, f],
+            Self::Seq(e, f) | Self::Cond(e, f) | Self::Rec(e, f) | Self::Else(e, f) | Self::Fin(e, f) => vec![e, f],
             Self::Par(es) | Self::Ff(es) | Self::Any(_, es) | Self::Dis(es) => es.iter().collect(),
             Self::Match(arms) => arms.iter().map(|(_, e)| e).collect(),
-            Self::Shield(_, e) | Self::Using(_, _, e) => vec![e],
+            Self::Shield(_, e) | Self::Using(_, _, e) | Self::Tag(_, e) => vec![e],
             Self::Arec(e, fs) => std::iter::once(&**e).chain(fs).collect(),
         }
     }
@@ -182,10 +217,10 @@ impl Term {
     pub(crate) fn parts_mut(&mut self) -> Vec<&mut Self> {
         match self {
             Self::Leaf(..) | Self::Skip | Self::Never | Self::Fail(_) | Self::Wait(_) => vec![],
-            Self::Seq(e, f) | Self::Cond(e, f) | Self::Rec(e, f) | Self::Else(e, f) => vec![e, f],
+            Self::Seq(e, f) | Self::Cond(e, f) | Self::Rec(e, f) | Self::Else(e, f) | Self::Fin(e, f) => vec![e, f],
             Self::Par(es) | Self::Ff(es) | Self::Any(_, es) | Self::Dis(es) => es.iter_mut().collect(),
             Self::Match(arms) => arms.iter_mut().map(|(_, e)| e).collect(),
-            Self::Shield(_, e) | Self::Using(_, _, e) => vec![e],
+            Self::Shield(_, e) | Self::Using(_, _, e) | Self::Tag(_, e) => vec![e],
             Self::Arec(e, fs) => std::iter::once(&mut **e).chain(fs).collect(),
         }
     }

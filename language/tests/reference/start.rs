@@ -2,7 +2,7 @@
 
 use super::World;
 use super::completion::{Phase, hold};
-use super::scopes::shield;
+use super::scopes::{shield, tag};
 use super::term::{Command, Config, Declared, Held, Outcome, R, Reason, Slot, Term, Value};
 
 impl World {
@@ -64,6 +64,14 @@ impl World {
                 let r = self.start(e, v);
                 self.arec(r, vec![None; fs.len()], e, fs)
             }
+            Term::Fin(e, f) => {
+                let r = self.start(e, v);
+                self.fin1(r, f)
+            }
+            Term::Tag(t, e) => {
+                let r = self.start(e, v);
+                tag(t, r)
+            }
             Term::Any(k, es) => {
                 let ks = self.start_all(es, &v);
                 self.any(*k, ks)
@@ -109,8 +117,8 @@ impl World {
             Term::Leaf(i, _) => self.declared[*i as usize] != Declared::Task,
             Term::Never | Term::Rec(..) | Term::Arec(..) => true,
             Term::Skip | Term::Fail(_) | Term::Wait(_) => false,
-            Term::Seq(e, f) | Term::Cond(e, f) => self.service(e) || self.service(f),
-            Term::Else(e, _) | Term::Shield(_, e) | Term::Using(_, _, e) => self.service(e),
+            Term::Seq(e, f) | Term::Cond(e, f) | Term::Fin(e, f) => self.service(e) || self.service(f),
+            Term::Else(e, _) | Term::Shield(_, e) | Term::Using(_, _, e) | Term::Tag(_, e) => self.service(e),
             Term::Match(arms) => arms.iter().all(|(_, e)| self.service(e)),
             Term::Par(es) | Term::Dis(es) => es.iter().all(|e| self.service(e)),
             Term::Ff(es) => es.iter().any(|e| self.service(e)),

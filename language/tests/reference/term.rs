@@ -40,6 +40,10 @@ pub(crate) enum Term {
     Using(u32, Vec<String>, Box<Self>),
     /// `E ::[n] F`, with F written out n times.
     Arec(Box<Self>, Vec<Self>),
+    /// `E finally F`
+    Fin(Box<Self>, Box<Self>),
+    /// `E as t`
+    Tag(String, Box<Self>),
 }
 
 /// `r`: why something aborted.
@@ -113,6 +117,12 @@ pub(crate) enum Config {
     Holding(Vec<String>, Box<Self>),
     /// `arec(k,{C or nothing ..},E,F..)`
     Arec(Box<Held>, Vec<Option<Self>>, Term, Vec<Term>),
+    /// `fin1(C,F)`
+    Fin1(Box<Self>, Term),
+    /// `fin2(o,C)`
+    Fin2(Outcome, Box<Self>),
+    /// `C as t`
+    Tag(String, Box<Self>),
     /// An `arec` that comes to its end or is stopped: `o` once all have ended.
     Ending(Outcome, Vec<Self>),
 }

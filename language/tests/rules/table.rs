@@ -146,6 +146,49 @@ pub(crate) const RULES: &[(&str, &str, &[&str])] = &[
         ],
     ),
     (
+        "`P finally Q`",
+        "P has ended: Q starts, with nothing. Q done: the outcome is that of P.",
+        &[
+            "P finally Q | start s: P(s) | P done v: Q() | Q done w: done(v)",
+            "P finally Q | start s: P(s) | P abort r: Q() | Q done w: aborted(r)",
+        ],
+    ),
+    (
+        "`P finally Q`",
+        "Q aborted(r): aborted(r) if P was done; else the outcome is that of P.",
+        &[
+            "P finally Q | start s: P(s) | P done v: Q() | Q abort r: aborted(r)",
+            "P finally Q | start s: P(s) | P abort p: Q() | Q abort r: aborted(p)",
+        ],
+    ),
+    (
+        "`P finally Q`",
+        "A stop while P runs: P is stopped; when it has confirmed, Q starts; when Q has ended, stopped.",
+        &[
+            "P finally Q | start s: P(s) | stop: stop P | P stopped: Q() | Q done w: stopped",
+            "P finally Q | start s: P(s) | stop: stop P | P stopped: Q() | Q abort r: stopped",
+            "P finally Q | start s: P(s) | stop: stop P | P unconfirmed: Q() | Q done w: aborted(unconfirmed)",
+            "(P finally Q) # R | start s: P(s), R(s) | R done v: stop P | P stopped: Q() | Q done w: done(v)",
+        ],
+    ),
+    (
+        "`P finally Q`",
+        "A stop while Q runs: it waits until Q has ended, in whatever way; then stopped.",
+        &[
+            "P finally Q | start s: P(s) | P done v: Q() | stop: | Q done w: stopped",
+            "P finally Q | start s: P(s) | P abort r: Q() | stop: | Q abort q: stopped",
+        ],
+    ),
+    (
+        "`P as t`",
+        "P done(v): done(v) with the tag t.",
+        &[
+            "P as t | start s: P(s) | P done v: done(t:v)",
+            "(P as p # Q as q) : match { p => R, q => W[0] } | start s: P(s), Q(s) | Q done v: stop P | P stopped: W_0(v)",
+        ],
+    ),
+    ("`P as t`", "P aborted(r): aborted(r).", &["P as t | start s: P(s) | P abort r: aborted(r)"]),
+    (
         "`P within d`",
         "P ends in time: its outcome.",
         &["P within 5 s | start s: P(s) | P done v: done(v)", "P within 5 s | start s: P(s) | P abort r: aborted(r)"],

@@ -104,7 +104,7 @@ impl Reaction<'_> {
             return None;
         }
         let outcome = self.cell(node).outcome.take();
-        let outcome = outcome.unwrap_or_else(|| self.done(node));
+        let outcome = outcome.unwrap_or_else(|| self.done(node, u32::MAX));
         self.drain(node, outcome)
     }
 
@@ -116,7 +116,7 @@ impl Reaction<'_> {
         if self.cell(node).open > 0 {
             return None;
         }
-        let outcome = self.done(node);
+        let outcome = self.done(node, u32::MAX);
         self.drain(node, outcome)
     }
 
@@ -124,7 +124,7 @@ impl Reaction<'_> {
     pub(super) fn any(&mut self, node: usize, count: u32) -> Option<Outcome> {
         let cell = self.cell(node);
         if cell.done >= count {
-            let outcome = self.done(node);
+            let outcome = self.done(node, count);
             return self.drain(node, outcome);
         }
         if cell.done + cell.open < count {
@@ -134,15 +134,15 @@ impl Reaction<'_> {
         None
     }
 
-    /// Returns `done(<u1..uk>)` of the slots that are done. Of `any k of` more than `k` are done only if they were so
-    /// at the start, and then their values are empty, and the tuple of any number of these is empty.
-    fn done(&self, node: usize) -> Outcome {
+    /// Returns `done(<u1..uk>)` of the first slots that are done, so many at most: of `any k of` more than `k` are done when
+    /// they were so at the start.
+    fn done(&self, node: usize, count: u32) -> Outcome {
         let cells = self.program.operands(node).map(|operand| &self.state.cells[operand]);
         let values = cells.filter_map(|cell| match (cell.phase, &cell.outcome) {
             (Phase::Done, Some(Outcome::Done(value))) => Some(value),
             (_, _) => None,
         });
-        Outcome::Done(Value::tuple(values))
+        Outcome::Done(Value::tuple(values.take(count as usize)))
     }
 }
 

@@ -58,11 +58,13 @@ impl Reaction<'_> {
             (Kind::Skip | Kind::Never | Kind::Fail(_), _) => self.kill(node),
             (Kind::Shield { bound }, _) => self.stop_shield(node, *bound),
             (Kind::Using { .. }, _) => self.stop_using(node),
+            (Kind::Finally, _) => self.stop_finally(node),
             (_, Phase::Second) => self.stop_operand(node, self.program.second(node)),
             (Kind::Match { .. }, Phase::Running) => self.stop_match(node),
-            (Kind::Sequence | Kind::Conditional | Kind::Recurrent | Kind::Otherwise, Phase::Running) => {
-                self.stop_operand(node, self.program.first(node))
-            }
+            (
+                Kind::Sequence | Kind::Conditional | Kind::Recurrent | Kind::Otherwise | Kind::Tagged(_),
+                Phase::Running,
+            ) => self.stop_operand(node, self.program.first(node)),
             (
                 Kind::Concurrent { .. }
                 | Kind::FailFast { .. }

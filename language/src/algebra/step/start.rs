@@ -29,6 +29,8 @@ impl Reaction<'_> {
             Kind::Shield { .. } => self.s_shield(node, value),
             Kind::Using { .. } => self.s_using(node, value),
             Kind::Asynchronous => self.s_arec(node, value),
+            Kind::Finally => self.s_finally(node, value),
+            Kind::Tagged(_) => self.s_tagged(node, value),
         }
     }
 

@@ -60,6 +60,8 @@ fn is_over_at_once(expr: &Expr) -> bool {
         | ExprKind::Shield(..)
         | ExprKind::Using(..)
         | ExprKind::Asynchronous(..)
+        | ExprKind::Finally(..)
+        | ExprKind::Tagged(..)
         | ExprKind::Broken => false,
     }
 }

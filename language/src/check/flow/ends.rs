@@ -81,6 +81,7 @@ impl Members {
             ExprKind::Fail(_) => Ends { done: None, aborted: true },
             ExprKind::Wait(time) => Ends { done: Some(*time), aborted: false },
             ExprKind::Sequence(_) | ExprKind::Conditional(_) => in_turn(&parts),
+            ExprKind::Finally(..) => Ends { aborted: any_aborted, ..in_turn(&parts) },
             ExprKind::Recurrent(..) => Ends { done: None, ..in_turn(&parts) },
             ExprKind::Asynchronous(..) => Ends { done: None, aborted: any_aborted },
             ExprKind::Otherwise(_) => {
@@ -108,7 +109,7 @@ impl Members {
             ExprKind::Within(limit, _) => {
                 Ends { done: parts[0].done.filter(|earliest| earliest <= limit), aborted: true }
             }
-            ExprKind::Retry(..) | ExprKind::Shield(..) | ExprKind::Using(..) => parts[0],
+            ExprKind::Retry(..) | ExprKind::Shield(..) | ExprKind::Using(..) | ExprKind::Tagged(..) => parts[0],
         }
     }
 }

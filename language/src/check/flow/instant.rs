@@ -80,6 +80,7 @@ fn at_once(expr: &Expr, members: &[AtOnce]) -> AtOnce {
         }
         ExprKind::AnyOf(count, _) => AtOnce { done: done(&parts) >= *count as usize, aborted: any_aborted },
         ExprKind::Disable(_) | ExprKind::Within(..) => AtOnce { done: done(&parts) > 0, aborted: any_aborted },
+        ExprKind::Finally(..) => AtOnce { done: done(&parts) == parts.len(), aborted: any_aborted },
         ExprKind::Sequence(_) | ExprKind::Conditional(_) => {
             let reached = parts.iter().take_while(|part| part.done).count();
             let aborted = parts.iter().take(reached + 1).any(|part| part.aborted);
@@ -90,7 +91,7 @@ fn at_once(expr: &Expr, members: &[AtOnce]) -> AtOnce {
             AtOnce { done: parts.iter().take(failed + 1).any(|part| part.done), aborted: failed == parts.len() }
         }
         ExprKind::Recurrent(..) | ExprKind::Asynchronous(..) => AtOnce { done: false, aborted: any_aborted },
-        ExprKind::Match(_) | ExprKind::Shield(..) | ExprKind::Using(..) => {
+        ExprKind::Match(_) | ExprKind::Shield(..) | ExprKind::Using(..) | ExprKind::Tagged(..) => {
             AtOnce { done: done(&parts) > 0, aborted: any_aborted }
         }
     }

@@ -2,7 +2,7 @@
 
 use crate::check::names::listed;
 use crate::check::spec::{Arm, Expr, ExprKind, Process, Spec, Target};
-use crate::diagnostic::{Code, Diagnostic, Edit};
+use crate::diagnostic::{Code, Diagnostic, Edit, Fix};
 use crate::similar::nearest;
 use crate::source::Span;
 use std::collections::BTreeMap;
@@ -43,7 +43,7 @@ pub(super) fn check(spec: &Spec, diagnostics: &mut Vec<Diagnostic>) {
     let mut known = vec![None; spec.processes.len()];
     for process in spec.processes.iter().filter(|process| !process.damage.actions).filter(has_match) {
         let Some(actions) = &process.actions else { continue };
-        let mut walk = Walk { spec, process, known: &mut known, diagnostics };
+        let mut walk = Walk { spec, process, known: &mut known, chain: None, diagnostics };
         // What the group itself is started with is the business of the group around it.
         walk.visit(actions, &Ends::open());
     }
@@ -96,6 +96,13 @@ fn ends(spec: &Spec, process: &Process, expr: &Expr, known: &mut Vec<Option<Ends
             }
         }
         ExprKind::FailFast(_) | ExprKind::AnyOf(..) => Ends::untagged(expr.span),
+        ExprKind::Finally(first, _) => rest(first),
+        ExprKind::Tagged(tag, part) => {
+            let inner = rest(part);
+            let is_done = inner.is_open || inner.untagged.is_some() || !inner.tags.is_empty();
+            let tags = is_done.then(|| (tag.text.clone(), tag.span));
+            Ends { tags: tags.into_iter().collect(), ..Ends::default() }
+        }
         ExprKind::Match(arms) => Ends::any(arms.iter().map(|arm| rest(&arm.body))),
         ExprKind::Retry(_, _, part)
         | ExprKind::Within(_, part)
@@ -108,6 +115,8 @@ struct Walk<'a> {
     spec: &'a Spec,
     process: &'a Process,
     known: &'a mut Vec<Option<Ends>>,
+    /// Where the chain `P : ...` begins of which an operand is visited.
+    chain: Option<Span>,
     diagnostics: &'a mut Vec<Diagnostic>,
 }
 
@@ -122,7 +131,13 @@ impl Walk<'_> {
             }
             ExprKind::Conditional(parts) => self.visit_chain(&parts.iter().collect::<Vec<_>>(), start),
             ExprKind::Recurrent(first, second) => {
+                let before = self.diagnostics.len();
                 self.visit(first, &start.clone().or(nothing));
+                if let (ExprKind::Match(_), Some(chain), Some(found)) =
+                    (&first.kind, self.chain, self.diagnostics.get_mut(before))
+                {
+                    in_parentheses(found, chain, first.span);
+                }
                 let value = self.ends(first);
                 self.visit(second, &value);
             }
@@ -136,6 +151,10 @@ impl Walk<'_> {
                 for (index, part) in parts.iter().enumerate() {
                     self.visit(part, if index == 0 { start } else { &nothing });
                 }
+            }
+            ExprKind::Finally(first, second) => {
+                self.visit(first, start);
+                self.visit(second, &nothing);
             }
             ExprKind::Retry(times, _, part) if *times > 0 => self.visit(part, &start.clone().or(nothing)),
             ExprKind::Run(..)
@@ -151,14 +170,17 @@ impl Walk<'_> {
             | ExprKind::Retry(..)
             | ExprKind::Within(..)
             | ExprKind::Shield(..)
+            | ExprKind::Tagged(..)
             | ExprKind::Using(..) => expr.parts().into_iter().for_each(|part| self.visit(part, start)),
         }
     }
 
     fn visit_chain(&mut self, parts: &[&Expr], start: &Ends) {
         let mut start = start.clone();
-        for part in parts {
+        for (index, part) in parts.iter().enumerate() {
+            self.chain = parts.first().filter(|_| index > 0).map(|first| first.span.at_start());
             self.visit(part, &start);
+            self.chain = None;
             start = self.ends(part);
         }
     }
@@ -201,6 +223,17 @@ impl Walk<'_> {
             self.diagnostics.push(unhandled(expr, arms, &open, start));
         }
     }
+}
+
+/// `m : match { ... } ;; c` is `m : (match { ... } ;; c)`, so that the second round has nothing to match: another reading is
+/// likely meant.
+fn in_parentheses(found: &mut Diagnostic, chain: Span, matching: Span) {
+    let insert = |span: Span, text: &str| Edit { span, text: text.to_owned() };
+    found.help = vec![
+        "`:` and `;;` are read from the right: `m : (match { ... } ;; c)` starts the `match` again after `c`, with nothing to match".to_owned(),
+    ];
+    let edits = vec![insert(chain, "("), insert(matching.at_end(), ")")];
+    found.fix = Some(Fix { title: "put parentheses around what is repeated".to_owned(), edits });
 }
 
 fn unhandled(expr: &Expr, arms: &[Arm], open: &[&String], start: &Ends) -> Diagnostic {

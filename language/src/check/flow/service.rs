@@ -44,10 +44,14 @@ pub(super) fn is_service(expr: &Expr, members: &[bool]) -> bool {
         ExprKind::Skip | ExprKind::Fail(_) | ExprKind::Wait(_) | ExprKind::Within(..) | ExprKind::Broken => false,
         ExprKind::Concurrent(parts) | ExprKind::Disable(parts) => parts.iter().all(rest),
         // `&` waits for every operand, so one that never ends is enough.
+        ExprKind::Finally(first, second) => rest(first) || rest(second),
         ExprKind::FailFast(parts) | ExprKind::Sequence(parts) | ExprKind::Conditional(parts) => parts.iter().any(rest),
         ExprKind::AnyOf(count, parts) => parts.iter().filter(|part| !rest(part)).count() < *count as usize,
         ExprKind::Otherwise(parts) => parts.first().is_some_and(rest),
-        ExprKind::Retry(_, _, part) | ExprKind::Shield(_, part) | ExprKind::Using(_, part) => rest(part),
+        ExprKind::Retry(_, _, part)
+        | ExprKind::Shield(_, part)
+        | ExprKind::Using(_, part)
+        | ExprKind::Tagged(_, part) => rest(part),
         ExprKind::Match(arms) => arms.iter().all(|arm| rest(&arm.body)),
     }
 }
@@ -102,6 +106,13 @@ fn walk(context: &Context<'_>, expr: &Expr, diagnostics: &mut Vec<Diagnostic>) {
         let message = "a stop would wait for ever: what is shielded has no normal end";
         let diagnostic = Diagnostic::new(Code::E0411, part.span, message).label("has no normal end");
         diagnostics.push(diagnostic.help("give the shield a bound: `shield(10 s) process`"));
+    }
+    if let ExprKind::Finally(_, part) = &expr.kind
+        && context.is_service(part)
+    {
+        let message = "a stop would wait for ever: what `finally` runs has no normal end";
+        let diagnostic = Diagnostic::new(Code::E0411, part.span, message).label("has no normal end");
+        diagnostics.push(diagnostic.help("give it a limit: `finally (process within 10 s)`"));
     }
     if let ExprKind::Disable(parts) = &expr.kind {
         for (index, part) in parts.iter().enumerate() {

@@ -48,6 +48,8 @@ pub(super) fn lower(expr: &Expr, resources: &[Name]) -> Expression {
             let resources = taken.iter().map(|&index| resources[index].text.clone()).collect();
             Expression::Using { resources, of: Box::new(rest(part)) }
         }
+        ExprKind::Finally(first, second) => Expression::Finally(Box::new(rest(first)), Box::new(rest(second))),
+        ExprKind::Tagged(tag, part) => Expression::Tagged { tag: tag.text.clone(), of: Box::new(rest(part)) },
         ExprKind::Asynchronous(source, pool) => {
             Expression::Asynchronous { source: Box::new(rest(source)), pool: all(pool) }
         }

@@ -12,8 +12,10 @@ pub(super) fn resolve(spec: &mut Spec, diagnostics: &mut Vec<Diagnostic>) {
     let mut types = Types { spec, known: BTreeMap::new() };
     let mut targets = Vec::new();
     for (index, process) in spec.processes.iter().enumerate() {
-        for instance in &process.instances {
-            let target = instance.kind.as_ref().map(|kind| types.find(index, kind, diagnostics));
+        for (slot, instance) in process.instances.iter().enumerate() {
+            let reading = spec.readings.get(&(index, slot)).map(|&process| Target::Process(process));
+            let find = |kind| types.find(index, kind, diagnostics);
+            let target = reading.or_else(|| instance.kind.as_ref().map(find));
             if let (Some(Target::Unknown), Some(kind)) = (target, &instance.kind) {
                 let places = unknown.entry(&kind.text).or_default();
                 // The instances of an array are declared in one place.

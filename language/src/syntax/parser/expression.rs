@@ -1,4 +1,4 @@
-//! Event-action expressions, loosest operator first: `,` `&` `#` `;` `else` `: ;; ::` postfix.
+//! Event-action expressions, loosest operator first: `,` `&` `#` `;` `finally` `else` `: ;; ::` postfix.
 //!
 //! Every operator makes one node with all its operands, so a long chain makes a wide tree, never a deep one.
 
@@ -6,14 +6,14 @@ use super::Parser;
 use crate::diagnostic::{Code, Edit, Fix};
 use crate::similar;
 use crate::syntax::SyntaxKind::{
-    self, Ampersand, Colon, Comma, Disable, DoubleColon, End, FailFast, FatArrow, Greater, Hash, Ident, LeftBrace,
+    self, Ampersand, Bar, Colon, Comma, Disable, DoubleColon, End, FailFast, FatArrow, Greater, Hash, Ident, LeftBrace,
     LeftBracket, LeftParen, Less, Number, Question, Recur, RightBrace, RightBracket, RightParen, Semicolon, Text,
 };
 
 /// A form of the language that is known but not read yet.
 const LATER: &str = "until";
 /// Words that go on after an operand, so that what stands before them is one.
-const INFIX: [&str; 2] = ["else", "within"];
+pub(super) const INFIX: [&str; 4] = ["else", "finally", "within", "as"];
 
 impl Parser<'_> {
     /// `internal_event_actions { expression ; }`
@@ -73,7 +73,7 @@ impl Parser<'_> {
     }
 
     fn sequence(&mut self) {
-        self.operators(SyntaxKind::Sequence, Semicolon, Self::otherwise);
+        self.operators(SyntaxKind::Sequence, Semicolon, Self::finally);
     }
 
     /// `operand op operand op ...`; a `,` or `;` at the very end is accepted.
@@ -81,11 +81,12 @@ impl Parser<'_> {
         let checkpoint = self.checkpoint();
         operand(self);
         let mut is_started = false;
-        while self.at(operator) {
+        while self.at(operator) || operator == Comma && self.at(Bar) {
             if !is_started {
                 self.start_at(checkpoint, node);
                 is_started = true;
             }
+            self.foreign_operator();
             self.bump();
             if [Comma, Semicolon].contains(&operator) && self.ends_expression() {
                 break;
@@ -104,13 +105,22 @@ impl Parser<'_> {
         }
     }
 
+    fn finally(&mut self) {
+        self.words("finally", SyntaxKind::Finally, Self::otherwise);
+    }
+
     fn otherwise(&mut self) {
+        self.words("else", SyntaxKind::Otherwise, Self::chain);
+    }
+
+    /// `operand word operand word ...`
+    fn words(&mut self, word: &str, node: SyntaxKind, operand: fn(&mut Self)) {
         let checkpoint = self.checkpoint();
-        self.chain();
-        if self.at_word("else") {
-            self.start_at(checkpoint, SyntaxKind::Otherwise);
-            while self.eat_word("else") {
-                self.chain();
+        operand(self);
+        if self.at_word(word) {
+            self.start_at(checkpoint, node);
+            while self.eat_word(word) {
+                operand(self);
             }
             self.finish();
         }
@@ -145,6 +155,9 @@ impl Parser<'_> {
 
     /// `retry(3) operand`, `shield operand`, `using(arm) operand`
     fn prefixed(&mut self) {
+        if self.habit() {
+            return;
+        }
         let word = self.operator_word();
         let head: fn(&mut Self) = match word {
             Some("retry") => Self::retry,
@@ -286,17 +299,20 @@ impl Parser<'_> {
         self.finish();
     }
 
-    /// `operand?`, `operand within 5 s`
+    /// `operand?`, `operand within 5 s`, `operand as tag`
     fn suffixed(&mut self, word: Option<&str>) {
         let checkpoint = self.checkpoint();
         self.operand(word);
-        if self.at(Question) || self.at_word("within") {
+        let is_suffix = |parser: &Self| parser.at(Question) || parser.at_word("within") || parser.at_word("as");
+        if is_suffix(self) {
             self.start_at(checkpoint, SyntaxKind::Suffixed);
-            while self.at(Question) || self.at_word("within") {
-                let is_limit = self.at_word("within");
+            while is_suffix(self) {
+                let (is_limit, is_tag) = (self.at_word("within"), self.at_word("as"));
                 self.bump();
                 if is_limit {
                     self.constant();
+                } else if is_tag {
+                    self.expect_name("the name of an outcome");
                 }
             }
             self.finish();

@@ -55,14 +55,15 @@ fn is_sequence(expression: &Expression) -> bool {
 
 /// Returns the first part of `expression` that is a sequence; what runs beside it is background.
 fn sequence(expression: &Expression) -> &Expression {
-    if is_sequence(expression) || matches!(expression, Expression::Otherwise(..)) {
+    if is_sequence(expression) || matches!(expression, Expression::Otherwise(..) | Expression::Finally(..)) {
         return expression;
     }
     expression.operands().into_iter().find(|child| has_sequence(child)).map_or(expression, sequence)
 }
 
 fn flatten(expression: &Expression, members: &[Member], steps: &mut Vec<Step>) {
-    if is_sequence(expression) || matches!(expression, Expression::Otherwise(..)) && has_sequence(expression) {
+    let is_two = matches!(expression, Expression::Otherwise(..) | Expression::Finally(..));
+    if is_sequence(expression) || is_two && has_sequence(expression) {
         for child in expression.operands() {
             flatten(child, members, steps);
         }
@@ -117,6 +118,10 @@ fn text(expression: &Expression, members: &[Member]) -> (u8, String) {
         E::Using { resources, of } => {
             return (6, format!("using({}) {}", resources.join(", "), inside(of, 6, members)));
         }
+        E::Finally(first, second) => {
+            return (3, format!("{} finally {}", inside(first, 4, members), inside(second, 4, members)));
+        }
+        E::Tagged { tag, of } => return (8, format!("{} as {tag}", inside(of, 8, members))),
         E::Asynchronous { source, pool } => {
             let one = pool.first().map_or(String::new(), |one| inside(one, 5, members));
             return (5, format!("{} ::[{}] {one}", inside(source, 6, members), pool.len()));

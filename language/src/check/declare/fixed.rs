@@ -1,0 +1,209 @@
+//! Parameters that decide the shape of a group: how many instances an array has, how long something may take.
+//!
+//! Such a group is read once for each choice of values that it is instantiated with, as if these parameters were constants;
+//! the rest of the checker sees groups without any. What a group passes on to such a parameter decides its own shape, too.
+
+use super::{add_process, params, process};
+use crate::check::spec::{Const, Consts, Instance, Param, Spec, Value, ValueKind};
+use crate::diagnostic::Diagnostic;
+use crate::plan::LEAVES_MAX;
+use crate::source::Span;
+use crate::syntax::SyntaxKind::{self, Constant, Equals, Number, Text};
+use crate::syntax::ast::Node;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// The groups with such parameters, by name.
+#[derive(Default)]
+pub(in crate::check) struct Templates {
+    all: BTreeMap<String, Template>,
+}
+
+struct Template {
+    node: Node,
+    damage: Vec<Span>,
+    params: Vec<Param>,
+    /// The names of the parameters that decide its shape.
+    fixed: BTreeSet<String>,
+}
+
+/// The values of these parameters in one reading of a group.
+type Fixed = BTreeMap<String, Value>;
+
+impl Templates {
+    /// Finds them among the items of all texts, each with where its text is damaged.
+    pub(in crate::check) fn new(items: &[(Node, Vec<Span>)], consts: &Consts) -> Self {
+        let mut all: BTreeMap<String, Template> = BTreeMap::new();
+        for (node, damage) in items.iter().filter(|(node, _)| node.kind() == SyntaxKind::Process) {
+            let Some(name) = node.title() else { continue };
+            // What is wrong with them is reported when the group is read.
+            let params = node.child(SyntaxKind::Params).map(|node| params(&node, "", consts, &mut Vec::new()));
+            let params = params.unwrap_or_default();
+            let mut used = BTreeSet::new();
+            collect(node, &mut used);
+            let fixed = params.iter().map(|param| param.name.text.clone()).filter(|name| used.contains(name)).collect();
+            let template = Template { node: node.clone(), damage: damage.clone(), params, fixed };
+            all.entry(name.text).or_insert(template);
+        }
+        while let Some((name, param)) = all.iter().find_map(|(name, template)| Some((name, template.passed_on(&all)?)))
+        {
+            let name = name.clone();
+            all.entry(name).and_modify(|template| template.fixed.extend([param]));
+        }
+        all.retain(|_, template| !template.fixed.is_empty());
+        Self { all }
+    }
+
+    /// Whether this item is one of them.
+    pub(in crate::check) fn contains(&self, item: &Node) -> bool {
+        let template = item.title().and_then(|name| self.all.get(&name.text));
+        template.is_some_and(|template| template.node.span() == item.span())
+    }
+
+    /// Reads each of them with the values that it is instantiated with; one that nobody instantiates with its defaults.
+    pub(in crate::check) fn expand(&self, spec: &mut Spec, diagnostics: &mut Vec<Diagnostic>) {
+        let mut reading = Reading { spec, diagnostics, fixed: BTreeMap::new(), known: BTreeMap::new(), looked_at: 0 };
+        reading.instances(self);
+        for (name, template) in &self.all {
+            if !reading.known.keys().any(|(known, _)| known == name) {
+                let values = template.fixed.iter().filter_map(|name| Some((name.clone(), template.default(name)?)));
+                reading.read(name, template, values.collect());
+                reading.instances(self);
+            }
+        }
+    }
+}
+
+/// The names that stand where the shape of a group is decided.
+fn collect(node: &Node, used: &mut BTreeSet<String>) {
+    let kind = node.kind();
+    if [SyntaxKind::Suffixed, SyntaxKind::Wait, SyntaxKind::Shield, SyntaxKind::Retry].contains(&kind) {
+        used.extend(node.children_of(Constant).filter_map(|node| bare_name(&node)));
+    } else if kind == SyntaxKind::AllOf {
+        // `all i in 0..n`
+        used.extend(node.names().skip(3).map(|name| name.text));
+    } else if kind == SyntaxKind::Count {
+        used.extend(node.names().map(|name| name.text));
+    }
+    node.children().for_each(|part| collect(&part, used));
+}
+
+/// The name that a constant consists of.
+fn bare_name(node: &Node) -> Option<String> {
+    let is_bare = node.token(Number).is_none() && node.token(Text).is_none() && node.children().next().is_none();
+    node.names().next().filter(|_| is_bare).map(|name| name.text)
+}
+
+impl Template {
+    fn default(&self, name: &str) -> Option<Value> {
+        self.params.iter().find(|param| param.name.text == name)?.default.clone()
+    }
+
+    /// A parameter that is passed on to one that decides a shape, and is not known to decide one itself.
+    fn passed_on(&self, all: &BTreeMap<String, Self>) -> Option<String> {
+        let sections = self.node.children_of(SyntaxKind::Instances);
+        let instances = sections.flat_map(|section| section.children_of(SyntaxKind::Instance).collect::<Vec<_>>());
+        for instance in instances {
+            let Some(target) = instance.child(SyntaxKind::Type).and_then(|kind| all.get(&kind.compact_text())) else {
+                continue;
+            };
+            let args = instance.child(SyntaxKind::Args);
+            let args = args.iter().flat_map(|args| args.children_of(SyntaxKind::Arg).collect::<Vec<_>>());
+            for (place, arg) in args.enumerate() {
+                let named = arg.token(Equals).and_then(|_| arg.names().next()).map(|name| name.text);
+                let param = named.or_else(|| target.params.get(place).map(|param| param.name.text.clone()));
+                let value = arg.child(Constant).and_then(|value| bare_name(&value));
+                let is_own = |name: &String| self.params.iter().any(|param| param.name.text == *name);
+                let is_new = |name: &String| is_own(name) && !self.fixed.contains(name);
+                if param.is_some_and(|param| target.fixed.contains(&param))
+                    && let Some(value) = value.filter(is_new)
+                {
+                    return Some(value);
+                }
+            }
+        }
+        None
+    }
+
+    /// The values that an instance gives; what it does not give and has no default is reported with the arguments.
+    fn values(&self, instance: &Instance, outer: (&[Param], Option<&Fixed>)) -> Fixed {
+        let positional: Vec<&Value> =
+            instance.args.iter().filter(|arg| arg.name.is_none()).map(|arg| &arg.value).collect();
+        let value = |name: &String| {
+            let place = self.params.iter().position(|param| param.name.text == *name)?;
+            let is_named = |arg: &&crate::check::spec::Arg| arg.name.as_ref().is_some_and(|it| it.text == *name);
+            let named = instance.args.iter().find(is_named).map(|arg| &arg.value);
+            let given = positional.get(place).copied().or(named)?;
+            match given.kind {
+                ValueKind::Param(index) => outer.1?.get(&outer.0.get(index)?.name.text).cloned(),
+                ValueKind::Constant(_) | ValueKind::Record(_) | ValueKind::List(_) | ValueKind::Broken => {
+                    Some(given.clone())
+                }
+            }
+        };
+        let broken = || Value { span: instance.args_span, kind: ValueKind::Broken, dimension: None };
+        let value = |name: &String| value(name).or_else(|| self.default(name)).unwrap_or_else(broken);
+        self.fixed.iter().map(|name| (name.clone(), value(name))).collect()
+    }
+}
+
+struct Reading<'a> {
+    spec: &'a mut Spec,
+    diagnostics: &'a mut Vec<Diagnostic>,
+    /// The values that each process was read with.
+    fixed: BTreeMap<usize, Fixed>,
+    /// Which process was read with which values, as text.
+    known: BTreeMap<(String, String), usize>,
+    /// So many processes have been looked at.
+    looked_at: usize,
+}
+
+impl Reading<'_> {
+    /// Looks at the instances of all processes, also of those that are read on the way.
+    fn instances(&mut self, templates: &Templates) {
+        while self.looked_at < self.spec.processes.len() && self.spec.processes.len() <= LEAVES_MAX {
+            let index = self.looked_at;
+            self.looked_at += 1;
+            for slot in 0..self.spec.processes[index].instances.len() {
+                let process = &self.spec.processes[index];
+                let instance = &process.instances[slot];
+                let Some(name) = instance.kind.as_ref().map(|kind| kind.text.clone()) else { continue };
+                let Some(template) = templates.all.get(&name) else { continue };
+                let values = template.values(instance, (&process.params, self.fixed.get(&index)));
+                if let Some(target) = self.read(&name, template, values) {
+                    self.spec.readings.insert((index, slot), target);
+                }
+            }
+        }
+    }
+
+    /// Reads a group with these values, once.
+    fn read(&mut self, name: &str, template: &Template, values: Fixed) -> Option<usize> {
+        let shown: Vec<String> = values.iter().map(|(name, value)| format!("{name}={:?}", value.kind)).collect();
+        let key = (name.to_owned(), shown.join(","));
+        if let Some(&known) = self.known.get(&key) {
+            return Some(known);
+        }
+        let mut consts = self.spec.consts.clone();
+        for param in template.params.iter().filter(|param| values.contains_key(&param.name.text)) {
+            let value = values[&param.name.text].clone();
+            let named = Const { name: param.name.clone(), values: vec![value], is_list: false };
+            consts.insert(param.name.text.clone(), named);
+        }
+        let mut found = Vec::new();
+        let process = process::process(&template.node, &template.damage, &consts, &mut found)?;
+        found.retain(|found| !self.diagnostics.contains(found));
+        self.diagnostics.append(&mut found);
+        let index = self.spec.processes.len();
+        if self.known.keys().any(|(known, _)| known == name) {
+            self.spec.processes.push(process);
+        } else {
+            add_process(self.spec, process, self.diagnostics);
+        }
+        if self.spec.processes.len() == index {
+            return None;
+        }
+        self.known.insert(key, index);
+        self.fixed.insert(index, values);
+        Some(index)
+    }
+}
