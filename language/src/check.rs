@@ -7,6 +7,7 @@
 mod declare;
 mod expression;
 mod flow;
+mod handed;
 mod index;
 mod interface;
 pub(crate) mod lower;
@@ -57,6 +58,7 @@ pub(crate) fn compile_with_model(
     }
     templates.expand(&mut model, &mut diagnostics);
     types::check(&mut model, &mut diagnostics);
+    handed::take(&mut model, &mut diagnostics);
     let root = types::root(&model, &mut diagnostics);
     if types::is_finite(&model, root, &mut diagnostics) {
         ports::check(&model, &mut diagnostics);

@@ -52,6 +52,30 @@ fn nothing_of_the_corpus_is_left_behind() {
     assert!(ended > 5, "{ended}");
 }
 
+/// Two groups on two hosts are handed one resource: whoever starts, the other waits until all of it has ended.
+#[test]
+fn groups_that_share_a_resource_run_one_after_the_other() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/corpus/resource_handed.dca");
+    let spec = Source::new("a.dca", std::fs::read_to_string(path).expect("a spec is text"));
+    let plan = compile(&spec, &[], &Options::named("sim")).plan.expect("the spec is good");
+    let mut orders = std::collections::BTreeSet::new();
+    for seed in 0..50 {
+        let mut simulation = Simulation::start(&plan);
+        let mut chance = Chance::new(&plan, seed, 20);
+        let mut order = Vec::new();
+        while simulation.outcome().is_none() && chance.step(&mut simulation) {
+            let running = simulation.running();
+            // A leaf of whatever group: `main/left/look`, `main/right/one/move`.
+            let groups: std::collections::BTreeSet<&str> =
+                running.iter().filter_map(|path| path.rsplit_once('/')).map(|(group, _)| group).collect();
+            assert!(groups.len() < 2, "seed {seed}: {running:?}");
+            order.extend(running.iter().map(|path| (*path).to_owned()));
+        }
+        orders.insert(order);
+    }
+    assert!(orders.len() > 1, "{orders:?}");
+}
+
 /// Stopping takes no time here, so a loop may take none that would take some in a deployment.
 #[test]
 fn a_loop_that_takes_no_time_ends_the_run() {

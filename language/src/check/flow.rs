@@ -24,6 +24,7 @@ pub(super) fn check(spec: &mut Spec, diagnostics: &mut Vec<Diagnostic>) {
         service::check((spec, process), members, actions, diagnostics);
         dead::check(members, actions, diagnostics);
         resource::check(process, actions, diagnostics);
+        resource::kept(process, &service::members(spec, process), actions, diagnostics);
     }
     instant::check(spec, diagnostics);
     outcome::check(spec, diagnostics);
@@ -54,9 +55,10 @@ fn runs_twice(process: &Process, slot: usize, (first, second): (Span, Span)) -> 
     diagnostic.reason(name.span, "this is one instance").help("declare a second instance, or run it once")
 }
 
-/// The group that an expression runs, when it is just that.
+/// The group that an expression runs, when it is just that; what is handed to it is taken around.
 fn group_of<'a>(spec: &'a Spec, process: &Process, expr: &Expr) -> Option<&'a Process> {
-    let ExprKind::Run(slot, _) = &expr.kind else { return None };
+    let inner = if let ExprKind::Using(_, inner) = &expr.kind { inner } else { expr };
+    let ExprKind::Run(slot, _) = &inner.kind else { return None };
     match process.instances[*slot].target {
         Target::Process(target) => Some(&spec.processes[target]),
         Target::Module(_) | Target::Unknown => None,

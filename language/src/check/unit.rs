@@ -90,7 +90,10 @@ pub(crate) fn types() -> impl Iterator<Item = (&'static str, &'static str)> {
 }
 
 /// Types of values that are no quantities.
-pub(crate) const PLAIN: [&str; 4] = ["Host", "Text", "Number", "Truth"];
+pub(crate) const PLAIN: [&str; 5] = ["Host", "Text", "Number", "Truth", RESOURCE];
+
+/// The type of a parameter that a resource is handed to.
+pub(crate) const RESOURCE: &str = "Resource";
 
 /// Returns whether the language itself has a type of this name.
 pub(crate) fn is_type(name: &str) -> bool {

@@ -4,11 +4,12 @@ mod policy;
 mod quality;
 
 use crate::check::expression;
+use crate::check::handed;
 use crate::check::index;
 use crate::check::names::{Names, twice};
 use crate::check::spec::{
-    Arg, Binding, Connection, Const, Consts, Damage, Endpoint, Export, Instance, Process, Scope, Set, Target, Value,
-    ValueKind,
+    Arg, Binding, Connection, Const, Consts, Damage, Endpoint, Export, Instance, Param, Process, Scope, Set, Target,
+    Value, ValueKind,
 };
 use crate::check::value::{symbol, value};
 use crate::diagnostic::{Code, Diagnostic};
@@ -40,7 +41,7 @@ pub(super) fn process(
     let exports = exports(node, &mut names, diagnostics);
     let (sets, are_whole) = sets(node, &mut names, diagnostics);
     damage.connections |= !are_whole;
-    let resources = resources(node, diagnostics);
+    let resources = resources(node, &params, diagnostics);
     let actions = node.children_of(SyntaxKind::Actions).next();
     names.is_doubtful = damage.actions;
     let mut group = expression::Group {
@@ -58,7 +59,8 @@ pub(super) fn process(
     };
     let actions = actions.and_then(|node| expression::actions(&node, &mut group, diagnostics));
     damage.names = group.damage.names;
-    let (run, taken) = (group.run, group.taken);
+    let (run, mut taken) = (group.run, group.taken);
+    taken.extend(handed::given(&instances, &resources, &params));
     if !damage.actions && !damage.names {
         diagnostics.extend(unused(&resources, &taken));
     }
@@ -69,9 +71,9 @@ pub(super) fn process(
     Some(Process { name, doc, params, host, instances, exports, sets, resources, actions, damage, is_service: false })
 }
 
-/// What `using` may take.
-fn resources(node: &Node, diagnostics: &mut Vec<Diagnostic>) -> Vec<Name> {
-    let mut resources: Vec<Name> = Vec::new();
+/// What `using` may take: what the group declares, and what it is handed.
+fn resources(node: &Node, params: &[Param], diagnostics: &mut Vec<Diagnostic>) -> Vec<Name> {
+    let mut resources: Vec<Name> = handed::known(params);
     for name in node.children_of(SyntaxKind::Resources).flat_map(|node| node.names().skip(1).collect::<Vec<_>>()) {
         match resources.iter().find(|first| first.text == name.text) {
             Some(first) => diagnostics.push(twice("resource", &name.text, name.span, first.span)),

@@ -42,7 +42,10 @@ fn unknown(name: &Name, group: &Group<'_>) -> Diagnostic {
     let near = nearest(&name.text, known).and_then(|near| group.resources.iter().find(|known| known.text == near));
     match near {
         Some(near) => diagnostic.reason(near.span, "declared here").replace(name.span, &near.text),
-        None => diagnostic.help(format!("declare it in the group: `resource {};`", name.text)),
+        None => diagnostic.help(format!(
+            "declare it in the group: `resource {0};`, or have it handed to the group: a parameter `{0}: Resource`",
+            name.text
+        )),
     }
 }
 

@@ -3,6 +3,7 @@
 //! Some `using`s inside of others wait for each other when they form a circle: each wants what the next one has. They only
 //! do so for ever if all of them can run at the same time, so each pair runs side by side and has nothing in common.
 
+use super::service::is_service;
 use crate::check::names::listed;
 use crate::check::spec::{Expr, ExprKind, Path, Process, are_parallel};
 use crate::diagnostic::{Code, Diagnostic};
@@ -45,6 +46,42 @@ pub(super) fn check(process: &Process, actions: &Expr, diagnostics: &mut Vec<Dia
                 diagnostics.extend(report(process, &circle));
             }
         }
+    }
+}
+
+/// Something that is taken, and whether what runs with it ends by itself.
+struct Taken<'a> {
+    resources: &'a [usize],
+    is_service: bool,
+    span: Span,
+    path: Path,
+}
+
+/// Reports who waits for a resource that a service beside it never gives back.
+pub(super) fn kept(process: &Process, members: &[bool], actions: &Expr, diagnostics: &mut Vec<Diagnostic>) {
+    let mut all = Vec::new();
+    taken(actions, members, &mut Vec::new(), &mut all);
+    for service in all.iter().filter(|taken| taken.is_service) {
+        let shared = |other: &Taken<'_>| other.resources.iter().find(|it| service.resources.contains(it)).copied();
+        let is_beside = |other: &&Taken<'_>| are_parallel(&service.path, &other.path) == Some(true);
+        let waiting = all.iter().filter(is_beside).find_map(|other| Some((other, shared(other)?)));
+        let Some((other, resource)) = waiting else { continue };
+        let name = &process.resources[resource].text;
+        let message = format!("what has `{name}` here never ends by itself, and keeps it");
+        let diagnostic = Diagnostic::new(Code::W0413, service.span, message);
+        diagnostics.push(diagnostic.reason(other.span, "waits for it all the while"));
+    }
+}
+
+fn taken<'a>(expr: &'a Expr, members: &[bool], path: &mut Path, all: &mut Vec<Taken<'a>>) {
+    if let ExprKind::Using(resources, inner) = &expr.kind {
+        let is_service = is_service(inner, members);
+        all.push(Taken { resources, is_service, span: expr.span, path: path.clone() });
+    }
+    for (index, part) in expr.parts().into_iter().enumerate() {
+        path.push((index, expr.is_parallel()));
+        taken(part, members, path, all);
+        path.pop();
     }
 }
 
@@ -115,7 +152,12 @@ fn collect(
                 let name = &process.resources[wants].text;
                 let message = format!("`{name}` is taken already by what waits for it here, so it never gets it");
                 let diagnostic = Diagnostic::new(Code::E0413, expr.span, message);
-                diagnostics.push(diagnostic.reason(*outer, "taken here").help("take it once"));
+                let is_handed = matches!(&expr.kind, ExprKind::Using(_, inner) if inner.span == expr.span);
+                let help = match is_handed {
+                    true => "take it once: a group that is handed it has it as long as it runs",
+                    false => "take it once",
+                };
+                diagnostics.push(diagnostic.reason(*outer, "taken here").help(help));
             }
             for &(holds, _) in held.iter().filter(|(holds, _)| *holds != wants) {
                 let all = held.iter().map(|(held, _)| *held).collect();

@@ -104,8 +104,8 @@ impl Kinds<'_> {
         }
         let refused: &[&str] = match &value.kind {
             ValueKind::Constant(Constant::Text(_)) => &["Number", "Truth"],
-            ValueKind::Constant(Constant::Number(_)) => &["Text", "Truth", "Host"],
-            ValueKind::Constant(Constant::Truth(_)) => &["Text", "Number", "Host"],
+            ValueKind::Constant(Constant::Number(_)) => &["Text", "Truth", "Host", unit::RESOURCE],
+            ValueKind::Constant(Constant::Truth(_)) => &["Text", "Number", "Host", unit::RESOURCE],
             ValueKind::Record(_) | ValueKind::List(_) => &unit::PLAIN,
             ValueKind::Param(_) | ValueKind::Broken => &[],
         };
@@ -193,6 +193,7 @@ impl Kinds<'_> {
             Shape::Plain("Number") => "1".to_owned(),
             Shape::Plain("Truth") => "true".to_owned(),
             Shape::Plain("Host") => "c1".to_owned(),
+            Shape::Plain(unit::RESOURCE) => "arm".to_owned(),
             Shape::Plain("Text") => "\"text\"".to_owned(),
             Shape::Plain(name) => unit::of_type(name).map_or("...", |(_, example)| example).to_owned(),
         }

@@ -84,7 +84,15 @@ impl Walk<'_> {
         let params: &[Param] = self.process.map_or(&[], |process| &self.spec.processes[process].params);
         match params.iter().find(|param| param.name.text == name.text) {
             Some(param) => self.add(name, self.tables.declared[&param.name.span]),
-            None => self.constant(Some(name)),
+            None => {
+                self.constant(Some(name));
+                // A resource that is handed to a member.
+                let resource =
+                    self.process.and_then(|process| self.tables.resources.get(&(process, name.text.clone())));
+                if let Some(&symbol) = resource {
+                    self.add(name, symbol);
+                }
+            }
         }
     }
 

@@ -1,0 +1,175 @@
+//! Resources that a group hands to its members, `search instof Search(c2, arm)`: for as long as such a member runs, the
+//! group that hands it has the resource for it.
+//!
+//! So a resource is granted where it is declared, by one supervisor, on whatever hosts its users are: running the member is
+//! `using(arm) search` to everything behind this pass. Inside, the member takes what it was handed among its own parts.
+
+use super::spec::{Arg, Expr, ExprKind, Instance, Param, Process, Spec, Target, ValueKind};
+use super::unit::RESOURCE;
+use crate::diagnostic::{Code, Diagnostic};
+use crate::plan::Constant;
+use crate::similar::nearest;
+use crate::syntax::ast::Name;
+
+impl Param {
+    /// Whether a resource is handed to it.
+    pub(super) fn is_resource(&self) -> bool {
+        self.kind.as_ref().is_some_and(|kind| kind.text == RESOURCE)
+    }
+}
+
+/// The resources that a group is handed.
+pub(super) fn known(params: &[Param]) -> Vec<Name> {
+    params.iter().filter(|param| param.is_resource()).map(|param| param.name.clone()).collect()
+}
+
+/// The resources that the arguments of instances name.
+pub(super) fn given<'a>(
+    instances: &'a [Instance],
+    resources: &'a [Name],
+    params: &'a [Param],
+) -> impl Iterator<Item = usize> + 'a {
+    let args = instances.iter().flat_map(|instance| &instance.args);
+    args.filter_map(move |arg| place(arg, resources, params))
+}
+
+/// Which resource an argument names.
+fn place(arg: &Arg, resources: &[Name], params: &[Param]) -> Option<usize> {
+    let name = match &arg.value.kind {
+        ValueKind::Constant(Constant::Text(name)) => name,
+        ValueKind::Param(param) => &params.get(*param)?.name.text,
+        ValueKind::Constant(_) | ValueKind::Record(_) | ValueKind::List(_) | ValueKind::Broken => return None,
+    };
+    resources.iter().position(|known| known.text == *name)
+}
+
+/// Has each group take what it hands to a member while that member runs.
+pub(super) fn take(spec: &mut Spec, diagnostics: &mut Vec<Diagnostic>) {
+    diagnostics.extend(misplaced(spec));
+    for number in 0..spec.processes.len() {
+        let process = &spec.processes[number];
+        if process.damage.header || process.damage.instances {
+            continue;
+        }
+        let mut said = None;
+        let mut holds: Vec<Vec<usize>> = Vec::new();
+        for instance in &process.instances {
+            let mut found = Vec::new();
+            holds.push(held(spec, process, instance, &mut found));
+            // The instances of an array have one text.
+            if said.replace(instance.args_span) != Some(instance.args_span) {
+                diagnostics.append(&mut found);
+            }
+        }
+        let process = &mut spec.processes[number];
+        if let Some(actions) = process.actions.as_mut().filter(|_| holds.iter().any(|held| !held.is_empty())) {
+            guard(actions, &holds);
+        }
+    }
+}
+
+/// What an instance is handed: indices of the group's resources.
+fn held(spec: &Spec, process: &Process, instance: &Instance, diagnostics: &mut Vec<Diagnostic>) -> Vec<usize> {
+    let Target::Process(target) = instance.target else { return Vec::new() };
+    let params = &spec.processes[target].params;
+    let mut places = params.iter();
+    let mut held = Vec::new();
+    for arg in &instance.args {
+        let param = match &arg.name {
+            Some(name) => params.iter().find(|param| param.name.text == name.text),
+            None => places.next(),
+        };
+        let Some(param) = param.filter(|param| param.is_resource()) else { continue };
+        match place(arg, &process.resources, &process.params) {
+            Some(resource) if held.contains(&resource) => {
+                let name = &process.resources[resource].text;
+                let message = format!("`{name}` is handed to `{}` twice, under two names", instance.name.text);
+                let diagnostic = Diagnostic::new(Code::E0213, arg.value.span, message);
+                diagnostics.push(diagnostic.reason(param.name.span, "declared here").help("hand it on once"));
+            }
+            Some(resource) => held.push(resource),
+            None => diagnostics.extend(unknown(process, arg, param)),
+        }
+    }
+    held
+}
+
+fn unknown(process: &Process, arg: &Arg, param: &Param) -> Option<Diagnostic> {
+    let span = arg.value.span;
+    match &arg.value.kind {
+        ValueKind::Constant(Constant::Text(name)) => {
+            let diagnostic = Diagnostic::new(Code::E0204, span, format!("unknown resource `{name}`"));
+            let near = nearest(name, process.resources.iter().map(|known| known.text.as_str()));
+            Some(match near.and_then(|near| process.resources.iter().find(|known| known.text == near)) {
+                Some(near) => diagnostic.reason(near.span, "declared here").replace(span, &near.text),
+                None => diagnostic
+                    .reason(param.name.span, "a resource is handed to this parameter")
+                    .help(format!("declare it in `{}`: `resource {name};`", process.name.text)),
+            })
+        }
+        ValueKind::Param(index) => {
+            let outer = process.params.get(*index)?;
+            let (name, other) = (&param.name.text, &outer.name.text);
+            let message = format!("`{name}` has to be a {RESOURCE}, and `{other}` is not declared as one");
+            let diagnostic = Diagnostic::new(Code::E0213, span, message).reason(outer.name.span, "declared here");
+            Some(diagnostic.help(format!("write `{other}: {RESOURCE}` in the parameters of `{}`", process.name.text)))
+        }
+        // Reported already.
+        ValueKind::Constant(_) | ValueKind::Record(_) | ValueKind::List(_) | ValueKind::Broken => None,
+    }
+}
+
+/// Resources where nobody would grant them: programs, fields, defaults.
+fn misplaced(spec: &Spec) -> Vec<Diagnostic> {
+    let mut found = Vec::new();
+    let names = |param: &Param| param.kind.as_ref().is_some_and(|kind| kind.name() == Some(RESOURCE));
+    let modules = spec.modules.iter().flat_map(|module| module.params.iter().flatten());
+    for param in modules.chain(spec.fields()).filter(|param| names(param)) {
+        let message = format!("`{}` cannot be a {RESOURCE}: only a group takes one", param.name.text);
+        let diagnostic = Diagnostic::new(Code::E0213, param.name.span, message);
+        found.push(diagnostic.help("where the program is run, write `using(arm) program`"));
+    }
+    for param in spec.processes.iter().flat_map(|process| &process.params).filter(|param| names(param)) {
+        let name = &param.name.text;
+        let message = match (&param.default, param.is_resource()) {
+            (None, true) => continue,
+            (Some(_), true) => format!("`{name}` is a {RESOURCE}, which has no default: it is handed to each group"),
+            (_, false) => format!("`{name}` has to be `{name}: {RESOURCE}`: each resource is a parameter of its own"),
+        };
+        found.push(Diagnostic::new(Code::E0213, param.name.span, message));
+    }
+    found
+}
+
+/// Puts a `using` around each run of a member that is handed something.
+fn guard(expr: &mut Expr, holds: &[Vec<usize>]) {
+    let rest = |parts: &mut [Expr]| parts.iter_mut().for_each(|part| guard(part, holds));
+    match &mut expr.kind {
+        ExprKind::Run(slot, _) => {
+            let Some(taken) = holds.get(*slot).filter(|taken| !taken.is_empty()).cloned() else { return };
+            let run = Expr { span: expr.span, kind: std::mem::replace(&mut expr.kind, ExprKind::Broken) };
+            expr.kind = ExprKind::Using(taken, Box::new(run));
+        }
+        ExprKind::Concurrent(parts)
+        | ExprKind::FailFast(parts)
+        | ExprKind::AnyOf(_, parts)
+        | ExprKind::Disable(parts)
+        | ExprKind::Sequence(parts)
+        | ExprKind::Conditional(parts)
+        | ExprKind::Otherwise(parts) => rest(parts),
+        ExprKind::Recurrent(first, second) => {
+            guard(first, holds);
+            guard(second, holds);
+        }
+        ExprKind::Asynchronous(source, pool) => {
+            guard(source, holds);
+            rest(pool);
+        }
+        ExprKind::Retry(_, _, part)
+        | ExprKind::Within(_, part)
+        | ExprKind::Shield(_, part)
+        | ExprKind::Using(_, part) => guard(part, holds),
+        ExprKind::Match(arms) => arms.iter_mut().for_each(|arm| guard(&mut arm.body, holds)),
+        ExprKind::Skip | ExprKind::Never | ExprKind::Fail(_) | ExprKind::Wait(_) | ExprKind::Broken => {}
+    }
+}
