@@ -97,10 +97,10 @@ fn completion_knows_event_actions() {
             .all(|word| offers.iter().any(|offer| offer.label == *word))
     );
     completes(&actions("eye[$0] , arm"), "see");
-    completes(&actions("eye[see] $0"), "else within");
-    completes(&actions("(eye , arm) $0"), "else within");
-    completes(&actions("wait(5 $0)"), "s ms us ns min h else within");
-    completes(&actions("eye within 5 $0"), "s ms us ns min h else within");
+    completes(&actions("eye[see] $0"), "else finally as within");
+    completes(&actions("(eye , arm) $0"), "else finally as within");
+    completes(&actions("wait(5 $0)"), "s ms us ns min h else finally as within");
+    completes(&actions("eye within 5 $0"), "s ms us ns min h else finally as within");
     completes(&actions("eye within $0"), "slow");
     completes(&actions("retry(3, $0) eye"), "pause");
     let (shielded, offset) = self::analysis(&actions("shield $0"));

@@ -157,7 +157,7 @@ fn guard(expr: &mut Expr, holds: &[Vec<usize>]) {
         | ExprKind::Sequence(parts)
         | ExprKind::Conditional(parts)
         | ExprKind::Otherwise(parts) => rest(parts),
-        ExprKind::Recurrent(first, second) => {
+        ExprKind::Recurrent(first, second) | ExprKind::Finally(first, second) => {
             guard(first, holds);
             guard(second, holds);
         }
@@ -168,7 +168,8 @@ fn guard(expr: &mut Expr, holds: &[Vec<usize>]) {
         ExprKind::Retry(_, _, part)
         | ExprKind::Within(_, part)
         | ExprKind::Shield(_, part)
-        | ExprKind::Using(_, part) => guard(part, holds),
+        | ExprKind::Using(_, part)
+        | ExprKind::Tagged(_, part) => guard(part, holds),
         ExprKind::Match(arms) => arms.iter_mut().for_each(|arm| guard(&mut arm.body, holds)),
         ExprKind::Skip | ExprKind::Never | ExprKind::Fail(_) | ExprKind::Wait(_) | ExprKind::Broken => {}
     }

@@ -171,7 +171,10 @@ pub fn rename(specs: &[&Analysis], declaration: &Declaration, to: &str) -> Resul
             return Err(RenameError::Main);
         }
         let own = spec.rename_edits(symbol, to);
-        if !same_meaning(spec.index(), spec.with(&own).index(), &own) {
+        let renamed = spec.with(&own);
+        // A parameter that shapes its group stands in places that the index does not have; without them there is no plan.
+        let is_broken = spec.plan().is_some() && renamed.plan().is_none();
+        if is_broken || !same_meaning(spec.index(), renamed.index(), &own) {
             return Err(RenameError::Meaning { to: to.to_owned(), file: spec.spec.name.clone() });
         }
         edits.extend(own.into_iter().map(|(span, text)| FileEdit {

@@ -36,13 +36,10 @@ impl World {
                 self.rec2(r, &p, &q, &[])
             }
             Config::Dis(cs) => {
-                let rs = cs.into_iter().map(|c| self.react(c, e)).collect();
+                let rs = self.react_all(cs, e);
                 self.dis(rs)
             }
-            Config::Drain(o, cs) => {
-                let rs = cs.into_iter().map(|c| self.react(c, e)).collect();
-                drain(o, rs)
-            }
+            Config::Drain(o, cs) => drain(o, self.react_all(cs, e)),
             Config::Par(ks) => {
                 let ks = self.react_slots(ks, e);
                 self.par(ks)
@@ -64,14 +61,8 @@ impl World {
                 let r = self.react(*c, e);
                 self.fin1(r, &f)
             }
-            Config::Fin2(o, c) => {
-                let r = self.react(*c, e);
-                fin2(o, r)
-            }
-            Config::Tag(t, c) => {
-                let r = self.react(*c, e);
-                tag(&t, r)
-            }
+            Config::Fin2(o, c) => fin2(o, self.react(*c, e)),
+            Config::Tag(t, c) => tag(&t, self.react(*c, e)),
             Config::Acquiring(u, res, f, v) if *e == Event::Granted(u) => self.granted(u, res, &f, v),
             Config::Acquiring(..) => R::C(c),
             Config::Holding(res, c) => {
@@ -79,11 +70,12 @@ impl World {
                 self.holding(res, r)
             }
             Config::Arec(k, cs, p, qs) => self.react_arec(*k, cs, (&p, &qs), e),
-            Config::Ending(o, cs) => {
-                let rs = cs.into_iter().map(|c| self.react(c, e)).collect();
-                ending(o, rs)
-            }
+            Config::Ending(o, cs) => ending(o, self.react_all(cs, e)),
         }
+    }
+
+    fn react_all(&mut self, cs: Vec<Config>, e: &Event) -> Vec<R> {
+        cs.into_iter().map(|c| self.react(c, e)).collect()
     }
 
     fn react_slots(&mut self, mut ks: Vec<Slot>, e: &Event) -> Vec<Slot> {
@@ -210,7 +202,7 @@ pub(super) fn leaves(c: &Config, see: &mut impl FnMut(&Config)) {
             leaves(inner, see);
         }
         Config::Shield(_, c) | Config::Holding(_, c) | Config::Fin1(c, _) | Config::Fin2(_, c) | Config::Tag(_, c) => {
-            leaves(c, see)
+            leaves(c, see);
         }
         Config::Acquiring(..) => {}
         Config::Arec(k, cs, ..) => {

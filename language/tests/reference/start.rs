@@ -78,18 +78,23 @@ impl World {
             }
             // [s-dis]
             Term::Dis(es) => {
-                let mut rs = Vec::new();
-                for e in es {
-                    let r = self.start(e, v.clone());
-                    let ended = matches!(r, R::O(_));
-                    rs.push(r);
-                    if ended {
-                        break;
-                    }
-                }
+                let rs = self.start_until_one_ends(es, &v);
                 self.dis(rs)
             }
         }
+    }
+
+    fn start_until_one_ends(&mut self, es: &[Term], v: &Value) -> Vec<R> {
+        let mut rs = Vec::new();
+        for e in es {
+            let r = self.start(e, v.clone());
+            let ended = matches!(r, R::O(_));
+            rs.push(r);
+            if ended {
+                break;
+            }
+        }
+        rs
     }
 
     pub(super) fn arm(&mut self, t: u32) -> u32 {
