@@ -1,5 +1,7 @@
 //! Every example, run as its page says, by real processes.
 
+#![expect(clippy::unwrap_used, reason = "a test stops where something is not as it should be")]
+
 use dca_tests::cluster::{Cluster, Ended, executable};
 use std::path::PathBuf;
 use std::process::Command;

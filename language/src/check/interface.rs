@@ -17,7 +17,8 @@ pub(crate) fn parameters(interfaces: &[Source]) -> BTreeMap<String, Option<Vec<P
         damage.sort_unstable();
         let root = ast::Node::new(root, origin);
         declare::constants(&mut spec, &root, &damage, &mut diagnostics);
-        declare::declare(&mut spec, &root, (origin, false), &damage, &mut diagnostics);
+        let templates = declare::Templates::default();
+        declare::declare(&mut spec, &root, (origin, false), (&damage, &templates), &mut diagnostics);
     }
     // Types that contain themselves are taken out.
     types::check(&mut spec, &mut diagnostics);
