@@ -8,6 +8,8 @@ use std::time::Duration;
 const ROUNDS: usize = 20;
 const GROUPS: usize = 5;
 const LEAVES_PER_GROUP: usize = 40;
+/// How many programs one `dca stop` has to end.
+const PROGRAMS: usize = 500;
 /// How long the node's sockets, and shims that have said their last word, may take to settle after a round.
 const SETTLE: Duration = Duration::from_secs(5);
 /// How long threads of a pool may stay without work: tokio keeps them for 10 s.
@@ -49,6 +51,35 @@ fn two_hundred_leaves_come_and_go() {
     let took = wait_until(POOL, || threads(node.pid()) <= threads_first);
     println!("{threads_first} threads at first, {} {took:?} after the last round", threads(node.pid()));
     assert!(took.is_some(), "{threads_first} threads at first, {} after the last round", threads(node.pid()));
+}
+
+/// 500 programs on one machine end when somebody asks for it, and `dca stop` says so with exit code 0.
+#[test]
+fn five_hundred_programs_stop_when_asked() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let node = here.node("local", &[]);
+    let deployed = here.dca(&["deploy", "--no-record", &cluster.file("crowd.dca", &crowd())]);
+    deployed.wait_for(Stream::Err, "500 programs on 1 host, started in", SOON);
+    let stop = here.dca(&["stop", "crowd"]).ended(2 * SOON);
+    assert_eq!(stop.code, Some(0), "{stop}");
+    let ended = deployed.ended(SOON);
+    assert!(ended.code == Some(1) && ended.out.starts_with("crowd: stopped after"), "{ended}");
+    assert!(!ended.out.contains("not confirmed"), "{ended}");
+    let is_node = |process: &Process| process.pid.cast_unsigned() == node.pid();
+    let left = || cluster.left().into_iter().filter(|process| !is_node(process)).collect::<Vec<_>>();
+    wait_until(SETTLE, || left().is_empty()).unwrap_or_else(|| panic!("left: {:?}", left()));
+}
+
+/// Returns a spec of [`PROGRAMS`] plain programs at once.
+fn crowd() -> String {
+    let leaves: Vec<String> = (1..=PROGRAMS).map(|leaf| format!("idle{leaf}")).collect();
+    let declared: String = leaves.iter().map(|leaf| format!("{leaf} instof Idle(local); ")).collect();
+    format!(
+        "module Idle(host) {{ exec \"sleep 3600\"; plain; service; }}\nprocess main() {{\n  host {{ local }}\n  \
+         instantiated_processes {{ {declared}}}\n  internal_event_actions {{ {} }}\n}}",
+        leaves.join(", ")
+    )
 }
 
 fn expect_running(statuses: &[NodeStatus]) {

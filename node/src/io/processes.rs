@@ -3,6 +3,7 @@
 use crate::logic::process_record::Process;
 use rustix::process::{Pid, PidfdFlags, Signal, getpid, pidfd_open, pidfd_send_signal};
 use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
 
 /// What `/proc/PID/stat` says of a process. Source: proc_pid_stat(5).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -59,6 +60,36 @@ pub fn descendants(all: &[Stat], roots: impl IntoIterator<Item = i32>) -> BTreeS
     found
 }
 
+/// Returns every process below `root`. The kernel's own lists of children make its cost independent of how many other
+/// processes the machine has; a kernel may be built without them. Source: proc_tid_children(5).
+pub fn below(root: i32) -> BTreeSet<Process> {
+    if !has_child_lists(root) {
+        return descendants(&all(), [root]);
+    }
+    let (mut found, mut parents) = (BTreeSet::new(), vec![root]);
+    while let Some(parent) = parents.pop() {
+        for process in listed_children(parent) {
+            if found.insert(process) {
+                parents.push(process.pid);
+            }
+        }
+    }
+    found
+}
+
+fn has_child_lists(pid: i32) -> bool {
+    Path::new(&format!("/proc/{pid}/task/{pid}/children")).exists()
+}
+
+/// Each thread has a list of its own.
+fn listed_children(pid: i32) -> Vec<Process> {
+    let threads = std::fs::read_dir(format!("/proc/{pid}/task")).into_iter().flatten().flatten();
+    let lists = threads.filter_map(|thread| std::fs::read_to_string(thread.path().join("children")).ok());
+    let pids: Vec<i32> =
+        lists.flat_map(|list| list.split_whitespace().map(str::parse).collect::<Vec<_>>()).flatten().collect();
+    pids.into_iter().filter_map(stat).map(|stat| stat.process).collect()
+}
+
 /// Returns whether a process runs: it is there, has the start time given, and has not ended.
 pub fn is_running(process: Process) -> bool {
     stat(process.pid).is_some_and(|stat| stat.process == process && !stat.is_zombie)
@@ -84,4 +115,33 @@ pub fn signal(process: Process, signal: Signal) {
 pub fn kernel_boot() -> String {
     let boot = std::fs::read_to_string("/proc/sys/kernel/random/boot_id").unwrap_or_default();
     boot.trim().to_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::{BufRead, BufReader};
+    use std::process::{Command, Stdio};
+
+    #[test]
+    fn the_lists_of_children_name_the_same_processes_as_all_of_proc() {
+        // Two children, one of which has a child of its own; each says that it is there.
+        let script = "sh -c 'sleep 100 & echo ready; wait' & echo ready; wait";
+        let mut shell = Command::new("sh").args(["-c", script]).stdout(Stdio::piped()).spawn().expect("a shell starts");
+        let mut lines = BufReader::new(shell.stdout.take().expect("it is piped")).lines();
+        for _ in 0..2 {
+            assert_eq!(lines.next().expect("a line").expect("text"), "ready");
+        }
+        let root = shell.id().cast_signed();
+        if !has_child_lists(root) {
+            println!("skipped: this kernel has no lists of children");
+        }
+        let found = below(root);
+        assert_eq!((found.len(), &found), (2, &descendants(&all(), [root])));
+        for process in found {
+            signal(process, Signal::KILL);
+        }
+        shell.kill().expect("it is ours");
+        shell.wait().expect("it is ours");
+    }
 }

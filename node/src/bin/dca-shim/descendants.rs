@@ -14,7 +14,7 @@ pub(crate) fn kill_descendants() {
     // Stopped first, so that none forks while others are being killed.
     let mut stopped = BTreeSet::new();
     for _ in 0..ROUNDS_MAX {
-        let found = processes::descendants(&processes::all(), [getpid().as_raw_nonzero().get()]);
+        let found = processes::below(getpid().as_raw_nonzero().get());
         let fresh: Vec<Process> = found.difference(&stopped).copied().collect();
         if fresh.is_empty() {
             break;
