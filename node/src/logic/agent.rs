@@ -25,6 +25,9 @@ use std::time::Duration;
 /// How many deployments a node takes part in at once.
 const DEPLOYMENTS_MAX: usize = 64;
 
+/// How long a node that leaves waits for others to acknowledge its last messages.
+const LINGER_MAX: Duration = Duration::from_secs(1);
+
 /// How many deployments that are over are remembered.
 const OVER_MAX: usize = 8;
 
@@ -137,6 +140,8 @@ pub struct Agent {
     /// Reports of deployments that are over, for those who were cut off when it happened.
     over: VecDeque<(Deployment, Vec<Report>)>,
     leaving: bool,
+    /// Until when a node of which nothing is left waits for others to acknowledge its last messages.
+    lingers_until: Option<Time>,
 }
 
 /// A deployment that waits for hosts which this node has not seen yet.
@@ -165,6 +170,7 @@ impl Agent {
             gathering: Vec::new(),
             over: VecDeque::new(),
             leaving: false,
+            lingers_until: None,
         }
     }
 
@@ -185,7 +191,7 @@ impl Agent {
             }
             messages.extend(more.drain(..));
         }
-        self.tidy_up(effects);
+        self.tidy_up(now, effects);
     }
 
     /// Returns when [`Input::Tick`] is wanted.
@@ -194,7 +200,11 @@ impl Agent {
         let tenants = self.tenants.values().map(Tenant::deadline);
         let links = self.links.values().flatten().map(Link::deadline);
         let gathering = self.gathering.iter().map(|one| Some(one.until));
-        homes.chain(tenants).chain(links).chain(gathering).fold(self.names.deadline(), earliest)
+        homes
+            .chain(tenants)
+            .chain(links)
+            .chain(gathering)
+            .fold(earliest(self.names.deadline(), self.lingers_until), earliest)
     }
 
     fn take(&mut self, input: Input, out: &mut Out<'_>) {
@@ -369,8 +379,19 @@ impl Agent {
         self.tenants.values_mut().for_each(|tenant| tenant.tick(out));
     }
 
+<<<<<<< HEAD
     /// Drops what is over. A node that leaves says so when nothing is left.
     fn tidy_up(&mut self, effects: &mut Vec<Effect>) {
+=======
+    fn host_lost(&mut self, host: &str, out: &mut Out<'_>) {
+        self.links.get_mut(host).into_iter().for_each(Link::abandon);
+        self.homes.values_mut().for_each(|home| home.host_lost(host, out));
+        self.tenants.values_mut().for_each(|tenant| tenant.host_lost(host, out));
+    }
+
+    /// Drops what is over. A node that leaves says so when nothing is left and the others know.
+    fn tidy_up(&mut self, now: Time, effects: &mut Vec<Effect>) {
+>>>>>>> 26783f3 (node: nodes that leave together do not wait 5 s for each other)
         for (deployment, home) in self.homes.extract_if(.., |_, home| home.is_over()) {
             let reports = home.into_reports();
             let record = chronicle::ended(&self.identity.host, &deployment, &reports);
@@ -381,13 +402,26 @@ impl Agent {
         for (deployment, _) in self.tenants.extract_if(.., |_, tenant| tenant.is_over()) {
             effects.push(Effect::Bury { deployment });
         }
+<<<<<<< HEAD
         if self.homes.is_empty() && self.tenants.is_empty() {
             if self.leaving {
                 effects.push(Effect::Leave);
             } else if let Some(why) = self.namesake().filter(|_| self.gathering.is_empty()) {
                 effects.push(Effect::Yield { why });
+=======
+        if self.leaving && self.homes.is_empty() && self.tenants.is_empty() {
+            // A node that is gone cannot send its last messages again; without them the others would wait for it.
+            let until = *self.lingers_until.get_or_insert(now + LINGER_MAX);
+            if until <= now || self.is_heard() {
+                effects.push(Effect::Leave);
+>>>>>>> 26783f3 (node: nodes that leave together do not wait 5 s for each other)
             }
         }
+    }
+
+    /// Whether every node that can be reached has acknowledged everything.
+    fn is_heard(&self) -> bool {
+        self.links.iter().all(|(host, link)| link.deadline().is_none() || !self.names.reaches(host))
     }
 }
 

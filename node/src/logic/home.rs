@@ -56,7 +56,10 @@ pub struct Home {
     waiting: BTreeSet<String>,
     registrations: Registrations,
     reasons: Vec<String>,
+    /// Hosts that may still hold something of it.
     lost: BTreeSet<String>,
+    /// Hosts that have said that nothing of it is left there.
+    left: BTreeSet<String>,
     ending: Option<Ending>,
     watchers: Vec<u64>,
     stoppers: Vec<u64>,
@@ -80,6 +83,7 @@ impl Home {
             deadline: Some(out.now + PREPARE_WITHIN),
             reasons: Vec::new(),
             lost: BTreeSet::new(),
+            left: BTreeSet::new(),
             ending: None,
             watchers: vec![watcher],
             stoppers: Vec::new(),
@@ -125,6 +129,8 @@ impl Home {
                 if message == ToHome::Unconfirmed {
                     self.lost.insert(from.to_owned());
                 }
+                // A node may leave before the end.
+                self.left.insert(from.to_owned());
                 if self.phase == Phase::Ending && self.waiting.remove(from) && self.waiting.is_empty() {
                     self.finish(out);
                 }
@@ -181,7 +187,7 @@ impl Home {
 
     /// Takes the loss of a host.
     pub fn host_lost(&mut self, host: &str, out: &mut Out<'_>) {
-        if !self.hosts.iter().any(|other| other == host) {
+        if self.left.contains(host) || !self.hosts.iter().any(|other| other == host) {
             return;
         }
         match self.phase {
@@ -324,9 +330,13 @@ impl Home {
         self.ending = ending;
         let slowest = self.plan.leaves.iter().map(|leaf| leaf.stop_within).max().unwrap_or_default();
         self.deadline = Some(out.now + slowest + RELEASE_WITHIN);
-        self.waiting = self.hosts.iter().cloned().collect();
-        for host in self.hosts.clone() {
+        // A node that left has said so before, and does not hear this any more.
+        self.waiting = self.hosts.iter().filter(|host| !self.left.contains(*host)).cloned().collect();
+        for host in self.waiting.clone() {
             out.send(&host, self.deployment.to_tenant(ToTenant::Release));
+        }
+        if self.waiting.is_empty() {
+            self.finish(out);
         }
     }
 

@@ -56,6 +56,9 @@ pub(super) struct World {
     pub(super) holders: BTreeMap<String, BTreeMap<String, u64>>,
     /// What became of other nodes, as each host saw it.
     pub(super) changes: Vec<(String, Change)>,
+    /// One frame in so many is lost, if any.
+    pub(super) loses_one_in: Option<u64>,
+    transmitted: u64,
     /// The deployments that were asked for.
     pub(super) calls: Vec<u64>,
     pub(super) answers: BTreeMap<u64, Vec<Answer>>,
@@ -210,7 +213,9 @@ impl World {
     fn carry_out(&mut self, host: &str, effect: Effect) {
         match effect {
             Effect::Transmit { to, frame } => {
-                if !self.cut.contains(host) && !self.cut.contains(&to) {
+                self.transmitted += 1;
+                let is_lost = self.loses_one_in.is_some_and(|frames| self.transmitted.is_multiple_of(frames));
+                if !is_lost && !self.cut.contains(host) && !self.cut.contains(&to) {
                     self.at(1, &to, Coming::Input(Input::Frame(frame)));
                 }
             }
@@ -232,7 +237,17 @@ impl World {
                 self.at(self.disk_ms, host, Coming::Input(Input::Committed { deployment, written }));
             }
             Effect::EndAnswers { .. } | Effect::Forget { .. } | Effect::Bury { .. } => {}
-            Effect::Tail { .. } | Effect::Record(_) | Effect::Leave | Effect::Yield { .. } => {}
+            Effect::Tail { .. } | Effect::Record(_) | Effect::Yield { .. } => {}
+            Effect::Leave => self.leave(host),
+        }
+    }
+
+    /// Takes a node away, which answers and sends nothing any more.
+    fn leave(&mut self, host: &str) {
+        self.agents.remove(host);
+        let boot = self.boots.remove(host).expect("a node leaves once");
+        for other in self.agents.keys().cloned().collect::<Vec<_>>() {
+            self.at(1, &other, Coming::Input(Input::Vanished { host: host.to_owned(), boot }));
         }
     }
 
