@@ -250,6 +250,31 @@ fn a_lost_host_aborts_what_ran_there_and_a_short_cut_does_not() {
     }
 }
 
+/// A host that is lost while it stops something is what failed, and not the member that nobody could ask.
+#[test]
+fn a_host_that_is_lost_while_it_stops_is_told_as_that() {
+    let text = r#"process main() {
+    host { "c1" }
+    instantiated_processes { rock instof Stubborn("c2"); hit instof Step("c1"); last instof Step("c1"); }
+    internal_event_actions { (rock # hit) ; last }
+}"#;
+    // Cut before the order arrives, and after.
+    for cut_at in [40, 56] {
+        let mut world = World::new(&["c1", "c2"]);
+        world.immortal = true;
+        let call = world.deploy("c1", text);
+        world.run_for(Duration::from_millis(cut_at));
+        world.cut.insert("c2".into());
+        world.run_for(Duration::from_secs(40));
+        let Report::Finished { ending: Ending::Aborted(failure), .. } = world.last_report(call) else {
+            panic!("{:?}", world.last_report(call))
+        };
+        assert_eq!(failure.origin, "main/rock", "cut at {cut_at} ms");
+        assert_eq!(failure.cause, FailureCause::HostLostStopping("c2".into()), "cut at {cut_at} ms");
+        assert_eq!(world.log.len(), 2, "`last` must not run beside `rock`: {:?}", world.log);
+    }
+}
+
 /// Here `Stubborn` ignores the stop, and its shim cannot kill it either: the detector of the inner group fires, and what
 /// stays unconfirmed there must not look like a clean stop to the group above.
 #[test]

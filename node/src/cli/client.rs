@@ -17,6 +17,8 @@ use tokio::task::JoinSet;
 const ANSWER_WITHIN: Duration = Duration::from_secs(3);
 /// How long until the node of this machine is asked again whom it reaches.
 const ASK_AGAIN: Duration = Duration::from_millis(200);
+/// How long a node takes at the most to find the others.
+const KNOWS_AFTER: Duration = Duration::from_secs(3);
 /// How long nodes are looked for on the network.
 const FIND_WITHIN: Duration = Duration::from_millis(1500);
 /// How long one node that was named is looked for: discovery on a busy network takes several rounds.
@@ -149,9 +151,20 @@ impl Client {
         Ok(Answers { host: host.to_owned(), replies: replies.map_err(|error| call_failure(host, error))? })
     }
 
+    /// Returns every node that can be reached: the node of this machine knows at once, unless it has just begun to look.
+    async fn all(&self) -> Result<BTreeSet<String>, Failure> {
+        if let Some(local) = &self.local
+            && let Ok(Answer::Status(status)) = self.ask(local, &Request::Status, ANSWER_WITHIN).await
+            && status.up > KNOWS_AFTER
+        {
+            return Ok(status.peers.into_iter().chain([status.host]).collect());
+        }
+        self.hosts(&[]).await
+    }
+
     /// Asks every node at once how it is; those that do not answer are noted, and left out.
     pub(crate) async fn statuses(&self) -> Result<Statuses, Failure> {
-        let hosts = self.hosts(&[]).await?.into_iter();
+        let hosts = self.all().await?.into_iter();
         let asked: Vec<_> = hosts.map(|host| (self.ask_on(&host, &Request::Status), host)).collect();
         let deadline = clock::now() + ANSWER_WITHIN;
         let (mut nodes, mut silent) = (Vec::new(), Vec::new());

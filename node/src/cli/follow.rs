@@ -7,6 +7,7 @@ use crate::cli::{Failure, report};
 use crate::io::observer::{Observer, Sample, Sight};
 use crate::io::recorder::Recorder;
 use crate::logic::mission::{Files, Mission, Outcome};
+use crate::logic::nameserver::LOST_AFTER;
 use crate::logic::protocol::{Answer, Deployment, Report, Request, StopReply};
 use crate::logic::record::{Entry, Header};
 use anyhow::{Context, anyhow};
@@ -20,8 +21,8 @@ use tokio::sync::mpsc;
 
 /// How many samples wait to be shown and recorded; more are left out.
 const SIGHTS_MAX: usize = 4096;
-/// How long the home node has to be back when its answers are cut off.
-const BACK_WITHIN: Duration = Duration::from_secs(15);
+/// How long the home node has to be back when its answers are cut off: as long as the other hosts of the deployment wait.
+const BACK_WITHIN: Duration = LOST_AFTER;
 /// How often it is looked for, once it was not there.
 const LOOK_EVERY: Duration = Duration::from_millis(200);
 /// How many folders of earlier runs are stepped over to find a free name.
@@ -168,8 +169,13 @@ impl Watch {
             clock::sleep_until(now + LOOK_EVERY).await;
         }
         while clock::now() < deadline {
-            if client.hosts(std::slice::from_ref(&self.home)).await?.contains(&self.home) {
-                return self.missed(client, deployment).map(Some);
+            tokio::select! {
+                hosts = client.hosts(std::slice::from_ref(&self.home)) => match hosts {
+                    Ok(hosts) if hosts.contains(&self.home) => return self.missed(client, deployment).map(Some),
+                    // The session may go with the node of this machine, which may be the one that is looked for.
+                    Ok(_) | Err(_) => clock::sleep_until(clock::now() + LOOK_EVERY).await,
+                },
+                () = clock::sleep_until(deadline) => {}
             }
         }
         Err(self.lost())
@@ -184,7 +190,8 @@ impl Watch {
     fn lost(&self) -> Failure {
         let (home, name) = (&self.home, &self.name);
         Failure::Unreachable(anyhow!(
-            "the node `{home}` went away in the middle; `{name}` may still run: see `dca status`"
+            "the mission on `{home}` is lost: its node is gone, or was out of reach for {BACK_WITHIN:?}; what runs of `{name}` on \
+             other hosts stops by its own rules (`dca status` shows it)"
         ))
     }
 
@@ -209,7 +216,12 @@ impl Watch {
     }
 
     fn take(&mut self, answer: Answer) -> Result<(), Failure> {
-        let Answer::Report(report) = answer else { return Err(unasked(&self.home, &answer)) };
+        let report = match answer {
+            Answer::Report(report) => report,
+            // A node that was started again knows nothing of it.
+            Answer::Refused(_) if self.cut_off.is_some() => return Err(self.lost()),
+            other => return Err(unasked(&self.home, &other)),
+        };
         self.seen += 1;
         self.cut_off = None;
         if let Report::Accepted { deployment } = &report {
@@ -261,7 +273,13 @@ impl Watch {
             files.record = Some(record.display().to_string());
         }
         self.output.clear();
-        watched?;
+        if let Err(why) = watched {
+            // What was seen is worth showing all the same.
+            if self.go_at.is_some() {
+                self.display.finish(&self.mission, &files, &mut self.output)?;
+            }
+            return Err(why);
+        }
         self.display.finish(&self.mission, &files, &mut self.output)?;
         match self.mission.verdict().map(|verdict| &verdict.outcome) {
             Some(Outcome::Done) => Ok(()),

@@ -379,19 +379,8 @@ impl Agent {
         self.tenants.values_mut().for_each(|tenant| tenant.tick(out));
     }
 
-<<<<<<< HEAD
-    /// Drops what is over. A node that leaves says so when nothing is left.
-    fn tidy_up(&mut self, effects: &mut Vec<Effect>) {
-=======
-    fn host_lost(&mut self, host: &str, out: &mut Out<'_>) {
-        self.links.get_mut(host).into_iter().for_each(Link::abandon);
-        self.homes.values_mut().for_each(|home| home.host_lost(host, out));
-        self.tenants.values_mut().for_each(|tenant| tenant.host_lost(host, out));
-    }
-
     /// Drops what is over. A node that leaves says so when nothing is left and the others know.
     fn tidy_up(&mut self, now: Time, effects: &mut Vec<Effect>) {
->>>>>>> 26783f3 (node: nodes that leave together do not wait 5 s for each other)
         for (deployment, home) in self.homes.extract_if(.., |_, home| home.is_over()) {
             let reports = home.into_reports();
             let record = chronicle::ended(&self.identity.host, &deployment, &reports);
@@ -402,26 +391,23 @@ impl Agent {
         for (deployment, _) in self.tenants.extract_if(.., |_, tenant| tenant.is_over()) {
             effects.push(Effect::Bury { deployment });
         }
-<<<<<<< HEAD
         if self.homes.is_empty() && self.tenants.is_empty() {
             if self.leaving {
-                effects.push(Effect::Leave);
+                // A node that is gone cannot send its last messages again; without them the others would wait for it.
+                let until = *self.lingers_until.get_or_insert(now + LINGER_MAX);
+                if until <= now || self.is_heard() {
+                    effects.push(Effect::Leave);
+                }
             } else if let Some(why) = self.namesake().filter(|_| self.gathering.is_empty()) {
                 effects.push(Effect::Yield { why });
-=======
-        if self.leaving && self.homes.is_empty() && self.tenants.is_empty() {
-            // A node that is gone cannot send its last messages again; without them the others would wait for it.
-            let until = *self.lingers_until.get_or_insert(now + LINGER_MAX);
-            if until <= now || self.is_heard() {
-                effects.push(Effect::Leave);
->>>>>>> 26783f3 (node: nodes that leave together do not wait 5 s for each other)
             }
         }
     }
 
     /// Whether every node that can be reached has acknowledged everything.
     fn is_heard(&self) -> bool {
-        self.links.iter().all(|(host, link)| link.deadline().is_none() || !self.names.reaches(host))
+        let is_idle = |links: &Vec<Link>| links.last().is_none_or(|link| link.deadline().is_none());
+        self.links.iter().all(|(host, links)| is_idle(links) || !self.names.reaches(host))
     }
 }
 
@@ -435,7 +421,17 @@ fn answer_of_absent(message: ToTenant, cause: FailureCause) -> Option<ToTenant> 
             Some(ToTenant::Ended { target, activation, ending: Ending::Aborted(failure) })
         }
         ToTenant::Stop { target, activation } => {
-            Some(ToTenant::Ended { target, activation, ending: Ending::Unconfirmed })
+            let ending = match cause {
+                FailureCause::HostLost(host) => {
+                    let cause = FailureCause::HostLostStopping(host);
+                    Ending::Aborted(Failure { origin: String::new(), cause, at: Duration::ZERO })
+                }
+                cause => {
+                    tracing::debug!(%cause, "nobody can confirm a stop");
+                    Ending::Unconfirmed
+                }
+            };
+            Some(ToTenant::Ended { target, activation, ending })
         }
         ToTenant::Switch { group, generation, .. } => Some(ToTenant::Switched { group, generation }),
         ToTenant::Prepare { .. }

@@ -167,7 +167,7 @@ impl Executer {
                     failure.at = at.since_go;
                 }
                 // What nobody could confirm inside a group stays unconfirmed at its boundary.
-                let unconfirmed = failure.cause == FailureCause::StopUnconfirmed;
+                let unconfirmed = failure.cause.is_unconfirmed_stop();
                 if current {
                     self.failures.insert(slot, failure);
                 }
@@ -201,9 +201,9 @@ impl Executer {
                 continue;
             }
             let origin = member_path(at.plan, group, slot).unwrap_or_default();
-            let failure = Failure { origin, cause: FailureCause::HostLost(host.to_owned()), at: at.since_go };
             let stopping = self.state.activity(slot) == Activity::Stopping;
-            let ending = if stopping { Ending::Unconfirmed } else { Ending::Aborted(failure) };
+            let cause = if stopping { FailureCause::HostLostStopping } else { FailureCause::HostLost };
+            let ending = Ending::Aborted(Failure { origin, cause: cause(host.to_owned()), at: at.since_go });
             if let Some(ending) = self.ended((slot, number), ending, at, out) {
                 return Some(ending);
             }
@@ -373,7 +373,7 @@ impl Executer {
                 None => FailureCause::NotAvailable("it gave no reason".into()),
             },
             Cause::StopUnconfirmed => match reported() {
-                Some(failure) if failure.cause == FailureCause::StopUnconfirmed => return failure,
+                Some(failure) if failure.cause.is_unconfirmed_stop() => return failure,
                 _ => FailureCause::StopUnconfirmed,
             },
             Cause::Busy => FailureCause::Busy,

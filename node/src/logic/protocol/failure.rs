@@ -54,6 +54,15 @@ pub enum FailureCause {
         /// How often it was started again before that.
         restarts: u32,
     },
+    /// Its host could not be reached any more while it was stopping.
+    HostLostStopping(String),
+}
+
+impl FailureCause {
+    /// Returns whether it may still be running.
+    pub fn is_unconfirmed_stop(&self) -> bool {
+        matches!(self, Self::StopUnconfirmed | Self::HostLostStopping(_))
+    }
 }
 
 impl fmt::Display for FailureCause {
@@ -70,6 +79,7 @@ impl fmt::Display for FailureCause {
             Self::Exhausted { last, restarts } => {
                 write!(f, "{} after {}", printable(last), counted(*restarts, "restart"))
             }
+            Self::HostLostStopping(host) => write!(f, "host `{host}` was lost before it confirmed the stop"),
             Self::HostLost(host) => write!(f, "host `{host}` could not be reached any more"),
         }
     }
