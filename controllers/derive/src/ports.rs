@@ -186,8 +186,11 @@ impl Port<'_> {
 mod tests {
     use super::*;
 
+    /// Field, port, binding and documentation.
+    type Row<'a> = (&'a str, &'a str, Binding, &'a str);
+
     /// What is read of a struct with these fields, or every error.
-    fn check(fields: &str, direction: Direction, expect: Result<&[(&str, &str, Binding, &str)], &[&str]>) {
+    fn check(fields: &str, direction: Direction, expect: Result<&[Row<'_>], &[&str]>) {
         let input: DeriveInput = syn::parse_str(&format!("struct Ports {{ {fields} }}")).unwrap();
         let found = match read(&input, direction) {
             Ok(ports) => {

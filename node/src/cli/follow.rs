@@ -216,11 +216,10 @@ impl Watch {
     }
 
     fn take(&mut self, answer: Answer) -> Result<(), Failure> {
-        let report = match answer {
-            Answer::Report(report) => report,
+        let Answer::Report(report) = answer else {
             // A node that was started again knows nothing of it.
-            Answer::Refused(_) if self.cut_off.is_some() => return Err(self.lost()),
-            other => return Err(unasked(&self.home, &other)),
+            let is_lost = self.cut_off.is_some() && matches!(answer, Answer::Refused(_));
+            return Err(if is_lost { self.lost() } else { unasked(&self.home, &answer) });
         };
         self.seen += 1;
         self.cut_off = None;

@@ -421,15 +421,11 @@ fn answer_of_absent(message: ToTenant, cause: FailureCause) -> Option<ToTenant> 
             Some(ToTenant::Ended { target, activation, ending: Ending::Aborted(failure) })
         }
         ToTenant::Stop { target, activation } => {
-            let ending = match cause {
-                FailureCause::HostLost(host) => {
-                    let cause = FailureCause::HostLostStopping(host);
-                    Ending::Aborted(Failure { origin: String::new(), cause, at: Duration::ZERO })
-                }
-                cause => {
-                    tracing::debug!(%cause, "nobody can confirm a stop");
-                    Ending::Unconfirmed
-                }
+            let ending = if let FailureCause::HostLost(host) = cause {
+                let cause = FailureCause::HostLostStopping(host);
+                Ending::Aborted(Failure { origin: String::new(), cause, at: Duration::ZERO })
+            } else {
+                Ending::Unconfirmed
             };
             Some(ToTenant::Ended { target, activation, ending })
         }
