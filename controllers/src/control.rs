@@ -6,6 +6,7 @@ pub mod door;
 pub mod filter;
 pub mod hinge;
 pub mod line;
+pub mod opened;
 pub mod press;
 pub mod puma560;
 pub mod ramp;

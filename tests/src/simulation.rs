@@ -139,6 +139,15 @@ impl Simulation {
         leaf.is_some()
     }
 
+    /// Starts the leaf whose path ends with `path` again with its memory gone; says whether it was active.
+    pub fn restart(&mut self, path: &str) -> bool {
+        let leaf = self.leaf(path).filter(|leaf| self.harness.is_active(*leaf));
+        if let Some(leaf) = leaf {
+            self.harness.restart(leaf, &[]);
+        }
+        leaf.is_some()
+    }
+
     /// Makes the machine and the network better or worse from now on.
     pub fn disturb(&mut self, disturbance: Disturbance) {
         self.harness.disturb(disturbance);

@@ -6,7 +6,7 @@ use crate::message::{
 };
 use crate::robot::door::{Description, Lock};
 use crate::robot::drive::Owner;
-use crate::robot::plant::{Plant, STEP};
+use crate::robot::plant::{Faults, Plant, STEP};
 use crate::robot::{camera, laser};
 use crate::sdk::{About, Arguments, Controller, In, Inputs, Kind, Out, Outputs, Parameter, Progress, Tick};
 use comms::logic::signals::Signal;
@@ -67,6 +67,7 @@ pub(super) struct DoorWorld {
     seed: u64,
     /// When a visitor begins to push the hand (s), never if negative, and how hard in the end (N).
     push: (f64, f64),
+    faults: Faults,
     state: Option<Box<State>>,
 }
 
@@ -245,17 +246,31 @@ impl Controller for DoorWorld {
             Parameter::new("closer", Kind::Number(0.0, 30.0)).or("8"),
             Parameter::new("push_at", Kind::Number(-1.0, 1e6)).or("-1"),
             Parameter::new("push", Kind::Number(0.0, 200.0)).or("60"),
+            Parameter::new("lose_at", Kind::Number(-1.0, 2.5)).or("-1"),
+            Parameter::new("slip_force", Kind::Number(1.0, 1000.0)).or("160"),
+            Parameter::new("base_slip_at", Kind::Number(-1.0, 1e6)).or("-1"),
+            Parameter::new("base_slip_for", Kind::Number(0.0, 60.0)).or("1"),
         ];
-        About::service("Simulates the robot before a door and owns its devices; radius [m], closer [Nm], push [N, s].")
-            .every(Duration::from_millis(4))
-            .with(PARAMETERS)
-            .signals_every(SIGNALS_EVERY)
+        About::service(
+            "Simulates the robot before a door and owns its devices; radius [m], closer [Nm], push [N, s]; \
+            faults: lose_at [rad], slip_force [N], base_slip_at and base_slip_for [s], -1 for never.",
+        )
+        .every(Duration::from_millis(4))
+        .with(PARAMETERS)
+        .signals_every(SIGNALS_EVERY)
     }
 
     fn new(arguments: &Arguments) -> Result<Self, String> {
         let lock = if arguments.text("lock") == "locked" { Lock::Locked } else { Lock::Unlocked };
         let (radius, closer) = (arguments.number("radius"), arguments.number("closer"));
+        let at = |name| Some(arguments.number(name)).filter(|at| *at >= 0.0).unwrap_or(f64::INFINITY);
+        let faults = Faults {
+            lose_at: at("lose_at"),
+            slip_force: arguments.number("slip_force"),
+            base_slip: (at("base_slip_at"), arguments.number("base_slip_for")),
+        };
         Ok(Self {
+            faults,
             description: Description { radius, closer, lock },
             seed: arguments.number("seed").to_bits(),
             push: (arguments.number("push_at"), arguments.number("push")),
@@ -269,9 +284,11 @@ impl Controller for DoorWorld {
     }
 
     fn main_calc(&mut self, tick: Tick, inputs: &Inputs, outputs: &mut Outputs) -> Progress {
-        let state = self
-            .state
-            .get_or_insert_with(|| Box::new(State::new(Plant::new(self.description, self.seed, tick.now), tick.now)));
+        let state = self.state.get_or_insert_with(|| {
+            let mut plant = Plant::new(self.description, self.seed, tick.now);
+            plant.faults = self.faults;
+            Box::new(State::new(plant, tick.now))
+        });
         state.obey(inputs);
         state.advance(tick.now, self.push);
         state.publish(tick.now, outputs);

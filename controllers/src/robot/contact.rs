@@ -14,9 +14,6 @@ const DAMPING: f64 = 60.0;
 /// Rotational, handle axes: weak about y, where the lever slips in the fingers, and about z.
 const TURN_STIFFNESS: [f64; 3] = [25.0, 8.0, 6.0];
 const TURN_DAMPING: f64 = 0.4;
-/// A held lever slips out at this force (N).
-const SLIP_FORCE: f64 = 160.0;
-
 /// The hand as the contact sees it, world frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hand {
@@ -68,8 +65,8 @@ impl Grasp {
         self.held = None;
     }
 
-    /// Returns what the door does to the hand; too much of it and the lever slips out.
-    pub fn push(&mut self, hand: &Hand, handle: &Handle) -> Push {
+    /// Returns what the door does to the hand; above `slip_force` (N) the lever slips out.
+    pub fn push(&mut self, hand: &Hand, handle: &Handle, slip_force: f64) -> Push {
         let Some((offset, rotation)) = &self.held else { return touch(hand, handle) };
         let stretch = hand.world_from_tool.translation.vector
             - (handle.world_from_handle * nalgebra::Point3::from(*offset)).coords;
@@ -81,7 +78,7 @@ impl Grasp {
             force: -stretch * STIFFNESS - (hand.velocity - handle.velocity) * DAMPING,
             torque: -spring - (hand.angular - handle.angular) * TURN_DAMPING,
         };
-        if push.force.norm() > SLIP_FORCE {
+        if push.force.norm() > slip_force {
             self.held = None;
         }
         push

@@ -26,6 +26,22 @@ const WHEEL_SCALE: f64 = 1.0 / 1.01;
 const BASE: Limits<3> = Limits { lag: 0.08, acceleration: [1.0, 1.0, 1.5], speed: [0.6, 0.6, 0.7] };
 const ARM: Limits<6> = Limits { lag: 0.02, acceleration: [8.0; 6], speed: puma560::RATES_MAX };
 
+/// What goes wrong.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Faults {
+    /// The lever leaves the fingers for good when the door is this far open (rad).
+    pub lose_at: f64,
+    /// A held lever slips out at this force (N).
+    pub slip_force: f64,
+    /// The base's wheels turn on the spot from then on (s since the start), and for how long (s).
+    pub base_slip: (f64, f64),
+}
+
+impl Faults {
+    /// Nothing goes wrong.
+    pub const NONE: Self = Self { lose_at: f64::INFINITY, slip_force: 160.0, base_slip: (f64::INFINITY, 0.0) };
+}
+
 /// Everything that moves.
 #[derive(Clone, Debug)]
 pub struct Plant {
@@ -41,6 +57,10 @@ pub struct Plant {
     pub force_torque: ForceTorque,
     /// The generator of all noise.
     pub random: Random,
+    /// What goes wrong.
+    pub faults: Faults,
+    began: Time,
+    lost: bool,
     base: Pose,
     joints: Joints,
     casters: Casters,
@@ -67,6 +87,9 @@ impl Plant {
             arm_drive: Drive::new(ARM),
             force_torque,
             random,
+            faults: Faults::NONE,
+            began: now,
+            lost: false,
             base,
             joints: puma560::door_posture(),
             casters,
@@ -135,7 +158,11 @@ impl Plant {
     pub fn step(&mut self, visitor: &Vector3<f64>) {
         self.now = self.now + STEP;
         let (hand, handle) = (self.hand(), self.door.handle());
-        self.push = self.grasp.push(&hand, &handle);
+        self.lost |= self.door.angle >= self.faults.lose_at;
+        if self.lost {
+            self.grasp.release();
+        }
+        self.push = self.grasp.push(&hand, &handle, self.faults.slip_force);
         self.door.step(&-self.push.force, &-self.push.torque, DT);
         self.step_robot();
         self.step_grip(&hand, &handle);
@@ -148,7 +175,11 @@ impl Plant {
         self.base_drive.step(self.now, DT);
         self.arm_drive.step(self.now, DT);
         let body = Vector3::from(self.base_drive.velocity);
-        self.base = caster::advance(&self.base, &(body * DT));
+        let (from, span) = self.faults.base_slip;
+        let slips = (0.0..span).contains(&(self.now.since(self.began).as_secs_f64() - from));
+        if !slips {
+            self.base = caster::advance(&self.base, &(body * DT));
+        }
         let steering = std::array::from_fn(|i| self.casters[i]);
         self.casters += caster::rates_from_body(&steering, caster::WHEEL_RADIUS * WHEEL_SCALE) * body * DT;
         let wanted = self.joints + Joints::from(self.arm_drive.velocity) * DT;
@@ -162,7 +193,7 @@ impl Plant {
     fn step_grip(&mut self, hand: &Hand, handle: &Handle) {
         let next = towards(self.grip, self.grip_target, GRIP_SPEED * DT);
         let closes = self.grip >= LEVER_THICKNESS && next < LEVER_THICKNESS;
-        if closes && (self.grasp.holds() || Grasp::reaches(hand, handle)) {
+        if closes && !self.lost && (self.grasp.holds() || Grasp::reaches(hand, handle)) {
             if !self.grasp.holds() {
                 self.grasp.take(hand, handle);
             }

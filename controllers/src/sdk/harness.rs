@@ -290,6 +290,16 @@ impl Harness {
         }
     }
 
+    /// Starts an active module again with its memory gone, as a supervisor does that restarts it alone.
+    pub fn restart(&mut self, module: ModuleId, value: &[u8]) {
+        if self.is_active(module) {
+            let slot = &mut self.slots[module.0];
+            slot.state = State::Idle;
+            slot.token += 1;
+            self.activate(module, value);
+        }
+    }
+
     /// Makes the machine and the network better or worse from now on; the seed stays.
     pub fn disturb(&mut self, disturbance: Disturbance) {
         self.disturbance = disturbance;
