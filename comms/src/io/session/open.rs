@@ -249,7 +249,10 @@ async fn connect(runtime: &Runtime, links: &Mutex<Links>, id: ZenohId, locators:
     let (session, mut wait) = (id.to_string(), RETRY_MIN);
     loop {
         // What it says is old news when a link has just been lost; the events decide.
-        runtime.connect_peer(&id.into(), locators).await;
+        // It goes on to its end, whoever waits: what is cut short counts as being dialled for ever, and is dialled no more.
+        let (dialling, locators) = (runtime.clone(), locators.to_vec());
+        let attempt = ZRuntime::Net.spawn(async move { dialling.connect_peer(&id.into(), &locators).await });
+        attempt.await.unwrap_or_default();
         let over = {
             let links = lock(links);
             links.standing.contains(&session) || !links.kept.contains_key(&session)
@@ -332,5 +335,22 @@ mod tests {
         node.close();
         assert_eq!(events.recv_timeout(within), Ok((SampleKind::Delete, id)));
         client.close();
+    }
+
+    /// A place that takes a connection and says nothing holds a dial up; the peer is dialled elsewhere all the same.
+    #[test]
+    fn who_was_dialled_in_vain_is_dialled_again() {
+        let silent = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+        let path = std::env::temp_dir().join(format!("dca-again-{}.sock", std::process::id()));
+        let locator = unix_locator(&path).unwrap();
+        let node = Opened::open(Settings::data().listen(std::slice::from_ref(&locator)), Redial::Told).unwrap();
+        let other = Opened::open(Settings::data(), Redial::Told).unwrap();
+        let wrong = format!("tcp/{}", silent.local_addr().unwrap());
+        let said = other.dial(&node.id(), &[wrong], Duration::from_millis(200));
+        assert!(said.is_err_and(|why| why.starts_with("nobody answers")));
+        drop(silent);
+        assert_eq!(other.dial(&node.id(), &[locator], Duration::from_secs(20)), Ok(()));
+        other.close();
+        node.close();
     }
 }
