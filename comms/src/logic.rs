@@ -3,6 +3,7 @@
 pub mod codec;
 pub mod control;
 pub mod frame;
+pub mod human;
 pub mod key;
 pub mod pace;
 pub mod port;

@@ -10,7 +10,7 @@ use std::fmt;
 
 /// One life of one store: random, minted when the store is made, never derived from a robot's name.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
-pub struct Origin(u64);
+pub struct Origin(#[serde(with = "comms::logic::human::hex")] u64);
 
 impl Origin {
     /// Returns the origin with this number.

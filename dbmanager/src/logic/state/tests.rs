@@ -141,7 +141,10 @@ fn conditions() {
     assert_eq!([Condition::Absent, Condition::Exists, dot(1)].map(|c| check(&one, c)), [false, true, true]);
     assert_eq!([Condition::Absent, Condition::Exists, dot(2)].map(|c| check(&two, c)), [false, true, false]);
     let refused = two.check(&Require { key: key(0), condition: dot(2) }).unwrap_err();
-    assert!(refused.to_string().starts_with("`k0` is not as required"), "{refused}");
+    assert!(
+        refused.to_string().starts_with("`k0` is required to ") && !refused.to_string().contains("Dot {"),
+        "{refused}"
+    );
 }
 
 #[test]

@@ -28,7 +28,7 @@ pub enum Grant {
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 pub enum TxnError {
     /// A condition does not hold here.
-    #[error("`{key}` is not as required ({condition:?}), but written by {actual:?}")]
+    #[error("`{key}` is required to {condition}, but {}", crate::logic::view::past::written_by(actual))]
     Precondition {
         /// Of which key.
         key: Key,

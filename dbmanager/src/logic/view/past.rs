@@ -19,6 +19,7 @@ use crate::logic::state::State;
 use crate::logic::txn::{Condition, Require, Txn, Write};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, VecDeque};
+use std::fmt;
 use std::ops::Range;
 
 /// The most transactions that are named as beside one.
@@ -31,7 +32,8 @@ const PLAUSIBLE: Range<u64> = 1_704_067_200_000..4_102_444_800_000;
 /// When something was done, as far as clocks are to be believed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct When {
-    /// Milliseconds since 1970.
+    /// Milliseconds since 1970; in JSON `at`, in seconds.
+    #[serde(rename = "at", with = "comms::logic::human::millis")]
     pub millis: u64,
     /// Whether the clock was kept in step. If not, it is what the clock showed if that may be right, or else the latest date
     /// that had been seen there.
@@ -57,6 +59,23 @@ pub struct Deed {
     pub beside: Vec<Dot>,
     /// Its name before its robot had to begin under a new origin.
     pub before: Option<Dot>,
+}
+
+impl fmt::Display for Condition {
+    /// Says what a key is required to do.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Absent => f.write_str("have no value"),
+            Self::Exists => f.write_str("have a value"),
+            Self::Is(dot) => write!(f, "be as {dot} has written it"),
+        }
+    }
+}
+
+/// Says by whom a key is written, for the sentence in which that is wrong.
+pub(in crate::logic) fn written_by(dots: &[Dot]) -> String {
+    let dots: Vec<String> = dots.iter().map(Dot::to_string).collect();
+    if dots.is_empty() { "it has no value".to_owned() } else { format!("it is written by {}", dots.join(" and ")) }
 }
 
 /// Which keys are asked for.

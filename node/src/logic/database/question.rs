@@ -298,6 +298,7 @@ pub struct MemberStatus {
     /// Under which name it writes.
     pub origin: Origin,
     /// When it was last heard of; nothing if never since the node was started, or if it is the one that was asked.
+    #[serde(with = "comms::logic::human::seconds_if_known")]
     pub heard: Option<Duration>,
     /// What of here it is not known to have.
     pub lacks: Lag,

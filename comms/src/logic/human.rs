@@ -1,0 +1,151 @@
+//! How values that people's tools read look in JSON, while their bytes in postcard stay as they were.
+//!
+//! Times are numbers in seconds. Numbers that name something are strings of 16 hexadecimal digits: most readers of JSON keep
+//! numbers in 53 bits. For `#[serde(with = "…")]`.
+
+/// A time in seconds.
+pub mod seconds {
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+    use std::time::Duration;
+
+    /// What stands for a time: now, and in records of before.
+    #[derive(Deserialize)]
+    #[serde(untagged)]
+    enum Read {
+        Seconds(f64),
+        Parts { secs: u64, nanos: u32 },
+    }
+
+    /// Writes a time.
+    ///
+    /// # Errors
+    /// The serialiser's own.
+    pub fn serialize<S: Serializer>(time: &Duration, to: S) -> Result<S::Ok, S::Error> {
+        if to.is_human_readable() { to.serialize_f64(time.as_secs_f64()) } else { time.serialize(to) }
+    }
+
+    /// Reads a time.
+    ///
+    /// # Errors
+    /// It is none, or negative.
+    pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Duration, D::Error> {
+        if !from.is_human_readable() {
+            return Duration::deserialize(from);
+        }
+        match Read::deserialize(from)? {
+            Read::Seconds(seconds) => Duration::try_from_secs_f64(seconds).map_err(serde::de::Error::custom),
+            Read::Parts { secs, nanos } => Ok(Duration::new(secs, nanos.min(999_999_999))),
+        }
+    }
+}
+
+/// A time in seconds that may be unknown.
+pub mod seconds_if_known {
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+    use std::time::Duration;
+
+    #[derive(Serialize, Deserialize)]
+    struct Known(#[serde(with = "super::seconds")] Duration);
+
+    /// Writes a time.
+    ///
+    /// # Errors
+    /// The serialiser's own.
+    pub fn serialize<S: Serializer>(time: &Option<Duration>, to: S) -> Result<S::Ok, S::Error> {
+        time.map(Known).serialize(to)
+    }
+
+    /// Reads a time.
+    ///
+    /// # Errors
+    /// It is none, or negative.
+    pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Option<Duration>, D::Error> {
+        Ok(Option::<Known>::deserialize(from)?.map(|Known(time)| time))
+    }
+}
+
+/// Milliseconds since 1970, as seconds.
+pub mod millis {
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+    use std::time::Duration;
+
+    /// Writes a date.
+    ///
+    /// # Errors
+    /// The serialiser's own.
+    pub fn serialize<S: Serializer>(millis: &u64, to: S) -> Result<S::Ok, S::Error> {
+        if to.is_human_readable() {
+            super::seconds::serialize(&Duration::from_millis(*millis), to)
+        } else {
+            millis.serialize(to)
+        }
+    }
+
+    /// Reads a date.
+    ///
+    /// # Errors
+    /// It is none, or before 1970.
+    pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<u64, D::Error> {
+        if !from.is_human_readable() {
+            return u64::deserialize(from);
+        }
+        let time = super::seconds::deserialize(from)?.saturating_add(Duration::from_micros(500));
+        u64::try_from(time.as_millis()).map_err(serde::de::Error::custom)
+    }
+}
+
+/// A number that names something.
+pub mod hex {
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    /// Writes a number.
+    ///
+    /// # Errors
+    /// The serialiser's own.
+    pub fn serialize<S: Serializer>(number: &u64, to: S) -> Result<S::Ok, S::Error> {
+        if to.is_human_readable() { to.collect_str(&format_args!("{number:016x}")) } else { number.serialize(to) }
+    }
+
+    /// Reads a number.
+    ///
+    /// # Errors
+    /// It is none.
+    pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<u64, D::Error> {
+        if !from.is_human_readable() {
+            return u64::deserialize(from);
+        }
+        u64::from_str_radix(&String::deserialize(from)?, 16).map_err(serde::de::Error::custom)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde::{Deserialize, Serialize};
+    use std::time::Duration;
+
+    #[derive(Debug, PartialEq, Serialize, Deserialize)]
+    struct Plain {
+        at: Duration,
+        heard: Option<Duration>,
+        id: u64,
+    }
+
+    #[derive(Debug, PartialEq, Serialize, Deserialize)]
+    struct Told {
+        #[serde(with = "super::seconds")]
+        at: Duration,
+        #[serde(with = "super::seconds_if_known")]
+        heard: Option<Duration>,
+        #[serde(with = "super::hex")]
+        id: u64,
+    }
+
+    #[test]
+    fn people_get_seconds_and_digits_and_the_wire_what_it_had() {
+        let (at, heard, id) = (Duration::from_millis(22_100), Some(Duration::from_nanos(1)), 0xfedc_ba98_7654_3210);
+        let told = Told { at, heard, id };
+        let bytes = postcard::to_stdvec(&told).unwrap();
+        assert_eq!(bytes, postcard::to_stdvec(&Plain { at, heard, id }).unwrap());
+        assert_eq!(postcard::from_bytes::<Told>(&bytes).unwrap(), told);
+    }
+}
