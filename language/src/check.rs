@@ -70,7 +70,10 @@ pub(crate) fn compile_with_model(
     }
     let is_wrong = |diagnostics: &[Diagnostic]| diagnostics.iter().any(|found| found.severity == Severity::Error);
     let plan = match root {
-        Some(root) if !is_wrong(&diagnostics) => lower::lower(&model, root, &options.name, &mut diagnostics),
+        Some(root) if !is_wrong(&diagnostics) => {
+            let quotes = lower::quote::Quotes::new(spec, interfaces);
+            lower::lower(&model, root, &options.name, &quotes, &mut diagnostics)
+        }
         Some(_) | None => None,
     };
     diagnostics.sort_by_key(|found| (found.primary.span, found.code));

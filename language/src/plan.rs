@@ -24,6 +24,9 @@ pub const DEPTH_MAX: usize = 64;
 /// The largest number of leaves in one plan.
 pub const LEAVES_MAX: usize = 10_000;
 
+/// How the reason of a deadline that has passed begins: `the deadline `a within 5 s` in line 3 has passed`.
+pub const DEADLINE: &str = "the deadline `";
+
 /// A whole deployment.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Plan {

@@ -8,7 +8,7 @@ mod chart;
 mod command;
 
 use crate::algebra::{Activation, Cause, Command, Event, Outcome, Program, Reason, State, Value, step};
-use crate::plan::{LEAVES_MAX, MemberKind, Plan};
+use crate::plan::{DEADLINE, LEAVES_MAX, MemberKind, Plan};
 use chart::Course;
 use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
@@ -343,6 +343,8 @@ impl<'a> Simulation<'a> {
             Cause::StopUnconfirmed => "nobody could confirm that it stopped".to_owned(),
             Cause::ServiceEnded => "a service ended".to_owned(),
             Cause::NoMatch => "no arm of `match` has this outcome".to_owned(),
+            // A picture has room for a word.
+            Cause::Failed(why) if why.starts_with(DEADLINE) => "timeout".to_owned(),
             Cause::Failed(why) => why.to_string(),
         };
         match reason.member {

@@ -8,7 +8,7 @@
 mod disk;
 
 use language::algebra::Program;
-use language::plan::{Arm, Expression, Group, LeafPort, MemberKind, Plan, Policy, Retention};
+use language::plan::{Arm, DEADLINE, Expression, Group, LeafPort, MemberKind, Plan, Policy, Retention};
 use language::{Code, Compiled, Options, Severity, Source, Style, apply_fixes, compile, gather, render};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -156,6 +156,7 @@ fn expression(root: &Expression, name: &dyn Fn(u32) -> String) -> String {
         Expression::Run { member, sets } => format!("{}{sets:?}", name(*member)),
         Expression::Skip => "skip".to_owned(),
         Expression::Never => "never".to_owned(),
+        Expression::Fail(reason) if reason.starts_with(DEADLINE) => "fail(\"timeout\")".to_owned(),
         Expression::Fail(reason) => format!("fail({reason:?})"),
         Expression::Wait(limit) => format!("wait({limit:?})"),
         Expression::Concurrent(parts) => many(" , ", parts),

@@ -5,6 +5,7 @@
 //! both sides are compared with every event in every state.
 
 use language::algebra::{Activity, Cause, Command, Event, Outcome, Program, State, Value, step};
+use language::plan::DEADLINE;
 use language::{Options, Source, compile, render};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -114,6 +115,7 @@ impl Run {
             Outcome::Stopped => "stopped".to_owned(),
             Outcome::Aborted(reason) => match reason.cause {
                 Cause::Reported(report) => format!("aborted({})", shown(&report)),
+                Cause::Failed(why) if why.starts_with(DEADLINE) => "aborted(deadline)".to_owned(),
                 Cause::Failed(why) => format!("aborted({why})"),
                 Cause::ServiceEnded => "aborted(ended)".to_owned(),
                 Cause::StopUnconfirmed => "aborted(unconfirmed)".to_owned(),

@@ -2,6 +2,7 @@
 
 mod data;
 mod expression;
+pub(crate) mod quote;
 mod ranges;
 pub(crate) mod together;
 mod tree;
@@ -11,13 +12,20 @@ use super::names::listed;
 use super::spec::{Direction, Process, Spec, Target};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::{Plan, PlanError, Wire};
+use quote::Quotes;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// The most operators and operands of one group's event actions, written out.
 const EXPRESSION_MAX: u64 = 100_000;
 
 /// Makes the plan of a spec without errors; what only shows here is reported.
-pub(super) fn lower(spec: &Spec, root: usize, name: &str, diagnostics: &mut Vec<Diagnostic>) -> Option<Plan> {
+pub(super) fn lower(
+    spec: &Spec,
+    root: usize,
+    name: &str,
+    quotes: &Quotes<'_>,
+    diagnostics: &mut Vec<Diagnostic>,
+) -> Option<Plan> {
     if let Some(diagnostic) = spec.processes.iter().find_map(too_large) {
         diagnostics.push(diagnostic);
         return None;
@@ -31,7 +39,7 @@ pub(super) fn lower(spec: &Spec, root: usize, name: &str, diagnostics: &mut Vec<
         tree.groups[group].sets_always = always.collect();
         tree.groups[group].sets = sets;
         if let Some(actions) = &process.actions {
-            tree.groups[group].expression = expression::lower(actions, &process.resources);
+            tree.groups[group].expression = expression::lower(actions, &process.resources, quotes);
         }
     }
     check_inputs(spec, &tree, &wires.all, diagnostics);

@@ -195,10 +195,10 @@ pub(crate) const RULES: &[(&str, &str, &[&str])] = &[
     ),
     (
         "`P within d`",
-        "The time has passed: P is stopped; then aborted(timeout).",
-        &["P within 5 s | start s: P(s) | time: stop P | P stopped: aborted(timeout)"],
+        "The time has passed: P is stopped; then aborted(deadline).",
+        &["P within 5 s | start s: P(s) | time: stop P | P stopped: aborted(deadline)"],
     ),
-    ("`P within d`", "`P within d = P # (wait(d) ; fail(\"timeout\"))`", &[]),
+    ("`P within d`", "`P within d = P # (wait(d) ; fail(\"deadline\"))`", &[]),
     (
         "Shield",
         "Nobody stops it: it is P.",

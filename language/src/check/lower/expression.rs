@@ -1,12 +1,13 @@
 //! Expressions: what is short for something else is written out.
 
+use super::quote::Quotes;
 use crate::check::spec::{Arm, Expr, ExprKind};
 use crate::plan::{self, Expression};
 use crate::syntax::ast::Name;
 
 /// Writes an expression in the operators of the plan.
-pub(super) fn lower(expr: &Expr, resources: &[Name]) -> Expression {
-    let rest = |part: &Expr| lower(part, resources);
+pub(super) fn lower(expr: &Expr, resources: &[Name], quotes: &Quotes<'_>) -> Expression {
+    let rest = |part: &Expr| lower(part, resources, quotes);
     let all = |parts: &[Expr]| parts.iter().map(rest).collect::<Vec<_>>();
     match &expr.kind {
         ExprKind::Run(slot, sets) => {
@@ -32,10 +33,10 @@ pub(super) fn lower(expr: &Expr, resources: &[Name]) -> Expression {
             });
             balance(tries.collect(), Expression::Otherwise)
         }
-        // `P within d` is `P # (wait(d) ; fail("timeout"))`.
+        // `P within d` is `P # (wait(d) ; fail("the deadline ... has passed"))`.
         ExprKind::Within(limit, part) => {
             let wait = Box::new(Expression::Wait(*limit));
-            let timeout = Expression::Sequence(wait, Box::new(Expression::Fail("timeout".to_owned())));
+            let timeout = Expression::Sequence(wait, Box::new(Expression::Fail(quotes.deadline(expr.span))));
             Expression::Disable(vec![rest(part), timeout])
         }
         ExprKind::Match(arms) => {
