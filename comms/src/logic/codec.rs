@@ -8,7 +8,7 @@
 //! both ends are told the same message type by the same plan.
 
 use crate::logic::control::{self, Notice, Order};
-use crate::logic::signals::Signals;
+use crate::logic::signals::{Peaks, Signals};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use thiserror::Error;
@@ -39,6 +39,12 @@ impl Enveloped for Notice {
 
 impl Enveloped for Signals {
     const KIND: u16 = 3;
+    const VERSION: u16 = 1;
+    const SIZE_MAX: usize = 64 << 10;
+}
+
+impl Enveloped for Peaks {
+    const KIND: u16 = 4;
     const VERSION: u16 = 1;
     const SIZE_MAX: usize = 64 << 10;
 }
@@ -159,7 +165,7 @@ fn check_size<T: Enveloped>(size: usize) -> Result<(), CodecError> {
 mod tests {
     use super::*;
     use crate::logic::control::{Device, Dial, Incoming, Location, Outgoing, Shape, VERSION};
-    use crate::logic::signals::Signal;
+    use crate::logic::signals::{Peak, Signal};
     use crate::logic::time::Time;
     use proptest::prelude::*;
     use std::time::Duration;
@@ -223,6 +229,10 @@ mod tests {
             &Signals { stamp: Time::from_nanos(5), values: vec![value] },
             "44430100030005010161014e000000000000f03f01",
         );
+        let signal = Signal { name: "a".into(), unit: "N".into(), value: 1.0, headline: true };
+        let values = vec![Peak { signal, age: Duration::from_nanos(3) }];
+        let peaks = Peaks { stamp: Time::from_nanos(5), values };
+        check(&peaks, "44430100040005010161014e000000000000f03f010003");
     }
 
     #[test]

@@ -5,6 +5,7 @@
 
 use crate::logic::time::Time;
 use serde::{Deserialize, Serialize};
+use std::time::Duration;
 
 /// The most values in one sample.
 pub const VALUES_MAX: usize = 256;
@@ -16,6 +17,25 @@ pub struct Signals {
     pub stamp: Time,
     /// In a fixed order.
     pub values: Vec<Signal>,
+}
+
+/// What a sample does not show: values between it and the one before that were larger than either. Published after the sample
+/// on the same key, for summaries that tell how large something was, which no sampling must miss.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Peaks {
+    /// When the sample was taken, on the publishing host's clock.
+    pub stamp: Time,
+    /// Of each such signal the value of largest magnitude.
+    pub values: Vec<Peak>,
+}
+
+/// A value that no sample shows.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Peak {
+    /// What it was.
+    pub signal: Signal,
+    /// How long that was before the sample.
+    pub age: Duration,
 }
 
 /// One named scalar.

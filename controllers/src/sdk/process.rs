@@ -13,6 +13,7 @@ mod cycle;
 mod flow;
 mod inbox;
 mod links;
+mod peaks;
 
 use super::arguments::Arguments;
 use super::interface::Interface;
@@ -59,7 +60,9 @@ pub fn run(registry: &Registry) -> ExitCode {
     prepare_process();
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let text = match arguments.first().map(String::as_str) {
-        None | Some("--help" | "-h") => return tell(USAGE, ExitCode::from(2)),
+        None => return tell(USAGE, ExitCode::from(2)),
+        Some("--help" | "-h") => format!("{USAGE}\n"),
+        Some("--version" | "-V") => version(std::env::args_os().next()),
         Some("--dca-interface") => registry.interface_text(),
         Some("--list") => registry.interfaces().map(|one| format!("{}\n", one.type_name)).collect(),
         Some(name) => {
@@ -74,6 +77,13 @@ pub fn run(registry: &Registry) -> ExitCode {
     };
     let written = std::io::stdout().write_all(text.as_bytes());
     if written.is_ok() { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+}
+
+/// Returns the name that the program was called by, and which DCA it was built with.
+fn version(called: Option<std::ffi::OsString>) -> String {
+    let called = called.map(PathBuf::from).unwrap_or_default();
+    let name = called.file_name().map_or("controller".into(), |name| name.to_string_lossy().into_owned());
+    format!("{name} (DCA {})\n", env!("CARGO_PKG_VERSION"))
 }
 
 fn tell(text: &str, code: ExitCode) -> ExitCode {

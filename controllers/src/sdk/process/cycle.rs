@@ -2,13 +2,14 @@
 
 use super::inbox::{Arrived, Inbox};
 use super::links::{Links, fetch_all};
+use super::peaks::Watch;
 use crate::sdk::arguments::Arguments;
 use crate::sdk::controller::{Progress, Schedule, Stopping};
 use crate::sdk::module::{Delivery, Module};
 use comms::io::clock::{make_punctual, now};
 use comms::io::control::NoticeSender;
 use comms::logic::control::Notice;
-use comms::logic::signals::{Signal, Signals};
+use comms::logic::signals::{Peaks, Signal, Signals};
 use comms::logic::time::Time;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
@@ -60,6 +61,7 @@ pub(super) struct Cycle {
     activation: u32,
     due: Time,
     signals_due: Time,
+    peaks: Watch,
     overruns: u64,
     leaving: bool,
 }
@@ -80,6 +82,7 @@ impl Cycle {
             activation: 0,
             due: Time::ZERO,
             signals_due: Time::ZERO,
+            peaks: Watch::default(),
             overruns: 0,
             leaving: false,
         }
@@ -151,6 +154,7 @@ impl Cycle {
         self.take_samples();
         let time = now();
         (self.due, self.signals_due, self.overruns) = (time, time, 0);
+        self.peaks = Watch::default();
         self.phase = Phase::Running;
         for sample in std::mem::take(&mut self.latched) {
             self.deliver(&sample);
@@ -265,6 +269,9 @@ impl Cycle {
 
     fn ended(&mut self) {
         let Phase::Stopping { ending, .. } = std::mem::replace(&mut self.phase, Phase::Idle) else { return };
+        // The last values count, and the peaks since the last sample.
+        self.signals_due = Time::ZERO;
+        self.show(now());
         let activation = self.activation;
         if self.overruns > 0 {
             tracing::info!(overruns = self.overruns, "deadlines were missed");
@@ -283,15 +290,20 @@ impl Cycle {
 
     fn show(&mut self, time: Time) {
         let Some(every) = self.signals_every else { return };
+        let Some(mut values) = self.call(|module| module.signals()) else { return };
+        self.peaks.look(&values, time);
         if time < self.signals_due {
             return;
         }
         self.signals_due = time + every;
-        let Some(mut values) = self.call(|module| module.signals()) else { return };
+        let missed = self.peaks.sampled(&values, time);
         #[expect(clippy::cast_precision_loss, reason = "a count for people")]
         let value = self.overruns as f64;
         values.push(Signal { name: "overruns".to_owned(), unit: String::new(), value, headline: false });
         self.links.show(&Signals { stamp: time, values });
+        if !missed.is_empty() {
+            self.links.show(&Peaks { stamp: time, values: missed });
+        }
     }
 
     /// A node that is gone is noticed by the listener.

@@ -5,10 +5,9 @@ use super::inbox::{Hold, Inbox};
 use crate::sdk::interface::{Binding, Direction, Interface, PortInterface};
 use comms::io::clock::now;
 use comms::io::data::{Answering, DataError, DataSession, Hearing, Payload, Priority, Publisher};
-use comms::logic::codec;
+use comms::logic::codec::{self, Enveloped};
 use comms::logic::control::{Device, Dial, Incoming, Outgoing, Shape};
 use comms::logic::key::{self, Channel};
-use comms::logic::signals::Signals;
 use comms::logic::time::Time;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -194,8 +193,8 @@ impl Links {
         }
     }
 
-    /// Publishes signals.
-    pub(super) fn show(&self, signals: &Signals) {
+    /// Publishes signals, or what they do not show.
+    pub(super) fn show(&self, signals: &impl Enveloped) {
         let made = self.lock();
         if let (Some(publisher), Ok(bytes)) = (&made.signals, codec::encode(signals)) {
             put(publisher, bytes.into());
