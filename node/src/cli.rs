@@ -20,6 +20,7 @@ pub mod man;
 pub mod new;
 pub mod nodes;
 pub mod output;
+pub(crate) mod outputs;
 pub mod param;
 pub mod report;
 pub mod run;
@@ -27,7 +28,7 @@ pub mod sim;
 pub mod status;
 pub mod stop;
 
-use crate::io::logging;
+use crate::io::{logging, run_dir};
 use anyhow::anyhow;
 use clap::{Args, Parser, Subcommand};
 use comms::io::session;
@@ -94,6 +95,14 @@ pub struct Reaching {
     /// Folder with the sockets of this machine's nodes
     #[arg(long, value_name = "DIR")]
     pub run_dir: Option<PathBuf>,
+}
+
+impl Reaching {
+    /// Returns the folder with the sockets of this machine's nodes, as a whole path.
+    fn base(&self) -> PathBuf {
+        let base = self.run_dir.clone().unwrap_or_else(run_dir::default_base);
+        std::path::absolute(&base).unwrap_or(base)
+    }
 }
 
 /// Where the controllers' programs are.

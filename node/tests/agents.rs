@@ -15,8 +15,11 @@ mod world;
 
 use comms::logic::time::Time;
 use node::logic::agent::{Agent, Identity, Input};
+use node::logic::effect::ProcessId;
 use node::logic::programs::Programs;
-use node::logic::protocol::{Answer, Change, Ending, FailureCause, Report, StopReply};
+use node::logic::protocol::{
+    Answer, Change, Deployment, Ending, FailureCause, ProgramEnd, Report, Request, SEVERAL, StopReply,
+};
 use std::collections::BTreeSet;
 use std::time::Duration;
 use world::{Coming, World};
@@ -413,6 +416,50 @@ fn what_has_not_begun_can_be_stopped() {
 }
 
 /// The host of a group's supervisor is lost: what it ran here is stopped before something takes its place.
+const WRITES: [&str; 2] = ["Traceback (most recent call last):", "ValueError: no lens"];
+
+#[test]
+fn a_program_that_fails_says_why_and_its_output_is_there_after_the_end() {
+    let mut world = World::new(&["c1", "c2"]);
+    let call = world.deploy("c1", &TWO_HOSTS.replace("first instof Step", "first instof Long"));
+    world.run_for(Duration::from_millis(500));
+    world.output = WRITES.map(str::to_owned).to_vec();
+    world.kill("c1", 0);
+    world.run_for(Duration::from_secs(3));
+    let Ending::Aborted(failure) = world.ending(call) else { panic!("not aborted") };
+    let output = WRITES.map(str::to_owned).to_vec();
+    assert_eq!(failure.cause, FailureCause::Program { end: ProgramEnd::Signal(9), restarts: 0, output });
+    assert!(failure.to_string().starts_with("main ← pair ← sensor: SIGKILL at 0."), "{failure}");
+    let logs = |process: &str| Request::Logs { deployment: None, process: process.into(), follow: false };
+    let deployment = Deployment { name: "test".into(), epoch: 1 };
+    world.ask("c1", logs("sensor"));
+    world.ask("c1", Request::Output { deployment: deployment.clone() });
+    let (unknown, several) = (world.ask("c1", logs("first")), world.ask("c2", logs("main/pair/none")));
+    let never = world.ask("c2", Request::Output { deployment: Deployment { epoch: 2, ..deployment.clone() } });
+    world.run_for(Duration::from_millis(10));
+    let process = |leaf| ProcessId { deployment: deployment.clone(), leaf };
+    assert_eq!(world.tailed, [vec![process(0)], vec![process(0), process(2)]]);
+    for call in [unknown, several, never] {
+        assert!(matches!(&world.answers[&call][..], [Answer::Refused(why)] if !why.starts_with(SEVERAL)));
+    }
+}
+
+#[test]
+fn a_program_that_fails_before_the_start_says_why() {
+    let text = r#"
+process main() { host { "c1" } instantiated_processes { s instof Script("c1"); } internal_event_actions { s } }
+"#;
+    let mut world = World::new(&["c1"]);
+    world.output = WRITES.map(str::to_owned).to_vec();
+    world.fails_at_start = true;
+    let call = world.deploy("c1", &text.replace("Script", "Stubborn"));
+    world.run_for(Duration::from_secs(3));
+    let Report::Refused { reasons } = world.last_report(call) else { panic!("not refused") };
+    let [reason] = &reasons[..] else { panic!("{reasons:?}") };
+    assert!(reason.starts_with("`main/s` cannot take part: left with exit code 1"), "{reason}");
+    assert!(reason.ends_with(&format!("; the end of its output:\n{}\n{}", WRITES[0], WRITES[1])), "{reason}");
+}
+
 #[test]
 fn a_lost_supervisor_leaves_nothing_running() {
     let text = r#"

@@ -196,7 +196,10 @@ impl Host {
     pub fn dca(&self, arguments: &[&str]) -> Program {
         let mut command = self.command("dca");
         command.args(arguments);
-        if matches!(arguments.first(), Some(&("deploy" | "nodes" | "status" | "logs" | "stop" | "db" | "param"))) {
+        if matches!(
+            arguments.first(),
+            Some(&("run" | "deploy" | "nodes" | "status" | "logs" | "stop" | "db" | "param"))
+        ) {
             command.arg("--run-dir").arg(&self.run_dir);
         }
         Program::start(command)

@@ -1,6 +1,9 @@
 //! What `dca check` says of specs, and with which exit code.
 
-use dca_tests::cluster::{Cluster, Ended};
+use dca_tests::cluster::{Cluster, Ended, SOON, Stream, executable};
+use rustix::process::Signal;
+use std::io::Write;
+use std::process::{Command, Stdio};
 
 fn check(file: &str) -> Ended {
     let path = format!("{}/../language/tests/corpus/{file}.dca", env!("CARGO_MANIFEST_DIR"));
@@ -58,4 +61,83 @@ fn wrong_usage_has_its_own_code() {
         assert_eq!(ended.code, Some(2), "{ended}");
         assert!(ended.err.contains("Usage: dca"), "{ended}");
     }
+}
+
+/// Each program says what it is and how it is used, on standard output.
+#[test]
+fn every_program_has_a_version_and_a_help() {
+    for program in ["dca", "dca-node", "dca-shim", "dca-controller"] {
+        for (argument, text) in [("--version", env!("CARGO_PKG_VERSION")), ("--help", "sage")] {
+            let output = Command::new(executable(program)).arg(argument).output().expect("it can be executed");
+            let said = String::from_utf8_lossy(&output.stdout);
+            assert!(output.status.success() && said.contains(text), "{program} {argument}: {output:?}");
+            assert!(argument == "--help" || said.starts_with(program), "{said}");
+            assert!(output.stderr.is_empty(), "{output:?}");
+        }
+    }
+}
+
+/// Runs `dca` with a text on its standard input.
+fn piped(arguments: &[&str], text: &str) -> (Option<i32>, String, String) {
+    let mut command = Command::new(executable("dca"));
+    command.args(arguments).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut child = command.spawn().expect("it can be executed");
+    child.stdin.take().expect("it is piped").write_all(text.as_bytes()).expect("it reads all");
+    let output = child.wait_with_output().expect("it ends");
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    (output.status.code(), text(&output.stdout), text(&output.stderr))
+}
+
+#[test]
+fn a_spec_comes_over_standard_input() {
+    let spec = "process  main() { host { c1 } }";
+    let (code, out, err) = piped(&["check", "-"], spec);
+    assert_eq!((code, out.as_str()), (Some(0), "<stdin>: 1 group, 0 programs, on c1: no errors\n"), "{err}");
+    let (code, out, err) = piped(&["fmt", "-"], spec);
+    assert!(code == Some(0) && out.starts_with("process main(){"), "{out}{err}");
+    assert_eq!(piped(&["fmt", "-"], &out).1, out, "its own form is its form");
+    assert_eq!(piped(&["fmt", "--check", "-"], &out).0, Some(0));
+    assert_eq!(piped(&["fmt", "--check", "-"], spec).0, Some(1));
+    let (code, _, err) = piped(&["check", "-"], "process main( {");
+    assert!(code == Some(1) && err.contains("<stdin>:1:"), "{err}");
+    let (code, _, err) = piped(&["fix", "-"], spec);
+    assert!(code == Some(1) && err.contains("standard input cannot be rewritten"), "{err}");
+}
+
+const IDLE: &str = "
+module Idle(host) { exec \"sh -c 'echo here I am; exec sleep 3600'\"; plain; }
+process main() { host { c1 } instantiated_processes { idle instof Idle(c1); } internal_event_actions { idle } }
+";
+
+/// What `dca run` runs is found by the other verbs, as if nodes had it; two runs at once are each for itself.
+#[test]
+fn what_runs_in_a_command_is_found_from_elsewhere() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let [one, two] = ["one", "two"].map(|name| {
+        let file = cluster.file(&format!("{name}.dca"), IDLE);
+        let run = here.dca(&["run", &file]);
+        run.wait_for(Stream::Err, "▸", SOON);
+        run
+    });
+    let nodes = here.ask(&["nodes"]);
+    assert_eq!((nodes.code, nodes.out.matches("c1 ").count()), (Some(0), 2), "{nodes}");
+    let status = here.ask(&["status"]);
+    assert!(status.out.contains("one@1") && status.out.contains("two@1"), "{status}");
+    let logs = here.ask(&["logs", "--deployment", "two", "idle"]);
+    assert_eq!((logs.code, logs.out.as_str()), (Some(0), "here I am\n"), "{logs}");
+    let either = here.ask(&["logs", "idle"]);
+    assert!(either.code == Some(1) && either.err.contains("`idle` may be any of"), "{either}");
+    let which = here.ask(&["db", "get", "robot/"]);
+    assert!(which.code == Some(1) && which.err.contains("several `dca run` are going"), "{which}");
+    let stop = here.ask(&["stop", "one"]);
+    assert_eq!(stop.code, Some(0), "{stop}");
+    assert_eq!(one.ended(SOON).code, Some(1));
+    assert!(two.is_running(), "the other goes on");
+    let get = here.ask(&["db", "get", "robot/c1/deployments/two/1/begun"]);
+    assert!(get.code == Some(0) && get.out.contains("programs"), "{get}");
+    two.signal(Signal::INT);
+    assert_eq!(two.ended(SOON).code, Some(1));
+    assert_eq!(here.ask(&["status"]).code, Some(3));
+    cluster.expect_nothing_left(std::time::Duration::from_secs(2));
 }

@@ -115,14 +115,40 @@ fn a_program_that_does_not_exist() {
     check_run(&no_program, 1, &["`main/idle` cannot take part", "/data`"]);
 }
 
-/// A program that fails says so itself; its last words are told.
+/// A program that fails says so itself: its last lines stand with the abort, all of them in the report and in the record,
+/// where `dca logs` finds them when the nodes are gone.
 #[test]
 fn a_program_that_fails() {
-    let fails = |cluster: &Cluster| {
-        let script = cluster.file("fails.sh", "echo the lens is dirty >&2\nexit 7\n");
-        cluster.file("fails.dca", &IDLE.replace("sleep 3600", &format!("sh {script}")))
-    };
-    check_run(&fails, 1, &["main ← idle: left with exit code 7 before it was done at "]);
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let lines = "for line in $(seq 30); do echo line $line; done";
+    let script = cluster.file("fails.sh", &format!("{lines}\necho the lens is dirty >&2\nexit 7\n"));
+    let file = cluster.file("fails.dca", &IDLE.replace("sleep 3600", &format!("sh {script}")));
+    let ended = here.ask(&["run", &file]);
+    check(&cluster, &ended, 1, &["main ← idle: left with exit code 7 before it was done at "]);
+    assert!(ended.out.contains("    | the lens is dirty\n") && ended.out.contains("    | line 12\n"), "{ended}");
+    assert!(!ended.out.contains("| line 11\n"), "twenty lines: {ended}");
+    let report = std::fs::read_to_string(cluster.folder().join("runs/fails-1/report.html")).expect("there is a report");
+    assert!(report.contains("what main/idle wrote, 31 lines") && report.contains("line 1\nline 2\n"), "{report}");
+    let logs = here.ask(&["logs", "idle"]);
+    assert_eq!(logs.code, Some(0), "{logs}");
+    assert!(logs.out.starts_with("line 1\n") && logs.out.ends_with("line 30\nthe lens is dirty\n"), "{logs}");
+    assert!(logs.err.contains("from the record in `runs/fails-1`"), "{logs}");
+}
+
+/// The node keeps what a program wrote when its deployment is over.
+#[test]
+fn the_output_of_a_program_that_has_failed_on_a_node() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let script = cluster.file("fails.sh", "echo the lens is dirty >&2\nexit 7\n");
+    let file = cluster.file("fails.dca", &IDLE.replace("sleep 3600", &format!("sh {script}")));
+    let node = here.node("c1", &[]);
+    let ended = here.ask(&["deploy", "--no-record", &file]);
+    let logs = here.ask(&["logs", "idle"]);
+    end(node);
+    assert_eq!((logs.code, logs.out.as_str()), (Some(0), "the lens is dirty\n"), "{logs}");
+    check(&cluster, &ended, 1, &["    | the lens is dirty"]);
 }
 
 #[test]
@@ -201,11 +227,11 @@ fn a_deployment_that_is_already_there() {
     assert_eq!(stop.code, Some(0), "{stop}");
     assert_eq!(first.ended(SOON).code, Some(1));
     let again = here.ask(&["stop", "idle"]);
-    let logs = here.ask(&["logs", "idle"]);
+    let logs = here.ask(&["logs", "nothing"]);
     end(node);
     check(&cluster, &second, 1, &["`idle` is already deployed; `dca stop idle` ends it"]);
     check(&cluster, &again, 1, &["no deployment `idle` is running"]);
-    check(&cluster, &logs, 1, &["no process `idle`"]);
+    check(&cluster, &logs, 1, &["no process `nothing`"]);
 }
 
 /// A spec with an error is refused before anything is started.

@@ -10,7 +10,7 @@ use crate::logic::table::counted;
 use anyhow::Context;
 use language::plan::Plan;
 use language::{Compiled, Content, Diagnostic, Options, Severity, Source, Style, Texts, compile, gather, render};
-use std::io::IsTerminal;
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 /// The most files of a folder that a spec uses, specs or not.
@@ -19,7 +19,7 @@ const ENTRIES_MAX: usize = 10_000;
 /// What `dca check` is told.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
-    /// The spec
+    /// The spec; `-` is standard input
     file: PathBuf,
     /// Take names that are not exact as errors
     #[arg(long, value_name = "LINT", value_parser = ["lenient-names"])]
@@ -88,7 +88,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
 fn check(arguments: &Arguments) -> Result<(), Failure> {
     let plan = load(&arguments.file, &arguments.controllers, arguments.deny.is_some())?.plan;
     let (groups, programs) = (counted(plan.groups.len(), "group"), counted(plan.leaves.len(), "program"));
-    let (file, hosts) = (arguments.file.display(), plan.hosts.join(", "));
+    let is_input = is_standard_input(&arguments.file);
+    let file = if is_input { "<stdin>".into() } else { arguments.file.display().to_string() };
+    let hosts = plan.hosts.join(", ");
     output::say(&format!("{file}: {groups}, {programs}, on {hosts}: no errors"));
     Ok(())
 }
@@ -111,8 +113,19 @@ pub(crate) fn load(file: &Path, controllers: &Controllers, deny_lenient_names: b
     Ok(Spec { file: file.to_owned(), text: spec.text, plan })
 }
 
-/// Reads the text of a spec.
+/// Returns whether a path stands for standard input.
+pub(crate) fn is_standard_input(file: &Path) -> bool {
+    file == Path::new("-")
+}
+
+/// Reads the text of a spec; `-` is standard input.
 pub(crate) fn read(file: &Path) -> Result<Source, Failure> {
+    if is_standard_input(file) {
+        let mut text = Vec::new();
+        let read = std::io::stdin().lock().take(named_file::TEXT_MAX as u64 + 1).read_to_end(&mut text);
+        let text = read.map_err(anyhow::Error::from).and_then(|_| Ok(String::from_utf8(text)?));
+        return Ok(Source::new("<stdin>", text.context("cannot read the spec from standard input")?));
+    }
     let text = named_file::text(file, named_file::TEXT_MAX);
     let text = text.with_context(|| format!("cannot read the spec `{}`", file.display()))?;
     Ok(Source::new(file.display().to_string(), text))
@@ -159,13 +172,14 @@ fn entries(path: &str) -> Option<Result<Vec<String>, String>> {
 
 /// The options for the spec of a file.
 pub(crate) fn options(file: &Path, deny_lenient_names: bool) -> Options {
-    let name = file.file_stem().map_or_else(|| "spec".to_owned(), |stem| stem.to_string_lossy().into_owned());
+    let stem = file.file_stem().filter(|_| !is_standard_input(file));
+    let name = stem.map_or_else(|| "spec".to_owned(), |stem| stem.to_string_lossy().into_owned());
     Options { deny_lenient_names, ..Options::named(name) }
 }
 
 /// How texts on standard error are dressed.
 pub(crate) fn style() -> Style {
-    if std::io::stderr().is_terminal() { Style::Colour } else { Style::Plain }
+    if output::is_coloured() { Style::Colour } else { Style::Plain }
 }
 
 #[cfg(test)]

@@ -9,7 +9,8 @@ use comms::io::session::{CallError, Presence, Replies, Session};
 use comms::logic::time::Time;
 use comms::logic::{codec, key};
 use std::collections::BTreeSet;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Duration;
 use tokio::task::JoinSet;
 
@@ -52,25 +53,117 @@ pub(crate) struct Statuses {
     pub(crate) silent: Vec<String>,
 }
 
-impl Client {
-    /// Connects through a node of this machine, or by scouting when `--lan` is given.
+/// Connections to all nodes that can be reached: one to those that stay, and one to those inside each `dca run`. These do
+/// not know of each other.
+#[derive(Debug)]
+pub(crate) struct Clients {
+    clients: Vec<Arc<Client>>,
+}
+
+impl Clients {
+    /// Connects through nodes of this machine, or by scouting when `--lan` is given and no node stays on this machine.
     pub(crate) async fn open(reaching: &Reaching) -> Result<Self, Failure> {
-        let base = reaching.run_dir.clone().unwrap_or_else(run_dir::default_base);
-        let mut problem = None;
-        for (name, socket) in run_dir::running(&base).map_err(anyhow::Error::from)? {
-            match Session::open_client(&socket).await {
-                Ok(session) => return Ok(Self { session, local: Some(name), base: Some(base) }),
-                Err(error) => problem = Some(anyhow!(error).context(format!("connecting to the node `{name}`"))),
+        let standing = Client::open(reaching).await;
+        let mut clients = Vec::new();
+        for folder in run_dir::groups(&reaching.base()).iter().filter(|folder| **folder != reaching.base()) {
+            // A command that has just begun or ended is left out.
+            clients.extend(Client::through(folder).await.ok().flatten());
+        }
+        match standing {
+            Ok(client) => clients.insert(0, client),
+            Err(failure) if clients.is_empty() => return Err(failure),
+            Err(_) => {}
+        }
+        Ok(Self { clients: clients.into_iter().map(Arc::new).collect() })
+    }
+
+    /// Returns each connection.
+    pub(crate) fn iter(&self) -> impl Iterator<Item = &Client> {
+        self.clients.iter().map(|client| &**client)
+    }
+
+    /// Asks every node at once how it is; each answer stands beside its connection. Those that do not answer are noted, and
+    /// left out.
+    pub(crate) async fn statuses(&self) -> Result<Vec<(&Client, Statuses)>, Failure> {
+        let asking = self.clients.iter().map(|client| {
+            let client = Arc::clone(client);
+            let mut asking = JoinSet::new();
+            asking.spawn(async move { client.statuses().await });
+            asking
+        });
+        let (mut found, mut failure) = (Vec::new(), None);
+        for (client, mut asking) in self.iter().zip(asking.collect::<Vec<_>>()) {
+            match asking.join_next().await {
+                Some(Ok(Ok(statuses))) => found.push((client, statuses)),
+                Some(Ok(Err(why))) => failure = Some(why),
+                Some(Err(panic)) => failure = Some(panic.into()),
+                None => {}
             }
         }
+        if let Some(failure) = failure.filter(|_| found.is_empty()) {
+            return Err(failure);
+        }
+        Ok(found)
+    }
+
+    /// Closes the connections.
+    pub(crate) async fn close(self) {
+        for client in self.clients.into_iter().filter_map(Arc::into_inner) {
+            client.close().await;
+        }
+    }
+}
+
+impl Client {
+    /// Connects through a node that stays on this machine, or by scouting when `--lan` is given.
+    pub(crate) async fn open(reaching: &Reaching) -> Result<Self, Failure> {
+        let problem = match Self::through(&reaching.base()).await {
+            Ok(Some(client)) => return Ok(client),
+            Ok(None) => None,
+            Err(Failure::Unreachable(problem)) => Some(problem),
+            Err(refused) => return Err(refused),
+        };
         if reaching.lan {
             let session = Session::open_scout().await.context("looking for nodes on the network");
-            return Ok(Self { session: session.map_err(Failure::Unreachable)?, local: None, base: Some(base) });
+            return Ok(Self {
+                session: session.map_err(Failure::Unreachable)?,
+                local: None,
+                base: Some(reaching.base()),
+            });
         }
         let none = || {
             anyhow!("no node runs on this machine; start one with `dca-node --name NAME`, or look further with `--lan`")
         };
         Err(Failure::Unreachable(problem.unwrap_or_else(none)))
+    }
+
+    /// Connects as [`Client::open`] does; where no node stays, to the only `dca run` that there is.
+    pub(crate) async fn open_any(reaching: &Reaching) -> Result<Self, Failure> {
+        let standing = Self::open(reaching).await;
+        let base = reaching.base();
+        let commands: Vec<PathBuf> = run_dir::groups(&base).into_iter().filter(|folder| *folder != base).collect();
+        match (standing, &commands[..]) {
+            (Ok(client), _) => Ok(client),
+            (Err(failure), []) => Err(failure),
+            (Err(failure), [folder]) => Self::through(folder).await?.ok_or(failure),
+            (Err(_), several) => {
+                let several: Vec<String> = several.iter().map(|folder| folder.display().to_string()).collect();
+                let several = several.join("` or `");
+                Err(anyhow!("several `dca run` are going; choose one with `--run-dir`: `{several}`").into())
+            }
+        }
+    }
+
+    /// Connects through a node that has its sockets in this folder; nothing if none runs.
+    async fn through(folder: &Path) -> Result<Option<Self>, Failure> {
+        let mut problem = None;
+        for (name, socket) in run_dir::running(folder)? {
+            match Session::open_client(&socket).await {
+                Ok(session) => return Ok(Some(Self { session, local: Some(name), base: Some(folder.to_owned()) })),
+                Err(error) => problem = Some(anyhow!(error).context(format!("connecting to the node `{name}`"))),
+            }
+        }
+        problem.map_or(Ok(None), |problem| Err(Failure::Unreachable(problem)))
     }
 
     /// Connects to the node that has this socket.
@@ -231,7 +324,7 @@ pub(crate) fn unasked(host: &str, answer: &Answer) -> Failure {
     if let Answer::Refused(why) = answer {
         return anyhow!("host `{host}`: {why}").into();
     }
-    anyhow!("host `{host}` answered something that was not asked: {answer:?}").into()
+    anyhow!("host `{host}` answered something that was not asked").into()
 }
 
 /// Says why a call has no answer: in the node's own words if it refused, else without the key that was called.
@@ -246,10 +339,10 @@ fn call_failure(host: &str, error: CallError) -> Failure {
         )),
         CallError::Unreachable { .. } => Failure::Unreachable(anyhow!("the node `{host}` cannot be reached")),
         CallError::Timeout { within, .. } => {
-            Failure::Unreachable(anyhow!("the node `{host}` has not answered within {within:?}"))
+            Failure::Unreachable(anyhow!("the node `{host}` has not answered within {} s", within.as_secs_f64()))
         }
         CallError::Silent { silent, .. } => {
-            Failure::Unreachable(anyhow!("the node `{host}` has said nothing for {silent:?}"))
+            Failure::Unreachable(anyhow!("the node `{host}` has said nothing for {} s", silent.as_secs_f64()))
         }
         CallError::Session { cause, .. } => Failure::Unreachable(anyhow!("the node `{host}` cannot be asked: {cause}")),
     }
@@ -340,9 +433,9 @@ mod tests {
         };
         check(CallError::Refused { reason: "it is full".into() }, false, "host `c1`: it is full");
         check(CallError::Unreachable { key: key() }, true, "the node `c1` cannot be reached");
-        check(CallError::Timeout { key: key(), within }, true, "the node `c1` has not answered within 3s");
+        check(CallError::Timeout { key: key(), within }, true, "the node `c1` has not answered within 3 s");
         let silent = CallError::Silent { key: key(), silent: within };
-        check(silent, true, "the node `c1` has said nothing for 3s");
+        check(silent, true, "the node `c1` has said nothing for 3 s");
         let closed = CallError::Session { key: key(), cause: "closed".into() };
         check(closed, true, "the node `c1` cannot be asked: closed");
         let text = "the answers of the node `c1` came faster than they were taken";

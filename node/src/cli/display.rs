@@ -29,7 +29,7 @@ impl Display {
     pub fn finish(&mut self, mission: &Mission, files: &Files, output: &mut Output) -> io::Result<()> {
         self.update(mission, output);
         output.note("");
-        output.result(&summary(mission, files))
+        output.result(&summary(mission, files, output.columns()))
     }
 }
 
@@ -51,7 +51,7 @@ mod tests {
         mission.report(&Report::Finished { ending: Ending::Stopped, at: seconds(22.6), unconfirmed: Vec::new() });
         let files = Files::default();
         display.finish(&mission, &files, &mut output).unwrap();
-        assert_eq!(results.text(), summary(&mission, &files));
+        assert_eq!(results.text(), summary(&mission, &files, None));
         assert!(notes.text().ends_with("✓ pull                      9.5 s  done\n\n"), "{}", notes.text());
     }
 }

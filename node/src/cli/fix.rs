@@ -1,7 +1,7 @@
 //! `dca fix`: applies every fix that is likely right.
 
 use crate::cli::{Controllers, Failure, check, output};
-use anyhow::Context as _;
+use anyhow::{Context as _, anyhow};
 use std::path::{Path, PathBuf};
 
 /// What `dca fix` is told.
@@ -24,6 +24,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
 
 /// Rewrites the file if there is something to fix.
 pub(crate) fn apply(file: &Path, controllers: &Controllers) -> Result<bool, Failure> {
+    if check::is_standard_input(file) {
+        return Err(anyhow!("standard input cannot be rewritten; give a file").into());
+    }
     let spec = check::read(file)?;
     let interfaces = check::others(&spec, controllers)?;
     let fixed = language::fix(&spec, &interfaces, &check::options(file, false));

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 /// What `dca fmt` is told.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
-    /// The specs
+    /// The specs; `-` is standard input, whose form goes to standard output
     #[arg(required = true)]
     files: Vec<PathBuf>,
     /// Change nothing; name the files that would change, and fail if there are any
@@ -25,6 +25,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
             is_fine = false;
             continue;
         };
+        let is_input = check::is_standard_input(file);
+        if is_input && !arguments.check {
+            output::say(&text);
+            continue;
+        }
         if text == source.text {
             continue;
         }

@@ -3,15 +3,17 @@
 use crate::cli::client::{Answers, Client, unasked, words};
 use crate::cli::display::{Display, UPDATE_EVERY};
 use crate::cli::output::Output;
+use crate::cli::outputs::Outputs;
 use crate::cli::{Failure, report};
 use crate::io::observer::{Observer, Sample, Sight};
 use crate::io::recorder::Recorder;
 use crate::logic::mission::{Files, Mission, Outcome};
 use crate::logic::nameserver::LOST_AFTER;
 use crate::logic::protocol::{Answer, Deployment, Report, Request, StopReply};
-use crate::logic::record::{Entry, Header};
+use crate::logic::record::{Entry, Header, Port, ports};
 use anyhow::{Context, anyhow};
 use comms::io::clock;
+use comms::logic::control::Dial;
 use comms::logic::time::Time;
 use language::plan::Plan;
 use std::path::{Path, PathBuf};
@@ -21,10 +23,14 @@ use tokio::sync::mpsc;
 
 /// How many samples wait to be shown and recorded; more are left out.
 const SIGHTS_MAX: usize = 4096;
+/// How many values of ports wait to be recorded, which may be large; more are left out.
+const PORTS_MAX: usize = 64;
 /// How long the home node has to be back when its answers are cut off: as long as the other hosts of the deployment wait.
 const BACK_WITHIN: Duration = LOST_AFTER;
 /// How often it is looked for, once it was not there.
 const LOOK_EVERY: Duration = Duration::from_millis(200);
+/// How long hosts have to send what is left of their programs' output once all is over.
+const OUTPUT_WITHIN: Duration = Duration::from_secs(3);
 /// How many folders of earlier runs are stepped over to find a free name.
 const RUNS_MAX: u32 = 100_000;
 
@@ -35,8 +41,11 @@ pub struct Following {
     #[arg(long, value_name = "DIR", default_value = "runs")]
     runs: PathBuf,
     /// Keep no record
-    #[arg(long)]
+    #[arg(long, conflicts_with = "ports")]
     no_record: bool,
+    /// Record what goes over ports, too: `all`, or outputs such as `Out` or `force.Out`
+    #[arg(long = "record", value_name = "all|PORT", value_delimiter = ',')]
+    ports: Vec<String>,
 }
 
 /// A spec that is ready to run, with the text it was made from.
@@ -56,11 +65,18 @@ struct Watch {
     display: Display,
     output: Output,
     recorder: Option<Recorder>,
-    observer: Option<Observer>,
+    observers: Vec<Observer>,
+    /// The wires that are recorded.
+    ports: Vec<Port>,
+    port_sights: mpsc::Sender<Sight>,
+    arriving_ports: mpsc::Receiver<Sight>,
+    /// What programs write; nothing without a record.
+    outputs: Outputs,
     sights: mpsc::Sender<Sight>,
     go_at: Option<Time>,
     name: String,
     home: String,
+    hosts: Vec<String>,
     deployment: Option<Deployment>,
     seen: u64,
     cut_off: Option<Time>,
@@ -70,17 +86,24 @@ struct Watch {
 pub(crate) async fn follow(client: &Client, spec: Spec, following: &Following) -> Result<(), Failure> {
     let home = spec.plan.home().context("the plan names no host for `main`")?.to_owned();
     let (sights, arriving) = mpsc::channel(SIGHTS_MAX);
+    let ports = ports(&spec.plan, &following.ports).map_err(|why| anyhow!(why))?;
+    let (port_sights, arriving_ports) = mpsc::channel(PORTS_MAX);
     let recorder = if following.no_record { None } else { Some(start_record(&spec, &following.runs)?) };
     let mut watch = Watch {
         mission: Mission::new(&spec.plan),
         display: Display::default(),
         output: Output::standard(),
         recorder,
-        observer: None,
+        observers: Vec::new(),
+        ports,
+        port_sights,
+        arriving_ports,
+        outputs: Outputs::default(),
         sights,
         go_at: None,
         name: spec.plan.name.clone(),
         home: home.clone(),
+        hosts: spec.plan.hosts.clone(),
         deployment: None,
         seen: 0,
         cut_off: None,
@@ -123,7 +146,7 @@ impl Watch {
         loop {
             tokio::select! {
                 answer = answers.next() => match answer {
-                    Some(Ok(answer)) => self.take(answer)?,
+                    Some(Ok(answer)) => self.take(client, answer)?,
                     cut_off => {
                         let more = tokio::select! {
                             more = self.again(client, cut_off.and_then(Result::err)) => more?,
@@ -136,10 +159,9 @@ impl Watch {
                         }
                     }
                 },
-                Some(sight) = sights.recv() => match sight {
-                    Sight::Sample(sample) => self.sample(sample),
-                    Sight::Unseen(why) => self.output.note(&format!("warning: {why}")),
-                },
+                Some(sight) = sights.recv() => self.sight(sight),
+                Some(sight) = self.arriving_ports.recv() => self.sight(sight),
+                (path, text) = self.outputs.next() => self.wrote(path, text),
                 Some(answer) = next(&mut stopping) => self.stop_answered(answer),
                 _ = refresh.tick() => {
                     self.mission.tick(self.go_at.map_or_else(Default::default, |go| clock::now() - go));
@@ -215,7 +237,7 @@ impl Watch {
         self.output.note(&format!("warning: nobody stops it: {}", words(&why)));
     }
 
-    fn take(&mut self, answer: Answer) -> Result<(), Failure> {
+    fn take(&mut self, client: &Client, answer: Answer) -> Result<(), Failure> {
         let Answer::Report(report) = answer else {
             // A node that was started again knows nothing of it.
             let is_lost = self.cut_off.is_some() && matches!(answer, Answer::Refused(_));
@@ -229,13 +251,26 @@ impl Watch {
         if let Report::Go { signals, .. } = &report {
             self.go_at = Some(clock::now());
             if !signals.is_empty() {
-                self.observer = Some(Observer::open(&self.name, signals, self.sights.clone()));
+                self.observers.push(Observer::open(&self.name, signals, self.sights.clone()));
             }
         }
+        if let Report::Programs { at } = &report {
+            self.hear_ports(at);
+            return Ok(());
+        }
+        self.hear_outputs(client, &report);
         self.mission.report(&report);
         self.display.update(&self.mission, &mut self.output);
         self.record(Entry::Report(report));
         Ok(())
+    }
+
+    fn sight(&mut self, sight: Sight) {
+        match sight {
+            Sight::Sample(sample) => self.sample(sample),
+            Sight::Port { from, to, arrived, bytes } => self.port(from, to, arrived, bytes),
+            Sight::Unseen(why) => self.output.note(&format!("warning: {why}")),
+        }
     }
 
     fn sample(&mut self, sample: Sample) {
@@ -246,6 +281,40 @@ impl Watch {
         self.record(Entry::Signals { path, at, sample: signals });
     }
 
+    /// Hears what programs write, on each host as soon as they are there; where they never came up at the end.
+    fn hear_outputs(&mut self, client: &Client, report: &Report) {
+        let Some(deployment) = self.deployment.as_ref().filter(|_| self.recorder.is_some()) else { return };
+        match report {
+            Report::Prepared { host, .. } => self.outputs.hear(client, host, deployment),
+            Report::Refused { .. } | Report::Finished { .. } => {
+                self.hosts.iter().for_each(|host| self.outputs.hear(client, host, deployment));
+            }
+            Report::Accepted { .. }
+            | Report::Connected { .. }
+            | Report::Go { .. }
+            | Report::Process { .. }
+            | Report::Programs { .. } => {}
+        }
+    }
+
+    /// Hears the wires that are to be recorded.
+    fn hear_ports(&mut self, at: &[(String, Dial)]) {
+        let Some(deployment) = self.deployment.as_ref().filter(|_| !self.ports.is_empty()) else { return };
+        let dial = |port: &Port| at.iter().find(|(path, _)| *path == port.producer).map(|(_, dial)| dial.clone());
+        let ports: Vec<(Port, Dial)> = self.ports.iter().filter_map(|port| Some((port.clone(), dial(port)?))).collect();
+        self.observers.push(Observer::open_ports(deployment, &ports, self.port_sights.clone()));
+    }
+
+    fn port(&mut self, from: String, to: String, arrived: Time, bytes: Vec<u8>) {
+        let at = self.go_at.map_or(Duration::ZERO, |go| arrived - go);
+        self.record(Entry::Port { from, to, at, bytes });
+    }
+
+    fn wrote(&mut self, path: String, text: String) {
+        let at = self.go_at.map_or(Duration::ZERO, |go| clock::now() - go);
+        self.record(Entry::Output { path, at, text });
+    }
+
     fn record(&mut self, entry: Entry) {
         if let Some(recorder) = &mut self.recorder {
             recorder.push(entry);
@@ -253,8 +322,13 @@ impl Watch {
     }
 
     async fn finish(mut self, watched: Result<(), Failure>) -> Result<(), Failure> {
-        if let Some(observer) = self.observer.take() {
+        for observer in std::mem::take(&mut self.observers) {
             observer.close().await;
+        }
+        // Who leaves in the middle does not wait.
+        let within = if watched.is_ok() { OUTPUT_WITHIN } else { Duration::ZERO };
+        for (path, text) in std::mem::take(&mut self.outputs).rest(within).await {
+            self.wrote(path, text);
         }
         let mut files = Files::default();
         if let Some(recorder) = self.recorder.take() {

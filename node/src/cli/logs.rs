@@ -1,11 +1,16 @@
 //! `dca logs`: what a process has written, wherever it runs.
 
-use crate::cli::client::{self, Client, block_on, unasked};
+use crate::cli::client::{self, Answers, Clients, block_on, unasked};
 use crate::cli::{Failure, Reaching, output};
+use crate::io::recorder;
 use crate::logic::printable::Printable;
-use crate::logic::protocol::{Answer, Deployment, NodeStatus, ProcessStatus, Request};
+use crate::logic::protocol::{Answer, Deployment, NodeStatus, ProcessStatus, Request, SEVERAL};
 use anyhow::anyhow;
 use std::collections::BTreeSet;
+use std::path::PathBuf;
+
+/// How many records are looked into for the output of a process that runs no more.
+const RECORDS_MAX: usize = 20;
 
 /// What `dca logs` is told.
 #[derive(Debug, clap::Args)]
@@ -21,47 +26,119 @@ pub struct Arguments {
     /// Pass its bytes on as they are: control characters may do anything to a terminal
     #[arg(long)]
     raw: bool,
+    /// Where records are, for a process that runs no more
+    #[arg(long, value_name = "DIR", default_value = "runs")]
+    runs: PathBuf,
     #[command(flatten)]
     reaching: Reaching,
 }
 
 /// Runs the verb.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    block_on(async {
-        let client = Client::open(&arguments.reaching).await?;
-        let result = tokio::select! {
-            result = print(&client, arguments) => result,
-            _ = tokio::signal::ctrl_c() => Ok(()),
+    let not_found = block_on(async {
+        let clients = match Clients::open(&arguments.reaching).await {
+            Ok(clients) => clients,
+            Err(failure) => return Ok(Some(failure)),
         };
-        client.close().await;
+        let result = tokio::select! {
+            result = print(&clients, arguments) => result,
+            _ = tokio::signal::ctrl_c() => Ok(None),
+        };
+        clients.close().await;
         result
-    })
+    })?;
+    // A run is over, and its nodes with it: what its programs wrote is in its record.
+    not_found.map_or(Ok(()), |failure| recorded(arguments).unwrap_or(Err(failure)))
 }
 
-async fn print(client: &Client, arguments: &Arguments) -> Result<(), Failure> {
-    let statuses = client.statuses().await?;
-    let found = find(&statuses.nodes, arguments);
-    let (host, deployment, process) = match &Vec::from_iter(found)[..] {
-        [one] => one.clone(),
-        [] => return Err(client::missing(&format!("process `{}`", arguments.process), &statuses.silent)),
-        many => {
-            let paths: Vec<String> = many.iter().map(|(_, _, path)| format!("`{path}`")).collect();
-            return Err(anyhow!("`{}` may be any of {}", arguments.process, paths.join(", ")).into());
+/// Prints what the process writes; returns why not if nobody has it.
+async fn print(clients: &Clients, arguments: &Arguments) -> Result<Option<Failure>, Failure> {
+    let (mut found, mut unanswered) = (Vec::new(), Vec::new());
+    for (client, statuses) in clients.statuses().await? {
+        found.extend(find(&statuses.nodes, arguments).into_iter().map(|one| (client, one)));
+        unanswered.extend(statuses.silent);
+    }
+    match &found[..] {
+        [(client, (host, deployment, process))] => {
+            let request = request(arguments, Some(deployment.clone()), process.clone());
+            let answers = client.ask_on(host, &request)?;
+            pass(host, answers, None, arguments.raw).await.map(|()| None)
         }
-    };
-    let request = Request::Logs { deployment: Some(deployment), process, follow: arguments.follow };
-    let mut answers = client.ask_on(&host, &request)?;
-    let mut printable = Printable::default();
-    while let Some(answer) = answers.next().await {
-        let answer = answer?;
-        let Answer::Output(bytes) = answer else { return Err(unasked(&host, &answer)) };
-        if arguments.raw {
-            output::pass(&bytes)?;
-        } else {
-            output::pass(printable.push(&bytes).as_bytes())?;
+        [] => ended(clients, arguments, &unanswered).await,
+        many => {
+            let paths: Vec<String> = many.iter().map(|(_, (_, _, path))| format!("`{path}`")).collect();
+            Err(anyhow!("`{}` may be any of {}", arguments.process, paths.join(", ")).into())
         }
     }
+}
+
+fn request(arguments: &Arguments, deployment: Option<String>, process: String) -> Request {
+    Request::Logs { deployment, process, follow: arguments.follow }
+}
+
+/// Prints what a process wrote that has ended with its deployment: the first node that still has it says so.
+async fn ended(clients: &Clients, arguments: &Arguments, silent: &[String]) -> Result<Option<Failure>, Failure> {
+    for client in clients.iter() {
+        for host in client.hosts(&[]).await? {
+            let request = request(arguments, arguments.deployment.clone(), arguments.process.clone());
+            let mut answers = client.ask_on(&host, &request)?;
+            let Some(Ok(answer)) = answers.next().await else { continue };
+            if let Answer::Output(first) = answer {
+                return pass(&host, answers, Some(first), arguments.raw).await.map(|()| None);
+            }
+            if matches!(&answer, Answer::Refused(why) if why.starts_with(SEVERAL)) {
+                return Err(unasked(&host, &answer));
+            }
+        }
+    }
+    Ok(Some(client::missing(&format!("process `{}`", arguments.process), silent)))
+}
+
+async fn pass(host: &str, mut answers: Answers, first: Option<Vec<u8>>, raw: bool) -> Result<(), Failure> {
+    let mut printable = Printable::default();
+    let mut print = |bytes: &[u8]| {
+        if raw { output::pass(bytes) } else { output::pass(printable.push(bytes).as_bytes()) }
+    };
+    print(&first.unwrap_or_default())?;
+    while let Some(answer) = answers.next().await {
+        let answer = answer?;
+        let Answer::Output(bytes) = answer else { return Err(unasked(host, &answer)) };
+        print(&bytes)?;
+    }
     Ok(output::pass(printable.finish().as_bytes())?)
+}
+
+/// Prints what a process wrote from the latest record that has it; nothing if none has.
+fn recorded(arguments: &Arguments) -> Option<Result<(), Failure>> {
+    let mut records: Vec<PathBuf> =
+        std::fs::read_dir(&arguments.runs).ok()?.flatten().map(|entry| entry.path()).collect();
+    let begun =
+        |folder: &PathBuf| std::fs::metadata(folder.join(recorder::FILE)).and_then(|record| record.modified()).ok();
+    records.retain(|folder| begun(folder).is_some());
+    records.sort_by_key(|folder| std::cmp::Reverse(begun(folder)));
+    let end = format!("/{}", arguments.process);
+    for folder in records.iter().take(RECORDS_MAX) {
+        let Ok(run) = recorder::read(&folder.join(recorder::FILE)) else { continue };
+        let is_named = arguments.deployment.as_ref().is_none_or(|name| *name == run.header.plan.name);
+        let is_meant = |path: &str| is_named && (path == arguments.process || path.ends_with(&end));
+        let meant: Vec<&str> =
+            run.header.plan.leaves.iter().map(|leaf| leaf.path.as_str()).filter(|path| is_meant(path)).collect();
+        let path = match meant[..] {
+            [] => continue,
+            [path] => path,
+            _ => {
+                let paths = meant.join("`, `");
+                return Some(Err(anyhow!("`{}` may be any of `{paths}`", arguments.process).into()));
+            }
+        };
+        output::note(&format!("note: `{path}` runs no more; this is from the record in `{}`", folder.display()));
+        let wrote = run.outputs().remove(path).unwrap_or_default();
+        let text: String = wrote.into_iter().map(|lines| format!("{lines}\n")).collect();
+        let mut printable = Printable::default();
+        let shown = if arguments.raw { text } else { printable.push(text.as_bytes()) + &printable.finish() };
+        return Some(output::pass(shown.as_bytes()).map_err(Failure::from));
+    }
+    None
 }
 
 /// Returns host, deployment and path of every leaf that is meant, whether its program is alive or not.

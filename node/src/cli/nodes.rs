@@ -1,6 +1,6 @@
 //! `dca nodes`: who can be reached.
 
-use crate::cli::client::{Client, block_on};
+use crate::cli::client::{Clients, block_on};
 use crate::cli::{Failure, Reaching, output};
 use crate::logic::table::table;
 
@@ -14,10 +14,11 @@ pub struct Arguments {
 /// Runs the verb.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let statuses = block_on(async {
-        let client = Client::open(&arguments.reaching).await?;
-        let statuses = client.statuses().await;
-        client.close().await;
-        Ok(statuses?.nodes)
+        let clients = Clients::open(&arguments.reaching).await?;
+        let statuses = clients.statuses().await.map(|all| all.into_iter().flat_map(|(_, statuses)| statuses.nodes));
+        let statuses = statuses.map(Iterator::collect::<Vec<_>>);
+        clients.close().await;
+        statuses
     })?;
     let mut rows = vec![["HOST", "PID", "UP", "VERSION", "DEPLOYMENTS", "SEES"].map(str::to_owned).to_vec()];
     for node in statuses {

@@ -45,6 +45,21 @@ pub fn complain(error: &anyhow::Error) {
     note(&format!("error: {error:#}"));
 }
 
+/// Returns whether texts on standard error may have colours. Sources: <https://no-color.org>; `dumb` in terminfo(5).
+pub fn is_coloured() -> bool {
+    let is_unwanted = std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty());
+    io::stderr().is_terminal() && !is_unwanted && !is_dumb()
+}
+
+fn is_dumb() -> bool {
+    std::env::var_os("TERM").is_some_and(|terminal| terminal == "dumb")
+}
+
+fn columns(stream: impl std::os::fd::AsFd) -> usize {
+    let columns = rustix::termios::tcgetwinsize(stream).map_or(0, |size| usize::from(size.ws_col));
+    if columns == 0 { COLUMNS_DEFAULT } else { columns }
+}
+
 /// Both streams of a command, and whether a live line stands on the second.
 pub struct Output {
     results: Box<dyn Write + Send>,
@@ -62,7 +77,8 @@ impl fmt::Debug for Output {
 impl Output {
     /// Returns the process's own streams.
     pub fn standard() -> Self {
-        let terminal = io::stderr().is_terminal();
+        // A terminal that cannot draw a line again is told apart by nothing else.
+        let terminal = io::stderr().is_terminal() && !is_dumb();
         Self { results: Box::new(io::stdout()), notes: Box::new(io::stderr()), terminal, live: false }
     }
 
@@ -71,8 +87,12 @@ impl Output {
         if !self.terminal {
             return Style::Plain;
         }
-        let columns = rustix::termios::tcgetwinsize(io::stderr()).map_or(0, |size| usize::from(size.ws_col));
-        Style::Terminal(if columns == 0 { COLUMNS_DEFAULT } else { columns })
+        Style::Terminal(columns(io::stderr()))
+    }
+
+    /// Returns how wide a result may be; nothing unless it goes to a terminal.
+    pub fn columns(&self) -> Option<usize> {
+        io::stdout().is_terminal().then(|| columns(io::stdout()))
     }
 
     /// Writes a result, with a line feed if it has none.

@@ -31,6 +31,9 @@ pub struct Arguments {
     /// Keep the database of its nodes in this folder [default: it is gone when the command ends]
     #[arg(long, value_name = "DIR")]
     state: Option<PathBuf>,
+    /// Folder with the sockets of this machine's nodes, where other verbs find this command's, too
+    #[arg(long, value_name = "DIR")]
+    run_dir: Option<PathBuf>,
 }
 
 /// The nodes inside this command.
@@ -55,7 +58,8 @@ pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
 impl Nodes {
     async fn start(hosts: &[String], arguments: &Arguments) -> Result<Self, Failure> {
         let (controllers, state) = (&arguments.controllers, arguments.state.as_deref());
-        let base = run_dir::of_this_command(&run_dir::default_base());
+        let base = arguments.run_dir.clone().unwrap_or_else(run_dir::default_base);
+        let base = run_dir::of_this_command(&base);
         let mut nodes = Self { base, leave: watch::Sender::new(false), running: JoinSet::new() };
         for host in hosts {
             let config = Config {

@@ -1,6 +1,6 @@
 //! `dca status`: what runs where.
 
-use crate::cli::client::{Client, block_on};
+use crate::cli::client::{Clients, block_on};
 use crate::cli::{Failure, Reaching, output};
 use crate::logic::table;
 
@@ -19,10 +19,11 @@ pub struct Arguments {
 /// Runs the verb.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let mut statuses = block_on(async {
-        let client = Client::open(&arguments.reaching).await?;
-        let statuses = client.statuses().await;
-        client.close().await;
-        Ok(statuses?.nodes)
+        let clients = Clients::open(&arguments.reaching).await?;
+        let statuses = clients.statuses().await.map(|all| all.into_iter().flat_map(|(_, statuses)| statuses.nodes));
+        let statuses = statuses.map(Iterator::collect::<Vec<_>>);
+        clients.close().await;
+        statuses
     })?;
     if let Some(name) = &arguments.name {
         for status in &mut statuses {

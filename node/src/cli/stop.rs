@@ -3,7 +3,7 @@
 //! What it says rests on the deployment's last report, which names the hosts that could not confirm that nothing is left.
 //! A link that is lost meanwhile is not an answer: the node is asked again.
 
-use crate::cli::client::{Answers, Client, Statuses, block_on, missing, unasked, words};
+use crate::cli::client::{Answers, Client, Clients, Statuses, block_on, missing, unasked, words};
 use crate::cli::{Failure, Reaching, output};
 use crate::logic::protocol::{Answer, Deployment, Report, Request};
 use anyhow::anyhow;
@@ -27,9 +27,12 @@ pub struct Arguments {
 /// Runs the verb.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let unconfirmed = block_on(async {
-        let client = Client::open(&arguments.reaching).await?;
-        let result = stop(&client, &arguments.name).await;
-        client.close().await;
+        let clients = Clients::open(&arguments.reaching).await?;
+        let result = match whose(&clients, &arguments.name).await {
+            Ok(client) => stop(client, &arguments.name).await,
+            Err(failure) => Err(failure),
+        };
+        clients.close().await;
         result
     })?;
     let name = &arguments.name;
@@ -41,6 +44,27 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     Err(Failure::Unreachable(anyhow!(
         "`{name}` is stopped, but `{hosts}` has not confirmed that nothing of it is left"
     )))
+}
+
+/// Returns the connection to the nodes that run a deployment of that name.
+async fn whose<'a>(clients: &'a Clients, name: &str) -> Result<&'a Client, Failure> {
+    let (mut found, mut unanswered) = (Vec::new(), Vec::new());
+    for (client, Statuses { nodes, silent }) in clients.statuses().await? {
+        if nodes.iter().flat_map(|node| &node.deployments).any(|part| part.deployment.name == name) {
+            found.push(client);
+        } else {
+            unanswered.extend(silent);
+        }
+    }
+    match &found[..] {
+        [one] => Ok(one),
+        [] => Err(missing(&format!("deployment `{name}`"), &unanswered)),
+        several => {
+            let why =
+                "each has nodes of its own; choose one with `--run-dir`, or end it with Ctrl-C where it was started";
+            Err(anyhow!("`{name}` runs {} times on this machine: {why}", several.len()).into())
+        }
+    }
 }
 
 /// Stops a deployment; returns the hosts that could not confirm that nothing of it is left.

@@ -61,6 +61,11 @@ impl Caller {
         self.answers.send(answer).await.is_ok()
     }
 
+    /// Returns how many answers wait to be taken.
+    pub fn waiting(&self) -> usize {
+        self.answers.max_capacity() - self.answers.capacity()
+    }
+
     /// Waits until nobody takes answers any more.
     ///
     /// # Cancellation

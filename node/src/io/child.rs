@@ -4,7 +4,7 @@
 
 pub mod leftovers;
 
-use crate::logic::child::{OUTPUT_FILE, ShimOrder, ShimReport, ShimStart};
+use crate::logic::child::{OUTPUT_FILE, OUTPUT_FILE_OLD, ShimOrder, ShimReport, ShimStart, last_lines};
 use std::io;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -12,8 +12,8 @@ use tokio::io::{AsyncBufReadExt, AsyncWriteExt, BufReader};
 use tokio::process::{ChildStdin, ChildStdout};
 use tokio::sync::mpsc::{Receiver, Sender};
 
-/// The longest line of output that is told as a program's last words, in bytes.
-const LAST_WORDS_MAX: usize = 400;
+/// How much of a program's output is read to find its last lines, in bytes.
+const LAST_OUTPUT_MAX: u64 = 32 << 10;
 
 /// A started shim, seen from the node: its orders go in here.
 #[derive(Debug)]
@@ -27,6 +27,8 @@ pub struct ShimEar {
     child: std::process::Child,
     reports: ChildStdout,
     dir: PathBuf,
+    /// How long the file of output was: what was written before is not this program's.
+    written_before: u64,
 }
 
 /// Starts a shim.
@@ -34,6 +36,7 @@ pub struct ShimEar {
 /// # Errors
 /// The shim itself cannot be started.
 pub fn start(shim: &Path, start: &ShimStart) -> io::Result<(ShimOrders, ShimEar)> {
+    let written_before = std::fs::metadata(start.dir.join(OUTPUT_FILE)).map_or(0, |file| file.len());
     let mut child = Command::new(shim)
         .args(start.arguments())
         .stdin(Stdio::piped())
@@ -44,7 +47,7 @@ pub fn start(shim: &Path, start: &ShimStart) -> io::Result<(ShimOrders, ShimEar)
     let missing = || io::Error::other("a pipe to the shim is missing");
     let orders = ChildStdin::from_std(child.stdin.take().ok_or_else(missing)?)?;
     let reports = ChildStdout::from_std(child.stdout.take().ok_or_else(missing)?)?;
-    Ok((ShimOrders { orders }, ShimEar { child, reports, dir: start.dir.clone() }))
+    Ok((ShimOrders { orders }, ShimEar { child, reports, dir: start.dir.clone(), written_before }))
 }
 
 /// Checks that a command names something that can be executed, so that a spec is refused before anything runs.
@@ -86,27 +89,28 @@ impl ShimOrders {
 }
 
 impl ShimEar {
-    /// Passes every report on, with the last line of output beside an exit; the last one is always `Gone`.
+    /// Passes every report on, with the last lines of output beside an exit; the last one is always `Gone`.
     ///
     /// # Cancellation
     /// Not safe: reports are lost. Runs in a task of its own until the shim ends.
-    pub async fn listen(self, sink: Sender<(ShimReport, Option<String>)>) {
-        let Self { mut child, reports, dir } = self;
+    pub async fn listen(self, sink: Sender<(ShimReport, Vec<String>)>) {
+        let Self { mut child, reports, dir, written_before } = self;
         let mut lines = BufReader::new(reports).lines();
         let mut gone = false;
         while let Ok(Some(line)) = lines.next_line().await {
             let Some(report) = ShimReport::parse(&line) else { continue };
-            let last_words = match report {
+            let output = match report {
                 ShimReport::Exited { .. } | ShimReport::Signalled { .. } => {
-                    let path = dir.join(OUTPUT_FILE);
-                    tokio::task::spawn_blocking(move || last_line(&path)).await.unwrap_or_default()
+                    let folder = dir.clone();
+                    let reading = tokio::task::spawn_blocking(move || last_output(&folder, written_before));
+                    reading.await.unwrap_or_default()
                 }
                 ShimReport::Ready | ShimReport::Started { .. } | ShimReport::ExecFailed { .. } | ShimReport::Gone => {
-                    None
+                    Vec::new()
                 }
             };
             gone |= report == ShimReport::Gone;
-            if sink.send((report, last_words)).await.is_err() {
+            if sink.send((report, output)).await.is_err() {
                 return;
             }
         }
@@ -122,20 +126,55 @@ impl ShimEar {
         }
         if !gone {
             // Nobody is left to hear it only when the node itself is leaving.
-            sink.send((ShimReport::Gone, None)).await.unwrap_or_default();
+            sink.send((ShimReport::Gone, Vec::new())).await.unwrap_or_default();
         }
     }
 }
 
-/// Returns the last line that is not blank, from the last few kilobytes of a file.
-fn last_line(path: &Path) -> Option<String> {
+/// Returns the last lines that a program has written, of what stands in its folder behind the first `before` bytes.
+fn last_output(dir: &Path, before: u64) -> Vec<String> {
+    let now = dir.join(OUTPUT_FILE);
+    let length = std::fs::metadata(&now).map_or(0, |file| file.len());
+    // A file that is shorter than it was is another: the one before has been put aside.
+    let rotated = length < before;
+    let (mut output, cut) = end_of(&now, if rotated { 0 } else { before }).unwrap_or_default();
+    if cut || !rotated {
+        return last_lines(&output, cut);
+    }
+    let (mut whole, cut) = end_of(&dir.join(OUTPUT_FILE_OLD), before).unwrap_or_default();
+    whole.append(&mut output);
+    last_lines(&whole, cut)
+}
+
+/// Returns the end of a file, from `before` on, and whether something in between was left out.
+fn end_of(path: &Path, before: u64) -> io::Result<(Vec<u8>, bool)> {
     use std::io::{Read, Seek, SeekFrom};
-    let mut file = std::fs::File::open(path).ok()?;
-    let length = file.metadata().ok()?.len();
-    file.seek(SeekFrom::Start(length.saturating_sub(4096))).ok()?;
-    let mut tail = Vec::new();
-    file.take(4096).read_to_end(&mut tail).ok()?;
-    let text = String::from_utf8_lossy(&tail);
-    let line = text.lines().rev().find(|line| !line.trim().is_empty())?.trim();
-    Some(line.chars().take(LAST_WORDS_MAX).collect())
+    let mut file = std::fs::File::open(path)?;
+    let begin = file.metadata()?.len().saturating_sub(LAST_OUTPUT_MAX).max(before);
+    file.seek(SeekFrom::Start(begin))?;
+    let mut end = Vec::new();
+    file.take(LAST_OUTPUT_MAX).read_to_end(&mut end)?;
+    Ok((end, begin > before))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_last_lines_are_of_this_program_and_reach_past_a_rotation() {
+        let dir = std::env::temp_dir().join(format!("dca-child-{}", std::process::id()));
+        std::fs::create_dir_all(&dir).unwrap();
+        assert_eq!(last_output(&dir, 0), Vec::<String>::new());
+        std::fs::write(dir.join(OUTPUT_FILE), "the one before\nValueError: no lens\n").unwrap();
+        assert_eq!(last_output(&dir, 15), ["ValueError: no lens"]);
+        assert_eq!(last_output(&dir, 35), Vec::<String>::new(), "this program has written nothing");
+        std::fs::rename(dir.join(OUTPUT_FILE), dir.join(OUTPUT_FILE_OLD)).unwrap();
+        std::fs::write(dir.join(OUTPUT_FILE), "b\n").unwrap();
+        assert_eq!(last_output(&dir, 15), ["ValueError: no lens", "b"]);
+        let long = "x".repeat(100) + "\n";
+        std::fs::write(dir.join(OUTPUT_FILE), long.repeat(1000)).unwrap();
+        assert_eq!(last_output(&dir, 0), vec![long.trim_end(); 20]);
+        std::fs::remove_dir_all(&dir).unwrap();
+    }
 }

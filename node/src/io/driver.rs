@@ -11,13 +11,13 @@ use crate::io::peers::{Arrival, Peers};
 use crate::io::run_dir::RunDir;
 use crate::io::starter::{self, Job, Start, Starter};
 use crate::io::{programs, tail};
-use crate::logic::agent::{Agent, Identity, Input};
+use crate::logic::agent::{Agent, Identity, Input, OVER_MAX};
 use crate::logic::child::{Gate, ShimOrder, ShimReport, ShimStart};
 use crate::logic::database::settings::Settings;
 use crate::logic::effect::{Effect, ProcessId, SpawnOrder};
 use crate::logic::nameserver::Change;
 use crate::logic::programs::Programs;
-use crate::logic::protocol::{Answer, Deployment};
+use crate::logic::protocol::Deployment;
 use anyhow::Context;
 use comms::io::clock;
 use comms::io::control::ControlSender;
@@ -37,8 +37,6 @@ use tokio::task::JoinSet;
 
 /// How many events wait for the driver.
 const EVENTS_MAX: usize = 4096;
-/// How many deployments that are over keep their folders.
-const BURIED_MAX: usize = 8;
 /// Variables that a program inherits from its node, where they are set.
 const INHERITED: [&str; 6] = ["PATH", "HOME", "USER", "LANG", "TZ", "RUST_LOG"];
 
@@ -86,6 +84,8 @@ struct Driver {
     programs: BTreeMap<ProcessId, (u64, ControlSender)>,
     paths: BTreeMap<(Deployment, String), ProcessId>,
     buried: VecDeque<Deployment>,
+    /// For each deployment that has programs here what ends with it.
+    living: BTreeMap<Deployment, watch::Sender<()>>,
     pending: VecDeque<Input>,
     events: Sender<Event>,
     tasks: JoinSet<()>,
@@ -211,6 +211,7 @@ impl Driver {
             programs: BTreeMap::new(),
             paths: BTreeMap::new(),
             buried: VecDeque::new(),
+            living: BTreeMap::new(),
             pending: VecDeque::new(),
             events,
             tasks,
@@ -243,11 +244,11 @@ impl Driver {
                 self.peers.expect(call, caller);
                 Some(Input::Call { call, request: Box::new(request) })
             }
-            Event::Shim(process, report, last_words) => {
+            Event::Shim(process, report, output) => {
                 if report == ShimReport::Gone {
                     self.shims.remove(&process);
                 }
-                Some(Input::Shim { process, report, last_words })
+                Some(Input::Shim { process, report, output })
             }
             Event::Program(Connection { deployment, instance, number }, sender) => {
                 let key = (deployment, instance);
@@ -321,7 +322,15 @@ impl Driver {
                 }
             }
             Effect::EndAnswers { call } => self.peers.take(call).into_iter().for_each(Caller::end),
-            Effect::Tail { call, process, follow } => self.tail(call, &process, follow),
+            Effect::Tail { call, process, follow } => {
+                let dir = self.dir.process(&process);
+                self.tail(call, &process.deployment, |caller, over| tail::tail(dir, follow, over, caller));
+            }
+            Effect::TailAll { call, deployment, programs } => {
+                let dir = |leaf| self.dir.process(&ProcessId { deployment: deployment.clone(), leaf });
+                let programs = programs.into_iter().map(|(leaf, path)| (path, dir(leaf))).collect();
+                self.tail(call, &deployment, |caller, over| tail::all(programs, over, caller));
+            }
             Effect::Record(commit) => self.database.handle().write(*commit),
             Effect::Yield { why } => self.yielded = Some(why),
             Effect::Leave => {}
@@ -357,6 +366,7 @@ impl Driver {
         let process = order.process;
         self.paths.insert((process.deployment.clone(), order.path.clone()), process.clone());
         self.shims.insert(process.clone(), sender);
+        self.living.entry(process.deployment.clone()).or_default();
         let is_controller = order.kind == LeafKind::Controller;
         let control = is_controller.then(|| self.dir.control_socket(&process.deployment));
         let dir = self.dir.process(&process);
@@ -375,7 +385,7 @@ impl Driver {
         if self.jobs.try_send(Job::Start(Box::new(start))).is_err() {
             let reason = "too many programs wait to be started".to_owned();
             for report in [ShimReport::ExecFailed { reason }, ShimReport::Gone] {
-                self.pending.push_back(Input::Shim { process: process.clone(), report, last_words: None });
+                self.pending.push_back(Input::Shim { process: process.clone(), report, output: Vec::new() });
             }
         }
     }
@@ -408,9 +418,10 @@ impl Driver {
     fn bury(&mut self, deployment: Deployment) {
         self.later(Job::Close(deployment.clone()));
         self.paths.retain(|(of, _), _| *of != deployment);
+        self.living.remove(&deployment);
         self.programs.retain(|process, _| process.deployment != deployment);
         self.buried.push_back(deployment);
-        if self.buried.len() > BURIED_MAX {
+        if self.buried.len() > OVER_MAX {
             let folder = self.buried.pop_front().map(|oldest| self.dir.deployment(&oldest));
             folder.into_iter().for_each(|folder| self.later(Job::Remove(folder)));
         }
@@ -426,28 +437,16 @@ impl Driver {
         }
     }
 
-    fn tail(&mut self, call: u64, process: &ProcessId, follow: bool) {
+    /// Answers a call with output, in a task that is told when the deployment is over here.
+    fn tail<T: Future<Output = ()> + Send + 'static>(
+        &mut self,
+        call: u64,
+        deployment: &Deployment,
+        reading: impl FnOnce(Caller, tail::Over) -> T,
+    ) {
         let Some(caller) = self.peers.take(call) else { return };
-        let dir = self.dir.process(process);
-        self.tasks.spawn(async move {
-            let (sink, mut chunks) = mpsc::channel(4);
-            let reading = tail::tail(dir, follow, sink);
-            let sending = async {
-                // Silence is an answer, too: a call that ends without any looks as if nobody had heard it.
-                let mut next = Some(Vec::new());
-                while let Some(chunk) = next {
-                    if !caller.send(Answer::Output(chunk)).await {
-                        return;
-                    }
-                    next = chunks.recv().await;
-                }
-            };
-            tokio::select! {
-                () = async { tokio::join!(reading, sending); } => {}
-                () = caller.closed() => {}
-            }
-            caller.end();
-        });
+        let over = tail::Over::new(self.living.get(deployment));
+        self.tasks.spawn(reading(caller, over));
     }
 
     async fn close(mut self) -> anyhow::Result<()> {

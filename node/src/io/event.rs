@@ -16,8 +16,8 @@ use tokio::task::JoinSet;
 pub(crate) enum Event {
     /// From another node, or a command line.
     Arrival(Arrival),
-    /// A word from a shim, with the last line of the program's output.
-    Shim(ProcessId, ShimReport, Option<String>),
+    /// A word from a shim, with the end of the program's output.
+    Shim(ProcessId, ShimReport, Vec<String>),
     /// A program has connected; its instance path is its own word.
     Program(Connection, ControlSender),
     /// A word from a program.

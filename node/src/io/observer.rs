@@ -1,9 +1,11 @@
 //! A person's eyes: a data session of the command line's own that dials the programs which publish signals.
 
+use crate::logic::protocol::Deployment;
+use crate::logic::record::Port;
 use comms::io::clock;
 use comms::io::data::{DataError, DataSession, Hearing};
 use comms::logic::control::Dial;
-use comms::logic::signals::Signals;
+use comms::logic::signals::{Peak, Peaks, Signals};
 use comms::logic::time::Time;
 use comms::logic::{codec, key};
 use std::sync::Arc;
@@ -13,6 +15,9 @@ use tokio::task::JoinSet;
 
 /// How long a program has to be reached.
 const DIAL_WITHIN: Duration = Duration::from_secs(2);
+
+/// The longest value of a port that is recorded, in bytes.
+const VALUE_MAX: usize = 1 << 20;
 
 /// A sample of a program's signals.
 #[derive(Clone, Debug, PartialEq)]
@@ -30,8 +35,44 @@ pub struct Sample {
 pub enum Sight {
     /// A sample.
     Sample(Sample),
+    /// What went over a wire.
+    Port {
+        /// Which, as in [`Port`].
+        from: String,
+        /// As in [`Port`].
+        to: String,
+        /// When it arrived here.
+        arrived: Time,
+        /// The value.
+        bytes: Vec<u8>,
+    },
     /// A sentence for a person: one source, or none at all, can be seen.
     Unseen(String),
+}
+
+/// What is looked at, where, and on which key.
+#[derive(Debug)]
+struct Source {
+    key: String,
+    dial: Dial,
+    what: What,
+}
+
+#[derive(Debug)]
+enum What {
+    /// The signals of the program with this path.
+    Signals(String),
+    /// What goes from an output to an input.
+    Port(String, String),
+}
+
+impl What {
+    fn name(&self) -> String {
+        match self {
+            Self::Signals(path) => format!("signals of `{path}`"),
+            Self::Port(from, _) => format!("the port `{from}`"),
+        }
+    }
 }
 
 /// A session that opens, or is open.
@@ -50,8 +91,26 @@ impl Observer {
     /// Begins to dial every program of `sources` (instance path, where to dial), all at once. What comes of them goes to
     /// `sink`; samples are left out when it is full.
     pub fn open(robot: &str, sources: &[(String, Dial)], sink: Sender<Sight>) -> Self {
+        let source = |(path, dial): &(String, Dial)| Source {
+            key: key::signals(robot, path),
+            dial: dial.clone(),
+            what: What::Signals(path.clone()),
+        };
+        Self::look(sources.iter().map(source).collect(), sink)
+    }
+
+    /// Begins to dial the producers of some wires; else as [`Observer::open`] does. Values that are too long are left out.
+    pub fn open_ports(deployment: &Deployment, ports: &[(Port, Dial)], sink: Sender<Sight>) -> Self {
+        let source = |(port, dial): &(Port, Dial)| {
+            let what = What::Port(port.from.clone(), port.to.clone());
+            Source { key: port.key(deployment), dial: dial.clone(), what }
+        };
+        Self::look(ports.iter().map(source).collect(), sink)
+    }
+
+    fn look(sources: Vec<Source>, sink: Sender<Sight>) -> Self {
         let mut opening = JoinSet::new();
-        opening.spawn(look(robot.to_owned(), sources.to_vec(), sink));
+        opening.spawn(look(sources, sink));
         Self { opening }
     }
 
@@ -68,7 +127,7 @@ impl Observer {
     }
 }
 
-async fn look(robot: String, sources: Vec<(String, Dial)>, sink: Sender<Sight>) -> Option<Opened> {
+async fn look(sources: Vec<Source>, sink: Sender<Sight>) -> Option<Opened> {
     let unseen = async |what: String| drop(sink.send(Sight::Unseen(what)).await);
     // Zenoh's own calls block.
     let opened = tokio::task::spawn_blocking(DataSession::open_observer).await;
@@ -80,11 +139,12 @@ async fn look(robot: String, sources: Vec<(String, Dial)>, sink: Sender<Sight>) 
         }
     };
     let mut dialling = JoinSet::new();
-    for (path, dial) in sources {
-        let (session, key, sink) = (Arc::clone(&session), key::signals(&robot, &path), sink.clone());
+    for Source { key, dial, what } in sources {
+        let (session, sink) = (Arc::clone(&session), sink.clone());
         dialling.spawn_blocking(move || {
-            let heard = session.dial(&dial, DIAL_WITHIN).and_then(|()| hear(&session, &key, path.clone(), sink));
-            heard.map_err(|error| format!("signals of `{path}` cannot be seen: {error}"))
+            let name = what.name();
+            let heard = session.dial(&dial, DIAL_WITHIN).and_then(|()| hear(&session, &key, what, sink));
+            heard.map_err(|error| format!("{name} cannot be seen: {error}"))
         });
     }
     let mut hearing = Vec::new();
@@ -97,14 +157,39 @@ async fn look(robot: String, sources: Vec<(String, Dial)>, sink: Sender<Sight>) 
     Some(Opened { session, hearing })
 }
 
-fn hear(session: &DataSession, key: &str, path: String, sink: Sender<Sight>) -> Result<Hearing, DataError> {
+fn hear(session: &DataSession, key: &str, what: What, sink: Sender<Sight>) -> Result<Hearing, DataError> {
+    let path = match what {
+        What::Signals(path) => path,
+        What::Port(from, to) => {
+            return session.on_sample(key, move |bytes| {
+                if bytes.len() <= VALUE_MAX {
+                    let (from, to, bytes) = (from.clone(), to.clone(), bytes.to_vec());
+                    sink.try_send(Sight::Port { from, to, arrived: clock::now(), bytes }).unwrap_or_default();
+                }
+            });
+        }
+    };
     session.on_sample(key, move |bytes| {
-        if let Ok(signals) = codec::decode::<Signals>(&bytes) {
-            let sample = Sample { path: path.clone(), arrived: clock::now(), signals };
+        for sample in samples(&path, &bytes, clock::now()) {
             // A full queue means that the screen or the disk is slow; the robot must not feel it.
             sink.try_send(Sight::Sample(sample)).unwrap_or_default();
         }
     })
+}
+
+/// Returns the samples that a message stands for: itself, or one for each peak between two samples, when that was.
+fn samples(path: &str, bytes: &[u8], now: Time) -> Vec<Sample> {
+    let path = path.to_owned();
+    if let Ok(signals) = codec::decode::<Signals>(bytes) {
+        return vec![Sample { path, arrived: now, signals }];
+    }
+    let Ok(Peaks { stamp, values }) = codec::decode(bytes) else { return Vec::new() };
+    let before = |time: Time, age| Time::from_nanos(time.nanos().saturating_sub((Time::ZERO + age).nanos()));
+    let sample = |Peak { signal, age }| {
+        let signals = Signals { stamp: before(stamp, age), values: vec![signal] };
+        Sample { path: path.clone(), arrived: before(now, age), signals }
+    };
+    values.into_iter().map(sample).collect()
 }
 
 #[cfg(test)]
@@ -112,6 +197,19 @@ mod tests {
     use super::*;
     use comms::io::data::Priority;
     use comms::io::session::Reach;
+    use comms::logic::signals::Signal;
+
+    #[test]
+    fn a_peak_is_a_sample_of_when_it_was() {
+        let signal = |value| Signal { name: "force".into(), unit: "N".into(), value, headline: true };
+        let at = Time::from_nanos;
+        let peak = Peak { signal: signal(28.8), age: Duration::from_nanos(30) };
+        let peaks = Peaks { stamp: at(100), values: vec![peak] };
+        let signals = Signals { stamp: at(70), values: vec![signal(28.8)] };
+        let expected = Sample { path: "main/hit".into(), arrived: at(970), signals };
+        assert_eq!(samples("main/hit", &codec::encode(&peaks).unwrap(), at(1000)), [expected]);
+        assert_eq!(samples("main/hit", b"nonsense", at(1000)), []);
+    }
 
     #[tokio::test(flavor = "multi_thread")]
     async fn a_source_that_cannot_be_dialled_does_not_hide_the_others() {

@@ -2,18 +2,23 @@
 //!
 //! The queue to it is bounded and nobody ever waits for it: samples that find it full are dropped and counted. Reports
 //! have as much room again, so that a burst of samples can not push them out. What is older than a second is on the
-//! file system, in whole chunks: whoever kills the recorder loses no more than that.
+//! file system, in whole chunks and with an end behind it: whoever kills the recorder loses no more than that, and any
+//! reader opens what is there.
 
+mod disk;
 mod queue;
 
 use crate::io::named_file;
 use crate::logic::record::{Entry, Header, ReadError, Row, Rows, Run};
+use comms::io::clock;
+use comms::logic::time::Time;
+use disk::Disk;
 use mcap::records::MessageHeader;
 use mcap::write::NoSeek;
 use mcap::{Attachment, McapError, WriteOptions, Writer};
 use queue::{Popped, Queue};
 use std::fs::{self, File};
-use std::io::{self, BufWriter};
+use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::thread::{self, JoinHandle};
@@ -79,6 +84,8 @@ pub struct Recorder {
     path: PathBuf,
     queue: Arc<Queue>,
     thread: Option<JoinHandle<Result<(), McapError>>>,
+    /// When it began: since 1970, which may be wrong, and on the clock that does not jump.
+    begun: (Duration, Time),
 }
 
 impl Recorder {
@@ -96,7 +103,7 @@ impl Recorder {
         let theirs = Arc::clone(&queue);
         let thread = thread::Builder::new().name("recorder".to_owned()).spawn(move || log.run(&theirs));
         let thread = Some(thread.map_err(|cause| RecordError::Create { path: path.clone(), cause })?);
-        Ok(Self { path, queue, thread })
+        Ok(Self { path, queue, thread, begun: (clock::unix_time(), clock::now()) })
     }
 
     /// Returns the file.
@@ -107,10 +114,12 @@ impl Recorder {
     /// Records an entry, or counts it as dropped when there is no room. Never waits.
     pub fn push(&self, entry: Entry) {
         let limit = match entry {
-            Entry::Report(_) => queue::REPORTS,
+            Entry::Report(_) | Entry::Output { .. } => queue::REPORTS,
             Entry::Signals { .. } => queue::SAMPLES,
+            Entry::Port { .. } => queue::PORTS,
         };
-        self.queue.push(entry, limit);
+        let (since_1970, since) = self.begun;
+        self.queue.push(entry, since_1970 + (clock::now() - since), limit);
     }
 
     /// Writes what is still in the queue and ends the record. Returns its path, and how many entries were dropped.
@@ -146,25 +155,35 @@ impl Drop for Recorder {
 
 /// The writing end.
 struct Log {
-    writer: Writer<NoSeek<BufWriter<File>>>,
+    writer: Writer<NoSeek<Disk>>,
+    disk: Disk,
     rows: Rows,
     /// The channel of each topic of `rows`.
     channels: Vec<u16>,
     entries: u64,
-    flushed: Duration,
+    flushed: Option<Duration>,
 }
 
 impl Log {
     fn begin(file: File, header: &Header) -> Result<Self, McapError> {
         // Without seeking a chunk reaches the file in one piece: there is never half of one to be repaired.
         let options = WriteOptions::new().compression(None).disable_seeking(true).profile("dca");
-        let mut writer = options.create(NoSeek::new(BufWriter::new(file)))?;
+        let disk = Disk::new(file);
+        let mut writer = options.create(NoSeek::new(disk.clone()))?;
+        let time = nanos(header.started.unwrap_or_default());
         for (name, media_type, data) in header.attachments() {
             let (name, media_type, data) = (name.to_owned(), media_type.to_owned(), data.into());
-            writer.attach(&Attachment { log_time: 0, create_time: 0, name, media_type, data })?;
+            writer.attach(&Attachment { log_time: time, create_time: time, name, media_type, data })?;
         }
-        writer.flush()?;
-        Ok(Self { writer, rows: Rows::default(), channels: Vec::new(), entries: 0, flushed: Duration::ZERO })
+        let mut log = Self { writer, disk, rows: Rows::default(), channels: Vec::new(), entries: 0, flushed: None };
+        log.flush()?;
+        Ok(log)
+    }
+
+    fn flush(&mut self) -> Result<(), McapError> {
+        self.writer.flush()?;
+        self.disk.commit()?;
+        Ok(())
     }
 
     fn run(mut self, queue: &Queue) -> Result<(), McapError> {
@@ -179,34 +198,41 @@ impl Log {
     fn follow(&mut self, queue: &Queue) -> Result<(), McapError> {
         loop {
             match queue.pop(FLUSH_EVERY) {
-                Popped::Entry(entry) => self.write(&entry)?,
-                Popped::Nothing => self.writer.flush()?,
+                Popped::Entry(entry, arrived) => self.write(&entry, arrived)?,
+                Popped::Nothing => self.flush()?,
                 Popped::Closed => {
                     self.writer.finish()?;
+                    self.disk.finish()?;
                     return Ok(());
                 }
             }
         }
     }
 
-    fn write(&mut self, entry: &Entry) -> Result<(), McapError> {
-        let Row { topic, at, stamp, data } = self.rows.row(entry);
+    fn write(&mut self, entry: &Entry, arrived: Duration) -> Result<(), McapError> {
+        let Row { topic, at, data } = self.rows.row(entry, arrived);
         for topic in &self.rows.topics()[self.channels.len()..] {
-            let schema = self.writer.add_schema(topic.schema_name, "jsonschema", &topic.schema)?;
+            let schema = self.writer.add_schema(&topic.schema_name, "jsonschema", &topic.schema)?;
             self.channels.push(self.writer.add_channel(schema, &topic.name, "json", &topic.metadata)?);
         }
-        let log_time = u64::try_from(at.as_nanos()).unwrap_or(u64::MAX);
+        let log_time = nanos(at);
         let sequence = u32::try_from(self.entries % (u64::from(u32::MAX) + 1)).unwrap_or_default();
-        let header = MessageHeader { channel_id: self.channels[topic], sequence, log_time, publish_time: stamp };
+        let header = MessageHeader { channel_id: self.channels[topic], sequence, log_time, publish_time: log_time };
         self.writer.write_to_known_channel(&header, &data)?;
         self.entries += 1;
         // The entries' own time will do; a clock is needed only when none come, and then the queue has it.
-        if at.saturating_sub(self.flushed) >= FLUSH_EVERY {
-            self.writer.flush()?;
-            self.flushed = at;
+        if arrived.saturating_sub(*self.flushed.get_or_insert(arrived)) >= FLUSH_EVERY {
+            self.flush()?;
+            self.flushed = Some(arrived);
+        } else if self.disk.is_full() {
+            self.disk.commit()?;
         }
         Ok(())
     }
+}
+
+fn nanos(time: Duration) -> u64 {
+    u64::try_from(time.as_nanos()).unwrap_or(u64::MAX)
 }
 
 #[cfg(test)]

@@ -109,6 +109,24 @@ pub fn proof(base: &Path, name: &str) -> Option<String> {
     fs::read_to_string(base.join(name).join(PROOF)).ok().filter(|_| plain)
 }
 
+/// Returns the folders of nodes that see each other: `base`, and one for each command that runs nodes of its own, oldest
+/// first. Folders of other users are left out: whoever listens there is a stranger.
+pub fn groups(base: &Path) -> Vec<PathBuf> {
+    let base = std::path::absolute(base).unwrap_or_default();
+    let entries = fs::read_dir(&base).into_iter().flatten().flatten();
+    let command = |path: &PathBuf| path.file_name()?.to_str()?.strip_prefix(COMMAND_PREFIX)?.parse::<u32>().ok();
+    let commands = entries.map(|entry| entry.path()).filter(|path| command(path).is_some());
+    let mut commands: Vec<PathBuf> =
+        commands.filter(|path| running(path).is_ok_and(|nodes| !nodes.is_empty())).collect();
+    commands.sort_by_key(|path| (fs::metadata(path).and_then(|folder| folder.modified()).ok(), path.clone()));
+    std::iter::once(base).filter(|base| is_own(base)).chain(commands).collect()
+}
+
+/// Returns whether a folder belongs to this user, and is no link to another.
+fn is_own(path: &Path) -> bool {
+    fs::symlink_metadata(path).is_ok_and(|folder| folder.is_dir() && folder.uid() == rustix::process::getuid().as_raw())
+}
+
 /// Makes a folder for the nodes of this command alone; ends and removes what commands that were killed have left. Blocks.
 pub fn of_this_command(base: &Path) -> PathBuf {
     for entry in fs::read_dir(base).into_iter().flatten().flatten() {
@@ -298,5 +316,24 @@ mod tests {
             println!("skipped: needs root to make a folder of somebody else");
         }
         fs::remove_dir_all(&folder).unwrap();
+    }
+
+    #[test]
+    fn groups_are_the_base_and_the_commands_that_run_and_belong_to_this_user() {
+        let base = std::env::temp_dir().join(format!("dca-groups-{}", std::process::id()));
+        drop(fs::remove_dir_all(&base));
+        assert_eq!(groups(&base), Vec::<PathBuf>::new(), "there is no such folder");
+        let node = |folder: &Path| RunDir::take(folder, "c1").unwrap();
+        let command = base.join("run-41");
+        let (first, second) = (node(&base), node(&command));
+        fs::create_dir_all(base.join("run-42").join("c1")).unwrap();
+        symlink(&command, base.join("run-43")).unwrap();
+        assert_eq!(groups(&base), [base.clone(), command.clone()], "one is not running, one is a link");
+        let sockets: Vec<PathBuf> = running(&command).unwrap().into_iter().map(|(_, socket)| socket).collect();
+        assert_eq!(sockets, [command.join("c1").join("node.sock")]);
+        drop(second);
+        assert_eq!(groups(&base), [base.clone()], "the command has ended");
+        drop(first);
+        fs::remove_dir_all(&base).unwrap();
     }
 }

@@ -89,7 +89,7 @@ impl Starter {
             Err(error) => {
                 let reason = format!("{error:#}");
                 for report in [ShimReport::ExecFailed { reason }, ShimReport::Gone] {
-                    self.events.send(Event::Shim(process.clone(), report, None)).await.unwrap_or_default();
+                    self.events.send(Event::Shim(process.clone(), report, Vec::new())).await.unwrap_or_default();
                 }
             }
         }
@@ -125,8 +125,8 @@ impl Starter {
 async fn hear(process: ProcessId, ear: ShimEar, events: Sender<Event>) {
     let (sink, mut reports) = mpsc::channel(16);
     let forwarding = async {
-        while let Some((report, last_words)) = reports.recv().await {
-            events.send(Event::Shim(process.clone(), report, last_words)).await.unwrap_or_default();
+        while let Some((report, output)) = reports.recv().await {
+            events.send(Event::Shim(process.clone(), report, output)).await.unwrap_or_default();
         }
     };
     tokio::join!(ear.listen(sink), forwarding);

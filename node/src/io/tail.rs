@@ -1,192 +1,275 @@
-//! A program's output, sent to somebody who asked, as it grows.
+//! What programs write, sent to somebody who asked, as it grows.
 //!
-//! The output is rotated while it is read: what was `out.log` becomes `out.log.1`, and a new file takes its place. So a file
-//! is followed by what it is, not by its name: it is read to its end after its successor has appeared, and then the
-//! successor. What two rotations have taken away meanwhile is told where it is missing.
+//! A program's output is a file that is put aside when it is long, twice that at most (`dca-shim`). A [`Reader`] holds what
+//! it reads open, so that nothing is lost when that happens while it reads.
 
+use crate::io::caller::Caller;
 use crate::logic::child::{OUTPUT_FILE, OUTPUT_FILE_OLD};
+use crate::logic::protocol::Answer;
+use std::fs::File;
+use std::io::{self, Read};
 use std::os::unix::fs::MetadataExt;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Duration;
-use tokio::fs::File;
-use tokio::io::AsyncReadExt;
-use tokio::sync::mpsc::Sender;
+use tokio::sync::watch;
 
-/// How often a followed file is looked at.
+/// How often followed files are looked at.
 const LOOK_EVERY: Duration = Duration::from_millis(100);
-/// How much is sent at once.
-const CHUNK: usize = 64 * 1024;
 /// What stands where output was rotated away before it was read.
-const GAP: &[u8] = b"\n[dca: output is missing here; it was rotated away before it was read]\n";
+const GAP: &[u8] = b"\n[dca: output may be missing here; it was rotated away before it was read]\n";
+/// How many pieces may wait to be sent before no more is read.
+const BACKLOG_MAX: usize = 64;
+/// How much of a program's output is sent at once.
+const CHUNK: usize = 64 * 1024;
 
-/// An open file of output, and what names it whatever its path is.
-struct Output {
-    file: File,
-    inode: u64,
+/// Tells when a deployment is over, so that its programs write no more.
+#[derive(Debug)]
+pub struct Over(Option<watch::Receiver<()>>);
+
+impl Over {
+    /// Returns what tells when `living` is dropped; without it the deployment is over already.
+    pub fn new(living: Option<&watch::Sender<()>>) -> Self {
+        Self(living.map(watch::Sender::subscribe))
+    }
+
+    fn is_over(&self) -> bool {
+        self.0.as_ref().is_none_or(|living| living.has_changed().is_err())
+    }
+
+    /// Waits until it is over.
+    ///
+    /// # Cancellation
+    /// Safe.
+    async fn wait(&mut self) {
+        if let Some(living) = &mut self.0 {
+            while living.changed().await.is_ok() {}
+        }
+    }
 }
 
-/// Sends the output of the program in `dir`, and with `follow` what comes, until the receiver goes away or `dir` does.
+/// Reads the output of one program from its beginning, as far as that is kept.
+#[derive(Debug)]
+struct Reader {
+    dir: PathBuf,
+    file: Option<File>,
+    /// Whether the file has been put aside, so that nothing is added to it any more.
+    is_aside: bool,
+}
+
+impl Reader {
+    fn new(dir: PathBuf) -> Self {
+        Self { dir, file: None, is_aside: false }
+    }
+
+    /// Returns what comes next; nothing when nothing more was written yet.
+    fn read(&mut self) -> io::Result<Vec<u8>> {
+        let mut chunk = vec![0; CHUNK];
+        loop {
+            let Some(file) = &mut self.file else {
+                let (old, new) = (self.open(OUTPUT_FILE_OLD)?, self.open(OUTPUT_FILE)?);
+                (self.is_aside, self.file) = (old.is_some(), old.or(new));
+                if self.file.is_none() {
+                    return Ok(Vec::new());
+                }
+                continue;
+            };
+            let count = file.read(&mut chunk)?;
+            if count > 0 {
+                chunk.truncate(count);
+                return Ok(chunk);
+            }
+            let this = id(&file.metadata()?);
+            if self.is_aside {
+                // What was put aside after it comes next, else the file of now.
+                let old = self.open(OUTPUT_FILE_OLD)?;
+                let missed = old.filter(|old| old.metadata().is_ok_and(|old| id(&old) != this));
+                let is_aside = missed.is_some();
+                let Some(next) = (if is_aside { missed } else { self.open(OUTPUT_FILE)? }) else {
+                    return Ok(Vec::new());
+                };
+                (self.is_aside, self.file) = (is_aside, Some(next));
+                if is_aside {
+                    // Between the two others may have been put aside and removed.
+                    return Ok(GAP.to_vec());
+                }
+            } else if self.is_current(this) {
+                return Ok(Vec::new());
+            } else {
+                // It was put aside, perhaps after something was added that has not been read: once more.
+                self.is_aside = true;
+            }
+        }
+    }
+
+    fn is_current(&self, file: (u64, u64)) -> bool {
+        std::fs::metadata(self.dir.join(OUTPUT_FILE)).is_ok_and(|current| id(&current) == file)
+    }
+
+    fn open(&self, name: &str) -> io::Result<Option<File>> {
+        match File::open(self.dir.join(name)) {
+            Ok(file) => Ok(Some(file)),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
+            Err(error) => Err(error),
+        }
+    }
+}
+
+fn id(file: &std::fs::Metadata) -> (u64, u64) {
+    (file.dev(), file.ino())
+}
+
+/// Sends the output of the program in `dir`, and with `follow` what comes, until its deployment is over.
 ///
 /// # Cancellation
 /// Safe: nothing is owned but the file.
-pub async fn tail(dir: PathBuf, follow: bool, sink: Sender<Vec<u8>>) {
-    let mut current = first(&dir).await;
+pub async fn tail(dir: PathBuf, follow: bool, over: Over, caller: Caller) {
+    let over = if follow { over } else { Over(None) };
+    // Silence is an answer, too: a call that ends without any looks as if nobody had heard it.
+    if caller.send(Answer::Output(Vec::new())).await
+        && send(vec![Reader::new(dir)], over, &caller, |_, bytes| Answer::Output(bytes)).await
+    {
+        caller.end();
+    }
+}
+
+/// Sends all that some programs (path, folder) have written and write, until their deployment is over.
+///
+/// # Cancellation
+/// Safe: nothing is owned but the files.
+pub async fn all(programs: Vec<(String, PathBuf)>, over: Over, caller: Caller) {
+    let (paths, dirs): (Vec<String>, Vec<PathBuf>) = programs.into_iter().unzip();
+    let readers = dirs.into_iter().map(Reader::new).collect();
+    let nothing = Answer::Wrote { path: paths.first().cloned().unwrap_or_default(), bytes: Vec::new() };
+    let answer = |index: usize, bytes| Answer::Wrote { path: paths[index].clone(), bytes };
+    if caller.send(nothing).await && send(readers, over, &caller, answer).await {
+        caller.end();
+    }
+}
+
+/// Sends what the readers find: of each a chunk at a time, so that one which writes much does not hold the others up. Returns
+/// whether that was everything.
+async fn send(
+    mut readers: Vec<Reader>,
+    mut over: Over,
+    caller: &Caller,
+    answer: impl Fn(usize, Vec<u8>) -> Answer,
+) -> bool {
     let mut interval = tokio::time::interval(LOOK_EVERY);
     loop {
-        while let Some(output) = &mut current {
-            // In this order: nothing is written to a file any more once another has its name.
-            let next = successor(&dir, output.inode).await;
-            if send(&mut output.file, &sink).await.is_none() {
-                return;
-            }
-            match next {
-                Next::None => break,
-                Next::Is(next) => current = Some(next),
-                Next::AfterGap(next) => {
-                    if sink.send(GAP.to_vec()).await.is_err() {
-                        return;
-                    }
-                    current = Some(next);
-                }
+        if caller.waiting() > BACKLOG_MAX {
+            // Who asked takes it more slowly than it is written: the files can wait, this node's memory cannot grow.
+            tokio::select! {
+                _ = interval.tick() => continue,
+                () = caller.closed() => return false,
             }
         }
-        if !follow || !tokio::fs::try_exists(&dir).await.unwrap_or(false) {
-            return;
+        // In this order: what was written before the end is found after it.
+        let is_over = over.is_over();
+        let reading = tokio::task::spawn_blocking(move || {
+            let found = readers.iter_mut().map(|reader| reader.read().unwrap_or_default()).collect::<Vec<_>>();
+            (readers, found)
+        });
+        let Ok((back, found)) = reading.await else { return false };
+        readers = back;
+        let mut more = false;
+        for (index, bytes) in found.into_iter().enumerate().filter(|(_, bytes)| !bytes.is_empty()) {
+            more = true;
+            if !caller.send(answer(index, bytes)).await {
+                return false;
+            }
+        }
+        if is_over && !more {
+            return true;
         }
         tokio::select! {
+            () = std::future::ready(()), if is_over => {}
             _ = interval.tick() => {}
-            () = sink.closed() => return,
+            () = over.wait(), if !is_over => {}
+            () = caller.closed() => return false,
         }
-        if current.is_none() {
-            current = first(&dir).await;
-        }
-    }
-}
-
-/// What comes after a file.
-enum Next {
-    None,
-    Is(Output),
-    /// Files between the two were rotated away.
-    AfterGap(Output),
-}
-
-/// Returns the oldest output that is left.
-async fn first(dir: &Path) -> Option<Output> {
-    match open(&dir.join(OUTPUT_FILE_OLD)).await {
-        Some(old) => Some(old),
-        None => open(&dir.join(OUTPUT_FILE)).await,
-    }
-}
-
-/// Returns the file that was begun after the one with this inode, which is open and so shares its number with no other.
-async fn successor(dir: &Path, inode: u64) -> Next {
-    let (old, new) = (dir.join(OUTPUT_FILE_OLD), dir.join(OUTPUT_FILE));
-    loop {
-        let Some(newest) = open(&new).await else { return Next::None };
-        if newest.inode == inode {
-            return Next::None;
-        }
-        let Some(older) = open(&old).await else { return Next::AfterGap(newest) };
-        if older.inode == newest.inode {
-            // It was rotated between the two looks.
-            continue;
-        }
-        return if older.inode == inode { Next::Is(newest) } else { Next::AfterGap(older) };
-    }
-}
-
-async fn open(path: &Path) -> Option<Output> {
-    let file = File::open(path).await.ok()?;
-    let inode = file.metadata().await.ok()?.ino();
-    Some(Output { file, inode })
-}
-
-/// Sends a file from where it was read to up to its end; none when nobody listens.
-async fn send(file: &mut File, sink: &Sender<Vec<u8>>) -> Option<()> {
-    loop {
-        let mut chunk = vec![0; CHUNK];
-        let count = file.read(&mut chunk).await.unwrap_or(0);
-        if count == 0 {
-            return Some(());
-        }
-        chunk.truncate(count);
-        sink.send(chunk).await.ok()?;
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::fs::OpenOptions;
+    use crate::io::caller::answers;
     use std::io::Write;
-    use tokio::sync::mpsc;
+    use std::path::Path;
 
-    struct Log(PathBuf);
+    fn whole(dir: &Path) -> Vec<u8> {
+        let mut reader = Reader::new(dir.to_owned());
+        std::iter::from_fn(|| Some(reader.read().unwrap()).filter(|bytes| !bytes.is_empty())).flatten().collect()
+    }
 
-    impl Log {
+    /// A program's folder, as its shim fills it.
+    struct Folder(PathBuf);
+
+    impl Folder {
         fn new(name: &str) -> Self {
-            let dir = std::env::temp_dir().join(format!("dca-tail-{name}-{}", std::process::id()));
-            std::fs::create_dir_all(&dir).unwrap();
-            Self(dir)
+            let folder = std::env::temp_dir().join(format!("dca-tail-{name}-{}", std::process::id()));
+            std::fs::create_dir_all(&folder).unwrap();
+            Self(folder)
         }
+
         fn write(&self, text: &str) {
-            let file = OpenOptions::new().create(true).append(true).open(self.0.join(OUTPUT_FILE));
-            file.unwrap().write_all(text.as_bytes()).unwrap();
+            let mut file = File::options().create(true).append(true).open(self.0.join(OUTPUT_FILE)).unwrap();
+            file.write_all(text.as_bytes()).unwrap();
         }
+
         fn rotate(&self) {
             std::fs::rename(self.0.join(OUTPUT_FILE), self.0.join(OUTPUT_FILE_OLD)).unwrap();
         }
     }
 
-    /// Reads until `wanted` has come.
-    async fn read(heard: &mut mpsc::Receiver<Vec<u8>>, wanted: &str) -> String {
-        let mut text = String::new();
-        while !text.ends_with(wanted) {
-            text += &String::from_utf8(heard.recv().await.unwrap()).unwrap();
+    impl Drop for Folder {
+        fn drop(&mut self) {
+            drop(std::fs::remove_dir_all(&self.0));
         }
-        text
     }
 
-    /// What is written between the last look and the rotation is not lost, nor what the new file has by the next look.
-    #[tokio::test]
-    async fn nothing_is_lost_at_a_rotation() {
-        let log = Log::new("rotation");
-        let (sink, mut heard) = mpsc::channel(64);
-        log.write("one\n");
-        let tailing = async {
-            assert_eq!(read(&mut heard, "one\n").await, "one\n");
-            log.write("two\n");
-            log.rotate();
-            log.write("three is longer than everything before it\n");
-            assert_eq!(read(&mut heard, "it\n").await, "two\nthree is longer than everything before it\n");
-            for round in 0..20 {
-                log.write(&format!("{round} before\n"));
-                log.rotate();
-                log.write(&format!("{round} behind\n"));
-                let expected = format!("{round} before\n{round} behind\n");
-                assert_eq!(read(&mut heard, "behind\n").await, expected);
-            }
-            std::fs::remove_dir_all(&log.0).unwrap();
-        };
-        tokio::join!(tail(log.0.clone(), true, sink), tailing);
+    #[test]
+    fn nothing_is_lost_when_the_file_is_put_aside() {
+        let folder = Folder::new("aside");
+        let mut reader = Reader::new(folder.0.clone());
+        let mut read = || String::from_utf8(reader.read().unwrap()).unwrap();
+        assert_eq!(read(), "");
+        folder.write("a");
+        assert_eq!(read(), "a");
+        folder.write("b");
+        folder.rotate();
+        folder.write("c");
+        assert_eq!((read(), read(), read()), ("b".into(), "c".into(), String::new()));
+        // Twice between two looks: what was put aside last is there still, and others may have been before it.
+        folder.write("d");
+        folder.rotate();
+        folder.write("e");
+        folder.rotate();
+        let gap = String::from_utf8_lossy(GAP).into_owned();
+        assert_eq!((read(), read(), read(), read()), ("d".into(), gap, "e".into(), String::new()));
+        folder.write("f");
+        assert_eq!((read(), whole(&folder.0)), ("f".into(), b"ef".to_vec()));
     }
 
-    #[tokio::test]
-    async fn what_was_rotated_away_is_told() {
-        let log = Log::new("gap");
-        let (sink, mut heard) = mpsc::channel(64);
-        log.write("one\n");
-        let tailing = async {
-            assert_eq!(read(&mut heard, "one\n").await, "one\n");
-            for text in ["two\n", "three\n", "four\n"] {
-                log.rotate();
-                log.write(text);
-            }
-            let expected = format!("{}three\nfour\n", String::from_utf8_lossy(GAP));
-            assert_eq!(read(&mut heard, "four\n").await, expected);
-            std::fs::remove_dir_all(&log.0).unwrap();
-        };
-        tokio::join!(tail(log.0.clone(), true, sink), tailing);
+    #[tokio::test(flavor = "multi_thread")]
+    async fn all_that_was_written_before_the_end_is_sent_and_then_it_ends() {
+        let (one, other) = (Folder::new("one"), Folder::new("other"));
+        one.write("one");
+        let living = watch::Sender::new(());
+        let (caller, mut said) = answers();
+        let programs = vec![("main/one".to_owned(), one.0.clone()), ("main/other".to_owned(), other.0.clone())];
+        let mut sending = tokio::task::JoinSet::new();
+        sending.spawn(all(programs, Over::new(Some(&living)), caller));
+        let wrote = |path: &str, text: &str| Some(Answer::Wrote { path: path.into(), bytes: text.as_bytes().to_vec() });
+        assert_eq!(said.next().await, wrote("main/one", ""));
+        assert_eq!(said.next().await, wrote("main/one", "one"));
+        let long = "x".repeat(CHUNK + 1);
+        other.write(&long);
+        drop(living);
+        assert_eq!(said.next().await, wrote("main/other", &long[1..]));
+        assert_eq!(said.next().await, wrote("main/other", "x"));
+        assert_eq!(said.next().await, None);
+        assert_eq!(said.end(), Ok(()));
+        sending.join_next().await.unwrap().unwrap();
     }
 }

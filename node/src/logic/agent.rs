@@ -28,8 +28,8 @@ const DEPLOYMENTS_MAX: usize = 64;
 /// How long a node that leaves waits for others to acknowledge its last messages.
 const LINGER_MAX: Duration = Duration::from_secs(1);
 
-/// How many deployments that are over are remembered.
-const OVER_MAX: usize = 8;
+/// How many deployments that are over are remembered, and keep their programs' output.
+pub const OVER_MAX: usize = 8;
 
 /// What an agent is told once, at its start.
 #[derive(Clone, Debug)]
@@ -86,14 +86,14 @@ pub enum Input {
         /// Which call.
         call: u64,
     },
-    /// A word from a shim, with the last line of the program's output.
+    /// A word from a shim, with the end of the program's output.
     Shim {
         /// Whose.
         process: ProcessId,
         /// What.
         report: ShimReport,
-        /// The last line of output, if any.
-        last_words: Option<String>,
+        /// The last lines that the program has written, if the report says that it ended.
+        output: Vec<String>,
     },
     /// A word from a controller.
     Control {
@@ -139,6 +139,8 @@ pub struct Agent {
     gathering: Vec<Gathering>,
     /// Reports of deployments that are over, for those who were cut off when it happened.
     over: VecDeque<(Deployment, Vec<Report>)>,
+    /// The programs that parts of deployments had here which are over, by leaf and path; the latest first.
+    past: VecDeque<(Deployment, Vec<(u32, String)>)>,
     leaving: bool,
     /// Until when a node of which nothing is left waits for others to acknowledge its last messages.
     lingers_until: Option<Time>,
@@ -169,6 +171,7 @@ impl Agent {
             requests: BTreeSet::new(),
             gathering: Vec::new(),
             over: VecDeque::new(),
+            past: VecDeque::new(),
             leaving: false,
             lingers_until: None,
         }
@@ -216,9 +219,9 @@ impl Agent {
             Input::Frame(frame) => self.frame(*frame, out),
             Input::Call { call, request } => self.call(call, *request, out),
             Input::CallGone { call } => self.homes.values_mut().for_each(|home| home.forget(call)),
-            Input::Shim { process, report, last_words } => {
+            Input::Shim { process, report, output } => {
                 if let Some(tenant) = self.tenants.get_mut(&process.deployment) {
-                    tenant.observe(process.leaf, report, last_words, out);
+                    tenant.observe(process.leaf, report, output, out);
                 }
             }
             Input::Control { process, notice } => self.hear(&process, notice, out),
@@ -388,9 +391,11 @@ impl Agent {
             self.over.push_front((deployment, reports));
         }
         self.over.truncate(OVER_MAX);
-        for (deployment, _) in self.tenants.extract_if(.., |_, tenant| tenant.is_over()) {
-            effects.push(Effect::Bury { deployment });
+        for (deployment, tenant) in self.tenants.extract_if(.., |_, tenant| tenant.is_over()) {
+            effects.push(Effect::Bury { deployment: deployment.clone() });
+            self.past.push_front((deployment, tenant.programs()));
         }
+        self.past.truncate(OVER_MAX);
         if self.homes.is_empty() && self.tenants.is_empty() {
             if self.leaving {
                 // A node that is gone cannot send its last messages again; without them the others would wait for it.

@@ -108,6 +108,15 @@ pub enum Effect {
         /// Goes on as output comes.
         follow: bool,
     },
+    /// Answer a call with all that the programs of a deployment write, until it is over here.
+    TailAll {
+        /// The call.
+        call: u64,
+        /// The deployment.
+        deployment: Deployment,
+        /// Its programs here: leaf and absolute path.
+        programs: Vec<(u32, String)>,
+    },
     /// Write something of this node's own into the database; nobody waits for it.
     Record(Box<Commit>),
     /// Nothing is left on this host: the node may leave.

@@ -303,6 +303,12 @@ impl Home {
         });
         let signals = signals.collect();
         self.report(Report::Go { took: out.now - self.begun, signals }, out);
+        let programs = self.registrations.facts.keys().filter_map(|leaf| {
+            let path = self.plan.leaves.get(*leaf as usize)?.path.clone();
+            Some((path, observe(&self.registrations, *leaf)?))
+        });
+        let at = programs.collect();
+        self.report(Report::Programs { at }, out);
         for host in self.hosts.clone() {
             out.send(&host, self.deployment.to_tenant(ToTenant::Go));
         }

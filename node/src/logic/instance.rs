@@ -114,7 +114,8 @@ pub struct Instance {
     cut_off: BTreeSet<String>,
     pid: Option<u32>,
     cause: Option<FailureCause>,
-    last_words: Option<String>,
+    /// The last lines that its program has written, once it has ended.
+    output: Vec<String>,
 }
 
 /// What an instance needs to know of the moment, and where it puts what it wants.
@@ -144,7 +145,7 @@ impl Instance {
             cut_off: BTreeSet::new(),
             pid: None,
             cause: None,
-            last_words: None,
+            output: Vec::new(),
         };
         instance.start(moment);
         instance

@@ -14,7 +14,7 @@ pub use phases::{Deciding, PHASES_MAX, Phase};
 pub use progress::{Line, Progress, Style};
 pub use signals::{TRACKS_MAX, Track};
 pub use start::Start;
-pub use summary::{Files, failure_chain, summary};
+pub use summary::{Files, failure_chain, failure_output, summary};
 
 use crate::logic::protocol::{Change, Deployment, Ending, Failure, Report};
 use crate::logic::record::restarting_text;
@@ -89,6 +89,8 @@ pub struct Note {
     pub process: String,
     /// What happened to it.
     pub text: String,
+    /// The last lines that its program wrote, if it failed.
+    pub output: Vec<String>,
 }
 
 impl Mission {
@@ -111,6 +113,7 @@ impl Mission {
     pub fn report(&mut self, report: &Report) {
         match report {
             Report::Accepted { deployment } => self.deployment = Some(deployment.clone()),
+            Report::Programs { .. } => {}
             Report::Prepared { host, leaves } => self.start.prepared(host, *leaves),
             Report::Connected { host } => self.start.connected(host),
             Report::Go { took, signals: _ } => self.start.go(*took),
@@ -230,11 +233,13 @@ impl Mission {
     }
 
     fn note(&mut self, path: &str, change: &Change, at: Duration) {
-        let text = match change {
-            Change::Ended(Ending::Aborted(failure)) if failure.origin == path => format!("aborted: {}", failure.cause),
-            Change::Ended(Ending::Unconfirmed) => "nobody could confirm that it stopped".to_owned(),
-            Change::Died(cause) => format!("died: {cause}"),
-            Change::Restarting { cause, count } => restarting_text(cause, *count),
+        let (text, output) = match change {
+            Change::Ended(Ending::Aborted(failure)) if failure.origin == path => {
+                (format!("aborted: {}", failure.cause), failure.cause.output())
+            }
+            Change::Ended(Ending::Unconfirmed) => ("nobody could confirm that it stopped".to_owned(), &[][..]),
+            Change::Died(cause) => (format!("died: {cause}"), cause.output()),
+            Change::Restarting { cause, count } => (restarting_text(cause, *count), cause.output()),
             Change::Activated | Change::Stopping | Change::Ended(_) | Change::Started { .. } | Change::Resumed => {
                 return;
             }
@@ -242,7 +247,8 @@ impl Mission {
         if self.notes.len() == NOTES_MAX {
             self.notes_dropped += 1;
         } else {
-            self.notes.push(Note { at, process: short(path).to_owned(), text });
+            let (process, output) = (short(path).to_owned(), output.to_vec());
+            self.notes.push(Note { at, process, text, output });
         }
     }
 }

@@ -5,14 +5,16 @@
 
 mod failure;
 mod parameters;
+mod status;
 
 use crate::logic::database::question::{Question, Reply};
 use comms::logic::codec::Enveloped;
 use comms::logic::control::{Dial, Location};
-pub use failure::{Failure, FailureCause, signal_name};
+pub use failure::{Failure, FailureCause, ProgramEnd, signal_name};
 use language::plan::{MemberKind, Plan};
 pub use parameters::{InstanceParameters, ParameterStatus};
 use serde::{Deserialize, Serialize};
+pub use status::{DeploymentStatus, NodeStatus, ProcessStatus};
 use std::fmt;
 use std::time::Duration;
 
@@ -21,6 +23,9 @@ pub const VERSION: u16 = 3;
 
 /// How long a node that has more to say may be silent: it says several times in that time that it is still there.
 pub const SILENCE_MAX: Duration = Duration::from_secs(8);
+
+/// How the refusal of [`Request::Logs`] begins when it means more than one process.
+pub const SEVERAL: &str = "several processes end in";
 
 /// One deployment of a spec: its name, and the epoch that fences off older ones.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -307,6 +312,12 @@ pub enum Request {
         /// What is asked.
         question: Question,
     },
+    /// Answered by a stream of [`Answer::Wrote`]: all that the programs of a deployment on this host have written and write,
+    /// until the deployment is over here.
+    Output {
+        /// The deployment, which may be over.
+        deployment: Deployment,
+    },
 }
 
 /// An element of the answer to a [`Request`].
@@ -326,6 +337,13 @@ pub enum Answer {
     Database(Reply),
     /// To `Parameters`: every program of this host.
     Parameters(Vec<InstanceParameters>),
+    /// To `Output`.
+    Wrote {
+        /// Absolute path of the process.
+        path: String,
+        /// What its program wrote.
+        bytes: Vec<u8>,
+    },
 }
 
 /// The question whether a node is there, to all others.
@@ -405,6 +423,7 @@ pub enum Report {
     /// The whole tree is confirmed and running.
     Go {
         /// How long PREPARE to GO took.
+        #[serde(with = "comms::logic::human::seconds")]
         took: Duration,
         /// Programs that publish signals: instance path, where to dial.
         signals: Vec<(String, Dial)>,
@@ -416,6 +435,7 @@ pub enum Report {
         /// What happened.
         change: Change,
         /// Time since GO at the home node.
+        #[serde(with = "comms::logic::human::seconds")]
         at: Duration,
     },
     /// Nothing was started, or everything was taken back.
@@ -428,9 +448,15 @@ pub enum Report {
         /// How `main` ended.
         ending: Ending,
         /// Time since GO.
+        #[serde(with = "comms::logic::human::seconds")]
         at: Duration,
         /// Hosts that could not confirm.
         unconfirmed: Vec<String>,
+    },
+    /// After GO: where the programs are that others hear, for those who record what goes over their ports.
+    Programs {
+        /// Instance path, where to dial.
+        at: Vec<(String, Dial)>,
     },
 }
 
@@ -443,45 +469,39 @@ pub enum StopReply {
     Unknown,
 }
 
-/// The answer to [`Request::Status`].
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct NodeStatus {
-    /// The node's name.
-    pub host: String,
-    /// The node's process id.
-    pub pid: u32,
-    /// Version of DCA.
-    pub version: String,
-    /// How long it has been up.
-    pub up: Duration,
-    /// Other nodes that it can reach.
-    pub peers: Vec<String>,
-    /// Deployments with a part here.
-    pub deployments: Vec<DeploymentStatus>,
-}
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use dbmanager::logic::cut::{Dot, Origin};
+    use dbmanager::logic::view::past::When;
 
-/// A deployment as one host sees it.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct DeploymentStatus {
-    /// Which.
-    pub deployment: Deployment,
-    /// The host of `main`.
-    pub home: String,
-    /// `preparing`, `connecting`, `running`, `ending`.
-    pub phase: String,
-    /// Groups and leaves of this host.
-    pub processes: Vec<ProcessStatus>,
-}
+    #[test]
+    fn json_has_times_in_seconds_and_names_as_strings() {
+        let check = |json: serde_json::Result<String>, expected: &str| assert_eq!(json.unwrap(), expected);
+        let (peers, deployments) = (Vec::new(), Vec::new());
+        let (host, version, up) = ("c1".into(), "1".into(), Duration::from_millis(1500));
+        let status = NodeStatus { host, pid: 7, version, up, peers, deployments };
+        let text = r#"{"host":"c1","pid":7,"version":"1","up":1.5,"peers":[],"deployments":[]}"#;
+        check(serde_json::to_string(&status), text);
+        assert_eq!(serde_json::from_str::<NodeStatus>(text).unwrap(), status);
+        let dot = Dot { origin: Origin::new(0xfedc_ba98_7654_3210), seq: 3 };
+        check(serde_json::to_string(&dot), r#"{"origin":"fedcba9876543210","seq":3}"#);
+        let when = When { millis: 1_700_000_000_123, trusted: true };
+        check(serde_json::to_string(&when), r#"{"at":1700000000.123,"trusted":true}"#);
+        assert_eq!(serde_json::from_str::<When>(r#"{"at":1700000000.123,"trusted":true}"#).unwrap(), when);
+        // Records of before have times in two parts.
+        let failure = r#"{"origin":"main","cause":"Busy","at":{"secs":12,"nanos":5}}"#;
+        assert_eq!(serde_json::from_str::<Failure>(failure).unwrap().at, Duration::new(12, 5));
+    }
 
-/// A process as its host sees it.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct ProcessStatus {
-    /// Absolute path.
-    pub path: String,
-    /// Its type.
-    pub kind: String,
-    /// `starting`, `idle`, `running`, `stopping`, `dead: SIGSEGV` …
-    pub state: String,
-    /// Process id of a leaf's program.
-    pub pid: Option<u32>,
+    #[test]
+    fn what_goes_over_the_wire_stays_as_it_was() {
+        let (peers, deployments) = (Vec::new(), Vec::new());
+        let (host, version, up) = ("c1".into(), "1".into(), Duration::new(3, 4));
+        let status = NodeStatus { host, pid: 7, version, up, peers, deployments };
+        assert_eq!(postcard::to_stdvec(&status).unwrap(), [2, b'c', b'1', 7, 1, b'1', 3, 4, 0, 0]);
+        let dot = Dot { origin: Origin::new(300), seq: 3 };
+        assert_eq!(postcard::to_stdvec(&dot).unwrap(), [0xac, 2, 3]);
+        assert_eq!(postcard::to_stdvec(&When { millis: 300, trusted: true }).unwrap(), [0xac, 2, 1]);
+    }
 }

@@ -1,15 +1,24 @@
 //! The record of a run: everything that was reported and every signal, in one MCAP file.
 //!
-//! Each message is JSON, so that any MCAP viewer can plot it: reports on `/events`, a program's samples on
-//! `/signals/<path>` as one object of numbers. Times are since GO. The spec and its plan are attachments. What is here
-//! turns entries into messages and a file's bytes back into a [`Run`]; `io::recorder` has the file and the thread.
-//! Source: the MCAP format specification, <https://mcap.dev/spec>.
+//! Each message is JSON, so that any MCAP viewer shows it: reports on `/events`, a program's samples on `/signals/<path>` as
+//! one object of numbers, what programs write on `/log`. Times are since 1970. The spec and its plan are attachments. What
+//! is here turns entries into messages and a file's bytes back into a [`Run`]; `io::recorder` has the file and the thread.
+//!
+//! Viewers want more than the format: a schema is an object whose properties have types, without `$ref`; one schema has one
+//! name, one topic one schema; a name that is to be plotted has letters, digits and `_` only.
+//! Sources: the MCAP format specification, <https://mcap.dev/spec>, and its registry of profiles and encodings.
 
+mod lines;
+mod ports;
 mod read;
 mod row;
+mod schema;
+
+pub use lines::Lines;
+pub use ports::{Port, ports};
 
 pub use read::ReadError;
-pub use row::{EVENTS, Row, Rows, SIGNALS, Topic};
+pub use row::{EVENTS, LOG, PORTS, Row, Rows, SIGNALS, Topic};
 pub(crate) use row::{change_text, restarting_text, text as report_text};
 
 use crate::logic::mission::Mission;
@@ -17,10 +26,11 @@ use crate::logic::protocol::Report;
 use comms::logic::signals::Signals;
 use language::plan::Plan;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::time::Duration;
 
 /// Version of the layout of a record.
-pub const VERSION: u16 = 1;
+pub const VERSION: u16 = 2;
 /// Name of the attachment with the plan.
 pub const PLAN: &str = "plan.json";
 /// Name of the attachment with the spec's text.
@@ -47,6 +57,7 @@ struct About {
     version: u16,
     name: String,
     file: String,
+    #[serde(default, with = "comms::logic::human::seconds_if_known")]
     started: Option<Duration>,
 }
 
@@ -63,6 +74,26 @@ pub enum Entry {
         at: Duration,
         /// The sample.
         sample: Signals,
+    },
+    /// What a program wrote.
+    Output {
+        /// Absolute path of the program.
+        path: String,
+        /// When it came, since GO; zero before.
+        at: Duration,
+        /// Whole lines, without the last line feed.
+        text: String,
+    },
+    /// What went over a wire. It is not read back: only the programs know what it means.
+    Port {
+        /// Path of the producer and its output: `main/force/Out`.
+        from: String,
+        /// Path of the consumer and its input.
+        to: String,
+        /// When it came, since GO.
+        at: Duration,
+        /// The value as it is sent.
+        bytes: Vec<u8>,
     },
 }
 
@@ -85,9 +116,21 @@ impl Run {
             match entry {
                 Entry::Report(report) => mission.report(report),
                 Entry::Signals { path, at, sample } => mission.signals(path, *at, sample),
+                Entry::Output { .. } | Entry::Port { .. } => {}
             }
         }
         mission
+    }
+
+    /// Returns what each program wrote, in the order of their paths.
+    pub fn outputs(&self) -> BTreeMap<&str, Vec<&str>> {
+        let mut outputs: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
+        for entry in &self.entries {
+            if let Entry::Output { path, text, .. } = entry {
+                outputs.entry(path).or_default().push(text);
+            }
+        }
+        outputs
     }
 }
 

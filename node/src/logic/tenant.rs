@@ -156,8 +156,8 @@ impl Tenant {
     }
 
     /// Takes a word from a shim.
-    pub fn observe(&mut self, leaf: u32, report: ShimReport, last_words: Option<String>, out: &mut Out<'_>) {
-        self.with_instance(leaf, out, |instance, moment| instance.observe(report, last_words, moment));
+    pub fn observe(&mut self, leaf: u32, report: ShimReport, output: Vec<String>, out: &mut Out<'_>) {
+        self.with_instance(leaf, out, |instance, moment| instance.observe(report, output, moment));
     }
 
     /// Takes note that an order did not reach a program.

@@ -67,6 +67,12 @@ pub(super) struct World {
     pub(super) plan: Option<Plan>,
     /// Whether shims fail to end their programs.
     pub(super) immortal: bool,
+    /// The programs whose output was asked for.
+    pub(super) tailed: Vec<Vec<ProcessId>>,
+    /// Whether programs leave at once with exit code 1.
+    pub(super) fails_at_start: bool,
+    /// The last lines that programs write before they end.
+    pub(super) output: Vec<String>,
     /// How long the disk takes to write something down.
     pub(super) disk_ms: u64,
     /// Why the disk takes nothing.
@@ -114,6 +120,13 @@ impl World {
         self.calls.push(call);
         let request = Box::new(Request::Deploy { request: call, plan, by: "ann".into() });
         self.at(0, home, Coming::Input(Input::Call { call, request }));
+        call
+    }
+
+    pub(super) fn ask(&mut self, host: &str, request: Request) -> u64 {
+        self.counter += 1;
+        let (call, request) = (self.counter, Box::new(request));
+        self.at(0, host, Coming::Input(Input::Call { call, request }));
         call
     }
 
@@ -187,7 +200,9 @@ impl World {
     }
 
     fn report(&mut self, host: &str, process: &ProcessId, report: ShimReport) {
-        let input = Input::Shim { process: process.clone(), report, last_words: None };
+        let ended = matches!(report, ShimReport::Exited { .. } | ShimReport::Signalled { .. });
+        let output = if ended { self.output.clone() } else { Vec::new() };
+        let input = Input::Shim { process: process.clone(), report, output };
         self.at(1, host, Coming::Input(input));
     }
 
@@ -237,7 +252,12 @@ impl World {
                 self.at(self.disk_ms, host, Coming::Input(Input::Committed { deployment, written }));
             }
             Effect::EndAnswers { .. } | Effect::Forget { .. } | Effect::Bury { .. } => {}
-            Effect::Tail { .. } | Effect::Record(_) | Effect::Yield { .. } => {}
+            Effect::Tail { process, .. } => self.tailed.push(vec![process]),
+            Effect::TailAll { deployment, programs, .. } => {
+                let process = |(leaf, _)| ProcessId { deployment: deployment.clone(), leaf };
+                self.tailed.push(programs.into_iter().map(process).collect());
+            }
+            Effect::Record(_) | Effect::Yield { .. } => {}
             Effect::Leave => self.leave(host),
         }
     }
@@ -313,6 +333,9 @@ impl World {
             return self.report(host, &process, ShimReport::Ready);
         }
         self.report(host, &process, ShimReport::Started { pid: 100 + process.leaf });
+        if self.fails_at_start {
+            return self.die(host, &process, ShimReport::Exited { code: 1 });
+        }
         let local = vec!["unix".into()];
         let location = Some(Location { session: self.session(&process), local, remote: vec!["tcp".into()] });
         let owns = if order.command[1] == "Owner" { vec!["arm".to_owned()] } else { vec![] };

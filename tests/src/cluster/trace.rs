@@ -57,6 +57,7 @@ impl Trace {
             | Report::Connected { .. }
             | Report::Go { .. }
             | Report::Process { .. }
+            | Report::Programs { .. }
             | Report::Refused { .. } => None,
         });
         finished.expect("the record of a run that is over has its end")
@@ -70,6 +71,7 @@ impl Trace {
             | Report::Prepared { .. }
             | Report::Connected { .. }
             | Report::Go { .. }
+            | Report::Programs { .. }
             | Report::Refused { .. }
             | Report::Finished { .. } => None,
         });
@@ -92,15 +94,18 @@ impl Trace {
                 let signal = sample.values.iter().find(|signal| signal.name == name)?;
                 Some(Sample { at: *at, stamp: sample.stamp, value: signal.value })
             }
-            Entry::Signals { .. } | Entry::Report(_) => None,
+            Entry::Signals { .. } | Entry::Report(_) | Entry::Output { .. } | Entry::Port { .. } => None,
         };
-        self.run.entries.iter().filter_map(sample).collect()
+        let mut samples: Vec<Sample> = self.run.entries.iter().filter_map(sample).collect();
+        // A peak between two samples is told after the second.
+        samples.sort_by_key(|sample| sample.at);
+        samples
     }
 
     fn reports(&self) -> impl Iterator<Item = &Report> {
         self.run.entries.iter().filter_map(|entry| match entry {
             Entry::Report(report) => Some(report),
-            Entry::Signals { .. } => None,
+            Entry::Signals { .. } | Entry::Output { .. } | Entry::Port { .. } => None,
         })
     }
 }

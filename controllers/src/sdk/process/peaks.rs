@@ -15,10 +15,15 @@ pub(super) struct Watch {
 impl Watch {
     /// Looks at the signals of one calculation.
     pub(super) fn look(&mut self, signals: &[Signal], time: Time) {
+        let fresh = || signals.iter().map(|signal| (signal.clone(), time)).collect();
+        if self.largest.is_empty() {
+            self.largest = fresh();
+            return;
+        }
         let is_same = self.largest.len() == signals.len()
             && self.largest.iter().zip(signals).all(|((known, _), signal)| known.name == signal.name);
         if !is_same {
-            (self.largest, self.shown) = (signals.iter().map(|signal| (signal.clone(), time)).collect(), Vec::new());
+            (self.largest, self.shown) = (fresh(), Vec::new());
             return;
         }
         for ((largest, at), signal) in self.largest.iter_mut().zip(signals) {

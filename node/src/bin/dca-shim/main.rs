@@ -34,6 +34,24 @@ const KILL_AGAIN: Duration = Duration::from_millis(20);
 /// How long the last output may take to reach its file before the end is reported without it.
 const SETTLE: Duration = Duration::from_millis(500);
 
+/// What `--help` says.
+const HELP: &str = "\
+The parent of one program that a node has started: holds it back until it is to run, keeps its output, reports how it ends
+and leaves nothing of it behind. Nodes start it; there is no use for it by hand.
+
+Usage: dca-shim --directory DIR [OPTIONS] -- PROGRAM [ARGUMENTS]
+
+Options:
+  --directory DIR              where output and exit code go
+  --working-directory DIR      the program's working directory
+  --gate none|exec             run the program at once, or when standard input says `go`
+  --agent-loss-grace-ms N      how long it has to stop when the node is gone
+  --environment NAME=VALUE     its whole environment; may be given more than once
+  --memory BYTES  --cpu-s S  --files N  --nice N  --realtime P  --realtime-optional P
+                               what it may use
+  -h, --help                   this text
+  -V, --version                the version";
+
 /// What the main thread waits for.
 enum Event {
     Order(ShimOrder),
@@ -44,6 +62,14 @@ enum Event {
 
 fn main() -> ExitCode {
     let mut arguments = std::env::args_os().skip(1).peekable();
+    let about = match arguments.peek().and_then(|first| first.to_str()) {
+        Some("--version" | "-V") => Some(concat!("dca-shim ", env!("CARGO_PKG_VERSION"))),
+        Some("--help" | "-h") => Some(HELP),
+        _ => None,
+    };
+    if let Some(about) = about {
+        return ExitCode::from(u8::from(writeln!(io::stdout(), "{about}").is_err()));
+    }
     let is_launch = arguments.next_if(|first| first == LAUNCH).is_some();
     let start = match ShimStart::parse(arguments) {
         Ok(start) => start,

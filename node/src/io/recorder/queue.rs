@@ -7,14 +7,16 @@ use std::time::Duration;
 
 /// How long the queue may be for a sample to be let in: about two seconds of a busy robot.
 pub(super) const SAMPLES: usize = 4_096;
+/// How long the queue may be for what went over a wire, which may be large.
+pub(super) const PORTS: usize = 256;
 /// How long the queue may be for a report to be let in.
 pub(super) const REPORTS: usize = 2 * SAMPLES;
 
 /// What there is to do.
 #[derive(Debug)]
 pub(super) enum Popped {
-    /// This.
-    Entry(Box<Entry>),
+    /// This, which came then, since 1970.
+    Entry(Box<Entry>, Duration),
     /// Nothing came for the time given.
     Nothing,
     /// Nothing will ever come.
@@ -29,19 +31,19 @@ pub(super) struct Queue {
 
 #[derive(Debug, Default)]
 struct Inside {
-    entries: VecDeque<Entry>,
+    entries: VecDeque<(Entry, Duration)>,
     dropped: u64,
     closed: bool,
 }
 
 impl Queue {
-    /// Adds an entry unless the queue is closed or has `limit` entries already; then it is dropped and counted.
-    pub(super) fn push(&self, entry: Entry, limit: usize) {
+    /// Adds an entry that came at `arrived` unless the queue is closed or has `limit` entries already; then it is dropped and counted.
+    pub(super) fn push(&self, entry: Entry, arrived: Duration, limit: usize) {
         let mut inside = self.lock();
         if inside.closed || inside.entries.len() >= limit {
             inside.dropped += 1;
         } else {
-            inside.entries.push_back(entry);
+            inside.entries.push_back((entry, arrived));
             self.changed.notify_one();
         }
     }
@@ -54,7 +56,7 @@ impl Queue {
             inside = waited.unwrap_or_else(PoisonError::into_inner).0;
         }
         match inside.entries.pop_front() {
-            Some(entry) => Popped::Entry(Box::new(entry)),
+            Some((entry, arrived)) => Popped::Entry(Box::new(entry), arrived),
             None if inside.closed => Popped::Closed,
             None => Popped::Nothing,
         }

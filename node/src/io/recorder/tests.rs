@@ -4,6 +4,9 @@ use super::*;
 use crate::logic::mission::tests::{OPENING, door, event_table, seconds};
 use crate::logic::mission::{Files, summary};
 use crate::logic::protocol::{Ending, Report};
+use comms::logic::signals::{Signal, Signals};
+use serde_json::Value;
+use std::collections::BTreeMap;
 
 /// A folder that is gone with its owner.
 struct Folder(PathBuf);
@@ -35,9 +38,15 @@ fn entries() -> Vec<Entry> {
     let mut entries = vec![Entry::Report(Report::Go { took: seconds(0.8), signals: Vec::new() })];
     entries.extend(event_table(OPENING));
     let ending = Ending::Done(vec![1, 2]);
+    let output =
+        |at, text: &str| Entry::Output { path: "main/sys/near".to_owned(), at: seconds(at), text: text.to_owned() };
+    entries.push(output(22.0, "two lines:\nä \u{1b}[0m"));
     entries.push(Entry::Report(Report::Finished { ending, at: seconds(22.1), unconfirmed: Vec::new() }));
     entries
 }
+
+/// When what is recorded here arrives, since 1970.
+const ARRIVED: Duration = Duration::from_secs(1_700_000_000);
 
 fn record(folder: &Folder) -> Recorder {
     let recorder = Recorder::create(&folder.0, &header()).unwrap();
@@ -54,7 +63,7 @@ fn a_record_is_read_back_as_it_was_written() {
     assert_eq!(dropped, 0);
     let run = read(&path).unwrap();
     assert_eq!(run, Run { header: header(), entries: entries(), damage: None });
-    let text = summary(&run.mission(), &Files::default());
+    let text = summary(&run.mission(), &Files::default(), None);
     assert!(text.starts_with("test: done after 22.1 s"), "{text}");
 }
 
@@ -87,13 +96,104 @@ fn what_is_older_than_a_second_survives_a_kill() {
     )
     .unwrap();
     for entry in entries() {
-        log.write(&entry).unwrap();
+        log.write(&entry, ARRIVED).unwrap();
     }
     // A killed process runs no destructor: what is in its buffers is gone.
     std::mem::forget(log);
     let run = read(&folder.0.join(FILE)).unwrap();
-    assert!(run.damage.is_some());
-    assert!(run.entries.len() + 5 > entries().len(), "{} of {}", run.entries.len(), entries().len());
+    assert_eq!(run.entries.len(), 0, "nothing is a second old");
+}
+
+/// Writes all entries a second apart and dies.
+fn killed(folder: &Folder) -> Vec<u8> {
+    fs::create_dir_all(&folder.0).unwrap();
+    let path = folder.0.join(FILE);
+    let mut log = Log::begin(File::create(&path).unwrap(), &header()).unwrap();
+    for (second, entry) in (0..).zip(entries()) {
+        log.write(&entry, ARRIVED + Duration::from_secs(second)).unwrap();
+    }
+    std::mem::forget(log);
+    fs::read(path).unwrap()
+}
+
+#[test]
+fn any_reader_opens_the_record_of_a_recorder_that_was_killed() {
+    let bytes = killed(&Folder::new("opens"));
+    assert!(bytes.ends_with(mcap::MAGIC), "it has an end");
+    // The official reader, which refuses a file without one.
+    let messages: Vec<_> = mcap::MessageStream::new(&bytes).unwrap().map(|message| message.unwrap()).collect();
+    assert_eq!(messages.len(), entries().len());
+    assert!(mcap::read::Summary::read(&bytes).unwrap().is_none(), "it is read without a summary");
+    let run = Run::from_bytes(&bytes).unwrap();
+    assert_eq!((run.entries.len(), run.damage), (entries().len(), None));
+}
+
+#[test]
+fn a_viewer_finds_what_it_expects() {
+    let folder = Folder::new("viewer");
+    let (path, _) = record(&folder).finish().unwrap();
+    let bytes = fs::read(path).unwrap();
+    let summary = mcap::read::Summary::read(&bytes).unwrap().expect("an ended record has a summary");
+    assert_eq!(summary.stats.unwrap().message_count, entries().len() as u64);
+    let (mut schemas, mut topics) = (BTreeMap::new(), BTreeMap::new());
+    for message in mcap::MessageStream::new(&bytes).unwrap() {
+        let message = message.unwrap();
+        let (channel, schema) = (&message.channel, message.channel.schema.as_ref().expect("every channel has one"));
+        assert_eq!((channel.message_encoding.as_str(), schema.encoding.as_str()), ("json", "jsonschema"));
+        assert!(message.log_time > 1_500_000_000_000_000_000, "{} is no time since 1970", message.log_time);
+        assert_eq!(message.log_time, message.publish_time);
+        // One schema has one name, one topic one schema.
+        assert_eq!(*schemas.entry(schema.name.clone()).or_insert(schema.data.clone()), schema.data, "{}", schema.name);
+        assert_eq!(*topics.entry(channel.topic.clone()).or_insert(schema.id), schema.id, "{}", channel.topic);
+        let plain = |name: &str| name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
+        assert!(channel.topic[1..].split('/').all(plain), "{}", channel.topic);
+        let (schema, data) =
+            (serde_json::from_slice(&schema.data).unwrap(), serde_json::from_slice(&message.data).unwrap());
+        let mut wrong = Vec::new();
+        conforms(&schema, &data, &mut wrong);
+        assert!(wrong.is_empty(), "{}: {wrong:?} {data}", channel.topic);
+    }
+    let names: Vec<&str> = topics.keys().map(String::as_str).collect();
+    assert_eq!(
+        names,
+        ["/events", "/log", "/signals/main/sys/motion", "/signals/main/sys/motion_2", "/signals/main/sys/pull"]
+    );
+}
+
+/// Says what of `data` is not as `schema` says, by the rules of viewers: objects of typed properties, nothing else.
+fn conforms(schema: &Value, data: &Value, wrong: &mut Vec<String>) {
+    let Some(properties) = schema["properties"].as_object().filter(|_| schema["type"] == "object") else {
+        return wrong.push(format!("no object: {schema}"));
+    };
+    for (name, value) in data.as_object().expect("a message is an object") {
+        match (properties.get(name).map(|property| property["type"].as_str().unwrap_or("none")), value) {
+            (Some("number"), Value::Number(_)) | (Some("string"), Value::String(_)) => {}
+            (Some("integer"), Value::Number(number)) if number.is_i64() || number.is_u64() => {}
+            (Some("object"), Value::Object(_)) => conforms(&properties[name], value, wrong),
+            (kind, value) => wrong.push(format!("{name} is {kind:?}, not {value}")),
+        }
+        assert!(name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_'), "{name}");
+    }
+}
+
+#[test]
+fn a_value_that_is_no_number_is_left_out() {
+    let signal = |name: &str, value| Signal { name: name.to_owned(), unit: String::new(), value, headline: false };
+    let values = vec![signal("door angle", f64::NAN), signal("door_angle", 2.0), signal("stamp", f64::INFINITY)];
+    let sample = Signals { stamp: Time::from_nanos(1_234_567_891), values };
+    let entry = Entry::Signals { path: "main/a[1]".to_owned(), at: Duration::ZERO, sample };
+    let mut rows = Rows::default();
+    let row = rows.row(&entry, ARRIVED);
+    assert_eq!(String::from_utf8_lossy(&row.data), r#"{"door_angle_2":2.0,"stamp":1.234567891}"#);
+    assert_eq!(rows.topics()[0].name, "/signals/main/a_1");
+    let folder = Folder::new("nan");
+    let recorder = Recorder::create(&folder.0, &header()).unwrap();
+    recorder.push(entry);
+    let (path, _) = recorder.finish().unwrap();
+    let [Entry::Signals { path, sample, .. }] = &read(&path).unwrap().entries[..] else { panic!("one sample") };
+    let read: Vec<_> = sample.values.iter().map(|signal| (signal.name.as_str(), signal.value.is_nan())).collect();
+    assert_eq!((path.as_str(), sample.stamp.nanos()), ("main/a[1]", 1_234_567_891));
+    assert_eq!(read, [("door_angle", false)]);
 }
 
 #[test]
@@ -101,13 +201,14 @@ fn a_full_queue_drops_samples_before_reports_and_counts_them() {
     let queue = Queue::default();
     let sample = || entries().into_iter().find(|entry| matches!(entry, Entry::Signals { .. })).unwrap();
     for _ in 0..queue::SAMPLES + 3 {
-        queue.push(sample(), queue::SAMPLES);
+        queue.push(sample(), ARRIVED, queue::SAMPLES);
     }
-    queue.push(Entry::Report(Report::Go { took: seconds(0.8), signals: Vec::new() }), queue::REPORTS);
+    let go = Entry::Report(Report::Go { took: seconds(0.8), signals: Vec::new() });
+    queue.push(go, ARRIVED, queue::REPORTS);
     assert_eq!(queue.dropped(), 3);
     queue.close();
     let mut left = 0;
-    while let Popped::Entry(_) = queue.pop(Duration::ZERO) {
+    while let Popped::Entry(..) = queue.pop(Duration::ZERO) {
         left += 1;
     }
     assert_eq!(left, queue::SAMPLES + 1);
@@ -125,4 +226,46 @@ fn other_files_are_refused_with_a_reason() {
         let error = read(&path).unwrap_err().to_string();
         assert!(error.contains("not the record of a run: "), "{error}");
     }
+}
+
+#[test]
+fn what_goes_over_ports_is_on_topics_of_their_own() {
+    let port = |to: &str, bytes: &[u8]| {
+        let (from, to) = ("main/force/Out".to_owned(), to.to_owned());
+        Entry::Port { from, to, at: seconds(1.0), bytes: bytes.to_vec() }
+    };
+    let folder = Folder::new("ports");
+    let recorder = Recorder::create(&folder.0, &header()).unwrap();
+    for entry in [port("main/a/In", b"foo"), port("main/b/In", b"\xff"), port("main/a/In", b"")] {
+        recorder.push(entry);
+    }
+    let (path, dropped) = recorder.finish().unwrap();
+    let bytes = fs::read(path).unwrap();
+    let messages = mcap::MessageStream::new(&bytes).unwrap().map(|message| message.unwrap());
+    let seen: Vec<(String, String, String)> = messages
+        .map(|message| {
+            let schema = message.channel.schema.as_ref().unwrap();
+            assert_eq!(schema.name, "dca.Encoded");
+            let (schema, data) =
+                (serde_json::from_slice(&schema.data).unwrap(), serde_json::from_slice(&message.data).unwrap());
+            let mut wrong = Vec::new();
+            conforms(&schema, &data, &mut wrong);
+            assert!(wrong.is_empty(), "{wrong:?}");
+            let to = message.channel.metadata["dca.to"].clone();
+            (message.channel.topic.clone(), to, String::from_utf8(message.data.to_vec()).unwrap())
+        })
+        .collect();
+    let row = |topic: &str, to: &str, data: &str| (topic.to_owned(), to.to_owned(), data.to_owned());
+    let (one, two) = ("/ports/main/force/Out", "/ports/main/force/Out_2");
+    assert_eq!(dropped, 0);
+    assert_eq!(
+        seen,
+        [
+            row(one, "main/a/In", r#"{"bytes":"Zm9v","size":3}"#),
+            row(two, "main/b/In", r#"{"bytes":"/w==","size":1}"#),
+            row(one, "main/a/In", r#"{"bytes":"","size":0}"#),
+        ]
+    );
+    // They are for other tools: a report has no use for them.
+    assert_eq!(Run::from_bytes(&bytes).unwrap().entries, []);
 }

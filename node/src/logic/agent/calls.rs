@@ -4,7 +4,8 @@ use super::{Agent, Gathering};
 use crate::logic::database::chronicle;
 use crate::logic::effect::{Effect, Out, ProcessId};
 use crate::logic::home::{Home, tell_missed};
-use crate::logic::protocol::{Answer, Deployment, Report, Request, StopReply};
+use crate::logic::protocol::{Answer, Deployment, Report, Request, SEVERAL, StopReply};
+use crate::logic::tenant::Tenant;
 use language::plan::Plan;
 use std::sync::Arc;
 use std::time::Duration;
@@ -43,6 +44,10 @@ impl Agent {
                 let all = self.tenants.values().flat_map(|tenant| tenant.parameters(&self.programs)).collect();
                 answer(call, Answer::Parameters(all), out);
             }
+            Request::Output { deployment } => match self.programs(&deployment) {
+                Some(programs) => return out.effects.push(Effect::TailAll { call, deployment, programs }),
+                None => answer(call, Answer::Refused(format!("`{deployment}` is not known here")), out),
+            },
             // The driver hands these to the database; an agent alone has none.
             Request::Database(_) | Request::Here { .. } => {
                 answer(call, Answer::Refused("this node has no database".to_owned()), out);
@@ -114,17 +119,28 @@ impl Agent {
         self.homes.insert(deployment.clone(), Home::begin(deployment, Arc::new(plan), call, out));
     }
 
-    /// Finds the one leaf of this host that is meant.
+    /// Returns the programs that a deployment has here, or had.
+    fn programs(&self, deployment: &Deployment) -> Option<Vec<(u32, String)>> {
+        let past = || self.past.iter().find(|(id, _)| id == deployment).map(|(_, programs)| programs.clone());
+        self.tenants.get(deployment).map(Tenant::programs).or_else(past)
+    }
+
+    /// Finds the one leaf of this host that is meant: of the deployments that run, else of the latest that has one.
     fn find(&self, deployment: Option<&str>, process: &str) -> Result<ProcessId, String> {
-        let tenants = self.tenants.iter().filter(|(id, _)| deployment.is_none_or(|name| name == id.name));
-        let mut found = tenants.flat_map(|(id, tenant)| {
-            let leaves = tenant.find(process);
-            leaves.into_iter().map(|leaf| ProcessId { deployment: id.clone(), leaf })
-        });
-        match (found.next(), found.next()) {
-            (Some(one), None) => Ok(one),
-            (None, _) => Err(format!("no process `{process}` on host `{}`", self.identity.host)),
-            (Some(_), Some(_)) => Err(format!("several processes end in `{process}`; give more of the path")),
+        let end = format!("/{process}");
+        let meant = |(id, programs): (&Deployment, Vec<(u32, String)>)| {
+            let is_named = deployment.is_none_or(|name| name == id.name);
+            let programs =
+                programs.into_iter().filter(|(_, path)| is_named && (path == process || path.ends_with(&end)));
+            programs.map(|(leaf, _)| ProcessId { deployment: id.clone(), leaf }).collect::<Vec<_>>()
+        };
+        let running: Vec<_> = self.tenants.iter().flat_map(|(id, tenant)| meant((id, tenant.programs()))).collect();
+        let past = self.past.iter().map(|(id, programs)| meant((id, programs.clone())));
+        let found = std::iter::once(running).chain(past).find(|found| !found.is_empty()).unwrap_or_default();
+        match &found[..] {
+            [one] => Ok(one.clone()),
+            [] => Err(format!("no process `{process}` on host `{}`", self.identity.host)),
+            _ => Err(format!("{SEVERAL} `{process}`; give more of the path")),
         }
     }
 }

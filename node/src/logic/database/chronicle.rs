@@ -67,7 +67,8 @@ pub fn ended(home: &str, deployment: &Deployment, reports: &[Report]) -> Option<
         | Report::Prepared { .. }
         | Report::Connected { .. }
         | Report::Go { .. }
-        | Report::Process { .. } => None,
+        | Report::Process { .. }
+        | Report::Programs { .. } => None,
     })?;
     Some(commit(home, deployment, "ended", fields))
 }

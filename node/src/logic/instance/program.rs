@@ -51,8 +51,8 @@ impl Instance {
         }
     }
 
-    /// Takes a word from the shim. `last_words` is the last line of the program's output.
-    pub fn observe(&mut self, report: ShimReport, last_words: Option<String>, moment: &mut Moment<'_>) {
+    /// Takes a word from the shim. `output` is the end of what the program wrote.
+    pub fn observe(&mut self, report: ShimReport, output: Vec<String>, moment: &mut Moment<'_>) {
         match report {
             ShimReport::Ready => {
                 if matches!(self.stage, Stage::Starting { .. }) && !self.is_controller() {
@@ -65,11 +65,11 @@ impl Instance {
             }
             ShimReport::Exited { code } => {
                 self.cause.get_or_insert(FailureCause::Exit(code));
-                self.last_words = last_words;
+                self.output = output;
             }
             ShimReport::Signalled { signal } => {
                 self.cause.get_or_insert(FailureCause::Signal(signal));
-                self.last_words = last_words;
+                self.output = output;
             }
             ShimReport::ExecFailed { reason } => {
                 self.cause.get_or_insert(FailureCause::Exec(reason));
@@ -85,9 +85,7 @@ impl Instance {
         }
         match self.stage {
             Stage::Starting { .. } => {
-                let words =
-                    self.last_words.as_ref().map(|words| format!("; it last said: {words}")).unwrap_or_default();
-                self.turn_away(&format!("it did not report within {} s{words}", START_WITHIN.as_secs()), moment);
+                self.turn_away(&format!("it did not report within {} s", START_WITHIN.as_secs()), moment);
             }
             Stage::Connecting { .. } => {
                 let why = format!("it did not make its links within {} s", CONNECT_WITHIN.as_secs());
@@ -148,8 +146,12 @@ impl Instance {
         moment.effects.push(Effect::Forget { process: self.order.process.clone() });
         match before {
             Stage::Starting { .. } | Stage::Prepared | Stage::Connecting { .. } if !self.joined => {
-                let words = self.last_words.clone().unwrap_or_else(|| cause.to_string());
-                self.turn_away(&words, moment);
+                let why = match &self.output[..] {
+                    [] => cause.to_string(),
+                    [words] => words.clone(),
+                    lines => format!("{cause}; the end of its output:\n{}", lines.join("\n")),
+                };
+                self.turn_away(&why, moment);
             }
             Stage::Running if self.has_done(&cause) => {
                 self.finish(Ending::Done(Vec::new()), moment);
@@ -184,17 +186,15 @@ impl Instance {
 
     /// Starts a program again that has ended although nobody wanted that, or gives it up.
     fn died(&mut self, cause: FailureCause, moment: &mut Moment<'_>) {
+        let output = std::mem::take(&mut self.output);
         if let Some(until) = self.restarts.next(moment.now) {
-            (self.pid, self.cause, self.last_words) = (None, None, None);
+            (self.pid, self.cause) = (None, None);
             self.stage = Stage::Waiting { until };
-            let count = self.restarts.count();
+            let (cause, count) = (cause.of_program(0, output), self.restarts.count());
             moment.notes.push(Note::Changed(Change::Restarting { cause, count }));
             return self.tick(moment);
         }
-        let cause = match self.restarts.count() {
-            0 => cause,
-            restarts => FailureCause::Exhausted { last: cause.to_string(), restarts },
-        };
+        let cause = cause.of_program(self.restarts.count(), output);
         self.cause = Some(cause.clone());
         if self.current.is_none() {
             return moment.notes.push(Note::Changed(Change::Died(cause)));
@@ -208,7 +208,7 @@ impl Instance {
 
     /// Holds a plain program ready for its next activation: it runs once for each.
     fn hold_ready(&mut self, moment: &mut Moment<'_>) {
-        (self.pid, self.cause, self.last_words) = (None, None, None);
+        (self.pid, self.cause, self.output) = (None, None, Vec::new());
         self.stage = Stage::Idle;
         moment.effects.push(Effect::Spawn(Box::new(self.order.clone())));
     }

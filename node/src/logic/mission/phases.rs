@@ -15,6 +15,9 @@ use steps::{Step, steps};
 /// The most phases kept; the oldest are forgotten and counted. A loop can have any number.
 pub const PHASES_MAX: usize = 1_000;
 
+/// How many phases back a value may belong that is told late.
+const LATE_MAX: usize = 8;
+
 /// A stretch of time in which one step of the main sequence ran.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Phase {
@@ -157,8 +160,9 @@ impl Phases {
     }
 
     pub(super) fn sample(&mut self, track: usize, value: f64, at: Duration) {
-        let Some(phase) = self.phases.last_mut() else { return };
-        if phase.begin <= at && phase.end.is_none() {
+        // A peak is told a moment later, when the next phase may have begun.
+        let is_in = |phase: &&mut Phase| phase.begin <= at && phase.end.is_none_or(|end| at < end);
+        if let Some(phase) = self.phases.iter_mut().rev().take(LATE_MAX).find(is_in) {
             if phase.peaks.len() <= track {
                 phase.peaks.resize(track + 1, None);
             }

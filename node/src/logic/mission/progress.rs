@@ -55,6 +55,7 @@ impl Progress {
         }
         for note in &mission.notes()[self.notes..] {
             lines.push(Line::Kept(format!("{:>6.1} s  ! {} {}", note.at.as_secs_f64(), note.process, note.text)));
+            lines.extend(note.output.iter().map(|line| Line::Kept(format!("{:10}| {line}", ""))));
         }
         self.notes = mission.notes().len();
         self.phases(mission, style, &mut lines);

@@ -21,6 +21,8 @@ pub struct Track {
     pub headline: bool,
     /// Its latest value.
     pub last: f64,
+    /// When that was, since GO.
+    pub last_at: Duration,
     /// Its largest magnitude.
     pub peak: f64,
     /// When that was, since GO.
@@ -60,7 +62,9 @@ impl Tracks {
             None => self.insert(path, signal)?,
         };
         let track = &mut self.all[index];
-        track.last = signal.value;
+        if at >= track.last_at {
+            (track.last, track.last_at) = (signal.value, at);
+        }
         if signal.value.abs() > track.peak {
             (track.peak, track.peak_at) = (signal.value.abs(), at);
         }
@@ -87,6 +91,7 @@ impl Tracks {
             unit: signal.unit.clone(),
             headline: signal.headline,
             last: signal.value,
+            last_at: Duration::ZERO,
             peak: 0.0,
             peak_at: Duration::ZERO,
         });

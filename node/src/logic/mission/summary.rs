@@ -13,6 +13,8 @@ const COLUMNS_MAX: usize = 6;
 const NOTES_MAX: usize = 6;
 /// The widest cell.
 const CELL_MAX: usize = 40;
+/// The narrowest a cell is made so that the others have room.
+const CELL_MIN: usize = 16;
 
 /// Where a person finds the rest.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -25,15 +27,29 @@ pub struct Files {
     pub dropped: u64,
 }
 
-/// Returns the one-screen summary of a mission that is over, with a line feed at its end.
-pub fn summary(mission: &Mission, files: &Files) -> String {
+/// Returns the one-screen summary of a mission that is over, with a line feed at its end; no line is wider than `columns`,
+/// but for one word that is.
+pub fn summary(mission: &Mission, files: &Files, columns: Option<usize>) -> String {
+    let columns = columns.unwrap_or(usize::MAX);
+    let text = text(mission, files, columns);
+    text.lines().map(|line| wrapped(line, columns) + "\n").collect()
+}
+
+fn text(mission: &Mission, files: &Files, columns: usize) -> String {
     let mut text = title(mission);
     text.push('\n');
     if let Some(chain) = failure_chain(mission) {
         text.push_str(&format!("  {chain}\n"));
     }
+    let output = failure_output(mission);
+    if !output.is_empty() {
+        text.push_str("  the end of its output:\n");
+        output.iter().for_each(|line| text.push_str(&format!("    | {line}\n")));
+    }
     match mission.verdict().map(|verdict| &verdict.outcome) {
-        Some(Outcome::Refused(reasons)) => reasons.iter().for_each(|reason| text.push_str(&format!("  {reason}\n"))),
+        Some(Outcome::Refused(reasons)) => {
+            reasons.iter().for_each(|reason| text.push_str(&format!("  {}\n", reason.replace('\n', "\n    | "))));
+        }
         Some(Outcome::Done | Outcome::Aborted(_) | Outcome::Stopped | Outcome::Unconfirmed) | None => {}
     }
     let hosts = mission.verdict().map_or(&[][..], |verdict| &verdict.unconfirmed);
@@ -43,7 +59,7 @@ pub fn summary(mission: &Mission, files: &Files) -> String {
     notes(mission, &mut text);
     if mission.start().is_running() {
         text.push('\n');
-        table(mission, &mut text);
+        table(mission, columns, &mut text);
     }
     let dropped = match files.dropped {
         0 => String::new(),
@@ -64,6 +80,38 @@ pub fn failure_chain(mission: &Mission) -> Option<String> {
         Outcome::Aborted(failure) => Some(failure.to_string()),
         Outcome::Done | Outcome::Stopped | Outcome::Unconfirmed | Outcome::Refused(_) => None,
     }
+}
+
+/// Returns the last lines that the program wrote whose failure ended it all.
+pub fn failure_output(mission: &Mission) -> &[String] {
+    match mission.verdict().map(|verdict| &verdict.outcome) {
+        Some(Outcome::Aborted(failure)) => failure.cause.output(),
+        Some(Outcome::Done | Outcome::Stopped | Outcome::Unconfirmed | Outcome::Refused(_)) | None => &[],
+    }
+}
+
+/// Returns a line as several, broken between words, that stand below its beginning.
+fn wrapped(line: &str, columns: usize) -> String {
+    if line.chars().count() <= columns {
+        return line.to_owned();
+    }
+    let indent = line.chars().take_while(|c| *c == ' ').count();
+    let mut text = " ".repeat(indent);
+    let mut used = indent;
+    for word in line.split_whitespace() {
+        let length = word.chars().count();
+        if used > indent && used + 1 + length > columns {
+            text.push('\n');
+            text.push_str(&" ".repeat(indent + 2));
+            used = indent + 2;
+        } else if used > indent {
+            text.push(' ');
+            used += 1;
+        }
+        text.push_str(word);
+        used += length;
+    }
+    text
 }
 
 fn title(mission: &Mission) -> String {
@@ -94,20 +142,41 @@ fn notes(mission: &Mission, text: &mut String) {
 /// One row of a table: its first four cells, then one cell for each headline signal.
 type Row = (Vec<String>, Vec<String>);
 
-fn table(mission: &Mission, text: &mut String) {
-    let signals: Vec<(usize, &Track)> = mission.headlines().take(COLUMNS_MAX).collect();
+fn table(mission: &Mission, columns: usize, text: &mut String) {
+    let all: Vec<(usize, &Track)> = mission.headlines().take(COLUMNS_MAX).collect();
+    // First the names get shorter, then signals are left out, the last ones first.
+    let sizes = [CELL_MAX, CELL_MIN].map(|cell| (cell, all.len()));
+    let fewer = (0..all.len()).rev().map(|count| (CELL_MIN, count));
+    let mut rows = String::new();
+    for (cell_max, count) in sizes.into_iter().chain(fewer) {
+        rows = table_of(mission, &all[..count], cell_max);
+        if rows.lines().all(|line| line.chars().count() <= columns) {
+            if count < all.len() {
+                rows.push_str(&format!("  ({} more in the report)\n", counted(all.len() - count, "signal")));
+            }
+            break;
+        }
+    }
+    text.push_str(&rows);
+    let hidden = mission.phases().len().saturating_sub(ROWS_MAX) + mission.phases_dropped();
+    if hidden > 0 {
+        text.push_str(&format!("  ({hidden} earlier phases are not shown)\n"));
+    }
+}
+
+fn table_of(mission: &Mission, signals: &[(usize, &Track)], cell_max: usize) -> String {
     let now = mission.now();
     let hidden = mission.phases().len().saturating_sub(ROWS_MAX);
-    let cells = |cells: [&str; 4]| cells.iter().map(|cell| cut(cell, CELL_MAX)).collect::<Vec<_>>();
+    let cells = |cells: [&str; 4]| cells.iter().map(|cell| cut(cell, cell_max)).collect::<Vec<_>>();
     let mut rows: Vec<Row> = Vec::new();
-    let names = signals.iter().map(|(_, track)| cut(&mission.title(track), CELL_MAX)).collect();
+    let names = signals.iter().map(|(_, track)| cut(&mission.title(track), cell_max)).collect();
     rows.push((cells(["phase", "from", "took", "ended by"]), names));
     let units = signals.iter().map(|(_, track)| format!("peak {}", track.unit).trim_end().to_owned()).collect();
     if !signals.is_empty() {
         rows.push((cells(["", "", "", ""]), units));
     }
     for phase in &mission.phases()[hidden..] {
-        rows.push((phase_cells(phase, now, &cells), peaks(phase, &signals)));
+        rows.push((phase_cells(phase, now, &cells), peaks(phase, signals)));
     }
     let whole = signals.iter().map(|(_, track)| track.text(track.peak)).collect();
     rows.push((cells(["whole run", "", &seconds(now), ""]), whole));
@@ -115,11 +184,7 @@ fn table(mission: &Mission, text: &mut String) {
     if !signals.is_empty() {
         rows.push((cells(["at the end", "", "", ""]), last));
     }
-    text.push_str(&aligned(&rows));
-    let hidden = hidden + mission.phases_dropped();
-    if hidden > 0 {
-        text.push_str(&format!("  ({hidden} earlier phases are not shown)\n"));
-    }
+    aligned(&rows)
 }
 
 fn phase_cells(phase: &Phase, now: Duration, cells: &dyn Fn([&str; 4]) -> Vec<String>) -> Vec<String> {
@@ -172,7 +237,68 @@ mod tests {
         mission.report(&end);
         let record = Some("runs/test-1/run.mcap".to_owned());
         let report = Some("runs/test-1/report.html".to_owned());
-        expect.assert_eq(&summary(&mission, &Files { record, report, dropped: 0 }));
+        expect.assert_eq(&summary(&mission, &Files { record, report, dropped: 0 }, None));
+    }
+
+    #[test]
+    fn no_line_is_wider_than_the_terminal_and_nothing_of_a_failure_is_cut() {
+        let mut mission = Mission::new(&door());
+        let names = ["left_finger_force", "right_finger_force", "door_angle_of_hinge", "temperature_of_motor"];
+        let lines = (1..).zip(names).map(|(second, name)| format!("{second} motion {name} 12.5 N\n"));
+        feed(&mut mission, &format!("{OPENING}{}", lines.collect::<String>()));
+        let why = "no gripper answers on the serial port that the parameter `device` of its interface names";
+        let failure =
+            Failure { origin: "main/sys/hit".to_owned(), cause: FailureCause::Reported(why.to_owned()), at: at(1.0) };
+        mission.report(&Report::Finished { ending: Ending::Aborted(failure), at: at(23.0), unconfirmed: Vec::new() });
+        for columns in [40, 60, 80, 120] {
+            let text = summary(&mission, &Files::default(), Some(columns));
+            let widest = text.lines().map(|line| line.chars().count()).max();
+            assert!(widest <= Some(columns.max(46)), "{columns}: {widest:?}\n{text}");
+            let words = text.split_whitespace().collect::<Vec<_>>().join(" ");
+            assert!(words.contains(why) && words.contains("whole run"), "{text}");
+        }
+        let text = summary(&mission, &Files::default(), Some(80));
+        assert!(text.contains("more in the report)"), "{text}");
+    }
+
+    #[test]
+    fn a_failure_shows_the_end_of_the_programs_output() {
+        let output = vec!["Traceback (most recent call last):".to_owned(), "ValueError: no lens".to_owned()];
+        let cause = FailureCause::Exit(1).of_program(0, output);
+        let failure = Failure { origin: "main/sys/near".to_owned(), cause, at: at(1.0) };
+        let table = "0 servo activated \n 0 near activated \n";
+        check(
+            table,
+            Report::Finished { ending: Ending::Aborted(failure), at: at(1.2), unconfirmed: Vec::new() },
+            &expect![[r#"
+                test: aborted after 1.2 s (8 programs on 2 hosts, started in 0.8 s)
+                  main ← sys ← near: left with exit code 1 before it was done at 1.0 s
+                  the end of its output:
+                    | Traceback (most recent call last):
+                    | ValueError: no lens
+
+                  phase          from   took  ended by
+                  servo # near  0.0 s  1.2 s  stopped
+                  whole run            1.2 s
+
+                  record  runs/test-1/run.mcap
+                  report  runs/test-1/report.html
+            "#]],
+        );
+        let reasons = vec!["`main/a` cannot take part: left; the end of its output:\nTraceback\nValueError".to_owned()];
+        check(
+            "",
+            Report::Refused { reasons },
+            &expect![[r#"
+                test: refused
+                  `main/a` cannot take part: left; the end of its output:
+                    | Traceback
+                    | ValueError
+
+                  record  runs/test-1/run.mcap
+                  report  runs/test-1/report.html
+            "#]],
+        );
     }
 
     #[test]

@@ -79,6 +79,7 @@ pub(crate) fn feed(mission: &mut Mission, table: &str) {
         match entry {
             Entry::Report(report) => mission.report(&report),
             Entry::Signals { path, at, sample } => mission.signals(&path, at, &sample),
+            Entry::Output { .. } | Entry::Port { .. } => {}
         }
     }
 }
@@ -255,4 +256,48 @@ fn a_death_is_noted_once() {
     feed(&mut mission, "0 servo activated \n 1 hit died \n 2 servo killed");
     let notes: Vec<String> = mission.notes().iter().map(|note| format!("{}: {}", note.process, note.text)).collect();
     assert_eq!(notes, ["sys/hit: died: SIGSEGV", "sys/servo: aborted: SIGKILL"]);
+}
+
+#[test]
+fn a_peak_that_is_told_late_belongs_to_the_phase_in_which_it_was() {
+    let table = "0 servo activated \n 0 near activated \n 1 near force 3 N \n 2 near done \n 2 servo stopping \n \
+                 2 servo stopped \n 2 hit activated \n 2.1 near force 5 N \n 1.95 near force -40 N";
+    check(
+        &door(),
+        table,
+        &expect![[r#"
+            0.0..2.0 servo # near | near done | force=40.0N
+            2.0..- (open, approach) # hit | running | force=5.0N
+        "#]],
+    );
+    let mut mission = Mission::new(&door());
+    feed(&mut mission, table);
+    let track = &mission.tracks()[0];
+    assert_eq!((track.last, track.peak, track.peak_at), (5.0, 40.0, seconds(1.95)));
+}
+
+#[test]
+fn steps_are_told_as_the_spec_has_them() {
+    let names = |expression| {
+        let mut mission = Mission::new(&plan(&["a", "b"], expression));
+        feed(&mut mission, "0 a activated \n 1 a done \n 1 b activated");
+        mission.phases().iter().map(|phase| phase.name.clone()).collect::<Vec<_>>()
+    };
+    let within = |of: E| {
+        let fail = E::Fail("the deadline `a within 5 s` in line 3 has passed".to_owned());
+        E::Disable(vec![of, E::Sequence(Box::new(E::Wait(seconds(5.0))), Box::new(fail))])
+    };
+    let otherwise = |p, q| E::Otherwise(Box::new(p), Box::new(q));
+    let wait = |of| E::Sequence(Box::new(E::Wait(seconds(0.5))), Box::new(of));
+    assert_eq!(names(within(run(0))), ["a within 5 s"]);
+    assert_eq!(names(within(seq(vec![run(0), run(1)]))), ["a", "b"]);
+    assert_eq!(names(within(E::Concurrent(vec![run(0), run(1)]))), ["(a, b) within 5 s"]);
+    assert_eq!(names(seq(vec![otherwise(run(0), E::Skip), run(1)])), ["a?", "b"]);
+    assert_eq!(names(E::Concurrent(vec![otherwise(run(0), otherwise(run(0), run(0))), run(1)])), ["retry(2) a, b"]);
+    assert_eq!(names(E::Concurrent(vec![otherwise(run(0), run(1)), run(1)])), ["a else b, b"]);
+    let paused = E::AnyOf { count: 1, of: vec![otherwise(run(0), wait(run(0))), run(1)] };
+    assert_eq!(
+        names(E::Concurrent(vec![within(paused), run(1)])),
+        ["any 1 of (retry(1, pause 0.5 s) a, b) within 5 s, b"]
+    );
 }

@@ -1,6 +1,7 @@
 //! Everything on the page that is words and numbers.
 
-use crate::logic::mission::{Mission, Outcome, Track, failure_chain, seconds};
+use crate::logic::child::plain;
+use crate::logic::mission::{Mission, Outcome, Track, failure_chain, failure_output, seconds};
 use crate::logic::page::text::escape;
 use crate::logic::protocol::Report;
 use crate::logic::record::{Entry, Run, change_text, report_text};
@@ -10,6 +11,8 @@ use std::time::Duration;
 
 /// The most events listed.
 const EVENTS_MAX: usize = 2_000;
+/// How much of one program's output is on the page, in bytes; the rest is in the record.
+const OUTPUT_MAX: usize = 1 << 20;
 /// The most columns of signals in the table of phases.
 const COLUMNS_MAX: usize = 8;
 
@@ -35,6 +38,10 @@ pub(super) fn head(run: &Run, mission: &Mission) -> String {
     let mut alarm = |line: &str| text.push_str(&format!("<p class=\"alarm\">{}</p>\n", escape(line)));
     if let Some(chain) = failure_chain(mission) {
         alarm(&chain);
+    }
+    let output = failure_output(mission);
+    if !output.is_empty() {
+        alarm(&format!("the end of its output:\n{}", output.join("\n")));
     }
     if let Some(verdict) = mission.verdict() {
         if let Outcome::Refused(reasons) = &verdict.outcome {
@@ -120,6 +127,7 @@ pub(super) fn details(run: &Run) -> String {
             | Report::Connected { .. }
             | Report::Go { .. }
             | Report::Refused { .. }
+            | Report::Programs { .. }
             | Report::Finished { .. } => ("", report_text(report)),
         };
         events.push(format!(
@@ -134,10 +142,30 @@ pub(super) fn details(run: &Run) -> String {
     events.truncate(EVENTS_MAX);
     let more = if more > 0 { format!("<p class=\"quiet\">{more} more are in the record.</p>") } else { String::new() };
     format!(
-        "<details><summary>{count}</summary>\n<div class=\"wide\"><table>\n{}</table></div>\n{more}</details>\n\
+        "{}<details><summary>{count}</summary>\n<div class=\"wide\"><table>\n{}</table></div>\n{more}</details>\n\
          <details><summary>the spec, {}</summary>\n<pre>{}</pre>\n</details>\n",
+        outputs(run),
         events.concat(),
         escape(&run.header.file),
         escape(&run.header.text)
     )
+}
+
+/// Returns what each program wrote.
+fn outputs(run: &Run) -> String {
+    let mut text = String::new();
+    for (path, chunks) in run.outputs() {
+        let whole = chunks.join("\n");
+        let mut from = whole.len().saturating_sub(OUTPUT_MAX);
+        while !whole.is_char_boundary(from) {
+            from += 1;
+        }
+        let lines: Vec<String> = whole[from..].lines().map(plain).collect();
+        let more = if from > 0 { format!("({from} bytes before are in the record)\n") } else { String::new() };
+        let (path, lines, count) = (escape(path), escape(&lines.join("\n")), counted(lines.len(), "line"));
+        text.push_str(&format!(
+            "<details><summary>what {path} wrote, {count}</summary>\n<pre>{more}{lines}</pre>\n</details>\n"
+        ));
+    }
+    text
 }

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::logic::mission::tests::{OPENING, door, event_table, seconds};
-use crate::logic::protocol::{Deployment, Ending, Report};
+use crate::logic::protocol::{Deployment, Ending, Failure, FailureCause, Report};
 use crate::logic::record::{Entry, Header};
 use expect_test::expect_file;
 
@@ -56,4 +56,23 @@ fn a_narrow_screen_shrinks_no_letters() {
     let (_, narrow) = page.split_once("@media (max-width: 720px) {").expect("there is a rule for narrow screens");
     assert!(narrow.contains(&format!("svg.plot, svg.strip {{ width: {}px; }}", axis::WIDTH)));
     assert!(narrow.contains("#pictures { overflow-x: auto; }"));
+}
+
+#[test]
+fn what_a_program_wrote_is_on_the_page_and_is_no_markup() {
+    let mut run = run(None);
+    let output =
+        |text: &str| Entry::Output { path: "main/sys/near".to_owned(), at: seconds(1.0), text: text.to_owned() };
+    run.entries.push(output("one\n<b>two"));
+    run.entries.push(output("\u{1b}[31mthree\u{1b}[0m"));
+    let cause = FailureCause::Exit(1).of_program(0, vec!["Traceback".to_owned(), "  x < 1".to_owned()]);
+    let failure = Failure { origin: "main/sys/near".to_owned(), cause, at: seconds(2.0) };
+    let ending = Ending::Aborted(failure);
+    run.entries.push(Entry::Report(Report::Finished { ending, at: seconds(2.0), unconfirmed: Vec::new() }));
+    let page = page(&run);
+    assert!(
+        page.contains("<summary>what main/sys/near wrote, 3 lines</summary>\n<pre>one\n&lt;b&gt;two\nthree</pre>"),
+        "{page}"
+    );
+    assert!(page.contains("<p class=\"alarm\">the end of its output:\nTraceback\n  x &lt; 1</p>"), "{page}");
 }

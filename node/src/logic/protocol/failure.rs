@@ -14,6 +14,7 @@ pub struct Failure {
     /// What it was.
     pub cause: FailureCause,
     /// Time since GO.
+    #[serde(with = "comms::logic::human::seconds")]
     pub at: Duration,
 }
 
@@ -56,6 +57,33 @@ pub enum FailureCause {
     },
     /// Its host could not be reached any more while it was stopping.
     HostLostStopping(String),
+    /// Its program ended although nobody wanted that, and had written something.
+    Program {
+        /// How it ended.
+        end: ProgramEnd,
+        /// How often it was started again before that.
+        restarts: u32,
+        /// The last lines that it wrote.
+        output: Vec<String>,
+    },
+}
+
+/// How a program ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum ProgramEnd {
+    /// With this exit code.
+    Exit(i32),
+    /// By this signal.
+    Signal(i32),
+}
+
+impl fmt::Display for ProgramEnd {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Signal(number) => f.write_str(&signal_name(*number)),
+            Self::Exit(code) => write!(f, "left with exit code {code} before it was done"),
+        }
+    }
 }
 
 impl FailureCause {
@@ -63,13 +91,33 @@ impl FailureCause {
     pub fn is_unconfirmed_stop(&self) -> bool {
         matches!(self, Self::StopUnconfirmed | Self::HostLostStopping(_))
     }
+
+    /// Returns the cause with what is known of the program that failed: how often it was started again, and the last lines
+    /// that it wrote.
+    #[must_use]
+    pub fn of_program(self, restarts: u32, output: Vec<String>) -> Self {
+        if let (Self::Exit(code), false) = (&self, output.is_empty()) {
+            return Self::Program { end: ProgramEnd::Exit(*code), restarts, output };
+        }
+        if let (Self::Signal(signal), false) = (&self, output.is_empty()) {
+            return Self::Program { end: ProgramEnd::Signal(*signal), restarts, output };
+        }
+        if restarts == 0 { self } else { Self::Exhausted { last: self.to_string(), restarts } }
+    }
+
+    /// Returns the last lines that the program wrote that failed; none if it wrote nothing, or is not the cause.
+    pub fn output(&self) -> &[String] {
+        if let Self::Program { output, .. } = self { output } else { &[] }
+    }
 }
 
 impl fmt::Display for FailureCause {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Signal(number) => f.write_str(&signal_name(*number)),
-            Self::Exit(code) => write!(f, "left with exit code {code} before it was done"),
+            Self::Signal(number) => ProgramEnd::Signal(*number).fmt(f),
+            Self::Exit(code) => ProgramEnd::Exit(*code).fmt(f),
+            Self::Program { end, restarts: 0, .. } => end.fmt(f),
+            Self::Program { end, restarts, .. } => write!(f, "{end} after {}", counted(*restarts, "restart")),
             Self::Reported(text) | Self::Failed(text) => f.write_str(&printable(text)),
             Self::Exec(text) => write!(f, "could not be started: {}", printable(text)),
             Self::NotAvailable(text) => write!(f, "was not there any more: {}", printable(text)),

@@ -1,7 +1,9 @@
 //! From the bytes of a record back to the run.
 
-use crate::logic::record::row::{Event, Unit};
-use crate::logic::record::{ABOUT, About, EVENTS, Entry, Header, PLAN, Run, SIGNALS, SPEC, VERSION};
+use crate::logic::protocol::Report;
+use crate::logic::record::row::{PATH, Unit};
+use crate::logic::record::schema::STAMP;
+use crate::logic::record::{ABOUT, About, EVENTS, Entry, Header, LOG, PLAN, Run, SIGNALS, SPEC, VERSION};
 use comms::logic::signals::{Signal, Signals};
 use comms::logic::time::Time;
 use language::plan::Plan;
@@ -50,11 +52,27 @@ struct Reading {
     text: Option<String>,
     channels: BTreeMap<u16, Channel>,
     entries: Vec<Entry>,
+    /// When GO was, since 1970; records of version 1 have times since GO.
+    go: Option<Duration>,
 }
 
 struct Channel {
     topic: String,
+    /// The program's path, for its signals.
+    path: String,
     units: BTreeMap<String, Unit>,
+}
+
+/// What came on `/events`. In records of version 1 the report is JSON in JSON.
+#[derive(serde::Deserialize)]
+struct Event {
+    report: Value,
+}
+
+#[derive(serde::Deserialize)]
+struct Log {
+    name: String,
+    message: String,
 }
 
 impl Reading {
@@ -75,9 +93,12 @@ impl Reading {
     fn record(&mut self, record: Record<'_>) -> Result<(), String> {
         match record {
             Record::Channel(channel) => {
-                let units = channel.metadata.iter().map(|(name, unit)| Ok((name.clone(), parse(unit.as_bytes())?)));
+                let path = channel.metadata.get(PATH).map(String::as_str).or(channel.topic.strip_prefix(SIGNALS));
+                let path = path.unwrap_or_default().to_owned();
+                let units = channel.metadata.iter().filter(|(name, _)| *name != PATH);
+                let units = units.map(|(name, unit)| Ok((name.clone(), parse(unit.as_bytes())?)));
                 let units = units.collect::<Result<_, String>>()?;
-                self.channels.insert(channel.id, Channel { topic: channel.topic, units });
+                self.channels.insert(channel.id, Channel { topic: channel.topic, path, units });
             }
             Record::Attachment { header, data, .. } if header.name == ABOUT => self.about = Some(parse(&data)?),
             Record::Attachment { header, data, .. } if header.name == PLAN => self.plan = Some(parse(&data)?),
@@ -85,12 +106,18 @@ impl Reading {
                 self.text = Some(String::from_utf8_lossy(&data).into_owned());
             }
             Record::Message { header, data } => {
-                let at = Duration::from_nanos(header.log_time);
+                let logged = Duration::from_nanos(header.log_time);
                 let stamp = Time::from_nanos(header.publish_time);
                 let Some(channel) = self.channels.get(&header.channel_id) else {
                     return Err("a message is on a channel that was never announced".to_owned());
                 };
-                self.entries.extend(channel.entry(at, stamp, &data)?);
+                let begin = if self.is_since_go() { Some(Duration::ZERO) } else { self.go };
+                let at = begin.map_or(Duration::ZERO, |go| logged.saturating_sub(go));
+                let entry = channel.entry(at, stamp, &data)?;
+                if matches!(entry, Some(Entry::Report(Report::Go { .. }))) {
+                    self.go = Some(logged);
+                }
+                self.entries.extend(entry);
             }
             Record::Attachment { .. }
             | Record::Header(_)
@@ -109,28 +136,51 @@ impl Reading {
         }
         Ok(())
     }
+
+    /// Whether the times of the messages are since GO.
+    fn is_since_go(&self) -> bool {
+        self.about.as_ref().is_some_and(|about| about.version < 2)
+    }
 }
 
 impl Channel {
-    fn entry(&self, at: Duration, stamp: Time, data: &[u8]) -> Result<Option<Entry>, String> {
+    fn entry(&self, at: Duration, stamp_of_v1: Time, data: &[u8]) -> Result<Option<Entry>, String> {
         if self.topic == EVENTS {
-            return Ok(Some(Entry::Report(parse::<Event>(data)?.report)));
+            let report = match parse::<Event>(data)?.report {
+                Value::String(report) => parse(report.as_bytes())?,
+                report => serde_json::from_value(report).map_err(|error| damaged(&error))?,
+            };
+            return Ok(Some(Entry::Report(report)));
         }
-        let Some(path) = self.topic.strip_prefix(SIGNALS) else { return Ok(None) };
+        if self.topic == LOG {
+            let Log { name, message } = parse(data)?;
+            return Ok(Some(Entry::Output { path: name, at, text: message }));
+        }
+        if !self.topic.starts_with(SIGNALS) {
+            return Ok(None);
+        }
         let object: Map<String, Value> = parse(data)?;
-        let values = object.into_iter().filter_map(|(name, value)| {
-            let unit = self.units.get(&name)?;
-            // JSON has no NaN: the writer turns it into null.
-            let value = value.as_f64().unwrap_or(f64::NAN);
+        let values = self.units.iter().filter_map(|(field, unit)| {
+            // JSON has no NaN: such a value is left out. In version 1 it was null.
+            let value = object.get(field)?.as_f64().unwrap_or(f64::NAN);
+            let name = unit.name.clone().unwrap_or_else(|| field.clone());
             Some((unit.place, Signal { name, unit: unit.unit.clone(), value, headline: unit.headline }))
         });
         let mut values: Vec<_> = values.collect();
         values.sort_by_key(|(place, _)| *place);
+        let stamp = object.get(STAMP).filter(|_| !self.units.contains_key(STAMP)).and_then(Value::as_f64);
+        let stamp = stamp
+            .and_then(|stamp| Duration::try_from_secs_f64(stamp).ok())
+            .map_or(stamp_of_v1, |stamp| Time::from_nanos(u64::try_from(stamp.as_nanos()).unwrap_or(u64::MAX)));
         let sample = Signals { stamp, values: values.into_iter().map(|(_, signal)| signal).collect() };
-        Ok(Some(Entry::Signals { path: path.to_owned(), at, sample }))
+        Ok(Some(Entry::Signals { path: self.path.clone(), at, sample }))
     }
 }
 
 fn parse<'a, T: serde::Deserialize<'a>>(bytes: &'a [u8]) -> Result<T, String> {
-    serde_json::from_slice(bytes).map_err(|error| format!("a message is damaged: {error}"))
+    serde_json::from_slice(bytes).map_err(|error| damaged(&error))
+}
+
+fn damaged(error: &serde_json::Error) -> String {
+    format!("a message is damaged: {error}")
 }

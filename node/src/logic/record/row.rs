@@ -2,7 +2,7 @@
 
 use crate::logic::instance::{RESTARTS_MAX, WINDOW};
 use crate::logic::protocol::{Change, Ending, FailureCause, Report};
-use crate::logic::record::Entry;
+use crate::logic::record::{Entry, schema};
 use crate::logic::table::counted;
 use comms::logic::signals::Signals;
 use serde::{Deserialize, Serialize};
@@ -12,19 +12,25 @@ use std::time::Duration;
 
 /// The topic of reports.
 pub const EVENTS: &str = "/events";
-/// What the topic of a program's signals begins with; its path follows.
+/// The topic of what programs write.
+pub const LOG: &str = "/log";
+/// What the topic of a program's signals begins with; its path follows, in plain names.
 pub const SIGNALS: &str = "/signals/";
+/// What the topic of a wire begins with; the path of its output follows, in plain names.
+pub const PORTS: &str = "/ports/";
+/// Key of a channel's metadata: the program's path as it is.
+pub(super) const PATH: &str = "dca.path";
 
 /// A channel of the record.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Topic {
-    /// `/events` or `/signals/<path>`.
+    /// `/events`, `/log` or `/signals/<path>`.
     pub name: String,
-    /// The schema's name.
-    pub schema_name: &'static str,
+    /// The schema's name; each schema has its own.
+    pub schema_name: String,
     /// A JSON schema of the messages.
     pub schema: Vec<u8>,
-    /// For the channel: unit and headline of each signal.
+    /// For the channel: the program's path; name, unit and headline of each signal.
     pub metadata: BTreeMap<String, String>,
 }
 
@@ -33,19 +39,22 @@ pub struct Topic {
 pub struct Row {
     /// Index into [`Rows::topics`].
     pub topic: usize,
-    /// Since GO.
+    /// Since 1970.
     pub at: Duration,
-    /// On the publisher's own clock; `at` for a report.
-    pub stamp: u64,
     /// JSON.
     pub data: Vec<u8>,
 }
 
-/// A report with a line for people who look at the file with another tool.
-#[derive(Debug, Serialize, Deserialize)]
-pub(super) struct Event {
+/// A report as other tools see it.
+#[derive(Debug, Serialize)]
+struct Event {
+    since_go: f64,
+    kind: &'static str,
+    process: String,
+    host: String,
     text: String,
-    pub(super) report: Report,
+    output: String,
+    report: String,
 }
 
 /// What the metadata of a channel says of one signal.
@@ -55,6 +64,9 @@ pub(super) struct Unit {
     pub(super) place: usize,
     pub(super) unit: String,
     pub(super) headline: bool,
+    /// Its name, if the field has another; records of version 1 have none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(super) name: Option<String>,
 }
 
 /// Makes rows, and remembers the topics that were needed.
@@ -63,6 +75,8 @@ pub struct Rows {
     topics: Vec<Topic>,
     /// The topics of a program: more than one when it changes what it publishes.
     of: BTreeMap<String, Vec<usize>>,
+    /// When GO was, since 1970, once it was.
+    go: Option<Duration>,
     now: Duration,
 }
 
@@ -72,66 +86,209 @@ impl Rows {
         &self.topics
     }
 
-    /// Returns the message for an entry; its topic may be a new one.
-    pub fn row(&mut self, entry: &Entry) -> Row {
+    /// Returns the message for an entry that came at `arrived`, since 1970; its topic may be a new one.
+    pub fn row(&mut self, entry: &Entry, arrived: Duration) -> Row {
         match entry {
-            Entry::Report(report) => self.report(report),
+            Entry::Report(report) => self.report(report, arrived),
             Entry::Signals { path, at, sample } => {
-                self.now = self.now.max(*at);
+                let at = self.since_1970(*at, arrived);
                 let topic = self.topic(path, sample);
-                let values = sample.values.iter().map(|signal| (signal.name.clone(), json!(signal.value)));
-                let data = json(&Value::Object(values.collect()));
-                Row { topic, at: *at, stamp: sample.stamp.nanos(), data }
+                let data = json(&Value::Object(fields(&self.topics[topic], sample)));
+                Row { topic, at, data }
+            }
+            Entry::Port { from, to, at, bytes } => {
+                let at = self.since_1970(*at, arrived);
+                let topic = self.port(from, to);
+                Row { topic, at, data: json(&json!({ "size": bytes.len(), "bytes": base64(bytes) })) }
+            }
+            Entry::Output { path, at, text } => {
+                let at = self.since_1970(*at, arrived);
+                let topic = self.single(LOG, "foxglove.Log", schema::log);
+                let timestamp = json!({ "sec": at.as_secs(), "nsec": at.subsec_nanos() });
+                let log = json!({
+                    "timestamp": timestamp, "level": 0, "message": text, "name": path, "file": "", "line": 0,
+                });
+                Row { topic, at, data: json(&log) }
             }
         }
     }
 
-    fn report(&mut self, report: &Report) -> Row {
-        let at = match report {
+    /// Returns when something was that came at `at` since GO.
+    fn since_1970(&mut self, at: Duration, arrived: Duration) -> Duration {
+        self.now = self.now.max(at);
+        self.go.map_or(arrived, |go| go + at)
+    }
+
+    fn report(&mut self, report: &Report, arrived: Duration) -> Row {
+        let since_go = match report {
             Report::Process { at, .. } | Report::Finished { at, .. } => *at,
+            Report::Go { .. } => {
+                self.go = Some(arrived);
+                Duration::ZERO
+            }
             Report::Accepted { .. }
             | Report::Prepared { .. }
             | Report::Connected { .. }
-            | Report::Go { .. }
+            | Report::Programs { .. }
             | Report::Refused { .. } => self.now,
         };
-        self.now = self.now.max(at);
-        let topic = self.find(EVENTS, |_| true).unwrap_or_else(|| {
-            let properties = json!({ "text": { "type": "string" }, "report": {} });
-            let schema = json(&json!({ "type": "object", "properties": properties }));
-            self.add(Topic { name: EVENTS.to_owned(), schema_name: "event", schema, metadata: BTreeMap::new() })
-        });
-        let data = json(&Event { text: text(report), report: report.clone() });
-        Row { topic, at, stamp: u64::try_from(at.as_nanos()).unwrap_or(u64::MAX), data }
+        let at = self.since_1970(since_go, arrived);
+        let topic = self.single(EVENTS, "dca.Event", schema::event);
+        let (process, host) = match report {
+            Report::Process { path, .. } => (path.as_str(), ""),
+            Report::Prepared { host, .. } | Report::Connected { host } => ("", host.as_str()),
+            Report::Accepted { .. }
+            | Report::Go { .. }
+            | Report::Refused { .. }
+            | Report::Finished { .. }
+            | Report::Programs { .. } => ("", ""),
+        };
+        let event = Event {
+            since_go: since_go.as_secs_f64(),
+            kind: kind(report),
+            process: process.to_owned(),
+            host: host.to_owned(),
+            text: text(report),
+            output: output(report).join("\n"),
+            report: String::from_utf8_lossy(&json(report)).into_owned(),
+        };
+        Row { topic, at, data: json(&event) }
     }
 
     fn topic(&mut self, path: &str, sample: &Signals) -> usize {
-        let name = format!("{SIGNALS}{path}");
-        let fits = |topic: &Topic| {
-            topic.metadata.len() == sample.values.len()
-                && sample.values.iter().all(|signal| topic.metadata.contains_key(&signal.name))
+        let fits = |index: &&usize| {
+            let known = fields_of(&self.topics[**index]);
+            // Of a peak between two samples one value is told.
+            sample.values.iter().all(|signal| known.contains_key(&signal.name))
         };
-        self.find(&name, fits).unwrap_or_else(|| {
-            let (mut properties, mut metadata) = (Map::new(), BTreeMap::new());
-            for (place, signal) in sample.values.iter().enumerate() {
-                let unit = Unit { place, unit: signal.unit.clone(), headline: signal.headline };
-                properties.insert(signal.name.clone(), json!({ "type": "number", "description": unit.unit }));
-                metadata.insert(signal.name.clone(), String::from_utf8_lossy(&json(&unit)).into_owned());
-            }
-            let schema = json(&json!({ "type": "object", "properties": properties }));
-            self.add(Topic { name, schema_name: "signals", schema, metadata })
-        })
+        if let Some(known) = self.of.get(path).and_then(|topics| topics.iter().rev().find(fits)) {
+            return *known;
+        }
+        let is_taken = |name: &str| self.topics.iter().any(|topic| topic.name == name);
+        let name = schema::free_name(format!("{SIGNALS}{}", schema::plain_path(path)), is_taken);
+        let mut metadata = BTreeMap::from([(PATH.to_owned(), path.to_owned())]);
+        for (place, signal) in sample.values.iter().enumerate() {
+            let is_taken = |field: &str| field == schema::STAMP || metadata.contains_key(field);
+            let field = schema::free_name(schema::plain_name(&signal.name), is_taken);
+            let (name, unit) = (Some(signal.name.clone()), signal.unit.clone());
+            let unit = Unit { place, unit, headline: signal.headline, name };
+            metadata.insert(field, String::from_utf8_lossy(&json(&unit)).into_owned());
+        }
+        let schema_name = format!("dca.{}", name.trim_start_matches('/').replace('/', "."));
+        let units = sample.values.iter().map(|signal| (signal.name.as_str(), signal.unit.as_str()));
+        let units: BTreeMap<&str, &str> = units.collect();
+        let topic = Topic { name, schema_name, schema: Vec::new(), metadata };
+        let fields = fields_of(&topic);
+        let fields = fields.iter().map(|(name, field)| (*field, units.get(name.as_str()).copied().unwrap_or("")));
+        let schema = json(&schema::signals(&topic.schema_name, fields));
+        let index = self.topics.len();
+        self.of.entry(path.to_owned()).or_default().push(index);
+        self.topics.push(Topic { schema, ..topic });
+        index
     }
 
-    fn find(&self, name: &str, fits: impl Fn(&Topic) -> bool) -> Option<usize> {
-        self.of.get(name)?.iter().rev().copied().find(|index| fits(&self.topics[*index]))
-    }
-
-    fn add(&mut self, topic: Topic) -> usize {
-        self.of.entry(topic.name.clone()).or_default().push(self.topics.len());
-        self.topics.push(topic);
+    /// Returns the topic of a wire.
+    fn port(&mut self, from: &str, to: &str) -> usize {
+        let wire = format!("{from} -> {to}");
+        if let Some([known]) = self.of.get(&wire).map(Vec::as_slice) {
+            return *known;
+        }
+        let is_taken = |name: &str| self.topics.iter().any(|topic| topic.name == name);
+        let name = schema::free_name(format!("{PORTS}{}", schema::plain_path(from)), is_taken);
+        let metadata = BTreeMap::from([(PATH.to_owned(), from.to_owned()), ("dca.to".to_owned(), to.to_owned())]);
+        let (schema_name, schema) = ("dca.Encoded".to_owned(), json(&schema::port()));
+        self.of.insert(wire, vec![self.topics.len()]);
+        self.topics.push(Topic { name, schema_name, schema, metadata });
         self.topics.len() - 1
     }
+
+    /// Returns the topic of which there is one.
+    fn single(&mut self, name: &str, schema_name: &str, schema: impl Fn() -> Value) -> usize {
+        self.topics.iter().position(|topic| topic.name == name).unwrap_or_else(|| {
+            let (name, schema_name) = (name.to_owned(), schema_name.to_owned());
+            self.topics.push(Topic { name, schema_name, schema: json(&schema()), metadata: BTreeMap::new() });
+            self.topics.len() - 1
+        })
+    }
+}
+
+/// Returns the field of each signal of a topic, by the signal's name.
+fn fields_of(topic: &Topic) -> BTreeMap<String, &str> {
+    let units = topic.metadata.iter().filter_map(|(field, unit)| {
+        let unit: Unit = serde_json::from_str(unit).ok()?;
+        Some((unit.name?, field.as_str()))
+    });
+    units.collect()
+}
+
+/// Returns a sample as an object of numbers. What JSON has no number for is left out.
+fn fields(topic: &Topic, sample: &Signals) -> Map<String, Value> {
+    let of = fields_of(topic);
+    let finite = sample.values.iter().filter(|signal| signal.value.is_finite());
+    let values = finite.filter_map(|signal| Some(((*of.get(&signal.name)?).to_owned(), json!(signal.value))));
+    #[expect(clippy::cast_precision_loss, reason = "exact for 104 days of a machine")]
+    let stamp = sample.stamp.nanos() as f64 / 1e9;
+    values.chain([(schema::STAMP.to_owned(), json!(stamp))]).collect()
+}
+
+/// Returns what a report is about, in one word.
+fn kind(report: &Report) -> &'static str {
+    let ending = |ending: &Ending| match ending {
+        Ending::Done(_) => "done",
+        Ending::Aborted(_) => "aborted",
+        Ending::Stopped => "stopped",
+        Ending::Unconfirmed => "unconfirmed",
+    };
+    match report {
+        Report::Accepted { .. } => "accepted",
+        Report::Prepared { .. } => "prepared",
+        Report::Connected { .. } => "connected",
+        Report::Go { .. } => "go",
+        Report::Programs { .. } => "programs",
+        Report::Refused { .. } => "refused",
+        Report::Finished { .. } => "finished",
+        Report::Process { change, .. } => match change {
+            Change::Activated => "activated",
+            Change::Stopping => "stopping",
+            Change::Ended(how) => ending(how),
+            Change::Died(_) => "died",
+            Change::Started { .. } => "started",
+            Change::Restarting { .. } => "restarting",
+            Change::Resumed => "resumed",
+        },
+    }
+}
+
+/// Returns the last lines of the program whose failure is reported.
+fn output(report: &Report) -> &[String] {
+    match report {
+        Report::Process { change: Change::Ended(Ending::Aborted(failure)), .. }
+        | Report::Finished { ending: Ending::Aborted(failure), .. } => failure.cause.output(),
+        Report::Process { change: Change::Died(cause) | Change::Restarting { cause, .. }, .. } => cause.output(),
+        Report::Process { .. }
+        | Report::Finished { .. }
+        | Report::Accepted { .. }
+        | Report::Prepared { .. }
+        | Report::Connected { .. }
+        | Report::Go { .. }
+        | Report::Refused { .. }
+        | Report::Programs { .. } => &[],
+    }
+}
+
+/// Returns bytes as text. Source: RFC 4648, section 4.
+fn base64(bytes: &[u8]) -> String {
+    const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
+    for three in bytes.chunks(3) {
+        let byte = |index: usize| u32::from(three.get(index).copied().unwrap_or(0));
+        let bits = byte(0) << 16 | byte(1) << 8 | byte(2);
+        for digit in 0..4 {
+            let index = (bits >> (18 - 6 * digit) & 63) as usize;
+            text.push(if digit <= three.len() { char::from(DIGITS[index]) } else { '=' });
+        }
+    }
+    text
 }
 
 /// Returns a value as JSON.
@@ -148,6 +305,7 @@ pub(crate) fn text(report: &Report) -> String {
         Report::Go { took, .. } => format!("GO after {:.1} s", took.as_secs_f64()),
         Report::Process { path, change, .. } => format!("{path} {}", change_text(change)),
         Report::Refused { reasons } => format!("refused: {}", reasons.join("; ")),
+        Report::Programs { at } => format!("{} can be heard", counted(at.len(), "program")),
         Report::Finished { ending, .. } => format!("finished: {}", ending_text(ending)),
     }
 }
@@ -177,5 +335,19 @@ pub(crate) fn ending_text(ending: &Ending) -> String {
         Ending::Aborted(failure) => format!("aborted: {failure}"),
         Ending::Stopped => "stopped".to_owned(),
         Ending::Unconfirmed => "nobody could confirm that it stopped".to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bytes_are_text_as_the_rfc_has_it() {
+        for (bytes, text) in
+            [("", ""), ("f", "Zg=="), ("fo", "Zm8="), ("foo", "Zm9v"), ("foob", "Zm9vYg=="), ("\u{ff}", "w78=")]
+        {
+            assert_eq!(base64(bytes.as_bytes()), text);
+        }
     }
 }

@@ -53,10 +53,9 @@ impl Tenant {
         leaves.map(of_leaf).collect()
     }
 
-    /// Returns the leaves of this host whose absolute path is `process` or ends in it.
-    pub fn find(&self, process: &str) -> Vec<u32> {
-        let matches = |path: &str| path == process || path.ends_with(&format!("/{process}"));
-        let path = |leaf: &u32| self.plan.leaves.get(*leaf as usize).is_some_and(|leaf| matches(&leaf.path));
-        self.instances.keys().copied().filter(path).collect()
+    /// Returns the programs of this host: leaf and absolute path.
+    pub fn programs(&self) -> Vec<(u32, String)> {
+        let path = |leaf: &u32| Some((*leaf, self.plan.leaves.get(*leaf as usize)?.path.clone()));
+        self.instances.keys().filter_map(path).collect()
     }
 }

@@ -1,7 +1,8 @@
 //! The steps of a plan's main sequence, and their names.
 
-use language::plan::{Arm, Expression, Group, Member, MemberKind, Plan};
+use language::plan::{Arm, DEADLINE, Expression, Group, Member, MemberKind, Plan};
 use std::collections::{BTreeSet, VecDeque};
+use std::time::Duration;
 
 /// One element of the main sequence.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -45,7 +46,7 @@ fn breadth_first(plan: &Plan) -> Vec<&Group> {
 }
 
 fn has_sequence(expression: &Expression) -> bool {
-    is_sequence(expression) || expression.operands().iter().any(|child| has_sequence(child))
+    is_sequence(expression) || parts(expression).iter().any(|child| has_sequence(child))
 }
 
 fn is_sequence(expression: &Expression) -> bool {
@@ -58,13 +59,48 @@ fn sequence(expression: &Expression) -> &Expression {
     if is_sequence(expression) || matches!(expression, Expression::Otherwise(..) | Expression::Finally(..)) {
         return expression;
     }
-    expression.operands().into_iter().find(|child| has_sequence(child)).map_or(expression, sequence)
+    parts(expression).into_iter().find(|child| has_sequence(child)).map_or(expression, sequence)
+}
+
+/// Returns the operands as they are written: clocks of deadlines and further tries are none.
+fn parts(expression: &Expression) -> Vec<&Expression> {
+    let one = deadline(expression).map(|(of, _)| of).or_else(|| retry(expression).map(|(of, ..)| of));
+    one.map_or_else(|| expression.operands(), |of| vec![of])
+}
+
+/// Returns what a deadline is for, and how long it is, if the expression is `P within d` written out.
+fn deadline(expression: &Expression) -> Option<(&Expression, Duration)> {
+    let Expression::Disable(of) = expression else { return None };
+    let [of, Expression::Sequence(clock, end)] = &of[..] else { return None };
+    match (&**clock, &**end) {
+        (Expression::Wait(limit), Expression::Fail(why)) if why.starts_with(DEADLINE) => Some((of, *limit)),
+        _ => None,
+    }
+}
+
+/// Returns what is tried again, how often, and the pause before each, if the expression is `retry(n) P` written out.
+fn retry(expression: &Expression) -> Option<(&Expression, usize, Option<Duration>)> {
+    let (mut tries, mut waiting) = (Vec::new(), vec![expression]);
+    while let Some(next) = waiting.pop() {
+        if let Expression::Otherwise(p, q) = next { waiting.extend([&**q, &**p]) } else { tries.push(next) }
+    }
+    let (&first, again) = tries.split_first()?;
+    let paused = |next: &&Expression| {
+        let Expression::Sequence(clock, of) = next else { return None };
+        let Expression::Wait(pause) = &**clock else { return None };
+        (**of == *first).then_some(*pause)
+    };
+    if again.iter().all(|next| *next == first) {
+        return Some((first, again.len(), None)).filter(|_| !again.is_empty());
+    }
+    let pause = paused(again.first()?)?;
+    again.iter().all(|next| paused(next) == Some(pause)).then_some((first, again.len(), Some(pause)))
 }
 
 fn flatten(expression: &Expression, members: &[Member], steps: &mut Vec<Step>) {
     let is_two = matches!(expression, Expression::Otherwise(..) | Expression::Finally(..));
     if is_sequence(expression) || is_two && has_sequence(expression) {
-        for child in expression.operands() {
+        for child in parts(expression) {
             flatten(child, members, steps);
         }
     } else {
@@ -86,14 +122,22 @@ fn collect(expression: &Expression, slots: &mut BTreeSet<u32>) {
 /// Returns how tightly an expression binds (more is tighter), and its text.
 fn text(expression: &Expression, members: &[Member]) -> (u8, String) {
     use Expression as E;
+    if let Some((of, limit)) = deadline(expression) {
+        return (6, format!("{} within {} s", inside(of, 7, members), limit.as_secs_f64()));
+    }
+    if let Some((of, times, pause)) = retry(expression) {
+        let pause = pause.map_or(String::new(), |pause| format!(", pause {} s", pause.as_secs_f64()));
+        return (6, format!("retry({times}{pause}) {}", inside(of, 6, members)));
+    }
     let (level, operator) = match expression {
+        E::Otherwise(of, skip) if **skip == E::Skip => return (8, format!("{}?", inside(of, 8, members))),
         E::Run { member, .. } => {
             let member = usize::try_from(*member).ok().and_then(|slot| members.get(slot));
             return (9, member.map_or("?", |member| &member.name).to_owned());
         }
         E::Skip => return (9, "skip".to_owned()),
         E::Never => return (9, "never".to_owned()),
-        E::Fail(why) => return (9, format!("fail({why:?})")),
+        E::Fail(why) => return (9, format!("fail(\"{why}\")")),
         E::Wait(time) => return (9, format!("wait({} s)", time.as_secs_f64())),
         E::AnyOf { count, of } => {
             let of = of.iter().map(|child| text(child, members).1).collect::<Vec<_>>();

@@ -1,0 +1,101 @@
+//! What the programs of a mission write, from every host of it, as lines for the record.
+
+use crate::cli::client::{Answers, Client, unasked, words};
+use crate::cli::{Failure, output};
+use crate::logic::protocol::{Answer, Deployment, Request};
+use crate::logic::record::Lines;
+use comms::io::clock;
+use std::collections::BTreeSet;
+use std::time::Duration;
+use tokio::sync::mpsc::{self, Receiver, Sender};
+use tokio::task::JoinSet;
+
+/// How many pieces wait to be recorded; who sends more waits.
+const PIECES_MAX: usize = 256;
+
+/// What a program wrote: its path, and bytes or lines.
+type Wrote<T> = (String, T);
+
+/// The streams of what programs write, one of each host.
+#[derive(Debug)]
+pub(crate) struct Outputs {
+    asked: BTreeSet<String>,
+    hearing: JoinSet<()>,
+    sink: Sender<Wrote<Vec<u8>>>,
+    arriving: Receiver<Wrote<Vec<u8>>>,
+    lines: Lines,
+}
+
+impl Default for Outputs {
+    fn default() -> Self {
+        let (sink, arriving) = mpsc::channel(PIECES_MAX);
+        let (asked, hearing) = (BTreeSet::new(), JoinSet::new());
+        Self { asked, hearing, sink, arriving, lines: Lines::default() }
+    }
+}
+
+impl Outputs {
+    /// Begins to hear the programs of a deployment on a host, unless they are heard already.
+    pub(crate) fn hear(&mut self, client: &Client, host: &str, deployment: &Deployment) {
+        if !self.asked.insert(host.to_owned()) {
+            return;
+        }
+        match client.ask_on(host, &Request::Output { deployment: deployment.clone() }) {
+            Ok(answers) => drop(self.hearing.spawn(hear(host.to_owned(), answers, self.sink.clone()))),
+            Err(why) => output::note(&incomplete(host, &why)),
+        }
+    }
+
+    /// Returns the next whole lines of a program; never anything when there are none.
+    ///
+    /// # Cancellation
+    /// Safe.
+    pub(crate) async fn next(&mut self) -> Wrote<String> {
+        loop {
+            let Some((path, bytes)) = self.arriving.recv().await else { return std::future::pending().await };
+            if let Some(lines) = self.lines.push(&path, &bytes) {
+                return (path, lines);
+            }
+        }
+    }
+
+    /// Returns all that is still to come, within so much time.
+    pub(crate) async fn rest(mut self, within: Duration) -> Vec<Wrote<String>> {
+        drop(self.sink);
+        let (mut rest, deadline) = (Vec::new(), clock::now() + within);
+        loop {
+            tokio::select! {
+                biased;
+                piece = self.arriving.recv() => {
+                    let Some((path, bytes)) = piece else { break };
+                    rest.extend(self.lines.push(&path, &bytes).map(|lines| (path, lines)));
+                }
+                () = clock::sleep_until(deadline) => break,
+            }
+        }
+        rest.extend(self.lines.end());
+        rest
+    }
+}
+
+async fn hear(host: String, mut answers: Answers, sink: Sender<Wrote<Vec<u8>>>) {
+    while let Some(answer) = answers.next().await {
+        let why = match answer {
+            Ok(Answer::Wrote { path, bytes }) => {
+                if sink.send((path, bytes)).await.is_err() {
+                    return;
+                }
+                continue;
+            }
+            // A host that has never taken part has nothing to say.
+            Ok(Answer::Refused(_)) => return,
+            Ok(other) => unasked(&host, &other),
+            Err(why) => why,
+        };
+        return output::note(&incomplete(&host, &why));
+    }
+}
+
+fn incomplete(host: &str, why: &Failure) -> String {
+    format!("warning: not all that programs of `{host}` write is recorded: {}", words(why))
+}

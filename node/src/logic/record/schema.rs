@@ -1,0 +1,107 @@
+//! The names and schemas of a record, as viewers want them.
+
+use serde_json::{Map, Value, json};
+
+/// Field of a sample that says when it was taken, in seconds on the clock of the program's host.
+pub(super) const STAMP: &str = "stamp";
+
+/// Returns a name of letters, digits and `_`: what a viewer's expressions can name without quotes.
+pub(super) fn plain_name(text: &str) -> String {
+    let mut name = String::with_capacity(text.len());
+    for c in text.chars() {
+        if c.is_ascii_alphanumeric() {
+            name.push(c);
+        } else if !name.ends_with('_') {
+            name.push('_');
+        }
+    }
+    let name = name.trim_matches('_');
+    if name.is_empty() || name.starts_with(|c: char| c.is_ascii_digit()) { format!("_{name}") } else { name.to_owned() }
+}
+
+/// Returns a path whose parts are plain names.
+pub(super) fn plain_path(path: &str) -> String {
+    path.split('/').map(plain_name).collect::<Vec<_>>().join("/")
+}
+
+/// Returns `name`, or `name_2`, `name_3` … if that is taken.
+pub(super) fn free_name(name: String, is_taken: impl Fn(&str) -> bool) -> String {
+    let numbered = (2_u32..).map(|number| format!("{name}_{number}"));
+    let free = std::iter::once(name.clone()).chain(numbered).find(|name| !is_taken(name));
+    free.unwrap_or(name)
+}
+
+/// Returns the schema of reports.
+pub(super) fn event() -> Value {
+    object(
+        "dca.Event",
+        [
+            ("since_go", "number", "when it happened, in seconds since GO; 0 before"),
+            ("kind", "string", "what happened, in one word: `activated`, `done`, `aborted`, `stopped`, `go` ..."),
+            ("process", "string", "the path of the process to which it happened; empty if to all of them"),
+            ("host", "string", "the host at which it happened, if that is known"),
+            ("text", "string", "the same as a sentence"),
+            ("output", "string", "the last lines of a program that failed"),
+            ("report", "string", "the same as JSON, for `dca report`"),
+        ],
+    )
+}
+
+/// Returns the schema of what programs write: `foxglove.Log`, which viewers have a panel for.
+pub(super) fn log() -> Value {
+    let time = object("time", [("sec", "integer", "seconds since 1970"), ("nsec", "integer", "and nanoseconds")]);
+    let mut schema = object(
+        "foxglove.Log",
+        [
+            ("level", "integer", "0: a program's output has none"),
+            ("message", "string", "whole lines"),
+            ("name", "string", "the path of the process"),
+            ("file", "string", "unused"),
+            ("line", "integer", "unused"),
+        ],
+    );
+    schema["properties"]["timestamp"] = time;
+    schema
+}
+
+/// Returns the schema of what goes over a wire, which only the programs at its ends can read.
+pub(super) fn port() -> Value {
+    let size = ("size", "integer", "how many bytes it is");
+    let mut schema = object("dca.Encoded", [size, ("bytes", "string", "the value, encoded with postcard")]);
+    schema["properties"]["bytes"]["contentEncoding"] = json!("base64");
+    schema
+}
+
+/// Returns the schema of a program's samples: its signals (field, unit) are numbers. What is no number is left out.
+pub(super) fn signals<'a>(title: &str, fields: impl Iterator<Item = (&'a str, &'a str)>) -> Value {
+    let stamp = (STAMP, "number", "when the sample was taken, in seconds on the clock of the program's host");
+    object(title, std::iter::once(stamp).chain(fields.map(|(name, unit)| (name, "number", unit))))
+}
+
+fn object<'a>(title: &str, fields: impl IntoIterator<Item = (&'a str, &'a str, &'a str)>) -> Value {
+    let property =
+        |(name, kind, what): (&str, &str, &str)| (name.to_owned(), json!({ "type": kind, "description": what }));
+    let properties: Map<String, Value> = fields.into_iter().map(property).collect();
+    json!({ "title": title, "type": "object", "properties": properties })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_have_letters_digits_and_underlines() {
+        for (text, name) in [
+            ("door angle", "door_angle"),
+            ("joint 1 speed (max)", "joint_1_speed_max"),
+            ("µ", "_"),
+            ("", "_"),
+            ("3d", "_3d"),
+            ("x", "x"),
+        ] {
+            assert_eq!(plain_name(text), name, "{text}");
+        }
+        assert_eq!(plain_path("main/robot[2]/hit force"), "main/robot_2/hit_force");
+        assert_eq!(free_name("x".into(), |name| ["x", "x_2"].contains(&name)), "x_3");
+    }
+}
