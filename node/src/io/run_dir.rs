@@ -332,7 +332,7 @@ mod tests {
         let sockets: Vec<PathBuf> = running(&command).unwrap().into_iter().map(|(_, socket)| socket).collect();
         assert_eq!(sockets, [command.join("c1").join("node.sock")]);
         drop(second);
-        assert_eq!(groups(&base), [base.clone()], "the command has ended");
+        assert_eq!(groups(&base), std::slice::from_ref(&base), "the command has ended");
         drop(first);
         fs::remove_dir_all(&base).unwrap();
     }

@@ -173,7 +173,8 @@ fn check_free(path: &Path, data: &Path) -> Result<(), StoreError> {
     let until = clock::now() + CLOSED_WITHIN;
     loop {
         match file.try_lock() {
-            Ok(()) => return Ok(()),
+            // Closing it would not do: a program that is being started on another thread may have the file, too, for a moment.
+            Ok(()) => return file.unlock().map_err(|cause| file_error(path, cause)),
             Err(TryLockError::WouldBlock) if clock::now() < until => {
                 Wakeup::default().wait(Some(clock::now() + ASK_AGAIN_AFTER));
             }

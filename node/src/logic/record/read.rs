@@ -146,9 +146,10 @@ impl Reading {
 impl Channel {
     fn entry(&self, at: Duration, stamp_of_v1: Time, data: &[u8]) -> Result<Option<Entry>, String> {
         if self.topic == EVENTS {
-            let report = match parse::<Event>(data)?.report {
-                Value::String(report) => parse(report.as_bytes())?,
-                report => serde_json::from_value(report).map_err(|error| damaged(&error))?,
+            let report = parse::<Event>(data)?.report;
+            let report = match report.as_str() {
+                Some(text) => parse(text.as_bytes())?,
+                None => serde_json::from_value(report).map_err(|error| damaged(&error))?,
             };
             return Ok(Some(Entry::Report(report)));
         }
