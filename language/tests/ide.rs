@@ -4,7 +4,7 @@
 mod disk;
 
 use language::ide::{Analysis, CompletionKind, Declaration, rename};
-use language::plan::Plan;
+use language::plan::{DEADLINE, Plan};
 use language::{Content, Options, Role, Source, Span, gather};
 use std::path::{Path, PathBuf};
 
@@ -356,10 +356,18 @@ fn names(analysis: &Analysis) -> Vec<(usize, Declaration)> {
     found
 }
 
+/// Returns a plan as text, without the places that its deadlines are told by, which move with the text.
+fn shown(plan: &Plan) -> String {
+    let text = format!("{plan:?}");
+    let mut pieces = text.split(DEADLINE);
+    let first = pieces.next().unwrap_or_default().to_owned();
+    pieces.fold(first, |shown, piece| shown + piece.split_once("has passed").map_or(piece, |(_, rest)| rest))
+}
+
 /// A plan as text with another name for one word, wherever it stands: also in `robot_0`, and in paths.
 fn respelled(plan: &Plan, from: &str, to: &str) -> String {
     let is_part = |c: char| c.is_alphanumeric() || c == '_';
-    let text = format!("{plan:?}");
+    let text = shown(plan);
     let mut out = String::with_capacity(text.len());
     for piece in text.split_inclusive(|c| !is_part(c)) {
         let word = piece.trim_end_matches(|c| !is_part(c));
