@@ -11,7 +11,6 @@ pub mod logging;
 pub mod named_file;
 pub mod observer;
 pub mod peers;
-pub mod processes;
 pub mod programs;
 pub mod recorder;
 pub mod run_dir;

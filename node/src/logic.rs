@@ -1,7 +1,6 @@
 //! The decisions of a node: pure state machines. Time comes in, effects go out.
 
 pub mod agent;
-pub mod child;
 pub mod claims;
 pub mod database;
 pub mod effect;
@@ -11,10 +10,10 @@ pub mod instance;
 pub mod link;
 pub mod mission;
 pub mod nameserver;
+pub mod output_lines;
 pub mod page;
 pub mod parameters;
 pub mod printable;
-pub mod process_record;
 pub mod programs;
 pub mod protocol;
 pub mod record;

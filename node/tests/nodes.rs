@@ -3,9 +3,9 @@
 #![expect(clippy::unwrap_used, reason = "a test stops where something is not as it should be")]
 
 use comms::io::clock::{Wakeup, now};
-use node::io::processes;
-use node::logic::process_record::{Process, ProcessRecord, RECORD_FILE};
 use rustix::process::Signal;
+use shim::process_record::{Process, ProcessRecord, RECORD_FILE};
+use shim::processes;
 use std::io::{BufRead, BufReader, ErrorKind, Read};
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};

@@ -11,17 +11,18 @@ const LINES_MAX: usize = 500;
 /// The most lines of the database's core, blank ones, tests and planted bugs left out.
 const CORE_LINES_MAX: usize = 4000;
 /// Which rooms a room may import. `dca-tests` sees every room, and no room sees it.
-const FLOORS: [(&str, &[&str]); 7] = [
+const FLOORS: [(&str, &[&str]); 8] = [
     ("language", &[]),
     ("comms", &[]),
     ("dbmanager", &["comms"]),
     ("controllers", &["comms"]),
-    ("node", &["comms", "dbmanager", "language"]),
+    ("node", &["comms", "dbmanager", "language", "shim"]),
+    ("node/shim", &["comms"]),
     ("examples", &["controllers"]),
     ("tests", &["comms", "controllers", "dbmanager", "language", "node"]),
 ];
 /// Every room, by the name under which it is imported.
-const ROOMS: [&str; 6] = ["language", "comms", "dbmanager", "controllers", "node", "dca_tests"];
+const ROOMS: [&str; 7] = ["language", "comms", "dbmanager", "controllers", "node", "shim", "dca_tests"];
 /// Folders and files in which the same input has to give the same output, besides every `logic`.
 const PURE: [&str; 6] = [
     "language/src/",
@@ -71,8 +72,8 @@ struct Source {
 impl Source {
     /// Returns whether the file is a room's own code: not a test, not an example, not a benchmark.
     fn is_shipped(&self) -> bool {
-        let parts: Vec<&str> = self.path.split('/').collect();
-        parts.get(1) == Some(&"src") && parts[0] != "tests" && !parts.iter().any(|part| part.starts_with("tests"))
+        let Some((room, rest)) = room(&self.path) else { return false };
+        rest.starts_with("src/") && room != "tests" && !rest.split('/').any(|part| part.starts_with("tests"))
     }
 
     /// Returns the code without comments and without the tests at the end, line by line from 1; strings are kept or emptied.
@@ -104,6 +105,12 @@ enum Strings {
 
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("the crate is a folder of the workspace").to_owned()
+}
+
+/// Returns the folder of the room that a file belongs to, and the rest of its path.
+fn room(path: &str) -> Option<(&'static str, &str)> {
+    let within = |room: &'static str| Some((room, path.strip_prefix(room)?.strip_prefix('/')?));
+    FLOORS.iter().filter_map(|(room, _)| within(room)).max_by_key(|(room, _)| room.len())
 }
 
 /// Returns every file of the workspace, with its path from the root.
@@ -249,15 +256,18 @@ fn imports_only_go_down() {
     let all = sources();
     wrong.extend(broken(&all, Strings::Emptied, |source, line| {
         // What `dca new` writes is a program of somebody else.
-        let folder = source.path.split('/').next().filter(|_| !source.path.starts_with("node/templates/"))?;
+        let (folder, _) = room(&source.path).filter(|_| !source.path.starts_with("node/templates/"))?;
         let (_, allowed) = FLOORS.iter().find(|(name, _)| *name == folder)?;
         let path = line.trim().trim_start_matches("pub ").strip_prefix("use ")?;
         let room = path.split([':', ';', ' ']).next()?;
-        let own = room == folder || room == "dca_tests" && folder == "tests";
+        let own = folder.ends_with(room) || room == "dca_tests" && folder == "tests";
         let wrong = ROOMS.contains(&room) && !own && !allowed.contains(&room);
         wrong.then(|| format!("`{folder}` must not import `{room}`"))
     }));
-    check("imports go down: node → dbmanager → comms, node → language, controllers → comms", &wrong);
+    check(
+        "imports go down: node → dbmanager → comms, node → language, node → shim → comms, controllers → comms",
+        &wrong,
+    );
 }
 
 #[test]
@@ -352,7 +362,7 @@ fn one_place_names_the_engine_of_the_store() {
 
 #[test]
 fn one_place_of_each_program_prints() {
-    let places = ["node/src/cli/output.rs", "node/src/bin/dca-shim/main.rs", "controllers/src/sdk/process.rs"];
+    let places = ["node/src/cli/output.rs", "node/shim/src/main.rs", "controllers/src/sdk/process.rs"];
     let words = ["println!", "print!", "eprintln!", "eprint!", "dbg!", "stdout()", "stderr()"];
     only_in("only `output` prints, and the one place of the shim and of a controller", &places, &words);
 }

@@ -5,8 +5,8 @@
 //! a crash the next run finds the group by the file that names it, and kills what is in it. Only the second version of
 //! control groups is used (`cgroup.kill`: Linux 5.14). Source: Documentation/admin-guide/cgroup-v2.rst.
 
-use crate::io::processes;
-use crate::logic::process_record::Process;
+use shim::process_record::Process;
+use shim::processes;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};

@@ -4,7 +4,9 @@
 
 pub mod leftovers;
 
-use crate::logic::child::{OUTPUT_FILE, OUTPUT_FILE_OLD, ShimOrder, ShimReport, ShimStart, last_lines};
+use crate::logic::output_lines::last_lines;
+use language::plan::Usage;
+use shim::protocol::{Limits, OUTPUT_FILE, OUTPUT_FILE_OLD, Realtime, ShimOrder, ShimReport, ShimStart};
 use std::io;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -155,6 +157,12 @@ fn end_of(path: &Path, before: u64) -> io::Result<(Vec<u8>, bool)> {
     let mut end = Vec::new();
     file.take(LAST_OUTPUT_MAX).read_to_end(&mut end)?;
     Ok((end, begin > before))
+}
+
+/// Returns what a spec lets a program use, in the shim's words.
+pub fn limits(usage: &Usage) -> Limits {
+    let realtime = usage.realtime.map(|one| Realtime { priority: one.priority, is_optional: one.is_optional });
+    Limits { memory: usage.memory, cpu: usage.cpu, files: usage.files, nice: usage.nice, realtime }
 }
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 
 use crate::io::caller::Caller;
 use crate::io::cgroup;
-use crate::io::child::leftovers;
+use crate::io::child::{self, leftovers};
 use crate::io::database;
 use crate::io::event::{Connection, Event};
 use crate::io::journal::Journal;
@@ -12,7 +12,6 @@ use crate::io::run_dir::RunDir;
 use crate::io::starter::{self, Job, Start, Starter};
 use crate::io::{programs, tail};
 use crate::logic::agent::{Agent, Identity, Input, OVER_MAX};
-use crate::logic::child::{Gate, ShimOrder, ShimReport, ShimStart};
 use crate::logic::database::settings::Settings;
 use crate::logic::effect::{Effect, ProcessId, SpawnOrder};
 use crate::logic::nameserver::Change;
@@ -27,6 +26,7 @@ use comms::logic::control::Order;
 use comms::logic::key::HostName;
 use comms::logic::time::Time;
 use language::plan::LeafKind;
+use shim::protocol::{Gate, ShimOrder, ShimReport, ShimStart};
 use std::collections::{BTreeMap, VecDeque};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -375,7 +375,7 @@ impl Driver {
             working_directory: std::env::current_dir().unwrap_or_else(|_gone| "/".into()),
             gate: if is_controller { Gate::None } else { Gate::Exec },
             agent_loss_grace: order.policy.agent_loss.unwrap_or(grace),
-            usage: order.policy.usage,
+            limits: child::limits(&order.policy.usage),
             descriptors: descriptors::before(),
             environment: self.environment(order.path, &dir, control.as_deref()),
             command: order.command,

@@ -1,11 +1,11 @@
 //! What happens outside the agent, as the driver hears of it; and the task that hears the programs of a deployment.
 
 use crate::io::peers::Arrival;
-use crate::logic::child::ShimReport;
 use crate::logic::effect::ProcessId;
 use crate::logic::protocol::Deployment;
 use comms::io::control::{ControlReceiver, ControlSender, Listener};
 use comms::logic::control::Notice;
+use shim::protocol::ShimReport;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use tokio::sync::mpsc::Sender;

@@ -4,11 +4,11 @@
 use crate::io::child::{self, ShimEar, ShimOrders};
 use crate::io::event::{Event, hear_programs};
 use crate::io::run_dir;
-use crate::logic::child::{ShimOrder, ShimReport, ShimStart};
 use crate::logic::effect::ProcessId;
 use crate::logic::protocol::Deployment;
 use anyhow::Context;
 use comms::io::control::Listener;
+use shim::protocol::{ShimOrder, ShimReport, ShimStart};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;

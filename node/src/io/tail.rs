@@ -4,8 +4,8 @@
 //! it reads open, so that nothing is lost when that happens while it reads.
 
 use crate::io::caller::Caller;
-use crate::logic::child::{OUTPUT_FILE, OUTPUT_FILE_OLD};
 use crate::logic::protocol::Answer;
+use shim::protocol::{OUTPUT_FILE, OUTPUT_FILE_OLD};
 use std::fs::File;
 use std::io::{self, Read};
 use std::os::unix::fs::MetadataExt;

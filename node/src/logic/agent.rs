@@ -3,7 +3,6 @@
 mod calls;
 mod peers;
 
-use crate::logic::child::ShimReport;
 use crate::logic::claims::Claims;
 use crate::logic::database::chronicle;
 use crate::logic::effect::{Effect, Out, ProcessId, earliest};
@@ -18,6 +17,7 @@ use crate::logic::tenant::Tenant;
 use comms::logic::control::Notice;
 use comms::logic::time::Time;
 use language::plan::Plan;
+use shim::protocol::ShimReport;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
 use std::time::Duration;

@@ -1,6 +1,5 @@
 //! What a node's machines want done, and the words they share.
 
-use crate::logic::child::ShimOrder;
 use crate::logic::database::question::Commit;
 use crate::logic::link::Frame;
 use crate::logic::nameserver::Change;
@@ -8,6 +7,7 @@ use crate::logic::protocol::{Answer, Deployment, Message};
 use comms::logic::control::Order;
 use comms::logic::time::Time;
 use language::plan::{LeafKind, Policy};
+use shim::protocol::ShimOrder;
 use std::collections::BTreeMap;
 
 /// One program of one deployment on this host.

@@ -13,7 +13,6 @@
 mod program;
 mod restarts;
 
-use crate::logic::child::ShimOrder;
 use crate::logic::effect::{Effect, SpawnOrder};
 use crate::logic::protocol::{Change, Ending, Failure, FailureCause, LeafFacts};
 use comms::logic::control::Order;
@@ -21,6 +20,7 @@ use comms::logic::time::Time;
 use language::plan::{LeafKind, LinkLoss};
 use restarts::Restarts;
 pub use restarts::{RESTARTS_MAX, WINDOW};
+use shim::protocol::ShimOrder;
 use std::collections::BTreeSet;
 use std::time::Duration;
 

@@ -8,7 +8,6 @@ mod links;
 mod loss;
 mod status;
 
-use crate::logic::child::ShimReport;
 use crate::logic::claims::Claims;
 use crate::logic::effect::{Out, ProcessId, SpawnOrder, earliest};
 use crate::logic::executer::{Executer, Surroundings, group_host, leaf_host};
@@ -22,6 +21,7 @@ use comms::logic::time::Time;
 use language::plan::Plan;
 use links::Switching;
 use loss::Loss;
+use shim::protocol::ShimReport;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Duration;

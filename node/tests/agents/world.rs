@@ -5,11 +5,11 @@ use comms::logic::time::Time;
 use language::plan::{LeafKind, Plan, Policy};
 use language::{Options, Source, compile};
 use node::logic::agent::{Agent, Identity, Input};
-use node::logic::child::{ShimOrder, ShimReport};
 use node::logic::effect::{Effect, ProcessId, SpawnOrder};
 use node::logic::nameserver::Change;
 use node::logic::programs::Programs;
 use node::logic::protocol::{Answer, Ending, Pong, Report, Request};
+use shim::protocol::{ShimOrder, ShimReport};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 

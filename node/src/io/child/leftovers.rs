@@ -5,11 +5,11 @@
 //! group finds a daemon with an empty environment and a session of its own after its node has died, too.
 
 use crate::io::cgroup;
-use crate::io::processes::{self, Stat};
-use crate::logic::process_record::{Process, ProcessRecord, RECORD_FILE};
 use comms::io::clock::{Wakeup, now};
 use comms::logic::time::Time;
 use rustix::process::{Pid, Signal, WaitOptions, getpid, waitpid};
+use shim::process_record::{Process, ProcessRecord, RECORD_FILE};
+use shim::processes::{self, Stat};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::time::Duration;

@@ -1,10 +1,10 @@
 //! The program of an instance: how it comes, what it says, and what becomes of the instance when it is gone.
 
 use super::{CONNECT_WITHIN, GRACE, Instance, KILL_WITHIN, Moment, Note, START_WITHIN, Stage, VALUE_MAX};
-use crate::logic::child::{ShimOrder, ShimReport};
 use crate::logic::effect::Effect;
 use crate::logic::protocol::{Change, Ending, FailureCause, LeafFacts};
 use comms::logic::control::{Notice, Order, VERSION};
+use shim::protocol::{ShimOrder, ShimReport};
 
 impl Instance {
     /// Takes a word from the controller.

@@ -1,7 +1,7 @@
 //! Everything on the page that is words and numbers.
 
-use crate::logic::child::plain;
 use crate::logic::mission::{Mission, Outcome, Track, failure_chain, failure_output, seconds};
+use crate::logic::output_lines::plain;
 use crate::logic::page::text::escape;
 use crate::logic::protocol::Report;
 use crate::logic::record::{Entry, Run, change_text, report_text};

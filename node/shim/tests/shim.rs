@@ -3,9 +3,8 @@
 #![expect(clippy::wildcard_enum_match_arm, reason = "a test looks for one variant and shows any other")]
 #![expect(clippy::unwrap_used, reason = "a test stops where something is not as it should be")]
 
-use language::plan::{Realtime, Usage};
-use node::logic::child::{
-    EXIT_FILE, Gate, OUTPUT_FILE, OUTPUT_FILE_OLD, OUTPUT_SIZE_MAX, ShimOrder, ShimReport, ShimStart,
+use shim::protocol::{
+    EXIT_FILE, Gate, Limits, OUTPUT_FILE, OUTPUT_FILE_OLD, OUTPUT_SIZE_MAX, Realtime, ShimOrder, ShimReport, ShimStart,
 };
 use std::io::{BufRead, BufReader, Lines, Write};
 use std::path::{Path, PathBuf};
@@ -43,7 +42,7 @@ impl Shim {
             working_directory: dir.clone(),
             gate: Gate::None,
             agent_loss_grace: Duration::from_millis(200),
-            usage: Usage::default(),
+            limits: Limits::default(),
             descriptors: None,
             environment: vec![("PATH".into(), "/usr/bin:/bin".into()), ("DCA_INSTANCE".into(), "main/x".into())],
             command: Vec::new(),
@@ -280,16 +279,16 @@ fn wrong_arguments_are_usage() {
     assert_eq!(String::from_utf8_lossy(&output.stderr), "dca-shim: argument `--gate`: needs a value\n");
 }
 
-fn limited(usage: Usage, script: &str) -> Shim {
+fn limited(limits: Limits, script: &str) -> Shim {
     Shim::start_with(|start| {
-        start.usage = usage;
+        start.limits = limits;
         start.command = ["sh", "-c", script].map(str::to_owned).to_vec();
     })
 }
 
 #[test]
 fn a_program_has_its_limits_from_the_start() {
-    let usage = Usage {
+    let usage = Limits {
         memory: Some(512 << 20),
         cpu: Some(Duration::from_secs(90)),
         files: Some(64),
@@ -316,7 +315,7 @@ fn a_program_has_the_soft_limit_that_it_is_given() {
 /// No kernel lets anybody open more files than it has numbers for.
 #[test]
 fn what_the_kernel_refuses_is_one_sentence() {
-    let usage = Usage { files: Some(u64::MAX >> 1), ..Usage::default() };
+    let usage = Limits { files: Some(u64::MAX >> 1), ..Limits::default() };
     let reason = "a limit of 9223372036854775807 open files is refused: operation not permitted".to_owned();
     limited(usage, "echo ran").expect(&[STARTED, ShimReport::ExecFailed { reason }, ShimReport::Gone]);
 }
@@ -324,7 +323,7 @@ fn what_the_kernel_refuses_is_one_sentence() {
 #[test]
 fn what_is_not_there_is_named_behind_limits_too() {
     let shim = Shim::start_with(|start| {
-        start.usage.nice = Some(1);
+        start.limits.nice = Some(1);
         start.command = vec!["/no/such/program".to_owned()];
     });
     let reason = "cannot execute `/no/such/program`: no such file or directory".to_owned();
@@ -336,7 +335,7 @@ fn what_is_not_there_is_named_behind_limits_too() {
 fn real_time_is_given_or_refused_as_the_policy_says() {
     let probe = Command::new("chrt").args(["--fifo", "5", "true"]).stderr(Stdio::null()).status();
     let is_allowed = probe.is_ok_and(|status| status.success());
-    let with = |is_optional| Usage { realtime: Some(Realtime { priority: 5, is_optional }), ..Usage::default() };
+    let with = |is_optional| Limits { realtime: Some(Realtime { priority: 5, is_optional }), ..Limits::default() };
     let script = "cut -d' ' -f41 /proc/$$/stat";
     let over = limited(with(true), script).expect(&[STARTED, exited(0), ShimReport::Gone]);
     let class = over.read(OUTPUT_FILE);

@@ -3,8 +3,8 @@
 //! So the program never runs without them, not even for an instant, and the shim itself has none. What the kernel refuses is
 //! left in the instance directory as one sentence, which the shim reports.
 
-use node::logic::child::{LAUNCH, REFUSED_FILE, ShimStart};
 use rustix::process::{Resource, Rlimit, setpriority_process, setrlimit};
+use shim::protocol::{LAUNCH, Limits, REFUSED_FILE, ShimStart};
 use std::ffi::OsString;
 use std::io;
 use std::os::unix::process::CommandExt;
@@ -19,7 +19,7 @@ const CHRT: &str = "chrt";
 /// Returns what to execute instead of the program: itself, unless it has limits.
 pub(crate) fn command(start: &ShimStart) -> io::Result<(OsString, Vec<OsString>)> {
     let plain = || start.command.iter().map(OsString::from);
-    if start.usage == language::plan::Usage::default() {
+    if start.limits == Limits::default() {
         return Ok((plain().next().unwrap_or_default(), plain().skip(1).collect()));
     }
     let launch = ShimStart { environment: Vec::new(), ..start.clone() };
@@ -43,14 +43,14 @@ pub(crate) fn refusal(dir: &Path, code: i32) -> Option<String> {
 
 /// Takes the limits; returns what to execute.
 fn limit(start: &ShimStart) -> Result<Vec<String>, String> {
-    let usage = &start.usage;
-    let limits = [
-        (Resource::As, usage.memory, "B of memory"),
-        (Resource::Cpu, usage.cpu.map(|time| time.as_secs()), "s of processor time"),
-        (Resource::Nofile, usage.files, "open files"),
+    let limits = &start.limits;
+    let caps = [
+        (Resource::As, limits.memory, "B of memory"),
+        (Resource::Cpu, limits.cpu.map(|time| time.as_secs()), "s of processor time"),
+        (Resource::Nofile, limits.files, "open files"),
     ];
     let mut command = start.command.clone();
-    if let Some(realtime) = usage.realtime {
+    if let Some(realtime) = limits.realtime {
         let priority = realtime.priority.to_string();
         let class = [CHRT, "--fifo", &priority].map(str::to_owned);
         if is_allowed(&class) {
@@ -64,11 +64,11 @@ fn limit(start: &ShimStart) -> Result<Vec<String>, String> {
             ));
         }
     }
-    if let Some(nice) = usage.nice {
+    if let Some(nice) = limits.nice {
         setpriority_process(None, nice.into())
             .map_err(|error| format!("niceness {nice} is refused: {}", super::plain(&error.into())))?;
     }
-    for (resource, value, what) in limits {
+    for (resource, value, what) in caps {
         let limit = Rlimit { current: value, maximum: value };
         if let (Some(value), Err(error)) = (value, value.map_or(Ok(()), |_| setrlimit(resource, limit))) {
             return Err(format!("a limit of {value} {what} is refused: {}", super::plain(&error.into())));

@@ -1,6 +1,6 @@
 //! The processes of this machine as `/proc` shows them, each named for good: its number and when it started.
 
-use crate::logic::process_record::Process;
+use crate::process_record::Process;
 use rustix::process::{Pid, PidfdFlags, Signal, getpid, pidfd_open, pidfd_send_signal};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;

@@ -1,8 +1,8 @@
 //! Every process below this one.
 
-use node::io::processes;
-use node::logic::process_record::Process;
 use rustix::process::{Signal, getpid};
+use shim::process_record::Process;
+use shim::processes;
 use std::collections::BTreeSet;
 
 /// Rounds of stopping before the killing begins; a program that forks faster than it is stopped is killed in pieces.

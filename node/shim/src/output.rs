@@ -3,9 +3,9 @@
 //! The program must never wait for a disk: one thread empties the pipe as fast as the program fills it, another writes.
 //! What finds the queue full is dropped, counted, and the count is written where the output is missing.
 
-use node::logic::child::{OUTPUT_FILE, OUTPUT_FILE_OLD, OUTPUT_SIZE_MAX};
 use rustix::event::{PollFd, PollFlags, poll};
 use rustix::pipe::{PipeFlags, pipe_with};
+use shim::protocol::{OUTPUT_FILE, OUTPUT_FILE_OLD, OUTPUT_SIZE_MAX};
 use std::collections::VecDeque;
 use std::fs::{File, OpenOptions};
 use std::io::{self, Read, Write};

@@ -4,7 +4,6 @@
 //! told what to start by its arguments, ordered about by lines on its standard input, and reports by lines on its
 //! standard output. End of input means that the agent is gone.
 
-use language::plan::{Realtime, Usage};
 use std::ffi::OsString;
 use std::fmt;
 use std::path::PathBuf;
@@ -23,10 +22,6 @@ pub const REFUSED_FILE: &str = "refused";
 pub const LAUNCH: &str = "--launch";
 /// How the program ended, as the line of the [`ShimReport`]; durable before the report is made.
 pub const EXIT_FILE: &str = "exit";
-/// The most lines of output that are told with a program's failure.
-pub const LAST_LINES_MAX: usize = 20;
-/// The longest of them, in characters.
-const LAST_LINE_MAX: usize = 400;
 /// How long a program may take to stop once its agent is gone, unless the start says otherwise.
 pub const AGENT_LOSS_GRACE: Duration = Duration::from_secs(1);
 
@@ -42,13 +37,37 @@ pub struct ShimStart {
     /// How long the program may take to stop once the agent is gone.
     pub agent_loss_grace: Duration,
     /// What the program may use.
-    pub usage: Usage,
+    pub limits: Limits,
     /// How many files and sockets the program may have open before it asks for more: its soft limit.
     pub descriptors: Option<u64>,
     /// The program's whole environment; nothing is inherited.
     pub environment: Vec<(String, String)>,
     /// The executable (a path, or a name looked up in the `PATH` above) and its arguments.
     pub command: Vec<String>,
+}
+
+/// What a program may use; what is not limited is left as the shim has it.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Limits {
+    /// Addressable memory, in bytes.
+    pub memory: Option<u64>,
+    /// Processor time, all in all; whole seconds count.
+    pub cpu: Option<Duration>,
+    /// Open files and sockets.
+    pub files: Option<u64>,
+    /// Niceness, -20 to 19.
+    pub nice: Option<i8>,
+    /// The real-time class, first in, first out.
+    pub realtime: Option<Realtime>,
+}
+
+/// A place in the real-time class.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Realtime {
+    /// 1 to 99. Source: sched(7).
+    pub priority: u8,
+    /// Whether the program runs without it when the kernel refuses.
+    pub is_optional: bool,
 }
 
 /// When the program is executed.
@@ -185,7 +204,7 @@ impl ShimStart {
         if let Some(descriptors) = self.descriptors {
             arguments.extend(["--descriptors".into(), descriptors.to_string().into()]);
         }
-        for (name, value) in usage_arguments(&self.usage) {
+        for (name, value) in limit_arguments(&self.limits) {
             arguments.extend([name.into(), value.into()]);
         }
         for (name, value) in &self.environment {
@@ -206,7 +225,7 @@ impl ShimStart {
             working_directory: PathBuf::from("/"),
             gate: Gate::None,
             agent_loss_grace: AGENT_LOSS_GRACE,
-            usage: Usage::default(),
+            limits: Limits::default(),
             descriptors: None,
             environment: Vec::new(),
             command: Vec::new(),
@@ -254,7 +273,7 @@ impl ShimStart {
             }
             "--memory" | "--cpu-s" | "--files" | "--nice" | "--realtime" | "--realtime-optional" => {
                 let value = value.to_str().ok_or("must be a number")?;
-                set_usage(&mut self.usage, name, value).ok_or("must be a number")?;
+                set_limit(&mut self.limits, name, value).ok_or("must be a number")?;
             }
             "--environment" => {
                 let entry = text(value).map_err(|()| "must be UTF-8")?;
@@ -267,62 +286,32 @@ impl ShimStart {
     }
 }
 
-fn usage_arguments(usage: &Usage) -> Vec<(&'static str, String)> {
-    let realtime = usage.realtime.map(|Realtime { priority, is_optional }| {
+fn limit_arguments(limits: &Limits) -> Vec<(&'static str, String)> {
+    let realtime = limits.realtime.map(|Realtime { priority, is_optional }| {
         (if is_optional { "--realtime-optional" } else { "--realtime" }, priority.to_string())
     });
     let all = [
-        usage.memory.map(|bytes| ("--memory", bytes.to_string())),
-        usage.cpu.map(|time| ("--cpu-s", time.as_secs().to_string())),
-        usage.files.map(|count| ("--files", count.to_string())),
-        usage.nice.map(|nice| ("--nice", nice.to_string())),
+        limits.memory.map(|bytes| ("--memory", bytes.to_string())),
+        limits.cpu.map(|time| ("--cpu-s", time.as_secs().to_string())),
+        limits.files.map(|count| ("--files", count.to_string())),
+        limits.nice.map(|nice| ("--nice", nice.to_string())),
         realtime,
     ];
     all.into_iter().flatten().collect()
 }
 
-fn set_usage(usage: &mut Usage, name: &str, value: &str) -> Option<()> {
+fn set_limit(limits: &mut Limits, name: &str, value: &str) -> Option<()> {
     match name {
-        "--memory" => usage.memory = Some(value.parse().ok()?),
-        "--cpu-s" => usage.cpu = Some(Duration::from_secs(value.parse().ok()?)),
-        "--files" => usage.files = Some(value.parse().ok()?),
-        "--nice" => usage.nice = Some(value.parse().ok()?),
+        "--memory" => limits.memory = Some(value.parse().ok()?),
+        "--cpu-s" => limits.cpu = Some(Duration::from_secs(value.parse().ok()?)),
+        "--files" => limits.files = Some(value.parse().ok()?),
+        "--nice" => limits.nice = Some(value.parse().ok()?),
         _ => {
             let is_optional = name == "--realtime-optional";
-            usage.realtime = Some(Realtime { priority: value.parse().ok()?, is_optional });
+            limits.realtime = Some(Realtime { priority: value.parse().ok()?, is_optional });
         }
     }
     Some(())
-}
-
-/// Returns the last lines of a program's output, ready for a person: without blank lines at the end, control characters and
-/// the half of a line that `output` may begin with when it `is_cut`.
-pub fn last_lines(output: &[u8], is_cut: bool) -> Vec<String> {
-    let text = String::from_utf8_lossy(output);
-    let whole = if is_cut { text.split_once('\n').map_or("", |(_, whole)| whole) } else { &text };
-    let mut lines: Vec<&str> = whole.trim_end().lines().rev().take(LAST_LINES_MAX).collect();
-    lines.reverse();
-    lines.into_iter().map(|line| plain(line).chars().take(LAST_LINE_MAX).collect()).collect()
-}
-
-/// Returns a line of a program's output as a terminal would leave it, without what it may do to a terminal.
-pub fn plain(line: &str) -> String {
-    // A progress bar draws over itself: the last is what is seen.
-    let line = line.trim_end_matches('\r');
-    let line = line.rsplit('\r').next().unwrap_or(line);
-    let (mut text, mut chars) = (String::with_capacity(line.len()), line.chars().peekable());
-    while let Some(c) = chars.next() {
-        match c {
-            '\t' => text.push_str("    "),
-            // ESC [ parameters letter: a colour or a movement. Source: ECMA-48, 5.4.
-            '\x1b' if chars.next_if_eq(&'[').is_some() => {
-                while chars.next().is_some_and(|c| !('@'..='~').contains(&c)) {}
-            }
-            c if c.is_control() => text.push('\u{fffd}'),
-            c => text.push(c),
-        }
-    }
-    text
 }
 
 fn text(value: OsString) -> Result<String, ()> {
@@ -362,7 +351,7 @@ mod tests {
             working_directory: "/tmp".into(),
             gate: Gate::Exec,
             agent_loss_grace: Duration::from_millis(20),
-            usage: Usage {
+            limits: Limits {
                 memory: Some(200_000_000),
                 cpu: Some(Duration::from_secs(600)),
                 files: Some(64),
@@ -374,23 +363,6 @@ mod tests {
             command: vec!["sleep".into(), "--".into(), "5".into()],
         };
         assert_eq!(ShimStart::parse(start.arguments()), Ok(start));
-    }
-
-    #[test]
-    fn the_last_lines_are_those_that_a_person_would_see() {
-        let many: String = (1..=30).map(|line| format!("line {line}\n")).collect();
-        let lines = last_lines(many.as_bytes(), false);
-        assert_eq!((lines.len(), lines[0].as_str(), lines[19].as_str()), (LAST_LINES_MAX, "line 11", "line 30"));
-        let check = |output: &[u8], is_cut, expect: &[&str]| assert_eq!(last_lines(output, is_cut), expect);
-        check(b"", false, &[]);
-        check(b"\n \n", false, &[]);
-        check(b"half\nTraceback:\n\n  x\r\nValueError\n\n", true, &["Traceback:", "", "  x", "ValueError"]);
-        check(
-            b"10 %\r20 %\rdone\n\x1b[1;31mred\x1b[0m\tx\x07\x9b\xff",
-            false,
-            &["done", "red    x\u{fffd}\u{fffd}\u{fffd}"],
-        );
-        check("é".repeat(500).as_bytes(), false, &["é".repeat(400).as_str()]);
     }
 
     #[test]
