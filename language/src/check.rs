@@ -4,6 +4,7 @@
 //! decide its shape once for each choice of values), `names` and
 //! `expression` (inside one group), `types` (between groups), `ports`, `flow`, and at last `lower` makes the plan.
 
+mod count;
 mod declare;
 mod expression;
 mod flow;

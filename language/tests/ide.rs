@@ -2,10 +2,13 @@
 
 #[path = "disk/content.rs"]
 mod disk;
+#[path = "plan/shown.rs"]
+mod shown;
 
 use language::ide::{Analysis, CompletionKind, Declaration, rename};
-use language::plan::{DEADLINE, Plan};
+use language::plan::Plan;
 use language::{Content, Options, Role, Source, Span, gather};
+use shown::shown;
 use std::path::{Path, PathBuf};
 
 /// What the programs of the cases say of themselves.
@@ -101,8 +104,10 @@ fn completion_knows_event_actions() {
     completes(&actions("(eye , arm) $0"), "else finally as within");
     completes(&actions("wait(5 $0)"), "s ms us ns min h else finally as within");
     completes(&actions("eye within 5 $0"), "s ms us ns min h else finally as within");
-    completes(&actions("eye within $0"), "slow");
+    completes(&actions("eye within $0"), "host1 limit slow");
     completes(&actions("retry(3, $0) eye"), "pause");
+    completes(&actions("retry($0, pause 1 s) eye"), "host1 limit slow");
+    completes(&actions("any $0 of (eye, arm)"), "host1 limit slow");
     let (shielded, offset) = self::analysis(&actions("shield $0"));
     assert!(shielded.complete(offset).1.iter().any(|offer| offer.label == "arm"));
 }
@@ -293,6 +298,30 @@ fn names_change_everywhere_or_nowhere() {
     renames("process main() { host{c$01} }", "c2", "there is nothing here that has a name of its own");
 }
 
+/// A parameter that decides the shape of its group, in every place where it can.
+const SHAPED: &str = "process Team(h: Host, n$0: Number, t: Time) {
+    instantiated_processes { a[n] instof Arm(h); b instof Arm(h); }
+    internal_event_actions { retry(n, pause t) any n of (all i in 0..n (a[i])) ; b ::[n] a ; wait(t) ; b within t }
+}
+process Teams(size: Number) {
+    instantiated_processes { one instof Team(c1, n = size, t = 1 s); other instof Team(c2, 2, 2 s); }
+    internal_event_actions { one ; other }
+}
+process main() { instantiated_processes { teams instof Teams(3); } internal_event_actions { teams } }";
+
+#[test]
+fn parameters_that_decide_a_shape_have_other_names() {
+    let all = |from: &str, to: &str, count: usize| vec![format!("{from} -> {to}"); count].join(", ");
+    renames(SHAPED, "count", &all("n", "count", 7));
+    let at = |mark: &str| SHAPED.replacen("n$0:", "n:", 1).replacen(mark, &format!("{mark}$0"), 1);
+    renames(&at("wait(t"), "limit", &all("t", "limit", 5));
+    renames(&at("size"), "count", &all("size", "count", 2));
+    renames(&at("retry(n"), "h", "`h` is taken: a parameter has this name");
+    renames(&at("retry(n"), "pause", &all("n", "pause", 7));
+    is_defined(&at("any n"), "door.dca:1 n");
+    is_told(&at("::[n"), &["n: Number", "A parameter of `Team`."]);
+}
+
 #[test]
 fn names_are_found_in_other_files() {
     let arm = "module Arm(host, speed) { done; }\nprocess Two() { instantiated_processes { a instof Arm(c1, 1); } internal_event_actions { a } }";
@@ -354,14 +383,6 @@ fn names(analysis: &Analysis) -> Vec<(usize, Declaration)> {
         found.extend(declared.filter(|new| found.iter().all(|(_, known)| known != new)).map(|new| (offset, new)));
     }
     found
-}
-
-/// Returns a plan as text, without the places that its deadlines are told by, which move with the text.
-fn shown(plan: &Plan) -> String {
-    let text = format!("{plan:?}");
-    let mut pieces = text.split(DEADLINE);
-    let first = pieces.next().unwrap_or_default().to_owned();
-    pieces.fold(first, |shown, piece| shown + piece.split_once("has passed").map_or(piece, |(_, rest)| rest))
 }
 
 /// A plan as text with another name for one word, wherever it stands: also in `robot_0`, and in paths.

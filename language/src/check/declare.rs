@@ -33,7 +33,7 @@ pub(super) fn constants(spec: &mut Spec, root: &Node, damage: &[Span], diagnosti
         if is_damaged || values.iter().any(|value| matches!(value.kind, ValueKind::Broken)) {
             values = vec![Value { span: node.span(), kind: ValueKind::Broken, dimension: None }];
         }
-        spec.consts.insert(name.text.clone(), Const { name, values, is_list: list.is_some() });
+        spec.consts.insert(name.text.clone(), Const { name, values, is_list: list.is_some(), is_param: false });
     }
 }
 

@@ -3,18 +3,19 @@
 mod replicate;
 mod scope;
 
+use super::count::Expected;
 use super::names::Names;
 use super::spec::{Binding, Consts, Damage, Expr, ExprKind, Set};
 use super::value::duration;
 use crate::diagnostic::{Code, Diagnostic, Edit};
 use crate::similar::{is_look_alike, nearest, spell};
 use crate::source::Span;
-use crate::syntax::SyntaxKind::{self, Colon, Constant, DoubleColon, Number, Question, Recur, Text};
+use crate::syntax::SyntaxKind::{self, Colon, Constant, DoubleColon, Question, Recur, Text};
 use crate::syntax::ast::{Name, Node, Token};
 use std::collections::BTreeSet;
 
 /// The most tries of a `retry`: each is a copy of its operand.
-const RETRY_MAX: u32 = 100;
+const RETRY_MAX: usize = 100;
 /// The most suffixes of one operand, and the most `;;` in one chain.
 const REPEAT_MAX: usize = 8;
 
@@ -255,17 +256,13 @@ fn suffixed(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<Diagnostic
 
 fn retry(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<Diagnostic>) -> Option<ExprKind> {
     let mut parts = parts(node, group, diagnostics);
-    let token = node.token(Number)?;
-    let Some(times) = token.text().parse().ok().filter(|times| *times <= RETRY_MAX) else {
-        let message = format!("expected how many times to try again, at most {RETRY_MAX}");
-        diagnostics.push(Diagnostic::new(Code::E0009, token.span(), message));
-        return None;
-    };
+    let expected = Expected::new(0..=RETRY_MAX, format!("how many times to try again, at most {RETRY_MAX}"));
+    let times = expected.read(&node.child(SyntaxKind::Count)?, group.consts, diagnostics)?;
     let pause = match node.child(Constant) {
         Some(pause) => Some(duration(&pause, group.consts, diagnostics)?),
         None => None,
     };
-    Some(ExprKind::Retry(times, pause, Box::new(parts.pop()?)))
+    Some(ExprKind::Retry(small(times), pause, Box::new(parts.pop()?)))
 }
 
 fn any_of(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<Diagnostic>) -> Option<ExprKind> {
@@ -280,16 +277,13 @@ fn any_of(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<Diagnostic>)
     {
         candidates = std::mem::take(copies);
     }
-    let token = node.token(Number)?;
-    let count: Option<u32> = token.text().parse().ok();
-    match count.filter(|&count| count >= 1 && count as usize <= candidates.len()) {
-        Some(count) => Some(ExprKind::AnyOf(count, candidates)),
-        None => {
-            let message = format!("expected a count from 1 to {}", candidates.len());
-            diagnostics.push(Diagnostic::new(Code::E0009, token.span(), message));
-            None
-        }
-    }
+    let expected = Expected::new(1..=candidates.len(), format!("a count from 1 to {}", candidates.len()));
+    let needed = expected.read(&node.child(SyntaxKind::Count)?, group.consts, diagnostics)?;
+    Some(ExprKind::AnyOf(small(needed), candidates))
+}
+
+fn small(count: usize) -> u32 {
+    u32::try_from(count).unwrap_or(u32::MAX)
 }
 
 /// `name[label]`; `skip` and `never` are words unless an instance is called so.

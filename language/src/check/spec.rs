@@ -39,6 +39,8 @@ pub(crate) struct Const {
     /// One value, or those of a list.
     pub(crate) values: Vec<Value>,
     pub(crate) is_list: bool,
+    /// Whether it is a parameter of a group: its value is that of the argument.
+    pub(crate) is_param: bool,
 }
 
 impl Const {
@@ -78,6 +80,8 @@ pub(crate) struct Process {
     pub(crate) damage: Damage,
     /// Whether no fault-free run of it ends; known after `flow`.
     pub(crate) is_service: bool,
+    /// The parameters that decide its shape and have no value: nobody instantiates it, and they have no default.
+    pub(crate) open: Vec<Name>,
 }
 
 /// Which parts of a process could not be read whole: what depends on them is not reported again.

@@ -5,6 +5,7 @@ mod records;
 mod recursion;
 mod resolve;
 
+use super::names::listed;
 use super::range::Range;
 use super::spec::{Arg, Param, Process, Spec, Target, ValueKind};
 use crate::diagnostic::{Code, Diagnostic};
@@ -193,14 +194,17 @@ pub(super) fn root(spec: &Spec, diagnostics: &mut Vec<Diagnostic>) -> Option<usi
             let message = format!("process `{}` is never instantiated", name.text);
             diagnostics.push(Diagnostic::new(Code::W0122, name.span, message));
         }
+        diagnostics.extend(open(&spec.processes[main]));
         return Some(main);
     }
     match unused.as_slice() {
         &[root] => {
             let process = &spec.processes[root];
+            diagnostics.extend(open(process));
             let message = format!("no process `main`: `{}` is taken as the root", process.name.text);
             let mut diagnostic = Diagnostic::new(Code::W0101, process.name.span, message);
-            let open = process.params.iter().filter(|param| param.default.is_none());
+            let is_open = |param: &&Param| param.default.is_none() && !process.open.contains(&param.name);
+            let open = process.params.iter().filter(is_open);
             let open: Vec<String> = open.map(|param| format!("`{}`", param.name.text)).collect();
             if !open.is_empty() {
                 diagnostic = diagnostic.help(format!("{} stand for themselves", open.join(", ")));
@@ -213,6 +217,16 @@ pub(super) fn root(spec: &Spec, diagnostics: &mut Vec<Diagnostic>) -> Option<usi
             None
         }
     }
+}
+
+/// A root that nobody gives what decides its shape.
+fn open(process: &Process) -> Option<Diagnostic> {
+    let (first, name) = (process.open.first()?, &process.name.text);
+    let names = listed(process.open.iter().map(|param| param.text.as_str()));
+    let message = format!("`{name}` is the root, so nobody gives a value to {names}");
+    let diagnostic = Diagnostic::new(Code::E0210, first.span, message).label("decides the shape of the group");
+    let help = format!("give each a default: `{} = ...`", first.text);
+    Some(diagnostic.help(help))
 }
 
 fn no_root(spec: &Spec, unused: &[usize]) -> Option<Diagnostic> {

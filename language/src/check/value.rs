@@ -1,8 +1,8 @@
 //! Constants, quantities and durations.
 
-use super::index;
 use super::spec::{Consts, FIELDS_MAX, Scope, Value, ValueKind};
 use super::unit::{self, Dimension};
+use super::{count, index};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::Constant;
 use crate::similar::nearest;
@@ -168,7 +168,8 @@ fn unknown_unit(first: &Name, per: Option<&Name>) -> Diagnostic {
 pub(super) fn duration(node: &Node, consts: &Consts, diagnostics: &mut Vec<Diagnostic>) -> Option<Duration> {
     let span: Span = node.span();
     let named = node.names().next().filter(|_| node.token(Number).is_none());
-    let (seconds, dimension) = if let Some(named) = named.and_then(|name| consts.get(&name.text)) {
+    let named = named.and_then(|name| consts.get(&name.text));
+    let (seconds, dimension) = if let Some(named) = named {
         match named.values.as_slice() {
             [_] if named.is_broken() => return None,
             [Value { kind: ValueKind::Constant(Constant::Number(number)), dimension, .. }] => (*number, *dimension),
@@ -181,8 +182,7 @@ pub(super) fn duration(node: &Node, consts: &Consts, diagnostics: &mut Vec<Diagn
         return None;
     };
     if dimension != Some(Dimension::TIME) || !(0.0..=SECONDS_MAX).contains(&seconds) {
-        let written = node.compact_text();
-        let diagnostic = Diagnostic::new(Code::E0009, span, format!("`{written}` is not a time"));
+        let diagnostic = count::wrong(span, named, format!("`{}` is not a time", node.compact_text()));
         diagnostics.push(diagnostic.help("a time has a unit, and is not negative: `5 s`, `20 ms`"));
         return None;
     }

@@ -107,7 +107,7 @@ impl Analysis {
             SyntaxKind::Claim => self.claims(),
             SyntaxKind::Instance if at.place > 0 => inside("instof"),
             SyntaxKind::Connection | SyntaxKind::Quality => keywords(Place::Quality),
-            SyntaxKind::Count | SyntaxKind::AllOf => self.consts(),
+            SyntaxKind::Count | SyntaxKind::AllOf => self.values(&at, false),
             SyntaxKind::Port if at.place > 1 => inside("optional"),
             SyntaxKind::Policy => at.policy(),
             SyntaxKind::AnyOf => inside("of"),

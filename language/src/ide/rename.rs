@@ -172,7 +172,7 @@ pub fn rename(specs: &[&Analysis], declaration: &Declaration, to: &str) -> Resul
         }
         let own = spec.rename_edits(symbol, to);
         let renamed = spec.with(&own);
-        // A parameter that shapes its group stands in places that the index does not have; without them there is no plan.
+        // What the index does not know of would be left as it was.
         let is_broken = spec.plan().is_some() && renamed.plan().is_none();
         if is_broken || !same_meaning(spec.index(), renamed.index(), &own) {
             return Err(RenameError::Meaning { to: to.to_owned(), file: spec.spec.name.clone() });

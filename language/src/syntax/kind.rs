@@ -80,7 +80,7 @@ kinds! {
     Instance "an instance"
     Policies "policies"
     Policy "a policy"
-    Count "a number of instances"
+    Count "how many"
     Index "an index"
     List "a list"
     Args "arguments"

@@ -4,12 +4,13 @@
 //! the rest of the checker sees groups without any. What a group passes on to such a parameter decides its own shape, too.
 
 use super::{add_process, params, process};
-use crate::check::spec::{Const, Consts, Instance, Param, Spec, Value, ValueKind};
+use crate::check::spec::{Const, Consts, Instance, Kind, Param, Spec, Value, ValueKind};
+use crate::check::unit;
 use crate::diagnostic::Diagnostic;
-use crate::plan::LEAVES_MAX;
+use crate::plan::{Constant, LEAVES_MAX};
 use crate::source::Span;
-use crate::syntax::SyntaxKind::{self, Constant, Equals, Number, Text};
-use crate::syntax::ast::Node;
+use crate::syntax::SyntaxKind::{self, Equals, Number, Text};
+use crate::syntax::ast::{Name, Node};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// The groups with such parameters, by name.
@@ -65,8 +66,13 @@ impl Templates {
         reading.instances(self);
         for (name, template) in &self.all {
             if !reading.known.keys().any(|(known, _)| known == name) {
-                let values = template.fixed.iter().filter_map(|name| Some((name.clone(), template.default(name)?)));
-                reading.read(name, template, values.collect());
+                let open = template.params.iter().filter(|param| template.fixed.contains(&param.name.text));
+                let open: Vec<Name> =
+                    open.filter(|param| param.default.is_none()).map(|param| param.name.clone()).collect();
+                let values = template.fixed.iter().map(|name| (name.clone(), template.default_or_broken(name)));
+                if let Some(process) = reading.read(name, template, values.collect()) {
+                    reading.spec.processes[process].open = open;
+                }
                 reading.instances(self);
             }
         }
@@ -77,7 +83,7 @@ impl Templates {
 fn collect(node: &Node, used: &mut BTreeSet<String>) {
     let kind = node.kind();
     if [SyntaxKind::Suffixed, SyntaxKind::Wait, SyntaxKind::Shield, SyntaxKind::Retry].contains(&kind) {
-        used.extend(node.children_of(Constant).filter_map(|node| bare_name(&node)));
+        used.extend(node.children_of(SyntaxKind::Constant).filter_map(|node| bare_name(&node)));
     } else if kind == SyntaxKind::AllOf {
         // `all i in 0..n`
         used.extend(node.names().skip(3).map(|name| name.text));
@@ -98,6 +104,11 @@ impl Template {
         self.params.iter().find(|param| param.name.text == name)?.default.clone()
     }
 
+    fn default_or_broken(&self, name: &str) -> Value {
+        let broken = || Value { span: self.node.span(), kind: ValueKind::Broken, dimension: None };
+        self.default(name).unwrap_or_else(broken)
+    }
+
     /// A parameter that is passed on to one that decides a shape, and is not known to decide one itself.
     fn passed_on(&self, all: &BTreeMap<String, Self>) -> Option<String> {
         let sections = self.node.children_of(SyntaxKind::Instances);
@@ -111,7 +122,7 @@ impl Template {
             for (place, arg) in args.enumerate() {
                 let named = arg.token(Equals).and_then(|_| arg.names().next()).map(|name| name.text);
                 let param = named.or_else(|| target.params.get(place).map(|param| param.name.text.clone()));
-                let value = arg.child(Constant).and_then(|value| bare_name(&value));
+                let value = arg.child(SyntaxKind::Constant).and_then(|value| bare_name(&value));
                 let is_own = |name: &String| self.params.iter().any(|param| param.name.text == *name);
                 let is_new = |name: &String| is_own(name) && !self.fixed.contains(name);
                 if param.is_some_and(|param| target.fixed.contains(&param))
@@ -140,9 +151,25 @@ impl Template {
                 }
             }
         };
-        let broken = || Value { span: instance.args_span, kind: ValueKind::Broken, dimension: None };
-        let value = |name: &String| value(name).or_else(|| self.default(name)).unwrap_or_else(broken);
+        let value = |name: &String| value(name).unwrap_or_else(|| self.default_or_broken(name));
         self.fixed.iter().map(|name| (name.clone(), value(name))).collect()
+    }
+}
+
+/// Whether a number has the type of the parameter; any other type is no matter of shape.
+fn is_fit(param: &Param, value: &Value) -> bool {
+    let number = match &value.kind {
+        ValueKind::Constant(Constant::Number(_)) => Some(value.dimension),
+        ValueKind::Constant(Constant::Text(_) | Constant::Truth(_))
+        | ValueKind::Param(_)
+        | ValueKind::Record(_)
+        | ValueKind::List(_)
+        | ValueKind::Broken => None,
+    };
+    let kind = param.kind.as_ref().and_then(Kind::name);
+    match kind.and_then(unit::of_type) {
+        Some((dimension, _)) => number == Some(Some(dimension)),
+        None => kind != Some("Number") || number.is_some(),
     }
 }
 
@@ -186,7 +213,10 @@ impl Reading<'_> {
         let mut consts = self.spec.consts.clone();
         for param in template.params.iter().filter(|param| values.contains_key(&param.name.text)) {
             let value = values[&param.name.text].clone();
-            let named = Const { name: param.name.clone(), values: vec![value], is_list: false };
+            // A value of another type than that of the parameter is reported with the arguments.
+            let kind = if is_fit(param, &value) { value.kind } else { ValueKind::Broken };
+            let values = vec![Value { kind, ..value }];
+            let named = Const { name: param.name.clone(), values, is_list: false, is_param: true };
             consts.insert(param.name.text.clone(), named);
         }
         let mut found = Vec::new();

@@ -3,13 +3,14 @@
 mod policy;
 mod quality;
 
+use crate::check::count::Expected;
 use crate::check::expression;
 use crate::check::handed;
 use crate::check::index;
 use crate::check::names::{Names, twice};
 use crate::check::spec::{
-    Arg, Binding, Connection, Const, Consts, Damage, Endpoint, Export, Instance, Param, Process, Scope, Set, Target,
-    Value, ValueKind,
+    Arg, Binding, Connection, Consts, Damage, Endpoint, Export, Instance, Param, Process, Scope, Set, Target, Value,
+    ValueKind,
 };
 use crate::check::value::{symbol, value};
 use crate::diagnostic::{Code, Diagnostic};
@@ -35,7 +36,8 @@ pub(super) fn process(
         .unwrap_or_default();
     let scope = Scope { params: &params, consts, indices: &[] };
     let host = node.child(SyntaxKind::Host).and_then(|node| host(&node, scope, diagnostics));
-    let (mut instances, arrays) = instances(node, scope, diagnostics);
+    let (mut instances, arrays, are_counted) = instances(node, scope, diagnostics);
+    damage.instances |= !are_counted;
     let mut names = Names::new(&instances, damage.instances);
     names.arrays = arrays;
     let exports = exports(node, &mut names, diagnostics);
@@ -68,7 +70,20 @@ pub(super) fn process(
         instances[slot].is_run = true;
     }
     let doc = node.doc();
-    Some(Process { name, doc, params, host, instances, exports, sets, resources, actions, damage, is_service: false })
+    Some(Process {
+        name,
+        doc,
+        params,
+        host,
+        instances,
+        exports,
+        sets,
+        resources,
+        actions,
+        damage,
+        is_service: false,
+        open: Vec::new(),
+    })
 }
 
 /// What `using` may take: what the group declares, and what it is handed.
@@ -141,12 +156,14 @@ fn host(node: &Node, scope: Scope<'_>, diagnostics: &mut Vec<Diagnostic>) -> Opt
     Some(value)
 }
 
+/// Returns the instances, the size of each array, and whether all sizes are known.
 fn instances(
     node: &Node,
     scope: Scope<'_>,
     diagnostics: &mut Vec<Diagnostic>,
-) -> (Vec<Instance>, BTreeMap<String, usize>) {
+) -> (Vec<Instance>, BTreeMap<String, usize>, bool) {
     let mut instances: Vec<Instance> = Vec::new();
+    let mut are_counted = true;
     let mut arrays = BTreeMap::new();
     let mut first: BTreeMap<String, Span> = BTreeMap::new();
     let sections = node.children_of(SyntaxKind::Instances);
@@ -174,8 +191,10 @@ fn instances(
             add(name, scope, diagnostics);
             continue;
         };
+        are_counted &= count.is_some();
         let since = diagnostics.len();
-        for index in 0..count {
+        // Of an array of unknown size every index may be right.
+        for index in 0..count.unwrap_or(1) {
             let indices = [("i".to_owned(), index)];
             let element = Name { text: index::element(&name.text, index), span: name.span };
             // What is wrong with one of them is wrong with most, and is said once.
@@ -185,35 +204,15 @@ fn instances(
             diagnostics.append(&mut found);
             first.insert(element.text, name.span);
         }
-        arrays.insert(name.text, count);
+        arrays.insert(name.text, count.unwrap_or(index::COUNT_MAX));
     }
-    (instances, arrays)
+    (instances, arrays, are_counted)
 }
 
-/// How many instances there are: `[4]`, or the name of a constant.
-fn count_of(node: &Node, scope: Scope<'_>, diagnostics: &mut Vec<Diagnostic>) -> usize {
-    let written = node.token(SyntaxKind::Number).map(|number| number.text().to_owned());
-    let named = node.names().next().and_then(|name| scope.consts.get(&name.text)).filter(|named| !named.is_list);
-    if named.is_some_and(Const::is_broken) {
-        return 1;
-    }
-    let named = named.and_then(|named| match &named.values.first()?.kind {
-        ValueKind::Constant(Constant::Number(number)) => Some(number.to_string()),
-        ValueKind::Constant(Constant::Text(_) | Constant::Truth(_))
-        | ValueKind::Record(_)
-        | ValueKind::List(_)
-        | ValueKind::Param(_)
-        | ValueKind::Broken => None,
-    });
-    let count = written.or(named).and_then(|text| text.parse().ok());
-    match count.filter(|count| (1..=index::COUNT_MAX).contains(count)) {
-        Some(count) => count,
-        None => {
-            let message = format!("expected how many instances there are, from 1 to {}", index::COUNT_MAX);
-            diagnostics.push(Diagnostic::new(Code::E0009, node.span(), message));
-            1
-        }
-    }
+/// How many instances there are: `[4]`, or the name of a number.
+fn count_of(node: &Node, scope: Scope<'_>, diagnostics: &mut Vec<Diagnostic>) -> Option<usize> {
+    let what = format!("how many instances there are, from 1 to {}", index::COUNT_MAX);
+    Expected::new(1..=index::COUNT_MAX, what).read(node, scope.consts, diagnostics)
 }
 
 fn arguments(node: &Node, scope: Scope<'_>, diagnostics: &mut Vec<Diagnostic>) -> Vec<Arg> {

@@ -1,10 +1,10 @@
 //! `all i in 0..4 (p[i])` written out, and `p[2]`.
 
 use super::Group;
+use crate::check::count::{self, Expected, Whole, whole};
 use crate::check::index;
-use crate::check::spec::{Consts, Expr, ExprKind, ValueKind};
+use crate::check::spec::{Consts, Expr, ExprKind};
 use crate::diagnostic::{Code, Diagnostic};
-use crate::plan::Constant;
 use crate::source::Span;
 use crate::syntax::SyntaxKind::{DotDot, Labels, Number, Paren};
 use crate::syntax::ast::{Name, Node, Token};
@@ -17,12 +17,7 @@ pub(super) fn all_of(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<D
     let parens = node.child(Paren)?;
     // Without `..` the text is damaged, which is reported already.
     node.token(DotDot)?;
-    let range = range(node, group.consts);
-    let Some((start, end)) = range.filter(|(start, end)| start < end && end - start <= index::COUNT_MAX) else {
-        let message = format!("expected a range such as `0..4`, of at most {}", index::COUNT_MAX);
-        diagnostics.push(Diagnostic::new(Code::E0009, node.span(), message));
-        return None;
-    };
+    let (start, end) = range(node, group.consts, diagnostics)?;
     let mut copies: Vec<Expr> = Vec::new();
     let mut runs: BTreeMap<usize, Span> = BTreeMap::new();
     let since = diagnostics.len();
@@ -55,12 +50,9 @@ pub(super) fn pool(
     (group, diagnostics): (&mut Group<'_>, &mut Vec<Diagnostic>),
     copy: &mut dyn FnMut(&mut Group<'_>, &mut Vec<Diagnostic>) -> Expr,
 ) -> Option<Vec<Expr>> {
-    let places = whole(&count.tokens().nth(1)?, group.consts).filter(|places| (1..=index::COUNT_MAX).contains(places));
-    let Some(places) = places else {
-        let message = format!("expected how many may run at the same time, from 1 to {}", index::COUNT_MAX);
-        diagnostics.push(Diagnostic::new(Code::E0009, count.span(), message).help("write `found ::[3] handle`"));
-        return None;
-    };
+    let what = format!("how many may run at the same time, from 1 to {}", index::COUNT_MAX);
+    let expected = Expected { help: Some("write `found ::[3] handle`"), ..Expected::new(1..=index::COUNT_MAX, what) };
+    let places = expected.read(count, group.consts, diagnostics)?;
     let mut copies = Vec::new();
     let mut runs: BTreeMap<usize, Span> = BTreeMap::new();
     let since = diagnostics.len();
@@ -98,28 +90,22 @@ fn collect(expr: &Expr, runs: &mut BTreeMap<usize, Span>) {
     expr.parts().into_iter().for_each(|part| collect(part, runs));
 }
 
-/// The two ends of `0..4`; either may be the name of a constant.
-fn range(node: &Node, consts: &Consts) -> Option<(usize, usize)> {
-    let tokens: Vec<_> = node.tokens().collect();
+/// The two ends of `0..4`; either may be the name of a number.
+fn range(node: &Node, consts: &Consts, diagnostics: &mut Vec<Diagnostic>) -> Option<(usize, usize)> {
+    let tokens: Vec<Token> = node.tokens().collect();
     let dots = tokens.iter().position(|token| token.kind() == DotDot)?;
-    let value = |place: usize| whole(tokens.get(place)?, consts);
-    Some((value(dots.checked_sub(1)?)?, value(dots + 1)?))
-}
-
-/// A whole number, or the name of a constant that is one.
-fn whole(token: &Token, consts: &Consts) -> Option<usize> {
-    if token.kind() == Number {
-        return token.text().parse().ok();
-    }
-    let named = consts.get(token.text()).filter(|named| !named.is_list)?;
-    match &named.values.first()?.kind {
-        ValueKind::Constant(Constant::Number(number)) => number.to_string().parse().ok(),
-        ValueKind::Constant(Constant::Text(_) | Constant::Truth(_))
-        | ValueKind::Record(_)
-        | ValueKind::List(_)
-        | ValueKind::Param(_)
-        | ValueKind::Broken => None,
-    }
+    let (start, end) = (tokens.get(dots.checked_sub(1)?)?, tokens.get(dots + 1)?);
+    let named = match (whole(start, consts), whole(end, consts)) {
+        (Whole::Broken, _) | (_, Whole::Broken) => return None,
+        (Whole::Number(start), Whole::Number(end)) if start < end && end - start <= index::COUNT_MAX => {
+            return Some((start, end));
+        }
+        (Whole::Other(named), _) | (_, Whole::Other(named)) => named,
+        (Whole::Number(_), Whole::Number(_)) => consts.get(end.text()).or_else(|| consts.get(start.text())),
+    };
+    let message = format!("expected a range such as `0..4`, of at most {}", index::COUNT_MAX);
+    diagnostics.push(count::wrong(node.span(), named, message));
+    None
 }
 
 /// The instance that `name[index][labels]` runs, and the labels. What is in brackets is an index when it is a number, or

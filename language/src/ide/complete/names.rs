@@ -134,8 +134,9 @@ impl Analysis {
             return self.values(at, false);
         }
         let Some(arg) = at.inside(SyntaxKind::Arg) else {
-            // A name directly behind the number of a limit ends it.
-            return self.consts();
+            // A time in an event action may be a parameter of the group.
+            let in_actions = at.inside(SyntaxKind::Actions).is_some();
+            return if in_actions { self.values(at, false) } else { self.consts() };
         };
         let args = at.inside(SyntaxKind::Args);
         let place = args.map_or(0, |args| args.children().take_while(|other| other.span() != arg.span()).count());

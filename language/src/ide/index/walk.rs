@@ -53,7 +53,7 @@ impl Walk<'_> {
             SyntaxKind::Host => self.value(names.get(1)),
             SyntaxKind::Type => self.type_name(node),
             SyntaxKind::Constant if node.token(Number).is_none() => self.value(names.first()),
-            SyntaxKind::Count => self.constant(names.first()),
+            SyntaxKind::Count => self.number(names.first()),
             SyntaxKind::Index => self.variable(names.first()),
             SyntaxKind::Instance => return self.instance(node),
             SyntaxKind::Owner => {
@@ -81,19 +81,29 @@ impl Walk<'_> {
         if self.variables.iter().any(|(known, _)| *known == name.text) {
             return self.variable(Some(name));
         }
-        let params: &[Param] = self.process.map_or(&[], |process| &self.spec.processes[process].params);
-        match params.iter().find(|param| param.name.text == name.text) {
-            Some(param) => self.add(name, self.tables.declared[&param.name.span]),
-            None => {
-                self.constant(Some(name));
-                // A resource that is handed to a member.
-                let resource =
-                    self.process.and_then(|process| self.tables.resources.get(&(process, name.text.clone())));
-                if let Some(&symbol) = resource {
-                    self.add(name, symbol);
-                }
-            }
+        if self.param(name) {
+            return;
         }
+        self.constant(Some(name));
+        // A resource that is handed to a member.
+        let resource = self.process.and_then(|process| self.tables.resources.get(&(process, name.text.clone())));
+        if let Some(&symbol) = resource {
+            self.add(name, symbol);
+        }
+    }
+
+    /// A name where a whole number stands: a parameter, or a named constant.
+    fn number(&mut self, name: Option<&Name>) {
+        if name.is_some_and(|name| !self.param(name)) {
+            self.constant(name);
+        }
+    }
+
+    /// Adds a parameter of the process around; returns whether it is one.
+    fn param(&mut self, name: &Name) -> bool {
+        let params: &[Param] = self.process.map_or(&[], |process| &self.spec.processes[process].params);
+        let declared = params.iter().find(|param| param.name.text == name.text);
+        declared.inspect(|param| self.add(name, self.tables.declared[&param.name.span])).is_some()
     }
 
     fn constant(&mut self, name: Option<&Name>) {
@@ -232,7 +242,7 @@ impl Walk<'_> {
         let dots = node.token(DotDot).map(|token| token.span().start);
         let is_bound = |name: &&Name| name.text != "in" && dots.is_some();
         for bound in names.iter().skip(2).filter(is_bound) {
-            self.constant(Some(bound));
+            self.number(Some(bound));
         }
         let Some(variable) = names.get(1) else { return };
         let symbol = self.index.symbols.len();

@@ -186,7 +186,7 @@ impl Parser<'_> {
             &["retry", "using", "shield", "fail", "wait"]
         } else if next == LeftBrace {
             &["match"]
-        } else if next == Number {
+        } else if next == Number || next == Ident && self.word(2) == "of" {
             &["any"]
         } else if next == Ident && self.word(2) == "in" {
             &["all", "race"]
@@ -210,12 +210,15 @@ impl Parser<'_> {
         self.kind(ahead) == LeftParen || self.kind(ahead) == Ident && !INFIX.contains(&self.word(ahead))
     }
 
-    /// `retry(3)`, `retry(3, pause 2 s)`
+    /// `retry(3)`, `retry(n, pause 2 s)`
     fn retry(&mut self) {
         self.start(SyntaxKind::Retry);
         self.bump();
         self.bump();
-        if !self.eat(Number) {
+        let is_named = self.at(Ident) && [Comma, RightParen].contains(&self.kind(1));
+        if self.at(Number) || is_named {
+            self.count();
+        } else {
             self.expected("how many times to try again");
         }
         if self.eat(Comma) {
@@ -225,6 +228,13 @@ impl Parser<'_> {
             self.constant();
         }
         self.expect(RightParen);
+    }
+
+    /// A number, or the name of one.
+    fn count(&mut self) {
+        self.start(SyntaxKind::Count);
+        self.bump();
+        self.finish();
     }
 
     /// `shield`, `shield(10 s)`; what is in parentheses is a time when an operand follows them.
@@ -376,11 +386,11 @@ impl Parser<'_> {
         self.finish();
     }
 
-    /// `any 2 of (a, b, c)`
+    /// `any 2 of (a, b, c)`, `any n of (a, b, c)`
     fn any_of(&mut self) {
         self.start(SyntaxKind::AnyOf);
         self.bump();
-        self.bump();
+        self.count();
         if !self.eat_word("of") {
             self.expected("`of`");
         }

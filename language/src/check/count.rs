@@ -1,0 +1,88 @@
+//! Whole numbers that say how many: instances of an array, tries of a `retry`, places of a pool.
+//!
+//! Such a number is written, or it is the name of a constant or of a parameter of the group. A parameter has the value of
+//! the argument by the time it is read here, so what is wrong with it is wrong at the argument.
+
+use super::spec::{Const, Consts, Value, ValueKind};
+use crate::diagnostic::{Code, Diagnostic};
+use crate::plan::Constant;
+use crate::source::Span;
+use crate::syntax::SyntaxKind::{Ident, Number};
+use crate::syntax::ast::{Node, Token};
+use std::ops::RangeInclusive;
+
+/// What stands where a whole number is expected.
+pub(super) enum Whole<'a> {
+    Number(usize),
+    /// No whole number; the constant or parameter, if it is the name of one.
+    Other(Option<&'a Const>),
+    /// The name of something that could not be read; reported already.
+    Broken,
+}
+
+/// Reads a number, or the name of one.
+pub(super) fn whole<'a>(token: &Token, consts: &'a Consts) -> Whole<'a> {
+    let (number, named) = if token.kind() == Number {
+        (token.text().parse().ok(), None)
+    } else {
+        match consts.get(token.text()) {
+            Some(named) if named.is_broken() => return Whole::Broken,
+            Some(named) => (of_const(named), Some(named)),
+            None => (None, None),
+        }
+    };
+    number.map_or(Whole::Other(named), Whole::Number)
+}
+
+fn of_const(named: &Const) -> Option<usize> {
+    let value = named.values.first().filter(|value| !named.is_list && value.dimension.is_none())?;
+    match &value.kind {
+        ValueKind::Constant(Constant::Number(number)) => number.to_string().parse().ok(),
+        ValueKind::Constant(Constant::Text(_) | Constant::Truth(_))
+        | ValueKind::Record(_)
+        | ValueKind::List(_)
+        | ValueKind::Param(_)
+        | ValueKind::Broken => None,
+    }
+}
+
+/// What a whole number has to be.
+pub(super) struct Expected {
+    pub(super) bounds: RangeInclusive<usize>,
+    /// Behind "expected": `how many times to try again, at most 100`.
+    pub(super) what: String,
+    pub(super) help: Option<&'static str>,
+}
+
+impl Expected {
+    pub(super) fn new(bounds: RangeInclusive<usize>, what: impl Into<String>) -> Self {
+        Self { bounds, what: what.into(), help: None }
+    }
+
+    /// Reads the number in a node; reports any other.
+    pub(super) fn read(&self, node: &Node, consts: &Consts, diagnostics: &mut Vec<Diagnostic>) -> Option<usize> {
+        // Without a number and without a name the text is damaged.
+        let token = node.tokens().find(|token| [Number, Ident].contains(&token.kind()))?;
+        let named = match whole(&token, consts) {
+            Whole::Number(number) if self.bounds.contains(&number) => return Some(number),
+            Whole::Number(_) => consts.get(token.text()),
+            Whole::Other(named) => named,
+            Whole::Broken => return None,
+        };
+        let mut diagnostic = wrong(node.span(), named, format!("expected {}", self.what));
+        diagnostic.help.extend(self.help.map(str::to_owned));
+        diagnostics.push(diagnostic);
+        None
+    }
+}
+
+/// Says that a value does not fit: at the argument if a parameter of the group has it, else where it is used.
+pub(super) fn wrong(used: Span, named: Option<&Const>, message: impl Into<String>) -> Diagnostic {
+    let Some(named) = named else { return Diagnostic::new(Code::E0009, used, message) };
+    match named.values.first() {
+        Some(Value { span, .. }) if named.is_param => {
+            Diagnostic::new(Code::E0009, *span, message).reason(used, format!("`{}` is used here", named.name.text))
+        }
+        Some(_) | None => Diagnostic::new(Code::E0009, used, message).reason(named.name.span, "declared here"),
+    }
+}
