@@ -4,11 +4,13 @@
 
 #[path = "format/random.rs"]
 mod random;
+#[path = "plan/shown.rs"]
+mod shown;
 
-use language::plan::{DEADLINE, Plan};
 use language::syntax::{SyntaxKind, lex};
 use language::{Options, Source, compile, format};
 use proptest::prelude::*;
+use shown::shown;
 use std::path::{Path, PathBuf};
 
 fn files(folder: &str) -> Vec<PathBuf> {
@@ -39,14 +41,6 @@ fn content(text: &str) -> (Vec<String>, Vec<String>) {
         }
     }
     (tokens, comments)
-}
-
-/// Returns a plan as text, without the places that its deadlines are told by, which move with the text.
-fn shown(plan: &Plan) -> String {
-    let text = format!("{plan:?}");
-    let mut pieces = text.split(DEADLINE);
-    let first = pieces.next().unwrap_or_default().to_owned();
-    pieces.fold(first, |shown, piece| shown + piece.split_once("has passed").map_or(piece, |(_, rest)| rest))
 }
 
 fn plan(text: &str) -> Option<String> {

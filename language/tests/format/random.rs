@@ -127,14 +127,22 @@ impl Writer {
 
     fn process(&mut self) {
         let name = self.name();
-        let params =
-            self.random.pick(&["", "h", "h : Host = c1 , n : Number", "host1 , host2 , a_long_parameter : Length ,"]);
+        let params = self.random.pick(&[
+            "",
+            "h",
+            "h : Host = c1 , n : Number",
+            "host1 , host2 , a_long_parameter : Length ,",
+            "h : Host , arm : Resource , gripper : Resource",
+            "n : Number in 1 .. 4 = 2 , limit : Time = 5 s , tries",
+        ]);
         self.put(&format!("process {name} ( {params} ) {{"));
         if self.random.one_in(2) {
             self.put("host { c1 }");
         }
         if self.random.one_in(4) {
             self.put("resource arm , gripper ;");
+        } else if self.random.one_in(6) {
+            self.put("resource arm ; resource gripper , table ;");
         }
         if self.random.one_in(2) {
             self.instances();
@@ -168,6 +176,8 @@ impl Writer {
                 "hosts [ i ] , grasp = { force = 3 N , width = 2 cm }",
                 "\"a\" , [ 1 , 2 , 3 ]",
                 "",
+                "c1 , arm , gripper",
+                "c2 , n = 3 , limit = 2 min , tries = n ,",
             ];
             let args = self.random.pick(&args);
             let end = self.random.pick(&[";", ";", "{ memory 5 MB ; nice 3 ; }"]);
@@ -177,14 +187,15 @@ impl Writer {
     }
 
     fn expression(&mut self, depth: usize) {
-        let operators = [",", ",", ";", ";", "#", "&", "else", ":", ";;", ":;", "::"];
+        let operators = [",", ",", ";", ";", "#", "&", "finally", "finally", "else", ":", ";;", ":;", "::"];
         let operands = if depth == 0 { 1 } else { 1 + self.random.below(5) };
         let operator = self.random.pick(&operators);
         for index in 0..operands {
             if index > 0 {
                 self.put(operator);
                 if operator == "::" {
-                    self.put("[ 2 ]");
+                    let places = self.random.pick(&["[ 2 ]", "[ n ]"]);
+                    self.put(places);
                 }
             }
             self.operand(depth);
@@ -194,14 +205,14 @@ impl Writer {
     fn operand(&mut self, depth: usize) {
         if self.random.one_in(8) {
             let prefix =
-                ["retry ( 3 )", "retry ( 2 , pause 1 s )", "shield", "shield ( 5 s )", "using ( arm , gripper )"];
+                ["retry ( 3 )", "retry ( tries , pause 1 s )", "shield", "shield ( limit )", "using ( arm , gripper )"];
             let prefix = self.random.pick(&prefix);
             self.put(prefix);
         }
         if depth == 0 || self.random.one_in(2) {
             self.leaf();
         } else {
-            let before = ["(", "(", "(", "any 2 of (", "all i in 0 .. 4 (", "race i in 0 .. n ("];
+            let before = ["(", "(", "(", "any 2 of (", "any n of (", "all i in 0 .. 4 (", "race i in 0 .. n ("];
             if self.random.one_in(9) {
                 return self.arms(depth - 1);
             }
@@ -211,7 +222,15 @@ impl Writer {
             self.put(")");
         }
         if self.random.one_in(8) {
-            let suffix = self.random.pick(&["?", "within 5 s", "? within 20 ms", "within limit ?"]);
+            let suffix = self.random.pick(&[
+                "?",
+                "within 5 s",
+                "? within 20 ms",
+                "within limit ?",
+                "as found",
+                "within limit as late ?",
+                "as a as b",
+            ]);
             self.put(suffix);
         }
     }
