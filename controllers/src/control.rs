@@ -5,6 +5,7 @@ pub mod compliant;
 pub mod door;
 pub mod filter;
 pub mod hinge;
+pub mod leaf;
 pub mod line;
 pub mod opened;
 pub mod press;

@@ -10,6 +10,10 @@ const DOOR: &str = include_str!("../../specs/door_opening.dca");
 const WORLD: &str = "main/world";
 /// A mission that ended well below this angle is a false success (deg).
 const OPEN: f64 = 60.0;
+/// From this angle on leaf and wall can be told apart (deg).
+const SEEN_FROM: f64 = 15.0;
+/// A sweep is 50 ms old and a door may turn by 10 degrees a second (deg).
+const WRONG_MAX: f64 = 2.0;
 
 /// What is started again in the middle, alone: the end of its path, and how long after its start.
 type Restart = Option<(&'static str, Duration)>;
@@ -27,21 +31,25 @@ impl Mission {
         Self { trigger, arguments, disturbance: Disturbance::NONE, restart: None }
     }
 
-    /// Returns how it ended, and the true angle of the door (deg).
-    fn fly(&self) -> (Finish, f64) {
+    /// Returns how it ended, the true angle of the door (deg), and by how much the laser was wrong about it at most (deg).
+    fn fly(&self) -> (Finish, f64, f64) {
         let text = DOOR.replace("DoorWorld(\"c3\"", &format!("DoorWorld(\"c3\", {}", self.arguments));
         let plan = plan("false_success.dca", &text).unwrap_or_else(|diagnostics| panic!("{diagnostics}"));
         let mut simulation = Simulation::new(plan, self.disturbance.clone()).expect("the plan fits the controllers");
-        let (mut angle, mut since, mut restarted) = (0.0, None, false);
+        let (mut angle, mut wrong, mut since, mut restarted) = (0.0, 0.0f64, None, false);
         let finish = simulation.run(Time::ZERO + Duration::from_secs(60), &mut |simulation| {
             angle = simulation.signal(WORLD, "door angle");
+            if simulation.is_active("/dooropen/model") && angle > SEEN_FROM {
+                // What has not been seen yet is no number, and `max` passes over it.
+                wrong = wrong.max((simulation.signal("/dooropen/model", "seen angle") - angle).abs());
+            }
             let Some((path, after)) = self.restart.filter(|(path, _)| !restarted && simulation.is_active(path)) else {
                 return;
             };
             let now = simulation.now();
             restarted = now.since(*since.get_or_insert(now)) >= after && simulation.restart(path);
         });
-        (finish, angle)
+        (finish, angle, wrong)
     }
 }
 
@@ -56,8 +64,8 @@ fn missions() -> Vec<Mission> {
     for force in [10, 12, 14, 16, 18] {
         missions.push(Mission::new("grip slips", format!("slip_force = {force}")));
     }
-    // The press begins at about 11 s, the opening at about 13 s and takes about 9 s.
-    for at in [10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20] {
+    // The press begins at about 18 s, the opening at about 20 s and takes about 9 s.
+    for at in [11, 13, 15, 17, 18, 19, 20, 21, 22, 23, 24, 25, 26, 27, 28] {
         missions.push(Mission::new("base slips", format!("base_slip_at = {at} s")));
     }
     for seed in [1, 2, 3] {
@@ -86,8 +94,8 @@ fn no_mission_ends_well_with_the_door_shut() {
     let work = || {
         let mut ends = Vec::new();
         while let Some(mission) = missions.get(next.fetch_add(1, std::sync::atomic::Ordering::Relaxed)) {
-            let (finish, angle) = mission.fly();
-            ends.push((mission, finish, angle));
+            let (finish, angle, wrong) = mission.fly();
+            ends.push((mission, finish, angle, wrong));
         }
         ends
     };
@@ -97,20 +105,28 @@ fn no_mission_ends_well_with_the_door_shut() {
     });
     assert_eq!(ends.len(), missions.len());
     let (mut table, mut false_successes) = (String::new(), 0);
-    for (mission, finish, angle) in &ends {
+    for (mission, finish, angle, wrong) in &ends {
         let is_false = *finish == Finish::Done && *angle < OPEN;
         false_successes += u32::from(is_false);
         let mark = if is_false { "FALSE " } else { "" };
         let restart = mission.restart.map(|(_, after)| after);
-        writeln!(table, "{mark}{}: {} {restart:?}: {finish:?} at {angle:.1} deg", mission.trigger, mission.arguments)
-            .expect("a text takes what is written");
+        writeln!(
+            table,
+            "{mark}{}: {} {restart:?}: {finish:?} at {angle:.1} deg, seen to {wrong:.1}",
+            mission.trigger, mission.arguments
+        )
+        .expect("a text takes what is written");
     }
     assert_eq!(false_successes, 0, "{table}");
     // Not by refusing everything: a handle that is lost says so, and some worlds are survived.
     let lost = ends.iter().filter(|(mission, ..)| mission.trigger == "handle lost");
-    for (mission, finish, angle) in lost {
+    for (mission, finish, angle, _) in lost {
         let told = matches!(finish, Finish::Aborted(why) if why.contains("/dooropen/model: lost the handle"));
         assert!(told, "{}: {finish:?} at {angle:.1}\n{table}", mission.arguments);
     }
-    assert!(ends.iter().any(|(_, finish, _)| *finish == Finish::Done), "{table}");
+    let done = || ends.iter().filter(|(_, finish, ..)| *finish == Finish::Done);
+    // Wheels that slip disturb the estimate of the hinge, but not what the laser sees.
+    assert!(done().filter(|(mission, ..)| mission.trigger == "base slips").count() >= 8, "{table}");
+    let wrong = done().map(|(.., wrong)| *wrong).fold(0.0, f64::max);
+    assert!(wrong <= WRONG_MAX, "the laser was wrong by {wrong:.1} deg\n{table}");
 }

@@ -35,8 +35,6 @@ pub struct Opening {
     time: f64,
     stalled: f64,
     last: Vector2<f64>,
-    /// Where the hand pointed at first.
-    ahead: Vector2<f64>,
     speed: LowPass<2>,
 }
 
@@ -49,8 +47,6 @@ pub struct Pull {
     pub guide: Guide,
     /// How far the door is open by the estimate (rad).
     pub angle: f64,
-    /// How far the hand has turned the way the door opens (rad), by the arm and the odometry's yaw alone.
-    pub turned: f64,
     /// Why it cannot go on.
     pub failure: Option<Failure>,
 }
@@ -74,12 +70,17 @@ impl Opening {
         let start = odometry_from_tool.translation.vector.xy();
         let sense = (-along_door).perp(&back).signum();
         let hinge = Hinge::new(start, along_door, radius);
-        Self { hinge, sense, time: 0.0, stalled: 0.0, last: start, ahead: -back, speed: LowPass::new(3.0) }
+        Self { hinge, sense, time: 0.0, stalled: 0.0, last: start, speed: LowPass::new(3.0) }
     }
 
     /// Returns the estimate of the hinge.
     pub fn hinge(&self) -> &Hinge {
         &self.hinge
+    }
+
+    /// Returns +1 if the door opens counter-clockwise seen from above, else -1.
+    pub fn sense(&self) -> f64 {
+        self.sense
     }
 
     /// Takes the pose of the hand and the force on it (N, tool axes), `dt` (s) after the last call.
@@ -101,8 +102,6 @@ impl Opening {
         let linear = tangent_in_tool * along;
         let angular = up_in_tool * (self.sense * along / self.hinge.radius().max(RADIUS_MIN));
         let angle = self.sense * self.hinge.angle(hand);
-        let ahead = horizontal(&(odometry_from_tool.rotation * Vector3::z()));
-        let turned = self.sense * self.ahead.perp(&ahead).atan2(self.ahead.dot(&ahead));
         let still = speed[0].hypot(speed[1]) < STALL_SPEED;
         let stalls = self.time > RAMP && pull > STALL_PULL && still;
         self.stalled = if stalls { self.stalled + dt } else { (self.stalled - dt).max(0.0) };
@@ -115,7 +114,6 @@ impl Opening {
             twist_in_tool: Vector6::new(linear.x, linear.y, linear.z, angular.x, angular.y, angular.z),
             guide: Guide { tangent_in_tool, up_in_tool, upward: angle > LEVER_FREE },
             angle,
-            turned,
             failure,
         }
     }

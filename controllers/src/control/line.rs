@@ -33,12 +33,39 @@ pub fn fit(points: &[Vector2<f64>], tolerance: f64, random: &mut Random) -> Opti
         }
     }
     let best = best.filter(|best| best.inliers >= 10 && best.inliers * 3 >= points.len())?;
-    let count = best.inliers as f64;
-    let mean = on(points, &best, tolerance).sum::<Vector2<f64>>() / count;
-    let scatter: Matrix2<f64> = on(points, &best, tolerance).map(|p| (p - mean) * (p - mean).transpose()).sum();
+    let inliers: Vec<_> = on(points, &best, tolerance).collect();
+    through(&inliers).map(|(line, _)| line)
+}
+
+/// How well points fix their line.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Spread {
+    /// How many points there are.
+    pub count: usize,
+    /// From the first to the last along the line (m).
+    pub length: f64,
+    /// Standard deviation of the line's direction (rad).
+    pub direction: f64,
+}
+
+/// Returns the line closest to all `points` (m), and how well it is known; none of fewer than three.
+pub fn through(points: &[Vector2<f64>]) -> Option<(Line, Spread)> {
+    let count = points.len();
+    if count < 3 {
+        return None;
+    }
+    let mean = points.iter().sum::<Vector2<f64>>() / count as f64;
+    let scatter: Matrix2<f64> = points.iter().map(|p| (p - mean) * (p - mean).transpose()).sum();
     let eigen = scatter.symmetric_eigen();
     let normal = eigen.eigenvectors.column(eigen.eigenvalues.imin()).into_owned();
-    Some(Line { inliers: best.inliers, ..line(normal, &mean) })
+    let (across, along) = (eigen.eigenvalues.min().max(0.0), eigen.eigenvalues.max());
+    let (near, far) = points.iter().fold((f64::MAX, f64::MIN), |(near, far), point| {
+        let at = normal.perp(point);
+        (near.min(at), far.max(at))
+    });
+    let direction = (across / (count - 2) as f64 / along.max(1e-12)).sqrt();
+    let spread = Spread { count, length: far - near, direction };
+    Some((Line { inliers: count, ..line(normal, &mean) }, spread))
 }
 
 fn line(normal: Vector2<f64>, point: &Vector2<f64>) -> Line {

@@ -71,6 +71,17 @@ impl Controller for LaserSensor {
     }
 }
 
+/// Returns what a sweep has hit within `sector` (rad) to each side of straight ahead, in base axes (m).
+pub(super) fn points(ranges: &[f64], sector: f64) -> Vec<Vector2<f64>> {
+    ranges
+        .iter()
+        .zip(0..)
+        .map(|(range, ray)| (*range, laser::bearing(ray)))
+        .filter(|(range, bearing)| *range < laser::RANGE_MAX && bearing.abs() < sector)
+        .map(|(range, bearing)| Vector2::new(laser::AHEAD + range * bearing.cos(), range * bearing.sin()))
+        .collect()
+}
+
 /// What [`DistanceThreshold`] hears.
 #[derive(Debug, Inputs)]
 pub(super) struct ThresholdInputs {
@@ -96,13 +107,7 @@ impl DistanceThreshold {
     /// From the hand to the line that the laser sees ahead (m).
     fn distance(&mut self, ranges: &[f64], angles: &[f64; 6]) -> Option<f64> {
         let sector = SECTOR_DEG.to_radians();
-        let points: Vec<Vector2<f64>> = ranges
-            .iter()
-            .zip(0..)
-            .map(|(range, ray)| (*range, laser::bearing(ray)))
-            .filter(|(range, bearing)| *range < laser::RANGE_MAX && bearing.abs() < sector)
-            .map(|(range, bearing)| Vector2::new(laser::AHEAD + range * bearing.cos(), range * bearing.sin()))
-            .collect();
+        let points = points(ranges, sector);
         let wall = line::fit(&points, TOLERANCE, &mut self.random)?;
         let hand = puma560::forward(&(*angles).into()).base_from_tool.translation.vector;
         Some(wall.distance - wall.normal.dot(&hand.xy()))

@@ -1,14 +1,15 @@
 //! ModelBasedCtrl: opens the door about the hinge that it finds.
 
-use super::FRESH;
+use super::{FRESH, distance};
 use crate::control::caster::Pose;
 use crate::control::door::{Failure, Opening, Pull};
-use crate::control::opened::{Doubt, Evidence, Expected};
+use crate::control::leaf::{Leaf, Wall};
+use crate::control::opened::{Doubt, Evidence, Expected, Verdict, Watch};
 use crate::control::puma560;
-use crate::message::{BasePose, Constraint, GripperState, JointState, Velocity, Wrench};
+use crate::message::{BasePose, Constraint, GripperState, JointState, LaserState, Velocity, Wrench};
 use crate::sdk::{About, Arguments, Controller, In, Inputs, Kind, Out, Outputs, Parameter, Progress, Tick};
 use comms::logic::signals::Signal;
-use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Rotation2, UnitQuaternion, Vector3};
 use std::time::Duration;
 
 /// The longest an opening may take.
@@ -31,6 +32,9 @@ pub(super) struct Inputs {
     /// The gripper, which holds the handle as long as its width says so.
     #[device("gripper/state")]
     gripper: In<GripperState>,
+    /// The laser, which sees how far the leaf is open.
+    #[device("laser/state")]
+    laser: In<LaserState>,
 }
 
 /// What it says.
@@ -44,48 +48,105 @@ pub(super) struct Outputs {
     guide: Out<Constraint>,
 }
 
-/// Pulls a door open about its hinge, which it finds meanwhile; ends at an angle, or when nothing moves.
+/// Pulls a door open about its hinge, which it finds meanwhile; ends when the laser sees the leaf at an angle, or when
+/// nothing moves.
 #[derive(Debug)]
 pub(super) struct ModelBasedCtrl {
     goal: f64,
     radius: f64,
-    opening: Option<Opening>,
-    angle: f64,
-    turned: f64,
     expected: Expected,
+    opening: Option<Opening>,
+    watch: Watch,
+    wall: Wall,
+    /// Where the base was at the last sweep, in the odometry frame.
+    swept_from: Option<Pose>,
+    anchor: Anchor,
+    angle: f64,
+    /// As seen last.
+    leaf: Option<Leaf>,
     /// For how long an input has been too old.
     blind: Duration,
     spent: Duration,
 }
 
+/// Keeps poses of the odometry together when it begins anew.
+#[derive(Clone, Copy, Debug, Default)]
+struct Anchor {
+    ours_from_odometry: Option<Isometry3<f64>>,
+    last: Option<Isometry3<f64>>,
+    jumps: u32,
+}
+
+/// No base moves as far as this between two calculations (m).
+const JUMP: f64 = 0.03;
+
+impl Anchor {
+    fn ours(&mut self, odometry_from_base: &Isometry3<f64>, dt: f64) -> Isometry3<f64> {
+        let mut ours = self.ours_from_odometry.unwrap_or_default() * odometry_from_base;
+        if let Some(last) = self.last {
+            let step = last.inv_mul(&ours);
+            let most = JUMP + dt;
+            if step.translation.vector.norm() > most || step.rotation.angle() > most {
+                // The odometry was started again: the base has not moved, but its frame has.
+                self.ours_from_odometry = Some(last * odometry_from_base.inverse());
+                self.jumps += 1;
+                ours = last;
+            }
+        }
+        self.last = Some(ours);
+        ours
+    }
+}
+
+/// What it has to know at each calculation.
+struct Known {
+    odometry_from_base: Isometry3<f64>,
+    base_from_tool: Isometry3<f64>,
+    force: Vector3<f64>,
+    width: f64,
+}
+
 impl ModelBasedCtrl {
-    /// The hand in the odometry frame, the force on it (N) and the width between the fingers (m), while everything is
-    /// fresh.
-    fn hand(tick: Tick, inputs: &Inputs) -> Option<(Isometry3<f64>, Vector3<f64>, f64)> {
-        let gripper = inputs.gripper.fresh_within(tick.now, FRESH)?;
+    /// Returns what the inputs say, while everything is fresh.
+    fn known(tick: Tick, inputs: &Inputs) -> Option<Known> {
+        let width = inputs.gripper.fresh_within(tick.now, FRESH)?.width;
         let wrench = inputs.wrench.fresh_within(tick.now, FRESH)?;
         let joints = inputs.joints.fresh_within(tick.now, FRESH)?;
         let pose = Pose::from(inputs.pose.fresh_within(tick.now, FRESH)?.pose);
         let yaw = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), pose.z);
         let odometry_from_base = Isometry3::from_parts(Vector3::new(pose.x, pose.y, 0.0).into(), yaw);
         let base_from_tool = puma560::forward(&joints.angles.into()).base_from_tool;
-        Some((odometry_from_base * base_from_tool, Vector3::from(wrench.force), gripper.width))
+        Some(Known { odometry_from_base, base_from_tool, force: Vector3::from(wrench.force), width })
     }
 
-    fn result(&self, pull: &Pull, width: f64) -> Progress {
-        let radius = self.opening.as_ref().map_or(self.radius, |opening| opening.hinge().radius());
-        let valid = self.opening.as_ref().is_some_and(|opening| opening.hinge().is_valid());
+    /// Looks at a new sweep, if there is one, for the leaf; angles are positive the way a door opens with `sense`.
+    fn look(&mut self, known: &Known, inputs: &Inputs, sense: f64) -> Option<Leaf> {
+        let sweep = inputs.laser.fresh()?;
+        let at = &known.odometry_from_base;
+        let at = Pose::new(at.translation.x, at.translation.y, at.rotation.euler_angles().2);
+        let from = self.swept_from.replace(at).unwrap_or(at);
+        let turned = (at.z - from.z).sin().atan2((at.z - from.z).cos());
+        let by = Rotation2::new(-from.z) * (at.xy() - from.xy());
+        let points = distance::points(&sweep.ranges, std::f64::consts::PI);
+        let leaf = self.wall.update(&points, &Vector3::new(by.x, by.y, turned), &known.base_from_tool)?;
+        let leaf = Leaf { angle: sense * leaf.angle, hand: sense * leaf.hand, ..leaf };
+        self.leaf = Some(leaf);
+        self.leaf
+    }
+
+    fn result(&mut self, pull: &Pull, evidence: &Evidence) -> Progress {
         match pull.failure {
-            Some(Failure::Blocked) => Progress::Aborted("blocked: it pulls and the door does not move".to_owned()),
-            Some(Failure::Force) => Progress::Aborted("the force on the hand exceeds 150 N".to_owned()),
-            None if !self.expected.holds(width) => refuse(Doubt::Handle),
-            None if valid && pull.angle >= self.goal => {
-                let evidence = Evidence { width, angle: pull.angle, turned: pull.turned, radius };
-                let doubt = self.expected.doubt(&evidence);
-                doubt.map_or_else(|| Progress::Done(super::value(&[pull.angle, radius])), refuse)
+            Some(Failure::Blocked) => {
+                return Progress::Aborted("blocked: it pulls and the door does not move".to_owned());
             }
-            None if self.spent > TIMEOUT => Progress::Aborted("the door is not open after 40 s".to_owned()),
-            None => Progress::Continue,
+            Some(Failure::Force) => return Progress::Aborted("the force on the hand exceeds 150 N".to_owned()),
+            None => {}
+        }
+        match (self.watch.update(evidence), evidence.leaf) {
+            (Verdict::Doubt(doubt), _) => refuse(doubt),
+            (Verdict::Open, Some(leaf)) => Progress::Done(super::value(&[leaf.angle, evidence.radius])),
+            _ if self.spent > TIMEOUT => Progress::Aborted("the door is not open after 40 s".to_owned()),
+            _ => Progress::Continue,
         }
     }
 }
@@ -94,7 +155,9 @@ impl ModelBasedCtrl {
 fn refuse(doubt: Doubt) -> Progress {
     let reason = match doubt {
         Doubt::Handle => "lost the handle: the fingers are not as far apart as a handle is wide",
-        Doubt::Turn => "the hand has not turned with the door: its direction and the estimated angle differ",
+        Doubt::Unseen => "the laser does not see the leaf: nobody knows whether the door is open",
+        Doubt::Behind => "the door is not as far open as the hand has moved: the wheels or the fingers slip",
+        Doubt::Turn => "the hand has not turned with the door: its direction and the leaf's differ",
         Doubt::Hinge => "the hinge estimate is not sane: its radius is no door's",
     };
     Progress::Aborted(reason.to_owned())
@@ -130,20 +193,34 @@ impl Controller for ModelBasedCtrl {
         if width_min > width_max || radius_min > radius_max {
             return Err("`width_min` and `radius_min` must not exceed `width_max` and `radius_max`".to_owned());
         }
-        let (goal, radius) = (arguments.number("goal"), arguments.number("radius"));
-        let (blind, spent) = (Duration::ZERO, Duration::ZERO);
-        Ok(Self { goal, radius, opening: None, angle: 0.0, turned: 0.0, expected, blind, spent })
+        let goal = arguments.number("goal");
+        Ok(Self {
+            goal,
+            radius: arguments.number("radius"),
+            expected,
+            opening: None,
+            watch: Watch::new(goal, expected),
+            wall: Wall::default(),
+            swept_from: None,
+            anchor: Anchor::default(),
+            angle: 0.0,
+            leaf: None,
+            blind: Duration::ZERO,
+            spent: Duration::ZERO,
+        })
     }
 
     fn init(&mut self, _: &[u8]) -> Result<(), String> {
-        (self.opening, self.angle, self.turned) = (None, 0.0, 0.0);
+        (self.opening, self.angle, self.leaf) = (None, 0.0, None);
+        (self.watch, self.wall) = (Watch::new(self.goal, self.expected), Wall::default());
+        (self.swept_from, self.anchor) = (None, Anchor::default());
         (self.blind, self.spent) = (Duration::ZERO, Duration::ZERO);
         Ok(())
     }
 
     fn main_calc(&mut self, tick: Tick, inputs: &Inputs, outputs: &mut Outputs) -> Progress {
         self.spent += tick.elapsed;
-        let Some((hand, force, width)) = Self::hand(tick, inputs) else {
+        let Some(mut known) = Self::known(tick, inputs) else {
             // Without eyes it does not pull; the others see a fresh zero.
             outputs.velocity.send(Velocity { twist: [0.0; 6], null: [0.0; 9] });
             self.blind += tick.elapsed;
@@ -156,26 +233,34 @@ impl Controller for ModelBasedCtrl {
             };
         };
         self.blind = Duration::ZERO;
+        known.odometry_from_base = self.anchor.ours(&known.odometry_from_base, tick.dt());
+        let hand = known.odometry_from_base * known.base_from_tool;
         let opening = self.opening.get_or_insert_with(|| Opening::new(&hand, self.radius));
-        let pull = opening.update(&hand, &force, tick.dt());
-        (self.angle, self.turned) = (pull.angle, pull.turned);
+        let pull = opening.update(&hand, &known.force, tick.dt());
+        let (radius, sense) = (opening.hinge().radius(), opening.sense());
+        self.angle = pull.angle;
+        let leaf = self.look(&known, inputs, sense);
         outputs.velocity.send(Velocity { twist: pull.twist_in_tool.into(), null: [0.0; 9] });
         outputs.guide.send(Constraint {
             tangent: pull.guide.tangent_in_tool.into(),
             up: pull.guide.up_in_tool.into(),
             upward: pull.guide.upward,
         });
-        self.result(&pull, width)
+        let evidence = Evidence { width: known.width, believed: pull.angle, leaf, radius };
+        self.result(&pull, &evidence)
     }
 
     fn signals(&self) -> Vec<Signal> {
         let radius = self.opening.as_ref().map_or(f64::NAN, |opening| opening.hinge().radius());
+        let seen = |angle: fn(Leaf) -> f64| self.leaf.map_or(f64::NAN, |leaf| angle(leaf).to_degrees());
         let signal =
             |name: &str, unit: &str, value| Signal { name: name.into(), unit: unit.into(), value, headline: false };
         vec![
             signal("estimated angle", "deg", self.angle.to_degrees()),
             signal("estimated radius", "m", radius),
-            signal("hand turned", "deg", self.turned.to_degrees()),
+            signal("seen angle", "deg", seen(|leaf| leaf.angle)),
+            signal("hand turned", "deg", seen(|leaf| leaf.hand)),
+            signal("odometry jumps", "", f64::from(self.anchor.jumps)),
         ]
     }
 }

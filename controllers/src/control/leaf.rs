@@ -1,0 +1,199 @@
+//! How far a door is open by what the laser sees: the leaf against the wall, in one sweep.
+//!
+//! Both are straight lines in the same sweep, so neither wheels that slip nor a hand that has lost the handle can make a
+//! shut door look open. The wall is found once, while the door is shut, and then followed from sweep to sweep; the leaf is
+//! the line right before the hand that holds its handle.
+//!
+//! Source: lines by random samples and total least squares, as in [`super::line`]; the deviation of a line's direction is
+//! that of a straight-line fit, Bevington, "Data Reduction and Error Analysis", 1969, section 6.4.
+
+use super::line::{self, Line, Spread};
+use crate::sdk::Random;
+use nalgebra::{Isometry3, Rotation2, Vector2, Vector3};
+
+/// How far from where the wall was a sweep ago its points may be now (m): the base turns by a degree or two meanwhile.
+const WALL_GATE: f64 = 0.06;
+/// Points this close to a line lie on it [m]: four deviations of the laser.
+const TOLERANCE: f64 = 0.02;
+/// The leaf is so far behind the grasp point, from and to (m).
+const BEHIND: (f64, f64) = (-0.01, 0.22);
+/// And so far to its sides (m).
+const BESIDE: f64 = 0.6;
+/// The leaf may stand so far askew to the hand (rad): the lever turns in the fingers.
+const ASKEW: f64 = 0.40;
+/// The leaf is seen over at least this length (m).
+const LENGTH_MIN: f64 = 0.20;
+
+/// A leaf that is seen.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Leaf {
+    /// From the wall to the leaf (rad), positive counter-clockwise seen from above.
+    pub angle: f64,
+    /// From the direction that faces the wall to the hand's (rad), by the arm alone, likewise.
+    pub hand: f64,
+    /// Standard deviation of `angle` (rad).
+    pub deviation: f64,
+}
+
+/// The wall that a door is in, followed from sweep to sweep.
+#[derive(Clone, Debug)]
+pub struct Wall {
+    line: Option<Line>,
+    random: Random,
+}
+
+impl Default for Wall {
+    fn default() -> Self {
+        Self { line: None, random: Random::new(1) }
+    }
+}
+
+impl Wall {
+    /// Takes a sweep as `points` (m, base axes) from a base that has moved by `moved` (x, y (m), yaw (rad), base axes)
+    /// since the last one, with the hand at `base_from_tool`. The first is taken before a shut door. Returns the leaf, if
+    /// both it and the wall are seen.
+    pub fn update(
+        &mut self,
+        points: &[Vector2<f64>],
+        moved: &Vector3<f64>,
+        base_from_tool: &Isometry3<f64>,
+    ) -> Option<Leaf> {
+        let wall = match self.line {
+            None => line::fit(&ahead(points), TOLERANCE, &mut self.random)?,
+            Some(line) => seen_from(&line, moved),
+        };
+        // A wall that is out of sight for a sweep is where it was.
+        self.line = Some(wall);
+        let near = near(points, &wall, WALL_GATE);
+        let first = line::through(&near)?;
+        let (wall, spread) = line::through(&self::near(&near, &first.0, TOLERANCE))?;
+        if spread.count < 20 || spread.length < LENGTH_MIN {
+            return None;
+        }
+        self.line = Some(wall);
+        let (leaf, leaf_spread) = self.leaf(points, base_from_tool)?;
+        let hand = turn(&wall.normal, &horizontal(&(base_from_tool.rotation * Vector3::z())));
+        let deviation = spread.direction.hypot(leaf_spread.direction);
+        Some(Leaf { angle: turn(&wall.normal, &leaf.normal), hand, deviation })
+    }
+
+    fn leaf(&mut self, points: &[Vector2<f64>], base_from_tool: &Isometry3<f64>) -> Option<(Line, Spread)> {
+        let normal = horizontal(&(base_from_tool.rotation * Vector3::z()));
+        let hand = base_from_tool.translation.vector.xy();
+        let is_before_hand = |point: &&Vector2<f64>| {
+            let (behind, beside) = (normal.dot(&(**point - hand)), normal.perp(&(**point - hand)));
+            // A leaf that stands askew is nearer on one side.
+            let askew = beside.abs() * ASKEW;
+            behind > BEHIND.0 - askew && behind < BEHIND.1 + askew && beside.abs() < BESIDE
+        };
+        let before: Vec<_> = points.iter().filter(is_before_hand).copied().collect();
+        let found = line::fit(&before, TOLERANCE, &mut self.random)?;
+        let (leaf, spread) = line::through(&near(&before, &found, TOLERANCE))?;
+        let fits = turn(&normal, &leaf.normal).abs() < ASKEW && spread.length > LENGTH_MIN;
+        fits.then_some((leaf, spread))
+    }
+}
+
+/// A line of the last sweep as it is seen after the base has moved.
+fn seen_from(line: &Line, moved: &Vector3<f64>) -> Line {
+    let distance = line.distance - line.normal.dot(&moved.xy());
+    Line { normal: Rotation2::new(-moved.z) * line.normal, distance, inliers: line.inliers }
+}
+
+/// The points that can be the door and the wall right ahead.
+fn ahead(points: &[Vector2<f64>]) -> Vec<Vector2<f64>> {
+    points.iter().filter(|point| point.x > 0.0 && point.y.abs() < point.x).copied().collect()
+}
+
+fn near(points: &[Vector2<f64>], line: &Line, gate: f64) -> Vec<Vector2<f64>> {
+    points.iter().filter(|point| (line.normal.dot(point) - line.distance).abs() < gate).copied().collect()
+}
+
+fn horizontal(v: &Vector3<f64>) -> Vector2<f64> {
+    v.xy().try_normalize(1e-6).unwrap_or_else(Vector2::x)
+}
+
+fn turn(from: &Vector2<f64>, to: &Vector2<f64>) -> f64 {
+    from.perp(to).atan2(from.dot(to))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::UnitQuaternion;
+
+    /// What a laser at the origin sees of a wall at x = 1 and a leaf that is open by `angle` about (1, 0.8), and the hand
+    /// that holds its handle.
+    fn sweep(angle: f64, with_leaf: bool, random: &mut Random) -> (Vec<Vector2<f64>>, Isometry3<f64>) {
+        let hinge = Vector2::new(1.0, 0.8);
+        let along = Vector2::new(-angle.sin(), -angle.cos());
+        let out = Vector2::new(-angle.cos(), angle.sin());
+        let mut points: Vec<_> = (0..100).map(|i| Vector2::new(1.0, 0.83 + 0.012 * f64::from(i))).collect();
+        points.extend((0..100).map(|i| Vector2::new(1.0, -0.1 - 0.012 * f64::from(i))));
+        if with_leaf {
+            points.extend((0..90).map(|i| hinge + along * (0.01 * f64::from(i))));
+        }
+        for point in &mut points {
+            *point += Vector2::new(random.normal(0.005), random.normal(0.005));
+        }
+        let hand = hinge + along * 0.75 + out * 0.06;
+        let yaw = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -angle);
+        let level = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), std::f64::consts::FRAC_PI_2);
+        (points, Isometry3::from_parts(hand.push(1.0).into(), yaw * level))
+    }
+
+    #[test]
+    fn the_leaf_is_measured_against_the_wall() {
+        let (mut wall, mut random, mut worst) = (Wall::default(), Random::new(7), 0.0f64);
+        for i in 0..=120 {
+            let angle = 0.01 * f64::from(i);
+            let (points, hand) = sweep(angle, true, &mut random);
+            let leaf = wall.update(&points, &Vector3::zeros(), &hand);
+            if i == 0 {
+                assert!(leaf.is_some_and(|leaf| leaf.angle.abs() < 0.01), "{leaf:?}");
+            }
+            // Below 10 degrees leaf and wall are too close to be told apart everywhere.
+            if i > 20 {
+                let leaf = leaf.unwrap_or_else(|| panic!("not seen at {angle}"));
+                assert!((leaf.hand + angle).abs() < 0.01, "{leaf:?} at {angle}");
+                assert!(leaf.deviation < 0.005, "{leaf:?}");
+                worst = worst.max((leaf.angle + angle).abs() / leaf.deviation);
+            }
+        }
+        // Over 100 sweeps the largest error is some three deviations.
+        assert!(worst < 5.0, "{worst}");
+    }
+
+    #[test]
+    fn a_hand_in_the_air_sees_no_leaf() {
+        let (mut wall, mut random) = (Wall::default(), Random::new(7));
+        assert!(
+            wall.update(&sweep(0.0, true, &mut random).0, &Vector3::zeros(), &sweep(0.0, true, &mut random).1)
+                .is_some()
+        );
+        for i in 0..100 {
+            // The leaf is shut, and the hand goes on as if it held it.
+            let points = sweep(0.0, true, &mut random).0;
+            let hand = sweep(0.013 * f64::from(i), false, &mut random).1;
+            let leaf = wall.update(&points, &Vector3::zeros(), &hand);
+            assert!(leaf.is_none_or(|leaf| leaf.angle.abs() < 0.1), "{leaf:?} at {i}");
+        }
+    }
+
+    #[test]
+    fn a_base_that_turns_does_not_lose_the_wall() {
+        let (mut wall, mut random) = (Wall::default(), Random::new(7));
+        let mut seen = 0;
+        for i in 0..100 {
+            // 0.02 rad a sweep, of which the odometry knows nothing: the wheels slip.
+            let turned = Rotation2::new(-0.02 * f64::from(i.min(50)));
+            let (points, hand) = sweep(0.6, true, &mut random);
+            let points: Vec<_> = if i == 0 { sweep(0.0, true, &mut random).0 } else { points };
+            let points: Vec<_> = points.iter().map(|point| turned * point).collect();
+            let yaw = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), turned.angle());
+            let leaf = wall.update(&points, &Vector3::zeros(), &(yaw * hand));
+            seen += u32::from(leaf.is_some_and(|leaf| (leaf.angle + 0.6).abs() < 0.02));
+        }
+        assert!(seen > 90, "{seen}");
+    }
+}
