@@ -2,6 +2,7 @@
 
 #![expect(clippy::unwrap_used, reason = "a test stops where something is not as it should be")]
 
+use comms::io::clock;
 use comms::io::session::{CallError, NodeOptions, Presence, Reach, Server, Session};
 use comms::logic::key::{self, HostName};
 use comms::logic::port::Policy;
@@ -9,6 +10,8 @@ use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
+use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
+use tokio::net::{UnixListener, UnixStream};
 
 const LONG: Duration = Duration::from_secs(20);
 
@@ -186,6 +189,66 @@ async fn nodes_and_a_client() {
     a.put(&key::inbox("b"), vec![sent; 100_000]).unwrap();
     while inbox.next().await.unwrap().1 != vec![sent; 100_000] {}
     a.close().await;
+    b.close().await;
+}
+
+/// Carries what is written to one socket to another, and back, each byte so much later.
+async fn relay(from: PathBuf, to: PathBuf, delay: Duration) {
+    let listener = UnixListener::bind(from).unwrap();
+    let mut carrying = tokio::task::JoinSet::new();
+    loop {
+        let (near, _) = listener.accept().await.unwrap();
+        let Ok(far) = UnixStream::connect(&to).await else { continue };
+        let ((near_read, near_write), (far_read, far_write)) = (near.into_split(), far.into_split());
+        carrying.spawn(carry(near_read, far_write, delay));
+        carrying.spawn(carry(far_read, near_write, delay));
+    }
+}
+
+async fn carry(mut from: impl AsyncRead + Unpin, mut to: impl AsyncWrite + Unpin, delay: Duration) {
+    let (sender, mut receiver) = tokio::sync::mpsc::channel(4096);
+    let reading = async move {
+        loop {
+            let mut bytes = vec![0; 65_536];
+            let size = from.read(&mut bytes).await.unwrap_or(0);
+            bytes.truncate(size);
+            let due = clock::now() + delay;
+            if sender.send((due, bytes)).await.is_err() || size == 0 {
+                return;
+            }
+        }
+    };
+    let writing = async move {
+        while let Some((due, bytes)) = receiver.recv().await {
+            clock::sleep_until(due).await;
+            if bytes.is_empty() || to.write_all(&bytes).await.is_err() {
+                return;
+            }
+        }
+    };
+    tokio::join!(reading, writing);
+}
+
+/// A satellite is 1.5 s away: the link comes up, and stays.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_link_with_a_way_of_3_s_there_and_back_comes_up() {
+    let dir = Dir::new("far");
+    let b = node(&dir, "b", &[]).await;
+    let _here = b.announce(&key::live("b", 1)).unwrap();
+    let far = relay(dir.socket("relay"), dir.socket("b"), Duration::from_millis(1500));
+    let test = async {
+        let a = node(&dir, "a", &["relay"]).await;
+        let mut watch = a.watch(&key::live_any()).unwrap();
+        let appeared = tokio::time::timeout(LONG, watch.next()).await;
+        assert_eq!(appeared.unwrap(), Some(Presence::Appeared(key::live("b", 1))));
+        let longer = tokio::time::timeout(Duration::from_secs(6), watch.next()).await;
+        assert!(longer.is_err(), "it is gone again: {longer:?}");
+        a.close().await;
+    };
+    tokio::select! {
+        () = far => unreachable!(),
+        () = test => {}
+    }
     b.close().await;
 }
 

@@ -12,6 +12,7 @@ pub mod named_file;
 pub mod observer;
 pub mod peers;
 pub mod programs;
+mod ready;
 pub mod recorder;
 pub mod run_dir;
 pub(crate) mod starter;

@@ -2,7 +2,7 @@
 
 use comms::io::clock::now;
 use comms::logic::time::Time;
-use dca_tests::cluster::{Cluster, Host, Network, Program, SOON, Sample, Stream, Trace, pass, spec};
+use dca_tests::cluster::{Cluster, Host, Network, Program, SOON, Sample, Stream, Trace, pass, spec, wait_until};
 use node::logic::protocol::Ending;
 use rustix::fs::{CWD, FileType, Mode, mknodat};
 use rustix::process::Signal;
@@ -202,6 +202,54 @@ fn the_door_opens_although_the_agents_were_stopped() {
     let opened = at(stopped.1) - at(stopped.0);
     println!("the door was opened by {opened:.1} deg while the agents were stopped");
     assert!(opened > 5.0, "{opened} deg");
+    hosts.end();
+}
+
+/// However links are cut, and nodes suspended: once all is well again each sees all others, for good and soon.
+#[test]
+fn whatever_happens_to_links_and_nodes_all_see_each_other_again() {
+    let Some(hosts) = Hosts::start() else { return };
+    let mut draw = 20_261_122_u64;
+    // Source: Knuth, MMIX.
+    let mut below = move |bound: u64| {
+        draw = draw.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (draw >> 33) % bound
+    };
+    let c1 = hosts.host(1);
+    let all_see = || {
+        let nodes = c1.statuses(&[]);
+        nodes.len() == NAMES.len() && nodes.iter().all(|node| node.peers.len() == NAMES.len() - 1)
+    };
+    for round in 0..3 {
+        for _ in 0..4 {
+            let index = usize::try_from(below(3)).expect("it is small");
+            let time = Duration::from_millis(100 + below(2400));
+            match below(3) {
+                0 => {
+                    hosts.network.cut(index + 1);
+                    pass(time);
+                    hosts.network.heal(index + 1);
+                }
+                1 => {
+                    hosts.nodes[index].signal(Signal::STOP);
+                    pass(time);
+                    hosts.nodes[index].signal(Signal::CONT);
+                }
+                _ => {
+                    for _ in 0..3 {
+                        hosts.network.cut(index + 1);
+                        pass(time / 4);
+                        hosts.network.heal(index + 1);
+                        pass(time / 8);
+                    }
+                }
+            }
+            pass(Duration::from_millis(below(600)));
+        }
+        let took = wait_until(SOON, all_see);
+        println!("round {round}: all see each other after {took:?}");
+        assert!(took.is_some(), "round {round}: {:#?}", c1.statuses(&[]));
+    }
     hosts.end();
 }
 

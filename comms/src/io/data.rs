@@ -5,7 +5,7 @@
 //! a tokio task.
 
 use crate::io::clock::now;
-use crate::io::session::{OpenError, Opened, Reach, Redial, Settings, addresses, unix_locator};
+use crate::io::session::{OpenError, Opened, Reach, Redial, Search, Settings, dialled, locator, unix_locator};
 use crate::logic::control::{Dial, Location};
 use crate::logic::time::Time;
 use std::borrow::Cow;
@@ -118,9 +118,9 @@ impl DataSession {
         let mut listen = vec![unix_locator(socket)?];
         match reach {
             Reach::Host => {}
-            Reach::Lan => listen.extend(addresses().iter().map(|address| format!("tcp/{address}:0"))),
+            Reach::Lan => listen.extend(dialled().into_iter().map(|address| locator(address, 0))),
         }
-        Ok(Self { opened: Opened::open(Settings::data().listen(&listen), Redial::Told)? })
+        Ok(Self { opened: Opened::open(Settings::data().listen(&listen), Redial::Told, Search::Off)? })
     }
 
     /// Opens a data session that only dials.
@@ -128,7 +128,7 @@ impl DataSession {
     /// # Errors
     /// If zenoh refuses.
     pub fn open_observer() -> Result<Self, OpenError> {
-        Ok(Self { opened: Opened::open(Settings::data(), Redial::Told)? })
+        Ok(Self { opened: Opened::open(Settings::data(), Redial::Told, Search::Off)? })
     }
 
     /// Returns where others can dial this session.

@@ -8,19 +8,23 @@
 
 mod call;
 mod config;
+mod interfaces;
 mod message;
+mod nearby;
 mod open;
+mod patience;
+mod reach;
 mod tally;
 
 pub use call::{CallError, Replies, Request, Server};
 pub(crate) use config::{Settings, unix_locator};
+pub(crate) use interfaces::{dialled, locator};
 pub use message::{Presence, Subscription, Token, Watch};
-pub(crate) use open::{Opened, Redial, addresses, plain};
+pub(crate) use open::{Opened, Redial, Search, plain};
 
 use crate::io::descriptors;
 use crate::logic::key::HostName;
-use config::Scouting;
-use std::net::TcpListener;
+use std::net::{IpAddr, SocketAddr, TcpListener};
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -28,8 +32,10 @@ use thiserror::Error;
 
 /// How long [`Session::close`] waits. Zenoh alone can take 10 s when a peer has vanished.
 const CLOSE_WITHIN: Duration = Duration::from_secs(2);
-/// How long a command line without a node waits for the first nodes to answer.
-const SCOUT_MS: u32 = 500;
+/// How long a command line without a node waits for the first nodes to answer, and how often it looks.
+const SCOUT: [Duration; 2] = [Duration::from_millis(500), Duration::from_millis(20)];
+/// How long a link may carry nothing before it is given up, besides its round trips.
+const PATIENCE: Duration = Duration::from_secs(1);
 /// Zenoh's thread pools, all in one: a hand-over between pools costs more than the wire. With a single worker, a call
 /// that blocks inside zenoh would hold up everything.
 const RUNTIME: &str =
@@ -127,22 +133,19 @@ fn set_variable(name: &str, value: &str) {
     unsafe { std::env::set_var(name, value) };
 }
 
-/// Asks the system for the port first: it says why not, zenoh only that.
-fn check_port(addresses: &[String], port: u16) -> Result<(), OpenError> {
-    for address in addresses.iter().filter(|_| port != 0) {
-        if let Err(cause) = TcpListener::bind(format!("{address}:{port}")) {
-            return Err(OpenError::Port { port, address: address.clone(), cause: cause.to_string() });
-        }
-    }
-    Ok(())
+/// Asks the system for the port first: it says why not, zenoh only that. Returns one that is free for 0.
+fn take_port(address: IpAddr, port: u16) -> Result<u16, OpenError> {
+    let taken = TcpListener::bind(SocketAddr::new(address, port)).and_then(|listener| listener.local_addr());
+    let failed =
+        |cause: std::io::Error| OpenError::Port { port, address: address.to_string(), cause: cause.to_string() };
+    taken.map(|at| at.port()).map_err(failed)
 }
 
 impl Session {
     /// Opens the session of a node.
     ///
-    /// With [`Reach::Lan`] it also listens on one TCP port of each network interface and looks for other nodes by
-    /// multicast. The interfaces are those that are up now; addresses are concrete, because others try every address
-    /// they are told, one after the other.
+    /// With [`Reach::Lan`] it also listens on one TCP port at every address that this machine has or gets, and looks for
+    /// other nodes on every network interface, as they come and go: see [`Session::addresses`].
     ///
     /// # Errors
     /// If the socket cannot be used, or another node listens on it.
@@ -151,19 +154,40 @@ impl Session {
     /// The session is opened and closed again in the background.
     pub async fn open_node(options: NodeOptions) -> Result<Self, OpenError> {
         let mut listen = vec![unix_locator(&options.socket)?];
-        let scouting = match options.reach {
-            Reach::Host => Scouting::Off,
+        let search = match options.reach {
+            Reach::Host => Search::Off,
             Reach::Lan => {
-                let addresses = addresses();
-                check_port(&addresses, options.port)?;
-                listen.extend(addresses.iter().map(|address| format!("tcp/{address}:{}", options.port)));
-                Scouting::On
+                let address = nearby::everywhere();
+                let port = take_port(address, options.port)?;
+                listen.push(locator(address, port));
+                Search::Found(options.name.as_str().to_owned(), port)
             }
         };
-        let settings = Settings::node(scouting).listen(&listen).connect(&options.peers);
-        let session = Self::open(settings, Redial::Found).await?;
+        let settings = Settings::node().listen(&listen).connect(&options.peers);
+        let mut session = Self::open(settings, Redial::Found, search).await?;
+        session.opened.watch_told(&options.peers);
         tracing::debug!(host = options.name.as_str(), locators = ?session.locators(), "node session is open");
         Ok(session)
+    }
+
+    /// Returns the addresses at which others can find this machine now, and hears of every change. None without a network,
+    /// and with [`Reach::Host`].
+    pub fn addresses(&self) -> tokio::sync::watch::Receiver<Vec<String>> {
+        self.opened.addresses()
+    }
+
+    /// Returns who is dialled and not linked: a name or a place, and why, for a person.
+    pub fn unlinked(&self) -> Vec<(String, String)> {
+        self.opened.unlinked()
+    }
+
+    /// Says how long it takes to the other end of a link and back, as the time of an answer: when it carries nothing for much
+    /// longer, it is given up.
+    pub fn note_round_trip(&self, session: &str, took: Duration) {
+        // In few steps, so that it is seldom set anew.
+        let millis = (PATIENCE + 2 * took).as_millis().max(1);
+        let millis = u64::try_from(millis).unwrap_or(u64::MAX).checked_next_power_of_two().unwrap_or(u64::MAX);
+        self.opened.set_patience(session, Duration::from_millis(millis));
     }
 
     /// Opens the session of a command line through the node that listens on `socket`.
@@ -178,7 +202,7 @@ impl Session {
         // Asks the socket first: the system says why, zenoh only that.
         UnixStream::connect(socket)
             .map_err(|cause| OpenError::NoNode { path: socket.to_owned(), cause: cause.to_string() })?;
-        Self::open(Settings::client(&locator), Redial::Told).await
+        Self::open(Settings::client(&locator), Redial::Told, Search::Off).await
     }
 
     /// Opens the session of a command line on a host without a node: looks for nodes on the local network, and returns
@@ -190,12 +214,20 @@ impl Session {
     /// # Cancellation
     /// The session is opened and closed again in the background.
     pub async fn open_scout() -> Result<Self, OpenError> {
-        Self::open(Settings::node(Scouting::Ask).await_peers(SCOUT_MS), Redial::Told).await
+        let session = Self::open(Settings::node(), Redial::Told, Search::Ask).await?;
+        let [within, look_every] = SCOUT;
+        let found = async {
+            while !session.opened.is_linked() {
+                tokio::time::sleep(look_every).await;
+            }
+        };
+        tokio::time::timeout(within, found).await.unwrap_or_default();
+        Ok(session)
     }
 
-    async fn open(settings: Settings, redial: Redial) -> Result<Self, OpenError> {
+    async fn open(settings: Settings, redial: Redial, search: Search) -> Result<Self, OpenError> {
         // Zenoh blocks while it opens, and panics on a single-threaded runtime.
-        let opening = on_thread("dca-open", move || Ok(Self { opened: Opened::open(settings, redial)? }));
+        let opening = on_thread("dca-open", move || Ok(Self { opened: Opened::open(settings, redial, search)? }));
         opening.await.ok_or(OpenError::NoThread)?
     }
 

@@ -1,8 +1,13 @@
 //! `dca nodes`: who can be reached.
 
-use crate::cli::client::{Clients, block_on};
+use crate::cli::client::{Client, Clients, block_on};
 use crate::cli::{Failure, Reaching, output};
+use crate::logic::protocol::{Answer, NodeStatus, Request};
 use crate::logic::table::table;
+use std::time::Duration;
+
+/// How long a node has to say whom it is not linked to.
+const ANSWER_WITHIN: Duration = Duration::from_secs(1);
 
 /// What `dca nodes` is told.
 #[derive(Debug, clap::Args)]
@@ -13,12 +18,11 @@ pub struct Arguments {
 
 /// Runs the verb.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let statuses = block_on(async {
+    let (statuses, unlinked) = block_on(async {
         let clients = Clients::open(&arguments.reaching).await?;
-        let statuses = clients.statuses().await.map(|all| all.into_iter().flat_map(|(_, statuses)| statuses.nodes));
-        let statuses = statuses.map(Iterator::collect::<Vec<_>>);
+        let asked = asked(&clients).await;
         clients.close().await;
-        statuses
+        asked
     })?;
     let mut rows = vec![["HOST", "PID", "UP", "VERSION", "DEPLOYMENTS", "SEES"].map(str::to_owned).to_vec()];
     for node in statuses {
@@ -27,7 +31,32 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         rows.push(vec![node.host, node.pid.to_string(), up, node.version, dash(&deployments), dash(&node.peers)]);
     }
     output::say(&table(&rows));
+    unlinked.iter().for_each(|sentence| output::note(sentence));
     Ok(())
+}
+
+/// Asks every node how it is, and whom it is not linked to.
+async fn asked(clients: &Clients) -> Result<(Vec<NodeStatus>, Vec<String>), Failure> {
+    let (mut statuses, mut missing) = (Vec::new(), Vec::new());
+    for (client, found) in clients.statuses().await? {
+        missing.extend(unlinked(client, &found.nodes).await);
+        statuses.extend(found.nodes);
+    }
+    Ok((statuses, missing))
+}
+
+/// Returns a sentence for each link that a node tries to make, and has not.
+async fn unlinked(client: &Client, nodes: &[NodeStatus]) -> Vec<String> {
+    let mut sentences = Vec::new();
+    for node in nodes {
+        // One of an older version does not know the question.
+        let Ok(Answer::Unlinked(missing)) = client.ask(&node.host, &Request::Unlinked, ANSWER_WITHIN).await else {
+            continue;
+        };
+        let unseen = missing.into_iter().filter(|(who, _)| !node.peers.contains(who));
+        sentences.extend(unseen.map(|(who, why)| format!("`{}` is not linked to {who}: {why}", node.host)));
+    }
+    sentences
 }
 
 fn dash(words: &[String]) -> String {

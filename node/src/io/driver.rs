@@ -6,11 +6,11 @@ use crate::io::child::{self, leftovers};
 use crate::io::database;
 use crate::io::event::{Connection, Event};
 use crate::io::journal::Journal;
-use crate::io::logging::Log;
+use crate::io::logging::{self, Log};
 use crate::io::peers::{Arrival, Peers};
 use crate::io::run_dir::RunDir;
 use crate::io::starter::{self, Job, Start, Starter};
-use crate::io::{programs, tail};
+use crate::io::{programs, ready, tail};
 use crate::logic::agent::{Agent, Identity, Input, OVER_MAX};
 use crate::logic::database::settings::Settings;
 use crate::logic::effect::{Effect, ProcessId, SpawnOrder};
@@ -102,7 +102,7 @@ struct Driver {
 pub async fn run(config: Config, mut leave: watch::Receiver<bool>, ready: watch::Sender<bool>) -> anyhow::Result<()> {
     let (events, mut arriving) = mpsc::channel(EVENTS_MAX);
     let mut driver = Driver::open(config, events).await?;
-    ready.send_replace(true);
+    ready::announce(&driver.peers, driver.config.reach, ready, &mut driver.tasks);
     let mut leaving = false;
     let mut settings = driver.database.settings();
     loop {
@@ -343,7 +343,7 @@ impl Driver {
             self.database.handle().appeared();
         }
         if self.config.log.is_some() {
-            if change.is_good() { tracing::info!("{change}") } else { tracing::warn!("{change}") }
+            logging::peer(change);
         }
     }
 

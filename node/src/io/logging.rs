@@ -1,5 +1,6 @@
 //! What a process says of itself on its standard error, and how much of it.
 
+use crate::logic::nameserver::Change;
 use anyhow::Context;
 use std::io::IsTerminal;
 use tracing_subscriber::layer::SubscriberExt;
@@ -27,6 +28,11 @@ pub fn start(usual: &'static str) -> Log {
         tracing::debug!(%error, "logging was started before");
     }
     Log { handle, usual }
+}
+
+/// Tells people what has become of another node.
+pub fn peer(change: &Change) {
+    if change.is_good() { tracing::info!("{change}") } else { tracing::warn!("{change}") }
 }
 
 impl Log {

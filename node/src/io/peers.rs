@@ -10,13 +10,15 @@ use comms::io::session::{self, NodeOptions, Presence, Server, Session, Subscript
 use comms::logic::port::Policy;
 use comms::logic::time::Time;
 use comms::logic::{codec, key};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::mpsc::Sender;
 use tokio::task::JoinSet;
 
 /// How many frames wait for the agent; more are dropped, and their senders send them again.
 const FRAMES_MAX: usize = 4096;
+/// How many rounds of questions are remembered, to see how long answers take.
+const ROUNDS_MAX: usize = 64;
 
 /// The open session of a node.
 #[derive(Debug)]
@@ -36,6 +38,8 @@ struct Own {
     place: String,
     /// Which boot of each other name the node deals with.
     holders: Mutex<BTreeMap<String, u64>>,
+    /// When the last rounds of questions went out.
+    rounds: Mutex<VecDeque<(u64, Time)>>,
 }
 
 /// What comes in from outside.
@@ -70,17 +74,23 @@ impl Peers {
         tasks.spawn(hear_frames(inbox, sink.clone()));
         tasks.spawn(hear_presence(presence, sink.clone()));
         let (host, started) = (host.as_str().to_owned(), clock::now());
-        let own = Arc::new(Own { host, boot, started, place: place(), holders: Mutex::default() });
+        let (holders, rounds) = (Mutex::default(), Mutex::default());
+        let own = Arc::new(Own { host, boot, started, place: place(), holders, rounds });
         let session = Arc::new(session);
         tasks.spawn(answer_pings(pings, Arc::clone(&session), Arc::clone(&own), sink.clone()));
-        tasks.spawn(hear_pongs(pongs, sink.clone()));
-        tasks.spawn(hear_calls(calls, sink));
+        tasks.spawn(hear_pongs(pongs, Arc::clone(&session), Arc::clone(&own), sink.clone()));
+        tasks.spawn(hear_calls(calls, Arc::clone(&session), sink));
         Ok(Self { session, token, calls: BTreeMap::new(), own })
     }
 
     /// Asks all other nodes whether they are there.
     pub fn ping(&self, round: u64) {
         let ping = Ping { from: self.own.host.clone(), boot: self.own.boot, round };
+        let mut rounds = self.own.rounds();
+        rounds.push_back((round, clock::now()));
+        let old = rounds.len().saturating_sub(ROUNDS_MAX);
+        rounds.drain(..old);
+        drop(rounds);
         let sent = codec::encode(&ping).map_err(anyhow::Error::from);
         let sent = sent.and_then(|bytes| Ok(self.session.put(&key::ping(&ping.from), bytes)?));
         if let Err(error) = sent {
@@ -134,6 +144,10 @@ impl Peers {
 }
 
 impl Own {
+    fn rounds(&self) -> MutexGuard<'_, VecDeque<(u64, Time)>> {
+        self.rounds.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     fn holders(&self) -> MutexGuard<'_, BTreeMap<String, u64>> {
         // A map of plain values is valid whatever happened to the thread that held it.
         self.holders.lock().unwrap_or_else(PoisonError::into_inner)
@@ -177,10 +191,14 @@ async fn answer_pings(mut pings: Subscription, session: Arc<Session>, own: Arc<O
     }
 }
 
-async fn hear_pongs(mut pongs: Subscription, sink: Sender<Arrival>) {
+async fn hear_pongs(mut pongs: Subscription, session: Arc<Session>, own: Arc<Own>, sink: Sender<Arrival>) {
     while let Some((_, bytes)) = pongs.next().await {
         match codec::decode::<Pong>(&bytes) {
             Ok(pong) => {
+                let asked = own.rounds().iter().find(|(round, _)| *round == pong.round).map(|(_, at)| *at);
+                if let Some(asked) = asked.filter(|_| pong.to_boot == own.boot) {
+                    session.note_round_trip(&pong.session, clock::now() - asked);
+                }
                 if sink.send(Arrival::Input(Input::Pong(Box::new(pong)))).await.is_err() {
                     return;
                 }
@@ -217,12 +235,19 @@ async fn hear_presence(mut watch: Watch, sink: Sender<Arrival>) {
     }
 }
 
-async fn hear_calls(mut calls: Server, sink: Sender<Arrival>) {
+async fn hear_calls(mut calls: Server, session: Arc<Session>, sink: Sender<Arrival>) {
     let (mut number, mut answering) = (0, JoinSet::new());
-    while let Some(request) = calls.next().await {
+    while let Some(mut request) = calls.next().await {
         while answering.try_join_next().is_some() {}
         number += 1;
         match codec::decode::<Request>(&request.payload()) {
+            Ok(Request::Unlinked) => match codec::encode(&Answer::Unlinked(session.unlinked())) {
+                Ok(bytes) => {
+                    request.reply(bytes);
+                    request.finish();
+                }
+                Err(error) => request.refuse(&format!("the answer cannot be written: {error}")),
+            },
             Ok(asked) => {
                 let (caller, to_send) = answers();
                 answering.spawn(reply(request, to_send));

@@ -318,6 +318,8 @@ pub enum Request {
         /// The deployment, which may be over.
         deployment: Deployment,
     },
+    /// Answered by [`Answer::Unlinked`].
+    Unlinked,
 }
 
 /// An element of the answer to a [`Request`].
@@ -344,6 +346,8 @@ pub enum Answer {
         /// What its program wrote.
         bytes: Vec<u8>,
     },
+    /// To `Unlinked`: who or where is dialled and not linked, and why, for a person.
+    Unlinked(Vec<(String, String)>),
 }
 
 /// The question whether a node is there, to all others.

@@ -71,6 +71,11 @@ impl Network {
         }
     }
 
+    /// Changes something of a host's own interfaces, as `ip` does.
+    pub fn set(&self, number: usize, arguments: &str) {
+        ip(&format!("-n {} {arguments}", self.namespace(number)));
+    }
+
     fn make(&self) {
         let bridge = format!("{}b", self.name);
         ip(&format!("-n {bridge} link add br0 type bridge"));

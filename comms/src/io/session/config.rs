@@ -4,25 +4,17 @@ use super::OpenError;
 use std::path::Path;
 use zenoh::Config;
 
-/// The multicast group on which nodes find each other: DCA's own, so that other zenoh programs stay apart.
-const MULTICAST_GROUP: &str = "224.0.0.231:7999";
+/// How long a session is silent before its peer gives it up: longer than the longest way there and back, which is 3 s, since
+/// a peer hears nothing in that time when a link is new. What is cut is noticed earlier, see `patience`.
+const LEASE_MS: u32 = 5000;
 /// The longest path of a Unix socket. Source: unix(7), `sun_path` less its final zero.
 const SOCKET_PATH_SIZE_MAX: usize = 107;
 
-/// How many connections may be open that have not said who they are; zenoh's own 100 are gone in a moment.
-const ACCEPT_PENDING_MAX: &str = "4096";
+/// How many connections may be open that have not said who they are, each for up to 7 s; zenoh's own 100 are gone in a moment.
+const ACCEPT_PENDING_MAX: &str = "28672";
 
 /// A zenoh configuration under construction.
 pub(crate) struct Settings(Config);
-
-/// What a session does about others that it has not been told of.
-pub(super) enum Scouting {
-    Off,
-    /// Answers and asks.
-    On,
-    /// Asks only.
-    Ask,
-}
 
 impl Settings {
     fn new(mode: &str, lease_ms: u32) -> Self {
@@ -35,31 +27,35 @@ impl Settings {
             .set("connect/exit_on_failure", "false")
             .set("connect/retry", "{ period_init_ms: 100, period_max_ms: 500, period_increase_factor: 1.5 }")
             .set("open/return_conditions/connect_scouted", "false")
+            // Nodes are found by `nearby`: zenoh knows the interfaces that were there when it began, and IPv4.
+            .set("scouting/delay", "0")
+            .set("scouting/multicast/enabled", "false")
             .set("transport/link/tx/lease", &lease_ms.to_string())
-            .set("transport/link/tx/keep_alive", "4")
+            // A word each 250 ms: the system sees soon that it does not arrive.
+            .set("transport/link/tx/keep_alive", &(lease_ms / 250).to_string())
             // Who connects and says nothing must not keep out who comes next.
             .set("transport/unicast/accept_pending", ACCEPT_PENDING_MAX)
-            // A machine that starts many programs at once is slow to answer; a radio that is gone never answers.
-            .set("transport/unicast/open_timeout", "1000")
-            .set("transport/unicast/accept_timeout", "1000")
+            // Three ways of 3 s there and back, and two for who accepts. A place that does not answer at all is not dialled, see
+            // `reach`.
+            .set("transport/unicast/open_timeout", "10000")
+            .set("transport/unicast/accept_timeout", "7000")
     }
 
     /// A node: a peer in the clique of all nodes.
-    pub(super) fn node(scouting: Scouting) -> Self {
-        Self::new("peer", 1000).scouting(scouting)
+    pub(super) fn node() -> Self {
+        // On a radio of 50 kbit/s the longest of its messages still comes within a lease: a part of one is no sign of life.
+        Self::new("peer", LEASE_MS).set("transport/link/tx/batch_size", "16384")
     }
 
     /// A controller's data session: it finds nobody and is found by nobody.
     pub(crate) fn data() -> Self {
-        // Programs of one host notice a crash by the closed socket; the lease is for cut links, and is not so short that
-        // a busy machine looks like one.
-        Self::new("peer", 2000).scouting(Scouting::Off)
+        // Programs of one host notice a crash by the closed socket; the lease is for cut links.
+        Self::new("peer", LEASE_MS)
     }
 
     /// A command line, through the node at `locator`.
     pub(super) fn client(locator: &str) -> Self {
         Self::new("client", 1000)
-            .scouting(Scouting::Off)
             .set("connect/timeout_ms", "0")
             .set("connect/exit_on_failure", "true")
             .set("connect/endpoints", &list(&[locator.to_owned()]))
@@ -71,26 +67,6 @@ impl Settings {
 
     pub(super) fn connect(self, locators: &[String]) -> Self {
         self.set("connect/endpoints", &list(locators))
-    }
-
-    /// Waits in `open` for the first peers that scouting finds, or for this long.
-    pub(super) fn await_peers(self, millis: u32) -> Self {
-        self.set("open/return_conditions/connect_scouted", "true").set("scouting/delay", &millis.to_string())
-    }
-
-    fn scouting(self, scouting: Scouting) -> Self {
-        let (enabled, listen) = match scouting {
-            Scouting::Off => ("false", "false"),
-            Scouting::On => ("true", "true"),
-            Scouting::Ask => ("true", "false"),
-        };
-        self.set("scouting/delay", "0")
-            .set("scouting/multicast/enabled", enabled)
-            .set("scouting/multicast/listen", listen)
-            .text("scouting/multicast/address", MULTICAST_GROUP)
-            // Both sides dial what they find. With `greater-zid` a newcomer with a smaller id would have to wait until
-            // the others ask again, which is up to 8 s.
-            .set("scouting/multicast/autoconnect", "{ peer: [\"peer\"] }")
     }
 
     fn text(self, key: &str, value: &str) -> Self {
@@ -149,9 +125,8 @@ mod tests {
     #[test]
     fn every_setting_is_known_to_zenoh() {
         let locators = ["unixsock-stream//run/a \"quoted\" \\ path".to_owned()];
-        let settings = Settings::node(Scouting::On).listen(&locators).connect(&locators);
+        let settings = Settings::node().listen(&locators).connect(&locators);
         assert!(settings.into_config().to_string().contains("a \\\"quoted\\\" \\\\ path"));
-        Settings::node(Scouting::Ask).await_peers(300);
         Settings::client("unixsock-stream//run/x");
         Settings::data();
     }

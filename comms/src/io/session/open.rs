@@ -1,16 +1,19 @@
 //! The only place that opens zenoh, and the only one that uses its `internal` interface: a session on a runtime of our
 //! own, which can dial a peer at any time.
 
-use super::OpenError;
 use super::config::Settings;
+use super::nearby::{self, Heard, Own};
+use super::{OpenError, patience, reach};
 use crate::io::queue::{self, Receiver, Sender};
 use crate::logic::port::{Policy, Pushed};
 use rustix::io::{FdFlags, fcntl_setfd};
 use std::collections::{BTreeMap, BTreeSet};
+use std::net::SocketAddr;
 use std::os::fd::BorrowedFd;
 use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
+use tokio::sync::watch;
 use tokio::task::JoinSet;
 use zenoh::Wait;
 use zenoh::config::{Locator, ZenohId};
@@ -22,9 +25,13 @@ use zenoh::session::{LinkEvent, TransportEvent};
 const RETRY_MIN: Duration = Duration::from_millis(100);
 /// and half as much again each time, to here.
 const RETRY_MAX: Duration = Duration::from_millis(500);
-/// How long a node that scouting found is dialled where it was; after that only scouting finds it, which takes up to 8 s
-/// more. A node that was started again listens elsewhere.
+/// How long a node that was found is dialled where it was heard last. It is heard every few seconds while it can be reached; one
+/// that was started again listens elsewhere.
 const FOUND_AGAIN_WITHIN: Duration = Duration::from_secs(60);
+/// How often a place is looked at that zenoh dials by itself.
+const LOOK_EVERY: Duration = Duration::from_secs(2);
+/// Of how many places one session is dialled at.
+const PLACES_MAX: usize = 4;
 /// Links made and lost that have not been looked at yet. More can only be made or lost by a process with more peers than that.
 const CHANGES_MAX: usize = 1024;
 
@@ -33,8 +40,20 @@ pub(crate) struct Opened {
     pub(crate) session: zenoh::Session,
     runtime: Runtime,
     links: Arc<Mutex<Links>>,
-    keeper: tokio::task::JoinHandle<()>,
+    tasks: Vec<tokio::task::JoinHandle<()>>,
     to_keeper: Arc<Sender<Change>>,
+    addresses: watch::Receiver<Vec<String>>,
+}
+
+/// Whether a session looks for nodes on the network, and whether they find it.
+#[derive(Clone, Debug)]
+pub(crate) enum Search {
+    /// It knows whom it was told of, alone.
+    Off,
+    /// It looks.
+    Ask,
+    /// It looks, and is found: its name, and its TCP port.
+    Found(String, u16),
 }
 
 /// Which peers are dialled again when their links are lost.
@@ -42,14 +61,14 @@ pub(crate) struct Opened {
 pub(crate) enum Redial {
     /// Those that the session was told to dial.
     Told,
-    /// Also those that scouting found: scouting itself asks only every 8 s.
+    /// Also those that were found.
     Found,
 }
 
 /// What the keeper hears of.
 enum Change {
     /// A TCP link was made.
-    Made { session: String, from: Locator, to: Locator },
+    Made { session: String, from: SocketAddr, to: Locator },
     /// A link was lost, or is to be made.
     Wanted(String),
 }
@@ -62,6 +81,14 @@ struct Links {
     standing: BTreeSet<String>,
     /// Those that are dialled again when they are lost.
     kept: BTreeMap<String, Place>,
+    /// Those that the keeper dials right now.
+    dialling: BTreeSet<String>,
+    /// The two ends of each TCP link, and how long it may be silent, where that was said.
+    ends: BTreeMap<String, (patience::Ends, Duration)>,
+    /// Names of sessions that have said them.
+    names: BTreeMap<String, String>,
+    /// Why there is no link, for a person.
+    troubles: BTreeMap<String, String>,
 }
 
 /// Where to dial a session again.
@@ -80,7 +107,7 @@ impl std::fmt::Debug for Opened {
 
 impl Opened {
     /// Opens a session. Blocks; must not be called from a task.
-    pub(crate) fn open(settings: Settings, redial: Redial) -> Result<Self, OpenError> {
+    pub(crate) fn open(settings: Settings, redial: Redial, search: Search) -> Result<Self, OpenError> {
         let failed = |cause: zenoh::Error| OpenError::Zenoh { cause: plain(&cause) };
         let building = async { RuntimeBuilder::new(settings.into_config()).build().await };
         let mut runtime = ZRuntime::Net.block_in_place(building).map_err(failed)?;
@@ -96,14 +123,74 @@ impl Opened {
             }
         }
         // After it has started: only then it is known where it listens.
-        let keeper = ZRuntime::Net.spawn(keep(runtime.clone(), Arc::clone(&links), changes));
-        let opened = Self { session, runtime, links, keeper, to_keeper };
+        let port = if let Search::Found(_, port) = search { Some(port) } else { None };
+        let keeper = ZRuntime::Net.spawn(keep(runtime.clone(), port, Arc::clone(&links), changes));
+        let (addresses_tx, addresses) = watch::channel(Vec::new());
+        let id = session.zid().to_string();
+        let own = match &search {
+            Search::Found(name, port) => Some(Own { session: id.clone(), name: name.clone(), port: *port }),
+            Search::Off | Search::Ask => None,
+        };
+        let heard = hears(id, Arc::clone(&links), Arc::clone(&to_keeper));
+        let looking = (!matches!(search, Search::Off)).then(|| nearby::look(own, addresses_tx, heard));
+        let looking = looking.map(|looking| ZRuntime::Net.spawn(looking));
+        let tasks = [keeper].into_iter().chain(looking).collect();
+        let opened = Self { session, runtime, links, tasks, to_keeper, addresses };
         match started {
             Ok(()) => Ok(opened),
             Err(cause) => {
                 opened.close();
                 Err(failed(cause))
             }
+        }
+    }
+
+    /// Returns the addresses at which this machine can be found now, and hears of every change.
+    pub(crate) fn addresses(&self) -> watch::Receiver<Vec<String>> {
+        self.addresses.clone()
+    }
+
+    /// Returns whether there is any link.
+    pub(crate) fn is_linked(&self) -> bool {
+        !lock(&self.links).standing.is_empty()
+    }
+
+    /// Returns who is dialled and not linked: who or where, and why, for a person.
+    pub(crate) fn unlinked(&self) -> Vec<(String, String)> {
+        let links = lock(&self.links);
+        let missing = links.kept.iter().filter(|(session, _)| !links.standing.contains(*session));
+        let told = missing.map(|(session, place)| {
+            let places = || place.locators.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
+            let who = links.names.get(session).cloned().unwrap_or_else(places);
+            (who, links.troubles.get(session).cloned().unwrap_or_else(|| "it is being dialled".to_owned()))
+        });
+        let own = links.troubles.iter().filter(|(who, _)| !links.kept.contains_key(*who));
+        told.chain(own.map(|(who, why)| (who.clone(), why.clone()))).collect()
+    }
+
+    /// Lets the link to a session carry nothing for so long before it is given up, rather than for a whole lease.
+    pub(crate) fn set_patience(&self, session: &str, patience: Duration) {
+        let ends = {
+            let mut links = lock(&self.links);
+            let known = links.ends.get_mut(session).filter(|(_, before)| *before != patience);
+            known.map(|(ends, before)| {
+                *before = patience;
+                *ends
+            })
+        };
+        if ends.is_some_and(|ends| !patience::set(ends, patience)) {
+            tracing::debug!(session, "the socket of a link was not found");
+        }
+    }
+
+    /// Notes, as long as this session lives, why nodes that it was told of are not linked. Zenoh dials them itself, and says
+    /// nothing.
+    pub(crate) fn watch_told(&mut self, locators: &[String]) {
+        let locators = locators.iter().filter_map(|locator| locator.parse::<Locator>().ok());
+        let places: Vec<Locator> = locators.filter(|locator| locator.protocol().as_str() == "tcp").collect();
+        for place in places {
+            let links = Arc::clone(&self.links);
+            self.tasks.push(ZRuntime::Net.spawn(watch_place(place, links)));
         }
     }
 
@@ -132,7 +219,7 @@ impl Opened {
         // Before the first attempt, so that a link lost right after it is noticed.
         let place = Place { locators: locators.clone(), within: None };
         lock(&self.links).kept.insert(session.to_owned(), place);
-        let connecting = connect(&self.runtime, &self.links, id, &locators);
+        let connecting = connect(&self.runtime, &self.links, id);
         let linked = ZRuntime::Net.block_in_place(async { tokio::time::timeout(within, connecting).await });
         linked.map_err(|_elapsed| {
             self.forget(session);
@@ -162,7 +249,7 @@ impl Opened {
 
     /// Closes the session. Blocks for up to 20 s when a peer has vanished without a word.
     pub(crate) fn close(self) {
-        self.keeper.abort();
+        self.tasks.iter().for_each(tokio::task::JoinHandle::abort);
         for closed in [self.session.close().wait(), self.runtime.close().wait()] {
             closed.unwrap_or_else(|error| tracing::debug!(%error, "a session did not close"));
         }
@@ -176,12 +263,14 @@ fn watch_links(
     links: &Arc<Mutex<Links>>,
     to_keeper: &Arc<Sender<Change>>,
 ) -> zenoh::Result<()> {
-    let (links, lost) = (Arc::clone(links), Arc::clone(to_keeper));
+    let (noted, links, lost) = (links, Arc::clone(links), Arc::clone(to_keeper));
     let on_transport = move |event: TransportEvent| {
         let session = event.transport().zid().to_string();
         match event.kind() {
             SampleKind::Put => {
-                lock(&links).standing.insert(session);
+                let mut links = lock(&links);
+                links.troubles.remove(&session);
+                links.standing.insert(session);
             }
             SampleKind::Delete => {
                 lock(&links).standing.remove(&session);
@@ -191,22 +280,53 @@ fn watch_links(
     };
     let info = session.info();
     info.transport_events_listener().history(true).callback(on_transport).background().wait()?;
-    if redial == Redial::Told {
-        return Ok(());
-    }
-    let made = Arc::clone(to_keeper);
+    let (made, ends) = (Arc::clone(to_keeper), Arc::clone(noted));
     let on_link = move |event: LinkEvent| {
         let link = event.link();
-        if event.kind() == SampleKind::Put && link.dst().protocol().as_str() == "tcp" {
-            let (from, to) = (link.src().clone(), link.dst().clone());
-            made.push(Change::Made { session: link.zid().to_string(), from, to });
+        let session = link.zid().to_string();
+        let Some(both) = address(link.src()).zip(address(link.dst())) else { return };
+        if event.kind() == SampleKind::Delete {
+            lock(&ends).ends.remove(&session);
+            return;
+        }
+        lock(&ends).ends.insert(session.clone(), (both, Duration::ZERO));
+        if redial == Redial::Found {
+            made.push(Change::Made { session, from: both.0, to: link.dst().clone() });
         }
     };
     info.link_events_listener().history(true).callback(on_link).background().wait()
 }
 
-/// Dials kept peers again as their links are lost, until the session closes.
-async fn keep(runtime: Runtime, links: Arc<Mutex<Links>>, mut changes: Receiver<Change>) {
+/// Returns the address of a TCP locator.
+fn address(locator: &Locator) -> Option<SocketAddr> {
+    locator.address().as_str().parse().ok().filter(|_| locator.protocol().as_str() == "tcp")
+}
+
+/// Dials whoever says that it is there.
+fn hears(own: String, links: Arc<Mutex<Links>>, to_keeper: Arc<Sender<Change>>) -> impl Fn(Heard) {
+    move |Heard { session, name, at }| {
+        let Ok(locator) = format!("tcp/{at}").parse::<Locator>() else { return };
+        let mut noted = lock(&links);
+        let is_known = noted.kept.contains_key(&session);
+        if session == own || session.parse::<ZenohId>().is_err() || (!is_known && noted.kept.len() >= CHANGES_MAX) {
+            return;
+        }
+        noted.names.insert(session.clone(), name);
+        let within = Some(FOUND_AGAIN_WITHIN);
+        let place = noted.kept.entry(session.clone()).or_insert_with(|| Place { locators: Vec::new(), within });
+        // What was heard last comes first.
+        place.locators.retain(|other| *other != locator);
+        place.locators.insert(0, locator);
+        place.locators.truncate(PLACES_MAX);
+        if !noted.standing.contains(&session) && !noted.dialling.contains(&session) {
+            drop(noted);
+            to_keeper.push(Change::Wanted(session));
+        }
+    }
+}
+
+/// Dials kept peers again as their links are lost, until the session closes. `port` is where it listens itself.
+async fn keep(runtime: Runtime, port: Option<u16>, links: Arc<Mutex<Links>>, mut changes: Receiver<Change>) {
     let mut dialling = JoinSet::new();
     loop {
         let change = tokio::select! {
@@ -217,7 +337,7 @@ async fn keep(runtime: Runtime, links: Arc<Mutex<Links>>, mut changes: Receiver<
             None => return,
             Some(Change::Made { session, from, to }) => {
                 // The other side of a link that we accepted listens elsewhere, and dials us.
-                if !runtime.get_locators().contains(&from) {
+                if port != Some(from.port()) {
                     let place = Place { locators: vec![to], within: Some(FOUND_AGAIN_WITHIN) };
                     lock(&links).kept.entry(session).or_insert(place);
                 }
@@ -227,17 +347,26 @@ async fn keep(runtime: Runtime, links: Arc<Mutex<Links>>, mut changes: Receiver<
         };
         let Some(place) = lock(&links).kept.get(&session).cloned() else { continue };
         let Ok(id) = session.parse() else { continue };
-        tracing::debug!(session, "link lost, dialling again");
+        if !lock(&links).dialling.insert(session.clone()) {
+            continue;
+        }
+        tracing::debug!(session, "no link, dialling");
         let (runtime, links) = (runtime.clone(), Arc::clone(&links));
         dialling.spawn(async move {
-            let connecting = connect(&runtime, &links, id, &place.locators);
-            match place.within {
-                None => connecting.await,
-                Some(within) => {
-                    if tokio::time::timeout(within, connecting).await.is_err() {
-                        lock(&links).kept.remove(&session);
-                    }
+            let connecting = connect(&runtime, &links, id);
+            let over = match place.within {
+                None => {
+                    connecting.await;
+                    false
                 }
+                Some(within) => tokio::time::timeout(within, connecting).await.is_err(),
+            };
+            if over {
+                let mut links = lock(&links);
+                links.dialling.remove(&session);
+                links.kept.remove(&session);
+                links.troubles.remove(&session);
+                links.names.remove(&session);
             }
         });
     }
@@ -245,23 +374,72 @@ async fn keep(runtime: Runtime, links: Arc<Mutex<Links>>, mut changes: Receiver<
 
 /// Dials until the link stands, or is not to be kept any more. Two at a time for one peer do no harm: zenoh lets one
 /// through.
-async fn connect(runtime: &Runtime, links: &Mutex<Links>, id: ZenohId, locators: &[Locator]) {
+async fn connect(runtime: &Runtime, links: &Mutex<Links>, id: ZenohId) {
     let (session, mut wait) = (id.to_string(), RETRY_MIN);
     loop {
-        // What it says is old news when a link has just been lost; the events decide.
-        // It goes on to its end, whoever waits: what is cut short counts as being dialled for ever, and is dialled no more.
-        let (dialling, locators) = (runtime.clone(), locators.to_vec());
-        let attempt = ZRuntime::Net.spawn(async move { dialling.connect_peer(&id.into(), &locators).await });
-        attempt.await.unwrap_or_default();
-        let over = {
-            let links = lock(links);
-            links.standing.contains(&session) || !links.kept.contains_key(&session)
+        let place = {
+            let mut links = lock(links);
+            let kept = links.kept.get(&session).map(|place| place.locators.clone());
+            let place = kept.filter(|_| !links.standing.contains(&session));
+            if place.is_none() {
+                // With the same look: a link that is lost from here on is told to the keeper, who has to find nobody dialling.
+                links.dialling.remove(&session);
+            }
+            place
         };
-        if over || runtime.is_closed() {
-            return;
+        let Some(locators) = place.filter(|_| !runtime.is_closed()) else { return };
+        let attempted = attempt(runtime, id, &locators).await;
+        {
+            let mut links = lock(links);
+            if links.standing.contains(&session) {
+                continue;
+            }
+            // The event that a link stands may be a moment late.
+            if let Err(why) = attempted {
+                links.troubles.insert(session.clone(), why);
+            }
         }
         tokio::time::sleep(wait.mul_f64(jitter())).await;
         wait = RETRY_MAX.min(wait.mul_f64(1.5));
+    }
+}
+
+/// Tries once to make a link. Says why there is none, for a person.
+async fn attempt(runtime: &Runtime, id: ZenohId, locators: &[Locator]) -> Result<(), String> {
+    let (locator, took) = reach::first(locators).await?;
+    let place = locator.address().as_str().to_owned();
+    // It goes on to its end, whoever waits: what is cut short counts as being dialled for ever, and is dialled no more.
+    let runtime = runtime.clone();
+    let making = ZRuntime::Net.spawn(async move { runtime.connect_peer(&id.into(), &[locator]).await });
+    match making.await {
+        Ok(true) => Ok(()),
+        Ok(false) | Err(_) => Err(format!("{place} answers after {} ms, and makes no link", took.as_millis())),
+    }
+}
+
+/// Notes why a place that zenoh dials by itself is not linked.
+async fn watch_place(place: Locator, links: Arc<Mutex<Links>>) {
+    let name = place.to_string();
+    loop {
+        let resolved: Vec<SocketAddr> = match tokio::net::lookup_host(place.address().as_str()).await {
+            Ok(addresses) => addresses.collect(),
+            Err(_unknown) => Vec::new(),
+        };
+        let is_linked = || lock(&links).ends.values().any(|((_, there), _)| resolved.contains(there));
+        let trouble = if is_linked() {
+            None
+        } else {
+            let why = match reach::first(std::slice::from_ref(&place)).await {
+                Ok((_, took)) => format!("it answers after {} ms, and makes no link", took.as_millis()),
+                Err(why) => why,
+            };
+            Some(why).filter(|_| !is_linked())
+        };
+        match trouble {
+            Some(why) => lock(&links).troubles.insert(name.clone(), why),
+            None => lock(&links).troubles.remove(&name),
+        };
+        tokio::time::sleep(LOOK_EVERY).await;
     }
 }
 
@@ -289,13 +467,6 @@ fn keep_from_children(lock: &str) {
     }
 }
 
-/// Returns the addresses of this host on which others can reach it: the IPv4 address of each interface that is up and
-/// takes part in multicast. They are read once per process.
-pub(crate) fn addresses() -> Vec<String> {
-    let addresses = Runtime::get_interfaces("auto");
-    addresses.iter().filter(|address| !address.is_unspecified()).map(ToString::to_string).collect()
-}
-
 /// Returns zenoh's words without the places in its source that it adds.
 pub(crate) fn plain(cause: &zenoh::Error) -> String {
     let text = cause.to_string();
@@ -310,7 +481,7 @@ fn lock(links: &Mutex<Links>) -> MutexGuard<'_, Links> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::config::{Scouting, unix_locator};
+    use super::super::config::unix_locator;
     use super::*;
     use std::sync::mpsc::sync_channel;
 
@@ -319,10 +490,10 @@ mod tests {
     fn the_loss_of_the_very_first_link_is_heard() {
         let path = std::env::temp_dir().join(format!("dca-open-{}.sock", std::process::id()));
         let locator = unix_locator(&path).unwrap();
-        let listening = Settings::node(Scouting::Off).listen(std::slice::from_ref(&locator));
-        let node = Opened::open(listening, Redial::Found).unwrap();
+        let listening = Settings::node().listen(std::slice::from_ref(&locator));
+        let node = Opened::open(listening, Redial::Found, Search::Off).unwrap();
         // A client is linked before it is open.
-        let client = Opened::open(Settings::client(&locator), Redial::Told).unwrap();
+        let client = Opened::open(Settings::client(&locator), Redial::Told, Search::Off).unwrap();
         let (events_tx, events) = sync_channel(4);
         let on_event = move |event: TransportEvent| {
             events_tx.try_send((event.kind(), event.transport().zid().to_string())).unwrap();
@@ -343,8 +514,9 @@ mod tests {
         let silent = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
         let path = std::env::temp_dir().join(format!("dca-again-{}.sock", std::process::id()));
         let locator = unix_locator(&path).unwrap();
-        let node = Opened::open(Settings::data().listen(std::slice::from_ref(&locator)), Redial::Told).unwrap();
-        let other = Opened::open(Settings::data(), Redial::Told).unwrap();
+        let node =
+            Opened::open(Settings::data().listen(std::slice::from_ref(&locator)), Redial::Told, Search::Off).unwrap();
+        let other = Opened::open(Settings::data(), Redial::Told, Search::Off).unwrap();
         let wrong = format!("tcp/{}", silent.local_addr().unwrap());
         let said = other.dial(&node.id(), &[wrong], Duration::from_millis(200));
         assert!(said.is_err_and(|why| why.starts_with("nobody answers")));

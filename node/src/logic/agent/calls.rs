@@ -49,6 +49,7 @@ impl Agent {
                 None => answer(call, Answer::Refused(format!("`{deployment}` is not known here")), out),
             },
             // The driver hands these to the database; an agent alone has none.
+            Request::Unlinked => answer(call, Answer::Unlinked(Vec::new()), out),
             Request::Database(_) | Request::Here { .. } => {
                 answer(call, Answer::Refused("this node has no database".to_owned()), out);
             }

@@ -1,0 +1,220 @@
+//! Finds the nodes of this network, and lets them find this one.
+//!
+//! Each node says now and then on every interface where it can be dialled, by multicast; whoever hears it dials the address
+//! that the datagram came from. Interfaces are looked at again all the time: what comes up later is used, what goes is left.
+//! Nothing here is believed: a datagram only proposes a place to dial.
+
+use super::interfaces::{self, Address};
+use crate::logic::codec;
+use crate::logic::nearby::Word;
+use socket2::{Domain, Protocol, Socket, Type};
+use std::collections::BTreeSet;
+use std::io;
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, SocketAddrV6};
+use std::time::Duration;
+use tokio::net::UdpSocket;
+use tokio::sync::watch;
+
+/// The port of the groups on which nodes find each other: DCA's own, so that other programs stay apart.
+const PORT: u16 = 7999;
+/// The group over IPv4.
+const GROUP_V4: Ipv4Addr = Ipv4Addr::new(224, 0, 0, 231);
+/// The group over IPv6, on one cable.
+const GROUP_V6: Ipv6Addr = Ipv6Addr::new(0xff02, 0, 0, 0, 0, 0, 0x0dca, 0x0231);
+/// How often interfaces are looked at.
+const LOOK_EVERY: Duration = Duration::from_secs(1);
+/// How often a node says that it is there: each second while something is new, else each so many seconds.
+const QUIET_EVERY: u32 = 3;
+/// For how many seconds something is new.
+const NEW_FOR: u32 = 10;
+/// The longest datagram.
+const SIZE_MAX: usize = 1024;
+
+/// Somebody who was heard.
+pub(crate) struct Heard {
+    pub(crate) session: String,
+    pub(crate) name: String,
+    pub(crate) at: SocketAddr,
+}
+
+/// What a node says of itself; who only looks says nothing.
+#[derive(Clone, Debug)]
+pub(crate) struct Own {
+    pub(crate) session: String,
+    pub(crate) name: String,
+    pub(crate) port: u16,
+}
+
+/// The sockets of one family of addresses: one hears the group, one speaks, and hears what is said to it alone.
+struct Family {
+    group: SocketAddr,
+    ears: UdpSocket,
+    mouth: UdpSocket,
+}
+
+/// Looks and is found, for ever.
+pub(crate) async fn look(own: Option<Own>, addresses: watch::Sender<Vec<String>>, heard: impl Fn(Heard)) {
+    let families: Vec<Family> = [Family::open(GROUP_V4.into()), Family::open(GROUP_V6.into())]
+        .into_iter()
+        .filter_map(|family| {
+            family.inspect_err(|error| tracing::debug!(%error, "a family of addresses is not used")).ok()
+        })
+        .collect();
+    let word = own.as_ref().map_or(Word::Ask, Own::word);
+    let Ok(word) = codec::encode(&word) else { return };
+    let (mut known, mut turn, mut new) = (BTreeSet::new(), 0, NEW_FOR);
+    let mut look = tokio::time::interval(LOOK_EVERY);
+    let (mut a, mut b) = ([0; SIZE_MAX], [0; SIZE_MAX]);
+    loop {
+        let (v4, v6) = (families.first(), families.get(1));
+        let datagram = tokio::select! {
+            _ = look.tick() => {
+                let found = interfaces::now();
+                if found != known {
+                    tell(&known, &found, own.is_some());
+                    families.iter().for_each(|family| family.follow(&known, &found));
+                    addresses.send_replace(found.iter().map(|address| address.ip.to_string()).collect());
+                    (known, new) = (found, NEW_FOR);
+                }
+                (turn, new) = ((turn + 1) % QUIET_EVERY, new.saturating_sub(1));
+                if new > 0 || turn == 0 {
+                    for family in &families {
+                        family.say(&known, &word).await;
+                    }
+                }
+                continue;
+            }
+            datagram = hear(v4, &mut a) => datagram,
+            datagram = hear(v6, &mut b) => datagram,
+        };
+        match datagram {
+            Some((Word::Here { session, name, port }, from)) => {
+                let mut at = from;
+                at.set_port(port);
+                heard(Heard { session, name, at });
+            }
+            Some((Word::Ask, from)) if own.is_some() => {
+                let family = families.iter().find(|family| family.group.is_ipv4() == from.is_ipv4());
+                if let Some(Err(error)) = family.map(|family| family.mouth.try_send_to(&word, from)) {
+                    tracing::debug!(%error, "somebody who looks for nodes is not answered");
+                }
+            }
+            Some((Word::Ask, _)) | None => {}
+        }
+    }
+}
+
+impl Own {
+    fn word(&self) -> Word {
+        Word::Here { session: self.session.clone(), name: self.name.clone(), port: self.port }
+    }
+}
+
+/// Tells people what is listened on now, and what no more.
+fn tell(before: &BTreeSet<Address>, now: &BTreeSet<Address>, is_node: bool) {
+    for (addresses, what) in [(now - before, "listening on"), (before - now, "no longer listening on")] {
+        for Address { name, ip, .. } in addresses.iter().filter(|_| is_node) {
+            tracing::info!("{what} {ip} ({name})");
+        }
+    }
+}
+
+/// Waits for a word; nothing is heard where there is no such family of addresses.
+async fn hear(family: Option<&Family>, buffer: &mut [u8; SIZE_MAX]) -> Option<(Word, SocketAddr)> {
+    let Some(family) = family else { return std::future::pending().await };
+    let mut own = [0; SIZE_MAX];
+    let (received, bytes) = tokio::select! {
+        received = family.ears.recv_from(buffer) => (received, &buffer[..]),
+        received = family.mouth.recv_from(&mut own) => (received, &own[..]),
+    };
+    match received {
+        Ok((size, from)) => Some((codec::decode(bytes.get(..size)?).ok()?, from)),
+        Err(error) => {
+            // Of a socket whose interface has gone; it goes on when there is one again.
+            tracing::debug!(%error, "nothing was heard");
+            tokio::time::sleep(LOOK_EVERY).await;
+            None
+        }
+    }
+}
+
+impl Family {
+    fn open(group: IpAddr) -> io::Result<Self> {
+        let (domain, any): (Domain, IpAddr) = match group {
+            IpAddr::V4(_) => (Domain::IPV4, Ipv4Addr::UNSPECIFIED.into()),
+            IpAddr::V6(_) => (Domain::IPV6, Ipv6Addr::UNSPECIFIED.into()),
+        };
+        let open = |at: SocketAddr| {
+            let socket = Socket::new(domain, Type::DGRAM, Some(Protocol::UDP))?;
+            socket.set_reuse_address(true)?;
+            if at.is_ipv6() {
+                socket.set_only_v6(true)?;
+            }
+            socket.bind(&at.into())?;
+            socket.set_nonblocking(true)?;
+            UdpSocket::from_std(socket.into())
+        };
+        // The group itself where the kernel allows that: then nothing else is heard.
+        let at = if group.is_ipv4() { group } else { any };
+        Ok(Self {
+            group: SocketAddr::new(group, PORT),
+            ears: open(SocketAddr::new(at, PORT))?,
+            mouth: open(SocketAddr::new(any, 0))?,
+        })
+    }
+
+    fn is_of(&self, address: &Address) -> bool {
+        address.ip.is_ipv4() == self.group.is_ipv4()
+    }
+
+    /// Joins the group on interfaces that are new, and leaves it on those that are gone.
+    fn follow(&self, before: &BTreeSet<Address>, now: &BTreeSet<Address>) {
+        let ears = socket2::SockRef::from(&self.ears);
+        for address in (before - now).iter().filter(|address| self.is_of(address)) {
+            let left = match address.ip {
+                IpAddr::V4(ip) => ears.leave_multicast_v4(&GROUP_V4, &ip),
+                IpAddr::V6(_) => ears.leave_multicast_v6(&GROUP_V6, address.index),
+            };
+            left.unwrap_or_else(|error| tracing::debug!(%error, ip = %address.ip, "not left"));
+        }
+        // All of them: what is left is left for the whole interface, which may have another address still.
+        for address in now.iter().filter(|address| self.is_of(address)) {
+            let joined = match address.ip {
+                IpAddr::V4(ip) => ears.join_multicast_v4(&GROUP_V4, &ip),
+                IpAddr::V6(_) => ears.join_multicast_v6(&GROUP_V6, address.index),
+            };
+            joined.unwrap_or_else(|error| tracing::debug!(%error, ip = %address.ip, "not joined, or joined before"));
+        }
+    }
+
+    /// Says something on every interface, from each address that it has there.
+    async fn say(&self, addresses: &BTreeSet<Address>, word: &[u8]) {
+        let mut said = BTreeSet::new();
+        for address in addresses.iter().filter(|address| self.is_of(address)) {
+            let mouth = socket2::SockRef::from(&self.mouth);
+            let (chosen, to) = match address.ip {
+                IpAddr::V4(ip) => (mouth.set_multicast_if_v4(&ip), self.group),
+                // The kernel takes the address that belongs to the cable, once.
+                IpAddr::V6(_) if !said.insert(address.index) => continue,
+                IpAddr::V6(_) => {
+                    let to = SocketAddrV6::new(GROUP_V6, PORT, 0, address.index);
+                    (mouth.set_multicast_if_v6(address.index), to.into())
+                }
+            };
+            let sent = match chosen {
+                Ok(()) => self.mouth.send_to(word, to).await.map(drop),
+                Err(error) => Err(error),
+            };
+            if let Err(error) = sent {
+                tracing::debug!(%error, ip = %address.ip, "nothing can be said on an interface");
+            }
+        }
+    }
+}
+
+/// Returns where a node listens with TCP: at every address that this machine has or will have, over both families where the
+/// kernel has both.
+pub(crate) fn everywhere() -> IpAddr {
+    let both = std::net::TcpListener::bind(SocketAddr::new(Ipv6Addr::UNSPECIFIED.into(), 0));
+    if both.is_ok() { Ipv6Addr::UNSPECIFIED.into() } else { Ipv4Addr::UNSPECIFIED.into() }
+}

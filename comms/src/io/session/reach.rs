@@ -1,0 +1,61 @@
+//! Which of several places answers, and how long that takes: asked before zenoh dials, which tries one after the other and
+//! waits long for each.
+
+use crate::io::clock::{now, sleep_until};
+use std::time::Duration;
+use tokio::net::TcpStream;
+use tokio::task::JoinSet;
+use tokio::time::timeout;
+use zenoh::config::Locator;
+
+/// How long a place has to answer: a round trip of 3 s, and a machine that is busy.
+const ANSWER_WITHIN: Duration = Duration::from_secs(4);
+/// How often it is asked anew meanwhile: a question that was lost is repeated by the system later and later.
+const ASK_EVERY: Duration = Duration::from_millis(500);
+
+/// Returns the first place that answers, and how long it took, or why none does, for a person. Places that are not asked
+/// over TCP count as answering.
+///
+/// # Cancellation
+/// Safe.
+pub(super) async fn first(locators: &[Locator]) -> Result<(Locator, Duration), String> {
+    if let Some(other) = locators.iter().find(|locator| locator.protocol().as_str() != "tcp") {
+        return Ok((other.clone(), Duration::ZERO));
+    }
+    let (began, mut asking, mut why) = (now(), JoinSet::new(), String::new());
+    let mut again = began;
+    loop {
+        tokio::select! {
+            biased;
+            Some(answer) = asking.join_next() => match answer {
+                Ok(Ok(found)) => return Ok(found),
+                // What is refused is refused; what is silent is asked again.
+                Ok(Err(cause)) if asking.is_empty() => return Err(cause),
+                Ok(Err(cause)) => why = cause,
+                Err(error) => why = error.to_string(),
+            },
+            () = sleep_until(again), if again < began + ANSWER_WITHIN => {
+                again = again + ASK_EVERY;
+                for locator in locators.iter().cloned() {
+                    asking.spawn(ask(locator));
+                }
+            }
+            else => return Err(why),
+        }
+    }
+}
+
+async fn ask(locator: Locator) -> Result<(Locator, Duration), String> {
+    let (began, address) = (now(), locator.address().as_str().to_owned());
+    match timeout(ANSWER_WITHIN, TcpStream::connect(&address)).await {
+        Ok(Ok(_)) => Ok((locator, now() - began)),
+        Ok(Err(cause)) => Err(format!("{address}: {}", plain(&cause))),
+        Err(_elapsed) => Err(format!("{address}: nobody answers within {ANSWER_WITHIN:?}")),
+    }
+}
+
+/// Returns the system's words without its number.
+fn plain(cause: &std::io::Error) -> String {
+    let text = cause.to_string();
+    text.split(" (os error").next().unwrap_or_default().to_lowercase()
+}

@@ -1,0 +1,32 @@
+//! When a node is ready: once it can be called by all who are to call it.
+
+use crate::io::peers::Peers;
+use comms::io::session::Reach;
+use std::time::Duration;
+use tokio::sync::watch;
+use tokio::task::JoinSet;
+
+/// How soon interfaces that are up have been found.
+const FOUND_WITHIN: Duration = Duration::from_millis(500);
+
+/// Says that the node is ready, which it is not before others can find it, if they are to.
+pub fn announce(peers: &Peers, reach: Reach, ready: watch::Sender<bool>, tasks: &mut JoinSet<()>) {
+    if reach == Reach::Host {
+        ready.send_replace(true);
+        return;
+    }
+    let mut addresses = peers.session().addresses();
+    tasks.spawn(async move {
+        let waiting = addresses.wait_for(|addresses| !addresses.is_empty());
+        let found = tokio::time::timeout(FOUND_WITHIN, waiting).await.map(|found| found.is_ok());
+        let found = if let Ok(found) = found {
+            found
+        } else {
+            tracing::warn!("no network interface is up: others cannot reach this node until one is");
+            addresses.wait_for(|addresses| !addresses.is_empty()).await.is_ok()
+        };
+        if found {
+            ready.send_replace(true);
+        }
+    });
+}
