@@ -380,6 +380,24 @@ fn one_place_builds_keys() {
 }
 
 #[test]
+fn no_two_messages_are_of_one_kind() {
+    let (mut seen, mut wrong) = (BTreeSet::new(), Vec::new());
+    for source in sources().iter().filter(|source| source.is_shipped()) {
+        for (number, line) in source.code(Strings::Emptied) {
+            let Some((_, kind)) = line.split_once("const KIND: ").filter(|(_, kind)| kind.contains('=')) else {
+                continue;
+            };
+            let is_of_the_table = kind.starts_with("Kind = Kind::");
+            if !is_of_the_table || !seen.insert(kind.to_owned()) {
+                wrong.push(format!("{}:{number}: {}", source.path, line.trim()));
+            }
+        }
+    }
+    check("a kind of message is a name of the table in comms/src/logic/codec.rs, and of one type", &wrong);
+    assert!(seen.len() > 10, "{seen:?}");
+}
+
+#[test]
 fn no_destructor_kills() {
     let mut wrong = Vec::new();
     for source in sources().iter().filter(|source| source.is_shipped()) {

@@ -17,10 +17,46 @@ const MAGIC: [u8; 2] = *b"DC";
 /// The bytes before the message.
 pub const HEADER_SIZE: usize = 6;
 
+/// Every kind of message, by its number on the wire: the compiler refuses a number that is taken. Append only; 1..99 are messages
+/// of this crate, 100.. of nodes, 200.. of others.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u16)]
+pub enum Kind {
+    /// [`Order`].
+    Order = 1,
+    /// [`Notice`].
+    Notice = 2,
+    /// [`Signals`].
+    Signals = 3,
+    /// [`Peaks`].
+    Peaks = 4,
+    /// [`Word`](crate::logic::nearby::Word): a datagram by which nodes find each other.
+    Word = 5,
+    /// A frame of the ordered link between two nodes.
+    Frame = 100,
+    /// A request to a node.
+    Request = 101,
+    /// An element of the answer to a request.
+    Answer = 102,
+    /// A message between two replicas of the database.
+    Letter = 103,
+    /// The answer to a ping.
+    Pong = 104,
+    /// The question whether a node is there.
+    Ping = 105,
+}
+
+impl Kind {
+    /// Returns its number on the wire.
+    pub const fn number(self) -> u16 {
+        self as u16
+    }
+}
+
 /// A message that travels in an envelope.
 pub trait Enveloped: Serialize + DeserializeOwned {
-    /// Its number, unique in DCA: 1..99 belong to this crate, 100.. to nodes, 200.. to others.
-    const KIND: u16;
+    /// What it is: no other message has the same.
+    const KIND: Kind;
     /// Its version: a change that older readers cannot read needs a new one.
     const VERSION: u16;
     /// The most bytes a message may have, envelope included.
@@ -28,23 +64,23 @@ pub trait Enveloped: Serialize + DeserializeOwned {
 }
 
 impl Enveloped for Order {
-    const KIND: u16 = 1;
+    const KIND: Kind = Kind::Order;
     const VERSION: u16 = control::VERSION;
 }
 
 impl Enveloped for Notice {
-    const KIND: u16 = 2;
+    const KIND: Kind = Kind::Notice;
     const VERSION: u16 = control::VERSION;
 }
 
 impl Enveloped for Signals {
-    const KIND: u16 = 3;
+    const KIND: Kind = Kind::Signals;
     const VERSION: u16 = 1;
     const SIZE_MAX: usize = 64 << 10;
 }
 
 impl Enveloped for Peaks {
-    const KIND: u16 = 4;
+    const KIND: Kind = Kind::Peaks;
     const VERSION: u16 = 1;
     const SIZE_MAX: usize = 64 << 10;
 }
@@ -101,8 +137,9 @@ pub fn encode<T: Enveloped>(message: &T) -> Result<Vec<u8>, CodecError> {
     let mut bytes = Vec::with_capacity(64);
     bytes.extend(MAGIC);
     bytes.extend(T::VERSION.to_le_bytes());
-    bytes.extend(T::KIND.to_le_bytes());
-    let bytes = postcard::to_extend(message, bytes).map_err(|cause| CodecError::Body { kind: T::KIND, cause })?;
+    bytes.extend(T::KIND.number().to_le_bytes());
+    let bytes =
+        postcard::to_extend(message, bytes).map_err(|cause| CodecError::Body { kind: T::KIND.number(), cause })?;
     check_size::<T>(bytes.len())?;
     Ok(bytes)
 }
@@ -114,9 +151,9 @@ pub fn encode<T: Enveloped>(message: &T) -> Result<Vec<u8>, CodecError> {
 pub fn decode<T: Enveloped>(bytes: &[u8]) -> Result<T, CodecError> {
     let (version, body) = open::<T>(bytes)?;
     if version != T::VERSION {
-        return Err(CodecError::Version { kind: T::KIND, expected: T::VERSION, found: version });
+        return Err(CodecError::Version { kind: T::KIND.number(), expected: T::VERSION, found: version });
     }
-    let body_error = |cause| CodecError::Body { kind: T::KIND, cause };
+    let body_error = |cause| CodecError::Body { kind: T::KIND.number(), cause };
     match postcard::take_from_bytes(body).map_err(body_error)? {
         (message, []) => Ok(message),
         _ => Err(body_error(postcard::Error::DeserializeBadEncoding)),
@@ -148,15 +185,15 @@ fn open<T: Enveloped>(bytes: &[u8]) -> Result<(u16, &[u8]), CodecError> {
         return Err(CodecError::Foreign);
     }
     let found = u16::from_le_bytes([kind_low, kind_high]);
-    if found != T::KIND {
-        return Err(CodecError::Kind { expected: T::KIND, found });
+    if found != T::KIND.number() {
+        return Err(CodecError::Kind { expected: T::KIND.number(), found });
     }
     Ok((u16::from_le_bytes(version), body))
 }
 
 fn check_size<T: Enveloped>(size: usize) -> Result<(), CodecError> {
     if size > T::SIZE_MAX {
-        return Err(CodecError::TooLong { kind: T::KIND, size, size_max: T::SIZE_MAX });
+        return Err(CodecError::TooLong { kind: T::KIND.number(), size, size_max: T::SIZE_MAX });
     }
     Ok(())
 }

@@ -1,6 +1,6 @@
 //! What nodes of one network tell each other before there is a link: where they can be dialled.
 
-use super::codec::Enveloped;
+use super::codec::{Enveloped, Kind};
 use serde::{Deserialize, Serialize};
 
 /// One datagram. Append only.
@@ -20,7 +20,7 @@ pub enum Word {
 }
 
 impl Enveloped for Word {
-    const KIND: u16 = 4;
+    const KIND: Kind = Kind::Word;
     const VERSION: u16 = 1;
     const SIZE_MAX: usize = 512;
 }

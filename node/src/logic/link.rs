@@ -5,7 +5,7 @@
 //! the state that the old messages spoke of is gone. Invariant: a message is delivered once, after all earlier ones.
 
 use crate::logic::protocol::{Body, Message, VERSION};
-use comms::logic::codec::Enveloped;
+use comms::logic::codec::{Enveloped, Kind};
 use comms::logic::time::Time;
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
@@ -36,7 +36,7 @@ pub struct Frame {
 }
 
 impl Enveloped for Frame {
-    const KIND: u16 = 100;
+    const KIND: Kind = Kind::Frame;
     const VERSION: u16 = VERSION;
 }
 

@@ -8,7 +8,7 @@ mod parameters;
 mod status;
 
 use crate::logic::database::question::{Question, Reply};
-use comms::logic::codec::Enveloped;
+use comms::logic::codec::{Enveloped, Kind};
 use comms::logic::control::{Dial, Location};
 pub use failure::{Failure, FailureCause, ProgramEnd, signal_name};
 use language::plan::{MemberKind, Plan};
@@ -383,24 +383,24 @@ pub struct Pong {
 }
 
 impl Enveloped for Ping {
-    const KIND: u16 = 103;
+    const KIND: Kind = Kind::Ping;
     const VERSION: u16 = 1;
     const SIZE_MAX: usize = 1 << 10;
 }
 
 impl Enveloped for Pong {
-    const KIND: u16 = 104;
+    const KIND: Kind = Kind::Pong;
     const VERSION: u16 = 1;
     const SIZE_MAX: usize = 4 << 10;
 }
 
 impl Enveloped for Request {
-    const KIND: u16 = 101;
+    const KIND: Kind = Kind::Request;
     const VERSION: u16 = VERSION;
 }
 
 impl Enveloped for Answer {
-    const KIND: u16 = 102;
+    const KIND: Kind = Kind::Answer;
     const VERSION: u16 = VERSION;
 }
 

@@ -2,7 +2,7 @@
 //!
 //! As everything in `protocol`, these types are promises to other versions: variants and fields are only appended.
 
-use comms::logic::codec::Enveloped;
+use comms::logic::codec::{Enveloped, Kind};
 use dbmanager::logic::cut::{Cut, Dot, Origin};
 use dbmanager::logic::key::Key;
 use dbmanager::logic::message::Message;
@@ -27,7 +27,7 @@ pub struct Letter {
 }
 
 impl Enveloped for Letter {
-    const KIND: u16 = 103;
+    const KIND: Kind = Kind::Letter;
     const VERSION: u16 = 1;
 }
 
