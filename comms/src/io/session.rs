@@ -9,6 +9,7 @@
 mod call;
 mod config;
 mod interfaces;
+mod links;
 mod message;
 mod nearby;
 mod open;

@@ -2,16 +2,16 @@
 //! own, which can dial a peer at any time.
 
 use super::config::Settings;
+use super::links::{Links, Place, lock};
 use super::nearby::{self, Heard, Own};
 use super::{OpenError, patience, reach};
 use crate::io::queue::{self, Receiver, Sender};
 use crate::logic::port::{Policy, Pushed};
 use rustix::io::{FdFlags, fcntl_setfd};
-use std::collections::{BTreeMap, BTreeSet};
 use std::net::SocketAddr;
 use std::os::fd::BorrowedFd;
 use std::path::Path;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tokio::sync::watch;
 use tokio::task::JoinSet;
@@ -71,32 +71,8 @@ enum Change {
     Made { session: String, from: SocketAddr, to: Locator },
     /// A link was lost, or is to be made.
     Wanted(String),
-}
-
-/// Links by session id.
-#[derive(Default)]
-struct Links {
-    /// Those that stand, as zenoh's events say. It is also asked itself before dialling, but for a moment after a loss
-    /// it still answers that there is a link.
-    standing: BTreeSet<String>,
-    /// Those that are dialled again when they are lost.
-    kept: BTreeMap<String, Place>,
-    /// Those that the keeper dials right now.
-    dialling: BTreeSet<String>,
-    /// The two ends of each TCP link, and how long it may be silent, where that was said.
-    ends: BTreeMap<String, (patience::Ends, Duration)>,
-    /// Names of sessions that have said them.
-    names: BTreeMap<String, String>,
-    /// Why there is no link, for a person.
-    troubles: BTreeMap<String, String>,
-}
-
-/// Where to dial a session again.
-#[derive(Clone)]
-struct Place {
-    locators: Vec<Locator>,
-    /// For how long; none for as long as this session lives.
-    within: Option<Duration>,
+    /// A session has lost one of its links, and still has these.
+    Halved(Vec<patience::Ends>),
 }
 
 impl std::fmt::Debug for Opened {
@@ -170,15 +146,13 @@ impl Opened {
 
     /// Lets the link to a session carry nothing for so long before it is given up, rather than for a whole lease.
     pub(crate) fn set_patience(&self, session: &str, patience: Duration) {
-        let ends = {
+        let ends: Vec<patience::Ends> = {
             let mut links = lock(&self.links);
-            let known = links.ends.get_mut(session).filter(|(_, before)| *before != patience);
-            known.map(|(ends, before)| {
-                *before = patience;
-                *ends
-            })
+            let known = links.ends.get_mut(session).into_iter().flatten();
+            let changed = known.filter(|(_, before)| *before != patience);
+            changed.map(|(ends, before)| (*before = patience, *ends).1).collect()
         };
-        if ends.is_some_and(|ends| !patience::set(ends, patience)) {
+        if ends.into_iter().any(|ends| !patience::set(ends, patience)) {
             tracing::debug!(session, "the socket of a link was not found");
         }
     }
@@ -286,10 +260,13 @@ fn watch_links(
         let session = link.zid().to_string();
         let Some(both) = address(link.src()).zip(address(link.dst())) else { return };
         if event.kind() == SampleKind::Delete {
-            lock(&ends).ends.remove(&session);
+            let left = lock(&ends).lose(&session, both);
+            if !left.is_empty() {
+                made.push(Change::Halved(left));
+            }
             return;
         }
-        lock(&ends).ends.insert(session.clone(), (both, Duration::ZERO));
+        lock(&ends).ends.entry(session.clone()).or_default().push((both, Duration::ZERO));
         if redial == Redial::Found {
             made.push(Change::Made { session, from: both.0, to: link.dst().clone() });
         }
@@ -344,6 +321,12 @@ async fn keep(runtime: Runtime, port: Option<u16>, links: Arc<Mutex<Links>>, mut
                 continue;
             }
             Some(Change::Wanted(session)) => session,
+            // Zenoh takes a new link for one more of the old session, even where the other side has lost that and begun anew; then
+            // each sends what the other does not understand. So no session outlives any of its links.
+            Some(Change::Halved(left)) => {
+                left.into_iter().for_each(patience::cut);
+                continue;
+            }
         };
         let Some(place) = lock(&links).kept.get(&session).cloned() else { continue };
         let Ok(id) = session.parse() else { continue };
@@ -425,7 +408,7 @@ async fn watch_place(place: Locator, links: Arc<Mutex<Links>>) {
             Ok(addresses) => addresses.collect(),
             Err(_unknown) => Vec::new(),
         };
-        let is_linked = || lock(&links).ends.values().any(|((_, there), _)| resolved.contains(there));
+        let is_linked = || lock(&links).ends.values().flatten().any(|((_, there), _)| resolved.contains(there));
         let trouble = if is_linked() {
             None
         } else {
@@ -474,11 +457,6 @@ pub(crate) fn plain(cause: &zenoh::Error) -> String {
     text[..end].trim_end_matches('.').to_owned()
 }
 
-fn lock(links: &Mutex<Links>) -> MutexGuard<'_, Links> {
-    // Maps of plain values are valid whatever happened to the thread that held them.
-    links.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::config::unix_locator;
@@ -506,6 +484,89 @@ mod tests {
         node.close();
         assert_eq!(events.recv_timeout(within), Ok((SampleKind::Delete, id)));
         client.close();
+    }
+
+    /// Returns a session that listens on a TCP port of this machine.
+    fn on_tcp() -> Opened {
+        let locators = ["tcp/127.0.0.1:0".to_owned()];
+        Opened::open(Settings::data().listen(&locators), Redial::Told, Search::Off).unwrap()
+    }
+
+    /// Who is dialled from anywhere names the socket on its own machine, too, which is not there on others.
+    #[test]
+    fn a_socket_that_is_not_there_hides_no_other_place() {
+        let (a, b) = (on_tcp(), on_tcp());
+        let nowhere = "unixsock-stream//nowhere/at/all".to_owned();
+        b.dial(&a.id(), &[nowhere, a.locators().remove(0)], Duration::from_secs(20)).unwrap();
+        a.close();
+        b.close();
+    }
+
+    /// Carries what comes to the returned place on to another one, and back. At a word the far end of each connection is closed, and
+    /// the near one left open.
+    fn relay(to: String) -> (String, std::sync::mpsc::SyncSender<()>) {
+        use std::net::{Shutdown, TcpListener, TcpStream};
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let place = format!("tcp/{}", listener.local_addr().unwrap());
+        let (half_tx, half) = sync_channel(1);
+        std::thread::spawn(move || {
+            let far_ends = Arc::new(Mutex::new(Vec::<TcpStream>::new()));
+            let noted = Arc::clone(&far_ends);
+            std::thread::spawn(move || {
+                for near in listener.incoming().map_while(Result::ok) {
+                    let Ok(far) = TcpStream::connect(to.trim_start_matches("tcp/")) else { continue };
+                    noted.lock().unwrap().push(far.try_clone().unwrap());
+                    let (mut near_read, mut far_write) = (near.try_clone().unwrap(), far.try_clone().unwrap());
+                    let (mut far_read, mut near_write) = (far, near);
+                    std::thread::spawn(move || std::io::copy(&mut far_read, &mut near_write));
+                    std::thread::spawn(move || {
+                        drop(std::io::copy(&mut near_read, &mut far_write));
+                        // Taken and not passed on.
+                        std::io::copy(&mut near_read, &mut std::io::sink())
+                    });
+                }
+            });
+            for () in half {
+                far_ends.lock().unwrap().drain(..).for_each(|far| far.shutdown(Shutdown::Both).unwrap());
+            }
+        });
+        (place, half_tx)
+    }
+
+    /// One side loses the session and begins anew while the other still believes in the old one, which it dialled itself.
+    #[test]
+    fn who_begins_a_session_anew_is_understood() {
+        let (a, b) = (on_tcp(), on_tcp());
+        let (heard_tx, heard) = sync_channel(1000);
+        let key = "dca/test/anew";
+        let on_sample = move |_: zenoh::sample::Sample| heard_tx.try_send(()).unwrap_or_default();
+        let _subscriber = b.session.declare_subscriber(key).callback(on_sample).wait().unwrap();
+        let (place, half) = relay(b.locators().remove(0));
+        let within = Duration::from_secs(20);
+        a.dial(&b.id(), &[place], within).unwrap();
+        b.keep(&a.id(), &a.locators()).unwrap();
+        let began = crate::io::clock::now();
+        let hears = || {
+            while heard.try_recv().is_ok() {}
+            while crate::io::clock::now() - began < 2 * within {
+                a.session.put(key, "x").wait().unwrap();
+                if heard.recv_timeout(Duration::from_millis(20)).is_ok() {
+                    return true;
+                }
+            }
+            false
+        };
+        assert!(hears());
+        let anew = b.session.info();
+        let (events_tx, events) = sync_channel(16);
+        let on_event = move |event: TransportEvent| events_tx.try_send(event.kind()).unwrap_or_default();
+        let _listener = anew.transport_events_listener().history(false).callback(on_event).wait().unwrap();
+        half.send(()).unwrap();
+        assert_eq!(events.recv_timeout(within), Ok(SampleKind::Delete));
+        assert_eq!(events.recv_timeout(within), Ok(SampleKind::Put));
+        assert!(hears(), "what is sent is not understood");
+        a.close();
+        b.close();
     }
 
     /// A place that takes a connection and says nothing holds a dial up; the peer is dialled elsewhere all the same.

@@ -6,7 +6,7 @@
 
 use rustix::net::sockopt::set_tcp_user_timeout;
 use rustix::process::{PidfdFlags, PidfdGetfdFlags, getpid, pidfd_getfd, pidfd_open};
-use std::net::{SocketAddr, TcpStream};
+use std::net::{Shutdown, SocketAddr, TcpStream};
 use std::time::Duration;
 
 /// The two ends of a link, this one first.
@@ -16,6 +16,13 @@ pub(super) type Ends = (SocketAddr, SocketAddr);
 pub(super) fn set(ends: Ends, patience: Duration) -> bool {
     let millis = u32::try_from(patience.as_millis()).unwrap_or(u32::MAX);
     find(ends).is_some_and(|socket| set_tcp_user_timeout(&socket, millis).is_ok())
+}
+
+/// Ends a link, at both sides: who waits for more reads an end.
+pub(super) fn cut(ends: Ends) {
+    if let Some(Err(error)) = find(ends).map(|socket| socket.shutdown(Shutdown::Both)) {
+        tracing::debug!(%error, "a link was not cut");
+    }
 }
 
 fn find(ends: Ends) -> Option<TcpStream> {

@@ -3,7 +3,7 @@
 
 use crate::io::clock::{now, sleep_until};
 use std::time::Duration;
-use tokio::net::TcpStream;
+use tokio::net::{TcpStream, UnixStream};
 use tokio::task::JoinSet;
 use tokio::time::timeout;
 use zenoh::config::Locator;
@@ -13,16 +13,24 @@ const ANSWER_WITHIN: Duration = Duration::from_secs(4);
 /// How often it is asked anew meanwhile: a question that was lost is repeated by the system later and later.
 const ASK_EVERY: Duration = Duration::from_millis(500);
 
-/// Returns the first place that answers, and how long it took, or why none does, for a person. Places that are not asked
-/// over TCP count as answering.
+/// Returns the first place that answers, and how long it took, or why none does, for a person. A socket of this machine is asked
+/// first: who is dialled from anywhere names it, too.
 ///
 /// # Cancellation
 /// Safe.
 pub(super) async fn first(locators: &[Locator]) -> Result<(Locator, Duration), String> {
-    if let Some(other) = locators.iter().find(|locator| locator.protocol().as_str() != "tcp") {
-        return Ok((other.clone(), Duration::ZERO));
-    }
+    let (over_tcp, here): (Vec<&Locator>, Vec<&Locator>) =
+        locators.iter().partition(|locator| locator.protocol().as_str() == "tcp");
     let (began, mut asking, mut why) = (now(), JoinSet::new(), String::new());
+    for locator in here {
+        match UnixStream::connect(locator.address().as_str()).await {
+            Ok(_) => return Ok((locator.clone(), Duration::ZERO)),
+            Err(cause) => why = format!("{}: {}", locator.address(), plain(&cause)),
+        }
+    }
+    if over_tcp.is_empty() {
+        return Err(why);
+    }
     let mut again = began;
     loop {
         tokio::select! {
@@ -36,8 +44,8 @@ pub(super) async fn first(locators: &[Locator]) -> Result<(Locator, Duration), S
             },
             () = sleep_until(again), if again < began + ANSWER_WITHIN => {
                 again = again + ASK_EVERY;
-                for locator in locators.iter().cloned() {
-                    asking.spawn(ask(locator));
+                for locator in &over_tcp {
+                    asking.spawn(ask((*locator).clone()));
                 }
             }
             else => return Err(why),
