@@ -14,8 +14,8 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::task::JoinSet;
 
-/// How long a node has to answer a question that it can answer at once.
-const ANSWER_WITHIN: Duration = Duration::from_secs(3);
+/// How long a node has to answer a question that it can answer at once: the longest way there and back is 3 s.
+pub(crate) const ANSWER_WITHIN: Duration = Duration::from_secs(4);
 /// How long until the node of this machine is asked again whom it reaches.
 const ASK_AGAIN: Duration = Duration::from_millis(200);
 /// How long a node takes at the most to find the others.

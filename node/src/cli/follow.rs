@@ -8,7 +8,6 @@ use crate::cli::{Failure, report};
 use crate::io::observer::{Observer, Sample, Sight};
 use crate::io::recorder::Recorder;
 use crate::logic::mission::{Files, Mission, Outcome};
-use crate::logic::nameserver::LOST_AFTER;
 use crate::logic::protocol::{Answer, Deployment, Report, Request, StopReply};
 use crate::logic::record::{Entry, Header, Port, ports};
 use anyhow::{Context, anyhow};
@@ -25,8 +24,9 @@ use tokio::sync::mpsc;
 const SIGHTS_MAX: usize = 4096;
 /// How many values of ports wait to be recorded, which may be large; more are left out.
 const PORTS_MAX: usize = 64;
-/// How long the home node has to be back when its answers are cut off: as long as the other hosts of the deployment wait.
-const BACK_WITHIN: Duration = LOST_AFTER;
+/// How long the home node has to be back when its answers are cut off: as long as the other hosts of the deployment wait, less
+/// what it takes to notice.
+const BACK_WITHIN: Duration = Duration::from_secs(4);
 /// How often it is looked for, once it was not there.
 const LOOK_EVERY: Duration = Duration::from_millis(200);
 /// How long hosts have to send what is left of their programs' output once all is over.

@@ -1,13 +1,10 @@
 //! `dca nodes`: who can be reached.
 
-use crate::cli::client::{Client, Clients, block_on};
+use crate::cli::client::{ANSWER_WITHIN, Client, Clients, block_on};
 use crate::cli::{Failure, Reaching, output};
 use crate::logic::protocol::{Answer, NodeStatus, Request};
 use crate::logic::table::table;
-use std::time::Duration;
-
-/// How long a node has to say whom it is not linked to.
-const ANSWER_WITHIN: Duration = Duration::from_secs(1);
+use comms::io::clock;
 
 /// What `dca nodes` is told.
 #[derive(Debug, clap::Args)]
@@ -47,12 +44,18 @@ async fn asked(clients: &Clients) -> Result<(Vec<NodeStatus>, Vec<String>), Fail
 
 /// Returns a sentence for each link that a node tries to make, and has not.
 async fn unlinked(client: &Client, nodes: &[NodeStatus]) -> Vec<String> {
-    let mut sentences = Vec::new();
-    for node in nodes {
-        // One of an older version does not know the question.
-        let Ok(Answer::Unlinked(missing)) = client.ask(&node.host, &Request::Unlinked, ANSWER_WITHIN).await else {
-            continue;
+    let (mut sentences, deadline) = (Vec::new(), clock::now() + ANSWER_WITHIN);
+    // All at once: each may be far away.
+    let asked: Vec<_> = nodes.iter().map(|node| (node, client.ask_on(&node.host, &Request::Unlinked))).collect();
+    for (node, answers) in asked {
+        let Ok(mut answers) = answers else { continue };
+        let answer = tokio::select! {
+            biased;
+            answer = answers.next() => answer,
+            () = clock::sleep_until(deadline) => None,
         };
+        // One of an older version does not know the question.
+        let Some(Ok(Answer::Unlinked(missing))) = answer else { continue };
         let unseen = missing.into_iter().filter(|(who, _)| !node.peers.contains(who));
         sentences.extend(unseen.map(|(who, why)| format!("`{}` is not linked to {who}: {why}", node.host)));
     }

@@ -193,6 +193,7 @@ impl NameServer {
         let is_own = host == self.host && boot == self.boot;
         let is_there = self.peers.get(host).and_then(|peer| peer.lives.get(&boot)).is_some_and(Life::is_there);
         if !is_own && !is_there {
+            tracing::debug!("the node `{host}` is heard, and not there: it is asked");
             self.ask_soon(now);
         }
     }
