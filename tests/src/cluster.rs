@@ -108,7 +108,7 @@ impl Cluster {
 
     /// Returns this machine.
     pub fn here(&self) -> Host {
-        Host { folder: self.folder.clone(), run_dir: self.folder.join("n"), namespace: None, sealed: None }
+        Host { folder: self.folder.clone(), run_dir: self.folder.join("n"), namespace: None, sealed: None, log: None }
     }
 
     /// Returns host `number` of a network, with a folder for sockets of its own as on a machine of its own.
@@ -122,7 +122,7 @@ impl Cluster {
             std::fs::create_dir_all(folder).expect("a test can write in its own folder");
         }
         let namespace = Some((network.namespace(number), others));
-        Host { folder: self.folder.clone(), run_dir: run_dir(number), namespace, sealed: None }
+        Host { folder: self.folder.clone(), run_dir: run_dir(number), namespace, sealed: None, log: None }
     }
 
     /// Returns every process that descends from this test, but for the test itself.
@@ -166,6 +166,8 @@ pub struct Host {
     namespace: Option<(String, Vec<PathBuf>)>,
     /// A folder that can only be read there.
     sealed: Option<PathBuf>,
+    /// What nodes log there, where it is not the usual.
+    log: Option<String>,
 }
 
 impl Host {
@@ -173,6 +175,12 @@ impl Host {
     #[must_use]
     pub fn with_run_dir(self, run_dir: impl Into<PathBuf>) -> Self {
         Self { run_dir: run_dir.into(), ..self }
+    }
+
+    /// Returns the same machine with nodes that log what passes a filter, as `RUST_LOG`.
+    #[must_use]
+    pub fn with_log(self, filter: &str) -> Self {
+        Self { log: Some(filter.to_owned()), ..self }
     }
 
     /// Returns this machine as it is when the disk with the states of its nodes can only be read. Needs root.
@@ -215,6 +223,7 @@ impl Host {
         let mut command = self.command("dca-node");
         command.arg("--name").arg(name).arg("--run-dir").arg(&self.run_dir).args(arguments);
         command.arg("--state").arg(self.state());
+        command.envs(self.log.iter().map(|filter| ("RUST_LOG", filter)));
         Program::start(command)
     }
 

@@ -1,7 +1,18 @@
-//! Networks as they are: IPv6 alone, interfaces that come up late, addresses that change.
+//! Networks as they are: IPv6 alone, interfaces that come up late, addresses that change, long ways, crowds.
 
-use dca_tests::cluster::{Cluster, Ended, Host, Network, SOON, Stream, wait_until};
+use comms::io::clock::{Wakeup, now};
+use comms::io::descriptors;
+use dca_tests::cluster::{Cluster, Ended, Host, Network, SOON, Stream, pass, wait_until};
 use rustix::process::Signal;
+use std::io::{ErrorKind, Read, Write};
+use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::mpsc::sync_channel;
+use std::time::Duration;
+
+/// More than zenoh lets wait by itself, which is 100.
+const SILENT: usize = 700;
 
 /// Returns whether the nodes of `host` that answer see each of `names`.
 fn sees(host: &Host, names: &[&str]) -> bool {
@@ -24,7 +35,7 @@ fn a_node_listens_on_what_comes_up_and_leaves_what_goes() {
     c1.wait_for(Stream::Out, "node `c1` is ready", SOON);
     c1.wait_for(Stream::Err, "the node `c2` is there", SOON);
     // It gets another address, and loses the one that it had.
-    network.set(1, "address add 10.77.0.101/24 dev eth0");
+    network.set(1, "address add 10.77.0.101/25 dev eth0");
     c1.wait_for(Stream::Err, "listening on 10.77.0.101 (eth0)", SOON);
     network.set(1, "address del 10.77.0.1/24 dev eth0");
     c1.wait_for(Stream::Err, "no longer listening on 10.77.0.1 (eth0)", SOON);
@@ -65,4 +76,109 @@ fn a_link_that_is_not_made_is_told() {
     let told =
         || host.ask(&["nodes"]).err.contains("`c1` is not linked to tcp/10.77.0.1:9: 10.77.0.1:9: connection refused");
     assert!(wait_until(SOON, told).is_some());
+}
+
+/// Carries each connection on to another place, and back, every byte so much later. Its threads end with the test.
+fn relay(listener: &TcpListener, to: SocketAddr, delay: Duration) {
+    for near in listener.incoming().map_while(Result::ok) {
+        let Ok(far) = TcpStream::connect(to) else { continue };
+        let [near_too, far_too] = [&near, &far].map(|stream| stream.try_clone().expect("a socket can have two names"));
+        carry(near, far, delay);
+        carry(far_too, near_too, delay);
+    }
+}
+
+fn carry(mut from: TcpStream, mut to: TcpStream, delay: Duration) {
+    let (sender, receiver) = sync_channel(4096);
+    std::thread::spawn(move || {
+        loop {
+            let mut bytes = vec![0; 65_536];
+            let size = from.read(&mut bytes).unwrap_or(0);
+            bytes.truncate(size);
+            if sender.send((now() + delay, bytes)).is_err() || size == 0 {
+                return;
+            }
+        }
+    });
+    std::thread::spawn(move || {
+        for (due, bytes) in receiver {
+            Wakeup::default().wait(Some(due));
+            if bytes.is_empty() || to.write_all(&bytes).is_err() {
+                drop(to.shutdown(std::net::Shutdown::Both));
+                return;
+            }
+        }
+    });
+}
+
+/// Two nodes that reach each other over a satellite alone see each other, and go on to.
+#[test]
+fn nodes_3_s_of_round_trip_apart_see_each_other() {
+    let Some(network) = Network::new(3) else { return };
+    let cluster = Cluster::new();
+    let (first, second) = (cluster.host(&network, 1), cluster.host(&network, 2));
+    network.keep_apart(&[1, 2]);
+    let far = second.node("c2", &["--lan", "--port", "7000"]);
+    let near = first.node("c1", &["--lan", "--peer", "tcp/10.77.0.3:7000"]);
+    network.inside(3, || {
+        let to = "10.77.0.2:7000".parse().expect("it is an address");
+        let listener = TcpListener::bind("10.77.0.3:7000").expect("the namespace is the test's own");
+        relay(&listener, to, Duration::from_millis(1450));
+    });
+    let began = now();
+    near.wait_for(Stream::Err, "the node `c2` is there", SOON);
+    far.wait_for(Stream::Err, "the node `c1` is there", SOON);
+    println!("they see each other after {:?}", now() - began);
+    // Longer than a lease, and than anybody may be silent.
+    pass(Duration::from_secs(6));
+    for node in [&near, &far] {
+        assert!(!node.text(Stream::Err).contains("is missing"), "{}", node.text(Stream::Err));
+    }
+    let ended = first.ask(&["nodes"]);
+    assert!(ended.code == Some(0) && ended.out.lines().any(|line| line.starts_with("c2 ")), "{ended}");
+    assert!(!ended.err.contains("is not linked"), "{ended}");
+}
+
+/// Makes connections that say nothing, and makes them anew as soon as they are closed, until it is told to end.
+fn crowd(to: SocketAddr, made: &AtomicUsize, over: &AtomicBool) {
+    let mut streams: Vec<Option<TcpStream>> = (0..SILENT).map(|_| None).collect();
+    while !over.load(Ordering::Relaxed) {
+        for stream in &mut streams {
+            let is_open = stream.as_mut().is_some_and(
+                |stream| matches!(stream.read(&mut [0; 8]), Err(error) if error.kind() == ErrorKind::WouldBlock),
+            );
+            if !is_open {
+                *stream = TcpStream::connect(to).ok();
+                stream
+                    .iter()
+                    .for_each(|stream| stream.set_nonblocking(true).expect("a socket can be told not to wait"));
+                made.fetch_add(usize::from(stream.is_some()), Ordering::Relaxed);
+            }
+        }
+        std::thread::yield_now();
+    }
+}
+
+/// What a scanner does, or a robot whose network hangs: the TCP port takes whoever comes next all the same.
+#[test]
+fn seven_hundred_silent_connections_from_the_network_do_not_shut_a_newcomer_out() {
+    let Some(network) = Network::new(3) else { return };
+    let cluster = Cluster::new();
+    let (first, third) = (cluster.host(&network, 1), cluster.host(&network, 3));
+    let _first = first.node("c1", &["--lan", "--port", "7000"]);
+    descriptors::raise();
+    let (made, over) = (Arc::new(AtomicUsize::new(0)), Arc::new(AtomicBool::new(false)));
+    let crowding = network.inside(2, {
+        let (made, over) = (Arc::clone(&made), Arc::clone(&over));
+        move || crowd("10.77.0.1:7000".parse().expect("it is an address"), &made, &over)
+    });
+    assert!(wait_until(SOON, || made.load(Ordering::Relaxed) >= SILENT).is_some(), "{made:?} connections");
+    let newcomer = third.node("c3", &["--lan"]);
+    let began = now();
+    newcomer.wait_for(Stream::Err, "the node `c1` is there", SOON);
+    println!("the newcomer is taken after {:?}, {made:?} connections made", now() - began);
+    let nodes = third.ask(&["nodes"]);
+    over.store(true, Ordering::Relaxed);
+    crowding.join().expect("the crowd does not panic");
+    assert!(nodes.code == Some(0) && nodes.out.lines().any(|line| line.starts_with("c1 ")), "{nodes}");
 }

@@ -4,9 +4,13 @@
 //! same addresses at the same time.
 
 use rustix::process::{getpid, getuid};
+use rustix::thread::{LinkNameSpaceType, move_into_link_name_space};
+use std::fs::File;
 use std::io::Write;
+use std::os::fd::AsFd;
 use std::process::Command;
 use std::sync::atomic::{AtomicU32, Ordering};
+use std::thread::JoinHandle;
 
 /// Hosts 1, 2, … on one bridge, as 10.77.0.1, 10.77.0.2, …. Dropped, they are removed.
 #[derive(Debug)]
@@ -74,6 +78,20 @@ impl Network {
     /// Changes something of a host's own interfaces, as `ip` does.
     pub fn set(&self, number: usize, arguments: &str) {
         ip(&format!("-n {} {arguments}", self.namespace(number)));
+    }
+
+    /// Does something of the test's own on a host, in a thread that stays there; so do the threads that it starts.
+    ///
+    /// # Panics
+    /// The thread, when the kernel does not let it go there.
+    pub fn inside<T: Send + 'static>(&self, number: usize, work: impl FnOnce() -> T + Send + 'static) -> JoinHandle<T> {
+        let place = format!("/run/netns/{}", self.namespace(number));
+        std::thread::spawn(move || {
+            let namespace = File::open(&place).expect("a namespace is a file there");
+            move_into_link_name_space(namespace.as_fd(), Some(LinkNameSpaceType::Network))
+                .unwrap_or_else(|error| panic!("{place}: {error}"));
+            work()
+        })
     }
 
     fn make(&self) {

@@ -1,0 +1,224 @@
+//! Who is there: whatever happens to links, nodes and machines, and whoever else has a name.
+
+use comms::io::clock::unix_time;
+use dca_tests::cluster::{Cluster, Host, Network, Program, SOON, Stream, pass, wait_until};
+use rustix::process::Signal;
+use std::process::{Child, Command};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+const NAMES: [&str; 3] = ["c1", "c2", "c3"];
+/// How long a node may hear another one before it lists it.
+const LISTED_WITHIN: Duration = Duration::from_secs(2);
+/// Rounds of disturbances; more with `DCA_TEST_ROUNDS`.
+const ROUNDS: u64 = 4;
+/// Processes that want all of the machine, and are nicer than everybody else.
+const BUSY: usize = 60;
+/// From one disturbance of a host to the next, at the most, in milliseconds.
+const PAUSE_MAX_MS: u64 = 900;
+
+/// Three hosts with a node each that logs who is heard. One test has the machine at a time, because they measure it.
+struct Hosts {
+    // Dropped in this order: the processes, their folder, the network.
+    nodes: Vec<Program>,
+    cluster: Cluster,
+    network: Network,
+    _alone: MutexGuard<'static, ()>,
+}
+
+impl Hosts {
+    fn start(hosts: usize) -> Option<Self> {
+        static ALONE: Mutex<()> = Mutex::new(());
+        let alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
+        let (cluster, network) = (Cluster::new(), Network::new(hosts)?);
+        let start = |(number, name)| {
+            let host = cluster.host(&network, number).with_log("info,zenoh=error,node::logic::nameserver=debug");
+            host.node(name, &["--lan"])
+        };
+        let nodes = (1..).zip(NAMES).map(start).collect();
+        Some(Self { nodes, cluster, network, _alone: alone })
+    }
+
+    fn host(&self, number: usize) -> Host {
+        self.cluster.host(&self.network, number)
+    }
+
+    fn carry_out(&self, host: usize, act: Act) {
+        match act {
+            Act::Cut => self.network.cut(host + 1),
+            Act::Heal => self.network.heal(host + 1),
+            Act::Down => self.network.set(host + 1, "link set eth0 down"),
+            Act::Up => self.network.set(host + 1, "link set eth0 up"),
+            Act::Stop => self.nodes[host].signal(Signal::STOP),
+            Act::Go => self.nodes[host].signal(Signal::CONT),
+        }
+    }
+
+    /// Returns whether each node, asked at each host, is there and sees all others.
+    fn all_see(&self) -> bool {
+        let sees = |number| {
+            let nodes = self.host(number).statuses(&[]);
+            nodes.len() == NAMES.len() && nodes.iter().all(|node| node.peers.len() == NAMES.len() - 1)
+        };
+        (1..=NAMES.len()).all(sees)
+    }
+
+    /// Returns how long each node has heard another one, since a time, before it listed it.
+    fn delays(&self, since: Duration) -> Vec<(String, Duration)> {
+        let mut delays = Vec::new();
+        for (own, node) in NAMES.iter().zip(&self.nodes) {
+            let log = node.text(Stream::Err);
+            for other in NAMES.iter().filter(|other| *other != own) {
+                let heard =
+                    first(&log, since, |line| line.contains("is heard") && line.contains(&format!("`{other}`")));
+                let Some(heard) = heard else { continue };
+                let listed = first(&log, heard, |line| {
+                    ["is there:", "was started again:"].iter().any(|what| line.contains(&format!("`{other}` {what}")))
+                });
+                delays.push((format!("{own} of {other}"), listed.map_or(Duration::MAX, |listed| listed - heard)));
+            }
+        }
+        delays
+    }
+}
+
+/// What happens to a host; each has its end.
+#[derive(Clone, Copy, Debug)]
+enum Act {
+    Cut,
+    Heal,
+    Down,
+    Up,
+    Stop,
+    Go,
+}
+
+/// Returns when the first line of a log that is `wanted` was written at `since` or later, as the time of its day.
+fn first(log: &str, since: Duration, wanted: impl Fn(&str) -> bool) -> Option<Duration> {
+    log.lines().filter(|line| wanted(line)).filter_map(stamp).find(|at| *at >= since)
+}
+
+/// Reads `2026-11-22T10:16:50.123456Z`.
+fn stamp(line: &str) -> Option<Duration> {
+    let time = line.split_once('T')?.1.split_once('Z')?.0;
+    let mut parts = time.split(':').map(|part| part.parse::<f64>().ok());
+    let seconds = parts.try_fold(0.0, |sum, part| Some(sum * 60.0 + part?))?;
+    Some(Duration::from_secs_f64(seconds))
+}
+
+/// Returns the time of the day as logs have it.
+fn time_of_day() -> Duration {
+    let time = unix_time();
+    Duration::new(time.as_secs() % 86_400, time.subsec_nanos())
+}
+
+/// Source: Knuth, MMIX.
+struct Draw(u64);
+
+impl Draw {
+    fn below(&mut self, bound: u64) -> u64 {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 33) % bound
+    }
+
+    /// Returns what happens to each host, and when, in milliseconds; at the end each is as it was.
+    fn disturbances(&mut self) -> Vec<(u64, usize, Act)> {
+        let mut all = Vec::new();
+        for host in 0..NAMES.len() {
+            for (begin, end) in [(Act::Cut, Act::Heal), (Act::Down, Act::Up), (Act::Stop, Act::Go)] {
+                let mut at = self.below(PAUSE_MAX_MS);
+                for _ in 0..self.below(4) {
+                    // Longer than it takes to notice, or shorter: what is between is as good.
+                    let longest = [200, 3000][usize::from(self.below(2) == 0)];
+                    let time = 50 + self.below(longest);
+                    all.extend([(at, host, begin), (at + time, host, end)]);
+                    at += time + self.below(PAUSE_MAX_MS);
+                }
+            }
+        }
+        all.sort_by_key(|(at, ..)| *at);
+        all
+    }
+}
+
+/// Processes that never end by themselves.
+struct Busy(Vec<Child>);
+
+impl Busy {
+    fn start(count: usize) -> Self {
+        let one = |_| Command::new("nice").args(["-n", "19", "sh", "-c", "while :; do :; done"]).spawn();
+        Self((0..count).map(one).map(|child| child.expect("a shell is everywhere")).collect())
+    }
+}
+
+impl Drop for Busy {
+    fn drop(&mut self) {
+        for child in &mut self.0 {
+            child.kill().unwrap_or_default();
+            drop(child.wait());
+        }
+    }
+}
+
+/// Links and interfaces that come and go, nodes that are suspended, on a machine that is busy, in an order that is drawn: once
+/// all is well again each node lists each other that it hears within 2 s, and each answers when it is called.
+#[test]
+fn a_node_that_is_heard_is_listed_within_2_s() {
+    let Some(hosts) = Hosts::start(NAMES.len()) else { return };
+    let _busy = Busy::start(BUSY);
+    let rounds = std::env::var("DCA_TEST_ROUNDS").ok().and_then(|rounds| rounds.parse().ok()).unwrap_or(ROUNDS);
+    for seed in 0..rounds {
+        let disturbances = Draw(seed).disturbances();
+        let mut now = 0;
+        for (at, host, act) in &disturbances {
+            pass(Duration::from_millis(at - now));
+            now = *at;
+            hosts.carry_out(*host, *act);
+        }
+        let calm = time_of_day();
+        let took = wait_until(SOON, || hosts.all_see());
+        let logs = || hosts.nodes.iter().map(|node| node.text(Stream::Err)).collect::<Vec<_>>().join("---\n");
+        let delays = hosts.delays(calm);
+        println!(
+            "seed {seed}: all see each other {took:?} after {now} ms of disturbances; heard to listed: {delays:?}"
+        );
+        assert!(took.is_some(), "seed {seed}, {disturbances:?}: {:#?}\n{}", hosts.host(1).statuses(&[]), logs());
+        let late = delays.iter().find(|(_, delay)| *delay > LISTED_WITHIN);
+        assert!(late.is_none(), "seed {seed}, {disturbances:?}, calm at {calm:?}: {late:?}\n{}", logs());
+    }
+}
+
+/// Two people with a `c2` in one laboratory: the second one is refused and told, and so are those who were there; the mission
+/// on the first goes on, and is stopped as ever.
+#[test]
+fn a_second_node_of_a_name_does_not_disturb_a_mission() {
+    let Some(hosts) = Hosts::start(4) else { return };
+    let text = "
+process main() {
+    host { c1 }
+    instantiated_processes { source instof RateSource(c1, 1000); monitor instof RateMonitor(c2); }
+    internal_connections(source, lbl1) { source, Out -> monitor, In; }
+    internal_event_actions { source[lbl1], monitor }
+}
+";
+    let mission = hosts.host(1).dca(&["deploy", &hosts.cluster.file("twice.dca", text)]);
+    mission.wait_for(Stream::Err, "▸", SOON);
+    for _ in 0..2 {
+        let ended = hosts.host(4).start_node("c2", &["--lan"]).ended(SOON);
+        assert!(ended.code == Some(1) && ended.err.contains("another node called `c2` was there first"), "{ended}");
+    }
+    let told = "another node has this one's name, and is not dealt with";
+    hosts.nodes[1].wait_for(Stream::Err, told, SOON);
+    hosts.nodes[0].wait_for(Stream::Err, "a second node called `c2`", SOON);
+    // Longer than it takes to lose a node.
+    pass(Duration::from_secs(6));
+    assert!(mission.is_running(), "{}", mission.text(Stream::Err));
+    let [c1, c2] = [0, 1].map(|index| hosts.nodes[index].text(Stream::Err));
+    assert!(!c1.contains("`c2` is missing") && !c2.contains("`c1` is missing"), "{c1}---\n{c2}");
+    let running = hosts.host(3).processes(&[]).into_iter().filter(|(host, _)| host == "c2").count();
+    assert_eq!(running, 1, "the monitor is where it was");
+    let stop = hosts.host(3).ask(&["stop", "twice"]);
+    assert_eq!(stop.code, Some(0), "{stop}");
+    let ended = mission.ended(SOON);
+    assert!(ended.out.starts_with("twice: stopped after"), "{ended}");
+}
