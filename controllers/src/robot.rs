@@ -13,3 +13,4 @@ pub mod drive;
 pub mod force_torque;
 pub mod laser;
 pub mod plant;
+pub mod setup;

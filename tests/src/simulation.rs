@@ -124,6 +124,12 @@ impl Simulation {
         self.leaf(path).is_some_and(|leaf| self.harness.is_active(leaf))
     }
 
+    /// Returns whether a leaf whose path contains `part` is running or stopping.
+    pub fn is_any_active(&self, part: &str) -> bool {
+        let leaves = self.plan.leaves.iter().zip(&self.leaves);
+        leaves.filter(|(leaf, _)| leaf.path.contains(part)).any(|(_, leaf)| self.harness.is_active(leaf.module))
+    }
+
     /// Returns a signal of the leaf whose path ends with `path`; NaN if there is none.
     pub fn signal(&self, path: &str, name: &str) -> f64 {
         let signals = self.leaf(path).map(|leaf| self.harness.signals(leaf)).unwrap_or_default();

@@ -1,16 +1,19 @@
 //! DoorWorld: the plant as a process. It owns every device.
 
+mod delay;
+mod parameters;
+
 use crate::message::{
     ArmCommand, ArmState, BaseCommand, BaseState, CameraState, FtCommand, FtState, GripperCommand, GripperState,
     LaserState,
 };
-use crate::robot::door::{Description, Lock};
 use crate::robot::drive::Owner;
-use crate::robot::plant::{Faults, Plant, STEP};
-use crate::robot::{camera, laser};
-use crate::sdk::{About, Arguments, Controller, In, Inputs, Kind, Out, Outputs, Parameter, Progress, Tick};
+use crate::robot::plant::{Plant, STEP};
+use crate::robot::setup::Setup;
+use crate::sdk::{About, Arguments, Controller, In, Inputs, Out, Outputs, Progress, Random, Tick};
 use comms::logic::signals::Signal;
 use comms::logic::time::Time;
+use delay::{Delayed, Delays};
 use nalgebra::Vector3;
 use std::time::Duration;
 
@@ -63,11 +66,10 @@ pub(super) struct Outputs {
 /// A robot before a door.
 #[derive(Debug)]
 pub(super) struct DoorWorld {
-    description: Description,
-    seed: u64,
+    setup: Setup,
+    delays: Delays,
     /// When a visitor begins to push the hand (s), never if negative, and how hard in the end (N).
     push: (f64, f64),
-    faults: Faults,
     state: Option<Box<State>>,
 }
 
@@ -78,7 +80,32 @@ struct State {
     began: Time,
     owners: [Owner; 3],
     due: [Due; 6],
+    delays: Delays,
+    /// The generator of all jitter.
+    random: Random,
+    orders: Delayed<Order>,
+    samples: Samples,
     peak: Peak,
+}
+
+/// A command on its way to its device.
+#[derive(Debug)]
+enum Order {
+    Arm(ArmCommand),
+    Base(BaseCommand),
+    Gripper(GripperCommand),
+    Force(FtCommand),
+}
+
+/// Samples on their way from their devices.
+#[derive(Debug, Default)]
+struct Samples {
+    arm: Delayed<ArmState>,
+    base: Delayed<BaseState>,
+    force: Delayed<FtState>,
+    gripper: Delayed<GripperState>,
+    laser: Delayed<LaserState>,
+    camera: Delayed<CameraState>,
 }
 
 /// An absolute rhythm.
@@ -105,6 +132,8 @@ struct Peak {
     window: Due,
     now: f64,
     before: f64,
+    /// Since the start.
+    ever: f64,
 }
 
 impl Peak {
@@ -113,40 +142,66 @@ impl Peak {
             (self.before, self.now) = (self.now, 0.0);
         }
         self.now = self.now.max(force);
+        self.ever = self.ever.max(force);
     }
 }
 
 impl State {
-    fn new(plant: Plant, now: Time) -> Self {
+    fn new(plant: Plant, delays: Delays, seed: u64, now: Time) -> Self {
         // Arm, base and wrist 125 Hz, gripper 50 Hz, laser 20 Hz, camera 25 Hz.
         let due = [8, 8, 8, 20, 50, 40].map(|ms| Due { period: Duration::from_millis(ms), next: now });
         let window = Due { period: SIGNALS_EVERY, next: now };
-        let peak = Peak { window, now: 0.0, before: 0.0 };
-        Self { plant, began: now, owners: Default::default(), due, peak }
+        Self {
+            plant,
+            began: now,
+            owners: Default::default(),
+            due,
+            delays,
+            random: Random::new(seed.rotate_left(17)),
+            orders: Delayed::default(),
+            samples: Samples::default(),
+            peak: Peak { window, now: 0.0, before: 0.0, ever: 0.0 },
+        }
     }
 
-    fn obey(&mut self, inputs: &Inputs) {
+    /// Takes what has come in, and does what has reached its device.
+    fn obey(&mut self, now: Time, inputs: &Inputs) {
+        let orders = [
+            inputs.arm.fresh().cloned().map(Order::Arm),
+            inputs.base.fresh().cloned().map(Order::Base),
+            inputs.gripper.fresh().cloned().map(Order::Gripper),
+            inputs.force.fresh().cloned().map(Order::Force),
+        ];
+        let times = (self.delays.command, self.delays.jitter);
+        for order in orders.into_iter().flatten() {
+            self.orders.put(now, order, times, &mut self.random);
+        }
+        while let Some(order) = self.orders.take(now) {
+            self.execute(now, order);
+        }
+    }
+
+    fn execute(&mut self, now: Time, order: Order) {
         let [arm, base, gripper] = &mut self.owners;
-        if let Some((command, at)) = fresh(&inputs.arm).filter(|(command, at)| arm.admit(&command.owner, *at)) {
-            self.plant.arm_drive.command(command.rates.as_ref(), at);
-            if command.rates.is_none() {
-                arm.release();
+        match order {
+            Order::Arm(command) if arm.admit(&command.owner, now) => {
+                self.plant.arm_drive.command(command.rates.as_ref(), now);
+                if command.rates.is_none() {
+                    arm.release();
+                }
             }
-        }
-        if let Some((command, at)) = fresh(&inputs.base).filter(|(command, at)| base.admit(&command.owner, *at)) {
-            self.plant.base_drive.command(command.velocity.as_ref(), at);
-            if command.velocity.is_none() {
-                base.release();
+            Order::Base(command) if base.admit(&command.owner, now) => {
+                self.plant.base_drive.command(command.velocity.as_ref(), now);
+                if command.velocity.is_none() {
+                    base.release();
+                }
             }
-        }
-        if let Some((command, _)) = fresh(&inputs.gripper).filter(|(command, at)| gripper.admit(&command.owner, *at)) {
-            match command.width {
+            Order::Gripper(command) if gripper.admit(&command.owner, now) => match command.width {
                 Some(width) => self.plant.grip_to(width),
                 None => gripper.release(),
-            }
-        }
-        if let Some((command, _)) = fresh(&inputs.force) {
-            self.plant.force_torque.set_zero(command.after);
+            },
+            Order::Force(command) => self.plant.force_torque.set_zero(command.after),
+            Order::Arm(_) | Order::Base(_) | Order::Gripper(_) => {}
         }
     }
 
@@ -163,36 +218,59 @@ impl State {
         }
     }
 
+    /// Measures what is due, and publishes what has arrived.
     fn publish(&mut self, now: Time, outputs: &mut Outputs) {
+        self.measure(now);
+        let samples = &mut self.samples;
+        while let Some(state) = samples.arm.take(now) {
+            outputs.arm.send(state);
+        }
+        while let Some(state) = samples.base.take(now) {
+            outputs.base.send(state);
+        }
+        while let Some(state) = samples.force.take(now) {
+            outputs.force.send(state);
+        }
+        while let Some(state) = samples.gripper.take(now) {
+            outputs.gripper.send(state);
+        }
+        while let Some(state) = samples.laser.take(now) {
+            outputs.laser.send(state);
+        }
+        while let Some(state) = samples.camera.take(now) {
+            outputs.camera.send(state);
+        }
+    }
+
+    fn measure(&mut self, now: Time) {
         let stamp = self.plant.now;
         let due = self.due.each_mut().map(|due| due.is_now(now));
-        let plant = &mut self.plant;
+        let (plant, samples, random) = (&mut self.plant, &mut self.samples, &mut self.random);
+        let times = self.delays.state.map(|delay| (delay, self.delays.jitter));
         if due[0] {
-            let (angles, rates) = ((*plant.joints()).into(), plant.arm_drive.velocity);
-            outputs.arm.send(ArmState { stamp, angles, rates });
+            let (angles, rates) = (plant.encoders().into(), plant.arm_drive.velocity);
+            samples.arm.put(now, ArmState { stamp, angles, rates }, times[0], random);
         }
         if due[1] {
             let casters = plant.casters();
             let (steering, rolling) = (std::array::from_fn(|i| casters[i]), std::array::from_fn(|i| casters[i + 4]));
-            outputs.base.send(BaseState { stamp, steering, rolling });
+            samples.base.put(now, BaseState { stamp, steering, rolling }, times[1], random);
         }
         if due[2] {
             let [x, y, z, a, b, c] = plant.force_torque.read(&mut plant.random);
             let zeroed = plant.force_torque.zeroed();
-            outputs.force.send(FtState { stamp, force: [x, y, z], torque: [a, b, c], zeroed });
+            let state = FtState { stamp, force: [x, y, z], torque: [a, b, c], zeroed };
+            samples.force.put(now, state, times[2], random);
         }
         if due[3] {
             let (width, force) = plant.grip();
-            outputs.gripper.send(GripperState { stamp, width, force });
+            samples.gripper.put(now, GripperState { stamp, width, force }, times[3], random);
         }
         if due[4] {
-            let base = *plant.base();
-            outputs.laser.send(LaserState { stamp, ranges: laser::sweep(&base, &plant.door, &mut plant.random) });
+            samples.laser.put(now, LaserState { stamp, ranges: plant.sweep() }, times[4], random);
         }
         if due[5] {
-            let (hand, handle) = (plant.hand(), plant.door.handle());
-            let marks = camera::look(&hand.world_from_tool, &handle, &mut plant.random);
-            outputs.camera.send(CameraState { stamp, marks });
+            samples.camera.put(now, CameraState { stamp, marks: plant.look() }, times[5], random);
         }
     }
 
@@ -205,6 +283,8 @@ impl State {
         let mut signals = vec![
             signal("door angle", "deg", plant.door.angle.to_degrees(), true),
             signal("contact force", "N", self.peak.now.max(self.peak.before), true),
+            signal("peak force", "N", self.peak.ever, true),
+            signal("handle held", "", f64::from(u8::from(plant.holds())), false),
             signal("lever angle", "deg", plant.door.lever.to_degrees(), false),
             signal("hand beside handle", "mm", 1e3 * aside, false),
             signal("hand to handle angle", "deg", in_handle.rotation.angle().to_degrees(), false),
@@ -228,51 +308,25 @@ fn signal(name: &str, unit: &str, value: f64, headline: bool) -> Signal {
     Signal { name: name.into(), unit: unit.into(), value, headline }
 }
 
-/// A command that has just come in, and when.
-fn fresh<T>(input: &In<T>) -> Option<(&T, Time)> {
-    input.fresh().zip(input.arrived())
-}
-
 impl Controller for DoorWorld {
     type Inputs = Inputs;
     type Outputs = Outputs;
     const TYPE: &'static str = "DoorWorld";
 
     fn about() -> About {
-        const PARAMETERS: &[Parameter] = &[
-            Parameter::new("lock", Kind::Text(&["unlocked", "locked"])).or("unlocked"),
-            Parameter::new("seed", Kind::Number(0.0, 1e9)).or("1"),
-            Parameter::new("radius", Kind::Number(0.5, 1.2)).or("0.82"),
-            Parameter::new("closer", Kind::Number(0.0, 30.0)).or("8"),
-            Parameter::new("push_at", Kind::Number(-1.0, 1e6)).or("-1"),
-            Parameter::new("push", Kind::Number(0.0, 200.0)).or("60"),
-            Parameter::new("lose_at", Kind::Number(-1.0, 2.5)).or("-1"),
-            Parameter::new("slip_force", Kind::Number(1.0, 1000.0)).or("160"),
-            Parameter::new("base_slip_at", Kind::Number(-1.0, 1e6)).or("-1"),
-            Parameter::new("base_slip_for", Kind::Number(0.0, 60.0)).or("1"),
-        ];
         About::service(
-            "Simulates the robot before a door and owns its devices; radius [m], closer [Nm], push [N, s]; \
-            faults: lose_at [rad], slip_force [N], base_slip_at and base_slip_for [s], -1 for never.",
+            "Simulates the robot before a door and owns its devices. SI units; the manual's page on the door has every \
+            parameter with its unit and meaning.",
         )
         .every(Duration::from_millis(4))
-        .with(PARAMETERS)
+        .with(parameters::PARAMETERS)
         .signals_every(SIGNALS_EVERY)
     }
 
     fn new(arguments: &Arguments) -> Result<Self, String> {
-        let lock = if arguments.text("lock") == "locked" { Lock::Locked } else { Lock::Unlocked };
-        let (radius, closer) = (arguments.number("radius"), arguments.number("closer"));
-        let at = |name| Some(arguments.number(name)).filter(|at| *at >= 0.0).unwrap_or(f64::INFINITY);
-        let faults = Faults {
-            lose_at: at("lose_at"),
-            slip_force: arguments.number("slip_force"),
-            base_slip: (at("base_slip_at"), arguments.number("base_slip_for")),
-        };
         Ok(Self {
-            faults,
-            description: Description { radius, closer, lock },
-            seed: arguments.number("seed").to_bits(),
+            setup: parameters::setup(arguments),
+            delays: parameters::delays(arguments),
             push: (arguments.number("push_at"), arguments.number("push")),
             state: None,
         })
@@ -285,11 +339,10 @@ impl Controller for DoorWorld {
 
     fn main_calc(&mut self, tick: Tick, inputs: &Inputs, outputs: &mut Outputs) -> Progress {
         let state = self.state.get_or_insert_with(|| {
-            let mut plant = Plant::new(self.description, self.seed, tick.now);
-            plant.faults = self.faults;
-            Box::new(State::new(plant, tick.now))
+            let plant = Plant::new(self.setup, tick.now);
+            Box::new(State::new(plant, self.delays, self.setup.seed, tick.now))
         });
-        state.obey(inputs);
+        state.obey(tick.now, inputs);
         state.advance(tick.now, self.push);
         state.publish(tick.now, outputs);
         Progress::Continue

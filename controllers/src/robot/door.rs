@@ -2,29 +2,97 @@
 
 use nalgebra::{Isometry3, Rotation3, UnitQuaternion, Vector2, Vector3};
 
-/// Height of the lever's axis (m).
-pub const LEVER_HEIGHT: f64 = 1.05;
-/// From the lever's axis to where it is held (m).
-pub const LEVER_ARM: f64 = 0.09;
-/// From the leaf to the lever (m).
-pub const LEVER_STANDOFF: f64 = 0.06;
-/// Width of the leaf (m) beyond the radius of the handle.
-pub const LEAF_BEYOND: f64 = 0.08;
-
-const INERTIA: f64 = 6.75;
+/// The leaf counts as closed below this angle (rad): there the latch catches it.
+const CLOSED: f64 = 0.6 * std::f64::consts::PI / 180.0;
 const LATCH_STIFFNESS: f64 = 1e5;
 const LATCH_DAMPING: f64 = 400.0;
 const LEVER_INERTIA: f64 = 0.01;
+/// Of a torque of the fingers about the lever's axis, what reaches the lever; the rest slips.
+const FINGERS_TURN: f64 = 0.3;
 
 /// What a door is like.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Description {
-    /// From the hinge to where the lever is held (m).
-    pub radius: f64,
-    /// Torque of the closer at rest (Nm).
-    pub closer: f64,
+    /// Where the hinge is, as the robot sees it.
+    pub side: Side,
+    /// Which way the leaf goes, as the robot sees it.
+    pub swing: Swing,
     /// Whether the lever frees the latch.
     pub lock: Lock,
+    /// From the hinge to where the lever is held (m).
+    pub radius: f64,
+    /// Width of the leaf (m) beyond the radius of the handle.
+    pub leaf_beyond: f64,
+    /// Of the leaf about its hinge (kg m²).
+    pub inertia: f64,
+    /// Torque of the closer at rest (Nm).
+    pub closer: f64,
+    /// By how much that grows with the angle (Nm/rad).
+    pub closer_rate: f64,
+    /// Dry friction of the hinge (Nm).
+    pub friction: f64,
+    /// Viscous friction of the hinge (Nm s/rad).
+    pub viscosity: f64,
+    /// The angle of the lever that frees the latch (rad).
+    pub latch_angle: f64,
+    /// Height of the lever's axis (m).
+    pub lever_height: f64,
+    /// From the lever's axis to where it is held (m).
+    pub lever_length: f64,
+    /// From the leaf to the lever (m).
+    pub lever_standoff: f64,
+    /// Thickness of the lever between the fingers (m).
+    pub lever_thickness: f64,
+    /// The angle at which the lever stops (rad).
+    pub lever_stop: f64,
+    /// Torque of the lever's spring when it leaves its rest (Nm).
+    pub lever_torque: f64,
+    /// By how much that grows with the lever's angle (Nm/rad).
+    pub lever_rate: f64,
+}
+
+impl Default for Description {
+    /// The nominal door: 25 kg, 0.9 m wide, a closer, a lever, its hinge on the left; the robot pulls.
+    fn default() -> Self {
+        Self {
+            side: Side::Left,
+            swing: Swing::Pull,
+            lock: Lock::Unlocked,
+            radius: 0.82,
+            leaf_beyond: 0.08,
+            inertia: 6.75,
+            closer: 8.0,
+            closer_rate: 2.0,
+            friction: 1.0,
+            viscosity: 1.5,
+            latch_angle: 28f64.to_radians(),
+            lever_height: 1.05,
+            lever_length: 0.09,
+            lever_standoff: 0.06,
+            lever_thickness: 0.02,
+            lever_stop: 45f64.to_radians(),
+            lever_torque: 0.6,
+            lever_rate: 1.8,
+        }
+    }
+}
+
+/// Where the hinge is, as the robot sees it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Side {
+    /// On the left; the lever points to the left, too.
+    Left,
+    /// On the right.
+    Right,
+}
+
+/// Which way the leaf goes, as the robot sees it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Swing {
+    /// Towards the robot.
+    Pull,
+    /// Away from it.
+    Push,
 }
 
 /// Whether the lever frees the latch.
@@ -69,32 +137,56 @@ impl Door {
         Self { description, angle: 0.0, rate: 0.0, lever: 0.0, lever_rate: 0.0 }
     }
 
+    /// Returns what the door is like.
+    pub fn description(&self) -> &Description {
+        &self.description
+    }
+
     /// Returns where the hinge is (m).
     pub fn hinge(&self) -> Vector2<f64> {
-        Vector2::new(0.0, self.description.radius)
+        Vector2::new(0.0, self.mirror() * self.description.radius)
     }
 
     /// Returns the free edge of the leaf (m).
     pub fn edge(&self) -> Vector2<f64> {
-        self.hinge() + self.along() * (self.description.radius + LEAF_BEYOND)
+        self.hinge() + self.along() * (self.description.radius + self.description.leaf_beyond)
+    }
+
+    /// +1 for a hinge on the left, -1 on the right.
+    pub fn mirror(&self) -> f64 {
+        match self.description.side {
+            Side::Left => 1.0,
+            Side::Right => -1.0,
+        }
+    }
+
+    /// How the leaf turns about the vertical when it opens: +1 counter-clockwise seen from above.
+    fn sense(&self) -> f64 {
+        match self.description.swing {
+            Swing::Pull => -self.mirror(),
+            Swing::Push => self.mirror(),
+        }
     }
 
     /// From the hinge along the leaf.
     fn along(&self) -> Vector2<f64> {
-        Vector2::new(-self.angle.sin(), -self.angle.cos())
+        let (s, c) = (self.sense() * self.angle).sin_cos();
+        Vector2::new(s, -c) * self.mirror()
     }
 
     /// Returns the handle.
     pub fn handle(&self) -> Handle {
+        let Description { radius, lever_length, lever_standoff, .. } = self.description;
         let along = self.along().push(0.0);
-        let outward = Vector3::new(-self.angle.cos(), self.angle.sin(), 0.0);
-        let hinge = self.hinge().push(LEVER_HEIGHT);
-        let axis = hinge + along * (self.description.radius + LEVER_ARM) + outward * LEVER_STANDOFF;
+        let (s, c) = (self.sense() * self.angle).sin_cos();
+        let outward = Vector3::new(-c, -s, 0.0);
+        let hinge = self.hinge().push(self.description.lever_height);
+        let axis = hinge + along * (radius + lever_length) + outward * lever_standoff;
         let lever = -along * self.lever.cos() - Vector3::z() * self.lever.sin();
-        let origin = axis + lever * LEVER_ARM;
+        let origin = axis + lever * lever_length;
         let basis = [lever, (-outward).cross(&lever), -outward];
         let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_basis_unchecked(&basis));
-        let leaf_angular = -Vector3::z() * self.rate;
+        let leaf_angular = Vector3::z() * (self.sense() * self.rate);
         let lever_angular = self.lever_axis() * self.lever_rate;
         Handle {
             world_from_handle: Isometry3::from_parts(origin.into(), rotation),
@@ -112,26 +204,25 @@ impl Door {
 
     /// Lets `dt` (s) pass with a force (N) and a torque (Nm) on the handle, in world axes.
     pub fn step(&mut self, force: &Vector3<f64>, torque: &Vector3<f64>, dt: f64) {
+        let is = self.description;
         let handle = self.handle();
         let origin = handle.world_from_handle.translation.vector;
-        let moment = (origin - self.hinge().push(LEVER_HEIGHT)).cross(force).z + torque.z;
-        let closer = if self.angle > 0.0 { self.description.closer + 2.0 * self.angle } else { 0.0 };
-        let friction = 1.5 * self.rate + (self.rate / 0.01).tanh();
-        let mut leaf = -moment - friction - closer;
-        let locked = self.description.lock == Lock::Locked;
-        let latched = self.angle < 0.6f64.to_radians() && (self.lever < 28f64.to_radians() || locked);
+        let moment = (origin - self.hinge().push(is.lever_height)).cross(force).z + torque.z;
+        let closer = if self.angle > 0.0 { is.closer + is.closer_rate * self.angle } else { 0.0 };
+        let friction = is.viscosity * self.rate + is.friction * (self.rate / 0.01).tanh();
+        let mut leaf = self.sense() * moment - friction - closer;
+        let latched = self.angle < CLOSED && (self.lever < is.latch_angle || is.lock == Lock::Locked);
         if self.angle < 0.0 || (latched && self.angle > 0.0) {
             leaf -= LATCH_STIFFNESS * self.angle + LATCH_DAMPING * self.rate;
         }
-        let stop = 45f64.to_radians();
-        let mut lever = ((origin - handle.axis).cross(force) + torque * 0.3).dot(&self.lever_axis());
-        lever -= 0.6 + 1.8 * self.lever + 0.05 * self.lever_rate;
+        let mut lever = ((origin - handle.axis).cross(force) + torque * FINGERS_TURN).dot(&self.lever_axis());
+        lever -= is.lever_torque + is.lever_rate * self.lever + 0.05 * self.lever_rate;
         if self.lever < 0.0 {
-            lever += 0.6 - 400.0 * self.lever - self.lever_rate;
-        } else if self.lever > stop {
-            lever -= 400.0 * (self.lever - stop) + self.lever_rate;
+            lever += is.lever_torque - 400.0 * self.lever - self.lever_rate;
+        } else if self.lever > is.lever_stop {
+            lever -= 400.0 * (self.lever - is.lever_stop) + self.lever_rate;
         }
-        self.rate += dt * leaf / INERTIA;
+        self.rate += dt * leaf / is.inertia;
         self.angle += dt * self.rate;
         self.lever_rate += dt * lever / LEVER_INERTIA;
         self.lever += dt * self.lever_rate;
@@ -142,8 +233,15 @@ impl Door {
 mod tests {
     use super::*;
 
+    const EVERY_WAY: [(Side, Swing); 4] =
+        [(Side::Left, Swing::Pull), (Side::Left, Swing::Push), (Side::Right, Swing::Pull), (Side::Right, Swing::Push)];
+
+    fn door(side: Side, swing: Swing) -> Door {
+        Door::new(Description { side, swing, ..Description::default() })
+    }
+
     fn pulled(lock: Lock, lever: f64) -> f64 {
-        let mut door = Door::new(Description { radius: 0.82, closer: 8.0, lock });
+        let mut door = Door::new(Description { lock, ..Description::default() });
         for _ in 0..2000 {
             door.lever = lever;
             let force = door.handle().outward * 30.0;
@@ -161,16 +259,67 @@ mod tests {
     }
 
     #[test]
+    fn each_door_opens_its_own_way() {
+        for (side, swing) in EVERY_WAY {
+            let mut door = door(side, swing);
+            // Closed, every leaf is in the wall, its handle before the robot, its lever pointing to the hinge.
+            let handle = door.handle();
+            assert!((handle.world_from_handle.translation.vector - Vector3::new(-0.06, 0.0, 1.05)).norm() < 1e-12);
+            assert!((handle.outward + Vector3::x()).norm() < 1e-12 && door.edge().x.abs() < 1e-12);
+            let lever = handle.world_from_handle.rotation * Vector3::x();
+            assert!((lever - Vector3::y() * door.mirror()).norm() < 1e-12);
+            // Half a radian open, its edge is on the robot's side, or on the other.
+            door.angle = 0.5;
+            let towards = if swing == Swing::Pull { -1.0 } else { 1.0 };
+            assert!((door.edge().x - towards * 0.9 * 0.5f64.sin()).abs() < 1e-12);
+            assert!((door.edge() - door.hinge()).norm() - 0.9 < 1e-12);
+        }
+    }
+
+    #[test]
+    fn work_on_the_handle_is_the_energy_of_the_leaf() {
+        // Without closer and friction, what a force does along the handle's way is 1/2 I w².
+        for (side, swing) in EVERY_WAY {
+            let free = Description {
+                side,
+                swing,
+                closer: 0.0,
+                closer_rate: 0.0,
+                friction: 0.0,
+                viscosity: 0.0,
+                ..Description::default()
+            };
+            let mut door = Door::new(free);
+            door.angle = 0.2;
+            let mut work = 0.0;
+            for _ in 0..1000 {
+                door.lever = 0.6;
+                let towards = if swing == Swing::Pull { 20.0 } else { -20.0 };
+                let force = door.handle().outward * towards;
+                let before = door.handle();
+                door.step(&force, &Vector3::zeros(), 1e-3);
+                let leaf = |handle: &Handle| handle.axis - handle.outward * 0.06;
+                work += force.dot(&(leaf(&door.handle()) - leaf(&before))) * 0.82 / 0.91;
+            }
+            // The lever turns a little within a step; its share of the way is not the leaf's.
+            let energy = 0.5 * 6.75 * door.rate * door.rate;
+            assert!((work - energy).abs() < 0.02 * energy, "{side:?} {swing:?}: {work} J, {energy} J");
+        }
+    }
+
+    #[test]
     fn velocity_is_the_derivative() {
-        let mut door = Door::new(Description { radius: 0.82, closer: 8.0, lock: Lock::Unlocked });
-        (door.angle, door.rate, door.lever, door.lever_rate) = (0.4, 0.3, 0.2, -0.5);
-        let before = door.handle();
-        (door.angle, door.lever) = (0.4 + 0.3e-6, 0.2 - 0.5e-6);
-        let after = door.handle();
-        let step = after.world_from_handle.translation.vector - before.world_from_handle.translation.vector;
-        // A forward difference of 1 us: its error is the acceleration times half of that.
-        assert!((step / 1e-6 - before.velocity).norm() < 1e-5);
-        let turn = (after.world_from_handle.rotation * before.world_from_handle.rotation.inverse()).scaled_axis();
-        assert!((turn / 1e-6 - before.angular).norm() < 1e-5);
+        for (side, swing) in EVERY_WAY {
+            let mut door = door(side, swing);
+            (door.angle, door.rate, door.lever, door.lever_rate) = (0.4, 0.3, 0.2, -0.5);
+            let before = door.handle();
+            (door.angle, door.lever) = (0.4 + 0.3e-6, 0.2 - 0.5e-6);
+            let after = door.handle();
+            let step = after.world_from_handle.translation.vector - before.world_from_handle.translation.vector;
+            // A forward difference of 1 us: its error is the acceleration times half of that.
+            assert!((step / 1e-6 - before.velocity).norm() < 1e-5);
+            let turn = (after.world_from_handle.rotation * before.world_from_handle.rotation.inverse()).scaled_axis();
+            assert!((turn / 1e-6 - before.angular).norm() < 1e-5);
+        }
     }
 }

@@ -4,14 +4,26 @@ use crate::control::filter::LowPass;
 use crate::sdk::Random;
 
 const CUTOFF: f64 = 60.0;
-const FORCE_NOISE: f64 = 0.4;
-const TORQUE_NOISE: f64 = 0.02;
 /// Samples of 1 ms averaged when it is set to zero.
 const ZERO_SAMPLES: u32 = 100;
+
+/// What is wrong with its readings.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Errors {
+    /// Of each force (N, standard deviation).
+    pub force_noise: f64,
+    /// Of each torque (Nm, standard deviation).
+    pub torque_noise: f64,
+    /// Each force is off by up to this (N), drawn once; setting the sensor to zero takes it out.
+    pub offset: f64,
+    /// A force along the approach that is not there (N) and that setting to zero does not take out: drift.
+    pub bias: f64,
+}
 
 /// The sensor's state; wrenches are force (N), then torque (Nm), tool axes.
 #[derive(Clone, Debug)]
 pub struct ForceTorque {
+    errors: Errors,
     filter: LowPass<6>,
     filtered: [f64; 6],
     offset: [f64; 6],
@@ -21,11 +33,12 @@ pub struct ForceTorque {
 }
 
 impl ForceTorque {
-    /// Returns a sensor with a random offset of a few newtons.
-    pub fn new(random: &mut Random) -> Self {
-        let offset = std::array::from_fn(|i| if i < 3 { random.between(-3.0, 3.0) } else { random.between(-0.1, 0.1) });
+    /// Returns a sensor with a random offset.
+    pub fn new(errors: Errors, random: &mut Random) -> Self {
+        let span = |i| if i < 3 { errors.offset } else { 0.1 };
+        let offset = std::array::from_fn(|i| random.between(-span(i), span(i)));
         let filter = LowPass::new(CUTOFF);
-        Self { filter, filtered: [0.0; 6], offset, zero: [0.0; 6], zeroing: None, zeroed: 0 }
+        Self { errors, filter, filtered: [0.0; 6], offset, zero: [0.0; 6], zeroing: None, zeroed: 0 }
     }
 
     /// Begins to set it to zero, if it has been `after` times.
@@ -59,8 +72,9 @@ impl ForceTorque {
     /// Returns a reading.
     pub fn read(&self, random: &mut Random) -> [f64; 6] {
         std::array::from_fn(|i| {
-            let noise = random.normal(if i < 3 { FORCE_NOISE } else { TORQUE_NOISE });
-            self.filtered[i] + self.offset[i] - self.zero[i] + noise
+            let noise = random.normal(if i < 3 { self.errors.force_noise } else { self.errors.torque_noise });
+            let bias = if i == 2 { self.errors.bias } else { 0.0 };
+            self.filtered[i] + self.offset[i] - self.zero[i] + bias + noise
         })
     }
 }

@@ -10,15 +10,23 @@ pub const RAYS: u32 = 361;
 pub const AHEAD: f64 = 0.30;
 /// What no echo reads (m).
 pub const RANGE_MAX: f64 = 8.0;
-const NOISE: f64 = 0.005;
 
 /// Returns the direction of a ray about straight ahead (rad).
 pub fn bearing(ray: u32) -> f64 {
     (0.5 * f64::from(ray) - 90.0).to_radians()
 }
 
+/// What is wrong with its ranges.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Errors {
+    /// Of one ray (m, standard deviation).
+    pub noise: f64,
+    /// Of all (m).
+    pub bias: f64,
+}
+
 /// Returns one sweep (m) from a base at `base` (x, y (m), yaw (rad)).
-pub fn sweep(base: &Vector3<f64>, door: &Door, random: &mut Random) -> Vec<f64> {
+pub fn sweep(base: &Vector3<f64>, door: &Door, errors: &Errors, random: &mut Random) -> Vec<f64> {
     let (s, c) = base.z.sin_cos();
     let from = base.xy() + Vector2::new(c, s) * AHEAD;
     let walls = walls(door);
@@ -27,21 +35,26 @@ pub fn sweep(base: &Vector3<f64>, door: &Door, random: &mut Random) -> Vec<f64> 
             let (s, c) = (base.z + bearing(ray)).sin_cos();
             let hits = walls.iter().filter_map(|(a, b)| hit(&from, &Vector2::new(c, s), a, b));
             let range = hits.fold(RANGE_MAX, f64::min);
-            if range < RANGE_MAX { (range + random.normal(NOISE)).clamp(0.0, RANGE_MAX) } else { range }
+            if range < RANGE_MAX {
+                (range + errors.bias + random.normal(errors.noise)).clamp(0.0, RANGE_MAX)
+            } else {
+                range
+            }
         })
         .collect()
 }
 
 /// The room from above: two stretches of wall, jambs of 5 cm, side walls, and the leaf.
-fn walls(door: &Door) -> [(Vector2<f64>, Vector2<f64>); 7] {
-    let hinge = door.hinge();
-    let closed = super::door::LEAF_BEYOND;
-    let p = Vector2::new;
+pub fn walls(door: &Door) -> [(Vector2<f64>, Vector2<f64>); 7] {
+    let (hinge, mirror) = (door.hinge(), door.mirror());
+    let (edge, beside) = (door.description().leaf_beyond + 0.01, door.description().radius + 0.01);
+    // As for a hinge on the left.
+    let p = |x: f64, y: f64| Vector2::new(x, mirror * y);
     [
-        (p(0.0, -2.5), p(0.0, -closed - 0.01)),
-        (p(0.0, hinge.y + 0.01), p(0.0, 2.5)),
-        (p(0.0, -closed - 0.01), p(-0.05, -closed - 0.01)),
-        (p(0.0, hinge.y + 0.01), p(-0.05, hinge.y + 0.01)),
+        (p(0.0, -2.5), p(0.0, -edge)),
+        (p(0.0, beside), p(0.0, 2.5)),
+        (p(0.0, -edge), p(-0.05, -edge)),
+        (p(0.0, beside), p(-0.05, beside)),
         (p(0.0, -2.5), p(-4.0, -2.5)),
         (p(0.0, 2.5), p(-4.0, 2.5)),
         (hinge, door.edge()),
@@ -61,15 +74,18 @@ fn hit(from: &Vector2<f64>, along: &Vector2<f64>, a: &Vector2<f64>, b: &Vector2<
 
 #[cfg(test)]
 mod tests {
-    use super::super::door::{Description, Lock};
+    use super::super::door::{Description, Side};
     use super::*;
 
     #[test]
     fn straight_ahead_is_the_door() {
-        let door = Door::new(Description { radius: 0.82, closer: 8.0, lock: Lock::Unlocked });
-        let ranges = sweep(&Vector3::new(-1.75, 0.22, 0.0), &door, &mut Random::new(1));
-        // One ray of 5 mm noise; five deviations.
-        assert!((ranges[180] - 1.45).abs() < 0.025);
-        assert!((ranges[0] - 2.72).abs() < 0.025 && (ranges[360] - 2.28).abs() < 0.025);
+        for side in [Side::Left, Side::Right] {
+            let door = Door::new(Description { side, ..Description::default() });
+            let errors = Errors { noise: 0.005, bias: 0.0 };
+            let ranges = sweep(&Vector3::new(-1.75, 0.22, 0.0), &door, &errors, &mut Random::new(1));
+            // One ray of 5 mm noise; five deviations. The room is the same from both sides.
+            assert!((ranges[180] - 1.45).abs() < 0.025);
+            assert!((ranges[0] - 2.72).abs() < 0.025 && (ranges[360] - 2.28).abs() < 0.025);
+        }
     }
 }

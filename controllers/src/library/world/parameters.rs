@@ -1,0 +1,209 @@
+//! Every constant of the simulated world, as a parameter of its process: range, unit, meaning.
+
+use super::delay::Delays;
+use crate::robot::door::{Lock, Side, Swing};
+use crate::robot::setup::{Setup, Slip};
+use crate::sdk::{Arguments, Kind, Parameter};
+use std::time::Duration;
+
+/// Makes the parameters, and the table of their units and meanings for people.
+macro_rules! parameters {
+    ($($name:literal: $kind:expr, $default:literal, $unit:literal, $meaning:literal;)+) => {
+        /// What the process takes, in the order of a spec's arguments.
+        pub(super) const PARAMETERS: &[Parameter] = &[$(Parameter::new($name, $kind).or($default),)+];
+        #[cfg(test)]
+        const MEANINGS: &[(&str, &str)] = &[$(($unit, $meaning),)+];
+    };
+}
+
+/// A number from `low` to `high`.
+const fn from(low: f64, high: f64) -> Kind {
+    Kind::Number(low, high)
+}
+
+parameters! {
+    "lock": Kind::Text(&["unlocked", "locked"]), "unlocked", "", "whether the lever frees the latch";
+    "seed": from(0.0, 1e9), "1", "", "moves the start, draws all errors, makes the noise";
+    "radius": from(0.5, 1.2), "0.82", "m", "from the hinge to where the lever is held";
+    "closer": from(0.0, 40.0), "8", "Nm", "torque of the closer at rest";
+    "push_at": from(-1.0, 1e6), "-1", "s", "when a visitor begins to push the hand; -1: never";
+    "push": from(0.0, 200.0), "60", "N", "how hard the visitor pushes in the end, 4 s later";
+    "lose_at": from(-1.0, 2.5), "-1", "rad", "the lever leaves the fingers for good when the door is so far open; -1: never";
+    "slip_force": from(1.0, 1000.0), "160", "N", "a held lever slips out at this force";
+    "base_slip_at": from(-1.0, 1e6), "-1", "s", "when the wheels begin to turn on the spot; -1: never";
+    "base_slip_for": from(0.0, 60.0), "1", "s", "for how long they do";
+    "base_slip_lever": from(-1.0, 1.6), "-1", "rad", "they begin when the lever is so far down; -1: never";
+    "base_slip_door": from(-1.0, 2.5), "-1", "rad", "they begin when the door is so far open; -1: never";
+    "side": Kind::Text(&["left", "right"]), "left", "", "where the hinge is, as the robot sees it";
+    "swing": Kind::Text(&["pull", "push"]), "pull", "", "which way the robot has to open it";
+    "inertia": from(1.0, 60.0), "6.75", "kg m²", "of the leaf about its hinge";
+    "closer_rate": from(0.0, 20.0), "2", "Nm/rad", "by how much the closer grows with the angle";
+    "friction": from(0.0, 15.0), "1", "Nm", "dry friction of the hinge";
+    "viscosity": from(0.0, 20.0), "1.5", "Nm s/rad", "viscous friction of the hinge";
+    "leaf_beyond": from(0.02, 0.3), "0.08", "m", "width of the leaf beyond the handle";
+    "latch_angle": from(0.05, 1.2), "0.4886921905584123", "rad", "how far down the lever frees the latch";
+    "lever_height": from(0.7, 1.4), "1.05", "m", "of the lever's axis above the floor";
+    "lever_length": from(0.05, 0.16), "0.09", "m", "from the lever's axis to where it is held";
+    "lever_standoff": from(0.03, 0.15), "0.06", "m", "from the leaf to the lever";
+    "lever_thickness": from(0.008, 0.05), "0.02", "m", "between the fingers";
+    "lever_stop": from(0.2, 1.5), "0.7853981633974483", "rad", "where the lever stops";
+    "lever_torque": from(0.0, 5.0), "0.6", "Nm", "of the lever's spring when it leaves its rest";
+    "lever_rate": from(0.0, 10.0), "1.8", "Nm/rad", "by how much that grows with the lever's angle";
+    "touch_stiffness": from(500.0, 64000.0), "8000", "N/m", "of a fingertip against the lever";
+    "touch_damping": from(0.0, 400.0), "40", "N s/m", "the same, damping";
+    "touch_reach": from(0.01, 0.1), "0.05", "m", "how far beside its middle a fingertip meets the lever";
+    "grasp_reach": from(0.005, 0.08), "0.035", "m", "how far from its middle closing fingers meet the lever";
+    "stiffness": from(500.0, 48000.0), "6000", "N/m", "of the lever in closed fingers";
+    "damping": from(0.0, 400.0), "60", "N s/m", "the same, damping";
+    "base_lag": from(0.005, 0.5), "0.08", "s", "time constant of the base's drives";
+    "arm_lag": from(0.002, 0.2), "0.02", "s", "time constant of the arm's drives";
+    "wheel_error": from(-0.2, 0.2), "0.01", "", "share by which the odometry believes too much";
+    "payload": from(0.0, 5.0), "0", "kg", "mass beyond the wrist sensor that nobody told it";
+    "noise": from(0.0, 10.0), "1", "", "all noise is so many times what it is here";
+    "force_noise": from(0.0, 10.0), "0.4", "N", "of a force, standard deviation";
+    "torque_noise": from(0.0, 1.0), "0.02", "Nm", "of a torque, standard deviation";
+    "force_offset": from(0.0, 50.0), "3", "N", "each force is off by up to this until the sensor is set to zero";
+    "force_bias": from(-30.0, 30.0), "0", "N", "drift along the approach that setting to zero does not take out";
+    "laser_noise": from(0.0, 0.1), "0.005", "m", "of one ray, standard deviation";
+    "laser_bias": from(-0.1, 0.1), "0", "m", "of all rays";
+    "pixel_noise": from(0.0, 10.0), "0.5", "px", "of a mark in the image, standard deviation";
+    "depth_noise": from(0.0, 0.3), "0.03", "", "of a depth, as a share of it, standard deviation";
+    "focal_error": from(-0.2, 0.2), "0", "", "the focal length is longer than believed by this share";
+    "camera_shift": from(0.0, 0.05), "0", "m", "the camera is off its place by up to this, along each axis";
+    "camera_turn": from(0.0, 0.2), "0", "rad", "the camera is turned by up to this, about each axis";
+    "joint_offset": from(0.0, 0.1), "0", "rad", "each encoder of the arm is off by up to this";
+    "start_distance": from(1.3, 2.6), "1.75", "m", "from the base to the wall at the start";
+    "start_aside": from(-1.0, 1.0), "0.22", "m", "to the left of the handle";
+    "start_yaw": from(-0.8, 0.8), "-0.06", "rad", "of the base, counter-clockwise from straight ahead";
+    "start_spread": from(0.0, 4.0), "1", "", "the seed moves the start by up to so many times 0.08 m, 0.06 m and 0.05 rad";
+    "start_wrist": from(-4.6, 4.6), "1.5707963267948966", "rad", "joint 6: it points the fingers' x axis to the left; -1.5707963 to the right";
+    "arm_delay": from(0.0, 1.0), "0", "s", "from the arm's encoders to whoever listens";
+    "base_delay": from(0.0, 1.0), "0", "s", "from the base's encoders";
+    "force_delay": from(0.0, 1.0), "0", "s", "from the wrist sensor";
+    "gripper_delay": from(0.0, 1.0), "0", "s", "from the gripper";
+    "laser_delay": from(0.0, 1.0), "0", "s", "from the laser";
+    "camera_delay": from(0.0, 1.0), "0", "s", "from the camera";
+    "command_delay": from(0.0, 1.0), "0", "s", "from a command to the drives";
+    "jitter": from(0.0, 1.0), "0", "s", "each of these is longer by up to this, drawn anew each time";
+}
+
+/// Returns the world of the arguments.
+pub(super) fn setup(arguments: &Arguments) -> Setup {
+    let mut setup = Setup { seed: arguments.number("seed").to_bits(), ..Setup::default() };
+    let door = &mut setup.door;
+    door.side = if arguments.text("side") == "right" { Side::Right } else { Side::Left };
+    door.swing = if arguments.text("swing") == "push" { Swing::Push } else { Swing::Pull };
+    door.lock = if arguments.text("lock") == "locked" { Lock::Locked } else { Lock::Unlocked };
+    for (name, field) in numbers(&mut setup) {
+        *field = arguments.number(name);
+    }
+    let at = |name| Some(arguments.number(name)).filter(|at| *at >= 0.0).unwrap_or(f64::INFINITY);
+    setup.faults.lose_at = at("lose_at");
+    setup.faults.base_slip =
+        Slip { time: at("base_slip_at"), lever: at("base_slip_lever"), door: at("base_slip_door") };
+    setup
+}
+
+/// Returns how long everything takes on its way.
+pub(super) fn delays(arguments: &Arguments) -> Delays {
+    let of = |name| Duration::from_secs_f64(arguments.number(name));
+    let state = ["arm_delay", "base_delay", "force_delay", "gripper_delay", "laser_delay", "camera_delay"].map(of);
+    Delays { state, command: of("command_delay"), jitter: of("jitter") }
+}
+
+/// The numbers of a world by the names of their parameters.
+fn numbers(setup: &mut Setup) -> [(&'static str, &mut f64); 45] {
+    let Setup { door, contact, machine, sensors, start, faults, .. } = setup;
+    [
+        ("radius", &mut door.radius),
+        ("closer", &mut door.closer),
+        ("slip_force", &mut contact.slip_force),
+        ("base_slip_for", &mut faults.base_slip_for),
+        ("inertia", &mut door.inertia),
+        ("closer_rate", &mut door.closer_rate),
+        ("friction", &mut door.friction),
+        ("viscosity", &mut door.viscosity),
+        ("leaf_beyond", &mut door.leaf_beyond),
+        ("latch_angle", &mut door.latch_angle),
+        ("lever_height", &mut door.lever_height),
+        ("lever_length", &mut door.lever_length),
+        ("lever_standoff", &mut door.lever_standoff),
+        ("lever_thickness", &mut door.lever_thickness),
+        ("lever_stop", &mut door.lever_stop),
+        ("lever_torque", &mut door.lever_torque),
+        ("lever_rate", &mut door.lever_rate),
+        ("touch_stiffness", &mut contact.touch_stiffness),
+        ("touch_damping", &mut contact.touch_damping),
+        ("touch_reach", &mut contact.touch_reach),
+        ("grasp_reach", &mut contact.grasp_reach),
+        ("stiffness", &mut contact.stiffness),
+        ("damping", &mut contact.damping),
+        ("base_lag", &mut machine.base_lag),
+        ("arm_lag", &mut machine.arm_lag),
+        ("wheel_error", &mut machine.wheel_error),
+        ("payload", &mut machine.payload),
+        ("noise", &mut sensors.noise),
+        ("force_noise", &mut sensors.force.force_noise),
+        ("torque_noise", &mut sensors.force.torque_noise),
+        ("force_offset", &mut sensors.force.offset),
+        ("force_bias", &mut sensors.force.bias),
+        ("laser_noise", &mut sensors.laser.noise),
+        ("laser_bias", &mut sensors.laser.bias),
+        ("pixel_noise", &mut sensors.pixel_noise),
+        ("depth_noise", &mut sensors.depth_noise),
+        ("focal_error", &mut sensors.focal_error),
+        ("camera_shift", &mut sensors.camera_shift),
+        ("camera_turn", &mut sensors.camera_turn),
+        ("joint_offset", &mut sensors.joint_offset),
+        ("start_distance", &mut start.distance),
+        ("start_aside", &mut start.aside),
+        ("start_yaw", &mut start.yaw),
+        ("start_spread", &mut start.spread),
+        ("start_wrist", &mut start.wrist),
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_defaults_are_the_nominal_world() {
+        let arguments = Arguments::parse::<&str>(PARAMETERS, &[]).unwrap();
+        let nominal = Setup { seed: 1f64.to_bits(), ..Setup::default() };
+        assert_eq!(setup(&arguments), nominal);
+        assert_eq!(delays(&arguments), Delays::default());
+    }
+
+    #[test]
+    fn every_number_reaches_the_world() {
+        let nominal = setup(&Arguments::parse::<&str>(PARAMETERS, &[]).unwrap());
+        let quiet = delays(&Arguments::parse::<&str>(PARAMETERS, &[]).unwrap());
+        let own = ["push_at", "push"];
+        for parameter in PARAMETERS.iter().filter(|parameter| !own.contains(&parameter.name)) {
+            let value = match parameter.kind {
+                Kind::Number(low, high) => (0.4 * low + 0.6 * high).to_string(),
+                Kind::Text(words) => words[1].to_owned(),
+                Kind::Truth => "true".to_owned(),
+            };
+            let given = Arguments::parse(PARAMETERS, &[format!("{}={value}", parameter.name)]).unwrap();
+            let is_other = setup(&given) != nominal || delays(&given) != quiet;
+            assert!(is_other, "`{}` changes nothing", parameter.name);
+        }
+    }
+
+    #[test]
+    fn the_manual_has_each_parameter() {
+        let page = include_str!("../../../../docs/src/door.md");
+        for (parameter, (unit, meaning)) in PARAMETERS.iter().zip(MEANINGS) {
+            let range = match parameter.kind {
+                Kind::Number(low, high) => format!("{low} to {high}"),
+                Kind::Text(words) => words.iter().map(|word| format!("`{word}`")).collect::<Vec<_>>().join(", "),
+                Kind::Truth => "`true`, `false`".to_owned(),
+            };
+            let default = parameter.default.unwrap_or_default();
+            let line = format!("| `{}` | {default} | {range} | {unit} | {meaning} |", parameter.name);
+            assert!(page.contains(&line), "docs/src/door.md lacks this line:\n{line}");
+        }
+    }
+}

@@ -1,0 +1,171 @@
+//! Everything about the simulated world that differs from world to world. SI units throughout.
+
+use super::camera::Camera;
+use super::{contact, door, force_torque, laser};
+use crate::control::puma560::Joints;
+use crate::sdk::Random;
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+
+/// A world: the robot, its door, its sensors, and what goes wrong.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Setup {
+    /// Moves the start a little, draws the signs of all errors, and makes the noise.
+    pub seed: u64,
+    /// The door.
+    pub door: door::Description,
+    /// Hand and lever.
+    pub contact: contact::Description,
+    /// Drives and wheels.
+    pub machine: Machine,
+    /// What sensors see.
+    pub sensors: Sensors,
+    /// Where it begins.
+    pub start: Start,
+    /// What goes wrong.
+    pub faults: Faults,
+}
+
+/// What the robot is like.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Machine {
+    /// Time constant of the base's drives (s).
+    pub base_lag: f64,
+    /// Time constant of the arm's drives (s).
+    pub arm_lag: f64,
+    /// By which share the odometry believes too much, because the wheels are smaller than it believes.
+    pub wheel_error: f64,
+    /// Mass beyond the wrist sensor that nobody has told it (kg).
+    pub payload: f64,
+}
+
+impl Default for Machine {
+    fn default() -> Self {
+        Self { base_lag: 0.08, arm_lag: 0.02, wheel_error: 0.01, payload: 0.0 }
+    }
+}
+
+/// What is wrong with the sensors: noise, and calibrations that do not hold.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sensors {
+    /// All noise is so many times what it says here.
+    pub noise: f64,
+    /// The wrist sensor.
+    pub force: force_torque::Errors,
+    /// The laser.
+    pub laser: laser::Errors,
+    /// Of a mark in the image (px, standard deviation).
+    pub pixel_noise: f64,
+    /// Of a depth, as a share of it (standard deviation).
+    pub depth_noise: f64,
+    /// The focal length is longer than the controllers believe by this share.
+    pub focal_error: f64,
+    /// The camera sits off its place by up to this along each axis (m).
+    pub camera_shift: f64,
+    /// And is turned by up to this about each axis (rad).
+    pub camera_turn: f64,
+    /// Each encoder of the arm is off by up to this (rad).
+    pub joint_offset: f64,
+}
+
+impl Default for Sensors {
+    fn default() -> Self {
+        Self {
+            noise: 1.0,
+            force: force_torque::Errors { force_noise: 0.4, torque_noise: 0.02, offset: 3.0, bias: 0.0 },
+            laser: laser::Errors { noise: 0.005, bias: 0.0 },
+            pixel_noise: 0.5,
+            depth_noise: 0.03,
+            focal_error: 0.0,
+            camera_shift: 0.0,
+            camera_turn: 0.0,
+            joint_offset: 0.0,
+        }
+    }
+}
+
+/// Focal length (px) and place behind the grasp point (m) of the camera that the maker sold.
+const FOCAL: f64 = 600.0;
+const CAMERA_BEHIND: f64 = 0.12;
+
+impl Sensors {
+    /// Returns the camera as it is mounted; `random` draws where its place and its direction are wrong.
+    pub fn camera(&self, random: &mut Random) -> Camera {
+        let mut within = |span: f64| Vector3::from_fn(|_, _| random.between(-span, span));
+        let shift = Vector3::new(0.0, 0.0, -CAMERA_BEHIND) + within(self.camera_shift);
+        let turn = UnitQuaternion::from_scaled_axis(within(self.camera_turn));
+        Camera {
+            tool_from_camera: Isometry3::from_parts(shift.into(), turn),
+            focal: FOCAL * (1.0 + self.focal_error),
+            pixel_noise: self.pixel_noise * self.noise,
+            depth_noise: self.depth_noise * self.noise,
+        }
+    }
+
+    /// Returns how far each encoder of the arm is off (rad).
+    pub fn joint_offsets(&self, random: &mut Random) -> Joints {
+        Joints::from_fn(|_, _| random.between(-self.joint_offset, self.joint_offset))
+    }
+
+    /// Returns the errors of the wrist sensor, noise included.
+    pub fn force(&self) -> force_torque::Errors {
+        let errors = self.force;
+        let (force_noise, torque_noise) = (errors.force_noise * self.noise, errors.torque_noise * self.noise);
+        force_torque::Errors { force_noise, torque_noise, ..errors }
+    }
+
+    /// Returns the errors of the laser, noise included.
+    pub fn laser(&self) -> laser::Errors {
+        laser::Errors { noise: self.laser.noise * self.noise, ..self.laser }
+    }
+}
+
+/// Where the robot begins: before the handle, looking at it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Start {
+    /// From the wall (m).
+    pub distance: f64,
+    /// To the left of the handle (m).
+    pub aside: f64,
+    /// Of the base, counter-clockwise from straight ahead (rad).
+    pub yaw: f64,
+    /// The seed moves it by up to so many times 0.08 m, 0.06 m and 0.05 rad.
+    pub spread: f64,
+    /// Joint 6 (rad): a quarter turn points the fingers' x axis to the left, three quarters to the right.
+    pub wrist: f64,
+}
+
+impl Default for Start {
+    fn default() -> Self {
+        Self { distance: 1.75, aside: 0.22, yaw: -0.06, spread: 1.0, wrist: std::f64::consts::FRAC_PI_2 }
+    }
+}
+
+/// What goes wrong.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Faults {
+    /// The lever leaves the fingers for good when the door is this far open (rad).
+    pub lose_at: f64,
+    /// When the base's wheels begin to turn on the spot.
+    pub base_slip: Slip,
+    /// For how long they do (s).
+    pub base_slip_for: f64,
+}
+
+/// What makes the wheels slip: whatever comes first.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Slip {
+    /// So long after the start (s).
+    pub time: f64,
+    /// When the lever is so far down for the first time (rad).
+    pub lever: f64,
+    /// When the door is so far open for the first time (rad).
+    pub door: f64,
+}
+
+impl Default for Faults {
+    /// Nothing goes wrong.
+    fn default() -> Self {
+        let never = f64::INFINITY;
+        Self { lose_at: never, base_slip: Slip { time: never, lever: never, door: never }, base_slip_for: 1.0 }
+    }
+}

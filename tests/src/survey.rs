@@ -1,0 +1,249 @@
+//! The door survey: the door mission in many worlds, on virtual time, and what came of it.
+//!
+//! A *row* is a kind of world: one dimension drawn from its range, all dimensions at once, or a trigger, something that
+//! goes wrong in the middle. Each row is flown in so many worlds; the same seed draws the same worlds. The table says how
+//! each row ended, the page shows where in its range it did.
+
+pub mod page;
+mod rows;
+pub mod table;
+
+use crate::simulation::{Finish, Simulation, plan};
+use comms::logic::time::Time;
+use controllers::sdk::harness::Disturbance;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
+use std::time::Duration;
+
+pub use rows::{Group, Row, rows};
+
+const WORLD: &str = "main/world";
+/// A mission that ended well below this angle is a false success (deg).
+pub const OPEN: f64 = 60.0;
+/// Strict runs hit the handle with no more than this (N).
+pub const HIT_MAX: f64 = 30.0;
+/// Strict runs open the door with no more than this (N).
+pub const PULL_MAX: f64 = 60.0;
+/// From this angle on leaf and wall can be told apart (deg).
+const SEEN_FROM: f64 = 15.0;
+/// How often a mission is looked at: half a window of the world's peaks, so none is missed.
+const LOOK: Duration = Duration::from_millis(20);
+/// The phases of the mission, by a part of the paths of what is active in them, and how far into them it is meddled (s).
+pub const PHASES: [(&str, f64); 5] =
+    [("/visualserv", 5.0), ("/approach", 3.0), ("/closegrip", 0.4), ("/presshandle", 1.2), ("/dooropen/", 6.0)];
+
+/// A phase of the mission.
+#[derive(Clone, Debug)]
+pub struct Phase {
+    /// A part of the paths of what makes it.
+    pub part: &'static str,
+    /// How far into it things are done to it (s).
+    pub span: f64,
+    /// The paths of all that is active in it.
+    pub active: Vec<String>,
+}
+
+/// One mission in one world.
+#[derive(Clone, Debug)]
+pub struct Mission {
+    /// The arguments of its world, as in a spec.
+    pub arguments: String,
+    /// What its network is like.
+    pub disturbance: Disturbance,
+    /// What is done to a controller in the middle.
+    pub meddling: Option<Meddling>,
+    /// Where in the row's range it is, if the row has one.
+    pub value: Option<f64>,
+}
+
+/// Something that is done to one controller.
+#[derive(Clone, Debug)]
+pub struct Meddling {
+    /// Its path, or the end of it.
+    pub leaf: String,
+    /// A part of the paths of the phase in which it is done.
+    pub phase: &'static str,
+    /// How long after both are active.
+    pub after: Duration,
+    /// What.
+    pub deed: Deed,
+}
+
+/// What is done.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Deed {
+    /// Started again with its memory gone, as a supervisor does that restarts it alone.
+    Restart,
+    /// Killed.
+    Kill,
+}
+
+/// What came of a mission.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Outcome {
+    /// How it ended.
+    pub finish: Finish,
+    /// The true angle of the door then (deg).
+    pub angle: f64,
+    /// The largest force while the hand came to the handle and closed (N).
+    pub hit: f64,
+    /// The largest force while the door opened (N).
+    pub pull: f64,
+    /// The largest force at all (N).
+    pub worst: f64,
+    /// By how much the laser was wrong about the angle of the door while it opened (deg).
+    pub wrong: f64,
+    /// How long it took (s).
+    pub seconds: f64,
+}
+
+impl Outcome {
+    /// Returns the outcome of a mission that has not begun.
+    fn unknown() -> Self {
+        Self { finish: Finish::Unfinished, angle: f64::NAN, hit: 0.0, pull: 0.0, worst: 0.0, wrong: 0.0, seconds: 0.0 }
+    }
+
+    /// Returns whether it says that the door is open, and it is.
+    pub fn is_success(&self) -> bool {
+        self.finish == Finish::Done && self.angle >= OPEN
+    }
+
+    /// Returns whether it succeeded with no more force than it may use.
+    pub fn is_strict(&self) -> bool {
+        self.is_success() && self.hit <= HIT_MAX && self.pull <= PULL_MAX
+    }
+
+    /// Returns whether it says that the door is open, and it is not.
+    pub fn is_false(&self) -> bool {
+        self.finish == Finish::Done && self.angle < OPEN
+    }
+
+    /// Returns how it ended, for people.
+    pub fn reason(&self) -> String {
+        match &self.finish {
+            Finish::Done if self.is_false() => "FALSE".to_owned(),
+            Finish::Done if self.hit > HIT_MAX => "done, but hit too hard".to_owned(),
+            Finish::Done if self.pull > PULL_MAX => "done, but pulled too hard".to_owned(),
+            Finish::Done => "done".to_owned(),
+            Finish::Aborted(why) => why.trim_start_matches("main/dooropensyst/").to_owned(),
+            Finish::Unfinished => "still running at the limit".to_owned(),
+        }
+    }
+}
+
+impl Mission {
+    /// Flies it with the spec `text`, at most for `limit`.
+    ///
+    /// # Errors
+    /// If the spec does not compile with these arguments, or does not fit the controllers.
+    pub fn fly(&self, text: &str, limit: Duration) -> Result<Outcome, String> {
+        let mut simulation = self.simulation(text)?;
+        let mut outcome = Outcome::unknown();
+        let (mut looked, mut since, mut done) = (None, None, false);
+        outcome.finish = simulation.run(Time::ZERO + limit, &mut |simulation| {
+            let now = simulation.now();
+            if looked.is_none_or(|at| now.since(at) >= LOOK) {
+                looked = Some(now);
+                outcome.look(simulation);
+            }
+            let Some(meddling) = self.meddling.as_ref().filter(|_| !done) else { return };
+            if simulation.is_active(&meddling.leaf) && simulation.is_any_active(meddling.phase) {
+                done = now.since(*since.get_or_insert(now)) >= meddling.after && meddling.meddle(simulation);
+            }
+        });
+        outcome.angle = simulation.signal(WORLD, "door angle");
+        outcome.worst = simulation.signal(WORLD, "peak force");
+        outcome.seconds = simulation.now().since(Time::ZERO).as_secs_f64();
+        Ok(outcome)
+    }
+
+    fn simulation(&self, text: &str) -> Result<Simulation, String> {
+        let comma = if self.arguments.is_empty() { "" } else { ", " };
+        let text = text.replace("DoorWorld(\"c3\"", &format!("DoorWorld(\"c3\"{comma}{}", self.arguments));
+        Simulation::new(plan("survey.dca", &text)?, self.disturbance.clone())
+    }
+}
+
+impl Meddling {
+    fn meddle(&self, simulation: &mut Simulation) -> bool {
+        match self.deed {
+            Deed::Restart => simulation.restart(&self.leaf),
+            Deed::Kill => simulation.crash(&self.leaf),
+        }
+    }
+}
+
+impl Outcome {
+    fn look(&mut self, simulation: &Simulation) {
+        let is_active = |phase| simulation.is_any_active(phase);
+        if is_active("/dooropen/") {
+            self.pull = self.pull.max(simulation.signal(WORLD, "contact force"));
+            let angle = simulation.signal(WORLD, "door angle");
+            if angle > SEEN_FROM {
+                // What has not been seen yet is no number, and `max` passes over it.
+                self.wrong = self.wrong.max((simulation.signal("/dooropen/model", "seen angle") - angle).abs());
+            }
+        } else if is_active("/approach") || is_active("/closegrip") {
+            self.hit = self.hit.max(simulation.signal(WORLD, "contact force"));
+        }
+    }
+}
+
+/// Returns the paths of what is active in each phase of [`PHASES`], by one nominal mission; the world is left out.
+///
+/// # Errors
+/// As [`Mission::fly`].
+pub fn active_in_phases(text: &str, limit: Duration) -> Result<Vec<Phase>, String> {
+    let nominal = Mission { arguments: String::new(), disturbance: Disturbance::NONE, meddling: None, value: None };
+    let mut simulation = nominal.simulation(text)?;
+    let leaves: Vec<String> = simulation.leaves().filter(|path| *path != WORLD).map(str::to_owned).collect();
+    let mut phases: Vec<_> = PHASES.iter().map(|&(part, span)| Phase { part, span, active: Vec::new() }).collect();
+    let _finish = simulation.run(Time::ZERO + limit, &mut |simulation| {
+        for phase in &mut phases {
+            if simulation.is_any_active(phase.part) {
+                let is_new = |leaf: &&String| !phase.active.contains(leaf) && simulation.is_active(leaf);
+                let new: Vec<String> = leaves.iter().filter(is_new).cloned().collect();
+                phase.active.extend(new);
+            }
+        }
+    });
+    Ok(phases)
+}
+
+/// Flies missions on so many threads; `told` hears how many have been flown. The outcomes are in the missions' order.
+///
+/// # Errors
+/// The first that a mission meets.
+///
+/// # Panics
+/// If a mission does.
+pub fn fly_all(
+    missions: &[Mission],
+    (text, limit): (&str, Duration),
+    threads: usize,
+    told: &(dyn Fn(usize) + Sync),
+) -> Result<Vec<Outcome>, String> {
+    let (next, flown) = (AtomicUsize::new(0), AtomicUsize::new(0));
+    let outcomes = Mutex::new(Vec::with_capacity(missions.len()));
+    let work = || {
+        while let Some((index, mission)) = {
+            let index = next.fetch_add(1, Ordering::Relaxed);
+            missions.get(index).map(|mission| (index, mission))
+        } {
+            let outcome = mission.fly(text, limit);
+            if outcome.is_err() {
+                next.store(missions.len(), Ordering::Relaxed);
+            }
+            outcomes.lock().unwrap_or_else(PoisonError::into_inner).push((index, outcome));
+            told(flown.fetch_add(1, Ordering::Relaxed) + 1);
+        }
+    };
+    std::thread::scope(|scope| {
+        for _ in 0..threads.max(1) {
+            let _worker = scope.spawn(work);
+        }
+    });
+    let mut outcomes = outcomes.into_inner().unwrap_or_else(PoisonError::into_inner);
+    outcomes.sort_by_key(|(index, _)| *index);
+    outcomes.into_iter().map(|(_, outcome)| outcome).collect()
+}

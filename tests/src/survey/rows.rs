@@ -1,0 +1,235 @@
+//! The rows of the survey: dimensions with their ranges, and triggers.
+
+use super::{Deed, Meddling, Mission, Phase};
+use controllers::sdk::Random;
+use controllers::sdk::harness::Disturbance;
+use std::fmt::Write as _;
+use std::time::Duration;
+
+/// What kind of a row it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Group {
+    /// One dimension, all else nominal.
+    Single,
+    /// All dimensions at once, half as wide as alone.
+    Moderate,
+    /// All dimensions at once, as wide as alone.
+    Wide,
+    /// Something goes wrong.
+    Trigger,
+}
+
+impl Group {
+    /// Returns its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Single => "one dimension",
+            Self::Moderate => "moderate",
+            Self::Wide => "wide",
+            Self::Trigger => "trigger",
+        }
+    }
+}
+
+/// A row of the table and its missions.
+#[derive(Clone, Debug)]
+pub struct Row {
+    /// What kind it is.
+    pub group: Group,
+    /// What varies: `radius`, `50 ms a hop`.
+    pub name: String,
+    /// What the missions' values are: `m`.
+    pub unit: &'static str,
+    /// Its worlds.
+    pub missions: Vec<Mission>,
+}
+
+/// A number of the world that varies: its parameter, its unit, and from where over the nominal value to where.
+struct Dimension {
+    name: &'static str,
+    unit: &'static str,
+    low: f64,
+    nominal: f64,
+    high: f64,
+}
+
+const fn dimension(name: &'static str, unit: &'static str, [low, nominal, high]: [f64; 3]) -> Dimension {
+    Dimension { name, unit, low, nominal, high }
+}
+
+const DEGREE: f64 = std::f64::consts::PI / 180.0;
+
+/// What varies alone, and all at once.
+const DIMENSIONS: [Dimension; 31] = [
+    dimension("radius", "m", [0.6, 0.82, 1.1]),
+    dimension("closer", "Nm", [0.0, 8.0, 30.0]),
+    dimension("inertia", "kg m²", [2.0, 6.75, 35.0]),
+    dimension("friction", "Nm", [0.0, 1.0, 8.0]),
+    dimension("lever_height", "m", [0.85, 1.05, 1.25]),
+    dimension("lever_length", "m", [0.07, 0.09, 0.12]),
+    dimension("latch_angle", "rad", [20.0 * DEGREE, 28.0 * DEGREE, 38.0 * DEGREE]),
+    dimension("lever_standoff", "m", [0.045, 0.06, 0.1]),
+    dimension("lever_thickness", "m", [0.012, 0.02, 0.03]),
+    dimension("lever_torque", "Nm", [0.2, 0.6, 1.5]),
+    dimension("stiffness", "N/m", [3000.0, 6000.0, 48000.0]),
+    dimension("touch_stiffness", "N/m", [4000.0, 8000.0, 64000.0]),
+    dimension("base_lag", "s", [0.03, 0.08, 0.25]),
+    dimension("arm_lag", "s", [0.01, 0.02, 0.05]),
+    dimension("wheel_error", "", [-0.05, 0.01, 0.05]),
+    dimension("payload", "kg", [0.0, 0.0, 3.0]),
+    dimension("noise", "", [0.3, 1.0, 3.0]),
+    dimension("pixel_noise", "px", [0.2, 0.5, 1.5]),
+    dimension("force_noise", "N", [0.1, 0.4, 1.2]),
+    dimension("force_bias", "N", [-6.0, 0.0, 6.0]),
+    dimension("laser_bias", "m", [-0.02, 0.0, 0.02]),
+    dimension("focal_error", "", [-0.03, 0.0, 0.03]),
+    dimension("camera_shift", "m", [0.0, 0.0, 0.01]),
+    dimension("camera_turn", "rad", [0.0, 0.0, 1.5 * DEGREE]),
+    dimension("joint_offset", "rad", [0.0, 0.0, DEGREE]),
+    dimension("start_distance", "m", [1.6, 1.75, 1.95]),
+    dimension("start_aside", "m", [0.1, 0.22, 0.34]),
+    dimension("start_yaw", "rad", [-0.2, -0.06, 0.08]),
+    dimension("camera_delay", "s", [0.0, 0.0, 0.3]),
+    dimension("force_delay", "s", [0.0, 0.0, 0.02]),
+    dimension("command_delay", "s", [0.0, 0.0, 0.02]),
+];
+
+impl Dimension {
+    /// A value from a share of its range about the nominal value: below it as likely as above, where both are possible.
+    fn draw(&self, share: f64, random: &mut Random) -> f64 {
+        let (low, high) =
+            (self.nominal + (self.low - self.nominal) * share, self.nominal + (self.high - self.nominal) * share);
+        let is_one_sided = self.low >= self.nominal;
+        if is_one_sided || random.unit() < 0.5 {
+            random.between(self.nominal, high)
+        } else {
+            random.between(low, self.nominal)
+        }
+    }
+}
+
+fn mission(arguments: String) -> Mission {
+    Mission { arguments, disturbance: Disturbance::NONE, meddling: None, value: None }
+}
+
+/// Draws the worlds of rows: each row has its own stream, so that leaving out rows changes no other.
+struct Draw {
+    worlds: u32,
+    seed: u64,
+}
+
+impl Draw {
+    fn row(
+        &self,
+        group: Group,
+        name: &str,
+        unit: &'static str,
+        make: &mut dyn FnMut(u32, &mut Random) -> Mission,
+    ) -> Row {
+        let hash = name.bytes().fold(self.seed, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3));
+        let mut random = Random::new(hash);
+        let missions = (0..self.worlds).map(|number| make(number, &mut random)).collect();
+        Row { group, name: name.to_owned(), unit, missions }
+    }
+
+    /// The seed of a world: seeds of different surveys differ, too.
+    fn world(&self, number: u32) -> u64 {
+        (self.seed % 100_000) * 10_000 + u64::from(number) + 1
+    }
+
+    fn alone(&self, dimension: &Dimension) -> Row {
+        self.row(Group::Single, dimension.name, dimension.unit, &mut |number, random| {
+            let value = dimension.draw(1.0, random);
+            let arguments = format!("seed = {}, {} = {value:.6}", self.world(number), dimension.name);
+            Mission { value: Some(value), ..mission(arguments) }
+        })
+    }
+
+    fn together(&self, group: Group, share: f64) -> Row {
+        self.row(group, "all at once", "", &mut |number, random| {
+            let side = if random.unit() < 0.5 { "left" } else { "right" };
+            let mut arguments = format!("seed = {}, side = \"{side}\"", self.world(number));
+            for dimension in &DIMENSIONS {
+                let value = dimension.draw(share, random);
+                write!(arguments, ", {} = {value:.6}", dimension.name).expect("a text takes what is written");
+            }
+            mission(arguments)
+        })
+    }
+
+    fn trigger(&self, name: &str, unit: &'static str, parameter: &str, [low, high]: [f64; 2]) -> Row {
+        self.row(Group::Trigger, name, unit, &mut |number, random| {
+            let value = random.between(low, high);
+            let arguments = format!("seed = {}, {parameter} = {value:.6}", self.world(number));
+            Mission { value: Some(value), ..mission(arguments) }
+        })
+    }
+
+    fn hops(&self, name: &str, low_ms: u64, high_ms: u64) -> Row {
+        self.row(Group::Trigger, name, "", &mut |number, _| {
+            let (transfer, transfer_jitter) = (Duration::from_millis(low_ms), Duration::from_millis(high_ms - low_ms));
+            let seed = self.world(number);
+            let disturbance = Disturbance { transfer, transfer_jitter, seed, ..Disturbance::NONE };
+            Mission { disturbance, ..mission(format!("seed = {seed}")) }
+        })
+    }
+
+    fn meddled(&self, deed: Deed, phase: &Phase) -> Row {
+        let leaves = &phase.active;
+        let verb = match deed {
+            Deed::Restart => "restarted",
+            Deed::Kill => "killed",
+        };
+        // Each controller once at least, however few worlds there are.
+        let worlds = self.worlds.max(u32::try_from(leaves.len()).unwrap_or(u32::MAX));
+        let draw = Self { worlds, seed: self.seed };
+        let name = format!("{verb} in {}", phase.part.trim_matches('/'));
+        draw.row(Group::Trigger, &name, "s", &mut |number, random| {
+            let leaf = leaves[number as usize % leaves.len()].clone();
+            let after = random.between(0.05, phase.span);
+            let meddling = Meddling { leaf, phase: phase.part, after: Duration::from_secs_f64(after), deed };
+            let seed = self.world(number);
+            Mission { meddling: Some(meddling), value: Some(after), ..mission(format!("seed = {seed}")) }
+        })
+    }
+}
+
+/// Returns all rows with `worlds` missions each; `phases` says what is active when, see [`super::active_in_phases`].
+pub fn rows(worlds: u32, seed: u64, phases: &[Phase]) -> Vec<Row> {
+    let draw = Draw { worlds, seed };
+    let plain = |name: &str, arguments: &'static str| {
+        draw.row(Group::Single, name, "", &mut |number, _| mission(format!("seed = {}{arguments}", draw.world(number))))
+    };
+    let mut rows = vec![
+        plain("nominal", ""),
+        plain("side right", ", side = \"right\""),
+        plain("swing push", ", swing = \"push\""),
+    ];
+    rows.extend(DIMENSIONS.iter().map(|dimension| draw.alone(dimension)));
+    rows.push(draw.row(Group::Single, "hand and eye", "", &mut |number, random| {
+        let focal = random.between(-0.03, 0.03);
+        let errors = "camera_shift = 10 mm, camera_turn = 1.5 deg";
+        mission(format!("seed = {}, {errors}, focal_error = {focal:.6}", draw.world(number)))
+    }));
+    rows.push(draw.row(Group::Single, "busy machine", "", &mut |number, _| {
+        let seed = draw.world(number);
+        Mission { disturbance: Disturbance::busy(seed), ..mission(format!("seed = {seed}")) }
+    }));
+    rows.push(draw.together(Group::Moderate, 0.5));
+    rows.push(draw.together(Group::Wide, 1.0));
+    rows.push(draw.trigger("handle lost", "rad", "lose_at", [3.0 * DEGREE, 60.0 * DEGREE]));
+    rows.push(draw.trigger("grip slips", "N", "slip_force", [10.0, 18.0]));
+    // With today's laws the door opens from 14 s to 23 s; the two rows below hit press and opening whenever they are.
+    rows.push(draw.trigger("base slips by the clock", "s", "base_slip_at", [18.0, 28.0]));
+    rows.push(draw.trigger("base slips in the opening", "rad", "base_slip_door", [0.0, 60.0 * DEGREE]));
+    rows.push(draw.trigger("base slips in the press", "rad", "base_slip_lever", [0.0, 28.0 * DEGREE]));
+    rows.push(draw.hops("20 ms a hop", 20, 20));
+    rows.push(draw.hops("50 ms a hop", 50, 50));
+    rows.push(draw.hops("0-20 ms a hop", 0, 20));
+    rows.push(draw.hops("5-30 ms a hop", 5, 30));
+    rows.push(draw.hops("5-50 ms a hop", 5, 50));
+    for deed in [Deed::Restart, Deed::Kill] {
+        rows.extend(phases.iter().filter(|phase| !phase.active.is_empty()).map(|phase| draw.meddled(deed, phase)));
+    }
+    rows
+}
