@@ -27,8 +27,6 @@ const REPEATED: [Anomaly; 6] = [
 ];
 /// What they may see if a robot has come back and what it brought in is here before what that had seen of a member.
 const AHEAD: [Anomaly; 3] = [Anomaly::FracturedRead, Anomaly::WriteCoRead, Anomaly::WriteCoInitRead];
-/// What they may see besides if a robot without a witness writes under numbers that it has used before.
-const FORKED: [Anomaly; 3] = [Anomaly::DirtyWrite, Anomaly::CircularInformation, Anomaly::WriteCoInitRead];
 /// How long they wait for others to have a transaction.
 const PATIENCE: Duration = Duration::from_secs(5);
 
@@ -210,9 +208,6 @@ impl World {
         if self.reference.left_behind {
             anomalies.retain(|anomaly| !AHEAD.contains(anomaly));
         }
-        if self.faults.can_roll_back() {
-            anomalies.retain(|anomaly| !FORKED.contains(anomaly));
-        }
         if !anomalies.is_empty() {
             return Err(format!("history: {anomalies:?}"));
         }
@@ -220,10 +215,6 @@ impl World {
             let (Some(a), Some(b)) = (names.get(&first), names.get(&second)) else { continue };
             if a.0.origin == b.0.origin && !self.faults.can_repeat() {
                 return Err(format!("history: {} and {} of one robot have both overwritten {register}", a.0, b.0));
-            }
-            if self.reference.is_twice(*a) || self.reference.is_twice(*b) {
-                // Who has seen another transaction by this name counts as having seen this one.
-                continue;
             }
             let survive = [a, b].iter().all(|id| self.reference.has((self.replica(0), &chain), **id));
             if survive && !self.reference.is_listed(&key(register), *a, *b) {

@@ -241,8 +241,7 @@ impl World {
         let (records, _) = self.nodes[node].disk.after_power_cut(&mut random);
         self.random = random;
         let records = if self.nodes[node].disk.lies { Some(records) } else { self.exchange_backup(node) };
-        if let Some(records) = records.filter(|records| self.can_be_rolled_back(node, records)) {
-            self.network.forget_sent_by(node);
+        if let Some(records) = records {
             self.restore(node, records);
         }
     }
@@ -272,25 +271,6 @@ impl World {
             self.seat(name, records);
             self.restart_copied(self.nodes.len() - 1);
         }
-    }
-
-    /// Returns whether everybody who would notice knows, or nobody: without a witness beside the store, nothing else can be
-    /// mended (5.1 of the study: rules 2 and 3 have to keep two branches from spreading).
-    fn can_be_rolled_back(&mut self, node: usize, records: &Records) -> bool {
-        let Some(old) = self.look_at(node, records) else { return true };
-        let (origin, kept) = (old.origin(), old.log().cut().clone());
-        let mut others = Vec::new();
-        for other in (0..self.nodes.len()).filter(|other| *other != node) {
-            let copy = self.nodes[other].disk.copy();
-            let Some(replica) = self.look_at(other, &copy) else { continue };
-            let (cut, retired) = (replica.log().cut(), replica.members().retired(origin).is_some());
-            others.push((cut.get(origin), retired, cut.get(old.address())));
-        }
-        // Nor must it come back as somebody that it had been before, or as one that it wanted to be and has been since.
-        let anew = old.address() == origin || others.iter().all(|(_, _, known)| *known == 0);
-        let noticed = others.iter().all(|(known, ..)| *known > kept.get(origin));
-        let harmless = others.iter().all(|(known, ..)| *known <= kept.get(origin));
-        anew && (noticed || harmless) && !others.iter().any(|(_, retired, _)| *retired)
     }
 
     /// Returns the replica that these records are; `None` if they are none.

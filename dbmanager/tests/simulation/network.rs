@@ -20,7 +20,6 @@ pub(crate) struct Letter {
     /// The sender as the receiver knows it.
     pub(crate) from: Origin,
     pub(crate) message: Rc<Message>,
-    sender: usize,
 }
 
 /// Radios, what is between them, and what is under way.
@@ -101,11 +100,6 @@ impl Network {
         self.slow.insert(node, (each, Time::ZERO));
     }
 
-    /// Forgets what a robot has sent and nobody has got yet: it had not left its buffers.
-    pub(crate) fn forget_sent_by(&mut self, node: usize) {
-        self.mail.retain(|_, letter| letter.sender != node);
-    }
-
     /// Returns when the next message arrives.
     pub(crate) fn next(&self) -> Option<Time> {
         self.mail.first_key_value().map(|((at, _), _)| *at)
@@ -135,7 +129,7 @@ impl Network {
                 *until = at;
             }
             self.posted += 1;
-            let letter = Letter { to, from, message: Rc::clone(message), sender };
+            let letter = Letter { to, from, message: Rc::clone(message) };
             self.mail.insert((at, self.posted), letter);
         }
     }

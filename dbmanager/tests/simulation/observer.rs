@@ -12,6 +12,7 @@ impl World {
     pub(super) fn taken_over(&mut self, node: usize, before: &Cut, still: &[Effect]) {
         let Some(replica) = self.nodes[node].replica.as_ref() else { return };
         let cut = replica.log().cut().clone();
+        self.reference.means(node, replica);
         if !cut.dominates(before) {
             self.reference.left_behind = true;
             self.forgets(node);

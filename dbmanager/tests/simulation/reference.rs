@@ -23,7 +23,7 @@
 //! | I16 | no secret in plain text | comes with sealed values, with the teams |
 
 use dbmanager::logic::clock::Stamp;
-use dbmanager::logic::cut::{Cut, Dot};
+use dbmanager::logic::cut::{Cut, Dot, Origin};
 use dbmanager::logic::key::Key;
 use dbmanager::logic::replica::Replica;
 use dbmanager::logic::state::Version;
@@ -35,20 +35,11 @@ type Link = [u8; 8];
 /// One transaction, also where numbers are used twice.
 pub(crate) type Id = (Dot, Link);
 
-/// Whether each transaction keeps a name, or only its effect is sure to last: a log may be cut in the belief that others
-/// have what they know by the same numbers.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Names {
-    /// Each can be asked for.
-    Kept,
-    /// What was overwritten may be gone from history.
-    Reused,
-}
-
-/// A transaction, with all that it had seen.
+/// A transaction, with all that it had seen: numbers, and which transactions those meant where it was written.
 struct Event {
     txn: Txn,
     context: Cut,
+    seen: BTreeMap<Origin, Id>,
 }
 
 /// What has happened, as callers and watchers were told.
@@ -69,6 +60,8 @@ pub(crate) struct Reference {
     /// What watchers at each robot have seen, and by which link.
     shown: BTreeMap<usize, Cut>,
     links: BTreeMap<(usize, Dot), Link>,
+    /// By which link before the state of another was taken over: what is brought in has names of that time.
+    meant: BTreeMap<(usize, Dot), Link>,
     /// Pairs of writes that were shown as conflicts.
     listed: BTreeSet<(Key, Stamp, Stamp)>,
     broken: Option<String>,
@@ -92,6 +85,24 @@ impl Reference {
         self.shown.insert(node, cut);
     }
 
+    /// What a robot means by its numbers is what its heads lead back to: the state of another, or an older disk of its own, may
+    /// mean others.
+    pub(crate) fn means(&mut self, node: usize, replica: &Replica) {
+        self.meant.retain(|(at, _), _| *at != node);
+        for (origin, head) in replica.log().heads() {
+            let mut id = (Dot { origin: *origin, seq: head.seq }, head.link.0);
+            while id.0.seq > 0 {
+                if let Some(before) = self.links.insert((node, id.0), id.1) {
+                    self.meant.insert((node, id.0), before);
+                }
+                let prev = self.events.get(&id).map(|event| event.txn.prev.0);
+                let prev = prev.or_else(|| Some(replica.log().frame(id.0)?.open().ok()?.prev.0));
+                let Some(prev) = prev else { break };
+                id = (Dot { seq: id.0.seq - 1, ..id.0 }, prev);
+            }
+        }
+    }
+
     pub(crate) fn acknowledged(&mut self, node: usize, dot: Dot) {
         match self.links.get(&(node, dot)) {
             Some(link) => drop(self.acknowledged.insert((dot, *link), node)),
@@ -107,6 +118,7 @@ impl Reference {
     pub(crate) fn renamed(&mut self, node: usize, from: Dot, to: Dot) {
         let link = |dot: Dot| {
             let own = self.links.get(&(node, dot)).copied();
+            let own = self.meant.get(&(node, dot)).copied().filter(|_| dot == from).or(own);
             own.or_else(|| Some(self.events.range((dot, Link::default())..).next().filter(|(id, _)| id.0 == dot)?.0.1))
         };
         match (link(from), link(to)) {
@@ -127,10 +139,15 @@ impl Reference {
             return Cut::default();
         };
         let before = Dot { origin: dot.origin, seq: dot.seq - 1 };
-        let mut context = self.events.get(&(before, txn.prev.0)).map(|event| event.context.clone()).unwrap_or_default();
+        let earlier = self.events.get(&(before, txn.prev.0)).map(|event| (event.context.clone(), event.seen.clone()));
+        let (mut context, mut seen) = earlier.unwrap_or_default();
         context.join(&txn.context);
         context.include(before);
-        self.events.insert(id, Event { txn, context: context.clone() });
+        // Whoever wrote it is the first where it shows.
+        let more = txn.context.iter().map(|(origin, seq)| Dot { origin, seq });
+        seen.extend(more.filter_map(|of| Some((of.origin, (of, *self.links.get(&(node, of))?)))));
+        seen.insert(dot.origin, (before, txn.prev.0));
+        self.events.insert(id, Event { txn, context: context.clone(), seen });
         context
     }
 
@@ -253,7 +270,7 @@ impl Reference {
     }
 
     /// Checks what is left when everybody has everything.
-    pub(crate) fn check(&self, replicas: &[(usize, &Replica)], names: Names) -> Result<(), String> {
+    pub(crate) fn check(&self, replicas: &[(usize, &Replica)]) -> Result<(), String> {
         let Some((_, first)) = replicas.first() else { return Ok(()) };
         for (node, replica) in replicas {
             self.same_state(first, replica)?;
@@ -262,22 +279,18 @@ impl Reference {
             }
         }
         let chain = self.chain(first)?;
-        self.check_acknowledged((first, &chain), names)?;
+        self.check_acknowledged((first, &chain))?;
         self.check_stamps(&chain)?;
         self.check_versions(first)
     }
 
     /// I5: what was acknowledged is there, and each of its writes is shown, or was overwritten by who had seen it.
-    fn check_acknowledged(
-        &self,
-        (replica, chain): (&Replica, &BTreeMap<Dot, Link>),
-        names: Names,
-    ) -> Result<(), String> {
+    fn check_acknowledged(&self, (replica, chain): (&Replica, &BTreeMap<Dot, Link>)) -> Result<(), String> {
         for (id, node) in &self.acknowledged {
             if self.left_behind && self.orphaned.contains(id) {
                 continue;
             }
-            if names == Names::Kept && !self.has((replica, chain), *id) {
+            if !self.has((replica, chain), *id) {
                 return Err(format!("I5: {}, acknowledged at {node}, is lost (lives {:?})", id.0, self.lives(*id)));
             }
             let Some(event) = self.events.get(id) else { continue };
@@ -292,22 +305,33 @@ impl Reference {
         Ok(())
     }
 
+    /// Returns whether a transaction had seen another: that one, and not one that had the same name.
+    fn sees(&self, event: &Event, id: Id) -> bool {
+        if !event.context.contains(id.0) || !self.is_twice(id) {
+            return event.context.contains(id.0);
+        }
+        let mut of = event.seen.get(&id.0.origin).copied();
+        while let Some(above) = of.filter(|of| of.0.seq > id.0.seq) {
+            let prev = self.events.get(&above).map(|event| event.txn.prev.0);
+            of = prev.map(|prev| (Dot { seq: above.0.seq - 1, ..above.0 }, prev));
+        }
+        of == Some(id)
+    }
+
     /// Returns whether another transaction had the same name.
-    pub(crate) fn is_twice(&self, id: Id) -> bool {
+    fn is_twice(&self, id: Id) -> bool {
         self.events.range((id.0, [0; 8])..=(id.0, [u8::MAX; 8])).count() > 1
     }
 
     fn is_overwritten(&self, id: Id, key: &Key, there: (&Replica, &BTreeMap<Dot, Link>)) -> bool {
         let lives = self.lives(id);
-        let sees = |event: &Event| lives.iter().any(|(dot, _)| event.context.contains(*dot));
+        let sees = |event: &Event| lives.iter().any(|id| self.sees(event, *id));
         let takes = |event: &Event| {
             event.txn.rebase.as_ref().is_some_and(|rebase| lives.iter().any(|(dot, _)| rebase.takes.contains(dot)))
         };
         let stamp = self.events.get(&id).map(|event| event.txn.written());
-        // Who has seen another transaction by this name takes it away too; then stamps say nothing.
-        let twice = self.is_twice(id);
         self.events.iter().any(|(at, event)| {
-            (twice || Some(event.txn.written()) > stamp)
+            Some(event.txn.written()) > stamp
                 && event.txn.writes.iter().any(|write| write.key == *key)
                 && (sees(event) || takes(event))
                 && self.has(there, *at)
@@ -379,7 +403,7 @@ impl Reference {
             // Who has seen an heir under another name may not have seen what that had overwritten.
             let mut lives: BTreeSet<Id> = self.lives(id).into_iter().collect();
             loop {
-                let sees = |event: &Event| lives.iter().any(|(dot, _)| event.context.contains(*dot));
+                let sees = |event: &Event| lives.iter().any(|id| self.sees(event, *id));
                 let heirs = writers().filter(|(_, event)| sees(event)).flat_map(|(id, _)| self.lives(*id));
                 let more: Vec<Id> = heirs.filter(|id| !lives.contains(id)).collect();
                 if more.is_empty() {

@@ -29,7 +29,7 @@ use dbmanager::logic::replica::{Alarm, Answer, Config, Effect, Input, Level, Rep
 use disk::{Disk, Fate};
 pub(crate) use misfortune::Faults;
 use network::Network;
-use reference::{Names, Reference};
+use reference::Reference;
 use std::collections::BTreeMap;
 use std::rc::Rc;
 use std::time::Duration;
@@ -235,6 +235,7 @@ impl World {
         self.clients.watch_anew(node);
         self.reference.replaced(node, cut);
         if let Some(replica) = self.nodes[node].replica.as_ref() {
+            self.reference.means(node, replica);
             self.reference.note_all_conflicts(replica);
         }
     }
@@ -251,8 +252,7 @@ impl World {
     pub(crate) fn settle(&mut self) -> Result<(), String> {
         self.converge()?;
         let replicas = self.nodes.iter().enumerate().filter_map(|(at, node)| Some((at, node.replica.as_ref()?)));
-        let names = if self.faults.can_roll_back() { Names::Reused } else { Names::Kept };
-        self.reference.check(&replicas.collect::<Vec<_>>(), names)
+        self.reference.check(&replicas.collect::<Vec<_>>())
     }
 
     /// Waits until all robots run, are members, and have the same (T7, I13).
@@ -429,6 +429,7 @@ impl World {
             Effect::Renamed(from, to) => self.reference.renamed(node, from, to),
             Effect::Answer(_, Answer::Committed(dot)) => self.committed = Some(dot),
             Effect::Replaced => {
+                self.reference.means(node, self.nodes[node].replica.as_ref().expect("it runs"));
                 self.reference.left_behind |= !self.replica(node).log().cut().dominates(before);
                 self.forgets(node);
             }
