@@ -158,7 +158,7 @@ fn a_program_of_another_version_is_refused_with_both_versions() {
     let call = world.deploy("c1", TWO_HOSTS);
     world.run_for(Duration::from_secs(20));
     let Report::Refused { reasons } = world.last_report(call) else { panic!("not refused") };
-    let expected = "`main/pair/sensor` (and 1 other) cannot take part: it speaks version 1 of the control protocol, this \
+    let expected = "`main/pair/sensor` (and 1 other) cannot take part on `c1`: it speaks version 1 of the control protocol, this \
                     node version 2; ";
     assert!(reasons.len() == 2 && reasons.iter().any(|reason| reason.starts_with(expected)), "{reasons:?}");
     assert_eq!(world.alive, BTreeSet::new());
@@ -189,7 +189,7 @@ fn one_arm_is_held_by_one_deployment() {
         assert_eq!(reports.iter().filter(is_done).count(), 1, "{first} beside {second}: {reports:?}");
         let holder = if is_done(&&reports[0]) { "door" } else { "copy" };
         let held = format!("`arm` is held by `main/a` of `{holder}@1`; `dca stop {holder}` ends that");
-        let expected = [format!("host `c3`: {held}"), format!("`main/a` cannot take part: {held}")];
+        let expected = [format!("host `c3`: {held}"), format!("`main/a` cannot take part on `c3`: {held}")];
         let refused = reports.iter().find_map(|report| match report {
             Report::Refused { reasons } => Some(reasons),
             _ => None,
@@ -456,7 +456,7 @@ process main() { host { "c1" } instantiated_processes { s instof Script("c1"); }
     world.run_for(Duration::from_secs(3));
     let Report::Refused { reasons } = world.last_report(call) else { panic!("not refused") };
     let [reason] = &reasons[..] else { panic!("{reasons:?}") };
-    assert!(reason.starts_with("`main/s` cannot take part: left with exit code 1"), "{reason}");
+    assert!(reason.starts_with("`main/s` cannot take part on `c1`: left with exit code 1"), "{reason}");
     assert!(reason.ends_with(&format!("; the end of its output:\n{}\n{}", WRITES[0], WRITES[1])), "{reason}");
 }
 

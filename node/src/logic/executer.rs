@@ -5,7 +5,7 @@
 //! stop on contact must not stand behind a slow host. Wires are counted, since two sets may share one.
 
 use crate::logic::effect::{Out, earliest};
-use crate::logic::protocol::{Deployment, Ending, Failure, FailureCause, Target, ToTenant};
+use crate::logic::protocol::{Change, Deployment, Ending, Failure, FailureCause, Target, ToHome, ToTenant};
 use comms::logic::time::Time;
 use language::algebra::{Activation, Activity, Cause, Command, Event, Outcome, Program, Reason, State, Value, step};
 use language::plan::{Group, MemberKind, Plan};
@@ -26,6 +26,8 @@ const VALUE_MAX: usize = 8 << 20;
 pub struct Surroundings<'a> {
     /// Which deployment.
     pub deployment: &'a Deployment,
+    /// Its home, which tells the people who watch.
+    pub home: &'a str,
     /// Its plan.
     pub plan: &'a Plan,
     /// Time since GO.
@@ -162,9 +164,7 @@ impl Executer {
             Ending::Done(value) => Event::Done { member, activation, value: Value::new(&value) },
             Ending::Aborted(mut failure) => {
                 if failure.origin.is_empty() {
-                    let group = at.plan.groups.get(self.group as usize);
-                    failure.origin = group.and_then(|group| member_path(at.plan, group, slot)).unwrap_or_default();
-                    failure.at = at.since_go;
+                    self.complete(slot, &mut failure, at, out);
                 }
                 // What nobody could confirm inside a group stays unconfirmed at its boundary.
                 let unconfirmed = failure.cause.is_unconfirmed_stop();
@@ -200,10 +200,10 @@ impl Executer {
             if member_host(at.plan, group, slot) != Some(host) {
                 continue;
             }
-            let origin = member_path(at.plan, group, slot).unwrap_or_default();
             let stopping = self.state.activity(slot) == Activity::Stopping;
             let cause = if stopping { FailureCause::HostLostStopping } else { FailureCause::HostLost };
-            let ending = Ending::Aborted(Failure { origin, cause: cause(host.to_owned()), at: at.since_go });
+            let cause = cause(host.to_owned());
+            let ending = Ending::Aborted(Failure { origin: String::new(), cause, at: Duration::ZERO });
             if let Some(ending) = self.ended((slot, number), ending, at, out) {
                 return Some(ending);
             }
@@ -232,6 +232,17 @@ impl Executer {
     pub fn deadline(&self) -> Option<Time> {
         let timer = self.timers.first().map(|(due, ..)| *due);
         self.waiting.values().map(|waiting| Some(waiting.ready_at())).fold(timer, earliest)
+    }
+
+    /// Adds path and time to a failure that was stated on behalf of a member whose host is silent, and tells the people who
+    /// watch: nobody else does.
+    fn complete(&self, slot: u32, failure: &mut Failure, at: Surroundings<'_>, out: &mut Out<'_>) {
+        let Some(group) = at.plan.groups.get(self.group as usize) else { return };
+        failure.origin = member_path(at.plan, group, slot).unwrap_or_default();
+        failure.at = at.since_go;
+        let Some((target, _)) = member_target(at.plan, group, slot) else { return };
+        let change = Change::Ended(Ending::Aborted(failure.clone()));
+        out.send(at.home, at.deployment.to_home(ToHome::Happened { target, change }));
     }
 
     fn react(&mut self, event: Event, at: Surroundings<'_>, out: &mut Out<'_>) -> Option<Ending> {

@@ -61,7 +61,7 @@ impl Programs {
             name.starts_with(&lower) || lower.starts_with(&name)
         });
         let hint = near.map_or_else(
-            || "name its executable with `--controllers`, or with `exec` in a `module` block".to_owned(),
+            || "start its node (`dca-node` or `dca run`) with `--controllers PROGRAM`, or name the program with `exec` in a `module` block".to_owned(),
             |near| format!("did you mean `{near}`?"),
         );
         format!("no program here offers the controller type `{module}`; {hint}")

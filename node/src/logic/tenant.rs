@@ -341,7 +341,7 @@ impl Tenant {
     ) {
         let since_go = self.since_go(out.now);
         let Some(executer) = self.executers.get_mut(&group) else { return };
-        let at = Surroundings { deployment: &self.deployment, plan: &self.plan, since_go };
+        let at = Surroundings { deployment: &self.deployment, home: &self.home, plan: &self.plan, since_go };
         let Some(ending) = act(executer, at, out) else { return };
         let activation = executer.activation();
         let target = Target::Group(group);
@@ -387,12 +387,15 @@ impl Tenant {
     fn take_reasons(&mut self) -> Vec<String> {
         let mut reasons = std::mem::take(&mut self.reasons);
         for (why, leaves) in std::mem::take(&mut self.refusals) {
-            let path = leaves.first().and_then(|leaf| Some(&self.plan.leaves.get(*leaf as usize)?.path));
+            let leaf = leaves.first().and_then(|leaf| self.plan.leaves.get(*leaf as usize));
             let others = match leaves.len() {
                 0 | 1 => String::new(),
                 count => format!(" (and {})", counted(count - 1, "other")),
             };
-            reasons.extend(path.map(|path| format!("`{path}`{others} cannot take part: {why}")));
+            reasons.extend(leaf.map(|leaf| {
+                let host = self.plan.hosts.get(leaf.host as usize).map_or("", String::as_str);
+                format!("`{}`{others} cannot take part on `{host}`: {why}", leaf.path)
+            }));
         }
         reasons
     }

@@ -2,7 +2,7 @@
 
 use crate::world::{Coming, Draw, World};
 use node::logic::agent::Input;
-use node::logic::protocol::{Ending, FailureCause, Report};
+use node::logic::protocol::{Answer, Change, Ending, FailureCause, Report};
 use std::collections::BTreeSet;
 use std::time::Duration;
 
@@ -73,6 +73,36 @@ fn each_program_does_as_its_policy_says() {
     heal(&mut world, "c2");
     world.run_for(Duration::from_secs(5));
     assert_eq!(world.alive.len(), 0, "{:?}", world.alive);
+}
+
+/// Without a word for each try a mission that can never go on looks like one that runs.
+#[test]
+fn every_try_on_a_lost_host_is_told() {
+    let text = r#"
+process main() {
+    host { "c1" }
+    instantiated_processes { long instof Long("c2"); sensor instof Sensor("c1"); }
+    internal_event_actions { sensor, retry(3, pause 2 s) long }
+}
+"#;
+    let mut world = World::new(&["c1", "c2"]);
+    let call = world.deploy("c1", text);
+    world.run_for(Duration::from_secs(1));
+    cut(&mut world, "c2");
+    world.run_for(Duration::from_secs(20));
+    let told = world.answers[&call].iter().filter_map(|answer| match answer {
+        Answer::Report(Report::Process { path, change: Change::Ended(Ending::Aborted(failure)), .. }) => {
+            Some((path.as_str(), failure.cause.clone()))
+        }
+        _ => None,
+    });
+    let lost = FailureCause::HostLost("c2".into());
+    let told: Vec<_> = told.filter(|(path, _)| *path == "main/long").collect();
+    assert_eq!(told, vec![("main/long", lost); 4], "the first try and three more");
+    let Report::Finished { ending: Ending::Aborted(failure), .. } = world.last_report(call) else {
+        panic!("{:?}", world.last_report(call))
+    };
+    assert_eq!(failure.origin, "main/long");
 }
 
 #[test]
