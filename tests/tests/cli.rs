@@ -134,6 +134,18 @@ fn what_runs_in_a_command_is_found_from_elsewhere() {
     assert_eq!(stop.code, Some(0), "{stop}");
     assert_eq!(one.ended(SOON).code, Some(1));
     assert!(two.is_running(), "the other goes on");
+    // One that is suspended is there, and nobody may say that it is not.
+    two.signal(Signal::STOP);
+    for verb in [&["nodes"][..], &["status"], &["stop", "two"]] {
+        let silent = here.ask(verb);
+        assert!(
+            silent.code == Some(3) && silent.err.contains("`c1` runs on this machine and does not answer"),
+            "{silent}"
+        );
+    }
+    let logs = here.ask(&["logs", "idle", "--deployment", "two"]);
+    assert!(logs.err.contains("no node that answers runs `main/idle`"), "{logs}");
+    two.signal(Signal::CONT);
     let get = here.ask(&["db", "get", "robot/c1/deployments/two/1/begun"]);
     assert!(get.code == Some(0) && get.out.contains("programs"), "{get}");
     two.signal(Signal::INT);

@@ -5,7 +5,7 @@ use crate::io::run_dir;
 use crate::logic::protocol::{Answer, NodeStatus, Request, SILENCE_MAX};
 use anyhow::{Context, anyhow};
 use comms::io::clock;
-use comms::io::session::{CallError, Presence, Replies, Session};
+use comms::io::session::{CallError, OpenError, Presence, Replies, Session};
 use comms::logic::time::Time;
 use comms::logic::{codec, key};
 use std::collections::BTreeSet;
@@ -64,14 +64,17 @@ impl Clients {
     /// Connects through nodes of this machine, or by scouting when `--lan` is given and no node stays on this machine.
     pub(crate) async fn open(reaching: &Reaching) -> Result<Self, Failure> {
         let standing = Client::open(reaching).await;
-        let mut clients = Vec::new();
+        let (mut clients, mut silent) = (Vec::new(), None);
         for folder in run_dir::groups(&reaching.base()).iter().filter(|folder| **folder != reaching.base()) {
-            // A command that has just begun or ended is left out.
-            clients.extend(Client::through(folder).await.ok().flatten());
+            match Client::through(folder).await {
+                Ok(client) => clients.extend(client),
+                // A command that has just begun or ended is left out, and so is one that hangs beside others.
+                Err(failure) => silent = Some(failure),
+            }
         }
         match standing {
             Ok(client) => clients.insert(0, client),
-            Err(failure) if clients.is_empty() => return Err(failure),
+            Err(failure) if clients.is_empty() => return Err(silent.unwrap_or(failure)),
             Err(_) => {}
         }
         Ok(Self { clients: clients.into_iter().map(Arc::new).collect() })
@@ -160,7 +163,15 @@ impl Client {
         for (name, socket) in run_dir::running(folder)? {
             match Session::open_client(&socket).await {
                 Ok(session) => return Ok(Some(Self { session, local: Some(name), base: Some(folder.to_owned()) })),
-                Err(error) => problem = Some(anyhow!(error).context(format!("connecting to the node `{name}`"))),
+                Err(error @ OpenError::NoNode { .. }) => {
+                    problem = Some(anyhow!(error).context(format!("connecting to the node `{name}`")));
+                }
+                // It takes the connection and says nothing.
+                Err(_) => {
+                    problem = Some(anyhow!(
+                        "the node `{name}` runs on this machine and does not answer: it may be suspended, or short of processor time"
+                    ));
+                }
             }
         }
         problem.map_or(Ok(None), |problem| Err(Failure::Unreachable(problem)))

@@ -131,7 +131,10 @@ fn recorded(arguments: &Arguments) -> Option<Result<(), Failure>> {
                 return Some(Err(anyhow!("`{}` may be any of `{paths}`", arguments.process).into()));
             }
         };
-        output::note(&format!("note: `{path}` runs no more; this is from the record in `{}`", folder.display()));
+        output::note(&format!(
+            "note: no node that answers runs `{path}`; this is from the record in `{}`",
+            folder.display()
+        ));
         let wrote = run.outputs().remove(path).unwrap_or_default();
         let text: String = wrote.into_iter().map(|lines| format!("{lines}\n")).collect();
         let mut printable = Printable::default();

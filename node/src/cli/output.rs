@@ -1,12 +1,16 @@
 //! The one place that writes to standard output and standard error: results on the first, the rest on the second.
 
 use crate::logic::mission::{Line, Style};
+use crate::logic::printable::printable;
 use std::fmt;
 use std::io::{self, IsTerminal as _, Write};
 use std::sync::OnceLock;
 
 /// Columns of a terminal that does not tell.
 const COLUMNS_DEFAULT: usize = 80;
+
+/// The longest line of an error, in characters: what a command was given may stand in it, however long that is.
+const ERROR_LINE_MAX: usize = 1000;
 
 /// Why a result could not be written, the first time.
 static FAILED: OnceLock<io::Error> = OnceLock::new();
@@ -42,7 +46,21 @@ pub fn note(text: &str) {
 
 /// Writes why a command did not do what was asked.
 pub fn complain(error: &anyhow::Error) {
-    note(&format!("error: {error:#}"));
+    note(&format!("error: {}", complaint(&format!("{error:#}"))));
+}
+
+/// Returns the text of an error as a terminal may show it. The middle of a line that is too long is left out.
+fn complaint(text: &str) -> String {
+    let clipped = |line: &str| {
+        let length = line.chars().count();
+        if length <= ERROR_LINE_MAX {
+            return line.to_owned();
+        }
+        let begin: String = line.chars().take(ERROR_LINE_MAX / 2).collect();
+        let end: String = line.chars().skip(length - ERROR_LINE_MAX / 2).collect();
+        format!("{begin} … {end}")
+    };
+    printable(text).lines().map(clipped).collect::<Vec<_>>().join("\n")
 }
 
 /// Returns whether texts on standard error may have colours. Sources: <https://no-color.org>; `dumb` in terminfo(5).
@@ -192,6 +210,14 @@ pub(crate) mod tests {
         output.result("42").unwrap();
         assert_eq!(notes.text(), "\r1 s\x1b[K\r2 s\x1b[K\r\x1b[Kover\n\r3 s\x1b[K\r\x1b[K");
         assert_eq!(results.text(), "42\n");
+    }
+
+    #[test]
+    fn an_error_is_short_and_moves_no_cursor() {
+        assert_eq!(complaint("the key `a\x1b[31m`\nis refused"), "the key `a\\x1b[31m`\nis refused");
+        let long = complaint(&format!("the number {} is too large", "1".repeat(100_000)));
+        assert_eq!(long.chars().count(), ERROR_LINE_MAX + 3);
+        assert!(long.starts_with("the number 111") && long.ends_with("111 is too large"), "{long}");
     }
 
     #[test]
