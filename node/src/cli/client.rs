@@ -19,7 +19,7 @@ pub(crate) const ANSWER_WITHIN: Duration = Duration::from_secs(4);
 /// How long until the node of this machine is asked again whom it reaches.
 const ASK_AGAIN: Duration = Duration::from_millis(200);
 /// How long a node takes at the most to find the others.
-const KNOWS_AFTER: Duration = Duration::from_secs(3);
+const KNOWS_AFTER: Duration = Duration::from_secs(2);
 /// How long nodes are looked for on the network.
 const FIND_WITHIN: Duration = Duration::from_millis(1500);
 /// How long one node that was named is looked for: discovery on a busy network takes several rounds.
@@ -259,9 +259,11 @@ impl Client {
     async fn all(&self) -> Result<BTreeSet<String>, Failure> {
         if let Some(local) = &self.local
             && let Ok(Answer::Status(status)) = self.ask(local, &Request::Status, ANSWER_WITHIN).await
-            && status.up > KNOWS_AFTER
         {
-            return Ok(status.peers.into_iter().chain([status.host]).collect());
+            return match KNOWS_AFTER.checked_sub(status.up) {
+                Some(left) => self.look(&[], left.min(FIND_WITHIN)).await,
+                None => Ok(status.peers.into_iter().chain([status.host]).collect()),
+            };
         }
         self.hosts(&[]).await
     }

@@ -26,7 +26,7 @@ const SIGHTS_MAX: usize = 4096;
 const PORTS_MAX: usize = 64;
 /// How long the home node has to be back when its answers are cut off: as long as the other hosts of the deployment wait, less
 /// what it takes to notice.
-const BACK_WITHIN: Duration = Duration::from_secs(4);
+const BACK_WITHIN: Duration = Duration::from_millis(3500);
 /// How often it is looked for, once it was not there.
 const LOOK_EVERY: Duration = Duration::from_millis(200);
 /// How long hosts have to send what is left of their programs' output once all is over.
