@@ -1,7 +1,10 @@
 //! Who is there: whatever happens to links, nodes and machines, and whoever else has a name.
 
-use comms::io::clock::unix_time;
+use comms::io::clock::{now, sleep_until, unix_time};
+use comms::io::session::Session;
+use comms::logic::{codec, key};
 use dca_tests::cluster::{Cluster, Host, Network, Program, SOON, Stream, pass, wait_until};
+use node::logic::protocol::Ping;
 use rustix::process::Signal;
 use std::process::{Child, Command};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -188,12 +191,8 @@ fn a_node_that_is_heard_is_listed_within_2_s() {
     }
 }
 
-/// Two people with a `c2` in one laboratory: the second one is refused and told, and so are those who were there; the mission
-/// on the first goes on, and is stopped as ever.
-#[test]
-fn a_second_node_of_a_name_does_not_disturb_a_mission() {
-    let Some(hosts) = Hosts::start(4) else { return };
-    let text = "
+/// A mission on `c1` and `c2` that goes on for ever.
+const TWICE: &str = "
 process main() {
     host { c1 }
     instantiated_processes { source instof RateSource(c1, 1000); monitor instof RateMonitor(c2); }
@@ -201,8 +200,35 @@ process main() {
     internal_event_actions { source[lbl1], monitor }
 }
 ";
-    let mission = hosts.host(1).dca(&["deploy", &hosts.cluster.file("twice.dca", text)]);
-    mission.wait_for(Stream::Err, "▸", SOON);
+
+impl Hosts {
+    fn deployed(&self) -> Program {
+        let mission = self.host(1).dca(&["deploy", &self.cluster.file("twice.dca", TWICE)]);
+        mission.wait_for(Stream::Err, "▸", SOON);
+        mission
+    }
+
+    /// Ends a mission that nothing has disturbed.
+    #[track_caller]
+    fn undisturbed(&self, mission: Program) {
+        assert!(mission.is_running(), "{}", mission.text(Stream::Err));
+        let [c1, c2] = [0, 1].map(|index| self.nodes[index].text(Stream::Err));
+        assert!(!c1.contains("`c2` is missing") && !c2.contains("`c1` is missing"), "{c1}---\n{c2}");
+        let running = self.host(3).processes(&[]).into_iter().filter(|(host, _)| host == "c2").count();
+        assert_eq!(running, 1, "the monitor is where it was");
+        let stop = self.host(3).ask(&["stop", "twice"]);
+        assert_eq!(stop.code, Some(0), "{stop}");
+        let ended = mission.ended(SOON);
+        assert!(ended.out.starts_with("twice: stopped after"), "{ended}");
+    }
+}
+
+/// Two people with a `c2` in one laboratory: the second one is refused and told, and so are those who were there; the mission
+/// on the first goes on, and is stopped as ever.
+#[test]
+fn a_second_node_of_a_name_does_not_disturb_a_mission() {
+    let Some(hosts) = Hosts::start(4) else { return };
+    let mission = hosts.deployed();
     for _ in 0..2 {
         let ended = hosts.host(4).start_node("c2", &["--lan"]).ended(SOON);
         assert!(ended.code == Some(1) && ended.err.contains("another node called `c2` was there first"), "{ended}");
@@ -212,13 +238,31 @@ process main() {
     hosts.nodes[0].wait_for(Stream::Err, "a second node called `c2`", SOON);
     // Longer than it takes to lose a node.
     pass(Duration::from_secs(6));
-    assert!(mission.is_running(), "{}", mission.text(Stream::Err));
-    let [c1, c2] = [0, 1].map(|index| hosts.nodes[index].text(Stream::Err));
-    assert!(!c1.contains("`c2` is missing") && !c2.contains("`c1` is missing"), "{c1}---\n{c2}");
-    let running = hosts.host(3).processes(&[]).into_iter().filter(|(host, _)| host == "c2").count();
-    assert_eq!(running, 1, "the monitor is where it was");
-    let stop = hosts.host(3).ask(&["stop", "twice"]);
-    assert_eq!(stop.code, Some(0), "{stop}");
-    let ended = mission.ended(SOON);
-    assert!(ended.out.starts_with("twice: stopped after"), "{ended}");
+    hosts.undisturbed(mission);
+}
+
+/// Anybody can make a token, or ask as somebody else: neither changes who can be reached, while it lasts and after.
+#[test]
+fn a_forged_token_does_not_disturb_a_mission() {
+    let Some(hosts) = Hosts::start(4) else { return };
+    let mission = hosts.deployed();
+    let forging = hosts.network.inside(4, || {
+        let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build();
+        runtime.expect("a machine has threads").block_on(async {
+            let session = Session::open_scout().await.expect("there is a network");
+            let token = session.announce(&key::live("c2", 42)).expect("anybody can");
+            for round in 0..30 {
+                let ping = codec::encode(&Ping { from: "c2".to_owned(), boot: 42, round }).expect("it is short");
+                session.put(&key::ping("c2"), ping).expect("anybody can");
+                sleep_until(now() + Duration::from_millis(100)).await;
+            }
+            drop(token);
+            session.close().await;
+        });
+    });
+    forging.join().expect("the forger does not panic");
+    hosts.nodes[0].wait_for(Stream::Err, "the node `c2` is heard, and not there", SOON);
+    // Longer than it takes to lose a node.
+    pass(Duration::from_secs(6));
+    hosts.undisturbed(mission);
 }

@@ -113,5 +113,6 @@ fn a_mission_whose_home_died_is_told_as_lost() {
     network.cut(1);
     let cut = says_that_it_is_lost(mission, began);
     println!("told that it is lost {killed:.1?} after its home was killed, {cut:.1?} after its cable was pulled");
-    assert!(killed <= LOST_WITHIN && cut <= LOST_WITHIN, "{killed:?}, {cut:?}");
+    // Of a cable nobody is told: it is noticed by what does not arrive, later where ways are long.
+    assert!(killed <= LOST_WITHIN && cut <= LOST_WITHIN + Duration::from_secs(2), "{killed:?}, {cut:?}");
 }
