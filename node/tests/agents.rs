@@ -461,6 +461,27 @@ process main() { host { "c1" } instantiated_processes { s instof Script("c1"); }
 }
 
 #[test]
+fn a_program_that_hangs_at_its_start_shows_what_it_wrote() {
+    let text = r#"
+process main() { host { "c1" } instantiated_processes { s instof Step("c1"); } internal_event_actions { s } }
+"#;
+    for (output, immortal) in [(&WRITES[..], false), (&[], false), (&[], true)] {
+        let mut world = World::new(&["c1"]);
+        world.output = output.iter().map(|line| (*line).to_owned()).collect();
+        (world.hangs_at_start, world.immortal) = (true, immortal);
+        let call = world.deploy("c1", text);
+        world.run_for(Duration::from_secs(40));
+        let Report::Refused { reasons } = world.last_report(call) else { panic!("not refused") };
+        let mut expected = "`main/s` cannot take part: it did not report within 15 s".to_owned();
+        if !output.is_empty() {
+            expected += &format!("; the end of its output:\n{}", output.join("\n"));
+        }
+        assert_eq!(reasons, &[expected]);
+        assert_eq!(world.alive.len(), usize::from(immortal), "it is ended");
+    }
+}
+
+#[test]
 fn a_lost_supervisor_leaves_nothing_running() {
     let text = r#"
 process Pair(here, there) {

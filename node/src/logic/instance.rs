@@ -61,7 +61,7 @@ enum Stage {
     Waiting {
         until: Time,
     },
-    /// It was started again and did not come back as it should; it is ended before the next attempt.
+    /// It hangs at its start, or was started again and did not come back as it should; it is ended before anything else.
     Removing {
         until: Time,
     },
@@ -154,6 +154,7 @@ impl Instance {
     /// Returns one word for a person, with the reason when it is dead.
     pub fn state(&self) -> String {
         let word = match self.stage {
+            Stage::Removing { .. } if !self.joined => "starting",
             Stage::Waiting { .. } | Stage::Removing { .. } => "restarting",
             Stage::Starting { .. } | Stage::Prepared | Stage::Connecting { .. } if self.joined => "restarting",
             Stage::Starting { .. } => "starting",

@@ -4,6 +4,7 @@
 //! order in which they come. It knows nothing of any one task; a live display and a report made from a record a year later
 //! fold the same input to the same result.
 
+mod late;
 mod phases;
 mod progress;
 mod signals;
@@ -20,6 +21,7 @@ use crate::logic::protocol::{Change, Deployment, Ending, Failure, Report};
 use crate::logic::record::restarting_text;
 use comms::logic::signals::Signals;
 use language::plan::Plan;
+use late::Late;
 use phases::Phases;
 use signals::Tracks;
 use std::time::Duration;
@@ -35,6 +37,7 @@ pub struct Mission {
     start: Start,
     phases: Phases,
     tracks: Tracks,
+    late: Late,
     notes: Vec<Note>,
     notes_dropped: usize,
     verdict: Option<Verdict>,
@@ -102,6 +105,7 @@ impl Mission {
             start: Start::new(plan),
             phases: Phases::new(plan),
             tracks: Tracks::default(),
+            late: Late::new(plan),
             notes: Vec::new(),
             notes_dropped: 0,
             verdict: None,
@@ -120,6 +124,7 @@ impl Mission {
             Report::Process { path, change, at } => {
                 self.now = self.now.max(*at);
                 self.phases.change(path, change, *at);
+                self.late.change(path, change);
                 self.note(path, change, *at);
             }
             Report::Refused { reasons } => self.finish(Outcome::Refused(reasons.clone()), self.now, &[]),
@@ -147,6 +152,11 @@ impl Mission {
                 self.phases.sample(track, signal.value, at);
             }
         }
+    }
+
+    /// Takes in whole lines that the program `path` wrote; those that come after the end count, too.
+    pub fn wrote(&mut self, path: &str, text: &str) {
+        self.late.wrote(path, text);
     }
 
     /// Lets time pass without an event.

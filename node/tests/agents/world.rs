@@ -71,6 +71,8 @@ pub(super) struct World {
     pub(super) tailed: Vec<Vec<ProcessId>>,
     /// Whether programs leave at once with exit code 1.
     pub(super) fails_at_start: bool,
+    /// Whether programs never say hello.
+    pub(super) hangs_at_start: bool,
     /// The last lines that programs write before they end.
     pub(super) output: Vec<String>,
     /// How long the disk takes to write something down.
@@ -335,6 +337,9 @@ impl World {
         self.report(host, &process, ShimReport::Started { pid: 100 + process.leaf });
         if self.fails_at_start {
             return self.die(host, &process, ShimReport::Exited { code: 1 });
+        }
+        if self.hangs_at_start {
+            return;
         }
         let local = vec!["unix".into()];
         let location = Some(Location { session: self.session(&process), local, remote: vec!["tcp".into()] });

@@ -85,11 +85,11 @@ impl Instance {
         }
         match self.stage {
             Stage::Starting { .. } => {
-                self.turn_away(&format!("it did not report within {} s", START_WITHIN.as_secs()), moment);
+                self.give_up(&format!("it did not report within {} s", START_WITHIN.as_secs()), moment);
             }
             Stage::Connecting { .. } => {
                 let why = format!("it did not make its links within {} s", CONNECT_WITHIN.as_secs());
-                self.turn_away(&why, moment);
+                self.give_up(&why, moment);
             }
             Stage::Waiting { .. } => self.start(moment),
             Stage::Stopping { forced: false, .. } => {
@@ -97,6 +97,7 @@ impl Instance {
                 self.stage = Stage::Stopping { until, forced: true };
                 self.tell_shim(ShimOrder::Stop { grace: GRACE }, moment);
             }
+            Stage::Removing { .. } if !self.joined => self.gone(moment),
             Stage::Stopping { forced: true, .. } | Stage::Removing { .. } => {
                 (self.stage, self.cause) = (Stage::Dead, Some(FailureCause::StopUnconfirmed));
                 if self.current.is_none() {
@@ -145,11 +146,15 @@ impl Instance {
         let before = std::mem::replace(&mut self.stage, Stage::Dead);
         moment.effects.push(Effect::Forget { process: self.order.process.clone() });
         match before {
-            Stage::Starting { .. } | Stage::Prepared | Stage::Connecting { .. } if !self.joined => {
-                let why = match &self.output[..] {
-                    [] => cause.to_string(),
-                    [words] => words.clone(),
-                    lines => format!("{cause}; the end of its output:\n{}", lines.join("\n")),
+            Stage::Starting { .. } | Stage::Prepared | Stage::Connecting { .. } | Stage::Removing { .. }
+                if !self.joined =>
+            {
+                let why = match (&self.output[..], &cause) {
+                    ([], FailureCause::Exec(why)) => why.clone(),
+                    ([], cause) => cause.to_string(),
+                    (lines, FailureCause::Exec(why)) => format!("{why}; the end of its output:\n{}", lines.join("\n")),
+                    ([words], _) => words.clone(),
+                    (lines, cause) => format!("{cause}; the end of its output:\n{}", lines.join("\n")),
                 };
                 self.turn_away(&why, moment);
             }
@@ -221,6 +226,16 @@ impl Instance {
             self.stage = Stage::Idle;
             self.finish(ending, moment);
         }
+    }
+
+    /// Ends a program that has hung at its start; what it wrote is told with the refusal once it is gone.
+    fn give_up(&mut self, why: &str, moment: &mut Moment<'_>) {
+        if self.joined {
+            return self.turn_away(why, moment);
+        }
+        self.cause.get_or_insert(FailureCause::Exec(why.to_owned()));
+        self.stage = Stage::Removing { until: moment.now + GRACE + KILL_WITHIN };
+        self.tell_shim(ShimOrder::Stop { grace: GRACE }, moment);
     }
 
     /// Has no use for the program as it is: the first time nothing begins without it, later the next one may do better.

@@ -11,6 +11,8 @@ const ROWS_MAX: usize = 14;
 const COLUMNS_MAX: usize = 6;
 /// The most notes shown.
 const NOTES_MAX: usize = 6;
+/// The most programs whose output is shown.
+const OUTPUTS_MAX: usize = 3;
 /// The widest cell.
 const CELL_MAX: usize = 40;
 /// The narrowest a cell is made so that the others have room.
@@ -41,9 +43,8 @@ fn text(mission: &Mission, files: &Files, columns: usize) -> String {
     if let Some(chain) = failure_chain(mission) {
         text.push_str(&format!("  {chain}\n"));
     }
-    let output = failure_output(mission);
-    if !output.is_empty() {
-        text.push_str("  the end of its output:\n");
+    for (whose, output) in failure_output(mission) {
+        text.push_str(&format!("  {whose}:\n"));
         output.iter().for_each(|line| text.push_str(&format!("    | {line}\n")));
     }
     match mission.verdict().map(|verdict| &verdict.outcome) {
@@ -82,12 +83,15 @@ pub fn failure_chain(mission: &Mission) -> Option<String> {
     }
 }
 
-/// Returns the last lines that the program wrote whose failure ended it all.
-pub fn failure_output(mission: &Mission) -> &[String] {
-    match mission.verdict().map(|verdict| &verdict.outcome) {
-        Some(Outcome::Aborted(failure)) => failure.cause.output(),
-        Some(Outcome::Done | Outcome::Stopped | Outcome::Unconfirmed | Outcome::Refused(_)) | None => &[],
+/// Returns the last lines of the program whose failure ended it all, or of those that a deadline has ended, each with what
+/// they are.
+pub fn failure_output(mission: &Mission) -> Vec<(String, &[String])> {
+    let Some(Outcome::Aborted(failure)) = mission.verdict().map(|verdict| &verdict.outcome) else { return Vec::new() };
+    if !failure.cause.output().is_empty() {
+        return vec![("the end of its output".to_owned(), failure.cause.output())];
     }
+    let late = mission.late.of(failure).into_iter().take(OUTPUTS_MAX);
+    late.map(|(path, output)| (format!("the end of what `{}` wrote", short(path)), output)).collect()
 }
 
 /// Returns a line as several, broken between words, that stand below its beginning.
@@ -225,9 +229,10 @@ fn aligned(rows: &[Row]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::logic::mission::tests::{OPENING, door, feed, seconds as at};
+    use crate::logic::mission::tests::{OPENING, door, feed, feed_more, plan, run, seconds as at};
     use crate::logic::protocol::{Ending, Failure, FailureCause, Report};
     use expect_test::{Expect, expect};
+    use language::plan::Expression as E;
 
     fn check(table: &str, end: Report, expect: &Expect) {
         let mut mission = Mission::new(&door());
@@ -299,6 +304,33 @@ mod tests {
                   report  runs/test-1/report.html
             "#]],
         );
+    }
+
+    #[test]
+    fn a_deadline_shows_the_end_of_what_its_programs_wrote() {
+        let why = "the deadline `slow within 5 s` in line 3 has passed";
+        let clock = E::Sequence(Box::new(E::Wait(at(5.0))), Box::new(E::Fail(why.to_owned())));
+        let late = E::Disable(vec![run(1), clock]);
+        let plan = plan(&["cam", "slow"], E::Disable(vec![run(0), late]));
+        let mut mission = Mission::new(&plan);
+        feed(&mut mission, "0 cam activated \n 0 slow activated \n 5 slow stopping \n 5 cam stopping");
+        mission.wrote("main/sys/cam", "a picture");
+        mission.wrote("main/sys/slow", &"waiting\n".repeat(40));
+        let failure =
+            Failure { origin: "main/sys".to_owned(), cause: FailureCause::Failed(why.to_owned()), at: at(5.1) };
+        let end = Report::Finished { ending: Ending::Aborted(failure), at: at(5.2), unconfirmed: Vec::new() };
+        let mut running = mission.clone();
+        feed_more(&mut mission, "5.1 slow stopped \n 5.1 cam stopped");
+        for mission in [&mut mission, &mut running] {
+            // What is on its way when all is over comes later.
+            mission.report(&end);
+            mission.wrote("main/sys/slow", "waiting\n\x1b[1mno answer from the lens");
+        }
+        let text = summary(&mission, &Files::default(), None);
+        let shown = format!("  the end of what `sys/slow` wrote:\n{}    | no answer", "    | waiting\n".repeat(19));
+        assert!(text.contains(&shown) && !text.contains("picture"), "{text}");
+        let text = summary(&running, &Files::default(), None);
+        assert!(!text.contains("wrote"), "it was not stopped: {text}");
     }
 
     #[test]

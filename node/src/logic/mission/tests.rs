@@ -75,6 +75,11 @@ pub(crate) fn door() -> Plan {
 /// Feeds GO and then a table.
 pub(crate) fn feed(mission: &mut Mission, table: &str) {
     mission.report(&Report::Go { took: seconds(0.8), signals: Vec::new() });
+    feed_more(mission, table);
+}
+
+/// Feeds a table.
+pub(crate) fn feed_more(mission: &mut Mission, table: &str) {
     for entry in event_table(table) {
         match entry {
             Entry::Report(report) => mission.report(&report),

@@ -39,9 +39,8 @@ pub(super) fn head(run: &Run, mission: &Mission) -> String {
     if let Some(chain) = failure_chain(mission) {
         alarm(&chain);
     }
-    let output = failure_output(mission);
-    if !output.is_empty() {
-        alarm(&format!("the end of its output:\n{}", output.join("\n")));
+    for (whose, output) in failure_output(mission) {
+        alarm(&format!("{whose}:\n{}", output.join("\n")));
     }
     if let Some(verdict) = mission.verdict() {
         if let Outcome::Refused(reasons) = &verdict.outcome {
