@@ -27,6 +27,7 @@ pub mod run;
 pub mod sim;
 pub mod status;
 pub mod stop;
+pub(crate) mod stored;
 
 use crate::io::{logging, run_dir};
 use anyhow::anyhow;

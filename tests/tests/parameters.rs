@@ -43,6 +43,15 @@ fn deploy(cluster: &Cluster) -> (Host, Program, Program) {
     let early = here.ask(&["db", "put", KEY, "150.0"]);
     assert_eq!(early.code, Some(0), "{early}");
     assert!(early.err.contains("note: `door_opening` does not run on `c3` now"), "{early}");
+    // What nobody takes is refused as soon as somebody could say so.
+    let misspelt = KEY.replace("threshold", "treshold");
+    let early = here.ask(&["db", "put", &misspelt, "5.0"]);
+    assert_eq!(early.code, Some(0), "{early}");
+    let refused = here.ask(&["deploy", "--no-record", &file]);
+    assert_eq!(refused.code, Some(1), "{refused}");
+    let why = ["has no parameter `treshold`; did you mean `threshold`?", &format!("`dca db delete {misspelt}`")];
+    assert!(why.iter().all(|why| refused.err.contains(why)), "{refused}");
+    assert_eq!(here.ask(&["db", "delete", &misspelt]).code, Some(0));
     let mission = here.dca(&["deploy", "--no-record", &file]);
     let runs = || here.processes(&[]).iter().any(|(_, one)| one.path == "main/hit/force" && one.state == "running");
     assert!(wait_until(SOON, runs).is_some(), "{}", mission.text(Stream::Err));

@@ -2,7 +2,7 @@
 
 use crate::cli::client::{Client, block_on};
 use crate::cli::follow::Spec;
-use crate::cli::{Controllers, Failure, Reaching, check, follow};
+use crate::cli::{Controllers, Failure, Reaching, check, follow, stored};
 use anyhow::anyhow;
 use std::path::PathBuf;
 
@@ -41,5 +41,6 @@ pub(crate) async fn deploy(client: &Client, spec: Spec, following: &follow::Foll
             missing.join("`, `")
         )));
     }
+    stored::check(client, &spec).await?;
     follow::follow(client, spec, following).await
 }

@@ -1,16 +1,14 @@
 //! `dca param`: parameters of running programs, which are keys of the database of their robot.
 
-use super::db::asking::{ANSWER_WITHIN, Asking, Databases, refusal};
+use super::db::asking::Asking;
 use super::db::write::Writing;
 use crate::cli::{Failure, output};
-use crate::logic::database::question::{Moment, Question, Reply};
 use crate::logic::database::settings::{key_of_parameter, parameter_key, spelt, stands_for};
 use crate::logic::parameters::{no_parameter, without_main};
 use crate::logic::protocol::{InstanceParameters, ParameterStatus};
 use crate::logic::table::table;
 use anyhow::{Context, anyhow};
 use clap::Subcommand;
-use comms::io::clock;
 use dbmanager::logic::key::Key;
 use dbmanager::logic::txn::Write;
 use dbmanager::logic::view::value::Datum;
@@ -268,28 +266,13 @@ fn programs(asking: &Asking) -> Result<Vec<Program>, Failure> {
             if told.is_empty() {
                 continue;
             }
-            let keys = keys(databases, &host).await?;
+            let keys = databases.parameters_of(&host, "").await?;
             let program = |told: InstanceParameters| Program { set: set(&keys, &told), host: host.clone(), told };
             programs.extend(told.into_iter().map(program));
         }
         programs.sort_by_key(Program::name);
         Ok(programs)
     })
-}
-
-/// What the database of a robot says below `params/`.
-async fn keys(databases: &Databases<'_>, host: &str) -> Result<Vec<(String, Datum)>, Failure> {
-    let prefix = format!("robot/{host}/params/");
-    let mut replies = databases.ask(host, Question::List { prefix, at: Moment::Now })?;
-    let mut keys = Vec::new();
-    while let Some(reply) = replies.next(clock::now() + ANSWER_WITHIN).await? {
-        let Reply::Entries(entries) = reply else { return Err(refusal(&reply)) };
-        let shown = entries
-            .into_iter()
-            .filter_map(|(key, versions)| Some((key.to_string(), Datum::of(versions.last()?.value.as_ref()?))));
-        keys.extend(shown);
-    }
-    Ok(keys)
 }
 
 /// The keys that name the parameters of a program, by parameter; the one that names most of its path last.

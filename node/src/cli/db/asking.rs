@@ -2,13 +2,14 @@
 
 use crate::cli::client::{Answers, Client, block_on, unasked};
 use crate::cli::{Failure, Reaching, output};
-use crate::logic::database::question::{Question, Reply};
+use crate::logic::database::question::{Moment, Question, Reply};
 use crate::logic::protocol::{Answer, InstanceParameters, Request};
 use anyhow::anyhow;
 use comms::io::clock;
 use comms::logic::time::Time;
 use dbmanager::logic::key::{Key, KeyError};
 use dbmanager::logic::view::past::Keys;
+use dbmanager::logic::view::value::Datum;
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -53,7 +54,7 @@ impl Asking {
         block_on(async {
             let client = Client::open_any(&self.reaching).await?;
             let result = match self.whom(&client).await {
-                Ok(robot) => work(&Databases { client: &client, noted: Arc::default(), robot }).await,
+                Ok(robot) => work(&Databases::through(&client, robot)).await,
                 Err(failure) => Err(failure),
             };
             client.close().await;
@@ -100,7 +101,27 @@ impl Asking {
     }
 }
 
-impl Databases<'_> {
+impl<'a> Databases<'a> {
+    /// Returns the databases that a connection reaches; `robot` is asked unless another is named.
+    pub(crate) fn through(client: &'a Client, robot: String) -> Self {
+        Self { client, noted: Arc::default(), robot }
+    }
+
+    /// Returns what the database of a robot says below `params/` and `below`, with whole keys.
+    pub(crate) async fn parameters_of(&self, robot: &str, below: &str) -> Result<Vec<(String, Datum)>, Failure> {
+        let prefix = format!("robot/{robot}/params/{below}");
+        let mut replies = self.ask(robot, Question::List { prefix, at: Moment::Now })?;
+        let mut keys = Vec::new();
+        while let Some(reply) = replies.next(clock::now() + ANSWER_WITHIN).await? {
+            let Reply::Entries(entries) = reply else { return Err(refusal(&reply)) };
+            let shown = entries
+                .into_iter()
+                .filter_map(|(key, versions)| Some((key.to_string(), Datum::of(versions.last()?.value.as_ref()?))));
+            keys.extend(shown);
+        }
+        Ok(keys)
+    }
+
     /// Returns the robot that is asked unless another is named.
     pub(crate) fn robot(&self) -> &str {
         &self.robot
