@@ -21,7 +21,7 @@ pub(crate) mod unit;
 mod uses;
 mod value;
 
-pub(crate) use interface::parameters;
+pub(crate) use interface::{messages, parameters};
 
 use crate::diagnostic::{Code, Diagnostic, Severity, limit};
 use crate::source::{Origin, Role, Source};

@@ -38,6 +38,7 @@ mod format;
 mod gather;
 mod graph;
 pub mod ide;
+mod message;
 pub mod plan;
 mod similar;
 mod simulate;
@@ -49,6 +50,7 @@ pub use fix::fix;
 pub use format::format;
 pub use gather::{Content, gather};
 pub use graph::{Graph, graph};
+pub use message::{Layout, Message};
 pub use similar::nearest;
 pub use simulate::{Chance, Ending, Happening, Simulation, SimulationError, What};
 pub use source::{Lines, Origin, Position, Role, SOURCE_MAX, Source, Span, Texts};
@@ -84,6 +86,13 @@ pub struct Compiled {
 /// own, `grasp.force`. There is nothing for a module of which that cannot be said, as one with a list of any length.
 pub fn parameters(interfaces: &[Source]) -> std::collections::BTreeMap<String, Option<Vec<plan::Parameter>>> {
     check::parameters(interfaces)
+}
+
+/// Returns what each output of each module sends, as far as interfaces say it: by module, then by output.
+pub fn messages(
+    interfaces: &[Source],
+) -> std::collections::BTreeMap<String, std::collections::BTreeMap<String, Message>> {
+    check::messages(interfaces)
 }
 
 /// Compiles a spec. `interfaces` are texts that consist of `module` blocks, as controller programs print them.

@@ -1,8 +1,9 @@
-//! The parameters that interfaces declare, as plain data.
+//! The parameters and messages that interfaces declare, as plain data.
 
 use super::range::Values;
-use super::spec::{Param, Shape, Spec, Value, ValueKind};
+use super::spec::{Direction, Kind, Param, Shape, Spec, Value, ValueKind};
 use super::{declare, types, unit};
+use crate::message::{Layout, Message};
 use crate::plan::{Accepts, Constant, Parameter};
 use crate::source::{Origin, Source};
 use crate::syntax::{Parse, ast, parse};
@@ -11,6 +12,51 @@ use std::collections::BTreeMap;
 /// Returns the parameters of each module that the texts declare, as its program gets them. A module is left out if that
 /// cannot be said, as of one with a list of any length.
 pub(crate) fn parameters(interfaces: &[Source]) -> BTreeMap<String, Option<Vec<Parameter>>> {
+    let spec = read(interfaces);
+    let of_module = |params: &[Param]| {
+        let mut all = Vec::new();
+        params.iter().try_for_each(|param| add(&spec, param, param.name.text.clone(), &mut all))?;
+        Some(all)
+    };
+    let modules = spec.modules.iter();
+    modules
+        .map(|module| (module.name.text.clone(), module.params.as_deref().map_or_else(|| Some(Vec::new()), of_module)))
+        .collect()
+}
+
+/// Returns what each output of each module sends, as far as the texts say it.
+pub(crate) fn messages(interfaces: &[Source]) -> BTreeMap<String, BTreeMap<String, Message>> {
+    let spec = read(interfaces);
+    let modules = spec.modules.iter().map(|module| {
+        let outputs = module.ports.iter().filter(|port| port.direction == Direction::Out);
+        let message = |kind: &Kind| Some(Message { name: kind.name()?.to_owned(), layout: layout(&spec, kind)? });
+        let messages = outputs.filter_map(|port| Some((port.name.text.clone(), message(port.kind.as_ref()?)?)));
+        (module.name.text.clone(), messages.collect())
+    });
+    modules.collect()
+}
+
+fn layout(spec: &Spec, kind: &Kind) -> Option<Layout> {
+    match spec.shape(kind) {
+        Shape::Record(fields) => {
+            let field = |field: &Param| Some((field.name.text.clone(), layout(spec, field.kind.as_ref()?)?));
+            Some(Layout::Record(fields.iter().map(field).collect::<Option<_>>()?))
+        }
+        Shape::List(element, count) => {
+            let element = Kind { text: element.to_owned(), span: kind.span, fields: None };
+            Some(Layout::List { of: Box::new(layout(spec, &element)?), count })
+        }
+        Shape::Plain("Truth") => Some(Layout::Truth),
+        Shape::Plain("Text") => Some(Layout::Text),
+        Shape::Plain(plain) if plain == "Number" || unit::of_type(plain).is_some() => {
+            Some(Layout::Number { of: plain.to_owned() })
+        }
+        Shape::Plain(_) => None,
+    }
+}
+
+/// Reads texts that consist of modules and types; what is wrong with them is of no interest here.
+fn read(interfaces: &[Source]) -> Spec {
     let (mut spec, mut diagnostics) = (Spec::default(), Vec::new());
     for (origin, source) in (0..).map(Origin::Interface).zip(interfaces) {
         let Parse { root, mut damage, .. } = parse(source, origin);
@@ -22,15 +68,7 @@ pub(crate) fn parameters(interfaces: &[Source]) -> BTreeMap<String, Option<Vec<P
     }
     // Types that contain themselves are taken out.
     types::check(&mut spec, &mut diagnostics);
-    let of_module = |params: &[Param]| {
-        let mut all = Vec::new();
-        params.iter().try_for_each(|param| add(&spec, param, param.name.text.clone(), &mut all))?;
-        Some(all)
-    };
-    let modules = spec.modules.iter();
-    modules
-        .map(|module| (module.name.text.clone(), module.params.as_deref().map_or_else(|| Some(Vec::new()), of_module)))
-        .collect()
+    spec
 }
 
 fn add(spec: &Spec, param: &Param, name: String, all: &mut Vec<Parameter>) -> Option<()> {
@@ -84,6 +122,35 @@ fn constant(value: &Value) -> Option<Constant> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn messages_are_what_outputs_send() {
+        let text = "type Wrench = { force: Force[3], at: Point, who: Text, soft: Truth, near: Length[] };
+            type Point = { x: Length };
+            type Way = Point;
+            type Round = { next: Round };
+            module Hand(host) { out Out: Wrench; out Way: Way; out Raw: Camera; out Loop: Round; out Plain: Number; in In: Point;
+                done; }";
+        let found = &messages(&[Source::new("a", text)])["Hand"];
+        let number = |of: &str| Layout::Number { of: of.to_owned() };
+        let list = |of, count| Layout::List { of: Box::new(of), count };
+        let fields = |all: &[(&str, Layout)]| {
+            Layout::Record(all.iter().map(|(name, of)| ((*name).into(), of.clone())).collect())
+        };
+        let point = fields(&[("x", number("Length"))]);
+        let wrench = fields(&[
+            ("force", list(number("Force"), Some(3))),
+            ("at", point.clone()),
+            ("who", Layout::Text),
+            ("soft", Layout::Truth),
+            ("near", list(number("Length"), None)),
+        ]);
+        let message = |name: &str, layout| Message { name: name.to_owned(), layout };
+        assert_eq!(found["Out"], message("Wrench", wrench));
+        assert_eq!(found["Way"], message("Way", point));
+        assert_eq!(found["Plain"], message("Number", number("Number")));
+        assert_eq!(found.keys().collect::<Vec<_>>(), ["Out", "Plain", "Way"], "nothing is known of the others");
+    }
 
     #[test]
     fn parameters_are_what_programs_get() {

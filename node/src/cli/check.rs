@@ -110,7 +110,9 @@ pub(crate) fn load(file: &Path, controllers: &Controllers, deny_lenient_names: b
         output::note(&format!("{}: {at_least}{errors}, {warnings}", spec.name));
     }
     let plan = plan.ok_or(Failure::Told)?;
-    Ok(Spec { file: file.to_owned(), text: spec.text, plan })
+    let text = spec.text.clone();
+    let modules = std::iter::once(spec).chain(interfaces).collect();
+    Ok(Spec { file: file.to_owned(), text, plan, modules })
 }
 
 /// Returns whether a path stands for standard input.

@@ -9,11 +9,13 @@ use crate::io::observer::{Observer, Sample, Sight};
 use crate::io::recorder::Recorder;
 use crate::logic::mission::{Files, Mission, Outcome};
 use crate::logic::protocol::{Answer, Deployment, Report, Request, StopReply};
-use crate::logic::record::{Entry, Header, Port, ports};
+use crate::logic::record::{Entry, Header, Messages, Port, ports};
 use anyhow::{Context, anyhow};
 use comms::io::clock;
 use comms::logic::control::Dial;
+use comms::logic::human::span;
 use comms::logic::time::Time;
+use language::Source;
 use language::plan::Plan;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -57,6 +59,8 @@ pub(crate) struct Spec {
     pub(crate) text: String,
     /// What it means.
     pub(crate) plan: Plan,
+    /// The texts of the modules that it may use, its own first.
+    pub(crate) modules: Vec<Source>,
 }
 
 /// A mission that is being watched.
@@ -86,7 +90,8 @@ struct Watch {
 pub(crate) async fn follow(client: &Client, spec: Spec, following: &Following) -> Result<(), Failure> {
     let home = spec.plan.home().context("the plan names no host for `main`")?.to_owned();
     let (sights, arriving) = mpsc::channel(SIGHTS_MAX);
-    let ports = ports(&spec.plan, &following.ports).map_err(|why| anyhow!(why))?;
+    let messages = if following.ports.is_empty() { Messages::new() } else { language::messages(&spec.modules) };
+    let ports = ports(&spec.plan, &following.ports, &messages).map_err(|why| anyhow!(why))?;
     let (port_sights, arriving_ports) = mpsc::channel(PORTS_MAX);
     let recorder = if following.no_record { None } else { Some(start_record(&spec, &following.runs)?) };
     let mut watch = Watch {
@@ -210,9 +215,9 @@ impl Watch {
 
     /// What is said when the home node is out of reach, so that nobody can be asked for an end either.
     fn lost(&self) -> Failure {
-        let (home, name) = (&self.home, &self.name);
+        let (home, name, within) = (&self.home, &self.name, span(BACK_WITHIN));
         Failure::Unreachable(anyhow!(
-            "the mission on `{home}` is lost: its node is gone, or was out of reach for {BACK_WITHIN:?}; what runs of `{name}` on \
+            "the mission on `{home}` is lost: its node is gone, or was out of reach for {within}; what runs of `{name}` on \
              other hosts stops by its own rules (`dca status` shows it)"
         ))
     }
@@ -307,11 +312,14 @@ impl Watch {
 
     fn port(&mut self, from: String, to: String, arrived: Time, bytes: Vec<u8>) {
         let at = self.go_at.map_or(Duration::ZERO, |go| arrived - go);
-        self.record(Entry::Port { from, to, at, bytes });
+        let port = self.ports.iter().find(|port| port.from == from && port.to == to);
+        let message = port.and_then(|port| port.message.clone());
+        self.record(Entry::Port { from, to, at, bytes, message });
     }
 
     fn wrote(&mut self, path: String, text: String) {
         let at = self.go_at.map_or(Duration::ZERO, |go| clock::now() - go);
+        self.mission.wrote(&path, &text);
         self.record(Entry::Output { path, at, text });
     }
 

@@ -9,13 +9,14 @@
 //! Sources: the MCAP format specification, <https://mcap.dev/spec>, and its registry of profiles and encodings.
 
 mod lines;
+mod message;
 mod ports;
 mod read;
 mod row;
 mod schema;
 
 pub use lines::Lines;
-pub use ports::{Port, ports};
+pub use ports::{Messages, Port, ports};
 
 pub use read::ReadError;
 pub use row::{EVENTS, LOG, PORTS, Row, Rows, SIGNALS, Topic};
@@ -24,9 +25,11 @@ pub(crate) use row::{change_text, restarting_text, text as report_text};
 use crate::logic::mission::Mission;
 use crate::logic::protocol::Report;
 use comms::logic::signals::Signals;
+use language::Message;
 use language::plan::Plan;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use std::sync::Arc;
 use std::time::Duration;
 
 /// Version of the layout of a record.
@@ -84,7 +87,7 @@ pub enum Entry {
         /// Whole lines, without the last line feed.
         text: String,
     },
-    /// What went over a wire. It is not read back: only the programs know what it means.
+    /// What went over a wire. It is not read back: a report has no use for it.
     Port {
         /// Path of the producer and its output: `main/force/Out`.
         from: String,
@@ -94,6 +97,8 @@ pub enum Entry {
         at: Duration,
         /// The value as it is sent.
         bytes: Vec<u8>,
+        /// What it is, if the interface of the producer says that.
+        message: Option<Arc<Message>>,
     },
 }
 
@@ -116,7 +121,8 @@ impl Run {
             match entry {
                 Entry::Report(report) => mission.report(report),
                 Entry::Signals { path, at, sample } => mission.signals(path, *at, sample),
-                Entry::Output { .. } | Entry::Port { .. } => {}
+                Entry::Output { path, text, .. } => mission.wrote(path, text),
+                Entry::Port { .. } => {}
             }
         }
         mission

@@ -5,6 +5,7 @@ use crate::logic::mission::tests::{OPENING, door, event_table, seconds};
 use crate::logic::mission::{Files, summary};
 use crate::logic::protocol::{Ending, Report};
 use comms::logic::signals::{Signal, Signals};
+use language::{Layout, Message};
 use serde_json::Value;
 use std::collections::BTreeMap;
 
@@ -170,6 +171,11 @@ fn conforms(schema: &Value, data: &Value, wrong: &mut Vec<String>) {
             (Some("number"), Value::Number(_)) | (Some("string"), Value::String(_)) => {}
             (Some("integer"), Value::Number(number)) if number.is_i64() || number.is_u64() => {}
             (Some("object"), Value::Object(_)) => conforms(&properties[name], value, wrong),
+            (Some("boolean"), Value::Bool(_)) => {}
+            (Some("array"), Value::Array(elements)) => {
+                let kind = &properties[name]["items"]["type"];
+                wrong.extend(elements.iter().filter(|one| *kind != "number" || !one.is_number()).map(Value::to_string));
+            }
             (kind, value) => wrong.push(format!("{name} is {kind:?}, not {value}")),
         }
         assert!(name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_'), "{name}");
@@ -230,40 +236,73 @@ fn other_files_are_refused_with_a_reason() {
 
 #[test]
 fn what_goes_over_ports_is_on_topics_of_their_own() {
-    let port = |to: &str, bytes: &[u8]| {
-        let (from, to) = ("main/force/Out".to_owned(), to.to_owned());
-        Entry::Port { from, to, at: seconds(1.0), bytes: bytes.to_vec() }
+    let number = || Layout::Number { of: "Force".to_owned() };
+    let list = |of, count| Layout::List { of: Box::new(of), count };
+    let message = |fields: &[(&str, Layout)]| {
+        let fields = fields.iter().map(|(name, of)| ((*name).to_owned(), of.clone())).collect();
+        Some(Arc::new(Message { name: "Wrench".to_owned(), layout: Layout::Record(fields) }))
     };
+    let wrench = message(&[("force", list(number(), Some(2))), ("at peak", Layout::Truth)]);
+    let another = message(&[("force", number())]);
+    let port = |to: &str, bytes: Vec<u8>, message: &Option<Arc<Message>>| {
+        let (from, to, message) = ("main/force/Out".to_owned(), to.to_owned(), message.clone());
+        Entry::Port { from, to, at: seconds(1.0), bytes, message }
+    };
+    let wrench_of = |force: [f64; 2]| postcard::to_stdvec(&(force, true)).unwrap();
     let folder = Folder::new("ports");
     let recorder = Recorder::create(&folder.0, &header()).unwrap();
-    for entry in [port("main/a/In", b"foo"), port("main/b/In", b"\xff"), port("main/a/In", b"")] {
+    for entry in [
+        port("main/a/In", b"foo".to_vec(), &None),
+        port("main/b/In", b"\xff".to_vec(), &None),
+        port("main/c/In", wrench_of([1.5, -2.0]), &wrench),
+        port("main/c/In", wrench_of([f64::NAN, 0.0]), &wrench),
+        port("main/c/In", b"bar".to_vec(), &wrench),
+        port("main/d/In", postcard::to_stdvec(&3.0).unwrap(), &another),
+        port("main/e/In", wrench_of([0.0, 0.0]), &wrench),
+    ] {
         recorder.push(entry);
     }
     let (path, dropped) = recorder.finish().unwrap();
-    let bytes = fs::read(path).unwrap();
-    let messages = mcap::MessageStream::new(&bytes).unwrap().map(|message| message.unwrap());
-    let seen: Vec<(String, String, String)> = messages
-        .map(|message| {
-            let schema = message.channel.schema.as_ref().unwrap();
-            assert_eq!(schema.name, "dca.Encoded");
-            let (schema, data) =
-                (serde_json::from_slice(&schema.data).unwrap(), serde_json::from_slice(&message.data).unwrap());
-            let mut wrong = Vec::new();
-            conforms(&schema, &data, &mut wrong);
-            assert!(wrong.is_empty(), "{wrong:?}");
-            let to = message.channel.metadata["dca.to"].clone();
-            (message.channel.topic.clone(), to, String::from_utf8(message.data.to_vec()).unwrap())
-        })
-        .collect();
-    let row = |topic: &str, to: &str, data: &str| (topic.to_owned(), to.to_owned(), data.to_owned());
-    let (one, two) = ("/ports/main/force/Out", "/ports/main/force/Out_2");
     assert_eq!(dropped, 0);
+    let bytes = fs::read(path).unwrap();
+    let mut schemas: BTreeMap<String, Vec<u8>> = BTreeMap::new();
+    let mut seen = Vec::new();
+    for message in mcap::MessageStream::new(&bytes).unwrap() {
+        let message = message.unwrap();
+        let schema = message.channel.schema.as_ref().unwrap();
+        assert_eq!((schema.encoding.as_str(), message.channel.message_encoding.as_str()), ("jsonschema", "json"));
+        assert!(message.log_time > 1_500_000_000_000_000_000, "{} is no time since 1970", message.log_time);
+        let known = schemas.entry(schema.name.clone()).or_insert_with(|| schema.data.to_vec());
+        assert_eq!(*known, schema.data.to_vec(), "one name, one schema: {}", schema.name);
+        let (layout, data): (Value, Value) =
+            (serde_json::from_slice(&schema.data).unwrap(), serde_json::from_slice(&message.data).unwrap());
+        assert!(!String::from_utf8_lossy(&schema.data).contains("$ref") && layout["title"] == schema.name.as_str());
+        let mut wrong = Vec::new();
+        conforms(&layout, &data, &mut wrong);
+        assert!(wrong.is_empty(), "{wrong:?}");
+        let to = message.channel.metadata["dca.to"].clone();
+        seen.push((
+            message.channel.topic.clone(),
+            to,
+            schema.name.clone(),
+            String::from_utf8(message.data.to_vec()).unwrap(),
+        ));
+    }
+    let row = |topic: &str, to: &str, schema: &str, data: &str| {
+        let topic = format!("/ports/main/force/Out{topic}");
+        (topic, format!("main/{to}/In"), schema.to_owned(), data.to_owned())
+    };
+    let (typed, other) = ("dca.types.Wrench", "dca.types.Wrench_2");
     assert_eq!(
         seen,
         [
-            row(one, "main/a/In", r#"{"bytes":"Zm9v","size":3}"#),
-            row(two, "main/b/In", r#"{"bytes":"/w==","size":1}"#),
-            row(one, "main/a/In", r#"{"bytes":"","size":0}"#),
+            row("", "a", "dca.Encoded", r#"{"bytes":"Zm9v","size":3}"#),
+            row("_2", "b", "dca.Encoded", r#"{"bytes":"/w==","size":1}"#),
+            row("_3", "c", typed, r#"{"at_peak":true,"force":[1.5,-2.0]}"#),
+            row("_3", "c", typed, r#"{"at_peak":true}"#),
+            row("_4", "c", "dca.Encoded", r#"{"bytes":"YmFy","size":3}"#),
+            row("_5", "d", other, r#"{"force":3.0}"#),
+            row("_6", "e", typed, r#"{"at_peak":true,"force":[0.0,0.0]}"#),
         ]
     );
     // They are for other tools: a report has no use for them.

@@ -2,7 +2,10 @@
 
 use crate::logic::protocol::Deployment;
 use comms::logic::key;
+use language::Message;
 use language::plan::{LeafPort, Plan, Transfer, Wire};
+use std::collections::BTreeMap;
+use std::sync::Arc;
 
 /// A wire that is recorded.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -13,6 +16,8 @@ pub struct Port {
     pub from: String,
     /// Path of the consumer and its input.
     pub to: String,
+    /// What is sent, if the interface of the producer says that.
+    pub message: Option<Arc<Message>>,
     /// Index into `Plan::wires`.
     wire: u32,
 }
@@ -24,14 +29,22 @@ impl Port {
     }
 }
 
-/// Returns the wires that are meant: `all`, or outputs such as `Out`, `force.Out` or `hit/force.Out`.
+/// What outputs send: by module, then by output.
+pub type Messages = BTreeMap<String, BTreeMap<String, Message>>;
+
+/// Returns the wires that are meant: `all`, or outputs such as `Out`, `force.Out` or `hit/force.Out`. `messages` is what is
+/// known of the outputs.
 ///
 /// # Errors
 /// A sentence for a person: something means no wire that can be recorded.
-pub fn ports(plan: &Plan, wanted: &[String]) -> Result<Vec<Port>, String> {
+pub fn ports(plan: &Plan, wanted: &[String], messages: &Messages) -> Result<Vec<Port>, String> {
     let named = |port: &LeafPort| {
         let path = plan.leaves.get(port.leaf as usize).map_or("", |leaf| &leaf.path);
         (path.to_owned(), format!("{path}/{}", port.port))
+    };
+    let message = |port: &LeafPort| {
+        let module = &plan.leaves.get(port.leaf as usize)?.module;
+        messages.get(module)?.get(&port.port).cloned().map(Arc::new)
     };
     let mut found = Vec::new();
     for what in wanted {
@@ -47,7 +60,7 @@ pub fn ports(plan: &Plan, wanted: &[String]) -> Result<Vec<Port>, String> {
         }
         for (wire, route) in pushed {
             let ((producer, from), (_, to)) = (named(&route.from), named(&route.to));
-            let port = Port { producer, from, to, wire };
+            let port = Port { producer, from, to, message: message(&route.from), wire };
             if !found.contains(&port) {
                 found.push(port);
             }
@@ -79,7 +92,7 @@ mod tests {
         plan.wires.push(wire(port(0, "State"), port(1, "In"), Transfer::Pull));
         let check = |what: &[&str], expected: Result<&[&str], &str>| {
             let what: Vec<String> = what.iter().map(|what| (*what).to_owned()).collect();
-            let found = ports(&plan, &what);
+            let found = ports(&plan, &what, &Messages::new());
             let found = found.as_ref().map(|ports| ports.iter().map(|port| port.from.as_str()).collect::<Vec<_>>());
             assert_eq!(found.as_deref().map_err(|why| why.as_str()), expected, "{what:?}");
         };

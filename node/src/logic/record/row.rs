@@ -2,9 +2,10 @@
 
 use crate::logic::instance::{RESTARTS_MAX, WINDOW};
 use crate::logic::protocol::{Change, Ending, FailureCause, Report};
-use crate::logic::record::{Entry, schema};
+use crate::logic::record::{Entry, message, schema};
 use crate::logic::table::counted;
 use comms::logic::signals::Signals;
+use language::Message;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
@@ -96,10 +97,12 @@ impl Rows {
                 let data = json(&Value::Object(fields(&self.topics[topic], sample)));
                 Row { topic, at, data }
             }
-            Entry::Port { from, to, at, bytes } => {
+            Entry::Port { from, to, at, bytes, message } => {
                 let at = self.since_1970(*at, arrived);
-                let topic = self.port(from, to);
-                Row { topic, at, data: json(&json!({ "size": bytes.len(), "bytes": base64(bytes) })) }
+                let read = message.as_deref().and_then(|known| Some((known, message::decode(known, bytes)?)));
+                let topic = self.port(from, to, read.as_ref().map(|(known, _)| *known));
+                let raw = || json!({ "size": bytes.len(), "bytes": base64(bytes) });
+                Row { topic, at, data: json(&read.map_or_else(raw, |(_, value)| value)) }
             }
             Entry::Output { path, at, text } => {
                 let at = self.since_1970(*at, arrived);
@@ -187,19 +190,33 @@ impl Rows {
         index
     }
 
-    /// Returns the topic of a wire.
-    fn port(&mut self, from: &str, to: &str) -> usize {
-        let wire = format!("{from} -> {to}");
+    /// Returns the topic of a wire, for messages that can be read or for others.
+    fn port(&mut self, from: &str, to: &str, message: Option<&Message>) -> usize {
+        let wire = format!("{from} -> {to}: {}", message.map_or("bytes", |message| &message.name));
         if let Some([known]) = self.of.get(&wire).map(Vec::as_slice) {
             return *known;
         }
         let is_taken = |name: &str| self.topics.iter().any(|topic| topic.name == name);
         let name = schema::free_name(format!("{PORTS}{}", schema::plain_path(from)), is_taken);
         let metadata = BTreeMap::from([(PATH.to_owned(), from.to_owned()), ("dca.to".to_owned(), to.to_owned())]);
-        let (schema_name, schema) = ("dca.Encoded".to_owned(), json(&schema::port()));
+        let (schema_name, schema) = match message {
+            None => ("dca.Encoded".to_owned(), json(&schema::port())),
+            Some(message) => self.schema_of(message),
+        };
         self.of.insert(wire, vec![self.topics.len()]);
         self.topics.push(Topic { name, schema_name, schema, metadata });
         self.topics.len() - 1
+    }
+
+    /// Returns the schema of a message: what is called the same and is not has another name.
+    fn schema_of(&self, message: &Message) -> (String, Vec<u8>) {
+        let name = format!("dca.types.{}", schema::plain_name(&message.name));
+        let schema_as = |name: &str| json(&message::schema(name, message));
+        let is_another =
+            |name: &str| self.topics.iter().any(|topic| topic.schema_name == name && topic.schema != schema_as(name));
+        let name = schema::free_name(name, is_another);
+        let schema = schema_as(&name);
+        (name, schema)
     }
 
     /// Returns the topic of which there is one.

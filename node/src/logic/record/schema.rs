@@ -64,7 +64,8 @@ pub(super) fn log() -> Value {
     schema
 }
 
-/// Returns the schema of what goes over a wire, which only the programs at its ends can read.
+/// Returns the schema of what goes over a wire and only the programs at its ends can read: no interface says what is in it, or
+/// it is not what the interface says.
 pub(super) fn port() -> Value {
     let size = ("size", "integer", "how many bytes it is");
     let mut schema = object("dca.Encoded", [size, ("bytes", "string", "the value, encoded with postcard")]);
