@@ -7,6 +7,7 @@
 mod network;
 mod processes;
 mod program;
+mod terminal;
 mod trace;
 
 pub use network::Network;
@@ -202,6 +203,21 @@ impl Host {
 
     /// Starts `dca` with these arguments; verbs that talk to nodes are told where.
     pub fn dca(&self, arguments: &[&str]) -> Program {
+        Program::start(self.dca_command(arguments))
+    }
+
+    /// Runs `dca` to its end on a terminal of so many columns, with these variables in its environment. Returns its exit code
+    /// and all that came to the terminal.
+    ///
+    /// # Panics
+    /// It has not ended `SOON`, or there are no terminals.
+    pub fn on_terminal(&self, columns: u16, environment: &[(&str, &str)], arguments: &[&str]) -> (Option<i32>, String) {
+        let mut command = self.dca_command(arguments);
+        command.env_remove("NO_COLOR").env("TERM", "xterm").envs(environment.iter().copied());
+        terminal::run(command, columns)
+    }
+
+    fn dca_command(&self, arguments: &[&str]) -> Command {
         let mut command = self.command("dca");
         command.args(arguments);
         if matches!(
@@ -210,7 +226,7 @@ impl Host {
         ) {
             command.arg("--run-dir").arg(&self.run_dir);
         }
-        Program::start(command)
+        command
     }
 
     /// Runs `dca` to its end.

@@ -156,11 +156,11 @@ fn a_program_that_offers_no_controllers() {
     let cluster = Cluster::new();
     let (here, file) = (cluster.here(), cluster.file("idle.dca", IDLE));
     let silent = here.ask(&["run", "--controllers", "/bin/false", &file]);
-    check(&cluster, &silent, 1, &["\"/bin/false\" does not tell its interface"]);
+    check(&cluster, &silent, 1, &["`/bin/false` does not tell its interface"]);
     let missing = here.ask(&["run", "--controllers", "/nowhere/controllers", &file]);
-    check(&cluster, &missing, 1, &["cannot run \"/nowhere/controllers\": No such file"]);
+    check(&cluster, &missing, 1, &["cannot run `/nowhere/controllers`: No such file"]);
     let node = here.start_node("c1", &["--controllers", "/bin/false"]).ended(SOON);
-    check(&cluster, &node, 1, &["\"/bin/false\" does not tell its interface"]);
+    check(&cluster, &node, 1, &["`/bin/false` does not tell its interface"]);
 }
 
 #[test]

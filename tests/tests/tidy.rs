@@ -367,6 +367,20 @@ fn one_place_of_each_program_prints() {
     only_in("only `output` prints, and the one place of the shim and of a controller", &places, &words);
 }
 
+/// Spans of time have `comms::logic::human::span`, paths stand between backticks.
+#[test]
+fn people_read_no_debug_text() {
+    let all = sources();
+    let rooms = ["comms/src", "controllers/src", "node/src"];
+    let of_rooms =
+        all.iter().filter(|source| source.is_shipped() && rooms.iter().any(|room| source.path.starts_with(room)));
+    let wrong = broken(of_rooms, Strings::Kept, |_, line| {
+        let is_for_programmers = ["assert", "panic!", "expect(", "unreachable!"].iter().any(|word| line.contains(word));
+        (line.contains(":?}") && !is_for_programmers).then(|| line.trim().to_owned())
+    });
+    check("what people read is not what `Debug` prints", &wrong);
+}
+
 #[test]
 fn one_place_builds_keys() {
     let all = sources();

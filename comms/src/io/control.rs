@@ -33,7 +33,7 @@ const READ_SIZE: usize = 16 << 10;
 #[derive(Debug, Error)]
 pub enum ControlError {
     /// The socket cannot be made.
-    #[error("cannot listen on {path:?}: {cause}")]
+    #[error("cannot listen on `{path}`: {cause}")]
     Bind {
         /// Where.
         path: PathBuf,
@@ -41,7 +41,7 @@ pub enum ControlError {
         cause: io::Error,
     },
     /// Nobody listens.
-    #[error("no node listens on {path:?}: {cause}")]
+    #[error("no node listens on `{path}`: {cause}")]
     Connect {
         /// Where.
         path: PathBuf,
@@ -545,6 +545,6 @@ mod tests {
     #[test]
     fn nobody_listens() {
         let error = connect(Path::new("/no/such/socket")).unwrap_err().to_string();
-        assert!(error.starts_with("no node listens on \"/no/such/socket\""), "{error}");
+        assert!(error.starts_with("no node listens on `/no/such/socket`"), "{error}");
     }
 }

@@ -7,6 +7,7 @@
 use crate::io::clock::now;
 use crate::io::session::{OpenError, Opened, Reach, Redial, Search, Settings, dialled, locator, unix_locator};
 use crate::logic::control::{Dial, Location};
+use crate::logic::human::span;
 use crate::logic::time::Time;
 use std::borrow::Cow;
 use std::path::Path;
@@ -61,7 +62,7 @@ pub enum DataError {
         cause: String,
     },
     /// No answer in time.
-    #[error("no answer from `{key}` within {within:?}")]
+    #[error("no answer from `{key}` within {}", span(*.within))]
     Timeout {
         /// The key.
         key: String,

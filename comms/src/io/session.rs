@@ -76,7 +76,7 @@ pub struct Session {
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 pub enum OpenError {
     /// The socket's path is of no use.
-    #[error("the socket path {path:?} cannot be used: {problem}")]
+    #[error("the socket path `{path}` cannot be used: {problem}")]
     SocketPath {
         /// The path.
         path: PathBuf,
@@ -84,7 +84,7 @@ pub enum OpenError {
         problem: &'static str,
     },
     /// No node on this host.
-    #[error("no node answers at {path:?}: {cause}")]
+    #[error("no node answers at `{path}`: {cause}")]
     NoNode {
         /// The socket tried.
         path: PathBuf,

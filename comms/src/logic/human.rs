@@ -1,7 +1,16 @@
-//! How values that people's tools read look in JSON, while their bytes in postcard stay as they were.
+//! How spans of time look to people ([`span`]), and how values that people's tools read look in JSON, while their bytes in
+//! postcard stay as they were.
 //!
 //! Times are numbers in seconds. Numbers that name something are strings of 16 hexadecimal digits: most readers of JSON keep
 //! numbers in 53 bits. For `#[serde(with = "…")]`.
+
+/// Returns a span of time in words: `5 s`, `1.5 s`, `200 ms`, `0.25 ms`.
+pub fn span(time: std::time::Duration) -> String {
+    let seconds = time.as_secs_f64();
+    let (number, unit) = if seconds >= 1.0 || time.is_zero() { (seconds, "s") } else { (seconds * 1e3, "ms") };
+    let text = format!("{number:.3}");
+    format!("{} {unit}", text.trim_end_matches('0').trim_end_matches('.'))
+}
 
 /// A time in seconds.
 pub mod seconds {

@@ -8,6 +8,7 @@ use super::controller::{Progress, Stopping};
 use super::interface::{Binding, Direction};
 use super::module::{Delivery, Module};
 use super::random::Random;
+use comms::logic::human::span;
 use comms::logic::signals::Signal;
 use comms::logic::time::Time;
 use std::collections::BTreeMap;
@@ -408,7 +409,8 @@ impl Harness {
         }
         let mut ending = std::mem::replace(ending, Ending::Stopped);
         if stopping == Stopping::Again {
-            ending = Ending::Aborted(format!("did not stop within {:?}", stopped.module.interface().about.stop_within));
+            let within = span(stopped.module.interface().about.stop_within);
+            ending = Ending::Aborted(format!("did not stop within {within}"));
         }
         stopped.state = State::Idle;
         stopped.token += 1;

@@ -98,7 +98,7 @@ fn supervise(start: &ShimStart) -> io::Result<()> {
     let record = match Record::begin(start) {
         Ok(record) => record,
         Err(error) => {
-            let reason = format!("cannot write {:?}: {}", start.dir.join(RECORD_FILE), plain(&error));
+            let reason = format!("cannot write `{}`: {}", start.dir.join(RECORD_FILE).display(), plain(&error));
             conclude(&start.dir, &ShimReport::ExecFailed { reason });
             report(&ShimReport::Gone);
             return Ok(());
@@ -158,7 +158,7 @@ impl Record {
         let file = OpenOptions::new().append(true).open(&self.path);
         // Without it the marks in its environment are left.
         if let Err(error) = file.and_then(|mut file| file.write_all(line.as_bytes())) {
-            complain(&format!("dca-shim: cannot write {:?}: {error}", self.path));
+            complain(&format!("dca-shim: cannot write `{}`: {error}", self.path.display()));
         }
     }
 
@@ -183,7 +183,7 @@ struct Program {
 fn execute(start: &ShimStart, output: &Output) -> Result<Program, String> {
     let name = start.command.first().ok_or("there is no program")?;
     if !start.working_directory.is_dir() {
-        return Err(format!("the working directory {:?} is not there", start.working_directory));
+        return Err(format!("the working directory `{}` is not there", start.working_directory.display()));
     }
     let failed = |error: &io::Error| format!("cannot execute `{name}`: {}", plain(error));
     let (program, arguments) = launch::command(start).map_err(|error| failed(&error))?;
@@ -317,7 +317,7 @@ fn ending(status: WaitStatus) -> ShimReport {
 /// Makes the end durable, then reports it.
 fn conclude(dir: &Path, end: &ShimReport) {
     if let Err(error) = record(dir, end) {
-        complain(&format!("dca-shim: cannot write {:?}: {error}", dir.join(EXIT_FILE)));
+        complain(&format!("dca-shim: cannot write `{}`: {error}", dir.join(EXIT_FILE).display()));
     }
     report(end);
 }

@@ -164,7 +164,7 @@ fn failure_to_execute_says_why() {
         start.command = vec!["true".into()];
         start.working_directory = "/no/such/folder".into();
     });
-    shim.expect(&[failed("the working directory \"/no/such/folder\" is not there"), ShimReport::Gone]);
+    shim.expect(&[failed("the working directory `/no/such/folder` is not there"), ShimReport::Gone]);
 }
 
 #[test]

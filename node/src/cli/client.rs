@@ -6,6 +6,7 @@ use crate::logic::protocol::{Answer, NodeStatus, Request, SILENCE_MAX};
 use anyhow::{Context, anyhow};
 use comms::io::clock;
 use comms::io::session::{CallError, OpenError, Presence, Replies, Session};
+use comms::logic::human::span;
 use comms::logic::time::Time;
 use comms::logic::{codec, key};
 use std::collections::BTreeSet;
@@ -231,14 +232,18 @@ impl Client {
         }
     }
 
-    /// Asks the node of this machine, at some time, whom it reaches; nobody if there is none or it does not answer.
+    /// Asks the node of this machine, at some time, whom it reaches: nobody if it does not answer. Without one it never says.
     async fn heard_here(&self, at: Time) -> BTreeSet<String> {
         clock::sleep_until(at).await;
         let Some(local) = &self.local else { return std::future::pending().await };
-        match self.ask(local, &Request::Status, ANSWER_WITHIN).await {
-            Ok(Answer::Status(status)) => status.peers.into_iter().chain([status.host]).collect(),
-            _ => BTreeSet::new(),
-        }
+        self.reached_by(local).await.map(|(hosts, _)| hosts).unwrap_or_default()
+    }
+
+    /// Asks a node whom it reaches, itself included, and how long it is up; nothing if it does not answer.
+    async fn reached_by(&self, host: &str) -> Option<(BTreeSet<String>, Duration)> {
+        let answer = self.ask(host, &Request::Status, ANSWER_WITHIN).await.ok()?;
+        let Answer::Status(status) = answer else { return None };
+        Some((status.peers.into_iter().chain([status.host]).collect(), status.up))
     }
 
     /// Asks a node something that has one answer.
@@ -258,11 +263,11 @@ impl Client {
     /// Returns every node that can be reached: the node of this machine knows at once, unless it has just begun to look.
     async fn all(&self) -> Result<BTreeSet<String>, Failure> {
         if let Some(local) = &self.local
-            && let Ok(Answer::Status(status)) = self.ask(local, &Request::Status, ANSWER_WITHIN).await
+            && let Some((hosts, up)) = self.reached_by(local).await
         {
-            return match KNOWS_AFTER.checked_sub(status.up) {
+            return match KNOWS_AFTER.checked_sub(up) {
                 Some(left) => self.look(&[], left.min(FIND_WITHIN)).await,
-                None => Ok(status.peers.into_iter().chain([status.host]).collect()),
+                None => Ok(hosts),
             };
         }
         self.hosts(&[]).await
@@ -352,10 +357,10 @@ fn call_failure(host: &str, error: CallError) -> Failure {
         )),
         CallError::Unreachable { .. } => Failure::Unreachable(anyhow!("the node `{host}` cannot be reached")),
         CallError::Timeout { within, .. } => {
-            Failure::Unreachable(anyhow!("the node `{host}` has not answered within {} s", within.as_secs_f64()))
+            Failure::Unreachable(anyhow!("the node `{host}` has not answered within {}", span(within)))
         }
         CallError::Silent { silent, .. } => {
-            Failure::Unreachable(anyhow!("the node `{host}` has said nothing for {} s", silent.as_secs_f64()))
+            Failure::Unreachable(anyhow!("the node `{host}` has said nothing for {}", span(silent)))
         }
         CallError::Session { cause, .. } => Failure::Unreachable(anyhow!("the node `{host}` cannot be asked: {cause}")),
     }

@@ -1,5 +1,6 @@
 //! Asks executables which controller types they offer.
 
+use comms::logic::human::span;
 use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
@@ -16,7 +17,7 @@ const ANSWER_WITHIN: Duration = Duration::from_secs(10);
 #[derive(Debug, thiserror::Error)]
 pub enum ProgramsError {
     /// It cannot be run.
-    #[error("cannot run {program:?}: {cause}")]
+    #[error("cannot run `{program}`: {cause}")]
     Run {
         /// Which.
         program: PathBuf,
@@ -24,7 +25,7 @@ pub enum ProgramsError {
         cause: io::Error,
     },
     /// It ran, and failed.
-    #[error("{program:?} does not tell its interface: `{argument}` {status}")]
+    #[error("`{program}` does not tell its interface: `{argument}` {status}")]
     Failed {
         /// Which.
         program: PathBuf,
@@ -34,7 +35,7 @@ pub enum ProgramsError {
         status: ExitStatus,
     },
     /// It runs, and says nothing.
-    #[error("{program:?} does not tell its interface: `{argument}` has no answer within {within:?}")]
+    #[error("`{program}` does not tell its interface: `{argument}` has no answer within {}", span(*.within))]
     Silent {
         /// Which.
         program: PathBuf,
@@ -111,7 +112,7 @@ mod tests {
     #[test]
     fn a_program_that_does_not_answer_is_not_waited_for() {
         let silent = ask(Path::new("sleep"), "3600", Duration::from_millis(20)).unwrap_err();
-        assert_eq!(silent.to_string(), "\"sleep\" does not tell its interface: `3600` has no answer within 20ms");
+        assert_eq!(silent.to_string(), "`sleep` does not tell its interface: `3600` has no answer within 20 ms");
         assert_eq!(ask(Path::new("echo"), "word", ANSWER_WITHIN).unwrap(), "word\n");
     }
 }

@@ -35,7 +35,7 @@ const PROOF: &str = "proof";
 #[derive(Debug, thiserror::Error)]
 pub enum RunDirError {
     /// The folder cannot be made or read.
-    #[error("cannot use the folder {path:?}: {cause}")]
+    #[error("cannot use the folder `{path}`: {cause}")]
     Unusable {
         /// Which.
         path: PathBuf,
@@ -43,7 +43,7 @@ pub enum RunDirError {
         cause: io::Error,
     },
     /// The folder belongs to somebody else, so its sockets cannot be trusted.
-    #[error("the folder {path:?} belongs to user {owner}; remove it, or choose another with `--run-dir`")]
+    #[error("the folder `{path}` belongs to user {owner}; remove it, or choose another with `--run-dir`")]
     Foreign {
         /// Which.
         path: PathBuf,
@@ -51,13 +51,13 @@ pub enum RunDirError {
         owner: u32,
     },
     /// The folder is a link: who made it can lead it elsewhere.
-    #[error("the folder {path:?} is a link; name the folder itself with `--run-dir`")]
+    #[error("the folder `{path}` is a link; name the folder itself with `--run-dir`")]
     Link {
         /// Which.
         path: PathBuf,
     },
     /// Others can put files into the folder.
-    #[error("anybody can write to the folder {path:?}; `chmod go-w` it, or choose another with `--run-dir`")]
+    #[error("anybody can write to the folder `{path}`; `chmod go-w` it, or choose another with `--run-dir`")]
     Open {
         /// Which.
         path: PathBuf,
@@ -69,7 +69,7 @@ pub enum RunDirError {
         name: String,
     },
     /// Socket paths below it would be too long for the kernel.
-    #[error("the folder {path:?} is too deep for sockets; choose a shorter one with `--run-dir`")]
+    #[error("the folder `{path}` is too deep for sockets; choose a shorter one with `--run-dir`")]
     TooDeep {
         /// Which.
         path: PathBuf,
@@ -251,7 +251,11 @@ fn write_proof(path: &Path) -> io::Result<String> {
     Ok(proof)
 }
 
-fn private_folder(path: &Path) -> Result<(), RunDirError> {
+/// Makes a folder of this user, to which nobody else can write; one that is there already has to be so.
+///
+/// # Errors
+/// It cannot be made, is a link, or belongs to somebody else.
+pub fn private_folder(path: &Path) -> Result<(), RunDirError> {
     let unusable = |cause| RunDirError::Unusable { path: path.to_owned(), cause };
     let made = fs::DirBuilder::new().recursive(true).mode(0o700).create(path);
     // What is wrong with a folder that is there says more than that it cannot be made.

@@ -11,6 +11,7 @@
 //! as long as it answers, the second is refused, and takes over only when the first is gone. Never acts on a wall clock.
 
 use super::protocol::Pong;
+use comms::logic::human::span;
 use comms::logic::time::Time;
 use std::collections::{BTreeMap, VecDeque};
 use std::fmt;
@@ -98,7 +99,7 @@ impl fmt::Display for Change {
             Self::Appeared { host, place, replaces: false, .. } => write!(f, "the node `{host}` is there: {place}"),
             Self::Appeared { host, place, .. } => write!(f, "the node `{host}` was started again: {place}"),
             Self::Missing { host, why, .. } => write!(f, "the node `{host}` is missing: {why}"),
-            Self::Lost { host } => write!(f, "the node `{host}` is lost: it was missing for {LOST_AFTER:?}"),
+            Self::Lost { host } => write!(f, "the node `{host}` is lost: it was missing for {}", span(LOST_AFTER)),
             Self::Refused { host, place, first } => write!(
                 f,
                 "a second node called `{host}` ({place}) is not dealt with: the first one ({first}) is there; give the \

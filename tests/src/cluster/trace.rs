@@ -39,6 +39,15 @@ impl Trace {
         Self { folder: folder.to_owned(), run, mission }
     }
 
+    /// Reads the record in `folder` as far as it is written.
+    ///
+    /// # Panics
+    /// There is none.
+    pub fn so_far(folder: &Path) -> Self {
+        let run = recorder::read(&folder.join(recorder::FILE)).unwrap_or_else(|error| panic!("{error}"));
+        Self { folder: folder.to_owned(), mission: run.mission(), run }
+    }
+
     /// Returns whether the page of the run stands beside its record and closes its last tag.
     pub fn has_page(&self) -> bool {
         let page = std::fs::read_to_string(self.folder.join("report.html")).unwrap_or_default();

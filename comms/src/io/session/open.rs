@@ -6,6 +6,7 @@ use super::links::{Links, Place, lock};
 use super::nearby::{self, Heard, Own};
 use super::{OpenError, patience, reach};
 use crate::io::queue::{self, Receiver, Sender};
+use crate::logic::human::span;
 use crate::logic::port::{Policy, Pushed};
 use rustix::io::{FdFlags, fcntl_setfd};
 use std::net::SocketAddr;
@@ -198,7 +199,7 @@ impl Opened {
         linked.map_err(|_elapsed| {
             self.forget(session);
             let places: Vec<String> = locators.iter().map(ToString::to_string).collect();
-            format!("nobody answers at {} within {within:?}", places.join(", "))
+            format!("nobody answers at {} within {}", places.join(", "), span(within))
         })
     }
 

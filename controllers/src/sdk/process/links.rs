@@ -7,6 +7,7 @@ use comms::io::clock::now;
 use comms::io::data::{Answering, DataError, DataSession, Hearing, Payload, Priority, Publisher};
 use comms::logic::codec::{self, Enveloped};
 use comms::logic::control::{Device, Dial, Incoming, Outgoing, Shape};
+use comms::logic::human::span;
 use comms::logic::key::{self, Channel};
 use comms::logic::time::Time;
 use std::collections::BTreeMap;
@@ -149,7 +150,8 @@ impl Links {
                 && !publisher.wait_heard(patience.left())
                 && matches!(patience, Patience::Each(_))
             {
-                return Err(format!("output `{}`: its consumer has not come within {DIAL_WITHIN:?}", wire.port));
+                let within = span(DIAL_WITHIN);
+                return Err(format!("output `{}`: its consumer has not come within {within}", wire.port));
             }
         }
         *self.lock() = made;

@@ -8,6 +8,7 @@ use crate::logic::parameters::{self, Verdict};
 use crate::logic::protocol::InstanceParameters;
 use anyhow::{Context, anyhow};
 use comms::io::clock;
+use comms::logic::human::span;
 use dbmanager::logic::cut::Dot;
 use dbmanager::logic::key::Key;
 use dbmanager::logic::txn::{Require, Write};
@@ -138,9 +139,9 @@ impl Writing {
     /// Says that what was written had not got as far as asked.
     pub(crate) fn pending(&self) -> Failure {
         Failure::Unreachable(anyhow!(
-            "it is committed for good and will go on to the others, but had not got as far as asked within {:?}; `dca db \
+            "it is committed for good and will go on to the others, but had not got as far as asked within {}; `dca db \
              status` shows who is behind",
-            self.within
+            span(self.within)
         ))
     }
 

@@ -1,12 +1,13 @@
 //! The interfaces of programs, asked for in the background and kept until the program changes.
 
 use super::inbox::Event;
-use crate::io::programs;
+use crate::io::{programs, run_dir};
 use language::Source;
 use std::fs;
 use std::io;
 use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 use std::sync::mpsc::SyncSender;
 
 /// What tells one build of a program from another: its file's number, length and time of change.
@@ -32,13 +33,16 @@ struct Program {
 pub(super) struct Interfaces {
     programs: Vec<Program>,
     events: SyncSender<Event>,
+    /// Where interfaces are shown from, once one was.
+    folder: OnceLock<PathBuf>,
 }
 
 impl Interfaces {
     /// Asks each of these programs; the answers come in as events.
     pub(super) fn new(paths: Vec<PathBuf>, events: SyncSender<Event>) -> Self {
         let program = |path| Program { path, asked: None, is_asking: false, source: None };
-        let mut interfaces = Self { programs: paths.into_iter().map(program).collect(), events };
+        let mut interfaces =
+            Self { programs: paths.into_iter().map(program).collect(), events, folder: OnceLock::new() };
         interfaces.refresh();
         interfaces
     }
@@ -82,14 +86,15 @@ impl Interfaces {
         self.programs.iter().any(|program| program.is_asking && program.source.is_none())
     }
 
-    /// Writes what a program has told to a file that an editor can show; returns its path.
+    /// Writes what a program has told to a file that an editor can show; returns its path. It is in this user's folder of
+    /// nodes, since anybody can make a folder in the system's one for temporary files.
     ///
     /// # Errors
-    /// The file cannot be written.
+    /// The file cannot be written, or the folder belongs to somebody else.
     pub(super) fn show(&self, source: &Source) -> io::Result<String> {
         let name = Path::new(&source.name).file_name().unwrap_or_default().to_string_lossy().into_owned();
-        let file = folder().join(format!("{name}.dca"));
-        fs::create_dir_all(folder())?;
+        let folder = own_folder(&run_dir::default_base())?;
+        let file = self.folder.get_or_init(|| folder).join(format!("{name}.dca"));
         fs::write(&file, &source.text)?;
         Ok(file.to_string_lossy().into_owned())
     }
@@ -102,17 +107,42 @@ impl Interfaces {
 
 impl Drop for Interfaces {
     fn drop(&mut self) {
-        // It is not there unless something was shown.
-        fs::remove_dir_all(folder()).unwrap_or_default();
+        if let Some(folder) = self.folder.get() {
+            fs::remove_dir_all(folder).unwrap_or_default();
+        }
     }
 }
 
-/// Where interfaces are shown from: this server's own.
-fn folder() -> PathBuf {
-    std::env::temp_dir().join(format!("dca-lsp-{}", std::process::id()))
+/// Makes this server's own folder below `base`; both belong to this user, and nobody else can write there.
+fn own_folder(base: &Path) -> io::Result<PathBuf> {
+    let folder = base.join(format!("lsp-{}", std::process::id()));
+    for path in [base, &folder] {
+        run_dir::private_folder(path).map_err(io::Error::other)?;
+    }
+    Ok(folder)
 }
 
 fn stamp(path: &Path) -> Option<Stamp> {
     let data = fs::metadata(path).ok()?;
     Some((data.ino(), data.size(), data.mtime(), data.mtime_nsec()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::os::unix::fs::{PermissionsExt, symlink};
+
+    #[test]
+    fn interfaces_are_shown_from_a_folder_of_this_user() {
+        let base = std::env::temp_dir().join(format!("dca-show-{}", std::process::id()));
+        let folder = own_folder(&base).unwrap();
+        for path in [&base, &folder] {
+            assert_eq!(fs::metadata(path).unwrap().permissions().mode() & 0o077, 0, "{path:?}");
+        }
+        fs::remove_dir(&folder).unwrap();
+        symlink(std::env::temp_dir(), &folder).unwrap();
+        let why = own_folder(&base).unwrap_err().to_string();
+        assert!(why.contains("is a link"), "{why}");
+        fs::remove_dir_all(&base).unwrap();
+    }
 }

@@ -1,0 +1,46 @@
+//! A command on a terminal, which it cannot tell from a person's.
+
+use super::SOON;
+use comms::io::clock::now;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::fs::{Mode, OFlags};
+use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+use rustix::termios::{Winsize, tcsetwinsize};
+use std::process::{Command, Stdio};
+
+/// Runs a command to its end; returns its exit code and all that it wrote.
+///
+/// # Panics
+/// It has not ended `SOON`, or there are no terminals.
+pub(super) fn run(mut command: Command, columns: u16) -> (Option<i32>, String) {
+    let screen = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).expect("there are pseudo-terminals");
+    grantpt(&screen).and_then(|()| unlockpt(&screen)).expect("the terminal is this test's own");
+    let name = ptsname(&screen, Vec::new()).expect("a terminal has a name");
+    let line = rustix::fs::open(name.as_c_str(), OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC, Mode::empty());
+    let line = line.expect("the terminal is there");
+    let size = Winsize { ws_row: 24, ws_col: columns, ws_xpixel: 0, ws_ypixel: 0 };
+    tcsetwinsize(&line, size).expect("a terminal has a size");
+    let other = line.try_clone().expect("a descriptor is left");
+    command.stdin(Stdio::null()).stdout(line).stderr(other);
+    let mut child = command.spawn().expect("it can be started");
+    // The ends of the line that `command` holds: with them nobody would see that the last writer is gone.
+    drop(command);
+    let (mut written, deadline) = (Vec::new(), now() + SOON);
+    let mut chunk = [0; 4096];
+    loop {
+        let left = Timespec::try_from(deadline.since(now())).expect("half a minute is a time");
+        let mut fds = [PollFd::new(&screen, PollFlags::IN)];
+        let ready = poll(&mut fds, Some(&left)).expect("a terminal can be waited for");
+        if ready == 0 {
+            drop(child.kill());
+            panic!("it has not ended within {SOON:?}:\n{}", String::from_utf8_lossy(&written));
+        }
+        match rustix::io::read(&screen, &mut chunk) {
+            // A terminal that nobody writes to any more is an error, not an end.
+            Ok(0) | Err(_) => break,
+            Ok(size) => written.extend(&chunk[..size]),
+        }
+    }
+    let status = child.wait().expect("it was started here");
+    (status.code(), String::from_utf8_lossy(&written).into_owned())
+}
