@@ -9,14 +9,19 @@ use super::Session;
 use super::open::plain;
 use super::tally::Tally;
 use crate::io::clock;
-use crate::io::queue::{self, Receiver};
+use crate::io::queue::{self, Receiver, Sender};
+use crate::logic::human::span;
 use crate::logic::port::{Policy, Pushed};
 use crate::logic::time::Time;
-use std::sync::{Mutex, PoisonError};
+use std::fmt;
+use std::pin::pin;
+use std::sync::{Arc, Mutex, PoisonError, Weak};
+use std::task::{Context, Waker};
 use std::time::Duration;
 use thiserror::Error;
 use zenoh::Wait;
 use zenoh::bytes::Encoding;
+use zenoh::cancellation::CancellationToken;
 use zenoh::qos::CongestionControl;
 use zenoh::query::{ConsolidationMode, Query, Queryable, Reply};
 
@@ -28,7 +33,8 @@ const STILL_HERE: &str = "dca/here";
 const END: &str = "dca/end";
 /// Marks an error reply that ends a stream before it is complete.
 const BROKEN: &str = "dca/broken";
-/// A stream of answers lives as long as its server does; zenoh wants a limit all the same.
+/// A stream of answers lives as long as its server does, and as somebody takes them ([`Query`]); zenoh wants a limit all the
+/// same.
 const STREAM_TIMEOUT: Duration = Duration::from_secs(365 * 24 * 3600);
 /// Answers of a stream that have not been taken yet.
 const REPLIES_MAX: usize = 1024;
@@ -45,7 +51,7 @@ pub enum CallError {
         key: String,
     },
     /// No answer in time. The request may have been carried out.
-    #[error("no answer from `{key}` within {within:?}")]
+    #[error("no answer from `{key}` within {}", span(*.within))]
     Timeout {
         /// What was called.
         key: String,
@@ -53,7 +59,7 @@ pub enum CallError {
         within: Duration,
     },
     /// The server of a stream has not said for so long that it is still there.
-    #[error("`{key}` has said nothing for {silent:?}")]
+    #[error("`{key}` has said nothing for {}", span(*.silent))]
     Silent {
         /// What was called.
         key: String,
@@ -92,7 +98,43 @@ pub enum CallError {
     },
 }
 
-/// The answers to one call.
+/// What a question is answered into, until it is answered in full, given up or closed.
+type Sink = Mutex<Option<Sender<Reply>>>;
+
+/// A question in zenoh, which would stay open for as long as its server does. Dropped, it is closed.
+struct Open {
+    token: CancellationToken,
+    /// Zenoh holds this for as long as it may answer.
+    sink: Weak<Sink>,
+}
+
+impl Open {
+    fn is_open(&self) -> bool {
+        self.sink.strong_count() > 0
+    }
+
+    fn close(&self) {
+        if self.is_open() {
+            // The first poll does it; what would be waited for is a callback that runs at this moment.
+            let closing = pin!(self.token.cancel().into_future());
+            drop(closing.poll(&mut Context::from_waker(Waker::noop())));
+        }
+    }
+}
+
+impl Drop for Open {
+    fn drop(&mut self) {
+        self.close();
+    }
+}
+
+impl fmt::Debug for Open {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Open").field("is_open", &self.is_open()).finish_non_exhaustive()
+    }
+}
+
+/// The answers to one call. Dropped, nothing more is asked for.
 #[derive(Debug)]
 pub struct Replies {
     key: String,
@@ -102,6 +144,7 @@ pub struct Replies {
     replies: Receiver<Reply>,
     tally: Tally,
     state: Stream,
+    open: Open,
 }
 
 #[derive(Debug, PartialEq, Eq)]
@@ -151,15 +194,17 @@ impl Session {
     /// # Errors
     /// If the session is closed. A missing server shows in the stream.
     pub fn call_stream(&self, key: &str, payload: Vec<u8>, silence_max: Duration) -> Result<Replies, CallError> {
-        let replies = self.ask(key, payload, STREAM_TIMEOUT)?;
-        Ok(Replies { silence_max: Some(silence_max), ..replies })
+        let mut replies = self.ask(key, payload, STREAM_TIMEOUT)?;
+        replies.silence_max = Some(silence_max);
+        Ok(replies)
     }
 
     fn ask(&self, key: &str, payload: Vec<u8>, within: Duration) -> Result<Replies, CallError> {
         let (reply_tx, replies) = queue::channel(Policy::reject(REPLIES_MAX));
         // The closure goes, and with it the sender, when the last answer is in or the server is gone. After an answer that
         // found no room nothing is taken any more: there would be a hole.
-        let sink = Mutex::new(Some(reply_tx));
+        let sink: Arc<Sink> = Arc::new(Mutex::new(Some(reply_tx)));
+        let open = Open { token: CancellationToken::default(), sink: Arc::downgrade(&sink) };
         let take = move |reply| {
             let mut sink = sink.lock().unwrap_or_else(PoisonError::into_inner);
             let rejected = sink.as_ref().is_some_and(|sink| matches!(sink.push(reply), Pushed::Rejected(_)));
@@ -173,12 +218,13 @@ impl Session {
             .consolidation(ConsolidationMode::None)
             .congestion_control(CongestionControl::Block)
             .timeout(within)
+            .cancellation_token(open.token.clone())
             .callback(take)
             .wait();
         asked.map_err(|cause| CallError::Session { key: key.to_owned(), cause: plain(&cause) })?;
         let (key, heard) = (key.to_owned(), clock::now());
         let (tally, state) = (Tally::default(), Stream::Silent);
-        Ok(Replies { key, within, silence_max: None, heard, replies, tally, state })
+        Ok(Replies { key, within, silence_max: None, heard, replies, tally, state, open })
     }
 
     /// Serves `key`, which may be an expression such as [`crate::logic::key::rpc_any`].
@@ -241,6 +287,8 @@ impl Replies {
             }
         };
         self.state = Stream::Ended;
+        // After an error the server may go on for as long as it likes.
+        self.open.close();
         end.map(Err)
     }
 
@@ -329,5 +377,45 @@ impl Request {
         if let Err(error) = self.query.reply_err(reason).encoding(encoding).wait() {
             tracing::debug!(key = self.key(), %error, "a refusal was not sent");
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::io::session::{NodeOptions, Reach};
+    use crate::logic::key::{self, HostName};
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn a_question_is_closed_when_its_answers_end_or_nobody_takes_them() {
+        let folder = std::env::temp_dir().join(format!("dca-call-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let name = HostName::parse("c1").unwrap();
+        let options = NodeOptions { name, socket: folder.join("s"), reach: Reach::Host, port: 0, peers: Vec::new() };
+        let session = Session::open_node(options).await.unwrap();
+        let mut server = session.serve(&key::rpc_any("c1")).unwrap();
+        let long = Duration::from_secs(60);
+        let ask = || session.call_stream(&key::rpc("c1", "many"), Vec::new(), long).unwrap();
+        // More answers than are taken.
+        let mut replies = ask();
+        let mut request = server.next().await.unwrap();
+        (0..2 * REPLIES_MAX).for_each(|_| request.reply(Vec::new()));
+        let end = loop {
+            match replies.next().await {
+                Some(Ok(_)) => assert!(replies.open.is_open(), "zenoh may answer"),
+                end => break end,
+            }
+        };
+        assert!(matches!(end, Some(Err(CallError::Overrun { .. }))), "{end:?}");
+        assert!(!replies.open.is_open(), "the server goes on, and is not heard");
+        // Nobody takes the answers of a server that has not ended.
+        let replies = ask();
+        let other = server.next().await.unwrap();
+        let sink = replies.open.sink.clone();
+        drop(replies);
+        assert_eq!(sink.strong_count(), 0);
+        drop((request, other, server));
+        session.close().await;
+        std::fs::remove_dir_all(&folder).unwrap();
     }
 }
