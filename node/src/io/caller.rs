@@ -5,6 +5,7 @@
 //! whoever answers is gone before [`Caller::end`].
 
 use crate::logic::protocol::Answer;
+use std::borrow::Cow;
 use std::sync::{Arc, OnceLock};
 use tokio::sync::mpsc::error::TrySendError;
 use tokio::sync::mpsc::{self, Receiver, Sender};
@@ -17,7 +18,7 @@ const SLOW: &str = "more came than were taken";
 const LEFT: &str = "the node went away from them";
 
 /// How the answers have ended, as soon as that is known.
-type End = Arc<OnceLock<Result<(), &'static str>>>;
+type End = Arc<OnceLock<Result<(), Cow<'static, str>>>>;
 
 /// The end of whoever answers.
 #[derive(Debug)]
@@ -47,7 +48,7 @@ impl Caller {
             Ok(()) => true,
             Err(TrySendError::Closed(_)) => false,
             Err(TrySendError::Full(_)) => {
-                self.settle(Err(SLOW));
+                self.settle(Err(SLOW.into()));
                 false
             }
         }
@@ -79,7 +80,12 @@ impl Caller {
         self.settle(Ok(()));
     }
 
-    fn settle(&self, end: Result<(), &'static str>) {
+    /// Says that there is more, which cannot be had, and why, for a person.
+    pub fn fail(self, why: String) {
+        self.settle(Err(why.into()));
+    }
+
+    fn settle(&self, end: Result<(), Cow<'static, str>>) {
         // What was said first stays.
         self.end.set(end).unwrap_or_default();
     }
@@ -98,8 +104,8 @@ impl Answers {
     ///
     /// # Errors
     /// It was not; for a person.
-    pub fn end(self) -> Result<(), &'static str> {
-        self.end.get().copied().unwrap_or(Err(LEFT))
+    pub fn end(self) -> Result<(), Cow<'static, str>> {
+        self.end.get().cloned().unwrap_or(Err(LEFT.into()))
     }
 }
 
@@ -111,7 +117,7 @@ mod tests {
         Answer::Refused(String::new())
     }
 
-    async fn drain(mut answers: Answers) -> (usize, Result<(), &'static str>) {
+    async fn drain(mut answers: Answers) -> (usize, Result<(), Cow<'static, str>>) {
         let mut count = 0;
         while answers.next().await.is_some() {
             count += 1;
@@ -132,7 +138,7 @@ mod tests {
         let (caller, rest) = answers();
         let taken = (0..=ANSWERS_MAX).take_while(|_| caller.offer(answer())).count();
         caller.end();
-        assert_eq!((taken, drain(rest).await), (ANSWERS_MAX, (ANSWERS_MAX, Err(SLOW))));
+        assert_eq!((taken, drain(rest).await), (ANSWERS_MAX, (ANSWERS_MAX, Err(SLOW.into()))));
     }
 
     #[tokio::test]
@@ -140,6 +146,6 @@ mod tests {
         let (caller, rest) = answers();
         assert!(caller.send(answer()).await);
         drop(caller);
-        assert_eq!(drain(rest).await, (1, Err(LEFT)));
+        assert_eq!(drain(rest).await, (1, Err(LEFT.into())));
     }
 }

@@ -5,11 +5,13 @@
 //! so the driver does it beside its loop, while programs start.
 //!
 //! After a failure nobody knows what of the file is on the disk: a sync that has failed once may succeed the next time
-//! without having written anything. So the next commit writes a new file and puts it in the place of the old one.
+//! without having written anything. So the next commit writes a new file and puts it in the place of the old one, as it does
+//! when somebody has removed the file or put another in its place: what is written to a file without a name is lost.
 
 use crate::logic::protocol::Deployment;
-use std::fs::{File, OpenOptions};
+use std::fs::{File, Metadata, OpenOptions};
 use std::io::{self, Write};
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
 /// The journal. Its file is opened for writing with the first epoch: a node whose disk is read-only runs without.
@@ -47,7 +49,7 @@ impl Journal {
     /// The disk refuses: then it may or may not be there after a power cut. The next commit begins with a file of its own.
     pub fn commit(&mut self, deployment: &Deployment) -> io::Result<()> {
         let line = format!("{} {}\n", deployment.epoch, deployment.name);
-        let mut file = match self.file.take() {
+        let mut file = match self.file.take().filter(|file| self.is_in_place(file)) {
             Some(file) => file,
             None => self.renew()?,
         };
@@ -56,6 +58,13 @@ impl Journal {
         self.file = Some(file);
         self.epoch = self.epoch.max(deployment.epoch);
         Ok(())
+    }
+
+    /// Returns whether the file is the one that stands under the journal's name.
+    fn is_in_place(&self, file: &File) -> bool {
+        let id = |found: io::Result<Metadata>| found.map(|found| (found.dev(), found.ino())).ok();
+        let here = id(std::fs::symlink_metadata(&self.path));
+        here.is_some() && here == id(file.metadata())
     }
 
     /// Makes a new file with the highest epoch in it, durable and in the place of the old one.
@@ -78,6 +87,24 @@ mod tests {
 
     fn deployment(epoch: u64) -> Deployment {
         Deployment { name: "ok".to_owned(), epoch }
+    }
+
+    #[test]
+    fn a_journal_that_was_removed_is_written_again() {
+        let folder = std::env::temp_dir().join(format!("dca-journal-removed-{}", std::process::id()));
+        let path = folder.join("journal");
+        std::fs::create_dir_all(&folder).unwrap();
+        let mut journal = Journal::open(&path).unwrap();
+        journal.commit(&deployment(1)).unwrap();
+        std::fs::remove_file(&path).unwrap();
+        journal.commit(&deployment(2)).unwrap();
+        assert_eq!(std::fs::read_to_string(&path).unwrap(), "1 before\n2 ok\n");
+        std::fs::write(folder.join("other"), "").unwrap();
+        std::fs::rename(folder.join("other"), &path).unwrap();
+        journal.commit(&deployment(3)).unwrap();
+        assert_eq!(std::fs::read_to_string(&path).unwrap(), "2 before\n3 ok\n");
+        std::fs::remove_dir_all(&folder).unwrap();
+        assert!(journal.commit(&deployment(4)).is_err(), "its folder is gone: nothing can be written down");
     }
 
     /// What is in the way of the new file stands for a disk that refuses.

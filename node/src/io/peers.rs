@@ -271,7 +271,7 @@ async fn reply(mut request: session::Request, mut answers: Answers) {
                 Some(Err(error)) => return request.refuse(&format!("the answer cannot be written: {error}")),
                 None => return match answers.end() {
                     Ok(()) => request.finish(),
-                    Err(why) => request.break_off(why),
+                    Err(why) => request.break_off(&why),
                 },
             },
             _ = pause.tick() => request.still_here(),

@@ -125,10 +125,8 @@ fn id(file: &std::fs::Metadata) -> (u64, u64) {
 pub async fn tail(dir: PathBuf, follow: bool, over: Over, caller: Caller) {
     let over = if follow { over } else { Over(None) };
     // Silence is an answer, too: a call that ends without any looks as if nobody had heard it.
-    if caller.send(Answer::Output(Vec::new())).await
-        && send(vec![Reader::new(dir)], over, &caller, |_, bytes| Answer::Output(bytes)).await
-    {
-        caller.end();
+    if caller.send(Answer::Output(Vec::new())).await {
+        send(vec![Reader::new(dir)], over, caller, |_, bytes| Answer::Output(bytes)).await;
     }
 }
 
@@ -141,51 +139,61 @@ pub async fn all(programs: Vec<(String, PathBuf)>, over: Over, caller: Caller) {
     let readers = dirs.into_iter().map(Reader::new).collect();
     let nothing = Answer::Wrote { path: paths.first().cloned().unwrap_or_default(), bytes: Vec::new() };
     let answer = |index: usize, bytes| Answer::Wrote { path: paths[index].clone(), bytes };
-    if caller.send(nothing).await && send(readers, over, &caller, answer).await {
-        caller.end();
+    if caller.send(nothing).await {
+        send(readers, over, caller, answer).await;
     }
 }
 
-/// Sends what the readers find: of each a chunk at a time, so that one which writes much does not hold the others up. Returns
-/// whether that was everything.
-async fn send(
-    mut readers: Vec<Reader>,
-    mut over: Over,
-    caller: &Caller,
-    answer: impl Fn(usize, Vec<u8>) -> Answer,
-) -> bool {
+/// Sends what the readers find: of each a chunk at a time, so that one which writes much does not hold the others up. A file
+/// that cannot be read is left out from there on, and the caller is told in the end that this was not everything.
+async fn send(readers: Vec<Reader>, mut over: Over, caller: Caller, answer: impl Fn(usize, Vec<u8>) -> Answer) {
+    let mut readers: Vec<(usize, Reader)> = readers.into_iter().enumerate().collect();
+    let mut failure: Option<String> = None;
     let mut interval = tokio::time::interval(LOOK_EVERY);
     loop {
         if caller.waiting() > BACKLOG_MAX {
             // Who asked takes it more slowly than it is written: the files can wait, this node's memory cannot grow.
             tokio::select! {
                 _ = interval.tick() => continue,
-                () = caller.closed() => return false,
+                () = caller.closed() => return,
             }
         }
         // In this order: what was written before the end is found after it.
         let is_over = over.is_over();
         let reading = tokio::task::spawn_blocking(move || {
-            let found = readers.iter_mut().map(|reader| reader.read().unwrap_or_default()).collect::<Vec<_>>();
+            let found = readers.iter_mut().map(|(index, reader)| (*index, reader.read())).collect::<Vec<_>>();
             (readers, found)
         });
-        let Ok((back, found)) = reading.await else { return false };
+        let Ok((back, found)) = reading.await else { return };
         readers = back;
         let mut more = false;
-        for (index, bytes) in found.into_iter().enumerate().filter(|(_, bytes)| !bytes.is_empty()) {
-            more = true;
-            if !caller.send(answer(index, bytes)).await {
-                return false;
+        for (index, read) in found {
+            match read {
+                Ok(bytes) if bytes.is_empty() => {}
+                Ok(bytes) => {
+                    more = true;
+                    if !caller.send(answer(index, bytes)).await {
+                        return;
+                    }
+                }
+                Err(error) => {
+                    tracing::warn!(%error, "cannot read what a program wrote");
+                    failure.get_or_insert(format!("what a program wrote cannot be read: {error}"));
+                    readers.retain(|(reader, _)| *reader != index);
+                }
             }
         }
-        if is_over && !more {
-            return true;
+        if is_over && !more || readers.is_empty() {
+            return match failure {
+                Some(why) => caller.fail(why),
+                None => caller.end(),
+            };
         }
         tokio::select! {
             () = std::future::ready(()), if is_over => {}
             _ = interval.tick() => {}
             () = over.wait(), if !is_over => {}
-            () = caller.closed() => return false,
+            () = caller.closed() => return,
         }
     }
 }
@@ -249,6 +257,27 @@ mod tests {
         assert_eq!((read(), read(), read(), read()), ("d".into(), gap, "e".into(), String::new()));
         folder.write("f");
         assert_eq!((read(), whole(&folder.0)), ("f".into(), b"ef".to_vec()));
+    }
+
+    /// A folder stands where the file should be: it opens, and cannot be read.
+    #[tokio::test(flavor = "multi_thread")]
+    async fn what_cannot_be_read_is_told_and_does_not_hide_the_others() {
+        let (one, other) = (Folder::new("unreadable"), Folder::new("readable"));
+        std::fs::create_dir(one.0.join(OUTPUT_FILE)).unwrap();
+        other.write("other");
+        let (caller, mut said) = answers();
+        let programs = vec![("main/one".to_owned(), one.0.clone()), ("main/other".to_owned(), other.0.clone())];
+        let mut sending = tokio::task::JoinSet::new();
+        sending.spawn(all(programs, Over::new(None), caller));
+        let mut wrote = Vec::new();
+        while let Some(answer) = said.next().await {
+            let Answer::Wrote { path, bytes } = answer else { panic!("{answer:?}") };
+            wrote.extend(Some((path, bytes)).filter(|(_, bytes)| !bytes.is_empty()));
+        }
+        assert_eq!(wrote, [("main/other".to_owned(), b"other".to_vec())]);
+        let why = said.end().unwrap_err();
+        assert!(why.starts_with("what a program wrote cannot be read: Is a directory"), "{why}");
+        sending.join_next().await.unwrap().unwrap();
     }
 
     #[tokio::test(flavor = "multi_thread")]
