@@ -183,6 +183,11 @@ fn a_level_that_nobody_can_reach_is_refused_at_once() {
         assert!(matches!(&refused, Reply::Refused(why) if why.contains(part)), "{refused:?}");
     }
     assert!(world.read(0, "team/a").is_empty(), "nothing was written");
+    let mut alone = World::new(&["r1"]);
+    for far in [Far::Replicated(1), Far::On(vec!["r2".into()])] {
+        let refused = alone.ask(0, commit(vec![put("team/a", &Datum::from(1))], far));
+        assert!(matches!(&refused, Reply::Refused(why) if why.contains("`r1` belongs to no team yet")), "{refused:?}");
+    }
     world.away(&[2], true);
     let call = world.call(0, commit(vec![put("team/a", &Datum::from(1))], Far::On(vec!["r3".into()])));
     assert!(matches!(world.replies(0, call), [Reply::Committed(_)]), "who is away may come back");

@@ -20,6 +20,12 @@ impl Database {
         let others: BTreeSet<&str> = members.filter(|robot| *robot != self.robot).collect();
         match far {
             Far::Local | Far::Everywhere => None,
+            Far::On(_) | Far::Replicated(_) if !self.replica.is_member() => {
+                let me = &self.robot;
+                Some(format!(
+                    "nothing was written: `{me}` belongs to no team yet, so it cannot get to others; `dca db status` says how"
+                ))
+            }
             Far::On(robots) => {
                 let known = |robot: &&String| **robot == self.robot || others.contains(robot.as_str());
                 let unknown = robots.iter().find(|robot| !known(robot))?;
