@@ -2,6 +2,7 @@
 
 use dca_tests::cluster::{Cluster, SOON, executable};
 use std::path::Path;
+use std::process::Command;
 use std::time::Duration;
 
 /// A mission may wait for a busy machine.
@@ -21,7 +22,8 @@ fn a_new_spec_runs_with_nothing_else() {
     assert!(again.err.contains("`door` is there already"), "{again}");
 }
 
-/// The program is the same text, built with this workspace; so only its folder is looked at here.
+/// The program is the same text, built with this workspace; so only its folder is looked at here, and it is built as a crate
+/// of its own below.
 #[test]
 fn a_new_program_runs() {
     let cluster = Cluster::new();
@@ -41,6 +43,36 @@ fn a_new_program_runs() {
     }
     let starter = executable("dca-starter").display().to_string();
     let ran = here.dca(&["run", "--no-record", "--controllers", &starter, "robot/robot.dca"]).ended(MISSION);
+    assert_eq!(ran.code, Some(0), "{ran}");
+    assert!(ran.out.contains("robot: done"), "{ran}");
+}
+
+/// What is made is a crate outside of this workspace, which cargo builds with the versions and settings that came with it.
+#[test]
+#[ignore = "builds a hundred crates, which takes minutes the first time; CI runs it"]
+fn a_new_program_is_a_crate_that_builds_on_its_own() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let made = here.ask(&["new", "--sdk", "robot"]);
+    assert_eq!(made.code, Some(0), "{made}");
+    let folder = cluster.folder().join("robot");
+    // What is built is kept for the next time. A program by this name is found in no other folder.
+    let target = Path::new(env!("CARGO_TARGET_TMPDIR")).join("new-sdk");
+    let cargo = |verb: &str| {
+        let mut cargo = Command::new(env!("CARGO"));
+        cargo.args([verb, "--offline", "--target-dir"]).arg(&target).current_dir(&folder);
+        // What cargo tells the tests of this workspace is not for another.
+        for (name, _) in std::env::vars_os().filter(|(name, _)| name.to_string_lossy().starts_with("CARGO_PKG_")) {
+            cargo.env_remove(name);
+        }
+        let ended = cargo.env_remove("CARGO_MANIFEST_DIR").output().expect("cargo runs these tests");
+        assert!(ended.status.success(), "cargo {verb}: {}", String::from_utf8_lossy(&ended.stderr));
+    };
+    cargo("build");
+    // Its own test runs the controllers on virtual time.
+    cargo("test");
+    let program = target.join("debug/robot").display().to_string();
+    let ran = here.dca(&["run", "--no-record", "--controllers", &program, "robot/robot.dca"]).ended(MISSION);
     assert_eq!(ran.code, Some(0), "{ran}");
     assert!(ran.out.contains("robot: done"), "{ran}");
 }
