@@ -4,12 +4,23 @@
 //! So a resource is granted where it is declared, by one supervisor, on whatever hosts its users are: running the member is
 //! `using(arm) search` to everything behind this pass. Inside, the member takes what it was handed among its own parts.
 
+mod longer;
+
 use super::spec::{Arg, Expr, ExprKind, Instance, Param, Process, Spec, Target, ValueKind};
 use super::unit::RESOURCE;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::Constant;
 use crate::similar::nearest;
 use crate::syntax::ast::Name;
+
+/// What an instance is handed.
+#[derive(Clone, Debug)]
+struct Held {
+    /// Which resource of the group.
+    resource: usize,
+    /// What it is called in the instance's own group.
+    inside: String,
+}
 
 impl Param {
     /// Whether a resource is handed to it.
@@ -46,13 +57,14 @@ fn place(arg: &Arg, resources: &[Name], params: &[Param]) -> Option<usize> {
 /// Has each group take what it hands to a member while that member runs.
 pub(super) fn take(spec: &mut Spec, diagnostics: &mut Vec<Diagnostic>) {
     diagnostics.extend(misplaced(spec));
-    for number in 0..spec.processes.len() {
-        let process = &spec.processes[number];
+    let mut all: Vec<Vec<Vec<Held>>> = Vec::new();
+    for process in &spec.processes {
+        let mut holds: Vec<Vec<Held>> = Vec::new();
         if process.damage.header || process.damage.instances {
+            all.push(holds);
             continue;
         }
         let mut said = None;
-        let mut holds: Vec<Vec<usize>> = Vec::new();
         for instance in &process.instances {
             let mut found = Vec::new();
             holds.push(held(spec, process, instance, &mut found));
@@ -61,19 +73,22 @@ pub(super) fn take(spec: &mut Spec, diagnostics: &mut Vec<Diagnostic>) {
                 diagnostics.append(&mut found);
             }
         }
-        let process = &mut spec.processes[number];
+        all.push(holds);
+    }
+    diagnostics.extend(longer::check(spec, &all));
+    for (process, holds) in std::iter::zip(&mut spec.processes, &all) {
         if let Some(actions) = process.actions.as_mut().filter(|_| holds.iter().any(|held| !held.is_empty())) {
-            guard(actions, &holds);
+            guard(actions, holds);
         }
     }
 }
 
-/// What an instance is handed: indices of the group's resources.
-fn held(spec: &Spec, process: &Process, instance: &Instance, diagnostics: &mut Vec<Diagnostic>) -> Vec<usize> {
+/// What an instance is handed.
+fn held(spec: &Spec, process: &Process, instance: &Instance, diagnostics: &mut Vec<Diagnostic>) -> Vec<Held> {
     let Target::Process(target) = instance.target else { return Vec::new() };
     let params = &spec.processes[target].params;
     let mut places = params.iter();
-    let mut held = Vec::new();
+    let mut held: Vec<Held> = Vec::new();
     for arg in &instance.args {
         let param = match &arg.name {
             Some(name) => params.iter().find(|param| param.name.text == name.text),
@@ -81,13 +96,13 @@ fn held(spec: &Spec, process: &Process, instance: &Instance, diagnostics: &mut V
         };
         let Some(param) = param.filter(|param| param.is_resource()) else { continue };
         match place(arg, &process.resources, &process.params) {
-            Some(resource) if held.contains(&resource) => {
+            Some(resource) if held.iter().any(|other| other.resource == resource) => {
                 let name = &process.resources[resource].text;
                 let message = format!("`{name}` is handed to `{}` twice, under two names", instance.name.text);
                 let diagnostic = Diagnostic::new(Code::E0213, arg.value.span, message);
                 diagnostics.push(diagnostic.reason(param.name.span, "declared here").help("hand it on once"));
             }
-            Some(resource) => held.push(resource),
+            Some(resource) => held.push(Held { resource, inside: param.name.text.clone() }),
             None => diagnostics.extend(unknown(process, arg, param)),
         }
     }
@@ -142,11 +157,12 @@ fn misplaced(spec: &Spec) -> Vec<Diagnostic> {
 }
 
 /// Puts a `using` around each run of a member that is handed something.
-fn guard(expr: &mut Expr, holds: &[Vec<usize>]) {
+fn guard(expr: &mut Expr, holds: &[Vec<Held>]) {
     let rest = |parts: &mut [Expr]| parts.iter_mut().for_each(|part| guard(part, holds));
     match &mut expr.kind {
         ExprKind::Run(slot, _) => {
-            let Some(taken) = holds.get(*slot).filter(|taken| !taken.is_empty()).cloned() else { return };
+            let Some(held) = holds.get(*slot).filter(|held| !held.is_empty()) else { return };
+            let taken = held.iter().map(|held| held.resource).collect();
             let run = Expr { span: expr.span, kind: std::mem::replace(&mut expr.kind, ExprKind::Broken) };
             expr.kind = ExprKind::Using(taken, Box::new(run));
         }

@@ -198,6 +198,8 @@ codes! {
         "What `using` takes is free again when its process has ended. Inside it, the same thing can never be taken."
     W0413 Warning "may wait for each other"
         "One takes this and then that, the other that and then this, or more of them in a circle. When each has its first, all wait for ever. Take both at once, `using(a, b)`, or always in the same order. And a service never gives back what it has."
+    W0414 Warning "had longer than used"
+        "Who is handed a resource, `kitchen instof Tidy(c2, arm)`, has it from its start to its end: the group that declares it decides who has it, and does not hear of a `using` inside the member. Others that are handed it wait for all of that. Hand it to a smaller group, of what uses it alone; or say that it is meant, with `using(arm)` around all that the member does."
     E0420 Error "outcome without arm"
         "`match` has an arm for each outcome that the process before declares with `done(found | missing);`, or `else` for the rest."
     E0421 Error "unknown outcome"

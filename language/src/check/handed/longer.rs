@@ -1,0 +1,96 @@
+//! What a group is handed and does not use all the time: the group that hands it has it for the member all the same, so that
+//! others wait who need not. A supervisor does not ask another one in the middle of its expression.
+
+use super::Held;
+use crate::check::spec::{Expr, ExprKind, Path, Spec, Target, are_parallel};
+use crate::diagnostic::{Code, Diagnostic};
+use crate::source::Span;
+use std::collections::BTreeSet;
+
+/// A run of a member that is handed something.
+struct Run {
+    slot: usize,
+    span: Span,
+    path: Path,
+}
+
+/// Reports each group type that keeps others waiting for longer than it uses what they wait for. `holds` is what each
+/// instance of each group is handed.
+pub(super) fn check(spec: &Spec, holds: &[Vec<Vec<Held>>]) -> Vec<Diagnostic> {
+    let (mut said, mut found) = (BTreeSet::new(), Vec::new());
+    for (process, holds_here) in std::iter::zip(&spec.processes, holds) {
+        let Some(actions) = process.actions.as_ref().filter(|_| !process.damage.actions) else { continue };
+        let mut runs = Vec::new();
+        collect(actions, holds_here, &mut Vec::new(), &mut runs);
+        for run in &runs {
+            let Target::Process(target) = process.instances[run.slot].target else { continue };
+            for held in &holds_here[run.slot] {
+                let waits = |other: &&Run| {
+                    are_parallel(&run.path, &other.path) == Some(true)
+                        && holds_here[other.slot].iter().any(|theirs| theirs.resource == held.resource)
+                };
+                let Some(other) = runs.iter().find(waits) else { continue };
+                if uses(spec, holds, target, &held.inside) || !said.insert((target, held.inside.clone())) {
+                    continue;
+                }
+                let (name, inside) = (&process.resources[held.resource].text, &held.inside);
+                let (member, kind) = (&process.instances[run.slot].name.text, &spec.processes[target].name.text);
+                let message = format!("`{member}` has `{name}` as long as it runs, also while it does not use it");
+                let diagnostic = Diagnostic::new(Code::W0414, run.span, message);
+                found.push(diagnostic.reason(other.span, "waits until all of it has ended").help(format!(
+                    "hand `{name}` to a group of what uses it alone; or write `using({inside})` around all that `{kind}` does"
+                )));
+            }
+        }
+    }
+    found
+}
+
+fn collect(expr: &Expr, holds: &[Vec<Held>], path: &mut Path, runs: &mut Vec<Run>) {
+    if let ExprKind::Run(slot, _) = expr.kind
+        && holds.get(slot).is_some_and(|held| !held.is_empty())
+    {
+        runs.push(Run { slot, span: expr.span, path: path.clone() });
+    }
+    for (index, part) in expr.parts().into_iter().enumerate() {
+        path.push((index, expr.is_parallel()));
+        collect(part, holds, path, runs);
+        path.pop();
+    }
+}
+
+/// Whether a group uses what it is handed under this name for as long as it runs. One that could not be read whole may.
+fn uses(spec: &Spec, holds: &[Vec<Vec<Held>>], process: usize, name: &str) -> bool {
+    let group = &spec.processes[process];
+    let Some(resource) = group.resources.iter().position(|known| known.text == name) else { return true };
+    let is_damaged = group.damage.actions || group.damage.names;
+    group.actions.as_ref().is_none_or(|actions| is_damaged || throughout(actions, &holds[process], resource))
+}
+
+fn throughout(expr: &Expr, holds: &[Vec<Held>], resource: usize) -> bool {
+    match &expr.kind {
+        ExprKind::Using(taken, part) => taken.contains(&resource) || throughout(part, holds, resource),
+        // Whoever is handed it has it, too; whether for too long is said there.
+        ExprKind::Run(slot, _) => {
+            holds.get(*slot).is_some_and(|held| held.iter().any(|held| held.resource == resource))
+        }
+        // These are over at once.
+        ExprKind::Skip | ExprKind::Fail(_) | ExprKind::Broken => true,
+        ExprKind::Never | ExprKind::Wait(_) => false,
+        ExprKind::Concurrent(_)
+        | ExprKind::FailFast(_)
+        | ExprKind::AnyOf(..)
+        | ExprKind::Disable(_)
+        | ExprKind::Sequence(_)
+        | ExprKind::Conditional(_)
+        | ExprKind::Otherwise(_)
+        | ExprKind::Recurrent(..)
+        | ExprKind::Finally(..)
+        | ExprKind::Asynchronous(..)
+        | ExprKind::Retry(..)
+        | ExprKind::Within(..)
+        | ExprKind::Shield(..)
+        | ExprKind::Tagged(..)
+        | ExprKind::Match(_) => expr.parts().into_iter().all(|part| throughout(part, holds, resource)),
+    }
+}
