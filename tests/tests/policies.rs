@@ -166,6 +166,36 @@ fn a_host_that_is_cut_off_does_as_its_programs_say() {
     end(&cluster, nodes);
 }
 
+/// The host of a program that has the arm is cut off, and the program goes on there: nobody else gets the arm until that
+/// host is back and has ended it.
+#[test]
+fn what_a_host_that_is_cut_off_may_use_is_given_to_nobody() {
+    let cluster = Cluster::new();
+    let Some(network) = Network::new(2) else { return };
+    let hosts = [1, 2].map(|number| cluster.host(&network, number));
+    let nodes = [hosts[0].node("c1", &["--lan"]), hosts[1].node("c2", &["--lan"])];
+    let text = "
+        module Far(host) { exec \"sleep 600\"; plain; done; }
+        module Near(host) { exec \"true\"; plain; done; }
+        process main() {
+            host { c1 }
+            resource arm;
+            instantiated_processes { far instof Far(c2) { on_link_loss keep; } near instof Near(c1); }
+            internal_event_actions { (using(arm) far)? , (wait(1 s) ; using(arm) near) }
+        }";
+    let mission = hosts[0].dca(&["deploy", &cluster.file("arm.dca", text)]);
+    let runs = |name: &str| cluster.leaf(&format!("main/{name}")).is_some();
+    wait_until(SOON, || runs("far")).expect("it has the arm");
+    network.cut(2);
+    mission.wait_for(Stream::Err, "near waits for `arm`: the host `c2` is lost and may still use it", SOON);
+    assert!(runs("far") && mission.is_running());
+    network.heal(2);
+    let ended = mission.ended(SOON);
+    assert_eq!(ended.code, Some(0), "{ended}");
+    assert!(!runs("far"));
+    end(&cluster, nodes);
+}
+
 fn end(cluster: &Cluster, nodes: [dca_tests::cluster::Program; 2]) {
     for node in nodes {
         node.signal(Signal::TERM);

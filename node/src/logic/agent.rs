@@ -441,6 +441,8 @@ fn answer_of_absent(message: ToTenant, cause: FailureCause) -> Option<ToTenant> 
         | ToTenant::Release
         | ToTenant::Ended { .. }
         | ToTenant::Switched { .. }
-        | ToTenant::Moved { .. } => None,
+        | ToTenant::Moved { .. }
+        | ToTenant::Loose { .. }
+        | ToTenant::Cleared { .. } => None,
     }
 }

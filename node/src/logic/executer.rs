@@ -2,12 +2,17 @@
 //!
 //! Commands go out at once and in the algebra's order, but for one: an activation waits until the wires that were opened for
 //! its member are confirmed by their producers, so that a consumer never runs on closed wires. Nothing else waits with it: a
-//! stop on contact must not stand behind a slow host. Wires are counted, since two sets may share one.
+//! stop on contact must not stand behind a slow host. Wires are counted, since two sets may share one. And an activation waits
+//! for as long as a lost host may still use what it takes (`fence`).
+
+mod fence;
+mod lost;
 
 use crate::logic::effect::{Out, earliest};
 use crate::logic::protocol::{Change, Deployment, Ending, Failure, FailureCause, Target, ToHome, ToTenant};
 use comms::logic::time::Time;
-use language::algebra::{Activation, Activity, Cause, Command, Event, Outcome, Program, Reason, State, Value, step};
+use fence::Fences;
+use language::algebra::{Activation, Cause, Command, Event, Outcome, Program, Reason, State, Value, step};
 use language::plan::{Group, MemberKind, Plan};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
@@ -75,11 +80,13 @@ pub struct Executer {
     timers: BTreeSet<(Time, u32, u32)>,
     active: BTreeMap<u32, u32>,
     failures: BTreeMap<u32, Failure>,
+    fences: Fences,
 }
 
 impl Executer {
     /// Returns an idle supervisor for `plan.groups[group]`.
-    pub fn new(plan: &Plan, group: u32) -> Option<Self> {
+    /// Something is taken for it above if it `is_below` a `using`: see [`below_using`].
+    pub fn new(plan: &Plan, group: u32, is_below: bool) -> Option<Self> {
         let declared = plan.groups.get(group as usize)?;
         let program = Program::compile(declared);
         let state = State::new(&program);
@@ -98,6 +105,7 @@ impl Executer {
             timers: BTreeSet::new(),
             active: BTreeMap::new(),
             failures: BTreeMap::new(),
+            fences: Fences::new(declared, is_below),
         })
     }
 
@@ -154,7 +162,12 @@ impl Executer {
         at: Surroundings<'_>,
         out: &mut Out<'_>,
     ) -> Option<Ending> {
+        self.look_at_end((slot, activation), &ending, at);
         let current = self.active.get(&slot) == Some(&activation);
+        if !current {
+            // It was given up before, so nothing else follows from it.
+            self.open_fences(at, out);
+        }
         if current {
             self.active.remove(&slot);
             self.waiting.remove(&slot);
@@ -189,28 +202,6 @@ impl Executer {
         self.activate_ready(at, out);
     }
 
-    /// Takes the loss of a host: its members fail, and nobody waits for it any more.
-    pub fn host_lost(&mut self, host: &str, at: Surroundings<'_>, out: &mut Out<'_>) -> Option<Ending> {
-        let theirs = self.unconfirmed.iter().filter(|(_, wires)| wires.host == host).map(|(number, _)| *number);
-        self.confirm(&theirs.collect());
-        self.activate_ready(at, out);
-        let group = at.plan.groups.get(self.group as usize)?;
-        let lost: Vec<(u32, u32)> = self.active.iter().map(|(slot, number)| (*slot, *number)).collect();
-        for (slot, number) in lost {
-            if member_host(at.plan, group, slot) != Some(host) {
-                continue;
-            }
-            let stopping = self.state.activity(slot) == Activity::Stopping;
-            let cause = if stopping { FailureCause::HostLostStopping } else { FailureCause::HostLost };
-            let cause = cause(host.to_owned());
-            let ending = Ending::Aborted(Failure { origin: String::new(), cause, at: Duration::ZERO });
-            if let Some(ending) = self.ended((slot, number), ending, at, out) {
-                return Some(ending);
-            }
-        }
-        None
-    }
-
     /// Does what is due. Returns how the group ended, if it did.
     pub fn tick(&mut self, at: Surroundings<'_>, out: &mut Out<'_>) -> Option<Ending> {
         self.activate_ready(at, out);
@@ -231,7 +222,8 @@ impl Executer {
     /// Returns when [`Executer::tick`] wants to be called.
     pub fn deadline(&self) -> Option<Time> {
         let timer = self.timers.first().map(|(due, ..)| *due);
-        self.waiting.values().map(|waiting| Some(waiting.ready_at())).fold(timer, earliest)
+        let open = self.waiting.iter().filter(|(slot, _)| self.fences.against(**slot).is_none());
+        open.map(|(_, waiting)| Some(waiting.ready_at())).fold(timer, earliest)
     }
 
     /// Adds path and time to a failure that was stated on behalf of a member whose host is silent, and tells the people who
@@ -253,6 +245,7 @@ impl Executer {
         }
         let outcome = outcome?;
         self.running = false;
+        self.pass_on_fences(at, out);
         Some(match outcome {
             Outcome::Done(value) => Ending::Done(value.bytes().to_vec()),
             Outcome::Aborted(reason) => Ending::Aborted(self.failure(&reason, at)),
@@ -270,8 +263,10 @@ impl Executer {
 
     /// Sends the activations that wait for nothing any more.
     fn activate_ready(&mut self, at: Surroundings<'_>, out: &mut Out<'_>) {
-        let ready: Vec<(u32, Waiting)> =
-            self.waiting.extract_if(.., |_, waiting| waiting.ready_at() <= out.now).collect();
+        let fences = &self.fences;
+        let is_ready =
+            |slot: &u32, waiting: &mut Waiting| waiting.ready_at() <= out.now && fences.against(*slot).is_none();
+        let ready: Vec<(u32, Waiting)> = self.waiting.extract_if(.., is_ready).collect();
         for (member, waiting) in ready {
             // Who has not confirmed within the time is not waited for by others either.
             self.confirm(&waiting.wires);
@@ -289,6 +284,7 @@ impl Executer {
         let Some(group) = at.plan.groups.get(self.group as usize) else { return };
         let Some((target, host)) = member_target(at.plan, group, member) else { return };
         self.activated.insert(member, out.now);
+        self.fences.began(member, host);
         let order = ToTenant::Activate { target, activation, value };
         out.send(host, at.deployment.to_tenant(order));
     }
@@ -311,6 +307,10 @@ impl Executer {
                 let not_before = self.activated.get(&member).map_or(out.now, |last| *last + PACE);
                 self.waiting.insert(member, Waiting { activation, value, wires, until, not_before });
                 self.activate_ready(at, out);
+                if let Some((resource, host)) = self.fences.tell(member, activation) {
+                    let message = ToHome::Happened { target, change: Change::Held { resource, host } };
+                    out.send(at.home, at.deployment.to_home(message));
+                }
             }
             Command::Stop { member, activation: Activation(activation) } => {
                 let Some((target, host)) = member_target(at.plan, group, member) else { return };
@@ -400,6 +400,11 @@ impl Waiting {
     fn ready_at(&self) -> Time {
         if self.wires.is_empty() { self.not_before } else { self.not_before.max(self.until) }
     }
+}
+
+/// Returns the groups for which something is taken in a `using` of a group above.
+pub fn below_using(plan: &Plan) -> BTreeSet<u32> {
+    fence::below(plan)
 }
 
 /// Returns the member that each leaf at the end of a wire of this group is, or is below of.

@@ -58,6 +58,8 @@ pub struct Home {
     reasons: Vec<String>,
     /// Hosts that may still hold something of it.
     lost: BTreeSet<String>,
+    /// Hosts that were lost and have been reached again since.
+    back: BTreeSet<String>,
     /// Hosts that have said that nothing of it is left there.
     left: BTreeSet<String>,
     ending: Option<Ending>,
@@ -83,6 +85,7 @@ impl Home {
             deadline: Some(out.now + PREPARE_WITHIN),
             reasons: Vec::new(),
             lost: BTreeSet::new(),
+            back: BTreeSet::new(),
             left: BTreeSet::new(),
             ending: None,
             watchers: vec![watcher],
@@ -131,6 +134,14 @@ impl Home {
                 }
                 // A node may leave before the end.
                 self.left.insert(from.to_owned());
+                // Who was lost has not said so itself unless it is back.
+                let is_known = !self.lost.contains(from) || self.back.contains(from);
+                if self.phase == Phase::Running && message == ToHome::Released && is_known {
+                    for host in self.hosts.iter().filter(|host| *host != from) {
+                        let cleared = ToTenant::Cleared { host: from.to_owned() };
+                        out.send(host, self.deployment.to_tenant(cleared));
+                    }
+                }
                 if self.phase == Phase::Ending && self.waiting.remove(from) && self.waiting.is_empty() {
                     self.finish(out);
                 }
@@ -196,6 +207,7 @@ impl Home {
                 self.end(None, out);
             }
             Phase::Running => {
+                self.back.remove(host);
                 self.lost.insert(host.to_owned());
             }
             Phase::Ending => {
@@ -211,6 +223,7 @@ impl Home {
     /// Takes note that a host is back. What it still has of this deployment is fenced off: its part counts as failed.
     pub fn host_back(&mut self, host: &str, out: &mut Out<'_>) {
         if self.lost.contains(host) && self.phase == Phase::Running {
+            self.back.insert(host.to_owned());
             out.send(host, self.deployment.to_tenant(ToTenant::Release));
         }
     }

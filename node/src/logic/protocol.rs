@@ -73,7 +73,7 @@ impl Message {
     /// Returns whether it is the last word about something, that a process has ended or that everything is to end: true
     /// however late it comes.
     pub fn is_final(&self) -> bool {
-        matches!(self.body, Body::Tenant(ToTenant::Ended { .. } | ToTenant::Release))
+        matches!(self.body, Body::Tenant(ToTenant::Ended { .. } | ToTenant::Loose { .. } | ToTenant::Release))
     }
 }
 
@@ -190,6 +190,19 @@ pub enum ToTenant {
         /// What it says of itself now.
         facts: LeafFacts,
     },
+    /// A group that you supervise has ended, or ends with the next message, and lost hosts may still do something for it:
+    /// what was taken for it is not free. The latest counts.
+    Loose {
+        /// The group.
+        target: Target,
+        /// The hosts; none when all is known.
+        hosts: Vec<String>,
+    },
+    /// Nothing of the deployment is left on a host that was lost, or has left.
+    Cleared {
+        /// The host.
+        host: String,
+    },
 }
 
 impl Deployment {
@@ -264,6 +277,13 @@ pub enum Change {
     },
     /// A program that was started again goes on with the activation that the last one had.
     Resumed,
+    /// It was to be activated, and waits: a host that is lost may still use what it takes.
+    Held {
+        /// What it takes.
+        resource: String,
+        /// The host.
+        host: String,
+    },
 }
 
 /// From the command line to a node.

@@ -10,7 +10,7 @@ mod status;
 
 use crate::logic::claims::Claims;
 use crate::logic::effect::{Out, ProcessId, SpawnOrder, earliest};
-use crate::logic::executer::{Executer, Surroundings, group_host, leaf_host};
+use crate::logic::executer::{Executer, Surroundings, below_using, group_host, leaf_host};
 use crate::logic::instance::{Instance, Moment, Note};
 use crate::logic::programs::Programs;
 use crate::logic::protocol::{Change, Deployment, Ending, Failure, FailureCause, LeafFacts, Target, ToHome, ToTenant};
@@ -71,8 +71,9 @@ impl Tenant {
     ) -> Self {
         let home = plan.home().unwrap_or(host).to_owned();
         let groups = (0_u32..).zip(&plan.groups).filter(|(number, _)| group_host(&plan, *number) == Some(host));
-        let executers =
-            groups.filter_map(|(number, _)| Executer::new(&plan, number).map(|executer| (number, executer))).collect();
+        let below = below_using(&plan);
+        let supervisor = |number: u32| Some((number, Executer::new(&plan, number, below.contains(&number))?));
+        let executers = groups.filter_map(|(number, _)| supervisor(number)).collect();
         let mut tenant = Self {
             supervisors: supervisors(&plan),
             claims: Claims::of(&plan, host),
@@ -126,6 +127,21 @@ impl Tenant {
                     executer.switched(generation, at, out);
                     None
                 });
+            }
+            ToTenant::Loose { target, hosts } => {
+                let Some(&(group, slot)) = self.supervisors.get(&target) else { return };
+                self.with_executer(group, out, |executer, at, out| {
+                    executer.loosened(slot, hosts.into_iter().collect(), at, out);
+                    None
+                });
+            }
+            ToTenant::Cleared { host } => {
+                for group in self.executers.keys().copied().collect::<Vec<_>>() {
+                    self.with_executer(group, out, |executer, at, out| {
+                        executer.host_cleared(&host, at, out);
+                        None
+                    });
+                }
             }
             ToTenant::Moved { facts } => {
                 if leaf_host(&self.plan, facts.leaf) == Some(from) {

@@ -157,6 +157,141 @@ process main() {
     }
 }
 
+const ARM: &str = r#"
+process main() {
+    host { "c1" }
+    resource arm;
+    instantiated_processes {
+        far instof Long("c2") { on_link_loss keep; }
+        near instof Step("c1");
+        other instof Step("c3");
+    }
+    internal_event_actions { (using(arm) far)? , (wait(1 s) ; using(arm) near) , other }
+}
+"#;
+
+/// Returns how often the program of a module was activated.
+fn runs(world: &World, module: &str) -> usize {
+    world.log.iter().filter(|line| line.starts_with(module)).count()
+}
+
+/// A lost host may go on with what it was told to do. What it has taken is free when it has said that it is done.
+#[test]
+fn what_a_lost_host_may_still_use_is_given_to_nobody() {
+    let mut world = World::new(&["c1", "c2", "c3"]);
+    let call = world.deploy("c1", ARM);
+    world.run_for(Duration::from_millis(500));
+    cut(&mut world, "c2");
+    world.run_for(Duration::from_secs(3600));
+    assert_eq!((active(&world, "c2"), runs(&world, "Step")), (vec![], 1), "it has ended, and nobody knows");
+    let held = Change::Held { resource: "arm".into(), host: "c2".into() };
+    let told = world.answers[&call].iter().filter(
+        |answer| matches!(answer, Answer::Report(Report::Process { path, change, .. }) if path == "main/near" && *change == held),
+    );
+    assert_eq!(told.count(), 1, "people are told once");
+    heal(&mut world, "c2");
+    world.run_for(Duration::from_secs(5));
+    assert_eq!(runs(&world, "Step"), 2);
+    assert!(
+        matches!(world.last_report(call), Report::Finished { ending: Ending::Done(_), .. }),
+        "{:?}",
+        world.last_report(call)
+    );
+    assert_eq!(world.alive, BTreeSet::new());
+}
+
+/// Who waits for a lost host can be stopped all the same, and a host that was lost before anything began there is not
+/// waited for.
+#[test]
+fn only_what_has_begun_on_a_lost_host_is_waited_for() {
+    let mut world = World::new(&["c1", "c2", "c3"]);
+    let call = world.deploy("c1", ARM);
+    world.run_for(Duration::from_millis(500));
+    cut(&mut world, "c2");
+    world.run_for(Duration::from_secs(10));
+    world.stop("c1");
+    world.run_for(Duration::from_secs(30));
+    let Report::Finished { ending, unconfirmed, .. } = world.last_report(call) else { panic!("it has not ended") };
+    assert_eq!((ending, &unconfirmed[..]), (&Ending::Stopped, &["c2".to_owned()][..]));
+
+    let mut world = World::new(&["c1", "c2", "c3"]);
+    let late = ARM.replace(
+        "(using(arm) far)? , (wait(1 s) ; using(arm) near)",
+        "wait(10 s) ; (using(arm) far)? ; using(arm) near",
+    );
+    let call = world.deploy("c1", &late);
+    world.run_for(Duration::from_millis(500));
+    cut(&mut world, "c2");
+    world.run_for(Duration::from_secs(30));
+    assert!(
+        matches!(world.last_report(call), Report::Finished { ending: Ending::Done(_), .. }),
+        "{:?}",
+        world.last_report(call)
+    );
+}
+
+/// Three groups on three hosts share an arm. Hosts are cut off and come back at any time and frames are lost: no two use it
+/// at a time, and when all hosts are there again it all comes to an end.
+#[test]
+fn two_never_use_one_thing_whatever_is_lost() {
+    let text = r#"
+process Hand(where: Host, there: Host, arm: Resource) {
+    host { where }
+    instantiated_processes {
+        near instof Long(where) { on_link_loss keep; }
+        far instof Long(there) { on_link_loss safe_stop_after 7 s; }
+    }
+    internal_event_actions { using(arm) (near? ; far?) }
+}
+process main() {
+    host { "c1" }
+    resource arm;
+    instantiated_processes {
+        a instof Hand("c2", "c3", arm);
+        b instof Hand("c3", "c3", arm);
+        c instof Hand("c1", "c2", arm);
+    }
+    internal_event_actions { ((a? , b? , c?) ;; skip) # (wait(120 s)) }
+}
+"#;
+    for seed in 0..40 {
+        let mut draw = Draw::new(seed);
+        let mut world = World::new(&["c1", "c2", "c3"]);
+        world.loses_one_in = (seed % 3 > 0).then_some(7 + seed);
+        let call = world.deploy("c1", text);
+        // Who is lost before all have said that they are ready takes the mission back.
+        world.run_for(Duration::from_secs(2));
+        let mut gone = None;
+        for _ in 0..600 {
+            world.run_for(Duration::from_millis(100 + draw.below(200)));
+            let users: Vec<_> = world.running.keys().collect();
+            assert!(users.len() <= 1, "seed {seed} at {:?}: {users:?}", world.now);
+            match gone {
+                None if draw.below(25) == 0 => {
+                    let host = ["c2", "c3"][draw.index(2)];
+                    cut_seen(&mut world, host, || draw.below(3000));
+                    gone = Some(host);
+                }
+                Some(host) if draw.below(40) == 0 => {
+                    heal(&mut world, host);
+                    gone = None;
+                }
+                None | Some(_) => {}
+            }
+        }
+        if let Some(host) = gone {
+            heal(&mut world, host);
+        }
+        world.run_for(Duration::from_secs(200));
+        assert!(
+            matches!(world.last_report(call), Report::Finished { .. }),
+            "seed {seed}: {:?}",
+            world.last_report(call)
+        );
+        assert_eq!(world.alive, BTreeSet::new(), "seed {seed}");
+    }
+}
+
 /// The supervisor is lost, but not the home: its work is taken over, and what went on without it ends when it is back.
 #[test]
 fn what_went_on_without_its_supervisor_ends_when_that_is_back() {

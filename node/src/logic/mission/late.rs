@@ -1,6 +1,6 @@
 //! The last lines of programs that a deadline has ended: what they wrote is all that tells why they took so long.
 
-use crate::logic::child::{LAST_LINES_MAX, last_lines};
+use crate::logic::output_lines::{LAST_LINES_MAX, last_lines};
 use crate::logic::protocol::{Change, Ending, Failure, FailureCause};
 use language::plan::{DEADLINE, Expression, Group, MemberKind, Plan};
 use std::collections::{BTreeMap, BTreeSet};
@@ -45,7 +45,8 @@ impl Late {
             | Change::Died(_)
             | Change::Started { .. }
             | Change::Restarting { .. }
-            | Change::Resumed => {}
+            | Change::Resumed
+            | Change::Held { .. } => {}
         }
     }
 
@@ -75,10 +76,10 @@ fn find(expression: &Expression, found: &mut dyn FnMut(&str, &Expression)) {
 
 /// Returns the slots of the members of an expression.
 fn members(expression: &Expression) -> Vec<u32> {
-    match expression {
-        Expression::Run { member, .. } => vec![*member],
-        other => other.operands().into_iter().flat_map(members).collect(),
+    if let Expression::Run { member, .. } = expression {
+        return vec![*member];
     }
+    expression.operands().into_iter().flat_map(members).collect()
 }
 
 fn path(plan: &Plan, group: &Group, slot: u32) -> Option<String> {

@@ -96,7 +96,11 @@ impl Phase {
                     self.end.get_or_insert(at);
                 }
             }
-            Change::Died(_) | Change::Started { .. } | Change::Restarting { .. } | Change::Resumed => {}
+            Change::Died(_)
+            | Change::Started { .. }
+            | Change::Restarting { .. }
+            | Change::Resumed
+            | Change::Held { .. } => {}
         }
     }
 }
@@ -152,7 +156,8 @@ impl Phases {
             | Change::Died(_)
             | Change::Started { .. }
             | Change::Restarting { .. }
-            | Change::Resumed => self.phases.iter_mut().rev().take(3).find(|phase| phase.active.contains(&member)),
+            | Change::Resumed
+            | Change::Held { .. } => self.phases.iter_mut().rev().take(3).find(|phase| phase.active.contains(&member)),
         };
         if let Some(phase) = phase {
             phase.change(member, &name, change, at);

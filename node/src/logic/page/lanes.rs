@@ -131,7 +131,7 @@ fn after(state: State, change: &Change, leaf: bool) -> State {
         Change::Ended(_) if leaf => State::Idle,
         Change::Ended(_) | Change::Died(_) => State::Away,
         Change::Started { .. } if state == State::Away => State::Idle,
-        Change::Started { .. } => state,
+        Change::Started { .. } | Change::Held { .. } => state,
     }
 }
 
@@ -162,6 +162,7 @@ fn mark(lane: &Lane<'_>, at: Duration, change: &Change, top: f64, axis: &TimeAxi
         Change::Ended(Ending::Done(_)) => ("good", "●"),
         Change::Ended(Ending::Aborted(_) | Ending::Unconfirmed) | Change::Died(_) => ("bad", "✕"),
         Change::Restarting { .. } => ("bad", "↻"),
+        Change::Held { .. } => ("bad", "…"),
         Change::Ended(Ending::Stopped)
         | Change::Activated
         | Change::Stopping

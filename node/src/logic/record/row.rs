@@ -272,6 +272,7 @@ fn kind(report: &Report) -> &'static str {
             Change::Started { .. } => "started",
             Change::Restarting { .. } => "restarting",
             Change::Resumed => "resumed",
+            Change::Held { .. } => "held",
         },
     }
 }
@@ -337,7 +338,13 @@ pub(crate) fn change_text(change: &Change) -> String {
         Change::Started { pid } => format!("started as process {pid}"),
         Change::Restarting { cause, count } => restarting_text(cause, *count),
         Change::Resumed => "activated again".to_owned(),
+        Change::Held { resource, host } => held_text(resource, host),
     }
+}
+
+/// Returns that a process waits for what a lost host may still use, in words.
+pub(crate) fn held_text(resource: &str, host: &str) -> String {
+    format!("waits for `{resource}`: the host `{host}` is lost and may still use it")
 }
 
 /// Returns that a program is started again, in words.

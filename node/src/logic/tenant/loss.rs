@@ -61,6 +61,7 @@ impl Tenant {
     /// Takes note that a host is there again.
     pub fn host_back(&mut self, host: &str, out: &mut Out<'_>) {
         self.loss.stops.retain(|(_, _, missing)| missing != host);
+        self.executers.values_mut().for_each(|executer| executer.host_back(host));
         if self.loss.lost.remove(host) {
             if host == self.home {
                 return self.leave(out);

@@ -1,0 +1,192 @@
+//! What a lost host may still be doing with what `using` takes.
+//!
+//! A member on a lost host has failed for its supervisor, which goes on. But nobody knows that it has stopped: it may go on
+//! for as long as its spec lets it. So what was taken for it stays shut for all others until it is known: the host has said
+//! how the activation ended, or its home has heard that nothing of the deployment is left there. Fail closed: a host that
+//! never comes back gives nothing back.
+//!
+//! Whether a member on another host has ended is known to its own supervisor alone. So a group that ends tells the one above
+//! which hosts may still do something for it, before it says how it ended (`ToTenant::Loose`); it does so if something is taken
+//! for it, on any level above.
+//!
+//! The same member may be activated again: one process never runs twice on its host.
+
+use language::plan::{Expression, Group, MemberKind, Plan};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Stands for what is taken for the whole group, somewhere above; no resource has this name.
+const ABOVE: &str = "";
+
+/// What is taken for each member, by slot.
+type Taken = BTreeMap<u32, BTreeSet<String>>;
+
+/// The fences of one group.
+#[derive(Debug, Default)]
+pub(super) struct Fences {
+    taken: Taken,
+    /// Hosts that are lost now.
+    lost: BTreeSet<String>,
+    /// Members that were activated last while their host was lost: they have not begun.
+    unbegun: BTreeSet<u32>,
+    /// Activations that may go on: slot, number, host.
+    up: BTreeSet<(u32, u32, String)>,
+    /// Hosts that may still do something for a member that is a group and has ended.
+    loose: BTreeMap<u32, BTreeSet<String>>,
+    /// Activations that wait, of which people know.
+    told: BTreeSet<(u32, u32)>,
+    /// What the supervisor of the group has been told.
+    said: BTreeSet<String>,
+}
+
+impl Fences {
+    /// Returns the fences of a group; something is taken for it above if it `is_below` a `using`.
+    pub(super) fn new(group: &Group, is_below: bool) -> Self {
+        let mut taken = taken(group);
+        if is_below {
+            for (slot, _) in (0..).zip(&group.members) {
+                taken.entry(slot).or_default().insert(ABOVE.to_owned());
+            }
+        }
+        Self { taken, ..Self::default() }
+    }
+
+    /// Takes the loss of a host; `active` is which members run there or are supervised from there, with their numbers and all
+    /// hosts of theirs.
+    pub(super) fn lose(&mut self, host: &str, active: impl Iterator<Item = (u32, u32, BTreeSet<String>)>) {
+        for (slot, number, hosts) in active {
+            if self.taken.contains_key(&slot) && !self.unbegun.contains(&slot) {
+                self.up.extend(hosts.into_iter().map(|host| (slot, number, host)));
+            }
+        }
+        self.lost.insert(host.to_owned());
+    }
+
+    /// Takes note that a host is there again. What ran there may run still.
+    pub(super) fn reach(&mut self, host: &str) {
+        self.lost.remove(host);
+    }
+
+    /// Takes note that a member of a host is activated.
+    pub(super) fn began(&mut self, slot: u32, host: &str) {
+        if self.lost.contains(host) {
+            self.unbegun.insert(slot);
+        } else {
+            self.unbegun.remove(&slot);
+        }
+    }
+
+    /// Takes note that an activation has ended, for sure.
+    pub(super) fn ended(&mut self, slot: u32, number: u32) {
+        self.up.retain(|(other, theirs, _)| (*other, *theirs) != (slot, number));
+    }
+
+    /// Takes note of the hosts that may still do something for a member that has ended.
+    pub(super) fn loosen(&mut self, slot: u32, hosts: BTreeSet<String>) {
+        if hosts.is_empty() {
+            self.loose.remove(&slot);
+        } else {
+            self.loose.insert(slot, hosts);
+        }
+    }
+
+    /// Takes note that nothing of the deployment is left on a host.
+    pub(super) fn clear(&mut self, host: &str) {
+        self.up.retain(|(_, _, other)| other != host);
+        for hosts in self.loose.values_mut() {
+            hosts.remove(host);
+        }
+    }
+
+    /// Returns the hosts that may still do something for the group, if its supervisor has to be told anew.
+    pub(super) fn news(&mut self) -> Option<BTreeSet<String>> {
+        let is_above = |slot: u32| self.taken.get(&slot).is_some_and(|taken| taken.contains(ABOVE));
+        let now: BTreeSet<String> =
+            self.all().filter(|(slot, _)| is_above(*slot)).map(|(_, host)| host.to_owned()).collect();
+        (now != self.said).then(|| {
+            self.said.clone_from(&now);
+            now
+        })
+    }
+
+    /// Returns what a member has to wait for, and the host that may still use it.
+    pub(super) fn against(&self, slot: u32) -> Option<(&str, &str)> {
+        let wanted = self.taken.get(&slot)?;
+        self.all().filter(|(other, _)| *other != slot).find_map(|(other, host)| {
+            let shared = self.taken.get(&other)?.intersection(wanted).find(|name| *name != ABOVE)?;
+            Some((shared.as_str(), host))
+        })
+    }
+
+    /// Returns what is to be told of an activation that waits; once.
+    pub(super) fn tell(&mut self, slot: u32, number: u32) -> Option<(String, String)> {
+        let (resource, host) = self.against(slot).map(|(resource, host)| (resource.to_owned(), host.to_owned()))?;
+        self.told.insert((slot, number)).then_some((resource, host))
+    }
+
+    /// Returns every host that may still do something, with the member for which it does.
+    fn all(&self) -> impl Iterator<Item = (u32, &str)> {
+        let loose = self.loose.iter().flat_map(|(slot, hosts)| hosts.iter().map(|host| (*slot, host.as_str())));
+        self.up.iter().map(|(slot, _, host)| (*slot, host.as_str())).chain(loose)
+    }
+}
+
+/// Returns the groups for which something is taken somewhere above.
+pub(super) fn below(plan: &Plan) -> BTreeSet<u32> {
+    let mut found = BTreeSet::new();
+    let mut groups: Vec<u32> = (0..).zip(&plan.groups).map(|(number, _)| number).collect();
+    groups.retain(|number| !taken(&plan.groups[*number as usize]).is_empty());
+    let member =
+        |number: u32, slot: u32| plan.groups.get(number as usize)?.members.get(slot as usize).map(|it| it.kind);
+    let handed =
+        |number: u32| taken(&plan.groups[number as usize]).into_keys().filter_map(move |slot| member(number, slot));
+    let mut kinds: Vec<MemberKind> = groups.into_iter().flat_map(handed).collect();
+    while let Some(kind) = kinds.pop() {
+        if let MemberKind::Group(number) = kind
+            && found.insert(number)
+        {
+            let members = plan.groups.get(number as usize).map_or(&[][..], |group| &group.members);
+            kinds.extend(members.iter().map(|member| member.kind));
+        }
+    }
+    found
+}
+
+/// Returns the hosts of a process and of all that is below it.
+pub(super) fn hosts(plan: &Plan, process: MemberKind) -> BTreeSet<String> {
+    let name = |host: u32| plan.hosts.get(host as usize).cloned();
+    let (mut found, mut kinds, mut seen) = (BTreeSet::new(), vec![process], BTreeSet::new());
+    while let Some(kind) = kinds.pop() {
+        match kind {
+            MemberKind::Leaf(leaf) => found.extend(plan.leaves.get(leaf as usize).and_then(|leaf| name(leaf.host))),
+            // A plan from elsewhere may be wrong: a circle of groups would never end.
+            MemberKind::Group(number) if seen.insert(number) => {
+                let Some(group) = plan.groups.get(number as usize) else { continue };
+                found.extend(name(group.host));
+                kinds.extend(group.members.iter().map(|member| member.kind));
+            }
+            MemberKind::Group(_) => {}
+        }
+    }
+    found
+}
+
+fn taken(group: &Group) -> Taken {
+    let mut taken = Taken::new();
+    collect(&group.expression, &mut BTreeSet::new(), &mut taken);
+    taken
+}
+
+/// Finds what is taken around each run of a member.
+fn collect(expression: &Expression, around: &mut BTreeSet<String>, taken: &mut Taken) {
+    if let Expression::Run { member, .. } = expression
+        && !around.is_empty()
+    {
+        taken.entry(*member).or_default().extend(around.iter().cloned());
+    }
+    let taken_here = if let Expression::Using { resources, .. } = expression { &resources[..] } else { &[] };
+    let added: Vec<&String> = taken_here.iter().filter(|name| around.insert((*name).clone())).collect();
+    expression.operands().into_iter().for_each(|operand| collect(operand, around, taken));
+    for name in added {
+        around.remove(name);
+    }
+}

@@ -1,0 +1,94 @@
+//! A supervisor whose members are on hosts that are lost.
+
+use super::{Executer, Surroundings, fence, member_host, member_target};
+use crate::logic::effect::Out;
+use crate::logic::protocol::{Ending, Failure, FailureCause, Target, ToTenant};
+use language::algebra::Activity;
+use language::plan::{Group, MemberKind};
+use std::collections::BTreeSet;
+use std::time::Duration;
+
+impl Executer {
+    /// Takes the loss of a host: its members fail, and nobody waits for it any more.
+    pub fn host_lost(&mut self, host: &str, at: Surroundings<'_>, out: &mut Out<'_>) -> Option<Ending> {
+        let theirs = self.unconfirmed.iter().filter(|(_, wires)| wires.host == host).map(|(number, _)| *number);
+        self.confirm(&theirs.collect());
+        let group = at.plan.groups.get(self.group as usize)?;
+        // What waits has never been told to run.
+        let begun = self.active.iter().filter(|(slot, _)| !self.waiting.contains_key(slot));
+        let theirs =
+            begun.filter(|(slot, _)| member_host(at.plan, group, **slot) == Some(host)).filter_map(|(slot, number)| {
+                let kind = group.members.get(*slot as usize)?.kind;
+                Some((*slot, *number, fence::hosts(at.plan, kind)))
+            });
+        self.fences.lose(host, theirs);
+        self.activate_ready(at, out);
+        let lost: Vec<(u32, u32)> = self.active.iter().map(|(slot, number)| (*slot, *number)).collect();
+        for (slot, number) in lost {
+            if member_host(at.plan, group, slot) != Some(host) {
+                continue;
+            }
+            let stopping = self.state.activity(slot) == Activity::Stopping;
+            let cause = if stopping { FailureCause::HostLostStopping } else { FailureCause::HostLost };
+            let cause = cause(host.to_owned());
+            let ending = Ending::Aborted(Failure { origin: String::new(), cause, at: Duration::ZERO });
+            if let Some(ending) = self.ended((slot, number), ending, at, out) {
+                return Some(ending);
+            }
+        }
+        None
+    }
+
+    /// Sees what an ending says of lost hosts: that it has ended there, or that it may go on there.
+    pub(super) fn look_at_end(&mut self, (slot, activation): (u32, u32), ending: &Ending, at: Surroundings<'_>) {
+        let group = at.plan.groups.get(self.group as usize);
+        let Some((target, host)) = group.and_then(|group| member_target(at.plan, group, slot)) else { return };
+        let cause = if let Ending::Aborted(failure) = ending { Some(&failure.cause) } else { None };
+        let is_known = match (target, cause) {
+            // Somebody has said so who cannot know: the host itself was not asked.
+            (_, Some(FailureCause::HostLost(lost) | FailureCause::HostLostStopping(lost))) => lost != host,
+            // A group that its node has left goes before its programs do.
+            (Target::Group(_), Some(FailureCause::NotAvailable(_))) => false,
+            (Target::Leaf(_) | Target::Group(_), _) => true,
+        };
+        if is_known {
+            self.fences.ended(slot, activation);
+        }
+    }
+
+    /// Takes note of the hosts that may still do something for a member that has ended.
+    pub fn loosened(&mut self, slot: u32, hosts: BTreeSet<String>, at: Surroundings<'_>, out: &mut Out<'_>) {
+        self.fences.loosen(slot, hosts);
+        self.open_fences(at, out);
+    }
+
+    /// Does what has waited for lost hosts, and says what others have to know.
+    pub(super) fn open_fences(&mut self, at: Surroundings<'_>, out: &mut Out<'_>) {
+        self.activate_ready(at, out);
+        // What runs may still end well: who is above is told at the end.
+        if !self.running {
+            self.pass_on_fences(at, out);
+        }
+    }
+
+    /// Tells the supervisor of the group which hosts may still do something for it.
+    pub(super) fn pass_on_fences(&mut self, at: Surroundings<'_>, out: &mut Out<'_>) {
+        let Some(hosts) = self.fences.news() else { return };
+        let message = ToTenant::Loose { target: Target::Group(self.group), hosts: hosts.into_iter().collect() };
+        // Groups stand behind the one that they are in.
+        let is_here = |group: &&Group| group.members.iter().any(|one| one.kind == MemberKind::Group(self.group));
+        let above = at.plan.groups.iter().find(is_here).and_then(|group| at.plan.hosts.get(group.host as usize));
+        above.into_iter().for_each(|host| out.send(host, at.deployment.to_tenant(message.clone())));
+    }
+
+    /// Takes note that nothing of the deployment is left on a host that was lost.
+    pub fn host_cleared(&mut self, host: &str, at: Surroundings<'_>, out: &mut Out<'_>) {
+        self.fences.clear(host);
+        self.open_fences(at, out);
+    }
+
+    /// Takes note that a host is there again.
+    pub fn host_back(&mut self, host: &str) {
+        self.fences.reach(host);
+    }
+}
