@@ -10,6 +10,8 @@ mod losses;
 mod names;
 #[path = "agents/restarts.rs"]
 mod restarts;
+#[path = "agents/starting.rs"]
+mod starting;
 #[path = "agents/world.rs"]
 mod world;
 
@@ -441,43 +443,6 @@ fn a_program_that_fails_says_why_and_its_output_is_there_after_the_end() {
     assert_eq!(world.tailed, [vec![process(0)], vec![process(0), process(2)]]);
     for call in [unknown, several, never] {
         assert!(matches!(&world.answers[&call][..], [Answer::Refused(why)] if !why.starts_with(SEVERAL)));
-    }
-}
-
-#[test]
-fn a_program_that_fails_before_the_start_says_why() {
-    let text = r#"
-process main() { host { "c1" } instantiated_processes { s instof Script("c1"); } internal_event_actions { s } }
-"#;
-    let mut world = World::new(&["c1"]);
-    world.output = WRITES.map(str::to_owned).to_vec();
-    world.fails_at_start = true;
-    let call = world.deploy("c1", &text.replace("Script", "Stubborn"));
-    world.run_for(Duration::from_secs(3));
-    let Report::Refused { reasons } = world.last_report(call) else { panic!("not refused") };
-    let [reason] = &reasons[..] else { panic!("{reasons:?}") };
-    assert!(reason.starts_with("`main/s` cannot take part on `c1`: left with exit code 1"), "{reason}");
-    assert!(reason.ends_with(&format!("; the end of its output:\n{}\n{}", WRITES[0], WRITES[1])), "{reason}");
-}
-
-#[test]
-fn a_program_that_hangs_at_its_start_shows_what_it_wrote() {
-    let text = r#"
-process main() { host { "c1" } instantiated_processes { s instof Step("c1"); } internal_event_actions { s } }
-"#;
-    for (output, immortal) in [(&WRITES[..], false), (&[], false), (&[], true)] {
-        let mut world = World::new(&["c1"]);
-        world.output = output.iter().map(|line| (*line).to_owned()).collect();
-        (world.hangs_at_start, world.immortal) = (true, immortal);
-        let call = world.deploy("c1", text);
-        world.run_for(Duration::from_secs(40));
-        let Report::Refused { reasons } = world.last_report(call) else { panic!("not refused") };
-        let mut expected = "`main/s` cannot take part: it did not report within 15 s".to_owned();
-        if !output.is_empty() {
-            expected += &format!("; the end of its output:\n{}", output.join("\n"));
-        }
-        assert_eq!(reasons, &[expected]);
-        assert_eq!(world.alive.len(), usize::from(immortal), "it is ended");
     }
 }
 

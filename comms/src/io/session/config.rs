@@ -137,7 +137,7 @@ mod tests {
     fn socket_paths() {
         let check = |path: &str| unix_locator(Path::new(path)).map_err(|error| error.to_string());
         assert_eq!(check("/run/x.sock").unwrap(), "unixsock-stream//run/x.sock");
-        assert_eq!(check("x.sock").unwrap_err(), "the socket path \"x.sock\" cannot be used: it is not absolute");
+        assert_eq!(check("x.sock").unwrap_err(), "the socket path `x.sock` cannot be used: it is not absolute");
         assert!(check("/run/x?y").is_err() && check(&format!("/{}", "x".repeat(107))).is_err());
     }
 }

@@ -2,6 +2,7 @@
 //! waits long for each.
 
 use crate::io::clock::{now, sleep_until};
+use crate::logic::human::span;
 use std::time::Duration;
 use tokio::net::{TcpStream, UnixStream};
 use tokio::task::JoinSet;
@@ -58,7 +59,7 @@ async fn ask(locator: Locator) -> Result<(Locator, Duration), String> {
     match timeout(ANSWER_WITHIN, TcpStream::connect(&address)).await {
         Ok(Ok(_)) => Ok((locator, now() - began)),
         Ok(Err(cause)) => Err(format!("{address}: {}", plain(&cause))),
-        Err(_elapsed) => Err(format!("{address}: nobody answers within {ANSWER_WITHIN:?}")),
+        Err(_elapsed) => Err(format!("{address}: nobody answers within {}", span(ANSWER_WITHIN))),
     }
 }
 

@@ -15,7 +15,9 @@ const LENGTH_BYTES_MAX: usize = 10;
 pub(super) fn schema(title: &str, message: &Message) -> Value {
     let mut schema = match &message.layout {
         Layout::Record(_) => property(&message.layout),
-        of => json!({ "type": "object", "properties": { VALUE: property(of) } }),
+        of @ (Layout::Number { .. } | Layout::Truth | Layout::Text | Layout::List { .. }) => {
+            json!({ "type": "object", "properties": { VALUE: property(of) } })
+        }
     };
     schema["title"] = json!(title);
     schema
