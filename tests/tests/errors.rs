@@ -136,6 +136,20 @@ fn a_program_that_fails() {
     assert!(logs.err.contains("from the record in `runs/fails-1`"), "{logs}");
 }
 
+/// What a program wrote that took too long is all that tells why it did.
+#[test]
+fn a_program_that_a_deadline_ends() {
+    let cluster = Cluster::new();
+    let script = cluster.file("hangs.sh", "echo waiting for the lens >&2\nexec sleep 3600\n");
+    let text = IDLE.replace("sleep 3600", &format!("sh {script}")).replace("{ idle }", "{ idle within 1 s }");
+    let file = cluster.file("hangs.dca", &text);
+    for record in [&[][..], &["--no-record"]] {
+        let ended = cluster.here().ask(&[&["run", &file], record].concat());
+        check(&cluster, &ended, 1, &["main: the deadline `idle within 1 s` in line 3 has passed at "]);
+        assert!(ended.out.contains("  the end of what `idle` wrote:\n    | waiting for the lens\n"), "{ended}");
+    }
+}
+
 /// The node keeps what a program wrote when its deployment is over.
 #[test]
 fn the_output_of_a_program_that_has_failed_on_a_node() {

@@ -8,7 +8,7 @@ use crate::cli::{Failure, report};
 use crate::io::observer::{Observer, Sample, Sight};
 use crate::io::recorder::Recorder;
 use crate::logic::mission::{Files, Mission, Outcome};
-use crate::logic::protocol::{Answer, Deployment, Report, Request, StopReply};
+use crate::logic::protocol::{Answer, Deployment, Ending, FailureCause, Report, Request, StopReply};
 use crate::logic::record::{Entry, Header, Messages, Port, ports};
 use anyhow::{Context, anyhow};
 use comms::io::clock;
@@ -74,7 +74,7 @@ struct Watch {
     ports: Vec<Port>,
     port_sights: mpsc::Sender<Sight>,
     arriving_ports: mpsc::Receiver<Sight>,
-    /// What programs write; nothing without a record.
+    /// What programs write; without a record only at an end that it explains.
     outputs: Outputs,
     sights: mpsc::Sender<Sight>,
     go_at: Option<Time>,
@@ -286,9 +286,11 @@ impl Watch {
         self.record(Entry::Signals { path, at, sample: signals });
     }
 
-    /// Hears what programs write, on each host as soon as they are there; where they never came up at the end.
+    /// Hears what programs write, on each host as soon as they are there; where they never came up at the end. Without a record
+    /// it is asked for at the end alone, if a deadline may have ended them.
     fn hear_outputs(&mut self, client: &Client, report: &Report) {
-        let Some(deployment) = self.deployment.as_ref().filter(|_| self.recorder.is_some()) else { return };
+        let is_wanted = self.recorder.is_some() || is_failed_on_purpose(report);
+        let Some(deployment) = self.deployment.as_ref().filter(|_| is_wanted) else { return };
         match report {
             Report::Prepared { host, .. } => self.outputs.hear(client, host, deployment),
             Report::Refused { .. } | Report::Finished { .. } => {
@@ -367,6 +369,12 @@ impl Watch {
             _ => Err(Failure::Told),
         }
     }
+}
+
+/// Returns whether the spec itself says that it has failed, as a deadline does.
+fn is_failed_on_purpose(report: &Report) -> bool {
+    let Report::Finished { ending: Ending::Aborted(failure), .. } = report else { return false };
+    matches!(failure.cause, FailureCause::Failed(_))
 }
 
 /// Returns the next answer, if anything was asked.

@@ -137,6 +137,7 @@ impl Home {
                 // Who was lost has not said so itself unless it is back.
                 let is_known = !self.lost.contains(from) || self.back.contains(from);
                 if self.phase == Phase::Running && message == ToHome::Released && is_known {
+                    self.lost.remove(from);
                     for host in self.hosts.iter().filter(|host| *host != from) {
                         let cleared = ToTenant::Cleared { host: from.to_owned() };
                         out.send(host, self.deployment.to_tenant(cleared));

@@ -1,0 +1,67 @@
+//! The record of a run, as a viewer reads it: with the official reader, by its own schemas.
+
+use dca_tests::cluster::{Cluster, Ended};
+use serde_json::Value;
+use std::collections::BTreeSet;
+use std::time::Duration;
+
+/// Nobody pushes the hand; the output of the sensor goes to what compares it.
+const SPEC: &str = r#"
+process HitDetector(host1){
+    host{host1}
+    instantiated_processes{
+        force instof ForceTorque(host1);
+        threshold instof ForceThreshold(host1, threshold = 30);
+    }
+    internal_connections(force, lbl1){
+        force, Out -> threshold, In;
+    }
+    internal_event_actions{
+        force[lbl1], threshold
+    }
+}
+
+process main(){
+    host{c3}
+    instantiated_processes{
+        world instof DoorWorld(c3, push_at = 3600);
+        hit instof HitDetector(c3);
+    }
+    internal_event_actions{
+        world # hit # wait(2 s)
+    }
+}
+"#;
+
+/// What goes over a port is recorded with the fields that the interface of its sender names.
+#[test]
+fn a_recorded_port_can_be_plotted() {
+    let cluster = Cluster::new();
+    let file = cluster.file("force.dca", SPEC);
+    let ended: Ended = cluster.here().dca(&["run", "--record", "force.Out", &file]).ended(Duration::from_secs(120));
+    assert_eq!(ended.code, Some(0), "{ended}");
+    let bytes = std::fs::read(cluster.folder().join("runs/force-1/run.mcap")).expect("there is a record");
+    let (mut seen, mut schemas) = (0, BTreeSet::new());
+    for message in mcap::MessageStream::new(&bytes).expect("it is a record") {
+        let message = message.expect("it is whole");
+        if !message.channel.topic.starts_with("/ports/") {
+            continue;
+        }
+        let schema = message.channel.schema.as_ref().expect("a topic has a schema");
+        assert_eq!(
+            (schema.encoding.as_str(), message.channel.topic.as_str()),
+            ("jsonschema", "/ports/main/hit/force/Out")
+        );
+        schemas.insert((schema.name.clone(), String::from_utf8_lossy(&schema.data).into_owned()));
+        let data: Value = serde_json::from_slice(&message.data).expect("it is JSON");
+        for field in ["force", "torque"] {
+            let numbers = data[field].as_array().unwrap_or_else(|| panic!("no `{field}`: {data}"));
+            assert!(numbers.len() == 3 && numbers.iter().all(Value::is_number), "{data}");
+        }
+        assert!(message.log_time > 1_500_000_000_000_000_000, "{} is no time since 1970", message.log_time);
+        seen += 1;
+    }
+    assert!(seen > 10, "{seen} values of a sensor that sends a hundred each second: {ended}");
+    let schema = r#"{"properties":{"force":{"items":{"description":"Force","type":"number"},"type":"array"},"torque":{"items":{"description":"Torque","type":"number"},"type":"array"}},"title":"dca.types.Wrench","type":"object"}"#;
+    assert_eq!(schemas.into_iter().collect::<Vec<_>>(), [("dca.types.Wrench".to_owned(), schema.to_owned())]);
+}
