@@ -41,7 +41,7 @@ fn a_locked_door_aborts() {
     let cluster = Cluster::new();
     let ended = cluster.here().dca(&["run", &spec("door_locked")]).ended(MISSION_MAX);
     assert_eq!(ended.code, Some(1), "{ended}");
-    assert!(ended.out.contains("main ← dooropensyst ← dooropen ← model: blocked"), "{ended}");
+    assert!(ended.out.contains("main ← dooropensyst ← dooropen ← model: locked"), "{ended}");
     cluster.expect_nothing_left(Duration::from_secs(2));
 
     let trace = Trace::read(&cluster.folder().join("runs/door_locked-1"));

@@ -135,8 +135,9 @@ fn other_doors_open() {
 fn a_locked_door_aborts() {
     for disturbance in [Disturbance::NONE, Disturbance::busy(1)] {
         let seen = fly(LOCKED, disturbance);
-        check_abort(&seen, "main/dooropensyst/dooropen/model: blocked: it pulls and the door does not move");
-        assert!(seen.open_seconds <= 3.0 && seen.open_peak <= 80.0 && seen.angle_deg < 0.5, "{seen:?}");
+        let why = "locked: the lever is down, and the door moves neither when it is pulled nor when it is pushed";
+        check_abort(&seen, &format!("main/dooropensyst/dooropen/model: {why}"));
+        assert!(seen.open_seconds <= 4.0 && seen.open_peak <= 80.0 && seen.angle_deg < 0.5, "{seen:?}");
     }
 }
 

@@ -1,17 +1,37 @@
 //! Compliance: the hand gives way to what it feels.
 //!
-//! An admittance without inertia. Stable while `stiffness · gain · delay < 0.5`: 6000 N/m · 1/600 m/Ns · 24 ms = 0.24.
+//! An admittance without inertia, so a force loop of one integrator and a delay: it is stable while
+//! `stiffness · gain · delay < pi/2`, and calm below a half. With the fingers' 6000 N/m and a delay of 35 ms the gain may be
+//! 1/420 m/s/N, but a stiffer hand or a slower network asks for less, and nobody knows either beforehand. So the gain is
+//! 1/2000 for what changes quickly; a force that stays is no oscillation, and is given way to with up to 1/600. A measured
+//! delay caps both: that is the force loop's budget.
 //!
 //! Source: Whitney, "Force feedback control of manipulator fine motions", J. Dynamic Systems 99, 1977 (damping control);
-//! gains found with the door model.
+//! the bound is that of an integrator with a delay, Åström and Murray, "Feedback Systems", 2008, section 9.4.
 
+use super::filter::LowPass;
 use nalgebra::{Vector3, Vector6};
 
-const ACROSS: f64 = 600.0;
-const UP: f64 = 1200.0;
+/// What a metre per second of giving way costs (N s/m), for forces that change.
+pub const ACROSS: f64 = 2000.0;
+/// The same for forces that stay.
+const ACROSS_SLOW: f64 = 600.0;
+/// A force that has stayed counts from here on, and wholly from there on (N).
+const STAYS: (f64, f64) = (15.0, 35.0);
+/// What changes more slowly stays (Hz).
+const SLOW: f64 = 2.0;
+const UP: f64 = 2000.0;
 const TURN: f64 = 0.12;
+/// A hand that presses a lever does not give way upwards to less than this (N).
+const HOLD: f64 = 30.0;
 const LINEAR_MAX: f64 = 0.15;
 const ANGULAR_MAX: f64 = 0.5;
+/// The stiffness that the budget is made for (N/m): that of fingers on a lever.
+pub const STIFFNESS: f64 = 6000.0;
+/// `stiffness · gain · delay` at most.
+pub const BUDGET: f64 = 0.6;
+/// Beyond this delay (s) even the smallest useful gain is too much, and the loop refuses.
+pub const DELAY_MAX: f64 = 0.24;
 
 /// Where another law leads the hand, so that compliance leaves that direction alone. Unit vectors in tool axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -24,41 +44,111 @@ pub struct Guide {
     pub upward: bool,
 }
 
-/// Returns the velocity (m/s, rad/s, tool axes) that gives way to `wrench_in_tool` (N, Nm, on the hand): in every direction,
-/// or only across the guide's.
-pub fn velocity(wrench_in_tool: &Vector6<f64>, guide: Option<&Guide>) -> Vector6<f64> {
-    let force: Vector3<f64> = wrench_in_tool.fixed_rows::<3>(0).into();
-    let torque: Vector3<f64> = wrench_in_tool.fixed_rows::<3>(3).into();
-    let linear = match guide {
-        None => force / ACROSS,
-        Some(guide) => {
-            let across = guide.up_in_tool.cross(&guide.tangent_in_tool);
-            let upward =
-                if guide.upward { guide.up_in_tool * guide.up_in_tool.dot(&force) / UP } else { Vector3::zeros() };
-            across * across.dot(&force) / ACROSS + upward
-        }
-    };
-    let (linear, angular) = (linear.cap_magnitude(LINEAR_MAX), (torque * TURN).cap_magnitude(ANGULAR_MAX));
-    Vector6::new(linear.x, linear.y, linear.z, angular.x, angular.y, angular.z)
+/// A hand that gives way.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Compliance {
+    slow: LowPass<3>,
+    /// How large forces have been lately, whatever their direction.
+    size: LowPass<1>,
+}
+
+impl Default for Compliance {
+    fn default() -> Self {
+        Self { slow: LowPass::new(SLOW), size: LowPass::new(SLOW) }
+    }
+}
+
+/// Returns the largest gain (m/s/N) for a loop with so much `delay` (s).
+pub fn gain_max(delay: f64) -> f64 {
+    BUDGET / (STIFFNESS * delay.max(1e-3))
+}
+
+impl Compliance {
+    /// Returns the velocity (m/s, rad/s, tool axes) that gives way to `wrench_in_tool` (N, Nm, on the hand), `dt` (s)
+    /// after the last call: in every direction, or only across the guide's. `delay` (s) is that of the loop.
+    pub fn update(
+        &mut self,
+        wrench_in_tool: &Vector6<f64>,
+        guide: Option<&Guide>,
+        delay: f64,
+        dt: f64,
+    ) -> Vector6<f64> {
+        let force: Vector3<f64> = wrench_in_tool.fixed_rows::<3>(0).into();
+        let torque: Vector3<f64> = wrench_in_tool.fixed_rows::<3>(3).into();
+        let slow = Vector3::from(self.slow.update(&force.into(), dt));
+        let [size] = self.size.update(&[force.norm()], dt);
+        let cap = gain_max(delay);
+        let gain = |slow: f64| {
+            // Of a force that swings to and fro less than half is left on average.
+            let stays = ((2.0 * slow.abs() - size - STAYS.0) / (STAYS.1 - STAYS.0)).clamp(0.0, 1.0);
+            (1.0 / ACROSS + stays * (1.0 / ACROSS_SLOW - 1.0 / ACROSS)).min(cap)
+        };
+        let linear = match guide {
+            None => force * gain(slow.norm()),
+            Some(guide) => {
+                let across = guide.up_in_tool.cross(&guide.tangent_in_tool);
+                let up = guide.up_in_tool.dot(&force);
+                let up = if guide.upward { up } else { up - up.clamp(-HOLD, HOLD) };
+                across * across.dot(&force) * gain(across.dot(&slow)) + guide.up_in_tool * (up * cap.min(1.0 / UP))
+            }
+        };
+        let (linear, angular) = (linear.cap_magnitude(LINEAR_MAX), (torque * TURN).cap_magnitude(ANGULAR_MAX));
+        Vector6::new(linear.x, linear.y, linear.z, angular.x, angular.y, angular.z)
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    const QUICK: f64 = 0.03;
+
     #[test]
     fn gives_way_along_the_force() {
-        let v = velocity(&Vector6::new(6.0, 0.0, 0.0, 0.0, 1.0, 0.0), None);
-        assert!((v - Vector6::new(0.01, 0.0, 0.0, 0.0, 0.12, 0.0)).norm() < 1e-12);
-        assert!(
-            (velocity(&Vector6::new(0.0, 1e4, 0.0, 0.0, 0.0, 1e4), None).norm() - 0.15f64.hypot(0.5)).abs() < 1e-12
-        );
+        let v = Compliance::default().update(&Vector6::new(6.0, 0.0, 0.0, 0.0, 1.0, 0.0), None, QUICK, 0.008);
+        assert!((v - Vector6::new(0.003, 0.0, 0.0, 0.0, 0.12, 0.0)).norm() < 1e-12);
+        let wild = Compliance::default().update(&Vector6::new(0.0, 1e4, 0.0, 0.0, 0.0, 1e4), None, QUICK, 0.008);
+        assert!((wild.norm() - 0.15f64.hypot(0.5)).abs() < 1e-12);
+    }
+
+    #[test]
+    fn gives_way_more_to_a_force_that_stays() {
+        let (mut hand, force) = (Compliance::default(), Vector6::new(40.0, 0.0, 0.0, 0.0, 0.0, 0.0));
+        let first = hand.update(&force, None, QUICK, 0.008).x;
+        let later = (0..100).map(|_| hand.update(&force, None, QUICK, 0.008).x).last().unwrap();
+        assert!((first - 0.02).abs() < 1e-3 && (later - 40.0 / 600.0).abs() < 1e-3, "{first} {later}");
+        // Not to one that trembles.
+        let mut hand = Compliance::default();
+        let swing = |i: u32| Vector6::new(if i % 12 < 6 { 40.0 } else { -40.0 }, 0.0, 0.0, 0.0, 0.0, 0.0);
+        let most = (0..200).map(|i| hand.update(&swing(i), None, QUICK, 0.008).x.abs()).fold(0.0, f64::max);
+        assert!(most < 0.03, "{most}");
     }
 
     #[test]
     fn leaves_the_guided_direction_alone() {
         let guide = Guide { tangent_in_tool: -Vector3::z(), up_in_tool: Vector3::y(), upward: false };
-        let v = velocity(&Vector6::new(6.0, 6.0, 60.0, 0.0, 0.0, 0.0), Some(&guide));
-        assert!((v - Vector6::new(0.01, 0.0, 0.0, 0.0, 0.0, 0.0)).norm() < 1e-12);
+        let v = Compliance::default().update(&Vector6::new(6.0, 6.0, 60.0, 0.0, 0.0, 0.0), Some(&guide), QUICK, 0.008);
+        assert!((v - Vector6::new(0.003, 0.0, 0.0, 0.0, 0.0, 0.0)).norm() < 1e-12);
+    }
+
+    /// A wall of a stiffness (N/m) behind a loop with a delay (s): the largest force of the last second (N).
+    fn late_force(stiffness: f64, delay: f64) -> f64 {
+        let (dt, steps) = (0.004, 2000);
+        let late = (0..1000).take_while(|steps| f64::from(*steps) * dt < delay).count();
+        let (mut hand, mut at, mut forces) = (Compliance::default(), 0.005, Vec::new());
+        for _ in 0..steps {
+            forces.push(-stiffness * at);
+            let felt = if forces.len() > late { forces[forces.len() - 1 - late] } else { 0.0 };
+            at += dt * hand.update(&Vector6::new(felt, 0.0, 0.0, 0.0, 0.0, 0.0), None, delay, dt).x;
+        }
+        forces[steps - 250..].iter().fold(0.0, |most, force| f64::max(most, force.abs()))
+    }
+
+    #[test]
+    fn the_loop_is_calm_within_its_budget() {
+        for (stiffness, delay) in [(6000.0, 0.03), (6000.0, 0.1), (6000.0, DELAY_MAX), (48_000.0, 0.03)] {
+            let force = late_force(stiffness, delay);
+            assert!(force < 1.0, "{force} N at {stiffness} N/m and {delay} s");
+        }
     }
 }

@@ -1,73 +1,89 @@
-//! Where a door turns, from where its handle has been.
+//! What a hand that holds a handle learns of the hinge: the way the handle goes, and how it curves.
 //!
-//! Recursive least squares on the circle through the first point: with d the way from there and theta the vector from
-//! there to the hinge, `|d|² = 2 d·theta`. A prior says that the hinge lies along the door; points count only after
-//! enough travel, for a hand that trembles on the spot knows nothing.
+//! Fingers that hold a handle turn with it, so the way the handle goes is the same direction seen from the hand for as long
+//! as they hold it. Its angle beside the hand's axis and the curvature of its circle are adapted by the force across it and
+//! the torque about the vertical; neither odometry nor a map is used, so wheels that slip teach nothing wrong.
 //!
-//! Source: recursive least squares with a prior, Ljung, "System Identification", 1999, section 11.2; the circle equation
-//! is ours.
+//! Why it converges: let e be the error of the direction, k the stiffness across, g the compliance, v the speed. The force
+//! across settles at v e / g within 1/(k g), then de/dt = -rate v² / g · e: an error shrinks by exp(-rate/g · ∫v² dt), as
+//! long as the hand moves. With c the turning compliance and s the turning stiffness the error of the curvature obeys
+//! x'' + c s x' + rate v² s x = 0, which is stable for every positive rate. Without motion nothing is learnt; that is
+//! [`Hinge::exponent`], the excitation, and the deviation stays what it was.
+//!
+//! Source: after Karayiannidis, Smith, Viña, Ögren and Kragic, "An adaptive control approach for opening doors and drawers
+//! under uncertainties", IEEE Trans. Robotics 32(1), 2016: direction and axis in the frame of the hand, driven by force and
+//! torque errors times the speed. The planar form, the projection and the rates are ours.
 
-use nalgebra::{Matrix2, Vector2};
+use super::compliant::ACROSS;
 
-const STEP_MIN: f64 = 0.002;
-const ARC_MIN: f64 = 0.03;
-const SIGMA: f64 = 0.0015;
+/// How quickly the direction is adapted (rad/s per N and m/s).
+const DIRECTION_RATE: f64 = 0.036;
+/// How quickly the curvature is (1/m/s per Nm and m/s).
+const CURVATURE_RATE: f64 = 2.0;
+/// The direction is at most this far beside the hand's axis (rad).
+const BESIDE_MAX: f64 = 0.5;
+/// Curvatures of doors (1/m): radii of 0.33 to 2 m.
+const CURVATURE: (f64, f64) = (0.5, 3.0);
+/// Deviations at the start: of the direction (rad), of the radius as a share.
+const DEVIATION: (f64, f64) = (0.1, 0.35);
+/// What is left when everything is learnt: noise, and a lever that turns in the fingers.
+const FLOOR: (f64, f64) = (0.02, 0.08);
 
 /// The estimate.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hinge {
-    start: Vector2<f64>,
-    last: Vector2<f64>,
-    to_hinge: Vector2<f64>,
-    covariance: Matrix2<f64>,
-    arc: f64,
+    /// The way the handle goes, counter-clockwise beside the hand's axis (rad).
+    beside: f64,
+    /// (1/m), not negative.
+    curvature: f64,
+    exponent: f64,
 }
 
 impl Hinge {
-    /// Returns the prior: the hand is at `start` (m), the hinge `radius` (m) away along the unit vector `along_door`.
-    pub fn new(start: Vector2<f64>, along_door: Vector2<f64>, radius: f64) -> Self {
-        let across = Vector2::new(-along_door.y, along_door.x);
-        // The direction to the hinge is known better than its distance: deviations of 0.14 m and 0.30 m.
-        let covariance = across * across.transpose() * 0.02 + along_door * along_door.transpose() * 0.09;
-        Self { start, last: start, to_hinge: along_door * radius, covariance, arc: 0.0 }
+    /// Returns the prior: the handle goes along the hand's axis, on a circle of `radius` (m).
+    pub fn new(radius: f64) -> Self {
+        Self { beside: 0.0, curvature: (1.0 / radius.max(0.1)).clamp(CURVATURE.0, CURVATURE.1), exponent: 0.0 }
     }
 
-    /// Takes the hand's position (m), in the frame of the first.
-    pub fn update(&mut self, hand: Vector2<f64>) {
-        let step = (hand - self.last).norm();
-        if step < STEP_MIN {
-            return;
-        }
-        self.arc += step;
-        self.last = hand;
-        let d = hand - self.start;
-        let x = d * 2.0;
-        // An error of sigma across the circle changes |d|² - 2 d·theta by 2 |theta| sigma.
-        let variance = 2.0 * (2.0 * self.to_hinge.norm().max(0.2) * SIGMA).powi(2);
-        let gain = self.covariance * x / (variance + x.dot(&(self.covariance * x)));
-        self.to_hinge += gain * (d.norm_squared() - x.dot(&self.to_hinge));
-        self.covariance -= gain * x.transpose() * self.covariance;
+    /// Learns from `dt` (s) of motion at `speed` (m/s) with a force (N) to the left of the way, on the hand, and a torque
+    /// (Nm) about the vertical, on the hand, positive the way the door turns.
+    pub fn update(&mut self, speed: f64, force_left: f64, torque: f64, dt: f64) {
+        // A force to the left: the hand is too far to the right, so the way goes more to the left.
+        self.beside = (self.beside + DIRECTION_RATE * speed * force_left * dt).clamp(-BESIDE_MAX, BESIDE_MAX);
+        let curvature = self.curvature + CURVATURE_RATE * speed * torque * dt;
+        self.curvature = curvature.clamp(CURVATURE.0, CURVATURE.1);
+        self.exponent += DIRECTION_RATE * ACROSS * speed.powi(2) * dt;
     }
 
-    /// Returns where the hinge is (m).
-    pub fn centre(&self) -> Vector2<f64> {
-        self.start + self.to_hinge
+    /// Returns how far the way goes counter-clockwise beside the hand's axis (rad).
+    pub fn beside(&self) -> f64 {
+        self.beside
     }
 
-    /// Returns how far it is from the handle (m).
+    /// Returns the distance of the hinge (m).
     pub fn radius(&self) -> f64 {
-        self.to_hinge.norm()
+        1.0 / self.curvature
     }
 
-    /// Returns whether the hand has moved far enough for the estimate to be more than the prior.
+    /// Returns the curvature of the handle's way (1/m).
+    pub fn curvature(&self) -> f64 {
+        self.curvature
+    }
+
+    /// Returns by how many powers of e a first error of the direction has shrunk: the excitation.
+    pub fn exponent(&self) -> f64 {
+        self.exponent
+    }
+
+    /// Returns the standard deviations of the direction (rad) and of the radius (m).
+    pub fn deviation(&self) -> (f64, f64) {
+        let left = (-self.exponent).exp();
+        ((DEVIATION.0 * left).max(FLOOR.0), (DEVIATION.1 * left).max(FLOOR.1) * self.radius())
+    }
+
+    /// Returns whether the hand has moved enough for the estimate to be more than the prior.
     pub fn is_valid(&self) -> bool {
-        self.arc > ARC_MIN
-    }
-
-    /// Returns the angle about the hinge from the start to `hand` (rad), positive counter-clockwise, in (-pi, pi].
-    pub fn angle(&self, hand: Vector2<f64>) -> f64 {
-        let (from, to) = (-self.to_hinge, hand - self.centre());
-        from.perp(&to).atan2(from.dot(&to))
+        self.exponent > 1.0
     }
 }
 
@@ -75,26 +91,57 @@ impl Hinge {
 mod tests {
     use super::*;
 
-    #[test]
-    fn finds_a_circle() {
-        let (centre, radius) = (Vector2::new(0.1, 0.82), 0.82);
-        let at = |angle: f64| centre + Vector2::new(-angle.sin(), -angle.cos()) * radius;
-        let mut hinge = Hinge::new(at(0.0), Vector2::new(0.05, 1.0).normalize(), 0.70);
-        assert!(!hinge.is_valid());
-        for i in 1..=120 {
-            hinge.update(at(f64::from(i) * 0.01));
+    /// A handle on a circle of `radius` (m), a hand that starts askew by `askew` (rad): returns what was learnt, and the
+    /// largest force across in the last second.
+    fn open(radius: f64, askew: f64, speed: f64, seconds: f64) -> (Hinge, f64) {
+        let (stiffness, turning, gain, turn_gain, dt) = (6000.0, 8.0, 1.0 / ACROSS, 0.12, 2e-3);
+        // Across the way, and the hand's yaw beside the handle's.
+        let (mut off, mut yaw, mut late) = (0.0f64, askew, 0.0f64);
+        let mut hinge = Hinge::new(0.7);
+        let mut time = 0.0;
+        while time < seconds {
+            time += dt;
+            let (force, torque) = (-stiffness * off, -turning * (yaw - askew));
+            hinge.update(speed, force, torque, dt);
+            // Where the command leads beside the tangent, plus the compliance.
+            off += dt * (speed * (yaw + hinge.beside()) + force * gain);
+            yaw += dt * (speed * (hinge.curvature() - 1.0 / radius) + torque * turn_gain);
+            if time > seconds - 1.0 {
+                late = late.max(force.abs());
+            }
         }
-        // No noise: what is left is the prior's weight against 120 points, below a millimetre.
-        assert!((hinge.radius() - radius).abs() < 1e-3 && hinge.is_valid());
-        assert!((hinge.angle(at(1.2)) + 1.2).abs() < 2e-3);
+        (hinge, late)
     }
 
     #[test]
-    fn trembling_teaches_nothing() {
-        let mut hinge = Hinge::new(Vector2::zeros(), Vector2::y(), 0.70);
-        for i in 0..1000 {
-            hinge.update(Vector2::new(0.001 * f64::from(i % 2), 0.0));
+    fn direction_and_radius_converge() {
+        for radius in [0.5, 0.82, 1.2] {
+            for askew in [-0.15, 0.0, 0.15] {
+                let (hinge, late) = open(radius, askew, 0.12, 10.0);
+                let (direction, off) = hinge.deviation();
+                assert!((hinge.beside() + askew).abs() < 2.0 * direction, "{hinge:?} for {radius} m, {askew}");
+                assert!((hinge.radius() - radius).abs() < 2.0 * off, "{hinge:?} for {radius} m, {askew}");
+                assert!(late < 2.0 && hinge.is_valid(), "{late} N");
+            }
         }
-        assert!((hinge.radius() - 0.70).abs() < 1e-15 && !hinge.is_valid());
+    }
+
+    #[test]
+    fn a_hand_that_stands_learns_nothing() {
+        let mut hinge = Hinge::new(0.7);
+        for _ in 0..10_000 {
+            hinge.update(0.0, 20.0, 2.0, 2e-3);
+        }
+        assert_eq!(hinge, Hinge::new(0.7));
+        assert!(!hinge.is_valid());
+    }
+
+    #[test]
+    fn what_it_says_stays_a_door() {
+        let mut hinge = Hinge::new(0.7);
+        for _ in 0..10_000 {
+            hinge.update(0.12, 500.0, -50.0, 2e-3);
+        }
+        assert!(hinge.beside() <= BESIDE_MAX && hinge.radius() <= 2.0, "{hinge:?}");
     }
 }

@@ -13,6 +13,10 @@ use nalgebra::{Isometry3, Rotation2, Vector2, Vector3};
 
 /// How far from where the wall was a sweep ago its points may be now (m): the base turns by a degree or two meanwhile.
 const WALL_GATE: f64 = 0.06;
+/// A wall does not turn by more than this from one sweep to the next, beyond what the wheels say (rad).
+const WALL_TURN: f64 = 0.06;
+/// Deviation of a wall's direction when it is out of sight (rad), and by how much of the base's turn since it grows.
+const WHEELS: (f64, f64) = (0.01, 0.08);
 /// Points this close to a line lie on it [m]: four deviations of the laser.
 const TOLERANCE: f64 = 0.02;
 /// The leaf is so far behind the grasp point, from and to (m).
@@ -39,12 +43,14 @@ pub struct Leaf {
 #[derive(Clone, Debug)]
 pub struct Wall {
     line: Option<Line>,
+    /// How far the base has turned since the wall was seen last (rad).
+    turned: f64,
     random: Random,
 }
 
 impl Default for Wall {
     fn default() -> Self {
-        Self { line: None, random: Random::new(1) }
+        Self { line: None, turned: 0.0, random: Random::new(1) }
     }
 }
 
@@ -64,16 +70,25 @@ impl Wall {
         };
         // A wall that is out of sight for a sweep is where it was.
         self.line = Some(wall);
+        self.turned += moved.z.abs();
         let near = near(points, &wall, WALL_GATE);
-        let first = line::through(&near)?;
-        let (wall, spread) = line::through(&self::near(&near, &first.0, TOLERANCE))?;
-        if spread.count < 20 || spread.length < LENGTH_MIN {
-            return None;
-        }
+        let found = line::through(&near).and_then(|first| line::through(&self::near(&near, &first.0, TOLERANCE)));
+        let is_wall = |(line, spread): &(Line, Spread)| {
+            let askew = turn(&wall.normal, &line.normal).abs();
+            spread.count >= 20 && spread.length >= LENGTH_MIN && askew < WALL_TURN
+        };
+        let (wall, deviation) = match found.filter(is_wall) {
+            Some((line, spread)) => {
+                self.turned = 0.0;
+                (line, spread.direction)
+            }
+            // Where the wheels say it is, as far as they can be believed.
+            None => (wall, WHEELS.0 + WHEELS.1 * self.turned),
+        };
         self.line = Some(wall);
-        let (leaf, leaf_spread) = self.leaf(points, base_from_tool)?;
+        let (leaf, spread) = self.leaf(points, base_from_tool)?;
         let hand = turn(&wall.normal, &horizontal(&(base_from_tool.rotation * Vector3::z())));
-        let deviation = spread.direction.hypot(leaf_spread.direction);
+        let deviation = deviation.hypot(spread.direction);
         Some(Leaf { angle: turn(&wall.normal, &leaf.normal), hand, deviation })
     }
 
@@ -88,7 +103,9 @@ impl Wall {
         };
         let before: Vec<_> = points.iter().filter(is_before_hand).copied().collect();
         let found = line::fit(&before, TOLERANCE, &mut self.random)?;
-        let (leaf, spread) = line::through(&near(&before, &found, TOLERANCE))?;
+        let (mut leaf, spread) = line::through(&near(&before, &found, TOLERANCE))?;
+        // A line has two normals; the leaf's looks the way the hand does.
+        leaf.normal *= leaf.normal.dot(&normal).signum();
         let fits = turn(&normal, &leaf.normal).abs() < ASKEW && spread.length > LENGTH_MIN;
         fits.then_some((leaf, spread))
     }

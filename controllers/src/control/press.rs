@@ -1,29 +1,67 @@
-//! Pressing a lever handle that the hand already holds.
+//! Pressing a lever handle that the hand already holds, until it yields.
 //!
-//! The hand follows the arc of a nominal lever and rolls with it, giving way to every force but the vertical one.
+//! The hand goes straight down first; the lever turns meanwhile and twists the hand, which tells to which side it points.
+//! Then the hand follows the arc of a lever of middling length and rolls with it, giving way to every force but the
+//! vertical one, so that neither the lever's length nor the angle of its latch has to be known. The lever is down when it
+//! meets its stop, a force that rises steeply, or when the force that it costs drops.
 //!
-//! Source: ours; constants found with the door model.
+//! Source: ours; constants found with the door model, for levers of 0.05 to 0.16 m that stop beyond 20 degrees.
 
+use super::compliant::Compliance;
+use super::filter::LowPass;
 use nalgebra::{Isometry3, Vector3, Vector6};
+use std::collections::VecDeque;
 
 /// Speed of the hand (m/s).
-pub const SPEED: f64 = 0.035;
-/// From the lever's axis to where it is held (m), nominally.
-pub const LEVER: f64 = 0.09;
-/// How far down is pressed (m).
-pub const DEPTH: f64 = 0.050;
-const STOP_DEPTH: f64 = 0.030;
-const STOP_FORCE: f64 = 40.0;
-const LINEAR_GAIN: f64 = 1.0 / 900.0;
-const ANGULAR_GAIN: f64 = 0.05;
+pub const SPEED: f64 = 0.020;
+/// From the lever's axis to where it is held (m): a middling one.
+pub const LEVER: f64 = 0.10;
+/// No lever goes down further (m).
+pub const DEPTH_MAX: f64 = 0.16;
+/// A twist of the hand (Nm) that tells to which side the lever points, and one that tells that it was the other.
+const TWIST: (f64, f64) = (0.2, 0.8);
+/// First the hand gives way to what closing the fingers has left, until that is so small (N), or for so long (s).
+const RELAX: (f64, f64) = (5.0, 1.0);
+/// A lever that resists before this depth (m) does not go down.
+const MOVES: f64 = 0.015;
+/// The force that nobody presses a lever with (N).
+const FORCE_MAX: f64 = 45.0;
+/// The force of a stop grows faster than this (N/m): a lever's spring has some 400, its stop and the fingers 2800 or more.
+const STOP_SLOPE: f64 = 1700.0;
+/// Over this way (m).
+const SLOPE_WAY: f64 = 0.003;
+/// A force that has been this large (N) and drops below half of it has given way.
+const DROP_FROM: f64 = 12.0;
 /// The fingers slip a little on the lever, so the hand rolls less than the lever turns.
 const ROLL: f64 = 0.9;
+const CUTOFF: f64 = 12.0;
 
 /// The state of one pressing.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Press {
-    height: f64,
-    lever: Vector3<f64>,
+    /// Where it began, once the hand has relaxed.
+    height: Option<f64>,
+    time: f64,
+    give: Compliance,
+    /// From the robot's view, horizontal.
+    left: Vector3<f64>,
+    /// Where the lever points, once known.
+    lever: Option<Vector3<f64>>,
+    filter: LowPass<2>,
+    /// Depths (m) and forces (N) of the last few millimetres.
+    way: VecDeque<(f64, f64)>,
+    largest: f64,
+}
+
+/// How far it has come.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum State {
+    /// On the way.
+    Pressing,
+    /// The lever is at its stop, or has given way.
+    Down,
+    /// It resists at once, or never does.
+    Stuck,
 }
 
 /// What to do next.
@@ -33,33 +71,89 @@ pub struct Down {
     pub twist_in_tool: Vector6<f64>,
     /// How far the hand has gone down (m).
     pub depth: f64,
-    /// Whether the lever is down: deep enough, or against its stop.
-    pub finished: bool,
+    /// Whether the lever is down.
+    pub state: State,
 }
 
 impl Press {
-    /// Begins with the hand at `base_from_tool`, its x axis along the lever from the lever's axis outwards.
+    /// Begins with the hand at `base_from_tool`, facing the door.
     pub fn new(base_from_tool: &Isometry3<f64>) -> Self {
-        let along = base_from_tool.rotation * Vector3::x();
-        let lever = Vector3::new(along.x, along.y, 0.0).try_normalize(1e-6).unwrap_or_else(Vector3::x);
-        Self { height: base_from_tool.translation.z, lever }
+        let ahead = base_from_tool.rotation * Vector3::z();
+        let left = Vector3::z().cross(&ahead).try_normalize(1e-6).unwrap_or_else(Vector3::y);
+        Self {
+            height: None,
+            time: 0.0,
+            give: Compliance::default(),
+            left,
+            lever: None,
+            filter: LowPass::new(CUTOFF),
+            way: VecDeque::new(),
+            largest: 0.0,
+        }
     }
 
-    /// Takes the pose of the hand and the wrench on it (N, Nm, tool axes).
-    pub fn update(&self, base_from_tool: &Isometry3<f64>, wrench_in_tool: &Vector6<f64>) -> Down {
+    /// Takes the pose of the hand and the wrench on it (N, Nm, tool axes), `dt` (s) after the last call; `delay` (s) is
+    /// that of the force loop.
+    pub fn update(
+        &mut self,
+        base_from_tool: &Isometry3<f64>,
+        wrench_in_tool: &Vector6<f64>,
+        (delay, dt): (f64, f64),
+    ) -> Down {
         let rotation = base_from_tool.rotation;
-        let depth = self.height - base_from_tool.translation.z;
-        let (s, c) = (depth / LEVER).clamp(0.0, 0.95).asin().sin_cos();
         let force: Vector3<f64> = rotation * wrench_in_tool.fixed_rows::<3>(0);
         let torque: Vector3<f64> = wrench_in_tool.fixed_rows::<3>(3).into();
-        let give = Vector3::new(force.x, force.y, 0.0) * LINEAR_GAIN;
-        let linear = rotation.inverse() * (-Vector3::z() * (SPEED * c) - self.lever * (SPEED * s) + give);
-        let axis = self.lever.cross(&-Vector3::z());
-        let angular = rotation.inverse() * (axis * (ROLL * SPEED / LEVER)) + torque * ANGULAR_GAIN;
+        let [upward, twist] = self.filter.update(&[force.z, torque.z], dt);
+        let give = self.give.update(wrench_in_tool, None, delay, dt);
+        let give_turn: Vector3<f64> = give.fixed_rows::<3>(3).into();
+        self.time += dt;
+        if self.height.is_none() && self.time < RELAX.1 && (force.norm() > RELAX.0 || self.time < 0.1) {
+            return Down { twist_in_tool: give, depth: 0.0, state: State::Pressing };
+        }
+        let depth = *self.height.get_or_insert(base_from_tool.translation.z) - base_from_tool.translation.z;
+        // A lever that points to the right turns clockwise as the robot sees it, about the approach.
+        let enough = if self.lever.is_none() { TWIST.0 } else { TWIST.1 };
+        if twist.abs() > enough {
+            self.lever = Some(self.left * -twist.signum());
+        }
+        let mut give: Vector3<f64> = rotation * give.fixed_rows::<3>(0);
+        give.z = 0.0;
+        let (linear, angular) = match self.lever {
+            None => (give - Vector3::z() * SPEED, Vector3::zeros()),
+            Some(lever) => {
+                let (s, c) = (depth / LEVER).clamp(0.0, 0.9).asin().sin_cos();
+                let axis = lever.cross(&-Vector3::z());
+                (give - Vector3::z() * (SPEED * c) - lever * (SPEED * s), axis * (ROLL * SPEED / LEVER))
+            }
+        };
+        let linear = rotation.inverse() * linear;
+        let angular = rotation.inverse() * angular + give_turn;
         Down {
             twist_in_tool: Vector6::new(linear.x, linear.y, linear.z, angular.x, angular.y, angular.z),
             depth,
-            finished: depth > DEPTH || (force.z.abs() > STOP_FORCE && depth > STOP_DEPTH),
+            state: self.state(depth, upward),
+        }
+    }
+
+    fn state(&mut self, depth: f64, upward: f64) -> State {
+        if self.way.back().is_none_or(|(last, _)| depth > last + 0.0002) {
+            self.way.push_back((depth, upward));
+        }
+        while self.way.get(1).is_some_and(|(next, _)| depth - next > SLOPE_WAY) {
+            self.way.pop_front();
+        }
+        self.largest = self.largest.max(upward);
+        let stops = self.way.front().is_some_and(|(from, before)| {
+            let way = depth - from;
+            way > 0.8 * SLOPE_WAY && upward - before > STOP_SLOPE * way && upward > DROP_FROM
+        });
+        let drops = self.largest > DROP_FROM && upward < 0.4 * self.largest;
+        match (depth > MOVES, upward > FORCE_MAX) {
+            (true, true) => State::Down,
+            (true, false) if stops || drops => State::Down,
+            (false, true) => State::Stuck,
+            _ if depth > DEPTH_MAX => State::Stuck,
+            _ => State::Pressing,
         }
     }
 }
@@ -67,29 +161,83 @@ impl Press {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::UnitQuaternion;
+    use nalgebra::{Rotation3, UnitQuaternion};
+
+    /// A lever of a length (m) that points to the left or right, with a spring and a stop, in fingers of 6 kN/m.
+    struct Lever {
+        length: f64,
+        left: bool,
+        stop: f64,
+        /// It gives way here.
+        yields: f64,
+    }
+
+    impl Lever {
+        /// The hand faces x; returns how it ended and how deep it was, and the largest force.
+        fn press(&self) -> (State, f64, f64) {
+            let axes = [Vector3::y(), Vector3::z(), Vector3::x()];
+            let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_basis_unchecked(&axes));
+            let mut pose = Isometry3::from_parts(Vector3::new(0.5, 0.0, 1.0).into(), rotation);
+            let side = if self.left { 1.0 } else { -1.0 };
+            let axis = Vector3::new(0.5, -side * self.length, 1.0);
+            let (mut press, mut angle, mut roll, mut peak, dt) = (Press::new(&pose), 0.0f64, 0.0, 0.0f64, 2e-3);
+            for _ in 0..5000 {
+                // The lever is where its spring and the hand balance; the hand is a spring on it.
+                for _ in 0..50 {
+                    let end = axis + Vector3::new(0.0, side * angle.cos(), -angle.sin()) * self.length;
+                    let along = Vector3::new(0.0, -side * angle.sin(), -angle.cos());
+                    let pull = (pose.translation.vector - end).dot(&along) * 6000.0 * self.length;
+                    let spring = if angle > self.yields { 0.0 } else { 0.6 + 1.8 * angle };
+                    let stop = 400.0 * (angle - self.stop).max(0.0);
+                    angle = (angle + (pull - spring - stop) * 1e-3).max(0.0);
+                }
+                let end = axis + Vector3::new(0.0, side * angle.cos(), -angle.sin()) * self.length;
+                let force = (end - pose.translation.vector) * 6000.0;
+                let torque = -side * 6.0 * (angle - roll);
+                let in_tool = pose.rotation.inverse() * force;
+                let down =
+                    press.update(&pose, &Vector6::new(in_tool.x, in_tool.y, in_tool.z, 0.0, 0.0, torque), (0.03, dt));
+                peak = peak.max(force.norm());
+                if down.state != State::Pressing {
+                    return (down.state, down.depth, peak);
+                }
+                let v: Vector3<f64> = pose.rotation * down.twist_in_tool.fixed_rows::<3>(0);
+                let w: Vector3<f64> = pose.rotation * down.twist_in_tool.fixed_rows::<3>(3);
+                pose.translation.vector += v * dt;
+                pose.rotation = UnitQuaternion::from_scaled_axis(w * dt) * pose.rotation;
+                roll += -side * w.x * dt;
+            }
+            (State::Pressing, 0.0, peak)
+        }
+    }
 
     #[test]
-    fn follows_the_lever() {
-        // Without forces the grasp point stays on a circle of the nominal radius about the lever's axis.
-        let mut pose = Isometry3::translation(0.3, 0.0, 1.0);
-        let (press, axis) = (Press::new(&pose), Vector3::new(0.3 - LEVER, 0.0, 1.0));
-        let (mut turned, mut finished, dt) = (0.0, false, 1e-3);
-        for _ in 0..3000 {
-            let down = press.update(&pose, &Vector6::zeros());
-            finished = down.finished;
-            if finished {
-                break;
+    fn any_lever_goes_to_its_stop() {
+        for length in [0.06, 0.09, 0.12, 0.15] {
+            for left in [true, false] {
+                for stop in [0.6, 0.8] {
+                    let (state, depth, peak) = Lever { length, left, stop, yields: 9.0 }.press();
+                    assert_eq!(state, State::Down, "{length} {left} {stop}");
+                    // At the stop but for what the fingers give, 45 N at 6 kN/m.
+                    let wanted = length * f64::sin(stop);
+                    assert!((wanted - 0.004..wanted + 0.012).contains(&depth), "{depth} of {wanted}");
+                    assert!(peak < 60.0, "{peak} N: {length} {left} {stop}");
+                }
             }
-            let v: Vector3<f64> = pose.rotation * down.twist_in_tool.fixed_rows::<3>(0);
-            let w: Vector3<f64> = pose.rotation * down.twist_in_tool.fixed_rows::<3>(3) * dt;
-            pose.translation.vector += v * dt;
-            pose.rotation = UnitQuaternion::from_scaled_axis(w) * pose.rotation;
-            turned += w.norm();
         }
-        assert!(finished);
-        // Euler steps of 1 ms leave the circle by at most the arc times half a step's angle: 0.02 mm.
-        assert!(((pose.translation.vector - axis).norm() - LEVER).abs() < 2e-5);
-        assert!((turned - ROLL * (DEPTH / LEVER).asin()).abs() < 0.01, "{turned}");
+    }
+
+    #[test]
+    fn a_lever_that_gives_way_is_down() {
+        let (state, depth, _) = Lever { length: 0.09, left: true, stop: 0.8, yields: 0.5 }.press();
+        assert_eq!(state, State::Down);
+        assert!((0.035..0.055).contains(&depth), "{depth}");
+    }
+
+    #[test]
+    fn a_lever_that_does_not_move_is_stuck() {
+        let (state, depth, peak) = Lever { length: 0.09, left: true, stop: 0.0, yields: 9.0 }.press();
+        assert_eq!(state, State::Stuck);
+        assert!(depth < MOVES && peak < 60.0, "{depth} {peak}");
     }
 }

@@ -49,8 +49,29 @@ pub fn project(point_in_camera: &Vector3<f64>) -> Option<Seen> {
     inside.then_some(Seen { pixel, depth })
 }
 
+/// Which way round the hand takes the lever: fingers are the same both ways.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Way {
+    /// The tool's x axis along the lever, away from its axis.
+    Along,
+    /// The other way.
+    Against,
+}
+
+impl Way {
+    /// Returns the way that the hand has to turn less for.
+    pub fn nearer(seen: &[Seen; 4]) -> Self {
+        let column = |a: usize, b: usize| seen[a].pixel[0] + seen[b].pixel[0];
+        if column(2, 3) >= column(0, 1) { Self::Along } else { Self::Against }
+    }
+}
+
 /// Returns the velocity that brings the four marks to where they belong.
-pub fn servo(seen: &[Seen; 4]) -> Servo {
+pub fn servo(seen: &[Seen; 4], way: Way) -> Servo {
+    let turned = match way {
+        Way::Along => 1.0,
+        Way::Against => -1.0,
+    };
     let mut interaction = SMatrix::<f64, 8, 6>::zeros();
     let mut errors = SVector::<f64, 8>::zeros();
     for (i, (mark, seen)) in MARKS.iter().zip(seen).enumerate() {
@@ -61,7 +82,7 @@ pub fn servo(seen: &[Seen; 4]) -> Servo {
         for (k, row) in rows.iter().enumerate() {
             interaction.set_row(2 * i + k, &nalgebra::RowVector6::from_row_slice(row));
         }
-        let wanted = [mark[0], mark[1]].map(|side| side / (mark[2] + DISTANCE));
+        let wanted = [mark[0], mark[1]].map(|side| turned * side / (mark[2] + DISTANCE));
         errors[2 * i] = x - wanted[0];
         errors[2 * i + 1] = y - wanted[1];
     }
@@ -92,7 +113,7 @@ mod tests {
         for _ in 0..500 {
             let camera = tool * camera_from_tool.inverse();
             let seen = MARKS.map(|mark| project(&(camera.inverse() * nalgebra::Point3::from(mark)).coords).unwrap());
-            let servo = servo(&seen);
+            let servo = servo(&seen, Way::nearer(&seen));
             error = servo.error;
             let (v, w) = (servo.twist_in_tool.fixed_rows::<3>(0) * 0.04, servo.twist_in_tool.fixed_rows::<3>(3) * 0.04);
             tool *= Isometry3::from_parts(v.into(), UnitQuaternion::from_scaled_axis(w));

@@ -1,11 +1,14 @@
 //! CompliantCtrl: the hand gives way.
 
 use super::FRESH;
-use crate::control::compliant::{self, Guide};
+use crate::control::compliant::{Compliance, Guide};
 use crate::message::{Constraint, Velocity, Wrench};
 use crate::sdk::{About, Arguments, Controller, In, Inputs, Out, Outputs, Progress, Tick};
 use nalgebra::{Vector3, Vector6};
 use std::time::Duration;
+
+/// Of the force loop (s), until it is measured.
+const DELAY: f64 = 0.035;
 
 /// What it hears.
 #[derive(Debug, Inputs)]
@@ -27,11 +30,13 @@ pub(super) struct Outputs {
 }
 
 /// Moves the hand the way it is pushed, except in the direction in which another law leads it.
-#[derive(Debug)]
-pub(super) struct CompliantCtrl;
+#[derive(Debug, Default)]
+pub(super) struct CompliantCtrl {
+    give: Compliance,
+}
 
 impl CompliantCtrl {
-    fn twist(tick: Tick, inputs: &Inputs) -> Option<Vector6<f64>> {
+    fn twist(&mut self, tick: Tick, inputs: &Inputs) -> Option<Vector6<f64>> {
         let wrench = inputs.wrench.fresh_within(tick.now, FRESH)?;
         let guide = inputs.guide.fresh_within(tick.now, FRESH);
         // A guide that has fallen silent is not the same as none.
@@ -45,7 +50,7 @@ impl CompliantCtrl {
         });
         let [x, y, z] = wrench.force;
         let [a, b, c] = wrench.torque;
-        Some(compliant::velocity(&Vector6::new(x, y, z, a, b, c), guide.as_ref()))
+        Some(self.give.update(&Vector6::new(x, y, z, a, b, c), guide.as_ref(), DELAY, tick.dt()))
     }
 }
 
@@ -61,11 +66,16 @@ impl Controller for CompliantCtrl {
     }
 
     fn new(_: &Arguments) -> Result<Self, String> {
-        Ok(Self)
+        Ok(Self::default())
+    }
+
+    fn init(&mut self, _: &[u8]) -> Result<(), String> {
+        *self = Self::default();
+        Ok(())
     }
 
     fn main_calc(&mut self, tick: Tick, inputs: &Inputs, outputs: &mut Outputs) -> Progress {
-        let twist = Self::twist(tick, inputs).unwrap_or_else(Vector6::zeros);
+        let twist = self.twist(tick, inputs).unwrap_or_else(Vector6::zeros);
         outputs.velocity.send(Velocity { twist: twist.into(), null: [0.0; 9] });
         Progress::Continue
     }

@@ -15,9 +15,9 @@ const IN_A_ROW: u32 = 3;
 const SECTOR_DEG: f64 = 40.0;
 /// Points this close to the line are the wall [m]: four deviations of the laser.
 const TOLERANCE: f64 = 0.02;
-/// A hand that still approaches by more than this in [`SETTLE`] sweeps has not arrived (m).
-const SETTLED: f64 = 0.003;
-const SETTLE: usize = 8;
+/// A hand that still approaches by more than this from one half of [`SETTLE`] sweeps to the other has not arrived (m).
+const SETTLED: f64 = 0.002;
+const SETTLE: usize = 20;
 
 /// What [`LaserSensor`] hears.
 #[derive(Debug, Inputs)]
@@ -120,7 +120,7 @@ impl Controller for DistanceThreshold {
     const TYPE: &'static str = "DistanceThreshold";
 
     fn about() -> About {
-        const THRESHOLD: &[Parameter] = &[Parameter::new("threshold", Kind::Number(0.05, 2.0)).or("0.258")];
+        const THRESHOLD: &[Parameter] = &[Parameter::new("threshold", Kind::Number(0.05, 2.0)).or("0.45")];
         About::task("Ends when the hand has come to rest near the wall ahead [m], leaving the distance.")
             .every(Duration::from_millis(100))
             .triggered_by("In")
@@ -159,8 +159,10 @@ impl Controller for DistanceThreshold {
             self.recent.remove(0);
         }
         self.recent.push(distance);
-        let (near, far) = self.recent.iter().fold((f64::MAX, f64::MIN), |(a, b), d| (a.min(*d), b.max(*d)));
-        let settled = self.recent.len() == SETTLE && far - near < SETTLED;
+        let (before, after) = self.recent.split_at(self.recent.len() / 2);
+        let mean = |distances: &[f64]| distances.iter().sum::<f64>() / distances.len().max(1) as f64;
+        // The means of ten sweeps are quieter than one of them, whatever the laser is like.
+        let settled = self.recent.len() == SETTLE && (mean(before) - mean(after)).abs() < SETTLED;
         if self.debounce.update(distance < self.threshold && settled) {
             return Progress::Done(super::value(&distance));
         }

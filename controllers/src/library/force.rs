@@ -148,14 +148,17 @@ impl Controller for ForceSensor {
 #[derive(Debug)]
 struct Threshold {
     threshold: f64,
+    /// How long it takes until a force counts as one that was always there (s); none if it never does.
+    forgets: Option<f64>,
+    usual: Option<Vector3<f64>>,
     debounce: Debounce,
     watch: Watch,
 }
 
 impl Threshold {
-    fn new(arguments: &Arguments) -> Self {
-        let threshold = arguments.number("threshold");
-        Self { threshold, debounce: Debounce::new(IN_A_ROW), watch: Watch::default() }
+    fn new(arguments: &Arguments, forgets: Option<f64>) -> Self {
+        let (threshold, debounce) = (arguments.number("threshold"), Debounce::new(IN_A_ROW));
+        Self { threshold, forgets, usual: None, debounce, watch: Watch::default() }
     }
 
     fn configure(&mut self, arguments: &Arguments) -> Configured {
@@ -164,7 +167,7 @@ impl Threshold {
     }
 
     fn reset(&mut self) {
-        (self.debounce, self.watch) = (Debounce::new(IN_A_ROW), Watch::default());
+        (self.debounce, self.watch, self.usual) = (Debounce::new(IN_A_ROW), Watch::default(), None);
     }
 
     fn update(&mut self, tick: Tick, wrench: &In<Wrench>) -> Progress {
@@ -173,7 +176,15 @@ impl Threshold {
             return Progress::Aborted("no forces for 1 s".to_owned());
         }
         let Some(wrench) = fresh else { return Progress::Continue };
-        let force = Vector3::from(wrench.force).norm();
+        let force = Vector3::from(wrench.force);
+        let force = match self.forgets {
+            None => force.norm(),
+            Some(forgets) => {
+                let usual = self.usual.get_or_insert(force);
+                *usual += (force - *usual) * (1.0 - (-tick.dt() / forgets).exp());
+                (force - *usual).norm()
+            }
+        };
         if self.debounce.update(force > self.threshold) {
             return Progress::Done(super::value(&force));
         }
@@ -189,7 +200,8 @@ pub(super) struct ThresholdInputs {
     wrench: In<Wrench>,
 }
 
-/// Ends when three forces in a row exceed a threshold.
+/// Ends when three forces in a row exceed a threshold; told to forget, it does not count forces that have stayed: a sensor
+/// that drifts, or a weight that nobody has told it.
 #[derive(Debug)]
 pub(super) struct ForceThreshold(Threshold);
 
@@ -199,15 +211,21 @@ impl Controller for ForceThreshold {
     const TYPE: &'static str = "ForceThreshold";
 
     fn about() -> About {
-        const THRESHOLD: &[Parameter] = &[Parameter::new("threshold", Kind::Number(1.0, 200.0)).or("8")];
-        About::task("Ends when three forces in a row exceed a threshold [N], leaving the last of them.")
-            .every(Duration::from_millis(50))
-            .triggered_by("In")
-            .with(THRESHOLD)
+        const THRESHOLD: &[Parameter] = &[
+            Parameter::new("threshold", Kind::Number(1.0, 200.0)).or("8"),
+            Parameter::new("forget", Kind::Number(0.0, 60.0)).or("0"),
+        ];
+        About::task(
+            "Ends when three forces in a row exceed a threshold [N], leaving the last of them; those that stay are \
+            forgotten after some time [s], unless that is 0.",
+        )
+        .every(Duration::from_millis(50))
+        .triggered_by("In")
+        .with(THRESHOLD)
     }
 
     fn new(arguments: &Arguments) -> Result<Self, String> {
-        Ok(Self(Threshold::new(arguments)))
+        Ok(Self(Threshold::new(arguments, Some(arguments.number("forget")).filter(|forget| *forget > 0.0))))
     }
 
     fn configure(&mut self, arguments: &Arguments) -> Result<Configured, String> {
@@ -250,7 +268,7 @@ impl Controller for HitDetector {
     }
 
     fn new(arguments: &Arguments) -> Result<Self, String> {
-        Ok(Self(Threshold::new(arguments)))
+        Ok(Self(Threshold::new(arguments, None)))
     }
 
     fn configure(&mut self, arguments: &Arguments) -> Result<Configured, String> {

@@ -9,11 +9,14 @@ use crate::control::puma560;
 use crate::message::{BasePose, Constraint, GripperState, JointState, LaserState, Velocity, Wrench};
 use crate::sdk::{About, Arguments, Controller, In, Inputs, Kind, Out, Outputs, Parameter, Progress, Tick};
 use comms::logic::signals::Signal;
-use nalgebra::{Isometry3, Rotation2, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Rotation2, UnitQuaternion, Vector3, Vector6};
 use std::time::Duration;
 
 /// The longest an opening may take.
 const TIMEOUT: Duration = Duration::from_secs(40);
+/// How far before its goal a door is slowed down (rad), and to which share of its speed.
+const BRAKE: f64 = 0.2;
+const PACE_MIN: f64 = 0.2;
 /// How long it stands still and waits for inputs that are too old to be believed.
 const PATIENCE: Duration = Duration::from_secs(1);
 
@@ -102,7 +105,7 @@ impl Anchor {
 struct Known {
     odometry_from_base: Isometry3<f64>,
     base_from_tool: Isometry3<f64>,
-    force: Vector3<f64>,
+    wrench: Vector6<f64>,
     width: f64,
 }
 
@@ -116,7 +119,8 @@ impl ModelBasedCtrl {
         let yaw = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), pose.z);
         let odometry_from_base = Isometry3::from_parts(Vector3::new(pose.x, pose.y, 0.0).into(), yaw);
         let base_from_tool = puma560::forward(&joints.angles.into()).base_from_tool;
-        Some(Known { odometry_from_base, base_from_tool, force: Vector3::from(wrench.force), width })
+        let ([x, y, z], [a, b, c]) = (wrench.force, wrench.torque);
+        Some(Known { odometry_from_base, base_from_tool, wrench: Vector6::new(x, y, z, a, b, c), width })
     }
 
     /// Looks at a new sweep, if there is one, for the leaf; angles are positive the way a door opens with `sense`.
@@ -136,10 +140,15 @@ impl ModelBasedCtrl {
 
     fn result(&mut self, pull: &Pull, evidence: &Evidence) -> Progress {
         match pull.failure {
-            Some(Failure::Blocked) => {
-                return Progress::Aborted("blocked: it pulls and the door does not move".to_owned());
+            Some(Failure::Locked) => {
+                let why =
+                    "locked: the lever is down, and the door moves neither when it is pulled nor when it is pushed";
+                return Progress::Aborted(why.to_owned());
             }
-            Some(Failure::Force) => return Progress::Aborted("the force on the hand exceeds 150 N".to_owned()),
+            Some(Failure::Blocked) => {
+                return Progress::Aborted("blocked: it pulls and the door does not move any further".to_owned());
+            }
+            Some(Failure::Force) => return Progress::Aborted("the force on the hand exceeds 80 N".to_owned()),
             None => {}
         }
         match (self.watch.update(evidence), evidence.leaf) {
@@ -235,11 +244,17 @@ impl Controller for ModelBasedCtrl {
         self.blind = Duration::ZERO;
         known.odometry_from_base = self.anchor.ours(&known.odometry_from_base, tick.dt());
         let hand = known.odometry_from_base * known.base_from_tool;
+        // A door that moves when the hand stops runs into it.
+        let left = self.leaf.map_or(self.goal, |leaf| self.goal - leaf.angle);
+        let pace = (left / BRAKE).clamp(PACE_MIN, 1.0);
         let opening = self.opening.get_or_insert_with(|| Opening::new(&hand, self.radius));
-        let pull = opening.update(&hand, &known.force, tick.dt());
+        let pull = opening.update(&hand, &known.wrench, pace, tick.dt());
         let (radius, sense) = (opening.hinge().radius(), opening.sense());
         self.angle = pull.angle;
         let leaf = self.look(&known, inputs, sense);
+        if let (Some(leaf), Some(opening)) = (leaf, &mut self.opening) {
+            opening.see(sense * leaf.angle);
+        }
         outputs.velocity.send(Velocity { twist: pull.twist_in_tool.into(), null: [0.0; 9] });
         outputs.guide.send(Constraint {
             tangent: pull.guide.tangent_in_tool.into(),

@@ -1,9 +1,9 @@
 //! LinearTrajectory: straight ahead.
 
-use crate::control::ramp::Trapezoid;
+use super::ramp_dt;
+use crate::control::approach::{Approach, Progress as Way};
 use crate::message::Velocity;
 use crate::sdk::{About, Arguments, Controller, Kind, Out, Outputs, Parameter, Progress, Stopping, Tick};
-use comms::logic::time::Time;
 use std::time::Duration;
 
 const ACCELERATION: f64 = 0.1;
@@ -16,11 +16,13 @@ pub(super) struct Outputs {
     velocity: Out<Velocity>,
 }
 
-/// Moves the hand straight along its approach axis.
+/// Moves the hand straight along its approach axis: quickly at first, slowly where it may meet something.
 #[derive(Debug)]
 pub(super) struct LinearTrajectory {
-    motion: Trapezoid,
-    started: Time,
+    way: Approach,
+    at: Way,
+    /// +1 ahead, -1 back.
+    sense: f64,
 }
 
 impl Controller for LinearTrajectory {
@@ -30,29 +32,37 @@ impl Controller for LinearTrajectory {
 
     fn about() -> About {
         const PARAMETERS: &[Parameter] = &[
-            Parameter::new("speed", Kind::Number(0.001, 0.25)).or("0.018"),
-            Parameter::new("length", Kind::Number(0.001, 2.0)).or("0.25"),
+            Parameter::new("speed", Kind::Number(0.001, 0.25)).or("0.04"),
+            Parameter::new("length", Kind::Number(-2.0, 2.0)).or("0.25"),
+            Parameter::new("slow", Kind::Number(0.001, 0.25)).or("0.007"),
+            Parameter::new("slow_after", Kind::Number(0.0, 2.0)).or("0.135"),
         ];
-        About::task("Moves the hand straight along its approach axis, at a speed [m/s], over a length [m].")
-            .every(Duration::from_millis(10))
-            .with(PARAMETERS)
+        About::task(
+            "Moves the hand straight along its approach axis over a length [m], back if negative: at a speed [m/s], \
+            and slowly [m/s] after a part of the way [m].",
+        )
+        .every(Duration::from_millis(10))
+        .with(PARAMETERS)
     }
 
     fn new(arguments: &Arguments) -> Result<Self, String> {
-        let motion = Trapezoid::new(arguments.number("length"), arguments.number("speed"), ACCELERATION);
-        Ok(Self { motion, started: Time::ZERO })
+        let (length, fast) = (arguments.number("length"), arguments.number("speed"));
+        let (slow, free) = (arguments.number("slow"), arguments.number("slow_after"));
+        let way = Approach { fast, slow, free, length: length.abs(), acceleration: ACCELERATION };
+        Ok(Self { way, at: Way::default(), sense: length.signum() })
     }
 
-    fn run(&mut self, now: Time) {
-        self.started = now;
+    fn init(&mut self, _: &[u8]) -> Result<(), String> {
+        self.at = Way::default();
+        Ok(())
     }
 
     fn main_calc(&mut self, tick: Tick, (): &(), outputs: &mut Outputs) -> Progress {
-        let time = tick.now.since(self.started).as_secs_f64();
+        self.at = self.way.advance(self.at, ramp_dt(tick));
         let mut twist = [0.0; 6];
-        twist[2] = self.motion.speed_at(time);
+        twist[2] = self.sense * self.at.speed;
         outputs.velocity.send(Velocity { twist, null: [0.0; 9] });
-        if time > self.motion.duration() { Progress::Done(Vec::new()) } else { Progress::Continue }
+        if self.at.speed > 0.0 { Progress::Continue } else { Progress::Done(Vec::new()) }
     }
 
     fn stop(&mut self, _: Tick, _: &(), outputs: &mut Outputs) -> Stopping {

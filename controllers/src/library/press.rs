@@ -1,15 +1,18 @@
 //! PressHandle: presses the lever that the hand holds.
 
 use super::FRESH;
-use crate::control::press::Press;
+use crate::control::press::{Press, State};
 use crate::control::puma560;
-use crate::message::{ArmState, FtState, Velocity};
-use crate::sdk::{About, Arguments, Controller, In, Inputs, Out, Outputs, Progress, Stopping, Tick};
+use crate::message::{ArmState, FtState, GripperState, Velocity};
+use crate::sdk::{About, Arguments, Controller, In, Inputs, Kind, Out, Outputs, Parameter, Progress, Stopping, Tick};
+use comms::logic::signals::Signal;
 use comms::logic::time::Time;
 use nalgebra::Vector6;
 use std::time::Duration;
 
-const TIMEOUT: Duration = Duration::from_secs(8);
+/// Of the force loop (s), until it is measured.
+const DELAY: f64 = 0.035;
+const TIMEOUT: Duration = Duration::from_secs(12);
 
 /// What it hears.
 #[derive(Debug, Inputs)]
@@ -20,6 +23,9 @@ pub(super) struct Inputs {
     /// The wrist sensor.
     #[device("ft/state")]
     force: In<FtState>,
+    /// The gripper, which holds the lever as long as its width says so.
+    #[device("gripper/state")]
+    gripper: In<GripperState>,
 }
 
 /// What it says.
@@ -30,10 +36,13 @@ pub(super) struct Outputs {
     velocity: Out<Velocity>,
 }
 
-/// Presses a lever handle down, giving way sideways; ends when it is down.
-#[derive(Debug, Default)]
+/// Presses a lever handle down, giving way sideways; ends when it is at its stop or gives way.
+#[derive(Debug)]
 pub(super) struct PressHandle {
+    /// Between the fingers while they hold the lever, at least (m).
+    width_min: f64,
     press: Option<Press>,
+    depth: f64,
     started: Time,
 }
 
@@ -43,17 +52,20 @@ impl Controller for PressHandle {
     const TYPE: &'static str = "PressHandle";
 
     fn about() -> About {
-        About::task("Presses a lever handle down, giving way sideways.")
+        const PARAMETERS: &[Parameter] = &[Parameter::new("width_min", Kind::Number(0.001, 0.2)).or("0.006")];
+        About::task("Presses a lever handle down until it yields, giving way sideways.")
             .every(Duration::from_millis(20))
             .triggered_by("ft/state")
+            .with(PARAMETERS)
+            .signals_every(Duration::from_millis(100))
     }
 
-    fn new(_: &Arguments) -> Result<Self, String> {
-        Ok(Self::default())
+    fn new(arguments: &Arguments) -> Result<Self, String> {
+        Ok(Self { width_min: arguments.number("width_min"), press: None, depth: 0.0, started: Time::ZERO })
     }
 
     fn init(&mut self, _: &[u8]) -> Result<(), String> {
-        *self = Self::default();
+        (self.press, self.depth) = (None, 0.0);
         Ok(())
     }
 
@@ -63,24 +75,27 @@ impl Controller for PressHandle {
 
     fn main_calc(&mut self, tick: Tick, inputs: &Inputs, outputs: &mut Outputs) -> Progress {
         let (arm, force) = (inputs.arm.fresh_within(tick.now, FRESH), inputs.force.fresh_within(tick.now, FRESH));
-        let (mut twist, mut finished) = (Vector6::zeros(), false);
+        let (mut twist, mut state) = (Vector6::zeros(), State::Pressing);
         if let (Some(arm), Some(wrench)) = (arm, force) {
             let base_from_tool = puma560::forward(&arm.angles.into()).base_from_tool;
             let press = self.press.get_or_insert_with(|| Press::new(&base_from_tool));
             let ([x, y, z], [a, b, c]) = (wrench.force, wrench.torque);
-            let down = press.update(&base_from_tool, &Vector6::new(x, y, z, a, b, c));
-            (twist, finished) = (down.twist_in_tool, down.finished);
+            let down = press.update(&base_from_tool, &Vector6::new(x, y, z, a, b, c), (DELAY, tick.dt()));
+            (twist, state, self.depth) = (down.twist_in_tool, down.state, down.depth);
         }
-        if finished {
+        let lost = inputs.gripper.fresh().is_some_and(|gripper| gripper.width < self.width_min);
+        if state != State::Pressing || lost {
             twist = Vector6::zeros();
         }
         outputs.velocity.send(Velocity { twist: twist.into(), null: [0.0; 9] });
-        if finished {
-            Progress::Done(Vec::new())
-        } else if tick.now.since(self.started) > TIMEOUT {
-            Progress::Aborted("the lever is not down after 8 s".to_owned())
-        } else {
-            Progress::Continue
+        match state {
+            _ if lost => Progress::Aborted("lost the handle: there is nothing between the fingers".to_owned()),
+            State::Down => Progress::Done(super::value(&self.depth)),
+            State::Stuck => Progress::Aborted(format!("the lever does not go down: {:.0} mm", 1e3 * self.depth)),
+            State::Pressing if tick.now.since(self.started) > TIMEOUT => {
+                Progress::Aborted(format!("the lever is not down after 12 s: {:.0} mm", 1e3 * self.depth))
+            }
+            State::Pressing => Progress::Continue,
         }
     }
 
@@ -88,5 +103,9 @@ impl Controller for PressHandle {
         // Whoever moves the hand learns at once, rather than when the last velocity has grown old.
         outputs.velocity.send(Velocity { twist: [0.0; 6], null: [0.0; 9] });
         Stopping::Finished
+    }
+
+    fn signals(&self) -> Vec<Signal> {
+        vec![Signal { name: "depth".into(), unit: "mm".into(), value: 1e3 * self.depth, headline: false }]
     }
 }

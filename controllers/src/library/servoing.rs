@@ -1,6 +1,6 @@
 //! VisualServoing: brings the hand before the handle by what the camera on it sees.
 
-use crate::control::servoing::{self, Seen};
+use crate::control::servoing::{self, Seen, Way};
 use crate::message::{CameraState, Velocity};
 use crate::sdk::{About, Arguments, Controller, In, Inputs, Out, Outputs, Progress, Stopping, Tick};
 use comms::logic::signals::Signal;
@@ -32,6 +32,7 @@ pub(super) struct Outputs {
 #[derive(Debug, Default)]
 pub(super) struct VisualServoing {
     seen: Option<(Time, [f64; 6])>,
+    way: Option<Way>,
     error: f64,
     started: Time,
 }
@@ -64,7 +65,7 @@ impl Controller for VisualServoing {
     fn main_calc(&mut self, tick: Tick, inputs: &Inputs, outputs: &mut Outputs) -> Progress {
         if let Some([Some(a), Some(b), Some(c), Some(d)]) = inputs.camera.fresh().map(|image| image.marks) {
             let seen = [a, b, c, d].map(|[u, v, depth]| Seen { pixel: [u, v], depth });
-            let servo = servoing::servo(&seen);
+            let servo = servoing::servo(&seen, *self.way.get_or_insert_with(|| Way::nearer(&seen)));
             self.error = servo.error;
             self.seen = Some((tick.now, servo.twist_in_tool.into()));
         }
