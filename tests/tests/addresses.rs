@@ -72,10 +72,13 @@ fn a_link_that_is_not_made_is_told() {
     let Some(network) = Network::new(1) else { return };
     let cluster = Cluster::new();
     let host = cluster.host(&network, 1);
-    let _node = host.node("c1", &["--lan", "--peer", "tcp/10.77.0.1:9"]);
-    let told =
-        || host.ask(&["nodes"]).err.contains("`c1` is not linked to tcp/10.77.0.1:9: 10.77.0.1:9: connection refused");
-    assert!(wait_until(SOON, told).is_some());
+    let _node = host.node("c1", &["--lan", "--peer", "tcp/10.77.0.1:9", "--peer", "tcp/nobody.invalid:9"]);
+    let told = || {
+        let told = host.ask(&["nodes"]).err;
+        told.contains("`c1` is not linked to tcp/10.77.0.1:9: 10.77.0.1:9: connection refused")
+            && told.contains("the name in `nobody.invalid:9` cannot be resolved")
+    };
+    assert!(wait_until(SOON, told).is_some(), "{}", host.ask(&["nodes"]));
 }
 
 /// Carries each connection on to another place, and back, every byte so much later. Its threads end with the test.

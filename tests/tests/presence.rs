@@ -4,7 +4,7 @@ use comms::io::clock::{now, sleep_until, unix_time};
 use comms::io::session::Session;
 use comms::logic::{codec, key};
 use dca_tests::cluster::{Cluster, Host, Network, Program, SOON, Stream, pass, wait_until};
-use node::logic::protocol::Ping;
+use node::logic::protocol::{NodeStatus, Ping};
 use rustix::process::Signal;
 use std::process::{Child, Command};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -17,6 +17,8 @@ const LISTED_WITHIN: Duration = Duration::from_secs(2);
 const ROUNDS: u64 = 4;
 /// Processes that want all of the machine, and are nicer than everybody else.
 const BUSY: usize = 60;
+/// What nodes log: who is heard, too.
+const LOG: &str = "info,zenoh=error,node::logic::nameserver=debug";
 /// From one disturbance of a host to the next, at the most, in milliseconds.
 const PAUSE_MAX_MS: u64 = 900;
 
@@ -34,10 +36,7 @@ impl Hosts {
         static ALONE: Mutex<()> = Mutex::new(());
         let alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
         let (cluster, network) = (Cluster::new(), Network::new(hosts)?);
-        let start = |(number, name)| {
-            let host = cluster.host(&network, number).with_log("info,zenoh=error,node::logic::nameserver=debug");
-            host.node(name, &["--lan"])
-        };
+        let start = |(number, name)| cluster.host(&network, number).with_log(LOG).node(name, &["--lan"]);
         let nodes = (1..).zip(NAMES).map(start).collect();
         Some(Self { nodes, cluster, network, _alone: alone })
     }
@@ -46,12 +45,16 @@ impl Hosts {
         self.cluster.host(&self.network, number)
     }
 
-    fn carry_out(&self, host: usize, act: Act) {
+    fn carry_out(&mut self, host: usize, act: Act) {
         match act {
             Act::Cut => self.network.cut(host + 1),
             Act::Heal => self.network.heal(host + 1),
             Act::Down => self.network.set(host + 1, "link set eth0 down"),
             Act::Up => self.network.set(host + 1, "link set eth0 up"),
+            Act::Apart => self.network.keep_apart(&[host + 1]),
+            Act::Together => self.network.let_meet(host + 1),
+            Act::Kill => self.nodes[host].signal(Signal::KILL),
+            Act::Start => self.nodes[host] = self.host(host + 1).with_log(LOG).start_node(NAMES[host], &["--lan"]),
             Act::Stop => self.nodes[host].signal(Signal::STOP),
             Act::Go => self.nodes[host].signal(Signal::CONT),
         }
@@ -60,7 +63,8 @@ impl Hosts {
     /// Returns whether each node, asked at each host, is there and sees all others.
     fn all_see(&self) -> bool {
         let sees = |number| {
-            let nodes = self.host(number).statuses(&[]);
+            let ended = self.host(number).ask(&["status", "--json"]);
+            let Ok(nodes) = serde_json::from_str::<Vec<NodeStatus>>(&ended.out) else { return false };
             nodes.len() == NAMES.len() && nodes.iter().all(|node| node.peers.len() == NAMES.len() - 1)
         };
         (1..=NAMES.len()).all(sees)
@@ -92,6 +96,11 @@ enum Act {
     Heal,
     Down,
     Up,
+    /// Out of reach of all others that are kept apart.
+    Apart,
+    Together,
+    Kill,
+    Start,
     Stop,
     Go,
 }
@@ -128,9 +137,16 @@ impl Draw {
     fn disturbances(&mut self) -> Vec<(u64, usize, Act)> {
         let mut all = Vec::new();
         for host in 0..NAMES.len() {
-            for (begin, end) in [(Act::Cut, Act::Heal), (Act::Down, Act::Up), (Act::Stop, Act::Go)] {
+            let kinds = [
+                (Act::Cut, Act::Heal, 4),
+                (Act::Down, Act::Up, 4),
+                (Act::Apart, Act::Together, 3),
+                (Act::Stop, Act::Go, 4),
+                (Act::Kill, Act::Start, 2),
+            ];
+            for (begin, end, times_max) in kinds {
                 let mut at = self.below(PAUSE_MAX_MS);
-                for _ in 0..self.below(4) {
+                for _ in 0..self.below(times_max) {
                     // Longer than it takes to notice, or shorter: what is between is as good.
                     let longest = [200, 3000][usize::from(self.below(2) == 0)];
                     let time = 50 + self.below(longest);
@@ -163,11 +179,12 @@ impl Drop for Busy {
     }
 }
 
-/// Links and interfaces that come and go, nodes that are suspended, on a machine that is busy, in an order that is drawn: once
-/// all is well again each node lists each other that it hears within 2 s, and each answers when it is called.
+/// Links and interfaces that come and go, hosts that reach some others only, nodes that are suspended or killed, on a machine that is
+/// busy, in an order that is drawn: once all is well again each node lists each other that it hears within 2 s, and each answers when
+/// it is called.
 #[test]
 fn a_node_that_is_heard_is_listed_within_2_s() {
-    let Some(hosts) = Hosts::start(NAMES.len()) else { return };
+    let Some(mut hosts) = Hosts::start(NAMES.len()) else { return };
     let _busy = Busy::start(BUSY);
     let rounds = std::env::var("DCA_TEST_ROUNDS").ok().and_then(|rounds| rounds.parse().ok()).unwrap_or(ROUNDS);
     for seed in 0..rounds {
@@ -185,7 +202,7 @@ fn a_node_that_is_heard_is_listed_within_2_s() {
         println!(
             "seed {seed}: all see each other {took:?} after {now} ms of disturbances; heard to listed: {delays:?}"
         );
-        assert!(took.is_some(), "seed {seed}, {disturbances:?}: {:#?}\n{}", hosts.host(1).statuses(&[]), logs());
+        assert!(took.is_some(), "seed {seed}, {disturbances:?}: {}\n{}", hosts.host(1).ask(&["status"]), logs());
         let late = delays.iter().find(|(_, delay)| *delay > LISTED_WITHIN);
         assert!(late.is_none(), "seed {seed}, {disturbances:?}, calm at {calm:?}: {late:?}\n{}", logs());
     }

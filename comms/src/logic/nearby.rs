@@ -24,3 +24,17 @@ impl Enveloped for Word {
     const VERSION: u16 = 1;
     const SIZE_MAX: usize = 512;
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::codec::encode;
+    use super::*;
+
+    /// Bytes that nodes of other versions say and hear.
+    #[test]
+    fn golden_words() {
+        let here = Word::Here { session: "a1".into(), name: "c1".into(), port: 7447 };
+        assert_eq!(encode(&here).unwrap(), *b"DC\x01\x00\x05\x00\x00\x02a1\x02c1\x97\x3a");
+        assert_eq!(encode(&Word::Ask).unwrap(), *b"DC\x01\x00\x05\x00\x01");
+    }
+}

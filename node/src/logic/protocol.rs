@@ -496,6 +496,7 @@ pub enum StopReply {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use comms::logic::codec;
     use dbmanager::logic::cut::{Dot, Origin};
     use dbmanager::logic::view::past::When;
 
@@ -524,6 +525,8 @@ mod tests {
         let (host, version, up) = ("c1".into(), "1".into(), Duration::new(3, 4));
         let status = NodeStatus { host, pid: 7, version, up, peers, deployments };
         assert_eq!(postcard::to_stdvec(&status).unwrap(), [2, b'c', b'1', 7, 1, b'1', 3, 4, 0, 0]);
+        let ping = Ping { from: "c1".into(), boot: 5, round: 300 };
+        assert_eq!(codec::encode(&ping).unwrap(), *b"DC\x01\x00\x69\x00\x02c1\x05\xac\x02");
         let dot = Dot { origin: Origin::new(300), seq: 3 };
         assert_eq!(postcard::to_stdvec(&dot).unwrap(), [0xac, 2, 3]);
         assert_eq!(postcard::to_stdvec(&When { millis: 300, trusted: true }).unwrap(), [0xac, 2, 1]);

@@ -75,6 +75,11 @@ impl Network {
         }
     }
 
+    /// Lets a host reach those again that it was kept apart from.
+    pub fn let_meet(&self, number: usize) {
+        ip(&format!("-n {}b link set port{number} type bridge_slave isolated off", self.name));
+    }
+
     /// Changes something of a host's own interfaces, as `ip` does.
     pub fn set(&self, number: usize, arguments: &str) {
         ip(&format!("-n {} {arguments}", self.namespace(number)));

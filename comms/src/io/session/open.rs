@@ -405,13 +405,13 @@ async fn attempt(runtime: &Runtime, id: ZenohId, locators: &[Locator]) -> Result
 async fn watch_place(place: Locator, links: Arc<Mutex<Links>>) {
     let name = place.to_string();
     loop {
-        let resolved: Vec<SocketAddr> = match tokio::net::lookup_host(place.address().as_str()).await {
-            Ok(addresses) => addresses.collect(),
-            Err(_unknown) => Vec::new(),
+        let (resolved, unknown) = match reach::resolve(&place).await {
+            Ok(addresses) => (addresses, None),
+            Err(why) => (Vec::new(), Some(why)),
         };
         let is_linked = || lock(&links).ends.values().flatten().any(|((_, there), _)| resolved.contains(there));
-        let trouble = if is_linked() {
-            None
+        let trouble = if is_linked() || unknown.is_some() {
+            unknown
         } else {
             let why = match reach::first(std::slice::from_ref(&place)).await {
                 Ok((_, took)) => format!("it answers after {} ms, and makes no link", took.as_millis()),
@@ -541,7 +541,7 @@ mod tests {
         let (heard_tx, heard) = sync_channel(1000);
         let key = "dca/test/anew";
         let on_sample = move |_: zenoh::sample::Sample| heard_tx.try_send(()).unwrap_or_default();
-        let _subscriber = b.session.declare_subscriber(key).callback(on_sample).wait().unwrap();
+        let _subscriber = a.session.declare_subscriber(key).callback(on_sample).wait().unwrap();
         let (place, half) = relay(b.locators().remove(0));
         let within = Duration::from_secs(20);
         a.dial(&b.id(), &[place], within).unwrap();
@@ -550,7 +550,7 @@ mod tests {
         let hears = || {
             while heard.try_recv().is_ok() {}
             while crate::io::clock::now() - began < 2 * within {
-                a.session.put(key, "x").wait().unwrap();
+                b.session.put(key, "x").wait().unwrap();
                 if heard.recv_timeout(Duration::from_millis(20)).is_ok() {
                     return true;
                 }
@@ -565,7 +565,7 @@ mod tests {
         half.send(()).unwrap();
         assert_eq!(events.recv_timeout(within), Ok(SampleKind::Delete));
         assert_eq!(events.recv_timeout(within), Ok(SampleKind::Put));
-        assert!(hears(), "what is sent is not understood");
+        assert!(hears(), "who has begun anew is not told who listens");
         a.close();
         b.close();
     }

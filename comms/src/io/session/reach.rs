@@ -3,8 +3,9 @@
 
 use crate::io::clock::{now, sleep_until};
 use crate::logic::human::span;
+use std::net::SocketAddr;
 use std::time::Duration;
-use tokio::net::{TcpStream, UnixStream};
+use tokio::net::{TcpStream, UnixStream, lookup_host};
 use tokio::task::JoinSet;
 use tokio::time::timeout;
 use zenoh::config::Locator;
@@ -51,6 +52,19 @@ pub(super) async fn first(locators: &[Locator]) -> Result<(Locator, Duration), S
             }
             else => return Err(why),
         }
+    }
+}
+
+/// Returns the addresses of a place, or why its name has none, for a person.
+///
+/// # Cancellation
+/// Safe.
+pub(super) async fn resolve(locator: &Locator) -> Result<Vec<SocketAddr>, String> {
+    let address = locator.address().as_str();
+    match timeout(ANSWER_WITHIN, lookup_host(address)).await {
+        Ok(Ok(addresses)) => Ok(addresses.collect()),
+        Ok(Err(cause)) => Err(format!("the name in `{address}` cannot be resolved: {}", plain(&cause))),
+        Err(_elapsed) => Err(format!("the name in `{address}` cannot be resolved within {}", span(ANSWER_WITHIN))),
     }
 }
 
