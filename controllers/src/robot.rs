@@ -6,6 +6,7 @@
 //!
 //! Source: a purpose-made model; all constants are choices of ours, named where they stand.
 
+pub mod body;
 pub mod camera;
 pub mod contact;
 pub mod door;

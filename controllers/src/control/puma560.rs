@@ -4,8 +4,8 @@
 //! fingers, z along the approach, x along the lever when a handle is held.
 //!
 //! Source: standard Denavit-Hartenberg parameters of Corke and Armstrong-Helouvry, "A search for consensus among model
-//! parameters reported for the Puma 560 robot", ICRA 1994, pp. 1608-1613, with the 26.45 in pedestal; joint ranges of the
-//! Unimate manual. Speed limits are derated service limits of ours, as are mount height and tool length.
+//! parameters reported for the Puma 560 robot", ICRA 1994, pp. 1608-1613, with the 26.45 in pedestal; joint ranges as
+//! published: Lee and Ziegler, "A geometric approach in solving the inverse kinematics of PUMA robots", 1984. Speed limits are derated service limits of ours, as are mount height and tool length.
 
 use nalgebra::{Isometry3, Matrix6, Translation3, UnitQuaternion, Vector3, Vector6};
 use std::f64::consts::FRAC_PI_2;
@@ -24,9 +24,9 @@ pub const A: [f64; 6] = [0.0, 0.4318, 0.0203, 0.0, 0.0, 0.0];
 /// Link twists alpha (rad).
 pub const ALPHA: [f64; 6] = [FRAC_PI_2, 0.0, -FRAC_PI_2, FRAC_PI_2, -FRAC_PI_2, 0.0];
 /// Lower ends of the joint ranges (deg).
-pub const LOWEST_DEG: [f64; 6] = [-160.0, -45.0, -225.0, -266.0, -100.0, -266.0];
+pub const LOWEST_DEG: [f64; 6] = [-160.0, -45.0, -225.0, -110.0, -100.0, -266.0];
 /// Upper ends of the joint ranges (deg).
-pub const HIGHEST_DEG: [f64; 6] = [160.0, 225.0, 45.0, 266.0, 100.0, 266.0];
+pub const HIGHEST_DEG: [f64; 6] = [160.0, 225.0, 45.0, 170.0, 100.0, 266.0];
 /// Largest joint rates (rad/s).
 pub const RATES_MAX: [f64; 6] = [1.4, 1.0, 1.8, 3.0, 3.0, 3.0];
 /// The posture to work at a door from (deg): hand level, x along the lever, z ahead.

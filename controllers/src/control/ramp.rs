@@ -5,6 +5,14 @@ pub fn towards(from: f64, to: f64, step: f64) -> f64 {
     from + (to - from).clamp(-step.max(0.0), step.max(0.0))
 }
 
+/// Returns `from` moved straight towards `to`, as far as no axis moves by more than its step: the direction is kept, where a
+/// limit for each axis by itself would bend it.
+pub fn towards_together<const N: usize>(from: &[f64; N], to: &[f64; N], steps: &[f64; N]) -> [f64; N] {
+    let too_far = |i: usize| (to[i] - from[i]).abs() / steps[i].max(f64::MIN_POSITIVE);
+    let share = 1.0 / (0..N).map(too_far).fold(1.0, f64::max);
+    std::array::from_fn(|i| if share < 1.0 { from[i] + (to[i] - from[i]) * share } else { to[i] })
+}
+
 /// A straight motion at rest at both ends: constant acceleration, cruise, constant deceleration.
 ///
 /// Source: Biagiotti and Melchiorri, "Trajectory Planning for Automatic Machines and Robots", 2008, section 3.2.
@@ -47,6 +55,19 @@ mod tests {
             // The midpoint rule is exact but in the two steps with a corner: an error of a dt² each.
             assert!((travelled - length).abs() < 2.0 * 0.2 * dt * dt + 1e-12, "{travelled}");
         }
+    }
+
+    #[test]
+    fn together_they_keep_the_direction() {
+        let (from, to) = ([1.0, -2.0, 0.5], [4.0, -1.0, 0.5]);
+        let got = towards_together(&from, &to, &[0.3, 0.5, 0.1]);
+        // The first axis is the slowest to arrive: a tenth of the way.
+        for i in 0..3 {
+            assert!((got[i] - (from[i] + 0.1 * (to[i] - from[i]))).abs() < 1e-12, "{got:?}");
+        }
+        let near = |a: [f64; 3], b: [f64; 3]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-12);
+        assert!(near(towards_together(&from, &to, &[3.0, 1.0, 0.0]), to));
+        assert!(near(towards_together(&from, &to, &[0.0; 3]), from));
     }
 
     #[test]

@@ -6,11 +6,12 @@
 //! a model of the base's lag says is missing at the hand is added to the arm. Without that a stop at the handle overran by
 //! 2 mm, which cost 19 N.
 //!
-//! Source: Chan and Dubey, IEEE Trans. Robotics and Automation 11(2), 1995 (joint-limit weights); Nakamura and Hanafusa,
-//! J. Dynamic Systems 108, 1986 (damping); Petersson, Austin, Christensen, "DCA", section 5 (the module's place).
+//! Source: Chan and Dubey, IEEE Trans. Robotics and Automation 11(2), 1995 (joint-limit weights; ours are a sixth of theirs,
+//! the mean over the joints); Maciejewski and Klein, J. Robotic Systems 5(6), 1988, in the form of Chiaverini, Siciliano and
+//! Egeland, IEEE Trans. Control Systems Technology 2(2), 1994 (damping by the smallest singular value); Petersson, Austin, Christensen, "DCA", section 5 (the module's place).
 
 use super::puma560::{self, Forward, Joints};
-use super::ramp::towards;
+use super::ramp::towards_together;
 use nalgebra::{Matrix6, SMatrix, SVector, Vector3, Vector6};
 
 /// Base rates (x, y (m/s), yaw (rad/s), in base axes), then six joint rates (rad/s).
@@ -18,8 +19,8 @@ pub type Rates = SVector<f64, 9>;
 
 /// Largest base speeds: x, y (m/s), yaw (rad/s).
 pub const BASE_RATES_MAX: [f64; 3] = [0.5, 0.5, 0.6];
-/// Largest changes of rate: base x, y (m/s²), yaw (rad/s²).
-pub const BASE_ACCELERATION_MAX: [f64; 3] = [1.5, 1.5, 1.5];
+/// Largest changes of rate: base x, y (m/s²), yaw (rad/s²). All who move the base use these.
+pub const BASE_ACCELERATION_MAX: [f64; 3] = [1.0, 1.0, 1.5];
 /// Time constant of the base's drives (s).
 pub const BASE_LAG: f64 = 0.08;
 /// Largest change of a joint rate (rad/s²).
@@ -115,19 +116,19 @@ impl Resolver {
     }
 
     fn limited(&mut self, jacobian: &SMatrix<f64, 6, 9>, wanted: Rates, dt: f64) -> Rates {
-        let base = Vector3::from_fn(|i, _| towards(self.previous[i], wanted[i], BASE_ACCELERATION_MAX[i] * dt));
+        let [x, y, yaw, before @ ..]: [f64; 9] = self.previous.into();
+        let wanted_base = [wanted[0], wanted[1], wanted[2]];
+        let base = towards_together(&[x, y, yaw], &wanted_base, &BASE_ACCELERATION_MAX.map(|most| most * dt));
+        let base = Vector3::from(base);
         self.base += (base - self.base) * (1.0 - (-dt / BASE_LAG).exp());
         let missing = jacobian.fixed_columns::<3>(0) * (wanted.fixed_rows::<3>(0) - self.base);
         let arm: Matrix6<f64> = jacobian.fixed_columns::<6>(3).into();
         let damped = arm * arm.transpose() + Matrix6::identity() * ARM_DAMPING.powi(2);
         let help = damped.cholesky().map_or_else(Joints::zeros, |factor| arm.transpose() * factor.solve(&missing));
-        self.previous = Rates::from_fn(|i, _| {
-            if i < 3 {
-                return base[i];
-            }
-            let wanted = (wanted[i] + help[i - 3]).clamp(-puma560::RATES_MAX[i - 3], puma560::RATES_MAX[i - 3]);
-            towards(self.previous[i], wanted, JOINT_ACCELERATION_MAX * dt)
-        });
+        let wanted = Joints::from_fn(|i, _| wanted[i + 3] + help[i]);
+        let too_fast = wanted.zip_map(&Joints::from(puma560::RATES_MAX), |rate, max| rate.abs() / max).max().max(1.0);
+        let arm = towards_together(&before, &(wanted / too_fast).into(), &[JOINT_ACCELERATION_MAX * dt; 6]);
+        self.previous = Rates::from_fn(|i, _| if i < 3 { base[i] } else { arm[i - 3] });
         self.previous
     }
 }
@@ -177,5 +178,8 @@ mod tests {
         assert!((got.norm() - 3.0).abs() < 1e-9);
         let first = Resolver::default().resolve(&q, &twist, &Rates::zeros(), 0.01).rates;
         assert!(first.iter().skip(3).all(|rate| rate.abs() <= 0.06 + 1e-12));
+        // From rest, the base accelerates the way it will go.
+        let (first, wanted) = (first.fixed_rows::<3>(0), resolved.rates.fixed_rows::<3>(0));
+        assert!((first.normalize() - wanted.normalize()).norm() < 1e-9, "{first} {wanted}");
     }
 }

@@ -2,13 +2,13 @@
 
 use super::{FRESH, Watch, ramp_dt};
 use crate::control::caster::{Casters, Odometry};
-use crate::control::ramp::towards;
+use crate::control::ramp::towards_together;
+use crate::control::redundancy::BASE_ACCELERATION_MAX;
 use crate::message::{BaseCommand, BasePose, BaseState, BaseVelocity};
 use crate::sdk::{About, Arguments, Controller, In, Inputs, Out, Outputs, Progress, Stopping, Tick};
 use comms::logic::signals::Signal;
 use std::time::Duration;
 
-const ACCELERATION_MAX: f64 = 1.5;
 /// Five time constants of the drives: then the base stands.
 const SETTLING: Duration = Duration::from_millis(400);
 
@@ -37,8 +37,8 @@ pub(super) struct Xr4000Ctrl {
 
 impl Xr4000Ctrl {
     fn step(&mut self, tick: Tick, wanted: [f64; 3]) -> [f64; 3] {
-        let step = ACCELERATION_MAX * ramp_dt(tick);
-        self.command = std::array::from_fn(|i| towards(self.command[i], wanted[i], step));
+        let steps = BASE_ACCELERATION_MAX.map(|most| most * ramp_dt(tick));
+        self.command = towards_together(&self.command, &wanted, &steps);
         self.command
     }
 }

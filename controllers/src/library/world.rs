@@ -214,7 +214,8 @@ impl State {
             let pushes = push.0 >= 0.0 && (0.0..PUSH_TIME).contains(&time);
             let visitor = if pushes { Vector3::new(0.0, push.1 * time / PUSH_TIME, 0.0) } else { Vector3::zeros() };
             self.plant.step(&visitor);
-            self.peak.update(self.plant.now, self.plant.force().norm());
+            let force = self.plant.force().norm().max(self.plant.collision());
+            self.peak.update(self.plant.now, force);
         }
     }
 
@@ -248,7 +249,7 @@ impl State {
         let (plant, samples, random) = (&mut self.plant, &mut self.samples, &mut self.random);
         let times = self.delays.state.map(|delay| (delay, self.delays.jitter));
         if due[0] {
-            let (angles, rates) = (plant.encoders().into(), plant.arm_drive.velocity);
+            let (angles, rates) = (plant.encoders().into(), plant.joint_rates());
             samples.arm.put(now, ArmState { stamp, angles, rates }, times[0], random);
         }
         if due[1] {
@@ -284,6 +285,7 @@ impl State {
             signal("door angle", "deg", plant.door.angle.to_degrees(), true),
             signal("contact force", "N", self.peak.now.max(self.peak.before), true),
             signal("peak force", "N", self.peak.ever, true),
+            signal("collision force", "N", plant.collision(), false),
             signal("handle held", "", f64::from(u8::from(plant.holds())), false),
             signal("lever angle", "deg", plant.door.lever.to_degrees(), false),
             signal("hand beside handle", "mm", 1e3 * aside, false),

@@ -202,6 +202,11 @@ impl Door {
         (-self.along().push(0.0)).cross(&-Vector3::z())
     }
 
+    /// Lets a force (N) act on the leaf at a place (m) for `dt` (s), from above.
+    pub fn push_leaf(&mut self, at: &Vector2<f64>, force: &Vector2<f64>, dt: f64) {
+        self.rate += dt * self.sense() * (at - self.hinge()).perp(force) / self.description.inertia;
+    }
+
     /// Lets `dt` (s) pass with a force (N) and a torque (Nm) on the handle, in world axes.
     pub fn step(&mut self, force: &Vector3<f64>, torque: &Vector3<f64>, dt: f64) {
         let is = self.description;

@@ -44,6 +44,9 @@ pub fn sweep(base: &Vector3<f64>, door: &Door, errors: &Errors, random: &mut Ran
         .collect()
 }
 
+/// Which of [`walls`] is the leaf.
+pub const LEAF: usize = 6;
+
 /// The room from above: two stretches of wall, jambs of 5 cm, side walls, and the leaf.
 pub fn walls(door: &Door) -> [(Vector2<f64>, Vector2<f64>); 7] {
     let (hinge, mirror) = (door.hinge(), door.mirror());

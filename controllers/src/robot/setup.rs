@@ -36,11 +36,25 @@ pub struct Machine {
     pub wheel_error: f64,
     /// Mass beyond the wrist sensor that nobody has told it (kg).
     pub payload: f64,
+    /// A force makes the drives so many times as much slower or faster as ours.
+    pub droop: f64,
+    /// The motors of the arm are so many times as strong as published.
+    pub torque_limit: f64,
+    /// The force at which the base's wheels begin to slip (N).
+    pub traction: f64,
 }
 
 impl Default for Machine {
     fn default() -> Self {
-        Self { base_lag: 0.08, arm_lag: 0.02, wheel_error: 0.01, payload: 0.0 }
+        Self {
+            base_lag: 0.08,
+            arm_lag: 0.02,
+            wheel_error: 0.01,
+            payload: 0.0,
+            droop: 1.0,
+            torque_limit: 1.0,
+            traction: 200.0,
+        }
     }
 }
 

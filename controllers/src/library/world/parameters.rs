@@ -29,7 +29,7 @@ parameters! {
     "push_at": from(-1.0, 1e6), "-1", "s", "when a visitor begins to push the hand; -1: never";
     "push": from(0.0, 200.0), "60", "N", "how hard the visitor pushes in the end, 4 s later";
     "lose_at": from(-1.0, 2.5), "-1", "rad", "the lever leaves the fingers for good when the door is so far open; -1: never";
-    "slip_force": from(1.0, 1000.0), "160", "N", "a held lever slips out at this force";
+    "slip_force": from(1.0, 1000.0), "90", "N", "a held lever slips out at this force";
     "base_slip_at": from(-1.0, 1e6), "-1", "s", "when the wheels begin to turn on the spot; -1: never";
     "base_slip_for": from(0.0, 60.0), "1", "s", "for how long they do";
     "base_slip_lever": from(-1.0, 1.6), "-1", "rad", "they begin when the lever is so far down; -1: never";
@@ -53,12 +53,16 @@ parameters! {
     "touch_damping": from(0.0, 400.0), "40", "N s/m", "the same, damping";
     "touch_reach": from(0.01, 0.1), "0.05", "m", "how far beside its middle a fingertip meets the lever";
     "grasp_reach": from(0.005, 0.08), "0.035", "m", "how far from its middle closing fingers meet the lever";
+    "grasp_turn": from(0.05, 1.5), "0.35", "rad", "how far hand and lever may be turned for the fingers to close on it";
     "stiffness": from(500.0, 48000.0), "6000", "N/m", "of the lever in closed fingers";
     "damping": from(0.0, 400.0), "60", "N s/m", "the same, damping";
     "base_lag": from(0.005, 0.5), "0.08", "s", "time constant of the base's drives";
     "arm_lag": from(0.002, 0.2), "0.02", "s", "time constant of the arm's drives";
     "wheel_error": from(-0.2, 0.2), "0.01", "", "share by which the odometry believes too much";
     "payload": from(0.0, 5.0), "0", "kg", "mass beyond the wrist sensor that nobody told it";
+    "droop": from(0.0, 20.0), "1", "", "a force moves the drives so many times as much as ours";
+    "torque_limit": from(0.1, 4.0), "1", "", "the motors of the arm are so many times as strong as published";
+    "traction": from(20.0, 2000.0), "200", "N", "the force at which the base's wheels begin to slide";
     "noise": from(0.0, 10.0), "1", "", "all noise is so many times what it is here";
     "force_noise": from(0.0, 10.0), "0.4", "N", "of a force, standard deviation";
     "torque_noise": from(0.0, 1.0), "0.02", "Nm", "of a torque, standard deviation";
@@ -112,7 +116,7 @@ pub(super) fn delays(arguments: &Arguments) -> Delays {
 }
 
 /// The numbers of a world by the names of their parameters.
-fn numbers(setup: &mut Setup) -> [(&'static str, &mut f64); 45] {
+fn numbers(setup: &mut Setup) -> [(&'static str, &mut f64); 49] {
     let Setup { door, contact, machine, sensors, start, faults, .. } = setup;
     [
         ("radius", &mut door.radius),
@@ -136,12 +140,16 @@ fn numbers(setup: &mut Setup) -> [(&'static str, &mut f64); 45] {
         ("touch_damping", &mut contact.touch_damping),
         ("touch_reach", &mut contact.touch_reach),
         ("grasp_reach", &mut contact.grasp_reach),
+        ("grasp_turn", &mut contact.grasp_turn),
         ("stiffness", &mut contact.stiffness),
         ("damping", &mut contact.damping),
         ("base_lag", &mut machine.base_lag),
         ("arm_lag", &mut machine.arm_lag),
         ("wheel_error", &mut machine.wheel_error),
         ("payload", &mut machine.payload),
+        ("droop", &mut machine.droop),
+        ("torque_limit", &mut machine.torque_limit),
+        ("traction", &mut machine.traction),
         ("noise", &mut sensors.noise),
         ("force_noise", &mut sensors.force.force_noise),
         ("torque_noise", &mut sensors.force.torque_noise),
