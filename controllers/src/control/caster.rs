@@ -37,8 +37,9 @@ pub fn rates_from_body(steering: &[f64; 4], wheel_radius: f64) -> SMatrix<f64, 8
 pub type Pose = Vector3<f64>;
 
 /// Dead reckoning from the casters' encoders.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Odometry {
+    wheel_radius: f64,
     pose: Pose,
     last: Option<Casters>,
 }
@@ -52,7 +53,19 @@ pub struct Moved {
     pub residual: f64,
 }
 
+impl Default for Odometry {
+    /// With the wheels that the maker sold.
+    fn default() -> Self {
+        Self::new(WHEEL_RADIUS)
+    }
+}
+
 impl Odometry {
+    /// Returns dead reckoning from the first step on, with wheels of this radius (m).
+    pub fn new(wheel_radius: f64) -> Self {
+        Self { wheel_radius, pose: Pose::zeros(), last: None }
+    }
+
     /// Returns the pose in the odometry frame, which is the base frame at the first step.
     pub fn pose(&self) -> &Pose {
         &self.pose
@@ -64,7 +77,7 @@ impl Odometry {
         let change = angles - last;
         // The middle of the step makes the linearisation second order.
         let steering = std::array::from_fn(|i| last[i] + 0.5 * change[i]);
-        let matrix = rates_from_body(&steering, WHEEL_RADIUS);
+        let matrix = rates_from_body(&steering, self.wheel_radius);
         let normal = matrix.transpose() * matrix;
         let by = normal.cholesky().map_or_else(Vector3::zeros, |factor| factor.solve(&(matrix.transpose() * change)));
         self.pose = advance(&self.pose, &by);

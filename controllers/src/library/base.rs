@@ -5,7 +5,7 @@ use crate::control::caster::{Casters, Odometry};
 use crate::control::ramp::towards_together;
 use crate::control::redundancy::BASE_ACCELERATION_MAX;
 use crate::message::{BaseCommand, BasePose, BaseState, BaseVelocity};
-use crate::sdk::{About, Arguments, Controller, In, Inputs, Out, Outputs, Progress, Stopping, Tick};
+use crate::sdk::{About, Arguments, Controller, In, Inputs, Kind, Out, Outputs, Parameter, Progress, Stopping, Tick};
 use comms::logic::signals::Signal;
 use std::time::Duration;
 
@@ -99,8 +99,9 @@ pub(super) struct OdometryOutputs {
 }
 
 /// Tells where the base is, by dead reckoning from its casters.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct Xr4000Odometry {
+    wheel_radius: f64,
     odometry: Odometry,
     residual: f64,
     watch: Watch,
@@ -112,18 +113,21 @@ impl Controller for Xr4000Odometry {
     const TYPE: &'static str = "XR4000Odometry";
 
     fn about() -> About {
-        About::service("Tells where the XR4000 is, by dead reckoning from its casters.")
+        const PARAMETERS: &[Parameter] = &[Parameter::new("wheel_radius", Kind::Number(0.01, 0.5)).or("0.055")];
+        About::service("Tells where the XR4000 is, by dead reckoning from its casters with wheels of a radius [m].")
+            .with(PARAMETERS)
             .every(Duration::from_millis(50))
             .triggered_by("base/state")
             .signals_every(Duration::from_millis(100))
     }
 
-    fn new(_: &Arguments) -> Result<Self, String> {
-        Ok(Self::default())
+    fn new(arguments: &Arguments) -> Result<Self, String> {
+        let wheel_radius = arguments.number("wheel_radius");
+        Ok(Self { wheel_radius, odometry: Odometry::new(wheel_radius), residual: 0.0, watch: Watch::default() })
     }
 
     fn init(&mut self, _: &[u8]) -> Result<(), String> {
-        *self = Self::default();
+        (self.odometry, self.residual, self.watch) = (Odometry::new(self.wheel_radius), 0.0, Watch::default());
         Ok(())
     }
 

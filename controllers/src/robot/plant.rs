@@ -301,16 +301,20 @@ mod tests {
             let machine = Machine { wheel_error, ..Machine::default() };
             let mut plant = Plant::new(Setup { seed: 1, machine, ..Setup::default() }, Time::ZERO);
             let (start, mut odometry) = (*plant.base(), Odometry::default());
+            let mut calibrated = Odometry::new(caster::WHEEL_RADIUS / (1.0 + wheel_error));
             for i in 0..3000 {
                 plant.base_drive.command(Some(&[-0.2, 0.1, 0.0]), plant.now);
                 plant.step(&Vector3::zeros());
                 if i % 8 == 0 {
                     odometry.update(plant.casters());
+                    calibrated.update(plant.casters());
                 }
             }
             let truth = (plant.base().xy() - start.xy()).norm();
             // The casters swing round first, which adds a little.
             assert!((odometry.pose().xy().norm() / truth - 1.0 - wheel_error).abs() < 0.005);
+            // Whoever measures his wheels is right.
+            assert!((calibrated.pose().xy().norm() / truth - 1.0).abs() < 0.005);
         }
     }
 
