@@ -18,6 +18,8 @@ use std::time::Duration;
 pub use rows::{Group, Row, rows};
 
 const WORLD: &str = "main/world";
+/// Where a spec takes the arguments of its world.
+const PLACE: &str = "DoorWorld(\"c3\"";
 /// A mission that ended well below this angle is a false success (deg).
 pub const OPEN: f64 = 60.0;
 /// Strict runs hit the handle with no more than this (N).
@@ -158,8 +160,11 @@ impl Mission {
     }
 
     fn simulation(&self, text: &str) -> Result<Simulation, String> {
+        if !text.contains(PLACE) {
+            return Err(format!("the spec has no world that is written `{PLACE}`, so no world can be put into it"));
+        }
         let comma = if self.arguments.is_empty() { "" } else { ", " };
-        let text = text.replace("DoorWorld(\"c3\"", &format!("DoorWorld(\"c3\"{comma}{}", self.arguments));
+        let text = text.replace(PLACE, &format!("{PLACE}{comma}{}", self.arguments));
         Simulation::new(plan("survey.dca", &text)?, self.disturbance.clone())
     }
 }
@@ -246,4 +251,16 @@ pub fn fly_all(
     let mut outcomes = outcomes.into_inner().unwrap_or_else(PoisonError::into_inner);
     outcomes.sort_by_key(|(index, _)| *index);
     outcomes.into_iter().map(|(_, outcome)| outcome).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_spec_that_takes_no_world_is_refused() {
+        let mission = Mission { arguments: String::new(), disturbance: Disturbance::NONE, meddling: None, value: None };
+        let why = mission.fly("process main(){ }", Duration::from_secs(1)).expect_err("it has no world");
+        assert!(why.contains("the spec has no world"), "{why}");
+    }
 }

@@ -49,9 +49,9 @@ fn no_mission_ends_well_with_the_door_shut() {
 }
 
 /// Doors and networks that the laws were not tuned for, each of which failed once.
-const UNTUNED: [&str; 12] = [
+/// `swing push` is not among them: the hand stays square to the leaf, so the base would have to drive through the wall.
+const UNTUNED: [&str; 11] = [
     "side right",
-    "swing push",
     "lever_length",
     "latch_angle",
     "lever_standoff",
