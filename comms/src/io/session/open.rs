@@ -536,7 +536,7 @@ mod tests {
 
     /// One side loses the session and begins anew while the other still believes in the old one, which it dialled itself.
     #[test]
-    fn who_begins_a_session_anew_is_understood() {
+    fn a_session_that_one_side_has_lost_begins_anew_on_both() {
         let (a, b) = (on_tcp(), on_tcp());
         let (heard_tx, heard) = sync_channel(1000);
         let key = "dca/test/anew";
@@ -558,13 +558,19 @@ mod tests {
             false
         };
         assert!(hears());
-        let anew = b.session.info();
-        let (events_tx, events) = sync_channel(16);
-        let on_event = move |event: TransportEvent| events_tx.try_send(event.kind()).unwrap_or_default();
-        let _listener = anew.transport_events_listener().history(false).callback(on_event).wait().unwrap();
+        // Of each side what becomes of its session with the other.
+        let [(_of_a, at_a), (_of_b, at_b)] = [&a, &b].map(|side| {
+            let (events_tx, events) = sync_channel(16);
+            let on_event = move |event: TransportEvent| events_tx.try_send(event.kind()).unwrap_or_default();
+            let info = side.session.info();
+            (info.transport_events_listener().history(false).callback(on_event).wait().unwrap(), events)
+        });
         half.send(()).unwrap();
-        assert_eq!(events.recv_timeout(within), Ok(SampleKind::Delete));
-        assert_eq!(events.recv_timeout(within), Ok(SampleKind::Put));
+        for (side, events) in [("who has lost it", at_b), ("who has not", at_a)] {
+            for expected in [SampleKind::Delete, SampleKind::Put] {
+                assert_eq!(events.recv_timeout(within), Ok(expected), "{side} begins anew");
+            }
+        }
         assert!(hears(), "who has begun anew is not told who listens");
         a.close();
         b.close();
