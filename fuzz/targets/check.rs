@@ -2,7 +2,7 @@
 //! invariants, can be drawn and simulated, and whatever runs then can be stopped.
 #![no_main]
 
-use language::{Chance, Compiled, Options, Origin, Severity, Simulation, Source, Style};
+use language::{RandomRun, Compiled, Options, Origin, Severity, Simulation, Source, Style};
 use language::{apply_fixes, compile, fix, graph, render};
 use libfuzzer_sys::fuzz_target;
 
@@ -29,7 +29,7 @@ fuzz_target!(|bytes: &[u8]| {
     graph(&spec, &[], &options).0.expect("a plan can be drawn").svg();
 
     let mut simulation = Simulation::start(&plan);
-    let mut chance = Chance::new(&plan, bytes.len() as u64, 20);
+    let mut chance = RandomRun::new(&plan, bytes.len() as u64, 20);
     let mut run = |simulation: &mut Simulation<'_>| {
         let mut steps = 0..STEPS;
         while simulation.outcome().is_none() && steps.next().is_some() && chance.step(simulation) {}

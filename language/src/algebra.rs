@@ -1,4 +1,4 @@
-//! The process algebra: what an event-action expression does with an event.
+//! The process algebra: [`step`] turns an event into commands by the rules of the operators.
 //!
 //! One pure function, [`step`], is called by the supervisor (one event at a time), by the verifier (all of them), by
 //! the simulator and by the log checker. It reads no clock, does no I/O and is deterministic. The rules are in the
@@ -32,6 +32,7 @@
 //! ```
 
 mod event;
+mod phase;
 mod program;
 mod state;
 mod step;

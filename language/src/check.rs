@@ -1,20 +1,21 @@
-//! Tree to plan: names, types, ports, flow, and what is wrong with them.
+//! Checks a tree and makes a plan of it: names, types, ports, flow.
 //!
-//! Each pass adds to one [`spec::Spec`] and to one list of diagnostics: `declare` (what is there; a group whose parameters
+//! Each pass adds to one [`spec::Spec`] and to one [`Diagnostics`]: `declare` (what is there; a group whose parameters
 //! decide its shape once for each choice of values), `names` and
 //! `expression` (inside one group), `types` (between groups), `ports`, `flow`, and at last `lower` makes the plan.
 
 mod count;
 mod declare;
+mod diagnostics;
 mod expression;
 mod flow;
-mod handed;
 mod index;
 mod interface;
 pub(crate) mod lower;
 mod names;
 mod ports;
 mod range;
+mod resource_args;
 pub(crate) mod spec;
 mod types;
 pub(crate) mod unit;
@@ -23,10 +24,12 @@ mod value;
 
 pub(crate) use interface::{messages, parameters};
 
-use crate::diagnostic::{Code, Diagnostic, Severity, limit};
+use crate::diagnostic::{Code, limit};
 use crate::source::{Origin, Role, Source};
 use crate::syntax::{Parse, ast, parse};
 use crate::{Compiled, Options};
+use declare::{ItemCollector, Templates, Tree};
+use diagnostics::Diagnostics;
 
 /// Checks a spec against the interfaces of the modules; returns its plan unless something is wrong, what the plan was made
 /// from, and the root in it.
@@ -35,54 +38,56 @@ pub(crate) fn compile_with_model(
     interfaces: &[Source],
     options: &Options,
 ) -> (Compiled, spec::Spec, Option<usize>) {
-    let origins = (0..).map(Origin::Interface);
-    let sources = std::iter::once((Origin::Spec, spec)).chain(origins.zip(interfaces));
     let mut model = spec::Spec::default();
-    let (mut diagnostics, mut omitted) = (Vec::new(), 0);
-    let mut trees = Vec::new();
-    let files = uses::Files::new(spec, interfaces);
-    for (origin, source) in sources {
-        let Parse { root, diagnostics: found, omitted: more, mut damage } = parse(source, origin);
-        omitted += more;
-        damage.sort_unstable();
-        let root = ast::Node::new(root, origin);
-        declare::constants(&mut model, &root, &damage, &mut diagnostics);
-        files.check(&root, &source.name, &mut diagnostics);
-        trees.push((root, (origin, origin == Origin::Spec || source.role == Role::Part), damage));
-        diagnostics.extend(found);
-    }
-    let own = trees.iter().filter(|(_, (_, is_part), _)| *is_part);
-    let items: Vec<_> = own.flat_map(|(root, _, damage)| declare::items(root, damage)).collect();
-    let templates = declare::Templates::new(&items, &model.consts);
-    for (root, origin, damage) in &trees {
-        declare::declare(&mut model, root, *origin, (damage, &templates), &mut diagnostics);
-    }
-    templates.expand(&mut model, &mut diagnostics);
+    let mut diagnostics = Diagnostics::default();
+    let mut omitted = read(spec, interfaces, &mut ItemCollector { spec: &mut model, diagnostics: &mut diagnostics });
     types::check(&mut model, &mut diagnostics);
-    handed::take(&mut model, &mut diagnostics);
+    resource_args::take(&mut model, &mut diagnostics);
     let root = types::root(&model, &mut diagnostics);
     if types::is_finite(&model, root, &mut diagnostics) {
         ports::check(&model, &mut diagnostics);
         flow::check(&mut model, &mut diagnostics);
     }
     if options.deny_lenient_names {
-        let lenient = diagnostics.iter_mut().filter(|found| is_lenient_name(found.code));
-        lenient.for_each(|found| found.severity = Severity::Error);
+        diagnostics.deny(is_lenient_name);
     }
-    let is_wrong = |diagnostics: &[Diagnostic]| diagnostics.iter().any(|found| found.severity == Severity::Error);
-    let plan = match root {
-        Some(root) if !is_wrong(&diagnostics) => {
-            let quotes = lower::quote::Quotes::new(spec, interfaces);
-            lower::lower(&model, root, &options.name, &quotes, &mut diagnostics)
-        }
-        Some(_) | None => None,
-    };
+    let plan = root.filter(|_| !diagnostics.has_errors()).and_then(|root| {
+        let quotes = lower::quote::Quotes::new(spec, interfaces);
+        lower::lower(&model, root, &options.name, &quotes, &mut diagnostics)
+    });
+    let plan = plan.filter(|_| !diagnostics.has_errors());
+    let mut diagnostics = diagnostics.into_vec();
     diagnostics.sort_by_key(|found| (found.primary.span, found.code));
     // What is wrong with a group is wrong with each of its readings.
     diagnostics.dedup();
-    let plan = plan.filter(|_| !is_wrong(&diagnostics));
     omitted += limit(&mut diagnostics);
     (Compiled { plan, diagnostics, omitted }, model, root)
+}
+
+/// Reads what all texts declare; returns how many diagnostics of damaged texts are left out.
+fn read(spec: &Source, interfaces: &[Source], declare: &mut ItemCollector<'_>) -> usize {
+    let files = uses::Files::new(spec, interfaces);
+    let origins = (0..).map(Origin::Interface);
+    let sources = std::iter::once((Origin::Spec, spec)).chain(origins.zip(interfaces));
+    let (mut trees, mut omitted) = (Vec::new(), 0);
+    for (origin, source) in sources {
+        let Parse { root, diagnostics, omitted: more, mut damage } = parse(source, origin);
+        omitted += more;
+        damage.sort_unstable();
+        let is_part = origin == Origin::Spec || source.role == Role::Part;
+        let tree = Tree { root: ast::Node::new(root, origin), origin, is_part, damage };
+        declare.constants(&tree);
+        files.check(&tree.root, &source.name, declare.diagnostics);
+        declare.diagnostics.extend(diagnostics);
+        trees.push(tree);
+    }
+    let items = trees.iter().filter(|tree| tree.is_part).flat_map(Tree::items).collect();
+    let templates = Templates::new(items, &declare.spec.consts);
+    for tree in &trees {
+        declare.items(tree, &templates);
+    }
+    templates.expand(declare);
+    omitted
 }
 
 /// Whether a code is a name that was read leniently.

@@ -1,4 +1,4 @@
-//! What the checker says: data first, text last.
+//! Diagnostics as data. [`render`] writes them as text.
 
 mod code;
 mod render;
@@ -8,7 +8,7 @@ use crate::source::{Origin, Span};
 pub use code::Code;
 pub use render::{Style, render};
 
-/// How bad it is. A spec with an error has no plan.
+/// The severity of a diagnostic. A spec with an error has no plan.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Severity {
     /// The spec is refused.
@@ -17,56 +17,56 @@ pub enum Severity {
     Warning,
 }
 
-/// A place with a remark.
+/// A place with a text.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Label {
-    /// The place.
+    /// The place in one of the texts.
     pub span: Span,
-    /// The remark; may be empty.
+    /// The text at the place; may be empty.
     pub text: String,
 }
 
 /// One replacement in a text.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Edit {
-    /// What is replaced; an empty span inserts.
+    /// The text to replace; an empty span inserts.
     pub span: Span,
-    /// What stands there afterwards.
+    /// The new text.
     pub text: String,
 }
 
 /// A change that can be applied without asking: it is right in all likelihood.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Fix {
-    /// What it does: "replace with `puma`".
+    /// The change in words: "replace with `puma`".
     pub title: String,
-    /// How, in one text.
+    /// The changes, all in one text.
     pub edits: Vec<Edit>,
 }
 
-/// One remark on a spec.
+/// One diagnostic of a spec.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Diagnostic {
-    /// How bad it is.
+    /// Error or warning.
     pub severity: Severity,
-    /// Which remark it is, for good.
+    /// The code; its meaning never changes.
     pub code: Code,
-    /// The remark in one sentence.
+    /// The diagnostic in one sentence.
     pub message: String,
-    /// Where.
+    /// The place of the mistake.
     pub primary: Label,
-    /// Where the reason is.
+    /// The places of the reasons.
     pub secondary: Vec<Label>,
-    /// What to do.
+    /// Advice for the author, one sentence each.
     pub help: Vec<String>,
-    /// How to do it, when that is likely enough.
+    /// The change that removes the diagnostic, if it is certain enough.
     pub fix: Option<Fix>,
 }
 
 /// The most remarks that are kept of one spec. A person is shown a hundred; `dca fix` and editors take more.
 pub(crate) const DIAGNOSTICS_MAX: usize = 10_000;
 /// The most secondary places of one diagnostic.
-const REASONS_MAX: usize = 12;
+pub(crate) const REASONS_MAX: usize = 12;
 
 impl Diagnostic {
     pub(crate) fn new(code: Code, span: Span, message: impl Into<String>) -> Self {

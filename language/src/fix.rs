@@ -1,4 +1,4 @@
-//! All fixes of a spec: `dca fix`.
+//! Applies all fixes of a spec, round by round: `dca fix`.
 
 use crate::source::Source;
 use crate::{Options, apply_fixes, compile};

@@ -1,4 +1,4 @@
-//! One way to write a spec: `dca fmt`.
+//! Formats a spec: `dca fmt`. Every spec has one form.
 //!
 //! The formatter changes white space only (and writes `;;` for its older spelling `:;`). Tokens and comments stay, in
 //! their order, with two liberties: a comment before an operator moves behind it, where the line ends; and an empty line

@@ -1,4 +1,4 @@
-//! The files that a spec uses: `use "arm.dca";`, and folders of them: `use "arms";`.
+//! Reads the files that a spec uses: `use "arm.dca";`, and folders of them: `use "arms";`.
 
 use crate::source::{Origin, Role, SOURCE_MAX, Source};
 use crate::syntax::SyntaxKind::{Text, Use};

@@ -1,4 +1,4 @@
-//! A spec as a picture: `dca graph`.
+//! Draws a spec: `dca graph`.
 //!
 //! Boxes are processes, boxes in boxes are groups, and ports sit on the borders: inputs on the left, outputs on the right.
 //! The band at the top of a box has the colour of its host. Arrows of one connection set have one colour and carry its

@@ -1,4 +1,4 @@
-//! What an editor asks about a spec: what is wrong, what a name is, where it is used, what could stand here.
+//! Answers the questions of an editor: diagnostics, definitions, references, completion, renames.
 //!
 //! Text and a place in, answers out: no protocol, no file, no state. An [`Analysis`] is one spec with the files it uses and
 //! the interfaces of its programs, compiled once; it answers any number of questions about that text and is thrown away

@@ -52,10 +52,10 @@ pub use gather::{Content, gather};
 pub use graph::{Graph, graph};
 pub use message::{Layout, Message};
 pub use similar::nearest;
-pub use simulate::{Chance, Ending, Happening, Simulation, SimulationError, What};
+pub use simulate::{Ending, RandomRun, Simulation, SimulationError, SimulationEvent, Transition};
 pub use source::{Lines, Origin, Position, Role, SOURCE_MAX, Source, Span, Texts};
 
-/// What a caller may choose.
+/// The options of a compilation.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Options {
     /// Name of the deployment: the file's stem unless the user gave another.
@@ -71,14 +71,14 @@ impl Options {
     }
 }
 
-/// What became of a spec.
+/// The result of a compilation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Compiled {
-    /// What to run; absent exactly when there is an error.
+    /// The plan; absent exactly when there is an error.
     pub plan: Option<plan::Plan>,
-    /// Everything there is to say, in the order of the text; of more than 10,000 remarks the errors first.
+    /// The diagnostics in the order of the text, at most 10,000; if there are more, errors come first.
     pub diagnostics: Vec<Diagnostic>,
-    /// How many remarks were left out.
+    /// The number of diagnostics that were left out.
     pub omitted: usize,
 }
 

@@ -1,4 +1,4 @@
-//! What a spec means once every name is resolved: the one serialised form of a deployment.
+//! The plan: a spec with every name resolved. It is the one serialised form of a deployment.
 //!
 //! A plan is flat. Groups and leaves are numbered, members of a group are slots, wires run from leaf port to leaf port
 //! (through any number of group boundaries), and each group carries its event-action expression with slots for names.
@@ -40,7 +40,7 @@ pub struct Plan {
     pub leaves: Vec<Leaf>,
     /// Every data route, leaf port to leaf port.
     pub wires: Vec<Wire>,
-    /// What leaves claim on their hosts.
+    /// The claims of the leaves on devices of their hosts.
     pub claims: Vec<Claim>,
 }
 
@@ -70,7 +70,7 @@ pub struct Group {
     pub path: String,
     /// The process type it was made from.
     pub process: String,
-    /// Where its supervisor runs.
+    /// The host of its supervisor: an index into [`Plan::hosts`].
     pub host: u32,
     /// Its instances; a slot number in `expression` and in events points here.
     pub members: Vec<Member>,
@@ -78,7 +78,7 @@ pub struct Group {
     pub sets: Vec<ConnectionSet>,
     /// Sets that stay open for as long as the group runs (declared without an owner).
     pub sets_always: Vec<u32>,
-    /// What to do on events; `Skip` for an empty section.
+    /// The event actions; `Skip` for an empty section.
     pub expression: Expression,
 }
 
@@ -87,7 +87,7 @@ pub struct Group {
 pub struct Member {
     /// The instance name within its group.
     pub name: String,
-    /// What it is.
+    /// Group or leaf.
     pub kind: MemberKind,
     /// Whether no fault-free run of it ends (declared on leaves, inferred for groups).
     pub service: bool,
@@ -120,7 +120,7 @@ pub struct Leaf {
     pub path: String,
     /// The module type: `ForceTorque`.
     pub module: String,
-    /// Where it runs.
+    /// The host of its program: an index into [`Plan::hosts`].
     pub host: u32,
     /// Arguments after the host, in order.
     pub arguments: Vec<Argument>,
@@ -129,11 +129,11 @@ pub struct Leaf {
     pub exec: Option<String>,
     /// Whether it speaks the control protocol.
     pub kind: LeafKind,
-    /// How long it may take to stop before it is killed.
+    /// The longest time to stop; then the program is killed.
     pub stop_within: Duration,
     /// Its normal ends, when it has declared several.
     pub outcomes: Vec<String>,
-    /// What becomes of its program when something is lost, and what it may use.
+    /// The limits of its program, and the reaction to losses.
     pub policy: Policy,
 }
 
@@ -173,9 +173,9 @@ pub struct Wire {
     pub from: LeafPort,
     /// The input.
     pub to: LeafPort,
-    /// Who asks for the data to move.
+    /// Push or pull.
     pub transfer: Transfer,
-    /// How data moves.
+    /// The quality of the connection.
     pub quality: Quality,
 }
 
@@ -184,7 +184,7 @@ pub struct Wire {
 pub struct Quality {
     /// Whether the last value is kept for who is connected later.
     pub retention: Retention,
-    /// How many values wait at most; without it, as many as the input says.
+    /// The most values that wait. The input decides if this is absent.
     pub queue: Option<u32>,
     /// The shortest time between two values.
     pub period_min: Option<Duration>,
@@ -209,7 +209,7 @@ pub struct LeafPort {
     pub port: String,
 }
 
-/// Who asks for the data to move.
+/// The side that makes data move.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Transfer {
     /// The producer sends each new value.
@@ -264,19 +264,19 @@ pub enum Expression {
     Shield {
         /// How long it waits at most.
         bound: Option<Duration>,
-        /// P.
+        /// The operand.
         of: Box<Self>,
     },
     /// `using(arm) P`: P runs once nothing else of the group that uses one of these does; first come, first served.
     Using {
         /// What is used, each once.
         resources: Vec<String>,
-        /// P.
+        /// The operand.
         of: Box<Self>,
     },
     /// `P ::[n] Q`: each time that P is done it starts anew, beside a Q with its value; `n` of Q at the same time at most.
     Asynchronous {
-        /// P.
+        /// The source.
         source: Box<Self>,
         /// Q, written out for each that may run at the same time.
         pool: Vec<Self>,
@@ -287,7 +287,7 @@ pub enum Expression {
     Tagged {
         /// The tag.
         tag: String,
-        /// P.
+        /// The operand.
         of: Box<Self>,
     },
 }
@@ -317,6 +317,6 @@ impl Expression {
 pub struct Arm {
     /// The tag that it is taken for; without one for every tag that no arm before has.
     pub tag: Option<String>,
-    /// What to do then, with what stands behind the tag; without a tag with the whole value.
+    /// The expression that starts, with the value behind the tag; without a tag, with the whole value.
     pub body: Expression,
 }

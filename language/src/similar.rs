@@ -1,4 +1,4 @@
-//! How much two names look alike.
+//! Measures how similar two names look.
 
 /// The cost of one edit; look-alikes cost less.
 const EDIT: usize = 10;
@@ -9,12 +9,27 @@ const LENGTH_MAX: usize = 64;
 
 /// Returns the candidate that looks most like `name`, if it is near enough: at most a third of the letters differ.
 pub fn nearest<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+    let name_length = length(name);
     let near = candidates.into_iter().filter_map(|candidate| {
-        let length = name.chars().count().max(candidate.chars().count()).min(LENGTH_MAX);
+        let length = length(candidate);
+        let (shorter, longer) = (length.min(name_length), length.max(name_length));
+        if (longer - shorter) * 3 > longer {
+            return None;
+        }
         let distance = distance(name, candidate);
-        (distance * 3 <= length * EDIT).then_some((distance, candidate))
+        (distance * 3 <= longer * EDIT).then_some((distance, candidate))
     });
     near.min_by_key(|&(distance, _)| distance).map(|(_, candidate)| candidate)
+}
+
+/// Returns how many pairs of letters a comparison looks at, at least one.
+pub(crate) fn effort(name: &str, candidate: &str) -> usize {
+    1 + name.len().min(LENGTH_MAX) * candidate.len().min(LENGTH_MAX)
+}
+
+/// How many letters of a name are compared.
+fn length(name: &str) -> usize {
+    name.chars().take(LENGTH_MAX).count()
 }
 
 /// The Damerau-Levenshtein distance (adjacent swaps count once) in tenths of an edit, where characters that look alike
@@ -41,13 +56,26 @@ fn distance(one: &str, other: &str) -> usize {
     last[other.len()]
 }
 
+/// What a letter looks like, if others look like it.
+fn shape(letter: char) -> Option<char> {
+    match letter {
+        'l' | '1' | 'I' | '|' => Some('l'),
+        'O' | '0' | 'o' => Some('o'),
+        'S' | '5' => Some('s'),
+        'B' | '8' => Some('b'),
+        'Z' | '2' => Some('z'),
+        '-' | '_' => Some('-'),
+        _ => None,
+    }
+}
+
 fn cost(one: char, other: char) -> usize {
-    const ALIKE: [&str; 6] = ["l1I|", "O0o", "S5", "B8", "Z2", "-_"];
+    let is_ascii = one.is_ascii() && other.is_ascii();
     if one == other {
         0
-    } else if ALIKE.iter().any(|group| group.contains(one) && group.contains(other)) {
+    } else if shape(one).is_some() && shape(one) == shape(other) {
         LOOK_ALIKE
-    } else if one.to_lowercase().eq(other.to_lowercase()) {
+    } else if one.eq_ignore_ascii_case(&other) || !is_ascii && one.to_lowercase().eq(other.to_lowercase()) {
         CASE
     } else {
         EDIT

@@ -1,65 +1,65 @@
-//! A plan with fake leaves: `dca sim`.
+//! Runs a plan with fake leaves: `dca sim`.
 //!
 //! Groups react by the same [`step`] as in a deployment; leaves only begin, and end when they are told to. Stopping takes
 //! no time. The clock is virtual and moves when it is told to.
 
-mod chance;
 mod chart;
 mod command;
+mod random;
 
 use crate::algebra::{Activation, Cause, Command, Event, Outcome, Program, Reason, State, Value, step};
 use crate::plan::{DEADLINE, LEAVES_MAX, MemberKind, Plan};
-use chart::Course;
+use chart::Timeline;
 use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
 
-pub use chance::Chance;
 pub use command::SimulationError;
+pub use random::RandomRun;
 
 /// The most events of one instant: more than the largest plan needs to start everything and to stop it. Beyond them, a
 /// loop turns in no time.
 const INSTANT_MAX: usize = 10 * LEAVES_MAX;
 
-/// What became of something, when.
+/// An event of a simulation.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Happening {
-    /// When, from the start.
+pub struct SimulationEvent {
+    /// The time since the start.
     pub at: Duration,
     /// Path of the group or leaf.
     pub path: String,
-    /// What.
-    pub what: What,
+    /// The new state of the process.
+    pub transition: Transition,
 }
 
-/// What became of a process.
+/// A change of the state of a process.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum What {
-    /// It runs.
+pub enum Transition {
+    /// The process starts.
     Started,
-    /// It has ended normally.
+    /// The process has ended normally.
     Done,
-    /// It has failed.
+    /// The process has failed, for this reason.
     Aborted(String),
-    /// It was stopped.
+    /// The process was stopped.
     Stopped,
-    /// A wait begins that lasts so long.
+    /// A wait of this length begins.
     Waits(Duration),
 }
 
-/// How a leaf ends.
+/// The end of a leaf.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Ending {
-    /// Normally.
+    /// A normal end without an outcome.
     Done,
-    /// Normally, with the outcome of this name.
+    /// A normal end with the outcome of this name.
     Outcome(String),
-    /// By a failure, for this reason.
+    /// A failure, for this reason.
     Aborted(String),
 }
 
 /// Which activation of which member of which group.
 #[derive(Clone, Copy, Debug)]
-struct Seat {
+struct ActivationRef {
     group: usize,
     member: u32,
     activation: Activation,
@@ -82,25 +82,25 @@ pub struct Simulation<'a> {
     states: Vec<State>,
     now: Duration,
     /// The leaves that run.
-    leaves: BTreeMap<u32, Seat>,
+    leaves: BTreeMap<u32, ActivationRef>,
     /// For each group that runs below `main`, where its end is awaited.
-    seats: BTreeMap<usize, Seat>,
+    seats: BTreeMap<usize, ActivationRef>,
     /// The waits, by when they end and when they began.
     timers: BTreeMap<(Duration, u64), Timer>,
     counter: u64,
     queue: VecDeque<(usize, Event)>,
     /// How many events there were at this instant.
     events: usize,
-    happenings: Vec<Happening>,
-    course: Course,
-    outcome: Option<What>,
+    log: Vec<SimulationEvent>,
+    timeline: Timeline,
+    outcome: Option<Transition>,
 }
 
 impl<'a> Simulation<'a> {
     /// Starts a valid plan.
     ///
     /// ```
-    /// use language::{Ending, Options, Simulation, Source, What, compile};
+    /// use language::{Ending, Options, Simulation, Source, Transition, compile};
     ///
     /// let spec = Source::new("a.dca", "process main() {
     ///     instantiated_processes { hit instof Hit(c1); arm instof Arm(c1); }
@@ -110,7 +110,7 @@ impl<'a> Simulation<'a> {
     /// let mut simulation = Simulation::start(&plan);
     /// assert_eq!(simulation.running(), ["main/hit", "main/arm"]);
     /// simulation.end("hit", Ending::Done).unwrap();
-    /// assert_eq!(simulation.outcome(), Some(&What::Done));
+    /// assert_eq!(simulation.outcome(), Some(&Transition::Done));
     /// ```
     pub fn start(plan: &'a Plan) -> Self {
         let programs: Vec<Program> = plan.groups.iter().map(Program::compile).collect();
@@ -126,11 +126,11 @@ impl<'a> Simulation<'a> {
             counter: 0,
             queue: VecDeque::from([(0, Event::Start(Value::EMPTY))]),
             events: 0,
-            happenings: Vec::new(),
-            course: Course::default(),
+            log: Vec::new(),
+            timeline: Timeline::default(),
             outcome: None,
         };
-        simulation.note(plan.groups[0].path.clone(), What::Started);
+        simulation.note(plan.groups[0].path.clone(), Transition::Started);
         simulation.react();
         simulation
     }
@@ -141,7 +141,7 @@ impl<'a> Simulation<'a> {
     }
 
     /// Returns how `main` ended, once it has.
-    pub fn outcome(&self) -> Option<&What> {
+    pub fn outcome(&self) -> Option<&Transition> {
         self.outcome.as_ref()
     }
 
@@ -156,19 +156,19 @@ impl<'a> Simulation<'a> {
     }
 
     /// Returns what has happened since this was last asked.
-    pub fn take_happenings(&mut self) -> Vec<Happening> {
-        std::mem::take(&mut self.happenings)
+    pub fn take_happenings(&mut self) -> Vec<SimulationEvent> {
+        std::mem::take(&mut self.log)
     }
 
     /// Returns what ran when until now, as a picture (SVG).
     pub fn chart(&self) -> String {
-        self.course.svg(self.plan, self.now)
+        self.timeline.svg(self.plan, self.now)
     }
 
     /// Ends a leaf that runs. It is named by its path, or by as much of the end of it as names one alone.
     ///
     /// # Errors
-    /// When no leaf that runs is called so, or more than one.
+    /// No running leaf has this name, or more than one has it.
     pub fn end(&mut self, name: &str, ending: Ending) -> Result<(), SimulationError> {
         let leaf = self.find(name)?;
         self.end_leaf(leaf, ending);
@@ -190,7 +190,7 @@ impl<'a> Simulation<'a> {
             }
             self.timers.remove(&(due, number));
             self.set_now(due);
-            self.note_wait(ends, &What::Done);
+            self.note_wait(ends, &Transition::Done);
             let Timer { group, timer, activation, .. } = ends;
             self.queue.push_back((group, Event::Elapsed { timer, activation }));
             self.react();
@@ -205,19 +205,19 @@ impl<'a> Simulation<'a> {
     }
 
     fn end_leaf(&mut self, leaf: u32, ending: Ending) {
-        let Some(Seat { group, member, activation }) = self.leaves.remove(&leaf) else { return };
+        let Some(ActivationRef { group, member, activation }) = self.leaves.remove(&leaf) else { return };
         let path = self.plan.leaves[leaf as usize].path.clone();
         let event = match ending {
             Ending::Done => {
-                self.note(path, What::Done);
+                self.note(path, Transition::Done);
                 Event::Done { member, activation, value: Value::EMPTY }
             }
             Ending::Outcome(tag) => {
-                self.note(path, What::Done);
+                self.note(path, Transition::Done);
                 Event::Done { member, activation, value: Value::tagged(&tag, &[]).unwrap_or(Value::EMPTY) }
             }
             Ending::Aborted(why) => {
-                self.note(path, What::Aborted(why.clone()));
+                self.note(path, Transition::Aborted(why.clone()));
                 Event::Aborted { member, activation, report: Value::new(why.as_bytes()) }
             }
         };
@@ -225,15 +225,15 @@ impl<'a> Simulation<'a> {
         self.react();
     }
 
-    fn note(&mut self, path: String, what: What) {
-        self.course.note(&path, self.now, &what);
-        self.happenings.push(Happening { at: self.now, path, what });
+    fn note(&mut self, path: String, transition: Transition) {
+        self.timeline.note(&path, self.now, &transition);
+        self.log.push(SimulationEvent { at: self.now, path, transition });
     }
 
     /// Notes what became of a wait; it has a line of its own in the chart.
-    fn note_wait(&mut self, Timer { group, after, .. }: Timer, what: &What) {
+    fn note_wait(&mut self, Timer { group, after, .. }: Timer, transition: &Transition) {
         let line = format!("{}/wait({} s)", self.plan.groups[group].path, after.as_secs_f64());
-        self.course.note(&line, self.now, what);
+        self.timeline.note(&line, self.now, transition);
     }
 
     /// Reacts until nothing is left to react to.
@@ -261,23 +261,24 @@ impl<'a> Simulation<'a> {
         self.leaves.clear();
         self.seats.clear();
         self.states = self.programs.iter().map(State::new).collect();
-        let what = What::Aborted(format!("more than {INSTANT_MAX} events at one instant: a loop takes no time"));
-        self.note(self.plan.groups[0].path.clone(), what.clone());
-        self.outcome = Some(what);
+        let transition =
+            Transition::Aborted(format!("more than {INSTANT_MAX} events at one instant: a loop takes no time"));
+        self.note(self.plan.groups[0].path.clone(), transition.clone());
+        self.outcome = Some(transition);
     }
 
     fn obey_command(&mut self, group: usize, command: Command) {
         match command {
             Command::Connect { .. } | Command::Disconnect { .. } => {}
             Command::Activate { member, activation, value } => {
-                let seat = Seat { group, member, activation };
+                let seat = ActivationRef { group, member, activation };
                 match self.plan.groups[group].members[member as usize].kind {
                     MemberKind::Leaf(leaf) => {
-                        self.note(self.plan.leaves[leaf as usize].path.clone(), What::Started);
+                        self.note(self.plan.leaves[leaf as usize].path.clone(), Transition::Started);
                         self.leaves.insert(leaf, seat);
                     }
                     MemberKind::Group(inner) => {
-                        self.note(self.plan.groups[inner as usize].path.clone(), What::Started);
+                        self.note(self.plan.groups[inner as usize].path.clone(), Transition::Started);
                         self.seats.insert(inner as usize, seat);
                         self.queue.push_back((inner as usize, Event::Start(value)));
                     }
@@ -286,7 +287,7 @@ impl<'a> Simulation<'a> {
             Command::Stop { member, activation } => match self.plan.groups[group].members[member as usize].kind {
                 MemberKind::Leaf(leaf) => {
                     if self.leaves.remove(&leaf).is_some() {
-                        self.note(self.plan.leaves[leaf as usize].path.clone(), What::Stopped);
+                        self.note(self.plan.leaves[leaf as usize].path.clone(), Transition::Stopped);
                     }
                     self.queue.push_back((group, Event::Stopped { member, activation }));
                 }
@@ -294,10 +295,10 @@ impl<'a> Simulation<'a> {
             },
             Command::Arm { timer, activation, after } => {
                 self.counter += 1;
-                self.note(self.plan.groups[group].path.clone(), What::Waits(after));
+                self.note(self.plan.groups[group].path.clone(), Transition::Waits(after));
                 let due = self.now.saturating_add(after);
                 let timer = Timer { group, timer, activation, after };
-                self.note_wait(timer, &What::Started);
+                self.note_wait(timer, &Transition::Started);
                 self.timers.insert((due, self.counter), timer);
             }
             Command::Cancel { timer, activation } => {
@@ -305,7 +306,7 @@ impl<'a> Simulation<'a> {
                 let found = self.timers.iter().find(|(_, armed)| is_it(armed)).map(|(due, armed)| (*due, *armed));
                 if let Some((due, cancelled)) = found {
                     self.timers.remove(&due);
-                    self.note_wait(cancelled, &What::Stopped);
+                    self.note_wait(cancelled, &Transition::Stopped);
                 }
             }
         }
@@ -314,21 +315,21 @@ impl<'a> Simulation<'a> {
     /// The end of a group: an event for the group around it.
     fn ended(&mut self, group: usize, outcome: Outcome) {
         let path = &self.plan.groups[group].path;
-        let what = match &outcome {
-            Outcome::Done(_) => What::Done,
-            Outcome::Aborted(reason) => What::Aborted(self.explain(group, reason)),
-            Outcome::Stopped => What::Stopped,
+        let transition = match &outcome {
+            Outcome::Done(_) => Transition::Done,
+            Outcome::Aborted(reason) => Transition::Aborted(self.explain(group, reason)),
+            Outcome::Stopped => Transition::Stopped,
         };
-        self.note(path.clone(), what.clone());
+        self.note(path.clone(), transition.clone());
         if group == 0 {
-            self.outcome = Some(what);
+            self.outcome = Some(transition);
             return;
         }
-        let Some(Seat { group, member, activation }) = self.seats.remove(&group) else { return };
+        let Some(ActivationRef { group, member, activation }) = self.seats.remove(&group) else { return };
         let event = match outcome {
             Outcome::Done(value) => Event::Done { member, activation, value },
             Outcome::Aborted(_) => {
-                let text = if let What::Aborted(text) = &what { text.as_str() } else { "" };
+                let text = if let Transition::Aborted(text) = &transition { text.as_str() } else { "" };
                 Event::Aborted { member, activation, report: Value::new(text.as_bytes()) }
             }
             Outcome::Stopped => Event::Stopped { member, activation },

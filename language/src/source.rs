@@ -1,4 +1,4 @@
-//! Texts and places in them.
+//! Source texts and places in them.
 
 mod lines;
 
@@ -10,11 +10,11 @@ pub const SOURCE_MAX: usize = 16 * 1024 * 1024;
 /// A named text: a spec, or the interfaces of some modules.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Source {
-    /// What diagnostics call it: usually a path.
+    /// The name in diagnostics, usually a path.
     pub name: String,
     /// Its content.
     pub text: String,
-    /// What it is to the spec.
+    /// The part that this text has in the spec.
     pub role: Role,
 }
 

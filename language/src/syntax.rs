@@ -8,6 +8,7 @@ mod kind;
 mod lexer;
 mod parser;
 
+pub(crate) use kind::Operator;
 pub use kind::SyntaxKind;
 pub use lexer::{Token, lex};
 pub(crate) use parser::{Parse, parse};

@@ -23,7 +23,7 @@ fn work(text: &str) {
     let compiled = compile(&source, &[], &Options::named("long"));
     let told = render(&compiled.diagnostics, &source, &[], Style::Plain);
     assert!(told.lines().all(|line| line.len() < 1000), "lines are clipped");
-    assert!(told.lines().count() < 3000, "remarks are limited");
+    assert!(told.lines().count() < 10_000, "remarks are limited");
     assert!(format(&source).is_ok() || !compiled.diagnostics.is_empty());
 }
 
@@ -99,5 +99,76 @@ fn many_mistakes() {
     check("processes twice", 6000, &|size| "process main() {}\n".repeat(size));
     check("empty groups", 6000, &|size| {
         many(size, &|n| format!("process g{n}(h) {{ internal_event_actions {{ x }} }}\n"))
+    });
+}
+
+/// A suggestion compares a name with all that are known: only so many are compared.
+#[test]
+fn similar_names() {
+    check("unknown resources", 6000, &|size| {
+        let known = many(size, &|n| format!("{}arm{n}", if n > 0 { ", " } else { "" }));
+        let actions = many(size, &|n| format!("{}using(gripper{n}) a", if n > 0 { " ; " } else { "" }));
+        around("a instof Arm(c1);", &format!("resource {known};"), &actions)
+    });
+    check("resources inside of others", 2000, &|size| {
+        let names = |from: &str| many(size, &|n| format!("{}{from}{n}", if n > 0 { ", " } else { "" }));
+        let (one, other) = (names("arm"), names("hand"));
+        around("a instof Arm(c1);", &format!("resource {one}, {other};"), &format!("using({one}) using({other}) a"))
+    });
+    check("unknown labels", 6000, &|size| {
+        let sets = many(size, &|n| format!("internal_connections(arm, set{n}) {{ }}\n"));
+        let actions = many(size, &|n| format!("{}arm[label{n}]", if n > 0 { " ; " } else { "" }));
+        around("arm instof Arm(c1);", &sets, &actions)
+    });
+    check("labels that are not written", 6000, &|size| {
+        let sets = many(size, &|n| format!("internal_connections(arm, set{n}) {{ }}\n"));
+        around("arm instof Arm(c1);", &sets, &many(size, &|n| format!("{}arm", if n > 0 { " ; " } else { "" })))
+    });
+    check("unknown arrays", 6000, &|size| {
+        let arrays = many(size, &|n| format!("robot{n}[1] instof Arm(c1);\n"));
+        around(&arrays, "", &many(size, &|n| format!("{}gripper{n}[0]", if n > 0 { ", " } else { "" })))
+    });
+    check("unknown types beside known ones", 6000, &|size| {
+        let groups = many(size, &|n| format!("process Robot{n}() {{ internal_event_actions {{ skip }} }}\n"));
+        around(&many(size, &|n| format!("a{n} instof Gripper{n}(c1);\n")), "", "skip") + &groups
+    });
+    check("unknown types of parameters", 6000, &|size| {
+        let types = many(size, &|n| format!("type Robot{n} = Number;\n"));
+        types + &many(size, &|n| format!("module M{n}(host, a: Gripper{n}) {{ done; }}\n")) + "process main() {}"
+    });
+    check("unknown values", 6000, &|size| {
+        let consts = many(size, &|n| format!("const robot{n} = 1;\n"));
+        consts + &around(&many(size, &|n| format!("a{n} instof Arm(gripper{n});\n")), "", "skip")
+    });
+    check("unknown outcomes", 3000, &|size| {
+        let outcomes = many(size, &|n| format!("{}found{n}", if n > 0 { " | " } else { "" }));
+        let arms = many(size, &|n| format!("lost{n} => skip, "));
+        around("find instof Find(c1);", "", &format!("find : match {{ {arms} }}"))
+            + &format!("module Find(host) {{ done({outcomes}); }}")
+    });
+}
+
+#[test]
+fn many_declarations() {
+    check("a value that is handed on and on", 4000, &|size| {
+        let groups = many(size, &|n| {
+            format!(
+                "process G{n}(n) {{ instantiated_processes {{ g instof G{}(n); }} internal_event_actions {{ g }} }}\n",
+                n + 1
+            )
+        });
+        let last = format!("process G{size}(n) {{ internal_event_actions {{ wait(n) }} }}\n");
+        groups + &last + &around("g instof G0(2 s);", "", "g")
+    });
+    check("choices of a shape", 4000, &|size| {
+        let consts = many(size, &|n| format!("const c{n} = 1;\n"));
+        let group = "process G(n) { internal_event_actions { wait(n) ; x } }\n";
+        consts + group + &around(&many(size, &|n| format!("g{n} instof G({n} s);\n")), "", "skip")
+    });
+    check("wires in groups", 3000, &|size| {
+        let instances = many(size, &|n| format!("arm{n} instof Arm(c1);\n"));
+        let wires =
+            many(size - 1, &|n| format!("internal_connections(arm{n}, on) {{ arm{n}, Out -> arm{}, In; }}\n", n + 1));
+        around(&instances, &wires, &many(size, &|n| format!("{}arm{n}[on]", if n > 0 { ", " } else { "" })))
     });
 }

@@ -21,7 +21,7 @@
 mod disk;
 
 use language::syntax::{SyntaxKind, lex};
-use language::{Chance, Code, Compiled, Options, Severity, Simulation, Source, Style};
+use language::{Code, Compiled, Options, RandomRun, Severity, Simulation, Source, Style};
 use language::{compile, format, gather, graph, render};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -214,7 +214,7 @@ fn simulate(page: &str, spec: &Source) {
     assert_eq!(plan.validate(), Ok(()), "{page}");
     for seed in 0..SEEDS {
         let mut simulation = Simulation::start(&plan);
-        let mut chance = Chance::new(&plan, seed, 10 * seed);
+        let mut chance = RandomRun::new(&plan, seed, 10 * seed);
         let mut steps = 0..200;
         while simulation.outcome().is_none() && steps.next().is_some() && chance.step(&mut simulation) {}
         if simulation.outcome().is_none() {
@@ -298,7 +298,7 @@ fn the_grammar_has_the_words_that_editors_colour() {
 fn every_diagnostic_has_its_chapter() {
     let examples = examples();
     let mut text = "# Diagnostics\n\n\
-        What `dca check` can say. `dca explain E0201` prints one of these. A code never changes its meaning; the examples \
+        Transition `dca check` can say. `dca explain E0201` prints one of these. A code never changes its meaning; the examples \
         are files of the test suite.\n"
         .to_owned();
     for (severity, title) in [(Severity::Error, "Errors: the spec is refused"), (Severity::Warning, "Warnings")] {

@@ -4,8 +4,8 @@
 
 use language::syntax::lex;
 use language::{
-    Chance, Compiled, Options, Severity, Simulation, Source, Style, apply_fixes, compile, fix, format, gather, graph,
-    render,
+    Compiled, Options, RandomRun, Severity, Simulation, Source, Style, apply_fixes, compile, fix, format, gather,
+    graph, render,
 };
 use proptest::prelude::*;
 use std::ops::Range;
@@ -244,7 +244,7 @@ fn use_everything(source: &Source) {
         assert!(graph.svg().len() > graph.dot().len() / 10);
     }
     if let Some(plan) = compiled.plan {
-        let (mut simulation, mut chance) = (Simulation::start(&plan), Chance::new(&plan, 1, 20));
+        let (mut simulation, mut chance) = (Simulation::start(&plan), RandomRun::new(&plan, 1, 20));
         for _ in 0..50 {
             if simulation.outcome().is_some() || !chance.step(&mut simulation) {
                 break;

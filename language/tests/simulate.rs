@@ -1,6 +1,6 @@
 //! Every file of `specs/` and every good file of the corpus runs in simulation, with and without faults.
 
-use language::{Chance, Options, Simulation, Source, What, compile};
+use language::{Options, RandomRun, Simulation, Source, Transition, compile};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -17,14 +17,14 @@ fn files(folder: &str) -> Vec<PathBuf> {
 }
 
 /// Runs a spec by chance; returns how it ended, if it is one that can be run and that has ended.
-fn run(path: &Path, seed: u64, faults: u64) -> Option<Option<What>> {
+fn run(path: &Path, seed: u64, faults: u64) -> Option<Option<Transition>> {
     let read =
         |path: &Path| Source::new(path.to_string_lossy(), std::fs::read_to_string(path).expect("a spec is text"));
     let interface = path.with_extension("interface");
     let interfaces = if interface.exists() { vec![read(&interface)] } else { Vec::new() };
     let plan = compile(&read(path), &interfaces, &Options::named("sim")).plan?;
     let mut simulation = Simulation::start(&plan);
-    let mut chance = Chance::new(&plan, seed, faults);
+    let mut chance = RandomRun::new(&plan, seed, faults);
     for _ in 0..STEPS_MAX {
         if simulation.outcome().is_some() || !chance.step(&mut simulation) {
             break;
@@ -40,7 +40,7 @@ fn run(path: &Path, seed: u64, faults: u64) -> Option<Option<What>> {
 fn every_spec_comes_to_its_end() {
     for path in files("../specs") {
         for seed in 0..20 {
-            assert_eq!(run(&path, seed, 0), Some(Some(What::Done)), "{} with seed {seed}", path.display());
+            assert_eq!(run(&path, seed, 0), Some(Some(Transition::Done)), "{} with seed {seed}", path.display());
             assert!(run(&path, seed, 30).flatten().is_some(), "{} with seed {seed} and faults", path.display());
         }
     }
@@ -61,7 +61,7 @@ fn groups_that_share_a_resource_run_one_after_the_other() {
     let mut orders = std::collections::BTreeSet::new();
     for seed in 0..50 {
         let mut simulation = Simulation::start(&plan);
-        let mut chance = Chance::new(&plan, seed, 20);
+        let mut chance = RandomRun::new(&plan, seed, 20);
         let mut order = Vec::new();
         while simulation.outcome().is_none() && chance.step(&mut simulation) {
             let running = simulation.running();
@@ -87,7 +87,7 @@ fn a_loop_that_takes_no_time_ends_the_run() {
         let plan = compile(&Source::new("loop.dca", text), &[], &Options::named("loop")).plan.expect(actions);
         let mut simulation = Simulation::start(&plan);
         simulation.pass(Duration::ZERO);
-        let Some(What::Aborted(why)) = simulation.outcome() else { panic!("`{actions}` goes on") };
+        let Some(Transition::Aborted(why)) = simulation.outcome() else { panic!("`{actions}` goes on") };
         assert_eq!(why, "more than 100000 events at one instant: a loop takes no time");
         assert_eq!(simulation.running(), Vec::<&str>::new());
     }

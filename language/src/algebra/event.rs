@@ -1,4 +1,4 @@
-//! The words that go in and out of the algebra.
+//! The events and commands of the algebra.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -193,7 +193,7 @@ pub enum Command {
 /// How a group ended.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub enum Outcome {
-    /// Normally.
+    /// A normal end.
     Done(Value),
     /// By a failure.
     Aborted(Reason),
@@ -206,7 +206,7 @@ pub enum Outcome {
 pub struct Reason {
     /// The member it began with; none for a constant such as `fail`.
     pub member: Option<u32>,
-    /// What it was.
+    /// The cause of the abort.
     pub cause: Cause,
 }
 

@@ -17,7 +17,7 @@
 //!   its source, before the copies of its pool, and the others any number;
 //! - a chain of parents has at most [`DEPTH_MAX`] nodes.
 
-use super::state::Phase;
+use super::phase::Phase;
 use crate::plan::{DEPTH_MAX, Expression, Group, Member, MemberKind};
 use std::ops::Range;
 use std::sync::Arc;

@@ -1,7 +1,7 @@
-//! Where a group is in its expression.
+//! The state of a group: where it is in its expression.
 //!
 //! # Representation
-//! One [`Cell`] for each node of the program, one [`Seat`] for each member slot, one number for each timer. Nothing is
+//! One [`Cell`] for each node of the program, one [`MemberState`] for each member slot, one number for each timer. Nothing is
 //! pushed or popped while a group runs: `;;` flips the phase of its cell in place, so a loop runs in constant memory.
 //!
 //! The configurations of the rules are spread over the cells like this (a node that is not part of the configuration is
@@ -30,13 +30,14 @@
 //! - a `using` is in the queue exactly while it is `Waiting`, and the holder of what it takes while it is otherwise active.
 
 use super::event::{Activation, Outcome};
+use super::phase::Phase;
 use super::program::Program;
 
 /// The configuration of one group: idle, running or stopping. Belongs to one [`Program`].
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct State {
     pub(super) cells: Vec<Cell>,
-    pub(super) seats: Vec<Seat>,
+    pub(super) seats: Vec<MemberState>,
     pub(super) timers: Vec<Activation>,
     /// The `Using` nodes that wait, the first to come first.
     pub(super) queue: Vec<usize>,
@@ -56,31 +57,9 @@ pub struct Cell {
     pub(super) outcome: Option<Outcome>,
 }
 
-/// The phase of a node.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub(super) enum Phase {
-    #[default]
-    Idle,
-    Running,
-    Second,
-    Stopping,
-    Draining,
-    Done,
-    Waiting,
-}
-
-impl Phase {
-    pub(super) fn is_active(self) -> bool {
-        match self {
-            Self::Running | Self::Second | Self::Stopping | Self::Draining | Self::Waiting => true,
-            Self::Idle | Self::Done => false,
-        }
-    }
-}
-
 /// The activations of one member.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub(super) struct Seat {
+pub(super) struct MemberState {
     /// The latest one; 0 before the first.
     pub(super) activation: Activation,
     /// The `Run` node that holds it now.
@@ -103,7 +82,7 @@ impl State {
     pub fn new(program: &Program) -> Self {
         Self {
             cells: vec![Cell::default(); program.nodes.len()],
-            seats: vec![Seat::default(); program.endless.len()],
+            seats: vec![MemberState::default(); program.endless.len()],
             timers: vec![Activation::default(); program.timers.len()],
             queue: Vec::with_capacity(program.usings),
             holders: vec![None; program.resources().len()],

@@ -74,8 +74,9 @@ mod scope;
 mod start;
 
 use super::event::{Command, Event, Outcome, Value};
+use super::phase::Phase;
 use super::program::{Kind, Program};
-use super::state::{Cell, Phase, State};
+use super::state::{Cell, State};
 
 /// Takes one event, appends what to do about it to `commands` in order, and returns how the group ended if it did.
 ///

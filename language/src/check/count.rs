@@ -1,9 +1,10 @@
-//! Whole numbers that say how many: instances of an array, tries of a `retry`, places of a pool.
+//! Reads whole numbers: sizes of arrays, tries of a `retry`, places of a pool.
 //!
 //! Such a number is written, or it is the name of a constant or of a parameter of the group. A parameter has the value of
 //! the argument by the time it is read here, so what is wrong with it is wrong at the argument.
 
 use super::spec::{Const, Consts, Value, ValueKind};
+use super::value::Reader;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::Constant;
 use crate::source::Span;
@@ -12,7 +13,7 @@ use crate::syntax::ast::{Node, Token};
 use std::ops::RangeInclusive;
 
 /// What stands where a whole number is expected.
-pub(super) enum Whole<'a> {
+pub(super) enum CountValue<'a> {
     Number(usize),
     /// No whole number; the constant or parameter, if it is the name of one.
     Other(Option<&'a Const>),
@@ -21,17 +22,17 @@ pub(super) enum Whole<'a> {
 }
 
 /// Reads a number, or the name of one.
-pub(super) fn whole<'a>(token: &Token, consts: &'a Consts) -> Whole<'a> {
+pub(super) fn whole<'a>(token: &Token, consts: &'a Consts) -> CountValue<'a> {
     let (number, named) = if token.kind() == Number {
         (token.text().parse().ok(), None)
     } else {
         match consts.get(token.text()) {
-            Some(named) if named.is_broken() => return Whole::Broken,
+            Some(named) if named.is_broken() => return CountValue::Broken,
             Some(named) => (of_const(named), Some(named)),
             None => (None, None),
         }
     };
-    number.map_or(Whole::Other(named), Whole::Number)
+    number.map_or(CountValue::Other(named), CountValue::Number)
 }
 
 fn of_const(named: &Const) -> Option<usize> {
@@ -60,18 +61,19 @@ impl Expected {
     }
 
     /// Reads the number in a node; reports any other.
-    pub(super) fn read(&self, node: &Node, consts: &Consts, diagnostics: &mut Vec<Diagnostic>) -> Option<usize> {
+    pub(super) fn read(&self, node: &Node, reader: &mut Reader<'_>) -> Option<usize> {
+        let consts = reader.scope.consts;
         // Without a number and without a name the text is damaged.
         let token = node.tokens().find(|token| [Number, Ident].contains(&token.kind()))?;
         let named = match whole(&token, consts) {
-            Whole::Number(number) if self.bounds.contains(&number) => return Some(number),
-            Whole::Number(_) => consts.get(token.text()),
-            Whole::Other(named) => named,
-            Whole::Broken => return None,
+            CountValue::Number(number) if self.bounds.contains(&number) => return Some(number),
+            CountValue::Number(_) => consts.get(token.text()),
+            CountValue::Other(named) => named,
+            CountValue::Broken => return None,
         };
         let mut diagnostic = wrong(node.span(), named, format!("expected {}", self.what));
         diagnostic.help.extend(self.help.map(str::to_owned));
-        diagnostics.push(diagnostic);
+        reader.diagnostics.push(diagnostic);
         None
     }
 }

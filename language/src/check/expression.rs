@@ -1,18 +1,22 @@
-//! Event-action expressions: tree to slots.
+//! Reads event-action expressions and resolves their names to slots.
 
 mod replicate;
 mod scope;
 
 use super::count::Expected;
-use super::names::Names;
-use super::spec::{Binding, Consts, Damage, Expr, ExprKind, Set};
-use super::value::duration;
-use crate::diagnostic::{Code, Diagnostic, Edit};
-use crate::similar::{is_look_alike, nearest, spell};
+use super::diagnostics::Diagnostics;
+use super::lower::EXPRESSION_MAX;
+use super::names::{Names, listed};
+use super::spec::{Binding, Consts, Damage, Expr, ExprKind, Scope, Set};
+use super::value::Reader;
+use crate::diagnostic::{Code, Diagnostic, Edit, REASONS_MAX};
+use crate::similar::{is_look_alike, spell};
 use crate::source::Span;
+use crate::syntax::Operator;
 use crate::syntax::SyntaxKind::{self, Colon, Constant, DoubleColon, Question, Recur, Text};
 use crate::syntax::ast::{Name, Node, Token};
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
+use std::rc::Rc;
 
 /// The most tries of a `retry`: each is a copy of its operand.
 const RETRY_MAX: usize = 100;
@@ -29,7 +33,10 @@ pub(super) struct Group<'a> {
     /// The index variables around, with their values.
     pub(super) indices: Vec<Binding>,
     pub(super) sets: &'a [Set],
+    pub(super) owned: BTreeMap<usize, Rc<OwnedSets<'a>>>,
     pub(super) resources: &'a [Name],
+    /// Where each of them is among them.
+    pub(super) resource_places: BTreeMap<&'a str, usize>,
     /// Resources that are not declared, and were reported.
     pub(super) unknown: BTreeSet<String>,
     /// The place in the innermost pool around: the index of what stands there without one.
@@ -39,15 +46,69 @@ pub(super) struct Group<'a> {
     pub(super) run: Vec<usize>,
     /// The resources that are used.
     pub(super) taken: BTreeSet<usize>,
+    /// How many operators and operands have been written out.
+    pub(super) size: u64,
     /// Labels of processes that own no set.
     pub(super) useless: Vec<(Name, Name)>,
 }
 
+impl Group<'_> {
+    /// Whether one more operator or operand may be written out: replications of replications grow fast.
+    fn may_grow(&mut self, span: Span) -> bool {
+        self.size += 1;
+        if self.size == EXPRESSION_MAX {
+            let message = format!("the event actions come to more than {EXPRESSION_MAX} operators");
+            let diagnostic = Diagnostic::new(Code::E0701, span, message).label("this is one too many");
+            self.diagnostics().push(diagnostic.help("replicate less, or split the group"));
+        }
+        !self.is_full()
+    }
+
+    /// Whether nothing more is written out.
+    fn is_full(&self) -> bool {
+        self.size >= EXPRESSION_MAX
+    }
+
+    fn diagnostics(&mut self) -> &mut Diagnostics {
+        self.names.diagnostics
+    }
+
+    /// Reads times and counts, which a parameter of the group has decided by now, or a named constant.
+    fn reader(&mut self) -> Reader<'_> {
+        let scope = Scope { params: &[], consts: self.consts, indices: &[] };
+        Reader { scope, diagnostics: self.names.diagnostics }
+    }
+}
+
+/// The connection sets that one instance owns.
+#[derive(Clone, Debug, Default)]
+pub(super) struct OwnedSets<'a> {
+    /// Those without a label.
+    bare: Vec<usize>,
+    labelled: BTreeMap<&'a str, usize>,
+}
+
+impl<'a> OwnedSets<'a> {
+    /// Returns the sets of each instance that owns one, by its slot.
+    pub(super) fn of_all(sets: &'a [Set]) -> BTreeMap<usize, Rc<Self>> {
+        let mut all: BTreeMap<usize, Self> = BTreeMap::new();
+        for (index, set) in sets.iter().enumerate() {
+            let Some(owner) = set.owner else { continue };
+            let owned = all.entry(owner).or_default();
+            match &set.label {
+                Some(label) => drop(owned.labelled.entry(&label.text).or_insert(index)),
+                None => owned.bare.push(index),
+            }
+        }
+        all.into_iter().map(|(owner, owned)| (owner, Rc::new(owned))).collect()
+    }
+}
+
 /// Reads the event actions of a group; returns nothing for an empty section.
-pub(super) fn actions(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<Diagnostic>) -> Option<Expr> {
-    let parts: Vec<Expr> = node.children().map(|part| expression(&part, group, diagnostics)).collect();
+pub(super) fn actions(node: &Node, group: &mut Group<'_>) -> Option<Expr> {
+    let parts: Vec<Expr> = node.children().map(|part| expression(&part, group)).collect();
     if let Some(diagnostic) = useless_labels(group) {
-        diagnostics.push(diagnostic);
+        group.diagnostics().push(diagnostic);
     }
     let mut parts = parts.into_iter();
     let first = parts.next()?;
@@ -59,33 +120,54 @@ pub(super) fn actions(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<
     Some(Expr { span: node.span(), kind: ExprKind::Sequence(std::iter::once(first).chain(rest).collect()) })
 }
 
-fn expression(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<Diagnostic>) -> Expr {
+/// Reads one event action. What has no operator is damaged, which is reported already.
+fn expression(node: &Node, group: &mut Group<'_>) -> Expr {
     let span = node.span();
-    let kind = node.kind();
-    if kind == SyntaxKind::Run {
-        return run(node, group, diagnostics);
-    }
-    if kind == SyntaxKind::Paren {
-        let mut parts = parts(node, group, diagnostics);
-        let is_single = parts.len() == 1;
-        return match parts.pop() {
-            Some(inner) if is_single => inner,
-            Some(_) | None => Expr { span, kind: ExprKind::Broken },
-        };
-    }
-    let operators: [(SyntaxKind, Make); 6] = [
-        (SyntaxKind::Concurrent, ExprKind::Concurrent),
-        (SyntaxKind::FailFast, ExprKind::FailFast),
-        (SyntaxKind::Disable, ExprKind::Disable),
-        (SyntaxKind::Sequence, ExprKind::Sequence),
-        (SyntaxKind::Otherwise, ExprKind::Otherwise),
-        (SyntaxKind::Finally, finally),
-    ];
-    let Some((_, make)) = operators.iter().find(|(operator, _)| *operator == kind) else {
-        return special(node, group, diagnostics);
+    let broken = Expr { span, kind: ExprKind::Broken };
+    let Some(operator) = node.kind().operator().filter(|_| group.may_grow(span)) else { return broken };
+    let kind = match operator {
+        Operator::Run => return run(node, group),
+        Operator::Paren => return parenthesised(node, group),
+        Operator::Chain => return chain(node, group),
+        Operator::Suffixed => return suffixed(node, group),
+        Operator::Concurrent => return joined(node, group, ExprKind::Concurrent),
+        Operator::FailFast => return joined(node, group, ExprKind::FailFast),
+        Operator::Disable => return joined(node, group, ExprKind::Disable),
+        Operator::Sequence => return joined(node, group, ExprKind::Sequence),
+        Operator::Otherwise => return joined(node, group, ExprKind::Otherwise),
+        Operator::Finally => return joined(node, group, finally),
+        Operator::AllOf => replicate::all_of(node, group),
+        Operator::AnyOf => any_of(node, group),
+        Operator::Retry => retry(node, group),
+        Operator::Shield => scope::shield(node, group),
+        Operator::Using => scope::using(node, group),
+        Operator::Match => scope::matching(node, group),
+        Operator::Fail => node.token(Text).map(|reason| ExprKind::Fail(reason.content())),
+        Operator::Wait => {
+            let limit = node.child(Constant).and_then(|node| group.reader().duration(&node));
+            limit.map(ExprKind::Wait)
+        }
     };
-    diagnostics.extend(side_by_side(node));
-    let mut parts = parts(node, group, diagnostics);
+    kind.map_or(broken, |kind| Expr { span, kind })
+}
+
+fn parenthesised(node: &Node, group: &mut Group<'_>) -> Expr {
+    let mut parts = parts(node, group);
+    let is_single = parts.len() == 1;
+    match parts.pop() {
+        Some(inner) if is_single => inner,
+        Some(_) | None => Expr { span: node.span(), kind: ExprKind::Broken },
+    }
+}
+
+/// `operand op operand op ...`
+fn joined(node: &Node, group: &mut Group<'_>, make: Make) -> Expr {
+    let span = node.span();
+    // In damaged text nobody knows what belongs together.
+    if !group.damage.actions {
+        group.diagnostics().extend(side_by_side(node));
+    }
+    let mut parts = parts(node, group);
     match parts.len() {
         0 => Expr { span, kind: ExprKind::Broken },
         // An accepted `,` or `;` at the end.
@@ -118,50 +200,21 @@ fn side_by_side(node: &Node) -> Option<Diagnostic> {
     Some(diagnostic.fix("put parentheses around it", edits))
 }
 
-fn parts(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<Diagnostic>) -> Vec<Expr> {
+fn parts(node: &Node, group: &mut Group<'_>) -> Vec<Expr> {
     let no_operands = [Constant, SyntaxKind::Count, SyntaxKind::Resources];
     let operands = node.children().filter(|child| !no_operands.contains(&child.kind()));
-    operands.map(|part| expression(&part, group, diagnostics)).collect()
-}
-
-fn special(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<Diagnostic>) -> Expr {
-    let span = node.span();
-    let kind = if node.kind() == SyntaxKind::Chain {
-        return chain(node, group, diagnostics);
-    } else if node.kind() == SyntaxKind::Suffixed {
-        return suffixed(node, group, diagnostics);
-    } else if node.kind() == SyntaxKind::AllOf {
-        replicate::all_of(node, group, diagnostics)
-    } else if node.kind() == SyntaxKind::Retry {
-        retry(node, group, diagnostics)
-    } else if node.kind() == SyntaxKind::Shield {
-        scope::shield(node, group, diagnostics)
-    } else if node.kind() == SyntaxKind::Using {
-        scope::using(node, group, diagnostics)
-    } else if node.kind() == SyntaxKind::Match {
-        scope::matching(node, group, diagnostics)
-    } else if node.kind() == SyntaxKind::AnyOf {
-        any_of(node, group, diagnostics)
-    } else if node.kind() == SyntaxKind::Fail {
-        node.token(Text).map(|reason| ExprKind::Fail(reason.content()))
-    } else if node.kind() == SyntaxKind::Wait {
-        let limit = node.child(Constant).and_then(|node| duration(&node, group.consts, diagnostics));
-        limit.map(ExprKind::Wait)
-    } else {
-        None
-    };
-    Expr { span, kind: kind.unwrap_or(ExprKind::Broken) }
+    operands.map(|part| expression(&part, group)).collect()
 }
 
 /// `a : b ;; c : d` is `a : (b ;; (c : d))`, and so for `::`, whose second operand is written out for each place.
-fn chain(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<Diagnostic>) -> Expr {
+fn chain(node: &Node, group: &mut Group<'_>) -> Expr {
     let operators = node.tokens().map(|token| token.kind());
     let operators: Vec<SyntaxKind> = operators.filter(|kind| [Colon, Recur, DoubleColon].contains(kind)).collect();
     let span = node.span();
     let loops = operators.iter().filter(|&&operator| operator != Colon).count();
     let parts: Vec<Node> = node.children().filter(|part| part.kind() != SyntaxKind::Count).collect();
     if loops > REPEAT_MAX {
-        diagnostics.push(Diagnostic::new(
+        group.diagnostics().push(Diagnostic::new(
             Code::E0004,
             span,
             format!("more than {REPEAT_MAX} `;;` and `::` in a chain"),
@@ -171,18 +224,13 @@ fn chain(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<Diagnostic>) 
         return Expr { span, kind: ExprKind::Broken };
     }
     let counts: Vec<Node> = node.children_of(SyntaxKind::Count).collect();
-    rest_of_chain(&parts, &operators, &counts, (group, diagnostics))
+    rest_of_chain(&parts, &operators, &counts, group)
 }
 
 /// What comes from one operand on; `counts` are those of the `::` that are left.
-fn rest_of_chain(
-    parts: &[Node],
-    operators: &[SyntaxKind],
-    counts: &[Node],
-    (group, diagnostics): (&mut Group<'_>, &mut Vec<Diagnostic>),
-) -> Expr {
+fn rest_of_chain(parts: &[Node], operators: &[SyntaxKind], counts: &[Node], group: &mut Group<'_>) -> Expr {
     let joined = operators.iter().take_while(|&&operator| operator == Colon).count();
-    let operands: Vec<Expr> = parts[..=joined].iter().map(|part| expression(part, group, diagnostics)).collect();
+    let operands: Vec<Expr> = parts[..=joined].iter().map(|part| expression(part, group)).collect();
     let [first, .., last] = [&parts[0], &parts[parts.len() - 1]];
     let span = Span { start: first.span().start, ..last.span() };
     let Some((operator, others)) = operators.get(joined).zip(operators.get(joined + 1..)) else {
@@ -191,16 +239,12 @@ fn rest_of_chain(
     let mut operands = operands;
     let Some(operand) = operands.pop() else { return Expr { span, kind: ExprKind::Broken } };
     let (start, parts) = (operand.span.start, &parts[joined + 1..]);
-    let rest = |counts: &[Node], group: &mut Group<'_>, diagnostics: &mut Vec<Diagnostic>| {
-        rest_of_chain(parts, others, counts, (group, diagnostics))
-    };
+    let rest = |counts: &[Node], group: &mut Group<'_>| rest_of_chain(parts, others, counts, group);
     let kind = if *operator == Recur {
-        ExprKind::Recurrent(Box::new(operand), Box::new(rest(counts, group, diagnostics)))
+        ExprKind::Recurrent(Box::new(operand), Box::new(rest(counts, group)))
     } else {
         let (count, counts) = counts.split_first().map_or((None, counts), |(count, counts)| (Some(count), counts));
-        let pool = count.and_then(|count| {
-            replicate::pool(count, span, (group, diagnostics), &mut |group, found| rest(counts, group, found))
-        });
+        let pool = count.and_then(|count| replicate::pool(count, span, group, &mut |group| rest(counts, group)));
         pool.map_or(ExprKind::Broken, |pool| ExprKind::Asynchronous(Box::new(operand), pool))
     };
     operands.push(Expr { span: Span { start, ..span }, kind });
@@ -212,11 +256,11 @@ fn join(mut operands: Vec<Expr>, span: Span) -> Expr {
 }
 
 /// `p? within 5 s as late`, from the inside to the outside.
-fn suffixed(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<Diagnostic>) -> Expr {
+fn suffixed(node: &Node, group: &mut Group<'_>) -> Expr {
     let span = node.span();
     let mut limits = node.children_of(Constant);
     let operand = node.children().find(|child| child.kind() != Constant);
-    let Some(mut inner) = operand.map(|part| expression(&part, group, diagnostics)) else {
+    let Some(mut inner) = operand.map(|part| expression(&part, group)) else {
         return Expr { span, kind: ExprKind::Broken };
     };
     let mut depth = 0;
@@ -229,7 +273,7 @@ fn suffixed(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<Diagnostic
         index += 1;
         depth += 1;
         if depth > REPEAT_MAX {
-            diagnostics.push(Diagnostic::new(
+            group.diagnostics().push(Diagnostic::new(
                 Code::E0004,
                 span,
                 format!("more than {REPEAT_MAX} suffixes of one operand"),
@@ -244,7 +288,7 @@ fn suffixed(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<Diagnostic
             index += 1;
             tag.map_or(ExprKind::Broken, |tag| ExprKind::Tagged(tag.name(), Box::new(inner)))
         } else {
-            match limits.next().and_then(|node| duration(&node, group.consts, diagnostics)) {
+            match limits.next().and_then(|node| group.reader().duration(&node)) {
                 Some(limit) => ExprKind::Within(limit, Box::new(inner)),
                 None => ExprKind::Broken,
             }
@@ -254,21 +298,21 @@ fn suffixed(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<Diagnostic
     inner
 }
 
-fn retry(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<Diagnostic>) -> Option<ExprKind> {
-    let mut parts = parts(node, group, diagnostics);
+fn retry(node: &Node, group: &mut Group<'_>) -> Option<ExprKind> {
+    let mut parts = parts(node, group);
     let expected = Expected::new(0..=RETRY_MAX, format!("how many times to try again, at most {RETRY_MAX}"));
-    let times = expected.read(&node.child(SyntaxKind::Count)?, group.consts, diagnostics)?;
+    let times = expected.read(&node.child(SyntaxKind::Count)?, &mut group.reader())?;
     let pause = match node.child(Constant) {
-        Some(pause) => Some(duration(&pause, group.consts, diagnostics)?),
+        Some(pause) => Some(group.reader().duration(&pause)?),
         None => None,
     };
     Some(ExprKind::Retry(small(times), pause, Box::new(parts.pop()?)))
 }
 
-fn any_of(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<Diagnostic>) -> Option<ExprKind> {
+fn any_of(node: &Node, group: &mut Group<'_>) -> Option<ExprKind> {
     let parens = node.child(SyntaxKind::Paren)?;
     let candidates = parens.child(SyntaxKind::Concurrent);
-    let mut candidates = parts(candidates.as_ref().unwrap_or(&parens), group, diagnostics);
+    let mut candidates = parts(candidates.as_ref().unwrap_or(&parens), group);
     // `any 2 of (all i in 0..3 (a[i]))`: the copies are the candidates.
     let is_all =
         parens.child(SyntaxKind::AllOf).is_some_and(|all| all.names().next().is_some_and(|it| it.text == "all"));
@@ -278,7 +322,7 @@ fn any_of(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<Diagnostic>)
         candidates = std::mem::take(copies);
     }
     let expected = Expected::new(1..=candidates.len(), format!("a count from 1 to {}", candidates.len()));
-    let needed = expected.read(&node.child(SyntaxKind::Count)?, group.consts, diagnostics)?;
+    let needed = expected.read(&node.child(SyntaxKind::Count)?, &mut group.reader())?;
     Some(ExprKind::AnyOf(small(needed), candidates))
 }
 
@@ -287,10 +331,10 @@ fn small(count: usize) -> u32 {
 }
 
 /// `name[label]`; `skip` and `never` are words unless an instance is called so.
-fn run(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<Diagnostic>) -> Expr {
+fn run(node: &Node, group: &mut Group<'_>) -> Expr {
     let span = node.span();
     let Some(name) = node.names().next() else { return Expr { span, kind: ExprKind::Broken } };
-    let Some((name, labels)) = replicate::run_of(node, name, group, diagnostics) else {
+    let Some((name, labels)) = replicate::run_of(node, name, group) else {
         group.damage.names = true;
         return Expr { span, kind: ExprKind::Broken };
     };
@@ -298,68 +342,62 @@ fn run(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<Diagnostic>) ->
         let kind = if name.text == "skip" { ExprKind::Skip } else { ExprKind::Never };
         return Expr { span, kind };
     }
-    let Some(slot) = group.names.lenient(&name, diagnostics) else {
+    let Some(slot) = group.names.lenient(&name) else {
         group.damage.names = true;
         return Expr { span, kind: ExprKind::Broken };
     };
     group.run.push(slot);
-    let sets = activated(&name, slot, &labels, group, diagnostics);
+    let sets = activated(&name, slot, &labels, group);
     Expr { span, kind: ExprKind::Run(slot, sets) }
 }
 
 /// The sets that are open while the process runs: those that are named, and the owner's set without a label.
-fn activated(
-    name: &Name,
-    slot: usize,
-    labels: &[Name],
-    group: &mut Group<'_>,
-    diagnostics: &mut Vec<Diagnostic>,
-) -> Vec<usize> {
-    let owned: Vec<usize> = (0..group.sets.len()).filter(|&set| group.sets[set].owner == Some(slot)).collect();
-    let label_of = |set: &usize| group.sets[*set].label.as_ref();
-    let mut activated: Vec<usize> = owned.iter().copied().filter(|set| label_of(set).is_none()).collect();
-    let labelled: Vec<usize> = owned.iter().copied().filter(|set| label_of(set).is_some()).collect();
+fn activated(name: &Name, slot: usize, labels: &[Name], group: &mut Group<'_>) -> Vec<usize> {
+    let sets = group.sets;
+    let Some(owned) = group.owned.get(&slot).cloned() else {
+        group.useless.extend(labels.iter().map(|label| (name.clone(), label.clone())));
+        return Vec::new();
+    };
+    let label_of = |set: &usize| sets[*set].label.as_ref();
+    let mut activated = owned.bare.clone();
+    let mut is_open: BTreeSet<usize> = activated.iter().copied().collect();
     for label in labels {
-        let is_called = |set: &&usize| label_of(set).is_some_and(|other| other.text == label.text);
-        match labelled.iter().find(is_called) {
-            Some(&set) if activated.contains(&set) => {}
-            Some(&set) => activated.push(set),
-            None if labelled.is_empty() => group.useless.push((name.clone(), label.clone())),
+        match owned.labelled.get(label.text.as_str()) {
+            Some(&set) if is_open.insert(set) => activated.push(set),
+            Some(_) => {}
+            None if owned.labelled.is_empty() => group.useless.push((name.clone(), label.clone())),
             None if group.damage.connections || group.damage.actions => {}
-            None => {
-                let known = labelled.iter().filter_map(label_of).collect::<Vec<_>>();
-                diagnostics.push(unknown_label(name, label, &known));
-            }
+            None => report_unknown_label(name, label, &owned, group),
         }
     }
-    if labels.is_empty() && !labelled.is_empty() && !group.damage.actions {
+    if labels.is_empty() && !owned.labelled.is_empty() && !group.damage.actions {
         let message = format!("`{}` runs with none of its connection sets", name.text);
         let mut diagnostic = Diagnostic::new(Code::W0304, name.span, message);
-        for label in labelled.iter().filter_map(label_of) {
+        let mut first: Vec<usize> = owned.labelled.values().copied().collect();
+        first.sort_unstable();
+        for label in first.iter().take(REASONS_MAX).filter_map(label_of) {
             diagnostic =
                 diagnostic.reason(label.span, format!("write `{}[{}]` to open this one", name.text, label.text));
         }
-        diagnostics.push(diagnostic);
+        group.diagnostics().push(diagnostic);
     }
     activated
 }
 
-fn unknown_label(name: &Name, label: &Name, known: &[&Name]) -> Diagnostic {
+fn report_unknown_label(name: &Name, label: &Name, owned: &OwnedSets<'_>, group: &mut Group<'_>) {
     let message = format!("`{}` has no connection set `{}`", name.text, label.text);
     let diagnostic = Diagnostic::new(Code::E0301, label.span, message);
-    let texts = || known.iter().map(|other| other.text.as_str());
-    let near = nearest(&label.text, texts()).and_then(|near| known.iter().find(|other| other.text == near));
-    match near {
+    let sets = group.sets;
+    let near = group.diagnostics().nearest(&label.text, owned.labelled.keys().copied());
+    let diagnostic = match near.and_then(|near| sets[*owned.labelled.get(near)?].label.as_ref()) {
         Some(near) if is_look_alike(&near.text, &label.text) => diagnostic
             .label(spell(&label.text))
             .reason(near.span, format!("this one is spelled {}", spell(&near.text)))
             .replace(label.span, &near.text),
         Some(near) => diagnostic.reason(near.span, "declared here").replace(label.span, &near.text),
-        None => {
-            let known: Vec<String> = texts().map(|text| format!("`{text}`")).collect();
-            diagnostic.help(format!("its connection sets are {}", known.join(", ")))
-        }
-    }
+        None => diagnostic.help(format!("its connection sets are {}", listed(owned.labelled.keys().copied()))),
+    };
+    group.diagnostics().push(diagnostic);
 }
 
 /// One report for all labels of the group that activate nothing.
@@ -368,11 +406,10 @@ fn useless_labels(group: &Group<'_>) -> Option<Diagnostic> {
         return None;
     }
     let (_, first) = group.useless.first()?;
-    let listed: Vec<String> =
-        group.useless.iter().map(|(name, label)| format!("`{}[{}]`", name.text, label.text)).collect();
-    let message = match listed.len() {
-        1 => format!("the label of {} activates nothing", listed[0]),
-        _ => format!("the labels of {} activate nothing", listed.join(", ")),
+    let all: Vec<String> = group.useless.iter().map(|(name, label)| format!("{}[{}]", name.text, label.text)).collect();
+    let message = match all.len() {
+        1 => format!("the label of `{}` activates nothing", all[0]),
+        _ => format!("the labels of {} activate nothing", listed(all.iter().map(String::as_str))),
     };
     let mut diagnostic = Diagnostic::new(Code::W0302, first.span, message).label("its process owns no connection set");
     for (_, label) in &group.useless[1..] {

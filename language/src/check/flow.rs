@@ -1,4 +1,4 @@
-//! What runs with what, what ends, and what never does.
+//! Checks event actions: what runs at the same time, what ends, and what never starts.
 
 mod dead;
 mod ends;
@@ -7,13 +7,14 @@ mod outcome;
 mod resource;
 mod service;
 
+use super::diagnostics::Diagnostics;
 use super::spec::{Expr, ExprKind, Process, Spec, Target};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::source::Span;
 use std::collections::BTreeMap;
 
 /// Infers services, then checks every event action. Groups nest finitely here.
-pub(super) fn check(spec: &mut Spec, diagnostics: &mut Vec<Diagnostic>) {
+pub(super) fn check(spec: &mut Spec, diagnostics: &mut Diagnostics) {
     service::infer(spec);
     let members = ends::members(spec);
     for (process, members) in spec.processes.iter().zip(&members).filter(|(process, _)| !process.damage.actions) {
@@ -21,7 +22,7 @@ pub(super) fn check(spec: &mut Spec, diagnostics: &mut Vec<Diagnostic>) {
         let mut clashes = BTreeMap::new();
         instances_of(actions, &mut clashes);
         diagnostics.extend(clashes.into_iter().map(|(slot, places)| runs_twice(process, slot, places)));
-        service::check((spec, process), members, actions, diagnostics);
+        service::Order::new(spec, process, members, diagnostics).walk(actions);
         dead::check(members, actions, diagnostics);
         resource::check(process, actions, diagnostics);
         resource::kept(process, &service::members(spec, process), actions, diagnostics);

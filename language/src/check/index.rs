@@ -1,10 +1,10 @@
 //! Replication: `robot[4]`, `robot[i]`, `hosts[i]`. Instances of an array are instances of their own, called `robot_0` and so
 //! on; an indexed name is written out before anything else looks at it.
 
+use super::diagnostics::Diagnostics;
 use super::names::Names;
 use super::spec::Binding;
 use crate::diagnostic::{Code, Diagnostic};
-use crate::similar::nearest;
 use crate::syntax::SyntaxKind::{Index, Number};
 use crate::syntax::ast::{Name, Node};
 
@@ -22,7 +22,7 @@ pub(super) fn number(index: usize) -> f64 {
 }
 
 /// The value of `[2]` or `[i]`; a variable that is not bound is reported.
-pub(super) fn known(index: &Node, bindings: &[Binding], diagnostics: &mut Vec<Diagnostic>) -> Option<usize> {
+pub(super) fn known(index: &Node, bindings: &[Binding], diagnostics: &mut Diagnostics) -> Option<usize> {
     if let Some(number) = index.token(Number) {
         let value = number.text().parse().ok();
         if value.is_none() {
@@ -41,17 +41,12 @@ pub(super) fn known(index: &Node, bindings: &[Binding], diagnostics: &mut Vec<Di
 }
 
 /// The first name of a node with its index written out.
-pub(super) fn name(
-    node: &Node,
-    names: &Names<'_>,
-    bindings: &[Binding],
-    diagnostics: &mut Vec<Diagnostic>,
-) -> Option<Name> {
+pub(super) fn name(node: &Node, names: &mut Names<'_>, bindings: &[Binding]) -> Option<Name> {
     let name = node.names().next()?;
     match node.child(Index) {
-        Some(index) => written_out(&name, &index, names, bindings, diagnostics),
+        Some(index) => written_out(&name, &index, names, bindings),
         None if names.arrays.contains_key(&name.text) => {
-            diagnostics.push(without_index(&name, names.arrays[&name.text]));
+            names.diagnostics.push(without_index(&name, names.arrays[&name.text]));
             None
         }
         None => Some(name),
@@ -64,39 +59,34 @@ pub(super) fn without_index(name: &Name, count: usize) -> Diagnostic {
     diagnostic.help(format!("write `{0}[0]` for one, `all i in 0..{count} ({0}[i])` for all", name.text))
 }
 
-/// A name that is nearly that of an array.
-pub(super) fn misspelt(name: &Name, names: &Names<'_>) -> Option<Diagnostic> {
-    let near = nearest(&name.text, names.arrays.keys().map(String::as_str))?;
+/// Reports a name that is nearly that of an array; returns whether it is.
+pub(super) fn is_misspelt(name: &Name, names: &mut Names<'_>) -> bool {
+    let arrays = names.arrays.keys().map(String::as_str);
+    let Some(near) = names.diagnostics.nearest(&name.text, arrays) else { return false };
     let message = format!("unknown process `{}`", name.text);
     let diagnostic = Diagnostic::new(Code::E0201, name.span, message).label("not an instance of this group");
-    Some(diagnostic.help(format!("did you mean `{near}`?")).replace(name.span, near))
+    names.diagnostics.push(diagnostic.help(format!("did you mean `{near}`?")).replace(name.span, near));
+    true
 }
 
 /// `robot[2]` as `robot_2`.
-pub(super) fn written_out(
-    name: &Name,
-    index: &Node,
-    names: &Names<'_>,
-    bindings: &[Binding],
-    diagnostics: &mut Vec<Diagnostic>,
-) -> Option<Name> {
+pub(super) fn written_out(name: &Name, index: &Node, names: &mut Names<'_>, bindings: &[Binding]) -> Option<Name> {
     let Some(&count) = names.arrays.get(&name.text) else {
         if names.find(&name.text).is_some() {
             let message = format!("`{}` is one instance, no array", name.text);
-            diagnostics.push(Diagnostic::new(Code::E0203, name.span, message));
+            names.diagnostics.push(Diagnostic::new(Code::E0203, name.span, message));
             return None;
         }
-        if let Some(diagnostic) = misspelt(name, names) {
-            diagnostics.push(diagnostic);
+        if is_misspelt(name, names) {
             return None;
         }
         // An unknown name is reported as such.
         return Some(name.clone());
     };
-    let value = known(index, bindings, diagnostics)?;
+    let value = known(index, bindings, names.diagnostics)?;
     if value >= count {
         let message = format!("`{}` has {count} instances, so there is none at {value}", name.text);
-        diagnostics.push(Diagnostic::new(Code::E0203, index.span(), message).help("the first one is at 0"));
+        names.diagnostics.push(Diagnostic::new(Code::E0203, index.span(), message).help("the first one is at 0"));
         return None;
     }
     Some(Name { text: element(&name.text, value), span: name.span })

@@ -1,8 +1,10 @@
-//! The parameters and messages that interfaces declare, as plain data.
+//! Returns the parameters and messages that interfaces declare, as plain data.
 
+use super::declare::{ItemCollector, Templates, Tree};
+use super::diagnostics::Diagnostics;
 use super::range::Values;
 use super::spec::{Direction, Kind, Param, Shape, Spec, Value, ValueKind};
-use super::{declare, types, unit};
+use super::{types, unit};
 use crate::message::{Layout, Message};
 use crate::plan::{Accepts, Constant, Parameter};
 use crate::source::{Origin, Source};
@@ -57,14 +59,14 @@ fn layout(spec: &Spec, kind: &Kind) -> Option<Layout> {
 
 /// Reads texts that consist of modules and types; what is wrong with them is of no interest here.
 fn read(interfaces: &[Source]) -> Spec {
-    let (mut spec, mut diagnostics) = (Spec::default(), Vec::new());
+    let (mut spec, mut diagnostics) = (Spec::default(), Diagnostics::default());
     for (origin, source) in (0..).map(Origin::Interface).zip(interfaces) {
         let Parse { root, mut damage, .. } = parse(source, origin);
         damage.sort_unstable();
-        let root = ast::Node::new(root, origin);
-        declare::constants(&mut spec, &root, &damage, &mut diagnostics);
-        let templates = declare::Templates::default();
-        declare::declare(&mut spec, &root, (origin, false), (&damage, &templates), &mut diagnostics);
+        let tree = Tree { root: ast::Node::new(root, origin), origin, is_part: false, damage };
+        let mut collector = ItemCollector { spec: &mut spec, diagnostics: &mut diagnostics };
+        collector.constants(&tree);
+        collector.items(&tree, &Templates::default());
     }
     // Types that contain themselves are taken out.
     types::check(&mut spec, &mut diagnostics);

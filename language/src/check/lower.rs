@@ -1,22 +1,23 @@
-//! The plan: every group and leaf with its absolute path, every wire from leaf to leaf.
+//! Makes the plan: every group and leaf with its absolute path, every wire from leaf to leaf.
 
 mod data;
+pub(crate) mod exclusivity;
 mod expression;
 pub(crate) mod quote;
 mod ranges;
-pub(crate) mod together;
 mod tree;
 mod wires;
 
+use super::diagnostics::Diagnostics;
 use super::names::listed;
-use super::spec::{Direction, Process, Spec, Target};
+use super::spec::{Direction, Expr, ExprKind, Process, Spec, Target};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::{Plan, PlanError, Wire};
 use quote::Quotes;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// The most operators and operands of one group's event actions, written out.
-const EXPRESSION_MAX: u64 = 100_000;
+pub(super) const EXPRESSION_MAX: u64 = 100_000;
 
 /// Makes the plan of a spec without errors; what only shows here is reported.
 pub(super) fn lower(
@@ -24,7 +25,7 @@ pub(super) fn lower(
     root: usize,
     name: &str,
     quotes: &Quotes<'_>,
-    diagnostics: &mut Vec<Diagnostic>,
+    diagnostics: &mut Diagnostics,
 ) -> Option<Plan> {
     if let Some(diagnostic) = spec.processes.iter().find_map(too_large) {
         diagnostics.push(diagnostic);
@@ -42,8 +43,11 @@ pub(super) fn lower(
             tree.groups[group].expression = expression::lower(actions, &process.resources, quotes);
         }
     }
+    let read: BTreeSet<usize> = tree.process_of.iter().copied().collect();
+    let actions = read.iter().filter_map(|&process| spec.processes[process].actions.as_ref());
+    diagnostics.extend(actions.filter_map(not_understood));
     check_inputs(spec, &tree, &wires.all, diagnostics);
-    together::check(spec, &tree, diagnostics);
+    exclusivity::check(spec, &tree, diagnostics);
     let claims = tree.claims(spec);
     let tree::Tree { hosts, groups, leaves, process_of, .. } = tree;
     let plan = Plan { name: name.to_owned(), hosts, groups, leaves, wires: wires.all, claims };
@@ -63,6 +67,13 @@ fn too_large(process: &Process) -> Option<Diagnostic> {
     Some(Diagnostic::new(Code::E0701, actions.span, message).help("try again fewer times"))
 }
 
+/// What could not be read was reported before; if it was not, the checker does not know an operator that the parser does.
+fn not_understood(expr: &Expr) -> Option<Diagnostic> {
+    let broken = || Diagnostic::new(Code::E0006, expr.span, "this operator is not supported yet");
+    let is_broken = matches!(expr.kind, ExprKind::Broken);
+    is_broken.then(broken).or_else(|| expr.parts().into_iter().find_map(not_understood))
+}
+
 /// Limits that only the finished plan shows.
 fn refused(spec: &Spec, process_of: &[usize], root: usize, plan: &Plan, error: PlanError) -> Diagnostic {
     let group = if let PlanError::ExpressionTooDeep { group } = &error {
@@ -76,7 +87,7 @@ fn refused(spec: &Spec, process_of: &[usize], root: usize, plan: &Plan, error: P
 }
 
 /// Reports inputs that nothing is ever sent to, one line for each group type.
-fn check_inputs(spec: &Spec, tree: &tree::Tree, wires: &[Wire], diagnostics: &mut Vec<Diagnostic>) {
+fn check_inputs(spec: &Spec, tree: &tree::Tree, wires: &[Wire], diagnostics: &mut Diagnostics) {
     let fed: BTreeSet<(u32, &str)> = wires.iter().map(|wire| (wire.to.leaf, wire.to.port.as_str())).collect();
     let mut unfed: BTreeMap<usize, BTreeSet<(usize, &str)>> = BTreeMap::new();
     for (leaf, &(group, slot)) in (0_u32..).zip(&tree.place_of) {

@@ -1,8 +1,8 @@
-//! Names of instances inside one group.
+//! Resolves the names of instances inside one group.
 
+use super::diagnostics::Diagnostics;
 use super::spec::Instance;
 use crate::diagnostic::{Code, Diagnostic};
-use crate::similar::nearest;
 use crate::source::Span;
 use crate::syntax::ast::Name;
 use std::collections::{BTreeMap, BTreeSet};
@@ -11,18 +11,15 @@ use std::collections::{BTreeMap, BTreeSet};
 const ABBREVIATION_MIN: usize = 4;
 /// As many names are written out in one sentence.
 const LISTED_MAX: usize = 20;
-/// As many names of one group are compared for a suggestion before no more is made: a suggestion takes a look at each.
-const COMPARED_MAX: usize = 20_000;
 
 /// The instances of one group by name, by type, and by name without case.
 pub(super) struct Names<'a> {
     instances: &'a [Instance],
+    pub(super) diagnostics: &'a mut Diagnostics,
     exact: BTreeMap<&'a str, usize>,
     by_type: BTreeMap<&'a str, Vec<usize>>,
     folded: BTreeMap<String, Vec<usize>>,
     lowered: BTreeMap<String, Vec<usize>>,
-    /// How many more names are compared with each other, letter by letter.
-    budget: usize,
     /// Unknown names that were reported: one cause is one report.
     reported: BTreeSet<String>,
     /// How many instances each array has.
@@ -34,7 +31,7 @@ pub(super) struct Names<'a> {
 }
 
 impl<'a> Names<'a> {
-    pub(super) fn new(instances: &'a [Instance], is_damaged: bool) -> Self {
+    pub(super) fn new(instances: &'a [Instance], is_damaged: bool, diagnostics: &'a mut Diagnostics) -> Self {
         let mut by_type: BTreeMap<&str, Vec<usize>> = BTreeMap::new();
         let mut folded: BTreeMap<String, Vec<usize>> = BTreeMap::new();
         let mut lowered: BTreeMap<String, Vec<usize>> = BTreeMap::new();
@@ -49,11 +46,11 @@ impl<'a> Names<'a> {
         }
         Self {
             instances,
+            diagnostics,
             exact,
             by_type,
             folded,
             lowered,
-            budget: COMPARED_MAX,
             reported: BTreeSet::new(),
             arrays: BTreeMap::new(),
             is_damaged,
@@ -62,10 +59,10 @@ impl<'a> Names<'a> {
     }
 
     /// The instance that is called exactly so; anything else is reported.
-    pub(super) fn exact(&mut self, name: &Name, diagnostics: &mut Vec<Diagnostic>) -> Option<usize> {
+    pub(super) fn exact(&mut self, name: &Name) -> Option<usize> {
         let found = self.find(&name.text);
         if found.is_none() {
-            diagnostics.extend(self.unknown(name));
+            self.report_unknown(name);
         }
         found
     }
@@ -76,24 +73,29 @@ impl<'a> Names<'a> {
     }
 
     /// The instance that a name in an event action means, by the lenient rules.
-    pub(super) fn lenient(&mut self, name: &Name, diagnostics: &mut Vec<Diagnostic>) -> Option<usize> {
+    pub(super) fn lenient(&mut self, name: &Name) -> Option<usize> {
         if let Some(slot) = self.find(&name.text) {
             return Some(slot);
+        }
+        // Among instances that cannot be read may be the one that is meant.
+        if self.is_damaged {
+            return None;
         }
         for (code, candidates) in self.candidates(&name.text) {
             match candidates.as_slice() {
                 [] => {}
                 [slot] => {
-                    diagnostics.push(self.read_as(code, name, *slot));
+                    let diagnostic = self.read_as(code, name, *slot);
+                    self.diagnostics.push(diagnostic);
                     return Some(*slot);
                 }
                 [..] => {
-                    diagnostics.extend(self.ambiguous(name, &candidates));
+                    self.report_ambiguous(name, &candidates);
                     return None;
                 }
             }
         }
-        diagnostics.extend(self.unknown(name));
+        self.report_unknown(name);
         None
     }
 
@@ -131,9 +133,9 @@ impl<'a> Names<'a> {
         diagnostic.reason(instance.name.span, "declared here").replace(name.span, exact)
     }
 
-    fn ambiguous(&mut self, name: &Name, candidates: &[usize]) -> Option<Diagnostic> {
+    fn report_ambiguous(&mut self, name: &Name, candidates: &[usize]) {
         if !self.reported.insert(name.text.clone()) {
-            return None;
+            return;
         }
         let message = format!("`{}` could mean more than one instance", name.text);
         let mut diagnostic = Diagnostic::new(Code::E0202, name.span, message);
@@ -141,18 +143,18 @@ impl<'a> Names<'a> {
             let instance = &self.instances[slot];
             diagnostic = diagnostic.reason(instance.name.span, format!("could be `{}`", instance.name.text));
         }
-        Some(diagnostic.help("write the name of the instance"))
+        self.diagnostics.push(diagnostic.help("write the name of the instance"));
     }
 
-    fn unknown(&mut self, name: &Name) -> Option<Diagnostic> {
+    fn report_unknown(&mut self, name: &Name) {
         let suggestion = self.suggestion(&name.text);
         let is_noise = self.is_damaged || self.is_doubtful && suggestion.is_none();
         if is_noise || !self.reported.insert(name.text.clone()) {
-            return None;
+            return;
         }
         let message = format!("unknown process `{}`", name.text);
         let diagnostic = Diagnostic::new(Code::E0201, name.span, message).label("not an instance of this group");
-        Some(match suggestion {
+        let diagnostic = match suggestion {
             Some(slot) => {
                 let instance = &self.instances[slot].name;
                 let diagnostic = diagnostic.reason(instance.span, "an instance with a similar name");
@@ -164,20 +166,21 @@ impl<'a> Names<'a> {
                 let more = if self.instances.len() > 8 { ", ..." } else { "" };
                 diagnostic.help(format!("the instances are {names}{more}"))
             }
-        })
+        };
+        self.diagnostics.push(diagnostic);
     }
 
     /// The instance that was probably meant: by its name, else by its type.
     fn suggestion(&mut self, name: &str) -> Option<usize> {
-        if self.budget == 0 {
-            return None;
+        let names = self.instances.iter().map(|instance| instance.name.text.as_str());
+        if let Some(slot) = self.diagnostics.nearest(name, names).and_then(|near| self.find(near)) {
+            return Some(slot);
         }
-        self.budget = self.budget.saturating_sub(self.instances.len() + self.by_type.len());
-        let by_name = nearest(name, self.instances.iter().map(|instance| instance.name.text.as_str()));
-        let by_type =
-            || nearest(name, self.by_type.iter().filter(|(_, slots)| slots.len() == 1).map(|(kind, _)| *kind));
-        let lenient = || self.candidates(name).into_iter().find_map(|(_, found)| found.first().copied());
-        by_name.and_then(|found| self.find(found)).or_else(|| Some(self.by_type[by_type()?][0])).or_else(lenient)
+        let only = self.by_type.iter().filter(|(_, slots)| slots.len() == 1);
+        if let Some(near) = self.diagnostics.nearest(name, only.map(|(kind, _)| *kind)) {
+            return self.by_type[near].first().copied();
+        }
+        self.candidates(name).into_iter().find_map(|(_, found)| found.first().copied())
     }
 }
 
@@ -186,9 +189,8 @@ fn fold(name: &str) -> String {
 }
 
 /// Names in a sentence: as many as a person reads.
-pub(super) fn listed<'a>(names: impl Iterator<Item = &'a str>) -> String {
-    let mut names = names.map(|name| format!("`{name}`"));
-    let shown: Vec<String> = names.by_ref().take(LISTED_MAX).collect();
+pub(super) fn listed<'a>(mut names: impl Iterator<Item = &'a str>) -> String {
+    let shown: Vec<String> = names.by_ref().take(LISTED_MAX).map(|name| format!("`{name}`")).collect();
     match names.count() {
         0 => shown.join(", "),
         more => format!("{} and {more} more", shown.join(", ")),

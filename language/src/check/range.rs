@@ -1,7 +1,7 @@
-//! Which values of its type a parameter takes: `in 1..200`, `in "open" | "close"`.
+//! The values that a parameter takes: `in 1..200`, `in "open" | "close"`.
 
-use super::spec::{Param, Scope, Shape, Spec, Value, ValueKind};
-use super::value::value;
+use super::spec::{Param, Shape, Spec, Value, ValueKind};
+use super::value::Reader;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::Constant;
 use crate::source::Span;
@@ -25,9 +25,8 @@ pub(crate) enum Values {
 
 impl Range {
     /// Reads what stands behind `in`.
-    pub(super) fn read(node: &Node, scope: Scope<'_>, diagnostics: &mut Vec<Diagnostic>) -> Option<Self> {
-        let values: Vec<Value> =
-            node.children_of(SyntaxKind::Constant).map(|node| value(&node, scope, diagnostics)).collect();
+    pub(super) fn read(node: &Node, reader: &mut Reader<'_>) -> Option<Self> {
+        let values: Vec<Value> = node.children_of(SyntaxKind::Constant).map(|node| reader.value(&node)).collect();
         if values.iter().any(|value| matches!(value.kind, ValueKind::Broken)) {
             return None;
         }
@@ -42,7 +41,7 @@ impl Range {
             && low > high
         {
             let message = format!("no value is from {low} to {high}");
-            diagnostics.push(Diagnostic::new(Code::E0009, span, message).help("the smaller number comes first"));
+            reader.diagnostics.push(Diagnostic::new(Code::E0009, span, message).help("the smaller number comes first"));
             return None;
         }
         Some(Self { values: Values::Between(low, high), span })

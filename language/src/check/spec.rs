@@ -1,4 +1,4 @@
-//! A spec between tree and plan: what is declared, with names resolved inside each group and every span kept.
+//! The checked spec, between tree and plan: declarations, names resolved inside each group, every span.
 
 mod kind;
 
@@ -10,7 +10,7 @@ use crate::syntax::ast::Name;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-pub(crate) use kind::{FIELDS_MAX, Kind, Likeness, NamedType, Shape};
+pub(crate) use kind::{FIELDS_MAX, Kind, NamedType, Shape, TypeMatch};
 
 /// Everything that is declared in a spec and in the interfaces.
 #[derive(Debug, Default)]
@@ -19,7 +19,7 @@ pub(crate) struct Spec {
     pub(crate) modules: Vec<Module>,
     pub(crate) process_names: BTreeMap<String, usize>,
     /// Which process an instance is of, by process and slot, where its arguments decide how that one is read.
-    pub(crate) readings: BTreeMap<(usize, usize), usize>,
+    pub(crate) specializations: BTreeMap<(usize, usize), usize>,
     pub(crate) module_names: BTreeMap<String, usize>,
     pub(crate) consts: Consts,
     pub(crate) types: Vec<NamedType>,
@@ -108,7 +108,7 @@ pub(crate) struct Param {
 }
 
 /// An instance in a group.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(crate) struct Instance {
     pub(crate) name: Name,
     /// The type as written; nothing when it could not be read.

@@ -1,67 +1,59 @@
-//! What instances are instances of, and which groups contain which.
+//! Checks the types of instances, their arguments, and which groups contain which.
 
 mod kinds;
 mod records;
 mod recursion;
 mod resolve;
 
+use super::diagnostics::{Diagnostics, Rounds, key};
 use super::names::listed;
 use super::range::Range;
-use super::spec::{Arg, Param, Process, Spec, Target, ValueKind};
+use super::spec::{Arg, Instance, Param, Process, Spec, Target, ValueKind};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::Constant;
-use crate::similar::nearest;
 use crate::source::{Origin, Span};
-use kinds::Kinds;
+use crate::syntax::ast::Name;
+use kinds::TypeChecker;
+use std::collections::BTreeSet;
 
 pub(super) use recursion::is_finite;
 
 /// Resolves every type, and checks the arguments against the parameters.
-pub(super) fn check(spec: &mut Spec, diagnostics: &mut Vec<Diagnostic>) {
+pub(super) fn check(spec: &mut Spec, diagnostics: &mut Diagnostics) {
     records::check(spec, diagnostics);
     resolve::resolve(spec, diagnostics);
     let mut uses = Vec::new();
     check_defaults(spec, &mut uses, diagnostics);
+    let mut elsewhere = BTreeSet::new();
     for process in &spec.processes {
         check_actions(process, diagnostics);
         check_policies(process, diagnostics);
-        let mut array: Option<(Span, usize)> = None;
-        for instance in &process.instances {
-            let (params, is_module) = match instance.target {
-                Target::Process(target) if spec.processes[target].damage.header => continue,
-                Target::Process(target) => (&spec.processes[target].params, false),
-                Target::Module(target) => match &spec.modules[target].params {
-                    Some(params) => (params, true),
-                    None => continue,
-                },
-                Target::Unknown => continue,
-            };
-            let Some(kind) = &instance.kind else { continue };
-            if process.damage.instances {
-                continue;
-            }
-            let args: &[Arg] = if is_module { without_host(&instance.args) } else { &instance.args };
-            let mut found = check_args(spec, &kind.text, params, args, instance.args_span);
-            Kinds { spec, outer: &process.params, uses: &mut uses, diagnostics: &mut found }.arguments(params, args);
-            // A named constant may be given more than once.
-            let is_here = |found: &Diagnostic| instance.args_span.contains(found.primary.span);
-            found.retain(|found| is_here(found) || !diagnostics.contains(found));
+        let mut text: Option<(Span, Rounds)> = None;
+        for instance in process.instances.iter().filter(|_| !process.damage.instances) {
+            let Some(call) = Call::of(spec, instance) else { continue };
+            let before = diagnostics.count();
             // The instances of an array have one text: what is wrong with one of them is said once.
-            match array.filter(|(span, _)| *span == instance.args_span) {
-                Some((_, start)) => found.retain(|found| !diagnostics[start..].contains(found)),
-                None => array = Some((instance.args_span, diagnostics.len())),
-            }
-            diagnostics.append(&mut found);
+            let known = text.take().filter(|(span, _)| *span == call.span);
+            let mut rounds = known.map_or_else(|| diagnostics.rounds(), |(_, rounds)| rounds);
+            diagnostics.begin_round(&mut rounds);
+            call.check(spec, diagnostics);
+            let mut kinds = TypeChecker { spec, outer: &process.params, uses: &mut uses, diagnostics };
+            kinds.arguments(call.params, call.args);
+            // A named constant may be given more than once.
+            let is_here = |found: &Diagnostic| call.span.contains(found.primary.span);
+            diagnostics.retain_since(before, |found| is_here(found) || elsewhere.insert(key(found)));
+            diagnostics.end_round(&mut rounds);
+            text = Some((call.span, rounds));
         }
     }
     spec.field_uses = uses;
 }
 
 /// Defaults of parameters and of fields.
-fn check_defaults(spec: &Spec, uses: &mut Vec<(Span, Span)>, diagnostics: &mut Vec<Diagnostic>) {
+fn check_defaults(spec: &Spec, uses: &mut Vec<(Span, Span)>, diagnostics: &mut Diagnostics) {
     let processes = spec.processes.iter().filter(|process| !process.damage.header).map(|process| &process.params);
     let modules = spec.modules.iter().filter_map(|module| module.params.as_ref());
-    let mut kinds = Kinds { spec, outer: &[], uses, diagnostics };
+    let mut kinds = TypeChecker { spec, outer: &[], uses, diagnostics };
     for param in processes.chain(modules).flatten().chain(spec.fields()) {
         let bounds = param.range.iter().flat_map(Range::written);
         bounds.for_each(|bound| kinds.bound(param, bound));
@@ -72,7 +64,7 @@ fn check_defaults(spec: &Spec, uses: &mut Vec<(Span, Span)>, diagnostics: &mut V
 }
 
 /// Policies belong to programs.
-fn check_policies(process: &Process, diagnostics: &mut Vec<Diagnostic>) {
+fn check_policies(process: &Process, diagnostics: &mut Diagnostics) {
     if process.damage.instances {
         return;
     }
@@ -105,47 +97,73 @@ pub(super) fn without_host(args: &[Arg]) -> &[Arg] {
     }
 }
 
-fn check_args(spec: &Spec, kind: &str, params: &[Param], args: &[Arg], span: Span) -> Vec<Diagnostic> {
-    let mut diagnostics = Vec::new();
-    let positional = args.iter().filter(|arg| arg.name.is_none()).count();
-    let mut given: Vec<bool> = (0..params.len()).map(|index| index < positional).collect();
-    let mut is_known = true;
-    for name in args.iter().filter_map(|arg| arg.name.as_ref()).filter(|name| name.text != "host") {
-        match params.iter().position(|param| param.name.text == name.text) {
-            Some(index) if given[index] => {
-                let message = format!("argument `{}` of `{kind}` is given twice", name.text);
-                diagnostics.push(Diagnostic::new(Code::E0212, name.span, message));
-            }
-            Some(index) => given[index] = true,
-            None => {
-                is_known = false;
-                let message = format!("`{kind}` has no parameter `{}`", name.text);
-                let diagnostic = Diagnostic::new(Code::E0211, name.span, message);
-                diagnostics.push(match nearest(&name.text, params.iter().map(|param| param.name.text.as_str())) {
-                    Some(near) => diagnostic.replace(name.span, near),
-                    None => diagnostic,
-                });
+/// What an instance is given, and what its type takes.
+struct Call<'a> {
+    kind: &'a str,
+    params: &'a [Param],
+    /// Those of a module without its host.
+    args: &'a [Arg],
+    is_module: bool,
+    span: Span,
+}
+
+impl<'a> Call<'a> {
+    /// Nothing if its parameters are not known.
+    fn of(spec: &'a Spec, instance: &'a Instance) -> Option<Self> {
+        let (params, args) = match instance.target {
+            Target::Process(target) if spec.processes[target].damage.header => return None,
+            Target::Process(target) => (spec.processes[target].params.as_slice(), instance.args.as_slice()),
+            Target::Module(target) => (spec.modules[target].params.as_deref()?, without_host(&instance.args)),
+            Target::Unknown => return None,
+        };
+        let is_module = matches!(instance.target, Target::Module(_));
+        Some(Self { kind: &instance.kind.as_ref()?.text, params, args, is_module, span: instance.args_span })
+    }
+
+    /// Checks that each parameter is given once.
+    fn check(&self, spec: &Spec, diagnostics: &mut Diagnostics) {
+        let (kind, params) = (self.kind, self.params);
+        let positional = self.args.iter().filter(|arg| arg.name.is_none()).count();
+        let mut given: Vec<bool> = (0..params.len()).map(|index| index < positional).collect();
+        let mut is_known = true;
+        // The host of a module may be given by name; for a group it is a name like any other.
+        let is_host = |name: &&Name| self.is_module && name.text == "host";
+        for name in self.args.iter().filter_map(|arg| arg.name.as_ref()).filter(|name| !is_host(name)) {
+            match params.iter().position(|param| param.name.text == name.text) {
+                Some(index) if given[index] => {
+                    let message = format!("argument `{}` of `{kind}` is given twice", name.text);
+                    diagnostics.push(Diagnostic::new(Code::E0212, name.span, message));
+                }
+                Some(index) => given[index] = true,
+                None => {
+                    is_known = false;
+                    let message = format!("`{kind}` has no parameter `{}`", name.text);
+                    let diagnostic = Diagnostic::new(Code::E0211, name.span, message);
+                    let near = diagnostics.nearest(&name.text, params.iter().map(|param| param.name.text.as_str()));
+                    diagnostics.push(match near {
+                        Some(near) => diagnostic.replace(name.span, near),
+                        None => diagnostic,
+                    });
+                }
             }
         }
+        let is_missing = |(param, given): &(&Param, &bool)| !**given && !spec.is_optional(param);
+        let mut missing = std::iter::zip(params, &given).filter(is_missing).map(|(param, _)| param.name.text.as_str());
+        let missing = missing.next().map(|first| listed(std::iter::once(first).chain(missing)));
+        if positional <= params.len() && (missing.is_none() || !is_known) {
+            return;
+        }
+        let message = match missing {
+            None => format!("`{kind}` takes {}, not {positional}", count(params.len())),
+            Some(missing) => format!("`{kind}` lacks a value for {missing}"),
+        };
+        let mut diagnostic = Diagnostic::new(Code::E0210, self.span, message);
+        if let (Some(first), Some(last)) = (params.first(), params.last()) {
+            let span = Span { end: last.name.span.end, ..first.name.span };
+            diagnostic = diagnostic.reason(span, "its parameters");
+        }
+        diagnostics.push(diagnostic);
     }
-    let missing: Vec<String> = std::iter::zip(params, &given)
-        .filter(|(param, given)| !**given && !spec.is_optional(param))
-        .map(|(param, _)| format!("`{}`", param.name.text))
-        .collect();
-    if positional <= params.len() && (missing.is_empty() || !is_known) {
-        return diagnostics;
-    }
-    let message = match missing.is_empty() {
-        true => format!("`{kind}` takes {}, not {positional}", count(params.len())),
-        false => format!("`{kind}` lacks a value for {}", missing.join(", ")),
-    };
-    let mut diagnostic = Diagnostic::new(Code::E0210, span, message);
-    if let (Some(first), Some(last)) = (params.first(), params.last()) {
-        let span = Span { end: last.name.span.end, ..first.name.span };
-        diagnostic = diagnostic.reason(span, "its parameters");
-    }
-    diagnostics.push(diagnostic);
-    diagnostics
 }
 
 fn count(params: usize) -> String {
@@ -157,7 +175,7 @@ fn count(params: usize) -> String {
 }
 
 /// Instances that nothing runs.
-fn check_actions(process: &Process, diagnostics: &mut Vec<Diagnostic>) {
+fn check_actions(process: &Process, diagnostics: &mut Diagnostics) {
     if process.damage.actions || process.damage.instances {
         return;
     }
@@ -177,9 +195,9 @@ fn check_actions(process: &Process, diagnostics: &mut Vec<Diagnostic>) {
 }
 
 /// Returns the process that a deployment starts: `main`, else the one that no other instantiates.
-pub(super) fn root(spec: &Spec, diagnostics: &mut Vec<Diagnostic>) -> Option<usize> {
+pub(super) fn root(spec: &Spec, diagnostics: &mut Diagnostics) -> Option<usize> {
     let used = spec.processes.iter().flat_map(|process| &process.instances).map(|instance| instance.target);
-    let used: std::collections::BTreeSet<usize> = used
+    let used: BTreeSet<usize> = used
         .filter_map(|target| match target {
             Target::Process(process) => Some(process),
             Target::Module(_) | Target::Unknown => None,
@@ -207,7 +225,8 @@ pub(super) fn root(spec: &Spec, diagnostics: &mut Vec<Diagnostic>) -> Option<usi
             let open = process.params.iter().filter(is_open);
             let open: Vec<String> = open.map(|param| format!("`{}`", param.name.text)).collect();
             if !open.is_empty() {
-                diagnostic = diagnostic.help(format!("{} stand for themselves", open.join(", ")));
+                let verb = if open.len() == 1 { "stands for itself" } else { "stand for themselves" };
+                diagnostic = diagnostic.help(format!("{} {verb}", open.join(", ")));
             }
             diagnostics.push(diagnostic);
             Some(root)

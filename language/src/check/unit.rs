@@ -1,4 +1,4 @@
-//! Units: from what is written to SI.
+//! The units of the language and their factors to SI.
 
 /// What a quantity measures: powers of metre, kilogram, second, ampere, radian and byte.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -1,5 +1,6 @@
-//! Files and folders that are used but are not there.
+//! Reports used files and folders that cannot be read.
 
+use super::diagnostics::Diagnostics;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::gather::{FILES_MAX, normal, resolve, uses};
 use crate::source::{Role, Source};
@@ -20,7 +21,7 @@ impl<'a> Files<'a> {
     }
 
     /// Reports each `use` of something that could not be read.
-    pub(super) fn check(&self, file: &Node, user: &str, diagnostics: &mut Vec<Diagnostic>) {
+    pub(super) fn check(&self, file: &Node, user: &str, diagnostics: &mut Diagnostics) {
         for used in uses(file) {
             let path = resolve(user, &used.text);
             match self.roles.get(path.as_str()) {

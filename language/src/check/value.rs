@@ -1,139 +1,173 @@
-//! Constants, quantities and durations.
+//! Evaluates constants, quantities and durations.
 
-use super::spec::{Consts, FIELDS_MAX, Scope, Value, ValueKind};
+use super::diagnostics::Diagnostics;
+use super::spec::{FIELDS_MAX, Scope, Value, ValueKind};
 use super::unit::{self, Dimension};
 use super::{count, index};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::Constant;
-use crate::similar::nearest;
 use crate::source::Span;
 use crate::syntax::SyntaxKind::{self, Ident, Minus, Number, Text};
 use crate::syntax::ast::{Name, Node};
 use std::time::Duration;
 
-/// Among more names that a value may have no similar one is looked for: each use would be compared with each of them.
-const COMPARED_MAX: usize = 200;
 /// The longest time that a spec can name: a hundred years.
 const SECONDS_MAX: f64 = 100.0 * 366.0 * 86_400.0;
 
-/// Reads a constant node; a name may be a parameter or a named constant, else it stands for itself.
-pub(super) fn value(node: &Node, scope: Scope<'_>, diagnostics: &mut Vec<Diagnostic>) -> Value {
-    let span = node.span();
-    if let Some(text) = node.token(Text) {
-        return Value { span, kind: ValueKind::Constant(Constant::Text(text.content())), dimension: None };
-    }
-    if node.token(Number).is_some() {
-        let (kind, dimension) = match quantity(node, diagnostics) {
-            Some((number, dimension)) => (ValueKind::Constant(Constant::Number(number)), dimension),
-            None => (ValueKind::Broken, None),
-        };
-        return Value { span, kind, dimension };
-    }
-    if let Some(record) = node.child(SyntaxKind::Record) {
-        let kind = self::record(&record, scope, diagnostics);
-        return limited(Value { span, kind, dimension: None }, diagnostics);
-    }
-    if let Some(list) = node.child(SyntaxKind::List) {
-        let values = list.children_of(SyntaxKind::Constant).map(|node| value(&node, scope, diagnostics)).collect();
-        return limited(Value { span, kind: ValueKind::List(values), dimension: None }, diagnostics);
-    }
-    let Some(name) = node.names().next() else { return Value { span, kind: ValueKind::Broken, dimension: None } };
-    match node.child(SyntaxKind::Index) {
-        Some(index) => picked(&name, &index, scope, diagnostics),
-        None => Value { span, ..symbol(&name, scope, diagnostics) },
-    }
+/// Reads values, and whatever consists of them, where names mean what is in a scope.
+pub(super) struct Reader<'a> {
+    pub(super) scope: Scope<'a>,
+    pub(super) diagnostics: &'a mut Diagnostics,
 }
 
-/// `{ x = 1 m, y = 2 m }`
-fn record(node: &Node, scope: Scope<'_>, diagnostics: &mut Vec<Diagnostic>) -> ValueKind {
-    let mut fields: Vec<(Name, Value)> = Vec::new();
-    for field in node.children_of(SyntaxKind::Field) {
-        let (Some(name), Some(node)) = (field.names().next(), field.child(SyntaxKind::Constant)) else {
-            return ValueKind::Broken;
-        };
-        if let Some((first, _)) = fields.iter().find(|(first, _)| first.text == name.text) {
-            let message = format!("field `{}` is given twice", name.text);
-            diagnostics.push(Diagnostic::new(Code::E0212, name.span, message).reason(first.span, "first given here"));
-            continue;
+impl Reader<'_> {
+    /// Reads a constant node; a name may be a parameter or a named constant, else it stands for itself.
+    pub(super) fn value(&mut self, node: &Node) -> Value {
+        let span = node.span();
+        if let Some(text) = node.token(Text) {
+            return Value { span, kind: ValueKind::Constant(Constant::Text(text.content())), dimension: None };
         }
-        let value = value(&node, scope, diagnostics);
-        fields.push((name, value));
-    }
-    ValueKind::Record(fields)
-}
-
-/// Checks that a record or a list is not too large, and that no list is in a list: named constants in named constants grow
-/// fast.
-fn limited(value: Value, diagnostics: &mut Vec<Diagnostic>) -> Value {
-    let inner = if let ValueKind::List(values) = &value.kind { values.as_slice() } else { &[] };
-    let nested = inner.iter().find(|value| matches!(value.kind, ValueKind::List(_)));
-    let diagnostic = match nested {
-        Some(nested) => Diagnostic::new(Code::E0006, nested.span, "a list in a list"),
-        None if value.fields() > FIELDS_MAX => {
-            let message = format!("more than {FIELDS_MAX} values, with those of the records in it");
-            Diagnostic::new(Code::E0702, value.span, message)
+        if node.token(Number).is_some() {
+            let (kind, dimension) = match quantity(node, self.diagnostics) {
+                Some((number, dimension)) => (ValueKind::Constant(Constant::Number(number)), dimension),
+                None => (ValueKind::Broken, None),
+            };
+            return Value { span, kind, dimension };
         }
-        None => return value,
-    };
-    diagnostics.push(diagnostic);
-    Value { kind: ValueKind::Broken, ..value }
-}
-
-/// `hosts[i]`: one value of a list.
-fn picked(name: &Name, index: &Node, scope: Scope<'_>, diagnostics: &mut Vec<Diagnostic>) -> Value {
-    let span = Span { end: index.span().end, ..name.span };
-    let broken = Value { span, kind: ValueKind::Broken, dimension: None };
-    let list = scope.consts.get(&name.text).filter(|named| named.is_list);
-    let Some(list) = list else {
-        let message = format!("`{}` is no list", name.text);
-        diagnostics.push(Diagnostic::new(Code::E0203, name.span, message).help("name one: `const hosts = [c1, c2];`"));
-        return broken;
-    };
-    let Some(place) = index::known(index, scope.indices, diagnostics).filter(|_| !list.is_broken()) else {
-        return broken;
-    };
-    match list.values.get(place) {
-        Some(value) => Value { span, ..value.clone() },
-        None => {
-            let message = format!("`{}` has {} values, so there is none at {place}", name.text, list.values.len());
-            let diagnostic = Diagnostic::new(Code::E0203, span, message).reason(list.name.span, "declared here");
-            diagnostics.push(diagnostic.help("the first one is at 0"));
-            broken
+        if let Some(record) = node.child(SyntaxKind::Record) {
+            let kind = self.record(&record);
+            return self.limited(Value { span, kind, dimension: None });
+        }
+        if let Some(list) = node.child(SyntaxKind::List) {
+            let values = list.children_of(SyntaxKind::Constant).map(|node| self.value(&node)).collect();
+            return self.limited(Value { span, kind: ValueKind::List(values), dimension: None });
+        }
+        let Some(name) = node.names().next() else { return Value { span, kind: ValueKind::Broken, dimension: None } };
+        match node.child(SyntaxKind::Index) {
+            Some(index) => self.picked(&name, &index),
+            None => Value { span, ..self.symbol(&name) },
         }
     }
-}
 
-/// What a name means as a value: a truth, a parameter, a named constant, or itself.
-pub(super) fn symbol(name: &Name, scope: Scope<'_>, diagnostics: &mut Vec<Diagnostic>) -> Value {
-    let value = |kind| Value { span: name.span, kind, dimension: None };
-    if let "true" | "false" = name.text.as_str() {
-        return value(ValueKind::Constant(Constant::Truth(name.text == "true")));
+    /// `{ x = 1 m, y = 2 m }`
+    fn record(&mut self, node: &Node) -> ValueKind {
+        let mut fields: Vec<(Name, Value)> = Vec::new();
+        for field in node.children_of(SyntaxKind::Field) {
+            let (Some(name), Some(node)) = (field.names().next(), field.child(SyntaxKind::Constant)) else {
+                return ValueKind::Broken;
+            };
+            if let Some((first, _)) = fields.iter().find(|(first, _)| first.text == name.text) {
+                let message = format!("field `{}` is given twice", name.text);
+                self.diagnostics
+                    .push(Diagnostic::new(Code::E0212, name.span, message).reason(first.span, "first given here"));
+                continue;
+            }
+            let value = self.value(&node);
+            fields.push((name, value));
+        }
+        ValueKind::Record(fields)
     }
-    if let Some((_, index)) = scope.indices.iter().rev().find(|(known, _)| *known == name.text) {
-        return value(ValueKind::Constant(Constant::Number(index::number(*index))));
-    }
-    if let Some(index) = scope.params.iter().position(|param| param.name.text == name.text) {
-        return value(ValueKind::Param(index));
-    }
-    if let Some(named) = scope.consts.get(&name.text) {
-        return match named.values.first().filter(|_| !named.is_list || named.is_broken()) {
-            Some(one) => Value { span: name.span, ..one.clone() },
-            None => limited(value(ValueKind::List(named.values.clone())), diagnostics),
+
+    /// Checks that a record or a list is not too large, and that no list is in a list: named constants in named constants grow
+    /// fast.
+    fn limited(&mut self, value: Value) -> Value {
+        let inner = if let ValueKind::List(values) = &value.kind { values.as_slice() } else { &[] };
+        let nested = inner.iter().find(|value| matches!(value.kind, ValueKind::List(_)));
+        let diagnostic = match nested {
+            Some(nested) => Diagnostic::new(Code::E0006, nested.span, "a list in a list"),
+            None if value.fields() > FIELDS_MAX => {
+                let message = format!("more than {FIELDS_MAX} values, with those of the records in it");
+                Diagnostic::new(Code::E0702, value.span, message)
+            }
+            None => return value,
         };
+        self.diagnostics.push(diagnostic);
+        Value { kind: ValueKind::Broken, ..value }
     }
-    let is_few = scope.params.len() + scope.consts.len() <= COMPARED_MAX;
-    let params = scope.params.iter().map(|param| param.name.text.as_str()).filter(|_| is_few);
-    let consts = scope.consts.keys().map(String::as_str).filter(|_| is_few);
-    if let Some(near) = nearest(&name.text, params.chain(consts)) {
-        let message = format!("`{}` is no parameter: it stands for itself", name.text);
-        let diagnostic = Diagnostic::new(Code::W0106, name.span, message).label(format!("did you mean `{near}`?"));
-        diagnostics.push(diagnostic.help(format!("write `\"{}\"` if it is meant as text", name.text)));
+
+    /// `hosts[i]`: one value of a list.
+    fn picked(&mut self, name: &Name, index: &Node) -> Value {
+        let span = Span { end: index.span().end, ..name.span };
+        let broken = Value { span, kind: ValueKind::Broken, dimension: None };
+        let list = self.scope.consts.get(&name.text).filter(|named| named.is_list);
+        let Some(list) = list else {
+            let message = format!("`{}` is no list", name.text);
+            self.diagnostics
+                .push(Diagnostic::new(Code::E0203, name.span, message).help("name one: `const hosts = [c1, c2];`"));
+            return broken;
+        };
+        let Some(place) = index::known(index, self.scope.indices, self.diagnostics).filter(|_| !list.is_broken())
+        else {
+            return broken;
+        };
+        match list.values.get(place) {
+            Some(value) => Value { span, ..value.clone() },
+            None => {
+                let message = format!("`{}` has {} values, so there is none at {place}", name.text, list.values.len());
+                let diagnostic = Diagnostic::new(Code::E0203, span, message).reason(list.name.span, "declared here");
+                self.diagnostics.push(diagnostic.help("the first one is at 0"));
+                broken
+            }
+        }
     }
-    value(ValueKind::Constant(Constant::Text(name.text.clone())))
+
+    /// What a name means as a value: a truth, a parameter, a named constant, or itself.
+    pub(super) fn symbol(&mut self, name: &Name) -> Value {
+        let scope = self.scope;
+        let value = |kind| Value { span: name.span, kind, dimension: None };
+        if let "true" | "false" = name.text.as_str() {
+            return value(ValueKind::Constant(Constant::Truth(name.text == "true")));
+        }
+        if let Some((_, index)) = scope.indices.iter().rev().find(|(known, _)| *known == name.text) {
+            return value(ValueKind::Constant(Constant::Number(index::number(*index))));
+        }
+        if let Some(index) = scope.params.iter().position(|param| param.name.text == name.text) {
+            return value(ValueKind::Param(index));
+        }
+        if let Some(named) = scope.consts.get(&name.text) {
+            return match named.values.first().filter(|_| !named.is_list || named.is_broken()) {
+                Some(one) => Value { span: name.span, ..one.clone() },
+                None => self.limited(value(ValueKind::List(named.values.clone()))),
+            };
+        }
+        let params = scope.params.iter().map(|param| param.name.text.as_str());
+        let consts = scope.consts.keys().map(String::as_str);
+        if let Some(near) = self.diagnostics.nearest(&name.text, params.chain(consts)) {
+            let message = format!("`{}` is no parameter: it stands for itself", name.text);
+            let diagnostic = Diagnostic::new(Code::W0106, name.span, message).label(format!("did you mean `{near}`?"));
+            self.diagnostics.push(diagnostic.help(format!("write `\"{}\"` if it is meant as text", name.text)));
+        }
+        value(ValueKind::Constant(Constant::Text(name.text.clone())))
+    }
+
+    /// Reads a time, or the name of one; reports anything else.
+    pub(super) fn duration(&mut self, node: &Node) -> Option<Duration> {
+        let span: Span = node.span();
+        let named = node.names().next().filter(|_| node.token(Number).is_none());
+        let named = named.and_then(|name| self.scope.consts.get(&name.text));
+        let (seconds, dimension) = if let Some(named) = named {
+            match named.values.as_slice() {
+                [_] if named.is_broken() => return None,
+                [Value { kind: ValueKind::Constant(Constant::Number(number)), dimension, .. }] => (*number, *dimension),
+                [..] => (0.0, None),
+            }
+        } else if node.kind() == SyntaxKind::Constant && node.token(Number).is_some() {
+            quantity(node, self.diagnostics)?
+        } else {
+            self.diagnostics.push(Diagnostic::new(Code::E0009, span, "expected a time, such as `5 s`"));
+            return None;
+        };
+        if dimension != Some(Dimension::TIME) || !(0.0..=SECONDS_MAX).contains(&seconds) {
+            let diagnostic = count::wrong(span, named, format!("`{}` is not a time", node.compact_text()));
+            self.diagnostics.push(diagnostic.help("a time has a unit, and is not negative: `5 s`, `20 ms`"));
+            return None;
+        }
+        Duration::try_from_secs_f64(seconds).ok()
+    }
 }
 
 /// Reads a number with an optional unit; returns it in SI.
-pub(super) fn quantity(node: &Node, diagnostics: &mut Vec<Diagnostic>) -> Option<(f64, Option<Dimension>)> {
+pub(super) fn quantity(node: &Node, diagnostics: &mut Diagnostics) -> Option<(f64, Option<Dimension>)> {
     let number = node.token(Number)?;
     let Some(mut value) = number.number() else {
         diagnostics.push(Diagnostic::new(Code::E0009, number.span(), "the number is too large"));
@@ -146,45 +180,21 @@ pub(super) fn quantity(node: &Node, diagnostics: &mut Vec<Diagnostic>) -> Option
     let Some(first) = units.first() else { return Some((value, None)) };
     let per = units.get(1);
     let Some((factor, dimension)) = unit::unit(&first.text, per.map(|name| name.text.as_str())) else {
-        diagnostics.push(unknown_unit(first, per));
+        report_unknown_unit(first, per, diagnostics);
         return None;
     };
     Some((value * factor, Some(dimension)))
 }
 
-fn unknown_unit(first: &Name, per: Option<&Name>) -> Diagnostic {
+fn report_unknown_unit(first: &Name, per: Option<&Name>, diagnostics: &mut Diagnostics) {
     let is_known = |name: &&Name| unit::unit(&name.text, None).is_some();
     let wrong = per.filter(|per| is_known(&first) && !is_known(per)).unwrap_or(first);
     let diagnostic = Diagnostic::new(Code::E0008, wrong.span, format!("unknown unit `{}`", wrong.text));
-    match nearest(&wrong.text, unit::symbols()) {
+    let diagnostic = match diagnostics.nearest(&wrong.text, unit::symbols()) {
         Some(near) => diagnostic.label(format!("did you mean `{near}`?")),
         None => {
             diagnostic.help("units are those of `s`, `m`, `rad`, `Hz`, `N`, `kg`, `A`, `V`, `B` and their multiples")
         }
-    }
-}
-
-/// Reads a time, or the name of one; reports anything else.
-pub(super) fn duration(node: &Node, consts: &Consts, diagnostics: &mut Vec<Diagnostic>) -> Option<Duration> {
-    let span: Span = node.span();
-    let named = node.names().next().filter(|_| node.token(Number).is_none());
-    let named = named.and_then(|name| consts.get(&name.text));
-    let (seconds, dimension) = if let Some(named) = named {
-        match named.values.as_slice() {
-            [_] if named.is_broken() => return None,
-            [Value { kind: ValueKind::Constant(Constant::Number(number)), dimension, .. }] => (*number, *dimension),
-            [..] => (0.0, None),
-        }
-    } else if node.kind() == SyntaxKind::Constant && node.token(Number).is_some() {
-        quantity(node, diagnostics)?
-    } else {
-        diagnostics.push(Diagnostic::new(Code::E0009, span, "expected a time, such as `5 s`"));
-        return None;
     };
-    if dimension != Some(Dimension::TIME) || !(0.0..=SECONDS_MAX).contains(&seconds) {
-        let diagnostic = count::wrong(span, named, format!("`{}` is not a time", node.compact_text()));
-        diagnostics.push(diagnostic.help("a time has a unit, and is not negative: `5 s`, `20 ms`"));
-        return None;
-    }
-    Duration::try_from_secs_f64(seconds).ok()
+    diagnostics.push(diagnostic);
 }

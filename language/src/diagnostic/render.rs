@@ -1,4 +1,4 @@
-//! Diagnostics as text with carets.
+//! Writes diagnostics as text with carets.
 //!
 //! Only the lines that a label touches are handed to the printer, and of a very long line only what is near the label: what
 //! a remark costs does not depend on the text that it is about.

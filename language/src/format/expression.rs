@@ -1,11 +1,8 @@
-//! Event-action expressions: in one line, or broken at the loosest operator.
+//! Formats event-action expressions: in one line, or broken at the loosest operator.
 
 use super::printer::Printer;
-use crate::syntax::SyntaxKind::{
-    self, AnyOf, Chain, Comma, Concurrent, Disable, FailFast, Finally, LeftBrace, Match, Otherwise, Paren, RightBrace,
-    Sequence,
-};
-use crate::syntax::SyntaxNode;
+use crate::syntax::SyntaxKind::{self, AnyOf, Comma, Finally, LeftBrace, Match, Paren, RightBrace};
+use crate::syntax::{Operator, SyntaxNode};
 use rowan::NodeOrToken;
 
 /// A last operand in parentheses may hang at the end of a line when there are no more operands than this.
@@ -19,8 +16,29 @@ pub(super) fn is_expression(kind: SyntaxKind) -> bool {
     is_operator(kind) || kind == Paren || kind == Match
 }
 
+/// Whether its operands stand beside each other, each of which may have lines of its own.
 pub(super) fn is_operator(kind: SyntaxKind) -> bool {
-    [Concurrent, FailFast, Disable, Sequence, Finally, Otherwise, Chain].contains(&kind)
+    let Some(operator) = kind.operator() else { return false };
+    match operator {
+        Operator::Concurrent
+        | Operator::FailFast
+        | Operator::Disable
+        | Operator::Sequence
+        | Operator::Finally
+        | Operator::Otherwise
+        | Operator::Chain => true,
+        Operator::Retry
+        | Operator::Shield
+        | Operator::Using
+        | Operator::Match
+        | Operator::Suffixed
+        | Operator::Paren
+        | Operator::Run
+        | Operator::Fail
+        | Operator::Wait
+        | Operator::AnyOf
+        | Operator::AllOf => false,
+    }
 }
 
 impl Printer<'_> {

@@ -1,4 +1,4 @@
-//! The tokens of a text with the comments between them: what a formatted text has to keep.
+//! The tokens of a text with the comments between them. A formatted text keeps all of them.
 
 use super::expression::is_operator;
 use crate::syntax::SyntaxKind::{

@@ -1,4 +1,4 @@
-//! Tokens onto lines.
+//! Writes tokens onto lines.
 
 use super::COLUMNS;
 use super::piece::{Piece, Sums, is_apart, is_bracketed, pieces};

@@ -1,4 +1,4 @@
-//! Which member stands in which column, and in which order: layers from left to right, crossings kept few.
+//! Assigns members to columns and orders them: the layers run from left to right and cross rarely.
 
 use super::model::{End, Link, Unit};
 use std::collections::BTreeMap;

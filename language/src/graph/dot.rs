@@ -1,4 +1,4 @@
-//! The picture in the language of Graphviz: clusters for groups, records with ports for leaves.
+//! Writes the picture for Graphviz: groups are clusters, leaves are records with ports.
 
 use super::layout::plate;
 use super::model::{End, Link, Unit};

@@ -1,4 +1,4 @@
-//! How wide a text is in the font that pictures ask for. A viewer that has another font fits its letters into that.
+//! Estimates the width of a text in the font of the picture. A viewer with another font fits its letters into that width.
 
 /// Widths of the printable ASCII characters of Helvetica, in thousandths of the font's size.
 /// Source: Adobe, "Font Metrics for PDF Core 14 Fonts", `Helvetica.afm`.

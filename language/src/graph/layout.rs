@@ -1,4 +1,4 @@
-//! Boxes in boxes: sizes and places, the innermost first. All lengths are pixels; a place is relative to the box around.
+//! Lays out boxes in boxes, the innermost first. All lengths are pixels; a place is relative to the box around.
 
 use super::column::{Item, columns};
 use super::model::{End, Unit};

@@ -1,4 +1,4 @@
-//! What is drawn: processes within processes, their ports, and the connections between them.
+//! The model of a picture: processes within processes, their ports, and the connections between them.
 
 use crate::check::spec::{Direction, Endpoint, Expr, ExprKind, Process, Spec, Target};
 use crate::plan::{Plan, Transfer};

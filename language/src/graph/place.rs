@@ -1,4 +1,4 @@
-//! How large a box is and where its parts are: heights first, column by column.
+//! Computes the size of a box and the places of its parts: heights first, column by column.
 
 use super::column::{Columns, Item};
 use super::layout::{GAP, PASS_GAP, PORT_STEP, Placed, TOP};

@@ -1,4 +1,4 @@
-//! The picture as SVG text.
+//! Writes the picture as SVG.
 
 use super::font;
 use super::layout::{BAND, Placed, labels, layout, plate, plate_width, text_width};

@@ -1,4 +1,4 @@
-//! What could stand where the cursor is.
+//! Completes the word at the cursor.
 //!
 //! A letter that nobody writes is put at the cursor and the text is read again: so there is a word at the cursor in any
 //! case, and the parser, which survives any text, says what kind of word it is.
@@ -16,7 +16,7 @@ use crate::syntax::ast::Node;
 /// What marks the cursor.
 const MARK: char = 'ꙮ';
 
-/// What is offered.
+/// The kind of an offer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CompletionKind {
     /// A word of the language.
@@ -41,18 +41,18 @@ pub enum CompletionKind {
     Unit,
 }
 
-/// Something to write.
+/// An offer for the word at the cursor.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Completion {
-    /// What it is.
+    /// The kind of the offer.
     pub kind: CompletionKind,
-    /// What to write.
+    /// The text to write.
     pub label: String,
     /// In a few words, what it is; may be empty.
     pub detail: String,
     /// Markdown: what there is to know of it; may be empty.
     pub documentation: String,
-    /// What to write instead of the label, with `$0` and `${1:name}` where something is to be filled in.
+    /// The text to write instead of the label, with `$0` and `${1:name}` where something is to be filled in.
     pub snippet: Option<String>,
 }
 

@@ -1,4 +1,4 @@
-//! What can be folded away: items, sections, and comments of several lines.
+//! Finds the parts of a text that an editor can fold: items, sections, and comments of several lines.
 
 use super::Analysis;
 use crate::source::Span;

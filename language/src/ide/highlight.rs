@@ -1,4 +1,4 @@
-//! What each token is, with what is known of names: colours that a grammar of patterns cannot give.
+//! Classifies each token by the meaning of its name. A grammar of patterns cannot.
 
 use super::Analysis;
 use super::index::{Index, Kind};
@@ -37,9 +37,9 @@ pub enum Class {
 /// A token with its class.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Highlight {
-    /// Where; a comment may have several lines.
+    /// The place; a comment may have several lines.
     pub span: Span,
-    /// What it is.
+    /// The class of the token.
     pub class: Class,
     /// Whether it declares the name.
     pub is_declaration: bool,

@@ -1,11 +1,11 @@
-//! What a person wants to know of a name, an operator, a unit.
+//! Describes the name, operator or unit under the pointer.
 
 pub(super) mod interface;
 
 use super::Analysis;
 use super::index::{Kind, Symbol};
 use super::words::{self, Place};
-use crate::check::lower::together;
+use crate::check::lower::exclusivity;
 use crate::check::spec::{Instance, Param, Set, Target, Value};
 use crate::check::unit;
 use crate::source::{Origin, Span};
@@ -16,12 +16,12 @@ use std::fmt::Write as _;
 /// At most so many names are listed.
 const NAMES_MAX: usize = 12;
 
-/// What is said of a place.
+/// The description of a place.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Hover {
-    /// What it is said of.
+    /// The place of the name.
     pub span: Span,
-    /// Markdown.
+    /// The description, as Markdown.
     pub text: String,
 }
 
@@ -120,9 +120,8 @@ impl Analysis {
             let _infallible = write!(text, "\n\nRuns on {}.", list(hosts.iter().map(String::as_str)));
         }
         if let Some(actions) = &group.actions {
-            let pairs = together::pairs(actions);
-            let others = pairs.iter().filter(|(one, _)| *one == slot).map(|&(_, other)| other);
-            let others: BTreeSet<&str> = others.map(|other| self.written(&group.instances[other])).collect();
+            let others = exclusivity::beside(actions, slot);
+            let others: BTreeSet<&str> = others.iter().map(|&other| self.written(&group.instances[other])).collect();
             let _infallible = match others.is_empty() {
                 true => write!(text, "\n\nOf `{}`, nothing runs together with it.", group.name.text),
                 false => write!(text, "\n\nMay run together with {}.", list(others.into_iter())),

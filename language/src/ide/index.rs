@@ -1,4 +1,4 @@
-//! Every name of a spec: what it means, and where it stands.
+//! The index of all names of a spec: the declaration of each, and every place where it stands.
 //!
 //! Declarations come from what the checker has made of the text, references from a walk over the trees that asks it. So
 //! a name means here what it means when it runs, lenient names too.

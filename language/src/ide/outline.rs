@@ -1,4 +1,4 @@
-//! What a file declares, nested: for the outline of an editor.
+//! The outline of a file: its declarations, nested.
 
 use super::Analysis;
 use crate::source::Span;
@@ -29,17 +29,17 @@ pub enum OutlineKind {
 /// One line of the outline.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Symbol {
-    /// What it is.
+    /// The kind of the declaration.
     pub kind: OutlineKind,
     /// Its name.
     pub name: String,
-    /// What it is of: a type, the owner of a set; may be empty.
+    /// The type of an instance or the owner of a set; may be empty.
     pub detail: String,
     /// All of it.
     pub span: Span,
     /// Its name's place.
     pub name_span: Span,
-    /// What it contains.
+    /// The declarations inside.
     pub children: Vec<Self>,
 }
 

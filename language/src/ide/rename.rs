@@ -1,4 +1,4 @@
-//! Another name for something, everywhere.
+//! Renames a declaration and everything that means it.
 //!
 //! A rename is right when every name of the new text means what it meant before. That is what is checked, by reading the
 //! new text: so it does not matter by which rule of the language a name would have come to mean something else.
@@ -21,9 +21,9 @@ pub enum RenameError {
     /// It is declared in the interface of a program.
     #[error("`{name}` is declared by the program {program}: rename it there")]
     Foreign {
-        /// What.
+        /// The name.
         name: String,
-        /// By which program.
+        /// The program that declares it.
         program: String,
     },
     /// The language gives it its meaning.
@@ -37,7 +37,7 @@ pub enum RenameError {
     },
     /// Something around it is called so.
     #[error("`{to}` is taken: {what} has this name")]
-    Taken {
+    Acquisition {
         /// What was asked for.
         to: String,
         /// What has it: "an instance of `main`".
@@ -62,7 +62,7 @@ pub struct FileEdit {
     pub start: u32,
     /// One after its last byte.
     pub end: u32,
-    /// What stands there afterwards.
+    /// The new text.
     pub text: String,
 }
 
@@ -165,7 +165,7 @@ pub fn rename(specs: &[&Analysis], declaration: &Declaration, to: &str) -> Resul
             continue;
         }
         if let Some(what) = spec.taken(symbol, to) {
-            return Err(RenameError::Taken { to: to.to_owned(), what });
+            return Err(RenameError::Acquisition { to: to.to_owned(), what });
         }
         if matches!(spec.index().symbols[symbol].kind, Kind::Process(_)) && to == "main" {
             return Err(RenameError::Main);

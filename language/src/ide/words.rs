@@ -1,4 +1,4 @@
-//! The words and operators of the language, each with what it does: for completion and for a hand that rests on one.
+//! The words and operators of the language, each with its meaning, for completion and hover.
 //!
 //! A new word of the language needs one line here.
 
@@ -135,4 +135,22 @@ words! {
     Inside "pause" "pause ${1:1 s}" "`retry(3, pause 2 s) P`: waits so long before each try."
     Inside "read" "read" "It only looks at the device: any number of processes may, beside none that writes."
     Inside "write" "write" "It moves or changes the device, alone."
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::syntax::SyntaxKind;
+
+    #[test]
+    fn every_operator_is_explained() {
+        for kind in SyntaxKind::OPERATORS {
+            // What is not in backquotes is no word.
+            let Some(text) = kind.describe().strip_prefix('`').and_then(|text| text.strip_suffix('`')) else {
+                continue;
+            };
+            let places = [Place::Action, Place::Suffix, Place::Operator];
+            assert!(find(text, &places).is_some(), "{text}: it needs a line in `words!`");
+        }
+    }
 }

@@ -1,4 +1,4 @@
-//! What `exec "…"` starts: a program and its arguments, without a shell in between.
+//! Splits `exec "…"` into a program and its arguments. There is no shell in between.
 //!
 //! Blanks separate words. What stands between two `'`, or between two `"`, belongs to one word, blanks and all, and joins
 //! what touches it, as in a shell; nothing else has a meaning, neither `$` nor `*` nor `\`.

@@ -1,4 +1,4 @@
-//! Expressions as bytes.
+//! Encodes and decodes expressions.
 //!
 //! Reading one goes down as far as it is nested, and a stack has an end: bytes that are nested more deeply than an expression
 //! may be are refused on the way, not afterwards. So a peer's bytes cannot bring a node down.
@@ -66,5 +66,59 @@ mod tests {
         assert_eq!(postcard::to_allocvec(&deepest).unwrap(), shields(DEPTH_MAX - 1));
         assert!(read(DEPTH_MAX).is_err() && read(1_000_000).is_err());
         assert!(read(DEPTH_MAX - 1).is_ok(), "an error leaves nothing open");
+    }
+
+    /// What its first byte is: nodes of other versions read it, so a new operator comes last.
+    fn number(expression: &Expression) -> u8 {
+        match expression {
+            Expression::Run { .. } => 0,
+            Expression::Skip => 1,
+            Expression::Never => 2,
+            Expression::Fail(_) => 3,
+            Expression::Wait(_) => 4,
+            Expression::Concurrent(_) => 5,
+            Expression::FailFast(_) => 6,
+            Expression::AnyOf { .. } => 7,
+            Expression::Disable(_) => 8,
+            Expression::Sequence(..) => 9,
+            Expression::Conditional(..) => 10,
+            Expression::Recurrent(..) => 11,
+            Expression::Otherwise(..) => 12,
+            Expression::Match(_) => 13,
+            Expression::Shield { .. } => 14,
+            Expression::Using { .. } => 15,
+            Expression::Asynchronous { .. } => 16,
+            Expression::Finally(..) => 17,
+            Expression::Tagged { .. } => 18,
+        }
+    }
+
+    #[test]
+    fn each_operator_keeps_its_number() {
+        let skip = || Box::new(Expression::Skip);
+        let all = [
+            Expression::Run { member: 0, sets: Vec::new() },
+            Expression::Skip,
+            Expression::Never,
+            Expression::Fail(String::new()),
+            Expression::Wait(std::time::Duration::ZERO),
+            Expression::Concurrent(Vec::new()),
+            Expression::FailFast(Vec::new()),
+            Expression::AnyOf { count: 1, of: Vec::new() },
+            Expression::Disable(Vec::new()),
+            Expression::Sequence(skip(), skip()),
+            Expression::Conditional(skip(), skip()),
+            Expression::Recurrent(skip(), skip()),
+            Expression::Otherwise(skip(), skip()),
+            Expression::Match(Vec::new()),
+            Expression::Shield { bound: None, of: skip() },
+            Expression::Using { resources: Vec::new(), of: skip() },
+            Expression::Asynchronous { source: skip(), pool: Vec::new() },
+            Expression::Finally(skip(), skip()),
+            Expression::Tagged { tag: String::new(), of: skip() },
+        ];
+        for expression in all {
+            assert_eq!(postcard::to_allocvec(&expression).unwrap()[0], number(&expression), "{expression:?}");
+        }
     }
 }

@@ -1,4 +1,4 @@
-//! What a controller takes as arguments, and which values: what its interface says, as plain data.
+//! The parameters of a controller and the values that they take, as plain data.
 
 use super::Constant;
 use serde::{Deserialize, Serialize};
@@ -9,7 +9,7 @@ use std::fmt;
 pub struct Parameter {
     /// Its name.
     pub name: String,
-    /// Which values it takes.
+    /// The values that the parameter takes.
     pub accepts: Accepts,
 }
 
@@ -39,7 +39,7 @@ impl Accepts {
     /// Looks whether a value is one of them; it is spelt as a spec spells it, a text without quotes.
     ///
     /// # Errors
-    /// What would be right, such as `a number from 1 to 200`.
+    /// The expected value, such as `a number from 1 to 200`.
     pub fn check(&self, text: &str) -> Result<(), String> {
         let number = || text.parse::<f64>().ok().filter(|number| number.is_finite());
         let is_fit = match self {

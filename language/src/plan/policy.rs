@@ -1,4 +1,4 @@
-//! What becomes of a leaf's program when something around it is lost, and what it may use of its host.
+//! The policies of a leaf: what its program may use of the host, and what happens when something around it is lost.
 
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
@@ -11,11 +11,11 @@ pub const REALTIME_MAX: u8 = 49;
 pub struct Policy {
     /// Whether its program is started again when it has ended although nobody asked it to.
     pub restart: Restart,
-    /// How long it may take to stop once its agent is gone; without it, as long as the node says.
+    /// The longest time to stop after the loss of its agent. The node's grace applies if this is absent.
     pub agent_loss: Option<Duration>,
-    /// What it does while the hosts of its supervisors cannot be reached.
+    /// The reaction while the hosts of its supervisors cannot be reached.
     pub link_loss: LinkLoss,
-    /// What it may use.
+    /// The limits of what the program may use.
     pub usage: Usage,
 }
 

@@ -1,4 +1,4 @@
-//! Whether a plan keeps its invariants: plans also arrive over a network.
+//! Checks the invariants of a plan. Plans also arrive over a network.
 
 use super::{Arm, DEPTH_MAX, Expression, Group, LEAVES_MAX, MemberKind, Plan};
 use crate::algebra::TAG_MAX;

@@ -1,11 +1,11 @@
-//! What ran when, as a picture: one line for each process, one bar for each time it ran.
+//! Draws a run: one line for each process, one bar for each activation.
 
 use crate::plan::{MemberKind, Plan};
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::time::Duration;
 
-use super::What;
+use super::Transition;
 
 /// A chart keeps no more bars than this; what comes later is not drawn.
 const BARS_MAX: usize = 10_000;
@@ -28,7 +28,7 @@ const STOPPED: &str = "#555555";
 
 /// Everything that ran, in the order in which it began.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Course {
+pub(super) struct Timeline {
     bars: Vec<Bar>,
     /// The bars that have no end yet, by the name of their line.
     open: BTreeMap<String, usize>,
@@ -39,23 +39,23 @@ struct Bar {
     /// The path of the process, or of the group and what it waits for.
     line: String,
     from: Duration,
-    end: Option<(Duration, What)>,
+    end: Option<(Duration, Transition)>,
 }
 
-impl Course {
+impl Timeline {
     /// Notes what became of a process, or of a wait whose line is `path wait(5 s)`.
-    pub(super) fn note(&mut self, line: &str, at: Duration, what: &What) {
-        match what {
-            What::Started if self.bars.len() < BARS_MAX => {
+    pub(super) fn note(&mut self, line: &str, at: Duration, transition: &Transition) {
+        match transition {
+            Transition::Started if self.bars.len() < BARS_MAX => {
                 self.open.insert(line.to_owned(), self.bars.len());
                 self.bars.push(Bar { line: line.to_owned(), from: at, end: None });
             }
-            What::Done | What::Aborted(_) | What::Stopped => {
+            Transition::Done | Transition::Aborted(_) | Transition::Stopped => {
                 if let Some(bar) = self.open.remove(line) {
-                    self.bars[bar].end = Some((at, what.clone()));
+                    self.bars[bar].end = Some((at, transition.clone()));
                 }
             }
-            What::Started | What::Waits(_) => {}
+            Transition::Started | Transition::Waits(_) => {}
         }
     }
 
@@ -184,9 +184,9 @@ impl Page {
     }
 
     fn end(&self, out: &mut String, bar: &Bar, y: f64) {
-        let Some((at, what)) = &bar.end else { return };
+        let Some((at, transition)) = &bar.end else { return };
         let end = self.x(*at);
-        mark(out, what, (end, y + BAR / 2.0));
+        mark(out, transition, (end, y + BAR / 2.0));
         if let Some(why) = reason(bar) {
             text(out, (end + 9.0, y + BAR - 3.0), &format!(" font-size=\"10\" fill=\"{ABORTED}\""), why);
         }
@@ -194,10 +194,10 @@ impl Page {
 }
 
 /// How something ended: a disc when it was done, a cross when it failed, a square when it was stopped.
-fn mark(out: &mut String, what: &What, (x, y): (f64, f64)) {
-    match what {
-        What::Done => draw(out, format_args!("<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"5\" fill=\"{DONE}\"/>")),
-        What::Aborted(_) => draw(
+fn mark(out: &mut String, transition: &Transition, (x, y): (f64, f64)) {
+    match transition {
+        Transition::Done => draw(out, format_args!("<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"5\" fill=\"{DONE}\"/>")),
+        Transition::Aborted(_) => draw(
             out,
             format_args!(
                 "<path d=\"M{:.1} {:.1} l9 9 m0 -9 l-9 9\" stroke=\"{ABORTED}\" stroke-width=\"3\"/>",
@@ -205,7 +205,7 @@ fn mark(out: &mut String, what: &What, (x, y): (f64, f64)) {
                 y - 4.5
             ),
         ),
-        What::Stopped => draw(
+        Transition::Stopped => draw(
             out,
             format_args!(
                 "<rect x=\"{:.1}\" y=\"{:.1}\" width=\"9\" height=\"9\" fill=\"{STOPPED}\"/>",
@@ -213,20 +213,21 @@ fn mark(out: &mut String, what: &What, (x, y): (f64, f64)) {
                 y - 4.5
             ),
         ),
-        What::Started | What::Waits(_) => {}
+        Transition::Started | Transition::Waits(_) => {}
     }
 }
 
 /// What the marks mean that are on the page.
 fn legend(out: &mut String, bars: &[Bar], (mut x, y): (f64, f64)) {
-    let meanings = [(What::Done, "done"), (What::Aborted(String::new()), "aborted"), (What::Stopped, "stopped")];
-    for (what, word) in meanings {
+    let meanings =
+        [(Transition::Done, "done"), (Transition::Aborted(String::new()), "aborted"), (Transition::Stopped, "stopped")];
+    for (transition, word) in meanings {
         let is_kind = |bar: &&Bar| {
             let end = bar.end.as_ref().map(|(_, end)| std::mem::discriminant(end));
-            end == Some(std::mem::discriminant(&what))
+            end == Some(std::mem::discriminant(&transition))
         };
         if bars.iter().any(|bar| is_kind(&bar)) {
-            mark(out, &what, (x + 5.0, y - 4.0));
+            mark(out, &transition, (x + 5.0, y - 4.0));
             text(out, (x + 16.0, y), " font-size=\"10\" fill=\"#666\"", word);
             x += 80.0;
         }
@@ -236,8 +237,8 @@ fn legend(out: &mut String, bars: &[Bar], (mut x, y): (f64, f64)) {
 /// Why a bar ended that failed.
 fn reason(bar: &Bar) -> Option<&str> {
     match &bar.end {
-        Some((_, What::Aborted(why))) => Some(why),
-        Some((_, What::Done | What::Stopped | What::Started | What::Waits(_))) | None => None,
+        Some((_, Transition::Aborted(why))) => Some(why),
+        Some((_, Transition::Done | Transition::Stopped | Transition::Started | Transition::Waits(_))) | None => None,
     }
 }
 

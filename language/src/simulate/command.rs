@@ -1,4 +1,4 @@
-//! What a person or a script says to a simulation, one line each.
+//! Parses the commands of a person or a script to a simulation, one line each.
 
 use super::{Ending, Simulation};
 use std::time::Duration;
@@ -33,7 +33,7 @@ impl Simulation<'_> {
     /// fail, `5 s` lets time pass, `stop` asks `main` to stop. An empty line and what follows `//` are ignored.
     ///
     /// # Errors
-    /// When the line is not understood, or names no process that runs.
+    /// The line is no command, or it names no running process.
     pub fn obey(&mut self, line: &str) -> Result<(), SimulationError> {
         let text = line.split("//").next().unwrap_or("").trim();
         let (first, rest) = text.split_once(char::is_whitespace).unwrap_or((text, ""));
@@ -91,7 +91,7 @@ fn time(text: &str) -> Option<Duration> {
 mod tests {
     use super::*;
     use crate::plan::Plan;
-    use crate::{Options, Source, What, compile};
+    use crate::{Options, Source, Transition, compile};
     use expect_test::{Expect, expect};
 
     const SPEC: &str = "
@@ -120,7 +120,7 @@ mod tests {
                 text += &format!("{error}\n");
             }
             for found in simulation.take_happenings() {
-                text += &format!("{:?} {} {:?}\n", found.at, found.path, found.what);
+                text += &format!("{:?} {} {:?}\n", found.at, found.path, found.transition);
             }
             text += &format!("    runs: {}\n", simulation.running().join(" "));
         }
@@ -252,6 +252,6 @@ mod tests {
         simulation.obey("home").unwrap();
         assert_eq!(simulation.outcome(), None);
         simulation.obey("threshold").unwrap();
-        assert_eq!(simulation.outcome(), Some(&What::Done));
+        assert_eq!(simulation.outcome(), Some(&Transition::Done));
     }
 }

@@ -1,4 +1,4 @@
-//! Lines and columns of a text, found without reading it again.
+//! Finds the line and column of a place in logarithmic time.
 
 use super::{Origin, Position, Source, Span};
 use std::ops::Range;

@@ -1,4 +1,4 @@
-//! A typed view of the tree. Every part may be missing: the text may be damaged.
+//! A typed view of the tree. Every part may be missing, because the text may be damaged.
 
 use super::SyntaxKind::{self, Ident, Number};
 use super::{SyntaxNode, SyntaxToken};

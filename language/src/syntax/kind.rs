@@ -1,22 +1,42 @@
 //! The kinds of tokens and nodes.
 
 macro_rules! kinds {
-    ($($name:ident $what:literal)*) => {
+    ({ $($name:ident $what:literal)* } operators { $($operator:ident $written:literal)* }) => {
         /// What a token or a node of the syntax tree is.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
         #[repr(u16)]
         pub enum SyntaxKind {
             $(#[doc = $what] $name,)*
+            $(#[doc = $written] $operator,)*
+        }
+
+        /// An event action by its operator, or by what it is without one.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        pub(crate) enum Operator {
+            $(#[doc = $written] $operator,)*
         }
 
         impl SyntaxKind {
             /// Every kind, in the order of its number.
-            pub(crate) const ALL: &'static [Self] = &[$(Self::$name,)*];
+            pub(crate) const ALL: &'static [Self] = &[$(Self::$name,)* $(Self::$operator,)*];
+
+            /// Every kind of event action.
+            #[cfg(test)]
+            pub(crate) const OPERATORS: &'static [Self] = &[$(Self::$operator,)*];
 
             /// Returns what a person calls it.
             pub fn describe(self) -> &'static str {
                 match self {
                     $(Self::$name => $what,)*
+                    $(Self::$operator => $written,)*
+                }
+            }
+
+            /// Returns which event action a node is; nothing if it is none.
+            pub(crate) fn operator(self) -> Option<Operator> {
+                match self {
+                    $(Self::$name => None,)*
+                    $(Self::$operator => Some(Operator::$operator),)*
                 }
             }
 
@@ -29,103 +49,107 @@ macro_rules! kinds {
 }
 
 kinds! {
-    // tokens
-    Whitespace "white space"
-    Comment "a comment"
-    DocComment "a doc comment"
-    Ident "a name"
-    Number "a number"
-    Text "a string"
-    LeftParen "`(`"
-    RightParen "`)`"
-    LeftBrace "`{`"
-    RightBrace "`}`"
-    LeftBracket "`[`"
-    RightBracket "`]`"
-    Less "`<`"
-    Greater "`>`"
-    Comma "`,`"
-    Semicolon "`;`"
-    Colon "`:`"
-    Dot "`.`"
-    DotDot "`..`"
-    Hash "`#`"
-    Ampersand "`&`"
-    Question "`?`"
-    Equals "`=`"
-    Bar "`|`"
-    Slash "`/`"
-    Minus "`-`"
-    Arrow "`->`"
-    BackArrow "`<-`"
-    FatArrow "`=>`"
-    Recur "`;;`"
-    DoubleColon "`::`"
-    Unknown "a character that means nothing here"
-    End "the end of the file"
-    // nodes: files and groups
-    File "a file"
-    Process "a process group"
-    Module "a module interface"
-    ConstItem "a named constant"
-    TypeItem "a named type"
-    Use "a use of another file"
-    Params "parameters"
-    Param "a parameter"
-    Type "a type"
-    RecordType "the fields of a record"
-    Range "the values of a parameter"
-    Host "a host section"
-    Instances "a section of instances"
-    Instance "an instance"
-    Policies "policies"
-    Policy "a policy"
-    Count "how many"
-    Index "an index"
-    List "a list"
-    Args "arguments"
-    Arg "an argument"
-    Constant "a constant"
-    Record "a record"
-    Field "a field"
-    External "a section of external ports"
-    Export "an external port"
-    Connections "a connection set"
-    Owner "the owner of a connection set"
-    Connection "a connection"
-    Endpoint "an end of a connection"
-    Quality "a connection quality"
-    Actions "an event-action section"
-    Resources "resources"
-    // nodes: module items
-    Port "a port"
-    Exec "a program"
-    StopWithin "a stop limit"
-    Flag "a module property"
-    Claims "claims"
-    Claim "a claim"
-    Outcome "an outcome"
-    // nodes: expressions
-    Concurrent "`,`"
-    FailFast "`&`"
-    Disable "`#`"
-    Sequence "`;`"
-    Otherwise "`else`"
-    Finally "`finally`"
-    Chain "`:`"
-    Retry "`retry`"
-    Shield "`shield`"
-    Using "`using`"
-    Match "`match`"
-    Arm "an arm of `match`"
-    Suffixed "a suffix"
-    Paren "parentheses"
-    Run "a process"
-    Labels "labels"
-    Binder "a value name"
-    Fail "`fail`"
-    Wait "`wait`"
-    AnyOf "`any`"
-    AllOf "`all`"
-    Error "something unreadable"
+    {
+        // tokens
+        Whitespace "white space"
+        Comment "a comment"
+        DocComment "a doc comment"
+        Ident "a name"
+        Number "a number"
+        Text "a string"
+        LeftParen "`(`"
+        RightParen "`)`"
+        LeftBrace "`{`"
+        RightBrace "`}`"
+        LeftBracket "`[`"
+        RightBracket "`]`"
+        Less "`<`"
+        Greater "`>`"
+        Comma "`,`"
+        Semicolon "`;`"
+        Colon "`:`"
+        Dot "`.`"
+        DotDot "`..`"
+        Hash "`#`"
+        Ampersand "`&`"
+        Question "`?`"
+        Equals "`=`"
+        Bar "`|`"
+        Slash "`/`"
+        Minus "`-`"
+        Arrow "`->`"
+        BackArrow "`<-`"
+        FatArrow "`=>`"
+        Recur "`;;`"
+        DoubleColon "`::`"
+        Unknown "a character that means nothing here"
+        End "the end of the file"
+        // nodes: files and groups
+        File "a file"
+        Process "a process group"
+        Module "a module interface"
+        ConstItem "a named constant"
+        TypeItem "a named type"
+        Use "a use of another file"
+        Params "parameters"
+        Param "a parameter"
+        Type "a type"
+        RecordType "the fields of a record"
+        Range "the values of a parameter"
+        Host "a host section"
+        Instances "a section of instances"
+        Instance "an instance"
+        Policies "policies"
+        Policy "a policy"
+        Count "how many"
+        Index "an index"
+        List "a list"
+        Args "arguments"
+        Arg "an argument"
+        Constant "a constant"
+        Record "a record"
+        Field "a field"
+        External "a section of external ports"
+        Export "an external port"
+        Connections "a connection set"
+        Owner "the owner of a connection set"
+        Connection "a connection"
+        Endpoint "an end of a connection"
+        Quality "a connection quality"
+        Actions "an event-action section"
+        Resources "resources"
+        // nodes: module items
+        Port "a port"
+        Exec "a program"
+        StopWithin "a stop limit"
+        Flag "a module property"
+        Claims "claims"
+        Claim "a claim"
+        Outcome "an outcome"
+        // nodes: parts of expressions
+        Arm "an arm of `match`"
+        Labels "labels"
+        Binder "a value name"
+        Error "something unreadable"
+    }
+    operators {
+        Concurrent "`,`"
+        FailFast "`&`"
+        Disable "`#`"
+        Sequence "`;`"
+        Otherwise "`else`"
+        Finally "`finally`"
+        Chain "`:`"
+        Retry "`retry`"
+        Shield "`shield`"
+        Using "`using`"
+        Match "`match`"
+        Suffixed "a suffix"
+        Paren "parentheses"
+        Run "a process"
+        Fail "`fail`"
+        Wait "`wait`"
+        AnyOf "`any`"
+        AllOf "`all`"
+    }
 }

@@ -1,11 +1,11 @@
-//! Text to tokens. Never fails: what means nothing becomes an [`SyntaxKind::Unknown`] token.
+//! Text to tokens. The lexer never fails: a character without meaning becomes an [`SyntaxKind::Unknown`] token.
 
 use super::SyntaxKind;
 
 /// A piece of text with a kind.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Token {
-    /// What it is.
+    /// The kind of the token.
     pub kind: SyntaxKind,
     /// First byte.
     pub start: u32,

@@ -1,4 +1,4 @@
-//! Tokens to tree, whatever the tokens.
+//! Tokens to tree. The parser accepts any tokens and keeps all of them in the tree.
 //!
 //! A recursive-descent parser that never gives up: it reports, puts what it cannot read into an error node, and goes on
 //! at the next `;`, `}` or section keyword. A missing bracket is reported and then taken as read, so that one damaged
@@ -141,6 +141,12 @@ impl<'t> Parser<'t> {
         Span { origin: self.origin, start: end, end }
     }
 
+    /// Whether the last token that was read is a string without an end.
+    fn follows_open_string(&self) -> bool {
+        let last = self.cursor.checked_sub(1).map(|last| self.tokens[self.solid[last]]);
+        last.is_some_and(|last| lexer::is_open(last.kind, &self.text[last.start as usize..last.end as usize]))
+    }
+
     // ---- building ----
 
     fn place_trivia(&mut self) {
@@ -240,7 +246,10 @@ impl<'t> Parser<'t> {
             return true;
         }
         let place = self.after_last();
-        if let Some(diagnostic) = self.expected(kind.describe()) {
+        // A bracket behind a string without an end is a part of it; one before a new section has no counterpart.
+        let is_lost = kind == SyntaxKind::LeftParen && self.ends_block();
+        let is_certain = !is_lost && !self.follows_open_string();
+        if let Some(diagnostic) = self.expected(kind.describe()).filter(|_| is_certain) {
             let text = kind.describe().trim_matches('`').to_owned();
             diagnostic.fix = Some(crate::diagnostic::Fix {
                 title: format!("insert {}", kind.describe()),
@@ -279,7 +288,7 @@ impl<'t> Parser<'t> {
             let text = &self.text[token.start as usize..token.end as usize];
             let span = Span { origin: self.origin, start: token.start, end: token.end };
             let report = match token.kind == SyntaxKind::Unknown {
-                true => Diagnostic::new(Code::E0003, span, format!("`{}` means nothing here", excerpt(text))),
+                true => Diagnostic::new(Code::E0003, span, format!("`{}` means nothing here", visible(text))),
                 false if lexer::is_open(token.kind, text) => {
                     Diagnostic::new(Code::E0002, span, format!("{} does not end", token.kind.describe()))
                 }
@@ -289,6 +298,16 @@ impl<'t> Parser<'t> {
             self.damage.push(span);
         }
     }
+}
+
+/// Characters as they are, and those that cannot be seen by their number.
+fn visible(text: &str) -> String {
+    let is_hidden = |c: char| {
+        c.is_control()
+            || matches!(c, '\u{200b}'..='\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2060}'..='\u{206f}' | '\u{feff}')
+    };
+    let shown = |c: char| if is_hidden(c) { format!("U+{:04X}", u32::from(c)) } else { c.to_string() };
+    excerpt(text).chars().map(shown).collect()
 }
 
 /// What a remark says of a piece of text: not all of a long one.

@@ -4,7 +4,7 @@ use crate::cli::{Controllers, Failure, check, output};
 use crate::io::named_file;
 use anyhow::{Context as _, anyhow};
 use language::plan::Plan;
-use language::{Chance, Happening, Simulation, What};
+use language::{RandomRun, Simulation, SimulationEvent, Transition};
 use std::io::{BufRead as _, IsTerminal as _};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -49,15 +49,15 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         std::fs::write(file, simulation.chart()).with_context(|| format!("writing the chart `{}`", file.display()))?;
     }
     match simulation.outcome() {
-        Some(What::Done) => Ok(()),
-        Some(What::Aborted(_)) => Err(Failure::Told),
-        Some(What::Stopped | What::Started | What::Waits(_)) => Ok(()),
+        Some(Transition::Done) => Ok(()),
+        Some(Transition::Aborted(_)) => Err(Failure::Told),
+        Some(Transition::Stopped | Transition::Started | Transition::Waits(_)) => Ok(()),
         None => Err(anyhow!("`main` has not ended; {}", running(&simulation)).into()),
     }
 }
 
 fn by_chance(plan: &Plan, simulation: &mut Simulation<'_>, seed: u64, arguments: &Arguments) {
-    let mut chance = Chance::new(plan, seed, arguments.faults);
+    let mut chance = RandomRun::new(plan, seed, arguments.faults);
     show(simulation);
     for _ in 0..arguments.steps {
         if simulation.outcome().is_some() || !chance.step(simulation) {
@@ -114,15 +114,15 @@ fn show(simulation: &mut Simulation<'_>) {
     output::say(&(lines + &rest));
 }
 
-fn line(happening: &Happening) -> String {
-    let what = match &happening.what {
-        What::Started => "starts".to_owned(),
-        What::Done => "done".to_owned(),
-        What::Aborted(why) => format!("aborted: {why}"),
-        What::Stopped => "stopped".to_owned(),
-        What::Waits(time) => format!("waits {}", seconds(*time)),
+fn line(happening: &SimulationEvent) -> String {
+    let transition = match &happening.transition {
+        Transition::Started => "starts".to_owned(),
+        Transition::Done => "done".to_owned(),
+        Transition::Aborted(why) => format!("aborted: {why}"),
+        Transition::Stopped => "stopped".to_owned(),
+        Transition::Waits(time) => format!("waits {}", seconds(*time)),
     };
-    format!("{:>10}  {} {what}\n", seconds(happening.at), happening.path)
+    format!("{:>10}  {} {transition}\n", seconds(happening.at), happening.path)
 }
 
 fn seconds(time: Duration) -> String {
@@ -140,8 +140,8 @@ mod tests {
 
     #[test]
     fn what_happens_is_one_line_each() {
-        let what = What::Aborted("no grip".to_owned());
-        let happening = Happening { at: Duration::from_millis(2500), path: "main/arm".to_owned(), what };
+        let transition = Transition::Aborted("no grip".to_owned());
+        let happening = SimulationEvent { at: Duration::from_millis(2500), path: "main/arm".to_owned(), transition };
         assert_eq!(line(&happening), "   2.500 s  main/arm aborted: no grip\n");
     }
 }

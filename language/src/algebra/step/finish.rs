@@ -1,4 +1,4 @@
-//! `finally` and `as`: what is done about an end.
+//! The rules of `finally` and `as`.
 
 use super::drain::is_unconfirmed;
 use super::{Phase, Reaction};

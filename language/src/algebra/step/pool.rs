@@ -1,4 +1,4 @@
-//! `P ::[n] Q`: a source, and a pool of what it sets off.
+//! The rules of `P ::[n] Q`: a source, and the pool that its values start.
 
 use super::completion::{INSTANT, aborted};
 use super::drain::prefer_unconfirmed;

@@ -1,4 +1,4 @@
-//! `shield` and `using`: when their operand may be stopped, and when it may start.
+//! The rules of `shield` and `using`: when their operand may be stopped, and when it may start.
 
 use super::drain::is_unconfirmed;
 use super::{Phase, Reaction};

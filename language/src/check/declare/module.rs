@@ -1,9 +1,9 @@
-//! Interfaces of controller modules.
+//! Reads the interfaces of controller modules.
 
 use crate::algebra::TAG_MAX;
 use crate::check::names::twice;
-use crate::check::spec::{Claim, Consts, Direction, Module, Outcome, Port};
-use crate::check::value::duration;
+use crate::check::spec::{Claim, Direction, Module, Outcome, Port};
+use crate::check::value::Reader;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::{self, LeafKind};
 use crate::source::Span;
@@ -15,15 +15,9 @@ use std::time::Duration;
 const STOP_WITHIN: Duration = Duration::from_secs(2);
 
 /// Reads a `module` block; `places` are where its text is damaged.
-pub(super) fn module(
-    node: &Node,
-    places: &[Span],
-    consts: &Consts,
-    diagnostics: &mut Vec<Diagnostic>,
-) -> Option<Module> {
+pub(super) fn module(node: &Node, places: &[Span], reader: &mut Reader<'_>) -> Option<Module> {
     let is_damaged = !places.is_empty();
-    let params =
-        node.child(Params).filter(|_| !is_damaged).map(|node| super::params(&node, "parameter", consts, diagnostics));
+    let params = node.child(Params).filter(|_| !is_damaged).map(|node| super::params(&node, "parameter", reader));
     let mut module = Module {
         name: node.title()?,
         doc: node.doc(),
@@ -39,7 +33,7 @@ pub(super) fn module(
         is_damaged,
     };
     for item in node.children() {
-        read_item(&mut module, &item, consts, diagnostics);
+        read_item(&mut module, &item, reader);
     }
     Some(module)
 }
@@ -49,15 +43,15 @@ fn is_host(param: &crate::check::spec::Param) -> bool {
     param.name.text == "host" || param.kind.as_ref().is_some_and(|kind| kind.text == "Host")
 }
 
-fn read_item(module: &mut Module, item: &Node, consts: &Consts, diagnostics: &mut Vec<Diagnostic>) {
+fn read_item(module: &mut Module, item: &Node, reader: &mut Reader<'_>) {
     let words: Vec<String> = item.names().map(|name| name.text).collect();
     let word = words.first().map_or("", String::as_str);
     if item.kind() == SyntaxKind::Port {
-        add_port(module, item, consts, diagnostics);
+        add_port(module, item, reader);
     } else if item.kind() == SyntaxKind::Flag {
         module.is_service |= word == "service";
         module.has_end |= word == "done";
-        add_outcomes(module, item, consts, diagnostics);
+        add_outcomes(module, item, reader);
         if word == "plain" {
             module.kind = LeafKind::Plain;
         }
@@ -66,12 +60,13 @@ fn read_item(module: &mut Module, item: &Node, consts: &Consts, diagnostics: &mu
         let exec = token.content();
         if let Err(why) = plan::words(&exec) {
             let found = Diagnostic::new(Code::E0011, token.span(), format!("this `exec` starts nothing: {why}"));
-            diagnostics
+            reader
+                .diagnostics
                 .push(found.help("blanks separate words; write one that has blanks as `exec \"say 'good morning'\"`"));
         }
         module.exec = Some(exec);
     } else if item.kind() == SyntaxKind::StopWithin {
-        let limit = item.child(Constant).and_then(|node| duration(&node, consts, diagnostics));
+        let limit = item.child(Constant).and_then(|node| reader.duration(&node));
         module.stop_within = limit.unwrap_or(STOP_WITHIN);
     } else if item.kind() == SyntaxKind::Claims {
         for claim in item.children_of(SyntaxKind::Claim) {
@@ -83,30 +78,30 @@ fn read_item(module: &mut Module, item: &Node, consts: &Consts, diagnostics: &mu
     }
 }
 
-fn add_outcomes(module: &mut Module, item: &Node, consts: &Consts, diagnostics: &mut Vec<Diagnostic>) {
+fn add_outcomes(module: &mut Module, item: &Node, reader: &mut Reader<'_>) {
     for outcome in item.children_of(SyntaxKind::Outcome) {
         let Some(name) = outcome.names().next() else { continue };
         if let Some(first) = module.outcomes.iter().find(|other| other.name.text == name.text) {
-            diagnostics.push(twice("outcome", &name.text, name.span, first.name.span));
+            reader.diagnostics.push(twice("outcome", &name.text, name.span, first.name.span));
         } else if name.text.len() > TAG_MAX {
             let message = format!("the name of an outcome has at most {TAG_MAX} bytes");
-            diagnostics.push(Diagnostic::new(Code::E0009, name.span, message));
+            reader.diagnostics.push(Diagnostic::new(Code::E0009, name.span, message));
         } else {
-            let kind = super::kind(&outcome, consts, diagnostics);
+            let kind = super::kind(&outcome, reader);
             module.outcomes.push(Outcome { name, kind });
         }
     }
 }
 
-fn add_port(module: &mut Module, item: &Node, consts: &Consts, diagnostics: &mut Vec<Diagnostic>) {
+fn add_port(module: &mut Module, item: &Node, reader: &mut Reader<'_>) {
     let mut names = item.names();
     let (Some(word), Some(name)) = (names.next(), names.next()) else { return };
     if let Some(first) = module.ports.iter().find(|port| port.name.text == name.text) {
-        diagnostics.push(twice("port", &name.text, name.span, first.name.span));
+        reader.diagnostics.push(twice("port", &name.text, name.span, first.name.span));
         return;
     }
     let direction = if word.text == "in" { Direction::In } else { Direction::Out };
     let is_optional = names.any(|word| word.text == "optional");
-    let kind = super::kind(item, consts, diagnostics);
+    let kind = super::kind(item, reader);
     module.ports.push(Port { name, direction, kind, is_optional });
 }

@@ -1,49 +1,46 @@
-//! Process groups.
+//! Reads process groups.
 
 mod policy;
 mod quality;
 
 use crate::check::count::Expected;
+use crate::check::diagnostics::Diagnostics;
 use crate::check::expression;
-use crate::check::handed;
 use crate::check::index;
 use crate::check::names::{Names, twice};
+use crate::check::resource_args;
 use crate::check::spec::{
     Arg, Binding, Connection, Consts, Damage, Endpoint, Export, Instance, Param, Process, Scope, Set, Target, Value,
     ValueKind,
 };
-use crate::check::value::{symbol, value};
+use crate::check::value::Reader;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::{Constant, Transfer};
 use crate::source::Span;
 use crate::syntax::SyntaxKind::{self, BackArrow, Equals, Text};
 use crate::syntax::ast::{Name, Node};
+use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Reads a process; `places` are where its text is damaged.
-pub(super) fn process(
-    node: &Node,
-    places: &[Span],
-    consts: &Consts,
-    diagnostics: &mut Vec<Diagnostic>,
-) -> Option<Process> {
+pub(super) fn process(node: &Node, places: &[Span], consts: &Consts, diagnostics: &mut Diagnostics) -> Option<Process> {
     let mut damage = damage(node, places);
     let name = node.title()?;
     check_sections(node, diagnostics);
-    let params = node
-        .child(SyntaxKind::Params)
-        .map(|node| super::params(&node, "parameter", consts, diagnostics))
-        .unwrap_or_default();
-    let scope = Scope { params: &params, consts, indices: &[] };
-    let host = node.child(SyntaxKind::Host).and_then(|node| host(&node, scope, diagnostics));
-    let (mut instances, arrays, are_counted) = instances(node, scope, diagnostics);
+    let scope = Scope { params: &[], consts, indices: &[] };
+    let params = node.child(SyntaxKind::Params);
+    let params = params.map(|node| super::params(&node, "parameter", &mut Reader { scope, diagnostics }));
+    let params = params.unwrap_or_default();
+    let mut reader = Reader { scope: Scope { params: &params, ..scope }, diagnostics };
+    let host = node.child(SyntaxKind::Host).and_then(|node| host(&node, &mut reader));
+    let Instances { all: mut instances, arrays, are_counted, .. } = Instances::read(node, &mut reader);
     damage.instances |= !are_counted;
-    let mut names = Names::new(&instances, damage.instances);
+    let mut names = Names::new(&instances, damage.instances, diagnostics);
     names.arrays = arrays;
-    let exports = exports(node, &mut names, diagnostics);
-    let (sets, are_whole) = sets(node, &mut names, diagnostics);
+    let exports = exports(node, &mut names);
+    let Sets { all: sets, are_whole, .. } = Sets::read(node, &mut names);
     damage.connections |= !are_whole;
-    let resources = resources(node, &params, diagnostics);
+    let resources = resources(node, &params, names.diagnostics);
     let actions = node.children_of(SyntaxKind::Actions).next();
     names.is_doubtful = damage.actions;
     let mut group = expression::Group {
@@ -51,18 +48,21 @@ pub(super) fn process(
         consts,
         indices: Vec::new(),
         sets: &sets,
+        owned: expression::OwnedSets::of_all(&sets),
         resources: &resources,
+        resource_places: resource_args::places(&resources),
         unknown: BTreeSet::new(),
         pool: None,
         damage,
         run: Vec::new(),
         taken: BTreeSet::new(),
+        size: 0,
         useless: Vec::new(),
     };
-    let actions = actions.and_then(|node| expression::actions(&node, &mut group, diagnostics));
+    let actions = actions.and_then(|node| expression::actions(&node, &mut group));
     damage.names = group.damage.names;
     let (run, mut taken) = (group.run, group.taken);
-    taken.extend(handed::given(&instances, &resources, &params));
+    taken.extend(resource_args::given(&instances, &resource_args::places(&resources), &params));
     if !damage.actions && !damage.names {
         diagnostics.extend(unused(&resources, &taken));
     }
@@ -87,12 +87,16 @@ pub(super) fn process(
 }
 
 /// What `using` may take: what the group declares, and what it is handed.
-fn resources(node: &Node, params: &[Param], diagnostics: &mut Vec<Diagnostic>) -> Vec<Name> {
-    let mut resources: Vec<Name> = handed::known(params);
+fn resources(node: &Node, params: &[Param], diagnostics: &mut Diagnostics) -> Vec<Name> {
+    let mut resources: Vec<Name> = resource_args::known(params);
+    let mut first: BTreeMap<String, Span> = resources.iter().map(|name| (name.text.clone(), name.span)).collect();
     for name in node.children_of(SyntaxKind::Resources).flat_map(|node| node.names().skip(1).collect::<Vec<_>>()) {
-        match resources.iter().find(|first| first.text == name.text) {
-            Some(first) => diagnostics.push(twice("resource", &name.text, name.span, first.span)),
-            None => resources.push(name),
+        match first.entry(name.text.clone()) {
+            Entry::Occupied(first) => diagnostics.push(twice("resource", &name.text, name.span, *first.get())),
+            Entry::Vacant(place) => {
+                place.insert(name.span);
+                resources.push(name);
+            }
         }
     }
     resources
@@ -126,7 +130,7 @@ fn damage(node: &Node, places: &[Span]) -> Damage {
 }
 
 /// Every section but the connections stands at most once.
-fn check_sections(node: &Node, diagnostics: &mut Vec<Diagnostic>) {
+fn check_sections(node: &Node, diagnostics: &mut Diagnostics) {
     let sections = [SyntaxKind::Host, SyntaxKind::Instances, SyntaxKind::External, SyntaxKind::Actions];
     for kind in sections {
         let mut words = node.children_of(kind).filter_map(|section| section.names().next());
@@ -136,7 +140,7 @@ fn check_sections(node: &Node, diagnostics: &mut Vec<Diagnostic>) {
     }
 }
 
-fn host(node: &Node, scope: Scope<'_>, diagnostics: &mut Vec<Diagnostic>) -> Option<Value> {
+fn host(node: &Node, reader: &mut Reader<'_>) -> Option<Value> {
     if let Some(text) = node.token(Text) {
         return Some(Value {
             span: text.span(),
@@ -145,200 +149,210 @@ fn host(node: &Node, scope: Scope<'_>, diagnostics: &mut Vec<Diagnostic>) -> Opt
         });
     }
     let name = node.names().nth(1)?;
-    let before = diagnostics.len();
-    let value = symbol(&name, scope, diagnostics);
-    let is_known = matches!(value.kind, ValueKind::Param(_)) || scope.consts.contains_key(&name.text);
-    if !is_known && !scope.params.is_empty() && diagnostics.len() == before {
+    let before = reader.diagnostics.count();
+    let value = reader.symbol(&name);
+    let is_known = matches!(value.kind, ValueKind::Param(_)) || reader.scope.consts.contains_key(&name.text);
+    if !is_known && !reader.scope.params.is_empty() && reader.diagnostics.count() == before {
         let message = format!("`{}` is no parameter: it stands for the host of that name", name.text);
         let help = format!("write `\"{}\"` if it is meant so", name.text);
-        diagnostics.push(Diagnostic::new(Code::W0106, name.span, message).help(help));
+        reader.diagnostics.push(Diagnostic::new(Code::W0106, name.span, message).help(help));
     }
     Some(value)
 }
 
-/// Returns the instances, the size of each array, and whether all sizes are known.
-fn instances(
-    node: &Node,
-    scope: Scope<'_>,
-    diagnostics: &mut Vec<Diagnostic>,
-) -> (Vec<Instance>, BTreeMap<String, usize>, bool) {
-    let mut instances: Vec<Instance> = Vec::new();
-    let mut are_counted = true;
-    let mut arrays = BTreeMap::new();
-    let mut first: BTreeMap<String, Span> = BTreeMap::new();
-    let sections = node.children_of(SyntaxKind::Instances);
-    let nodes: Vec<Node> =
-        sections.flat_map(|section| section.children_of(SyntaxKind::Instance).collect::<Vec<_>>()).collect();
-    for node in nodes {
-        let Some(name) = node.names().find(|name| name.text != "instof" || node.names().count() == 1) else { continue };
-        if let Some(&first) = first.get(&name.text) {
-            diagnostics.push(twice("instance", &name.text, name.span, first));
-            continue;
+/// The instances of a group.
+#[derive(Default)]
+struct Instances {
+    all: Vec<Instance>,
+    /// The size of each array.
+    arrays: BTreeMap<String, usize>,
+    /// Whether all sizes are known.
+    are_counted: bool,
+    /// Where each name is declared.
+    known: BTreeMap<String, Span>,
+}
+
+impl Instances {
+    fn read(group: &Node, reader: &mut Reader<'_>) -> Self {
+        let mut instances = Self { are_counted: true, ..Self::default() };
+        for section in group.children_of(SyntaxKind::Instances) {
+            for node in section.children_of(SyntaxKind::Instance) {
+                instances.add(&node, reader);
+            }
         }
-        first.insert(name.text.clone(), name.span);
+        instances
+    }
+
+    /// Adds an instance, or those of an array.
+    fn add(&mut self, node: &Node, reader: &mut Reader<'_>) {
+        let is_name = |name: &Name| name.text != "instof" || node.names().count() == 1;
+        let Some(name) = node.names().find(is_name) else { return };
+        if let Some(&first) = self.known.get(&name.text) {
+            reader.diagnostics.push(twice("instance", &name.text, name.span, first));
+            return;
+        }
+        self.known.insert(name.text.clone(), name.span);
         let kind = node.child(SyntaxKind::Type).filter(|kind| !kind.compact_text().is_empty());
         let args = node.child(SyntaxKind::Args);
-        let args_span = args.as_ref().map_or(node.span().at_end(), Node::span);
-        let kind = kind.map(|kind| Name { text: kind.compact_text(), span: kind.span() });
-        let policy = policy::policies(&node, scope.consts, diagnostics);
-        let count = node.child(SyntaxKind::Count).map(|count| count_of(&count, scope, diagnostics));
-        let mut add = |name: Name, scope: Scope<'_>, diagnostics: &mut Vec<Diagnostic>| {
-            let args = args.as_ref().map(|args| arguments(args, scope, diagnostics)).unwrap_or_default();
-            let (kind, policy) = (kind.clone(), policy.clone());
-            instances.push(Instance { name, kind, target: Target::Unknown, args, args_span, policy, is_run: false });
+        let template = Instance {
+            kind: kind.map(|kind| Name { text: kind.compact_text(), span: kind.span() }),
+            target: Target::Unknown,
+            args: Vec::new(),
+            args_span: args.as_ref().map_or(node.span().at_end(), Node::span),
+            policy: policy::policies(node, reader),
+            is_run: false,
+            name,
         };
-        let Some(count) = count else {
-            add(name, scope, diagnostics);
-            continue;
+        let Some(count) = node.child(SyntaxKind::Count) else {
+            let args = args.map(|args| arguments(&args, reader)).unwrap_or_default();
+            self.all.push(Instance { args, ..template });
+            return;
         };
-        are_counted &= count.is_some();
-        let since = diagnostics.len();
+        let count = count_of(&count, reader);
+        self.are_counted &= count.is_some();
+        let mut rounds = reader.diagnostics.rounds();
         // Of an array of unknown size every index may be right.
         for index in 0..count.unwrap_or(1) {
-            let indices = [("i".to_owned(), index)];
-            let element = Name { text: index::element(&name.text, index), span: name.span };
+            let name = Name { text: index::element(&template.name.text, index), span: template.name.span };
+            if let Some(&first) = self.known.get(&name.text) {
+                reader.diagnostics.push(twice("instance", &name.text, name.span, first));
+                break;
+            }
             // What is wrong with one of them is wrong with most, and is said once.
-            let mut found = Vec::new();
-            add(element.clone(), Scope { indices: &indices, ..scope }, &mut found);
-            found.retain(|found| !diagnostics[since..].contains(found));
-            diagnostics.append(&mut found);
-            first.insert(element.text, name.span);
+            let indices = [("i".to_owned(), index)];
+            let scope = Scope { indices: &indices, ..reader.scope };
+            let mut reader = Reader { scope, diagnostics: reader.diagnostics };
+            let args = args.as_ref().map(|args| arguments(args, &mut reader)).unwrap_or_default();
+            reader.diagnostics.end_round(&mut rounds);
+            self.known.insert(name.text.clone(), name.span);
+            self.all.push(Instance { name, args, ..template.clone() });
         }
-        arrays.insert(name.text, count.unwrap_or(index::COUNT_MAX));
+        self.arrays.insert(template.name.text, count.unwrap_or(index::COUNT_MAX));
     }
-    (instances, arrays, are_counted)
 }
 
 /// How many instances there are: `[4]`, or the name of a number.
-fn count_of(node: &Node, scope: Scope<'_>, diagnostics: &mut Vec<Diagnostic>) -> Option<usize> {
+fn count_of(node: &Node, reader: &mut Reader<'_>) -> Option<usize> {
     let what = format!("how many instances there are, from 1 to {}", index::COUNT_MAX);
-    Expected::new(1..=index::COUNT_MAX, what).read(node, scope.consts, diagnostics)
+    let count = Expected::new(1..=index::COUNT_MAX, what).read(node, reader)?;
+    reader.diagnostics.may_replicate(count, node.span()).then_some(count)
 }
 
-fn arguments(node: &Node, scope: Scope<'_>, diagnostics: &mut Vec<Diagnostic>) -> Vec<Arg> {
+fn arguments(node: &Node, reader: &mut Reader<'_>) -> Vec<Arg> {
     let args = node.children_of(SyntaxKind::Arg).filter_map(|arg| {
         let name = arg.token(Equals).and_then(|_| arg.names().next());
         let constant = arg.child(SyntaxKind::Constant)?;
-        Some(Arg { name, value: value(&constant, scope, diagnostics) })
+        Some(Arg { name, value: reader.value(&constant) })
     });
     args.collect()
 }
 
-fn exports(node: &Node, names: &mut Names<'_>, diagnostics: &mut Vec<Diagnostic>) -> Vec<Export> {
+fn exports(node: &Node, names: &mut Names<'_>) -> Vec<Export> {
     let mut exports: Vec<Export> = Vec::new();
+    let mut first: BTreeMap<String, Span> = BTreeMap::new();
     let sections = node.children_of(SyntaxKind::External);
     let nodes: Vec<Node> =
         sections.flat_map(|section| section.children_of(SyntaxKind::Export).collect::<Vec<_>>()).collect();
     for node in nodes {
-        let endpoint = node.child(SyntaxKind::Endpoint).and_then(|node| endpoint(&node, names, &[], diagnostics));
+        let endpoint = node.child(SyntaxKind::Endpoint).and_then(|node| endpoint(&node, names, &[]));
         let (Some(name), Some(endpoint)) = (node.names().next(), endpoint) else { continue };
-        match exports.iter().find(|export| export.name.text == name.text) {
-            Some(first) => diagnostics.push(twice("external port", &name.text, name.span, first.name.span)),
-            None => exports.push(Export { name, endpoint }),
+        if let Some(&first) = first.get(&name.text) {
+            names.diagnostics.push(twice("external port", &name.text, name.span, first));
+            continue;
         }
+        first.insert(name.text.clone(), name.span);
+        exports.push(Export { name, endpoint });
     }
     exports
 }
 
-fn endpoint(
-    node: &Node,
-    names: &mut Names<'_>,
-    bindings: &[Binding],
-    diagnostics: &mut Vec<Diagnostic>,
-) -> Option<Endpoint> {
+fn endpoint(node: &Node, names: &mut Names<'_>, bindings: &[Binding]) -> Option<Endpoint> {
     let port = node.names().nth(1)?;
-    let instance = index::name(node, names, bindings, diagnostics)?;
-    Some(Endpoint { slot: names.exact(&instance, diagnostics)?, port })
+    let instance = index::name(node, names, bindings)?;
+    Some(Endpoint { slot: names.exact(&instance)?, port })
 }
 
-/// Returns the sets, and whether all of them could be read.
-fn sets(node: &Node, names: &mut Names<'_>, diagnostics: &mut Vec<Diagnostic>) -> (Vec<Set>, bool) {
-    let mut sets: Vec<Set> = Vec::new();
-    let mut first = Known::new();
-    let mut are_whole = true;
-    for section in node.children_of(SyntaxKind::Connections) {
-        // A set of each instance of an array: `internal_connections(robot[i], on)`.
-        let owner = section.child(SyntaxKind::Owner);
-        let variable = owner.as_ref().and_then(|owner| index::unbound(std::slice::from_ref(owner), names, &[]));
-        let rounds = variable.as_ref().map_or(1, |(_, count)| *count);
-        let since = diagnostics.len();
-        for round in 0..rounds {
-            let bindings: Vec<Binding> = variable.iter().map(|(name, _)| (name.clone(), round)).collect();
-            let mut found = Vec::new();
-            let head = owner.as_ref().and_then(|owner| index::name(owner, names, &bindings, &mut found));
-            let slot = head.as_ref().map(|owner| names.exact(owner, &mut found));
-            let is_unknown =
-                owner.as_ref().is_some_and(|owner| owner.names().next().is_some()) && slot.flatten().is_none();
-            let connections = connections(&section, names, &bindings, &mut found);
-            are_whole &= !is_unknown;
-            if !is_unknown {
-                let labels: Vec<Name> =
-                    owner.iter().flat_map(|owner| owner.names().skip(1).collect::<Vec<_>>()).collect();
-                add_sets(&mut sets, &mut first, (slot.flatten(), labels, section.span()), &connections, &mut found);
-            }
-            found.retain(|found| !diagnostics[since..].contains(found));
-            diagnostics.append(&mut found);
-        }
-    }
-    (sets, are_whole)
+/// The connection sets of a group.
+#[derive(Default)]
+struct Sets {
+    all: Vec<Set>,
+    /// Where each set stands, by owner and label.
+    known: BTreeMap<(Option<usize>, Option<String>), Span>,
+    /// Whether all of them could be read.
+    are_whole: bool,
 }
 
-/// Where each set stands, by owner and label.
-type Known = BTreeMap<(Option<usize>, Option<String>), Span>;
-
-/// Adds one set for each label, or the one without a label.
-fn add_sets(
-    sets: &mut Vec<Set>,
-    first: &mut Known,
-    (owner, labels, section): (Option<usize>, Vec<Name>, Span),
-    connections: &[Connection],
-    diagnostics: &mut Vec<Diagnostic>,
-) {
-    let is_bare = labels.is_empty();
-    for label in labels.into_iter().map(Some).chain(is_bare.then_some(None)) {
-        let key = (owner, label.as_ref().map(|label| label.text.clone()));
-        match (&label, first.get(&key)) {
-            (Some(label), Some(&first)) => {
-                diagnostics.push(twice("connection set", &label.text, label.span, first));
-            }
-            (Some(_) | None, _) => {
-                let span = label.as_ref().map_or(section, |label| label.span);
-                first.insert(key, span);
-                sets.push(Set { owner, label, connections: connections.to_vec() });
+impl Sets {
+    fn read(group: &Node, names: &mut Names<'_>) -> Self {
+        let mut sets = Self { are_whole: true, ..Self::default() };
+        for section in group.children_of(SyntaxKind::Connections) {
+            // A set of each instance of an array: `internal_connections(robot[i], on)`.
+            let owner = section.child(SyntaxKind::Owner);
+            let variable = owner.as_ref().and_then(|owner| index::unbound(std::slice::from_ref(owner), names, &[]));
+            let count = variable.as_ref().map_or(1, |(_, count)| *count);
+            let mut rounds = names.diagnostics.rounds();
+            for round in 0..count {
+                let bindings: Vec<Binding> = variable.iter().map(|(name, _)| (name.clone(), round)).collect();
+                sets.add_section(&section, owner.as_ref(), &bindings, names);
+                names.diagnostics.end_round(&mut rounds);
             }
         }
+        sets
+    }
+
+    /// Adds the sets of a section, unless its owner is not known.
+    fn add_section(&mut self, section: &Node, owner: Option<&Node>, bindings: &[Binding], names: &mut Names<'_>) {
+        let head = owner.and_then(|owner| index::name(owner, names, bindings));
+        let slot = head.and_then(|owner| names.exact(&owner));
+        let connections = connections(section, names, bindings);
+        if slot.is_none() && owner.is_some_and(|owner| owner.names().next().is_some()) {
+            self.are_whole = false;
+            return;
+        }
+        let labels: Vec<Name> = owner.iter().flat_map(|owner| owner.names().skip(1).collect::<Vec<_>>()).collect();
+        let is_bare = labels.is_empty();
+        for label in labels.into_iter().map(Some).chain(is_bare.then_some(None)) {
+            if !names.diagnostics.may_replicate(connections.len(), section.span()) {
+                self.are_whole = false;
+                return;
+            }
+            let key = (slot, label.as_ref().map(|label| label.text.clone()));
+            match (&label, self.known.get(&key)) {
+                (Some(label), Some(&first)) => {
+                    names.diagnostics.push(twice("connection set", &label.text, label.span, first));
+                }
+                (Some(_) | None, _) => {
+                    let span = label.as_ref().map_or(section.span(), |label| label.span);
+                    self.known.insert(key, span);
+                    self.all.push(Set { owner: slot, label, connections: connections.clone() });
+                }
+            }
+        }
     }
 }
 
-fn connections(
-    section: &Node,
-    names: &mut Names<'_>,
-    bindings: &[Binding],
-    diagnostics: &mut Vec<Diagnostic>,
-) -> Vec<Connection> {
+fn connections(section: &Node, names: &mut Names<'_>, bindings: &[Binding]) -> Vec<Connection> {
     let mut connections = Vec::new();
     for node in section.children_of(SyntaxKind::Connection) {
         let ends: Vec<Node> = node.children_of(SyntaxKind::Endpoint).collect();
-        let quality = quality::quality(&node, diagnostics);
+        let quality = quality::quality(&node, names.diagnostics);
+        let is_pull = |quality: Node| quality.names().next().is_some_and(|name| name.text == "pull");
+        let transfer = match node.children_of(SyntaxKind::Quality).any(is_pull) {
+            true => Transfer::Pull,
+            false => Transfer::Push,
+        };
         // `robot[i], Out -> map, In` stands for one connection of each robot.
         let variable = index::unbound(&ends, names, bindings);
-        let rounds = variable.as_ref().map_or(1, |(_, count)| *count);
-        let since = diagnostics.len();
-        for round in 0..rounds {
-            let bound: Vec<Binding> =
-                bindings.iter().cloned().chain(variable.iter().map(|(name, _)| (name.clone(), round))).collect();
-            let mut found = Vec::new();
-            let ends: Vec<Option<Endpoint>> = ends.iter().map(|end| endpoint(end, names, &bound, &mut found)).collect();
-            found.retain(|found| !diagnostics[since..].contains(found));
-            diagnostics.append(&mut found);
+        let count = variable.as_ref().map_or(1, |(_, count)| *count);
+        let mut rounds = names.diagnostics.rounds();
+        for round in 0..count {
+            let own = variable.iter().map(|(name, _)| (name.clone(), round));
+            let bound: Vec<Binding> = bindings.iter().cloned().chain(own).collect();
+            let ends: Vec<Option<Endpoint>> = ends.iter().map(|end| endpoint(end, names, &bound)).collect();
+            names.diagnostics.end_round(&mut rounds);
             let [Some(left), Some(right)] = ends.as_slice() else { continue };
             let is_backwards = node.token(BackArrow).is_some();
             let (from, to) = if is_backwards { (right, left) } else { (left, right) };
-            let is_pull = |quality: Node| quality.names().next().is_some_and(|name| name.text == "pull");
-            let transfer = match node.children_of(SyntaxKind::Quality).any(is_pull) {
-                true => Transfer::Pull,
-                false => Transfer::Push,
-            };
             connections.push(Connection { from: from.clone(), to: to.clone(), transfer, quality, span: node.span() });
         }
     }

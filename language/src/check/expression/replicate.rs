@@ -1,9 +1,9 @@
-//! `all i in 0..4 (p[i])` written out, and `p[2]`.
+//! Writes `all i in 0..4 (p[i])` and pools out, and resolves `p[2]`.
 
 use super::Group;
-use crate::check::count::{self, Expected, Whole, whole};
+use crate::check::count::{self, CountValue, Expected, whole};
 use crate::check::index;
-use crate::check::spec::{Consts, Expr, ExprKind};
+use crate::check::spec::{Expr, ExprKind};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::source::Span;
 use crate::syntax::SyntaxKind::{DotDot, Labels, Number, Paren};
@@ -11,27 +11,29 @@ use crate::syntax::ast::{Name, Node, Token};
 use std::collections::BTreeMap;
 
 /// Writes a replication out: `all` with `,`, `race` with `#`.
-pub(super) fn all_of(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<Diagnostic>) -> Option<ExprKind> {
+pub(super) fn all_of(node: &Node, group: &mut Group<'_>) -> Option<ExprKind> {
     let words: Vec<Name> = node.names().collect();
     let (word, variable) = (words.first()?, words.get(1)?);
     let parens = node.child(Paren)?;
     // Without `..` the text is damaged, which is reported already.
     node.token(DotDot)?;
-    let (start, end) = range(node, group.consts, diagnostics)?;
+    let (start, end) = range(node, group)?;
     let mut copies: Vec<Expr> = Vec::new();
     let mut runs: BTreeMap<usize, Span> = BTreeMap::new();
-    let since = diagnostics.len();
+    let mut rounds = group.diagnostics().rounds();
     for value in start..end {
         group.indices.push((variable.text.clone(), value));
-        let mut found = Vec::new();
-        let copy = super::expression(&parens, group, &mut found);
+        let copy = super::expression(&parens, group);
         group.indices.pop();
-        found.retain(|found| !diagnostics[since..].contains(found));
-        diagnostics.append(&mut found);
+        group.diagnostics().end_round(&mut rounds);
+        if group.is_full() {
+            return None;
+        }
         if let Some(shared) = shared(&copy, &mut runs, value > start) {
             let message = format!("one instance is run for each `{}`, all at the same time", variable.text);
             let diagnostic = Diagnostic::new(Code::E0401, shared, message);
-            diagnostics
+            group
+                .diagnostics()
                 .push(diagnostic.help(format!("run an instance of its own in each: `robot[{}]`", variable.text)));
             return None;
         }
@@ -47,26 +49,27 @@ pub(super) fn all_of(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<D
 pub(super) fn pool(
     count: &Node,
     span: Span,
-    (group, diagnostics): (&mut Group<'_>, &mut Vec<Diagnostic>),
-    copy: &mut dyn FnMut(&mut Group<'_>, &mut Vec<Diagnostic>) -> Expr,
+    group: &mut Group<'_>,
+    copy: &mut dyn FnMut(&mut Group<'_>) -> Expr,
 ) -> Option<Vec<Expr>> {
     let what = format!("how many may run at the same time, from 1 to {}", index::COUNT_MAX);
     let expected = Expected { help: Some("write `found ::[3] handle`"), ..Expected::new(1..=index::COUNT_MAX, what) };
-    let places = expected.read(count, group.consts, diagnostics)?;
+    let places = expected.read(count, &mut group.reader())?;
     let mut copies = Vec::new();
     let mut runs: BTreeMap<usize, Span> = BTreeMap::new();
-    let since = diagnostics.len();
+    let mut rounds = group.diagnostics().rounds();
     for place in 0..places {
         let around = group.pool.replace(place);
-        let mut found = Vec::new();
-        let copy = copy(group, &mut found);
+        let copy = copy(group);
         group.pool = around;
-        found.retain(|found| !diagnostics[since..].contains(found));
-        diagnostics.append(&mut found);
+        group.diagnostics().end_round(&mut rounds);
+        if group.is_full() {
+            return None;
+        }
         if let Some(shared) = shared(&copy, &mut runs, place > 0) {
             let message = format!("one instance would run up to {places} times at the same time");
             let diagnostic = Diagnostic::new(Code::E0401, shared, message).reason(span, "started anew by each value");
-            diagnostics.push(diagnostic.help(format!("declare one for each: `name[{places}] instof ...`")));
+            group.diagnostics().push(diagnostic.help(format!("declare one for each: `name[{places}] instof ...`")));
             return None;
         }
         copies.push(copy);
@@ -91,31 +94,27 @@ fn collect(expr: &Expr, runs: &mut BTreeMap<usize, Span>) {
 }
 
 /// The two ends of `0..4`; either may be the name of a number.
-fn range(node: &Node, consts: &Consts, diagnostics: &mut Vec<Diagnostic>) -> Option<(usize, usize)> {
+fn range(node: &Node, group: &mut Group<'_>) -> Option<(usize, usize)> {
+    let consts = group.consts;
     let tokens: Vec<Token> = node.tokens().collect();
     let dots = tokens.iter().position(|token| token.kind() == DotDot)?;
     let (start, end) = (tokens.get(dots.checked_sub(1)?)?, tokens.get(dots + 1)?);
     let named = match (whole(start, consts), whole(end, consts)) {
-        (Whole::Broken, _) | (_, Whole::Broken) => return None,
-        (Whole::Number(start), Whole::Number(end)) if start < end && end - start <= index::COUNT_MAX => {
+        (CountValue::Broken, _) | (_, CountValue::Broken) => return None,
+        (CountValue::Number(start), CountValue::Number(end)) if start < end && end - start <= index::COUNT_MAX => {
             return Some((start, end));
         }
-        (Whole::Other(named), _) | (_, Whole::Other(named)) => named,
-        (Whole::Number(_), Whole::Number(_)) => consts.get(end.text()).or_else(|| consts.get(start.text())),
+        (CountValue::Other(named), _) | (_, CountValue::Other(named)) => named,
+        (CountValue::Number(_), CountValue::Number(_)) => consts.get(end.text()).or_else(|| consts.get(start.text())),
     };
     let message = format!("expected a range such as `0..4`, of at most {}", index::COUNT_MAX);
-    diagnostics.push(count::wrong(node.span(), named, message));
+    group.diagnostics().push(count::wrong(node.span(), named, message));
     None
 }
 
 /// The instance that `name[index][labels]` runs, and the labels. What is in brackets is an index when it is a number, or
 /// when the name is that of an array and no label has been read.
-pub(super) fn run_of(
-    node: &Node,
-    name: Name,
-    group: &Group<'_>,
-    diagnostics: &mut Vec<Diagnostic>,
-) -> Option<(Name, Vec<Name>)> {
+pub(super) fn run_of(node: &Node, name: Name, group: &mut Group<'_>) -> Option<(Name, Vec<Name>)> {
     let brackets: Vec<Node> = node.children_of(Labels).collect();
     let is_array = group.names.arrays.contains_key(&name.text);
     let is_number = brackets.first().is_some_and(|first| first.token(Number).is_some());
@@ -125,24 +124,22 @@ pub(super) fn run_of(
             if place >= count {
                 let message = format!("there are more places than the {count} of `{}`", name.text);
                 let help = format!("declare more of them, or write `::[{count}]`");
-                diagnostics.push(Diagnostic::new(Code::E0203, name.span, message).help(help));
+                group.diagnostics().push(Diagnostic::new(Code::E0203, name.span, message).help(help));
                 return None;
             }
             let labels = brackets.iter().flat_map(|labels| labels.names().collect::<Vec<_>>()).collect();
             Some((Name { text: index::element(&name.text, place), span: name.span }, labels))
         }
         Some((first, rest)) if is_array || is_number => {
-            let name = index::written_out(&name, first, &group.names, &group.indices, diagnostics)?;
+            let name = index::written_out(&name, first, &mut group.names, &group.indices)?;
             Some((name, rest.iter().flat_map(|labels| labels.names().collect::<Vec<_>>()).collect()))
         }
         None if is_array => {
-            diagnostics.push(index::without_index(&name, group.names.arrays[&name.text]));
+            let diagnostic = index::without_index(&name, group.names.arrays[&name.text]);
+            group.diagnostics().push(diagnostic);
             None
         }
-        Some(_) if group.names.find(&name.text).is_none() && index::misspelt(&name, &group.names).is_some() => {
-            diagnostics.extend(index::misspelt(&name, &group.names));
-            None
-        }
+        Some(_) if group.names.find(&name.text).is_none() && index::is_misspelt(&name, &mut group.names) => None,
         Some(_) | None => {
             let labels = brackets.iter().flat_map(|labels| labels.names().collect::<Vec<_>>()).collect();
             Some((name, labels))

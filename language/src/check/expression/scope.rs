@@ -1,69 +1,70 @@
-//! `shield`, `using`, `match`: what they hold, take and tell apart.
+//! Checks `shield`, `using` and `match`.
 
 use super::{Group, expression, parts};
 use crate::check::names::twice;
 use crate::check::spec::{Arm, ExprKind};
-use crate::check::value::duration;
 use crate::diagnostic::{Code, Diagnostic};
-use crate::similar::nearest;
+use crate::source::Span;
 use crate::syntax::SyntaxKind::{self, Constant};
 use crate::syntax::ast::{Name, Node};
+use std::collections::{BTreeMap, BTreeSet};
 
-pub(super) fn shield(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<Diagnostic>) -> Option<ExprKind> {
+pub(super) fn shield(node: &Node, group: &mut Group<'_>) -> Option<ExprKind> {
     let bound = match node.child(Constant) {
-        Some(bound) => Some(duration(&bound, group.consts, diagnostics)?),
+        Some(bound) => Some(group.reader().duration(&bound)?),
         None => None,
     };
-    Some(ExprKind::Shield(bound, Box::new(parts(node, group, diagnostics).pop()?)))
+    Some(ExprKind::Shield(bound, Box::new(parts(node, group).pop()?)))
 }
 
-pub(super) fn using(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<Diagnostic>) -> Option<ExprKind> {
-    let mut taken: Vec<usize> = Vec::new();
+pub(super) fn using(node: &Node, group: &mut Group<'_>) -> Option<ExprKind> {
+    let (mut taken, mut known) = (Vec::new(), BTreeSet::new());
     for name in node.children_of(SyntaxKind::Resources).flat_map(|node| node.names().collect::<Vec<_>>()) {
-        let Some(index) = group.resources.iter().position(|known| known.text == name.text) else {
+        let Some(&index) = group.resource_places.get(name.text.as_str()) else {
             // One cause is one report; and what is declared in damaged text is not known.
             if !group.damage.header && group.unknown.insert(name.text.clone()) {
-                diagnostics.push(unknown(&name, group));
+                report_unknown(&name, group);
             }
             continue;
         };
-        if !taken.contains(&index) {
+        if known.insert(index) {
             taken.push(index);
         }
     }
     group.taken.extend(&taken);
-    let operand = Box::new(parts(node, group, diagnostics).pop()?);
+    let operand = Box::new(parts(node, group).pop()?);
     Some(ExprKind::Using(taken, operand))
 }
 
-fn unknown(name: &Name, group: &Group<'_>) -> Diagnostic {
+fn report_unknown(name: &Name, group: &mut Group<'_>) {
     let diagnostic = Diagnostic::new(Code::E0204, name.span, format!("unknown resource `{}`", name.text));
-    let known = group.resources.iter().map(|known| known.text.as_str());
-    let near = nearest(&name.text, known).and_then(|near| group.resources.iter().find(|known| known.text == near));
-    match near {
+    let resources = group.resources;
+    let near = group.diagnostics().nearest(&name.text, resources.iter().map(|known| known.text.as_str()));
+    let diagnostic = match near.and_then(|near| resources.iter().find(|known| known.text == near)) {
         Some(near) => diagnostic.reason(near.span, "declared here").replace(name.span, &near.text),
         None => diagnostic.help(format!(
             "declare it in the group: `resource {0};`, or have it handed to the group: a parameter `{0}: Resource`",
             name.text
         )),
-    }
+    };
+    group.diagnostics().push(diagnostic);
 }
 
-pub(super) fn matching(node: &Node, group: &mut Group<'_>, diagnostics: &mut Vec<Diagnostic>) -> Option<ExprKind> {
+pub(super) fn matching(node: &Node, group: &mut Group<'_>) -> Option<ExprKind> {
     let mut arms: Vec<Arm> = Vec::new();
+    let mut known: BTreeMap<String, Span> = BTreeMap::new();
     for part in node.children_of(SyntaxKind::Arm) {
         let Some(name) = part.names().next() else { continue };
-        let Some(body) = part.children().next().map(|body| expression(&body, group, diagnostics)) else { continue };
-        let is_same = |arm: &&Arm| arm.tag.as_ref().map_or("else", |tag| tag.text.as_str()) == name.text;
-        if let Some(first) = arms.iter().find(is_same) {
-            let first = first.tag.as_ref().map_or(first.body.span, |tag| tag.span);
-            diagnostics.push(twice("arm", &name.text, name.span, first));
+        let Some(body) = part.children().next().map(|body| expression(&body, group)) else { continue };
+        if let Some(&first) = known.get(&name.text) {
+            group.diagnostics().push(twice("arm", &name.text, name.span, first));
             continue;
         }
+        known.insert(name.text.clone(), name.span);
         if let Some(last) = arms.last().filter(|last| last.tag.is_none()) {
             let message = format!("`{}` stands behind `else`, which takes everything", name.text);
             let diagnostic = Diagnostic::new(Code::W0422, name.span, message).label("never taken");
-            diagnostics.push(diagnostic.reason(last.body.span, "taken instead").help("put `else` last"));
+            group.diagnostics().push(diagnostic.reason(last.body.span, "taken instead").help("put `else` last"));
             continue;
         }
         let tag = (name.text != "else").then_some(name);

@@ -1,13 +1,13 @@
-//! Operands that make no difference, and limits that leave nothing to happen.
+//! Reports operands that have no effect, and limits that leave no time.
 
 use super::ends::Members;
+use crate::check::diagnostics::Diagnostics;
 use crate::check::spec::{Expr, ExprKind};
 use crate::diagnostic::{Code, Diagnostic};
-use crate::source::Span;
 use std::time::Duration;
 
 /// Reports what in an expression never starts because of what stands before it, and limits that are too short.
-pub(super) fn check(members: &Members, expr: &Expr, diagnostics: &mut Vec<Diagnostic>) {
+pub(super) fn check(members: &Members, expr: &Expr, diagnostics: &mut Diagnostics) {
     if let ExprKind::Otherwise(parts) = &expr.kind {
         let cannot_fail = parts.iter().position(|part| !members.ends_of(part).aborted);
         let dead = cannot_fail.and_then(|index| Some((&parts[index], parts.get(index + 1)?)));
@@ -24,7 +24,7 @@ pub(super) fn check(members: &Members, expr: &Expr, diagnostics: &mut Vec<Diagno
         diagnostics.extend(at_once.and_then(|index| disabled_at_once(parts, index)));
     }
     if let ExprKind::Within(limit, part) = &expr.kind {
-        diagnostics.extend(too_short(*limit, members.ends_of(part).done, (part.span, expr.span)));
+        diagnostics.extend(too_short(*limit, members.ends_of(part).done, expr, part));
     }
     expr.parts().into_iter().for_each(|part| check(members, part, diagnostics));
 }
@@ -79,7 +79,8 @@ fn disabled_at_once(parts: &[Expr], index: usize) -> Option<Diagnostic> {
     Some(diagnostic.reason(parts[index].span, "is over at once"))
 }
 
-fn too_short(limit: Duration, earliest: Option<Duration>, (part, whole): (Span, Span)) -> Option<Diagnostic> {
+fn too_short(limit: Duration, earliest: Option<Duration>, whole: &Expr, part: &Expr) -> Option<Diagnostic> {
+    let (whole, part) = (whole.span, part.span);
     if limit.is_zero() {
         let message = "a limit of no time: this is stopped as soon as it has started";
         let diagnostic = Diagnostic::new(Code::W0407, whole, message).label("always fails");

@@ -1,17 +1,18 @@
-//! Loops that could turn without end at one instant.
+//! Reports loops that could turn without end at one instant.
 
+use crate::check::diagnostics::Diagnostics;
 use crate::check::spec::{Expr, ExprKind, Process, Spec, Target};
 use crate::diagnostic::{Code, Diagnostic};
 
 /// How something can end without running a program or waiting for anything.
 #[derive(Clone, Copy, Default)]
-struct AtOnce {
+struct InstantEnds {
     done: bool,
     aborted: bool,
 }
 
 /// Reports the loops of every group.
-pub(super) fn check(spec: &Spec, diagnostics: &mut Vec<Diagnostic>) {
+pub(super) fn check(spec: &Spec, diagnostics: &mut Diagnostics) {
     let mut known = vec![None; spec.processes.len()];
     for (index, process) in spec.processes.iter().enumerate() {
         of_group(spec, index, &mut known);
@@ -22,31 +23,31 @@ pub(super) fn check(spec: &Spec, diagnostics: &mut Vec<Diagnostic>) {
 }
 
 /// How a group can end at once; `known` are the groups that were asked for before. Groups nest finitely here.
-fn of_group(spec: &Spec, group: usize, known: &mut Vec<Option<AtOnce>>) -> AtOnce {
+fn of_group(spec: &Spec, group: usize, known: &mut Vec<Option<InstantEnds>>) -> InstantEnds {
     if let Some(found) = known[group] {
         return found;
     }
     let process = &spec.processes[group];
     let members = members(spec, process, known);
     let found = match &process.actions {
-        _ if process.damage.actions => AtOnce::default(),
+        _ if process.damage.actions => InstantEnds::default(),
         Some(actions) => at_once(actions, &members),
-        None => AtOnce { done: true, aborted: false },
+        None => InstantEnds { done: true, aborted: false },
     };
     known[group] = Some(found);
     found
 }
 
 /// How each instance of a group can end at once; a program cannot.
-fn members(spec: &Spec, process: &Process, known: &mut Vec<Option<AtOnce>>) -> Vec<AtOnce> {
+fn members(spec: &Spec, process: &Process, known: &mut Vec<Option<InstantEnds>>) -> Vec<InstantEnds> {
     let of_instance = |target| match target {
         Target::Process(group) => of_group(spec, group, known),
-        Target::Module(_) | Target::Unknown => AtOnce::default(),
+        Target::Module(_) | Target::Unknown => InstantEnds::default(),
     };
     process.instances.iter().map(|instance| instance.target).map(of_instance).collect()
 }
 
-fn walk(expr: &Expr, members: &[AtOnce], diagnostics: &mut Vec<Diagnostic>) {
+fn walk(expr: &Expr, members: &[InstantEnds], diagnostics: &mut Diagnostics) {
     let is_done = |part: &Expr| at_once(part, members).done;
     let is_endless = if let ExprKind::Recurrent(first, second) = &expr.kind {
         is_done(first) && is_done(second)
@@ -65,34 +66,34 @@ fn walk(expr: &Expr, members: &[AtOnce], diagnostics: &mut Vec<Diagnostic>) {
     }
 }
 
-fn at_once(expr: &Expr, members: &[AtOnce]) -> AtOnce {
-    let parts: Vec<AtOnce> = expr.parts().into_iter().map(|part| at_once(part, members)).collect();
-    let done = |parts: &[AtOnce]| parts.iter().filter(|part| part.done).count();
+fn at_once(expr: &Expr, members: &[InstantEnds]) -> InstantEnds {
+    let parts: Vec<InstantEnds> = expr.parts().into_iter().map(|part| at_once(part, members)).collect();
+    let done = |parts: &[InstantEnds]| parts.iter().filter(|part| part.done).count();
     let any_aborted = parts.iter().any(|part| part.aborted);
     match &expr.kind {
         ExprKind::Run(slot, _) => members[*slot],
-        ExprKind::Wait(time) => AtOnce { done: time.is_zero(), aborted: false },
-        ExprKind::Never | ExprKind::Broken => AtOnce::default(),
-        ExprKind::Skip => AtOnce { done: true, aborted: false },
-        ExprKind::Fail(_) => AtOnce { done: false, aborted: true },
+        ExprKind::Wait(time) => InstantEnds { done: time.is_zero(), aborted: false },
+        ExprKind::Never | ExprKind::Broken => InstantEnds::default(),
+        ExprKind::Skip => InstantEnds { done: true, aborted: false },
+        ExprKind::Fail(_) => InstantEnds { done: false, aborted: true },
         ExprKind::Concurrent(_) | ExprKind::FailFast(_) => {
-            AtOnce { done: done(&parts) == parts.len(), aborted: any_aborted }
+            InstantEnds { done: done(&parts) == parts.len(), aborted: any_aborted }
         }
-        ExprKind::AnyOf(count, _) => AtOnce { done: done(&parts) >= *count as usize, aborted: any_aborted },
-        ExprKind::Disable(_) | ExprKind::Within(..) => AtOnce { done: done(&parts) > 0, aborted: any_aborted },
-        ExprKind::Finally(..) => AtOnce { done: done(&parts) == parts.len(), aborted: any_aborted },
+        ExprKind::AnyOf(count, _) => InstantEnds { done: done(&parts) >= *count as usize, aborted: any_aborted },
+        ExprKind::Disable(_) | ExprKind::Within(..) => InstantEnds { done: done(&parts) > 0, aborted: any_aborted },
+        ExprKind::Finally(..) => InstantEnds { done: done(&parts) == parts.len(), aborted: any_aborted },
         ExprKind::Sequence(_) | ExprKind::Conditional(_) => {
             let reached = parts.iter().take_while(|part| part.done).count();
             let aborted = parts.iter().take(reached + 1).any(|part| part.aborted);
-            AtOnce { done: reached == parts.len(), aborted }
+            InstantEnds { done: reached == parts.len(), aborted }
         }
         ExprKind::Otherwise(_) | ExprKind::Retry(..) => {
             let failed = parts.iter().take_while(|part| part.aborted && !part.done).count();
-            AtOnce { done: parts.iter().take(failed + 1).any(|part| part.done), aborted: failed == parts.len() }
+            InstantEnds { done: parts.iter().take(failed + 1).any(|part| part.done), aborted: failed == parts.len() }
         }
-        ExprKind::Recurrent(..) | ExprKind::Asynchronous(..) => AtOnce { done: false, aborted: any_aborted },
+        ExprKind::Recurrent(..) | ExprKind::Asynchronous(..) => InstantEnds { done: false, aborted: any_aborted },
         ExprKind::Match(_) | ExprKind::Shield(..) | ExprKind::Using(..) | ExprKind::Tagged(..) => {
-            AtOnce { done: done(&parts) > 0, aborted: any_aborted }
+            InstantEnds { done: done(&parts) > 0, aborted: any_aborted }
         }
     }
 }

@@ -1,9 +1,9 @@
 //! Outcomes: which tags an expression can end with, and whether every `match` has an arm for each.
 
+use crate::check::diagnostics::Diagnostics;
 use crate::check::names::listed;
 use crate::check::spec::{Arm, Expr, ExprKind, Process, Spec, Target};
 use crate::diagnostic::{Code, Diagnostic, Edit, Fix};
-use crate::similar::nearest;
 use crate::source::Span;
 use std::collections::BTreeMap;
 
@@ -38,7 +38,7 @@ impl Ends {
 }
 
 /// Checks every `match` against what it is started with.
-pub(super) fn check(spec: &Spec, diagnostics: &mut Vec<Diagnostic>) {
+pub(super) fn check(spec: &Spec, diagnostics: &mut Diagnostics) {
     let has_match = |process: &&Process| process.actions.as_ref().is_some_and(contains_match);
     let mut known = vec![None; spec.processes.len()];
     for process in spec.processes.iter().filter(|process| !process.damage.actions).filter(has_match) {
@@ -117,7 +117,7 @@ struct Walk<'a> {
     known: &'a mut Vec<Option<Ends>>,
     /// Where the chain `P : ...` begins of which an operand is visited.
     chain: Option<Span>,
-    diagnostics: &'a mut Vec<Diagnostic>,
+    diagnostics: &'a mut Diagnostics,
 }
 
 impl Walk<'_> {
@@ -131,10 +131,10 @@ impl Walk<'_> {
             }
             ExprKind::Conditional(parts) => self.visit_chain(&parts.iter().collect::<Vec<_>>(), start),
             ExprKind::Recurrent(first, second) => {
-                let before = self.diagnostics.len();
+                let before = self.diagnostics.count();
                 self.visit(first, &start.clone().or(nothing));
                 if let (ExprKind::Match(_), Some(chain), Some(found)) =
-                    (&first.kind, self.chain, self.diagnostics.get_mut(before))
+                    (&first.kind, self.chain, self.diagnostics.first_since(before))
                 {
                     in_parentheses(found, chain, first.span);
                 }
@@ -203,7 +203,7 @@ impl Walk<'_> {
         for tag in arms.iter().filter_map(|arm| arm.tag.as_ref()).filter(|tag| !start.tags.contains_key(&tag.text)) {
             let message = format!("no outcome is called `{}`", tag.text);
             let diagnostic = Diagnostic::new(Code::E0421, tag.span, message).label("never taken");
-            let near = nearest(&tag.text, start.tags.keys().map(String::as_str));
+            let near = self.diagnostics.nearest(&tag.text, start.tags.keys().map(String::as_str));
             self.diagnostics.push(match near {
                 Some(near) => diagnostic.reason(start.tags[near], "declared here").replace(tag.span, near),
                 None => diagnostic.help(format!("the outcomes are {}", listed(start.tags.keys().map(String::as_str)))),

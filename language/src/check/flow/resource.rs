@@ -4,13 +4,21 @@
 //! do so for ever if all of them can run at the same time, so each pair runs side by side and has nothing in common.
 
 use super::service::is_service;
+use crate::check::diagnostics::Diagnostics;
 use crate::check::names::listed;
 use crate::check::spec::{Expr, ExprKind, Path, Process, are_parallel};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::source::Span;
+use std::collections::BTreeMap;
+use std::rc::Rc;
 
 /// The longest search for circles, in steps: expressions that were written out may have very many.
 const STEPS_MAX: usize = 200_000;
+/// As many pairs of a resource and another one inside are looked at.
+const NESTED_MAX: usize = 10_000;
+
+/// As many `using`s of one group are compared with each other.
+const TAKEN_MAX: usize = 1000;
 
 /// A `using` inside another one.
 struct Nested {
@@ -18,7 +26,7 @@ struct Nested {
     holds: usize,
     wants: usize,
     /// All that is held there.
-    held: Vec<usize>,
+    held: Rc<[usize]>,
     span: Span,
     path: Path,
 }
@@ -31,15 +39,19 @@ impl Nested {
 }
 
 /// Reports a `using` that can never start, and circles of them that may wait for each other.
-pub(super) fn check(process: &Process, actions: &Expr, diagnostics: &mut Vec<Diagnostic>) {
-    let mut nested = Vec::new();
-    collect(process, actions, (&mut Vec::new(), &mut Vec::new()), (&mut nested, diagnostics));
+pub(super) fn check(process: &Process, actions: &Expr, diagnostics: &mut Diagnostics) {
+    let mut walk = Walk { process, path: Vec::new(), held: Vec::new(), nested: Vec::new(), diagnostics };
+    walk.collect(actions);
+    let nested = walk.nested;
     let mut search = Search { nested: &nested, steps: 0 };
     let mut reported = vec![false; nested.len()];
     // Of two circles through one place the shorter one is the better reason.
     for length in 2..=process.resources.len().min(nested.len()) {
         for first in 0..nested.len() {
             let mut circle = vec![first];
+            if search.steps > STEPS_MAX {
+                return;
+            }
             if !reported[first] && search.close(&mut circle, length) {
                 circle.iter().for_each(|&part| reported[part] = true);
                 let circle: Vec<&Nested> = circle.iter().map(|&part| &nested[part]).collect();
@@ -50,7 +62,7 @@ pub(super) fn check(process: &Process, actions: &Expr, diagnostics: &mut Vec<Dia
 }
 
 /// Something that is taken, and whether what runs with it ends by itself.
-struct Taken<'a> {
+struct Acquisition<'a> {
     resources: &'a [usize],
     is_service: bool,
     span: Span,
@@ -58,12 +70,15 @@ struct Taken<'a> {
 }
 
 /// Reports who waits for a resource that a service beside it never gives back.
-pub(super) fn kept(process: &Process, members: &[bool], actions: &Expr, diagnostics: &mut Vec<Diagnostic>) {
+pub(super) fn kept(process: &Process, members: &[bool], actions: &Expr, diagnostics: &mut Diagnostics) {
     let mut all = Vec::new();
     taken(actions, members, &mut Vec::new(), &mut all);
+    // Each is compared with each.
+    all.truncate(TAKEN_MAX);
     for service in all.iter().filter(|taken| taken.is_service) {
-        let shared = |other: &Taken<'_>| other.resources.iter().find(|it| service.resources.contains(it)).copied();
-        let is_beside = |other: &&Taken<'_>| are_parallel(&service.path, &other.path) == Some(true);
+        let shared =
+            |other: &Acquisition<'_>| other.resources.iter().find(|it| service.resources.contains(it)).copied();
+        let is_beside = |other: &&Acquisition<'_>| are_parallel(&service.path, &other.path) == Some(true);
         let waiting = all.iter().filter(is_beside).find_map(|other| Some((other, shared(other)?)));
         let Some((other, resource)) = waiting else { continue };
         let name = &process.resources[resource].text;
@@ -73,10 +88,10 @@ pub(super) fn kept(process: &Process, members: &[bool], actions: &Expr, diagnost
     }
 }
 
-fn taken<'a>(expr: &'a Expr, members: &[bool], path: &mut Path, all: &mut Vec<Taken<'a>>) {
+fn taken<'a>(expr: &'a Expr, members: &[bool], path: &mut Path, all: &mut Vec<Acquisition<'a>>) {
     if let ExprKind::Using(resources, inner) = &expr.kind {
         let is_service = is_service(inner, members);
-        all.push(Taken { resources, is_service, span: expr.span, path: path.clone() });
+        all.push(Acquisition { resources, is_service, span: expr.span, path: path.clone() });
     }
     for (index, part) in expr.parts().into_iter().enumerate() {
         path.push((index, expr.is_parallel()));
@@ -139,37 +154,52 @@ fn report(process: &Process, circle: &[&Nested]) -> Option<Diagnostic> {
     Some(diagnostic.help(format!("take {all_at_once} at once: `using({})`", all.join(", "))))
 }
 
-fn collect(
-    process: &Process,
-    expr: &Expr,
-    (path, held): (&mut Path, &mut Vec<(usize, Span)>),
-    (nested, diagnostics): (&mut Vec<Nested>, &mut Vec<Diagnostic>),
-) {
-    let before = held.len();
-    if let ExprKind::Using(taken, _) = &expr.kind {
+/// Finds the `using`s inside of others.
+struct Walk<'a> {
+    process: &'a Process,
+    path: Path,
+    /// What is taken around, and where.
+    held: Vec<(usize, Span)>,
+    nested: Vec<Nested>,
+    diagnostics: &'a mut Diagnostics,
+}
+
+impl Walk<'_> {
+    fn collect(&mut self, expr: &Expr) {
+        let before = self.held.len();
+        if let ExprKind::Using(taken, inner) = &expr.kind {
+            let is_handed = inner.span == expr.span;
+            self.take(taken, expr.span, is_handed);
+        }
+        for (index, part) in expr.parts().into_iter().enumerate() {
+            self.path.push((index, expr.is_parallel()));
+            self.collect(part);
+            self.path.pop();
+        }
+        self.held.truncate(before);
+    }
+
+    fn take(&mut self, taken: &[usize], span: Span, is_handed: bool) {
+        let held: Rc<[usize]> = self.held.iter().map(|(held, _)| *held).collect();
+        let places: BTreeMap<usize, Span> = self.held.iter().rev().copied().collect();
         for &wants in taken {
-            if let Some((_, outer)) = held.iter().find(|(holds, _)| *holds == wants) {
-                let name = &process.resources[wants].text;
+            if let Some(outer) = places.get(&wants) {
+                let name = &self.process.resources[wants].text;
                 let message = format!("`{name}` is taken already by what waits for it here, so it never gets it");
-                let diagnostic = Diagnostic::new(Code::E0413, expr.span, message);
-                let is_handed = matches!(&expr.kind, ExprKind::Using(_, inner) if inner.span == expr.span);
+                let diagnostic = Diagnostic::new(Code::E0413, span, message);
                 let help = match is_handed {
                     true => "take it once: a group that is handed it has it as long as it runs",
                     false => "take it once",
                 };
-                diagnostics.push(diagnostic.reason(*outer, "taken here").help(help));
+                self.diagnostics.push(diagnostic.reason(*outer, "taken here").help(help));
             }
-            for &(holds, _) in held.iter().filter(|(holds, _)| *holds != wants) {
-                let all = held.iter().map(|(held, _)| *held).collect();
-                nested.push(Nested { holds, wants, held: all, span: expr.span, path: path.clone() });
+            for &holds in held.iter().filter(|&&holds| holds != wants) {
+                if self.nested.len() < NESTED_MAX {
+                    let (held, path) = (Rc::clone(&held), self.path.clone());
+                    self.nested.push(Nested { holds, wants, held, span, path });
+                }
             }
         }
-        held.extend(taken.iter().map(|&taken| (taken, expr.span)));
+        self.held.extend(taken.iter().map(|&taken| (taken, span)));
     }
-    for (index, part) in expr.parts().into_iter().enumerate() {
-        path.push((index, expr.is_parallel()));
-        collect(process, part, (path, held), (nested, diagnostics));
-        path.pop();
-    }
-    held.truncate(before);
 }

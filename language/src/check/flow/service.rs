@@ -2,6 +2,8 @@
 
 use super::ends::Members;
 use super::group_of;
+use crate::check::diagnostics::Diagnostics;
+use crate::check::names::listed;
 use crate::check::spec::{Expr, ExprKind, Process, Spec, Target};
 use crate::diagnostic::{Code, Diagnostic};
 
@@ -67,123 +69,134 @@ pub(super) fn members(spec: &Spec, process: &Process) -> Vec<bool> {
 }
 
 /// Reports what never starts or never ends because of a service, and what may never end for want of one.
-pub(super) fn check(
-    (spec, process): (&Spec, &Process),
-    members: &Members,
-    expr: &Expr,
-    diagnostics: &mut Vec<Diagnostic>,
-) {
-    walk(&Context { spec, process, members, intolerant: members.without_tolerance() }, expr, diagnostics);
-}
-
-struct Context<'a> {
+pub(super) struct Order<'a> {
     spec: &'a Spec,
     process: &'a Process,
     members: &'a Members,
     /// The members as if no group around a service tolerated its failure.
     intolerant: Members,
+    diagnostics: &'a mut Diagnostics,
 }
 
-impl Context<'_> {
+impl<'a> Order<'a> {
+    pub(super) fn new(
+        spec: &'a Spec,
+        process: &'a Process,
+        members: &'a Members,
+        diagnostics: &'a mut Diagnostics,
+    ) -> Self {
+        Self { spec, process, members, intolerant: members.without_tolerance(), diagnostics }
+    }
+
+    pub(super) fn walk(&mut self, expr: &Expr) {
+        match &expr.kind {
+            ExprKind::Sequence(parts) | ExprKind::Conditional(parts) => self.check(&parts.iter().collect::<Vec<_>>()),
+            ExprKind::Recurrent(first, second) => self.check(&[first, second]),
+            ExprKind::Asynchronous(source, pool) => {
+                self.check(&std::iter::once(&**source).chain(pool.first()).collect::<Vec<_>>());
+            }
+            ExprKind::Shield(None, part) if self.is_service(part) => {
+                let message = "a stop would wait for ever: what is shielded has no normal end";
+                let diagnostic = Diagnostic::new(Code::E0411, part.span, message).label("has no normal end");
+                self.diagnostics.push(diagnostic.help("give the shield a bound: `shield(10 s) process`"));
+            }
+            ExprKind::Finally(_, part) if self.is_service(part) => {
+                let message = "a stop would wait for ever: what `finally` runs has no normal end";
+                let diagnostic = Diagnostic::new(Code::E0411, part.span, message).label("has no normal end");
+                self.diagnostics.push(diagnostic.help("give it a limit: `finally (process within 10 s)`"));
+            }
+            ExprKind::Disable(parts) => {
+                for (index, part) in parts.iter().enumerate() {
+                    let others = parts.iter().enumerate().filter(|(other, _)| *other != index).map(|(_, it)| it);
+                    let found = self.may_never_end(part, others);
+                    self.diagnostics.extend(found);
+                }
+            }
+            ExprKind::Run(..)
+            | ExprKind::Skip
+            | ExprKind::Never
+            | ExprKind::Fail(_)
+            | ExprKind::Wait(_)
+            | ExprKind::Concurrent(_)
+            | ExprKind::FailFast(_)
+            | ExprKind::AnyOf(..)
+            | ExprKind::Otherwise(_)
+            | ExprKind::Retry(..)
+            | ExprKind::Within(..)
+            | ExprKind::Match(_)
+            | ExprKind::Shield(..)
+            | ExprKind::Using(..)
+            | ExprKind::Finally(..)
+            | ExprKind::Tagged(..)
+            | ExprKind::Broken => {}
+        }
+        expr.parts().into_iter().for_each(|part| self.walk(part));
+    }
+
     fn is_service(&self, expr: &Expr) -> bool {
         is_service(expr, &self.members.services)
     }
-}
 
-fn walk(context: &Context<'_>, expr: &Expr, diagnostics: &mut Vec<Diagnostic>) {
-    if let ExprKind::Sequence(parts) | ExprKind::Conditional(parts) = &expr.kind {
-        check_order(context, &parts.iter().collect::<Vec<_>>(), diagnostics);
+    /// In `P ; Q` a `P` that is never done keeps `Q` from starting; a group that turns out to be a service keeps the end
+    /// from coming. A service whose failure is tolerated here, as in `lidar? ; alarm`, is meant to fail over: nothing is
+    /// said.
+    fn check(&mut self, parts: &[&Expr]) {
+        let Some((last, before)) = parts.split_last() else { return };
+        let is_open = |part: &&&Expr| self.intolerant.ends_of(part).done.is_none();
+        let is_done = |part: &Expr| self.members.ends_of(part).done.is_some();
+        let found = if let Some(index) = before.iter().position(|part| is_open(&part)) {
+            self.never_started(before[index], parts[index + 1], is_done(before[index]))
+        } else {
+            let group = group_of(self.spec, self.process, last).filter(|group| group.is_service && !is_done(last));
+            let Some(group) = group else { return };
+            let message = format!("the sequence never finishes: `{}` has no normal end", group.name.text);
+            let diagnostic = Diagnostic::new(Code::W0403, last.span, message);
+            let reason = group.actions.as_ref().map_or(group.name.span, |actions| actions.span);
+            let diagnostic = diagnostic.reason(reason, "nothing that runs here ends");
+            diagnostic.help("give one of its processes an end, or disable it with `# task`")
+        };
+        self.diagnostics.push(found);
     }
-    if let ExprKind::Recurrent(first, second) = &expr.kind {
-        check_order(context, &[first, second], diagnostics);
-    }
-    if let ExprKind::Asynchronous(source, pool) = &expr.kind {
-        check_order(context, &std::iter::once(&**source).chain(pool.first()).collect::<Vec<_>>(), diagnostics);
-    }
-    if let ExprKind::Shield(None, part) = &expr.kind
-        && context.is_service(part)
-    {
-        let message = "a stop would wait for ever: what is shielded has no normal end";
-        let diagnostic = Diagnostic::new(Code::E0411, part.span, message).label("has no normal end");
-        diagnostics.push(diagnostic.help("give the shield a bound: `shield(10 s) process`"));
-    }
-    if let ExprKind::Finally(_, part) = &expr.kind
-        && context.is_service(part)
-    {
-        let message = "a stop would wait for ever: what `finally` runs has no normal end";
-        let diagnostic = Diagnostic::new(Code::E0411, part.span, message).label("has no normal end");
-        diagnostics.push(diagnostic.help("give it a limit: `finally (process within 10 s)`"));
-    }
-    if let ExprKind::Disable(parts) = &expr.kind {
-        for (index, part) in parts.iter().enumerate() {
-            let others = parts.iter().enumerate().filter(|(other, _)| *other != index).map(|(_, other)| other);
-            diagnostics.extend(may_never_end(context, part, &others.collect::<Vec<_>>()));
+
+    /// `next` stands behind `part`, which is done only after a fault, or never.
+    fn never_started(&self, part: &Expr, next: &Expr, is_after_fault: bool) -> Diagnostic {
+        if !self.is_service(part) {
+            let message = "this never starts: what stands before it is never done";
+            let diagnostic = Diagnostic::new(Code::W0405, next.span, message).label("never starts");
+            return diagnostic.reason(part.span, "fails or is stopped, but is never done");
         }
+        if is_after_fault {
+            let message = "what comes after a service starts only when something in the service has failed";
+            let diagnostic = Diagnostic::new(Code::W0403, next.span, message).label("starts only after a failure");
+            let diagnostic = diagnostic.reason(part.span, "has no normal end, but tolerates failures");
+            return diagnostic
+                .help("if this is a failover, tolerate the failure here, where it can be seen: `sensor? ; rest`");
+        }
+        let message = "what comes after a service never starts";
+        let diagnostic = Diagnostic::new(Code::W0403, next.span, message).label("never starts");
+        let diagnostic = diagnostic.reason(part.span, "has no normal end");
+        diagnostic.help("run them together with `,`, or end the service with `# task`")
     }
-    for part in expr.parts() {
-        walk(context, part, diagnostics);
-    }
-}
 
-/// In `P ; Q` a `P` that is never done keeps `Q` from starting; a group that turns out to be a service keeps the end from
-/// coming. A service whose failure is tolerated here, as in `lidar? ; alarm`, is meant to fail over: nothing is said.
-fn check_order(context: &Context<'_>, parts: &[&Expr], diagnostics: &mut Vec<Diagnostic>) {
-    let Some((last, before)) = parts.split_last() else { return };
-    let is_open = |part: &&&Expr| context.intolerant.ends_of(part).done.is_none();
-    let is_done = |part: &Expr| context.members.ends_of(part).done.is_some();
-    if let Some(index) = before.iter().position(|part| is_open(&part)) {
-        diagnostics.push(never_started(context, before[index], parts[index + 1], is_done(before[index])));
-    } else if let Some(group) = group_of(context.spec, context.process, last).filter(|group| group.is_service)
-        && !is_done(last)
-    {
-        let message = format!("the sequence never finishes: `{}` has no normal end", group.name.text);
-        let diagnostic = Diagnostic::new(Code::W0403, last.span, message);
-        let reason = group.actions.as_ref().map_or(group.name.span, |actions| actions.span);
-        let diagnostic = diagnostic.reason(reason, "nothing that runs here ends");
-        diagnostics.push(diagnostic.help("give one of its processes an end, or disable it with `# task`"));
+    /// A group `sensor, threshold` that is used as `group # arm`, where nothing says that the sensor never ends: `,` would
+    /// wait for it, and the arm would never be stopped.
+    fn may_never_end<'e>(&self, operand: &Expr, others: impl Iterator<Item = &'e Expr>) -> Option<Diagnostic> {
+        let group = group_of(self.spec, self.process, operand).filter(|group| !group.damage.actions)?;
+        let ExprKind::Concurrent(parts) = &group.actions.as_ref()?.kind else { return None };
+        let runs = parts.iter().filter_map(|part| Some((part, &group.instances[run_of(part)?])));
+        let (part, instance) = runs.into_iter().find(|(_, instance)| is_open(self.spec, instance.target))?;
+        let kind = &instance.kind.as_ref()?.text;
+        let stopped = others.filter_map(|other| Some(self.process.instances[run_of(other)?].name.text.as_str()));
+        let stopped = listed(stopped);
+        let purpose = if stopped.is_empty() { "others" } else { &stopped };
+        let message = format!("`{}` may never end, but it is used to stop {purpose}", group.name.text);
+        let label = format!("`,` waits for `{}`, and {kind} has no declared end", instance.name.text);
+        let diagnostic =
+            Diagnostic::new(Code::W0402, part.span, message).label(label).reason(operand.span, "used here");
+        let help =
+            format!("if {kind} runs for ever, say so: `module {kind} {{ service; }}`; then `,` ends with the others");
+        Some(diagnostic.help(help).help(format!("if it ends, say so: `module {kind} {{ done; }}`")))
     }
-}
-
-/// `next` stands behind `part`, which is done only after a fault, or never.
-fn never_started(context: &Context<'_>, part: &Expr, next: &Expr, is_after_fault: bool) -> Diagnostic {
-    if !context.is_service(part) {
-        let message = "this never starts: what stands before it is never done";
-        let diagnostic = Diagnostic::new(Code::W0405, next.span, message).label("never starts");
-        return diagnostic.reason(part.span, "fails or is stopped, but is never done");
-    }
-    if is_after_fault {
-        let message = "what comes after a service starts only when something in the service has failed";
-        let diagnostic = Diagnostic::new(Code::W0403, next.span, message).label("starts only after a failure");
-        let diagnostic = diagnostic.reason(part.span, "has no normal end, but tolerates failures");
-        return diagnostic
-            .help("if this is a failover, tolerate the failure here, where it can be seen: `sensor? ; rest`");
-    }
-    let message = "what comes after a service never starts";
-    let diagnostic = Diagnostic::new(Code::W0403, next.span, message).label("never starts");
-    let diagnostic = diagnostic.reason(part.span, "has no normal end");
-    diagnostic.help("run them together with `,`, or end the service with `# task`")
-}
-
-/// A group `sensor, threshold` that is used as `group # arm`, where nothing says that the sensor never ends: `,` would
-/// wait for it, and the arm would never be stopped.
-fn may_never_end(context: &Context<'_>, operand: &Expr, others: &[&Expr]) -> Option<Diagnostic> {
-    let group = group_of(context.spec, context.process, operand).filter(|group| !group.damage.actions)?;
-    let ExprKind::Concurrent(parts) = &group.actions.as_ref()?.kind else { return None };
-    let runs = parts.iter().filter_map(|part| Some((part, &group.instances[run_of(part)?])));
-    let (part, instance) = runs.into_iter().find(|(_, instance)| is_open(context.spec, instance.target))?;
-    let kind = &instance.kind.as_ref()?.text;
-    let stopped = others.iter().filter_map(|other| Some(context.process.instances[run_of(other)?].name.text.as_str()));
-    let stopped: Vec<&str> = stopped.collect();
-    let purpose = match stopped.is_empty() {
-        true => "others".to_owned(),
-        false => format!("`{}`", stopped.join("`, `")),
-    };
-    let message = format!("`{}` may never end, but it is used to stop {purpose}", group.name.text);
-    let label = format!("`,` waits for `{}`, and {kind} has no declared end", instance.name.text);
-    let diagnostic = Diagnostic::new(Code::W0402, part.span, message).label(label).reason(operand.span, "used here");
-    let help =
-        format!("if {kind} runs for ever, say so: `module {kind} {{ service; }}`; then `,` ends with the others");
-    Some(diagnostic.help(help).help(format!("if it ends, say so: `module {kind} {{ done; }}`")))
 }
 
 /// Whether nothing says if the leaf ends.

@@ -1,4 +1,4 @@
-//! Expressions: what is short for something else is written out.
+//! Lowers expressions: short forms are written out in the operators of the plan.
 
 use super::quote::Quotes;
 use crate::check::spec::{Arm, Expr, ExprKind};

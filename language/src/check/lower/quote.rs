@@ -1,4 +1,4 @@
-//! What stands in the texts of a spec, for people who read of it when it runs.
+//! Quotes the text of a spec for people who watch it run.
 
 use crate::plan::DEADLINE;
 use crate::source::{Origin, Source, Span};

@@ -1,12 +1,13 @@
-//! Groups and leaves: paths, hosts, arguments.
+//! Makes the groups and leaves of the plan: paths, hosts, arguments.
 
 use super::data::{Data, data, filled, flatten};
+use crate::check::diagnostics::{Diagnostics, key};
 use crate::check::spec::{Arg, Instance, Module, Param, Process, Spec, Target, Value};
 use crate::check::types::without_host;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::{Argument, Claim, Constant, Expression, Group, Leaf, LeafKind, Member, MemberKind};
 use crate::source::Span;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
 /// Where everything runs when the spec names no host at all.
@@ -34,7 +35,9 @@ enum Place {
 
 pub(super) struct Builder<'a> {
     pub(super) spec: &'a Spec,
-    diagnostics: &'a mut Vec<Diagnostic>,
+    diagnostics: &'a mut Diagnostics,
+    /// What was reported of values that are handed on: a text may be instantiated many times.
+    reported: BTreeSet<(Span, Code, String)>,
     tree: Tree,
     group_places: Vec<Place>,
     leaf_places: Vec<Place>,
@@ -48,7 +51,7 @@ pub(super) struct Builder<'a> {
 
 impl Tree {
     /// Makes one group or leaf of every instance below the root.
-    pub(super) fn new(spec: &Spec, root: usize, diagnostics: &mut Vec<Diagnostic>) -> Self {
+    pub(super) fn new(spec: &Spec, root: usize, diagnostics: &mut Diagnostics) -> Self {
         let tree = Self {
             hosts: Vec::new(),
             groups: Vec::new(),
@@ -61,6 +64,7 @@ impl Tree {
         let mut builder = Builder {
             spec,
             diagnostics,
+            reported: BTreeSet::new(),
             tree,
             group_places,
             leaf_places,
@@ -242,7 +246,7 @@ impl Builder<'_> {
 
     /// Reports what is wrong with a text that is written once, but stands for several leaves.
     pub(super) fn report_once(&mut self, diagnostic: Diagnostic) {
-        if !self.diagnostics.contains(&diagnostic) {
+        if self.reported.insert(key(&diagnostic)) {
             self.diagnostics.push(diagnostic);
         }
     }

@@ -1,4 +1,4 @@
-//! Wires: connections resolved through the borders of groups, in either direction, to the ports of leaves.
+//! Resolves connections through the borders of groups, in either direction, to wires between leaves.
 
 use super::tree::Tree;
 use crate::check::spec::{Endpoint, Spec};

@@ -1,4 +1,4 @@
-//! Types as they are written, and what they come to.
+//! Types as they are written, and their shapes.
 //!
 //! Messages are compared by name, since programs that were built apart agree on nothing else; only where both ends say what
 //! is in them, that is compared too. A record that is written out has no name. What a value is compared with is its shape.
@@ -37,7 +37,7 @@ pub(crate) struct NamedType {
 
 /// How two types compare.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Likeness {
+pub(crate) enum TypeMatch {
     Same,
     Different,
     /// These named types are called the same, and are not.
@@ -151,13 +151,13 @@ impl Spec {
     }
 
     /// Compares the types of two ends of a connection.
-    pub(crate) fn compare(&self, one: &Kind, other: &Kind) -> Likeness {
+    pub(crate) fn compare(&self, one: &Kind, other: &Kind) -> TypeMatch {
         let (one, other) = (self.last(one), self.last(other));
         let named = |kind: &Kind| self.named(kind.name()?, kind.span.origin);
         match (named(one), named(other)) {
-            _ if self.is_same(one, other) => Likeness::Same,
-            (Some(a), Some(b)) if one.text == other.text => Likeness::OnlyByName(a, b),
-            (_, _) => Likeness::Different,
+            _ if self.is_same(one, other) => TypeMatch::Same,
+            (Some(a), Some(b)) if one.text == other.text => TypeMatch::OnlyByName(a, b),
+            (_, _) => TypeMatch::Different,
         }
     }
 

@@ -1,12 +1,12 @@
-//! Whether values are of the types that are declared.
+//! Checks values against declared types.
 
+use crate::check::diagnostics::Diagnostics;
 use crate::check::names::listed;
 use crate::check::range;
 use crate::check::spec::{Arg, Kind, Param, Shape, Spec, Value, ValueKind};
 use crate::check::unit;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::Constant;
-use crate::similar::nearest;
 use crate::source::Span;
 use crate::syntax::ast::Name;
 
@@ -14,16 +14,16 @@ use crate::syntax::ast::Name;
 const SHOWN_MAX: usize = 8;
 
 /// Values in one scope, while they are compared with types.
-pub(super) struct Kinds<'a> {
+pub(super) struct TypeChecker<'a> {
     pub(super) spec: &'a Spec,
     /// The parameters that a value may name.
     pub(super) outer: &'a [Param],
     /// Which field each name in a record means.
     pub(super) uses: &'a mut Vec<(Span, Span)>,
-    pub(super) diagnostics: &'a mut Vec<Diagnostic>,
+    pub(super) diagnostics: &'a mut Diagnostics,
 }
 
-impl Kinds<'_> {
+impl TypeChecker<'_> {
     /// Compares arguments with their parameters.
     pub(super) fn arguments(&mut self, params: &[Param], args: &[Arg]) {
         let mut places = params.iter();
@@ -49,9 +49,9 @@ impl Kinds<'_> {
 
     /// Compares a value with the parameter or field that it is for.
     pub(super) fn value(&mut self, param: &Param, value: &Value) {
-        let before = self.diagnostics.len();
+        let before = self.diagnostics.count();
         self.kind(param, value);
-        let is_fit = self.diagnostics.len() == before;
+        let is_fit = self.diagnostics.count() == before;
         if let (true, Some(range), ValueKind::Constant(constant)) = (is_fit, &param.range, &value.kind)
             && range::is_plain(self.spec, param)
             && !range.has(constant)
@@ -155,8 +155,7 @@ impl Kinds<'_> {
                 self.value(field, value);
             } else {
                 is_known = false;
-                let report = unknown_field(kind, fields, name);
-                self.diagnostics.push(report);
+                self.report_unknown_field(kind, fields, name);
             }
         }
         let is_missing = |field: &&Param| {
@@ -203,18 +202,19 @@ impl Kinds<'_> {
         let value = field.kind.as_ref().map_or_else(|| "...".to_owned(), |kind| self.example(kind));
         format!("{} = {value}", field.name.text)
     }
-}
 
-fn unknown_field(kind: &Kind, fields: &[Param], name: &Name) -> Diagnostic {
-    let diagnostic = Diagnostic::new(Code::E0214, name.span, format!("{kind} has no field `{}`", name.text));
-    let near = nearest(&name.text, fields.iter().map(|field| field.name.text.as_str()));
-    match near.and_then(|near| fields.iter().find(|field| field.name.text == near)) {
-        Some(near) => {
-            diagnostic.reason(near.name.span, "a field with a similar name").replace(name.span, &near.name.text)
-        }
-        None => {
-            let known = listed(fields.iter().take(SHOWN_MAX).map(|field| field.name.text.as_str()));
-            diagnostic.help(format!("its fields are {known}"))
-        }
+    fn report_unknown_field(&mut self, kind: &Kind, fields: &[Param], name: &Name) {
+        let diagnostic = Diagnostic::new(Code::E0214, name.span, format!("{kind} has no field `{}`", name.text));
+        let near = self.diagnostics.nearest(&name.text, fields.iter().map(|field| field.name.text.as_str()));
+        let diagnostic = match near.and_then(|near| fields.iter().find(|field| field.name.text == near)) {
+            Some(near) => {
+                diagnostic.reason(near.name.span, "a field with a similar name").replace(name.span, &near.name.text)
+            }
+            None => {
+                let known = listed(fields.iter().take(SHOWN_MAX).map(|field| field.name.text.as_str()));
+                diagnostic.help(format!("its fields are {known}"))
+            }
+        };
+        self.diagnostics.push(diagnostic);
     }
 }

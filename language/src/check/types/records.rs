@@ -1,14 +1,14 @@
-//! Named types: records that contain themselves, that are too large, and names that are nearly those of types.
+//! Checks named types: records that contain themselves, records that are too large, misspelt names.
 
+use crate::check::diagnostics::Diagnostics;
 use crate::check::spec::{FIELDS_MAX, Kind, NamedType, Spec};
 use crate::check::unit;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::DEPTH_MAX;
-use crate::similar::nearest;
 use crate::source::Span;
 
 /// Checks the named types. What has no end, or is too large, is reported and taken as a type of which nothing is known.
-pub(super) fn check(spec: &mut Spec, diagnostics: &mut Vec<Diagnostic>) {
+pub(super) fn check(spec: &mut Spec, diagnostics: &mut Diagnostics) {
     let parts = spec.types.iter().map(|named| Part::all(spec, &named.kind)).collect();
     let mut walk =
         Walk { types: &spec.types, parts, states: vec![State::New; spec.types.len()], path: Vec::new(), diagnostics };
@@ -16,7 +16,7 @@ pub(super) fn check(spec: &mut Spec, diagnostics: &mut Vec<Diagnostic>) {
         walk.visit(named);
     }
     let is_sound: Vec<bool> = walk.states.iter().map(|state| matches!(state, State::Closed(_))).collect();
-    diagnostics.extend(misspelt(spec));
+    report_misspelt(spec, diagnostics);
     spec.type_names.values_mut().for_each(|all| all.retain(|&named| is_sound[named]));
     spec.type_names.retain(|_, all| !all.is_empty());
 }
@@ -63,7 +63,7 @@ struct Walk<'a> {
     states: Vec<State>,
     /// The types from the start of the walk, each with how many of its parts have been visited.
     path: Vec<(usize, usize)>,
-    diagnostics: &'a mut Vec<Diagnostic>,
+    diagnostics: &'a mut Diagnostics,
 }
 
 impl Walk<'_> {
@@ -154,26 +154,23 @@ fn own_size(kind: &Kind) -> Size {
 }
 
 /// Types of parameters and fields that nobody knows, but that are nearly called as one that there is.
-fn misspelt(spec: &Spec) -> Vec<Diagnostic> {
+fn report_misspelt(spec: &Spec, diagnostics: &mut Diagnostics) {
     let modules = spec.modules.iter().flat_map(|module| module.params.iter().flatten());
     let params = spec.processes.iter().flat_map(|process| &process.params).chain(modules);
     let kinds = params.chain(spec.fields()).filter_map(|param| param.kind.as_ref());
     let mut known: Vec<&str> = unit::names().collect();
     known.extend(spec.types.iter().map(|named| named.name.text.as_str()));
-    let mut found = Vec::new();
     for (kind, name) in kinds.filter_map(|kind| Some((kind, kind.name()?))) {
         if unit::is_type(name) || spec.type_names.contains_key(name) {
             continue;
         }
-        if let Some(near) = nearest(name, known.iter().copied()) {
+        if let Some(near) = diagnostics.nearest(name, known.iter().copied()) {
             let message = format!("`{name}` is no type that is known");
             let diagnostic = Diagnostic::new(Code::W0206, kind.span, message).label(format!("did you mean `{near}`?"));
             let start = kind.span.start;
             let length = u32::try_from(name.len()).unwrap_or(u32::MAX);
-            found.push(
-                diagnostic.replace(Span { end: start.saturating_add(length).min(kind.span.end), ..kind.span }, near),
-            );
+            let span = Span { end: start.saturating_add(length).min(kind.span.end), ..kind.span };
+            diagnostics.push(diagnostic.replace(span, near));
         }
     }
-    found
 }

@@ -1,11 +1,12 @@
-//! Groups that contain themselves, groups nested too deeply, and plans that are too large.
+//! Reports groups that contain themselves, groups nested too deeply, and plans that are too large.
 
+use crate::check::diagnostics::Diagnostics;
 use crate::check::spec::{Spec, Target};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::{DEPTH_MAX, LEAVES_MAX};
 
 /// Returns whether the plan is finite and within its limits; reports each recursion once.
-pub(crate) fn is_finite(spec: &Spec, root: Option<usize>, diagnostics: &mut Vec<Diagnostic>) -> bool {
+pub(crate) fn is_finite(spec: &Spec, root: Option<usize>, diagnostics: &mut Diagnostics) -> bool {
     let count = spec.processes.len();
     let mut walk = Walk { spec, states: vec![State::New; count], path: Vec::new(), found: Vec::new() };
     for process in 0..count {

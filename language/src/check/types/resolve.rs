@@ -1,19 +1,19 @@
-//! From the name of a type to its process or module.
+//! Resolves the name of a type to its process or module.
 
+use crate::check::diagnostics::Diagnostics;
 use crate::check::spec::{Spec, Target};
 use crate::diagnostic::{Code, Diagnostic};
-use crate::similar::nearest;
 use crate::syntax::ast::Name;
 use std::collections::BTreeMap;
 
 /// Sets the target of every instance. Groups that the file defines win over modules.
-pub(super) fn resolve(spec: &mut Spec, diagnostics: &mut Vec<Diagnostic>) {
+pub(super) fn resolve(spec: &mut Spec, diagnostics: &mut Diagnostics) {
     let mut unknown: BTreeMap<&str, Vec<(usize, &Name)>> = BTreeMap::new();
-    let mut types = Types { spec, known: BTreeMap::new() };
+    let mut types = Types::new(spec);
     let mut targets = Vec::new();
     for (index, process) in spec.processes.iter().enumerate() {
         for (slot, instance) in process.instances.iter().enumerate() {
-            let reading = spec.readings.get(&(index, slot)).map(|&process| Target::Process(process));
+            let reading = spec.specializations.get(&(index, slot)).map(|&process| Target::Process(process));
             let find = |kind| types.find(index, kind, diagnostics);
             let target = reading.or_else(|| instance.kind.as_ref().map(find));
             if let (Some(Target::Unknown), Some(kind)) = (target, &instance.kind) {
@@ -27,7 +27,8 @@ pub(super) fn resolve(spec: &mut Spec, diagnostics: &mut Vec<Diagnostic>) {
         }
     }
     for names in unknown.values() {
-        diagnostics.extend(no_interface(spec, names));
+        let found = no_interface(spec, names, diagnostics);
+        diagnostics.extend(found);
     }
     let instances = spec.processes.iter_mut().flat_map(|process| &mut process.instances);
     for (instance, target) in instances.zip(targets) {
@@ -35,14 +36,44 @@ pub(super) fn resolve(spec: &mut Spec, diagnostics: &mut Vec<Diagnostic>) {
     }
 }
 
+/// A type by its name, and what that is.
+type Candidate<'a> = (&'a Name, Target);
+
 struct Types<'a> {
     spec: &'a Spec,
+    /// All types by their names in small letters.
+    lowered: BTreeMap<String, Vec<Candidate<'a>>>,
+    /// All types by the first letters of their words: an abbreviation has the same. Each with its words.
+    initials: BTreeMap<String, Vec<(Vec<String>, Candidate<'a>)>>,
     /// The candidates of each lenient step for names that were looked up before.
-    known: BTreeMap<&'a str, [Vec<(&'a Name, Target)>; 2]>,
+    known: BTreeMap<&'a str, [Vec<Candidate<'a>>; 2]>,
 }
 
 impl<'a> Types<'a> {
-    fn find(&mut self, enclosing: usize, kind: &'a Name, diagnostics: &mut Vec<Diagnostic>) -> Target {
+    fn new(spec: &'a Spec) -> Self {
+        let processes = spec.processes.iter().enumerate();
+        let processes = processes.map(|(index, process)| (&process.name, Target::Process(index)));
+        let modules = spec.modules.iter().enumerate().map(|(index, module)| (&module.name, Target::Module(index)));
+        let (mut lowered, mut first) = (BTreeMap::<_, Vec<_>>::new(), BTreeMap::<_, Vec<_>>::new());
+        for (name, target) in processes.chain(modules) {
+            let words = words(&name.text);
+            lowered.entry(name.text.to_lowercase()).or_default().push((name, target));
+            first.entry(initials(&words)).or_default().push((words, (name, target)));
+        }
+        Self { spec, lowered, initials: first, known: BTreeMap::new() }
+    }
+
+    /// The types that equal `kind` but for case, and those that abbreviate it or that it abbreviates.
+    fn candidates(&self, kind: &str, diagnostics: &mut Diagnostics) -> [Vec<Candidate<'a>>; 2] {
+        let same_but_case = self.lowered.get(&kind.to_lowercase()).cloned().unwrap_or_default();
+        let own = words(kind);
+        let similar = self.initials.get(&initials(&own)).map_or(&[][..], Vec::as_slice);
+        let similar = if diagnostics.may_compare(similar.len()) { similar } else { &[] };
+        let abbreviated = similar.iter().filter(|(words, _)| is_abbreviation(&own, words));
+        [same_but_case, abbreviated.map(|(_, candidate)| *candidate).collect()]
+    }
+
+    fn find(&mut self, enclosing: usize, kind: &'a Name, diagnostics: &mut Diagnostics) -> Target {
         let spec = self.spec;
         if let Some(&process) = spec.process_names.get(&kind.text) {
             return Target::Process(process);
@@ -50,7 +81,11 @@ impl<'a> Types<'a> {
         if let Some(&module) = spec.module_names.get(&kind.text) {
             return Target::Module(module);
         }
-        for step in self.known.entry(&kind.text).or_insert_with(|| candidates(spec, &kind.text)) {
+        if !self.known.contains_key(kind.text.as_str()) {
+            let candidates = self.candidates(&kind.text, diagnostics);
+            self.known.insert(&kind.text, candidates);
+        }
+        for step in &self.known[kind.text.as_str()] {
             // A group is never meant by a lenient name inside itself: that would be a recursion nobody wrote.
             let mut found = step.iter().filter(|(_, target)| *target != Target::Process(enclosing));
             if let (Some((name, target)), None) = (found.next(), found.next()) {
@@ -66,20 +101,8 @@ impl<'a> Types<'a> {
     }
 }
 
-/// The types that equal `kind` but for case, and those that abbreviate it or that it abbreviates.
-fn candidates<'a>(spec: &'a Spec, kind: &str) -> [Vec<(&'a Name, Target)>; 2] {
-    let processes = spec.processes.iter().enumerate();
-    let processes = processes.map(|(index, process)| (&process.name, Target::Process(index)));
-    let modules = spec.modules.iter().enumerate().map(|(index, module)| (&module.name, Target::Module(index)));
-    let all: Vec<(&Name, Target)> = processes.chain(modules).collect();
-    let folded = kind.to_lowercase();
-    let same_but_case = all.iter().copied().filter(|(name, _)| name.text.to_lowercase() == folded).collect();
-    let abbreviated = all.iter().copied().filter(|(name, _)| is_abbreviation(kind, &name.text)).collect();
-    [same_but_case, abbreviated]
-}
-
 /// One report for all instances of a type.
-fn no_interface(spec: &Spec, names: &[(usize, &Name)]) -> Option<Diagnostic> {
+fn no_interface(spec: &Spec, names: &[(usize, &Name)], diagnostics: &mut Diagnostics) -> Option<Diagnostic> {
     let ((enclosing, first), others) = names.split_first()?;
     let message = format!("no interface of `{}` is known: its ports and arguments are not checked", first.text);
     let mut diagnostic = Diagnostic::new(Code::W0205, first.span, message);
@@ -88,7 +111,7 @@ fn no_interface(spec: &Spec, names: &[(usize, &Name)]) -> Option<Diagnostic> {
     }
     let enclosing = &spec.processes[*enclosing].name.text;
     let known = spec.process_names.keys().filter(|name| *name != enclosing).chain(spec.module_names.keys());
-    if let Some(near) = nearest(&first.text, known.map(String::as_str)) {
+    if let Some(near) = diagnostics.nearest(&first.text, known.map(String::as_str)) {
         diagnostic = diagnostic.help(format!("did you mean `{near}`?"));
     }
     Some(diagnostic)
@@ -96,10 +119,14 @@ fn no_interface(spec: &Spec, names: &[(usize, &Name)]) -> Option<Diagnostic> {
 
 /// Whether both names have the same number of words and each word of one starts the word of the other:
 /// `DistDetector` and `DistanceDetector`.
-fn is_abbreviation(one: &str, other: &str) -> bool {
-    let (one, other) = (words(one), words(other));
+fn is_abbreviation(one: &[String], other: &[String]) -> bool {
     let is_short = |(a, b): (&String, &String)| a.starts_with(b.as_str()) || b.starts_with(a.as_str());
-    one.len() == other.len() && std::iter::zip(&one, &other).all(is_short)
+    one.len() == other.len() && std::iter::zip(one, other).all(is_short)
+}
+
+/// The first letters of words.
+fn initials(words: &[String]) -> String {
+    words.iter().filter_map(|word| word.chars().next()).collect()
 }
 
 /// The words of a name in camel case or with `_`, in small letters.
@@ -124,10 +151,11 @@ fn words(name: &str) -> Vec<String> {
 
 #[cfg(test)]
 mod tests {
-    use super::is_abbreviation;
+    use super::{is_abbreviation, words};
 
     #[test]
     fn words_abbreviate_words() {
+        let is_abbreviation = |one: &str, other: &str| is_abbreviation(&words(one), &words(other));
         assert!(is_abbreviation("DistDetector", "DistanceDetector"));
         assert!(!is_abbreviation("Detector", "DistanceDetector"));
         assert!(!is_abbreviation("HitDetector", "DistanceDetector"));

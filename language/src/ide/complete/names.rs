@@ -1,4 +1,4 @@
-//! The names that are known where the cursor is.
+//! Completes the names that are known at the cursor.
 
 use super::place::Cursor;
 use super::{Completion, CompletionKind, inside, keywords};

@@ -1,4 +1,4 @@
-//! What is around the cursor.
+//! The cursor and its surroundings in the tree.
 
 use super::{Completion, CompletionKind, inside, keywords};
 use crate::ide::words::Place;

@@ -1,4 +1,4 @@
-//! Named types, and the fields of records.
+//! Completes named types and the fields of records.
 
 use super::place::Cursor;
 use super::{Completion, CompletionKind};

@@ -1,4 +1,4 @@
-//! Interfaces as a person reads them: what a type takes, sends, claims, and whether it ends.
+//! Describes an interface: what a type takes, sends and claims, and whether it ends.
 
 use super::code;
 use crate::check::spec::{Direction, Endpoint, Module, Param, Port, Process, Target};

@@ -1,4 +1,4 @@
-//! References: from the tree, name by name.
+//! Finds the references to each name in the trees.
 //!
 //! What a node's names are is known by the kind of the node and their order; a kind that is not listed has no names of its
 //! own, only parts.

@@ -1,4 +1,4 @@
-//! Event-action expressions, loosest operator first: `,` `&` `#` `;` `finally` `else` `: ;; ::` postfix.
+//! Parses event-action expressions. The loosest operator comes first: `,` `&` `#` `;` `finally` `else` `: ;; ::` postfix.
 //!
 //! Every operator makes one node with all its operands, so a long chain makes a wide tree, never a deep one.
 

@@ -1,4 +1,4 @@
-//! Habits of other languages, each answered with the word of this one.
+//! Recognises words of other languages and answers each with the word of this one.
 
 use super::Parser;
 use super::expression::INFIX;

@@ -1,4 +1,4 @@
-//! Interfaces of controller modules.
+//! Parses the interfaces of controller modules.
 
 use super::Parser;
 use crate::diagnostic::Code;

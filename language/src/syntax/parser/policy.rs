@@ -1,4 +1,4 @@
-//! Policies of an instance, in braces behind it.
+//! Parses the policies of an instance, in braces behind it.
 
 use super::Parser;
 use crate::diagnostic::{Edit, Fix};

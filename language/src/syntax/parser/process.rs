@@ -1,4 +1,4 @@
-//! Files, process groups and their sections.
+//! Parses files, process groups and their sections.
 
 use super::Parser;
 use super::repair::{ITEMS, SECTIONS};
@@ -239,8 +239,10 @@ impl Parser<'_> {
             self.bump();
         } else if !self.eat(Semicolon) {
             let starts_next = self.at(Ident) || self.ends_block();
-            self.expect(Semicolon);
-            if !starts_next {
+            if starts_next {
+                self.expect(Semicolon);
+            } else {
+                self.expected(Semicolon.describe());
                 self.skip_statement();
             }
         }

@@ -1,4 +1,4 @@
-//! How the parser finds its feet again.
+//! Recovers after an error: finds the place where parsing goes on.
 
 use super::Parser;
 use crate::syntax::SyntaxKind::{
@@ -52,7 +52,9 @@ impl Parser<'_> {
         let is_late = !self.at(bracket) && self.kind(1) == bracket;
         if is_late && !self.ends_block() {
             self.expected(bracket.describe());
-            self.skip_as_error();
+            self.start(SyntaxKind::Error);
+            self.bump();
+            self.finish();
         }
         self.expect(bracket)
     }

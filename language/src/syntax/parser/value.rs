@@ -1,4 +1,4 @@
-//! Parameters, types and values.
+//! Parses parameters, types and values.
 
 use super::Parser;
 use crate::diagnostic::{Edit, Fix};

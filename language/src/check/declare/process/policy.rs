@@ -1,9 +1,8 @@
-//! Policies of an instance: `{ restart transient; memory 200 MB; }`.
+//! Reads the policies of an instance: `{ restart transient; memory 200 MB; }`.
 
 use crate::check::names::twice;
-use crate::check::spec::Consts;
 use crate::check::unit::{self, Dimension};
-use crate::check::value::{duration, quantity};
+use crate::check::value::{Reader, quantity};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::{LinkLoss, Policy, REALTIME_MAX, Realtime, Restart};
 use crate::source::Span;
@@ -12,14 +11,14 @@ use crate::syntax::ast::{Name, Node};
 use std::collections::BTreeMap;
 
 /// What is written in one policy: its words after the first, and its numbers.
-struct Written<'a> {
+struct PolicyValue<'a> {
     node: &'a Node,
     words: Vec<String>,
     value: Option<Node>,
 }
 
 /// Reads the policies of an instance, and where they stand if there are any.
-pub(super) fn policies(instance: &Node, consts: &Consts, diagnostics: &mut Vec<Diagnostic>) -> (Policy, Option<Span>) {
+pub(super) fn policies(instance: &Node, reader: &mut Reader<'_>) -> (Policy, Option<Span>) {
     let mut policy = Policy::default();
     let Some(node) = instance.child(SyntaxKind::Policies) else { return (policy, None) };
     let mut first: BTreeMap<String, Span> = BTreeMap::new();
@@ -27,28 +26,21 @@ pub(super) fn policies(instance: &Node, consts: &Consts, diagnostics: &mut Vec<D
         let mut names = item.names();
         let Some(name) = names.next() else { continue };
         if let Some(&first) = first.get(&name.text) {
-            diagnostics.push(twice("policy", &name.text, name.span, first));
+            reader.diagnostics.push(twice("policy", &name.text, name.span, first));
             continue;
         }
         first.insert(name.text.clone(), name.span);
         let words = names.map(|word| word.text).collect();
-        let written = Written { node: &item, words, value: item.child(Constant) };
-        read(&mut policy, &name, &written, (consts, diagnostics));
+        let written = PolicyValue { node: &item, words, value: item.child(Constant) };
+        read(&mut policy, &name, &written, reader);
     }
     (policy, Some(node.span()))
 }
 
-fn read(
-    policy: &mut Policy,
-    name: &Name,
-    written: &Written<'_>,
-    (consts, diagnostics): (&Consts, &mut Vec<Diagnostic>),
-) {
+fn read(policy: &mut Policy, name: &Name, written: &PolicyValue<'_>, reader: &mut Reader<'_>) {
     let words: Vec<&str> = written.words.iter().map(String::as_str).collect();
-    let time = |diagnostics: &mut Vec<Diagnostic>| {
-        written.value.as_ref().and_then(|value| duration(value, consts, diagnostics))
-    };
-    let before = diagnostics.len();
+    let time = |reader: &mut Reader<'_>| written.value.as_ref().and_then(|value| reader.duration(value));
+    let before = reader.diagnostics.count();
     let usage = &mut policy.usage;
     let (is_read, help) = match name.text.as_str() {
         "restart" => {
@@ -57,44 +49,43 @@ fn read(
             (restart.is_some(), "write `restart temporary` (never), `transient` (after a failure) or `permanent`")
         }
         "on_agent_loss" => {
-            policy.agent_loss = if words == ["stop", "within"] { time(diagnostics) } else { None };
+            policy.agent_loss = if words == ["stop", "within"] { time(reader) } else { None };
             (policy.agent_loss.is_some(), "write `on_agent_loss stop within 3 s`")
         }
         "on_link_loss" => {
-            let after =
-                if words == ["safe_stop_after"] { time(diagnostics).map(LinkLoss::SafeStopAfter) } else { None };
+            let after = if words == ["safe_stop_after"] { time(reader).map(LinkLoss::SafeStopAfter) } else { None };
             let link_loss = link_loss(&words).filter(|_| written.value.is_none()).or(after);
             policy.link_loss = link_loss.unwrap_or_default();
             (link_loss.is_some(), "write `on_link_loss keep`, `hold`, or `safe_stop_after 2 s`")
         }
         "memory" => {
             let bytes = unit::unit("B", None).map(|(_, dimension)| dimension);
-            usage.memory = whole(written, bytes, 1, diagnostics).filter(|_| words.is_empty());
+            usage.memory = whole(written, bytes, 1, reader).filter(|_| words.is_empty());
             (usage.memory.is_some(), "write `memory 200 MB`")
         }
         "cpu" => {
-            usage.cpu = time(diagnostics).filter(|time| words.is_empty() && time.as_secs() > 0);
+            usage.cpu = time(reader).filter(|time| words.is_empty() && time.as_secs() > 0);
             (usage.cpu.is_some(), "write `cpu 10 min`: processor time, of at least 1 s")
         }
         "files" => {
-            usage.files = whole(written, None, 3, diagnostics).filter(|_| words.is_empty());
+            usage.files = whole(written, None, 3, reader).filter(|_| words.is_empty());
             (usage.files.is_some(), "write `files 64`; a program has 3 at least")
         }
         "nice" => {
-            usage.nice = number(written, diagnostics).filter(|nice| words.is_empty() && (-20..=19).contains(nice));
+            usage.nice = number(written, reader).filter(|nice| words.is_empty() && (-20..=19).contains(nice));
             (usage.nice.is_some(), "write `nice 10`: -20, before others, to 19, after them")
         }
         _ => {
             let is_optional = words == ["optional"];
-            let priority = whole(written, None, 1, diagnostics).and_then(|priority| u8::try_from(priority).ok());
+            let priority = whole(written, None, 1, reader).and_then(|priority| u8::try_from(priority).ok());
             let priority = priority.filter(|&priority| priority <= REALTIME_MAX && (words.is_empty() || is_optional));
             usage.realtime = priority.map(|priority| Realtime { priority, is_optional });
             (priority.is_some(), "write `realtime 40`, from 1 to 49, and `optional` if it may run without")
         }
     };
-    if !is_read && diagnostics.len() == before {
+    if !is_read && reader.diagnostics.count() == before {
         let message = format!("`{}` cannot be read so", name.text);
-        diagnostics.push(Diagnostic::new(Code::E0009, written.node.span(), message).help(help));
+        reader.diagnostics.push(Diagnostic::new(Code::E0009, written.node.span(), message).help(help));
     }
 }
 
@@ -116,18 +107,13 @@ fn link_loss(words: &[&str]) -> Option<LinkLoss> {
 }
 
 /// A whole number of some dimension, `least` at least.
-fn whole(
-    written: &Written<'_>,
-    dimension: Option<Dimension>,
-    least: u64,
-    diagnostics: &mut Vec<Diagnostic>,
-) -> Option<u64> {
-    let (value, found) = quantity(written.value.as_ref()?, diagnostics)?;
+fn whole(written: &PolicyValue<'_>, dimension: Option<Dimension>, least: u64, reader: &mut Reader<'_>) -> Option<u64> {
+    let (value, found) = quantity(written.value.as_ref()?, reader.diagnostics)?;
     let whole: u64 = format!("{value:.0}").parse().ok()?;
     (found == dimension && value.fract() == 0.0 && whole >= least).then_some(whole)
 }
 
-fn number(written: &Written<'_>, diagnostics: &mut Vec<Diagnostic>) -> Option<i8> {
-    let (value, found) = quantity(written.value.as_ref()?, diagnostics)?;
+fn number(written: &PolicyValue<'_>, reader: &mut Reader<'_>) -> Option<i8> {
+    let (value, found) = quantity(written.value.as_ref()?, reader.diagnostics)?;
     if found.is_some() { None } else { value.to_string().parse().ok() }
 }

@@ -1,5 +1,6 @@
-//! How data moves on a connection.
+//! Reads the qualities of a connection: how data moves.
 
+use crate::check::diagnostics::Diagnostics;
 use crate::check::unit::{self, Dimension};
 use crate::check::value::quantity;
 use crate::diagnostic::{Code, Diagnostic};
@@ -12,7 +13,7 @@ use std::time::Duration;
 const QUEUE_MAX: u32 = 10_000;
 
 /// Reads `latch`, `drop`, `queue 5` and `rate 10 Hz` of a connection.
-pub(super) fn quality(connection: &Node, diagnostics: &mut Vec<Diagnostic>) -> Quality {
+pub(super) fn quality(connection: &Node, diagnostics: &mut Diagnostics) -> Quality {
     let mut quality = Quality::default();
     let mut retained = None;
     for node in connection.children_of(SyntaxKind::Quality) {
@@ -34,7 +35,7 @@ pub(super) fn quality(connection: &Node, diagnostics: &mut Vec<Diagnostic>) -> Q
     quality
 }
 
-fn queue(node: &Node, diagnostics: &mut Vec<Diagnostic>) -> Option<u32> {
+fn queue(node: &Node, diagnostics: &mut Diagnostics) -> Option<u32> {
     let length = node.token(Number).and_then(|number| number.text().parse().ok());
     let length = length.filter(|length| (1..=QUEUE_MAX).contains(length));
     if length.is_none() {
@@ -45,7 +46,7 @@ fn queue(node: &Node, diagnostics: &mut Vec<Diagnostic>) -> Option<u32> {
 }
 
 /// The shortest time between two values.
-fn period(node: &Node, diagnostics: &mut Vec<Diagnostic>) -> Option<Duration> {
+fn period(node: &Node, diagnostics: &mut Diagnostics) -> Option<Duration> {
     let frequency = unit::unit("Hz", None).map(|(_, dimension)| dimension);
     let found: Option<(f64, Option<Dimension>)> =
         node.child(SyntaxKind::Constant).and_then(|node| quantity(&node, diagnostics));

@@ -6,12 +6,13 @@
 
 mod longer;
 
+use super::diagnostics::Diagnostics;
 use super::spec::{Arg, Expr, ExprKind, Instance, Param, Process, Spec, Target, ValueKind};
 use super::unit::RESOURCE;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::Constant;
-use crate::similar::nearest;
 use crate::syntax::ast::Name;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// What an instance is handed.
 #[derive(Clone, Debug)]
@@ -37,25 +38,33 @@ pub(super) fn known(params: &[Param]) -> Vec<Name> {
 /// The resources that the arguments of instances name.
 pub(super) fn given<'a>(
     instances: &'a [Instance],
-    resources: &'a [Name],
+    resources: &'a Places<'a>,
     params: &'a [Param],
 ) -> impl Iterator<Item = usize> + 'a {
     let args = instances.iter().flat_map(|instance| &instance.args);
     args.filter_map(move |arg| place(arg, resources, params))
 }
 
+/// Where each resource is among those of its group.
+pub(super) type Places<'a> = BTreeMap<&'a str, usize>;
+
+/// Returns the places of resources.
+pub(super) fn places(resources: &[Name]) -> Places<'_> {
+    resources.iter().enumerate().map(|(place, name)| (name.text.as_str(), place)).collect()
+}
+
 /// Which resource an argument names.
-fn place(arg: &Arg, resources: &[Name], params: &[Param]) -> Option<usize> {
+fn place(arg: &Arg, resources: &Places<'_>, params: &[Param]) -> Option<usize> {
     let name = match &arg.value.kind {
         ValueKind::Constant(Constant::Text(name)) => name,
         ValueKind::Param(param) => &params.get(*param)?.name.text,
         ValueKind::Constant(_) | ValueKind::Record(_) | ValueKind::List(_) | ValueKind::Broken => return None,
     };
-    resources.iter().position(|known| known.text == *name)
+    resources.get(name.as_str()).copied()
 }
 
 /// Has each group take what it hands to a member while that member runs.
-pub(super) fn take(spec: &mut Spec, diagnostics: &mut Vec<Diagnostic>) {
+pub(super) fn take(spec: &mut Spec, diagnostics: &mut Diagnostics) {
     diagnostics.extend(misplaced(spec));
     let mut all: Vec<Vec<Vec<Held>>> = Vec::new();
     for process in &spec.processes {
@@ -64,14 +73,14 @@ pub(super) fn take(spec: &mut Spec, diagnostics: &mut Vec<Diagnostic>) {
             all.push(holds);
             continue;
         }
-        let mut said = None;
+        let resource_args = ResourceArgs { spec, process, resources: places(&process.resources) };
+        let mut text = None;
         for instance in &process.instances {
-            let mut found = Vec::new();
-            holds.push(held(spec, process, instance, &mut found));
+            let before = diagnostics.count();
+            holds.push(resource_args.held(instance, diagnostics));
             // The instances of an array have one text.
-            if said.replace(instance.args_span) != Some(instance.args_span) {
-                diagnostics.append(&mut found);
-            }
+            let is_again = text.replace(instance.args_span) == Some(instance.args_span);
+            diagnostics.retain_since(before, |_| !is_again);
         }
         all.push(holds);
     }
@@ -83,54 +92,71 @@ pub(super) fn take(spec: &mut Spec, diagnostics: &mut Vec<Diagnostic>) {
     }
 }
 
-/// What an instance is handed.
-fn held(spec: &Spec, process: &Process, instance: &Instance, diagnostics: &mut Vec<Diagnostic>) -> Vec<Held> {
-    let Target::Process(target) = instance.target else { return Vec::new() };
-    let params = &spec.processes[target].params;
-    let mut places = params.iter();
-    let mut held: Vec<Held> = Vec::new();
-    for arg in &instance.args {
-        let param = match &arg.name {
-            Some(name) => params.iter().find(|param| param.name.text == name.text),
-            None => places.next(),
-        };
-        let Some(param) = param.filter(|param| param.is_resource()) else { continue };
-        match place(arg, &process.resources, &process.params) {
-            Some(resource) if held.iter().any(|other| other.resource == resource) => {
-                let name = &process.resources[resource].text;
-                let message = format!("`{name}` is handed to `{}` twice, under two names", instance.name.text);
-                let diagnostic = Diagnostic::new(Code::E0213, arg.value.span, message);
-                diagnostics.push(diagnostic.reason(param.name.span, "declared here").help("hand it on once"));
-            }
-            Some(resource) => held.push(Held { resource, inside: param.name.text.clone() }),
-            None => diagnostics.extend(unknown(process, arg, param)),
-        }
-    }
-    held
+/// A group while it hands resources to its members.
+struct ResourceArgs<'a> {
+    spec: &'a Spec,
+    process: &'a Process,
+    resources: Places<'a>,
 }
 
-fn unknown(process: &Process, arg: &Arg, param: &Param) -> Option<Diagnostic> {
-    let span = arg.value.span;
-    match &arg.value.kind {
-        ValueKind::Constant(Constant::Text(name)) => {
-            let diagnostic = Diagnostic::new(Code::E0204, span, format!("unknown resource `{name}`"));
-            let near = nearest(name, process.resources.iter().map(|known| known.text.as_str()));
-            Some(match near.and_then(|near| process.resources.iter().find(|known| known.text == near)) {
-                Some(near) => diagnostic.reason(near.span, "declared here").replace(span, &near.text),
-                None => diagnostic
-                    .reason(param.name.span, "a resource is handed to this parameter")
-                    .help(format!("declare it in `{}`: `resource {name};`", process.name.text)),
-            })
+impl ResourceArgs<'_> {
+    /// What an instance is handed: indices of the group's resources.
+    fn held(&self, instance: &Instance, diagnostics: &mut Diagnostics) -> Vec<Held> {
+        let (spec, process) = (self.spec, self.process);
+        let Target::Process(target) = instance.target else { return Vec::new() };
+        let params = &spec.processes[target].params;
+        let mut places = params.iter();
+        let (mut held, mut known) = (Vec::new(), BTreeSet::new());
+        for arg in &instance.args {
+            let param = match &arg.name {
+                Some(name) => params.iter().find(|param| param.name.text == name.text),
+                None => places.next(),
+            };
+            let Some(param) = param.filter(|param| param.is_resource()) else { continue };
+            match place(arg, &self.resources, &process.params) {
+                Some(resource) if !known.insert(resource) => {
+                    let name = &process.resources[resource].text;
+                    let message = format!("`{name}` is handed to `{}` twice, under two names", instance.name.text);
+                    let diagnostic = Diagnostic::new(Code::E0213, arg.value.span, message);
+                    diagnostics.push(diagnostic.reason(param.name.span, "declared here").help("hand it on once"));
+                }
+                Some(resource) => held.push(Held { resource, inside: param.name.text.clone() }),
+                None => {
+                    let found = self.unknown(arg, param, diagnostics);
+                    diagnostics.extend(found);
+                }
+            }
         }
-        ValueKind::Param(index) => {
-            let outer = process.params.get(*index)?;
-            let (name, other) = (&param.name.text, &outer.name.text);
-            let message = format!("`{name}` has to be a {RESOURCE}, and `{other}` is not declared as one");
-            let diagnostic = Diagnostic::new(Code::E0213, span, message).reason(outer.name.span, "declared here");
-            Some(diagnostic.help(format!("write `{other}: {RESOURCE}` in the parameters of `{}`", process.name.text)))
+        held
+    }
+
+    fn unknown(&self, arg: &Arg, param: &Param, diagnostics: &mut Diagnostics) -> Option<Diagnostic> {
+        let process = self.process;
+        let span = arg.value.span;
+        match &arg.value.kind {
+            ValueKind::Constant(Constant::Text(name)) => {
+                let diagnostic = Diagnostic::new(Code::E0204, span, format!("unknown resource `{name}`"));
+                let near = diagnostics.nearest(name, process.resources.iter().map(|known| known.text.as_str()));
+                Some(match near.and_then(|near| process.resources.iter().find(|known| known.text == near)) {
+                    Some(near) => diagnostic.reason(near.span, "declared here").replace(span, &near.text),
+                    None => diagnostic
+                        .reason(param.name.span, "a resource is handed to this parameter")
+                        .help(format!("declare it in `{}`: `resource {name};`", process.name.text)),
+                })
+            }
+            ValueKind::Param(index) => {
+                let outer = process.params.get(*index)?;
+                let (name, other) = (&param.name.text, &outer.name.text);
+                let message = format!("`{name}` has to be a {RESOURCE}, and `{other}` is not declared as one");
+                let diagnostic = Diagnostic::new(Code::E0213, span, message).reason(outer.name.span, "declared here");
+                Some(
+                    diagnostic
+                        .help(format!("write `{other}: {RESOURCE}` in the parameters of `{}`", process.name.text)),
+                )
+            }
+            // Reported already.
+            ValueKind::Constant(_) | ValueKind::Record(_) | ValueKind::List(_) | ValueKind::Broken => None,
         }
-        // Reported already.
-        ValueKind::Constant(_) | ValueKind::Record(_) | ValueKind::List(_) | ValueKind::Broken => None,
     }
 }
 

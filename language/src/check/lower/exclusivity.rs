@@ -6,6 +6,7 @@
 
 use super::tree::Tree;
 use super::wires::leaf_port;
+use crate::check::diagnostics::Diagnostics;
 use crate::check::spec::{Claim, Connection, Expr, ExprKind, Module, Path, Process, Spec, Target, are_parallel};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::{MemberKind, Retention, Transfer};
@@ -51,24 +52,52 @@ struct Owner<'a> {
     claim: &'a Claim,
 }
 
-struct Together<'a> {
+/// The places of one process.
+struct Places {
+    all: Vec<Place>,
+    of_slot: BTreeMap<usize, Vec<usize>>,
+    of_set: BTreeMap<usize, Vec<usize>>,
+}
+
+impl Places {
+    fn new(actions: Option<&Expr>) -> Self {
+        let mut all = Vec::new();
+        if let Some(actions) = actions {
+            collect(actions, &mut Enclosing::default(), &mut all);
+        }
+        let (mut of_slot, mut of_set) = (BTreeMap::<_, Vec<_>>::new(), BTreeMap::<_, Vec<_>>::new());
+        for (index, place) in all.iter().enumerate() {
+            of_slot.entry(place.slot).or_default().push(index);
+            place.sets.iter().for_each(|&set| of_set.entry(set).or_default().push(index));
+        }
+        Self { all, of_slot, of_set }
+    }
+
+    fn some(&self, indices: Option<&Vec<usize>>) -> Vec<&Place> {
+        indices.into_iter().flatten().map(|&index| &self.all[index]).collect()
+    }
+}
+
+/// What is around an expression.
+#[derive(Default)]
+struct Enclosing {
+    path: Path,
+    /// The resources that are taken.
+    taken: Vec<usize>,
+}
+
+struct Exclusivity<'a> {
     spec: &'a Spec,
     tree: &'a Tree,
-    /// The places of each process.
-    places: Vec<Vec<Place>>,
+    /// The places of each process, and which of them run an instance or open a set.
+    places: Vec<Places>,
     /// The group around each group, and the slot in it.
     around: Vec<Option<(usize, usize)>>,
 }
 
 /// Reports inputs with two writers at once, and devices with two owners at once.
-pub(super) fn check(spec: &Spec, tree: &Tree, diagnostics: &mut Vec<Diagnostic>) {
-    let places = spec.processes.iter().map(|process| {
-        let mut places = Vec::new();
-        if let Some(actions) = &process.actions {
-            collect(actions, (&mut Vec::new(), &mut Vec::new()), &mut places);
-        }
-        places
-    });
+pub(super) fn check(spec: &Spec, tree: &Tree, diagnostics: &mut Diagnostics) {
+    let places = spec.processes.iter().map(|process| Places::new(process.actions.as_ref()));
     let mut around = vec![None; tree.groups.len()];
     for (index, group) in tree.groups.iter().enumerate() {
         for (slot, member) in group.members.iter().enumerate() {
@@ -77,37 +106,36 @@ pub(super) fn check(spec: &Spec, tree: &Tree, diagnostics: &mut Vec<Diagnostic>)
             }
         }
     }
-    let together = Together { spec, tree, places: places.collect(), around };
-    let writers = together.writers();
-    together.check_writers(&writers, diagnostics);
-    together.check_meetings(&writers, diagnostics);
-    together.check_claims(diagnostics);
+    let exclusivity = Exclusivity { spec, tree, places: places.collect(), around };
+    let writers = exclusivity.writers();
+    exclusivity.check_writers(&writers, diagnostics);
+    exclusivity.check_meetings(&writers, diagnostics);
+    exclusivity.check_claims(diagnostics);
 }
 
-fn collect(expr: &Expr, (path, taken): (&mut Path, &mut Vec<usize>), places: &mut Vec<Place>) {
+fn collect(expr: &Expr, around: &mut Enclosing, places: &mut Vec<Place>) {
     if let ExprKind::Run(slot, sets) = &expr.kind {
-        let place =
-            Place { slot: *slot, sets: sets.clone(), span: expr.span, taken: taken.clone(), path: path.clone() };
-        places.push(place);
+        let (taken, path) = (around.taken.clone(), around.path.clone());
+        places.push(Place { slot: *slot, sets: sets.clone(), span: expr.span, taken, path });
     }
-    let before = taken.len();
+    let before = around.taken.len();
     if let ExprKind::Using(more, _) = &expr.kind {
-        taken.extend(more);
+        around.taken.extend(more);
     }
     for (index, part) in expr.parts().into_iter().enumerate() {
-        path.push((index, expr.is_parallel()));
-        collect(part, (path, taken), places);
-        path.pop();
+        around.path.push((index, expr.is_parallel()));
+        collect(part, around, places);
+        around.path.pop();
     }
-    taken.truncate(before);
+    around.taken.truncate(before);
 }
 
-/// The pairs of instances of a group that its event actions may run at the same time.
-pub(crate) fn pairs(actions: &Expr) -> BTreeSet<(usize, usize)> {
-    let mut places = Vec::new();
-    collect(actions, (&mut Vec::new(), &mut Vec::new()), &mut places);
-    let both = places.iter().flat_map(|one| places.iter().map(move |other| (one, other)));
-    both.filter(|(one, other)| one.slot != other.slot && meet(one, other)).map(|(a, b)| (a.slot, b.slot)).collect()
+/// The instances of a group that its event actions may run while they run another one.
+pub(crate) fn beside(actions: &Expr, slot: usize) -> BTreeSet<usize> {
+    let places = Places::new(Some(actions));
+    let own = places.some(places.of_slot.get(&slot));
+    let others = places.all.iter().filter(|other| other.slot != slot);
+    others.filter(|other| own.iter().any(|one| meet(one, other))).map(|other| other.slot).collect()
 }
 
 /// Whether two places run at the same time: the first operator that joins them decides, unless both take one thing.
@@ -116,20 +144,20 @@ fn meet(one: &Place, other: &Place) -> bool {
     are_parallel(&one.path, &other.path).is_none_or(|is_parallel| is_parallel && !takes_the_same())
 }
 
-impl<'a> Together<'a> {
+impl<'a> Exclusivity<'a> {
     fn process(&self, group: usize) -> &'a Process {
         &self.spec.processes[self.tree.process_of[group]]
     }
 
     fn of_slot(&'a self, group: usize, slot: usize) -> Activity<'a> {
-        let places = self.places[self.tree.process_of[group]].iter().filter(|place| place.slot == slot);
-        Activity { group, places: places.collect(), is_always: false }
+        let places = &self.places[self.tree.process_of[group]];
+        Activity { group, places: places.some(places.of_slot.get(&slot)), is_always: false }
     }
 
     fn of_set(&'a self, group: usize, set: usize) -> Activity<'a> {
-        let places = self.places[self.tree.process_of[group]].iter().filter(|place| place.sets.contains(&set));
+        let places = &self.places[self.tree.process_of[group]];
         let is_always = self.process(group).sets[set].owner.is_none();
-        Activity { group, places: places.collect(), is_always }
+        Activity { group, places: places.some(places.of_set.get(&set)), is_always }
     }
 
     /// The groups around a group, the outermost first, and itself.
@@ -177,7 +205,7 @@ impl<'a> Together<'a> {
         writers
     }
 
-    fn check_writers(&'a self, writers: &BTreeMap<(u32, String), Vec<Writer<'a>>>, diagnostics: &mut Vec<Diagnostic>) {
+    fn check_writers(&'a self, writers: &BTreeMap<(u32, String), Vec<Writer<'a>>>, diagnostics: &mut Diagnostics) {
         let mut reported = BTreeSet::new();
         for ((leaf, port), writers) in writers.iter().filter(|(_, writers)| writers.len() <= USERS_MAX) {
             for (index, &one) in writers.iter().enumerate() {
@@ -206,7 +234,7 @@ impl<'a> Together<'a> {
     }
 
     /// Reports inputs of which no sender ever runs beside the receiver, so that nothing ever arrives.
-    fn check_meetings(&'a self, writers: &BTreeMap<(u32, String), Vec<Writer<'a>>>, diagnostics: &mut Vec<Diagnostic>) {
+    fn check_meetings(&'a self, writers: &BTreeMap<(u32, String), Vec<Writer<'a>>>, diagnostics: &mut Diagnostics) {
         let mut reported = BTreeSet::new();
         for ((leaf, port), writers) in writers.iter().filter(|(_, writers)| writers.len() <= USERS_MAX) {
             let (group, slot) = self.tree.place_of[*leaf as usize];
@@ -250,7 +278,7 @@ impl<'a> Together<'a> {
         outwards.into_iter().all(|activity| activity.is_always || !activity.places.is_empty())
     }
 
-    fn check_claims(&'a self, diagnostics: &mut Vec<Diagnostic>) {
+    fn check_claims(&'a self, diagnostics: &mut Diagnostics) {
         let mut owners: BTreeMap<(u32, &str), Vec<Owner<'_>>> = BTreeMap::new();
         for (leaf, &(group, slot)) in self.tree.leaves.iter().zip(&self.tree.place_of) {
             let Target::Module(module) = self.process(group).instances[slot].target else { continue };

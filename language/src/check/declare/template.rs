@@ -3,10 +3,12 @@
 //! Such a group is read once for each choice of values that it is instantiated with, as if these parameters were constants;
 //! the rest of the checker sees groups without any. What a group passes on to such a parameter decides its own shape, too.
 
-use super::{add_process, params, process};
-use crate::check::spec::{Const, Consts, Instance, Kind, Param, Spec, Value, ValueKind};
+use super::{ItemCollector, params, process};
+use crate::check::diagnostics::{Diagnostics, Rounds};
+use crate::check::spec::{Const, Consts, Instance, Kind, Param, Process, Scope, Value, ValueKind};
 use crate::check::unit;
-use crate::diagnostic::Diagnostic;
+use crate::check::value::Reader;
+use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::{Constant, LEAVES_MAX};
 use crate::source::Span;
 use crate::syntax::SyntaxKind::{self, Equals, Number, Text};
@@ -28,28 +30,26 @@ struct Template {
 }
 
 /// The values of these parameters in one reading of a group.
-type Fixed = BTreeMap<String, Value>;
+type ShapeArgs = BTreeMap<String, Value>;
 
 impl Templates {
     /// Finds them among the items of all texts, each with where its text is damaged.
-    pub(in crate::check) fn new(items: &[(Node, Vec<Span>)], consts: &Consts) -> Self {
+    pub(in crate::check) fn new(items: Vec<(Node, Vec<Span>)>, consts: &Consts) -> Self {
         let mut all: BTreeMap<String, Template> = BTreeMap::new();
-        for (node, damage) in items.iter().filter(|(node, _)| node.kind() == SyntaxKind::Process) {
+        for (node, damage) in items.into_iter().filter(|(node, _)| node.kind() == SyntaxKind::Process) {
             let Some(name) = node.title() else { continue };
             // What is wrong with them is reported when the group is read.
-            let params = node.child(SyntaxKind::Params).map(|node| params(&node, "", consts, &mut Vec::new()));
+            let mut silent = Diagnostics::default();
+            let scope = Scope { params: &[], consts, indices: &[] };
+            let mut reader = Reader { scope, diagnostics: &mut silent };
+            let params = node.child(SyntaxKind::Params).map(|node| params(&node, "", &mut reader));
             let params = params.unwrap_or_default();
             let mut used = BTreeSet::new();
-            collect(node, &mut used);
+            collect(&node, &mut used);
             let fixed = params.iter().map(|param| param.name.text.clone()).filter(|name| used.contains(name)).collect();
-            let template = Template { node: node.clone(), damage: damage.clone(), params, fixed };
-            all.entry(name.text).or_insert(template);
+            all.entry(name.text).or_insert(Template { node, damage, params, fixed });
         }
-        while let Some((name, param)) = all.iter().find_map(|(name, template)| Some((name, template.passed_on(&all)?)))
-        {
-            let name = name.clone();
-            all.entry(name).and_modify(|template| template.fixed.extend([param]));
-        }
+        spread(&mut all);
         all.retain(|_, template| !template.fixed.is_empty());
         Self { all }
     }
@@ -61,19 +61,50 @@ impl Templates {
     }
 
     /// Reads each of them with the values that it is instantiated with; one that nobody instantiates with its defaults.
-    pub(in crate::check) fn expand(&self, spec: &mut Spec, diagnostics: &mut Vec<Diagnostic>) {
-        let mut reading = Reading { spec, diagnostics, fixed: BTreeMap::new(), known: BTreeMap::new(), looked_at: 0 };
+    pub(in crate::check) fn expand(&self, declare: &mut ItemCollector<'_>) {
+        let mut reading = Specializer {
+            declare,
+            fixed: BTreeMap::new(),
+            known: BTreeMap::new(),
+            rounds: BTreeMap::new(),
+            looked_at: 0,
+        };
         reading.instances(self);
         for (name, template) in &self.all {
-            if !reading.known.keys().any(|(known, _)| known == name) {
+            if !reading.rounds.contains_key(name) {
                 let open = template.params.iter().filter(|param| template.fixed.contains(&param.name.text));
                 let open: Vec<Name> =
                     open.filter(|param| param.default.is_none()).map(|param| param.name.clone()).collect();
                 let values = template.fixed.iter().map(|name| (name.clone(), template.default_or_broken(name)));
                 if let Some(process) = reading.read(name, template, values.collect()) {
-                    reading.spec.processes[process].open = open;
+                    reading.declare.spec.processes[process].open = open;
                 }
                 reading.instances(self);
+            }
+        }
+    }
+}
+
+/// A parameter of a group, by the names of both.
+type Place = (String, String);
+
+/// Finds the parameters that are handed on to one that decides a shape: they decide one themselves.
+fn spread(all: &mut BTreeMap<String, Template>) {
+    let mut sources: BTreeMap<Place, Vec<Place>> = BTreeMap::new();
+    for (name, template) in &*all {
+        for (own, target) in template.handed_on(all) {
+            sources.entry(target).or_default().push((name.clone(), own));
+        }
+    }
+    let fixed =
+        all.iter().flat_map(|(name, template)| template.fixed.iter().map(|param| (name.clone(), param.clone())));
+    let mut open: Vec<Place> = fixed.collect();
+    while let Some(target) = open.pop() {
+        for (name, param) in sources.remove(&target).unwrap_or_default() {
+            if let Some(template) = all.get_mut(&name)
+                && template.fixed.insert(param.clone())
+            {
+                open.push((name, param));
             }
         }
     }
@@ -109,34 +140,31 @@ impl Template {
         self.default(name).unwrap_or_else(broken)
     }
 
-    /// A parameter that is passed on to one that decides a shape, and is not known to decide one itself.
-    fn passed_on(&self, all: &BTreeMap<String, Self>) -> Option<String> {
+    /// The own parameters that instances get as arguments, each with the parameter that it is there.
+    fn handed_on(&self, all: &BTreeMap<String, Self>) -> Vec<(String, Place)> {
+        let own: BTreeSet<&str> = self.params.iter().map(|param| param.name.text.as_str()).collect();
+        let mut found = Vec::new();
         let sections = self.node.children_of(SyntaxKind::Instances);
         let instances = sections.flat_map(|section| section.children_of(SyntaxKind::Instance).collect::<Vec<_>>());
-        for instance in instances {
-            let Some(target) = instance.child(SyntaxKind::Type).and_then(|kind| all.get(&kind.compact_text())) else {
-                continue;
-            };
+        for instance in instances.filter(|_| !own.is_empty()) {
+            let Some(kind) = instance.child(SyntaxKind::Type).map(|kind| kind.compact_text()) else { continue };
+            let Some(target) = all.get(&kind) else { continue };
             let args = instance.child(SyntaxKind::Args);
             let args = args.iter().flat_map(|args| args.children_of(SyntaxKind::Arg).collect::<Vec<_>>());
             for (place, arg) in args.enumerate() {
                 let named = arg.token(Equals).and_then(|_| arg.names().next()).map(|name| name.text);
                 let param = named.or_else(|| target.params.get(place).map(|param| param.name.text.clone()));
                 let value = arg.child(SyntaxKind::Constant).and_then(|value| bare_name(&value));
-                let is_own = |name: &String| self.params.iter().any(|param| param.name.text == *name);
-                let is_new = |name: &String| is_own(name) && !self.fixed.contains(name);
-                if param.is_some_and(|param| target.fixed.contains(&param))
-                    && let Some(value) = value.filter(is_new)
-                {
-                    return Some(value);
+                if let (Some(param), Some(value)) = (param, value.filter(|value| own.contains(value.as_str()))) {
+                    found.push((value, (kind.clone(), param)));
                 }
             }
         }
-        None
+        found
     }
 
     /// The values that an instance gives; what it does not give and has no default is reported with the arguments.
-    fn values(&self, instance: &Instance, outer: (&[Param], Option<&Fixed>)) -> Fixed {
+    fn values(&self, instance: &Instance, outer: (&[Param], Option<&ShapeArgs>)) -> ShapeArgs {
         let positional: Vec<&Value> =
             instance.args.iter().filter(|arg| arg.name.is_none()).map(|arg| &arg.value).collect();
         let value = |name: &String| {
@@ -173,67 +201,96 @@ fn is_fit(param: &Param, value: &Value) -> bool {
     }
 }
 
-struct Reading<'a> {
-    spec: &'a mut Spec,
-    diagnostics: &'a mut Vec<Diagnostic>,
+struct Specializer<'a, 'b> {
+    declare: &'a mut ItemCollector<'b>,
     /// The values that each process was read with.
-    fixed: BTreeMap<usize, Fixed>,
+    fixed: BTreeMap<usize, ShapeArgs>,
     /// Which process was read with which values, as text.
     known: BTreeMap<(String, String), usize>,
+    /// What is wrong with a group is said once, however often it is read.
+    rounds: BTreeMap<String, Rounds>,
     /// So many processes have been looked at.
     looked_at: usize,
 }
 
-impl Reading<'_> {
+impl Specializer<'_, '_> {
     /// Looks at the instances of all processes, also of those that are read on the way.
     fn instances(&mut self, templates: &Templates) {
-        while self.looked_at < self.spec.processes.len() && self.spec.processes.len() <= LEAVES_MAX {
+        while self.looked_at < self.declare.spec.processes.len() {
             let index = self.looked_at;
             self.looked_at += 1;
-            for slot in 0..self.spec.processes[index].instances.len() {
-                let process = &self.spec.processes[index];
+            for slot in 0..self.declare.spec.processes[index].instances.len() {
+                let process = &self.declare.spec.processes[index];
                 let instance = &process.instances[slot];
                 let Some(name) = instance.kind.as_ref().map(|kind| kind.text.clone()) else { continue };
                 let Some(template) = templates.all.get(&name) else { continue };
                 let values = template.values(instance, (&process.params, self.fixed.get(&index)));
                 if let Some(target) = self.read(&name, template, values) {
-                    self.spec.readings.insert((index, slot), target);
+                    self.declare.spec.specializations.insert((index, slot), target);
                 }
             }
         }
     }
 
     /// Reads a group with these values, once.
-    fn read(&mut self, name: &str, template: &Template, values: Fixed) -> Option<usize> {
+    fn read(&mut self, name: &str, template: &Template, values: ShapeArgs) -> Option<usize> {
         let shown: Vec<String> = values.iter().map(|(name, value)| format!("{name}={:?}", value.kind)).collect();
         let key = (name.to_owned(), shown.join(","));
         if let Some(&known) = self.known.get(&key) {
             return Some(known);
         }
-        let mut consts = self.spec.consts.clone();
-        for param in template.params.iter().filter(|param| values.contains_key(&param.name.text)) {
-            let value = values[&param.name.text].clone();
-            // A value of another type than that of the parameter is reported with the arguments.
-            let kind = if is_fit(param, &value) { value.kind } else { ValueKind::Broken };
-            let values = vec![Value { kind, ..value }];
-            let named = Const { name: param.name.clone(), values, is_list: false, is_param: true };
-            consts.insert(param.name.text.clone(), named);
+        if self.known.len() >= LEAVES_MAX {
+            if self.known.len() == LEAVES_MAX {
+                self.declare.diagnostics.push(too_many(template));
+                self.known.insert(key, self.looked_at);
+            }
+            return None;
         }
-        let mut found = Vec::new();
-        let process = process::process(&template.node, &template.damage, &consts, &mut found)?;
-        found.retain(|found| !self.diagnostics.contains(found));
-        self.diagnostics.append(&mut found);
-        let index = self.spec.processes.len();
-        if self.known.keys().any(|(known, _)| known == name) {
-            self.spec.processes.push(process);
+        let is_first = !self.rounds.contains_key(name);
+        let mut rounds = self.rounds.remove(name).unwrap_or_else(|| self.declare.diagnostics.rounds());
+        self.declare.diagnostics.begin_round(&mut rounds);
+        let process = self.process(template, &values);
+        self.declare.diagnostics.end_round(&mut rounds);
+        self.rounds.insert(name.to_owned(), rounds);
+        let index = self.declare.spec.processes.len();
+        if is_first {
+            self.declare.add_process(process?);
         } else {
-            add_process(self.spec, process, self.diagnostics);
+            self.declare.spec.processes.push(process?);
         }
-        if self.spec.processes.len() == index {
+        if self.declare.spec.processes.len() == index {
             return None;
         }
         self.known.insert(key, index);
         self.fixed.insert(index, values);
         Some(index)
     }
+
+    /// Reads a group in which the parameters that decide its shape are constants.
+    fn process(&mut self, template: &Template, values: &ShapeArgs) -> Option<Process> {
+        let ItemCollector { spec, diagnostics } = &mut *self.declare;
+        let mut hidden = Vec::new();
+        for param in template.params.iter().filter(|param| values.contains_key(&param.name.text)) {
+            let value = values[&param.name.text].clone();
+            // A value of another type than that of the parameter is reported with the arguments.
+            let kind = if is_fit(param, &value) { value.kind } else { ValueKind::Broken };
+            let values = vec![Value { kind, ..value }];
+            let named = Const { name: param.name.clone(), values, is_list: false, is_param: true };
+            hidden.push((param.name.text.clone(), spec.consts.insert(param.name.text.clone(), named)));
+        }
+        let process = process::process(&template.node, &template.damage, &spec.consts, diagnostics);
+        for (name, constant) in hidden {
+            match constant {
+                Some(constant) => drop(spec.consts.insert(name, constant)),
+                None => drop(spec.consts.remove(&name)),
+            }
+        }
+        process
+    }
+}
+
+fn too_many(template: &Template) -> Diagnostic {
+    let span = template.node.title().map_or(template.node.span(), |name| name.span);
+    let message = format!("groups are instantiated with more than {LEAVES_MAX} choices of what decides their shape");
+    Diagnostic::new(Code::E0701, span, message)
 }

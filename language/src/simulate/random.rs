@@ -1,4 +1,4 @@
-//! Leaves that end by chance: the same seed gives the same run.
+//! Ends leaves at random times. The same seed gives the same run.
 
 use super::{Ending, Simulation};
 use crate::plan::{MemberKind, Plan};
@@ -11,7 +11,7 @@ const RUN_MAX: u64 = 10_000;
 
 /// When leaves end, and how.
 #[derive(Clone, Debug)]
-pub struct Chance {
+pub struct RandomRun {
     state: u64,
     /// Of a hundred ends, how many are failures.
     faults: u64,
@@ -22,7 +22,7 @@ pub struct Chance {
     due: BTreeMap<String, (Duration, Ending)>,
 }
 
-impl Chance {
+impl RandomRun {
     /// Returns the course of events of a seed; `faults` of a hundred ends are failures. Services end only by failure.
     pub fn new(plan: &Plan, seed: u64, faults: u64) -> Self {
         let members = plan.groups.iter().flat_map(|group| &group.members).filter(|member| member.service);
@@ -87,9 +87,9 @@ impl Chance {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Options, Source, What, compile};
+    use crate::{Options, Source, Transition, compile};
 
-    fn run(seed: u64, faults: u64) -> (Vec<super::super::Happening>, Option<What>) {
+    fn run(seed: u64, faults: u64) -> (Vec<super::super::SimulationEvent>, Option<Transition>) {
         let spec = "
             module Sensor(host) { service; }
             process main() {
@@ -99,9 +99,9 @@ mod tests {
             }";
         let plan = compile(&Source::new("a.dca", spec), &[], &Options::named("a")).plan.unwrap();
         let mut simulation = Simulation::start(&plan);
-        let mut chance = Chance::new(&plan, seed, faults);
+        let mut random = RandomRun::new(&plan, seed, faults);
         for _ in 0..100 {
-            if simulation.outcome().is_some() || !chance.step(&mut simulation) {
+            if simulation.outcome().is_some() || !random.step(&mut simulation) {
                 break;
             }
         }
@@ -112,7 +112,7 @@ mod tests {
     fn a_seed_gives_one_run_and_faults_give_others() {
         assert_eq!(run(1, 0), run(1, 0));
         assert_ne!(run(1, 0).0, run(2, 0).0);
-        assert!((0..50).all(|seed| run(seed, 0).1 == Some(What::Done)));
-        assert!((0..50).any(|seed| matches!(run(seed, 50).1, Some(What::Aborted(_)))));
+        assert!((0..50).all(|seed| run(seed, 0).1 == Some(Transition::Done)));
+        assert!((0..50).any(|seed| matches!(run(seed, 50).1, Some(Transition::Aborted(_)))));
     }
 }

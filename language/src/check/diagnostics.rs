@@ -1,0 +1,125 @@
+//! The diagnostics of one spec, and the limits of the work for them.
+
+use crate::diagnostic::{Code, Diagnostic, Severity};
+use crate::plan::LEAVES_MAX;
+use crate::similar;
+use crate::source::Span;
+use std::collections::BTreeSet;
+
+/// As many pairs of letters are compared in search of similar names. A suggestion compares one name with all that are known,
+/// so a spec of unknown names would take the square of its length.
+const EFFORT_MAX: usize = 4_000_000;
+
+/// The most instances of arrays, and connections of sets, that are written out: a short text declares very many.
+const REPLICATED_MAX: usize = 20 * LEAVES_MAX;
+
+/// The diagnostics of one spec, in the order in which the passes find them.
+#[derive(Debug, Default)]
+pub(super) struct Diagnostics {
+    found: Vec<Diagnostic>,
+    /// How many pairs of letters were compared.
+    compared: usize,
+    /// How many instances and connections have been written out.
+    replicated: usize,
+}
+
+/// The diagnostics of a text that is read several times, as that of an array: each is kept once.
+#[derive(Debug)]
+pub(super) struct Rounds {
+    /// How many diagnostics there were when the round began.
+    start: usize,
+    known: BTreeSet<(Span, Code, String)>,
+}
+
+impl Diagnostics {
+    pub(super) fn push(&mut self, diagnostic: Diagnostic) {
+        self.found.push(diagnostic);
+    }
+
+    /// How many there are, to find out whether more come.
+    pub(super) fn count(&self) -> usize {
+        self.found.len()
+    }
+
+    /// The first one that came after there were `count`.
+    pub(super) fn first_since(&mut self, count: usize) -> Option<&mut Diagnostic> {
+        self.found.get_mut(count)
+    }
+
+    /// Begins the first of several rounds through one text.
+    pub(super) fn rounds(&self) -> Rounds {
+        Rounds { start: self.found.len(), known: BTreeSet::new() }
+    }
+
+    /// Begins a round, when something else was read since the last one.
+    pub(super) fn begin_round(&self, rounds: &mut Rounds) {
+        rounds.start = self.found.len();
+    }
+
+    /// Ends a round, and begins the next: what an earlier one has found, too, is dropped.
+    pub(super) fn end_round(&mut self, rounds: &mut Rounds) {
+        let new = self.found.split_off(rounds.start);
+        self.found.extend(new.into_iter().filter(|found| rounds.known.insert(key(found))));
+        rounds.start = self.found.len();
+    }
+
+    /// Keeps of what came since there were `count` what is wanted.
+    pub(super) fn retain_since(&mut self, count: usize, is_kept: impl FnMut(&Diagnostic) -> bool) {
+        let mut new = self.found.split_off(count);
+        new.retain(is_kept);
+        self.found.append(&mut new);
+    }
+
+    /// Whether so many names may be looked at in search of one that is similar.
+    pub(super) fn may_compare(&mut self, names: usize) -> bool {
+        self.compared = self.compared.saturating_add(names);
+        self.compared <= EFFORT_MAX
+    }
+
+    /// Returns the candidate that looks most like a name, unless too many have been compared.
+    pub(super) fn nearest<'a>(&mut self, name: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+        let compared = &mut self.compared;
+        let is_affordable = |candidate: &&str| {
+            *compared += similar::effort(name, candidate);
+            *compared <= EFFORT_MAX
+        };
+        similar::nearest(name, candidates.into_iter().take_while(is_affordable))
+    }
+
+    /// Whether so many instances of an array, or connections of a set, may be written out; reports the first that are too many.
+    pub(super) fn may_replicate(&mut self, count: usize, span: Span) -> bool {
+        let was_within = self.replicated <= REPLICATED_MAX;
+        self.replicated = self.replicated.saturating_add(count);
+        let is_within = self.replicated <= REPLICATED_MAX;
+        if was_within && !is_within {
+            let message = format!("more than {REPLICATED_MAX} instances and connections are written out");
+            self.push(Diagnostic::new(Code::E0701, span, message).help("replicate less, or split the spec"));
+        }
+        is_within
+    }
+
+    /// Makes errors of what has such a code.
+    pub(super) fn deny(&mut self, is_denied: fn(Code) -> bool) {
+        let denied = self.found.iter_mut().filter(|found| is_denied(found.code));
+        denied.for_each(|found| found.severity = Severity::Error);
+    }
+
+    pub(super) fn has_errors(&self) -> bool {
+        self.found.iter().any(|found| found.severity == Severity::Error)
+    }
+
+    pub(super) fn into_vec(self) -> Vec<Diagnostic> {
+        self.found
+    }
+}
+
+/// What two diagnostics have in common that say the same.
+pub(super) fn key(diagnostic: &Diagnostic) -> (Span, Code, String) {
+    (diagnostic.primary.span, diagnostic.code, diagnostic.message.clone())
+}
+
+impl Extend<Diagnostic> for Diagnostics {
+    fn extend<T: IntoIterator<Item = Diagnostic>>(&mut self, found: T) {
+        self.found.extend(found);
+    }
+}
