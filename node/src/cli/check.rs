@@ -4,10 +4,10 @@ mod json;
 mod sarif;
 
 use crate::cli::follow::Spec;
-use crate::cli::{Controllers, Failure, fix, output};
+use crate::cli::{Controllers, Failure, output};
 use crate::io::{named_file, programs};
 use crate::logic::table::counted;
-use anyhow::Context;
+use anyhow::{Context, anyhow};
 use language::plan::Plan;
 use language::{Compiled, Content, Diagnostic, Options, Severity, Source, Style, Texts, compile, gather, render};
 use std::io::Read;
@@ -73,7 +73,7 @@ impl Checked {
 /// Runs the verb.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if arguments.fix {
-        fix::apply(&arguments.file, &arguments.controllers)?;
+        fix(&arguments.file, &arguments.controllers)?;
     }
     let print = match arguments.format {
         Format::Text => return check(arguments),
@@ -113,6 +113,21 @@ pub(crate) fn load(file: &Path, controllers: &Controllers, deny_lenient_names: b
     let text = spec.text.clone();
     let modules = std::iter::once(spec).chain(interfaces).collect();
     Ok(Spec { file: file.to_owned(), text, plan, modules })
+}
+
+/// Rewrites the file if there is something to fix.
+pub(crate) fn fix(file: &Path, controllers: &Controllers) -> Result<bool, Failure> {
+    if is_standard_input(file) {
+        return Err(anyhow!("standard input cannot be rewritten; give a file").into());
+    }
+    let spec = read(file)?;
+    let interfaces = others(&spec, controllers)?;
+    let fixed = language::fix(&spec, &interfaces, &options(file, false));
+    let is_changed = fixed != spec.text;
+    if is_changed {
+        std::fs::write(file, fixed).with_context(|| format!("writing the spec `{}`", file.display()))?;
+    }
+    Ok(is_changed)
 }
 
 /// Returns whether a path stands for standard input.
