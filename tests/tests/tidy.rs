@@ -2,6 +2,9 @@
 //!
 //! Each test reads the sources as text and names every line that breaks its rule. ARCHITECTURE.md has the reasons.
 
+#[path = "tidy/glossary.rs"]
+mod glossary;
+
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -100,7 +100,7 @@ struct ResourceArgs<'a> {
 }
 
 impl ResourceArgs<'_> {
-    /// What an instance is handed: indices of the group's resources.
+    /// What an instance is handed.
     fn held(&self, instance: &Instance, diagnostics: &mut Diagnostics) -> Vec<Held> {
         let (spec, process) = (self.spec, self.process);
         let Target::Process(target) = instance.target else { return Vec::new() };

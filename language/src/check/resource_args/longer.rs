@@ -1,11 +1,14 @@
-//! What a group is handed and does not use all the time: the group that hands it has it for the member all the same, so that
-//! others wait who need not. A supervisor does not ask another one in the middle of its expression.
+//! Reports members that hold a resource for longer than they use it. The group around holds it for the whole run of the member,
+//! so others wait for longer than they need. A supervisor does not ask another one in the middle of its expression.
 
 use super::Held;
 use crate::check::spec::{Expr, ExprKind, Path, Spec, Target, are_parallel};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::source::Span;
 use std::collections::BTreeSet;
+
+/// As many runs of one group are compared with each other.
+const RUNS_MAX: usize = 1000;
 
 /// A run of a member that is handed something.
 struct Run {
@@ -22,6 +25,8 @@ pub(super) fn check(spec: &Spec, holds: &[Vec<Vec<Held>>]) -> Vec<Diagnostic> {
         let Some(actions) = process.actions.as_ref().filter(|_| !process.damage.actions) else { continue };
         let mut runs = Vec::new();
         collect(actions, holds_here, &mut Vec::new(), &mut runs);
+        // Each is compared with each.
+        runs.truncate(RUNS_MAX);
         for run in &runs {
             let Target::Process(target) = process.instances[run.slot].target else { continue };
             for held in &holds_here[run.slot] {
