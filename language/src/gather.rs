@@ -42,62 +42,77 @@ pub enum Content {
 /// assert!(compile(&spec, &parts, &Options::named("door")).diagnostics.is_empty());
 /// ```
 pub fn gather(spec: &Source, read: &dyn Fn(&str) -> Result<Content, String>) -> Vec<Source> {
-    let mut known = BTreeSet::from([normal(&spec.name)]);
-    let mut parts: Vec<Source> = Vec::new();
+    let known = BTreeSet::from([normal(&spec.name)]);
+    let mut files = UsedFiles { known, parts: Vec::new(), length: 0, read };
     let mut next = 0;
     let mut user = Some(spec.clone());
     while let Some(source) = user {
         for used in may_use(&source).then(|| tree(&source)).iter().flat_map(uses) {
-            let path = resolve(&source.name, &used.text);
-            if parts.len() >= FILES_MAX || !known.insert(path.clone()) {
-                continue;
-            }
-            match read(&path) {
-                Ok(Content::Folder(names)) => add_folder(&path, names, (&mut known, &mut parts), read),
-                Ok(Content::File(text)) => parts.push(part(path, text, &parts)),
-                Err(why) => parts.push(missing(path, why)),
-            }
+            files.add(resolve(&source.name, &used.text));
         }
-        user = parts.get(next).cloned();
+        user = files.parts.get(next).cloned();
         next += 1;
     }
-    parts
+    files.parts
 }
 
-/// Adds a folder and its specs.
-fn add_folder(
-    folder: &str,
-    mut names: Vec<String>,
-    (known, parts): (&mut BTreeSet<String>, &mut Vec<Source>),
-    read: &dyn Fn(&str) -> Result<Content, String>,
-) {
-    names.retain(|name| name.ends_with(".dca") && !name.starts_with('.'));
-    names.sort_unstable();
-    if names.is_empty() {
-        return parts.push(missing(folder.to_owned(), "the folder has no `.dca` files".to_owned()));
-    }
-    if parts.len() + names.len() >= FILES_MAX {
-        let why = format!("a spec uses at most {FILES_MAX} files, and there are {} more in the folder", names.len());
-        return parts.push(missing(folder.to_owned(), why));
-    }
-    let paths: Vec<String> = names.iter().map(|name| normal(&format!("{folder}/{name}"))).collect();
-    parts.push(Source { name: folder.to_owned(), text: String::new(), role: Role::Folder(paths.clone()) });
-    for path in paths.into_iter().filter(|path| known.insert(path.clone())) {
-        parts.push(match read(&path) {
-            Ok(Content::File(text)) => part(path, text, parts),
-            Ok(Content::Folder(_)) => missing(path, "it is a folder".to_owned()),
-            Err(why) => missing(path, why),
-        });
-    }
+/// The files that a spec uses, while they are read.
+struct UsedFiles<'a> {
+    /// The paths that were read, or tried.
+    known: BTreeSet<String>,
+    parts: Vec<Source>,
+    /// The bytes of all texts.
+    length: usize,
+    read: &'a dyn Fn(&str) -> Result<Content, String>,
 }
 
-/// A file, unless there is no room for it beside those that are there.
-fn part(name: String, text: String, parts: &[Source]) -> Source {
-    let taken: usize = parts.iter().map(|part| part.text.len()).sum();
-    if taken + text.len() > TEXTS_MAX {
-        return missing(name, format!("the files of a spec have at most {} MiB together", TEXTS_MAX >> 20));
+impl UsedFiles<'_> {
+    /// Adds a file, or a folder and its specs, unless it is known or there are too many.
+    fn add(&mut self, path: String) {
+        if self.parts.len() >= FILES_MAX || !self.known.insert(path.clone()) {
+            return;
+        }
+        match (self.read)(&path) {
+            Ok(Content::Folder(names)) => self.add_folder(&path, names),
+            Ok(Content::File(text)) => self.add_file(path, text),
+            Err(why) => self.parts.push(missing(path, why)),
+        }
     }
-    Source { name, text, role: Role::Part }
+
+    fn add_folder(&mut self, folder: &str, mut names: Vec<String>) {
+        names.retain(|name| name.ends_with(".dca") && !name.starts_with('.'));
+        names.sort_unstable();
+        if names.is_empty() {
+            return self.parts.push(missing(folder.to_owned(), "the folder has no `.dca` files".to_owned()));
+        }
+        if self.parts.len() + names.len() >= FILES_MAX {
+            let more = names.len();
+            let why = format!("a spec uses at most {FILES_MAX} files, and there are {more} more in the folder");
+            return self.parts.push(missing(folder.to_owned(), why));
+        }
+        let paths: Vec<String> = names.iter().map(|name| normal(&format!("{folder}/{name}"))).collect();
+        self.parts.push(Source { name: folder.to_owned(), text: String::new(), role: Role::Folder(paths.clone()) });
+        for path in paths {
+            if !self.known.insert(path.clone()) {
+                continue;
+            }
+            match (self.read)(&path) {
+                Ok(Content::File(text)) => self.add_file(path, text),
+                Ok(Content::Folder(_)) => self.parts.push(missing(path, "it is a folder".to_owned())),
+                Err(why) => self.parts.push(missing(path, why)),
+            }
+        }
+    }
+
+    /// Adds a file, unless there is no room for it beside those that are there.
+    fn add_file(&mut self, name: String, text: String) {
+        if self.length + text.len() > TEXTS_MAX {
+            let why = format!("the files of a spec have at most {} MiB together", TEXTS_MAX >> 20);
+            return self.parts.push(missing(name, why));
+        }
+        self.length += text.len();
+        self.parts.push(Source { name, text, role: Role::Part });
+    }
 }
 
 fn missing(name: String, why: String) -> Source {

@@ -86,6 +86,8 @@ pub(super) struct OwnedSets<'a> {
     /// Those without a label.
     bare: Vec<usize>,
     labelled: BTreeMap<&'a str, usize>,
+    /// The first of them in the text, as many as a reader is shown.
+    first: Vec<usize>,
 }
 
 impl<'a> OwnedSets<'a> {
@@ -96,7 +98,12 @@ impl<'a> OwnedSets<'a> {
             let Some(owner) = set.owner else { continue };
             let owned = all.entry(owner).or_default();
             match &set.label {
-                Some(label) => drop(owned.labelled.entry(&label.text).or_insert(index)),
+                Some(label) => {
+                    owned.labelled.entry(&label.text).or_insert(index);
+                    if owned.first.len() < REASONS_MAX {
+                        owned.first.push(index);
+                    }
+                }
                 None => owned.bare.push(index),
             }
         }
@@ -373,9 +380,7 @@ fn activated(name: &Name, slot: usize, labels: &[Name], group: &mut Group<'_>) -
     if labels.is_empty() && !owned.labelled.is_empty() && !group.damage.actions {
         let message = format!("`{}` runs with none of its connection sets", name.text);
         let mut diagnostic = Diagnostic::new(Code::W0304, name.span, message);
-        let mut first: Vec<usize> = owned.labelled.values().copied().collect();
-        first.sort_unstable();
-        for label in first.iter().take(REASONS_MAX).filter_map(label_of) {
+        for label in owned.first.iter().filter_map(label_of) {
             diagnostic =
                 diagnostic.reason(label.span, format!("write `{}[{}]` to open this one", name.text, label.text));
         }

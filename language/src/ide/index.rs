@@ -80,7 +80,7 @@ impl Index {
         for (number, process) in model.processes.iter().enumerate() {
             index.add(&mut tables, Kind::Process(number), &process.name);
             index.add_params(&mut tables, Target::Process(number), &process.params);
-            index.add_process(&mut tables, (number, process), text);
+            index.add_process(&mut tables, number, process, text);
         }
         for (number, module) in model.modules.iter().enumerate() {
             index.add(&mut tables, Kind::Module(number), &module.name);
@@ -173,7 +173,8 @@ impl Index {
     fn add_process<'t>(
         &mut self,
         tables: &mut Tables,
-        (number, process): (usize, &Process),
+        number: usize,
+        process: &Process,
         text: &dyn Fn(Span) -> &'t str,
     ) {
         let mut of_slot = Vec::with_capacity(process.instances.len());

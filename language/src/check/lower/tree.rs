@@ -33,6 +33,18 @@ enum Place {
     Root,
 }
 
+/// The group around a leaf.
+#[derive(Clone, Copy)]
+struct Outer<'a> {
+    /// The values of its parameters.
+    values: &'a [Data],
+    place: &'a Place,
+    /// Its index among the groups.
+    group: usize,
+    /// The slot of the leaf in it.
+    slot: usize,
+}
+
 pub(super) struct Builder<'a> {
     pub(super) spec: &'a Spec,
     diagnostics: &'a mut Diagnostics,
@@ -44,9 +56,9 @@ pub(super) struct Builder<'a> {
     /// Hosts in the order of their first use.
     hosts: BTreeMap<String, u32>,
     /// Groups reported for having no host.
-    hostless: Vec<usize>,
+    hostless: BTreeSet<usize>,
     /// Places reported for being no host.
-    hostless_spans: Vec<Span>,
+    hostless_spans: BTreeSet<Span>,
 }
 
 impl Tree {
@@ -60,7 +72,7 @@ impl Tree {
             place_of: Vec::new(),
         };
         let (group_places, leaf_places) = (Vec::new(), Vec::new());
-        let (hostless, hostless_spans) = (Vec::new(), Vec::new());
+        let (hostless, hostless_spans) = (BTreeSet::new(), BTreeSet::new());
         let mut builder = Builder {
             spec,
             diagnostics,
@@ -115,6 +127,7 @@ impl Builder<'_> {
         for (slot, instance) in source.instances.iter().enumerate() {
             let name = instance.name.text.clone();
             let path = format!("{path}/{name}");
+            let outer = Outer { values, place: &place, group: index, slot };
             let (kind, service) = match instance.target {
                 Target::Process(target) => {
                     self.check_ranges(
@@ -128,9 +141,9 @@ impl Builder<'_> {
                 }
                 Target::Module(module) => {
                     let module = &spec.modules[module];
-                    (self.leaf(instance, Some(module), path, (values, &place, (index, slot))), module.is_service)
+                    (self.leaf(instance, Some(module), path, outer), module.is_service)
                 }
-                Target::Unknown => (self.leaf(instance, None, path, (values, &place, (index, slot))), false),
+                Target::Unknown => (self.leaf(instance, None, path, outer), false),
             };
             members.push(Member { name, kind, service });
         }
@@ -143,8 +156,7 @@ impl Builder<'_> {
         match &source.host {
             Some(host) => self.named(host, values, path).unwrap_or(outer),
             None => {
-                if !self.tree.groups.is_empty() && !self.hostless.contains(&process) {
-                    self.hostless.push(process);
+                if !self.tree.groups.is_empty() && self.hostless.insert(process) {
                     let message = format!("`{}` names no host: it takes that of the group around it", source.name.text);
                     self.diagnostics.push(Diagnostic::new(Code::W0105, source.name.span, message));
                 }
@@ -165,8 +177,7 @@ impl Builder<'_> {
                 Some(Place::Named(host))
             }
             Data::Plain(_) | Data::Record(_) => {
-                if !self.hostless_spans.contains(&value.span) {
-                    self.hostless_spans.push(value.span);
+                if self.hostless_spans.insert(value.span) {
                     self.diagnostics.push(not_a_host(value.span, path));
                 }
                 None
@@ -174,13 +185,8 @@ impl Builder<'_> {
         }
     }
 
-    fn leaf(
-        &mut self,
-        instance: &Instance,
-        module: Option<&Module>,
-        path: String,
-        (values, outer, place_of): (&[Data], &Place, (usize, usize)),
-    ) -> MemberKind {
+    fn leaf(&mut self, instance: &Instance, module: Option<&Module>, path: String, outer: Outer<'_>) -> MemberKind {
+        let Outer { values, place: outer, group, slot } = outer;
         let rest = without_host(&instance.args);
         let by_name = rest.iter().find(|arg| arg.name.as_ref().is_some_and(|name| name.text == "host"));
         let host = if rest.len() < instance.args.len() { instance.args.first() } else { by_name };
@@ -202,7 +208,7 @@ impl Builder<'_> {
             outcomes: outcomes.collect(),
             policy: instance.policy.0.clone(),
         });
-        self.tree.place_of.push(place_of);
+        self.tree.place_of.push((group, slot));
         self.leaf_places.push(place);
         MemberKind::Leaf(leaf)
     }
