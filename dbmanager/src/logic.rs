@@ -12,7 +12,7 @@
 //! | [`collect`] | what everybody has | T5 nothing comes back |
 //! | [`record`] | what is on the disk | T4 durability: a batch goes before what promises it |
 //! | [`message`], [`news`], [`snapshot`] | what replicas say to each other | |
-//! | [`replica`] | the machine that drives all of it | |
+//! | [`replica`] | the machine that drives all of it, and its parts | |
 //! | [`view`] | what people and programs see of it | |
 
 pub mod clock;
@@ -31,5 +31,6 @@ pub mod record;
 pub mod replica;
 pub mod snapshot;
 pub mod state;
+mod timing;
 pub mod txn;
 pub mod view;

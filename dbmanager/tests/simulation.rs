@@ -15,7 +15,7 @@ mod world;
 /// Runs the seeds of one of five equal parts, so that as many cores have something to do.
 fn run_part(part: u64) {
     for seed in part * 1000 + 1..=(part + 1) * 1000 {
-        if let Err(broken) = world::run(seed, Default::default()) {
+        if let Err(broken) = world::run(seed) {
             panic!("seed {seed}: {broken}");
         }
     }
@@ -48,5 +48,5 @@ fn seeds_4001_to_5000_converge_and_lose_nothing() {
 
 #[test]
 fn a_seed_replays() {
-    assert_eq!(world::run(7, Default::default()), world::run(7, Default::default()));
+    assert_eq!(world::run(7), world::run(7));
 }

@@ -29,7 +29,6 @@ use dbmanager::io::store::{DirStore, Engine, Store, StoreError};
 use dbmanager::logic::clock::Wall;
 use dbmanager::logic::cut::Dot;
 use dbmanager::logic::key::Key;
-use dbmanager::logic::mutant::Mutant;
 use dbmanager::logic::record::Batch;
 use dbmanager::logic::replica::{Answer, Config, Effect, Input, Level, Replica, Request};
 use dbmanager::logic::txn::{Draft, Value};
@@ -107,7 +106,7 @@ fn put_text(key: &str, text: &str) -> Draft {
 }
 
 fn config() -> Config {
-    Config { robot: "r".into(), seed: 1, log_size: 64 << 10, mutant: Mutant::None }
+    Config { robot: "r".into(), seed: 1, log_size: 64 << 10 }
 }
 
 /// The only robot of its team, on some store.

@@ -8,7 +8,6 @@ use dbmanager::logic::clock::{Quality, Wall};
 use dbmanager::logic::cut::Cut;
 use dbmanager::logic::key::Key;
 use dbmanager::logic::message::Message;
-use dbmanager::logic::mutant::Mutant;
 use dbmanager::logic::record::Records;
 use dbmanager::logic::replica::{Answer, Config, Effect, Input, Level, Replica, Request};
 use dbmanager::logic::txn::{Draft, Grant};
@@ -52,7 +51,7 @@ impl Team {
     /// Returns a team of which `r1` is a member, and `r2` is about to be.
     fn strangers() -> Self {
         let robot = |number: u64| {
-            let config = Config { robot: format!("r{number}"), seed: number, log_size: 1 << 20, mutant: Mutant::None };
+            let config = Config { robot: format!("r{number}"), seed: number, log_size: 1 << 20 };
             let replica = Replica::open(config, &Records::new()).unwrap();
             let watch = Watch::new(Keys::Below("team/".into()), Cut::default(), replica.log()).unwrap();
             Robot { replica, watch, told: Vec::new() }

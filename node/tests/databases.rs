@@ -9,7 +9,6 @@ mod world;
 
 use dbmanager::logic::cut::{Cut, Dot, Origin};
 use dbmanager::logic::message::Message;
-use dbmanager::logic::mutant::Mutant;
 use dbmanager::logic::record::Records;
 use dbmanager::logic::replica::{Config, Replica};
 use dbmanager::logic::txn::{Condition, Require};
@@ -351,7 +350,7 @@ fn the_last_hundred_deployments_of_each_name_are_kept() {
 fn a_replica_that_is_no_member_retires_nobody() {
     let mut world = World::team(&["r1", "r2"]);
     world.away(&[0], true);
-    let config = Config { robot: "r1".into(), seed: 5, log_size: 1 << 20, mutant: Mutant::None };
+    let config = Config { robot: "r1".into(), seed: 5, log_size: 1 << 20 };
     let copied = Replica::open_copied(config, &world.robots[0].disk).expect("it was written by a replica");
     world.robots[0].machine = Database::new(copied, ("r1", "dca"), None);
     let answer = world.ask(0, Question::Retire { member: "r2".into() });

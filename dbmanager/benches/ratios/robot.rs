@@ -5,7 +5,6 @@ use comms::io::clock;
 use dbmanager::io::store::{DirStore, Engine, Store};
 use dbmanager::logic::clock::Wall;
 use dbmanager::logic::key::Key;
-use dbmanager::logic::mutant::Mutant;
 use dbmanager::logic::replica::{Config, Effect, Input, Level, Replica, Request};
 use dbmanager::logic::txn::{Draft, Value};
 use std::path::Path;
@@ -21,7 +20,7 @@ pub(crate) struct Robot<S> {
 
 /// Returns the configuration of a robot.
 pub(crate) fn config(robot: &str, seed: u64) -> Config {
-    Config { robot: robot.to_owned(), seed, log_size: 1 << 20, mutant: Mutant::None }
+    Config { robot: robot.to_owned(), seed, log_size: 1 << 20 }
 }
 
 /// Returns the key with a number; it is as long as all of them.

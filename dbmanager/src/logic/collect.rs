@@ -37,6 +37,8 @@ pub struct Stable {
 pub struct Acks {
     said: BTreeMap<Origin, Cut>,
     counted: BTreeMap<Origin, Cut>,
+    /// Up to where deletions were dropped.
+    dropped: Cut,
 }
 
 impl Acks {
@@ -46,12 +48,26 @@ impl Acks {
     }
 
     /// Counts what the own cut dominates by now.
-    pub fn settle(&mut self, own: &Cut, mutant: Mutant) {
+    pub fn settle(&mut self, own: &Cut) {
         for (origin, cut) in &self.said {
-            if own.dominates(cut) || mutant.is(Mutant::AckFirst) {
+            if own.dominates(cut) || Mutant::AckFirst.is_planted() {
                 self.counted.insert(*origin, cut.clone());
             }
         }
+    }
+
+    /// Takes note of what is stable now; returns whether that has changed, so that deletions can be dropped.
+    pub fn drops(&mut self, stable: &Cut) -> bool {
+        let changed = self.dropped != *stable;
+        if changed {
+            self.dropped = stable.clone();
+        }
+        changed
+    }
+
+    /// The state was replaced: nothing was dropped from it.
+    pub fn begin_anew(&mut self) {
+        self.dropped = Cut::default();
     }
 
     /// Returns what `origin` has said to have.
@@ -60,12 +76,12 @@ impl Acks {
     }
 
     /// Returns the stable cut as `me`, who has `own`, knows it.
-    pub fn stable(&self, me: Origin, own: &Cut, members: &Members, mutant: Mutant) -> Stable {
+    pub fn stable(&self, me: Origin, own: &Cut, members: &Members) -> Stable {
         let has = |origin: Origin| if origin == me { Some(own) } else { self.counted.get(&origin) };
         let active = members.active().map(|(origin, _)| origin);
-        let active = active.filter(|origin| !mutant.is(Mutant::ReachableOnly) || has(*origin).is_some());
-        let active = active.filter(|o| !mutant.is(Mutant::JoinerUncounted) || *o == me || own.get(*o) > 0);
-        let retired = members.before_barrier(has).filter(|_| !mutant.is(Mutant::RetireAtOnce));
+        let active = active.filter(|origin| !Mutant::ReachableOnly.is_planted() || has(*origin).is_some());
+        let active = active.filter(|o| !Mutant::JoinerUncounted.is_planted() || *o == me || own.get(*o) > 0);
+        let retired = members.before_barrier(has).filter(|_| !Mutant::RetireAtOnce.is_planted());
         let mut stable = Stable { cut: own.clone(), pinned_by: Vec::new() };
         for origin in active.chain(retired) {
             let cut = has(origin).cloned().unwrap_or_default();
@@ -114,16 +130,16 @@ mod tests {
         let (me, own) = (Origin::new(1), cut(&[(1, 5)]));
         let mut acks = Acks::default();
         acks.note(Origin::new(2), &cut(&[(1, 5), (2, 1)]));
-        acks.settle(&own, Mutant::None);
-        let stable = acks.stable(me, &own, &members, Mutant::None);
+        acks.settle(&own);
+        let stable = acks.stable(me, &own, &members);
         assert_eq!(
             (stable.cut, stable.pinned_by),
             (Cut::default(), vec![Origin::new(2)]),
             "2:1 may be a put beside it"
         );
         let own = cut(&[(1, 5), (2, 1)]);
-        acks.settle(&own, Mutant::None);
-        assert_eq!(acks.stable(me, &own, &members, Mutant::None), Stable { cut: own, pinned_by: vec![] });
+        acks.settle(&own);
+        assert_eq!(acks.stable(me, &own, &members), Stable { cut: own, pinned_by: vec![] });
     }
 
     #[test]
@@ -132,16 +148,16 @@ mod tests {
         let (me, own) = (Origin::new(1), cut(&[(1, 9)]));
         let mut acks = Acks::default();
         acks.note(Origin::new(2), &cut(&[(1, 8)]));
-        acks.settle(&own, Mutant::None);
-        assert_eq!(acks.stable(me, &own, &members, Mutant::None).cut, Cut::default());
+        acks.settle(&own);
+        assert_eq!(acks.stable(me, &own, &members).cut, Cut::default());
         acks.note(Origin::new(2), &cut(&[(1, 9)]));
-        acks.settle(&own, Mutant::None);
-        assert_eq!(acks.stable(me, &own, &members, Mutant::None).cut, own);
+        acks.settle(&own);
+        assert_eq!(acks.stable(me, &own, &members).cut, own);
     }
 
     #[test]
     fn last_member_standing() {
         let own = cut(&[(1, 9)]);
-        assert_eq!(Acks::default().stable(Origin::new(1), &own, &team(&[1, 2], true), Mutant::None).cut, own);
+        assert_eq!(Acks::default().stable(Origin::new(1), &own, &team(&[1, 2], true)).cut, own);
     }
 }

@@ -76,18 +76,17 @@ pub struct Log {
     cut: Cut,
     next: u64,
     size: usize,
-    mutant: Mutant,
 }
 
 impl Log {
     /// Returns a log that begins after `heads`.
-    pub fn new(heads: BTreeMap<Origin, Head>, mutant: Mutant) -> Self {
+    pub fn new(heads: BTreeMap<Origin, Head>) -> Self {
         let cut = heads.iter().map(|(origin, head)| (*origin, head.seq)).collect();
         let mut heads = heads;
-        if mutant.is(Mutant::HeadsWithoutContext) {
+        if Mutant::HeadsWithoutContext.is_planted() {
             heads.values_mut().for_each(|head| head.context = Cut::default());
         }
-        Self { heads, cut, mutant, ..Self::default() }
+        Self { heads, cut, ..Self::default() }
     }
 
     /// Returns what is here.
@@ -179,23 +178,23 @@ impl Log {
         let none = Head::default();
         let head = self.head(dot.origin).unwrap_or(&none);
         if dot.seq <= head.seq {
-            let same = self.frame(dot).is_none_or(|known| known == frame) || self.mutant.is(Mutant::ForksUnseen);
+            let same = self.frame(dot).is_none_or(|known| known == frame) || Mutant::ForksUnseen.is_planted();
             return if same && dot.seq > 0 { Verdict::Known } else { Verdict::Fork };
         }
-        if dot.seq > head.seq + 1 && !self.mutant.is(Mutant::GapTaken) {
+        if dot.seq > head.seq + 1 && !Mutant::GapTaken.is_planted() {
             return Verdict::Early;
         }
         if dot.seq == head.seq + 1 && (txn.prev != head.link || txn.stamp <= head.stamp) {
             return Verdict::Fork;
         }
         let missing = self.context(txn).beyond(&self.cut);
-        let gap = |origin: Origin| self.mutant.is(Mutant::GapTaken) && origin == dot.origin;
+        let gap = |origin: Origin| Mutant::GapTaken.is_planted() && origin == dot.origin;
         let seen = missing.iter().all(|(origin, _)| gap(origin));
-        if !seen && !self.mutant.is(Mutant::GuardOpen) {
+        if !seen && !Mutant::GuardOpen.is_planted() {
             return Verdict::Early;
         }
         let differs = |said| self.seen(&txn.context).is_some_and(|here| here != said);
-        let apart = frame.seen().is_some_and(differs) && !self.mutant.is(Mutant::SeenByNumber);
+        let apart = frame.seen().is_some_and(differs) && !Mutant::SeenByNumber.is_planted();
         if apart { Verdict::Apart } else { Verdict::Next }
     }
 
@@ -237,7 +236,7 @@ impl Log {
     /// Returns the frames beyond `cut` in the order of application, at least one and about `size_max` bytes of them, and
     /// whether there are more; `None` if some that would be needed are gone.
     pub fn beyond(&self, cut: &Cut, size_max: usize) -> Option<(Vec<Frame>, bool)> {
-        if !cut.dominates(&self.low()) && !self.mutant.is(Mutant::GoneServed) {
+        if !cut.dominates(&self.low()) && !Mutant::GoneServed.is_planted() {
             return None;
         }
         let (mut frames, mut size) = (Vec::new(), 0);
@@ -261,7 +260,7 @@ impl Log {
         let (mut dropped, mut size) = (Vec::new(), self.size);
         for (dot, frame) in self.after(&self.low()) {
             // What is applied later may be stable earlier, but a chain is only ever cut from below.
-            if size <= size_max || !stable.contains(dot) || self.mutant.is(Mutant::LogNeverCut) {
+            if size <= size_max || !stable.contains(dot) || Mutant::LogNeverCut.is_planted() {
                 break;
             }
             size -= frame.size();

@@ -5,11 +5,8 @@
 macro_rules! bugs {
     ($($(#[$story:meta])* $bug:ident,)*) => {
         /// A planted bug.
-        #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         pub enum Mutant {
-            /// No bug.
-            #[default]
-            None,
             $($(#[$story])* $bug,)*
         }
 
@@ -125,9 +122,27 @@ bugs! {
     SeenByNumber,
 }
 
+#[cfg(feature = "mutants")]
+thread_local! {
+    static PLANTED: std::cell::Cell<Option<Mutant>> = const { std::cell::Cell::new(None) };
+}
+
 impl Mutant {
-    /// Returns whether `bug` is planted.
-    pub(crate) const fn is(self, bug: Self) -> bool {
-        cfg!(feature = "mutants") && self as u8 == bug as u8
+    /// Plants this bug in all replicas of the thread.
+    #[cfg(feature = "mutants")]
+    pub fn plant(bug: Option<Self>) {
+        PLANTED.set(bug);
+    }
+
+    /// Returns whether this bug is planted.
+    #[cfg(feature = "mutants")]
+    pub(crate) fn is_planted(self) -> bool {
+        PLANTED.get() == Some(self)
+    }
+
+    /// Returns whether this bug is planted.
+    #[cfg(not(feature = "mutants"))]
+    pub(crate) const fn is_planted(self) -> bool {
+        false
     }
 }

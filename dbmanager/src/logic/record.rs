@@ -15,7 +15,6 @@
 use crate::logic::cut::{Dot, Origin};
 use crate::logic::key::Key;
 use crate::logic::log::{Head, Log, Logged};
-use crate::logic::mutant::Mutant;
 use crate::logic::state::{State, Version};
 use crate::logic::txn::{Frame, FrameError};
 use serde::{Deserialize, Serialize};
@@ -31,7 +30,7 @@ pub struct Batch(pub BTreeMap<Vec<u8>, Option<Vec<u8>>>);
 
 /// Who the store is.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub(crate) struct Identity {
+pub(crate) struct IdentityRecord {
     /// Whose number its transactions have now.
     pub(crate) origin: Origin,
     /// Name of the robot.
@@ -106,7 +105,7 @@ impl Batch {
         }
     }
 
-    pub(crate) fn identity(&mut self, identity: &Identity) {
+    pub(crate) fn identity(&mut self, identity: &IdentityRecord) {
         self.put(vec![b'i'], identity);
     }
 
@@ -196,7 +195,7 @@ fn number(kind: u8, bytes: &[u8]) -> Result<u64, OpenError> {
 /// whole is ever in memory.
 #[derive(Debug, Default)]
 pub struct Reading {
-    pub(crate) identity: Option<Identity>,
+    pub(crate) identity: Option<IdentityRecord>,
     digests: Option<(u64, u128, usize, usize)>,
     heads: BTreeMap<Origin, Head>,
     frames: Vec<(Dot, u64, Frame)>,
@@ -246,14 +245,13 @@ impl Reading {
     ///
     /// # Errors
     /// If anything in it does not fit: a record, a chain of frames, or the digests.
-    pub(crate) fn finish(mut self, mutant: Mutant) -> Result<(Self, Log), OpenError> {
+    pub(crate) fn finish(mut self) -> Result<(Self, Log), OpenError> {
         self.wrong.take().map_or(Ok(()), Err)?;
         check_chains(&self.heads, &self.frames)?;
-        let mut log = Log::new(std::mem::take(&mut self.heads), mutant);
+        let mut log = Log::new(std::mem::take(&mut self.heads));
         for (dot, index, frame) in std::mem::take(&mut self.frames) {
             log.restore(dot, Logged { index, frame });
         }
-        self.state = self.state.with(mutant);
         let fresh = self.count == usize::from(self.identity.is_some());
         if self.digests != Some(summary(&log, &self.state)) && !fresh {
             return Err(OpenError::Damaged { what: "something is missing" });

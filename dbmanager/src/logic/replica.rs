@@ -13,182 +13,62 @@
 //! what they had seen. The same way back is taken by who was retired while away, by who finds that others know more of
 //! its own transactions than itself (a lost tail, a restored backup), and by both of two clones.
 //!
-//! *Urgent and bulk.* There are no classes of transactions. One is shown after all that its writer had seen, and that is as a
-//! rule all that its robot had; so there is hardly anything that an urgent one could overtake without breaking that promise
-//! or making two histories. Instead transactions are short (256 KiB, a chunk of a slow link at most four of them), and what is
-//! large goes beside them: a value names it by its hash. A robot that needs bulk with a history of its own runs a second
-//! replica as a team of its own, whose messages the driver sends with less priority.
-//!
-//! `sync` talks to peers, `take` takes what they wrote, `commit` writes, `join` begins anew, `bring` says with what, `hold` keeps what cannot be read.
+//! *Parts.* Each owns its state and has its own transitions. `ledger` is what the replica has and who it is (`contents`: log and
+//! state; `identity`; `commit`: how a draft becomes a transaction; `pending`: what cannot be read yet), `peers` whom to ask and when,
+//! `download` a state on its way, `tickets` who waits for a transaction. `hello`, `serve` and `branch` are the
+//! rules for what peers say: they read the ledger and return actions. `rebase` says what comes along when it begins anew. Only this
+//! file brings them together.
 
-mod bring;
+mod action;
+mod branch;
 mod commit;
-mod hold;
-mod join;
-mod sync;
-mod take;
+mod contents;
+mod download;
+mod hello;
+mod identity;
+mod interface;
+mod ledger;
+mod peers;
+mod pending;
+mod rebase;
+mod serve;
+mod tickets;
 
-use crate::logic::clock::{Clock, Stamp, Wall};
-use crate::logic::collect::{Acks, Stable};
+pub use interface::{Alarm, Answer, Config, Effect, Input, Level, Request};
+
+use crate::logic::collect::Stable;
 use crate::logic::cut::{Cut, Dot, Origin};
-use crate::logic::key::Key;
-use crate::logic::log::{Log, Verdict};
+use crate::logic::log::Log;
 use crate::logic::member::{self, Members};
-use crate::logic::message::Message;
+use crate::logic::message::{Chunk, Message, Pull};
 use crate::logic::mutant::Mutant;
 use crate::logic::owner::Owners;
 use crate::logic::random::Random;
-use crate::logic::record::{Batch, Identity, OpenError, Reading, SHARED};
-use crate::logic::snapshot::Name;
-use crate::logic::state::{Seen, State};
-use crate::logic::txn::{Draft, Frame, FrameError, Txn, TxnError};
+use crate::logic::record::{OpenError, Reading};
+use crate::logic::state::State;
+use crate::logic::txn::{FORMAT, FORMAT_FIRST};
+use action::Action;
+use commit::Change;
 use comms::logic::time::Time;
-use std::collections::{BTreeMap, BTreeSet};
-use std::time::Duration;
+use download::{Downloaded, Downloads, Offer};
+use ledger::Ledger;
+use peers::PeerTable;
+use tickets::Tickets;
 
-/// What a replica is started with.
-#[derive(Clone, Debug)]
-pub struct Config {
-    /// Name of the robot.
-    pub robot: String,
-    /// From real randomness: origins are made of it.
-    pub seed: u64,
-    /// How many bytes of transactions are kept although everybody has them.
-    pub log_size: usize,
-    /// A planted bug.
-    pub mutant: Mutant,
-}
-
-/// How far a transaction has to have got.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Level {
-    /// It is on the disk here.
-    Local,
-    /// It is on the disks of so many other robots.
-    Replicated(usize),
-    /// It is on the disks of these robots.
-    On(BTreeSet<String>),
-    /// It is on the disks of all members.
-    Everywhere,
-}
-
-/// A wish to commit.
-#[derive(Clone, Debug)]
-pub struct Request {
-    /// Named in the answers.
-    pub ticket: u64,
-    /// What.
-    pub draft: Draft,
-    /// What the caller waits for.
-    pub level: Level,
-    /// Until when.
-    pub until: Time,
-}
-
-/// What a replica is told.
-#[derive(Clone, Debug)]
-pub enum Input {
-    /// It begins; or it is time, as [`Replica::deadline`] asked for.
-    Tick(Wall),
-    /// Callers want to commit. Those that wait at the same time go to the disk together.
-    Commit(Vec<Request>, Wall),
-    /// A message has arrived.
-    Received(Origin, Message, Wall),
-    /// Somebody has come, or come back: it is told at once what is here.
-    Appeared(Wall),
-    /// An operator: this is the first member of a team.
-    Found(Wall),
-    /// An operator: this origin will never write again.
-    Retire(Origin, Wall),
-    /// An operator: dates have gone wrong, begin a new epoch.
-    HealClock(Wall),
-}
-
-/// What the caller of a commit learns.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Answer {
-    /// Nothing was written.
-    Refused(TxnError),
-    /// It is durable here, and will be everywhere.
-    Committed(Dot),
-    /// It has got as far as was asked for.
-    Reached(Dot),
-    /// It has not in time, but still may. It stays committed.
-    Pending(Dot),
-}
-
-/// What an operator has to know.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Alarm {
-    /// A transaction is dated far ahead of our trusted clock.
-    ClockSuspect {
-        /// Whose.
-        origin: Origin,
-        /// By how much.
-        ahead_by: Duration,
-    },
-    /// An origin has used a number twice.
-    Fork(Origin),
-    /// A peer has the same transactions and another state.
-    Diverged(Origin),
-    /// A peer writes a format that this program cannot read.
-    NeedsUpgrade(u8),
-    /// A peer sent what no peer sends.
-    Malformed(Origin),
-    /// We have to begin under a new origin.
-    Rejoining {
-        /// The one given up.
-        from: Origin,
-    },
-}
-
-/// What is to be done, in order.
-#[derive(Clone, Debug)]
-pub enum Effect {
-    /// Write this, and return only when it is on the disk.
-    Persist(Batch),
-    /// Send this to everybody.
-    Broadcast(Message),
-    /// Send this to one.
-    Send(Origin, Message),
-    /// Tell the caller of a ticket.
-    Answer(u64, Answer),
-    /// Tell watchers: this transaction is visible now.
-    Visible(Dot, Frame),
-    /// A transaction has a new name, since its origin had to be given up.
-    Renamed(Dot, Dot),
-    /// Watchers begin anew: the state was replaced by a snapshot.
-    Replaced,
-    /// Tell an operator.
-    Alarm(Alarm),
-}
+/// How many pulls may wait for an answer.
+const PULLS_MAX: usize = 2;
+/// How many states of one peer in a row may turn out to be of no use.
+const DROPPED_MAX: u32 = 2;
 
 /// The machine.
 #[derive(Debug)]
 pub struct Replica {
-    config: Config,
-    identity: Identity,
-    boot: u64,
-    log: Log,
-    state: State,
-    local: State,
-    clock: Clock,
-    wall: Wall,
-    members: Members,
-    owners: Owners,
-    acks: Acks,
-    collected: Cut,
-    /// Up to where others are known to mean the same by the own numbers, as this start has seen.
-    proven: u64,
+    ledger: Ledger,
+    peers: PeerTable,
+    downloads: Downloads,
+    offer: Offer,
+    tickets: Tickets,
     random: Random,
-    sync: sync::Sync,
-    waiting: commit::Waiting,
-    download: Option<join::Download>,
-    /// Chunks of a download that was broken off.
-    spare: BTreeMap<Name, Vec<u8>>,
-    offer: join::Offer,
-    held: hold::Held,
-    batch: Batch,
 }
 
 impl Replica {
@@ -198,46 +78,13 @@ impl Replica {
     /// If the store is damaged, or another robot's.
     pub fn open(config: Config, stored: impl Into<Reading>) -> Result<Self, OpenError> {
         let mut random = Random::new(config.seed);
-        let boot = random.next();
-        let (stored, log) = stored.into().finish(config.mutant)?;
-        let mut batch = Batch::default();
-        let identity = match stored.identity {
-            Some(identity) if identity.robot == config.robot => identity,
-            Some(identity) => return Err(OpenError::Robot { found: identity.robot, expected: config.robot }),
-            None if stored.count == 0 => {
-                let (origin, joining) = (Origin::new(random.next()), Origin::new(random.next()));
-                let robot = config.robot.clone();
-                let identity = Identity { origin, robot, joining: Some(joining), ..Identity::default() };
-                batch.identity(&identity);
-                identity
-            }
-            None => return Err(OpenError::Damaged { what: "there is no identity" }),
-        };
-        let local = stored.local.scan("").flat_map(|(_, versions)| versions).map(|version| version.stamp);
-        let last = local.chain([log.last_stamp()]).max().unwrap_or_default();
-        let last = if config.mutant.is(Mutant::ClockForgotten) { Stamp::default() } else { last };
         Ok(Self {
-            clock: Clock::new(identity.origin, last),
-            members: Members::of(&stored.state),
-            owners: Owners::of(&stored.state),
-            sync: sync::Sync::default(),
-            waiting: commit::Waiting::default(),
-            log,
-            state: stored.state,
-            local: stored.local,
-            wall: Wall::default(),
-            acks: Acks::default(),
-            collected: Cut::default(),
-            proven: 0,
-            download: None,
-            spare: BTreeMap::new(),
-            offer: join::Offer::default(),
-            held: hold::Held::new(stored.held),
-            config,
-            identity,
-            boot,
+            ledger: Ledger::open(&config, stored.into(), &mut random)?,
+            peers: PeerTable::default(),
+            downloads: Downloads::default(),
+            offer: Offer::default(),
+            tickets: Tickets::default(),
             random,
-            batch,
         })
     }
 
@@ -248,7 +95,7 @@ impl Replica {
     /// As [`Replica::open`].
     pub fn open_copied(config: Config, stored: impl Into<Reading>) -> Result<Self, OpenError> {
         let mut replica = Self::open(config, stored)?;
-        // The alarm is for who did not know; the caller does.
+        // The caller requested this, so no alarm.
         replica.rejoin(Time::ZERO, true, &mut Vec::new());
         Ok(replica)
     }
@@ -259,178 +106,341 @@ impl Replica {
         let mut after = Vec::new();
         let (Tick(w) | Appeared(w) | Found(w) | HealClock(w) | Commit(_, w) | Retire(_, w) | Received(_, _, w)) =
             &input;
-        self.wall = *w;
+        self.ledger.pipeline.set_wall(*w);
         match input {
             Tick(_) => self.tick(now, &mut after),
             Commit(requests, _) => self.commit_all(now, requests, &mut after),
             Received(from, message, _) => self.receive(now, (from, message), &mut after),
             Appeared(_) => {
-                self.sync.met(now);
+                self.peers.met(now);
                 self.tick(now, &mut after);
             }
             Found(_) => self.found(now, &mut after),
             Retire(origin, _) => self.retire(now, origin, &mut after),
             HealClock(_) => self.heal_clock(now, &mut after),
         }
-        self.persist(after, effects);
+        if self.ledger.take_news() {
+            self.peers.changed(now);
+        }
+        self.ledger.persist(after, effects);
     }
 
     /// Returns when it wants to be told the time.
     pub fn deadline(&self) -> Option<Time> {
-        [Some(self.sync.deadline(self.pulls_max())), self.waiting.deadline(), self.download_deadline()]
-            .into_iter()
-            .flatten()
-            .min()
+        let peers = Some(self.peers.deadline(self.pulls_max()));
+        [peers, self.tickets.deadline(), self.downloads.deadline()].into_iter().flatten().min()
     }
 
     /// Returns what can be read.
     pub fn state(&self) -> &State {
-        &self.state
+        self.ledger.contents().state()
     }
 
     /// Returns what is at `local/…`, which no other robot sees: neither log, watchers nor history have it.
     pub fn local(&self) -> &State {
-        &self.local
+        self.ledger.pipeline.local()
     }
 
     /// Returns the transactions that are still here.
     pub fn log(&self) -> &Log {
-        &self.log
+        self.ledger.log()
     }
 
     /// Returns the team.
     pub fn members(&self) -> &Members {
-        &self.members
+        self.ledger.contents().members()
     }
 
     /// Returns who owns which prefixes.
     pub fn owners(&self) -> &Owners {
-        &self.owners
+        self.ledger.contents().owners()
     }
 
     /// Returns under which origin it writes.
     pub fn origin(&self) -> Origin {
-        self.identity.origin
+        self.ledger.identity.origin()
     }
 
     /// Returns the name under which others know it: its origin, or the one it wants to be admitted as. Any input may change
     /// it, so it is never to be kept.
     pub fn address(&self) -> Origin {
-        self.identity.joining.unwrap_or(self.identity.origin)
+        self.ledger.identity.joining().unwrap_or(self.origin())
     }
 
     /// Returns whether it belongs to the team, as far as it knows.
     pub fn is_member(&self) -> bool {
-        self.identity.joining.is_none() && self.members.is_active(self.identity.origin)
+        self.ledger.is_member()
     }
 
     /// Returns what a member has said to have.
     pub fn said(&self, origin: Origin) -> Option<&Cut> {
-        self.acks.said(origin)
+        self.ledger.acks.said(origin)
     }
 
     /// Returns what everybody has, as far as it knows, and who has less.
     pub fn stable(&self) -> Stable {
-        self.acks.stable(self.identity.origin, self.log.cut(), &self.members, self.config.mutant)
+        self.ledger.stable()
     }
 
-    /// Puts what is to be written before what was decided because of it.
-    fn persist(&mut self, after: Vec<Effect>, effects: &mut Vec<Effect>) {
-        if self.batch.is_empty() {
-            effects.extend(after);
-            return;
+    /// Returns whether a transaction has got this far, as far as is known here. A ticket that is pending can be asked
+    /// for in this way after a restart too.
+    pub fn has_reached(&self, dot: Dot, level: &Level) -> bool {
+        tickets::has_reached(&self.ledger, dot, level)
+    }
+
+    /// Returns under which name a transaction has to be asked for. If its origin was given up, that is the transaction with
+    /// which everything that is left of it has arrived.
+    pub fn name_of(&self, dot: Dot) -> Dot {
+        self.ledger.contents().name_of(dot)
+    }
+
+    /// Returns the newest format that every member is known to read.
+    pub fn team_format(&self) -> u8 {
+        let formats = self.ledger.others().map(|(origin, _)| self.peers.format(origin).unwrap_or(FORMAT_FIRST));
+        formats.chain([FORMAT]).min().unwrap_or(FORMAT)
+    }
+
+    /// Does what is due.
+    fn tick(&mut self, now: Time, effects: &mut Vec<Effect>) {
+        self.peers.expire(now);
+        self.downloads.tick(now, effects);
+        if self.ledger.identity.joining().is_none() && self.members().retired(self.origin()).is_some() {
+            self.rejoin(now, false, effects);
         }
-        self.batch.digests(&self.log, &self.state);
-        let persist = Effect::Persist(std::mem::take(&mut self.batch));
-        if self.config.mutant.is(Mutant::AckBeforeDisk) {
-            effects.extend(after);
-            effects.push(persist);
+        if self.peers.hello_at() <= now {
+            effects.push(Effect::Broadcast(Message::Hello(hello::of(&self.ledger))));
+            self.peers.said_hello(now, &mut self.random);
+            self.ledger.release(now, effects);
+            self.ledger.collect();
+            if self.is_member() {
+                let members = self.ledger.contents().members();
+                self.peers.retain(|origin| members.is_active(origin));
+            }
+        }
+        self.go_on(now, effects);
+    }
+
+    /// Answers the callers whose transactions have got far enough, and asks peers that may have more, as many as may be asked at a
+    /// time.
+    fn go_on(&mut self, now: Time, effects: &mut Vec<Effect>) {
+        self.tickets.settle(now, |dot, level| tickets::has_reached(&self.ledger, dot, level), effects);
+        loop {
+            let may = (self.pulls_max(), self.ledger.identity.asked());
+            let Some(peer) = self.peers.choose(now, may, &mut self.random) else { return };
+            self.ledger.identity.asks(peer, &mut self.random);
+            let size_max = u32::try_from(self.peers.asked(now, peer)).unwrap_or(u32::MAX);
+            let (cut, held) = (self.log().cut().clone(), self.ledger.pending().cut());
+            let pull = Pull { cut, held, size_max, join: self.ledger.identity.join() };
+            effects.push(Effect::Send(peer, Message::Pull(pull)));
+        }
+    }
+
+    /// Returns how many pulls may wait for an answer at a time.
+    fn pulls_max(&self) -> usize {
+        match (self.downloads.is_on(), self.is_member()) {
+            (true, _) => 0,
+            (false, false) => 1,
+            (false, true) => PULLS_MAX,
+        }
+    }
+
+    /// Takes a message.
+    fn receive(&mut self, now: Time, (from, message): (Origin, Message), effects: &mut Vec<Effect>) {
+        let stranger = self.is_member() && !self.members().is_active(from);
+        if stranger && self.members().retired(from).is_some() && !Mutant::RetiredServed.is_planted() {
+            return self.answer_retired(now, (from, &message), effects);
+        }
+        match message {
+            Message::Hello(hello) => self.act(now, (from, hello::react(&self.ledger, from, &hello)), effects),
+            Message::Pull(pull) => self.act(now, (from, serve::pull(&self.ledger, from, &pull)), effects),
+            Message::Chunk(chunk) => self.receive_chunk(now, (from, chunk), effects),
+            Message::Snap(name) => {
+                let bytes = self.offer.chunk(name);
+                effects.push(Effect::Send(from, Message::SnapChunk { name, bytes }));
+            }
+            Message::SnapChunk { name, bytes } => {
+                self.downloads.receive(now, (from, name, bytes), effects);
+                self.install(now, effects);
+            }
+            Message::Push(frames) if self.is_member() && !stranger => {
+                if self.ledger.receive(now, (from, frames), effects) {
+                    self.peers.pushed_early(now, from);
+                }
+            }
+            Message::News(news) if self.is_member() && !stranger => {
+                if self.ledger.receive_news(now, (from, &news), effects) {
+                    self.peers.pushed_early(now, from);
+                }
+            }
+            Message::Ack(cut) if self.members().is_active(from) => {
+                self.ledger.acks.note(from, &cut);
+            }
+            Message::Push(_) | Message::News(_) | Message::Ack(_) => {}
+        }
+        self.go_on(now, effects);
+    }
+
+    fn answer_retired(&mut self, now: Time, (from, message): (Origin, &Message), effects: &mut Vec<Effect>) {
+        if let (Message::Hello(_) | Message::Pull(_), Some(stamp)) = (message, self.members().retired(from)) {
+            effects.push(Effect::Send(from, Message::Chunk(Chunk::Retired(stamp))));
+        }
+        if let Message::Chunk(Chunk::Retired(stamp)) = message {
+            self.receive_chunk(now, (from, Chunk::Retired(*stamp)), effects);
+        }
+    }
+
+    /// Does what the rules say about a message of a peer.
+    fn act(&mut self, now: Time, (from, actions): (Origin, Vec<Action>), effects: &mut Vec<Effect>) {
+        for action in actions {
+            match action {
+                Action::Emit(effect) => effects.push(effect),
+                Action::Ahead => self.peers.ahead(from, now),
+                Action::Reads(format) => self.peers.reads(from, format),
+                Action::Has(cut) => self.ledger.acks.note(from, &cut),
+                Action::Told => self.ledger.identity.told(self.log().cut().get(self.origin())),
+                Action::KnowForked(origin) => self.ledger.identity.knows_forked(origin),
+                Action::Rejoin { twice } => self.rejoin(now, twice, effects),
+                Action::Commit(change) => self.ledger.commit_system(now, change, effects),
+                Action::Offer => {
+                    let manifest = self.offer.take(self.ledger.contents());
+                    effects.push(Effect::Send(from, Message::Chunk(Chunk::Snapshot(manifest))));
+                }
+            }
+        }
+    }
+
+    fn receive_chunk(&mut self, now: Time, (from, chunk): (Origin, Chunk), effects: &mut Vec<Effect>) {
+        let full = matches!(chunk, Chunk::Frames { more: true, .. });
+        let asked = self.peers.answered(now, from, full);
+        let known = asked || self.members().is_active(from);
+        let mut rules = Vec::new();
+        match chunk {
+            Chunk::Frames { cut, frames, more } if self.is_member() && known => {
+                let missing = self.ledger.receive(now, (from, frames), effects);
+                self.peers.served(from);
+                if self.members().is_active(from) {
+                    self.ledger.acks.note(from, &cut);
+                }
+                if (more || !self.ledger.have().dominates(&cut)) && !missing {
+                    self.peers.ahead(from, now);
+                }
+            }
+            Chunk::Snapshot(manifest) if known || self.ledger.identity.asked() == Some(from) => {
+                if !(self.is_member() && self.log().cut().dominates(&manifest.cut())) {
+                    self.downloads.begin(now, (from, manifest), effects);
+                    self.install(now, effects);
+                }
+            }
+            Chunk::Frames { .. } | Chunk::Snapshot(_) => {}
+            Chunk::Retired(_) if asked && self.ledger.identity.joining().is_some() => {
+                if self.ledger.identity.wants_another(from, &mut self.random) {
+                    self.peers.ahead(from, now);
+                }
+            }
+            Chunk::Retired(stamp) => rules.extend(branch::retired(&self.ledger, from, stamp)),
+            Chunk::Fork { seq, link } => rules.extend(branch::fork(&self.ledger, (seq, link))),
+            Chunk::Known(known) if self.is_member() && self.members().is_active(from) => {
+                rules.extend(branch::known(&self.ledger, from, &known));
+            }
+            Chunk::Known(_) => {}
+            Chunk::Behind(cut) => rules.push(branch::behind(&self.ledger, &cut)),
+        }
+        self.act(now, (from, rules), effects);
+    }
+
+    /// Gives up the origin. It may be known to have used numbers `twice`.
+    fn rejoin(&mut self, now: Time, twice: bool, effects: &mut Vec<Effect>) {
+        self.ledger.begin_anew(twice, &mut self.random, effects);
+        self.peers.reset(now);
+        self.downloads.cancel();
+    }
+
+    /// Takes over a state as soon as it is whole.
+    fn install(&mut self, now: Time, effects: &mut Vec<Effect>) {
+        let Some(whole) = self.downloads.whole(effects) else { return };
+        match self.ledger.identity.joining() {
+            Some(joining) if !Members::of(&whole.state).is_active(joining) => return,
+            None if !self.is_of_use(now, &whole, effects) => return,
+            _ => {}
+        }
+        let names = self.ledger.install(now, whole, effects);
+        self.tickets.rename(&names);
+        self.peers.reset(now);
+    }
+
+    /// Returns whether a member can go on from a state. If not, it may have to begin anew.
+    fn is_of_use(&mut self, now: Time, whole: &Downloaded, effects: &mut Vec<Effect>) -> bool {
+        let from = whole.from;
+        if !whole.manifest.cut().dominates(&self.log().low()) {
+            // What would have to be applied to it again is not all here any more.
+            let dropped = self.peers.dropped(from);
+            if dropped >= DROPPED_MAX && from < self.origin() && !Mutant::StandOff.is_planted() {
+                self.rejoin(now, false, effects);
+            }
+            return false;
+        }
+        let actions = branch::hidden(&self.ledger, from, &whole.manifest);
+        let useful = actions.is_empty();
+        self.act(now, (from, actions), effects);
+        useful
+    }
+
+    /// Commits what callers want.
+    fn commit_all(&mut self, now: Time, requests: Vec<Request>, effects: &mut Vec<Effect>) {
+        let (before, mut frames) = (self.ledger.own_head(), Vec::new());
+        for Request { ticket, draft, level, until } in requests {
+            if draft.is_local() {
+                let answer = self.ledger.commit_local(now, (&draft, &level));
+                effects.push(Effect::Answer(ticket, answer.map_or_else(Answer::Refused, Answer::Committed)));
+                continue;
+            }
+            let wants_ack = level != Level::Local;
+            let (dot, frame) = match self.ledger.commit_draft(now, draft, wants_ack) {
+                Ok(committed) => committed,
+                Err(error) => {
+                    effects.push(Effect::Answer(ticket, Answer::Refused(error)));
+                    continue;
+                }
+            };
+            effects.push(Effect::Visible(dot, frame.clone()));
+            effects.push(Effect::Answer(ticket, Answer::Committed(dot)));
+            frames.push(frame);
+            if !wants_ack {
+                continue;
+            }
+            if self.has_reached(dot, &level) {
+                effects.push(Effect::Answer(ticket, Answer::Reached(dot)));
+            } else if !self.tickets.wait(now, ticket, (dot, level, until)) {
+                effects.push(Effect::Answer(ticket, Answer::Pending(dot)));
+            }
+        }
+        self.ledger.push((before, frames), effects);
+    }
+
+    /// Makes this the first member of a team, if it may be.
+    fn found(&mut self, now: Time, effects: &mut Vec<Effect>) {
+        if let Some(change) = serve::founding(&self.ledger) {
+            self.ledger.commit_system(now, change, effects);
+            self.ledger.identity.founds();
+        }
+    }
+
+    /// Retires an origin.
+    fn retire(&mut self, now: Time, origin: Origin, effects: &mut Vec<Effect>) {
+        if self.is_member() && self.members().is_active(origin) && self.ledger.may_retire(origin) {
+            let writes = member::retirement(origin).into_iter().collect();
+            self.ledger.commit_system(now, Change::system("retire", writes), effects);
+        }
+    }
+
+    /// Begins a new epoch: whoever sees a transaction of it goes on in it, and after a restart too.
+    fn heal_clock(&mut self, now: Time, effects: &mut Vec<Effect>) {
+        if self.ledger.pipeline.heal() {
+            self.ledger.commit_system(now, Change::system("heal the clocks", Vec::new()), effects);
         } else {
-            effects.push(persist);
-            effects.extend(after);
+            effects.push(Effect::Alarm(Alarm::Malformed(self.origin())));
         }
     }
-
-    /// Applies a transaction that may be next; the one place where log and state change.
-    fn apply(&mut self, now: Time, frame: Frame, effects: &mut Vec<Effect>) -> Result<Verdict, FrameError> {
-        let txn = frame.open()?;
-        let verdict = self.log.judge(&txn, &frame);
-        if verdict != Verdict::Next {
-            return Ok(verdict);
-        }
-        if txn.writes.iter().filter_map(|write| member::retired_by(&write.key)).any(|origin| self.held.has(origin)) {
-            return Ok(Verdict::Early);
-        }
-        if txn.stamp.origin != self.identity.origin {
-            if let Some(ahead_by) = Clock::suspects(txn.stamp, self.wall) {
-                effects.push(Effect::Alarm(Alarm::ClockSuspect { origin: txn.stamp.origin, ahead_by }));
-            }
-            if !self.config.mutant.is(Mutant::StampsUnseen) {
-                let epoch = if self.config.mutant.is(Mutant::EpochUnseen) { 0 } else { txn.stamp.epoch };
-                self.clock.observe(now, Stamp { epoch, ..txn.stamp }, txn.wall);
-            }
-        }
-        let own = txn.context.get(self.identity.origin);
-        if own > self.proven && frame.seen().is_some_and(|said| self.log.seen(&txn.context) == Some(said)) {
-            self.proven = own;
-        }
-        self.enter(&txn, &frame);
-        if self.config.mutant.is(Mutant::ShownTwice) {
-            effects.push(Effect::Visible(txn.dot(), frame.clone()));
-        }
-        effects.push(Effect::Visible(txn.dot(), frame));
-        Ok(verdict)
-    }
-
-    /// Enters a transaction into state, log and batch.
-    fn enter(&mut self, txn: &Txn, frame: &Frame) {
-        let (dot, context) = (txn.dot(), self.log.context(txn));
-        let only = txn.rebase.as_ref().map(|rebase| rebase.takes.as_slice());
-        // What is brought in stands beside what is brought in with it.
-        let seen = if only.is_some() { context.without(dot.origin) } else { context };
-        self.state.apply(dot, txn.written(), Seen { context: &seen, only }, &txn.writes);
-        let index = self.log.append(txn, frame.clone());
-        self.batch.frame(dot, index, frame);
-        if let Some(head) = self.log.head(dot.origin).filter(|_| !self.config.mutant.is(Mutant::HeadNotStored)) {
-            self.batch.head(dot.origin, head);
-        }
-        for write in txn.writes.iter().filter(|_| !self.config.mutant.is(Mutant::VersionsNotStored)) {
-            self.batch.versions((SHARED, &write.key), self.state.versions(&write.key));
-        }
-        if txn.writes.iter().any(|write| is_system(&write.key)) {
-            (self.members, self.owners) = (Members::of(&self.state), Owners::of(&self.state));
-        }
-    }
-
-    /// Drops what nobody needs any more.
-    fn collect(&mut self) {
-        self.acks.settle(self.log.cut(), self.config.mutant);
-        if !self.is_member() {
-            return;
-        }
-        let stable = self.stable().cut;
-        if stable != self.collected {
-            for key in self.state.drop_deleted(&stable) {
-                self.batch.versions((SHARED, &key), &[]);
-            }
-            self.collected = stable;
-        }
-        let mut stable = self.collected.clone();
-        // By the own numbers others may mean what they know from before a set-back; that shows as long as the frames are here.
-        let (me, proven) = (self.identity.origin, self.proven.max(self.identity.told));
-        if stable.get(me) > proven && self.members.active().nth(1).is_some() {
-            stable = stable.without(me);
-            stable.include(Dot { origin: me, seq: proven });
-        }
-        let own = self.config.mutant.is(Mutant::LogCutAtOwn).then(|| self.log.cut().clone());
-        for dot in self.log.truncate(own.as_ref().unwrap_or(&stable), self.config.log_size) {
-            self.batch.no_frame(dot);
-        }
-    }
-}
-
-fn is_system(key: &Key) -> bool {
-    key.as_str().starts_with("sys/")
 }
 
 #[cfg(test)]

@@ -7,7 +7,6 @@
 use crate::logic::cut::{Cut, Origin};
 use crate::logic::key::Key;
 use crate::logic::log::Head;
-use crate::logic::mutant::Mutant;
 use crate::logic::state::{State, Version};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -66,8 +65,8 @@ impl Manifest {
     ///
     /// # Errors
     /// If they are not this snapshot.
-    pub fn assemble(&self, chunks: &BTreeMap<Name, Vec<u8>>, mutant: Mutant) -> Result<State, SnapshotError> {
-        let mut state = State::default().with(mutant);
+    pub fn assemble(&self, chunks: &BTreeMap<Name, Vec<u8>>) -> Result<State, SnapshotError> {
+        let mut state = State::default();
         for name in &self.chunks {
             let bytes = chunks.get(name).ok_or(SnapshotError::Missing)?;
             let Ok(entries) = postcard::from_bytes::<Vec<(Key, Vec<Version>)>>(bytes) else {

@@ -54,10 +54,10 @@ pub struct Seen<'a> {
 }
 
 impl Seen<'_> {
-    fn takes_away(&self, version: &Version, mutant: Mutant) -> bool {
-        let deletion = version.value.is_none() && !mutant.is(Mutant::FloorForgotten);
+    fn takes_away(&self, version: &Version) -> bool {
+        let deletion = version.value.is_none() && !Mutant::FloorForgotten.is_planted();
         let named =
-            |only: &[Dot]| deletion || only.binary_search(&version.dot).is_ok() && !mutant.is(Mutant::TakesForgotten);
+            |only: &[Dot]| deletion || only.binary_search(&version.dot).is_ok() && !Mutant::TakesForgotten.is_planted();
         self.context.contains(version.dot) && self.only.is_none_or(named)
     }
 }
@@ -67,7 +67,6 @@ impl Seen<'_> {
 pub struct State {
     entries: OrdMap<Key, Arc<[Version]>>,
     digest: u128,
-    mutant: Mutant,
 }
 
 impl PartialEq for State {
@@ -80,27 +79,22 @@ impl PartialEq for State {
 }
 
 impl State {
-    /// Returns the same state with a planted bug.
-    pub(crate) fn with(self, mutant: Mutant) -> Self {
-        Self { mutant, ..self }
-    }
-
     /// Applies one transaction. What it has seen must be applied already, and itself not yet.
     pub fn apply(&mut self, dot: Dot, stamp: Stamp, seen: Seen<'_>, writes: &[Write]) {
-        let writes = if self.mutant.is(Mutant::HalfApplied) { &writes[writes.len() / 2..] } else { writes };
+        let writes = if Mutant::HalfApplied.is_planted() { &writes[writes.len() / 2..] } else { writes };
         for Write { key, value } in writes {
             let mut versions = self.take(key);
-            if !self.mutant.is(Mutant::ContextIgnored) {
-                versions.retain(|version| !seen.takes_away(version, self.mutant));
+            if !Mutant::ContextIgnored.is_planted() {
+                versions.retain(|version| !seen.takes_away(version));
             }
-            if self.mutant.is(Mutant::SiblingsDropped) {
+            if Mutant::SiblingsDropped.is_planted() {
                 versions.clear();
             }
             versions.push(Version { dot, stamp, value: value.clone() });
-            if !self.mutant.is(Mutant::LastArrivalWins) {
+            if !Mutant::LastArrivalWins.is_planted() {
                 versions.sort_by_key(|version| (version.stamp, version.dot));
             }
-            if self.mutant.is(Mutant::TombstoneAtOnce) {
+            if Mutant::TombstoneAtOnce.is_planted() {
                 versions.retain(|version| version.value.is_some());
             }
             self.put(key.clone(), versions);
@@ -130,7 +124,7 @@ impl State {
     /// Returns whether there are writes to the key that did not see each other.
     pub fn is_conflict(&self, key: &Key) -> bool {
         let versions = self.versions(key);
-        differ(versions) && !(self.mutant.is(Mutant::PairsNoConflict) && versions.len() == 2)
+        differ(versions) && !(Mutant::PairsNoConflict.is_planted() && versions.len() == 2)
     }
 
     /// Returns the keys below `prefix`, deleted ones included, with their versions.
@@ -176,7 +170,7 @@ impl State {
     pub(crate) fn drop_deleted(&mut self, stable: &Cut) -> Vec<Key> {
         let gone = |versions: &[Version]| {
             is_deleted(versions)
-                && !self.mutant.is(Mutant::DeletionsForEver)
+                && !Mutant::DeletionsForEver.is_planted()
                 && versions.iter().all(|v| stable.contains(v.dot))
         };
         let keys: Vec<Key> = self.entries.iter().filter(|(_, v)| gone(v)).map(|(key, _)| key.clone()).collect();

@@ -27,7 +27,7 @@ use crate::world::{Faults, World};
 
 /// Returns a calm team of this many robots, all of them members.
 fn team(count: usize) -> World {
-    let mut world = World::new(1, Faults::default(), Default::default());
+    let mut world = World::new(1, Faults::default());
     world.gather(count);
     world
 }

@@ -221,7 +221,7 @@ impl World {
         for (robot, found) in [(node, other), (other, node)] {
             self.crash(robot);
             let name = self.nodes[robot].name.clone();
-            let config = Config { robot: name.clone(), seed, log_size: 0, mutant: self.mutant };
+            let config = Config { robot: name.clone(), seed, log_size: 0 };
             let same = self.nodes[found].name == name;
             let records = self.nodes[found].disk.records();
             if !records.is_empty() && !same && Replica::open(config, records).is_ok() {
@@ -278,7 +278,7 @@ impl World {
         if records.is_empty() {
             return None;
         }
-        let config = Config { robot: self.nodes[node].name.clone(), seed: 1, log_size: 0, mutant: self.mutant };
+        let config = Config { robot: self.nodes[node].name.clone(), seed: 1, log_size: 0 };
         Replica::open(config, records).ok()
     }
 

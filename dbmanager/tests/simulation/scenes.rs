@@ -1,13 +1,12 @@
 //! Scenes: named cases that are tried with planted bugs too, since seeds hardly ever come to what these bugs break.
 
 use crate::world::{Faults, World};
-use dbmanager::logic::mutant::Mutant;
 use dbmanager::logic::replica::Alarm;
 
 /// How a scene ends.
 type Ending = Result<(), String>;
 /// A scene and its name.
-type Scene = (&'static str, fn(Mutant) -> Ending);
+type Scene = (&'static str, fn() -> Ending);
 
 /// All of them, by name.
 #[cfg_attr(test, expect(dead_code, reason = "the named cases call each by itself"))]
@@ -19,8 +18,8 @@ pub(crate) const ALL: [Scene; 5] = [
     ("two_writes_under_one_name_are_both_kept", two_writes),
 ];
 
-fn team(count: usize, mutant: Mutant) -> World {
-    let mut world = World::new(1, Faults::default(), mutant);
+fn team(count: usize) -> World {
+    let mut world = World::new(1, Faults::default());
     world.gather(count);
     world
 }
@@ -30,8 +29,8 @@ fn must(holds: bool, what: &str) -> Ending {
 }
 
 /// Two members have each got a state with transactions that the other lacks, and those who have the frames are gone.
-pub(crate) fn states_only(mutant: Mutant) -> Ending {
-    let mut world = team(4, mutant);
+pub(crate) fn states_only() -> Ending {
+    let mut world = team(4);
     world.isolate(0);
     world.isolate(1);
     world.cut(2, 3);
@@ -58,8 +57,8 @@ pub(crate) fn states_only(mutant: Mutant) -> Ending {
 }
 
 /// Who was retired has written beside a deletion, and the one that it meets has the deletion, but not the retirement.
-pub(crate) fn last_words(mutant: Mutant) -> Ending {
-    let mut world = team(3, mutant);
+pub(crate) fn last_words() -> Ending {
+    let mut world = team(3);
     world.put(0, "team/a", 1);
     world.settle()?;
     world.isolate(2);
@@ -80,8 +79,8 @@ pub(crate) fn last_words(mutant: Mutant) -> Ending {
 }
 
 /// A store is set back, nothing of its own is lost, but a deletion that it had said to have.
-pub(crate) fn set_back(mutant: Mutant) -> Ending {
-    let mut world = team(3, mutant);
+pub(crate) fn set_back() -> Ending {
+    let mut world = team(3);
     world.expect_forks();
     world.put(0, "team/a", 1);
     world.settle()?;
@@ -102,8 +101,8 @@ pub(crate) fn set_back(mutant: Mutant) -> Ending {
 }
 
 /// A store is set back, and its robot uses a number twice before it hears from anybody.
-pub(crate) fn fork(mutant: Mutant) -> Ending {
-    let mut world = team(2, mutant);
+pub(crate) fn fork() -> Ending {
+    let mut world = team(2);
     world.expect_forks();
     let (backup, origin) = (world.backup(1), world.replica(1).origin());
     world.put(1, "team/a", 1);
@@ -122,8 +121,8 @@ pub(crate) fn fork(mutant: Mutant) -> Ending {
 
 /// A store is set back, and its robot writes as much as before, and more, before it hears from anybody. Who had seen the first
 /// writes has written on them: nothing of the second ones is overwritten by that.
-pub(crate) fn two_writes(mutant: Mutant) -> Ending {
-    let mut world = team(3, mutant);
+pub(crate) fn two_writes() -> Ending {
+    let mut world = team(3);
     world.expect_forks();
     let backup = world.backup(1);
     world.put(1, "team/x", 1);

@@ -22,7 +22,6 @@ use clients::Clients;
 use comms::logic::time::Time;
 use dbmanager::logic::clock::{Quality, Wall};
 use dbmanager::logic::cut::{Cut, Dot, Origin};
-use dbmanager::logic::mutant::Mutant;
 use dbmanager::logic::random::Random;
 use dbmanager::logic::record::{Batch, Records};
 use dbmanager::logic::replica::{Alarm, Answer, Config, Effect, Input, Level, Replica};
@@ -76,7 +75,6 @@ pub(crate) struct World {
     random: Random,
     now: Time,
     faults: Faults,
-    mutant: Mutant,
     nodes: Vec<Node>,
     pub(crate) network: Network,
     clients: Clients,
@@ -95,13 +93,13 @@ pub(crate) struct World {
 }
 
 /// Runs one seed; returns how many transactions there were.
-pub(crate) fn run(seed: u64, mutant: Mutant) -> Result<usize, String> {
+pub(crate) fn run(seed: u64) -> Result<usize, String> {
     let faults = Faults::swarm(&mut Random::new(seed));
-    run_with(seed, faults, mutant).map_err(|broken| format!("{broken}\nwith {faults:?}"))
+    run_with(seed, faults).map_err(|broken| format!("{broken}\nwith {faults:?}"))
 }
 
-fn run_with(seed: u64, faults: Faults, mutant: Mutant) -> Result<usize, String> {
-    let mut world = World::new(seed, faults, mutant);
+fn run_with(seed: u64, faults: Faults) -> Result<usize, String> {
+    let mut world = World::new(seed, faults);
     let size = 2 + usize::try_from(seed % 4).expect("it is small");
     world.gather(size);
     world.curse(size);
@@ -120,14 +118,13 @@ fn run_with(seed: u64, faults: Faults, mutant: Mutant) -> Result<usize, String> 
 
 impl World {
     /// Returns a world without robots.
-    pub(crate) fn new(seed: u64, faults: Faults, mutant: Mutant) -> Self {
+    pub(crate) fn new(seed: u64, faults: Faults) -> Self {
         let mut network = Network::new(seed ^ 0x2e7);
         (network.drop, network.duplicate) = (faults.drop, faults.duplicate);
         Self {
             random: Random::new(seed ^ 0xdca),
             now: Time::ZERO,
             faults,
-            mutant,
             nodes: Vec::new(),
             network,
             clients: Clients::default(),
@@ -211,7 +208,7 @@ impl World {
         let seed = self.random.next();
         let Node { name, disk, log_size, copied, .. } = &mut self.nodes[node];
         let open = if *copied { Replica::open_copied } else { Replica::open };
-        let config = Config { robot: name.clone(), seed, log_size: *log_size, mutant: self.mutant };
+        let config = Config { robot: name.clone(), seed, log_size: *log_size };
         match open(config, disk.records()) {
             Ok(replica) => self.nodes[node].replica = Some(replica),
             Err(_) if disk.doubtful => {

@@ -5,7 +5,6 @@ use comms::logic::time::Time;
 use dbmanager::logic::clock::{Quality, Wall};
 use dbmanager::logic::cut::{Dot, Origin};
 use dbmanager::logic::key::Key;
-use dbmanager::logic::mutant::Mutant;
 use dbmanager::logic::record::Records;
 use dbmanager::logic::replica::{Config, Replica};
 use dbmanager::logic::txn::Write;
@@ -45,7 +44,7 @@ pub(super) struct World {
 }
 
 pub(super) fn open(name: &str, disk: &Records, seed: u64) -> Replica {
-    let config = Config { robot: name.to_owned(), seed, log_size: 1 << 20, mutant: Mutant::None };
+    let config = Config { robot: name.to_owned(), seed, log_size: 1 << 20 };
     Replica::open(config, disk).expect("a disk that was written by a replica")
 }
 

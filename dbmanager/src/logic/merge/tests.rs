@@ -69,7 +69,7 @@ impl Node {
 
     /// Comes back as `origin`, with the state of `sponsor`; returns what it is then.
     fn come_back(&self, sponsor: &Self, origin: Origin, mut hlc: u64) -> Self {
-        let mut back = Self { log: Log::new(sponsor.log.heads().clone(), Default::default()), ..sponsor.clone() };
+        let mut back = Self { log: Log::new(sponsor.log.heads().clone()), ..sponsor.clone() };
         let (old_members, members) = (Members::of(&self.state), Members::of(&sponsor.state));
         let old = Side { state: &self.state, log: &self.log, members: &old_members };
         let new = Side { state: &sponsor.state, log: &sponsor.log, members: &members };

@@ -1,35 +1,30 @@
-//! Writing: conditions, a place in history, and how far it has got.
+//! The commit pipeline: from what a caller wants to a transaction with its place in history.
+//!
+//! [`CommitPipeline::plan`] checks a draft against what is here, [`CommitPipeline::seal`] gives it a stamp, a number and a context;
+//! the replica then enters it. What never leaves the robot is written here at once.
+//!
+//! *Urgent and bulk.* There are no classes of transactions. One is shown after all that its writer had seen, and that is as a
+//! rule all that its robot had; so there is hardly anything that an urgent one could overtake without breaking that promise
+//! or making two histories. Instead transactions are short (256 KiB, a chunk of a slow link at most four of them), and what is
+//! large goes beside them: a value names it by its hash. A robot that needs bulk with a history of its own runs a second
+//! replica as a team of its own, whose messages the driver sends with less priority.
+//!
+//! *State.* The hybrid clock, what the wall clock said last, and what is at `local/…`.
 
-use super::{Alarm, Answer, Effect, Level, Replica, Request};
-use crate::logic::clock::Stamp;
+use super::contents::Contents;
+use super::interface::Level;
+use crate::logic::clock::{Clock, Stamp, Wall};
 use crate::logic::cut::{Cut, Dot, Origin};
 use crate::logic::key::{Key, Namespace};
-use crate::logic::log::Head;
-use crate::logic::member;
-use crate::logic::message::{Message, PUSH_SIZE_MAX};
+use crate::logic::log::Log;
 use crate::logic::mutant::Mutant;
-use crate::logic::news::News;
 use crate::logic::owner::{self, Owner};
-use crate::logic::record::LOCAL;
-use crate::logic::state::Seen;
+use crate::logic::record::{Batch, LOCAL};
+use crate::logic::state::{Seen, State};
 use crate::logic::txn::{Condition, Draft, Frame, Grant, Rebase, Require, Txn, TxnError, Write};
 use comms::logic::time::Time;
-use std::collections::{BTreeMap, BTreeSet};
-
-/// The most tickets that wait; whoever comes later hears at once that it is pending.
-const WAITING_MAX: usize = 1024;
-/// How often the name of a transaction may have changed.
-const LIVES_MAX: u32 = 32;
-
-/// Who waits for a transaction to get further.
-#[derive(Debug, Default)]
-pub(super) struct Waiting(BTreeMap<u64, (Dot, Level, Time)>);
-
-impl Waiting {
-    pub(super) fn deadline(&self) -> Option<Time> {
-        self.0.values().map(|(_, _, until)| *until).min()
-    }
-}
+use std::collections::BTreeMap;
+use std::time::Duration;
 
 /// What a transaction does, without its place in history.
 #[derive(Debug, Default)]
@@ -41,182 +36,84 @@ pub(super) struct Change {
     pub(super) rebase: Option<Rebase>,
 }
 
-impl Replica {
-    /// Returns whether a transaction has got this far, as far as is known here. A ticket that is pending can be asked
-    /// for in this way after a restart too.
-    pub fn has_reached(&self, dot: Dot, level: &Level) -> bool {
-        let (me, dot) = (self.identity.origin, self.name_of(dot));
-        let here = self.log.cut().contains(dot);
-        let has = |origin: Origin| origin == me || self.acks.said(origin).is_some_and(|cut| cut.contains(dot));
-        let others = || self.members.active().filter(|(origin, _)| *origin != me);
-        let robots = || others().filter(|(origin, _)| has(*origin)).map(|(_, robot)| robot).collect::<BTreeSet<_>>();
-        here && match level {
-            Level::Local => true,
-            Level::Replicated(count) => {
-                let own = usize::from(self.config.mutant.is(Mutant::SelfCounted));
-                robots().iter().filter(|robot| **robot != self.identity.robot).count() + own >= *count
-            }
-            Level::On(names) => {
-                let reached = robots();
-                names.iter().all(|name| *name == self.identity.robot || reached.contains(name.as_str()))
-            }
-            Level::Everywhere => self.is_member() && others().all(|(origin, _)| has(origin)),
-        }
+impl Change {
+    /// Returns what the database itself writes.
+    pub(super) fn system(reason: &str, writes: Vec<Write>) -> Self {
+        Self { reason: reason.into(), writes, ..Self::default() }
+    }
+}
+
+/// What turns drafts into transactions.
+#[derive(Debug)]
+pub(super) struct CommitPipeline {
+    clock: Clock,
+    wall: Wall,
+    local: State,
+}
+
+impl CommitPipeline {
+    /// Goes on after the largest stamp that is here, in the log and in what never leaves the robot.
+    pub(super) fn new(origin: Origin, last: Stamp, local: State) -> Self {
+        let stamps = local.scan("").flat_map(|(_, versions)| versions).map(|version| version.stamp);
+        let last = stamps.chain([last]).max().unwrap_or_default();
+        let last = if Mutant::ClockForgotten.is_planted() { Stamp::default() } else { last };
+        Self { clock: Clock::new(origin, last), wall: Wall::default(), local }
     }
 
-    /// Returns under which name a transaction has to be asked for. If its origin was given up, that is the transaction with
-    /// which everything that is left of it has arrived.
-    pub fn name_of(&self, mut dot: Dot) -> Dot {
-        for _ in 0..LIVES_MAX {
-            let brought = self.members.brought(dot.origin).filter(|brought| dot.seq <= brought.last.seq);
-            let Some(brought) = brought.filter(|_| !self.log.cut().contains(dot)) else { break };
-            dot = brought.by;
-        }
-        dot
+    pub(super) fn local(&self) -> &State {
+        &self.local
     }
 
-    /// Commits what callers want.
-    pub(super) fn commit_all(&mut self, now: Time, requests: Vec<Request>, effects: &mut Vec<Effect>) {
-        let (before, mut frames) = (self.own_head(), Vec::new());
-        for Request { ticket, draft, level, until } in requests {
-            if draft.is_local() {
-                let answer = self.commit_local(now, (&draft, &level)).map_or_else(Answer::Refused, Answer::Committed);
-                effects.push(Effect::Answer(ticket, answer));
-                continue;
-            }
-            let wants_ack = level != Level::Local;
-            let frame = self.plan(draft).and_then(|change| self.commit(now, Change { wants_ack, ..change }));
-            let (dot, frame) = match frame {
-                Ok(committed) => committed,
-                Err(error) => {
-                    effects.push(Effect::Answer(ticket, Answer::Refused(error)));
-                    continue;
-                }
-            };
-            effects.push(Effect::Visible(dot, frame.clone()));
-            effects.push(Effect::Answer(ticket, Answer::Committed(dot)));
-            frames.push(frame);
-            if !wants_ack {
-                continue;
-            }
-            if self.has_reached(dot, &level) {
-                effects.push(Effect::Answer(ticket, Answer::Reached(dot)));
-            } else if self.waiting.0.len() >= WAITING_MAX || until <= now {
-                effects.push(Effect::Answer(ticket, Answer::Pending(dot)));
-            } else {
-                self.waiting.0.insert(ticket, (dot, level, until));
-            }
-        }
-        self.push(now, (before, frames), effects);
+    pub(super) fn wall(&self) -> Wall {
+        self.wall
     }
 
-    /// Writes what never leaves the robot. Its dot has no origin.
-    fn commit_local(&mut self, now: Time, (draft, level): (&Draft, &Level)) -> Result<Dot, TxnError> {
+    /// Takes note of what the wall clock says.
+    pub(super) fn set_wall(&mut self, wall: Wall) {
+        self.wall = wall;
+    }
+
+    /// Takes note of a transaction of another; returns by how much it is dated ahead of a trusted clock, if that is suspicious.
+    pub(super) fn observe(&mut self, now: Time, txn: &Txn) -> Option<Duration> {
+        let ahead_by = Clock::suspects(txn.stamp, self.wall);
+        if !Mutant::StampsUnseen.is_planted() {
+            let epoch = if Mutant::EpochUnseen.is_planted() { 0 } else { txn.stamp.epoch };
+            self.clock.observe(now, Stamp { epoch, ..txn.stamp }, txn.wall);
+        }
+        ahead_by
+    }
+
+    /// Goes on after the largest stamp of a state that was taken over.
+    pub(super) fn go_on_after(&mut self, now: Time, last: Stamp) {
+        self.clock.observe(now, last, Wall::default());
+    }
+
+    /// Writes under another origin.
+    pub(super) fn move_to(&mut self, origin: Origin) {
+        self.clock.move_to(origin);
+    }
+
+    /// Begins a new epoch; returns whether there was one left.
+    pub(super) fn heal(&mut self) -> bool {
+        self.clock.heal()
+    }
+
+    /// Returns what a draft of this `robot` comes to, if it may be committed.
+    pub(super) fn plan(&self, draft: Draft, robot: &str, contents: &Contents) -> Result<Change, TxnError> {
         draft.check()?;
-        if let Some((key, _)) = draft.writes().next().filter(|_| *level != Level::Local) {
-            return Err(TxnError::Stays { key: key.clone() });
-        }
-        draft.requires().iter().try_for_each(|require| self.check(require))?;
-        let stamp = self.clock.tick(now, self.wall).ok_or(TxnError::Clock)?;
-        let dot = Dot { origin: Origin::default(), seq: stamp.hlc };
-        let all: Cut = [(dot.origin, u64::MAX)].into_iter().collect();
-        for (key, value) in draft.writes() {
-            let write = Write { key: key.clone(), value: value.cloned() };
-            self.local.apply(dot, stamp, Seen { context: &all, only: None }, &[write]);
-            self.local.drop_deleted(&all);
-            self.batch.versions((LOCAL, key), self.local.versions(key));
-        }
-        Ok(dot)
-    }
-
-    /// Makes this the first member of a team, alone or with what is left of one that had no members but itself.
-    pub(super) fn found(&mut self, now: Time, effects: &mut Vec<Effect>) {
-        let given_up = |origin: &Origin| self.identity.past.iter().any(|past| past.origin == *origin);
-        let before: Vec<Origin> = self.members.active().map(|(origin, _)| origin).collect();
-        if self.identity.joining.is_none() || !before.iter().all(given_up) {
-            return;
-        }
-        let admission = member::admission(self.identity.origin, &self.identity.robot);
-        let retired = before.into_iter().filter_map(member::retirement);
-        let writes = admission.into_iter().chain(retired).collect();
-        let change = Change { reason: "found the team".into(), writes, ..Change::default() };
-        self.system(now, change, effects);
-        (self.identity.joining, self.identity.asked) = (None, None);
-        self.identity.past.clear();
-        self.batch.identity(&self.identity);
-    }
-
-    /// Retires an origin.
-    pub(super) fn retire(&mut self, now: Time, origin: Origin, effects: &mut Vec<Effect>) {
-        let may = self.is_member() && origin != self.identity.origin && !self.held.has(origin);
-        if !may || !self.members.is_active(origin) {
-            return;
-        }
-        let writes = member::retirement(origin).into_iter().collect();
-        self.system(now, Change { reason: "retire".into(), writes, ..Change::default() }, effects);
-    }
-
-    /// Begins a new epoch: whoever sees a transaction of it goes on in it, and after a restart too.
-    pub(super) fn heal_clock(&mut self, now: Time, effects: &mut Vec<Effect>) {
-        if self.clock.heal() {
-            self.system(now, Change { reason: "heal the clocks".into(), ..Change::default() }, effects);
-        } else {
-            effects.push(Effect::Alarm(Alarm::Malformed(self.identity.origin)));
-        }
-    }
-
-    /// Commits what the database itself writes.
-    pub(super) fn system(&mut self, now: Time, change: Change, effects: &mut Vec<Effect>) {
-        let before = self.own_head();
-        match self.commit(now, change) {
-            Ok((dot, frame)) => {
-                effects.push(Effect::Visible(dot, frame.clone()));
-                self.push(now, (before, vec![frame]), effects);
-            }
-            Err(_exhausted) => effects.push(Effect::Alarm(Alarm::Malformed(self.identity.origin))),
-        }
-    }
-
-    /// Tells callers what others have by now, and whose time is over.
-    pub(super) fn settle_tickets(&mut self, now: Time, effects: &mut Vec<Effect>) {
-        let mut waiting = std::mem::take(&mut self.waiting.0);
-        waiting.retain(|ticket, (dot, level, until)| {
-            let answer = if self.has_reached(*dot, level) {
-                Answer::Reached(*dot)
-            } else if *until <= now && !self.config.mutant.is(Mutant::TicketForgotten) {
-                Answer::Pending(*dot)
-            } else {
-                return true;
-            };
-            effects.push(Effect::Answer(*ticket, answer));
-            false
-        });
-        self.waiting.0 = waiting;
-    }
-
-    /// Gives waiting tickets the new names of their transactions.
-    pub(super) fn rename_tickets(&mut self, names: &BTreeMap<Dot, Dot>) {
-        for (dot, ..) in self.waiting.0.values_mut() {
-            *dot = names.get(dot).copied().unwrap_or(*dot);
-        }
-    }
-
-    /// Returns what a draft comes to, if it may be committed.
-    fn plan(&self, draft: Draft) -> Result<Change, TxnError> {
-        draft.check()?;
-        let conditions = draft.requires().iter().filter(|_| !self.config.mutant.is(Mutant::ConditionsIgnored));
-        conditions.into_iter().try_for_each(|require| self.check(require))?;
-        let fences = draft.writes().filter_map(|(key, _)| self.check_owner(key).transpose());
+        let conditions = draft.requires().iter().filter(|_| !Mutant::ConditionsIgnored.is_planted());
+        conditions.into_iter().try_for_each(|require| self.check(require, contents))?;
+        let fences = draft.writes().filter_map(|(key, _)| check_owner(key, robot, contents).transpose());
         let fences: BTreeMap<Key, Dot> = fences.collect::<Result<_, _>>()?;
         let mut granted = Vec::new();
         for (prefix, grant) in draft.grants() {
             let record = owner::record(prefix).map_err(|_long| TxnError::Reserved { key: prefix.clone() })?;
-            let robot = match grant {
-                Grant::Give(robot) => self.check_owner(prefix).map(|_fence| robot.as_deref())?,
-                Grant::TakeOver(robot) => Some(robot.as_str()),
+            let to = match grant {
+                Grant::Give(to) => check_owner(prefix, robot, contents).map(|_fence| to.as_deref())?,
+                Grant::TakeOver(to) => Some(to.as_str()),
             };
-            let term = self.owners.find(prefix).map_or(0, |(_, owner)| owner.term);
-            granted.push(Write { key: record, value: Some(owner::grant(term.saturating_add(1), robot)) });
+            let term = contents.owners().find(prefix).map_or(0, |(_, owner)| owner.term);
+            granted.push(Write { key: record, value: Some(owner::grant(term.saturating_add(1), to)) });
         }
         let (reason, mut requires, mut writes) = draft.into_parts();
         // What is nobody else's business is checked, and not told.
@@ -227,38 +124,18 @@ impl Replica {
         Ok(Change { reason, requires, writes, ..Change::default() })
     }
 
-    fn check(&self, require: &Require) -> Result<(), TxnError> {
-        let state = if require.key.namespace() == Namespace::Local { &self.local } else { &self.state };
-        state.check(require)
-    }
-
-    /// Returns the grant on which writing a key here relies, if any, with the key of its record.
-    fn check_owner(&self, key: &Key) -> Result<Option<(Key, Dot)>, TxnError> {
-        if matches!(key.namespace(), Namespace::System | Namespace::Local) {
-            return Err(TxnError::Reserved { key: key.clone() });
-        }
-        let Some((prefix, Owner { term, robot, grant })) = self.owners.find(key) else { return Ok(None) };
-        let other = robot.filter(|robot| *robot != self.identity.robot);
-        if let Some(owner) = other.filter(|_| !self.config.mutant.is(Mutant::OwnersIgnored)) {
-            return Err(TxnError::NotOwner { key: key.clone(), owner, term });
-        }
-        let record = Key::new(prefix).and_then(|prefix| owner::record(&prefix));
-        Ok(record.ok().zip(grant))
-    }
-
-    /// Gives a change its place in history, and applies it.
-    pub(super) fn commit(&mut self, now: Time, change: Change) -> Result<(Dot, Frame), TxnError> {
-        let origin = self.identity.origin;
+    /// Gives a change the next place in the history of `origin`, on what is in `log`.
+    pub(super) fn seal(&mut self, now: Time, change: Change, on: (Origin, &Log)) -> Result<(Txn, Frame), TxnError> {
+        let (origin, log) = on;
         let mut clock = self.clock.clone();
         let mut stamp = clock.tick(now, self.wall).ok_or(TxnError::Clock)?;
-        let head = self.own_head();
+        let head = log.head(origin).cloned().unwrap_or_default();
         let seq = head.seq.checked_add(1).ok_or(TxnError::Clock)?;
-        if self.config.mutant.is(Mutant::WallClock) {
+        if Mutant::WallClock.is_planted() {
             stamp = Stamp { epoch: 0, hlc: (self.wall.millis << 16).max(head.stamp.hlc + 1), origin };
         }
         // What one's own transactions have seen is in one's own number.
-        let mut context: Cut = self.log.cut().beyond(&head.context);
-        context = context.without(origin);
+        let context: Cut = log.cut().beyond(&head.context).without(origin);
         let txn = Txn {
             stamp,
             seq,
@@ -272,30 +149,119 @@ impl Replica {
             rebase: change.rebase,
         };
         // All of it is what others wrote last, so it is known.
-        let seen = self.log.seen(&txn.context).filter(|_| !txn.context.is_empty());
+        let seen = log.seen(&txn.context).filter(|_| !txn.context.is_empty());
         let frame = seen.map_or_else(|| Frame::seal(&txn), |seen| Frame::seal_on(&txn, seen))?;
         self.clock = clock;
-        self.enter(&txn, &frame);
-        Ok((txn.dot(), frame))
+        Ok((txn, frame))
     }
 
-    fn own_head(&self) -> Head {
-        self.log.head(self.identity.origin).cloned().unwrap_or_default()
+    /// Writes what never leaves the robot. Its dot has no origin.
+    pub(super) fn write_local(
+        &mut self,
+        now: Time,
+        (draft, level): (&Draft, &Level),
+        contents: &Contents,
+        batch: &mut Batch,
+    ) -> Result<Dot, TxnError> {
+        draft.check()?;
+        if let Some((key, _)) = draft.writes().next().filter(|_| *level != Level::Local) {
+            return Err(TxnError::Stays { key: key.clone() });
+        }
+        draft.requires().iter().try_for_each(|require| self.check(require, contents))?;
+        let stamp = self.clock.tick(now, self.wall).ok_or(TxnError::Clock)?;
+        let dot = Dot { origin: Origin::default(), seq: stamp.hlc };
+        let all: Cut = [(dot.origin, u64::MAX)].into_iter().collect();
+        for (key, value) in draft.writes() {
+            let write = Write { key: key.clone(), value: value.cloned() };
+            self.local.apply(dot, stamp, Seen { context: &all, only: None }, &[write]);
+            self.local.drop_deleted(&all);
+            batch.versions((LOCAL, key), self.local.versions(key));
+        }
+        Ok(dot)
     }
 
-    /// Tells others of new transactions and the head before them, unless they are long: those are pulled.
-    fn push(&mut self, now: Time, (before, frames): (Head, Vec<Frame>), effects: &mut Vec<Effect>) {
-        if frames.is_empty() || !self.is_member() {
-            return;
+    fn check(&self, require: &Require, contents: &Contents) -> Result<(), TxnError> {
+        let state = if require.key.namespace() == Namespace::Local { &self.local } else { contents.state() };
+        state.check(require)
+    }
+}
+
+/// Returns the grant on which writing a key at a robot relies, if any, with the key of its record.
+fn check_owner(key: &Key, robot: &str, contents: &Contents) -> Result<Option<(Key, Dot)>, TxnError> {
+    if matches!(key.namespace(), Namespace::System | Namespace::Local) {
+        return Err(TxnError::Reserved { key: key.clone() });
+    }
+    let Some((prefix, Owner { term, robot: owner, grant })) = contents.owners().find(key) else { return Ok(None) };
+    let other = owner.filter(|owner| owner != robot);
+    if let Some(owner) = other.filter(|_| !Mutant::OwnersIgnored.is_planted()) {
+        return Err(TxnError::NotOwner { key: key.clone(), owner, term });
+    }
+    let record = Key::new(prefix).and_then(|prefix| owner::record(&prefix));
+    Ok(record.ok().zip(grant))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::logic::clock::Quality;
+
+    const ME: Origin = Origin::new(1);
+    const WALL: Wall = Wall { millis: 1_790_000_000_000, quality: Quality::Network };
+
+    fn pipeline() -> (CommitPipeline, Contents) {
+        let mut pipeline = CommitPipeline::new(ME, Stamp::default(), State::default());
+        pipeline.set_wall(WALL);
+        (pipeline, Contents::new(Log::default(), State::default()))
+    }
+
+    fn key(text: &str) -> Key {
+        Key::new(text).unwrap()
+    }
+
+    #[test]
+    fn a_draft_becomes_the_next_transaction_of_its_origin() {
+        let (mut pipeline, mut contents) = pipeline();
+        let mut batch = Batch::default();
+        for seq in 1..=3 {
+            let change = pipeline.plan(Draft::new("r").put(key("team/a"), b"1"), "r", &contents).unwrap();
+            let (txn, frame) = pipeline.seal(Time::ZERO, change, (ME, contents.log())).unwrap();
+            assert_eq!((txn.dot(), txn.prev), (Dot { origin: ME, seq }, contents.log().tip(ME).1));
+            assert!(txn.stamp > contents.log().last_stamp() && txn.context.is_empty());
+            contents.enter(&txn, &frame, &mut batch);
         }
-        self.sync.changed(now);
-        let size: usize = frames.iter().map(Frame::size).sum();
-        if size <= PUSH_SIZE_MAX {
-            if self.config.mutant.is(Mutant::PushedIsHad) {
-                self.members.active().for_each(|(origin, _)| self.acks.note(origin, self.log.cut()));
-            }
-            let news = News::of(before, &frames);
-            effects.push(Effect::Broadcast(news.map_or(Message::Push(frames), Message::News)));
-        }
+        assert_eq!(contents.state().versions(&key("team/a")).len(), 1);
+    }
+
+    #[test]
+    fn what_does_not_hold_or_is_another_robots_is_refused_and_changes_nothing() {
+        let (pipeline, contents) = pipeline();
+        let plan = |draft| pipeline.plan(draft, "r", &contents).err();
+        let missing = Draft::new("").require(key("team/a"), Condition::Exists).put(key("team/b"), b"1");
+        assert!(matches!(plan(missing), Some(TxnError::Precondition { .. })));
+        assert!(matches!(plan(Draft::new("").put(key("robot/x/a"), b"1")), Some(TxnError::NotOwner { .. })));
+        assert!(matches!(plan(Draft::new("").put(key("sys/a"), b"1")), Some(TxnError::Reserved { .. })));
+        assert_eq!(plan(Draft::new("").put(key("robot/r/a"), b"1")), None);
+    }
+
+    #[test]
+    fn what_is_too_long_uses_up_no_stamp() {
+        let (mut pipeline, contents) = pipeline();
+        let before = pipeline.clock.clone().tick(Time::ZERO, WALL);
+        let change = Change { reason: "r".repeat(1 << 20), ..Change::default() };
+        assert!(pipeline.seal(Time::ZERO, change, (ME, contents.log())).is_err());
+        assert_eq!(pipeline.clock.clone().tick(Time::ZERO, WALL), before);
+    }
+
+    #[test]
+    fn what_is_local_waits_for_nobody_and_leaves_no_deletion() {
+        let (mut pipeline, contents) = pipeline();
+        let mut write = |draft: &Draft, level: &Level| {
+            let mut batch = Batch::default();
+            pipeline.write_local(Time::ZERO, (draft, level), &contents, &mut batch).map(|_dot| pipeline.local.len())
+        };
+        let put = Draft::new("").put(key("local/a"), b"1");
+        assert!(matches!(write(&put, &Level::Everywhere), Err(TxnError::Stays { .. })));
+        assert_eq!(write(&put, &Level::Local), Ok(1));
+        assert_eq!(write(&Draft::new("").delete(key("local/a")), &Level::Local), Ok(0));
     }
 }

@@ -1,13 +1,14 @@
 //! A few replicas that hear each other at once, on virtual time.
 
 use super::*;
-use crate::logic::clock::Quality;
-use crate::logic::cut::Origin;
+use crate::logic::clock::{Quality, Stamp, Wall};
+use crate::logic::key::Key;
 use crate::logic::log::Head;
-use crate::logic::record::Records;
+use crate::logic::record::{Batch, Records};
 use crate::logic::state::Version;
-use crate::logic::txn::{Condition, Grant, TXN_SIZE_MAX, Txn, VALUE_SIZE_MAX, Value, Write};
-use std::collections::VecDeque;
+use crate::logic::txn::{Condition, Draft, Frame, Grant, TXN_SIZE_MAX, Txn, TxnError, VALUE_SIZE_MAX, Value, Write};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::time::Duration;
 
 pub(super) const WALL: Wall = Wall { millis: 1_790_000_000_000, quality: Quality::Network };
 
@@ -42,7 +43,7 @@ impl Team {
 
     pub(super) fn config(&self, node: usize) -> Config {
         let seed = 1 + node as u64 + 1000 * self.now.nanos();
-        Config { robot: format!("r{node}"), seed, log_size: 1 << 20, mutant: Mutant::None }
+        Config { robot: format!("r{node}"), seed, log_size: 1 << 20 }
     }
 
     pub(super) fn input(&mut self, node: usize, input: Input) {
@@ -195,7 +196,11 @@ fn unknown_format_relay() {
     team.run(60);
     for node in [0, 2] {
         let replica = &team.replicas[node];
-        assert_eq!((replica.log().cut(), replica.held.beyond(&Cut::default(), 1 << 20).0.len()), (&cut, 2), "{node}");
+        assert_eq!(
+            (replica.log().cut(), replica.ledger.pending().beyond(&Cut::default(), 1 << 20).0.len()),
+            (&cut, 2),
+            "{node}"
+        );
         assert!(team.versions(node, "team/b").is_empty(), "it comes after what nobody here can read");
     }
     assert!(matches!(team.commit(0, put("team/c", b"2")), Answer::Committed(_)), "it still writes");
@@ -206,11 +211,11 @@ fn unknown_format_relay() {
 #[test]
 fn what_was_held_is_applied_once_it_can_be_read() {
     let mut team = Team::of(2);
-    assert_eq!(team.replicas[0].team_format(), crate::logic::txn::FORMAT);
+    assert_eq!(team.replicas[0].team_format(), FORMAT);
     team.away.insert(1);
     let Answer::Committed(dot) = team.commit(1, put("team/a", b"1")) else { panic!() };
     let frame = team.replicas[1].log().frame(dot).unwrap().clone();
-    assert!(team.replicas[0].hold(&frame) && team.replicas[0].hold(&frame));
+    assert!(team.replicas[0].ledger.buffer(&frame) && team.replicas[0].ledger.buffer(&frame));
     team.run(20);
     assert_eq!(team.versions(0, "team/a").len(), 1);
     assert!(!team.disks[0].keys().any(|name| name[0] == b'o'));
@@ -295,7 +300,7 @@ fn strangers_do_not_use_up_the_places_of_members() {
     let mut team = Team::of(2);
     team.away.insert(1);
     team.replicas[0] = Replica::open(team.config(0), &team.disks[0].clone()).unwrap();
-    let mut hello = team.replicas[0].hello();
+    let mut hello = hello::of(&team.replicas[0].ledger);
     for (number, member) in (0..4096).zip([false, true].into_iter().cycle()) {
         hello.member = member;
         team.input(0, Input::Received(Origin::new(1 << 40 | number), Message::Hello(hello.clone()), WALL));
@@ -380,7 +385,7 @@ fn who_is_retired_is_not_as_long_as_something_of_it_cannot_be_read() {
     let retired = |team: &Team, node: usize| team.replicas[node].members().retired(dot.origin).is_some();
     // The other one has passed on by then what it cannot read.
     assert_eq!((retired(&team, 0), retired(&team, 1)), (true, false));
-    assert!(!team.replicas[1].held.cut().is_empty());
+    assert!(!team.replicas[1].ledger.pending().cut().is_empty());
 }
 
 #[test]

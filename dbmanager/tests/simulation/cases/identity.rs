@@ -2,7 +2,6 @@
 
 use super::team;
 use crate::scenes;
-use dbmanager::logic::mutant::Mutant;
 use dbmanager::logic::record::Records;
 use dbmanager::logic::replica::{Config, Replica};
 
@@ -60,17 +59,17 @@ fn a_restored_backup_that_its_witness_notices_writes_nothing_under_its_old_name(
 
 #[test]
 fn set_back_without_witness_only_others_transactions_lost() {
-    scenes::set_back(Mutant::None).unwrap();
+    scenes::set_back().unwrap();
 }
 
 #[test]
 fn number_used_twice_is_an_alarm_at_once() {
-    scenes::fork(Mutant::None).unwrap();
+    scenes::fork().unwrap();
 }
 
 #[test]
 fn two_writes_under_one_name_are_both_kept() {
-    scenes::two_writes(Mutant::None).unwrap();
+    scenes::two_writes().unwrap();
 }
 
 #[test]
@@ -113,7 +112,7 @@ fn a_bit_that_flips_in_any_record_is_noticed() {
     world.settle().unwrap();
     let records = world.backup(1);
     let open = |records: &Records| {
-        let config = Config { robot: "r1".into(), seed: 1, log_size: 0, mutant: Mutant::None };
+        let config = Config { robot: "r1".into(), seed: 1, log_size: 0 };
         Replica::open(config, records)
     };
     assert!(open(&records).is_ok());

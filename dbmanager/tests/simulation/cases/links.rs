@@ -166,7 +166,7 @@ fn tx_bigger_than_mtu_is_pulled() {
 #[test]
 fn push_only_lost_pull_converges() {
     let faults = Faults { drop: 60, ..Faults::default() };
-    let mut world = World::new(3, faults, Default::default());
+    let mut world = World::new(3, faults);
     world.gather(3);
     world.put(0, "team/a", 1);
     world.settle().unwrap();

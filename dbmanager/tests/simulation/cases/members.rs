@@ -154,7 +154,7 @@ fn peer_with_lower_low_cut_needs_snapshot_both_ways() {
 
 #[test]
 fn two_with_each_others_transactions_as_state_only() {
-    scenes::states_only(Default::default()).unwrap();
+    scenes::states_only().unwrap();
 }
 
 #[test]
@@ -181,7 +181,7 @@ fn two_who_were_admitted_by_others_that_are_gone() {
 
 #[test]
 fn retired_robot_meets_one_who_does_not_know() {
-    scenes::last_words(Default::default()).unwrap();
+    scenes::last_words().unwrap();
 }
 
 #[test]

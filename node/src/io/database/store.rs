@@ -9,7 +9,6 @@ use super::presence::Presence;
 use anyhow::{Context, bail};
 use dbmanager::io::store::memory::MemoryStore;
 use dbmanager::io::store::{DirStore, Engine, Store, StoreError, Trust};
-use dbmanager::logic::mutant::Mutant;
 use dbmanager::logic::record::{Batch, OpenError, Reading};
 use dbmanager::logic::replica::{Config, Replica};
 use std::fs::{self, File};
@@ -138,7 +137,7 @@ impl Place {
         let read = File::open("/dev/urandom").and_then(|mut source| source.read_exact(&mut seed));
         read.context("reading a random number from the system")?;
         let seed = u64::from_le_bytes(seed);
-        Ok(Config { robot: self.robot.clone(), seed, log_size: LOG_SIZE, mutant: Mutant::None })
+        Ok(Config { robot: self.robot.clone(), seed, log_size: LOG_SIZE })
     }
 }
 

@@ -1,7 +1,6 @@
 use super::*;
 use crate::logic::clock::{Quality, Wall};
 use crate::logic::log::Log;
-use crate::logic::mutant::Mutant;
 use crate::logic::snapshot;
 use crate::logic::txn::Draft;
 use crate::logic::view::past::{Filter, Keys};
@@ -84,7 +83,7 @@ fn what_was_dropped_is_not_made_up() {
     assert_eq!(past.at(&mid, None), Err(MomentError::Compacted { oldest: late.clone() }));
     assert_eq!(past.at(&late, None).unwrap(), team[0].state);
     let heads = manifest.heads.iter().cloned().collect();
-    let base = Base { heads, state: manifest.assemble(&chunks, Mutant::None).unwrap() };
+    let base = Base { heads, state: manifest.assemble(&chunks).unwrap() };
     assert_eq!(past.at(&early, Some(&base)), Err(MomentError::Compacted { oldest: late }));
     let ahead = team[1].past().at(&mid, None);
     expect![

@@ -1,0 +1,39 @@
+//! What the rules for a message of a peer come to. The rules read the ledger, and only the replica carries out what they say.
+
+use super::commit::Change;
+use super::interface::Effect;
+use crate::logic::cut::{Cut, Origin};
+use crate::logic::message::Message;
+
+/// One thing to do about a message of a peer.
+#[derive(Debug)]
+pub(super) enum Action {
+    /// Send or tell something.
+    Emit(Effect),
+    /// The peer may have more than is here.
+    Ahead,
+    /// The peer reads formats up to this.
+    Reads(u8),
+    /// The peer has this, durably.
+    Has(Cut),
+    /// The peer has all own transactions, and means the same by their numbers.
+    Told,
+    /// This origin has used numbers twice, without that this replica has written under it.
+    KnowForked(Origin),
+    /// Give up the origin, which may have used numbers twice.
+    Rejoin {
+        /// Whether it has, as far as is known.
+        twice: bool,
+    },
+    /// Commit this.
+    Commit(Change),
+    /// Offer the state to the peer.
+    Offer,
+}
+
+impl Action {
+    /// Returns the action that sends a message.
+    pub(super) fn send(to: Origin, message: Message) -> Self {
+        Self::Emit(Effect::Send(to, message))
+    }
+}

@@ -1,0 +1,148 @@
+//! What a replica has: its transactions, and the state, the team and the owners that follow from them.
+//!
+//! *Rule.* All four change together, by a transaction that is entered or by the state of another that is taken over, and what
+//! changes goes to the disk with the same batch.
+
+use crate::logic::cut::{Cut, Dot, Origin};
+use crate::logic::key::Key;
+use crate::logic::log::Log;
+use crate::logic::member::Members;
+use crate::logic::message::{Chunk, Message};
+use crate::logic::mutant::Mutant;
+use crate::logic::owner::Owners;
+use crate::logic::record::{Batch, SHARED};
+use crate::logic::state::{Seen, State};
+use crate::logic::txn::{Frame, Link, Txn};
+
+/// How many links are told at a time.
+const KNOWN_MAX: usize = 1024;
+/// How often the name of a transaction may have changed.
+const LIVES_MAX: u32 = 32;
+
+/// Log and state, with the records in it that the replica itself goes by.
+#[derive(Debug)]
+pub(super) struct Contents {
+    log: Log,
+    state: State,
+    members: Members,
+    owners: Owners,
+}
+
+impl Contents {
+    pub(super) fn new(log: Log, state: State) -> Self {
+        Self { log, members: Members::of(&state), owners: Owners::of(&state), state }
+    }
+
+    pub(super) fn log(&self) -> &Log {
+        &self.log
+    }
+
+    pub(super) fn state(&self) -> &State {
+        &self.state
+    }
+
+    pub(super) fn members(&self) -> &Members {
+        &self.members
+    }
+
+    pub(super) fn owners(&self) -> &Owners {
+        &self.owners
+    }
+
+    /// Enters a transaction that is next at its origin.
+    pub(super) fn enter(&mut self, txn: &Txn, frame: &Frame, batch: &mut Batch) {
+        let (dot, context) = (txn.dot(), self.log.context(txn));
+        let only = txn.rebase.as_ref().map(|rebase| rebase.takes.as_slice());
+        // What is brought in stands beside what is brought in with it.
+        let seen = if only.is_some() { context.without(dot.origin) } else { context };
+        self.state.apply(dot, txn.written(), Seen { context: &seen, only }, &txn.writes);
+        let index = self.log.append(txn, frame.clone());
+        batch.frame(dot, index, frame);
+        if let Some(head) = self.log.head(dot.origin).filter(|_| !Mutant::HeadNotStored.is_planted()) {
+            batch.head(dot.origin, head);
+        }
+        for write in txn.writes.iter().filter(|_| !Mutant::VersionsNotStored.is_planted()) {
+            batch.versions((SHARED, &write.key), self.state.versions(&write.key));
+        }
+        if txn.writes.iter().any(|write| is_system(&write.key)) {
+            (self.members, self.owners) = (Members::of(&self.state), Owners::of(&self.state));
+        }
+    }
+
+    /// Takes over the state of another; returns what was here before.
+    pub(super) fn replace(&mut self, log: Log, state: State, batch: &mut Batch) -> Self {
+        if !Mutant::EraseForgotten.is_planted() {
+            self.erase(batch);
+        }
+        let old = std::mem::replace(self, Self::new(log, state));
+        for (origin, head) in self.log.heads() {
+            batch.head(*origin, head);
+        }
+        for (key, versions) in self.state.scan("") {
+            batch.versions((SHARED, key), versions);
+        }
+        old
+    }
+
+    fn erase(&self, batch: &mut Batch) {
+        for (dot, _) in self.log.in_order() {
+            batch.no_frame(dot);
+        }
+        for origin in self.log.heads().keys() {
+            batch.no_head(*origin);
+        }
+        for (key, _) in self.state.scan("") {
+            batch.versions((SHARED, key), &[]);
+        }
+    }
+
+    /// Drops the keys that are only deleted, by transactions within `stable`.
+    pub(super) fn drop_deleted(&mut self, stable: &Cut, batch: &mut Batch) {
+        for key in self.state.drop_deleted(stable) {
+            batch.versions((SHARED, &key), &[]);
+        }
+    }
+
+    /// Drops the oldest frames within `stable`, until no more than `size_max` bytes are left.
+    pub(super) fn truncate(&mut self, stable: &Cut, size_max: usize, batch: &mut Batch) {
+        let own = Mutant::LogCutAtOwn.is_planted().then(|| self.log.cut().clone());
+        for dot in self.log.truncate(own.as_ref().unwrap_or(stable), size_max) {
+            batch.no_frame(dot);
+        }
+    }
+
+    /// Returns under which name a transaction has to be asked for: see [`Replica::name_of`](super::Replica::name_of).
+    pub(super) fn name_of(&self, mut dot: Dot) -> Dot {
+        for _ in 0..LIVES_MAX {
+            let brought = self.members.brought(dot.origin).filter(|brought| dot.seq <= brought.last.seq);
+            let Some(brought) = brought.filter(|_| !self.log.cut().contains(dot)) else { break };
+            dot = brought.by;
+        }
+        dot
+    }
+
+    /// Returns what tells a peer which transaction of an origin is the last one here.
+    pub(super) fn tip_of(&self, origin: Origin) -> Message {
+        let (seq, link) = self.log.tip(origin);
+        Message::Chunk(Chunk::Fork { seq, link })
+    }
+
+    /// Returns what tells a peer by which links these transactions are known here, of which it means others.
+    pub(super) fn links_of(&self, of: impl IntoIterator<Item = (Origin, u64)>) -> Message {
+        let known = of.into_iter().filter_map(|(origin, seq)| {
+            let dot = Dot { origin, seq };
+            Some((dot, self.log.link(dot)?))
+        });
+        Message::Chunk(Chunk::Known(known.take(KNOWN_MAX).collect()))
+    }
+
+    /// Returns the first of these transactions that is another one here.
+    pub(super) fn other_than(&self, known: &[(Dot, Link)]) -> Option<(Dot, Link)> {
+        let other = |(dot, link): &&(Dot, Link)| self.log.link(*dot).is_some_and(|here| here != *link);
+        known.iter().find(other).copied()
+    }
+}
+
+fn is_system(key: &Key) -> bool {
+    key.as_str().starts_with("sys/")
+}

@@ -1,0 +1,278 @@
+//! States as a whole: those that are offered to others, and the one that is being taken over.
+//!
+//! *Rule.* Chunks are named by their hashes, so what has come stays of use when a download is broken off. On a slow link one chunk
+//! is on its way at a time; where they come quickly, or the way is merely long, more are asked for.
+
+use super::contents::Contents;
+use super::interface::{Alarm, Effect};
+use crate::logic::cut::{Cut, Origin};
+use crate::logic::message::Message;
+use crate::logic::mutant::Mutant;
+use crate::logic::snapshot::{self, CHUNKS_MAX, Manifest, Name};
+use crate::logic::state::State;
+use crate::logic::timing::{CHUNK_TIME_FAST, CHUNK_TIME_TRY, CHUNK_TRIES_MAX, CHUNK_WAIT_MAX, CHUNK_WAIT_MIN};
+use comms::logic::time::Time;
+use std::collections::{BTreeMap, BTreeSet};
+use std::time::Duration;
+
+/// How many bytes a state that is taken over may have: it has to be in memory as a whole.
+const DOWNLOAD_SIZE_MAX: usize = 1 << 30;
+/// How many chunks are asked for at a time at most.
+const CHUNKS_ASKED_MAX: usize = 8;
+
+/// A snapshot that others may take.
+#[derive(Debug, Default)]
+pub(super) struct Offer {
+    latest: Option<(Cut, Manifest)>,
+    chunks: BTreeMap<Name, Vec<u8>>,
+    before: BTreeMap<Name, Vec<u8>>,
+}
+
+/// The download that is under way, if any, and what has come of one that was broken off.
+#[derive(Debug, Default)]
+pub(super) struct Downloads {
+    current: Option<Download>,
+    spare: BTreeMap<Name, Vec<u8>>,
+}
+
+/// A snapshot that is being taken over.
+#[derive(Debug)]
+struct Download {
+    from: Origin,
+    manifest: Manifest,
+    chunks: BTreeMap<Name, Vec<u8>>,
+    asked: BTreeSet<Name>,
+    /// How many are asked for at a time.
+    window: usize,
+    /// How long one took that was asked for alone.
+    alone: Duration,
+    /// When the last one came, or the download began.
+    since: Time,
+    /// How long the next one is waited for, and until when.
+    wait: Duration,
+    until: Time,
+    tries: u32,
+}
+
+/// A state that has come as a whole.
+#[derive(Debug)]
+pub(super) struct Downloaded {
+    pub(super) from: Origin,
+    pub(super) manifest: Manifest,
+    pub(super) state: State,
+}
+
+impl Offer {
+    /// Returns the snapshot of now; the one before it can still be taken over too.
+    pub(super) fn take(&mut self, contents: &Contents) -> Manifest {
+        let log = contents.log();
+        match &self.latest {
+            Some((cut, manifest)) if cut == log.cut() => manifest.clone(),
+            _ => {
+                let (manifest, chunks) = snapshot::take(contents.state(), log.heads());
+                self.before = std::mem::replace(&mut self.chunks, chunks);
+                self.latest = Some((log.cut().clone(), manifest.clone()));
+                manifest
+            }
+        }
+    }
+
+    pub(super) fn chunk(&self, name: Name) -> Option<Vec<u8>> {
+        self.chunks.get(&name).or_else(|| self.before.get(&name)).cloned()
+    }
+}
+
+impl Downloads {
+    pub(super) fn deadline(&self) -> Option<Time> {
+        self.current.as_ref().map(|download| download.until)
+    }
+
+    pub(super) fn is_on(&self) -> bool {
+        self.current.is_some()
+    }
+
+    /// Begins one, unless one is under way.
+    pub(super) fn begin(&mut self, now: Time, (from, manifest): (Origin, Manifest), effects: &mut Vec<Effect>) {
+        if self.current.is_some() || manifest.chunks.len() > CHUNKS_MAX {
+            return;
+        }
+        // Chunks of a download that was broken off may be in this one too.
+        let wanted: BTreeSet<Name> = manifest.chunks.iter().copied().collect();
+        let mut chunks = std::mem::take(&mut self.spare);
+        chunks.retain(|name, _| wanted.contains(name));
+        let mut download = Download::new(now, from, manifest, chunks);
+        effects.extend(download.ask());
+        self.current = Some(download);
+    }
+
+    /// Asks once more for what has not come in time, and in the end gives up.
+    pub(super) fn tick(&mut self, now: Time, effects: &mut Vec<Effect>) {
+        let Some(download) = self.current.as_mut().filter(|download| download.until <= now) else { return };
+        if download.tries >= CHUNK_TRIES_MAX && !Mutant::DownloadForEver.is_planted() {
+            return self.break_off();
+        }
+        download.again(now);
+        effects.extend(download.ask());
+    }
+
+    /// Takes a chunk that was asked for.
+    pub(super) fn receive(
+        &mut self,
+        now: Time,
+        (from, name, bytes): (Origin, Name, Option<Vec<u8>>),
+        effects: &mut Vec<Effect>,
+    ) {
+        let Some(download) = self.current.as_mut() else { return };
+        if !download.asked.remove(&name) {
+            return;
+        }
+        let size: usize = download.chunks.values().map(Vec::len).sum();
+        match bytes {
+            Some(bytes) if Name::of(&bytes) == name && size + bytes.len() <= DOWNLOAD_SIZE_MAX => {
+                download.arrived(now, name, bytes);
+                effects.extend(download.ask());
+            }
+            Some(_) => {
+                self.current = None;
+                effects.push(Effect::Alarm(Alarm::Malformed(from)));
+            }
+            // The peer has gone on, or was started anew: the next pull brings its new manifest.
+            None => self.break_off(),
+        }
+    }
+
+    /// Hands out the state as soon as it is whole.
+    pub(super) fn whole(&mut self, effects: &mut Vec<Effect>) -> Option<Downloaded> {
+        let whole = |d: &Download| d.manifest.chunks.iter().all(|name| d.chunks.contains_key(name));
+        let Download { from, manifest, chunks, .. } = self.current.take_if(|download| whole(download))?;
+        match manifest.assemble(&chunks) {
+            Ok(state) => Some(Downloaded { from, manifest, state }),
+            Err(_other) => {
+                effects.push(Effect::Alarm(Alarm::Malformed(from)));
+                None
+            }
+        }
+    }
+
+    /// Ends it, and forgets what has come.
+    pub(super) fn cancel(&mut self) {
+        self.current = None;
+    }
+
+    /// Gives a download up, but not what has come of it.
+    fn break_off(&mut self) {
+        self.spare = self.current.take().map(|download| download.chunks).unwrap_or_default();
+    }
+}
+
+impl Download {
+    fn new(now: Time, from: Origin, manifest: Manifest, chunks: BTreeMap<Name, Vec<u8>>) -> Self {
+        let (asked, wait) = (BTreeSet::new(), CHUNK_WAIT_MIN);
+        let (since, until, alone) = (now, now + wait, Duration::ZERO);
+        Self { from, manifest, chunks, asked, window: 1, alone, since, wait, until, tries: 0 }
+    }
+
+    /// A chunk has come: what it took is what the next one may take. On a slow radio there is one on its way at a time.
+    fn arrived(&mut self, now: Time, name: Name, bytes: Vec<u8>) {
+        self.chunks.insert(name, bytes);
+        let took = now.since(self.since);
+        self.alone = if self.window == 1 { took } else { self.alone };
+        let fast = took <= CHUNK_TIME_FAST.max(self.alone / 2);
+        self.window = match (fast, self.window) {
+            (true, window) => (2 * window).min(CHUNKS_ASKED_MAX),
+            (false, 1) if took <= CHUNK_TIME_TRY => 2,
+            (false, window) if took <= self.alone => window,
+            (false, _) => 1,
+        };
+        self.wait = (2 * took).clamp(CHUNK_WAIT_MIN, CHUNK_WAIT_MAX);
+        (self.since, self.until, self.tries) = (now, now + self.wait, 0);
+    }
+
+    /// No chunk has come: what was asked for is asked for once more, one at a time.
+    fn again(&mut self, now: Time) {
+        self.tries += 1;
+        self.until = now + (self.wait * (1 << self.tries.min(CHUNK_TRIES_MAX))).min(CHUNK_WAIT_MAX);
+        self.asked.clear();
+        self.window = 1;
+    }
+
+    /// Returns the chunks to ask for now.
+    fn ask(&mut self) -> Vec<Effect> {
+        let missing = self.manifest.chunks.iter().filter(|name| !self.chunks.contains_key(name));
+        let new: Vec<Name> = missing.filter(|name| !self.asked.contains(name)).copied().collect();
+        let new = new.into_iter().take(self.window.saturating_sub(self.asked.len()));
+        let from = self.from;
+        let asked = &mut self.asked;
+        new.filter(|name| asked.insert(*name)).map(|name| Effect::Send(from, Message::Snap(name))).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PEER: Origin = Origin::new(1);
+
+    /// Returns the state of a peer in two chunks, which are none.
+    fn manifest() -> Manifest {
+        Manifest { heads: Vec::new(), state: 0, chunks: vec![Name::of(b"a"), Name::of(b"b")] }
+    }
+
+    fn asked_for(effects: &[Effect]) -> Vec<Name> {
+        let name = |effect: &Effect| match effect {
+            Effect::Send(PEER, Message::Snap(name)) => Some(*name),
+            _ => None,
+        };
+        effects.iter().filter_map(name).collect()
+    }
+
+    #[test]
+    fn losses_are_not_taken_for_a_link_that_becomes_slower_and_slower() {
+        let mut download = Download::new(Time::ZERO, PEER, manifest(), BTreeMap::new());
+        let hour = Time::ZERO + Duration::from_secs(3600);
+        download.arrived(hour, Name::of(b"a"), b"a".to_vec());
+        let mut now = hour;
+        for _ in 0..CHUNK_TRIES_MAX {
+            now = download.until;
+            download.again(now);
+        }
+        assert!(now.since(hour) <= CHUNK_WAIT_MAX * CHUNK_TRIES_MAX, "it waits for {:?}", now.since(hour));
+    }
+
+    #[test]
+    fn what_has_come_is_not_asked_for_again_after_a_break() {
+        let (mut downloads, mut effects) = (Downloads::default(), Vec::new());
+        downloads.begin(Time::ZERO, (PEER, manifest()), &mut effects);
+        let first = asked_for(&effects)[0];
+        downloads.receive(Time::ZERO, (PEER, first, Some(b"a".to_vec())), &mut effects);
+        while let Some(deadline) = downloads.deadline() {
+            downloads.tick(deadline, &mut effects);
+        }
+        effects.clear();
+        downloads.begin(Time::ZERO, (PEER, manifest()), &mut effects);
+        assert_eq!(asked_for(&effects), [Name::of(b"b")]);
+    }
+
+    #[test]
+    fn nothing_is_taken_that_was_not_asked_for_or_is_not_what_its_name_says() {
+        let (mut downloads, mut effects) = (Downloads::default(), Vec::new());
+        downloads.begin(Time::ZERO, (PEER, manifest()), &mut effects);
+        downloads.receive(Time::ZERO, (PEER, Name::of(b"x"), Some(b"x".to_vec())), &mut effects);
+        assert!(downloads.is_on() && effects.len() == 1);
+        downloads.receive(Time::ZERO, (PEER, Name::of(b"a"), Some(b"x".to_vec())), &mut effects);
+        assert!(!downloads.is_on());
+        assert!(matches!(effects.last(), Some(Effect::Alarm(Alarm::Malformed(PEER)))), "{effects:?}");
+    }
+
+    #[test]
+    fn chunks_that_are_no_state_are_refused_as_a_whole() {
+        let (mut downloads, mut effects) = (Downloads::default(), Vec::new());
+        downloads.begin(Time::ZERO, (PEER, manifest()), &mut effects);
+        for bytes in [b"a", b"b"] {
+            assert!(downloads.whole(&mut effects).is_none() && downloads.is_on());
+            downloads.receive(Time::ZERO, (PEER, Name::of(bytes), Some(bytes.to_vec())), &mut effects);
+        }
+        assert!(downloads.whole(&mut effects).is_none() && !downloads.is_on());
+        assert!(matches!(effects.last(), Some(Effect::Alarm(Alarm::Malformed(PEER)))), "{effects:?}");
+    }
+}

@@ -1,0 +1,174 @@
+//! Who is here, and in which state: what a replica says of itself, and what it makes of what another says.
+
+use super::action::Action;
+use super::branch::is_set_back;
+use super::interface::{Alarm, Effect};
+use super::ledger::Ledger;
+use crate::logic::clock::Stamp;
+use crate::logic::cut::Origin;
+use crate::logic::message::{Chunk, Hello, Message};
+use crate::logic::mutant::Mutant;
+use crate::logic::txn::FORMAT;
+
+/// What a hello comes to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Greeting {
+    /// Nothing.
+    Ignored,
+    /// Somebody has copied the disk: two starts of one origin.
+    Copied,
+    /// The peer may have more than is here.
+    Ahead,
+    /// The peer is not known, and who has admitted it was retired.
+    Retired(Stamp),
+    /// The peer has less of its own chain than is known here, or another one.
+    SetBack,
+    /// The peer is a member with other transactions.
+    Differs,
+    /// The peer is a member with the same numbers.
+    Even {
+        /// It has buffered other transactions.
+        buffers: bool,
+        /// These numbers mean the same transactions.
+        same_chains: bool,
+        /// They give the same state.
+        same_state: bool,
+    },
+}
+
+/// Returns what a replica says of itself.
+pub(super) fn of(ledger: &Ledger) -> Hello {
+    let (me, log, contents) = (ledger.identity.origin(), ledger.log(), ledger.contents());
+    Hello {
+        robot: ledger.identity.robot().to_owned(),
+        boot: ledger.identity.boot(),
+        format: FORMAT,
+        member: ledger.is_member(),
+        sponsors: contents.members().sponsors(me),
+        cut: log.cut().digest(),
+        chains: log.chains(),
+        held: ledger.pending().cut().digest(),
+        state: contents.state().digest(),
+        head: log.tip(me),
+        wall: ledger.pipeline.wall(),
+    }
+}
+
+/// Returns what a hello of `from` comes to.
+fn judge(ledger: &Ledger, from: Origin, hello: &Hello) -> Greeting {
+    let (members, log) = (ledger.contents().members(), ledger.log());
+    if from == ledger.identity.origin() {
+        return if hello.boot == ledger.identity.boot() { Greeting::Ignored } else { Greeting::Copied };
+    }
+    if !hello.member {
+        return Greeting::Ignored;
+    }
+    if !ledger.is_member() {
+        return Greeting::Ahead;
+    }
+    if !members.is_active(from) {
+        let known = |origin: &&Origin| members.is_active(**origin) || members.retired(**origin).is_some();
+        let Some(sponsor) = hello.sponsors.iter().find(known) else { return Greeting::Ignored };
+        // If a member has admitted it, from whom we have not heard of late, it can tell us itself.
+        return members.retired(*sponsor).map_or(Greeting::Ahead, Greeting::Retired);
+    }
+    if is_set_back(hello.head, log.tip(from)) {
+        Greeting::SetBack
+    } else if hello.cut == log.cut().digest() {
+        Greeting::Even {
+            buffers: hello.held != ledger.pending().cut().digest(),
+            same_chains: hello.chains == log.chains(),
+            same_state: hello.state == ledger.contents().state().digest(),
+        }
+    } else {
+        Greeting::Differs
+    }
+}
+
+/// Returns what to do about a hello of `from`.
+pub(super) fn react(ledger: &Ledger, from: Origin, hello: &Hello) -> Vec<Action> {
+    let alarm = || Action::Emit(Effect::Alarm(Alarm::Diverged(from)));
+    let mut actions = Vec::new();
+    let greeting = judge(ledger, from, hello);
+    if let Greeting::SetBack | Greeting::Even { .. } | Greeting::Differs = greeting {
+        actions.push(Action::Reads(hello.format));
+    }
+    match greeting {
+        Greeting::Ignored => {}
+        Greeting::Copied => actions.push(Action::Rejoin { twice: true }),
+        Greeting::Retired(stamp) => actions.push(Action::send(from, Message::Chunk(Chunk::Retired(stamp)))),
+        // An old hello may have been overtaken by what it announces: who gets this knows better.
+        Greeting::SetBack => actions.push(Action::send(from, ledger.contents().tip_of(from))),
+        Greeting::Differs if Mutant::PushOnly.is_planted() => {}
+        Greeting::Ahead | Greeting::Differs => actions.push(Action::Ahead),
+        Greeting::Even { buffers, same_chains, same_state } => {
+            let cut = ledger.log().cut();
+            actions.extend(ledger.behind(from, cut).map(|behind| Action::send(from, behind)));
+            actions.push(Action::Has(cut.clone()));
+            if buffers {
+                actions.push(Action::Ahead);
+            }
+            actions.push(if same_chains && same_state { Action::Told } else { alarm() });
+            if !same_chains {
+                actions.push(Action::send(from, ledger.contents().links_of(cut.iter())));
+            }
+        }
+    }
+    actions
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::logic::replica::tests::{Team, put};
+    use crate::logic::txn::Link;
+
+    /// Returns what robot 0 makes of the hello of robot 1, after `change`.
+    fn judged(team: &Team, change: impl FnOnce(&mut Hello)) -> Greeting {
+        let mut hello = of(&team.replicas[1].ledger);
+        change(&mut hello);
+        judge(&team.replicas[0].ledger, team.replicas[1].origin(), &hello)
+    }
+
+    #[test]
+    fn what_a_member_says_is_compared_with_what_is_here() {
+        let mut team = Team::of(2);
+        let even = Greeting::Even { buffers: false, same_chains: true, same_state: true };
+        assert_eq!(judged(&team, |_| {}), even);
+        assert_eq!(
+            judged(&team, |hello| hello.state += 1),
+            Greeting::Even { buffers: false, same_chains: true, same_state: false }
+        );
+        assert_eq!(judged(&team, |hello| hello.member = false), Greeting::Ignored);
+        team.away.insert(1);
+        team.commit(1, put("team/a", b"1"));
+        assert_eq!(judged(&team, |_| {}), Greeting::Differs);
+        team.away.clear();
+        team.run(20);
+        assert_eq!(judged(&team, |hello| hello.head.0 -= 1), Greeting::SetBack);
+        assert_eq!(judged(&team, |hello| hello.head.1 = Link([9; 8])), Greeting::SetBack);
+    }
+
+    #[test]
+    fn a_second_start_of_the_own_origin_is_a_copy() {
+        let team = Team::of(1);
+        let ledger = &team.replicas[0].ledger;
+        let mut hello = of(ledger);
+        assert_eq!(judge(ledger, team.replicas[0].origin(), &hello), Greeting::Ignored);
+        hello.boot += 1;
+        assert_eq!(judge(ledger, team.replicas[0].origin(), &hello), Greeting::Copied);
+    }
+
+    #[test]
+    fn of_a_stranger_its_sponsors_decide() {
+        let team = Team::of(2);
+        let (ledger, sponsor) = (&team.replicas[0].ledger, team.replicas[1].origin());
+        let mut hello = of(&team.replicas[1].ledger);
+        let mut judge = |sponsors: &[Origin]| {
+            hello.sponsors = sponsors.to_vec();
+            judge(ledger, Origin::new(77), &hello)
+        };
+        assert_eq!((judge(&[]), judge(&[Origin::new(78)])), (Greeting::Ignored, Greeting::Ignored));
+        assert_eq!(judge(&[Origin::new(78), sponsor]), Greeting::Ahead);
+    }
+}

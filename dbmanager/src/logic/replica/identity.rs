@@ -1,0 +1,236 @@
+//! Under which origin a replica writes, and as which it wants to be admitted.
+//!
+//! *State.* What the disk has of it, and what this start has learnt: how far others mean the same by the own numbers.
+//!
+//! *One sponsor for one origin.* A sponsor counts a newcomer as one who begins with its state. So whoever gets no answer and
+//! asks somebody else asks for another origin, and says that it has given up the first: two sponsors that did not hear of each
+//! other would both count on a state of which the newcomer can take only one. Who was asked before is asked for the same
+//! origin as before, unless it says that this was retired: so a newcomer that nobody can answer costs the team one record for each
+//! member, and not one for each question.
+
+use crate::logic::cut::Origin;
+use crate::logic::message::Join;
+use crate::logic::random::Random;
+use crate::logic::record::{Batch, IdentityRecord, OpenError, Past};
+
+/// How many origins of earlier lives are remembered.
+const PAST_MAX: usize = 256;
+
+/// Who a replica is.
+#[derive(Debug)]
+pub(super) struct Identity {
+    record: IdentityRecord,
+    /// A random number for this start.
+    boot: u64,
+    /// Up to where others are known to mean the same by the own numbers, as this start has seen.
+    proven: u64,
+    /// Whether the record has changed since it was written.
+    changed: bool,
+}
+
+impl Identity {
+    /// Goes on as what the store says, or begins if it is empty.
+    pub(super) fn open(
+        robot: &str,
+        (stored, is_empty): (Option<IdentityRecord>, bool),
+        random: &mut Random,
+    ) -> Result<Self, OpenError> {
+        let boot = random.next();
+        let (record, changed) = match stored {
+            Some(record) if record.robot == robot => (record, false),
+            Some(record) => return Err(OpenError::Robot { found: record.robot, expected: robot.to_owned() }),
+            None if is_empty => {
+                let (origin, joining) = (Origin::new(random.next()), Origin::new(random.next()));
+                let joining = Some(joining);
+                (IdentityRecord { origin, robot: robot.to_owned(), joining, ..IdentityRecord::default() }, true)
+            }
+            None => return Err(OpenError::Damaged { what: "there is no identity" }),
+        };
+        Ok(Self { record, boot, proven: 0, changed })
+    }
+
+    pub(super) fn origin(&self) -> Origin {
+        self.record.origin
+    }
+
+    pub(super) fn robot(&self) -> &str {
+        &self.record.robot
+    }
+
+    pub(super) fn boot(&self) -> u64 {
+        self.boot
+    }
+
+    /// Returns what it wants to be admitted as; `None` once it was.
+    pub(super) fn joining(&self) -> Option<Origin> {
+        self.record.joining
+    }
+
+    /// Returns whom it has asked for that.
+    pub(super) fn asked(&self) -> Option<Origin> {
+        self.record.asked
+    }
+
+    /// Returns the origins it has given up.
+    pub(super) fn past(&self) -> &[Past] {
+        &self.record.past
+    }
+
+    /// Returns up to where others surely mean the same by the own numbers.
+    pub(super) fn proven(&self) -> u64 {
+        self.proven.max(self.record.told)
+    }
+
+    /// Returns what a sponsor is asked for, if it is to be asked.
+    pub(super) fn join(&self) -> Option<Join> {
+        let replaces = || self.record.past.iter().map(|past| past.origin).collect();
+        let join = |origin| Join { origin, robot: self.record.robot.clone(), replaces: replaces() };
+        self.record.joining.map(join)
+    }
+
+    /// Writes down what has changed.
+    pub(super) fn write(&mut self, batch: &mut Batch) {
+        if std::mem::take(&mut self.changed) {
+            batch.identity(&self.record);
+        }
+    }
+
+    /// Gives up the origin, which may have used numbers `twice`, and returns it.
+    pub(super) fn begin_anew(&mut self, twice: bool, random: &mut Random) -> Origin {
+        let record = &mut self.record;
+        let from = record.origin;
+        record.past.iter_mut().for_each(|past| past.asked = None);
+        record.past.push(Past { origin: from, told: record.told, twice, asked: None });
+        let asked_for = record.joining.filter(|_| record.asked.is_some());
+        record.past.extend(asked_for.map(|origin| Past { origin, ..Past::default() }));
+        record.origin = Origin::new(random.next());
+        record.joining = Some(Origin::new(random.next()));
+        (record.asked, record.told) = (None, 0);
+        self.changed = true;
+        from
+    }
+
+    /// Goes on as the origin that it wanted to be admitted as.
+    pub(super) fn admitted(&mut self, joining: Origin) {
+        let record = &mut self.record;
+        record.origin = joining;
+        (record.joining, record.asked, record.told) = (None, None, 0);
+        self.proven = 0;
+        // It says so to every later sponsor: a team that was given up too may have been the only one that knew.
+        record.past.iter_mut().for_each(|past| (past.told, past.twice, past.asked) = (u64::MAX, false, None));
+        let surplus = record.past.len().saturating_sub(PAST_MAX);
+        record.past.drain(..surplus);
+        self.changed = true;
+    }
+
+    /// Is a member without having been admitted.
+    pub(super) fn founds(&mut self) {
+        (self.record.joining, self.record.asked) = (None, None);
+        self.record.past.clear();
+        self.changed = true;
+    }
+
+    /// Asks a peer for admission, unless it is a member: each for another origin.
+    pub(super) fn asks(&mut self, peer: Origin, random: &mut Random) {
+        let record = &mut self.record;
+        let Some(joining) = record.joining.filter(|_| record.asked != Some(peer)) else { return };
+        if let Some(before) = record.asked.replace(peer) {
+            let known = record.past.iter().position(|past| past.asked == Some(peer));
+            let known = known.map(|index| record.past.remove(index).origin);
+            record.joining = Some(known.unwrap_or_else(|| Origin::new(random.next())));
+            record.past.push(Past { origin: joining, asked: Some(before), ..Past::default() });
+        }
+        self.changed = true;
+    }
+
+    /// The origin that it asked `from` for was retired meanwhile: it wants another one. Returns whether it was so.
+    pub(super) fn wants_another(&mut self, from: Origin, random: &mut Random) -> bool {
+        let Some(joining) = self.record.joining.filter(|_| self.record.asked == Some(from)) else { return false };
+        self.record.past.push(Past { origin: joining, ..Past::default() });
+        self.record.joining = Some(Origin::new(random.next()));
+        self.changed = true;
+        true
+    }
+
+    /// Knows that an origin has used numbers twice, without having written under it.
+    pub(super) fn knows_forked(&mut self, origin: Origin) {
+        self.record.past.push(Past { origin, twice: true, ..Past::default() });
+    }
+
+    /// Remembers that others have all own transactions up to `head`. That one says so of a number is not enough: it may know
+    /// another transaction by it, if the store was set back.
+    pub(super) fn told(&mut self, head: u64) {
+        if head > self.record.told && self.record.joining.is_none() {
+            self.record.told = head;
+            self.changed = true;
+        }
+    }
+
+    /// Somebody has shown that it means the same by the own numbers up to `seq`.
+    pub(super) fn proves(&mut self, seq: u64) {
+        self.proven = self.proven.max(seq);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn newcomer() -> (Identity, Random) {
+        let mut random = Random::new(1);
+        (Identity::open("r", (None, true), &mut random).unwrap(), random)
+    }
+
+    #[test]
+    fn each_sponsor_is_asked_for_an_origin_of_its_own_and_always_for_the_same() {
+        let (mut me, mut random) = newcomer();
+        let (a, b) = (Origin::new(1), Origin::new(2));
+        let mut ask = |me: &mut Identity, peer| {
+            me.asks(peer, &mut random);
+            me.joining().unwrap()
+        };
+        let (first, second) = (ask(&mut me, a), ask(&mut me, b));
+        assert_ne!(first, second, "two sponsors would both count on one state");
+        assert_eq!((ask(&mut me, a), ask(&mut me, b)), (first, second));
+        assert_eq!(me.join().unwrap().replaces, [first]);
+        assert!(me.wants_another(b, &mut random) && !me.wants_another(a, &mut random));
+        assert_ne!(me.joining(), Some(second), "it was retired");
+    }
+
+    #[test]
+    fn a_life_that_is_given_up_is_told_of_until_it_is_admitted() {
+        let (mut me, mut random) = newcomer();
+        let before = me.origin();
+        me.admitted(me.joining().unwrap());
+        me.told(7);
+        let from = me.begin_anew(true, &mut random);
+        let past = me.past().last().copied().unwrap();
+        assert_eq!((past.origin, past.told, past.twice), (from, 7, true));
+        assert!(from != before && me.joining().is_some());
+        me.told(9);
+        assert_eq!(me.proven(), 0, "nobody knows what it writes until it is admitted");
+        me.admitted(me.joining().unwrap());
+        assert_eq!(me.past().last().map(|past| (past.origin, past.told)), Some((from, u64::MAX)));
+    }
+
+    #[test]
+    fn a_store_of_another_robot_or_without_identity_is_none() {
+        let mut random = Random::new(1);
+        let other = IdentityRecord { robot: "x".into(), ..IdentityRecord::default() };
+        assert!(matches!(Identity::open("r", (Some(other), false), &mut random), Err(OpenError::Robot { .. })));
+        assert!(matches!(Identity::open("r", (None, false), &mut random), Err(OpenError::Damaged { .. })));
+    }
+
+    #[test]
+    fn it_is_written_when_it_has_changed() {
+        let (mut me, _) = newcomer();
+        let written = |me: &mut Identity| {
+            let mut batch = Batch::default();
+            me.write(&mut batch);
+            !batch.is_empty()
+        };
+        assert_eq!([written(&mut me), written(&mut me)], [true, false]);
+        me.founds();
+        assert!(written(&mut me));
+    }
+}

@@ -1,0 +1,125 @@
+//! What a replica is started with, what it is told, and what it wants done.
+
+use crate::logic::clock::Wall;
+use crate::logic::cut::{Dot, Origin};
+use crate::logic::message::Message;
+use crate::logic::record::Batch;
+use crate::logic::txn::{Draft, Frame, TxnError};
+use comms::logic::time::Time;
+use std::collections::BTreeSet;
+use std::time::Duration;
+
+/// What a replica is started with.
+#[derive(Clone, Debug)]
+pub struct Config {
+    /// Name of the robot.
+    pub robot: String,
+    /// From real randomness: origins are made of it.
+    pub seed: u64,
+    /// How many bytes of transactions are kept although everybody has them.
+    pub log_size: usize,
+}
+
+/// How far a transaction has to have got.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Level {
+    /// It is on the disk here.
+    Local,
+    /// It is on the disks of so many other robots.
+    Replicated(usize),
+    /// It is on the disks of these robots.
+    On(BTreeSet<String>),
+    /// It is on the disks of all members.
+    Everywhere,
+}
+
+/// A wish to commit.
+#[derive(Clone, Debug)]
+pub struct Request {
+    /// Named in the answers.
+    pub ticket: u64,
+    /// What.
+    pub draft: Draft,
+    /// What the caller waits for.
+    pub level: Level,
+    /// Until when.
+    pub until: Time,
+}
+
+/// What a replica is told.
+#[derive(Clone, Debug)]
+pub enum Input {
+    /// It begins; or it is time, as [`Replica::deadline`](super::Replica::deadline) asked for.
+    Tick(Wall),
+    /// Callers want to commit. Those that wait at the same time go to the disk together.
+    Commit(Vec<Request>, Wall),
+    /// A message has arrived.
+    Received(Origin, Message, Wall),
+    /// Somebody has come, or come back: it is told at once what is here.
+    Appeared(Wall),
+    /// An operator: this is the first member of a team.
+    Found(Wall),
+    /// An operator: this origin will never write again.
+    Retire(Origin, Wall),
+    /// An operator: dates have gone wrong, begin a new epoch.
+    HealClock(Wall),
+}
+
+/// What the caller of a commit learns.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Answer {
+    /// Nothing was written.
+    Refused(TxnError),
+    /// It is durable here, and will be everywhere.
+    Committed(Dot),
+    /// It has got as far as was asked for.
+    Reached(Dot),
+    /// It has not in time, but still may. It stays committed.
+    Pending(Dot),
+}
+
+/// What an operator has to know.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Alarm {
+    /// A transaction is dated far ahead of our trusted clock.
+    ClockSuspect {
+        /// Whose.
+        origin: Origin,
+        /// By how much.
+        ahead_by: Duration,
+    },
+    /// An origin has used a number twice.
+    Fork(Origin),
+    /// A peer has the same transactions and another state.
+    Diverged(Origin),
+    /// A peer writes a format that this program cannot read.
+    NeedsUpgrade(u8),
+    /// A peer sent what no peer sends.
+    Malformed(Origin),
+    /// We have to begin under a new origin.
+    Rejoining {
+        /// The one given up.
+        from: Origin,
+    },
+}
+
+/// What is to be done, in order.
+#[derive(Clone, Debug)]
+pub enum Effect {
+    /// Write this, and return only when it is on the disk.
+    Persist(Batch),
+    /// Send this to everybody.
+    Broadcast(Message),
+    /// Send this to one.
+    Send(Origin, Message),
+    /// Tell the caller of a ticket.
+    Answer(u64, Answer),
+    /// Tell watchers: this transaction is visible now.
+    Visible(Dot, Frame),
+    /// A transaction has a new name, since its origin had to be given up.
+    Renamed(Dot, Dot),
+    /// Watchers begin anew: the state was replaced by a snapshot.
+    Replaced,
+    /// Tell an operator.
+    Alarm(Alarm),
+}

@@ -1,0 +1,299 @@
+//! The peer table: which peers may have more than is here, when each may be asked, and when others are told of the state here.
+//!
+//! *Rule.* A pull without an answer in time ([`Pace::wait`]) is over, and the peer is left alone for a while that is four times as
+//! long after each silence, up to 12.8 s. How much is asked for at a time follows the speed of the link, so that neither
+//! an answer nor what is urgent is late on a slow one.
+
+use crate::logic::cut::Origin;
+use crate::logic::mutant::Mutant;
+use crate::logic::random::Random;
+use crate::logic::timing::{
+    HELLO_PERIOD_MAX, HELLO_PERIOD_MIN, PULL_AFTER_PUSH, PULL_ANSWER_LATE_MAX, SILENCES_MAX, pull_pause,
+};
+use comms::logic::pace::Pace;
+use comms::logic::time::Time;
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+/// How often a sponsor does not answer before another one is asked.
+const SPONSOR_SILENCES_MAX: u32 = 3;
+/// How many peers are known at most, members or not.
+const PEERS_MAX: usize = 1024;
+
+/// What is known of the conversation with others.
+#[derive(Debug, Default)]
+pub(super) struct PeerTable {
+    peers: BTreeMap<Origin, Peer>,
+    hello_at: Time,
+    /// Between the last two hellos; at the beginning none.
+    hello_period: Duration,
+}
+
+#[derive(Debug, Default)]
+struct Peer {
+    /// It may have more than is here.
+    ahead: bool,
+    /// It may be asked from then on.
+    ask_at: Time,
+    /// An answer is waited for until then.
+    pulling: Option<Time>,
+    /// When it was asked what it has not answered yet, in time or not.
+    asked_at: Option<Time>,
+    /// How much it is asked for.
+    pace: Pace,
+    /// How often it has not answered since it last did.
+    silences: u32,
+    /// How many states of it in a row were of no use.
+    dropped: u32,
+    /// The newest format it reads, once it has said so.
+    format: Option<u8>,
+}
+
+impl PeerTable {
+    pub(super) fn deadline(&self, pulls_max: usize) -> Time {
+        let pulling = self.pulling();
+        let due = |peer: &Peer| match peer.pulling {
+            Some(until) => Some(until),
+            None if peer.ahead && pulling < pulls_max => Some(peer.ask_at),
+            None => None,
+        };
+        self.peers.values().filter_map(due).chain([self.hello_at]).min().unwrap_or(self.hello_at)
+    }
+
+    /// Something is new here: others hear of it soon.
+    pub(super) fn changed(&mut self, now: Time) {
+        self.hello_period = HELLO_PERIOD_MIN;
+        self.hello_at = self.hello_at.min(now + HELLO_PERIOD_MIN);
+    }
+
+    /// Somebody has come: it hears of the state here at once, and whoever did not answer may be asked again. A question
+    /// that was lost with the link is not waited for; one that was not is asked twice, which harms nobody.
+    pub(super) fn met(&mut self, now: Time) {
+        (self.hello_at, self.hello_period) = (now, HELLO_PERIOD_MIN);
+        for peer in self.peers.values_mut() {
+            peer.ahead |= peer.pulling.take().is_some();
+            (peer.ask_at, peer.silences) = (peer.ask_at.min(now), 0);
+        }
+    }
+
+    /// Forgets all conversations.
+    pub(super) fn reset(&mut self, now: Time) {
+        *self = Self { hello_at: now, ..Self::default() };
+    }
+
+    /// Ends the pulls that were not answered in time.
+    pub(super) fn expire(&mut self, now: Time) {
+        for peer in self.peers.values_mut() {
+            let over = peer.pulling.is_some_and(|until| until <= now);
+            if over && !Mutant::PullForEver.is_planted() {
+                peer.pulling = None;
+                peer.silences = (peer.silences + 1).min(SILENCES_MAX);
+                peer.pace.lost();
+                peer.ask_at = now + pull_pause(peer.silences);
+            }
+        }
+    }
+
+    /// Returns when to say hello.
+    pub(super) fn hello_at(&self) -> Time {
+        self.hello_at
+    }
+
+    /// Hello was said: the next one is said after up to twice as long.
+    pub(super) fn said_hello(&mut self, now: Time, random: &mut Random) {
+        let period = self.hello_period.max(HELLO_PERIOD_MIN);
+        let jitter = random.below(u64::try_from(period.as_nanos() / 5).unwrap_or(1));
+        self.hello_at = now + period * 9 / 10 + Duration::from_nanos(jitter);
+        self.hello_period = (period * 2).min(HELLO_PERIOD_MAX);
+    }
+
+    /// Forgets those who are no members, unless they may have more than is here.
+    pub(super) fn retain(&mut self, is_member: impl Fn(Origin) -> bool) {
+        self.peers.retain(|origin, peer| is_member(*origin) || peer.ahead || peer.pulling.is_some());
+    }
+
+    fn peer(&mut self, origin: Origin) -> Option<&mut Peer> {
+        if self.peers.len() >= PEERS_MAX && !self.peers.contains_key(&origin) {
+            return None;
+        }
+        Some(self.peers.entry(origin).or_default())
+    }
+
+    /// Returns the newest format that a peer reads, if it has said so.
+    pub(super) fn format(&self, origin: Origin) -> Option<u8> {
+        self.peers.get(&origin)?.format
+    }
+
+    /// Takes note of the newest format that a peer reads.
+    pub(super) fn reads(&mut self, origin: Origin, format: u8) {
+        if let Some(peer) = self.peer(origin) {
+            peer.format = Some(format);
+        }
+    }
+
+    /// A state of a peer was of no use; returns how many were in a row.
+    pub(super) fn dropped(&mut self, origin: Origin) -> u32 {
+        let Some(peer) = self.peers.get_mut(&origin) else { return 0 };
+        peer.dropped = peer.dropped.saturating_add(1);
+        peer.dropped
+    }
+
+    /// A peer has answered with transactions.
+    pub(super) fn served(&mut self, origin: Origin) {
+        self.peers.entry(origin).and_modify(|peer| peer.dropped = 0);
+    }
+
+    /// A peer may have more than is here, and may be asked from then on.
+    pub(super) fn ahead(&mut self, origin: Origin, ask_at: Time) {
+        if let Some(peer) = self.peer(origin) {
+            peer.ask_at = if peer.ahead { peer.ask_at.min(ask_at) } else { peer.ask_at.max(ask_at) };
+            peer.ahead = true;
+        }
+    }
+
+    /// A peer has pushed what does not fit yet: what was before it may be on its way.
+    pub(super) fn pushed_early(&mut self, now: Time, origin: Origin) {
+        self.ahead(origin, now + PULL_AFTER_PUSH);
+    }
+
+    /// Notes an answer; returns whether one was waited for. One that was `full` shows how fast the link is.
+    pub(super) fn answered(&mut self, now: Time, origin: Origin, full: bool) -> bool {
+        let Some(peer) = self.peers.get_mut(&origin) else { return false };
+        (peer.ahead, peer.silences) = (false, 0);
+        let asked = peer.pulling.take().is_some();
+        // One that comes late shows how long the way is, too.
+        match peer.asked_at.take().map(|at| now.since(at)) {
+            Some(took) if full => peer.pace.arrived(took),
+            Some(took) => peer.pace.heard(took),
+            None => {}
+        }
+        asked
+    }
+
+    /// Chooses a peer to ask now; none if as many are asked as may be. Whoever has asked one `sponsor` asks nobody else as long
+    /// as that one may answer.
+    pub(super) fn choose(
+        &mut self,
+        now: Time,
+        (pulls_max, sponsor): (usize, Option<Origin>),
+        random: &mut Random,
+    ) -> Option<Origin> {
+        let may = |peer: &Peer| peer.ahead && peer.pulling.is_none() && peer.ask_at <= now;
+        let ready: Vec<Origin> = self.peers.iter().filter(|(_, peer)| may(peer)).map(|(origin, _)| *origin).collect();
+        let ready = self.one_sponsor(ready, sponsor);
+        let choice = random.below(u64::try_from(ready.len()).unwrap_or(0));
+        let chosen = usize::try_from(choice).ok().and_then(|choice| ready.get(choice)).copied();
+        chosen.filter(|_| self.pulling() < pulls_max)
+    }
+
+    /// A peer is asked; returns for how many bytes.
+    pub(super) fn asked(&mut self, now: Time, origin: Origin) -> usize {
+        let Some(peer) = self.peers.get_mut(&origin) else { return 0 };
+        peer.pulling = Some(now + peer.pace.wait());
+        peer.asked_at = peer.asked_at.filter(|at| now.since(*at) < PULL_ANSWER_LATE_MAX).or(Some(now));
+        peer.pace.chunk()
+    }
+
+    fn pulling(&self) -> usize {
+        self.peers.values().filter(|peer| peer.pulling.is_some()).count()
+    }
+
+    fn one_sponsor(&mut self, mut ready: Vec<Origin>, sponsor: Option<Origin>) -> Vec<Origin> {
+        let asked = sponsor.and_then(|sponsor| Some((sponsor, self.peers.get(&sponsor)?)));
+        let asked = asked.filter(|(_, peer)| peer.ahead && peer.silences < SPONSOR_SILENCES_MAX);
+        let Some((sponsor, until)) = asked.map(|(sponsor, peer)| (sponsor, peer.ask_at)) else { return ready };
+        if !ready.contains(&sponsor) {
+            self.peers.values_mut().for_each(|peer| peer.ask_at = peer.ask_at.max(until));
+        }
+        ready.retain(|origin| *origin == sponsor);
+        ready
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const A: Origin = Origin::new(1);
+    const B: Origin = Origin::new(2);
+
+    fn at(millis: u64) -> Time {
+        Time::ZERO + Duration::from_millis(millis)
+    }
+
+    #[test]
+    fn who_does_not_answer_is_left_alone_for_longer_and_longer() {
+        let (mut table, mut random) = (PeerTable::default(), Random::new(1));
+        table.ahead(A, Time::ZERO);
+        let (mut now, mut pauses) = (Time::ZERO, Vec::new());
+        for _ in 0..6 {
+            assert_eq!(table.choose(now, (1, None), &mut random), Some(A));
+            table.asked(now, A);
+            assert_eq!(table.choose(now, (1, None), &mut random), None, "it is asked already");
+            let over = table.peers[&A].pulling.unwrap();
+            table.expire(over);
+            now = table.peers[&A].ask_at;
+            pauses.push(now.since(over).as_millis());
+        }
+        assert_eq!(pauses, [200, 800, 3_200, 12_800, 12_800, 12_800]);
+        table.met(at(0));
+        assert_eq!(table.choose(at(0), (1, None), &mut random), Some(A), "it has come back");
+    }
+
+    #[test]
+    fn no_more_peers_are_asked_at_a_time_than_may_be() {
+        let (mut table, mut random) = (PeerTable::default(), Random::new(1));
+        (1..=3).for_each(|peer| table.ahead(Origin::new(peer), Time::ZERO));
+        for _ in 0..2 {
+            let peer = table.choose(at(1), (2, None), &mut random).unwrap();
+            table.asked(at(1), peer);
+        }
+        assert_eq!(table.choose(at(1), (2, None), &mut random), None);
+        assert!(table.deadline(2) > at(1) || table.hello_at == table.deadline(2));
+    }
+
+    #[test]
+    fn one_sponsor_is_asked_until_it_is_silent() {
+        let (mut table, mut random) = (PeerTable::default(), Random::new(1));
+        (table.ahead(A, Time::ZERO), table.ahead(B, Time::ZERO));
+        let mut now = Time::ZERO;
+        for _ in 0..SPONSOR_SILENCES_MAX {
+            assert_eq!(table.choose(now, (1, Some(A)), &mut random), Some(A));
+            table.asked(now, A);
+            now = table.peers[&A].pulling.unwrap();
+            table.expire(now);
+            assert_eq!(
+                table.choose(now, (1, Some(A)), &mut random),
+                None.or(table.peers[&A].silences.eq(&3).then_some(B))
+            );
+            now = table.peers[&A].ask_at;
+        }
+    }
+
+    #[test]
+    fn hellos_become_rare_while_nothing_changes() {
+        let (mut table, mut random) = (PeerTable::default(), Random::new(1));
+        let mut gaps = Vec::new();
+        let mut now = Time::ZERO;
+        for _ in 0..6 {
+            table.said_hello(now, &mut random);
+            gaps.push(table.hello_at.since(now));
+            now = table.hello_at;
+        }
+        assert!(gaps[0] <= HELLO_PERIOD_MIN * 11 / 10 && gaps[5] >= HELLO_PERIOD_MAX * 9 / 10, "{gaps:?}");
+        table.changed(now);
+        assert!(table.deadline(2) <= now + HELLO_PERIOD_MIN);
+    }
+
+    #[test]
+    fn strangers_are_forgotten_and_do_not_use_up_all_places() {
+        let mut table = PeerTable::default();
+        for number in 0..2 * PEERS_MAX {
+            table.reads(Origin::new(10 + number as u64), 1);
+        }
+        assert_eq!(table.peers.len(), PEERS_MAX);
+        table.retain(|_| false);
+        table.ahead(A, Time::ZERO);
+        assert_eq!(table.peers.keys().copied().collect::<Vec<_>>(), [A]);
+    }
+}

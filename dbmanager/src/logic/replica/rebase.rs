@@ -1,0 +1,160 @@
+//! Re-commits the transactions of a rejoining replica under its new origin.
+//!
+//! *Rule.* Brought in is what the old state and log have, the new ones have not, and no member brings in itself: the own
+//! transactions, and those of origins that are no members. What that is, and why nothing is lost or hidden by it, is worked out
+//! in [`merge`]; here it becomes changes, which the replica commits under the admitted origin.
+//!
+//! The last of these transactions says up to where the old origins were brought in. So whoever comes back later with the same
+//! does not bring it once more, and an old name leads to a new one ([`Replica::name_of`](super::Replica::name_of)): to the transaction with which all
+//! that is left of it has arrived. If two come back at a time, with sponsors that do not hear of each other, both bring it:
+//! the copies have one stamp, and count as one among conflicts.
+//!
+//! *Deletions.* Some replicas may have dropped deletions that the one who comes back had not seen, since it did not count any
+//! more. Each that was dropped anywhere before the admission was known was so with the sponsor's consent, hence is within
+//! the sponsor's cut, which is in the context of all that is brought in: and deletions in there are taken away.
+//!
+//! *What does not come along.* The records of the old team (`sys/members` and the like): who retired whom there is not asked
+//! here. Values that were overwritten before anybody here saw them; their transactions come along without writes, as long as
+//! the log has them: who, when and why.
+
+use super::commit::Change;
+use super::contents::Contents;
+use super::identity::Identity;
+use crate::logic::cut::{Dot, Origin};
+use crate::logic::log::{Head, Log};
+use crate::logic::member;
+use crate::logic::merge::{self, Forked, Side};
+use crate::logic::mutant::Mutant;
+use crate::logic::record::Past;
+use crate::logic::txn::{Rebase, Require, Write};
+use std::collections::BTreeSet;
+
+/// What comes along.
+#[derive(Debug)]
+pub(super) struct Arrivals {
+    /// What is left of each transaction, with the dot that it had; none for a deletion that had been dropped.
+    pub(super) rests: Vec<(Option<Dot>, Rest)>,
+    /// The writes that say up to where the old origins were brought in.
+    pub(super) records: Vec<Write>,
+}
+
+/// A transaction that is brought in, as far as it is not committed yet.
+#[derive(Debug)]
+pub(super) struct Rest {
+    rebase: Rebase,
+    reason: String,
+    requires: Vec<Require>,
+    writes: Vec<(Write, BTreeSet<Dot>)>,
+}
+
+/// Returns what of `old` has to be committed on `new` as `joining`, who is not admitted yet; `None` if that is nothing.
+pub(super) fn arrivals(old: &Contents, new: &Contents, (joining, me): (Origin, &Identity)) -> Option<Arrivals> {
+    let forked = forked(old.log(), new.log(), me);
+    let (old_side, new_side) = (side(old), side(new));
+    let pieces = merge::bring_in(old_side, new_side, &forked, joining);
+    let arrival = merge::arrival(old_side, new_side, &forked);
+    if arrival.is_empty() && pieces.is_empty() || Mutant::RejoinForgets.is_planted() {
+        return None;
+    }
+    let rest = |((stamp, from), writes): (merge::Source, merge::Piece)| {
+        let known = from.and_then(|dot| old.log().frame(dot)?.open().ok());
+        let (reason, requires) = known.map(|txn| (txn.reason, txn.requires)).unwrap_or_default();
+        let rebase = Rebase { from, stamp, takes: Vec::new() };
+        (from, Rest { rebase, reason, requires, writes })
+    };
+    let arrival = if Mutant::ArrivalForgotten.is_planted() { Vec::new() } else { arrival };
+    let records = member::arrival(joining, &arrival);
+    Some(Arrivals { rests: pieces.into_iter().map(rest).collect(), records })
+}
+
+fn side(contents: &Contents) -> Side<'_> {
+    Side { state: contents.state(), log: contents.log(), members: contents.members() }
+}
+
+/// Returns the origins that have used numbers twice, as far as the logs show, and the own ones that had to be given up
+/// for it: up to which number they mean the same here and there.
+fn forked(old: &Log, new: &Log, me: &Identity) -> Forked {
+    let other = |(origin, head): (&Origin, &Head)| {
+        let link = old.link(Dot { origin: *origin, seq: head.seq })?;
+        (link != head.link).then_some((*origin, 0))
+    };
+    let mut forked: Forked = new.heads().iter().filter_map(other).collect();
+    let forgets = Mutant::ToldForgotten.is_planted();
+    let past = me.past().iter().filter(|past| past.told < u64::MAX && !forgets);
+    for Past { origin, told, twice, .. } in past {
+        // Who knows less of its own transactions than others was set back.
+        let behind = old.cut().get(*origin) < new.cut().get(*origin);
+        if *twice || behind || forked.contains_key(origin) {
+            forked.insert(*origin, *told);
+        }
+    }
+    forked
+}
+
+impl Rest {
+    /// Returns what to commit.
+    pub(super) fn change(&self) -> Change {
+        let takes: BTreeSet<Dot> = self.writes.iter().flat_map(|(_, takes)| takes).copied().collect();
+        Change {
+            reason: self.reason.clone(),
+            requires: self.requires.clone(),
+            writes: self.writes.iter().map(|(write, _)| write.clone()).collect(),
+            wants_ack: false,
+            rebase: Some(Rebase { takes: takes.into_iter().collect(), ..self.rebase.clone() }),
+        }
+    }
+
+    /// Returns the same in shorter transactions, the first one last. A single write that takes away too many to name them
+    /// leaves some, which are conflicts then.
+    pub(super) fn shorter(mut self) -> Vec<Self> {
+        if self.writes.len() > 1 {
+            let writes = self.writes.split_off(self.writes.len() / 2);
+            let rest = Self { rebase: self.rebase.clone(), reason: self.reason.clone(), requires: Vec::new(), writes };
+            return vec![rest, self];
+        }
+        if self.requires.is_empty() {
+            let takes = self.writes.first_mut().map(|(_, takes)| takes).filter(|takes| !takes.is_empty());
+            let Some(takes) = takes else { return Vec::new() };
+            *takes = takes.iter().copied().skip(takes.len().div_ceil(2)).collect();
+        }
+        self.requires.clear();
+        vec![self]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::logic::clock::Stamp;
+    use crate::logic::key::Key;
+    use crate::logic::txn::Condition;
+
+    #[test]
+    fn what_does_not_fit_is_taken_apart_and_nothing_is_left_out() {
+        let dot = |seq| Dot { origin: Origin::new(1), seq };
+        let key = |name: u64| Key::new(format!("k{name}")).unwrap();
+        let write = |name| (Write { key: key(name), value: None }, BTreeSet::from([dot(name), dot(9)]));
+        let rebase = Rebase { from: None, stamp: Stamp::default(), takes: Vec::new() };
+        let requires = vec![Require { key: key(0), condition: Condition::Absent }];
+        let rest = Rest { rebase, reason: "r".into(), requires, writes: (1..=3).map(write).collect() };
+        let (mut waiting, mut done) = (vec![rest], Vec::new());
+        while let Some(rest) = waiting.pop() {
+            let change = rest.change();
+            if change.writes.len() > 1 || !change.requires.is_empty() {
+                waiting.extend(rest.shorter());
+            } else {
+                let takes = change.rebase.map(|rebase| rebase.takes).unwrap_or_default();
+                done.push((change.writes[0].key.clone(), takes));
+            }
+        }
+        assert_eq!(done, [1, 2, 3].map(|name| (key(name), vec![dot(name), dot(9)])));
+        let (single, none) = (Rest { writes: vec![write(1)], ..empty() }, empty());
+        assert_eq!(single.shorter()[0].change().rebase.unwrap().takes, [dot(9)], "some stay, as conflicts");
+        assert!(none.shorter().is_empty(), "in the end it gives up");
+    }
+
+    fn empty() -> Rest {
+        let rebase = Rebase { from: None, stamp: Stamp::default(), takes: Vec::new() };
+        Rest { rebase, reason: String::new(), requires: Vec::new(), writes: Vec::new() }
+    }
+}

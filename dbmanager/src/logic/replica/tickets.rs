@@ -1,0 +1,117 @@
+//! Who waits for a transaction to get further.
+
+use super::interface::{Answer, Effect, Level};
+use super::ledger::Ledger;
+use crate::logic::cut::{Dot, Origin};
+use crate::logic::mutant::Mutant;
+use comms::logic::time::Time;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// The most tickets that wait; whoever comes later hears at once that it is pending.
+const WAITING_MAX: usize = 1024;
+
+/// The callers that wait, by ticket: for which transaction, how far, and until when.
+#[derive(Debug, Default)]
+pub(super) struct Tickets(BTreeMap<u64, (Dot, Level, Time)>);
+
+impl Tickets {
+    pub(super) fn deadline(&self) -> Option<Time> {
+        self.0.values().map(|(_, _, until)| *until).min()
+    }
+
+    /// Lets a caller wait; returns whether there is a place, and time.
+    pub(super) fn wait(&mut self, now: Time, ticket: u64, (dot, level, until): (Dot, Level, Time)) -> bool {
+        let waits = self.0.len() < WAITING_MAX && until > now;
+        if waits {
+            self.0.insert(ticket, (dot, level, until));
+        }
+        waits
+    }
+
+    /// Tells callers how far their transactions have got by now, and whose time is over.
+    pub(super) fn settle(&mut self, now: Time, reached: impl Fn(Dot, &Level) -> bool, effects: &mut Vec<Effect>) {
+        self.0.retain(|ticket, (dot, level, until)| {
+            let answer = if reached(*dot, level) {
+                Answer::Reached(*dot)
+            } else if *until <= now && !Mutant::TicketForgotten.is_planted() {
+                Answer::Pending(*dot)
+            } else {
+                return true;
+            };
+            effects.push(Effect::Answer(*ticket, answer));
+            false
+        });
+    }
+
+    /// Gives the transactions that are waited for their new names.
+    pub(super) fn rename(&mut self, names: &BTreeMap<Dot, Dot>) {
+        for (dot, ..) in self.0.values_mut() {
+            *dot = names.get(dot).copied().unwrap_or(*dot);
+        }
+    }
+}
+
+/// Returns whether a transaction has got this far, as far as is known here.
+pub(super) fn has_reached(ledger: &Ledger, dot: Dot, level: &Level) -> bool {
+    let (me, dot) = (ledger.identity.origin(), ledger.contents().name_of(dot));
+    let here = ledger.log().cut().contains(dot);
+    let has = |origin: Origin| origin == me || ledger.acks.said(origin).is_some_and(|cut| cut.contains(dot));
+    let robots = || {
+        let reached = ledger.others().filter(|(origin, _)| has(*origin));
+        reached.map(|(_, robot)| robot).collect::<BTreeSet<_>>()
+    };
+    here && match level {
+        Level::Local => true,
+        Level::Replicated(count) => {
+            let own = usize::from(Mutant::SelfCounted.is_planted());
+            robots().iter().filter(|robot| **robot != ledger.identity.robot()).count() + own >= *count
+        }
+        Level::On(names) => {
+            let reached = robots();
+            names.iter().all(|name| *name == ledger.identity.robot() || reached.contains(name.as_str()))
+        }
+        Level::Everywhere => ledger.is_member() && ledger.others().all(|(origin, _)| has(origin)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::time::Duration;
+
+    #[test]
+    fn each_caller_hears_once_that_it_is_done_or_that_its_time_is_over() {
+        let (mut tickets, mut effects) = (Tickets::default(), Vec::new());
+        let dot = |seq| Dot { origin: Origin::new(1), seq };
+        let later = Time::ZERO + Duration::from_secs(1);
+        assert!(!tickets.wait(later, 9, (dot(9), Level::Everywhere, later)), "its time is over");
+        for ticket in 1..=3 {
+            assert!(tickets.wait(Time::ZERO, ticket, (dot(ticket), Level::Everywhere, later)));
+        }
+        tickets.rename(&BTreeMap::from([(dot(2), dot(20))]));
+        tickets.settle(Time::ZERO, |dot, _| dot.seq == 20, &mut effects);
+        tickets.settle(later, |dot, _| dot.seq == 3, &mut effects);
+        let answers: Vec<(u64, Answer)> = effects
+            .into_iter()
+            .map(|effect| match effect {
+                Effect::Answer(ticket, answer) => (ticket, answer),
+                other => panic!("{other:?}"),
+            })
+            .collect();
+        assert_eq!(
+            answers,
+            [(2, Answer::Reached(dot(20))), (1, Answer::Pending(dot(1))), (3, Answer::Reached(dot(3)))]
+        );
+        assert_eq!(tickets.deadline(), None);
+    }
+
+    #[test]
+    fn no_more_wait_than_there_are_places() {
+        let mut tickets = Tickets::default();
+        let dot = Dot { origin: Origin::new(1), seq: 1 };
+        let until = Time::ZERO + Duration::from_secs(1);
+        let waiting =
+            (0..2 * WAITING_MAX as u64).filter(|ticket| tickets.wait(Time::ZERO, *ticket, (dot, Level::Local, until)));
+        assert_eq!(waiting.count(), WAITING_MAX);
+    }
+}

@@ -1,0 +1,49 @@
+//! How long and how often: every time that a replica goes by.
+
+use std::time::Duration;
+
+/// The shortest time between two hellos: that long after something has changed.
+pub(crate) const HELLO_PERIOD_MIN: Duration = Duration::from_secs(1);
+/// The longest time between two hellos, while nothing changes.
+pub(crate) const HELLO_PERIOD_MAX: Duration = Duration::from_secs(10);
+
+/// How long after a push that did not fit its sender is pulled from: the one before it may be on its way.
+pub(crate) const PULL_AFTER_PUSH: Duration = Duration::from_millis(50);
+/// How late an answer to a pull may be that shows how long the way is.
+pub(crate) const PULL_ANSWER_LATE_MAX: Duration = Duration::from_secs(10);
+/// How long a peer is left alone after its first silence; four times as long after each further one.
+pub(crate) const PULL_PAUSE_MIN: Duration = Duration::from_millis(200);
+/// The longest time for which it is left alone.
+pub(crate) const PULL_PAUSE_MAX: Duration = Duration::from_millis(12_800);
+/// After how many silences in a row it is left alone for that long.
+pub(crate) const SILENCES_MAX: u32 = 4;
+
+/// How long a chunk of a state is waited for at least before it is asked for once more, each time twice as long.
+pub(crate) const CHUNK_WAIT_MIN: Duration = Duration::from_secs(2);
+/// How long it is waited for at most: twice what a chunk takes on the slowest radio. One that was lost looks as if it took long.
+pub(crate) const CHUNK_WAIT_MAX: Duration = Duration::from_secs(20);
+/// If chunks come faster than this after each other, more of them are asked for at a time.
+pub(crate) const CHUNK_TIME_FAST: Duration = Duration::from_millis(250);
+/// If one alone takes no longer than this, two at a time are tried: it may have been a long way, and not a slow one.
+pub(crate) const CHUNK_TIME_TRY: Duration = Duration::from_secs(4);
+/// How often a chunk is asked for once more before the download is broken off.
+pub(crate) const CHUNK_TRIES_MAX: u32 = 3;
+
+/// Returns how long a peer is left alone that has not answered so often in a row, at least once.
+pub(crate) fn pull_pause(silences: u32) -> Duration {
+    PULL_PAUSE_MIN * (1 << (2 * (silences.clamp(1, SILENCES_MAX) - 1)))
+}
+
+const _: () = {
+    const fn before(a: Duration, b: Duration) -> bool {
+        a.as_nanos() < b.as_nanos()
+    }
+    assert!(before(HELLO_PERIOD_MIN, HELLO_PERIOD_MAX));
+    assert!(before(PULL_AFTER_PUSH, PULL_PAUSE_MIN), "what is on its way comes before anybody is left alone");
+    assert!(PULL_PAUSE_MIN.as_nanos() << (2 * (SILENCES_MAX - 1)) == PULL_PAUSE_MAX.as_nanos());
+    assert!(before(CHUNK_TIME_FAST, CHUNK_WAIT_MIN) && before(CHUNK_WAIT_MIN, CHUNK_TIME_TRY));
+    assert!(
+        before(CHUNK_TIME_TRY, CHUNK_WAIT_MAX),
+        "a slow chunk is not given up before it can be told from a long way"
+    );
+};
