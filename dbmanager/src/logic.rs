@@ -23,7 +23,6 @@ pub mod log;
 pub mod member;
 pub mod merge;
 pub mod message;
-pub mod mutant;
 pub mod news;
 pub mod owner;
 pub mod random;

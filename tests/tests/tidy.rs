@@ -11,8 +11,8 @@ use std::path::{Path, PathBuf};
 
 /// The longest file, without its tests.
 const LINES_MAX: usize = 500;
-/// The most lines of the database's core, blank ones, tests and planted bugs left out.
-const CORE_LINES_MAX: usize = 4000;
+/// The most lines of the database's core, blank ones and tests left out; 450 are for parts with transitions of their own.
+const CORE_LINES_MAX: usize = 4450;
 /// Which rooms a room may import. `dca-tests` sees every room, and no room sees it.
 const FLOORS: [(&str, &[&str]); 8] = [
     ("language", &[]),
@@ -317,14 +317,11 @@ fn files_are_short_and_stand_beside_their_folder() {
 fn the_core_of_the_database_is_small() {
     let is_core = |source: &&Source| {
         let path = source.path.strip_prefix("dbmanager/src/logic/").unwrap_or("view");
-        source.is_shipped() && !path.starts_with("view") && path != "mutant.rs" && !path.ends_with("tests.rs")
+        source.is_shipped() && !path.starts_with("view") && !path.ends_with("tests.rs")
     };
     let lines = |source: &Source| source.text.lines().take(source.length()).filter(|line| !line.is_empty()).count();
     let count: usize = sources().iter().filter(is_core).map(lines).sum();
-    assert!(
-        (3000..CORE_LINES_MAX).contains(&count),
-        "{count} lines with documentation, without planted bugs and views"
-    );
+    assert!((3000..CORE_LINES_MAX).contains(&count), "{count} lines with documentation, without views");
 }
 
 /// Checks that only code in `places` names one of `words`.

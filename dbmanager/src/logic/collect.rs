@@ -20,7 +20,6 @@
 
 use crate::logic::cut::{Cut, Origin};
 use crate::logic::member::Members;
-use crate::logic::mutant::Mutant;
 use std::collections::BTreeMap;
 
 /// What is stable, and who keeps it from growing.
@@ -50,7 +49,7 @@ impl Acks {
     /// Counts what the own cut dominates by now.
     pub fn settle(&mut self, own: &Cut) {
         for (origin, cut) in &self.said {
-            if own.dominates(cut) || Mutant::AckFirst.is_planted() {
+            if own.dominates(cut) {
                 self.counted.insert(*origin, cut.clone());
             }
         }
@@ -79,9 +78,7 @@ impl Acks {
     pub fn stable(&self, me: Origin, own: &Cut, members: &Members) -> Stable {
         let has = |origin: Origin| if origin == me { Some(own) } else { self.counted.get(&origin) };
         let active = members.active().map(|(origin, _)| origin);
-        let active = active.filter(|origin| !Mutant::ReachableOnly.is_planted() || has(*origin).is_some());
-        let active = active.filter(|o| !Mutant::JoinerUncounted.is_planted() || *o == me || own.get(*o) > 0);
-        let retired = members.before_barrier(has).filter(|_| !Mutant::RetireAtOnce.is_planted());
+        let retired = members.before_barrier(has);
         let mut stable = Stable { cut: own.clone(), pinned_by: Vec::new() };
         for origin in active.chain(retired) {
             let cut = has(origin).cloned().unwrap_or_default();

@@ -17,7 +17,6 @@
 
 use crate::logic::clock::Stamp;
 use crate::logic::cut::{Cut, Dot, Origin};
-use crate::logic::mutant::Mutant;
 use crate::logic::txn::{Frame, Link, Txn};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -82,10 +81,6 @@ impl Log {
     /// Returns a log that begins after `heads`.
     pub fn new(heads: BTreeMap<Origin, Head>) -> Self {
         let cut = heads.iter().map(|(origin, head)| (*origin, head.seq)).collect();
-        let mut heads = heads;
-        if Mutant::HeadsWithoutContext.is_planted() {
-            heads.values_mut().for_each(|head| head.context = Cut::default());
-        }
         Self { heads, cut, ..Self::default() }
     }
 
@@ -178,24 +173,21 @@ impl Log {
         let none = Head::default();
         let head = self.head(dot.origin).unwrap_or(&none);
         if dot.seq <= head.seq {
-            let same = self.frame(dot).is_none_or(|known| known == frame) || Mutant::ForksUnseen.is_planted();
+            let same = self.frame(dot).is_none_or(|known| known == frame);
             return if same && dot.seq > 0 { Verdict::Known } else { Verdict::Fork };
         }
-        if dot.seq > head.seq + 1 && !Mutant::GapTaken.is_planted() {
+        if dot.seq > head.seq + 1 {
             return Verdict::Early;
         }
         if dot.seq == head.seq + 1 && (txn.prev != head.link || txn.stamp <= head.stamp) {
             return Verdict::Fork;
         }
         let missing = self.context(txn).beyond(&self.cut);
-        let gap = |origin: Origin| Mutant::GapTaken.is_planted() && origin == dot.origin;
-        let seen = missing.iter().all(|(origin, _)| gap(origin));
-        if !seen && !Mutant::GuardOpen.is_planted() {
+        if !missing.is_empty() {
             return Verdict::Early;
         }
         let differs = |said| self.seen(&txn.context).is_some_and(|here| here != said);
-        let apart = frame.seen().is_some_and(differs) && !Mutant::SeenByNumber.is_planted();
-        if apart { Verdict::Apart } else { Verdict::Next }
+        if frame.seen().is_some_and(differs) { Verdict::Apart } else { Verdict::Next }
     }
 
     /// Returns by which link a transaction is known; `None` if it is not, or too little is kept to tell.
@@ -236,7 +228,7 @@ impl Log {
     /// Returns the frames beyond `cut` in the order of application, at least one and about `size_max` bytes of them, and
     /// whether there are more; `None` if some that would be needed are gone.
     pub fn beyond(&self, cut: &Cut, size_max: usize) -> Option<(Vec<Frame>, bool)> {
-        if !cut.dominates(&self.low()) && !Mutant::GoneServed.is_planted() {
+        if !cut.dominates(&self.low()) {
             return None;
         }
         let (mut frames, mut size) = (Vec::new(), 0);
@@ -260,7 +252,7 @@ impl Log {
         let (mut dropped, mut size) = (Vec::new(), self.size);
         for (dot, frame) in self.after(&self.low()) {
             // What is applied later may be stable earlier, but a chain is only ever cut from below.
-            if size <= size_max || !stable.contains(dot) || Mutant::LogNeverCut.is_planted() {
+            if size <= size_max || !stable.contains(dot) {
                 break;
             }
             size -= frame.size();

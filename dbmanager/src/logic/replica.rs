@@ -41,7 +41,6 @@ use crate::logic::cut::{Cut, Dot, Origin};
 use crate::logic::log::Log;
 use crate::logic::member::{self, Members};
 use crate::logic::message::{Chunk, Message, Pull};
-use crate::logic::mutant::Mutant;
 use crate::logic::owner::Owners;
 use crate::logic::random::Random;
 use crate::logic::record::{OpenError, Reading};
@@ -247,7 +246,7 @@ impl Replica {
     /// Takes a message.
     fn receive(&mut self, now: Time, (from, message): (Origin, Message), effects: &mut Vec<Effect>) {
         let stranger = self.is_member() && !self.members().is_active(from);
-        if stranger && self.members().retired(from).is_some() && !Mutant::RetiredServed.is_planted() {
+        if stranger && self.members().retired(from).is_some() {
             return self.answer_retired(now, (from, &message), effects);
         }
         match message {
@@ -374,7 +373,7 @@ impl Replica {
         if !whole.manifest.cut().dominates(&self.log().low()) {
             // What would have to be applied to it again is not all here any more.
             let dropped = self.peers.dropped(from);
-            if dropped >= DROPPED_MAX && from < self.origin() && !Mutant::StandOff.is_planted() {
+            if dropped >= DROPPED_MAX && from < self.origin() {
                 self.rejoin(now, false, effects);
             }
             return false;

@@ -26,7 +26,6 @@
 use crate::logic::clock::Stamp;
 use crate::logic::cut::{Cut, Dot};
 use crate::logic::key::Key;
-use crate::logic::mutant::Mutant;
 use crate::logic::txn::{Condition, Require, TxnError, Value, Write};
 use imbl::OrdMap;
 use serde::{Deserialize, Serialize};
@@ -55,9 +54,8 @@ pub struct Seen<'a> {
 
 impl Seen<'_> {
     fn takes_away(&self, version: &Version) -> bool {
-        let deletion = version.value.is_none() && !Mutant::FloorForgotten.is_planted();
-        let named =
-            |only: &[Dot]| deletion || only.binary_search(&version.dot).is_ok() && !Mutant::TakesForgotten.is_planted();
+        let deletion = version.value.is_none();
+        let named = |only: &[Dot]| deletion || only.binary_search(&version.dot).is_ok();
         self.context.contains(version.dot) && self.only.is_none_or(named)
     }
 }
@@ -81,22 +79,11 @@ impl PartialEq for State {
 impl State {
     /// Applies one transaction. What it has seen must be applied already, and itself not yet.
     pub fn apply(&mut self, dot: Dot, stamp: Stamp, seen: Seen<'_>, writes: &[Write]) {
-        let writes = if Mutant::HalfApplied.is_planted() { &writes[writes.len() / 2..] } else { writes };
         for Write { key, value } in writes {
             let mut versions = self.take(key);
-            if !Mutant::ContextIgnored.is_planted() {
-                versions.retain(|version| !seen.takes_away(version));
-            }
-            if Mutant::SiblingsDropped.is_planted() {
-                versions.clear();
-            }
+            versions.retain(|version| !seen.takes_away(version));
             versions.push(Version { dot, stamp, value: value.clone() });
-            if !Mutant::LastArrivalWins.is_planted() {
-                versions.sort_by_key(|version| (version.stamp, version.dot));
-            }
-            if Mutant::TombstoneAtOnce.is_planted() {
-                versions.retain(|version| version.value.is_some());
-            }
+            versions.sort_by_key(|version| (version.stamp, version.dot));
             self.put(key.clone(), versions);
         }
     }
@@ -123,8 +110,7 @@ impl State {
 
     /// Returns whether there are writes to the key that did not see each other.
     pub fn is_conflict(&self, key: &Key) -> bool {
-        let versions = self.versions(key);
-        differ(versions) && !(Mutant::PairsNoConflict.is_planted() && versions.len() == 2)
+        differ(self.versions(key))
     }
 
     /// Returns the keys below `prefix`, deleted ones included, with their versions.
@@ -168,11 +154,7 @@ impl State {
 
     /// Drops keys that are only deleted, and by nothing but transactions in `stable`. Returns them.
     pub(crate) fn drop_deleted(&mut self, stable: &Cut) -> Vec<Key> {
-        let gone = |versions: &[Version]| {
-            is_deleted(versions)
-                && !Mutant::DeletionsForEver.is_planted()
-                && versions.iter().all(|v| stable.contains(v.dot))
-        };
+        let gone = |versions: &[Version]| is_deleted(versions) && versions.iter().all(|v| stable.contains(v.dot));
         let keys: Vec<Key> = self.entries.iter().filter(|(_, v)| gone(v)).map(|(key, _)| key.clone()).collect();
         for key in &keys {
             self.entries.remove(key);

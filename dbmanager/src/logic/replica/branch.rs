@@ -18,7 +18,6 @@ use crate::logic::cut::{Cut, Dot, Origin};
 use crate::logic::log::Head;
 #[cfg(doc)]
 use crate::logic::message::Chunk;
-use crate::logic::mutant::Mutant;
 use crate::logic::snapshot::Manifest;
 use crate::logic::txn::Link;
 
@@ -83,7 +82,7 @@ pub(super) fn is_set_back(own: (u64, Link), known: (u64, Link)) -> bool {
 }
 
 fn may_rejoin(ledger: &Ledger) -> bool {
-    ledger.identity.joining().is_none() && !Mutant::Reuse.is_planted()
+    ledger.identity.joining().is_none()
 }
 
 fn tell_fork(ledger: &Ledger, origin: Origin) -> Vec<Action> {

@@ -17,7 +17,6 @@ use crate::logic::clock::{Clock, Stamp, Wall};
 use crate::logic::cut::{Cut, Dot, Origin};
 use crate::logic::key::{Key, Namespace};
 use crate::logic::log::Log;
-use crate::logic::mutant::Mutant;
 use crate::logic::owner::{self, Owner};
 use crate::logic::record::{Batch, LOCAL};
 use crate::logic::state::{Seen, State};
@@ -56,7 +55,6 @@ impl CommitPipeline {
     pub(super) fn new(origin: Origin, last: Stamp, local: State) -> Self {
         let stamps = local.scan("").flat_map(|(_, versions)| versions).map(|version| version.stamp);
         let last = stamps.chain([last]).max().unwrap_or_default();
-        let last = if Mutant::ClockForgotten.is_planted() { Stamp::default() } else { last };
         Self { clock: Clock::new(origin, last), wall: Wall::default(), local }
     }
 
@@ -76,10 +74,7 @@ impl CommitPipeline {
     /// Takes note of a transaction of another; returns by how much it is dated ahead of a trusted clock, if that is suspicious.
     pub(super) fn observe(&mut self, now: Time, txn: &Txn) -> Option<Duration> {
         let ahead_by = Clock::suspects(txn.stamp, self.wall);
-        if !Mutant::StampsUnseen.is_planted() {
-            let epoch = if Mutant::EpochUnseen.is_planted() { 0 } else { txn.stamp.epoch };
-            self.clock.observe(now, Stamp { epoch, ..txn.stamp }, txn.wall);
-        }
+        self.clock.observe(now, txn.stamp, txn.wall);
         ahead_by
     }
 
@@ -101,8 +96,7 @@ impl CommitPipeline {
     /// Returns what a draft of this `robot` comes to, if it may be committed.
     pub(super) fn plan(&self, draft: Draft, robot: &str, contents: &Contents) -> Result<Change, TxnError> {
         draft.check()?;
-        let conditions = draft.requires().iter().filter(|_| !Mutant::ConditionsIgnored.is_planted());
-        conditions.into_iter().try_for_each(|require| self.check(require, contents))?;
+        draft.requires().iter().try_for_each(|require| self.check(require, contents))?;
         let fences = draft.writes().filter_map(|(key, _)| check_owner(key, robot, contents).transpose());
         let fences: BTreeMap<Key, Dot> = fences.collect::<Result<_, _>>()?;
         let mut granted = Vec::new();
@@ -128,12 +122,9 @@ impl CommitPipeline {
     pub(super) fn seal(&mut self, now: Time, change: Change, on: (Origin, &Log)) -> Result<(Txn, Frame), TxnError> {
         let (origin, log) = on;
         let mut clock = self.clock.clone();
-        let mut stamp = clock.tick(now, self.wall).ok_or(TxnError::Clock)?;
+        let stamp = clock.tick(now, self.wall).ok_or(TxnError::Clock)?;
         let head = log.head(origin).cloned().unwrap_or_default();
         let seq = head.seq.checked_add(1).ok_or(TxnError::Clock)?;
-        if Mutant::WallClock.is_planted() {
-            stamp = Stamp { epoch: 0, hlc: (self.wall.millis << 16).max(head.stamp.hlc + 1), origin };
-        }
         // What one's own transactions have seen is in one's own number.
         let context: Cut = log.cut().beyond(&head.context).without(origin);
         let txn = Txn {
@@ -192,8 +183,7 @@ fn check_owner(key: &Key, robot: &str, contents: &Contents) -> Result<Option<(Ke
         return Err(TxnError::Reserved { key: key.clone() });
     }
     let Some((prefix, Owner { term, robot: owner, grant })) = contents.owners().find(key) else { return Ok(None) };
-    let other = owner.filter(|owner| owner != robot);
-    if let Some(owner) = other.filter(|_| !Mutant::OwnersIgnored.is_planted()) {
+    if let Some(owner) = owner.filter(|owner| owner != robot) {
         return Err(TxnError::NotOwner { key: key.clone(), owner, term });
     }
     let record = Key::new(prefix).and_then(|prefix| owner::record(&prefix));

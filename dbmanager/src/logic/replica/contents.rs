@@ -8,7 +8,6 @@ use crate::logic::key::Key;
 use crate::logic::log::Log;
 use crate::logic::member::Members;
 use crate::logic::message::{Chunk, Message};
-use crate::logic::mutant::Mutant;
 use crate::logic::owner::Owners;
 use crate::logic::record::{Batch, SHARED};
 use crate::logic::state::{Seen, State};
@@ -58,10 +57,10 @@ impl Contents {
         self.state.apply(dot, txn.written(), Seen { context: &seen, only }, &txn.writes);
         let index = self.log.append(txn, frame.clone());
         batch.frame(dot, index, frame);
-        if let Some(head) = self.log.head(dot.origin).filter(|_| !Mutant::HeadNotStored.is_planted()) {
+        if let Some(head) = self.log.head(dot.origin) {
             batch.head(dot.origin, head);
         }
-        for write in txn.writes.iter().filter(|_| !Mutant::VersionsNotStored.is_planted()) {
+        for write in &txn.writes {
             batch.versions((SHARED, &write.key), self.state.versions(&write.key));
         }
         if txn.writes.iter().any(|write| is_system(&write.key)) {
@@ -71,9 +70,7 @@ impl Contents {
 
     /// Takes over the state of another; returns what was here before.
     pub(super) fn replace(&mut self, log: Log, state: State, batch: &mut Batch) -> Self {
-        if !Mutant::EraseForgotten.is_planted() {
-            self.erase(batch);
-        }
+        self.erase(batch);
         let old = std::mem::replace(self, Self::new(log, state));
         for (origin, head) in self.log.heads() {
             batch.head(*origin, head);
@@ -105,8 +102,7 @@ impl Contents {
 
     /// Drops the oldest frames within `stable`, until no more than `size_max` bytes are left.
     pub(super) fn truncate(&mut self, stable: &Cut, size_max: usize, batch: &mut Batch) {
-        let own = Mutant::LogCutAtOwn.is_planted().then(|| self.log.cut().clone());
-        for dot in self.log.truncate(own.as_ref().unwrap_or(stable), size_max) {
+        for dot in self.log.truncate(stable, size_max) {
             batch.no_frame(dot);
         }
     }

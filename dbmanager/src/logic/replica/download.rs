@@ -7,7 +7,6 @@ use super::contents::Contents;
 use super::interface::{Alarm, Effect};
 use crate::logic::cut::{Cut, Origin};
 use crate::logic::message::Message;
-use crate::logic::mutant::Mutant;
 use crate::logic::snapshot::{self, CHUNKS_MAX, Manifest, Name};
 use crate::logic::state::State;
 use crate::logic::timing::{CHUNK_TIME_FAST, CHUNK_TIME_TRY, CHUNK_TRIES_MAX, CHUNK_WAIT_MAX, CHUNK_WAIT_MIN};
@@ -108,7 +107,7 @@ impl Downloads {
     /// Asks once more for what has not come in time, and in the end gives up.
     pub(super) fn tick(&mut self, now: Time, effects: &mut Vec<Effect>) {
         let Some(download) = self.current.as_mut().filter(|download| download.until <= now) else { return };
-        if download.tries >= CHUNK_TRIES_MAX && !Mutant::DownloadForEver.is_planted() {
+        if download.tries >= CHUNK_TRIES_MAX {
             return self.break_off();
         }
         download.again(now);
@@ -219,9 +218,9 @@ mod tests {
     }
 
     fn asked_for(effects: &[Effect]) -> Vec<Name> {
-        let name = |effect: &Effect| match effect {
-            Effect::Send(PEER, Message::Snap(name)) => Some(*name),
-            _ => None,
+        let name = |effect: &Effect| {
+            let Effect::Send(PEER, Message::Snap(name)) = effect else { return None };
+            Some(*name)
         };
         effects.iter().filter_map(name).collect()
     }

@@ -7,7 +7,6 @@ use super::ledger::Ledger;
 use crate::logic::clock::Stamp;
 use crate::logic::cut::Origin;
 use crate::logic::message::{Chunk, Hello, Message};
-use crate::logic::mutant::Mutant;
 use crate::logic::txn::FORMAT;
 
 /// What a hello comes to.
@@ -99,7 +98,6 @@ pub(super) fn react(ledger: &Ledger, from: Origin, hello: &Hello) -> Vec<Action>
         Greeting::Retired(stamp) => actions.push(Action::send(from, Message::Chunk(Chunk::Retired(stamp)))),
         // An old hello may have been overtaken by what it announces: who gets this knows better.
         Greeting::SetBack => actions.push(Action::send(from, ledger.contents().tip_of(from))),
-        Greeting::Differs if Mutant::PushOnly.is_planted() => {}
         Greeting::Ahead | Greeting::Differs => actions.push(Action::Ahead),
         Greeting::Even { buffers, same_chains, same_state } => {
             let cut = ledger.log().cut();

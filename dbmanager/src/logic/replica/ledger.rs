@@ -15,7 +15,6 @@ use crate::logic::cut::{Cut, Dot, Origin};
 use crate::logic::log::{Head, Log, Verdict};
 use crate::logic::member;
 use crate::logic::message::{Chunk, Message, PUSH_SIZE_MAX};
-use crate::logic::mutant::Mutant;
 use crate::logic::news::News;
 use crate::logic::random::Random;
 use crate::logic::record::{Batch, OpenError, Reading};
@@ -93,13 +92,8 @@ impl Ledger {
         }
         self.batch.digests(self.contents.log(), self.contents.state());
         let persist = Effect::Persist(std::mem::take(&mut self.batch));
-        if Mutant::AckBeforeDisk.is_planted() {
-            effects.extend(after);
-            effects.push(persist);
-        } else {
-            effects.push(persist);
-            effects.extend(after);
-        }
+        effects.push(persist);
+        effects.extend(after);
     }
 
     /// Applies a transaction that may be next.
@@ -123,9 +117,6 @@ impl Ledger {
             self.identity.proves(own);
         }
         self.contents.enter(&txn, &frame, &mut self.batch);
-        if Mutant::ShownTwice.is_planted() {
-            effects.push(Effect::Visible(txn.dot(), frame.clone()));
-        }
         effects.push(Effect::Visible(txn.dot(), frame));
         Ok(verdict)
     }
@@ -185,7 +176,7 @@ impl Ledger {
         }
         let known = |seq| self.log().frame(Dot { origin: from, seq }).map(Frame::link);
         let forks = news.links().any(|(seq, link)| known(seq).is_some_and(|known| known != link));
-        if forks && !Mutant::ForksUnseen.is_planted() {
+        if forks {
             self.tell_fork(from, effects);
         }
         forks || news.links().any(|(seq, _)| seq > self.log().cut().get(from))
@@ -246,9 +237,7 @@ impl Ledger {
     /// Gives up the origin, which may have used numbers `twice`.
     pub(super) fn begin_anew(&mut self, twice: bool, random: &mut Random, effects: &mut Vec<Effect>) {
         let from = self.identity.begin_anew(twice, random);
-        if !Mutant::ClockNotMoved.is_planted() {
-            self.pipeline.move_to(self.identity.origin());
-        }
+        self.pipeline.move_to(self.identity.origin());
         effects.push(Effect::Alarm(Alarm::Rejoining { from }));
     }
 
@@ -258,9 +247,7 @@ impl Ledger {
         while let Some(rest) = waiting.pop() {
             match self.commit(now, rest.change()) {
                 Ok((dot, frame)) => {
-                    if !Mutant::NotShown.is_planted() {
-                        effects.push(Effect::Visible(dot, frame));
-                    }
+                    effects.push(Effect::Visible(dot, frame));
                     name = Some(dot);
                 }
                 Err(TxnError::Frame(FrameError::Long { .. })) => waiting.extend(rest.shorter()),
@@ -295,10 +282,6 @@ impl Ledger {
         self.news = true;
         let size: usize = frames.iter().map(Frame::size).sum();
         if size <= PUSH_SIZE_MAX {
-            if Mutant::PushedIsHad.is_planted() {
-                let members: Vec<Origin> = self.contents.members().active().map(|(origin, _)| origin).collect();
-                members.into_iter().for_each(|origin| self.acks.note(origin, self.contents.log().cut()));
-            }
             let news = News::of(before, &frames);
             effects.push(Effect::Broadcast(news.map_or(Message::Push(frames), Message::News)));
         }
@@ -317,9 +300,9 @@ impl Ledger {
         let old = self.contents.replace(log, whole.state, &mut self.batch);
         self.pipeline.go_on_after(now, self.log().last_stamp());
         effects.push(Effect::Replaced);
-        let (loses, joins) = (Mutant::SnapshotLoses.is_planted(), joining.is_some());
+        let joins = joining.is_some();
         for (dot, frame) in old.log().in_order() {
-            if self.log().cut().contains(dot) || loses || joins && !self.contents.members().is_active(dot.origin) {
+            if self.log().cut().contains(dot) || joins && !self.contents.members().is_active(dot.origin) {
                 continue;
             }
             if !matches!(self.apply(now, frame.clone(), effects), Ok(Verdict::Next)) && !joins {
@@ -379,8 +362,7 @@ impl Ledger {
     /// Returns what to answer a member who has less than it has said to have. Others may have dropped deletions because of
     /// that, so it must not go on under its name.
     pub(super) fn behind(&self, from: Origin, cut: &Cut) -> Option<Message> {
-        let less = |said: &&Cut| !cut.dominates(said) && !Mutant::SetBackUntold.is_planted();
-        let said = self.acks.said(from).filter(less);
+        let said = self.acks.said(from).filter(|said| !cut.dominates(said));
         said.map(|said| Message::Chunk(Chunk::Behind(said.clone())))
     }
 }

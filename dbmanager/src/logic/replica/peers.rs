@@ -5,7 +5,6 @@
 //! an answer nor what is urgent is late on a slow one.
 
 use crate::logic::cut::Origin;
-use crate::logic::mutant::Mutant;
 use crate::logic::random::Random;
 use crate::logic::timing::{
     HELLO_PERIOD_MAX, HELLO_PERIOD_MIN, PULL_AFTER_PUSH, PULL_ANSWER_LATE_MAX, SILENCES_MAX, pull_pause,
@@ -84,8 +83,7 @@ impl PeerTable {
     /// Ends the pulls that were not answered in time.
     pub(super) fn expire(&mut self, now: Time) {
         for peer in self.peers.values_mut() {
-            let over = peer.pulling.is_some_and(|until| until <= now);
-            if over && !Mutant::PullForEver.is_planted() {
+            if peer.pulling.is_some_and(|until| until <= now) {
                 peer.pulling = None;
                 peer.silences = (peer.silences + 1).min(SILENCES_MAX);
                 peer.pace.lost();
@@ -255,7 +253,8 @@ mod tests {
     #[test]
     fn one_sponsor_is_asked_until_it_is_silent() {
         let (mut table, mut random) = (PeerTable::default(), Random::new(1));
-        (table.ahead(A, Time::ZERO), table.ahead(B, Time::ZERO));
+        table.ahead(A, Time::ZERO);
+        table.ahead(B, Time::ZERO);
         let mut now = Time::ZERO;
         for _ in 0..SPONSOR_SILENCES_MAX {
             assert_eq!(table.choose(now, (1, Some(A)), &mut random), Some(A));

@@ -24,7 +24,6 @@ use crate::logic::cut::{Dot, Origin};
 use crate::logic::log::{Head, Log};
 use crate::logic::member;
 use crate::logic::merge::{self, Forked, Side};
-use crate::logic::mutant::Mutant;
 use crate::logic::record::Past;
 use crate::logic::txn::{Rebase, Require, Write};
 use std::collections::BTreeSet;
@@ -53,7 +52,7 @@ pub(super) fn arrivals(old: &Contents, new: &Contents, (joining, me): (Origin, &
     let (old_side, new_side) = (side(old), side(new));
     let pieces = merge::bring_in(old_side, new_side, &forked, joining);
     let arrival = merge::arrival(old_side, new_side, &forked);
-    if arrival.is_empty() && pieces.is_empty() || Mutant::RejoinForgets.is_planted() {
+    if arrival.is_empty() && pieces.is_empty() {
         return None;
     }
     let rest = |((stamp, from), writes): (merge::Source, merge::Piece)| {
@@ -62,7 +61,6 @@ pub(super) fn arrivals(old: &Contents, new: &Contents, (joining, me): (Origin, &
         let rebase = Rebase { from, stamp, takes: Vec::new() };
         (from, Rest { rebase, reason, requires, writes })
     };
-    let arrival = if Mutant::ArrivalForgotten.is_planted() { Vec::new() } else { arrival };
     let records = member::arrival(joining, &arrival);
     Some(Arrivals { rests: pieces.into_iter().map(rest).collect(), records })
 }
@@ -79,8 +77,7 @@ fn forked(old: &Log, new: &Log, me: &Identity) -> Forked {
         (link != head.link).then_some((*origin, 0))
     };
     let mut forked: Forked = new.heads().iter().filter_map(other).collect();
-    let forgets = Mutant::ToldForgotten.is_planted();
-    let past = me.past().iter().filter(|past| past.told < u64::MAX && !forgets);
+    let past = me.past().iter().filter(|past| past.told < u64::MAX);
     for Past { origin, told, twice, .. } in past {
         // Who knows less of its own transactions than others was set back.
         let behind = old.cut().get(*origin) < new.cut().get(*origin);

@@ -7,7 +7,6 @@ use super::ledger::Ledger;
 use crate::logic::cut::Origin;
 use crate::logic::member;
 use crate::logic::message::{CHUNK_SIZE_MAX, Chunk, Join, Message, Pull};
-use crate::logic::mutant::Mutant;
 
 /// How many origins one admission replaces.
 const REPLACED_MAX: usize = 1024;
@@ -31,15 +30,12 @@ pub(super) fn pull(ledger: &Ledger, from: Origin, pull: &Pull) -> Vec<Action> {
     if ledger.contents().members().is_active(from) {
         actions.push(Action::Has(pull.cut.clone()));
     }
-    if !ledger.have().dominates(&pull.cut) && !Mutant::PushOnly.is_planted() {
+    if !ledger.have().dominates(&pull.cut) {
         actions.push(Action::Ahead);
     }
     let size_max = usize::try_from(pull.size_max).unwrap_or(CHUNK_SIZE_MAX).min(CHUNK_SIZE_MAX);
     let frames = beyond(ledger, pull, size_max);
     actions.push(frames.map_or(Action::Offer, |frames| Action::send(from, Message::Chunk(frames))));
-    if Mutant::SentIsHad.is_planted() {
-        actions.push(Action::Has(ledger.log().cut().clone()));
-    }
     actions
 }
 
@@ -83,10 +79,6 @@ fn beyond(ledger: &Ledger, pull: &Pull, size_max: usize) -> Option<Chunk> {
         let (pending, rest) = ledger.pending().beyond(&theirs, size_max);
         frames.extend(pending);
         more = rest;
-    }
-    if Mutant::NoRelay.is_planted() {
-        let own = ledger.identity.origin();
-        frames.retain(|frame| frame.open().is_ok_and(|txn| txn.stamp.origin == own));
     }
     Some(Chunk::Frames { cut: ledger.log().cut().clone(), frames, more })
 }
