@@ -1,7 +1,8 @@
 //! The process types of the paper, as controllers: Appendix A, CompliantMotion, and the plant they work on.
 //!
 //! Every hand velocity travels in tool axes, so that no controller needs another's idea of the world, and laws can be
-//! added. Nobody holds a last velocity: an input older than [`FRESH`] counts as no input, and what moves is brought to
+//! added. Nobody holds a last velocity: a command older than [`FRESH`] and a sample older than
+//! `SENSED` count as none, and what moves is brought to
 //! rest.
 
 mod arm;
@@ -11,6 +12,7 @@ mod distance;
 mod force;
 mod fusion;
 mod gripper;
+mod look;
 mod model;
 mod motion;
 mod press;
@@ -23,8 +25,10 @@ use crate::sdk::{Registry, Tick};
 use comms::logic::time::Time;
 use std::time::Duration;
 
-/// How old an input may be: ten periods of the servo group, so that a busy machine's 30 ms do not stop the arm.
+/// How old a command may be: ten periods of the servo group, so that a busy machine's 30 ms do not stop the arm.
 pub const FRESH: Duration = Duration::from_millis(100);
+/// How old a sample may be, counted from when its device measured it: 50 ms for each of three hops, and one period.
+const SENSED: Duration = Duration::from_millis(200);
 /// How long a controller waits for its sensor before it gives up.
 const SILENCE: Duration = Duration::from_secs(1);
 
@@ -47,6 +51,7 @@ pub(crate) fn registry() -> Registry {
         .add::<fusion::AddVelocity>()
         .add::<fusion::ConfigCtrl>()
         .add::<gripper::GripperControl>()
+        .add::<look::LookAround>()
         .add::<model::ModelBasedCtrl>()
         .add::<motion::LinearTrajectory>()
         .add::<press::PressHandle>()
@@ -78,6 +83,11 @@ impl Watch {
 /// Returns the step that a ramp may take: a calculation that was held up does not make it a jump.
 fn ramp_dt(tick: Tick) -> f64 {
     tick.dt().min(0.03)
+}
+
+/// Returns a stamp in seconds, as messages between ports have it: a record knows what that is.
+fn seconds(stamp: Time) -> f64 {
+    stamp.since(Time::ZERO).as_secs_f64()
 }
 
 /// Returns what a process leaves to the next.

@@ -1,10 +1,14 @@
 //! What the paper's processes say to each other, and what devices say to their clients. SI units throughout.
 //!
+//! Stamps are times of the clock of the host that the device is at, when the device measured; on one host they compare with
+//! every controller's clock. Between hosts they do not: there the arrival counts.
+//!
 //! The tool frame is at the grasp point, z along the approach; the base frame is the centre of the base on the floor.
 
 use crate::sdk::Message;
 use comms::logic::time::Time;
 use serde::{Deserialize, Serialize};
+use std::time::Duration;
 
 /// Messages; where a field says what a spec calls its type, `dca check` compares more than the name.
 macro_rules! messages {
@@ -15,8 +19,22 @@ macro_rules! messages {
         impl Message for $name {
             const TYPE: &'static str = stringify!($name);
             const FIELDS: &'static str = concat!($($(stringify!($field), ": ", $kind, ", ",)?)+);
+            messages!(@stamp $($field)+);
         })+
     };
+    // A message whose first field is a stamp was measured then.
+    (@stamp stamp $($field:ident)*) => {
+        fn stamp(&self) -> Option<Time> {
+            Some(self.stamp)
+        }
+    };
+    // So was one that passes on what a device has measured.
+    (@stamp measured $($field:ident)*) => {
+        fn stamp(&self) -> Option<Time> {
+            Duration::try_from_secs_f64(self.measured).ok().map(|since| Time::ZERO + since)
+        }
+    };
+    (@stamp $($field:ident)*) => {};
 }
 
 messages! {
@@ -29,6 +47,8 @@ messages! {
     }
     /// A force and a torque on the hand, by what it touches.
     Wrench {
+        /// When it was measured, as the device says (s since the origin of its host's clock).
+        measured: f64 = "Time",
         /// (N), tool axes.
         force: [f64; 3] = "Force[3]",
         /// (Nm) about the grasp point, tool axes.
@@ -45,6 +65,8 @@ messages! {
     }
     /// The arm's joints.
     JointState {
+        /// When it was measured, as the device says (s since the origin of its host's clock).
+        measured: f64 = "Time",
         /// (rad).
         angles: [f64; 6] = "Angle[6]",
         /// (rad/s).
@@ -62,6 +84,8 @@ messages! {
     }
     /// Where the base is by dead reckoning.
     BasePose {
+        /// When it was measured, as the device says (s since the origin of its host's clock).
+        measured: f64 = "Time",
         /// x, y (m), yaw (rad), in the frame of the first sample.
         pose: [f64; 3] = "Number[3]",
     }

@@ -1,5 +1,6 @@
 //! The door mission never ends well with the door shut: a small part of the door survey, every trigger included.
 
+use controllers::sdk::harness::Disturbance;
 use dca_tests::simulation::Finish;
 use dca_tests::survey::{Group, Mission, Outcome, Row, active_in_phases, fly_all, rows, table};
 use std::time::Duration;
@@ -8,10 +9,11 @@ const DOOR: &str = include_str!("../../specs/door_opening.dca");
 /// A sweep is 50 ms old and a door may turn by 10 degrees a second (deg).
 const WRONG_MAX: f64 = 2.0;
 const LIMIT: Duration = Duration::from_secs(90);
+const RECOVERY: &str = include_str!("../../specs/door_recovery.dca");
 
-fn fly(rows: Vec<Row>) -> Vec<(Row, Vec<Outcome>)> {
+fn fly(text: &str, rows: Vec<Row>) -> Vec<(Row, Vec<Outcome>)> {
     let missions: Vec<Mission> = rows.iter().flat_map(|row| row.missions.clone()).collect();
-    let outcomes = fly_all(&missions, (DOOR, LIMIT), 2, &|_| {}).unwrap_or_else(|why| panic!("{why}"));
+    let outcomes = fly_all(&missions, (text, LIMIT), 2, &|_| {}).unwrap_or_else(|why| panic!("{why}"));
     let mut outcomes = outcomes.into_iter();
     rows.into_iter()
         .map(|row| {
@@ -26,7 +28,7 @@ fn no_mission_ends_well_with_the_door_shut() {
     let phases = active_in_phases(DOOR, LIMIT).unwrap_or_else(|why| panic!("{why}"));
     assert!(phases.iter().all(|phase| !phase.active.is_empty()), "a phase was not met: {phases:?}");
     let is_flown = |row: &Row| row.group != Group::Single || row.name == "nominal";
-    let flown = fly(rows(3, 1, &phases).into_iter().filter(is_flown).collect());
+    let flown = fly(DOOR, rows(3, 1, &phases).into_iter().filter(is_flown).collect());
     let (text, failures) = (table::text(&flown), table::failures(&flown));
     let is_false = flown.iter().flat_map(|(_, outcomes)| outcomes).any(Outcome::is_false);
     assert!(!is_false, "{text}\n{failures}");
@@ -66,8 +68,32 @@ const UNTUNED: [&str; 11] = [
 
 #[test]
 fn doors_that_nobody_tuned_for_open_gently() {
-    let flown = fly(rows(3, 2, &[]).into_iter().filter(|row| UNTUNED.contains(&row.name.as_str())).collect());
+    let flown = fly(DOOR, rows(3, 2, &[]).into_iter().filter(|row| UNTUNED.contains(&row.name.as_str())).collect());
     assert_eq!(flown.len(), UNTUNED.len());
     let is_strict = flown.iter().flat_map(|(_, outcomes)| outcomes).all(Outcome::is_strict);
     assert!(is_strict, "{}\n{}", table::text(&flown), table::failures(&flown));
+}
+
+#[test]
+fn a_force_loop_that_is_too_slow_is_refused() {
+    for transfer in [70, 80].map(Duration::from_millis) {
+        let disturbance = Disturbance { transfer, ..Disturbance::NONE };
+        let mission = Mission { arguments: String::new(), disturbance, meddling: None, value: None };
+        let outcome = mission.fly(DOOR, LIMIT).unwrap_or_else(|why| panic!("{why}"));
+        let told = ["the force loop is too slow", "inputs are too old"];
+        assert!(told.iter().any(|why| outcome.reason().contains(why)), "{transfer:?}: {outcome:?}");
+        assert!(outcome.worst < 100.0, "{transfer:?}: {outcome:?}");
+    }
+}
+
+#[test]
+fn with_recovery_the_door_opens_whoever_is_killed() {
+    let phases = active_in_phases(RECOVERY, LIMIT).unwrap_or_else(|why| panic!("{why}"));
+    let is_kill = |row: &Row| row.name.starts_with("killed") || row.name == "base slips in the press";
+    let flown = fly(RECOVERY, rows(1, 1, &phases).into_iter().filter(is_kill).collect());
+    let outcomes = || flown.iter().flat_map(|(_, outcomes)| outcomes);
+    let open = outcomes().filter(|outcome| outcome.is_success()).count();
+    let (text, failures) = (table::text(&flown), table::failures(&flown));
+    assert!(flown.len() > phases.len() && open * 10 >= outcomes().count() * 9, "{text}\n{failures}");
+    assert!(!outcomes().any(Outcome::is_false), "{text}\n{failures}");
 }

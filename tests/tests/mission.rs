@@ -144,7 +144,7 @@ fn a_locked_door_aborts() {
 #[test]
 fn a_hand_that_was_pushed_closes_on_nothing() {
     // A visitor pushes while the hand is on its way; that is no handle, and the gripper notices.
-    let seen = fly(&world("push_at = 8 s"), Disturbance::NONE);
+    let seen = fly(&world("push_at = 12 s"), Disturbance::NONE);
     check_abort(&seen, "main/dooropensyst/closegrip: the gripper closed on nothing");
 }
 

@@ -31,7 +31,7 @@ pub const STIFFNESS: f64 = 6000.0;
 /// `stiffness · gain · delay` at most.
 pub const BUDGET: f64 = 0.6;
 /// Beyond this delay (s) even the smallest useful gain is too much, and the loop refuses.
-pub const DELAY_MAX: f64 = 0.24;
+pub const DELAY_MAX: f64 = 0.40;
 
 /// Where another law leads the hand, so that compliance leaves that direction alone. Unit vectors in tool axes.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,6 +1,6 @@
 //! The Puma 560: the controller that moves it, the one that only listens, and a whole arm for compliant motion.
 
-use super::{FRESH, Watch, ramp_dt};
+use super::{FRESH, SENSED, Watch, ramp_dt, seconds};
 use crate::control::puma560::{self, Joints};
 use crate::control::ramp::towards;
 use crate::message::{ArmCommand, ArmState, JointState, JointVelocity, Velocity};
@@ -113,10 +113,14 @@ impl Controller for Puma560Ctrl {
 
     fn main_calc(&mut self, tick: Tick, inputs: &CtrlInputs, outputs: &mut CtrlOutputs) -> Progress {
         if let Some(state) = inputs.state.fresh() {
-            outputs.joints.send(JointState { angles: state.angles, rates: state.rates });
+            outputs.joints.send(JointState {
+                measured: seconds(state.stamp),
+                angles: state.angles,
+                rates: state.rates,
+            });
         }
         let wanted = inputs.rates.fresh_within(tick.now, FRESH).map_or_else(Joints::zeros, |v| v.rates.into());
-        match self.servo.step(tick, inputs.state.fresh_within(tick.now, FRESH), &wanted) {
+        match self.servo.step(tick, inputs.state.fresh_within(tick.now, SENSED), &wanted) {
             Ok(rates) => outputs.command.send(ArmCommand { owner: Self::TYPE.to_owned(), rates: Some(rates) }),
             Err(reason) => return Progress::Aborted(reason),
         }
@@ -173,7 +177,11 @@ impl Controller for Puma560Joints {
     fn main_calc(&mut self, tick: Tick, inputs: &JointsInputs, outputs: &mut JointsOutputs) -> Progress {
         let fresh = inputs.state.fresh();
         if let Some(state) = fresh {
-            outputs.joints.send(JointState { angles: state.angles, rates: state.rates });
+            outputs.joints.send(JointState {
+                measured: seconds(state.stamp),
+                angles: state.angles,
+                rates: state.rates,
+            });
         }
         if self.watch.is_silent(tick.now, fresh.is_some()) {
             return Progress::Aborted("no word from the arm for 1 s".to_owned());
@@ -209,7 +217,7 @@ pub(super) struct Puma560 {
 
 impl Puma560 {
     fn wanted(now: Time, inputs: &ArmInputs) -> Option<Joints> {
-        let state = inputs.state.fresh_within(now, FRESH)?;
+        let state = inputs.state.fresh_within(now, SENSED)?;
         let velocity = inputs.velocity.fresh_within(now, FRESH)?;
         Some(puma560::rates_for(&state.angles.into(), &Vector6::from(velocity.twist)))
     }
@@ -238,7 +246,7 @@ impl Controller for Puma560 {
 
     fn main_calc(&mut self, tick: Tick, inputs: &ArmInputs, outputs: &mut ArmOutputs) -> Progress {
         let wanted = Self::wanted(tick.now, inputs).unwrap_or_else(Joints::zeros);
-        match self.servo.step(tick, inputs.state.fresh_within(tick.now, FRESH), &wanted) {
+        match self.servo.step(tick, inputs.state.fresh_within(tick.now, SENSED), &wanted) {
             Ok(rates) => outputs.command.send(ArmCommand { owner: Self::TYPE.to_owned(), rates: Some(rates) }),
             Err(reason) => return Progress::Aborted(reason),
         }

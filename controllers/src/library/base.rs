@@ -1,6 +1,6 @@
 //! The XR4000: the controller that moves it, and its odometry.
 
-use super::{FRESH, Watch, ramp_dt};
+use super::{FRESH, Watch, ramp_dt, seconds};
 use crate::control::caster::{Casters, Odometry};
 use crate::control::ramp::towards_together;
 use crate::control::redundancy::BASE_ACCELERATION_MAX;
@@ -136,7 +136,7 @@ impl Controller for Xr4000Odometry {
         if let Some(state) = fresh {
             let angles = Casters::from_fn(|i, _| if i < 4 { state.steering[i] } else { state.rolling[i - 4] });
             self.residual = self.odometry.update(&angles).residual;
-            outputs.pose.send(BasePose { pose: (*self.odometry.pose()).into() });
+            outputs.pose.send(BasePose { measured: seconds(state.stamp), pose: (*self.odometry.pose()).into() });
         }
         if self.watch.is_silent(tick.now, fresh.is_some()) {
             return Progress::Aborted("no word from the base for 1 s".to_owned());

@@ -1,14 +1,22 @@
 //! CompliantCtrl: the hand gives way.
 
-use super::FRESH;
-use crate::control::compliant::{Compliance, Guide};
+use super::{FRESH, SENSED};
+use crate::control::compliant::{ACROSS, Compliance, DELAY_MAX, Guide, STIFFNESS, gain_max};
 use crate::message::{Constraint, Velocity, Wrench};
 use crate::sdk::{About, Arguments, Controller, In, Inputs, Out, Outputs, Progress, Tick};
+use comms::logic::signals::Signal;
 use nalgebra::{Vector3, Vector6};
 use std::time::Duration;
 
-/// Of the force loop (s), until it is measured.
-const DELAY: f64 = 0.035;
+/// Hops of the force loop in all, by the wires of the door specs: sensor, ForceTorque, this, AddVelocity,
+/// RedundancyResolution, Puma560Ctrl, arm; and those until here.
+const HOPS: (f64, f64) = (6.0, 2.0);
+/// What the force loop takes beside its hops: the drives' lag, and half a period (s).
+const LAG: f64 = 0.035;
+/// The measured age is averaged (Hz).
+const CUTOFF: f64 = 0.5;
+/// How long the loop may be too slow.
+const PATIENCE: Duration = Duration::from_millis(500);
 
 /// What it hears.
 #[derive(Debug, Inputs)]
@@ -33,11 +41,28 @@ pub(super) struct Outputs {
 #[derive(Debug, Default)]
 pub(super) struct CompliantCtrl {
     give: Compliance,
+    age: Option<f64>,
+    slow_for: Duration,
 }
 
 impl CompliantCtrl {
+    /// The delay of the whole force loop (s): every hop is taken to be as slow as those of the wrench until here.
+    fn delay(&self) -> f64 {
+        LAG + self.age.unwrap_or(0.0) * HOPS.0 / HOPS.1
+    }
+
+    /// Measures the delay; says whether the loop is too slow for too long.
+    fn is_too_slow(&mut self, tick: Tick, wrench: &In<Wrench>) -> bool {
+        if let Some(age) = wrench.fresh().and_then(|_| wrench.age(tick.now)) {
+            let mean = self.age.get_or_insert(age.as_secs_f64());
+            *mean += (age.as_secs_f64() - *mean) * (1.0 - (-std::f64::consts::TAU * CUTOFF * tick.dt()).exp());
+        }
+        self.slow_for = if self.delay() > DELAY_MAX { self.slow_for + tick.elapsed } else { Duration::ZERO };
+        self.slow_for > PATIENCE
+    }
+
     fn twist(&mut self, tick: Tick, inputs: &Inputs) -> Option<Vector6<f64>> {
-        let wrench = inputs.wrench.fresh_within(tick.now, FRESH)?;
+        let wrench = inputs.wrench.fresh_within(tick.now, SENSED)?;
         let guide = inputs.guide.fresh_within(tick.now, FRESH);
         // A guide that has fallen silent is not the same as none.
         if guide.is_none() && inputs.guide.received() > 0 {
@@ -50,7 +75,7 @@ impl CompliantCtrl {
         });
         let [x, y, z] = wrench.force;
         let [a, b, c] = wrench.torque;
-        Some(self.give.update(&Vector6::new(x, y, z, a, b, c), guide.as_ref(), DELAY, tick.dt()))
+        Some(self.give.update(&Vector6::new(x, y, z, a, b, c), guide.as_ref(), self.delay(), tick.dt()))
     }
 }
 
@@ -63,6 +88,7 @@ impl Controller for CompliantCtrl {
         About::service("Moves the hand the way it is pushed, except where another law leads it.")
             .every(Duration::from_millis(20))
             .triggered_by("In1")
+            .signals_every(Duration::from_millis(100))
     }
 
     fn new(_: &Arguments) -> Result<Self, String> {
@@ -75,8 +101,22 @@ impl Controller for CompliantCtrl {
     }
 
     fn main_calc(&mut self, tick: Tick, inputs: &Inputs, outputs: &mut Outputs) -> Progress {
+        if self.is_too_slow(tick, &inputs.wrench) {
+            let (is, most) = (1e3 * self.delay(), 1e3 * DELAY_MAX);
+            return Progress::Aborted(format!("the force loop is too slow: {is:.0} ms of at most {most:.0} ms"));
+        }
         let twist = self.twist(tick, inputs).unwrap_or_else(Vector6::zeros);
         outputs.velocity.send(Velocity { twist: twist.into(), null: [0.0; 9] });
         Progress::Continue
+    }
+
+    fn signals(&self) -> Vec<Signal> {
+        let signal =
+            |name: &str, unit: &str, value| Signal { name: name.into(), unit: unit.into(), value, headline: false };
+        vec![
+            signal("force loop delay", "ms", 1e3 * self.delay()),
+            signal("largest gain", "mm/s/N", 1e3 * gain_max(self.delay())),
+            signal("stiffness gain delay", "", STIFFNESS * self.delay() * gain_max(self.delay()).min(1.0 / ACROSS)),
+        ]
     }
 }

@@ -1,9 +1,10 @@
 //! The laser, and the detector of the distance from hand to door.
 
-use super::{FRESH, Watch};
+use super::{SENSED, Watch};
 use crate::control::filter::Debounce;
+use crate::control::servoing::{self, Seen, Way};
 use crate::control::{line, puma560};
-use crate::message::{ArmState, LaserScan, LaserState};
+use crate::message::{ArmState, CameraState, LaserScan, LaserState};
 use crate::robot::laser;
 use crate::sdk::{About, Arguments, Controller, In, Inputs, Kind, Out, Outputs, Parameter, Progress, Random, Tick};
 use comms::logic::signals::Signal;
@@ -18,6 +19,10 @@ const TOLERANCE: f64 = 0.02;
 /// A hand that still approaches by more than this from one half of [`SETTLE`] sweeps to the other has not arrived (m).
 const SETTLED: f64 = 0.002;
 const SETTLE: usize = 20;
+/// A mark that is further than this from where it should be on average has not arrived (px).
+const ARRIVED: f64 = 7.0;
+/// Of the newest image in that average: over some 20 images.
+const IMAGE_SHARE: f64 = 0.05;
 
 /// What [`LaserSensor`] hears.
 #[derive(Debug, Inputs)]
@@ -91,6 +96,9 @@ pub(super) struct ThresholdInputs {
     /// The arm's encoders, for where the hand is before the base.
     #[device("arm/state")]
     state: In<ArmState>,
+    /// The camera on the hand: a hand that has not arrived in the image has not arrived.
+    #[device("camera/state")]
+    camera: In<CameraState>,
 }
 
 /// Ends when the hand is near the wall in front of the base, and no longer approaching it.
@@ -99,11 +107,22 @@ pub(super) struct DistanceThreshold {
     threshold: f64,
     debounce: Debounce,
     recent: Vec<f64>,
+    /// How far marks are from where they should be, lately (px); none before the first image.
+    image: Option<f64>,
     random: Random,
     watch: Watch,
 }
 
 impl DistanceThreshold {
+    fn look(&mut self, image: Option<&CameraState>) {
+        let Some([Some(a), Some(b), Some(c), Some(d)]) = image.map(|image| image.marks) else { return };
+        let seen = [a, b, c, d].map(|[u, v, depth]| Seen { pixel: [u, v], depth });
+        let error = servoing::servo(&seen, Way::nearer(&seen)).error;
+        // It begins at the first error rather than at none.
+        let lately = self.image.get_or_insert(error);
+        *lately += IMAGE_SHARE * (error - *lately);
+    }
+
     /// From the hand to the line that the laser sees ahead (m).
     fn distance(&mut self, ranges: &[f64], angles: &[f64; 6]) -> Option<f64> {
         let sector = SECTOR_DEG.to_radians();
@@ -133,6 +152,7 @@ impl Controller for DistanceThreshold {
             threshold: arguments.number("threshold"),
             debounce: Debounce::new(IN_A_ROW),
             recent: Vec::new(),
+            image: None,
             random: Random::new(1),
             watch: Watch::default(),
         })
@@ -141,17 +161,19 @@ impl Controller for DistanceThreshold {
     fn init(&mut self, _: &[u8]) -> Result<(), String> {
         self.debounce = Debounce::new(IN_A_ROW);
         self.recent.clear();
+        self.image = None;
         self.random = Random::new(1);
         self.watch = Watch::default();
         Ok(())
     }
 
     fn main_calc(&mut self, tick: Tick, inputs: &ThresholdInputs, (): &mut ()) -> Progress {
+        self.look(inputs.camera.fresh());
         let fresh = inputs.scan.fresh();
         if self.watch.is_silent(tick.now, fresh.is_some()) {
             return Progress::Aborted("no sweep of the laser for 1 s".to_owned());
         }
-        let (Some(scan), Some(state)) = (fresh, inputs.state.fresh_within(tick.now, FRESH)) else {
+        let (Some(scan), Some(state)) = (fresh, inputs.state.fresh_within(tick.now, SENSED)) else {
             return Progress::Continue;
         };
         let Some(distance) = self.distance(&scan.ranges, &state.angles) else { return Progress::Continue };
@@ -163,7 +185,8 @@ impl Controller for DistanceThreshold {
         let mean = |distances: &[f64]| distances.iter().sum::<f64>() / distances.len().max(1) as f64;
         // The means of ten sweeps are quieter than one of them, whatever the laser is like.
         let settled = self.recent.len() == SETTLE && (mean(before) - mean(after)).abs() < SETTLED;
-        if self.debounce.update(distance < self.threshold && settled) {
+        let arrived = self.image.is_some_and(|error| error < ARRIVED);
+        if self.debounce.update(distance < self.threshold && settled && arrived) {
             return Progress::Done(super::value(&distance));
         }
         Progress::Continue

@@ -1,6 +1,6 @@
 //! The wrist sensor and what watches it.
 
-use super::Watch;
+use super::{Watch, seconds};
 use crate::control::filter::Debounce;
 use crate::message::{FtCommand, FtState, Wrench};
 use crate::sdk::{About, Arguments, Configured, Controller, In, Inputs, Kind, Out, Outputs, Parameter, Progress, Tick};
@@ -84,7 +84,7 @@ impl Controller for ForceTorque {
         } else {
             let is_felt = Vector3::from(state.force).norm() >= self.threshold;
             let force = if is_felt { state.force } else { [0.0; 3] };
-            outputs.wrench.send(Wrench { force, torque: state.torque });
+            outputs.wrench.send(Wrench { measured: seconds(state.stamp), force, torque: state.torque });
         }
         Progress::Continue
     }
@@ -138,7 +138,7 @@ impl Controller for ForceSensor {
         if state.zeroed == before {
             outputs.command.send(FtCommand { after: before });
         } else {
-            outputs.wrench.send(Wrench { force: state.force, torque: state.torque });
+            outputs.wrench.send(Wrench { measured: seconds(state.stamp), force: state.force, torque: state.torque });
         }
         Progress::Continue
     }

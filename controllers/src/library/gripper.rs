@@ -1,6 +1,6 @@
 //! GripperControl: opens or closes the fingers, and knows whether they hold anything.
 
-use super::{FRESH, Watch};
+use super::{SENSED, Watch};
 use crate::control::filter::Debounce;
 use crate::message::{GripperCommand, GripperState};
 use crate::sdk::{About, Arguments, Controller, In, Inputs, Kind, Out, Outputs, Parameter, Progress, Stopping, Tick};
@@ -109,7 +109,7 @@ impl Controller for GripperControl {
             Goal::Close => 0.0,
         };
         outputs.command.send(GripperCommand { owner: self.owner(), width: Some(width) });
-        if self.watch.is_silent(tick.now, inputs.state.fresh_within(tick.now, FRESH).is_some()) {
+        if self.watch.is_silent(tick.now, inputs.state.fresh_within(tick.now, SENSED).is_some()) {
             return Progress::Aborted("no word from the gripper for 1 s".to_owned());
         }
         let progress = inputs.state.fresh().map_or(Progress::Continue, |state| self.judge(state));

@@ -1,14 +1,16 @@
 //! ModelBasedCtrl: opens the door about the hinge that it finds.
 
-use super::{FRESH, distance};
+use super::{SENSED, distance};
 use crate::control::caster::Pose;
 use crate::control::door::{Failure, Opening, Pull};
+use crate::control::history::History;
 use crate::control::leaf::{Leaf, Wall};
 use crate::control::opened::{Doubt, Evidence, Expected, Verdict, Watch};
 use crate::control::puma560;
 use crate::message::{BasePose, Constraint, GripperState, JointState, LaserState, Velocity, Wrench};
 use crate::sdk::{About, Arguments, Controller, In, Inputs, Kind, Out, Outputs, Parameter, Progress, Tick};
 use comms::logic::signals::Signal;
+use comms::logic::time::Time;
 use nalgebra::{Isometry3, Rotation2, UnitQuaternion, Vector3, Vector6};
 use std::time::Duration;
 
@@ -64,6 +66,8 @@ pub(super) struct ModelBasedCtrl {
     /// Where the base was at the last sweep, in the odometry frame.
     swept_from: Option<Pose>,
     anchor: Anchor,
+    poses: History<3>,
+    joints: History<6>,
     angle: f64,
     /// As seen last.
     leaf: Option<Leaf>,
@@ -110,29 +114,38 @@ struct Known {
 }
 
 impl ModelBasedCtrl {
-    /// Returns what the inputs say, while everything is fresh.
-    fn known(tick: Tick, inputs: &Inputs) -> Option<Known> {
-        let width = inputs.gripper.fresh_within(tick.now, FRESH)?.width;
-        let wrench = inputs.wrench.fresh_within(tick.now, FRESH)?;
-        let joints = inputs.joints.fresh_within(tick.now, FRESH)?;
-        let pose = Pose::from(inputs.pose.fresh_within(tick.now, FRESH)?.pose);
-        let yaw = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), pose.z);
-        let odometry_from_base = Isometry3::from_parts(Vector3::new(pose.x, pose.y, 0.0).into(), yaw);
-        let base_from_tool = puma560::forward(&joints.angles.into()).base_from_tool;
+    /// Returns what the inputs say, while everything is fresh: arm and base as they were when the older of them was
+    /// measured.
+    fn known(&mut self, tick: Tick, inputs: &Inputs) -> Option<Known> {
+        let width = inputs.gripper.fresh_within(tick.now, SENSED)?.width;
+        let wrench = inputs.wrench.fresh_within(tick.now, SENSED)?;
+        let joints = inputs.joints.fresh_within(tick.now, SENSED)?;
+        let pose = inputs.pose.fresh_within(tick.now, SENSED)?;
+        let ours = self.anchor.ours(&planar(&pose.pose), tick.dt());
+        let turned = ours.rotation.euler_angles().2;
+        self.poses.push(inputs.pose.measured()?, [ours.translation.x, ours.translation.y, turned]);
+        self.joints.push(inputs.joints.measured()?, joints.angles);
+        let (odometry_from_base, base_from_tool) = self.at(inputs.joints.measured()?.min(inputs.pose.measured()?))?;
         let ([x, y, z], [a, b, c]) = (wrench.force, wrench.torque);
         Some(Known { odometry_from_base, base_from_tool, wrench: Vector6::new(x, y, z, a, b, c), width })
     }
 
+    /// Returns where base and hand were at `time`.
+    fn at(&self, time: Time) -> Option<(Isometry3<f64>, Isometry3<f64>)> {
+        let (pose, angles) = (self.poses.at(time)?, self.joints.at(time)?);
+        Some((planar(&pose), puma560::forward(&angles.into()).base_from_tool))
+    }
+
     /// Looks at a new sweep, if there is one, for the leaf; angles are positive the way a door opens with `sense`.
-    fn look(&mut self, known: &Known, inputs: &Inputs, sense: f64) -> Option<Leaf> {
+    fn look(&mut self, inputs: &Inputs, sense: f64) -> Option<Leaf> {
         let sweep = inputs.laser.fresh()?;
-        let at = &known.odometry_from_base;
+        let (at, base_from_tool) = self.at(inputs.laser.measured()?)?;
         let at = Pose::new(at.translation.x, at.translation.y, at.rotation.euler_angles().2);
         let from = self.swept_from.replace(at).unwrap_or(at);
         let turned = (at.z - from.z).sin().atan2((at.z - from.z).cos());
         let by = Rotation2::new(-from.z) * (at.xy() - from.xy());
         let points = distance::points(&sweep.ranges, std::f64::consts::PI);
-        let leaf = self.wall.update(&points, &Vector3::new(by.x, by.y, turned), &known.base_from_tool)?;
+        let leaf = self.wall.update(&points, &Vector3::new(by.x, by.y, turned), &base_from_tool)?;
         let leaf = Leaf { angle: sense * leaf.angle, hand: sense * leaf.hand, ..leaf };
         self.leaf = Some(leaf);
         self.leaf
@@ -158,6 +171,12 @@ impl ModelBasedCtrl {
             _ => Progress::Continue,
         }
     }
+}
+
+/// A pose on the floor: x, y (m), yaw (rad).
+fn planar([x, y, yaw]: &[f64; 3]) -> Isometry3<f64> {
+    let yaw = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), *yaw);
+    Isometry3::from_parts(Vector3::new(*x, *y, 0.0).into(), yaw)
 }
 
 /// The reason for a doubt.
@@ -212,6 +231,8 @@ impl Controller for ModelBasedCtrl {
             wall: Wall::default(),
             swept_from: None,
             anchor: Anchor::default(),
+            poses: History::default(),
+            joints: History::default(),
             angle: 0.0,
             leaf: None,
             blind: Duration::ZERO,
@@ -223,13 +244,14 @@ impl Controller for ModelBasedCtrl {
         (self.opening, self.angle, self.leaf) = (None, 0.0, None);
         (self.watch, self.wall) = (Watch::new(self.goal, self.expected), Wall::default());
         (self.swept_from, self.anchor) = (None, Anchor::default());
+        (self.poses, self.joints) = (History::default(), History::default());
         (self.blind, self.spent) = (Duration::ZERO, Duration::ZERO);
         Ok(())
     }
 
     fn main_calc(&mut self, tick: Tick, inputs: &Inputs, outputs: &mut Outputs) -> Progress {
         self.spent += tick.elapsed;
-        let Some(mut known) = Self::known(tick, inputs) else {
+        let Some(known) = self.known(tick, inputs) else {
             // Without eyes it does not pull; the others see a fresh zero.
             outputs.velocity.send(Velocity { twist: [0.0; 6], null: [0.0; 9] });
             self.blind += tick.elapsed;
@@ -242,7 +264,6 @@ impl Controller for ModelBasedCtrl {
             };
         };
         self.blind = Duration::ZERO;
-        known.odometry_from_base = self.anchor.ours(&known.odometry_from_base, tick.dt());
         let hand = known.odometry_from_base * known.base_from_tool;
         // A door that moves when the hand stops runs into it.
         let left = self.leaf.map_or(self.goal, |leaf| self.goal - leaf.angle);
@@ -251,7 +272,7 @@ impl Controller for ModelBasedCtrl {
         let pull = opening.update(&hand, &known.wrench, pace, tick.dt());
         let (radius, sense) = (opening.hinge().radius(), opening.sense());
         self.angle = pull.angle;
-        let leaf = self.look(&known, inputs, sense);
+        let leaf = self.look(inputs, sense);
         if let (Some(leaf), Some(opening)) = (leaf, &mut self.opening) {
             opening.see(sense * leaf.angle);
         }

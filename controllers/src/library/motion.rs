@@ -34,7 +34,7 @@ impl Controller for LinearTrajectory {
         const PARAMETERS: &[Parameter] = &[
             Parameter::new("speed", Kind::Number(0.001, 0.25)).or("0.04"),
             Parameter::new("length", Kind::Number(-2.0, 2.0)).or("0.25"),
-            Parameter::new("slow", Kind::Number(0.001, 0.25)).or("0.007"),
+            Parameter::new("slow", Kind::Number(0.001, 0.25)).or("0.009"),
             Parameter::new("slow_after", Kind::Number(0.0, 2.0)).or("0.135"),
         ];
         About::task(

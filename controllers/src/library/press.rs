@@ -1,6 +1,6 @@
 //! PressHandle: presses the lever that the hand holds.
 
-use super::FRESH;
+use super::SENSED;
 use crate::control::press::{Press, State};
 use crate::control::puma560;
 use crate::message::{ArmState, FtState, GripperState, Velocity};
@@ -10,8 +10,9 @@ use comms::logic::time::Time;
 use nalgebra::Vector6;
 use std::time::Duration;
 
-/// Of the force loop (s), until it is measured.
-const DELAY: f64 = 0.035;
+/// What the force loop takes beside its hops (s), and how many it has: sensor, this, RedundancyResolution, Puma560Ctrl, arm.
+const LAG: f64 = 0.035;
+const HOPS: f64 = 4.0;
 const TIMEOUT: Duration = Duration::from_secs(12);
 
 /// What it hears.
@@ -74,13 +75,15 @@ impl Controller for PressHandle {
     }
 
     fn main_calc(&mut self, tick: Tick, inputs: &Inputs, outputs: &mut Outputs) -> Progress {
-        let (arm, force) = (inputs.arm.fresh_within(tick.now, FRESH), inputs.force.fresh_within(tick.now, FRESH));
+        let (arm, force) = (inputs.arm.fresh_within(tick.now, SENSED), inputs.force.fresh_within(tick.now, SENSED));
         let (mut twist, mut state) = (Vector6::zeros(), State::Pressing);
         if let (Some(arm), Some(wrench)) = (arm, force) {
             let base_from_tool = puma560::forward(&arm.angles.into()).base_from_tool;
+            let age = inputs.force.age(tick.now).unwrap_or_default();
+            let delay = LAG + HOPS * age.as_secs_f64();
             let press = self.press.get_or_insert_with(|| Press::new(&base_from_tool));
             let ([x, y, z], [a, b, c]) = (wrench.force, wrench.torque);
-            let down = press.update(&base_from_tool, &Vector6::new(x, y, z, a, b, c), (DELAY, tick.dt()));
+            let down = press.update(&base_from_tool, &Vector6::new(x, y, z, a, b, c), (delay, tick.dt()));
             (twist, state, self.depth) = (down.twist_in_tool, down.state, down.depth);
         }
         let lost = inputs.gripper.fresh().is_some_and(|gripper| gripper.width < self.width_min);

@@ -1,6 +1,6 @@
 //! RedundancyResolution: one hand velocity to base and arm.
 
-use super::{FRESH, Watch, ramp_dt};
+use super::{FRESH, SENSED, Watch, ramp_dt};
 use crate::control::redundancy::{Rates, Resolver};
 use crate::message::{BaseVelocity, JointState, JointVelocity, Velocity};
 use crate::sdk::{About, Arguments, Controller, In, Inputs, Out, Outputs, Progress, Tick};
@@ -64,7 +64,7 @@ impl Controller for RedundancyResolution {
     }
 
     fn main_calc(&mut self, tick: Tick, inputs: &Inputs, outputs: &mut Outputs) -> Progress {
-        let joints = inputs.joints.fresh_within(tick.now, FRESH);
+        let joints = inputs.joints.fresh_within(tick.now, SENSED);
         if self.watch.is_silent(tick.now, joints.is_some()) {
             return Progress::Aborted("no joint angles for 1 s".to_owned());
         }

@@ -18,7 +18,17 @@ pub trait Message: Serialize + DeserializeOwned + Debug + Send + 'static {
     /// What is in it, as a spec writes the fields of a record: `force: Force[3], torque: Torque[3]`. Empty if it does not say:
     /// then `dca check` compares the name alone.
     const FIELDS: &'static str = "";
+
+    /// Returns when it was measured, on the clock of the host that the device is at: its age counts from then, however long
+    /// it was on its way. None if nobody measured it; then it is as old as its arrival.
+    fn stamp(&self) -> Option<Time> {
+        None
+    }
 }
+
+/// Clocks of two hosts are not comparable: a sample that seems to be older than this when it arrives is stamped by another
+/// clock, and so is one that comes from the future. It is as old as its arrival.
+const FOREIGN: Duration = Duration::from_secs(10);
 
 /// An input: holds the newest value that arrived.
 #[derive(Debug)]
@@ -35,15 +45,28 @@ impl<T> Default for In<T> {
     }
 }
 
-impl<T> In<T> {
+impl<T: Message> In<T> {
+    /// Returns when the newest value was measured, on this host's clock: its stamp, or its arrival if it has no stamp of
+    /// this clock.
+    pub fn measured(&self) -> Option<Time> {
+        let stamp = self.value.as_ref()?.stamp();
+        let own = stamp.filter(|stamp| *stamp <= self.arrived && self.arrived.since(*stamp) <= FOREIGN);
+        Some(own.unwrap_or(self.arrived))
+    }
+
+    /// Returns how old the newest value is at `now`, see [`In::measured`].
+    pub fn age(&self, now: Time) -> Option<Duration> {
+        self.measured().map(|measured| now.since(measured))
+    }
+
     /// Returns the newest value, however old.
     pub fn latest(&self) -> Option<&T> {
         self.value.as_ref()
     }
 
-    /// Returns the newest value if it arrived at most `age_max` before `now`.
+    /// Returns the newest value if it is at most `age_max` old at `now`; see [`In::age`].
     pub fn fresh_within(&self, now: Time, age_max: Duration) -> Option<&T> {
-        self.value.as_ref().filter(|_| now.since(self.arrived) <= age_max)
+        self.value.as_ref().filter(|_| self.age(now).is_some_and(|age| age <= age_max))
     }
 
     /// Returns the newest value if it arrived since the last calculation.
@@ -201,4 +224,40 @@ impl OutputSet for () {
         Vec::new()
     }
     fn visit(&mut self, _: &mut dyn FnMut(usize, &mut dyn AnyOut)) {}
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde::Deserialize;
+
+    #[derive(Clone, Debug, Serialize, Deserialize)]
+    struct Sample {
+        stamp: Time,
+    }
+
+    impl Message for Sample {
+        const TYPE: &'static str = "Sample";
+
+        fn stamp(&self) -> Option<Time> {
+            Some(self.stamp)
+        }
+    }
+
+    #[test]
+    fn a_sample_is_as_old_as_its_stamp_and_not_as_its_arrival() {
+        let at = |ms| Time::ZERO + Duration::from_millis(ms);
+        let age = |stamp, arrived, now| {
+            let mut input = In::<Sample>::default();
+            input.deliver(&postcard::to_stdvec(&Sample { stamp: at(stamp) }).unwrap(), at(arrived)).unwrap();
+            let limit = Duration::from_millis(100);
+            assert_eq!(input.fresh_within(at(now), limit).is_some(), input.age(at(now)) <= Some(limit));
+            input.age(at(now)).unwrap().as_millis()
+        };
+        // It was on its way for 80 ms, and has waited for 30.
+        assert_eq!(age(20_000, 20_080, 20_110), 110);
+        // Clocks of other hosts: ahead of this one, and far behind.
+        assert_eq!(age(30_000, 20_080, 20_110), 30);
+        assert_eq!(age(5, 20_080, 20_110), 30);
+    }
 }
