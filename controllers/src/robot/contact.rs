@@ -6,6 +6,8 @@ use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 /// Rotational, handle axes: weak about y, where the lever slips in the fingers, and about z.
 const TURN_STIFFNESS: [f64; 3] = [25.0, 8.0, 6.0];
 const TURN_DAMPING: f64 = 0.4;
+/// What closed fingers leave of the lever's place between them, handle axes: all of it along the lever, nothing across.
+const CENTRED: Vector3<f64> = Vector3::new(1.0, 0.0, 0.3);
 
 /// What hand and lever are like where they touch.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -68,8 +70,18 @@ pub struct Push {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Grasp {
     description: Description,
-    /// Hand in the handle frame, when it closed.
-    held: Option<(Vector3<f64>, UnitQuaternion<f64>)>,
+    held: Option<Held>,
+}
+
+/// A lever between closed fingers.
+#[derive(Clone, Debug, PartialEq)]
+struct Held {
+    /// Where the hand is when the fingers do not strain the lever, in the handle frame (m).
+    offset: Vector3<f64>,
+    /// Where that is once the fingers have centred the lever (m).
+    centred: Vector3<f64>,
+    /// The hand in the handle frame, when it closed.
+    rotation: UnitQuaternion<f64>,
 }
 
 impl Grasp {
@@ -95,11 +107,24 @@ impl Grasp {
         fits && offset.coords.norm() < self.description.grasp_reach
     }
 
-    /// Closes the fingers on the lever; they centre it across, and half along the approach.
+    /// Closes the fingers on the lever, where it is.
     pub fn take(&mut self, hand: &Hand, handle: &Handle) {
         let pose = handle.world_from_handle.inv_mul(&hand.world_from_tool);
-        let offset = pose.translation.vector.component_mul(&Vector3::new(1.0, 0.0, 0.3));
-        self.held = Some((offset, pose.rotation));
+        let offset = pose.translation.vector;
+        self.held = Some(Held { offset, centred: offset.component_mul(&CENTRED), rotation: pose.rotation });
+    }
+
+    /// Lets the fingers centre a held lever as far as they can while they press with `force` (N): fully across, partly along
+    /// the approach. What they have centred stays so.
+    pub fn centre(&mut self, hand: &Hand, handle: &Handle, force: f64) {
+        let Some(held) = &mut self.held else { return };
+        let here = handle.world_from_handle.inv_mul(&hand.world_from_tool).translation.vector;
+        let reach = force / self.description.stiffness;
+        for axis in 0..3 {
+            let (offset, centred) = (held.offset[axis], held.centred[axis]);
+            let nearest = centred.clamp(here[axis] - reach, here[axis] + reach);
+            held.offset[axis] = nearest.clamp(offset.min(centred), offset.max(centred));
+        }
     }
 
     /// Opens the fingers.
@@ -109,7 +134,7 @@ impl Grasp {
 
     /// Returns what the door does to the hand; above a certain force the lever slips out.
     pub fn push(&mut self, hand: &Hand, handle: &Handle) -> Push {
-        let Some((offset, rotation)) = &self.held else { return self.touch(hand, handle) };
+        let Some(Held { offset, rotation, .. }) = &self.held else { return self.touch(hand, handle) };
         let Description { stiffness, damping, slip_force, .. } = self.description;
         let stretch = hand.world_from_tool.translation.vector
             - (handle.world_from_handle * nalgebra::Point3::from(*offset)).coords;
@@ -166,6 +191,27 @@ mod tests {
         for axis in [Vector3::x(), Vector3::y(), Vector3::z()] {
             assert!(reaches(here, axis * 0.34) && !reaches(here, axis * 0.36), "{axis}");
         }
+    }
+
+    /// The fingers pull hand and lever together with what they press with, and no more: a lever that lies aside in a stiff
+    /// grasp (48 kN/m x 12 mm = 576 N) is not hit with that.
+    #[test]
+    fn fingers_centre_a_lever_with_no_more_than_their_force() {
+        let handle = Door::new(door::Description::default()).handle();
+        let mut grasp = Grasp::new(Description { stiffness: 48_000.0, ..Description::default() });
+        let aside = hand(&handle, Vector3::new(0.0, 0.012, 0.0), Vector3::zeros());
+        grasp.take(&aside, &handle);
+        assert_eq!(grasp.push(&aside, &handle), Push::default(), "nothing is strained when the fingers meet it");
+        for force in [4.0, 20.0, 40.0] {
+            grasp.centre(&aside, &handle, force);
+            assert!((grasp.push(&aside, &handle).force.norm() - force).abs() < 1e-9);
+        }
+        // A hand that follows is centred; nothing is strained then, and it stays so.
+        let middle = hand(&handle, Vector3::zeros(), Vector3::zeros());
+        grasp.centre(&middle, &handle, 40.0);
+        assert!(grasp.push(&middle, &handle).force.norm() < 1e-9);
+        grasp.centre(&hand(&handle, Vector3::new(0.0, 0.001, 0.0), Vector3::zeros()), &handle, 40.0);
+        assert!(grasp.push(&middle, &handle).force.norm() < 1e-9);
     }
 
     #[test]

@@ -278,6 +278,7 @@ impl Plant {
             }
             self.grip = thickness;
             self.grip_force = (self.grip_force + GRIP_FORCE_RISE * DT).min(GRIP_FORCE);
+            self.grasp.centre(hand, handle, self.grip_force);
             return;
         }
         if next > thickness || !self.grasp.holds() {
