@@ -76,7 +76,7 @@ fn the_door_opens_across_hosts() {
     }
 
     let mission = c1.dca(&["deploy", &spec("door_opening")]);
-    mission.wait_for_times(Stream::Err, "▸ visualserv # distdetect", 2, SOON);
+    mission.wait_for_times(Stream::Err, "▸ (visualserv # distdetect)", 2, SOON);
     let status = fourth.ask(&["status", "--lan"]);
     let programs: Vec<&str> = status.out.lines().filter(|line| line.contains(" pid ")).collect();
     assert_eq!(programs.len(), 20, "{status}");
@@ -102,7 +102,7 @@ fn the_door_opens_across_hosts() {
 fn a_stop_reaches_every_host() {
     let Some(hosts) = Hosts::start() else { return };
     let mission = hosts.host(4).dca(&["deploy", "--lan", &spec("door_opening")]);
-    mission.wait_for_times(Stream::Err, "▸ visualserv # distdetect", 2, SOON);
+    mission.wait_for_times(Stream::Err, "▸ (visualserv # distdetect)", 2, SOON);
     assert_eq!(hosts.shims(), 20);
     let stop = hosts.host(2).ask(&["stop", "door_opening"]);
     assert_eq!(stop.code, Some(0), "{stop}");

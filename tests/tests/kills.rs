@@ -7,8 +7,8 @@ use rustix::process::Signal;
 use std::time::Duration;
 
 const MISSION_MAX: Duration = Duration::from_secs(90);
-const SERVO: &str = "▸ visualserv # distdetect";
-const APPROACH: &str = "▸ (opengrip, approach) # hit";
+const SERVO: &str = "▸ (visualserv # distdetect)";
+const APPROACH: &str = "▸ ((opengrip, approach) # hit)";
 
 /// Starts the mission; kills the program of `leaf` when standard error has had `line` so many `times` (the first is the
 /// beginning of a phase, the next one comes 2 s later).
@@ -100,7 +100,7 @@ fn while_the_hand_opens() {
 #[test]
 fn before_its_turn() {
     let cluster = Cluster::new();
-    let (leaf, phase) = ("main/dooropensyst/closegrip", "✓ (opengrip, approach) # hit");
+    let (leaf, phase) = ("main/dooropensyst/closegrip", "✓ ((opengrip, approach) # hit)");
     let mission = kill(&cluster, leaf, SERVO, 1);
     let ended = mission.ended(MISSION_MAX);
     check_chain(&ended, leaf);

@@ -42,7 +42,7 @@ fn the_door_opens_although_programs_died() {
         text = format!("{before}{instance} {{ restart transient; }}{after}");
     }
     let mission = cluster.here().dca(&["run", &cluster.file("door_opening.dca", &text)]);
-    mission.wait_for_times(Stream::Err, "▸ visualserv # distdetect", 2, SOON);
+    mission.wait_for_times(Stream::Err, "▸ (visualserv # distdetect)", 2, SOON);
     for (_, leaf, _) in restarted {
         kill(&cluster, &format!("main/dooropensyst/{leaf}"));
         mission.wait_for(Stream::Err, &format!("! dooropensyst/{leaf} died and is started again"), SOON);

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 /// How long anything may last once nobody holds it.
 const ORPHAN_MAX: Duration = Duration::from_secs(10);
-const SERVOING: &str = "▸ visualserv # distdetect";
+const SERVOING: &str = "▸ (visualserv # distdetect)";
 
 /// Starts a mission and waits until it has been servoing for a while.
 fn servoing(mission: Program) -> Program {
