@@ -62,6 +62,6 @@ fn a_recorded_port_can_be_plotted() {
         seen += 1;
     }
     assert!(seen > 10, "{seen} values of a sensor that sends a hundred each second: {ended}");
-    let schema = r#"{"properties":{"force":{"items":{"description":"Force","type":"number"},"type":"array"},"torque":{"items":{"description":"Torque","type":"number"},"type":"array"}},"title":"dca.types.Wrench","type":"object"}"#;
+    let schema = r#"{"properties":{"force":{"items":{"description":"Force","type":"number"},"type":"array"},"measured":{"description":"Time","type":"number"},"torque":{"items":{"description":"Torque","type":"number"},"type":"array"}},"title":"dca.types.Wrench","type":"object"}"#;
     assert_eq!(schemas.into_iter().collect::<Vec<_>>(), [("dca.types.Wrench".to_owned(), schema.to_owned())]);
 }
