@@ -49,7 +49,7 @@ fn a_new_program_runs() {
 
 /// What is made is a crate outside of this workspace, which cargo builds with the versions and settings that came with it.
 #[test]
-#[ignore = "builds a hundred crates, which takes minutes the first time; CI runs it"]
+#[ignore = "builds a hundred crates, which takes many minutes the first time: run it with `--ignored`"]
 fn a_new_program_is_a_crate_that_builds_on_its_own() {
     let cluster = Cluster::new();
     let here = cluster.here();
