@@ -30,8 +30,8 @@ pub enum Kind {
     Signals = 3,
     /// [`Peaks`].
     Peaks = 4,
-    /// [`Word`](crate::logic::nearby::Word): a datagram by which nodes find each other.
-    Word = 5,
+    /// [`Announcement`](crate::logic::nearby::Announcement): a datagram by which nodes find each other.
+    Announcement = 5,
     /// A frame of the ordered link between two nodes.
     Frame = 100,
     /// A request to a node.

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 /// One datagram. Append only.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Word {
+pub enum Announcement {
     /// A node can be dialled at the address that this came from.
     Here {
         /// Its session.
@@ -15,12 +15,12 @@ pub enum Word {
         /// Its TCP port.
         port: u16,
     },
-    /// Somebody looks for nodes: each answers with [`Word::Here`].
+    /// Somebody looks for nodes: each answers with [`Announcement::Here`].
     Ask,
 }
 
-impl Enveloped for Word {
-    const KIND: Kind = Kind::Word;
+impl Enveloped for Announcement {
+    const KIND: Kind = Kind::Announcement;
     const VERSION: u16 = 1;
     const SIZE_MAX: usize = 512;
 }
@@ -32,9 +32,9 @@ mod tests {
 
     /// Bytes that nodes of other versions say and hear.
     #[test]
-    fn golden_words() {
-        let here = Word::Here { session: "a1".into(), name: "c1".into(), port: 7447 };
+    fn golden_announcements() {
+        let here = Announcement::Here { session: "a1".into(), name: "c1".into(), port: 7447 };
         assert_eq!(encode(&here).unwrap(), *b"DC\x01\x00\x05\x00\x00\x02a1\x02c1\x97\x3a");
-        assert_eq!(encode(&Word::Ask).unwrap(), *b"DC\x01\x00\x05\x00\x01");
+        assert_eq!(encode(&Announcement::Ask).unwrap(), *b"DC\x01\x00\x05\x00\x01");
     }
 }

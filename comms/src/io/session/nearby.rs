@@ -6,7 +6,7 @@
 
 use super::interfaces::{self, Address};
 use crate::logic::codec;
-use crate::logic::nearby::Word;
+use crate::logic::nearby::Announcement;
 use socket2::{Domain, Protocol, Socket, Type};
 use std::collections::BTreeSet;
 use std::io;
@@ -45,11 +45,13 @@ pub(crate) struct Own {
     pub(crate) port: u16,
 }
 
-/// The sockets of one family of addresses: one hears the group, one speaks, and hears what is said to it alone.
+/// The sockets of one family of addresses.
 struct Family {
     group: SocketAddr,
-    ears: UdpSocket,
-    mouth: UdpSocket,
+    /// Receives what is sent to the group.
+    receiver: UdpSocket,
+    /// Sends, and receives what is sent to this node alone.
+    sender: UdpSocket,
 }
 
 /// Looks and is found, for ever.
@@ -60,18 +62,17 @@ pub(crate) async fn look(own: Option<Own>, addresses: watch::Sender<Vec<String>>
             family.inspect_err(|error| tracing::debug!(%error, "a family of addresses is not used")).ok()
         })
         .collect();
-    let word = own.as_ref().map_or(Word::Ask, Own::word);
-    let Ok(word) = codec::encode(&word) else { return };
+    let announcement = own.as_ref().map_or(Announcement::Ask, Own::announcement);
+    let Ok(datagram) = codec::encode(&announcement) else { return };
     let (mut known, mut turn, mut new) = (BTreeSet::new(), 0, NEW_FOR);
     let mut look = tokio::time::interval(LOOK_EVERY);
-    let (mut a, mut b) = ([0; SIZE_MAX], [0; SIZE_MAX]);
     loop {
         let (v4, v6) = (families.first(), families.get(1));
-        let datagram = tokio::select! {
+        let received = tokio::select! {
             _ = look.tick() => {
                 let found = interfaces::now();
                 if found != known {
-                    tell(&known, &found, own.is_some());
+                    log_change(&known, &found, own.is_some());
                     families.iter().for_each(|family| family.follow(&known, &found));
                     addresses.send_replace(found.iter().map(|address| address.ip.to_string()).collect());
                     (known, new) = (found, NEW_FOR);
@@ -79,39 +80,39 @@ pub(crate) async fn look(own: Option<Own>, addresses: watch::Sender<Vec<String>>
                 (turn, new) = ((turn + 1) % QUIET_EVERY, new.saturating_sub(1));
                 if new > 0 || turn == 0 {
                     for family in &families {
-                        family.say(&known, &word).await;
+                        family.announce(&known, &datagram).await;
                     }
                 }
                 continue;
             }
-            datagram = hear(v4, &mut a) => datagram,
-            datagram = hear(v6, &mut b) => datagram,
+            received = receive(v4) => received,
+            received = receive(v6) => received,
         };
-        match datagram {
-            Some((Word::Here { session, name, port }, from)) => {
+        match received {
+            Some((Announcement::Here { session, name, port }, from)) => {
                 let mut at = from;
                 at.set_port(port);
                 heard(Heard { session, name, at });
             }
-            Some((Word::Ask, from)) if own.is_some() => {
+            Some((Announcement::Ask, from)) if own.is_some() => {
                 let family = families.iter().find(|family| family.group.is_ipv4() == from.is_ipv4());
-                if let Some(Err(error)) = family.map(|family| family.mouth.try_send_to(&word, from)) {
+                if let Some(Err(error)) = family.map(|family| family.sender.try_send_to(&datagram, from)) {
                     tracing::debug!(%error, "somebody who looks for nodes is not answered");
                 }
             }
-            Some((Word::Ask, _)) | None => {}
+            Some((Announcement::Ask, _)) | None => {}
         }
     }
 }
 
 impl Own {
-    fn word(&self) -> Word {
-        Word::Here { session: self.session.clone(), name: self.name.clone(), port: self.port }
+    fn announcement(&self) -> Announcement {
+        Announcement::Here { session: self.session.clone(), name: self.name.clone(), port: self.port }
     }
 }
 
-/// Tells people what is listened on now, and what no more.
-fn tell(before: &BTreeSet<Address>, now: &BTreeSet<Address>, is_node: bool) {
+/// Logs the addresses that the node listens on now, and those that are gone.
+fn log_change(before: &BTreeSet<Address>, now: &BTreeSet<Address>, is_node: bool) {
     for (addresses, what) in [(now - before, "listening on"), (before - now, "no longer listening on")] {
         for Address { name, ip, .. } in addresses.iter().filter(|_| is_node) {
             tracing::info!("{what} {ip} ({name})");
@@ -119,13 +120,13 @@ fn tell(before: &BTreeSet<Address>, now: &BTreeSet<Address>, is_node: bool) {
     }
 }
 
-/// Waits for a word; nothing is heard where there is no such family of addresses.
-async fn hear(family: Option<&Family>, buffer: &mut [u8; SIZE_MAX]) -> Option<(Word, SocketAddr)> {
+/// Waits for an announcement; none ever comes where there is no such family of addresses.
+async fn receive(family: Option<&Family>) -> Option<(Announcement, SocketAddr)> {
     let Some(family) = family else { return std::future::pending().await };
-    let mut own = [0; SIZE_MAX];
+    let (mut to_group, mut to_self) = ([0; SIZE_MAX], [0; SIZE_MAX]);
     let (received, bytes) = tokio::select! {
-        received = family.ears.recv_from(buffer) => (received, &buffer[..]),
-        received = family.mouth.recv_from(&mut own) => (received, &own[..]),
+        received = family.receiver.recv_from(&mut to_group) => (received, &to_group[..]),
+        received = family.sender.recv_from(&mut to_self) => (received, &to_self[..]),
     };
     match received {
         Ok((size, from)) => Some((codec::decode(bytes.get(..size)?).ok()?, from)),
@@ -158,8 +159,8 @@ impl Family {
         let at = if group.is_ipv4() { group } else { any };
         Ok(Self {
             group: SocketAddr::new(group, PORT),
-            ears: open(SocketAddr::new(at, PORT))?,
-            mouth: open(SocketAddr::new(any, 0))?,
+            receiver: open(SocketAddr::new(at, PORT))?,
+            sender: open(SocketAddr::new(any, 0))?,
         })
     }
 
@@ -169,44 +170,44 @@ impl Family {
 
     /// Joins the group on interfaces that are new, and leaves it on those that are gone.
     fn follow(&self, before: &BTreeSet<Address>, now: &BTreeSet<Address>) {
-        let ears = socket2::SockRef::from(&self.ears);
+        let receiver = socket2::SockRef::from(&self.receiver);
         for address in (before - now).iter().filter(|address| self.is_of(address)) {
             let left = match address.ip {
-                IpAddr::V4(ip) => ears.leave_multicast_v4(&GROUP_V4, &ip),
-                IpAddr::V6(_) => ears.leave_multicast_v6(&GROUP_V6, address.index),
+                IpAddr::V4(ip) => receiver.leave_multicast_v4(&GROUP_V4, &ip),
+                IpAddr::V6(_) => receiver.leave_multicast_v6(&GROUP_V6, address.index),
             };
             left.unwrap_or_else(|error| tracing::debug!(%error, ip = %address.ip, "not left"));
         }
         // All of them: what is left is left for the whole interface, which may have another address still.
         for address in now.iter().filter(|address| self.is_of(address)) {
             let joined = match address.ip {
-                IpAddr::V4(ip) => ears.join_multicast_v4(&GROUP_V4, &ip),
-                IpAddr::V6(_) => ears.join_multicast_v6(&GROUP_V6, address.index),
+                IpAddr::V4(ip) => receiver.join_multicast_v4(&GROUP_V4, &ip),
+                IpAddr::V6(_) => receiver.join_multicast_v6(&GROUP_V6, address.index),
             };
             joined.unwrap_or_else(|error| tracing::debug!(%error, ip = %address.ip, "not joined, or joined before"));
         }
     }
 
-    /// Says something on every interface, from each address that it has there.
-    async fn say(&self, addresses: &BTreeSet<Address>, word: &[u8]) {
-        let mut said = BTreeSet::new();
+    /// Sends a datagram to the group on every interface, from each of its addresses.
+    async fn announce(&self, addresses: &BTreeSet<Address>, datagram: &[u8]) {
+        let mut sent_on = BTreeSet::new();
         for address in addresses.iter().filter(|address| self.is_of(address)) {
-            let mouth = socket2::SockRef::from(&self.mouth);
+            let sender = socket2::SockRef::from(&self.sender);
             let (chosen, to) = match address.ip {
-                IpAddr::V4(ip) => (mouth.set_multicast_if_v4(&ip), self.group),
+                IpAddr::V4(ip) => (sender.set_multicast_if_v4(&ip), self.group),
                 // The kernel takes the address that belongs to the cable, once.
-                IpAddr::V6(_) if !said.insert(address.index) => continue,
+                IpAddr::V6(_) if !sent_on.insert(address.index) => continue,
                 IpAddr::V6(_) => {
                     let to = SocketAddrV6::new(GROUP_V6, PORT, 0, address.index);
-                    (mouth.set_multicast_if_v6(address.index), to.into())
+                    (sender.set_multicast_if_v6(address.index), to.into())
                 }
             };
             let sent = match chosen {
-                Ok(()) => self.mouth.send_to(word, to).await.map(drop),
+                Ok(()) => self.sender.send_to(datagram, to).await.map(drop),
                 Err(error) => Err(error),
             };
             if let Err(error) = sent {
-                tracing::debug!(%error, ip = %address.ip, "nothing can be said on an interface");
+                tracing::debug!(%error, ip = %address.ip, "nothing can be sent on an interface");
             }
         }
     }
