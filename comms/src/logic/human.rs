@@ -1,4 +1,4 @@
-//! How spans of time look to people ([`span`]), and how values that people's tools read look in JSON, while their bytes in
+//! How spans of time ([`span`]) and errors of the system ([`cause`]) look to people, and how values that people's tools read look in JSON, while their bytes in
 //! postcard stay as they were.
 //!
 //! Times are numbers in seconds. Numbers that name something are strings of 16 hexadecimal digits: most readers of JSON keep
@@ -10,6 +10,15 @@ pub fn span(time: std::time::Duration) -> String {
     let (number, unit) = if seconds >= 1.0 || time.is_zero() { (seconds, "s") } else { (seconds * 1e3, "ms") };
     let text = format!("{number:.3}");
     format!("{} {unit}", text.trim_end_matches('0').trim_end_matches('.'))
+}
+
+/// Returns the system's words for an error within a sentence: `no such file or directory` for what the standard library calls
+/// `No such file or directory (os error 2)`.
+pub fn cause(error: &std::io::Error) -> String {
+    let text = error.to_string();
+    let text = text.split(" (os error").next().unwrap_or_default();
+    let mut chars = text.chars();
+    chars.next().map(|first| first.to_lowercase().chain(chars).collect()).unwrap_or_default()
 }
 
 /// A time in seconds.
@@ -140,7 +149,7 @@ mod tests {
     }
 
     #[derive(Debug, PartialEq, Serialize, Deserialize)]
-    struct Told {
+    struct Readable {
         #[serde(with = "super::seconds")]
         at: Duration,
         #[serde(with = "super::seconds_if_known")]
@@ -152,9 +161,9 @@ mod tests {
     #[test]
     fn people_get_seconds_and_digits_and_the_wire_what_it_had() {
         let (at, heard, id) = (Duration::from_millis(22_100), Some(Duration::from_nanos(1)), 0xfedc_ba98_7654_3210);
-        let told = Told { at, heard, id };
-        let bytes = postcard::to_stdvec(&told).unwrap();
+        let readable = Readable { at, heard, id };
+        let bytes = postcard::to_stdvec(&readable).unwrap();
         assert_eq!(bytes, postcard::to_stdvec(&Plain { at, heard, id }).unwrap());
-        assert_eq!(postcard::from_bytes::<Told>(&bytes).unwrap(), told);
+        assert_eq!(postcard::from_bytes::<Readable>(&bytes).unwrap(), readable);
     }
 }

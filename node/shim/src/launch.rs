@@ -3,6 +3,7 @@
 //! So the program never runs without them, not even for an instant, and the shim itself has none. What the kernel refuses is
 //! left in the instance directory as one sentence, which the shim reports.
 
+use comms::logic::human::cause;
 use rustix::process::{Resource, Rlimit, setpriority_process, setrlimit};
 use shim::protocol::{LAUNCH, Limits, REFUSED_FILE, ShimStart};
 use std::ffi::OsString;
@@ -66,12 +67,12 @@ fn limit(start: &ShimStart) -> Result<Vec<String>, String> {
     }
     if let Some(nice) = limits.nice {
         setpriority_process(None, nice.into())
-            .map_err(|error| format!("niceness {nice} is refused: {}", super::plain(&error.into())))?;
+            .map_err(|error| format!("niceness {nice} is refused: {}", cause(&error.into())))?;
     }
     for (resource, value, what) in caps {
         let limit = Rlimit { current: value, maximum: value };
         if let (Some(value), Err(error)) = (value, value.map_or(Ok(()), |_| setrlimit(resource, limit))) {
-            return Err(format!("a limit of {value} {what} is refused: {}", super::plain(&error.into())));
+            return Err(format!("a limit of {value} {what} is refused: {}", cause(&error.into())));
         }
     }
     Ok(command)
@@ -89,5 +90,5 @@ fn is_allowed(class: &[String]) -> bool {
 fn execute(command: &[String]) -> String {
     let Some((name, arguments)) = command.split_first() else { return "there is no program".to_owned() };
     let error = Command::new(name).args(arguments).exec();
-    format!("cannot execute `{name}`: {}", super::plain(&error))
+    format!("cannot execute `{name}`: {}", cause(&error))
 }

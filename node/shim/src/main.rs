@@ -12,6 +12,7 @@ mod output;
 
 use comms::io::clock::now;
 use comms::io::descriptors;
+use comms::logic::human::cause;
 use comms::logic::time::Time;
 use descendants::kill_descendants;
 use output::Output;
@@ -98,7 +99,7 @@ fn supervise(start: &ShimStart) -> io::Result<()> {
     let record = match Record::begin(start) {
         Ok(record) => record,
         Err(error) => {
-            let reason = format!("cannot write `{}`: {}", start.dir.join(RECORD_FILE).display(), plain(&error));
+            let reason = format!("cannot write `{}`: {}", start.dir.join(RECORD_FILE).display(), cause(&error));
             conclude(&start.dir, &ShimReport::ExecFailed { reason });
             report(&ShimReport::Gone);
             return Ok(());
@@ -185,7 +186,7 @@ fn execute(start: &ShimStart, output: &Output) -> Result<Program, String> {
     if !start.working_directory.is_dir() {
         return Err(format!("the working directory `{}` is not there", start.working_directory.display()));
     }
-    let failed = |error: &io::Error| format!("cannot execute `{name}`: {}", plain(error));
+    let failed = |error: &io::Error| format!("cannot execute `{name}`: {}", cause(error));
     let (program, arguments) = launch::command(start).map_err(|error| failed(&error))?;
     let child = Command::new(program)
         .args(arguments)
@@ -339,12 +340,4 @@ fn report(report: &ShimReport) {
 
 fn complain(text: &str) {
     writeln!(io::stderr(), "{text}").unwrap_or_default();
-}
-
-/// Returns `no such file or directory` for what the standard library calls `No such file or directory (os error 2)`.
-fn plain(error: &io::Error) -> String {
-    let text = error.to_string();
-    let text = text.split(" (os error").next().unwrap_or_default();
-    let mut chars = text.chars();
-    chars.next().map(|first| first.to_lowercase().chain(chars).collect()).unwrap_or_default()
 }

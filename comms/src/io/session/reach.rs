@@ -2,7 +2,7 @@
 //! waits long for each.
 
 use crate::io::clock::{now, sleep_until};
-use crate::logic::human::span;
+use crate::logic::human::{self, span};
 use std::net::SocketAddr;
 use std::time::Duration;
 use tokio::net::{TcpStream, UnixStream, lookup_host};
@@ -27,7 +27,7 @@ pub(super) async fn first(locators: &[Locator]) -> Result<(Locator, Duration), S
     for locator in here {
         match UnixStream::connect(locator.address().as_str()).await {
             Ok(_) => return Ok((locator.clone(), Duration::ZERO)),
-            Err(cause) => why = format!("{}: {}", locator.address(), plain(&cause)),
+            Err(error) => why = format!("{}: {}", locator.address(), human::cause(&error)),
         }
     }
     if over_tcp.is_empty() {
@@ -63,7 +63,7 @@ pub(super) async fn resolve(locator: &Locator) -> Result<Vec<SocketAddr>, String
     let address = locator.address().as_str();
     match timeout(ANSWER_WITHIN, lookup_host(address)).await {
         Ok(Ok(addresses)) => Ok(addresses.collect()),
-        Ok(Err(cause)) => Err(format!("the name in `{address}` cannot be resolved: {}", plain(&cause))),
+        Ok(Err(error)) => Err(format!("the name in `{address}` cannot be resolved: {}", human::cause(&error))),
         Err(_elapsed) => Err(format!("the name in `{address}` cannot be resolved within {}", span(ANSWER_WITHIN))),
     }
 }
@@ -72,13 +72,7 @@ async fn ask(locator: Locator) -> Result<(Locator, Duration), String> {
     let (began, address) = (now(), locator.address().as_str().to_owned());
     match timeout(ANSWER_WITHIN, TcpStream::connect(&address)).await {
         Ok(Ok(_)) => Ok((locator, now() - began)),
-        Ok(Err(cause)) => Err(format!("{address}: {}", plain(&cause))),
+        Ok(Err(error)) => Err(format!("{address}: {}", human::cause(&error))),
         Err(_elapsed) => Err(format!("{address}: nobody answers within {}", span(ANSWER_WITHIN))),
     }
-}
-
-/// Returns the system's words without its number.
-fn plain(cause: &std::io::Error) -> String {
-    let text = cause.to_string();
-    text.split(" (os error").next().unwrap_or_default().to_lowercase()
 }
