@@ -10,6 +10,7 @@
 use super::compliant::Guide;
 use super::filter::LowPass;
 use super::hinge::Hinge;
+use super::line::horizontal;
 use nalgebra::{Isometry3, Rotation3, Vector2, Vector3, Vector6};
 
 /// Speed of the handle (m/s).
@@ -180,10 +181,6 @@ impl Opening {
             Swing::Push => Some(Failure::Locked),
         }
     }
-}
-
-fn horizontal(v: &Vector3<f64>) -> Vector2<f64> {
-    v.xy().try_normalize(1e-6).unwrap_or_else(Vector2::x)
 }
 
 #[cfg(test)]

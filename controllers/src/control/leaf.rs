@@ -7,7 +7,7 @@
 //! Source: lines by random samples and total least squares, as in [`super::line`]; the deviation of a line's direction is
 //! that of a straight-line fit, Bevington, "Data Reduction and Error Analysis", 1969, section 6.4.
 
-use super::line::{self, Line, Spread};
+use super::line::{self, Line, Spread, horizontal};
 use crate::sdk::Random;
 use nalgebra::{Isometry3, Rotation2, Vector2, Vector3};
 
@@ -68,8 +68,6 @@ impl Wall {
             None => line::fit(&ahead(points), TOLERANCE, &mut self.random)?,
             Some(line) => seen_from(&line, moved),
         };
-        // A wall that is out of sight for a sweep is where it was.
-        self.line = Some(wall);
         self.turned += moved.z.abs();
         let near = near(points, &wall, WALL_GATE);
         let found = line::through(&near).and_then(|first| line::through(&self::near(&near, &first.0, TOLERANCE)));
@@ -82,7 +80,7 @@ impl Wall {
                 self.turned = 0.0;
                 (line, spread.direction)
             }
-            // Where the wheels say it is, as far as they can be believed.
+            // Out of sight for a sweep, it is where the wheels say, as far as they can be believed.
             None => (wall, WHEELS.0 + WHEELS.1 * self.turned),
         };
         self.line = Some(wall);
@@ -124,10 +122,6 @@ fn ahead(points: &[Vector2<f64>]) -> Vec<Vector2<f64>> {
 
 fn near(points: &[Vector2<f64>], line: &Line, gate: f64) -> Vec<Vector2<f64>> {
     points.iter().filter(|point| (line.normal.dot(point) - line.distance).abs() < gate).copied().collect()
-}
-
-fn horizontal(v: &Vector3<f64>) -> Vector2<f64> {
-    v.xy().try_normalize(1e-6).unwrap_or_else(Vector2::x)
 }
 
 fn turn(from: &Vector2<f64>, to: &Vector2<f64>) -> f64 {

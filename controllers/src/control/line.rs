@@ -4,7 +4,7 @@
 //! scatter matrix, Pearson, Phil. Mag. 2(11), 1901.
 
 use crate::sdk::Random;
-use nalgebra::{Matrix2, Vector2};
+use nalgebra::{Matrix2, Vector2, Vector3};
 
 const TRIALS: u32 = 40;
 
@@ -81,6 +81,11 @@ fn on<'a>(points: &'a [Vector2<f64>], line: &Line, tolerance: f64) -> impl Itera
 fn pick(points: &[Vector2<f64>], random: &mut Random) -> Option<Vector2<f64>> {
     let count = u64::try_from(points.len()).ok().filter(|count| *count > 0)?;
     points.get(usize::try_from(random.bits() % count).ok()?).copied()
+}
+
+/// Returns the direction of a vector as it is seen from above; the x axis of one that has none.
+pub(super) fn horizontal(v: &Vector3<f64>) -> Vector2<f64> {
+    v.xy().try_normalize(1e-6).unwrap_or_else(Vector2::x)
 }
 
 #[cfg(test)]
