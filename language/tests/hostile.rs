@@ -3,36 +3,22 @@
 //! Nothing panics, every place of every remark is in its text, and each fix that is offered removes its remark and brings no
 //! new error. More mistakes by hand: `DCA_HOSTILE_CASES=100000 cargo test -p language --test hostile mistakes`
 
+#[path = "robustness/good_files.rs"]
+mod good_files;
 #[path = "format/random.rs"]
 mod random;
 #[path = "hostile/words.rs"]
 mod words;
 
+use good_files::good_files;
 use language::syntax::{SyntaxKind, lex};
 use language::{Compiled, Diagnostic, Edit, Options, Severity, Source, Span, Style, apply_fixes, compile, render};
 use random::Random;
 use std::collections::BTreeSet;
-use std::path::Path;
 use words::{KEYWORDS, WORDS};
 
 fn run(text: &str, interfaces: &[Source]) -> Compiled {
     compile(&Source::new("hostile.dca", text), interfaces, &Options::named("hostile"))
-}
-
-/// Every file of the corpus that is accepted, with its interfaces.
-fn good_files() -> Vec<(String, Vec<Source>)> {
-    let corpus = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/corpus");
-    let entries = std::fs::read_dir(corpus).expect("the corpus is a folder");
-    let mut paths: Vec<_> = entries.filter_map(|entry| Some(entry.ok()?.path())).collect();
-    paths.retain(|path| path.extension().is_some_and(|extension| extension == "dca"));
-    paths.sort();
-    let files = paths.into_iter().map(|path| {
-        let interface = path.with_extension("interface");
-        let text = std::fs::read_to_string(&interface).ok();
-        let interfaces = text.map(|text| Source::new("programs", text)).into_iter().collect();
-        (std::fs::read_to_string(&path).unwrap_or_default(), interfaces)
-    });
-    files.filter(|(text, interfaces): &(String, Vec<Source>)| run(text, interfaces).plan.is_some()).collect()
 }
 
 /// A text with a mistake: a token is lost, doubled, misspelt, exchanged or moved.
@@ -157,9 +143,9 @@ fn mistakes_are_told_and_fixed() {
     let (mut fixes, mut wrong) = (0, 0);
     for seed in 0..cases {
         let mut random = Random(seed);
-        let (text, interfaces) = &files[random.below(files.len())];
+        let (spec, interfaces) = &files[random.below(files.len())];
         let is_random = random.below(8) == 0;
-        let mut text = if is_random { random::spec(seed) } else { text.clone() };
+        let mut text = if is_random { random::spec(seed) } else { spec.text.clone() };
         for _ in 0..=random.below(2) {
             text = with_mistake(&text, &mut random);
         }

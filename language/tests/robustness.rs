@@ -2,6 +2,10 @@
 
 #![expect(clippy::print_stdout, reason = "the measured figures are for the reader of the test")]
 
+#[path = "robustness/good_files.rs"]
+mod good_files;
+
+use good_files::good_files;
 use language::syntax::lex;
 use language::{
     Compiled, Options, RandomRun, Severity, Simulation, Source, Style, apply_fixes, compile, fix, format, gather,
@@ -9,27 +13,10 @@ use language::{
 };
 use proptest::prelude::*;
 use std::ops::Range;
-use std::path::Path;
 use std::sync::OnceLock;
 
 /// The most errors that one damaged token should cost.
 const ERRORS_MAX: usize = 2;
-
-/// Every file of the corpus that is accepted, with its interfaces.
-fn good_files() -> Vec<(Source, Vec<Source>)> {
-    let corpus = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/corpus");
-    let entries = std::fs::read_dir(corpus).expect("the corpus is a folder");
-    let mut paths: Vec<_> = entries.filter_map(|entry| Some(entry.ok()?.path())).collect();
-    paths.retain(|path| path.extension().is_some_and(|extension| extension == "dca"));
-    paths.sort();
-    let files = paths.into_iter().map(|path| {
-        let read = |path: &Path| Source::new(path.to_string_lossy(), std::fs::read_to_string(path).unwrap_or_default());
-        let interface = path.with_extension("interface");
-        let interfaces = if interface.exists() { vec![read(&interface)] } else { Vec::new() };
-        (read(&path), interfaces)
-    });
-    files.filter(|(spec, interfaces)| run(spec, interfaces).plan.is_some()).collect()
-}
 
 fn run(spec: &Source, interfaces: &[Source]) -> Compiled {
     compile(spec, interfaces, &Options::named("test"))
