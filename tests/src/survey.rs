@@ -68,12 +68,12 @@ pub struct Meddling {
     /// How long after both are active.
     pub after: Duration,
     /// What.
-    pub deed: Deed,
+    pub disruption: Disruption,
 }
 
 /// What is done.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Deed {
+pub enum Disruption {
     /// Started again with its memory gone, as a supervisor does that restarts it alone.
     Restart,
     /// Killed.
@@ -171,9 +171,9 @@ impl Mission {
 
 impl Meddling {
     fn meddle(&self, simulation: &mut Simulation) -> bool {
-        match self.deed {
-            Deed::Restart => simulation.restart(&self.leaf),
-            Deed::Kill => simulation.crash(&self.leaf),
+        match self.disruption {
+            Disruption::Restart => simulation.restart(&self.leaf),
+            Disruption::Kill => simulation.crash(&self.leaf),
         }
     }
 }

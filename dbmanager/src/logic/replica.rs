@@ -296,7 +296,7 @@ impl Replica {
                 Action::Ahead => self.peers.ahead(from, now),
                 Action::Reads(format) => self.peers.reads(from, format),
                 Action::Has(cut) => self.ledger.acks.note(from, &cut),
-                Action::Told => self.ledger.identity.told(self.log().cut().get(self.origin())),
+                Action::KnowsOwn => self.ledger.identity.told(self.log().cut().get(self.origin())),
                 Action::KnowForked(origin) => self.ledger.identity.knows_forked(origin),
                 Action::Rejoin { twice } => self.rejoin(now, twice, effects),
                 Action::Commit(change) => self.ledger.commit_system(now, change, effects),

@@ -314,16 +314,24 @@ impl Answers {
         let reply = self.replies.next().await?;
         Some(reply.map_err(|error| call_failure(&self.host, error)).and_then(|bytes| read(&self.host, &bytes)))
     }
+
+    /// Returns the next answer as [`Answers::next`] does; none either if it has not come by the deadline. One that is there
+    /// counts, however late it is looked at.
+    ///
+    /// # Cancellation
+    /// Safe.
+    pub(crate) async fn next_by(&mut self, deadline: Time) -> Option<Result<Answer, Failure>> {
+        tokio::select! {
+            biased;
+            answer = self.next() => answer,
+            () = clock::sleep_until(deadline) => None,
+        }
+    }
 }
 
 /// Waits for a node to say how it is.
 async fn status(mut answers: Answers, deadline: Time) -> Result<NodeStatus, Failure> {
-    let answer = tokio::select! {
-        // An answer that is there counts, however late it is looked at.
-        biased;
-        answer = answers.next() => answer,
-        () = clock::sleep_until(deadline) => None,
-    };
+    let answer = answers.next_by(deadline).await;
     let host = &answers.host;
     match answer {
         Some(Ok(Answer::Status(status))) => Ok(status),

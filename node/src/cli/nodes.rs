@@ -49,13 +49,8 @@ async fn unlinked(client: &Client, nodes: &[NodeStatus]) -> Vec<String> {
     let asked: Vec<_> = nodes.iter().map(|node| (node, client.ask_on(&node.host, &Request::Unlinked))).collect();
     for (node, answers) in asked {
         let Ok(mut answers) = answers else { continue };
-        let answer = tokio::select! {
-            biased;
-            answer = answers.next() => answer,
-            () = clock::sleep_until(deadline) => None,
-        };
         // One of an older version does not know the question.
-        let Some(Ok(Answer::Unlinked(missing))) = answer else { continue };
+        let Some(Ok(Answer::Unlinked(missing))) = answers.next_by(deadline).await else { continue };
         let unseen = missing.into_iter().filter(|(who, _)| !node.peers.contains(who));
         sentences.extend(unseen.map(|(who, why)| format!("`{}` is not linked to {who}: {why}", node.host)));
     }

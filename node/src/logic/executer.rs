@@ -84,8 +84,8 @@ pub struct Executer {
 }
 
 impl Executer {
-    /// Returns an idle supervisor for `plan.groups[group]`.
-    /// Something is taken for it above if it `is_below` a `using`: see [`below_using`].
+    /// Returns an idle supervisor for `plan.groups[group]`, or nothing if there is no such group. It `is_below` a `using` if it is
+    /// in [`below_using`].
     pub fn new(plan: &Plan, group: u32, is_below: bool) -> Option<Self> {
         let declared = plan.groups.get(group as usize)?;
         let program = Program::compile(declared);
@@ -442,7 +442,8 @@ fn member_host<'a>(plan: &'a Plan, group: &Group, slot: u32) -> Option<&'a str> 
     member_target(plan, group, slot).map(|(_, host)| host)
 }
 
-fn member_path(plan: &Plan, group: &Group, slot: u32) -> Option<String> {
+/// Returns the absolute path of a member.
+pub(crate) fn member_path(plan: &Plan, group: &Group, slot: u32) -> Option<String> {
     match group.members.get(slot as usize)?.kind {
         MemberKind::Leaf(leaf) => plan.leaves.get(leaf as usize).map(|leaf| leaf.path.clone()),
         MemberKind::Group(group) => plan.groups.get(group as usize).map(|group| group.path.clone()),

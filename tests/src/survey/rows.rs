@@ -1,6 +1,6 @@
 //! The rows of the survey: dimensions with their ranges, and triggers.
 
-use super::{Deed, Meddling, Mission, Phase};
+use super::{Disruption, Meddling, Mission, Phase};
 use controllers::sdk::Random;
 use controllers::sdk::harness::Disturbance;
 use std::fmt::Write as _;
@@ -174,11 +174,11 @@ impl Draw {
         })
     }
 
-    fn meddled(&self, deed: Deed, phase: &Phase) -> Row {
+    fn meddled(&self, disruption: Disruption, phase: &Phase) -> Row {
         let leaves = &phase.active;
-        let verb = match deed {
-            Deed::Restart => "restarted",
-            Deed::Kill => "killed",
+        let verb = match disruption {
+            Disruption::Restart => "restarted",
+            Disruption::Kill => "killed",
         };
         // Each controller once at least, however few worlds there are.
         let worlds = self.worlds.max(u32::try_from(leaves.len()).unwrap_or(u32::MAX));
@@ -187,7 +187,7 @@ impl Draw {
         draw.row(Group::Trigger, &name, "s", &mut |number, random| {
             let leaf = leaves[number as usize % leaves.len()].clone();
             let after = random.between(0.05, phase.span);
-            let meddling = Meddling { leaf, phase: phase.part, after: Duration::from_secs_f64(after), deed };
+            let meddling = Meddling { leaf, phase: phase.part, after: Duration::from_secs_f64(after), disruption };
             let seed = self.world(number);
             Mission { meddling: Some(meddling), value: Some(after), ..mission(format!("seed = {seed}")) }
         })
@@ -228,8 +228,10 @@ pub fn rows(worlds: u32, seed: u64, phases: &[Phase]) -> Vec<Row> {
     rows.push(draw.hops("0-20 ms a hop", 0, 20));
     rows.push(draw.hops("5-30 ms a hop", 5, 30));
     rows.push(draw.hops("5-50 ms a hop", 5, 50));
-    for deed in [Deed::Restart, Deed::Kill] {
-        rows.extend(phases.iter().filter(|phase| !phase.active.is_empty()).map(|phase| draw.meddled(deed, phase)));
+    for disruption in [Disruption::Restart, Disruption::Kill] {
+        rows.extend(
+            phases.iter().filter(|phase| !phase.active.is_empty()).map(|phase| draw.meddled(disruption, phase)),
+        );
     }
     rows
 }

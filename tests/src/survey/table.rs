@@ -92,7 +92,7 @@ pub fn failures(rows: &[(Row, Vec<Outcome>)]) -> String {
             line(&mut text, &format!("{}: {}: {numbers}, {:.1} s", row.name, outcome.reason(), outcome.seconds));
             line(&mut text, &format!("    {}", mission.arguments));
             if let Some(meddling) = &mission.meddling {
-                line(&mut text, &format!("    {:?} {} after {:?}", meddling.deed, meddling.leaf, meddling.after));
+                line(&mut text, &format!("    {:?} {} after {:?}", meddling.disruption, meddling.leaf, meddling.after));
             }
         }
     }

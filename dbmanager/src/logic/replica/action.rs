@@ -17,7 +17,7 @@ pub(super) enum Action {
     /// The peer has this, durably.
     Has(Cut),
     /// The peer has all own transactions, and means the same by their numbers.
-    Told,
+    KnowsOwn,
     /// This origin has used numbers twice, without that this replica has written under it.
     KnowForked(Origin),
     /// Give up the origin, which may have used numbers twice.

@@ -106,7 +106,7 @@ pub(super) fn react(ledger: &Ledger, from: Origin, hello: &Hello) -> Vec<Action>
             if buffers {
                 actions.push(Action::Ahead);
             }
-            actions.push(if same_chains && same_state { Action::Told } else { alarm() });
+            actions.push(if same_chains && same_state { Action::KnowsOwn } else { alarm() });
             if !same_chains {
                 actions.push(Action::send(from, ledger.contents().links_of(cut.iter())));
             }

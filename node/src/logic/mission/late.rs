@@ -1,8 +1,9 @@
 //! The last lines of programs that a deadline has ended: what they wrote is all that tells why they took so long.
 
+use crate::logic::executer::member_path;
 use crate::logic::output_lines::{LAST_LINES_MAX, last_lines};
 use crate::logic::protocol::{Change, Ending, Failure, FailureCause};
-use language::plan::{DEADLINE, Expression, Group, MemberKind, Plan};
+use language::plan::{DEADLINE, Expression, Plan};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// What the programs of a mission wrote last, and which of them a deadline is for.
@@ -21,7 +22,7 @@ impl Late {
         let mut deadlines = BTreeMap::new();
         for group in &plan.groups {
             find(&group.expression, &mut |why, of| {
-                let of = members(of).into_iter().filter_map(|slot| path(plan, group, slot)).collect();
+                let of = members(of).into_iter().filter_map(|slot| member_path(plan, group, slot)).collect();
                 deadlines.insert((group.path.clone(), why.to_owned()), of);
             });
         }
@@ -80,11 +81,4 @@ fn members(expression: &Expression) -> Vec<u32> {
         return vec![*member];
     }
     expression.operands().into_iter().flat_map(members).collect()
-}
-
-fn path(plan: &Plan, group: &Group, slot: u32) -> Option<String> {
-    match group.members.get(slot as usize)?.kind {
-        MemberKind::Leaf(leaf) => plan.leaves.get(leaf as usize).map(|leaf| leaf.path.clone()),
-        MemberKind::Group(group) => plan.groups.get(group as usize).map(|group| group.path.clone()),
-    }
 }
