@@ -8,7 +8,7 @@
 //! [`logic`] is all of it, as state machines without I/O; its page says which module proves what. [`io`] is the disk.
 //!
 //! ```
-//! use dbmanager::logic::cut::Origin;
+//! use dbmanager::logic::version_vector::Origin;
 //! use dbmanager::logic::key::Key;
 //! use dbmanager::logic::txn::{Condition, Draft};
 //!

@@ -27,11 +27,11 @@ mod trace;
 use comms::logic::time::Time;
 use dbmanager::io::store::{DirStore, Engine, Store, StoreError};
 use dbmanager::logic::clock::Wall;
-use dbmanager::logic::cut::Dot;
 use dbmanager::logic::key::Key;
 use dbmanager::logic::record::Batch;
-use dbmanager::logic::replica::{Answer, Config, Effect, Input, Level, Replica, Request};
+use dbmanager::logic::replica::{AckLevel, Answer, CommitRequest, Config, Effect, Input, Replica};
 use dbmanager::logic::txn::{Draft, Value};
+use dbmanager::logic::version_vector::Dot;
 use std::cell::Cell;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -128,13 +128,13 @@ impl<S: Store> Robot<S> {
 
     /// Returns how many transactions of its own are durable.
     fn committed(&self) -> u64 {
-        self.replica.log().cut().get(self.replica.origin())
+        self.replica.log().vector().get(self.replica.origin())
     }
 
     /// Commits, all together; returns when all are durable.
     fn commit(&mut self, drafts: impl IntoIterator<Item = Draft>) -> Result<(), String> {
-        let request = |draft| Request { ticket: 1, draft, level: Level::Local, until: Time::ZERO };
-        let requests: Vec<Request> = drafts.into_iter().map(request).collect();
+        let request = |draft| CommitRequest { ticket: 1, draft, level: AckLevel::Local, until: Time::ZERO };
+        let requests: Vec<CommitRequest> = drafts.into_iter().map(request).collect();
         let count = requests.len();
         let committed = self.tell(Input::Commit(requests, Wall::default()))?;
         assert_eq!(committed.len(), count);

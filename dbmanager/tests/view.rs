@@ -5,17 +5,17 @@
 
 use comms::logic::time::Time;
 use dbmanager::logic::clock::{Quality, Wall};
-use dbmanager::logic::cut::Cut;
 use dbmanager::logic::key::Key;
 use dbmanager::logic::message::Message;
 use dbmanager::logic::record::Records;
-use dbmanager::logic::replica::{Answer, Config, Effect, Input, Level, Replica, Request};
+use dbmanager::logic::replica::{AckLevel, Answer, CommitRequest, Config, Effect, Input, Replica};
 use dbmanager::logic::txn::{Draft, Grant};
+use dbmanager::logic::version_vector::VersionVector;
 use dbmanager::logic::view::conflict::Race;
-use dbmanager::logic::view::past::{Deed, Filter, Keys, Past};
+use dbmanager::logic::view::past::{Filter, HistoryEntry, Keys, Past};
 use dbmanager::logic::view::transfer::{self, Absent};
 use dbmanager::logic::view::value::Datum;
-use dbmanager::logic::view::watch::{Event, Told, Watch};
+use dbmanager::logic::view::watch::{Event, Notification, Watch};
 use std::time::Duration;
 
 fn key(text: &str) -> Key {
@@ -30,7 +30,7 @@ fn past(replica: &Replica) -> Past<'_> {
 struct Robot {
     replica: Replica,
     watch: Watch,
-    told: Vec<Told>,
+    told: Vec<Notification>,
 }
 
 /// Two robots, and the time.
@@ -53,7 +53,7 @@ impl Team {
         let robot = |number: u64| {
             let config = Config { robot: format!("r{number}"), seed: number, log_size: 1 << 20 };
             let replica = Replica::open(config, &Records::new()).unwrap();
-            let watch = Watch::new(Keys::Below("team/".into()), Cut::default(), replica.log()).unwrap();
+            let watch = Watch::new(Keys::Below("team/".into()), VersionVector::default(), replica.log()).unwrap();
             Robot { replica, watch, told: Vec::new() }
         };
         let mut team = Self { now: Time::ZERO, robots: vec![robot(1), robot(2)] };
@@ -91,7 +91,7 @@ impl Team {
                     letters.insert(0, (1 - at, Input::Received(from, message, wall)));
                 }
             }
-            told.extend(watch.next(&past(replica), 16).told);
+            told.extend(watch.next(&past(replica), 16).list);
         }
         answers
     }
@@ -113,7 +113,7 @@ impl Team {
     }
 
     fn commit_when(&mut self, wall: Wall, at: usize, draft: Draft) {
-        let request = Request { ticket: 1, draft, level: Level::Local, until: self.now };
+        let request = CommitRequest { ticket: 1, draft, level: AckLevel::Local, until: self.now };
         let answers = self.handle(at, Input::Commit(vec![request], wall), false);
         assert!(matches!(answers[..], [Answer::Committed(_)]), "{answers:?}");
     }
@@ -133,18 +133,18 @@ impl Team {
         self.commit(at, Draft::new(why).put(key(to), Datum::Integer(number).encode().unwrap()));
     }
 
-    fn history(&self, at: usize, of: &str) -> Vec<Deed> {
-        let mut deeds = past(&self.robots[at].replica).deeds(&Filter::new(Keys::Only(key(of)), 100));
-        deeds.sort_by_key(|deed| deed.when);
-        deeds
+    fn history(&self, at: usize, of: &str) -> Vec<HistoryEntry> {
+        let mut history = past(&self.robots[at].replica).history(&Filter::new(Keys::Only(key(of)), 100));
+        history.sort_by_key(|entry| entry.when);
+        history
     }
 }
 
 /// Returns the reasons a watcher was told since it last had to begin anew.
-fn reasons(told: &[Told]) -> Vec<&str> {
+fn reasons(told: &[Notification]) -> Vec<&str> {
     let events = told.iter().rev().map_while(|told| match told {
-        Told::Event(event) => Some(event.deed.reason.as_str()),
-        Told::Lagged { .. } | Told::Replaced { .. } => None,
+        Notification::Event(event) => Some(event.entry.reason.as_str()),
+        Notification::Lagged { .. } | Notification::Replaced { .. } => None,
     });
     let mut reasons: Vec<&str> = events.collect();
     reasons.reverse();
@@ -155,7 +155,7 @@ fn reasons(told: &[Told]) -> Vec<&str> {
 fn two_robots_that_did_not_hear_each_other() {
     let mut team = Team::new();
     team.put(0, "one", "team/gain", 1);
-    let early = (team.robots[0].replica.log().cut().clone(), team.robots[0].replica.state().clone());
+    let early = (team.robots[0].replica.log().vector().clone(), team.robots[0].replica.state().clone());
     team.put(1, "two", "team/gain", 2);
     team.put(1, "three", "team/rate", 3);
     team.meet();
@@ -166,7 +166,7 @@ fn two_robots_that_did_not_hear_each_other() {
         conflicts[0][0].versions.iter().map(|one| (one.by.as_str(), one.reason.as_deref())).collect();
     assert_eq!(told, [("r1", Some("one")), ("r2", Some("two"))]);
     assert_eq!(team.history(0, "team/gain"), team.history(1, "team/gain"));
-    assert!(team.history(0, "team/gain").iter().all(|deed| deed.beside.len() == 1));
+    assert!(team.history(0, "team/gain").iter().all(|entry| entry.concurrent.len() == 1));
     let mut seen: Vec<Vec<&str>> = team.robots.iter().map(|robot| reasons(&robot.told)).collect();
     seen[1].sort_unstable();
     assert_eq!(seen, [vec!["one", "two", "three"], vec!["one", "three", "two"]], "each transaction once");
@@ -183,13 +183,13 @@ fn retired_while_away_returns_with_writes() {
     let mut team = Team::new();
     let away = team.robots[1].replica.origin();
     team.put(1, "while away", "team/gain", 2);
-    let told_there = team.robots[1].watch.told().clone();
+    let told_there = team.robots[1].watch.position().clone();
     team.retire(1);
     team.meet();
     let Robot { replica, told, .. } = &team.robots[1];
     assert_ne!(replica.origin(), away, "it goes on under another name");
     assert!(
-        told.iter().any(|told| matches!(told, Told::Replaced { .. })),
+        told.iter().any(|told| matches!(told, Notification::Replaced { .. })),
         "and whoever watched it reads anew: {told:?}"
     );
     for at in 0..2 {
@@ -198,12 +198,11 @@ fn retired_while_away_returns_with_writes() {
         assert_eq!((last.by.as_str(), last.reason.as_str()), ("r2", "while away"), "nothing was lost");
         assert_eq!(last.before.map(|dot| dot.origin), Some(away));
     }
-    let known =
-        |told: &Told| matches!(told, Told::Event(event) if matches!(&**event, Event { deed, .. } if deed.by == "r2"));
+    let known = |told: &Notification| matches!(told, Notification::Event(event) if matches!(&**event, Event { entry, .. } if entry.by == "r2"));
     assert!(team.robots[0].told.iter().any(known));
     let here = past(&team.robots[0].replica);
     let mut elsewhere = Watch::new(Keys::Below("team/".into()), told_there, here.log).unwrap();
-    assert_eq!(elsewhere.next(&here, 16).told, vec![], "who was told there is not told again here");
+    assert_eq!(elsewhere.next(&here, 16).list, vec![], "who was told there is not told again here");
 }
 
 #[test]
@@ -215,7 +214,7 @@ fn what_was_written_before_joining_has_an_author() {
     for at in 0..2 {
         let by_r2 = Filter { by: Some("r2".into()), ..Filter::new(Keys::Only(key("team/gain")), 100) };
         let here = past(&team.robots[at].replica);
-        let reasons: Vec<_> = here.deeds(&by_r2).into_iter().map(|deed| deed.reason).collect();
+        let reasons: Vec<_> = here.history(&by_r2).into_iter().map(|entry| entry.reason).collect();
         assert_eq!(reasons, ["two"], "{at}");
         let authors: Vec<_> = here.conflicts("")[0].versions.iter().map(|one| one.by.clone()).collect();
         assert_eq!(authors, ["r1", "r2"], "{at}");

@@ -7,12 +7,12 @@ mod failing;
 #[path = "databases/world.rs"]
 mod world;
 
-use dbmanager::logic::cut::{Cut, Dot, Origin};
 use dbmanager::logic::message::Message;
 use dbmanager::logic::record::Records;
 use dbmanager::logic::replica::{Config, Replica};
 use dbmanager::logic::txn::{Condition, Require};
-use dbmanager::logic::view::moment::state_of;
+use dbmanager::logic::version_vector::{Dot, ReplicaId, VersionVector};
+use dbmanager::logic::view::as_of::state_of;
 use dbmanager::logic::view::past::{Filter, Keys};
 use dbmanager::logic::view::transfer::{self, Absent};
 use dbmanager::logic::view::value::Datum;
@@ -269,7 +269,7 @@ fn a_watcher_hears_of_everything_once_and_goes_on_where_it_was() {
     let mut world = World::team(&["r1", "r2"]);
     let keys = || Keys::Below("team/".into());
     let call = world.call(0, Question::Watch { keys: keys(), from: None });
-    let [Reply::Cut(from)] = world.replies(0, call) else { panic!("not watching") };
+    let [Reply::Version(from)] = world.replies(0, call) else { panic!("not watching") };
     let from = from.clone();
     let written: Vec<Dot> = (0..200).map(|number| world.write(1, &format!("team/{number}"), number)).collect();
     world.write(1, "robot/r2/other", 1);
@@ -364,7 +364,7 @@ fn strangers_take_no_place_from_members() {
     let mut world = World::team(&["r1", "r2"]);
     let disk = world.robots[0].disk.clone();
     world.robots[0].machine = Database::new(open("r1", &disk, 50), ("r1", "dca"), None);
-    let stranger = |number| Letter { from: Origin::new(number), message: Message::Ack(Cut::default()) };
+    let stranger = |number| Letter { from: ReplicaId::new(number), message: Message::Ack(VersionVector::default()) };
     let crowd = |from: u64| (from..from + 1100).map(stranger).map(Input::Letter);
     world.robots[0].inbox.extend(crowd(10_000));
     world.run(Duration::from_secs(12));
@@ -378,7 +378,7 @@ fn strangers_take_no_place_from_members() {
 fn a_peer_may_say_any_number() {
     let mut world = World::team(&["r1", "r2"]);
     let from = world.robots[1].machine.address();
-    let said: Cut = [(Origin::new(1), u64::MAX), (Origin::new(2), u64::MAX)].into_iter().collect();
+    let said: VersionVector = [(ReplicaId::new(1), u64::MAX), (ReplicaId::new(2), u64::MAX)].into_iter().collect();
     world.robots[0].inbox.push(Input::Letter(Letter { from, message: Message::Ack(said) }));
     let status = world.status(0);
     assert_eq!(status.members.iter().find(|one| one.robot == "r2").unwrap().ahead, u64::MAX);
@@ -401,10 +401,10 @@ fn a_schema_is_asked_before_a_value_is_written() {
 fn another_moment_can_be_looked_at() {
     let mut world = World::team(&["r1"]);
     world.write(0, "team/a", 1);
-    let Reply::Cut(before) = world.ask(0, Question::Cut(Moment::Now)) else { panic!("no cut") };
+    let Reply::Version(before) = world.ask(0, Question::Version(Moment::Now)) else { panic!("no version") };
     world.run(Duration::from_secs(60));
     world.write(0, "team/a", 2);
-    let (from, to, prefix) = (Moment::Cut(before), Moment::Now, String::from("team/"));
+    let (from, to, prefix) = (Moment::Version(before), Moment::Now, String::from("team/"));
     let Reply::Differences(differences) = world.ask(0, Question::Diff { from, to, prefix }) else {
         panic!("no answer")
     };
@@ -422,10 +422,10 @@ fn another_moment_can_be_looked_at() {
 fn who_joined_later_can_look_back_to_then() {
     let mut world = World::team(&["r1", "r2"]);
     world.write(1, "team/a", 1);
-    let Reply::Cut(before) = world.ask(1, Question::Cut(Moment::Now)) else { panic!("no cut") };
+    let Reply::Version(before) = world.ask(1, Question::Version(Moment::Now)) else { panic!("no version") };
     world.run(Duration::from_secs(60));
     world.write(1, "team/a", 2);
-    for at in [Moment::Cut(before), Moment::Date(world.wall().millis - 30_000)] {
+    for at in [Moment::Version(before), Moment::Date(world.wall().millis - 30_000)] {
         let answer = world.ask(1, Question::List { prefix: "team/".into(), at });
         let Reply::Entries(entries) = &answer else { panic!("{answer:?}") };
         let value = entries[0].1[0].value.as_ref().map(Datum::of);
@@ -443,11 +443,11 @@ fn a_long_answer_comes_in_parts() {
     }
     let keys = Keys::Below("team/".into());
     let filter = Filter { keys, by: None, from: None, until: None, limit: 100 };
-    let (from, to, prefix) = (Moment::Cut(Cut::default()), Moment::Now, "team/".to_owned());
+    let (from, to, prefix) = (Moment::Version(VersionVector::default()), Moment::Now, "team/".to_owned());
     for question in [Question::History(filter), Question::Diff { from, to, prefix }] {
         let call = world.call(0, question);
         let sizes = world.replies(0, call).iter().map(|reply| match reply {
-            Reply::Deeds(part) => part.len(),
+            Reply::History(part) => part.len(),
             Reply::Differences(part) => part.len(),
             other => panic!("{other:?}"),
         });

@@ -5,10 +5,10 @@
 use comms::io::clock::now;
 use comms::io::session::Session;
 use comms::logic::{codec, key};
-use dbmanager::logic::cut::Dot;
 use dbmanager::logic::key::Key;
 use dbmanager::logic::state::Version;
 use dbmanager::logic::txn::Write;
+use dbmanager::logic::version_vector::Dot;
 use dbmanager::logic::view::value::Datum;
 use dca_tests::cluster::{Cluster, Ended, Host, Network, Program, SOON, wait_until};
 use node::logic::database::question::{Commit, Far, Moment, Question, Reply, Status};
@@ -152,7 +152,7 @@ impl Robots {
         let agreed = || {
             let all: Vec<Status> = self.ways.iter().map(Way::status).collect();
             all.iter().all(|one| {
-                one.members.len() == members && one.member && one.state == all[0].state && one.cut == all[0].cut
+                one.members.len() == members && one.member && one.state == all[0].state && one.version == all[0].version
             })
         };
         let took = wait_until(SOON, agreed);
@@ -373,7 +373,7 @@ fn json_is_never_prose() {
         &["diff", "0"],
         &["diff", "now"],
         &["at", "now"],
-        &["cut"],
+        &["version"],
         &["status"],
         &["export", "team/"],
         &["import", empty.as_str()],

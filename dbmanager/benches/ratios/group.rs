@@ -7,7 +7,7 @@ use comms::io::clock;
 use dbmanager::io::group::Groups;
 use dbmanager::io::store::{Engine, Store};
 use dbmanager::logic::clock::Wall;
-use dbmanager::logic::replica::{Effect, Input, Request};
+use dbmanager::logic::replica::{CommitRequest, Effect, Input};
 use std::path::Path;
 use std::sync::mpsc::{SyncSender, sync_channel};
 use std::time::Duration;
@@ -25,7 +25,7 @@ struct Run {
 }
 
 /// A wish, and where the answer goes.
-type Wish = (Request, SyncSender<()>);
+type Call = (CommitRequest, SyncSender<()>);
 
 pub(crate) fn measure(folder: &Path, table: &mut Table) -> Result<(), Failure> {
     let ours = run(Robot::on(Engine::Redb, folder)?)?;
@@ -41,12 +41,12 @@ pub(crate) fn measure(folder: &Path, table: &mut Table) -> Result<(), Failure> {
 
 /// Lets callers commit until all are done.
 fn run(mut robot: Robot<impl Store>) -> Result<Run, Failure> {
-    let (sender, queue) = sync_channel::<Wish>(1024);
+    let (sender, queue) = sync_channel::<Call>(1024);
     let began = clock::now();
     let groups = std::thread::scope(|scope| {
         for caller in 0..CALLERS {
-            let wishes = sender.clone();
-            scope.spawn(move || call(caller, &wishes));
+            let calls = sender.clone();
+            scope.spawn(move || call(caller, &calls));
         }
         drop(sender);
         serve(&mut robot, &mut Groups::new(queue, 256))
@@ -55,22 +55,22 @@ fn run(mut robot: Robot<impl Store>) -> Result<Run, Failure> {
 }
 
 /// Commits one thing after another, until the other side is gone.
-fn call(caller: u64, wishes: &SyncSender<Wish>) {
+fn call(caller: u64, calls: &SyncSender<Call>) {
     let (done, answers) = sync_channel(1);
     for number in (0..COMMITS).map(|number| caller * COMMITS + number) {
         let Ok(request) = request(number) else { return };
-        if wishes.send((request, done.clone())).is_err() || answers.recv().is_err() {
+        if calls.send((request, done.clone())).is_err() || answers.recv().is_err() {
             return;
         }
     }
 }
 
 /// Commits for all, group by group; returns how many groups there were.
-fn serve(robot: &mut Robot<impl Store>, groups: &mut Groups<Wish>) -> Result<u64, Failure> {
+fn serve(robot: &mut Robot<impl Store>, groups: &mut Groups<Call>) -> Result<u64, Failure> {
     let mut count = 0;
     while let Some(group) = groups.next(None) {
         count += 1;
-        let (requests, callers): (Vec<Request>, Vec<SyncSender<()>>) = group.into_iter().unzip();
+        let (requests, callers): (Vec<CommitRequest>, Vec<SyncSender<()>>) = group.into_iter().unzip();
         let began = clock::now();
         let effects = robot.tell(Input::Commit(requests, Wall::default()))?;
         groups.synced(clock::now().since(began));

@@ -10,7 +10,7 @@ use crate::Failure;
 use crate::robot::{key, value};
 use crate::table::{Reach, Table};
 use comms::logic::time::Time;
-use dbmanager::logic::replica::{Input, Level, Request};
+use dbmanager::logic::replica::{AckLevel, CommitRequest, Input};
 use dbmanager::logic::txn::Draft;
 use net::{Line, Net};
 use std::path::Path;
@@ -48,7 +48,7 @@ fn put(number: u64, size: u64) -> Result<Input, Failure> {
     let key = key(number)?;
     let size = usize::try_from(size)?.saturating_sub(key.as_str().len());
     let draft = Draft::new("").put(key, value(number, size));
-    let request = Request { ticket: number, draft, level: Level::Local, until: Time::ZERO };
+    let request = CommitRequest { ticket: number, draft, level: AckLevel::Local, until: Time::ZERO };
     Ok(Input::Commit(vec![request], net::WALL))
 }
 

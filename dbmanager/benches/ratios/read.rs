@@ -8,7 +8,7 @@ use dbmanager::io::store::memory::MemoryStore;
 use dbmanager::logic::clock::Wall;
 use dbmanager::logic::key::Key;
 use dbmanager::logic::random::Random;
-use dbmanager::logic::replica::{Input, Level, Request};
+use dbmanager::logic::replica::{AckLevel, CommitRequest, Input};
 use dbmanager::logic::state::Version;
 use dbmanager::logic::txn::{Draft, Value};
 use std::collections::BTreeMap;
@@ -69,7 +69,7 @@ fn fill(robot: &mut Robot<MemoryStore>) -> Result<(), Failure> {
         for number in first..first + 100 {
             draft = draft.put(key(number)?, value(number, 256));
         }
-        let request = Request { ticket: 0, draft, level: Level::Local, until: clock::now() };
+        let request = CommitRequest { ticket: 0, draft, level: AckLevel::Local, until: clock::now() };
         robot.tell(Input::Commit(vec![request], Wall::default()))?;
     }
     Ok(())

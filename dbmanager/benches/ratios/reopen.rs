@@ -7,7 +7,7 @@ use crate::{Failure, say};
 use comms::io::clock::{self, Wakeup};
 use dbmanager::io::store::{DirStore, Engine};
 use dbmanager::logic::clock::Wall;
-use dbmanager::logic::replica::{Input, Level, Request};
+use dbmanager::logic::replica::{AckLevel, CommitRequest, Input};
 use dbmanager::logic::txn::Draft;
 use std::fs;
 use std::os::unix::fs::MetadataExt;
@@ -63,7 +63,7 @@ fn fill(engine: Engine, folder: &Path) -> Result<u64, Failure> {
             live += u64::try_from(key.as_str().len() + KEYS.1)?;
             draft = draft.put(key, value(number, KEYS.1));
         }
-        let request = Request { ticket: 0, draft, level: Level::Local, until: clock::now() };
+        let request = CommitRequest { ticket: 0, draft, level: AckLevel::Local, until: clock::now() };
         robot.tell(Input::Commit(vec![request], Wall::default()))?;
         if robot.replica.deadline().is_some_and(|deadline| deadline <= clock::now()) {
             robot.tell(Input::Tick(Wall::default()))?;

@@ -5,7 +5,7 @@ use comms::io::clock;
 use dbmanager::io::store::{DirStore, Engine, Store};
 use dbmanager::logic::clock::Wall;
 use dbmanager::logic::key::Key;
-use dbmanager::logic::replica::{Config, Effect, Input, Level, Replica, Request};
+use dbmanager::logic::replica::{AckLevel, CommitRequest, Config, Effect, Input, Replica};
 use dbmanager::logic::txn::{Draft, Value};
 use std::path::Path;
 
@@ -35,9 +35,9 @@ pub(crate) fn value(number: u64, size: usize) -> Value {
 }
 
 /// Returns a wish to write one value.
-pub(crate) fn request(number: u64) -> Result<Request, Failure> {
+pub(crate) fn request(number: u64) -> Result<CommitRequest, Failure> {
     let draft = Draft::new("").put(key(number % 5000)?, value(number, KEY_AND_VALUE.1));
-    Ok(Request { ticket: number, draft, level: Level::Local, until: clock::now() })
+    Ok(CommitRequest { ticket: number, draft, level: AckLevel::Local, until: clock::now() })
 }
 
 impl Robot<DirStore> {

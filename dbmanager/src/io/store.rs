@@ -14,7 +14,7 @@ mod witness;
 pub use dir::{DirStore, Engine};
 pub use witness::{Doubt, Trust};
 
-use crate::logic::record::{Batch, Reading, Records};
+use crate::logic::record::{Batch, Records, StoredRecords};
 use std::fs::File;
 use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -39,8 +39,8 @@ pub trait Store {
     ///
     /// # Errors
     /// As [`Store::each`]. What the replica finds wrong it says itself.
-    fn read(&self) -> Result<Reading, StoreError> {
-        let mut reading = Reading::default();
+    fn read(&self) -> Result<StoredRecords, StoreError> {
+        let mut reading = StoredRecords::default();
         self.each(&mut |name, record| reading.take(name, record))?;
         Ok(reading)
     }

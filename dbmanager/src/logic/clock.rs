@@ -1,18 +1,18 @@
-//! The hybrid clock: stamps that extend causality, and follow the wall clock as far as that can be believed.
+//! The hybrid clock: timestamps that extend causality, and follow the wall clock as far as that can be believed.
 //!
-//! *State.* The largest stamp issued or seen, and the best date that a peer with a trusted clock has shown lately.
+//! *State.* The largest timestamp issued or seen, and the best date that a peer with a trusted clock has shown lately.
 //!
-//! *Rule.* A new stamp is one tick above the largest known one, lifted to the wall clock only if that is trusted and not
-//! far ahead of what better clocks have shown. A stamp is `(epoch, hlc, origin)`; `hlc` is 48 bits of milliseconds and a
+//! *Rule.* A new timestamp is one tick above the largest known one, lifted to the wall clock only if that is trusted and not
+//! far ahead of what better clocks have shown. A timestamp is `(epoch, hlc, origin)`; `hlc` is 48 bits of milliseconds and a
 //! counter of 16 bits, one number, so that a full counter carries into the milliseconds by itself.
 //!
-//! *Why it is right.* Each stamp is larger than all that its replica has issued or seen, whatever the wall clock says;
-//! whoever sees a transaction has seen its stamp; so `a` before `b` in causality means `stamp(a) < stamp(b)` (I11). Stamps
+//! *Why it is right.* Each timestamp is larger than all that its replica has issued or seen, whatever the wall clock says;
+//! whoever sees a transaction has seen its timestamp; so `a` before `b` in causality means `stamp(a) < stamp(b)` (I11). Timestamps
 //! order writes that did not see each other, and nothing else: a wrong date can make a write lose against a concurrent one
 //! (which is then listed as a conflict), but can never hide a write from somebody who saw it. Hence no date is refused: a
 //! replica that refused what others accept would differ from them for ever.
 
-use crate::logic::cut::Origin;
+use crate::logic::version_vector::ReplicaId;
 use comms::logic::time::Time;
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
@@ -49,17 +49,17 @@ pub struct Wall {
 
 /// The place of a transaction in the one order of all. Compared epoch first, then `hlc`, then origin.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-pub struct Stamp {
+pub struct Timestamp {
     /// Goes up when an operator heals the clocks.
     pub epoch: u16,
     /// 48 bits of milliseconds, 16 bits of counter.
     pub hlc: u64,
     /// Who issued it.
-    pub origin: Origin,
+    pub origin: ReplicaId,
 }
 
-impl Stamp {
-    /// Returns the smallest stamp of the same origin that is larger.
+impl Timestamp {
+    /// Returns the smallest timestamp of the same origin that is larger.
     #[must_use]
     pub fn next(self) -> Self {
         match self.hlc.checked_add(1) {
@@ -77,7 +77,7 @@ impl Stamp {
 /// The clock of one replica.
 #[derive(Clone, Debug)]
 pub struct Clock {
-    origin: Origin,
+    origin: ReplicaId,
     epoch: u16,
     last: u64,
     reference: Option<Reference>,
@@ -90,13 +90,13 @@ struct Reference {
 }
 
 impl Clock {
-    /// Returns a clock that continues after `last`, the largest stamp of the log.
-    pub fn new(origin: Origin, last: Stamp) -> Self {
+    /// Returns a clock that continues after `last`, the largest timestamp of the log.
+    pub fn new(origin: ReplicaId, last: Timestamp) -> Self {
         Self { origin, epoch: last.epoch, last: last.hlc, reference: None }
     }
 
-    /// Issues the next stamp; `None` when there is none left, which only a forged stamp can bring about.
-    pub fn tick(&mut self, now: Time, wall: Wall) -> Option<Stamp> {
+    /// Issues the next timestamp; `None` when there is none left, which only a forged timestamp can bring about.
+    pub fn tick(&mut self, now: Time, wall: Wall) -> Option<Timestamp> {
         let lift = if self.follows(now, wall) { wall.millis.checked_mul(1 << COUNTER_BITS).unwrap_or(0) } else { 0 };
         let next = match self.last.checked_add(1) {
             Some(next) => next,
@@ -106,11 +106,11 @@ impl Clock {
             }
         };
         self.last = next.max(lift);
-        Some(Stamp { epoch: self.epoch, hlc: self.last, origin: self.origin })
+        Some(Timestamp { epoch: self.epoch, hlc: self.last, origin: self.origin })
     }
 
-    /// Takes note of a stamp that somebody else issued, and of the wall clock it was issued by.
-    pub fn observe(&mut self, now: Time, stamp: Stamp, wall: Wall) {
+    /// Takes note of a timestamp that somebody else issued, and of the wall clock it was issued by.
+    pub fn observe(&mut self, now: Time, stamp: Timestamp, wall: Wall) {
         let seen = (stamp.epoch, stamp.hlc);
         (self.epoch, self.last) = (self.epoch, self.last).max(seen);
         if wall.quality < Quality::Network {
@@ -126,11 +126,11 @@ impl Clock {
     }
 
     /// Goes on under another origin.
-    pub fn move_to(&mut self, origin: Origin) {
+    pub fn move_to(&mut self, origin: ReplicaId) {
         self.origin = origin;
     }
 
-    /// Begins a new epoch: stamps from now on are above all others, and near the wall clock again.
+    /// Begins a new epoch: timestamps from now on are above all others, and near the wall clock again.
     ///
     /// Returns whether there was an epoch left.
     pub fn heal(&mut self) -> bool {
@@ -140,7 +140,7 @@ impl Clock {
     }
 
     /// Returns by how much `stamp` is ahead of a trusted wall clock, if that is suspicious.
-    pub fn suspects(stamp: Stamp, wall: Wall) -> Option<Duration> {
+    pub fn suspects(stamp: Timestamp, wall: Wall) -> Option<Duration> {
         let ahead = stamp.millis().saturating_sub(wall.millis);
         (wall.quality >= Quality::Network && ahead > LEAD_MAX_MS).then(|| Duration::from_millis(ahead))
     }
@@ -164,7 +164,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    const ME: Origin = Origin::new(1);
+    const ME: ReplicaId = ReplicaId::new(1);
     const YEAR_2099_MS: u64 = 4_070_908_800_000;
     const YEAR_2026_MS: u64 = 1_790_000_000_000;
 
@@ -173,12 +173,12 @@ mod tests {
     }
 
     fn clock() -> Clock {
-        Clock::new(ME, Stamp::default())
+        Clock::new(ME, Timestamp::default())
     }
 
     #[test]
     fn clock_1970_boot() {
-        let seen = Stamp { epoch: 0, hlc: YEAR_2026_MS << 16, origin: Origin::new(2) };
+        let seen = Timestamp { epoch: 0, hlc: YEAR_2026_MS << 16, origin: ReplicaId::new(2) };
         let mut clock = Clock::new(ME, seen);
         let stamp = clock.tick(Time::ZERO, wall(5, Quality::Unset)).unwrap();
         assert!(stamp > seen && stamp.millis() == YEAR_2026_MS, "goes on from the log, not from 1970");
@@ -190,7 +190,7 @@ mod tests {
         let far = clock.tick(Time::ZERO, wall(YEAR_2099_MS, Quality::Network)).unwrap();
         assert!(Clock::suspects(far, wall(YEAR_2026_MS, Quality::Network)).is_some());
         assert_eq!(Clock::suspects(far, wall(0, Quality::Unset)), None, "a clock that is not trusted suspects nobody");
-        let mut other = Clock::new(Origin::new(2), Stamp::default());
+        let mut other = Clock::new(ReplicaId::new(2), Timestamp::default());
         other.observe(Time::ZERO, far, wall(YEAR_2099_MS, Quality::Network));
         let pinned = other.tick(Time::ZERO, wall(YEAR_2026_MS, Quality::Network)).unwrap();
         assert!(pinned > far && pinned.millis() == YEAR_2099_MS);
@@ -223,9 +223,9 @@ mod tests {
     #[test]
     fn a_worse_clock_does_not_run_ahead_of_a_better_one() {
         let mut clock = clock();
-        clock.observe(Time::ZERO, Stamp::default(), wall(YEAR_2026_MS, Quality::Satellite));
-        let held = clock.tick(Time::ZERO, wall(YEAR_2099_MS, Quality::Network)).unwrap();
-        assert_eq!(held.millis(), 0);
+        clock.observe(Time::ZERO, Timestamp::default(), wall(YEAR_2026_MS, Quality::Satellite));
+        let pending = clock.tick(Time::ZERO, wall(YEAR_2099_MS, Quality::Network)).unwrap();
+        assert_eq!(pending.millis(), 0);
         let equal = clock.tick(Time::ZERO, wall(YEAR_2099_MS, Quality::Satellite)).unwrap();
         assert_eq!(equal.millis(), YEAR_2099_MS);
     }
@@ -233,7 +233,7 @@ mod tests {
     #[test]
     fn the_date_of_a_better_clock_goes_on() {
         let mut clock = clock();
-        clock.observe(Time::ZERO, Stamp::default(), wall(YEAR_2026_MS, Quality::Satellite));
+        clock.observe(Time::ZERO, Timestamp::default(), wall(YEAR_2026_MS, Quality::Satellite));
         let (later, now) = (Duration::from_secs(7200), wall(YEAR_2026_MS + 7_200_000, Quality::Network));
         let stamp = clock.tick(Time::ZERO + later, now).unwrap();
         assert_eq!(stamp.millis(), YEAR_2026_MS + 7_200_000, "two hours later it is two hours later for both");
@@ -242,9 +242,9 @@ mod tests {
     #[test]
     fn forged_stamps_use_up_the_epochs_and_then_commits_fail() {
         let mut clock = clock();
-        clock.observe(Time::ZERO, Stamp { epoch: 3, hlc: u64::MAX, origin: ME }, Wall::default());
+        clock.observe(Time::ZERO, Timestamp { epoch: 3, hlc: u64::MAX, origin: ME }, Wall::default());
         assert_eq!(clock.tick(Time::ZERO, Wall::default()).map(|stamp| (stamp.epoch, stamp.hlc)), Some((4, 1)));
-        clock.observe(Time::ZERO, Stamp { epoch: u16::MAX, hlc: u64::MAX, origin: ME }, Wall::default());
+        clock.observe(Time::ZERO, Timestamp { epoch: u16::MAX, hlc: u64::MAX, origin: ME }, Wall::default());
         assert_eq!(clock.tick(Time::ZERO, Wall::default()), None);
         assert!(!clock.heal());
     }
@@ -253,7 +253,7 @@ mod tests {
         #[test]
         fn stamps_grow_whatever_the_wall_says(walls in proptest::collection::vec((any::<u64>(), 0..4_u8), 1..50)) {
             let mut clock = clock();
-            let mut last = Stamp::default();
+            let mut last = Timestamp::default();
             for (millis, quality) in walls {
                 let quality = [Quality::Unset, Quality::Battery, Quality::Network, Quality::Satellite][usize::from(quality)];
                 let next = clock.tick(Time::ZERO, wall(millis, quality)).unwrap();

@@ -1,23 +1,25 @@
 //! The transactions of each origin, gap-free, chained by hashes.
 //!
-//! *State.* For each origin: its *head* (number, link, stamp and full context of its last transaction), and the frames above
-//! the cut `low`, in the order in which they were applied here.
+//! *State.* For each origin: its *head* (number, hash, timestamp and full context of its last transaction), and the
+//! transactions above the version vector `low`, in the order in which they were applied here.
 //!
-//! *Rule.* A frame is taken if it is the next of its origin, names the link of the one before it, carries a larger stamp, and
-//! all that it has seen is here. What is served to others goes out in the order of application, which is causal.
+//! *Rule.* A transaction is taken if it is the next of its origin, names the hash of the one before it, carries a
+//! larger timestamp, and all that it has seen is here. What is served to others goes out in the order of application,
+//! which is causal.
 //!
-//! *T6, a dot names one transaction.* Two frames with one dot either have different links, or they are the same bytes. The
-//! link is in the next frame, so from a common head on, chains that differ once differ for ever, and the first exchange that
-//! could notice ends in [`Verdict::Fork`]. A frame also has a digest of the links of what it has seen of others: one that has seen
-//! another transaction by a number that is known here is not taken ([`Verdict::Apart`]), so it cannot take away what its writer
-//! never saw.
+//! *T6, a dot names one transaction.* Two transactions with one dot either have different hashes, or they are the same
+//! bytes. The hash is in the next transaction, so from a common head on, chains that differ once differ for ever, and
+//! the first exchange that could notice ends in [`Verdict::Fork`]. A transaction also has a digest of the hashes of
+//! what it has seen of others: one that has seen another transaction by a number that is known here is not taken
+//! ([`Verdict::Apart`]), so it cannot take away what its writer never saw.
 //!
-//! *T7, liveness.* Among transactions that are missing here and present there, the first by causality can be applied, and it
-//! is what is served first: one complete pull makes the own cut dominate the cut that the other had when it began.
+//! *T7, liveness.* Among transactions that are missing here and present there, the first by causality can be applied,
+//! and it is what is served first: one complete pull makes the own version vector dominate the version vector that the
+//! other had when it began.
 
-use crate::logic::clock::Stamp;
-use crate::logic::cut::{Cut, Dot, Origin};
-use crate::logic::txn::{Frame, Link, Txn};
+use crate::logic::clock::Timestamp;
+use crate::logic::txn::{ChainHash, EncodedTxn, Txn};
+use crate::logic::version_vector::{Dot, ReplicaId, VersionVector};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -26,24 +28,24 @@ use std::collections::BTreeMap;
 pub struct Head {
     /// Its number.
     pub seq: u64,
-    /// What the next frame calls it.
-    pub link: Link,
-    /// Its stamp.
-    pub stamp: Stamp,
+    /// What the next transaction calls it.
+    pub hash: ChainHash,
+    /// Its timestamp.
+    pub stamp: Timestamp,
     /// Its full context.
-    pub context: Cut,
+    pub context: VersionVector,
 }
 
 impl Head {
     /// Returns the full context of a transaction that is next, and says that it has seen `more`.
-    pub fn seen_after(&self, next: Dot, more: &Cut) -> Cut {
+    pub fn seen_after(&self, next: Dot, more: &VersionVector) -> VersionVector {
         let mut context = self.context.clone();
         context.go_on(next, more);
         context
     }
 }
 
-/// What to do with a frame.
+/// What to do with a transaction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
     /// Apply it.
@@ -52,55 +54,55 @@ pub enum Verdict {
     Known,
     /// Something before it is missing.
     Early,
-    /// Its origin has used a number twice, or an order of stamps that cannot be.
+    /// Its origin has used a number twice, or an order of timestamps that cannot be.
     Fork,
     /// It has seen another transaction by a number that means one here.
     Apart,
 }
 
-/// A frame, and when it was applied here.
+/// An encoded transaction, and when it was applied here.
 #[derive(Clone, Debug)]
 pub struct Logged {
     /// Its place in the order of application.
     pub index: u64,
     /// The transaction.
-    pub frame: Frame,
+    pub encoded: EncodedTxn,
 }
 
 /// The log of one replica.
 #[derive(Clone, Debug, Default)]
 pub struct Log {
-    heads: BTreeMap<Origin, Head>,
-    frames: BTreeMap<Dot, Logged>,
-    cut: Cut,
+    heads: BTreeMap<ReplicaId, Head>,
+    txns: BTreeMap<Dot, Logged>,
+    vector: VersionVector,
     next: u64,
     size: usize,
 }
 
 impl Log {
     /// Returns a log that begins after `heads`.
-    pub fn new(heads: BTreeMap<Origin, Head>) -> Self {
-        let cut = heads.iter().map(|(origin, head)| (*origin, head.seq)).collect();
-        Self { heads, cut, ..Self::default() }
+    pub fn new(heads: BTreeMap<ReplicaId, Head>) -> Self {
+        let vector = heads.iter().map(|(origin, head)| (*origin, head.seq)).collect();
+        Self { heads, vector, ..Self::default() }
     }
 
     /// Returns what is here.
-    pub fn cut(&self) -> &Cut {
-        &self.cut
+    pub fn vector(&self) -> &VersionVector {
+        &self.vector
     }
 
     /// Returns the last transaction of `origin`.
-    pub fn head(&self, origin: Origin) -> Option<&Head> {
+    pub fn head(&self, origin: ReplicaId) -> Option<&Head> {
         self.heads.get(&origin)
     }
 
-    /// Returns number and link of the last transaction of `origin`; zeros if there is none.
-    pub fn tip(&self, origin: Origin) -> (u64, Link) {
-        self.head(origin).map(|head| (head.seq, head.link)).unwrap_or_default()
+    /// Returns number and hash of the last transaction of `origin`; zeros if there is none.
+    pub fn tip(&self, origin: ReplicaId) -> (u64, ChainHash) {
+        self.head(origin).map(|head| (head.seq, head.hash)).unwrap_or_default()
     }
 
     /// Returns the last transaction of every origin.
-    pub fn heads(&self) -> &BTreeMap<Origin, Head> {
+    pub fn heads(&self) -> &BTreeMap<ReplicaId, Head> {
         &self.heads
     }
 
@@ -108,52 +110,52 @@ impl Log {
     pub fn chains(&self) -> u64 {
         let mut hasher = blake3::Hasher::new();
         for (origin, head) in &self.heads {
-            hasher.update(&origin.number().to_le_bytes()).update(&head.seq.to_le_bytes()).update(&head.link.0);
+            hasher.update(&origin.number().to_le_bytes()).update(&head.seq.to_le_bytes()).update(&head.hash.0);
         }
-        u64::from_le_bytes(Link::of(&hasher).0)
+        u64::from_le_bytes(ChainHash::of(&hasher).0)
     }
 
-    /// Returns the frame of a transaction, if it is still kept.
-    pub fn frame(&self, dot: Dot) -> Option<&Frame> {
-        self.frames.get(&dot).map(|logged| &logged.frame)
+    /// Returns a transaction, encoded, if it is still kept.
+    pub fn encoded(&self, dot: Dot) -> Option<&EncodedTxn> {
+        self.txns.get(&dot).map(|logged| &logged.encoded)
     }
 
-    /// Returns how many frames there are.
+    /// Returns how many transactions are kept.
     pub fn len(&self) -> usize {
-        self.frames.len()
+        self.txns.len()
     }
 
-    /// Returns whether there is no frame.
+    /// Returns whether none is kept.
     pub fn is_empty(&self) -> bool {
-        self.frames.is_empty()
+        self.txns.is_empty()
     }
 
-    /// Returns about how many bytes the frames take.
+    /// Returns about how many bytes the transactions take.
     pub fn size(&self) -> usize {
         self.size
     }
 
-    /// Returns the largest stamp.
-    pub fn last_stamp(&self) -> Stamp {
+    /// Returns the largest timestamp.
+    pub fn last_stamp(&self) -> Timestamp {
         self.heads.values().map(|head| head.stamp).max().unwrap_or_default()
     }
 
-    /// Returns the cut below which frames are gone.
-    pub fn low(&self) -> Cut {
-        let kept = |origin: Origin| {
-            self.frames.range(Dot { origin, seq: 0 }..=Dot { origin, seq: u64::MAX }).next().map(|(dot, _)| dot.seq - 1)
+    /// Returns the version vector below which transactions are gone.
+    pub fn low(&self) -> VersionVector {
+        let kept = |origin: ReplicaId| {
+            self.txns.range(Dot { origin, seq: 0 }..=Dot { origin, seq: u64::MAX }).next().map(|(dot, _)| dot.seq - 1)
         };
-        self.cut.iter().map(|(origin, seq)| (origin, kept(origin).unwrap_or(seq))).collect()
+        self.vector.iter().map(|(origin, seq)| (origin, kept(origin).unwrap_or(seq))).collect()
     }
 
-    /// Returns what follows `cut`, each chain without a gap, in the order of application.
-    fn after(&self, cut: &Cut) -> impl Iterator<Item = (Dot, &Frame)> {
+    /// Returns what follows `vector`, each chain without a gap, in the order of application.
+    fn after(&self, vector: &VersionVector) -> impl Iterator<Item = (Dot, &EncodedTxn)> {
         let next = |origin, after: u64| {
             let dot = Dot { origin, seq: after.saturating_add(1) };
-            self.frames.get(&dot).map(|logged| (logged.index, (dot, &logged.frame)))
+            self.txns.get(&dot).map(|logged| (logged.index, (dot, &logged.encoded)))
         };
-        let firsts = self.cut.iter().filter_map(|(origin, _)| next(origin, cut.get(origin)));
-        let mut waiting: BTreeMap<u64, (Dot, &Frame)> = firsts.collect();
+        let firsts = self.vector.iter().filter_map(|(origin, _)| next(origin, vector.get(origin)));
+        let mut waiting: BTreeMap<u64, (Dot, &EncodedTxn)> = firsts.collect();
         std::iter::from_fn(move || {
             let (_, found) = waiting.pop_first()?;
             waiting.extend(next(found.0.origin, found.0.seq));
@@ -162,104 +164,104 @@ impl Log {
     }
 
     /// Returns the full context of a transaction that is next at its origin.
-    pub fn context(&self, txn: &Txn) -> Cut {
+    pub fn context(&self, txn: &Txn) -> VersionVector {
         let none = Head::default();
         self.head(txn.stamp.origin).unwrap_or(&none).seen_after(txn.dot(), &txn.context)
     }
 
-    /// Returns what to do with a frame and the transaction in it.
-    pub fn judge(&self, txn: &Txn, frame: &Frame) -> Verdict {
+    /// Returns what to do with a transaction, given encoded and decoded.
+    pub fn judge(&self, txn: &Txn, encoded: &EncodedTxn) -> Verdict {
         let dot = txn.dot();
         let none = Head::default();
         let head = self.head(dot.origin).unwrap_or(&none);
         if dot.seq <= head.seq {
-            let same = self.frame(dot).is_none_or(|known| known == frame);
+            let same = self.encoded(dot).is_none_or(|known| known == encoded);
             return if same && dot.seq > 0 { Verdict::Known } else { Verdict::Fork };
         }
         if dot.seq > head.seq + 1 {
             return Verdict::Early;
         }
-        if dot.seq == head.seq + 1 && (txn.prev != head.link || txn.stamp <= head.stamp) {
+        if dot.seq == head.seq + 1 && (txn.prev != head.hash || txn.stamp <= head.stamp) {
             return Verdict::Fork;
         }
-        let missing = self.context(txn).beyond(&self.cut);
+        let missing = self.context(txn).beyond(&self.vector);
         if !missing.is_empty() {
             return Verdict::Early;
         }
         let differs = |said| self.seen(&txn.context).is_some_and(|here| here != said);
-        if frame.seen().is_some_and(differs) { Verdict::Apart } else { Verdict::Next }
+        if encoded.seen().is_some_and(differs) { Verdict::Apart } else { Verdict::Next }
     }
 
-    /// Returns by which link a transaction is known; `None` if it is not, or too little is kept to tell.
-    pub fn link(&self, dot: Dot) -> Option<Link> {
-        let head = self.head(dot.origin).filter(|head| head.seq == dot.seq).map(|head| head.link);
-        // If the frame is gone, the next one still says what it was.
-        let next = || Some(self.frame(Dot { seq: dot.seq.checked_add(1)?, ..dot })?.open().ok()?.prev);
-        head.or_else(|| self.frame(dot).map(Frame::link)).or_else(next)
+    /// Returns by which hash a transaction is known; `None` if it is not, or too little is kept to tell.
+    pub fn hash(&self, dot: Dot) -> Option<ChainHash> {
+        let head = self.head(dot.origin).filter(|head| head.seq == dot.seq).map(|head| head.hash);
+        // If the transaction is gone, the next one still says what it was.
+        let next = || Some(self.encoded(Dot { seq: dot.seq.checked_add(1)?, ..dot })?.open().ok()?.prev);
+        head.or_else(|| self.encoded(dot).map(EncodedTxn::hash)).or_else(next)
     }
 
-    /// Returns a digest of the links of the last transactions in a cut; `None` if some of them are not known.
-    pub fn seen(&self, cut: &Cut) -> Option<Link> {
+    /// Returns a digest of the hashes of the last transactions in a version vector; `None` if some of them are not known.
+    pub fn seen(&self, vector: &VersionVector) -> Option<ChainHash> {
         let mut hasher = blake3::Hasher::new();
-        for (origin, seq) in cut.iter() {
-            hasher.update(&self.link(Dot { origin, seq })?.0);
+        for (origin, seq) in vector.iter() {
+            hasher.update(&self.hash(Dot { origin, seq })?.0);
         }
-        Some(Link::of(&hasher))
+        Some(ChainHash::of(&hasher))
     }
 
     /// Adds a transaction that is [`Verdict::Next`]; returns its place in the order of application.
-    pub fn append(&mut self, txn: &Txn, frame: Frame) -> u64 {
+    pub fn append(&mut self, txn: &Txn, encoded: EncodedTxn) -> u64 {
         let (dot, context) = (txn.dot(), self.context(txn));
-        let head = Head { seq: dot.seq, link: frame.link(), stamp: txn.stamp, context };
+        let head = Head { seq: dot.seq, hash: encoded.hash(), stamp: txn.stamp, context };
         self.heads.insert(dot.origin, head);
         let index = self.next;
-        self.restore(dot, Logged { index, frame });
+        self.restore(dot, Logged { index, encoded });
         index
     }
 
-    /// Puts back a frame as it was stored; its head must be known.
+    /// Puts back a transaction as it was stored; its head must be known.
     pub fn restore(&mut self, dot: Dot, logged: Logged) {
-        self.cut.include(dot);
+        self.vector.include(dot);
         self.next = self.next.max(logged.index.saturating_add(1));
-        self.size += logged.frame.size();
-        self.frames.insert(dot, logged);
+        self.size += logged.encoded.size();
+        self.txns.insert(dot, logged);
     }
 
-    /// Returns the frames beyond `cut` in the order of application, at least one and about `size_max` bytes of them, and
+    /// Returns the transactions beyond `vector` in the order of application, at least one and about `size_max` bytes of them, and
     /// whether there are more; `None` if some that would be needed are gone.
-    pub fn beyond(&self, cut: &Cut, size_max: usize) -> Option<(Vec<Frame>, bool)> {
-        if !cut.dominates(&self.low()) {
+    pub fn beyond(&self, vector: &VersionVector, size_max: usize) -> Option<(Vec<EncodedTxn>, bool)> {
+        if !vector.dominates(&self.low()) {
             return None;
         }
-        let (mut frames, mut size) = (Vec::new(), 0);
-        for (_, frame) in self.after(cut) {
-            size += frame.size();
-            if size > size_max && !frames.is_empty() {
-                return Some((frames, true));
+        let (mut txns, mut size) = (Vec::new(), 0);
+        for (_, encoded) in self.after(vector) {
+            size += encoded.size();
+            if size > size_max && !txns.is_empty() {
+                return Some((txns, true));
             }
-            frames.push(frame.clone());
+            txns.push(encoded.clone());
         }
-        Some((frames, false))
+        Some((txns, false))
     }
 
-    /// Returns the frames in the order of application.
-    pub fn in_order(&self) -> Vec<(Dot, &Frame)> {
+    /// Returns the transactions in the order of application.
+    pub fn in_order(&self) -> Vec<(Dot, &EncodedTxn)> {
         self.after(&self.low()).collect()
     }
 
-    /// Drops the oldest frames within `stable` until no more than `size_max` bytes are left. Returns their names.
-    pub(crate) fn truncate(&mut self, stable: &Cut, size_max: usize) -> Vec<Dot> {
+    /// Drops the oldest transactions within `stable` until no more than `size_max` bytes are left. Returns their names.
+    pub(crate) fn truncate(&mut self, stable: &VersionVector, size_max: usize) -> Vec<Dot> {
         let (mut dropped, mut size) = (Vec::new(), self.size);
-        for (dot, frame) in self.after(&self.low()) {
+        for (dot, encoded) in self.after(&self.low()) {
             // What is applied later may be stable earlier, but a chain is only ever cut from below.
             if size <= size_max || !stable.contains(dot) {
                 break;
             }
-            size -= frame.size();
+            size -= encoded.size();
             dropped.push(dot);
         }
         self.size = size;
-        dropped.iter().for_each(|dot| drop(self.frames.remove(dot)));
+        dropped.iter().for_each(|dot| drop(self.txns.remove(dot)));
         dropped
     }
 }
@@ -269,11 +271,11 @@ mod tests {
     use super::*;
     use crate::logic::clock::Wall;
 
-    fn txn(origin: u64, seq: u64, log: &Log, context: &[(u64, u64)]) -> (Txn, Frame) {
-        let me = Origin::new(origin);
-        let prev = log.head(me).map(|head| head.link).unwrap_or_default();
-        let context = context.iter().map(|(origin, seq)| (Origin::new(*origin), *seq)).collect();
-        let stamp = Stamp { epoch: 0, hlc: seq * 10, origin: me };
+    fn txn(origin: u64, seq: u64, log: &Log, context: &[(u64, u64)]) -> (Txn, EncodedTxn) {
+        let me = ReplicaId::new(origin);
+        let prev = log.head(me).map(|head| head.hash).unwrap_or_default();
+        let context = context.iter().map(|(origin, seq)| (ReplicaId::new(*origin), *seq)).collect();
+        let stamp = Timestamp { epoch: 0, hlc: seq * 10, origin: me };
         let (wall, reason) = (Wall::default(), String::new());
         let txn = Txn {
             stamp,
@@ -287,38 +289,38 @@ mod tests {
             wants_ack: false,
             rebase: None,
         };
-        let frame = Frame::seal(&txn).unwrap();
-        (txn, frame)
+        let encoded = EncodedTxn::seal(&txn).unwrap();
+        (txn, encoded)
     }
 
     fn take(log: &mut Log, origin: u64, seq: u64) {
-        let (txn, frame) = txn(origin, seq, log, &[]);
-        assert_eq!(log.judge(&txn, &frame), Verdict::Next);
-        log.append(&txn, frame);
+        let (txn, encoded) = txn(origin, seq, log, &[]);
+        assert_eq!(log.judge(&txn, &encoded), Verdict::Next);
+        log.append(&txn, encoded);
     }
 
     #[test]
     fn what_is_taken() {
         let mut log = Log::default();
         take(&mut log, 1, 1);
-        let (next, frame) = txn(1, 2, &log, &[(2, 1)]);
-        assert_eq!(log.judge(&next, &frame), Verdict::Early, "what it saw is missing");
+        let (next, encoded) = txn(1, 2, &log, &[(2, 1)]);
+        assert_eq!(log.judge(&next, &encoded), Verdict::Early, "what it saw is missing");
         let (far, far_frame) = txn(1, 3, &log, &[]);
         assert_eq!(log.judge(&far, &far_frame), Verdict::Early, "one before it is missing");
         take(&mut log, 2, 1);
-        assert_eq!(log.judge(&next, &frame), Verdict::Next);
-        log.append(&next, frame.clone());
-        assert_eq!(log.judge(&next, &frame), Verdict::Known);
+        assert_eq!(log.judge(&next, &encoded), Verdict::Next);
+        log.append(&next, encoded.clone());
+        assert_eq!(log.judge(&next, &encoded), Verdict::Known);
         let mut other = next.clone();
         other.reason = "another life".into();
-        let other_frame = Frame::seal(&other).unwrap();
+        let other_frame = EncodedTxn::seal(&other).unwrap();
         assert_eq!(log.judge(&other, &other_frame), Verdict::Fork, "a number was used twice");
         let (mut third, _) = txn(1, 3, &log, &[]);
-        third.prev = other_frame.link();
-        assert_eq!(log.judge(&third, &Frame::seal(&third).unwrap()), Verdict::Fork, "the other branch goes on");
+        third.prev = other_frame.hash();
+        assert_eq!(log.judge(&third, &EncodedTxn::seal(&third).unwrap()), Verdict::Fork, "the other branch goes on");
         assert_eq!(
-            log.head(Origin::new(1)).unwrap().context.to_string(),
-            format!("{}:1 {}:1", Origin::new(1), Origin::new(2))
+            log.head(ReplicaId::new(1)).unwrap().context.to_string(),
+            format!("{}:1 {}:1", ReplicaId::new(1), ReplicaId::new(2))
         );
     }
 
@@ -328,23 +330,23 @@ mod tests {
         for (origin, seq) in [(1, 1), (2, 1), (1, 2), (2, 2)] {
             take(&mut log, origin, seq);
         }
-        let served = |log: &Log, cut: &[(u64, u64)], size| {
-            let cut = cut.iter().map(|(origin, seq)| (Origin::new(*origin), *seq)).collect();
-            let (frames, more) = log.beyond(&cut, size)?;
-            let name = |frame: &Frame| frame.open().map(|txn| (txn.stamp.origin.number(), txn.seq)).unwrap();
-            Some((frames.iter().map(name).collect::<Vec<_>>(), more))
+        let served = |log: &Log, vector: &[(u64, u64)], size| {
+            let vector = vector.iter().map(|(origin, seq)| (ReplicaId::new(*origin), *seq)).collect();
+            let (txns, more) = log.beyond(&vector, size)?;
+            let name = |encoded: &EncodedTxn| encoded.open().map(|txn| (txn.stamp.origin.number(), txn.seq)).unwrap();
+            Some((txns.iter().map(name).collect::<Vec<_>>(), more))
         };
         assert_eq!(served(&log, &[], 1 << 20), Some((vec![(1, 1), (2, 1), (1, 2), (2, 2)], false)));
         assert_eq!(served(&log, &[(1, 1)], 1), Some((vec![(2, 1)], true)));
         assert_eq!(served(&log, &[(1, 9), (2, 9)], 1), Some((vec![], false)));
-        let stable: Cut = [(Origin::new(1), 2)].into_iter().collect();
+        let stable: VersionVector = [(ReplicaId::new(1), 2)].into_iter().collect();
         assert_eq!(
             log.truncate(&stable, 0),
-            [Dot { origin: Origin::new(1), seq: 1 }],
+            [Dot { origin: ReplicaId::new(1), seq: 1 }],
             "up to the first that is not stable"
         );
         assert_eq!(served(&log, &[], 1), None);
         assert_eq!(served(&log, &[(1, 1)], 1 << 20), Some((vec![(2, 1), (1, 2), (2, 2)], false)));
-        assert_eq!(log.low().to_string(), format!("{}:1", Origin::new(1)));
+        assert_eq!(log.low().to_string(), format!("{}:1", ReplicaId::new(1)));
     }
 }

@@ -15,37 +15,37 @@
 //! *Coming back.* `sys/brought/<origin>/<n>` says what came with that origin when it was admitted: the transactions of origins
 //! that are no members, up to which number. See [`merge`](crate::logic::merge).
 
-use crate::logic::clock::Stamp;
-use crate::logic::cut::{Cut, Dot, Origin};
+use crate::logic::clock::Timestamp;
 use crate::logic::key::Key;
 use crate::logic::state::{State, Version};
 use crate::logic::txn::{Encoding, Value, Write};
+use crate::logic::version_vector::{Dot, ReplicaId, VersionVector};
 use std::collections::BTreeMap;
 
 const MEMBERS: &str = "sys/members/";
 const RETIRED: &str = "sys/retired/";
 const BROUGHT: &str = "sys/brought/";
-/// How many entries one record of what was brought in has.
+/// How many entries one record of what was rebased has.
 const BROUGHT_MAX: usize = 1024;
 /// How many sponsors of sponsors are told to others.
 pub const SPONSORS_MAX: usize = 32;
 
-/// The team, at one cut.
+/// The team, at one version vector.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Members {
-    active: BTreeMap<Origin, String>,
-    sponsors: BTreeMap<Origin, Origin>,
-    retired: BTreeMap<Origin, Vec<(Dot, Stamp)>>,
-    brought: BTreeMap<Origin, Brought>,
+    active: BTreeMap<ReplicaId, String>,
+    sponsors: BTreeMap<ReplicaId, ReplicaId>,
+    retired: BTreeMap<ReplicaId, Vec<(Dot, Timestamp)>>,
+    rebased: BTreeMap<ReplicaId, Rebased>,
 }
 
-/// Up to where the transactions of an origin that is no member were brought in.
+/// Up to where the transactions of an origin that is no member were rebased.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Brought {
+pub struct Rebased {
     /// The last one.
     pub last: Dot,
-    /// Its stamp.
-    pub stamp: Stamp,
+    /// Its timestamp.
+    pub stamp: Timestamp,
     /// The transaction with which all that is left of them is there.
     pub by: Dot,
 }
@@ -55,9 +55,9 @@ pub fn is_record(key: &Key) -> bool {
     [MEMBERS, RETIRED, BROUGHT].iter().any(|prefix| key.as_str().starts_with(prefix))
 }
 
-/// Returns the writes that say what came with `origin`: the last transactions of others, with their stamps.
-pub fn arrival(origin: Origin, brought: &[(Dot, Stamp)]) -> Vec<Write> {
-    let records = brought.chunks(BROUGHT_MAX).enumerate().filter_map(|(index, entries)| {
+/// Returns the writes that say what came with `origin`: the last transactions of others, with their timestamps.
+pub fn arrival(origin: ReplicaId, rebased: &[(Dot, Timestamp)]) -> Vec<Write> {
+    let records = rebased.chunks(BROUGHT_MAX).enumerate().filter_map(|(index, entries)| {
         let bytes = postcard::to_stdvec(entries).ok()?;
         let value = Value { encoding: Encoding::BYTES, bytes: bytes.into() };
         Some(Write { key: Key::new(format!("{BROUGHT}{origin}/{index:06}")).ok()?, value: Some(value) })
@@ -66,28 +66,28 @@ pub fn arrival(origin: Origin, brought: &[(Dot, Stamp)]) -> Vec<Write> {
 }
 
 /// Returns the write that makes `origin` a member.
-pub fn admission(origin: Origin, robot: &str) -> Option<Write> {
+pub fn admission(origin: ReplicaId, robot: &str) -> Option<Write> {
     let value = Value { encoding: Encoding::TEXT, bytes: robot.as_bytes().into() };
     Some(Write { key: Key::new(format!("{MEMBERS}{origin}")).ok()?, value: Some(value) })
 }
 
 /// Returns the write that retires `origin`.
-pub fn retirement(origin: Origin) -> Option<Write> {
+pub fn retirement(origin: ReplicaId) -> Option<Write> {
     let value = Value { encoding: Encoding::TEXT, bytes: [].into() };
     Some(Write { key: Key::new(format!("{RETIRED}{origin}")).ok()?, value: Some(value) })
 }
 
 /// Returns the origin that a write to this key retires, if it does that.
-pub fn retired_by(key: &Key) -> Option<Origin> {
-    Origin::parse(key.as_str().strip_prefix(RETIRED)?)
+pub fn retired_by(key: &Key) -> Option<ReplicaId> {
+    ReplicaId::parse(key.as_str().strip_prefix(RETIRED)?)
 }
 
 impl Members {
     /// Reads them from a state.
     pub fn of(state: &State) -> Self {
-        let origin = |key: &Key| Origin::parse(key.as_str().strip_prefix(MEMBERS)?);
+        let origin = |key: &Key| ReplicaId::parse(key.as_str().strip_prefix(MEMBERS)?);
         let by = |versions: &[Version]| versions.iter().map(|version| (version.dot, version.stamp)).collect();
-        let retired: BTreeMap<Origin, Vec<(Dot, Stamp)>> =
+        let retired: BTreeMap<ReplicaId, Vec<(Dot, Timestamp)>> =
             state.scan(RETIRED).filter_map(|(key, versions)| Some((retired_by(key)?, by(versions)))).collect();
         let name = |versions: &[Version]| {
             let value = versions.last()?.value.as_ref()?;
@@ -98,64 +98,67 @@ impl Members {
         let sponsors = state.scan(MEMBERS).filter_map(|(key, versions)| Some((origin(key)?, sponsor(versions)?)));
         let sponsors = sponsors.collect();
         let active = active.filter(|(origin, _)| !retired.contains_key(origin)).collect();
-        Self { active, sponsors, retired, brought: brought(state) }
+        Self { active, sponsors, retired, rebased: rebased(state) }
     }
 
     /// Returns whether `origin` is a member.
-    pub fn is_active(&self, origin: Origin) -> bool {
+    pub fn is_active(&self, origin: ReplicaId) -> bool {
         self.active.contains_key(&origin)
     }
 
     /// Returns the robot of a member.
-    pub fn robot(&self, origin: Origin) -> Option<&str> {
+    pub fn robot(&self, origin: ReplicaId) -> Option<&str> {
         self.active.get(&origin).map(String::as_str)
     }
 
     /// Returns who has admitted an origin, who has admitted that one, and so on, as far as [`SPONSORS_MAX`].
-    pub fn sponsors(&self, origin: Origin) -> Vec<Origin> {
-        let sponsor = |of: &Origin| self.sponsors.get(of).copied().filter(|by| by != of);
+    pub fn sponsors(&self, origin: ReplicaId) -> Vec<ReplicaId> {
+        let sponsor = |of: &ReplicaId| self.sponsors.get(of).copied().filter(|by| by != of);
         std::iter::successors(Some(origin), sponsor).skip(1).take(SPONSORS_MAX).collect()
     }
 
     /// Returns the members.
-    pub fn active(&self) -> impl Iterator<Item = (Origin, &str)> {
+    pub fn active(&self) -> impl Iterator<Item = (ReplicaId, &str)> {
         self.active.iter().map(|(origin, robot)| (*origin, robot.as_str()))
     }
 
-    /// Returns the stamp of the first known retirement of `origin`.
-    pub fn retired(&self, origin: Origin) -> Option<Stamp> {
+    /// Returns the timestamp of the first known retirement of `origin`.
+    pub fn retired(&self, origin: ReplicaId) -> Option<Timestamp> {
         self.retired.get(&origin)?.iter().map(|(_, stamp)| *stamp).min()
     }
 
-    /// Returns what was brought in of an origin that is no member.
-    pub fn brought(&self, origin: Origin) -> Option<&Brought> {
-        self.brought.get(&origin)
+    /// Returns what was rebased of an origin that is no member.
+    pub fn rebased(&self, origin: ReplicaId) -> Option<&Rebased> {
+        self.rebased.get(&origin)
     }
 
-    /// Returns what was brought in of all such origins.
-    pub fn brought_in(&self) -> impl Iterator<Item = &Brought> {
-        self.brought.values()
+    /// Returns what was rebased of all such origins.
+    pub fn all_rebased(&self) -> impl Iterator<Item = &Rebased> {
+        self.rebased.values()
     }
 
     /// Returns the retired origins for which not every member is known to have a retirement, given what members have.
-    pub fn before_barrier<'a>(&'a self, has: impl Fn(Origin) -> Option<&'a Cut>) -> impl Iterator<Item = Origin> {
+    pub fn before_barrier<'a>(
+        &'a self,
+        has: impl Fn(ReplicaId) -> Option<&'a VersionVector>,
+    ) -> impl Iterator<Item = ReplicaId> {
         let everywhere =
-            move |dot: Dot| self.active.keys().all(|origin| has(*origin).is_some_and(|cut| cut.contains(dot)));
-        let open = move |by: &Vec<(Dot, Stamp)>| !by.iter().any(|(dot, _)| everywhere(*dot));
+            move |dot: Dot| self.active.keys().all(|origin| has(*origin).is_some_and(|vector| vector.contains(dot)));
+        let open = move |by: &Vec<(Dot, Timestamp)>| !by.iter().any(|(dot, _)| everywhere(*dot));
         self.retired.iter().filter(move |(_, by)| open(by)).map(|(origin, _)| *origin)
     }
 }
 
-fn brought(state: &State) -> BTreeMap<Origin, Brought> {
-    let mut brought: BTreeMap<Origin, Brought> = BTreeMap::new();
+fn rebased(state: &State) -> BTreeMap<ReplicaId, Rebased> {
+    let mut rebased: BTreeMap<ReplicaId, Rebased> = BTreeMap::new();
     for version in state.scan(BROUGHT).flat_map(|(_, versions)| versions) {
         let Some(value) = &version.value else { continue };
-        let Ok(entries) = postcard::from_bytes::<Vec<(Dot, Stamp)>>(&value.bytes) else { continue };
+        let Ok(entries) = postcard::from_bytes::<Vec<(Dot, Timestamp)>>(&value.bytes) else { continue };
         for (last, stamp) in entries {
-            let entry = Brought { last, stamp, by: version.dot };
-            let known = brought.entry(last.origin).or_insert(entry);
+            let entry = Rebased { last, stamp, by: version.dot };
+            let known = rebased.entry(last.origin).or_insert(entry);
             *known = entry.max(*known);
         }
     }
-    brought
+    rebased
 }

@@ -1,31 +1,33 @@
 //! Two states into one, when a replica comes back under a new origin.
 //!
 //! It comes with an *old* side (what it had) and takes over a *new* one (what its sponsor has). Its log may be cut, so its
-//! transactions may be there as versions only. What has to be brought in follows from the two states and from what each side
+//! transactions may be there as versions only. What has to be rebased follows from the two states and from what each side
 //! has seen; this is the merge of optimised or-sets (Bieniusa et al., 2012):
 //!
 //! > left = (in both) + (in the old one, not seen by the new one) + (in the new one, not seen by the old one)
 //!
-//! *A write has one name in all its lives: its stamp.* A transaction that is brought in gets a new dot, since numbers have
-//! to be gap-free, but keeps the stamp of its writes. Stamps of one origin grow with its numbers, so a side has seen a write
-//! if it has its dot, or a transaction of the stamp's origin with that stamp or a later one, or if somebody has brought in
-//! what that origin had up to that stamp (`sys/brought/`, see [`crate::logic::member`]). The last is why several
-//! replicas of one retired side can come back one after the other: what the first has brought, the next has in common.
+//! *A write has one name in all its lives: its timestamp.* A transaction that is rebased gets a new dot, since numbers
+//! have to be gap-free, but keeps the timestamp of its writes. Timestamps of one origin grow with its numbers, so a
+//! side has seen a write if it has its dot, or a transaction of the timestamp's origin with that timestamp or a later
+//! one, or if somebody has rebased what that origin had up to that timestamp (`sys/brought/`, see
+//! [`crate::logic::member`]). The last is why several replicas of one retired side can come back one after the other:
+//! what the first has rebased, the next has in common.
 //!
-//! *What is brought in.* One [`Piece`] for each old transaction, with what is left of it: its writes stay together. (Of those
-//! of which nothing is left, the log may have who, when and why.) A piece *takes* versions away by name, not by a cut: pieces stand beside each other in one chain, so
-//! that a cut could not say "the third, but not the second". It takes a version of the new side that the old one has seen
-//! and no longer holds. Versions of *active* origins are left to those, who bring them in themselves.
+//! *What is rebased.* One [`Piece`] for each old transaction, with what is left of it: its writes stay together. (Of
+//! those of which nothing is left, the log may have who, when and why.) A piece *takes* versions away by name, not by a
+//! version vector: pieces of one chain may be concurrent, so that a version vector could not say "the third, but not the
+//! second". It takes a version of the new side that the old one has seen and no longer holds. Versions of *active*
+//! origins are left to those, who rebase them themselves.
 //!
 //! *Nothing is hidden, nothing comes back.* Let `d` be in the new state at a key, seen by the old side and not held by it.
 //! Something took it away there, and followed upwards (what takes away that, and so on) this ends at a version `q` that the
 //! old side holds, or at a deletion that it has dropped.
-//! - `q` is not in the new side: it would have taken `d` away there. So `q` is brought in. It has seen `d`, hence nothing that
-//!   is left at a key of `q` is `d`'s transaction, and its stamp is larger. A piece takes `d` if just this holds for it: `q`'s
-//!   does, and where another one does too, `d` was to go anyway. No stamp has to be lifted, so each key shows the same
+//! - `q` is not in the new side: it would have taken `d` away there. So `q` is rebased. It has seen `d`, hence nothing that
+//!   is left at a key of `q` is `d`'s transaction, and its timestamp is larger. A piece takes `d` if just this holds for it: `q`'s
+//!   does, and where another one does too, `d` was to go anyway. No timestamp has to be lifted, so each key shows the same
 //!   winner as if the logs had been there.
 //! - A deletion is dropped from a key that has nothing else, and whoever writes to it later has seen it (T5). So the key is
-//!   not in the old state, and a deletion is committed for it, stamped just above what it takes.
+//!   not in the old state, and a deletion is committed for it, timestamped just above what it takes.
 //!
 //! Whatever is left on either side is seen by the other and held, or not seen by it: no piece takes it. Deletions differ, as
 //! some replicas have dropped them already: a piece takes every deletion in its context at its keys (see
@@ -34,13 +36,13 @@
 //! *Numbers used twice.* Of an origin in `forked`, transactions are common up to a number only; what is beyond is foreign to
 //! the other side, whatever its name. Then there may be too many versions, never too few.
 
-use crate::logic::clock::Stamp;
-use crate::logic::cut::{Dot, Origin};
+use crate::logic::clock::Timestamp;
 use crate::logic::key::Key;
 use crate::logic::log::Log;
 use crate::logic::member::{self, Members};
 use crate::logic::state::{State, Version};
 use crate::logic::txn::Write;
+use crate::logic::version_vector::{Dot, ReplicaId};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// What somebody has.
@@ -55,51 +57,51 @@ pub struct Side<'a> {
 }
 
 /// Origins that have used a number twice, with the last number before.
-pub type Forked = BTreeMap<Origin, u64>;
+pub type Forked = BTreeMap<ReplicaId, u64>;
 
 /// What is left of a transaction: its writes that nobody has overwritten, with the versions that each takes away.
 pub type Piece = Vec<(Write, BTreeSet<Dot>)>;
 
-/// Where a piece comes from: its stamp, and the dot it had; none for a deletion that had been dropped.
-pub type Source = (Stamp, Option<Dot>);
+/// Where a piece comes from: its timestamp, and the dot it had; none for a deletion that had been dropped.
+pub type Source = (Timestamp, Option<Dot>);
 
 impl Side<'_> {
-    /// Returns whether a transaction that wrote with this stamp was seen.
-    pub fn has(&self, dot: Dot, stamp: Stamp, forked: &Forked) -> bool {
+    /// Returns whether a transaction that wrote with this timestamp was seen.
+    pub fn has(&self, dot: Dot, stamp: Timestamp, forked: &Forked) -> bool {
         if let Some(common) = forked.get(&dot.origin) {
-            return dot.seq <= self.log.cut().get(dot.origin).min(*common);
+            return dot.seq <= self.log.vector().get(dot.origin).min(*common);
         }
         let head = || self.log.head(stamp.origin).is_some_and(|head| stamp <= head.stamp);
-        let brought = || self.members.brought(stamp.origin).is_some_and(|brought| stamp <= brought.stamp);
-        let elsewhere = || dot.origin != stamp.origin && head() || brought();
-        self.log.cut().contains(dot) || !forked.contains_key(&stamp.origin) && elsewhere()
+        let rebased = || self.members.rebased(stamp.origin).is_some_and(|rebased| stamp <= rebased.stamp);
+        let elsewhere = || dot.origin != stamp.origin && head() || rebased();
+        self.log.vector().contains(dot) || !forked.contains_key(&stamp.origin) && elsewhere()
     }
 }
 
-/// Returns whether `new` has not seen a transaction, and nobody will bring it: its origin is active in neither of the teams.
-fn lacks((old, new): (Side<'_>, Side<'_>), dot: Dot, stamp: Stamp, forked: &Forked) -> bool {
+/// Returns whether `new` has not seen a transaction, and nobody will rebase it: its origin is active in neither of the teams.
+fn lacks((old, new): (Side<'_>, Side<'_>), dot: Dot, stamp: Timestamp, forked: &Forked) -> bool {
     is_given_up(old, new, dot.origin) && !new.has(dot, stamp, forked)
 }
 
 /// An origin that was retired on the old side may have been given up there, which the new side cannot know.
-fn is_given_up(old: Side<'_>, new: Side<'_>, origin: Origin) -> bool {
+fn is_given_up(old: Side<'_>, new: Side<'_>, origin: ReplicaId) -> bool {
     !new.members.is_active(origin) || old.members.retired(origin).is_some()
 }
 
-/// Returns up to where the origins that are no members have come with that: their last transactions, with stamps.
-pub fn arrival(old: Side<'_>, new: Side<'_>, forked: &Forked) -> Vec<(Dot, Stamp)> {
+/// Returns up to where the origins that are no members have come with that: their last transactions, with timestamps.
+pub fn arrival(old: Side<'_>, new: Side<'_>, forked: &Forked) -> Vec<(Dot, Timestamp)> {
     let heads = old.log.heads().iter().map(|(origin, head)| (Dot { origin: *origin, seq: head.seq }, head.stamp));
     let heads =
         heads.filter(|(dot, stamp)| !forked.contains_key(&dot.origin) && lacks((old, new), *dot, *stamp, forked));
-    let brought = old.members.brought_in().filter(|brought| is_given_up(old, new, brought.by.origin));
-    heads.chain(brought.map(|brought| (brought.last, brought.stamp))).collect()
+    let rebased = old.members.all_rebased().filter(|rebased| is_given_up(old, new, rebased.by.origin));
+    heads.chain(rebased.map(|rebased| (rebased.last, rebased.stamp))).collect()
 }
 
-/// Returns what has to be brought into `new`, as `origin`, so that it has all of `old` that no active origin brings in.
-pub fn bring_in(old: Side<'_>, new: Side<'_>, forked: &Forked, origin: Origin) -> BTreeMap<Source, Piece> {
+/// Returns what has to be rebased onto `new`, as `origin`, so that it has all of `old` that no active origin rebases.
+pub fn rebase(old: Side<'_>, new: Side<'_>, forked: &Forked, origin: ReplicaId) -> BTreeMap<Source, Piece> {
     let mut pieces: BTreeMap<Source, Piece> = BTreeMap::new();
-    for (dot, frame) in old.log.in_order() {
-        let stamp = frame.open().map(|txn| txn.written()).unwrap_or_default();
+    for (dot, encoded) in old.log.in_order() {
+        let stamp = encoded.open().map(|txn| txn.written()).unwrap_or_default();
         if lacks((old, new), dot, stamp, forked) {
             pieces.entry((stamp, Some(dot))).or_default();
         }
@@ -107,20 +109,21 @@ pub fn bring_in(old: Side<'_>, new: Side<'_>, forked: &Forked, origin: Origin) -
     let mut left: BTreeMap<Source, BTreeSet<Dot>> = BTreeMap::new();
     let keys: BTreeSet<&Key> = old.state.scan("").chain(new.state.scan("")).map(|(key, _)| key).collect();
     for key in keys.into_iter().filter(|key| !member::is_record(key)) {
-        let (held, there) = (old.state.versions(key), new.state.versions(key));
-        let gone = |v: &&Version| old.has(v.dot, v.stamp, forked) && !held.iter().any(|other| other.stamp == v.stamp);
+        let (pending, there) = (old.state.versions(key), new.state.versions(key));
+        let gone =
+            |v: &&Version| old.has(v.dot, v.stamp, forked) && !pending.iter().any(|other| other.stamp == v.stamp);
         let (gone, stays): (Vec<&Version>, Vec<&Version>) = there.iter().partition(gone);
-        for version in held.iter().filter(|version| lacks((old, new), version.dot, version.stamp, forked)) {
+        for version in pending.iter().filter(|version| lacks((old, new), version.dot, version.stamp, forked)) {
             let source = (version.stamp, Some(version.dot));
             let takes = gone.iter().filter(|d| d.stamp < version.stamp).map(|d| d.dot).collect();
             let write = Write { key: key.clone(), value: version.value.clone() };
             pieces.entry(source).or_default().push((write, takes));
             left.entry(source).or_default().extend(stays.iter().map(|version| version.dot));
         }
-        let deleted = held.is_empty() && gone.iter().any(|d| d.value.is_some());
+        let deleted = pending.is_empty() && gone.iter().any(|d| d.value.is_some());
         if let Some(last) = gone.iter().max_by_key(|d| d.stamp).filter(|_| deleted) {
             let takes = gone.iter().map(|d| d.dot).collect();
-            let source = (Stamp { origin, ..last.stamp.next() }, None);
+            let source = (Timestamp { origin, ..last.stamp.next() }, None);
             pieces.entry(source).or_default().push((Write { key: key.clone(), value: None }, takes));
         }
     }

@@ -1,25 +1,26 @@
 //! What replicas say to each other, as data.
 //!
-//! Pushing is only a shortcut: pulls alone converge. The cut in a [`Pull`] is the token to resume from, and the only digest
-//! that is needed; a connection that is cut costs one chunk. Each message may be lost, repeated, late or out of order.
+//! Pushing is only a shortcut: pulls alone converge. The version vector in a [`Pull`] is the token to resume from, and
+//! the only digest that is needed; a connection that is cut costs one chunk. Each message may be lost, repeated, late
+//! or out of order.
 
-use crate::logic::clock::{Stamp, Wall};
-use crate::logic::cut::{Cut, Dot, Origin};
-use crate::logic::news::News;
-use crate::logic::snapshot::{Manifest, Name};
-use crate::logic::txn::{Frame, Link};
+use crate::logic::clock::{Timestamp, Wall};
+use crate::logic::delta::DeltaPush;
+use crate::logic::snapshot::{ChunkHash, Manifest};
+use crate::logic::txn::{ChainHash, EncodedTxn};
+use crate::logic::version_vector::{Dot, ReplicaId, VersionVector};
 use serde::{Deserialize, Serialize};
 
-/// The most bytes of frames in one push.
+/// The most bytes of transactions in one push.
 pub const PUSH_SIZE_MAX: usize = 32 << 10;
-/// The most bytes of frames in one chunk, unless a single one is longer.
+/// The most bytes of transactions in one chunk, unless a single one is longer.
 pub const CHUNK_SIZE_MAX: usize = comms::logic::pace::SIZE_MAX;
 
 /// A message. Append only.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Message {
     /// To all: new transactions, as they are.
-    Push(Vec<Frame>),
+    Push(Vec<EncodedTxn>),
     /// To all, from time to time: who is here, and in which state.
     Hello(Hello),
     /// To one: what I lack, please.
@@ -27,18 +28,18 @@ pub enum Message {
     /// The answer.
     Chunk(Chunk),
     /// To one: one chunk of a snapshot, please.
-    Snap(Name),
+    ChunkRequest(ChunkHash),
     /// The answer; without bytes if there is no such chunk any more.
-    SnapChunk {
+    SnapshotChunk {
         /// Which chunk.
-        name: Name,
+        name: ChunkHash,
         /// What it is.
         bytes: Option<Vec<u8>>,
     },
     /// To one who waits for it: what I have, durably.
-    Ack(Cut),
+    Ack(VersionVector),
     /// To all: new transactions of mine, for who has the one before them.
-    News(News),
+    DeltaPush(DeltaPush),
 }
 
 /// Who is here.
@@ -53,17 +54,17 @@ pub struct Hello {
     /// Whether it may be asked for transactions.
     pub member: bool,
     /// Who has admitted it, who has admitted that one, and so on.
-    pub sponsors: Vec<Origin>,
-    /// [`Cut::digest`] of what it has.
-    pub cut: u64,
-    /// The same of the chains: of two replicas with equal cuts it differs if a number was used twice.
+    pub sponsors: Vec<ReplicaId>,
+    /// [`VersionVector::digest`] of what it has.
+    pub vector: u64,
+    /// The same of the chains: of two replicas with equal version vectors it differs if a number was used twice.
     pub chains: u64,
     /// The same of what it has besides, but cannot read.
-    pub held: u64,
+    pub pending: u64,
     /// Digest of the state that this gives.
     pub state: u128,
-    /// Number and link of its own last transaction.
-    pub head: (u64, Link),
+    /// Number and hash of its own last transaction.
+    pub head: (u64, ChainHash),
     /// Its wall clock.
     pub wall: Wall,
 }
@@ -72,51 +73,51 @@ pub struct Hello {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Pull {
     /// What I have, durably.
-    pub cut: Cut,
+    pub vector: VersionVector,
     /// What I have besides, but cannot read.
-    pub held: Cut,
+    pub pending: VersionVector,
     /// About how many bytes to answer with.
     pub size_max: u32,
     /// Set by who is no member: please make me one.
     pub join: Option<Join>,
 }
 
-/// A wish to become a member.
+/// A request to become a member.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Join {
     /// The origin to admit; it has written nothing.
-    pub origin: Origin,
+    pub origin: ReplicaId,
     /// Name of the robot.
     pub robot: String,
     /// Origins that it has given up.
-    pub replaces: Vec<Origin>,
+    pub replaces: Vec<ReplicaId>,
 }
 
 /// An answer. Append only.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Chunk {
     /// Transactions, in an order in which they can be applied.
-    Frames {
+    Txns {
         /// What I have.
-        cut: Cut,
+        vector: VersionVector,
         /// Some of what you lack.
-        frames: Vec<Frame>,
+        txns: Vec<EncodedTxn>,
         /// Whether there is more.
         more: bool,
     },
     /// The transactions are gone: take the state.
     Snapshot(Manifest),
-    /// You were retired, by a transaction with this stamp.
-    Retired(Stamp),
+    /// You were retired, by a transaction with this timestamp.
+    Retired(Timestamp),
     /// I know your last transaction as this one, and yours is older or another.
     Fork {
         /// Its number.
         seq: u64,
-        /// Its link.
-        link: Link,
+        /// Its hash.
+        hash: ChainHash,
     },
     /// You have said to have this, and now you say that you have less.
-    Behind(Cut),
-    /// You have seen another transaction by one of these numbers: I know them by these links.
-    Known(Vec<(Dot, Link)>),
+    Behind(VersionVector),
+    /// You have seen another transaction by one of these numbers: I know them by these hashes.
+    Known(Vec<(Dot, ChainHash)>),
 }

@@ -3,9 +3,9 @@
 //! *State.* `sys/own/<prefix>` holds a *term* and the name of a robot, or none if the prefix was released. `robot/<name>/…`
 //! belongs to that robot without a record, with term 0, until a record says otherwise. The longest prefix counts.
 //!
-//! *Rule.* Other robots refuse to write there, and say who owns it, so that the wish can be sent on. Whoever owns a prefix, or
+//! *Rule.* Other robots refuse to write there, and say who owns it, so that the request can be sent on. Whoever owns a prefix, or
 //! finds it without an owner, may give it to anybody; an operator may *take it over*, by force. Each grant has the term after
-//! the one it knows. Of grants that did not see each other the larger term counts, then the later stamp.
+//! the one it knows. Of grants that did not see each other the larger term counts, then the later timestamp.
 //!
 //! *Why nothing passes unseen.* Whoever is cut off goes on writing after a takeover, or where there was no owner yet. Each write
 //! that has not seen a grant to another robot, nor was seen by it, is kept, and listed as a race, whatever the clocks said
@@ -17,10 +17,10 @@
 //! has seen the release of the earlier one, hence all before it, unless somebody took over by force: then what the old owner
 //! wrote meanwhile is what the races list.
 
-use crate::logic::cut::Dot;
 use crate::logic::key::{Key, KeyError, Namespace};
 use crate::logic::state::{State, Version};
 use crate::logic::txn::{Encoding, Value};
+use crate::logic::version_vector::Dot;
 use std::collections::BTreeMap;
 
 const OWN: &str = "sys/own/";
@@ -108,16 +108,17 @@ impl Owners {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::logic::clock::Stamp;
-    use crate::logic::cut::Origin;
+    use crate::logic::clock::Timestamp;
+    use crate::logic::version_vector::ReplicaId;
 
     fn state(records: &[(&str, &str, u64)]) -> State {
         let mut state = State::default();
         for (prefix, text, hlc) in records {
             let key = record(&Key::new(*prefix).unwrap()).unwrap();
-            let origin = Origin::new(*hlc);
+            let origin = ReplicaId::new(*hlc);
             let value = Some(Value { encoding: Encoding::TEXT, bytes: text.as_bytes().into() });
-            let version = Version { dot: Dot { origin, seq: 1 }, stamp: Stamp { epoch: 0, hlc: *hlc, origin }, value };
+            let version =
+                Version { dot: Dot { origin, seq: 1 }, stamp: Timestamp { epoch: 0, hlc: *hlc, origin }, value };
             let mut versions = state.versions(&key).to_vec();
             versions.push(version);
             state.restore(key, versions);

@@ -5,18 +5,18 @@
 //! | record | holds |
 //! |---|---|
 //! | `i` | identity: origin, robot, what was given up |
-//! | `s` | digests of cut and state, how many frames and keys there are: to notice a damaged disk |
-//! | `l` origin number | a frame, and its place in the order of application |
+//! | `s` | digests of version vector and state, how many transactions and keys there are: to notice a damaged disk |
+//! | `l` origin number | a transaction, and its place in the order of application |
 //! | `k` key | the versions of a key |
 //! | `p` key | the version of a key that never leaves the robot |
-//! | `o` index | a frame that cannot be read yet |
-//! | `t` origin | the head of an origin: the tip of its frames |
+//! | `o` index | a transaction that cannot be read yet |
+//! | `t` origin | the head of an origin: the tip of its transactions |
 
-use crate::logic::cut::{Dot, Origin};
 use crate::logic::key::Key;
 use crate::logic::log::{Head, Log, Logged};
 use crate::logic::state::{State, Version};
-use crate::logic::txn::{Frame, FrameError};
+use crate::logic::txn::{CodecError, EncodedTxn};
+use crate::logic::version_vector::{Dot, ReplicaId};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use thiserror::Error;
@@ -32,29 +32,29 @@ pub struct Batch(pub BTreeMap<Vec<u8>, Option<Vec<u8>>>);
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct IdentityRecord {
     /// Whose number its transactions have now.
-    pub(crate) origin: Origin,
+    pub(crate) origin: ReplicaId,
     /// Name of the robot.
     pub(crate) robot: String,
     /// What it wants to be admitted as, if it is no member.
-    pub(crate) joining: Option<Origin>,
+    pub(crate) joining: Option<ReplicaId>,
     /// Whom it has asked for that; nobody else is asked for the same.
-    pub(crate) asked: Option<Origin>,
+    pub(crate) asked: Option<ReplicaId>,
     /// Origins it has given up.
     pub(crate) past: Vec<Past>,
     /// Up to where others surely have its own transactions.
-    pub(crate) told: u64,
+    pub(crate) known_by_peers: u64,
 }
 
 /// An origin that was given up.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct Past {
-    pub(crate) origin: Origin,
+    pub(crate) origin: ReplicaId,
     /// Up to where others surely have its transactions.
-    pub(crate) told: u64,
+    pub(crate) known_by_peers: u64,
     /// Whether it is known to have used numbers twice.
     pub(crate) twice: bool,
     /// Set for one that it wanted to be admitted as: who was asked, and is asked for the same again.
-    pub(crate) asked: Option<Origin>,
+    pub(crate) asked: Option<ReplicaId>,
 }
 
 /// Why a store is not opened. If it is damaged, the remedy is to put it aside and to join again from the others.
@@ -113,22 +113,22 @@ impl Batch {
         self.put(vec![b's'], &summary(log, state));
     }
 
-    pub(crate) fn head(&mut self, origin: Origin, head: &Head) {
+    pub(crate) fn head(&mut self, origin: ReplicaId, head: &Head) {
         self.put(name(b't', &origin.number().to_be_bytes()), head);
     }
 
-    pub(crate) fn no_head(&mut self, origin: Origin) {
+    pub(crate) fn no_head(&mut self, origin: ReplicaId) {
         self.0.insert(name(b't', &origin.number().to_be_bytes()), None);
     }
 
-    pub(crate) fn frame(&mut self, dot: Dot, index: u64, frame: &Frame) {
-        self.put(frame_name(dot), &(index, frame));
+    pub(crate) fn encoded(&mut self, dot: Dot, index: u64, encoded: &EncodedTxn) {
+        self.put(frame_name(dot), &(index, encoded));
     }
 
-    pub(crate) fn held(&mut self, index: u64, held: Option<(Dot, &Frame)>) {
+    pub(crate) fn pending(&mut self, index: u64, pending: Option<(Dot, &EncodedTxn)>) {
         let name = name(b'o', &index.to_be_bytes());
-        match held {
-            Some(held) => self.put(name, &held),
+        match pending {
+            Some(pending) => self.put(name, &pending),
             None => drop(self.0.insert(name, None)),
         }
     }
@@ -154,9 +154,10 @@ impl Batch {
     }
 }
 
-/// Returns by what a store shows that nothing is missing: digests of cut and state, how many frames and keys there are.
+/// Returns by what a store shows that nothing is missing: digests of version vector and state, how many transactions
+/// and keys there are.
 fn summary(log: &Log, state: &State) -> (u64, u128, usize, usize) {
-    (log.cut().digest(), state.digest(), log.len(), state.len())
+    (log.vector().digest(), state.digest(), log.len(), state.len())
 }
 
 fn name(kind: u8, rest: &[u8]) -> Vec<u8> {
@@ -194,21 +195,21 @@ fn number(kind: u8, bytes: &[u8]) -> Result<u64, OpenError> {
 /// A store that is being read. It takes record after record, and each is a part of the state at once: no second copy of the
 /// whole is ever in memory.
 #[derive(Debug, Default)]
-pub struct Reading {
+pub struct StoredRecords {
     pub(crate) identity: Option<IdentityRecord>,
     digests: Option<(u64, u128, usize, usize)>,
-    heads: BTreeMap<Origin, Head>,
-    frames: Vec<(Dot, u64, Frame)>,
+    heads: BTreeMap<ReplicaId, Head>,
+    txns: Vec<(Dot, u64, EncodedTxn)>,
     pub(crate) state: State,
     pub(crate) local: State,
-    pub(crate) held: BTreeMap<u64, (Dot, Frame)>,
+    pub(crate) pending: BTreeMap<u64, (Dot, EncodedTxn)>,
     /// How many records there were.
     pub(crate) count: usize,
     /// What was wrong first.
     wrong: Option<OpenError>,
 }
 
-impl Reading {
+impl StoredRecords {
     /// Takes the next record; records come in the order of their names. What is wrong is said at the end.
     pub fn take(&mut self, name: &[u8], record: &[u8]) {
         self.count += 1;
@@ -222,15 +223,15 @@ impl Reading {
             Some((b'i', [])) => self.identity = Some(read(name, bytes)?),
             Some((b's', [])) => self.digests = Some(read(name, bytes)?),
             Some((b't', origin)) => {
-                self.heads.insert(Origin::new(number(b't', origin)?), read(name, bytes)?);
+                self.heads.insert(ReplicaId::new(number(b't', origin)?), read(name, bytes)?);
             }
             Some((b'l', rest)) => {
                 let (origin, seq) = rest.split_at_checked(8).ok_or(OpenError::Record { kind: 'l' })?;
-                let dot = Dot { origin: Origin::new(number(b'l', origin)?), seq: number(b'l', seq)? };
-                let (index, frame) = read(name, bytes)?;
-                self.frames.push((dot, index, frame));
+                let dot = Dot { origin: ReplicaId::new(number(b'l', origin)?), seq: number(b'l', seq)? };
+                let (index, encoded) = read(name, bytes)?;
+                self.txns.push((dot, index, encoded));
             }
-            Some((b'o', index)) => drop(self.held.insert(number(b'o', index)?, read(name, bytes)?)),
+            Some((b'o', index)) => drop(self.pending.insert(number(b'o', index)?, read(name, bytes)?)),
             Some((kind @ (&SHARED | &LOCAL), key)) => {
                 let key = std::str::from_utf8(key).ok().and_then(|key| Key::new(key).ok());
                 let state = if *kind == SHARED { &mut self.state } else { &mut self.local };
@@ -244,13 +245,13 @@ impl Reading {
     /// Returns what the store says, and its log.
     ///
     /// # Errors
-    /// If anything in it does not fit: a record, a chain of frames, or the digests.
+    /// If anything in it does not fit: a record, a chain of transactions, or the digests.
     pub(crate) fn finish(mut self) -> Result<(Self, Log), OpenError> {
         self.wrong.take().map_or(Ok(()), Err)?;
-        check_chains(&self.heads, &self.frames)?;
+        check_chains(&self.heads, &self.txns)?;
         let mut log = Log::new(std::mem::take(&mut self.heads));
-        for (dot, index, frame) in std::mem::take(&mut self.frames) {
-            log.restore(dot, Logged { index, frame });
+        for (dot, index, encoded) in std::mem::take(&mut self.txns) {
+            log.restore(dot, Logged { index, encoded });
         }
         let fresh = self.count == usize::from(self.identity.is_some());
         if self.digests != Some(summary(&log, &self.state)) && !fresh {
@@ -260,7 +261,7 @@ impl Reading {
     }
 }
 
-impl From<&Records> for Reading {
+impl From<&Records> for StoredRecords {
     fn from(records: &Records) -> Self {
         let mut reading = Self::default();
         records.iter().for_each(|(name, record)| reading.take(name, record));
@@ -268,20 +269,20 @@ impl From<&Records> for Reading {
     }
 }
 
-/// Checks that the frames of each origin follow each other up to its head. They are in order of their names, and what is
-/// behind one, the next frame or the head, has its number and its link.
-fn check_chains(heads: &BTreeMap<Origin, Head>, frames: &[(Dot, u64, Frame)]) -> Result<(), OpenError> {
-    for (index, (dot, _, frame)) in frames.iter().enumerate() {
-        let found = frame.open().map(|txn| txn.dot());
-        if let Err(FrameError::Format { .. }) = found {
+/// Checks that the transactions of each origin follow each other up to its head. They are in order of their names, and what is
+/// behind one, the next transaction or the head, has its number and its hash.
+fn check_chains(heads: &BTreeMap<ReplicaId, Head>, txns: &[(Dot, u64, EncodedTxn)]) -> Result<(), OpenError> {
+    for (index, (dot, _, encoded)) in txns.iter().enumerate() {
+        let found = encoded.open().map(|txn| txn.dot());
+        if let Err(CodecError::Format { .. }) = found {
             return Err(OpenError::Newer);
         }
-        let next = frames.get(index + 1).filter(|(next, ..)| next.origin == dot.origin);
-        let prev = |frame: &Frame| frame.split().ok().map(|(header, _)| header.prev);
-        let next = next.map(|(next, _, frame)| (next.seq - 1, prev(frame)));
-        let head = || heads.get(&dot.origin).map(|head| (head.seq, Some(head.link)));
-        if found != Ok(*dot) || next.or_else(head) != Some((dot.seq, Some(frame.link()))) {
-            return Err(OpenError::Damaged { what: "frames that do not follow each other" });
+        let next = txns.get(index + 1).filter(|(next, ..)| next.origin == dot.origin);
+        let prev = |encoded: &EncodedTxn| encoded.split().ok().map(|(header, _)| header.prev);
+        let next = next.map(|(next, _, encoded)| (next.seq - 1, prev(encoded)));
+        let head = || heads.get(&dot.origin).map(|head| (head.seq, Some(head.hash)));
+        if found != Ok(*dot) || next.or_else(head) != Some((dot.seq, Some(encoded.hash()))) {
+            return Err(OpenError::Damaged { what: "transactions that do not follow each other" });
         }
     }
     Ok(())

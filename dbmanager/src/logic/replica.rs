@@ -1,4 +1,4 @@
-//! One replica: what it is told, what it does about it.
+//! One replica: what its inputs are, and what it does about each.
 //!
 //! [`Replica::handle`] takes an [`Input`] and says what is to be done, in order: the driver carries out [`Effect::Persist`],
 //! durably, before anything that comes after it (T4: what is acknowledged or sent is on the disk, and what another has
@@ -13,11 +13,11 @@
 //! what they had seen. The same way back is taken by who was retired while away, by who finds that others know more of
 //! its own transactions than itself (a lost tail, a restored backup), and by both of two clones.
 //!
-//! *Parts.* Each owns its state and has its own transitions. `ledger` is what the replica has and who it is (`contents`: log and
-//! state; `identity`; `commit`: how a draft becomes a transaction; `pending`: what cannot be read yet), `peers` whom to ask and when,
-//! `download` a state on its way, `tickets` who waits for a transaction. `hello`, `serve` and `branch` are the
-//! rules for what peers say: they read the ledger and return actions. `rebase` says what comes along when it begins anew. Only this
-//! file brings them together.
+//! *Parts.* Each owns its state and has its own transitions. `ledger` is what the replica has and who it is
+//! (`contents`: log and state; `identity`; `commit`: how a draft becomes a transaction; `pending`: what cannot be read
+//! yet), `peers` whom to ask and when, `download` a state on its way, `tickets` who waits for a transaction. `hello`,
+//! `serve` and `branch` are the rules for what peers say: they read the ledger and return actions. `rebase` says what
+//! comes along when it begins anew. Only this file brings them together.
 
 mod action;
 mod branch;
@@ -34,18 +34,18 @@ mod rebase;
 mod serve;
 mod tickets;
 
-pub use interface::{Alarm, Answer, Config, Effect, Input, Level, Request};
+pub use interface::{AckLevel, Alarm, Answer, CommitRequest, Config, Effect, Input};
 
-use crate::logic::collect::Stable;
-use crate::logic::cut::{Cut, Dot, Origin};
+use crate::logic::gc::Stable;
 use crate::logic::log::Log;
 use crate::logic::member::{self, Members};
 use crate::logic::message::{Chunk, Message, Pull};
 use crate::logic::owner::Owners;
 use crate::logic::random::Random;
-use crate::logic::record::{OpenError, Reading};
+use crate::logic::record::{OpenError, StoredRecords};
 use crate::logic::state::State;
 use crate::logic::txn::{FORMAT, FORMAT_FIRST};
+use crate::logic::version_vector::{Dot, ReplicaId, VersionVector};
 use action::Action;
 use commit::Change;
 use comms::logic::time::Time;
@@ -71,11 +71,11 @@ pub struct Replica {
 }
 
 impl Replica {
-    /// Opens a replica on what its store says: a [`Reading`] of it, or all its records.
+    /// Opens a replica on what its store says: a [`StoredRecords`] of it, or all its records.
     ///
     /// # Errors
     /// If the store is damaged, or another robot's.
-    pub fn open(config: Config, stored: impl Into<Reading>) -> Result<Self, OpenError> {
+    pub fn open(config: Config, stored: impl Into<StoredRecords>) -> Result<Self, OpenError> {
         let mut random = Random::new(config.seed);
         Ok(Self {
             ledger: Ledger::open(&config, stored.into(), &mut random)?,
@@ -92,7 +92,7 @@ impl Replica {
     ///
     /// # Errors
     /// As [`Replica::open`].
-    pub fn open_copied(config: Config, stored: impl Into<Reading>) -> Result<Self, OpenError> {
+    pub fn open_copied(config: Config, stored: impl Into<StoredRecords>) -> Result<Self, OpenError> {
         let mut replica = Self::open(config, stored)?;
         // The caller requested this, so no alarm.
         replica.rejoin(Time::ZERO, true, &mut Vec::new());
@@ -118,7 +118,7 @@ impl Replica {
             Retire(origin, _) => self.retire(now, origin, &mut after),
             HealClock(_) => self.heal_clock(now, &mut after),
         }
-        if self.ledger.take_news() {
+        if self.ledger.take_changed() {
             self.peers.changed(now);
         }
         self.ledger.persist(after, effects);
@@ -156,13 +156,13 @@ impl Replica {
     }
 
     /// Returns under which origin it writes.
-    pub fn origin(&self) -> Origin {
+    pub fn origin(&self) -> ReplicaId {
         self.ledger.identity.origin()
     }
 
     /// Returns the name under which others know it: its origin, or the one it wants to be admitted as. Any input may change
     /// it, so it is never to be kept.
-    pub fn address(&self) -> Origin {
+    pub fn address(&self) -> ReplicaId {
         self.ledger.identity.joining().unwrap_or(self.origin())
     }
 
@@ -172,8 +172,8 @@ impl Replica {
     }
 
     /// Returns what a member has said to have.
-    pub fn said(&self, origin: Origin) -> Option<&Cut> {
-        self.ledger.acks.said(origin)
+    pub fn acked(&self, origin: ReplicaId) -> Option<&VersionVector> {
+        self.ledger.acks.acked(origin)
     }
 
     /// Returns what everybody has, as far as it knows, and who has less.
@@ -183,7 +183,7 @@ impl Replica {
 
     /// Returns whether a transaction has got this far, as far as is known here. A ticket that is pending can be asked
     /// for in this way after a restart too.
-    pub fn has_reached(&self, dot: Dot, level: &Level) -> bool {
+    pub fn has_reached(&self, dot: Dot, level: &AckLevel) -> bool {
         tickets::has_reached(&self.ledger, dot, level)
     }
 
@@ -210,7 +210,7 @@ impl Replica {
             effects.push(Effect::Broadcast(Message::Hello(hello::of(&self.ledger))));
             self.peers.said_hello(now, &mut self.random);
             self.ledger.release(now, effects);
-            self.ledger.collect();
+            self.ledger.gc();
             if self.is_member() {
                 let members = self.ledger.contents().members();
                 self.peers.retain(|origin| members.is_active(origin));
@@ -228,8 +228,8 @@ impl Replica {
             let Some(peer) = self.peers.choose(now, may, &mut self.random) else { return };
             self.ledger.identity.asks(peer, &mut self.random);
             let size_max = u32::try_from(self.peers.asked(now, peer)).unwrap_or(u32::MAX);
-            let (cut, held) = (self.log().cut().clone(), self.ledger.pending().cut());
-            let pull = Pull { cut, held, size_max, join: self.ledger.identity.join() };
+            let (vector, pending) = (self.log().vector().clone(), self.ledger.pending().vector());
+            let pull = Pull { vector, pending, size_max, join: self.ledger.identity.join() };
             effects.push(Effect::Send(peer, Message::Pull(pull)));
         }
     }
@@ -244,7 +244,7 @@ impl Replica {
     }
 
     /// Takes a message.
-    fn receive(&mut self, now: Time, (from, message): (Origin, Message), effects: &mut Vec<Effect>) {
+    fn receive(&mut self, now: Time, (from, message): (ReplicaId, Message), effects: &mut Vec<Effect>) {
         let stranger = self.is_member() && !self.members().is_active(from);
         if stranger && self.members().retired(from).is_some() {
             return self.answer_retired(now, (from, &message), effects);
@@ -253,33 +253,33 @@ impl Replica {
             Message::Hello(hello) => self.act(now, (from, hello::react(&self.ledger, from, &hello)), effects),
             Message::Pull(pull) => self.act(now, (from, serve::pull(&self.ledger, from, &pull)), effects),
             Message::Chunk(chunk) => self.receive_chunk(now, (from, chunk), effects),
-            Message::Snap(name) => {
+            Message::ChunkRequest(name) => {
                 let bytes = self.offer.chunk(name);
-                effects.push(Effect::Send(from, Message::SnapChunk { name, bytes }));
+                effects.push(Effect::Send(from, Message::SnapshotChunk { name, bytes }));
             }
-            Message::SnapChunk { name, bytes } => {
+            Message::SnapshotChunk { name, bytes } => {
                 self.downloads.receive(now, (from, name, bytes), effects);
                 self.install(now, effects);
             }
-            Message::Push(frames) if self.is_member() && !stranger => {
-                if self.ledger.receive(now, (from, frames), effects) {
+            Message::Push(txns) if self.is_member() && !stranger => {
+                if self.ledger.receive(now, (from, txns), effects) {
                     self.peers.pushed_early(now, from);
                 }
             }
-            Message::News(news) if self.is_member() && !stranger => {
-                if self.ledger.receive_news(now, (from, &news), effects) {
+            Message::DeltaPush(push) if self.is_member() && !stranger => {
+                if self.ledger.receive_delta(now, (from, &push), effects) {
                     self.peers.pushed_early(now, from);
                 }
             }
-            Message::Ack(cut) if self.members().is_active(from) => {
-                self.ledger.acks.note(from, &cut);
+            Message::Ack(vector) if self.members().is_active(from) => {
+                self.ledger.acks.note(from, &vector);
             }
-            Message::Push(_) | Message::News(_) | Message::Ack(_) => {}
+            Message::Push(_) | Message::DeltaPush(_) | Message::Ack(_) => {}
         }
         self.go_on(now, effects);
     }
 
-    fn answer_retired(&mut self, now: Time, (from, message): (Origin, &Message), effects: &mut Vec<Effect>) {
+    fn answer_retired(&mut self, now: Time, (from, message): (ReplicaId, &Message), effects: &mut Vec<Effect>) {
         if let (Message::Hello(_) | Message::Pull(_), Some(stamp)) = (message, self.members().retired(from)) {
             effects.push(Effect::Send(from, Message::Chunk(Chunk::Retired(stamp))));
         }
@@ -289,14 +289,14 @@ impl Replica {
     }
 
     /// Does what the rules say about a message of a peer.
-    fn act(&mut self, now: Time, (from, actions): (Origin, Vec<Action>), effects: &mut Vec<Effect>) {
+    fn act(&mut self, now: Time, (from, actions): (ReplicaId, Vec<Action>), effects: &mut Vec<Effect>) {
         for action in actions {
             match action {
                 Action::Emit(effect) => effects.push(effect),
                 Action::Ahead => self.peers.ahead(from, now),
                 Action::Reads(format) => self.peers.reads(from, format),
-                Action::Has(cut) => self.ledger.acks.note(from, &cut),
-                Action::KnowsOwn => self.ledger.identity.told(self.log().cut().get(self.origin())),
+                Action::Has(vector) => self.ledger.acks.note(from, &vector),
+                Action::KnowsOwn => self.ledger.identity.set_known_by_peers(self.log().vector().get(self.origin())),
                 Action::KnowForked(origin) => self.ledger.identity.knows_forked(origin),
                 Action::Rejoin { twice } => self.rejoin(now, twice, effects),
                 Action::Commit(change) => self.ledger.commit_system(now, change, effects),
@@ -308,41 +308,41 @@ impl Replica {
         }
     }
 
-    fn receive_chunk(&mut self, now: Time, (from, chunk): (Origin, Chunk), effects: &mut Vec<Effect>) {
-        let full = matches!(chunk, Chunk::Frames { more: true, .. });
+    fn receive_chunk(&mut self, now: Time, (from, chunk): (ReplicaId, Chunk), effects: &mut Vec<Effect>) {
+        let full = matches!(chunk, Chunk::Txns { more: true, .. });
         let asked = self.peers.answered(now, from, full);
         let known = asked || self.members().is_active(from);
         let mut rules = Vec::new();
         match chunk {
-            Chunk::Frames { cut, frames, more } if self.is_member() && known => {
-                let missing = self.ledger.receive(now, (from, frames), effects);
+            Chunk::Txns { vector, txns, more } if self.is_member() && known => {
+                let missing = self.ledger.receive(now, (from, txns), effects);
                 self.peers.served(from);
                 if self.members().is_active(from) {
-                    self.ledger.acks.note(from, &cut);
+                    self.ledger.acks.note(from, &vector);
                 }
-                if (more || !self.ledger.have().dominates(&cut)) && !missing {
+                if (more || !self.ledger.have().dominates(&vector)) && !missing {
                     self.peers.ahead(from, now);
                 }
             }
             Chunk::Snapshot(manifest) if known || self.ledger.identity.asked() == Some(from) => {
-                if !(self.is_member() && self.log().cut().dominates(&manifest.cut())) {
+                if !(self.is_member() && self.log().vector().dominates(&manifest.vector())) {
                     self.downloads.begin(now, (from, manifest), effects);
                     self.install(now, effects);
                 }
             }
-            Chunk::Frames { .. } | Chunk::Snapshot(_) => {}
+            Chunk::Txns { .. } | Chunk::Snapshot(_) => {}
             Chunk::Retired(_) if asked && self.ledger.identity.joining().is_some() => {
                 if self.ledger.identity.wants_another(from, &mut self.random) {
                     self.peers.ahead(from, now);
                 }
             }
             Chunk::Retired(stamp) => rules.extend(branch::retired(&self.ledger, from, stamp)),
-            Chunk::Fork { seq, link } => rules.extend(branch::fork(&self.ledger, (seq, link))),
+            Chunk::Fork { seq, hash } => rules.extend(branch::fork(&self.ledger, (seq, hash))),
             Chunk::Known(known) if self.is_member() && self.members().is_active(from) => {
                 rules.extend(branch::known(&self.ledger, from, &known));
             }
             Chunk::Known(_) => {}
-            Chunk::Behind(cut) => rules.push(branch::behind(&self.ledger, &cut)),
+            Chunk::Behind(vector) => rules.push(branch::behind(&self.ledger, &vector)),
         }
         self.act(now, (from, rules), effects);
     }
@@ -370,7 +370,7 @@ impl Replica {
     /// Returns whether a member can go on from a state. If not, it may have to begin anew.
     fn is_of_use(&mut self, now: Time, whole: &Downloaded, effects: &mut Vec<Effect>) -> bool {
         let from = whole.from;
-        if !whole.manifest.cut().dominates(&self.log().low()) {
+        if !whole.manifest.vector().dominates(&self.log().low()) {
             // What would have to be applied to it again is not all here any more.
             let dropped = self.peers.dropped(from);
             if dropped >= DROPPED_MAX && from < self.origin() {
@@ -385,25 +385,25 @@ impl Replica {
     }
 
     /// Commits what callers want.
-    fn commit_all(&mut self, now: Time, requests: Vec<Request>, effects: &mut Vec<Effect>) {
-        let (before, mut frames) = (self.ledger.own_head(), Vec::new());
-        for Request { ticket, draft, level, until } in requests {
+    fn commit_all(&mut self, now: Time, requests: Vec<CommitRequest>, effects: &mut Vec<Effect>) {
+        let (before, mut txns) = (self.ledger.own_head(), Vec::new());
+        for CommitRequest { ticket, draft, level, until } in requests {
             if draft.is_local() {
                 let answer = self.ledger.commit_local(now, (&draft, &level));
                 effects.push(Effect::Answer(ticket, answer.map_or_else(Answer::Refused, Answer::Committed)));
                 continue;
             }
-            let wants_ack = level != Level::Local;
-            let (dot, frame) = match self.ledger.commit_draft(now, draft, wants_ack) {
+            let wants_ack = level != AckLevel::Local;
+            let (dot, encoded) = match self.ledger.commit_draft(now, draft, wants_ack) {
                 Ok(committed) => committed,
                 Err(error) => {
                     effects.push(Effect::Answer(ticket, Answer::Refused(error)));
                     continue;
                 }
             };
-            effects.push(Effect::Visible(dot, frame.clone()));
+            effects.push(Effect::Visible(dot, encoded.clone()));
             effects.push(Effect::Answer(ticket, Answer::Committed(dot)));
-            frames.push(frame);
+            txns.push(encoded);
             if !wants_ack {
                 continue;
             }
@@ -413,7 +413,7 @@ impl Replica {
                 effects.push(Effect::Answer(ticket, Answer::Pending(dot)));
             }
         }
-        self.ledger.push((before, frames), effects);
+        self.ledger.push((before, txns), effects);
     }
 
     /// Makes this the first member of a team, if it may be.
@@ -425,7 +425,7 @@ impl Replica {
     }
 
     /// Retires an origin.
-    fn retire(&mut self, now: Time, origin: Origin, effects: &mut Vec<Effect>) {
+    fn retire(&mut self, now: Time, origin: ReplicaId, effects: &mut Vec<Effect>) {
         if self.is_member() && self.members().is_active(origin) && self.ledger.may_retire(origin) {
             let writes = member::retirement(origin).into_iter().collect();
             self.ledger.commit_system(now, Change::system("retire", writes), effects);

@@ -1,13 +1,13 @@
 //! The whole state in pieces, for who cannot be served from the log.
 //!
-//! A snapshot is the versions of all keys at a cut, the deleted ones included, and the head of each origin. It is cut into
-//! chunks at keys whose hash says so, and chunks are named by their hashes: two replicas with nearly the same state have
-//! most chunks in common, so that a download that was broken off goes on with another peer.
+//! A snapshot is the versions of all keys at a version vector, the deleted ones included, and the head of each origin.
+//! It is cut into chunks at keys whose hash says so, and chunks are named by their hashes: two replicas with nearly the
+//! same state have most chunks in common, so that a download that was broken off goes on with another peer.
 
-use crate::logic::cut::{Cut, Origin};
 use crate::logic::key::Key;
 use crate::logic::log::Head;
 use crate::logic::state::{State, Version};
+use crate::logic::version_vector::{ReplicaId, VersionVector};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use thiserror::Error;
@@ -21,9 +21,9 @@ pub const CHUNKS_MAX: usize = 65_536;
 
 /// The hash of a chunk.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-pub struct Name(pub [u8; 32]);
+pub struct ChunkHash(pub [u8; 32]);
 
-impl Name {
+impl ChunkHash {
     /// Returns the name of these bytes.
     pub fn of(bytes: &[u8]) -> Self {
         Self(*blake3::hash(bytes).as_bytes())
@@ -34,11 +34,11 @@ impl Name {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Manifest {
     /// The last transaction of each origin in it.
-    pub heads: Vec<(Origin, Head)>,
+    pub heads: Vec<(ReplicaId, Head)>,
     /// Digest of the state.
     pub state: u128,
     /// Its chunks, by key.
-    pub chunks: Vec<Name>,
+    pub chunks: Vec<ChunkHash>,
 }
 
 /// Why chunks are not a snapshot.
@@ -56,8 +56,8 @@ pub enum SnapshotError {
 }
 
 impl Manifest {
-    /// Returns the cut of the snapshot.
-    pub fn cut(&self) -> Cut {
+    /// Returns the version vector of the snapshot.
+    pub fn vector(&self) -> VersionVector {
         self.heads.iter().map(|(origin, head)| (*origin, head.seq)).collect()
     }
 
@@ -65,7 +65,7 @@ impl Manifest {
     ///
     /// # Errors
     /// If they are not this snapshot.
-    pub fn assemble(&self, chunks: &BTreeMap<Name, Vec<u8>>) -> Result<State, SnapshotError> {
+    pub fn assemble(&self, chunks: &BTreeMap<ChunkHash, Vec<u8>>) -> Result<State, SnapshotError> {
         let mut state = State::default();
         for name in &self.chunks {
             let bytes = chunks.get(name).ok_or(SnapshotError::Missing)?;
@@ -81,14 +81,14 @@ impl Manifest {
 }
 
 /// Returns the snapshot of a state, with its chunks.
-pub fn take(state: &State, heads: &BTreeMap<Origin, Head>) -> (Manifest, BTreeMap<Name, Vec<u8>>) {
+pub fn take(state: &State, heads: &BTreeMap<ReplicaId, Head>) -> (Manifest, BTreeMap<ChunkHash, Vec<u8>>) {
     let (mut chunks, mut names) = (BTreeMap::new(), Vec::new());
     let mut entries: Vec<(&Key, &[Version])> = Vec::new();
     let mut size = 0;
     let mut close = |entries: &mut Vec<(&Key, &[Version])>| {
         // Encoding to memory fails for lengths that are not known beforehand only, and these are slices.
         let bytes = postcard::to_stdvec(entries).unwrap_or_default();
-        let name = Name::of(&bytes);
+        let name = ChunkHash::of(&bytes);
         chunks.insert(name, bytes);
         names.push(name);
         entries.clear();

@@ -3,30 +3,30 @@
 //! *State.* `key -> {version}`, a version being `(dot, stamp, value | deleted)`: the writes that no other write has seen.
 //!
 //! *Merge rule.* A transaction `T` with context `ctx` is applied once, after everything in `ctx`. At each key it writes, it
-//! takes away the versions whose dot is in `ctx` and adds its own. One that was brought in from another life of its replica
+//! takes away the versions whose dot is in `ctx` and adds its own. One that was rebased from another life of its replica
 //! (see [`merge`](crate::logic::merge)) takes away less: of what is in `ctx`, the versions it names, and deletions.
-//! A read shows the version with the largest stamp; versions with different values are a conflict. With one value there is
-//! nothing to decide: several replicas that resolve in the same way, or bring in the same write, make no new conflict.
+//! A read shows the version with the largest timestamp; versions with different values are a conflict. With one value there is
+//! nothing to decide: several replicas that resolve in the same way, or rebase the same write, make no new conflict.
 //!
 //! *T1, convergence.* Write `w ▷ v` if `w` takes away `v`: a relation between writes, fixed when `w` is committed. Since
 //! `w ▷ v` needs `v` in `w`'s context, which must be here before `w` is applied, each pair is met in this order, `v` first.
 //! So after any order of application that the guard allows, the versions of a key are `{v | no w ▷ v}`, which depends on
-//! the set of transactions alone. Equal cuts are equal sets (T6), hence equal states; sets grow by union, which is a
+//! the set of transactions alone. Equal version vectors are equal sets (T6), hence equal states; sets grow by union, which is a
 //! semilattice.
 //!
-//! *T2, one serial order.* Stamps extend causality, so the largest stamp among the versions is the largest of all writes to
-//! the key: what it was taken away by has a larger stamp. The visible state is that of running all transactions one after
-//! another by stamp, the same order for every key, so that none ends up half overwritten in different ways.
+//! *T2, one serial order.* Timestamps extend causality, so the largest timestamp among the versions is the largest of all writes to
+//! the key: what it was taken away by has a larger timestamp. The visible state is that of running all transactions one after
+//! another by timestamp, the same order for every key, so that none ends up half overwritten in different ways.
 //!
 //! *T3, whole transactions.* All writes of a transaction go in in one call, and readers see the state before or after it.
 //!
 //! *Deletions* are versions without a value, until nobody can write without having seen them: see
 //! `collect`. The digest leaves out keys that are only deleted, so that dropping them is no change.
 
-use crate::logic::clock::Stamp;
-use crate::logic::cut::{Cut, Dot};
+use crate::logic::clock::Timestamp;
 use crate::logic::key::Key;
 use crate::logic::txn::{Condition, Require, TxnError, Value, Write};
+use crate::logic::version_vector::{Dot, VersionVector};
 use imbl::OrdMap;
 use serde::{Deserialize, Serialize};
 use std::ops::Bound;
@@ -38,21 +38,21 @@ pub struct Version {
     /// Which transaction wrote it.
     pub dot: Dot,
     /// When, in the one order of all.
-    pub stamp: Stamp,
+    pub stamp: Timestamp,
     /// What; `None` for a deletion.
     pub value: Option<Value>,
 }
 
 /// What a transaction had seen when it was committed.
 #[derive(Clone, Copy, Debug)]
-pub struct Seen<'a> {
+pub struct CausalContext<'a> {
     /// Its context.
-    pub context: &'a Cut,
-    /// Set if it was brought in: of what is in the context, it takes away these (in order) and deletions.
+    pub context: &'a VersionVector,
+    /// Set if it was rebased: of what is in the context, it takes away these (in order) and deletions.
     pub only: Option<&'a [Dot]>,
 }
 
-impl Seen<'_> {
+impl CausalContext<'_> {
     fn takes_away(&self, version: &Version) -> bool {
         let deletion = version.value.is_none();
         let named = |only: &[Dot]| deletion || only.binary_search(&version.dot).is_ok();
@@ -69,16 +69,16 @@ pub struct State {
 
 impl PartialEq for State {
     fn eq(&self, other: &Self) -> bool {
-        let held = |state: &Self| state.entries.iter().filter(|(_, versions)| !is_deleted(versions)).count();
+        let pending = |state: &Self| state.entries.iter().filter(|(_, versions)| !is_deleted(versions)).count();
         let same =
             |(key, versions): (&Key, &Arc<[Version]>)| is_deleted(versions) || other.entries.get(key) == Some(versions);
-        held(self) == held(other) && self.entries.iter().all(same)
+        pending(self) == pending(other) && self.entries.iter().all(same)
     }
 }
 
 impl State {
     /// Applies one transaction. What it has seen must be applied already, and itself not yet.
-    pub fn apply(&mut self, dot: Dot, stamp: Stamp, seen: Seen<'_>, writes: &[Write]) {
+    pub fn apply(&mut self, dot: Dot, stamp: Timestamp, seen: CausalContext<'_>, writes: &[Write]) {
         for Write { key, value } in writes {
             let mut versions = self.take(key);
             versions.retain(|version| !seen.takes_away(version));
@@ -98,7 +98,7 @@ impl State {
         self.entries.is_empty()
     }
 
-    /// Returns the versions of a key, by stamp: the last is what a read shows.
+    /// Returns the versions of a key, by timestamp: the last is what a read shows.
     pub fn versions(&self, key: &Key) -> &[Version] {
         self.entries.get(key).map_or(&[], AsRef::as_ref)
     }
@@ -153,7 +153,7 @@ impl State {
     }
 
     /// Drops keys that are only deleted, and by nothing but transactions in `stable`. Returns them.
-    pub(crate) fn drop_deleted(&mut self, stable: &Cut) -> Vec<Key> {
+    pub(crate) fn drop_deleted(&mut self, stable: &VersionVector) -> Vec<Key> {
         let gone = |versions: &[Version]| is_deleted(versions) && versions.iter().all(|v| stable.contains(v.dot));
         let keys: Vec<Key> = self.entries.iter().filter(|(_, v)| gone(v)).map(|(key, _)| key.clone()).collect();
         for key in &keys {

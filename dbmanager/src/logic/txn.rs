@@ -1,12 +1,13 @@
 //! Transactions: what is committed, replicated, shown and remembered as a whole.
 //!
-//! A [`Draft`] is what somebody wants; a [`Txn`] is that with its place in history: its dot, its stamp, and its *context*,
-//! the cut it was committed on. A [`Frame`] is a transaction as bytes, in the log and on the wire. Each names the hash of
-//! the one before it at its origin, and what else it has seen, so a number that was used twice shows (T6).
+//! A [`Draft`] is what somebody wants; a [`Txn`] is that with its place in history: its dot, its timestamp, and its
+//! *context*, the version vector it was committed on. A [`EncodedTxn`] is a transaction as bytes, in the log and on the
+//! wire. Each names the hash of the one before it at its origin, and what else it has seen, so a number that was used
+//! twice shows (T6).
 
-use crate::logic::clock::{Stamp, Wall};
-use crate::logic::cut::{Cut, Dot};
+use crate::logic::clock::{Timestamp, Wall};
 use crate::logic::key::Key;
+use crate::logic::version_vector::{Dot, VersionVector};
 pub use crate::logic::view::draft::{Draft, Grant, TxnError};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
@@ -14,9 +15,9 @@ use thiserror::Error;
 
 /// The longest value, in bytes.
 pub const VALUE_SIZE_MAX: usize = 64 << 10;
-/// The longest transaction, in bytes as a frame.
+/// The longest transaction, in bytes, encoded.
 pub const TXN_SIZE_MAX: usize = 256 << 10;
-/// How many bytes more it may have if it was brought in from another life of its replica.
+/// How many bytes more it may have if it was rebased from another life of its replica.
 pub const REBASE_SIZE_MAX: usize = 64 << 10;
 /// The most writes, and the most conditions, of one transaction.
 pub const CHANGES_MAX: usize = 4096;
@@ -74,7 +75,7 @@ pub enum Condition {
     Absent,
     /// It has a value.
     Exists,
-    /// Its value was written by this transaction, and nobody has written beside it.
+    /// Its value was written by this transaction, and nobody has written concurrently.
     Is(Dot),
 }
 
@@ -97,16 +98,16 @@ pub struct Write {
     pub value: Option<Value>,
 }
 
-/// The eight bytes that chain the frames of an origin.
+/// The eight bytes that chain the transactions of an origin.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Link(pub [u8; 8]);
+pub struct ChainHash(pub [u8; 8]);
 
-impl Link {
+impl ChainHash {
     /// Returns the first eight bytes of a hash.
     pub(crate) fn of(hasher: &blake3::Hasher) -> Self {
-        let mut link = [0; 8];
-        link.copy_from_slice(&hasher.finalize().as_bytes()[..8]);
-        Self(link)
+        let mut hash = [0; 8];
+        hash.copy_from_slice(&hasher.finalize().as_bytes()[..8]);
+        Self(hash)
     }
 }
 
@@ -115,8 +116,8 @@ impl Link {
 pub struct Rebase {
     /// Its name there; none if only its effect was left, which is a deletion.
     pub from: Option<Dot>,
-    /// Its stamp there, which still orders its writes and is their name in all lives.
-    pub stamp: Stamp,
+    /// Its timestamp there, which still orders its writes and is their name in all lives.
+    pub stamp: Timestamp,
     /// What it takes away of what is in its context, in order; deletions besides.
     pub takes: Vec<Dot>,
 }
@@ -125,15 +126,15 @@ pub struct Rebase {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Txn {
     /// Its place in the one order of all; the origin in it is who committed.
-    pub stamp: Stamp,
+    pub stamp: Timestamp,
     /// Its number at that origin.
     pub seq: u64,
-    /// The link of the one before it.
-    pub prev: Link,
+    /// The hash of the one before it.
+    pub prev: ChainHash,
     /// The wall clock where it was committed.
     pub wall: Wall,
     /// What of its context is beyond the context of the one before it.
-    pub context: Cut,
+    pub context: VersionVector,
     /// Why it was done.
     pub reason: String,
     /// What held when it was.
@@ -152,39 +153,39 @@ impl Txn {
         Dot { origin: self.stamp.origin, seq: self.seq }
     }
 
-    /// Returns the stamp that orders its writes: that of its first life.
-    pub fn written(&self) -> Stamp {
+    /// Returns the timestamp that orders its writes: that of its first life.
+    pub fn written(&self) -> Timestamp {
         self.rebase.as_ref().map_or(self.stamp, |rebase| rebase.stamp)
     }
 }
 
-/// What every format begins with: who cannot read the rest still keeps frames in order and passes them on.
+/// What every format begins with: who cannot read the rest still keeps transactions in order and passes them on.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Header {
     /// As in [`Txn`].
-    pub stamp: Stamp,
+    pub stamp: Timestamp,
     /// As in [`Txn`].
     pub seq: u64,
     /// As in [`Txn`].
-    pub prev: Link,
+    pub prev: ChainHash,
     /// As in [`Txn`].
     pub wall: Wall,
     /// As in [`Txn`].
-    pub context: Cut,
+    pub context: VersionVector,
 }
 
 /// A transaction as bytes. What a newer version wrote stays as it is.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Frame {
+pub struct EncodedTxn {
     /// How `body` is to be read.
     pub format: u8,
     /// The transaction.
     pub body: Vec<u8>,
 }
 
-/// Why a frame was not written or read.
+/// Why a transaction was not written or read.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
-pub enum FrameError {
+pub enum CodecError {
     /// Written by a newer version.
     #[error("a transaction of format {format}, this program reads up to {FORMAT}")]
     Format {
@@ -205,15 +206,15 @@ pub enum FrameError {
     },
 }
 
-/// How many bytes [`Frame::seen`] takes at the end of a body.
+/// How many bytes [`EncodedTxn::seen`] takes at the end of a body.
 const SEEN_SIZE: usize = 8;
 
-impl Frame {
+impl EncodedTxn {
     /// Returns the transaction as bytes, with the digest of what it has seen of others: [`Log::seen`](super::log::Log::seen).
     ///
     /// # Errors
     /// If it is too long.
-    pub fn seal_on(txn: &Txn, seen: Link) -> Result<Self, FrameError> {
+    pub fn seal_on(txn: &Txn, seen: ChainHash) -> Result<Self, CodecError> {
         let Self { mut body, .. } = Self::seal(txn)?;
         body.extend(seen.0);
         Ok(Self { format: FORMAT, body })
@@ -221,20 +222,20 @@ impl Frame {
 
     /// Returns the digest of what the transaction has seen of others. The first format has none, which is also written where
     /// nothing of others was seen.
-    pub fn seen(&self) -> Option<Link> {
+    pub fn seen(&self) -> Option<ChainHash> {
         let seen = self.body.last_chunk::<SEEN_SIZE>().filter(|_| self.format == FORMAT)?;
-        Some(Link(*seen))
+        Some(ChainHash(*seen))
     }
 
     /// Returns the transaction as bytes, in the first format.
     ///
     /// # Errors
     /// If it is too long.
-    pub fn seal(txn: &Txn) -> Result<Self, FrameError> {
-        let body = postcard::to_stdvec(txn).map_err(|cause| FrameError::Body { cause })?;
+    pub fn seal(txn: &Txn) -> Result<Self, CodecError> {
+        let body = postcard::to_stdvec(txn).map_err(|cause| CodecError::Body { cause })?;
         let spare = if txn.rebase.is_some() { REBASE_SIZE_MAX } else { 0 };
         if body.len() > TXN_SIZE_MAX + spare {
-            return Err(FrameError::Long { size: body.len() });
+            return Err(CodecError::Long { size: body.len() });
         }
         Ok(Self { format: FORMAT_FIRST, body })
     }
@@ -243,18 +244,18 @@ impl Frame {
     ///
     /// # Errors
     /// If the bytes are none that this version can read.
-    pub fn open(&self) -> Result<Txn, FrameError> {
+    pub fn open(&self) -> Result<Txn, CodecError> {
         if !(FORMAT_FIRST..=FORMAT).contains(&self.format) {
-            return Err(FrameError::Format { format: self.format });
+            return Err(CodecError::Format { format: self.format });
         }
         if self.body.len() > TXN_SIZE_MAX + REBASE_SIZE_MAX {
-            return Err(FrameError::Long { size: self.body.len() });
+            return Err(CodecError::Long { size: self.body.len() });
         }
         let behind = if self.format == FORMAT { SEEN_SIZE } else { 0 };
         match postcard::take_from_bytes(&self.body) {
             Ok((txn, rest)) if rest.len() == behind => Ok(txn),
-            Ok(_) => Err(FrameError::Body { cause: postcard::Error::DeserializeBadEncoding }),
-            Err(cause) => Err(FrameError::Body { cause }),
+            Ok(_) => Err(CodecError::Body { cause: postcard::Error::DeserializeBadEncoding }),
+            Err(cause) => Err(CodecError::Body { cause }),
         }
     }
 
@@ -262,14 +263,14 @@ impl Frame {
     ///
     /// # Errors
     /// If there is none.
-    pub fn split(&self) -> Result<(Header, &[u8]), FrameError> {
+    pub fn split(&self) -> Result<(Header, &[u8]), CodecError> {
         if self.body.len() > TXN_SIZE_MAX + REBASE_SIZE_MAX {
-            return Err(FrameError::Long { size: self.body.len() });
+            return Err(CodecError::Long { size: self.body.len() });
         }
-        postcard::take_from_bytes(&self.body).map_err(|cause| FrameError::Body { cause })
+        postcard::take_from_bytes(&self.body).map_err(|cause| CodecError::Body { cause })
     }
 
-    /// Returns a frame of these two parts.
+    /// Returns a transaction of these two parts.
     pub(crate) fn join(format: u8, header: &Header, rest: &[u8]) -> Self {
         // Encoding to memory fails for lengths that are not known beforehand only, and a header has none.
         let mut body = postcard::to_stdvec(header).unwrap_or_default();
@@ -277,9 +278,9 @@ impl Frame {
         Self { format, body }
     }
 
-    /// Returns what the next frame of the origin calls it.
-    pub fn link(&self) -> Link {
-        Link::of(blake3::Hasher::new().update(&[self.format]).update(&self.body))
+    /// Returns what the next transaction of the origin calls it.
+    pub fn hash(&self) -> ChainHash {
+        ChainHash::of(blake3::Hasher::new().update(&[self.format]).update(&self.body))
     }
 
     /// Returns about how many bytes it takes.
@@ -292,7 +293,7 @@ impl Frame {
 mod tests {
     use super::*;
     use crate::logic::clock::Quality;
-    use crate::logic::cut::Origin;
+    use crate::logic::version_vector::ReplicaId;
     use proptest::prelude::*;
 
     fn key(text: &str) -> Key {
@@ -300,20 +301,20 @@ mod tests {
     }
 
     fn txn() -> Txn {
-        let me = Origin::new(3);
+        let me = ReplicaId::new(3);
         Txn {
-            stamp: Stamp { epoch: 1, hlc: 300, origin: me },
+            stamp: Timestamp { epoch: 1, hlc: 300, origin: me },
             seq: 2,
-            prev: Link([1; 8]),
+            prev: ChainHash([1; 8]),
             wall: Wall { millis: 5, quality: Quality::Network },
-            context: [(Origin::new(2), 9)].into_iter().collect(),
+            context: [(ReplicaId::new(2), 9)].into_iter().collect(),
             reason: "r".into(),
             requires: vec![Require { key: key("a"), condition: Condition::Is(Dot { origin: me, seq: 1 }) }],
             writes: vec![Write { key: key("a"), value: Some(b"v".into()) }, Write { key: key("b"), value: None }],
             wants_ack: true,
             rebase: Some(Rebase {
                 from: Some(Dot { origin: me, seq: 7 }),
-                stamp: Stamp { epoch: 0, hlc: 9, origin: me },
+                stamp: Timestamp { epoch: 0, hlc: 9, origin: me },
                 takes: vec![Dot { origin: me, seq: 1 }],
             }),
         }
@@ -322,15 +323,15 @@ mod tests {
     /// Bytes that other versions rely on: if this fails, there has to be a new format beside this one.
     #[test]
     fn golden_frame() {
-        let frame = Frame::seal(&txn()).unwrap();
-        let hex: String = frame.body.iter().map(|byte| format!("{byte:02x}")).collect();
+        let encoded = EncodedTxn::seal(&txn()).unwrap();
+        let hex: String = encoded.body.iter().map(|byte| format!("{byte:02x}")).collect();
         assert_eq!(hex, GOLDEN);
-        assert_eq!((frame.open(), frame.seen()), (Ok(txn()), None));
-        let second = Frame::seal_on(&txn(), Link([2; 8])).unwrap();
-        assert_eq!((second.format, &second.body), (2, &[frame.body.clone(), vec![2; 8]].concat()));
-        assert_eq!((second.open(), second.seen()), (Ok(txn()), Some(Link([2; 8]))));
+        assert_eq!((encoded.open(), encoded.seen()), (Ok(txn()), None));
+        let second = EncodedTxn::seal_on(&txn(), ChainHash([2; 8])).unwrap();
+        assert_eq!((second.format, &second.body), (2, &[encoded.body.clone(), vec![2; 8]].concat()));
+        assert_eq!((second.open(), second.seen()), (Ok(txn()), Some(ChainHash([2; 8]))));
         let Txn { stamp, seq, prev, wall, context, .. } = txn();
-        let newer = Frame { format: 9, body: [frame.body, vec![7; 9]].concat() };
+        let newer = EncodedTxn { format: 9, body: [encoded.body, vec![7; 9]].concat() };
         assert_eq!(
             newer.split().map(|(header, _)| header),
             Ok(Header { stamp, seq, prev, wall, context }),
@@ -342,14 +343,14 @@ mod tests {
 
     #[test]
     fn frames_that_are_none() {
-        let frame = Frame::seal(&txn()).unwrap();
-        assert_eq!(Frame { format: 9, ..frame.clone() }.open(), Err(FrameError::Format { format: 9 }));
-        let mut long = frame.clone();
+        let encoded = EncodedTxn::seal(&txn()).unwrap();
+        assert_eq!(EncodedTxn { format: 9, ..encoded.clone() }.open(), Err(CodecError::Format { format: 9 }));
+        let mut long = encoded.clone();
         long.body.push(0);
-        assert!(matches!(long.open(), Err(FrameError::Body { .. })));
+        assert!(matches!(long.open(), Err(CodecError::Body { .. })));
         long.body.resize(TXN_SIZE_MAX + REBASE_SIZE_MAX + 1, 0);
-        assert!(matches!(long.open(), Err(FrameError::Long { .. })));
-        assert_ne!(long.link(), frame.link());
+        assert!(matches!(long.open(), Err(CodecError::Long { .. })));
+        assert_ne!(long.hash(), encoded.hash());
     }
 
     #[test]
@@ -371,8 +372,8 @@ mod tests {
     proptest! {
         #[test]
         fn any_bytes_are_read_or_refused(body: Vec<u8>) {
-            if let Ok(txn) = (Frame { format: FORMAT, body }).open() {
-                prop_assert_eq!(Frame::seal(&txn).unwrap().open(), Ok(txn));
+            if let Ok(txn) = (EncodedTxn { format: FORMAT, body }).open() {
+                prop_assert_eq!(EncodedTxn::seal(&txn).unwrap().open(), Ok(txn));
             }
         }
     }

@@ -5,19 +5,19 @@
 //! | [`value`] | what does a key hold, as a typed value and as text? |
 //! | [`schema`] | what is it meant to hold? |
 //! | [`past`] | who has changed it, when and why? |
-//! | [`moment`] | what did it hold at another time, and what has changed since? |
+//! | [`as_of`] | what did it hold at another time, and what has changed since? |
 //! | [`conflict`] | what has nobody settled? |
 //! | [`watch`] | what is happening to it? |
 //! | [`status`] | how far are others behind? |
 //! | [`transfer`] | how is it written to a file, and read from one? |
 //! | [`draft`] | what is to be changed, and only if what? |
-//! | [`token`], [`date`] | how are cuts and dates written down? |
+//! | [`token`], [`date`] | how are version vectors and dates written down? |
 //! | [`table`] | how does all of it look on a terminal? |
 
+pub mod as_of;
 pub mod conflict;
 pub mod date;
 pub mod draft;
-pub mod moment;
 pub mod past;
 pub mod schema;
 pub mod status;

@@ -2,13 +2,13 @@
 
 use super::history::{self, Anomaly, History, Op, Txn};
 use super::reference::Id;
-use super::{Level, World};
+use super::{AckLevel, World};
 use comms::logic::time::Time;
-use dbmanager::logic::clock::Stamp;
-use dbmanager::logic::cut::{Cut, Dot};
+use dbmanager::logic::clock::Timestamp;
 use dbmanager::logic::key::Key;
-use dbmanager::logic::replica::{Input, Replica, Request};
-use dbmanager::logic::txn::{Condition, Draft, Frame};
+use dbmanager::logic::replica::{CommitRequest, Input, Replica};
+use dbmanager::logic::txn::{Condition, Draft, EncodedTxn};
+use dbmanager::logic::version_vector::{Dot, VersionVector};
 use std::collections::BTreeMap;
 use std::time::Duration;
 
@@ -16,7 +16,7 @@ use std::time::Duration;
 const CLIENTS: usize = 4;
 /// How many keys they share.
 const KEYS: u64 = 5;
-/// What clients may see if a robot brings in again what others have deleted since.
+/// What clients may see if a robot rebases again what others have deleted since.
 const REPEATED: [Anomaly; 6] = [
     Anomaly::FracturedRead,
     Anomaly::ReadYourWrites,
@@ -25,7 +25,7 @@ const REPEATED: [Anomaly; 6] = [
     Anomaly::WritesFollowReads,
     Anomaly::WriteCoRead,
 ];
-/// What they may see if a robot has come back and what it brought in is here before what that had seen of a member.
+/// What they may see if a robot has come back and what it rebased is here before what that had seen of a member.
 const AHEAD: [Anomaly; 3] = [Anomaly::FracturedRead, Anomaly::WriteCoRead, Anomaly::WriteCoInitRead];
 /// How long they wait for others to have a transaction.
 const PATIENCE: Duration = Duration::from_secs(5);
@@ -37,7 +37,7 @@ struct Client {
     era: u64,
     session: Option<usize>,
     /// What it has seen, to be shown when it moves to another robot.
-    token: Cut,
+    token: VersionVector,
 }
 
 /// All of them.
@@ -49,8 +49,8 @@ pub(crate) struct Clients {
     names: BTreeMap<usize, Id>,
     sessions: usize,
     value: u64,
-    /// What a watcher at each robot has seen last, and its stamp.
-    winners: BTreeMap<(usize, u64), (u64, Stamp)>,
+    /// What a watcher at each robot has seen last, and its timestamp.
+    winners: BTreeMap<(usize, u64), (u64, Timestamp)>,
 }
 
 impl Clients {
@@ -60,7 +60,7 @@ impl Clients {
     }
 
     /// A watcher looks at what a transaction has written.
-    pub(crate) fn watch(&mut self, node: usize, replica: &Replica, frame: &Frame) {
+    pub(crate) fn watch(&mut self, node: usize, replica: &Replica, frame: &EncodedTxn) {
         let Ok(txn) = frame.open() else { return };
         for write in &txn.writes {
             let Some(register) = register(&write.key) else { continue };
@@ -132,7 +132,7 @@ impl World {
         let refused = stranger || conditional && shown(replica, &key(0)).is_none();
         // Reads come first: a transaction reads from its snapshot.
         ops.sort_by_key(|op| !matches!(op, Op::Read(..)));
-        self.clients.all[client].token.join(replica.log().cut());
+        self.clients.all[client].token.join(replica.log().vector());
         let session = self.clients.all[client].session.unwrap_or_default();
         let writes = ops.iter().any(|op| !matches!(op, Op::Read(..)));
         let dot = if writes || refused { self.commit(node, draft) } else { None };
@@ -162,8 +162,8 @@ impl World {
         self.clients.all[client].node
     }
 
-    fn has_all(&self, node: usize, token: &Cut) -> bool {
-        self.nodes[node].replica.as_ref().is_some_and(|replica| replica.log().cut().dominates(token))
+    fn has_all(&self, node: usize, token: &VersionVector) -> bool {
+        self.nodes[node].replica.as_ref().is_some_and(|replica| replica.log().vector().dominates(token))
     }
 
     /// Somebody deletes a key, outside of any session.
@@ -179,19 +179,19 @@ impl World {
     pub(crate) fn commit(&mut self, node: usize, draft: Draft) -> Option<Dot> {
         let named = self.below(self.nodes.len());
         let names = [self.nodes[named].name.clone()].into_iter().collect();
-        let levels = [Level::Local, Level::Replicated(1), Level::On(names), Level::Everywhere];
+        let levels = [AckLevel::Local, AckLevel::Replicated(1), AckLevel::On(names), AckLevel::Everywhere];
         let level = levels[self.below(4)].clone();
         self.commit_at(node, draft, level)
     }
 
     /// Commits at a level.
-    pub(crate) fn commit_at(&mut self, node: usize, draft: Draft, level: Level) -> Option<Dot> {
+    pub(crate) fn commit_at(&mut self, node: usize, draft: Draft, level: AckLevel) -> Option<Dot> {
         let until: Time = self.now + PATIENCE;
         self.committed = None;
-        if self.nodes[node].replica.is_some() && level != Level::Local {
+        if self.nodes[node].replica.is_some() && level != AckLevel::Local {
             self.owed.insert(self.posted + 1, (node, level.clone(), self.losses));
         }
-        self.input(node, |ticket, wall| Input::Commit(vec![Request { ticket, draft, level, until }], wall));
+        self.input(node, |ticket, wall| Input::Commit(vec![CommitRequest { ticket, draft, level, until }], wall));
         self.committed.take()
     }
 

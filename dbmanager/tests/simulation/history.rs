@@ -264,7 +264,7 @@ impl<'a> Facts<'a> {
     }
 
     /// Returns whether an older value may show again: the newer one was deleted by somebody who had not seen the older one,
-    /// and that deletion has given way to what a robot has brought in.
+    /// and that deletion has given way to what a robot has rebased.
     fn may_be_uncovered(&self, reader: usize, (register, older): (Register, Value), newer: Value) -> bool {
         let writer = |value| self.writers.get(&(register, value)).map(|(writer, _)| *writer);
         let (Some(older), Some(newer)) = (writer(older), writer(newer)) else { return false };

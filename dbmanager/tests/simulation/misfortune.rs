@@ -4,12 +4,12 @@
 use super::disk::Fate;
 use super::{EPOCH_MS, World};
 use dbmanager::logic::clock::Quality;
-use dbmanager::logic::cut::Origin;
 use dbmanager::logic::key::Key;
 use dbmanager::logic::random::Random;
 use dbmanager::logic::record::Records;
 use dbmanager::logic::replica::{Config, Input, Replica};
 use dbmanager::logic::txn::{Condition, Draft};
+use dbmanager::logic::version_vector::ReplicaId;
 use std::time::Duration;
 
 const HOUR_MS: i64 = 3_600_000;
@@ -88,7 +88,7 @@ impl Faults {
         if random.below(4) > 0 { lossy } else { honest }
     }
 
-    /// Returns whether a robot may have less than it had, and bring in again what others have overwritten since: then
+    /// Returns whether a robot may have less than it had, and rebase again what others have overwritten since: then
     /// what was deleted may be there once more. Too many versions, never too few.
     pub(crate) fn can_repeat(&self) -> bool {
         self.rollback + self.restore + self.clone > 0
@@ -322,7 +322,7 @@ impl World {
         let after = self.nodes[node].disk.copy();
         self.nodes[node].asleep = self
             .look_at(node, &after)
-            .map_or_else(Default::default, |replica| (replica.origin(), replica.log().cut().clone()));
+            .map_or_else(Default::default, |replica| (replica.origin(), replica.log().vector().clone()));
         let others = copies.iter().enumerate().filter(|(other, _)| *other != node);
         let others = others.filter_map(|(other, records)| self.look_at(other, records));
         let left: Vec<Replica> = others.chain(self.look_at(node, &after)).collect();
@@ -385,12 +385,12 @@ impl World {
     }
 
     /// Has one robot retire an origin.
-    pub(crate) fn retire_origin(&mut self, by: usize, origin: Origin) {
+    pub(crate) fn retire_origin(&mut self, by: usize, origin: ReplicaId) {
         self.input(by, |_, wall| Input::Retire(origin, wall));
     }
 
     /// Returns the origin of a robot that does not run.
-    pub(crate) fn asleep(&self, node: usize) -> Origin {
+    pub(crate) fn asleep(&self, node: usize) -> ReplicaId {
         self.nodes[node].asleep.0
     }
 

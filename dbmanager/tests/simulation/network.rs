@@ -1,9 +1,9 @@
 //! The network of a simulated team: it delays, loses, repeats, swaps and chokes, in each direction for itself.
 
 use comms::logic::time::Time;
-use dbmanager::logic::cut::Origin;
 use dbmanager::logic::message::Message;
 use dbmanager::logic::random::Random;
+use dbmanager::logic::version_vector::ReplicaId;
 use std::collections::{BTreeMap, BTreeSet};
 use std::rc::Rc;
 use std::time::Duration;
@@ -15,10 +15,10 @@ const LATENCY_US: [u64; 2] = [200, 80_000];
 
 /// A message on its way.
 #[derive(Debug)]
-pub(crate) struct Letter {
+pub(crate) struct Envelope {
     pub(crate) to: usize,
     /// The sender as the receiver knows it.
-    pub(crate) from: Origin,
+    pub(crate) from: ReplicaId,
     pub(crate) message: Rc<Message>,
 }
 
@@ -44,7 +44,7 @@ pub(crate) struct Network {
     queues: BTreeMap<(usize, usize), Time>,
     /// How long a slow robot takes for each message, and until when it is busy.
     slow: BTreeMap<usize, (Duration, Time)>,
-    mail: BTreeMap<(Time, u64), Letter>,
+    mail: BTreeMap<(Time, u64), Envelope>,
     posted: u64,
 }
 
@@ -106,12 +106,12 @@ impl Network {
     }
 
     /// Takes the next message.
-    pub(crate) fn take(&mut self) -> Option<Letter> {
-        self.mail.pop_first().map(|(_, letter)| letter)
+    pub(crate) fn take(&mut self) -> Option<Envelope> {
+        self.mail.pop_first().map(|(_, envelope)| envelope)
     }
 
     /// Sends a message.
-    pub(crate) fn post(&mut self, now: Time, (sender, from): (usize, Origin), to: usize, message: &Rc<Message>) {
+    pub(crate) fn post(&mut self, now: Time, (sender, from): (usize, ReplicaId), to: usize, message: &Rc<Message>) {
         if self.cut.contains(&(sender, to)) {
             return;
         }
@@ -129,8 +129,8 @@ impl Network {
                 *until = at;
             }
             self.posted += 1;
-            let letter = Letter { to, from, message: Rc::clone(message) };
-            self.mail.insert((at, self.posted), letter);
+            let envelope = Envelope { to, from, message: Rc::clone(message) };
+            self.mail.insert((at, self.posted), envelope);
         }
     }
 

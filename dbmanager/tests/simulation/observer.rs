@@ -1,26 +1,26 @@
 //! What is checked at each thing that a replica wants done.
 
 use super::{Node, World};
-use dbmanager::logic::cut::{Cut, Dot, Origin};
 use dbmanager::logic::record::Batch;
-use dbmanager::logic::replica::{Alarm, Answer, Effect, Level, Replica};
+use dbmanager::logic::replica::{AckLevel, Alarm, Answer, Effect, Replica};
+use dbmanager::logic::version_vector::{Dot, ReplicaId, VersionVector};
 use std::collections::BTreeMap;
 
 impl World {
     /// A replica has taken over the state of another: watchers begin anew at what that one had. If something is gone that
     /// was here, clients do as well.
-    pub(super) fn taken_over(&mut self, node: usize, before: &Cut, still: &[Effect]) {
+    pub(super) fn taken_over(&mut self, node: usize, before: &VersionVector, still: &[Effect]) {
         let Some(replica) = self.nodes[node].replica.as_ref() else { return };
-        let cut = replica.log().cut().clone();
+        let cut = replica.log().vector().clone();
         self.reference.means(node, replica);
         if !cut.dominates(before) {
             self.reference.left_behind = true;
             self.forgets(node);
         }
-        // What is shown behind this in the same step is in the cut already.
+        // What is shown behind this in the same step is in the version vector already.
         let shown =
             still.iter().filter_map(|effect| if let Effect::Visible(dot, _) = effect { Some(*dot) } else { None });
-        let mut first: BTreeMap<Origin, u64> = BTreeMap::new();
+        let mut first: BTreeMap<ReplicaId, u64> = BTreeMap::new();
         for dot in shown {
             first.entry(dot.origin).or_insert(dot.seq);
         }
@@ -51,18 +51,18 @@ impl World {
         };
         let (own, name) = (&self.nodes[node].name, self.replica(node).name_of(dot));
         let has = |other: &&Node| {
-            let cut = other.replica.as_ref().map_or(&other.asleep.1, |replica| replica.log().cut());
+            let cut = other.replica.as_ref().map_or(&other.asleep.1, |replica| replica.log().vector());
             cut.contains(name) || cut.contains(dot)
         };
         let others = || self.nodes.iter().enumerate().filter(|(index, _)| *index != node).map(|(_, other)| other);
         let holders = others().filter(has).count();
         let enough = match level {
-            Level::Local => true,
-            Level::Replicated(count) => holders >= *count,
-            Level::On(names) => {
+            AckLevel::Local => true,
+            AckLevel::Replicated(count) => holders >= *count,
+            AckLevel::On(names) => {
                 names.iter().all(|on| on == own || others().any(|other| other.name == *on && has(&other)))
             }
-            Level::Everywhere => {
+            AckLevel::Everywhere => {
                 let members = self.replica(node).members();
                 let origin = |other: &Node| other.replica.as_ref().map_or(other.asleep.0, Replica::origin);
                 others().filter(|other| members.is_active(origin(other))).all(|other| has(&other))
@@ -107,7 +107,7 @@ impl World {
         let number = |bytes: Option<&[u8]>| bytes.and_then(|b| b.try_into().ok()).map(u64::from_be_bytes);
         let dots: Vec<Dot> = gone
             .filter_map(|(name, _)| {
-                Some(Dot { origin: Origin::new(number(name.get(1..9))?), seq: number(name.get(9..17))? })
+                Some(Dot { origin: ReplicaId::new(number(name.get(1..9))?), seq: number(name.get(9..17))? })
             })
             .collect();
         if dots.is_empty() {
@@ -116,7 +116,7 @@ impl World {
         let Some(members) = self.nodes[node].replica.as_ref().map(Replica::members) else { return };
         for other in &self.nodes {
             let (origin, cut) = match &other.replica {
-                Some(replica) => (replica.origin(), replica.log().cut()),
+                Some(replica) => (replica.origin(), replica.log().vector()),
                 None => (other.asleep.0, &other.asleep.1),
             };
             if let Some(dot) = dots.iter().find(|dot| members.is_active(origin) && !cut.contains(**dot)) {

@@ -5,7 +5,7 @@
 //!
 //! | | what | where |
 //! |---|---|---|
-//! | I1 | equal cuts are equal states | [`Reference::same_state`], after each step and at the end |
+//! | I1 | equal version vectors are equal states | [`Reference::same_state`], after each step and at the end |
 //! | I2 | what is shown is the fold of all transactions | [`Reference::check_versions`], now and then and at the end |
 //! | I3 | what is applied is closed under causality | [`Reference::visible`] |
 //! | I4 | nobody sees part of a transaction | I2 between two inputs; fractured reads in `history` |
@@ -15,31 +15,31 @@
 //! | I8 | logs are cut below what all members have | `World::truncated` |
 //! | I9 | what was deleted stays deleted | [`Reference::check_versions`] |
 //! | I10 | conflicts are the concurrent writes, all of them | [`Reference::check_versions`], [`Reference::is_listed`] |
-//! | I11 | stamps extend causality | [`Reference::check_stamps`] |
+//! | I11 | timestamps extend causality | [`Reference::check_stamps`] |
 //! | I12 | watchers get each transaction once | [`Reference::visible`], [`Reference::check`] |
 //! | I13 | convergence takes bounded time | `World::converge`; the named cases of the network |
 //! | I14 | not much more is sent than is needed | the named cases of the network |
 //! | I15 | memory and log are bounded | `World::check_limits` |
 //! | I16 | no secret in plain text | comes with sealed values, with the teams |
 
-use dbmanager::logic::clock::Stamp;
-use dbmanager::logic::cut::{Cut, Dot, Origin};
+use dbmanager::logic::clock::Timestamp;
 use dbmanager::logic::key::Key;
 use dbmanager::logic::replica::Replica;
 use dbmanager::logic::state::Version;
-use dbmanager::logic::txn::{Frame, Txn};
+use dbmanager::logic::txn::{EncodedTxn, Txn};
+use dbmanager::logic::version_vector::{Dot, ReplicaId, VersionVector};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// What chains transactions.
-type Link = [u8; 8];
+type ChainHash = [u8; 8];
 /// One transaction, also where numbers are used twice.
-pub(crate) type Id = (Dot, Link);
+pub(crate) type Id = (Dot, ChainHash);
 
 /// A transaction, with all that it had seen: numbers, and which transactions those meant where it was written.
 struct Event {
     txn: Txn,
-    context: Cut,
-    seen: BTreeMap<Origin, Id>,
+    context: VersionVector,
+    seen: BTreeMap<ReplicaId, Id>,
 }
 
 /// What has happened, as callers and watchers were told.
@@ -58,12 +58,12 @@ pub(crate) struct Reference {
     /// Under which dots each was committed once more.
     names: BTreeMap<Id, Vec<Id>>,
     /// What watchers at each robot have seen, and by which link.
-    shown: BTreeMap<usize, Cut>,
-    links: BTreeMap<(usize, Dot), Link>,
-    /// By which link before the state of another was taken over: what is brought in has names of that time.
-    meant: BTreeMap<(usize, Dot), Link>,
+    shown: BTreeMap<usize, VersionVector>,
+    links: BTreeMap<(usize, Dot), ChainHash>,
+    /// By which link before the state of another was taken over: what is rebased has names of that time.
+    meant: BTreeMap<(usize, Dot), ChainHash>,
     /// Pairs of writes that were shown as conflicts.
-    listed: BTreeSet<(Key, Stamp, Stamp)>,
+    listed: BTreeSet<(Key, Timestamp, Timestamp)>,
     broken: Option<String>,
 }
 
@@ -81,7 +81,7 @@ impl Reference {
     }
 
     /// Watchers begin anew at what is there now.
-    pub(crate) fn replaced(&mut self, node: usize, cut: Cut) {
+    pub(crate) fn replaced(&mut self, node: usize, cut: VersionVector) {
         self.shown.insert(node, cut);
     }
 
@@ -90,13 +90,13 @@ impl Reference {
     pub(crate) fn means(&mut self, node: usize, replica: &Replica) {
         self.meant.retain(|(at, _), _| *at != node);
         for (origin, head) in replica.log().heads() {
-            let mut id = (Dot { origin: *origin, seq: head.seq }, head.link.0);
+            let mut id = (Dot { origin: *origin, seq: head.seq }, head.hash.0);
             while id.0.seq > 0 {
                 if let Some(before) = self.links.insert((node, id.0), id.1) {
                     self.meant.insert((node, id.0), before);
                 }
                 let prev = self.events.get(&id).map(|event| event.txn.prev.0);
-                let prev = prev.or_else(|| Some(replica.log().frame(id.0)?.open().ok()?.prev.0));
+                let prev = prev.or_else(|| Some(replica.log().encoded(id.0)?.open().ok()?.prev.0));
                 let Some(prev) = prev else { break };
                 id = (Dot { seq: id.0.seq - 1, ..id.0 }, prev);
             }
@@ -119,7 +119,9 @@ impl Reference {
         let link = |dot: Dot| {
             let own = self.links.get(&(node, dot)).copied();
             let own = self.meant.get(&(node, dot)).copied().filter(|_| dot == from).or(own);
-            own.or_else(|| Some(self.events.range((dot, Link::default())..).next().filter(|(id, _)| id.0 == dot)?.0.1))
+            own.or_else(|| {
+                Some(self.events.range((dot, ChainHash::default())..).next().filter(|(id, _)| id.0 == dot)?.0.1)
+            })
         };
         match (link(from), link(to)) {
             (Some(before), Some(after)) => self.names.entry((from, before)).or_default().push((to, after)),
@@ -128,15 +130,15 @@ impl Reference {
     }
 
     /// A transaction is on some disk. Returns what it had seen.
-    pub(crate) fn happened(&mut self, node: usize, dot: Dot, frame: &Frame) -> Cut {
-        let id = (dot, frame.link().0);
+    pub(crate) fn happened(&mut self, node: usize, dot: Dot, frame: &EncodedTxn) -> VersionVector {
+        let id = (dot, frame.hash().0);
         self.links.insert((node, dot), id.1);
         if let Some(event) = self.events.get(&id) {
             return event.context.clone();
         }
         let Ok(txn) = frame.open() else {
             self.blame(format!("{dot} cannot be read"));
-            return Cut::default();
+            return VersionVector::default();
         };
         let before = Dot { origin: dot.origin, seq: dot.seq - 1 };
         let earlier = self.events.get(&(before, txn.prev.0)).map(|event| (event.context.clone(), event.seen.clone()));
@@ -152,7 +154,7 @@ impl Reference {
     }
 
     /// A watcher is shown a transaction: once, and after all that it saw (I3, I12).
-    pub(crate) fn visible(&mut self, node: usize, dot: Dot, frame: &Frame) {
+    pub(crate) fn visible(&mut self, node: usize, dot: Dot, frame: &EncodedTxn) {
         let context = self.happened(node, dot, frame);
         let shown = self.shown.entry(node).or_default();
         let (early, again) = (!shown.dominates(&context), shown.contains(dot));
@@ -166,8 +168,8 @@ impl Reference {
     }
 
     /// Notes what a read of conflicts shows for the keys that a transaction has written.
-    pub(crate) fn note_conflicts(&mut self, replica: &Replica, frame: &Frame) {
-        let Some(event) = frame.open().ok().and_then(|txn| self.events.get(&(txn.dot(), frame.link().0))) else {
+    pub(crate) fn note_conflicts(&mut self, replica: &Replica, frame: &EncodedTxn) {
+        let Some(event) = frame.open().ok().and_then(|txn| self.events.get(&(txn.dot(), frame.hash().0))) else {
             return;
         };
         for write in &event.txn.writes {
@@ -183,10 +185,10 @@ impl Reference {
     }
 
     /// Returns what a replica has (I7): each origin's chain, walked back from its head.
-    pub(crate) fn chain(&self, replica: &Replica) -> Result<BTreeMap<Dot, Link>, String> {
+    pub(crate) fn chain(&self, replica: &Replica) -> Result<BTreeMap<Dot, ChainHash>, String> {
         let mut chain = BTreeMap::new();
         for (origin, head) in replica.log().heads() {
-            let mut id = (Dot { origin: *origin, seq: head.seq }, head.link.0);
+            let mut id = (Dot { origin: *origin, seq: head.seq }, head.hash.0);
             while id.0.seq > 0 {
                 let Some(event) = self.events.get(&id) else {
                     return Err(format!("I7: {} of {origin} was never shown by this link", id.0.seq));
@@ -198,7 +200,7 @@ impl Reference {
         Ok(chain)
     }
 
-    /// Returns the keys of what robots have brought in that came back.
+    /// Returns the keys of what robots have rebased that came back.
     pub(crate) fn brought_in(&self) -> impl Iterator<Item = &Key> {
         let brought = self.events.values().filter(|event| event.txn.rebase.is_some());
         brought.flat_map(|event| event.txn.writes.iter().map(|write| &write.key))
@@ -217,7 +219,7 @@ impl Reference {
     }
 
     /// Returns whether a transaction is there, under one of its names.
-    pub(crate) fn has(&self, (replica, chain): (&Replica, &BTreeMap<Dot, Link>), id: Id) -> bool {
+    pub(crate) fn has(&self, (replica, chain): (&Replica, &BTreeMap<Dot, ChainHash>), id: Id) -> bool {
         let lives = self.lives(id);
         let there = |(dot, link): &Id| chain.get(dot) == Some(link);
         lives.iter().any(there)
@@ -248,8 +250,8 @@ impl Reference {
     /// they meet).
     pub(crate) fn same_state(&self, a: &Replica, b: &Replica) -> Result<(), String> {
         let means =
-            |replica: &Replica| replica.log().heads().iter().map(|(of, head)| (*of, head.link.0)).collect::<Vec<_>>();
-        if a.log().cut() != b.log().cut()
+            |replica: &Replica| replica.log().heads().iter().map(|(of, head)| (*of, head.hash.0)).collect::<Vec<_>>();
+        if a.log().vector() != b.log().vector()
             || means(a) != means(b)
             || a.state() == b.state() && a.state().digest() == b.state().digest()
         {
@@ -274,7 +276,7 @@ impl Reference {
         let Some((_, first)) = replicas.first() else { return Ok(()) };
         for (node, replica) in replicas {
             self.same_state(first, replica)?;
-            if self.shown.get(node) != Some(replica.log().cut()) {
+            if self.shown.get(node) != Some(replica.log().vector()) {
                 return Err(format!("I12: watchers at {node} have not seen all that is there"));
             }
         }
@@ -285,7 +287,7 @@ impl Reference {
     }
 
     /// I5: what was acknowledged is there, and each of its writes is shown, or was overwritten by who had seen it.
-    fn check_acknowledged(&self, (replica, chain): (&Replica, &BTreeMap<Dot, Link>)) -> Result<(), String> {
+    fn check_acknowledged(&self, (replica, chain): (&Replica, &BTreeMap<Dot, ChainHash>)) -> Result<(), String> {
         for (id, node) in &self.acknowledged {
             if self.left_behind && self.orphaned.contains(id) {
                 continue;
@@ -323,7 +325,7 @@ impl Reference {
         self.events.range((id.0, [0; 8])..=(id.0, [u8::MAX; 8])).count() > 1
     }
 
-    fn is_overwritten(&self, id: Id, key: &Key, there: (&Replica, &BTreeMap<Dot, Link>)) -> bool {
+    fn is_overwritten(&self, id: Id, key: &Key, there: (&Replica, &BTreeMap<Dot, ChainHash>)) -> bool {
         let lives = self.lives(id);
         let sees = |event: &Event| lives.iter().any(|id| self.sees(event, *id));
         let takes = |event: &Event| {
@@ -338,8 +340,8 @@ impl Reference {
         })
     }
 
-    /// I11: stamps grow along chains, and extend causality.
-    fn check_stamps(&self, chain: &BTreeMap<Dot, Link>) -> Result<(), String> {
+    /// I11: timestamps grow along chains, and extend causality.
+    fn check_stamps(&self, chain: &BTreeMap<Dot, ChainHash>) -> Result<(), String> {
         for (dot, link) in chain {
             let Some(event) = self.events.get(&(*dot, *link)) else { continue };
             let causes = event.context.iter().map(|(origin, seq)| Dot { origin, seq });
@@ -428,7 +430,7 @@ fn values(versions: &[Version]) -> impl Iterator<Item = &Version> {
     versions.iter().filter(|version| version.value.is_some())
 }
 
-fn note(listed: &mut BTreeSet<(Key, Stamp, Stamp)>, key: &Key, versions: &[Version]) {
+fn note(listed: &mut BTreeSet<(Key, Timestamp, Timestamp)>, key: &Key, versions: &[Version]) {
     for (index, a) in versions.iter().enumerate() {
         for b in &versions[index + 1..] {
             listed.insert((key.clone(), a.stamp.min(b.stamp), a.stamp.max(b.stamp)));

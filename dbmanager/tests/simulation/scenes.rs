@@ -28,7 +28,7 @@ fn must(holds: bool, what: &str) -> Ending {
     if holds { Ok(()) } else { Err(what.to_owned()) }
 }
 
-/// Two members have each got a state with transactions that the other lacks, and those who have the frames are gone.
+/// Two members have each got a state with transactions that the other lacks, and those who have the transactions are gone.
 pub(crate) fn states_only() -> Ending {
     let mut world = team(4);
     world.isolate(0);
@@ -49,7 +49,7 @@ pub(crate) fn states_only() -> Ending {
     (2..6).for_each(|node| world.crash(node));
     world.heal(0, 1);
     world.run_for(60_000);
-    must(world.replica(0).log().cut() == world.replica(1).log().cut(), "T7: they never meet")?;
+    must(world.replica(0).log().vector() == world.replica(1).log().vector(), "T7: they never meet")?;
     // One of them has begun anew, and has left to the others what those bring themselves.
     (0..6).for_each(|node| world.join_network(node));
     world.settle()?;

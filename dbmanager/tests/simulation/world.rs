@@ -21,10 +21,10 @@ mod reference;
 use clients::Clients;
 use comms::logic::time::Time;
 use dbmanager::logic::clock::{Quality, Wall};
-use dbmanager::logic::cut::{Cut, Dot, Origin};
 use dbmanager::logic::random::Random;
 use dbmanager::logic::record::{Batch, Records};
-use dbmanager::logic::replica::{Alarm, Answer, Config, Effect, Input, Level, Replica};
+use dbmanager::logic::replica::{AckLevel, Alarm, Answer, Config, Effect, Input, Replica};
+use dbmanager::logic::version_vector::{Dot, ReplicaId, VersionVector};
 use disk::{Disk, Fate};
 pub(crate) use misfortune::Faults;
 use network::Network;
@@ -67,7 +67,7 @@ struct Node {
     /// Goes up whenever clients cannot expect to see what they saw.
     era: u64,
     /// Origin and cut while it does not run.
-    asleep: (Origin, Cut),
+    asleep: (ReplicaId, VersionVector),
 }
 
 /// The team.
@@ -82,7 +82,7 @@ pub(crate) struct World {
     inputs: usize,
     reference: Reference,
     /// Tickets of callers that are owed an answer: where, at which level, and how often a disk was lost before.
-    owed: BTreeMap<u64, (usize, Level, u32)>,
+    owed: BTreeMap<u64, (usize, AckLevel, u32)>,
     /// How often a robot has forgotten something.
     losses: u32,
     /// Copies of disks.
@@ -163,7 +163,7 @@ impl World {
     fn seat(&mut self, name: String, records: Records) {
         let clock = WallClock { offset_ms: 0, drift_ppm: 0, frozen: None, quality: Quality::Network };
         let log_size = [0, 2000, 1 << 20][self.below(3)];
-        let asleep = (Origin::default(), Cut::default());
+        let asleep = (ReplicaId::default(), VersionVector::default());
         self.nodes.push(Node {
             name,
             replica: None,
@@ -228,7 +228,7 @@ impl World {
     }
 
     fn watch_anew(&mut self, node: usize) {
-        let cut = self.nodes[node].replica.as_ref().map(|replica| replica.log().cut().clone()).unwrap_or_default();
+        let cut = self.nodes[node].replica.as_ref().map(|replica| replica.log().vector().clone()).unwrap_or_default();
         self.clients.watch_anew(node);
         self.reference.replaced(node, cut);
         if let Some(replica) = self.nodes[node].replica.as_ref() {
@@ -240,7 +240,7 @@ impl World {
     /// Stops a robot where it stands.
     pub(crate) fn crash(&mut self, node: usize) {
         if let Some(replica) = self.nodes[node].replica.take() {
-            self.nodes[node].asleep = (replica.origin(), replica.log().cut().clone());
+            self.nodes[node].asleep = (replica.origin(), replica.log().vector().clone());
             self.owed.retain(|_, (at, ..)| *at != node);
         }
     }
@@ -260,7 +260,7 @@ impl World {
             self.run_for(2_000);
             self.reference.verdict()?;
             // By links too: who means another transaction by the same number has not met the others yet.
-            let has = |node: &Node| node.replica.as_ref().map(|of| (of.log().cut().clone(), of.log().chains()));
+            let has = |node: &Node| node.replica.as_ref().map(|of| (of.log().vector().clone(), of.log().chains()));
             let first = has(&self.nodes[0]);
             let same = |node: &Node| node.replica.as_ref().is_some_and(Replica::is_member) && has(node) == first;
             if self.nodes.iter().all(same) {
@@ -270,7 +270,7 @@ impl World {
         let state = |node: &Node| {
             let replica = node.replica.as_ref()?;
             let member = if replica.is_member() { "member" } else { "no member" };
-            Some(format!("{} is {member} as {} {}", node.name, replica.address(), replica.log().cut()))
+            Some(format!("{} is {member} as {} {}", node.name, replica.address(), replica.log().vector()))
         };
         Err(format!("T7, I13: no convergence: {:#?}", self.nodes.iter().map(state).collect::<Vec<_>>()))
     }
@@ -293,16 +293,16 @@ impl World {
     fn clean_up(&mut self) -> Result<(), String> {
         self.network.drop = 0;
         loop {
-            let before = self.replica(0).log().cut().clone();
-            let live: Vec<Origin> = (0..self.nodes.len()).map(|node| self.replica(node).origin()).collect();
-            let members: Vec<Origin> = self.replica(0).members().active().map(|(origin, _)| origin).collect();
+            let before = self.replica(0).log().vector().clone();
+            let live: Vec<ReplicaId> = (0..self.nodes.len()).map(|node| self.replica(node).origin()).collect();
+            let members: Vec<ReplicaId> = self.replica(0).members().active().map(|(origin, _)| origin).collect();
             for ghost in members.into_iter().filter(|origin| !live.contains(origin)) {
                 self.input(0, |_, wall| Input::Retire(ghost, wall));
             }
             self.run_for(45_000);
             self.settle()?;
             // Somebody slow may have come back meanwhile, or been admitted and lost its disk since it asked for that.
-            if *self.replica(0).log().cut() == before {
+            if *self.replica(0).log().vector() == before {
                 break;
             }
         }
@@ -350,9 +350,9 @@ impl World {
             }
             match (mail, tick) {
                 (Some(at), _) if at <= self.now => {
-                    let Some(letter) = self.network.take() else { continue };
-                    let message = Rc::unwrap_or_clone(letter.message);
-                    self.input(letter.to, |_, wall| Input::Received(letter.from, message, wall));
+                    let Some(envelope) = self.network.take() else { continue };
+                    let message = Rc::unwrap_or_clone(envelope.message);
+                    self.input(envelope.to, |_, wall| Input::Received(envelope.from, message, wall));
                 }
                 (_, Some((at, node))) if at <= self.now => self.input(node, |_, wall| Input::Tick(wall)),
                 _ => break,
@@ -367,7 +367,7 @@ impl World {
         let input = make(self.posted, self.wall(node));
         let now = self.now;
         let Some(replica) = self.nodes[node].replica.as_mut() else { return };
-        let (before, mut effects) = (replica.log().cut().clone(), Vec::new());
+        let (before, mut effects) = (replica.log().vector().clone(), Vec::new());
         replica.handle(now, input, &mut effects);
         if let Some(Effect::Persist(batch)) = effects.iter().find(|effect| matches!(effect, Effect::Persist(_))) {
             let replaced = effects.iter().any(|effect| matches!(effect, Effect::Replaced));
@@ -420,14 +420,14 @@ impl World {
     }
 
     /// It is on the disk, although nobody was told.
-    fn note_untold(&mut self, node: usize, before: &Cut, effect: Effect) {
+    fn note_untold(&mut self, node: usize, before: &VersionVector, effect: Effect) {
         match effect {
             Effect::Visible(dot, frame) => drop(self.reference.happened(node, dot, &frame)),
             Effect::Renamed(from, to) => self.reference.renamed(node, from, to),
             Effect::Answer(_, Answer::Committed(dot)) => self.committed = Some(dot),
             Effect::Replaced => {
                 self.reference.means(node, self.nodes[node].replica.as_ref().expect("it runs"));
-                self.reference.left_behind |= !self.replica(node).log().cut().dominates(before);
+                self.reference.left_behind |= !self.replica(node).log().vector().dominates(before);
                 self.forgets(node);
             }
             Effect::Persist(batch) => self.write(node, batch),

@@ -2,7 +2,7 @@
 //!
 //! *Model.* Written bytes are in the page cache, and in the cache of the drive, until a later `fsync` or `fdatasync` of
 //! their file has ended. Of each sector of 512 bytes that was not synced, an older or the newest content survives with
-//! the probability of the cut, each sector for itself: so writes are torn and change places. Of later changes of a
+//! the probability of the version vector, each sector for itself: so writes are torn and change places. Of later changes of a
 //! file's length some first ones survive. `sync_file_range` is no barrier, as on drives that lie to nobody but are not
 //! asked. Names change when the directory was synced; of later changes some first ones survive, as from a journal.
 
@@ -98,7 +98,7 @@ impl Platter {
             Call::Truncate(path, length) => self.later(path, Later::Truncate(*length)),
             Call::Sync { data_only: true, .. } if self.barriers == Barriers::NoDataSync => {}
             Call::Sync { path, since, .. } => self.sync(path, *since),
-            Call::Told(_) => {}
+            Call::Notification(_) => {}
         }
         self.calls += 1;
     }

@@ -27,7 +27,7 @@ pub(crate) enum Call {
     /// many had ended when this one began.
     Sync { path: PathBuf, data_only: bool, since: usize },
     /// The program has told something.
-    Told(String),
+    Notification(String),
 }
 
 /// Reads a log of `strace -f -qq -y -xx`; keeps what is about files below `root`, and what is written to descriptor 1.
@@ -83,7 +83,7 @@ impl<F: FnMut(Call)> Reader<F> {
             }
             ("pwrite64", [file, data, _, offset]) => self.write(file, number(offset), data, number(result)),
             ("write", [file, data, _]) if file.starts_with("1<") => {
-                self.keep(Call::Told(String::from_utf8(bytes_in(data)).unwrap()));
+                self.keep(Call::Notification(String::from_utf8(bytes_in(data)).unwrap()));
             }
             ("write", [file, data, _]) => {
                 let length = number(result);
@@ -171,7 +171,7 @@ fn a_log_is_read() {
         Call::Sync { path: b.clone(), data_only: true, since: 2 },
         Call::Write(b.clone(), 0, vec![b'1']),
         Call::Write(b.clone(), 1, vec![b'2']),
-        Call::Told("ack\n".to_owned()),
+        Call::Notification("ack\n".to_owned()),
         Call::Rename(b, c),
     ];
     let mut calls = Vec::new();

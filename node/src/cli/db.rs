@@ -47,7 +47,8 @@ enum Verb {
     /// Print what keys held at another moment
     At(past::At),
     /// Print which transactions are there now, or were at a date: a moment for `at` and `diff`
-    Cut(past::CutAt),
+    #[command(alias = "cut")]
+    Version(past::VersionAt),
     /// Show who is in the team, who is behind, and how this robot's copy is
     Status(team::Status),
     /// Begin a team with this robot; every other one joins by itself
@@ -75,7 +76,7 @@ pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
         Verb::Resolve(arguments) => arguments.run(),
         Verb::Diff(arguments) => arguments.run(),
         Verb::At(arguments) => arguments.run(),
-        Verb::Cut(arguments) => arguments.run(),
+        Verb::Version(arguments) => arguments.run(),
         Verb::Status(arguments) => arguments.run(),
         Verb::Found(arguments) => arguments.found(),
         Verb::Own(arguments) => arguments.run(),

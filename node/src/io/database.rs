@@ -26,8 +26,8 @@ use comms::logic::time::Time;
 use dbmanager::io::group::Groups;
 use dbmanager::io::store::Engine;
 use dbmanager::logic::clock::{Quality, Wall};
-use dbmanager::logic::cut::Origin;
 use dbmanager::logic::record::Batch;
+use dbmanager::logic::version_vector::ReplicaId;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -369,7 +369,7 @@ impl Worker {
         }
     }
 
-    fn put(&self, to: Option<Origin>, letter: &Letter) {
+    fn put(&self, to: Option<ReplicaId>, letter: &Letter) {
         self.encoded(letter, |bytes| Outgoing::Put(to, bytes));
     }
 

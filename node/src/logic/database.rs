@@ -21,13 +21,13 @@ mod watch;
 
 use comms::logic::time::Time;
 use dbmanager::logic::clock::Wall;
-use dbmanager::logic::cut::Origin;
 use dbmanager::logic::key::Namespace;
 use dbmanager::logic::message::Message;
 use dbmanager::logic::record::Batch;
-use dbmanager::logic::replica::{self, Alarm, Replica, Request};
-use dbmanager::logic::txn::{Draft, Frame, TxnError};
-use dbmanager::logic::view::moment::Checkpoints;
+use dbmanager::logic::replica::{self, Alarm, CommitRequest, Replica};
+use dbmanager::logic::txn::{Draft, EncodedTxn, TxnError};
+use dbmanager::logic::version_vector::ReplicaId;
+use dbmanager::logic::view::as_of::Checkpoints;
 use dbmanager::logic::view::past::Past;
 use dbmanager::logic::view::schema::{self, Schemas};
 use dbmanager::logic::view::watch::Watch;
@@ -76,13 +76,13 @@ pub enum Effect {
     /// Write this durably, before anything else of this turn.
     Persist(Batch),
     /// From now on other replicas know this one by this name.
-    Address(Origin),
+    Address(ReplicaId),
     /// Tell every replica.
     Broadcast(Letter),
     /// Tell one replica.
-    Tell(Origin, Letter),
+    Tell(ReplicaId, Letter),
     /// Ask one replica, and hand its answer back as a letter if it comes within this time.
-    Ask(Origin, Letter, Duration),
+    Ask(ReplicaId, Letter, Duration),
     /// Answer another's question; without a letter, end it.
     Reply(u64, Option<Letter>),
     /// One element of the answer to a call.
@@ -100,7 +100,7 @@ pub enum Effect {
 pub struct Database {
     replica: Replica,
     /// Under which name others know it, as its driver was last told.
-    announced: Origin,
+    announced: ReplicaId,
     /// Name of the robot.
     robot: String,
     /// Name of the team.
@@ -114,7 +114,7 @@ pub struct Database {
     /// Calls that wait for their transaction to get further.
     waiting: BTreeSet<u64>,
     /// When each replica was last heard.
-    heard: BTreeMap<Origin, Heard>,
+    heard: BTreeMap<ReplicaId, Heard>,
     alarms: VecDeque<String>,
     wall: Wall,
     /// Who watches, by number of the call.
@@ -139,7 +139,7 @@ struct Heard {
 }
 
 /// A question of another replica that the present turn may answer.
-type Asked = Option<(u64, Origin)>;
+type Asked = Option<(u64, ReplicaId)>;
 
 impl Database {
     /// Returns the database that this replica is of.
@@ -171,7 +171,7 @@ impl Database {
         let mut commits = Vec::new();
         for input in inputs {
             let input = if let Input::Elsewhere(call, question) = input {
-                let now = Moment::Cut(self.replica.log().cut().clone());
+                let now = Moment::Version(self.replica.log().vector().clone());
                 match refuse::from_elsewhere(question, &now) {
                     Ok(question) => Input::Call(call, question),
                     Err(why) => {
@@ -231,7 +231,7 @@ impl Database {
     }
 
     /// Returns under which name other replicas know this one.
-    pub fn address(&self) -> Origin {
+    pub fn address(&self) -> ReplicaId {
         self.replica.address()
     }
 
@@ -264,19 +264,19 @@ impl Database {
 
     /// Makes room for one that was heard of: strangers give way to members, and of several whoever was not heard of for
     /// longest.
-    fn has_room_for(&mut self, from: Origin) -> bool {
+    fn has_room_for(&mut self, from: ReplicaId) -> bool {
         if self.heard.len() < HEARD_MAX || self.heard.contains_key(&from) {
             return true;
         }
         let members = self.replica.members();
-        let rank = |(origin, heard): (&Origin, &Heard)| (members.is_active(*origin), heard.at, *origin);
+        let rank = |(origin, heard): (&ReplicaId, &Heard)| (members.is_active(*origin), heard.at, *origin);
         let first = self.heard.iter().map(rank).min();
         let gives_way = first.filter(|(member, ..)| !member || members.is_active(from));
         gives_way.is_some_and(|(.., origin)| self.heard.remove(&origin).is_some())
     }
 
     /// Returns what the replica is asked to commit.
-    fn request(&mut self, now: Time, call: u64, wish: Wish, effects: &mut Vec<Effect>) -> Option<Request> {
+    fn request(&mut self, now: Time, call: u64, wish: Wish, effects: &mut Vec<Effect>) -> Option<CommitRequest> {
         let Wish { draft, far, within } = wish;
         if let Some(why) = self.refusal(call, &draft, &far) {
             effects.extend([Effect::Answer(call, Reply::Refused(why)), Effect::End(call)]);
@@ -293,7 +293,7 @@ impl Database {
         if far != Far::Local {
             self.waiting.insert(call);
         }
-        Some(Request { ticket: call, draft, level: far.level(), until: now + within })
+        Some(CommitRequest { ticket: call, draft, level: far.level(), until: now + within })
     }
 
     /// Returns why a transaction is not even tried, if that is so.
@@ -329,11 +329,11 @@ impl Database {
             Question::History(filter) => self.history(&filter, &mut say),
             Question::Conflicts { prefix } => self.conflicts(&prefix, &mut say),
             Question::Diff { from, to, prefix } => self.diff([&from, &to], &prefix, &mut say),
-            Question::Cut(moment) => say(self.cut(&moment)),
+            Question::Version(moment) => say(self.version(&moment)),
             Question::Export { prefix, at } => self.export(&prefix, &at, &mut say),
             Question::Import { .. } => say(Reply::Refused(IMPORT_ELSEWHERE.to_owned())),
             Question::Watch { keys, from } => match self.watch(call, keys, from) {
-                Ok(cut) => return say(Reply::Cut(cut)),
+                Ok(version) => return say(Reply::Version(version)),
                 Err(why) => say(Reply::Refused(why.to_string())),
             },
             Question::Status => say(Reply::Status(Box::new(self.status(now)))),
@@ -380,12 +380,12 @@ impl Database {
             replica::Effect::Broadcast(message) => effects.push(Effect::Broadcast(letter(message))),
             replica::Effect::Send(to, message) => effects.push(match message {
                 Message::Pull(_) => Effect::Ask(to, letter(message), PULL_WITHIN),
-                Message::Snap(_) => Effect::Ask(to, letter(message), CHUNK_WITHIN),
-                Message::Chunk(_) | Message::SnapChunk { .. } => match asked.take_if(|(_, from)| *from == to) {
+                Message::ChunkRequest(_) => Effect::Ask(to, letter(message), CHUNK_WITHIN),
+                Message::Chunk(_) | Message::SnapshotChunk { .. } => match asked.take_if(|(_, from)| *from == to) {
                     Some((asked, _)) => Effect::Reply(asked, Some(letter(message))),
                     None => Effect::Tell(to, letter(message)),
                 },
-                Message::Push(_) | Message::News(_) | Message::Hello(_) | Message::Ack(_) => {
+                Message::Push(_) | Message::DeltaPush(_) | Message::Hello(_) | Message::Ack(_) => {
                     Effect::Tell(to, letter(message))
                 }
             }),
@@ -401,7 +401,7 @@ impl Database {
     }
 
     /// Forgets what was worked out from keys that a transaction has written.
-    fn visible(&mut self, frame: &Frame) {
+    fn visible(&mut self, frame: &EncodedTxn) {
         for write in frame.open().map(|txn| txn.writes).unwrap_or_default() {
             self.resettled |= Settings::concern(&self.robot, &write.key);
             self.schemas.take_if(|_| write.key.as_str().starts_with(schema::SCHEMA));
@@ -436,7 +436,7 @@ impl Database {
     }
 
     fn words(&self, alarm: &Alarm) -> String {
-        let robot = |origin: &Origin| match self.replica.members().robot(*origin) {
+        let robot = |origin: &ReplicaId| match self.replica.members().robot(*origin) {
             Some(robot) => format!("`{robot}`"),
             None => format!("the replica {origin}"),
         };

@@ -497,7 +497,7 @@ pub enum StopReply {
 mod tests {
     use super::*;
     use comms::logic::codec;
-    use dbmanager::logic::cut::{Dot, Origin};
+    use dbmanager::logic::version_vector::{Dot, ReplicaId};
     use dbmanager::logic::view::past::When;
 
     #[test]
@@ -509,7 +509,7 @@ mod tests {
         let text = r#"{"host":"c1","pid":7,"version":"1","up":1.5,"peers":[],"deployments":[]}"#;
         check(serde_json::to_string(&status), text);
         assert_eq!(serde_json::from_str::<NodeStatus>(text).unwrap(), status);
-        let dot = Dot { origin: Origin::new(0xfedc_ba98_7654_3210), seq: 3 };
+        let dot = Dot { origin: ReplicaId::new(0xfedc_ba98_7654_3210), seq: 3 };
         check(serde_json::to_string(&dot), r#"{"origin":"fedcba9876543210","seq":3}"#);
         let when = When { millis: 1_700_000_000_123, trusted: true };
         check(serde_json::to_string(&when), r#"{"at":1700000000.123,"trusted":true}"#);
@@ -527,7 +527,7 @@ mod tests {
         assert_eq!(postcard::to_stdvec(&status).unwrap(), [2, b'c', b'1', 7, 1, b'1', 3, 4, 0, 0]);
         let ping = Ping { from: "c1".into(), boot: 5, round: 300 };
         assert_eq!(codec::encode(&ping).unwrap(), *b"DC\x01\x00\x69\x00\x02c1\x05\xac\x02");
-        let dot = Dot { origin: Origin::new(300), seq: 3 };
+        let dot = Dot { origin: ReplicaId::new(300), seq: 3 };
         assert_eq!(postcard::to_stdvec(&dot).unwrap(), [0xac, 2, 3]);
         assert_eq!(postcard::to_stdvec(&When { millis: 300, trusted: true }).unwrap(), [0xac, 2, 1]);
     }

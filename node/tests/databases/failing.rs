@@ -42,14 +42,14 @@ fn nobody_is_told_what_is_not_on_the_disk() {
     let mut world = World::team(&["r1", "r2"]);
     let watch = |from| Question::Watch { keys: Keys::Below("team/".into()), from };
     let call = world.call(0, watch(None));
-    let [Reply::Cut(from)] = world.replies(0, call) else { panic!("not watching") };
+    let [Reply::Version(from)] = world.replies(0, call) else { panic!("not watching") };
     let from = from.clone();
     fail(&mut world, 0, write_on(Far::Local));
     assert_eq!((world.told(0, call), world.robots[0].ended.contains(&call)), (vec![], true));
     // While the disk is away, who goes on comes again later, and a moment cannot be named.
     let later = world.call(0, watch(Some(from.clone())));
     assert!(world.replies(0, later).is_empty() && world.robots[0].ended.contains(&later));
-    for question in [watch(None), Question::Cut(Moment::Now)] {
+    for question in [watch(None), Question::Version(Moment::Now)] {
         assert!(matches!(world.ask(0, question), Reply::Refused(_)));
     }
     world.reopen(0);

@@ -3,13 +3,13 @@
 use comms::logic::codec;
 use comms::logic::time::Time;
 use dbmanager::logic::clock::{Quality, Wall};
-use dbmanager::logic::cut::{Dot, Origin};
 use dbmanager::logic::key::Key;
 use dbmanager::logic::record::Records;
 use dbmanager::logic::replica::{Config, Replica};
 use dbmanager::logic::txn::Write;
+use dbmanager::logic::version_vector::{Dot, ReplicaId};
 use dbmanager::logic::view::value::Datum;
-use dbmanager::logic::view::watch::Told;
+use dbmanager::logic::view::watch::Notification;
 use node::logic::database::question::{Commit, Far, Letter, Question, Reply, Status};
 use node::logic::database::settings::Settings;
 use node::logic::database::{Database, Effect, Input};
@@ -28,7 +28,7 @@ pub(super) struct Robot {
     /// Whether its disk takes nothing.
     pub(super) broken: bool,
     /// Where it can be asked.
-    pub(super) address: Origin,
+    pub(super) address: ReplicaId,
 }
 
 pub(super) struct World {
@@ -154,7 +154,7 @@ impl World {
     /// Returns what a watcher was told of.
     pub(super) fn told(&self, robot: usize, call: u64) -> Vec<Dot> {
         let told = self.replies(robot, call).iter().filter_map(|reply| match reply {
-            Reply::Told(Told::Event(event)) => Some(event.deed.dot),
+            Reply::Notification(Notification::Event(event)) => Some(event.entry.dot),
             _ => None,
         });
         told.collect()
@@ -266,7 +266,7 @@ impl World {
         }
     }
 
-    pub(super) fn send(&mut self, from: usize, to: Origin, input: Input) {
+    pub(super) fn send(&mut self, from: usize, to: ReplicaId, input: Input) {
         let away = self.robots[from].away;
         if let Some(robot) = self.robots.iter_mut().find(|robot| robot.address == to && !robot.away && !away) {
             robot.inbox.push(input);

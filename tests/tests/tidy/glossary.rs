@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 
 /// The chapters of the glossary, each with the room whose code has its words.
-const GLOSSARY: [(&str, &str); 1] = [("## The language", "language")];
+const GLOSSARY: [(&str, &str); 2] = [("## The language", "language"), ("## The database", "dbmanager")];
 
 /// Returns the cells of the table below a heading of the glossary, row by row.
 fn glossary(heading: &str) -> Vec<Vec<String>> {

@@ -4,10 +4,10 @@ use crate::Failure;
 use crate::robot::config;
 use comms::logic::time::Time;
 use dbmanager::logic::clock::{Quality, Wall};
-use dbmanager::logic::cut::{Cut, Origin};
 use dbmanager::logic::message::Message;
 use dbmanager::logic::record::Records;
 use dbmanager::logic::replica::{Effect, Input, Replica};
+use dbmanager::logic::version_vector::{ReplicaId, VersionVector};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
@@ -33,7 +33,7 @@ pub(super) struct Net {
     line: Line,
     replicas: Vec<Replica>,
     cuts: BTreeSet<(usize, usize)>,
-    mail: BTreeMap<(Time, u64), (usize, Origin, Message)>,
+    mail: BTreeMap<(Time, u64), (usize, ReplicaId, Message)>,
     /// Until when a line is busy; lines to a robot that is reached over the air are one.
     busy: BTreeMap<(Option<usize>, usize), Time>,
     air: Option<usize>,
@@ -80,8 +80,8 @@ impl Net {
     }
 
     /// Returns what a robot has.
-    pub(super) fn cut_of(&self, robot: usize) -> Cut {
-        self.replicas[robot].log().cut().clone()
+    pub(super) fn cut_of(&self, robot: usize) -> VersionVector {
+        self.replicas[robot].log().vector().clone()
     }
 
     /// Returns how long the longest message to the robot on the air has occupied it.

@@ -197,10 +197,10 @@ impl DirStore {
 
     /// Tells the witness about this life, if it does not know. Whatever made the store doubtful stays so until the
     /// replica has written what it does about it.
-    fn swear(&mut self) -> Result<(), StoreError> {
+    fn attest(&mut self) -> Result<(), StoreError> {
         if let Some(life) = self.unsworn {
-            let sworn = witness::swear(&self.path, life, &self.engine.data(&self.path));
-            sworn.map_err(|cause| file_error(&self.path, cause))?;
+            let attested = witness::attest(&self.path, life, &self.engine.data(&self.path));
+            attested.map_err(|cause| file_error(&self.path, cause))?;
             self.unsworn = None;
         }
         Ok(())
@@ -215,13 +215,13 @@ impl Store for DirStore {
 
     fn commit(&mut self, batch: &Batch) -> Result<(), StoreError> {
         self.apply(self.unsworn, batch)?;
-        let sworn = self.swear();
-        if sworn.is_err()
+        let attested = self.attest();
+        if attested.is_err()
             && let Some(records) = self.records.take()
         {
             records.close();
         }
-        sworn
+        attested
     }
 }
 

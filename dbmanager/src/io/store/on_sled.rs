@@ -1,10 +1,11 @@
 //! A store on sled 0.34.7, pinned, with what that lacks on Linux: a folder of its own in the folder of the store.
 //!
-//! Its `flush` ends in `sync_file_range`, which never makes the drive empty its cache: of 100 simulated power cuts 99 lost
-//! writes that had been acknowledged. So a commit is one batch, `flush`, and then our own `fdatasync` of its data file. It never
-//! syncs the files it makes first (`conf`), nor its directory: every opening of a store does. It never syncs blobs, which it
-//! makes of long values: records are stored in pieces of 4 KiB, and a blob is an error. It may panic over a damaged file, or
-//! wait for ever for a write that has failed (`watch`): both become errors. A snapshot that it was still writing makes it give up: that is removed.
+//! Its `flush` ends in `sync_file_range`, which never makes the drive empty its cache: of 100 simulated power cuts 99
+//! lost writes that had been acknowledged. So a commit is one batch, `flush`, and then our own `fdatasync` of its data
+//! file. It never syncs the files it makes first (`conf`), nor its directory: every opening of a store does. It never
+//! syncs blobs, which it makes of long values: records are stored in pieces of 4 KiB, and a blob is an error. It may
+//! panic over a damaged file, or wait for ever for a write that has failed (`watch`): both become errors. A snapshot
+//! that it was still writing makes it give up: that is removed.
 
 use super::dir::{Opened, Records};
 use super::watch::Watch;

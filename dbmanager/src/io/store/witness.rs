@@ -117,7 +117,7 @@ pub(super) fn exists(dir: &Path) -> bool {
 }
 
 /// Writes a new witness in place of the old one.
-pub(super) fn swear(dir: &Path, life: Life, data: &Path) -> io::Result<()> {
+pub(super) fn attest(dir: &Path, life: Life, data: &Path) -> io::Result<()> {
     let text: String = testimony(life, data)?.iter().map(|(word, what)| format!("{word} {what}\n")).collect();
     let (path, new) = (path(dir), beside(dir, ".witness.new"));
     let mut file = File::create(&new)?;

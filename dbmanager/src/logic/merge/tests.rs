@@ -4,22 +4,22 @@
 use super::*;
 use crate::logic::clock::Wall;
 use crate::logic::log::Verdict;
-use crate::logic::state::Seen;
-use crate::logic::txn::{Frame, Rebase, Txn};
+use crate::logic::state::CausalContext;
+use crate::logic::txn::{EncodedTxn, Rebase, Txn};
 use proptest::prelude::*;
 
-/// A replica, and the stamps of all transactions it knows.
+/// A replica, and the timestamps of all transactions it knows.
 #[derive(Clone, Default)]
 struct Node {
     log: Log,
     state: State,
-    knows: BTreeSet<Stamp>,
+    knows: BTreeSet<Timestamp>,
 }
 
 /// A transaction as it happened.
 struct Event {
-    stamp: Stamp,
-    knew: BTreeSet<Stamp>,
+    stamp: Timestamp,
+    knew: BTreeSet<Timestamp>,
     writes: Vec<Write>,
 }
 
@@ -36,48 +36,48 @@ fn write(key: &str, value: Option<u64>) -> Write {
 }
 
 impl Node {
-    fn commit(&mut self, stamp: Stamp, writes: Vec<Write>, rebase: Option<Rebase>) {
+    fn commit(&mut self, stamp: Timestamp, writes: Vec<Write>, rebase: Option<Rebase>) {
         let origin = stamp.origin;
         let head = self.log.head(origin).cloned().unwrap_or_default();
-        let context = self.log.cut().clone().without(origin);
+        let context = self.log.vector().clone().without(origin);
         let (wall, reason, requires) = (Wall::default(), String::new(), Vec::new());
-        let (seq, prev, wants_ack) = (head.seq + 1, head.link, false);
+        let (seq, prev, wants_ack) = (head.seq + 1, head.hash, false);
         let txn = Txn { stamp, seq, prev, wall, context, reason, requires, writes, wants_ack, rebase };
-        assert!(self.enter(&Frame::seal(&txn).unwrap()));
+        assert!(self.enter(&EncodedTxn::seal(&txn).unwrap()));
     }
 
-    fn enter(&mut self, frame: &Frame) -> bool {
-        let txn = frame.open().unwrap();
-        if self.log.judge(&txn, frame) != Verdict::Next {
+    fn enter(&mut self, encoded: &EncodedTxn) -> bool {
+        let txn = encoded.open().unwrap();
+        if self.log.judge(&txn, encoded) != Verdict::Next {
             return false;
         }
         let only = txn.rebase.as_ref().map(|rebase| rebase.takes.as_slice());
         let context = self.log.context(&txn);
         let context = if only.is_some() { context.without(txn.stamp.origin) } else { context };
-        self.state.apply(txn.dot(), txn.written(), Seen { context: &context, only }, &txn.writes);
-        self.log.append(&txn, frame.clone());
+        self.state.apply(txn.dot(), txn.written(), CausalContext { context: &context, only }, &txn.writes);
+        self.log.append(&txn, encoded.clone());
         true
     }
 
     fn take(&mut self, other: &Self) {
-        for (_, frame) in other.log.in_order() {
-            self.enter(frame);
+        for (_, encoded) in other.log.in_order() {
+            self.enter(encoded);
         }
-        assert!(self.log.cut().dominates(other.log.cut()), "a log was cut too early");
+        assert!(self.log.vector().dominates(other.log.vector()), "a log was cut too early");
         self.knows.extend(&other.knows);
     }
 
     /// Comes back as `origin`, with the state of `sponsor`; returns what it is then.
-    fn come_back(&self, sponsor: &Self, origin: Origin, mut hlc: u64) -> Self {
+    fn come_back(&self, sponsor: &Self, origin: ReplicaId, mut hlc: u64) -> Self {
         let mut back = Self { log: Log::new(sponsor.log.heads().clone()), ..sponsor.clone() };
         let (old_members, members) = (Members::of(&self.state), Members::of(&sponsor.state));
         let old = Side { state: &self.state, log: &self.log, members: &old_members };
         let new = Side { state: &sponsor.state, log: &sponsor.log, members: &members };
         let mut next = || {
             hlc += 1;
-            Stamp { epoch: 0, hlc, origin }
+            Timestamp { epoch: 0, hlc, origin }
         };
-        for ((stamp, from), piece) in bring_in(old, new, &Forked::new(), origin) {
+        for ((stamp, from), piece) in rebase(old, new, &Forked::new(), origin) {
             let takes: BTreeSet<Dot> = piece.iter().flat_map(|(_, takes)| takes).copied().collect();
             let taken = sponsor.state.scan("").flat_map(|(_, versions)| versions).filter(|v| takes.contains(&v.dot));
             assert!(taken.into_iter().all(|version| version.stamp < stamp), "T2");
@@ -101,14 +101,14 @@ impl Team {
     /// Returns four replicas, of which the second and the fourth are members for good, and so is who comes back.
     fn new() -> Self {
         let mut first = Node::default();
-        let members = [2, 4, 10, 11].map(|number| member::admission(Origin::new(number), "r").unwrap());
-        first.commit(Stamp { epoch: 0, hlc: 1, origin: Origin::new(2) }, members.to_vec(), None);
+        let members = [2, 4, 10, 11].map(|number| member::admission(ReplicaId::new(number), "r").unwrap());
+        first.commit(Timestamp { epoch: 0, hlc: 1, origin: ReplicaId::new(2) }, members.to_vec(), None);
         Self { nodes: vec![first; 4], events: Vec::new(), hlc: 1 }
     }
 
     fn commit(&mut self, node: usize, writes: &[(u8, bool)]) {
         self.hlc += 1;
-        let stamp = Stamp { epoch: 0, hlc: self.hlc, origin: Origin::new(node as u64 + 1) };
+        let stamp = Timestamp { epoch: 0, hlc: self.hlc, origin: ReplicaId::new(node as u64 + 1) };
         let writes: BTreeMap<u8, bool> = writes.iter().copied().collect();
         let value = |put: bool| put.then_some(self.hlc);
         let writes: Vec<Write> = writes.into_iter().map(|(k, put)| write(&format!("k{k}"), value(put))).collect();
@@ -128,18 +128,18 @@ impl Team {
             } else {
                 self.commit(*node, writes);
             }
-            let cut = self.nodes[*node].log.cut().clone();
-            if drops && group.iter().all(|other| *self.nodes[*other].log.cut() == cut) {
+            let vector = self.nodes[*node].log.vector().clone();
+            if drops && group.iter().all(|other| *self.nodes[*other].log.vector() == vector) {
                 for other in group {
-                    self.nodes[other].state.drop_deleted(&cut);
-                    self.nodes[other].log.truncate(&cut, 0);
+                    self.nodes[other].state.drop_deleted(&vector);
+                    self.nodes[other].log.truncate(&vector, 0);
                 }
             }
         }
     }
 
-    /// Returns the stamps of the values at a key that nobody who knew them has written over.
-    fn expected(&self, key: u8) -> BTreeSet<Stamp> {
+    /// Returns the timestamps of the values at a key that nobody who knew them has written over.
+    fn expected(&self, key: u8) -> BTreeSet<Timestamp> {
         let key = Key::new(format!("k{key}")).unwrap();
         let writes = |event: &&Event| event.writes.iter().any(|write| write.key == key);
         let all: Vec<&Event> = self.events.iter().filter(writes).collect();
@@ -159,14 +159,14 @@ proptest! {
         let meet = [(0, 1), (0, 2), (0, 3), (1, 0), (2, 0), (3, 0)].map(|(node, other)| (node, other, Vec::new()));
         team.run(&meet, true, |_, _| true);
         team.run(&apart, true, |a, b| a % 2 == b % 2);
-        let first = team.nodes[0].come_back(&team.nodes[1], Origin::new(10), 1000);
+        let first = team.nodes[0].come_back(&team.nodes[1], ReplicaId::new(10), 1000);
         team.nodes[1].take(&first);
         let theirs: Vec<Step> = between.into_iter().map(|(a, b, writes)| (a | 1, b | 1, writes)).collect();
         team.hlc = 2000;
         team.run(&theirs, false, |a, b| a % 2 == b % 2);
         let sponsor = team.nodes[1].clone();
         team.nodes[3].take(&sponsor);
-        let second = team.nodes[2].come_back(&team.nodes[3], Origin::new(11), 3000);
+        let second = team.nodes[2].come_back(&team.nodes[3], ReplicaId::new(11), 3000);
         team.hlc = 4000;
         let theirs: Vec<Step> = later.into_iter().map(|(a, b, writes)| (a | 1, b | 1, writes)).collect();
         team.run(&theirs, false, |a, b| a % 2 == b % 2);
@@ -176,7 +176,7 @@ proptest! {
         for key in 0..4 {
             let name = Key::new(format!("k{key}")).unwrap();
             let values = all.state.versions(&name).iter().filter(|version| version.value.is_some());
-            let found: Vec<Stamp> = values.map(|version| version.stamp).collect();
+            let found: Vec<Timestamp> = values.map(|version| version.stamp).collect();
             prop_assert_eq!(found, team.expected(key).into_iter().collect::<Vec<_>>(), "at {}", name);
         }
     }
@@ -194,7 +194,7 @@ fn of_a_number_used_twice_both_transactions_stay() {
     let members = [Members::of(&old.state), Members::of(&new.state)];
     let side = Side { state: &old.state, log: &old.log, members: &members[0] };
     let sponsor = Side { state: &new.state, log: &new.log, members: &members[1] };
-    let pieces = bring_in(side, sponsor, &Forked::from([(Origin::new(1), 1)]), Origin::new(10));
+    let pieces = rebase(side, sponsor, &Forked::from([(ReplicaId::new(1), 1)]), ReplicaId::new(10));
     let left: Vec<&Piece> = pieces.values().filter(|piece| !piece.is_empty()).collect();
     assert!(
         matches!(left[..], [piece] if piece.len() == 1 && piece[0].1.is_empty()),

@@ -2,8 +2,8 @@
 
 use super::commit::Change;
 use super::interface::Effect;
-use crate::logic::cut::{Cut, Origin};
 use crate::logic::message::Message;
+use crate::logic::version_vector::{ReplicaId, VersionVector};
 
 /// One thing to do about a message of a peer.
 #[derive(Debug)]
@@ -15,11 +15,11 @@ pub(super) enum Action {
     /// The peer reads formats up to this.
     Reads(u8),
     /// The peer has this, durably.
-    Has(Cut),
+    Has(VersionVector),
     /// The peer has all own transactions, and means the same by their numbers.
     KnowsOwn,
     /// This origin has used numbers twice, without that this replica has written under it.
-    KnowForked(Origin),
+    KnowForked(ReplicaId),
     /// Give up the origin, which may have used numbers twice.
     Rejoin {
         /// Whether it has, as far as is known.
@@ -33,7 +33,7 @@ pub(super) enum Action {
 
 impl Action {
     /// Returns the action that sends a message.
-    pub(super) fn send(to: Origin, message: Message) -> Self {
+    pub(super) fn send(to: ReplicaId, message: Message) -> Self {
         Self::Emit(Effect::Send(to, message))
     }
 }

@@ -1,9 +1,9 @@
 //! What a replica does when others mean another transaction by a number, know more of its own than itself, or have retired it.
 //!
 //! *Numbers used twice.* A store that was set back, and writes before it hears from others, uses numbers of its that others know
-//! already. Nobody takes the one transaction for the other: a frame that does not follow, or that has seen the other one, is
-//! refused, and the two who disagree say by which links they know what ([`Chunk::Known`]). So nothing that was acknowledged is
-//! overwritten by somebody who never saw it, and each branch is brought in.
+//! already. Nobody takes the one transaction for the other: a transaction that does not follow, or that has seen the other one, is
+//! refused, and the two who disagree say by which hashes they know what ([`Chunk::Known`]). So nothing that was acknowledged is
+//! overwritten by somebody who never saw it, and each branch is rebased.
 //!
 //! *Set back.* A store that was set back without a witness shows in two ways: others know more of its own transactions than
 //! itself ([`Chunk::Fork`]), or it says that it has less than it said before ([`Chunk::Behind`]). Either way it begins anew. Of the
@@ -13,23 +13,23 @@
 use super::action::Action;
 use super::interface::{Alarm, Effect};
 use super::ledger::Ledger;
-use crate::logic::clock::Stamp;
-use crate::logic::cut::{Cut, Dot, Origin};
+use crate::logic::clock::Timestamp;
 use crate::logic::log::Head;
 #[cfg(doc)]
 use crate::logic::message::Chunk;
 use crate::logic::snapshot::Manifest;
-use crate::logic::txn::Link;
+use crate::logic::txn::ChainHash;
+use crate::logic::version_vector::{Dot, ReplicaId, VersionVector};
 
-/// A member knows transactions by these links. If one is another here, somebody was set back, and both branches have spread:
-/// of two that stand on different ones, the one with the larger origin begins anew, from the other, and brings in what it has.
+/// A member knows transactions by these hashes. If one is another here, somebody was set back, and both branches have spread:
+/// of two that stand on different ones, the one with the larger origin begins anew, from the other, and rebases what it has.
 /// Returns nothing if all of them mean the same, or the replica begins anew already.
-pub(super) fn known(ledger: &Ledger, from: Origin, links: &[(Dot, Link)]) -> Vec<Action> {
+pub(super) fn known(ledger: &Ledger, from: ReplicaId, hashes: &[(Dot, ChainHash)]) -> Vec<Action> {
     let contents = ledger.contents();
-    let Some((dot, link)) = contents.other_than(links).filter(|_| may_rejoin(ledger)) else { return Vec::new() };
+    let Some((dot, hash)) = contents.other_than(hashes).filter(|_| may_rejoin(ledger)) else { return Vec::new() };
     let me = ledger.identity.origin();
     if dot.origin == me {
-        fork(ledger, (dot.seq, link)).into_iter().collect()
+        fork(ledger, (dot.seq, hash)).into_iter().collect()
     } else if dot.origin == from {
         tell_fork(ledger, from)
     } else if from < me {
@@ -42,42 +42,42 @@ pub(super) fn known(ledger: &Ledger, from: Origin, links: &[(Dot, Link)]) -> Vec
     }
 }
 
-/// A peer knows the own transaction `seq` by this link.
-pub(super) fn fork(ledger: &Ledger, (seq, link): (u64, Link)) -> Option<Action> {
+/// A peer knows the own transaction `seq` by this hash.
+pub(super) fn fork(ledger: &Ledger, (seq, hash): (u64, ChainHash)) -> Option<Action> {
     let origin = ledger.identity.origin();
-    let known = ledger.log().link(Dot { origin, seq });
-    let other = is_set_back(ledger.log().tip(origin), (seq, link)) || known.is_some_and(|known| known != link);
+    let known = ledger.log().hash(Dot { origin, seq });
+    let other = is_set_back(ledger.log().tip(origin), (seq, hash)) || known.is_some_and(|known| known != hash);
     (other && may_rejoin(ledger)).then_some(Action::Rejoin { twice: true })
 }
 
 /// Returns what to do about a state that knows other transactions by the same numbers, and so would hide some; nothing otherwise.
-pub(super) fn hidden(ledger: &Ledger, from: Origin, manifest: &Manifest) -> Vec<Action> {
-    let head = |(origin, head): &(Origin, Head)| (Dot { origin: *origin, seq: head.seq }, head.link);
-    let heads: Vec<(Dot, Link)> = manifest.heads.iter().map(head).collect();
+pub(super) fn hidden(ledger: &Ledger, from: ReplicaId, manifest: &Manifest) -> Vec<Action> {
+    let head = |(origin, head): &(ReplicaId, Head)| (Dot { origin: *origin, seq: head.seq }, head.hash);
+    let heads: Vec<(Dot, ChainHash)> = manifest.heads.iter().map(head).collect();
     let own = heads.iter().find(|(dot, _)| dot.origin == ledger.identity.origin());
-    match own.and_then(|(own, link)| fork(ledger, (own.seq, *link))) {
+    match own.and_then(|(own, hash)| fork(ledger, (own.seq, *hash))) {
         Some(rejoin) => vec![rejoin],
         None => known(ledger, from, &heads),
     }
 }
 
-/// A peer remembers that this replica had all of `cut`.
-pub(super) fn behind(ledger: &Ledger, cut: &Cut) -> Action {
-    let set_back = ledger.identity.joining().is_none() && !ledger.log().cut().dominates(cut);
+/// A peer remembers that this replica had all of `vector`.
+pub(super) fn behind(ledger: &Ledger, vector: &VersionVector) -> Action {
+    let set_back = ledger.identity.joining().is_none() && !ledger.log().vector().dominates(vector);
     // Stale otherwise: what it names is here by now.
     if set_back { Action::Rejoin { twice: false } } else { Action::Ahead }
 }
 
-/// A peer says that this replica was retired, by a transaction with this stamp. If each has retired the other, the earlier
+/// A peer says that this replica was retired, by a transaction with this timestamp. If each has retired the other, the earlier
 /// retirement stands.
-pub(super) fn retired(ledger: &Ledger, from: Origin, stamp: Stamp) -> Option<Action> {
+pub(super) fn retired(ledger: &Ledger, from: ReplicaId, stamp: Timestamp) -> Option<Action> {
     let mine = ledger.contents().members().retired(from);
     let stands = ledger.identity.joining().is_none() && mine.is_none_or(|mine| stamp < mine);
     stands.then_some(Action::Rejoin { twice: false })
 }
 
 /// Returns whether whoever ends its own chain so has less of it, or another one, than whoever knows it to end so.
-pub(super) fn is_set_back(own: (u64, Link), known: (u64, Link)) -> bool {
+pub(super) fn is_set_back(own: (u64, ChainHash), known: (u64, ChainHash)) -> bool {
     own.0 < known.0 || own.0 == known.0 && own.1 != known.1
 }
 
@@ -85,7 +85,7 @@ fn may_rejoin(ledger: &Ledger) -> bool {
     ledger.identity.joining().is_none()
 }
 
-fn tell_fork(ledger: &Ledger, origin: Origin) -> Vec<Action> {
+fn tell_fork(ledger: &Ledger, origin: ReplicaId) -> Vec<Action> {
     let mut effects = Vec::new();
     ledger.tell_fork(origin, &mut effects);
     effects.into_iter().map(Action::Emit).collect()
@@ -107,10 +107,10 @@ mod tests {
         let Answer::Committed(dot) = team.commit(2, put("team/a", b"1")) else { panic!("nothing forbids it") };
         team.run(20);
         let [a, b] = [0, 1].map(|node: usize| team.replicas[node].origin());
-        let said = |at: usize, from, link| known(&team.replicas[at].ledger, from, &[(dot, link)]);
-        let link = team.replicas[0].log().link(dot).unwrap();
-        assert!(said(0, b, link).is_empty(), "they mean the same");
-        let other = Link([9; 8]);
+        let said = |at: usize, from, hash| known(&team.replicas[at].ledger, from, &[(dot, hash)]);
+        let hash = team.replicas[0].log().hash(dot).unwrap();
+        assert!(said(0, b, hash).is_empty(), "they mean the same");
+        let other = ChainHash([9; 8]);
         assert_eq!([rejoins(&said(0, b, other)), rejoins(&said(1, a, other))], [b < a, a < b]);
         assert!(!rejoins(&said(0, dot.origin, other)), "it was that one's own");
         assert!(rejoins(&said(2, a, other)), "it was the own one");
@@ -121,19 +121,19 @@ mod tests {
         let mut team = Team::of(2);
         team.commit(0, put("team/a", b"1"));
         let ledger = &team.replicas[0].ledger;
-        let (seq, link) = ledger.log().tip(ledger.identity.origin());
+        let (seq, hash) = ledger.log().tip(ledger.identity.origin());
         let rejoins = |action: Option<Action>| action.is_some_and(|action| rejoins(&[action]));
         assert!(
-            !rejoins(fork(ledger, (seq, link)))
+            !rejoins(fork(ledger, (seq, hash)))
                 && !rejoins(fork(
                     ledger,
-                    (seq - 1, ledger.log().link(Dot { origin: ledger.identity.origin(), seq: seq - 1 }).unwrap())
+                    (seq - 1, ledger.log().hash(Dot { origin: ledger.identity.origin(), seq: seq - 1 }).unwrap())
                 ))
         );
-        assert!(rejoins(fork(ledger, (seq + 1, link))) && rejoins(fork(ledger, (seq, Link([9; 8])))));
-        let mut more = ledger.log().cut().clone();
+        assert!(rejoins(fork(ledger, (seq + 1, hash))) && rejoins(fork(ledger, (seq, ChainHash([9; 8])))));
+        let mut more = ledger.log().vector().clone();
         assert!(!rejoins(Some(behind(ledger, &more))), "stale");
-        more.include(Dot { origin: Origin::new(77), seq: 1 });
+        more.include(Dot { origin: ReplicaId::new(77), seq: 1 });
         assert!(rejoins(Some(behind(ledger, &more))));
     }
 }

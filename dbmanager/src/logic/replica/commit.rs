@@ -1,7 +1,7 @@
 //! The commit pipeline: from what a caller wants to a transaction with its place in history.
 //!
-//! [`CommitPipeline::plan`] checks a draft against what is here, [`CommitPipeline::seal`] gives it a stamp, a number and a context;
-//! the replica then enters it. What never leaves the robot is written here at once.
+//! [`CommitPipeline::plan`] checks a draft against what is here, [`CommitPipeline::seal`] gives it a timestamp, a
+//! number and a context; the replica then enters it. What never leaves the robot is written here at once.
 //!
 //! *Urgent and bulk.* There are no classes of transactions. One is shown after all that its writer had seen, and that is as a
 //! rule all that its robot had; so there is hardly anything that an urgent one could overtake without breaking that promise
@@ -12,15 +12,15 @@
 //! *State.* The hybrid clock, what the wall clock said last, and what is at `local/…`.
 
 use super::contents::Contents;
-use super::interface::Level;
-use crate::logic::clock::{Clock, Stamp, Wall};
-use crate::logic::cut::{Cut, Dot, Origin};
+use super::interface::AckLevel;
+use crate::logic::clock::{Clock, Timestamp, Wall};
 use crate::logic::key::{Key, Namespace};
 use crate::logic::log::Log;
 use crate::logic::owner::{self, Owner};
 use crate::logic::record::{Batch, LOCAL};
-use crate::logic::state::{Seen, State};
-use crate::logic::txn::{Condition, Draft, Frame, Grant, Rebase, Require, Txn, TxnError, Write};
+use crate::logic::state::{CausalContext, State};
+use crate::logic::txn::{Condition, Draft, EncodedTxn, Grant, Rebase, Require, Txn, TxnError, Write};
+use crate::logic::version_vector::{Dot, ReplicaId, VersionVector};
 use comms::logic::time::Time;
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -51,8 +51,8 @@ pub(super) struct CommitPipeline {
 }
 
 impl CommitPipeline {
-    /// Goes on after the largest stamp that is here, in the log and in what never leaves the robot.
-    pub(super) fn new(origin: Origin, last: Stamp, local: State) -> Self {
+    /// Goes on after the largest timestamp that is here, in the log and in what never leaves the robot.
+    pub(super) fn new(origin: ReplicaId, last: Timestamp, local: State) -> Self {
         let stamps = local.scan("").flat_map(|(_, versions)| versions).map(|version| version.stamp);
         let last = stamps.chain([last]).max().unwrap_or_default();
         Self { clock: Clock::new(origin, last), wall: Wall::default(), local }
@@ -78,13 +78,13 @@ impl CommitPipeline {
         ahead_by
     }
 
-    /// Goes on after the largest stamp of a state that was taken over.
-    pub(super) fn go_on_after(&mut self, now: Time, last: Stamp) {
+    /// Goes on after the largest timestamp of a state that was taken over.
+    pub(super) fn go_on_after(&mut self, now: Time, last: Timestamp) {
         self.clock.observe(now, last, Wall::default());
     }
 
     /// Writes under another origin.
-    pub(super) fn move_to(&mut self, origin: Origin) {
+    pub(super) fn move_to(&mut self, origin: ReplicaId) {
         self.clock.move_to(origin);
     }
 
@@ -119,18 +119,23 @@ impl CommitPipeline {
     }
 
     /// Gives a change the next place in the history of `origin`, on what is in `log`.
-    pub(super) fn seal(&mut self, now: Time, change: Change, on: (Origin, &Log)) -> Result<(Txn, Frame), TxnError> {
+    pub(super) fn seal(
+        &mut self,
+        now: Time,
+        change: Change,
+        on: (ReplicaId, &Log),
+    ) -> Result<(Txn, EncodedTxn), TxnError> {
         let (origin, log) = on;
         let mut clock = self.clock.clone();
         let stamp = clock.tick(now, self.wall).ok_or(TxnError::Clock)?;
         let head = log.head(origin).cloned().unwrap_or_default();
         let seq = head.seq.checked_add(1).ok_or(TxnError::Clock)?;
         // What one's own transactions have seen is in one's own number.
-        let context: Cut = log.cut().beyond(&head.context).without(origin);
+        let context: VersionVector = log.vector().beyond(&head.context).without(origin);
         let txn = Txn {
             stamp,
             seq,
-            prev: head.link,
+            prev: head.hash,
             wall: self.wall,
             context,
             reason: change.reason,
@@ -141,30 +146,30 @@ impl CommitPipeline {
         };
         // All of it is what others wrote last, so it is known.
         let seen = log.seen(&txn.context).filter(|_| !txn.context.is_empty());
-        let frame = seen.map_or_else(|| Frame::seal(&txn), |seen| Frame::seal_on(&txn, seen))?;
+        let encoded = seen.map_or_else(|| EncodedTxn::seal(&txn), |seen| EncodedTxn::seal_on(&txn, seen))?;
         self.clock = clock;
-        Ok((txn, frame))
+        Ok((txn, encoded))
     }
 
     /// Writes what never leaves the robot. Its dot has no origin.
     pub(super) fn write_local(
         &mut self,
         now: Time,
-        (draft, level): (&Draft, &Level),
+        (draft, level): (&Draft, &AckLevel),
         contents: &Contents,
         batch: &mut Batch,
     ) -> Result<Dot, TxnError> {
         draft.check()?;
-        if let Some((key, _)) = draft.writes().next().filter(|_| *level != Level::Local) {
+        if let Some((key, _)) = draft.writes().next().filter(|_| *level != AckLevel::Local) {
             return Err(TxnError::Stays { key: key.clone() });
         }
         draft.requires().iter().try_for_each(|require| self.check(require, contents))?;
         let stamp = self.clock.tick(now, self.wall).ok_or(TxnError::Clock)?;
-        let dot = Dot { origin: Origin::default(), seq: stamp.hlc };
-        let all: Cut = [(dot.origin, u64::MAX)].into_iter().collect();
+        let dot = Dot { origin: ReplicaId::default(), seq: stamp.hlc };
+        let all: VersionVector = [(dot.origin, u64::MAX)].into_iter().collect();
         for (key, value) in draft.writes() {
             let write = Write { key: key.clone(), value: value.cloned() };
-            self.local.apply(dot, stamp, Seen { context: &all, only: None }, &[write]);
+            self.local.apply(dot, stamp, CausalContext { context: &all, only: None }, &[write]);
             self.local.drop_deleted(&all);
             batch.versions((LOCAL, key), self.local.versions(key));
         }
@@ -195,11 +200,11 @@ mod tests {
     use super::*;
     use crate::logic::clock::Quality;
 
-    const ME: Origin = Origin::new(1);
+    const ME: ReplicaId = ReplicaId::new(1);
     const WALL: Wall = Wall { millis: 1_790_000_000_000, quality: Quality::Network };
 
     fn pipeline() -> (CommitPipeline, Contents) {
-        let mut pipeline = CommitPipeline::new(ME, Stamp::default(), State::default());
+        let mut pipeline = CommitPipeline::new(ME, Timestamp::default(), State::default());
         pipeline.set_wall(WALL);
         (pipeline, Contents::new(Log::default(), State::default()))
     }
@@ -214,10 +219,10 @@ mod tests {
         let mut batch = Batch::default();
         for seq in 1..=3 {
             let change = pipeline.plan(Draft::new("r").put(key("team/a"), b"1"), "r", &contents).unwrap();
-            let (txn, frame) = pipeline.seal(Time::ZERO, change, (ME, contents.log())).unwrap();
+            let (txn, encoded) = pipeline.seal(Time::ZERO, change, (ME, contents.log())).unwrap();
             assert_eq!((txn.dot(), txn.prev), (Dot { origin: ME, seq }, contents.log().tip(ME).1));
             assert!(txn.stamp > contents.log().last_stamp() && txn.context.is_empty());
-            contents.enter(&txn, &frame, &mut batch);
+            contents.enter(&txn, &encoded, &mut batch);
         }
         assert_eq!(contents.state().versions(&key("team/a")).len(), 1);
     }
@@ -245,13 +250,13 @@ mod tests {
     #[test]
     fn what_is_local_waits_for_nobody_and_leaves_no_deletion() {
         let (mut pipeline, contents) = pipeline();
-        let mut write = |draft: &Draft, level: &Level| {
+        let mut write = |draft: &Draft, level: &AckLevel| {
             let mut batch = Batch::default();
             pipeline.write_local(Time::ZERO, (draft, level), &contents, &mut batch).map(|_dot| pipeline.local.len())
         };
         let put = Draft::new("").put(key("local/a"), b"1");
-        assert!(matches!(write(&put, &Level::Everywhere), Err(TxnError::Stays { .. })));
-        assert_eq!(write(&put, &Level::Local), Ok(1));
-        assert_eq!(write(&Draft::new("").delete(key("local/a")), &Level::Local), Ok(0));
+        assert!(matches!(write(&put, &AckLevel::Everywhere), Err(TxnError::Stays { .. })));
+        assert_eq!(write(&put, &AckLevel::Local), Ok(1));
+        assert_eq!(write(&Draft::new("").delete(key("local/a")), &AckLevel::Local), Ok(0));
     }
 }

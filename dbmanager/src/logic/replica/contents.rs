@@ -3,17 +3,17 @@
 //! *Rule.* All four change together, by a transaction that is entered or by the state of another that is taken over, and what
 //! changes goes to the disk with the same batch.
 
-use crate::logic::cut::{Cut, Dot, Origin};
 use crate::logic::key::Key;
 use crate::logic::log::Log;
 use crate::logic::member::Members;
 use crate::logic::message::{Chunk, Message};
 use crate::logic::owner::Owners;
 use crate::logic::record::{Batch, SHARED};
-use crate::logic::state::{Seen, State};
-use crate::logic::txn::{Frame, Link, Txn};
+use crate::logic::state::{CausalContext, State};
+use crate::logic::txn::{ChainHash, EncodedTxn, Txn};
+use crate::logic::version_vector::{Dot, ReplicaId, VersionVector};
 
-/// How many links are told at a time.
+/// How many hashes are told at a time.
 const KNOWN_MAX: usize = 1024;
 /// How often the name of a transaction may have changed.
 const LIVES_MAX: u32 = 32;
@@ -49,14 +49,14 @@ impl Contents {
     }
 
     /// Enters a transaction that is next at its origin.
-    pub(super) fn enter(&mut self, txn: &Txn, frame: &Frame, batch: &mut Batch) {
+    pub(super) fn enter(&mut self, txn: &Txn, encoded: &EncodedTxn, batch: &mut Batch) {
         let (dot, context) = (txn.dot(), self.log.context(txn));
         let only = txn.rebase.as_ref().map(|rebase| rebase.takes.as_slice());
-        // What is brought in stands beside what is brought in with it.
+        // What is rebased is concurrent with what is rebased with it.
         let seen = if only.is_some() { context.without(dot.origin) } else { context };
-        self.state.apply(dot, txn.written(), Seen { context: &seen, only }, &txn.writes);
-        let index = self.log.append(txn, frame.clone());
-        batch.frame(dot, index, frame);
+        self.state.apply(dot, txn.written(), CausalContext { context: &seen, only }, &txn.writes);
+        let index = self.log.append(txn, encoded.clone());
+        batch.encoded(dot, index, encoded);
         if let Some(head) = self.log.head(dot.origin) {
             batch.head(dot.origin, head);
         }
@@ -94,14 +94,14 @@ impl Contents {
     }
 
     /// Drops the keys that are only deleted, by transactions within `stable`.
-    pub(super) fn drop_deleted(&mut self, stable: &Cut, batch: &mut Batch) {
+    pub(super) fn drop_deleted(&mut self, stable: &VersionVector, batch: &mut Batch) {
         for key in self.state.drop_deleted(stable) {
             batch.versions((SHARED, &key), &[]);
         }
     }
 
-    /// Drops the oldest frames within `stable`, until no more than `size_max` bytes are left.
-    pub(super) fn truncate(&mut self, stable: &Cut, size_max: usize, batch: &mut Batch) {
+    /// Drops the oldest transactions within `stable`, until no more than `size_max` bytes are left.
+    pub(super) fn truncate(&mut self, stable: &VersionVector, size_max: usize, batch: &mut Batch) {
         for dot in self.log.truncate(stable, size_max) {
             batch.no_frame(dot);
         }
@@ -110,31 +110,31 @@ impl Contents {
     /// Returns under which name a transaction has to be asked for: see [`Replica::name_of`](super::Replica::name_of).
     pub(super) fn name_of(&self, mut dot: Dot) -> Dot {
         for _ in 0..LIVES_MAX {
-            let brought = self.members.brought(dot.origin).filter(|brought| dot.seq <= brought.last.seq);
-            let Some(brought) = brought.filter(|_| !self.log.cut().contains(dot)) else { break };
-            dot = brought.by;
+            let rebased = self.members.rebased(dot.origin).filter(|rebased| dot.seq <= rebased.last.seq);
+            let Some(rebased) = rebased.filter(|_| !self.log.vector().contains(dot)) else { break };
+            dot = rebased.by;
         }
         dot
     }
 
     /// Returns what tells a peer which transaction of an origin is the last one here.
-    pub(super) fn tip_of(&self, origin: Origin) -> Message {
-        let (seq, link) = self.log.tip(origin);
-        Message::Chunk(Chunk::Fork { seq, link })
+    pub(super) fn tip_of(&self, origin: ReplicaId) -> Message {
+        let (seq, hash) = self.log.tip(origin);
+        Message::Chunk(Chunk::Fork { seq, hash })
     }
 
-    /// Returns what tells a peer by which links these transactions are known here, of which it means others.
-    pub(super) fn links_of(&self, of: impl IntoIterator<Item = (Origin, u64)>) -> Message {
+    /// Returns what tells a peer by which hashes these transactions are known here, of which it means others.
+    pub(super) fn links_of(&self, of: impl IntoIterator<Item = (ReplicaId, u64)>) -> Message {
         let known = of.into_iter().filter_map(|(origin, seq)| {
             let dot = Dot { origin, seq };
-            Some((dot, self.log.link(dot)?))
+            Some((dot, self.log.hash(dot)?))
         });
         Message::Chunk(Chunk::Known(known.take(KNOWN_MAX).collect()))
     }
 
     /// Returns the first of these transactions that is another one here.
-    pub(super) fn other_than(&self, known: &[(Dot, Link)]) -> Option<(Dot, Link)> {
-        let other = |(dot, link): &&(Dot, Link)| self.log.link(*dot).is_some_and(|here| here != *link);
+    pub(super) fn other_than(&self, known: &[(Dot, ChainHash)]) -> Option<(Dot, ChainHash)> {
+        let other = |(dot, hash): &&(Dot, ChainHash)| self.log.hash(*dot).is_some_and(|here| here != *hash);
         known.iter().find(other).copied()
     }
 }

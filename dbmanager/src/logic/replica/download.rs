@@ -5,11 +5,11 @@
 
 use super::contents::Contents;
 use super::interface::{Alarm, Effect};
-use crate::logic::cut::{Cut, Origin};
 use crate::logic::message::Message;
-use crate::logic::snapshot::{self, CHUNKS_MAX, Manifest, Name};
+use crate::logic::snapshot::{self, CHUNKS_MAX, ChunkHash, Manifest};
 use crate::logic::state::State;
 use crate::logic::timing::{CHUNK_TIME_FAST, CHUNK_TIME_TRY, CHUNK_TRIES_MAX, CHUNK_WAIT_MAX, CHUNK_WAIT_MIN};
+use crate::logic::version_vector::{ReplicaId, VersionVector};
 use comms::logic::time::Time;
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
@@ -22,25 +22,25 @@ const CHUNKS_ASKED_MAX: usize = 8;
 /// A snapshot that others may take.
 #[derive(Debug, Default)]
 pub(super) struct Offer {
-    latest: Option<(Cut, Manifest)>,
-    chunks: BTreeMap<Name, Vec<u8>>,
-    before: BTreeMap<Name, Vec<u8>>,
+    latest: Option<(VersionVector, Manifest)>,
+    chunks: BTreeMap<ChunkHash, Vec<u8>>,
+    before: BTreeMap<ChunkHash, Vec<u8>>,
 }
 
 /// The download that is under way, if any, and what has come of one that was broken off.
 #[derive(Debug, Default)]
 pub(super) struct Downloads {
     current: Option<Download>,
-    spare: BTreeMap<Name, Vec<u8>>,
+    spare: BTreeMap<ChunkHash, Vec<u8>>,
 }
 
 /// A snapshot that is being taken over.
 #[derive(Debug)]
 struct Download {
-    from: Origin,
+    from: ReplicaId,
     manifest: Manifest,
-    chunks: BTreeMap<Name, Vec<u8>>,
-    asked: BTreeSet<Name>,
+    chunks: BTreeMap<ChunkHash, Vec<u8>>,
+    asked: BTreeSet<ChunkHash>,
     /// How many are asked for at a time.
     window: usize,
     /// How long one took that was asked for alone.
@@ -56,7 +56,7 @@ struct Download {
 /// A state that has come as a whole.
 #[derive(Debug)]
 pub(super) struct Downloaded {
-    pub(super) from: Origin,
+    pub(super) from: ReplicaId,
     pub(super) manifest: Manifest,
     pub(super) state: State,
 }
@@ -66,17 +66,17 @@ impl Offer {
     pub(super) fn take(&mut self, contents: &Contents) -> Manifest {
         let log = contents.log();
         match &self.latest {
-            Some((cut, manifest)) if cut == log.cut() => manifest.clone(),
+            Some((vector, manifest)) if vector == log.vector() => manifest.clone(),
             _ => {
                 let (manifest, chunks) = snapshot::take(contents.state(), log.heads());
                 self.before = std::mem::replace(&mut self.chunks, chunks);
-                self.latest = Some((log.cut().clone(), manifest.clone()));
+                self.latest = Some((log.vector().clone(), manifest.clone()));
                 manifest
             }
         }
     }
 
-    pub(super) fn chunk(&self, name: Name) -> Option<Vec<u8>> {
+    pub(super) fn chunk(&self, name: ChunkHash) -> Option<Vec<u8>> {
         self.chunks.get(&name).or_else(|| self.before.get(&name)).cloned()
     }
 }
@@ -91,12 +91,12 @@ impl Downloads {
     }
 
     /// Begins one, unless one is under way.
-    pub(super) fn begin(&mut self, now: Time, (from, manifest): (Origin, Manifest), effects: &mut Vec<Effect>) {
+    pub(super) fn begin(&mut self, now: Time, (from, manifest): (ReplicaId, Manifest), effects: &mut Vec<Effect>) {
         if self.current.is_some() || manifest.chunks.len() > CHUNKS_MAX {
             return;
         }
         // Chunks of a download that was broken off may be in this one too.
-        let wanted: BTreeSet<Name> = manifest.chunks.iter().copied().collect();
+        let wanted: BTreeSet<ChunkHash> = manifest.chunks.iter().copied().collect();
         let mut chunks = std::mem::take(&mut self.spare);
         chunks.retain(|name, _| wanted.contains(name));
         let mut download = Download::new(now, from, manifest, chunks);
@@ -118,7 +118,7 @@ impl Downloads {
     pub(super) fn receive(
         &mut self,
         now: Time,
-        (from, name, bytes): (Origin, Name, Option<Vec<u8>>),
+        (from, name, bytes): (ReplicaId, ChunkHash, Option<Vec<u8>>),
         effects: &mut Vec<Effect>,
     ) {
         let Some(download) = self.current.as_mut() else { return };
@@ -127,7 +127,7 @@ impl Downloads {
         }
         let size: usize = download.chunks.values().map(Vec::len).sum();
         match bytes {
-            Some(bytes) if Name::of(&bytes) == name && size + bytes.len() <= DOWNLOAD_SIZE_MAX => {
+            Some(bytes) if ChunkHash::of(&bytes) == name && size + bytes.len() <= DOWNLOAD_SIZE_MAX => {
                 download.arrived(now, name, bytes);
                 effects.extend(download.ask());
             }
@@ -165,14 +165,14 @@ impl Downloads {
 }
 
 impl Download {
-    fn new(now: Time, from: Origin, manifest: Manifest, chunks: BTreeMap<Name, Vec<u8>>) -> Self {
+    fn new(now: Time, from: ReplicaId, manifest: Manifest, chunks: BTreeMap<ChunkHash, Vec<u8>>) -> Self {
         let (asked, wait) = (BTreeSet::new(), CHUNK_WAIT_MIN);
         let (since, until, alone) = (now, now + wait, Duration::ZERO);
         Self { from, manifest, chunks, asked, window: 1, alone, since, wait, until, tries: 0 }
     }
 
     /// A chunk has come: what it took is what the next one may take. On a slow radio there is one on its way at a time.
-    fn arrived(&mut self, now: Time, name: Name, bytes: Vec<u8>) {
+    fn arrived(&mut self, now: Time, name: ChunkHash, bytes: Vec<u8>) {
         self.chunks.insert(name, bytes);
         let took = now.since(self.since);
         self.alone = if self.window == 1 { took } else { self.alone };
@@ -198,11 +198,11 @@ impl Download {
     /// Returns the chunks to ask for now.
     fn ask(&mut self) -> Vec<Effect> {
         let missing = self.manifest.chunks.iter().filter(|name| !self.chunks.contains_key(name));
-        let new: Vec<Name> = missing.filter(|name| !self.asked.contains(name)).copied().collect();
+        let new: Vec<ChunkHash> = missing.filter(|name| !self.asked.contains(name)).copied().collect();
         let new = new.into_iter().take(self.window.saturating_sub(self.asked.len()));
         let from = self.from;
         let asked = &mut self.asked;
-        new.filter(|name| asked.insert(*name)).map(|name| Effect::Send(from, Message::Snap(name))).collect()
+        new.filter(|name| asked.insert(*name)).map(|name| Effect::Send(from, Message::ChunkRequest(name))).collect()
     }
 }
 
@@ -210,16 +210,16 @@ impl Download {
 mod tests {
     use super::*;
 
-    const PEER: Origin = Origin::new(1);
+    const PEER: ReplicaId = ReplicaId::new(1);
 
     /// Returns the state of a peer in two chunks, which are none.
     fn manifest() -> Manifest {
-        Manifest { heads: Vec::new(), state: 0, chunks: vec![Name::of(b"a"), Name::of(b"b")] }
+        Manifest { heads: Vec::new(), state: 0, chunks: vec![ChunkHash::of(b"a"), ChunkHash::of(b"b")] }
     }
 
-    fn asked_for(effects: &[Effect]) -> Vec<Name> {
+    fn asked_for(effects: &[Effect]) -> Vec<ChunkHash> {
         let name = |effect: &Effect| {
-            let Effect::Send(PEER, Message::Snap(name)) = effect else { return None };
+            let Effect::Send(PEER, Message::ChunkRequest(name)) = effect else { return None };
             Some(*name)
         };
         effects.iter().filter_map(name).collect()
@@ -229,7 +229,7 @@ mod tests {
     fn losses_are_not_taken_for_a_link_that_becomes_slower_and_slower() {
         let mut download = Download::new(Time::ZERO, PEER, manifest(), BTreeMap::new());
         let hour = Time::ZERO + Duration::from_secs(3600);
-        download.arrived(hour, Name::of(b"a"), b"a".to_vec());
+        download.arrived(hour, ChunkHash::of(b"a"), b"a".to_vec());
         let mut now = hour;
         for _ in 0..CHUNK_TRIES_MAX {
             now = download.until;
@@ -249,16 +249,16 @@ mod tests {
         }
         effects.clear();
         downloads.begin(Time::ZERO, (PEER, manifest()), &mut effects);
-        assert_eq!(asked_for(&effects), [Name::of(b"b")]);
+        assert_eq!(asked_for(&effects), [ChunkHash::of(b"b")]);
     }
 
     #[test]
     fn nothing_is_taken_that_was_not_asked_for_or_is_not_what_its_name_says() {
         let (mut downloads, mut effects) = (Downloads::default(), Vec::new());
         downloads.begin(Time::ZERO, (PEER, manifest()), &mut effects);
-        downloads.receive(Time::ZERO, (PEER, Name::of(b"x"), Some(b"x".to_vec())), &mut effects);
+        downloads.receive(Time::ZERO, (PEER, ChunkHash::of(b"x"), Some(b"x".to_vec())), &mut effects);
         assert!(downloads.is_on() && effects.len() == 1);
-        downloads.receive(Time::ZERO, (PEER, Name::of(b"a"), Some(b"x".to_vec())), &mut effects);
+        downloads.receive(Time::ZERO, (PEER, ChunkHash::of(b"a"), Some(b"x".to_vec())), &mut effects);
         assert!(!downloads.is_on());
         assert!(matches!(effects.last(), Some(Effect::Alarm(Alarm::Malformed(PEER)))), "{effects:?}");
     }
@@ -269,7 +269,7 @@ mod tests {
         downloads.begin(Time::ZERO, (PEER, manifest()), &mut effects);
         for bytes in [b"a", b"b"] {
             assert!(downloads.whole(&mut effects).is_none() && downloads.is_on());
-            downloads.receive(Time::ZERO, (PEER, Name::of(bytes), Some(bytes.to_vec())), &mut effects);
+            downloads.receive(Time::ZERO, (PEER, ChunkHash::of(bytes), Some(bytes.to_vec())), &mut effects);
         }
         assert!(downloads.whole(&mut effects).is_none() && !downloads.is_on());
         assert!(matches!(effects.last(), Some(Effect::Alarm(Alarm::Malformed(PEER)))), "{effects:?}");

@@ -4,10 +4,10 @@ use super::action::Action;
 use super::branch::is_set_back;
 use super::interface::{Alarm, Effect};
 use super::ledger::Ledger;
-use crate::logic::clock::Stamp;
-use crate::logic::cut::Origin;
+use crate::logic::clock::Timestamp;
 use crate::logic::message::{Chunk, Hello, Message};
 use crate::logic::txn::FORMAT;
+use crate::logic::version_vector::ReplicaId;
 
 /// What a hello comes to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -19,7 +19,7 @@ enum Greeting {
     /// The peer may have more than is here.
     Ahead,
     /// The peer is not known, and who has admitted it was retired.
-    Retired(Stamp),
+    Retired(Timestamp),
     /// The peer has less of its own chain than is known here, or another one.
     SetBack,
     /// The peer is a member with other transactions.
@@ -44,9 +44,9 @@ pub(super) fn of(ledger: &Ledger) -> Hello {
         format: FORMAT,
         member: ledger.is_member(),
         sponsors: contents.members().sponsors(me),
-        cut: log.cut().digest(),
+        vector: log.vector().digest(),
         chains: log.chains(),
-        held: ledger.pending().cut().digest(),
+        pending: ledger.pending().vector().digest(),
         state: contents.state().digest(),
         head: log.tip(me),
         wall: ledger.pipeline.wall(),
@@ -54,7 +54,7 @@ pub(super) fn of(ledger: &Ledger) -> Hello {
 }
 
 /// Returns what a hello of `from` comes to.
-fn judge(ledger: &Ledger, from: Origin, hello: &Hello) -> Greeting {
+fn judge(ledger: &Ledger, from: ReplicaId, hello: &Hello) -> Greeting {
     let (members, log) = (ledger.contents().members(), ledger.log());
     if from == ledger.identity.origin() {
         return if hello.boot == ledger.identity.boot() { Greeting::Ignored } else { Greeting::Copied };
@@ -66,16 +66,16 @@ fn judge(ledger: &Ledger, from: Origin, hello: &Hello) -> Greeting {
         return Greeting::Ahead;
     }
     if !members.is_active(from) {
-        let known = |origin: &&Origin| members.is_active(**origin) || members.retired(**origin).is_some();
+        let known = |origin: &&ReplicaId| members.is_active(**origin) || members.retired(**origin).is_some();
         let Some(sponsor) = hello.sponsors.iter().find(known) else { return Greeting::Ignored };
         // If a member has admitted it, from whom we have not heard of late, it can tell us itself.
         return members.retired(*sponsor).map_or(Greeting::Ahead, Greeting::Retired);
     }
     if is_set_back(hello.head, log.tip(from)) {
         Greeting::SetBack
-    } else if hello.cut == log.cut().digest() {
+    } else if hello.vector == log.vector().digest() {
         Greeting::Even {
-            buffers: hello.held != ledger.pending().cut().digest(),
+            buffers: hello.pending != ledger.pending().vector().digest(),
             same_chains: hello.chains == log.chains(),
             same_state: hello.state == ledger.contents().state().digest(),
         }
@@ -85,7 +85,7 @@ fn judge(ledger: &Ledger, from: Origin, hello: &Hello) -> Greeting {
 }
 
 /// Returns what to do about a hello of `from`.
-pub(super) fn react(ledger: &Ledger, from: Origin, hello: &Hello) -> Vec<Action> {
+pub(super) fn react(ledger: &Ledger, from: ReplicaId, hello: &Hello) -> Vec<Action> {
     let alarm = || Action::Emit(Effect::Alarm(Alarm::Diverged(from)));
     let mut actions = Vec::new();
     let greeting = judge(ledger, from, hello);
@@ -100,15 +100,15 @@ pub(super) fn react(ledger: &Ledger, from: Origin, hello: &Hello) -> Vec<Action>
         Greeting::SetBack => actions.push(Action::send(from, ledger.contents().tip_of(from))),
         Greeting::Ahead | Greeting::Differs => actions.push(Action::Ahead),
         Greeting::Even { buffers, same_chains, same_state } => {
-            let cut = ledger.log().cut();
-            actions.extend(ledger.behind(from, cut).map(|behind| Action::send(from, behind)));
-            actions.push(Action::Has(cut.clone()));
+            let vector = ledger.log().vector();
+            actions.extend(ledger.behind(from, vector).map(|behind| Action::send(from, behind)));
+            actions.push(Action::Has(vector.clone()));
             if buffers {
                 actions.push(Action::Ahead);
             }
             actions.push(if same_chains && same_state { Action::KnowsOwn } else { alarm() });
             if !same_chains {
-                actions.push(Action::send(from, ledger.contents().links_of(cut.iter())));
+                actions.push(Action::send(from, ledger.contents().links_of(vector.iter())));
             }
         }
     }
@@ -119,7 +119,7 @@ pub(super) fn react(ledger: &Ledger, from: Origin, hello: &Hello) -> Vec<Action>
 mod tests {
     use super::*;
     use crate::logic::replica::tests::{Team, put};
-    use crate::logic::txn::Link;
+    use crate::logic::txn::ChainHash;
 
     /// Returns what robot 0 makes of the hello of robot 1, after `change`.
     fn judged(team: &Team, change: impl FnOnce(&mut Hello)) -> Greeting {
@@ -144,7 +144,7 @@ mod tests {
         team.away.clear();
         team.run(20);
         assert_eq!(judged(&team, |hello| hello.head.0 -= 1), Greeting::SetBack);
-        assert_eq!(judged(&team, |hello| hello.head.1 = Link([9; 8])), Greeting::SetBack);
+        assert_eq!(judged(&team, |hello| hello.head.1 = ChainHash([9; 8])), Greeting::SetBack);
     }
 
     #[test]
@@ -162,11 +162,11 @@ mod tests {
         let team = Team::of(2);
         let (ledger, sponsor) = (&team.replicas[0].ledger, team.replicas[1].origin());
         let mut hello = of(&team.replicas[1].ledger);
-        let mut judge = |sponsors: &[Origin]| {
+        let mut judge = |sponsors: &[ReplicaId]| {
             hello.sponsors = sponsors.to_vec();
-            judge(ledger, Origin::new(77), &hello)
+            judge(ledger, ReplicaId::new(77), &hello)
         };
-        assert_eq!((judge(&[]), judge(&[Origin::new(78)])), (Greeting::Ignored, Greeting::Ignored));
-        assert_eq!(judge(&[Origin::new(78), sponsor]), Greeting::Ahead);
+        assert_eq!((judge(&[]), judge(&[ReplicaId::new(78)])), (Greeting::Ignored, Greeting::Ignored));
+        assert_eq!(judge(&[ReplicaId::new(78), sponsor]), Greeting::Ahead);
     }
 }

@@ -8,10 +8,10 @@
 //! origin as before, unless it says that this was retired: so a newcomer that nobody can answer costs the team one record for each
 //! member, and not one for each question.
 
-use crate::logic::cut::Origin;
 use crate::logic::message::Join;
 use crate::logic::random::Random;
 use crate::logic::record::{Batch, IdentityRecord, OpenError, Past};
+use crate::logic::version_vector::ReplicaId;
 
 /// How many origins of earlier lives are remembered.
 const PAST_MAX: usize = 256;
@@ -40,7 +40,7 @@ impl Identity {
             Some(record) if record.robot == robot => (record, false),
             Some(record) => return Err(OpenError::Robot { found: record.robot, expected: robot.to_owned() }),
             None if is_empty => {
-                let (origin, joining) = (Origin::new(random.next()), Origin::new(random.next()));
+                let (origin, joining) = (ReplicaId::new(random.next()), ReplicaId::new(random.next()));
                 let joining = Some(joining);
                 (IdentityRecord { origin, robot: robot.to_owned(), joining, ..IdentityRecord::default() }, true)
             }
@@ -49,7 +49,7 @@ impl Identity {
         Ok(Self { record, boot, proven: 0, changed })
     }
 
-    pub(super) fn origin(&self) -> Origin {
+    pub(super) fn origin(&self) -> ReplicaId {
         self.record.origin
     }
 
@@ -62,12 +62,12 @@ impl Identity {
     }
 
     /// Returns what it wants to be admitted as; `None` once it was.
-    pub(super) fn joining(&self) -> Option<Origin> {
+    pub(super) fn joining(&self) -> Option<ReplicaId> {
         self.record.joining
     }
 
     /// Returns whom it has asked for that.
-    pub(super) fn asked(&self) -> Option<Origin> {
+    pub(super) fn asked(&self) -> Option<ReplicaId> {
         self.record.asked
     }
 
@@ -78,7 +78,7 @@ impl Identity {
 
     /// Returns up to where others surely mean the same by the own numbers.
     pub(super) fn proven(&self) -> u64 {
-        self.proven.max(self.record.told)
+        self.proven.max(self.record.known_by_peers)
     }
 
     /// Returns what a sponsor is asked for, if it is to be asked.
@@ -96,28 +96,28 @@ impl Identity {
     }
 
     /// Gives up the origin, which may have used numbers `twice`, and returns it.
-    pub(super) fn begin_anew(&mut self, twice: bool, random: &mut Random) -> Origin {
+    pub(super) fn begin_anew(&mut self, twice: bool, random: &mut Random) -> ReplicaId {
         let record = &mut self.record;
         let from = record.origin;
         record.past.iter_mut().for_each(|past| past.asked = None);
-        record.past.push(Past { origin: from, told: record.told, twice, asked: None });
+        record.past.push(Past { origin: from, known_by_peers: record.known_by_peers, twice, asked: None });
         let asked_for = record.joining.filter(|_| record.asked.is_some());
         record.past.extend(asked_for.map(|origin| Past { origin, ..Past::default() }));
-        record.origin = Origin::new(random.next());
-        record.joining = Some(Origin::new(random.next()));
-        (record.asked, record.told) = (None, 0);
+        record.origin = ReplicaId::new(random.next());
+        record.joining = Some(ReplicaId::new(random.next()));
+        (record.asked, record.known_by_peers) = (None, 0);
         self.changed = true;
         from
     }
 
     /// Goes on as the origin that it wanted to be admitted as.
-    pub(super) fn admitted(&mut self, joining: Origin) {
+    pub(super) fn admitted(&mut self, joining: ReplicaId) {
         let record = &mut self.record;
         record.origin = joining;
-        (record.joining, record.asked, record.told) = (None, None, 0);
+        (record.joining, record.asked, record.known_by_peers) = (None, None, 0);
         self.proven = 0;
         // It says so to every later sponsor: a team that was given up too may have been the only one that knew.
-        record.past.iter_mut().for_each(|past| (past.told, past.twice, past.asked) = (u64::MAX, false, None));
+        record.past.iter_mut().for_each(|past| (past.known_by_peers, past.twice, past.asked) = (u64::MAX, false, None));
         let surplus = record.past.len().saturating_sub(PAST_MAX);
         record.past.drain(..surplus);
         self.changed = true;
@@ -131,37 +131,37 @@ impl Identity {
     }
 
     /// Asks a peer for admission, unless it is a member: each for another origin.
-    pub(super) fn asks(&mut self, peer: Origin, random: &mut Random) {
+    pub(super) fn asks(&mut self, peer: ReplicaId, random: &mut Random) {
         let record = &mut self.record;
         let Some(joining) = record.joining.filter(|_| record.asked != Some(peer)) else { return };
         if let Some(before) = record.asked.replace(peer) {
             let known = record.past.iter().position(|past| past.asked == Some(peer));
             let known = known.map(|index| record.past.remove(index).origin);
-            record.joining = Some(known.unwrap_or_else(|| Origin::new(random.next())));
+            record.joining = Some(known.unwrap_or_else(|| ReplicaId::new(random.next())));
             record.past.push(Past { origin: joining, asked: Some(before), ..Past::default() });
         }
         self.changed = true;
     }
 
     /// The origin that it asked `from` for was retired meanwhile: it wants another one. Returns whether it was so.
-    pub(super) fn wants_another(&mut self, from: Origin, random: &mut Random) -> bool {
+    pub(super) fn wants_another(&mut self, from: ReplicaId, random: &mut Random) -> bool {
         let Some(joining) = self.record.joining.filter(|_| self.record.asked == Some(from)) else { return false };
         self.record.past.push(Past { origin: joining, ..Past::default() });
-        self.record.joining = Some(Origin::new(random.next()));
+        self.record.joining = Some(ReplicaId::new(random.next()));
         self.changed = true;
         true
     }
 
     /// Knows that an origin has used numbers twice, without having written under it.
-    pub(super) fn knows_forked(&mut self, origin: Origin) {
+    pub(super) fn knows_forked(&mut self, origin: ReplicaId) {
         self.record.past.push(Past { origin, twice: true, ..Past::default() });
     }
 
     /// Remembers that others have all own transactions up to `head`. That one says so of a number is not enough: it may know
     /// another transaction by it, if the store was set back.
-    pub(super) fn told(&mut self, head: u64) {
-        if head > self.record.told && self.record.joining.is_none() {
-            self.record.told = head;
+    pub(super) fn set_known_by_peers(&mut self, head: u64) {
+        if head > self.record.known_by_peers && self.record.joining.is_none() {
+            self.record.known_by_peers = head;
             self.changed = true;
         }
     }
@@ -184,7 +184,7 @@ mod tests {
     #[test]
     fn each_sponsor_is_asked_for_an_origin_of_its_own_and_always_for_the_same() {
         let (mut me, mut random) = newcomer();
-        let (a, b) = (Origin::new(1), Origin::new(2));
+        let (a, b) = (ReplicaId::new(1), ReplicaId::new(2));
         let mut ask = |me: &mut Identity, peer| {
             me.asks(peer, &mut random);
             me.joining().unwrap()
@@ -202,15 +202,15 @@ mod tests {
         let (mut me, mut random) = newcomer();
         let before = me.origin();
         me.admitted(me.joining().unwrap());
-        me.told(7);
+        me.set_known_by_peers(7);
         let from = me.begin_anew(true, &mut random);
         let past = me.past().last().copied().unwrap();
-        assert_eq!((past.origin, past.told, past.twice), (from, 7, true));
+        assert_eq!((past.origin, past.known_by_peers, past.twice), (from, 7, true));
         assert!(from != before && me.joining().is_some());
-        me.told(9);
+        me.set_known_by_peers(9);
         assert_eq!(me.proven(), 0, "nobody knows what it writes until it is admitted");
         me.admitted(me.joining().unwrap());
-        assert_eq!(me.past().last().map(|past| (past.origin, past.told)), Some((from, u64::MAX)));
+        assert_eq!(me.past().last().map(|past| (past.origin, past.known_by_peers)), Some((from, u64::MAX)));
     }
 
     #[test]

@@ -1,10 +1,10 @@
-//! What a replica is started with, what it is told, and what it wants done.
+//! What a replica is started with, its inputs, and its effects.
 
 use crate::logic::clock::Wall;
-use crate::logic::cut::{Dot, Origin};
 use crate::logic::message::Message;
 use crate::logic::record::Batch;
-use crate::logic::txn::{Draft, Frame, TxnError};
+use crate::logic::txn::{Draft, EncodedTxn, TxnError};
+use crate::logic::version_vector::{Dot, ReplicaId};
 use comms::logic::time::Time;
 use std::collections::BTreeSet;
 use std::time::Duration;
@@ -22,7 +22,7 @@ pub struct Config {
 
 /// How far a transaction has to have got.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Level {
+pub enum AckLevel {
     /// It is on the disk here.
     Local,
     /// It is on the disks of so many other robots.
@@ -33,34 +33,34 @@ pub enum Level {
     Everywhere,
 }
 
-/// A wish to commit.
+/// A request to commit.
 #[derive(Clone, Debug)]
-pub struct Request {
+pub struct CommitRequest {
     /// Named in the answers.
     pub ticket: u64,
     /// What.
     pub draft: Draft,
     /// What the caller waits for.
-    pub level: Level,
+    pub level: AckLevel,
     /// Until when.
     pub until: Time,
 }
 
-/// What a replica is told.
+/// An input of a replica.
 #[derive(Clone, Debug)]
 pub enum Input {
     /// It begins; or it is time, as [`Replica::deadline`](super::Replica::deadline) asked for.
     Tick(Wall),
     /// Callers want to commit. Those that wait at the same time go to the disk together.
-    Commit(Vec<Request>, Wall),
+    Commit(Vec<CommitRequest>, Wall),
     /// A message has arrived.
-    Received(Origin, Message, Wall),
+    Received(ReplicaId, Message, Wall),
     /// Somebody has come, or come back: it is told at once what is here.
     Appeared(Wall),
     /// An operator: this is the first member of a team.
     Found(Wall),
     /// An operator: this origin will never write again.
-    Retire(Origin, Wall),
+    Retire(ReplicaId, Wall),
     /// An operator: dates have gone wrong, begin a new epoch.
     HealClock(Wall),
 }
@@ -84,22 +84,22 @@ pub enum Alarm {
     /// A transaction is dated far ahead of our trusted clock.
     ClockSuspect {
         /// Whose.
-        origin: Origin,
+        origin: ReplicaId,
         /// By how much.
         ahead_by: Duration,
     },
     /// An origin has used a number twice.
-    Fork(Origin),
+    Fork(ReplicaId),
     /// A peer has the same transactions and another state.
-    Diverged(Origin),
+    Diverged(ReplicaId),
     /// A peer writes a format that this program cannot read.
     NeedsUpgrade(u8),
     /// A peer sent what no peer sends.
-    Malformed(Origin),
+    Malformed(ReplicaId),
     /// We have to begin under a new origin.
     Rejoining {
         /// The one given up.
-        from: Origin,
+        from: ReplicaId,
     },
 }
 
@@ -111,11 +111,11 @@ pub enum Effect {
     /// Send this to everybody.
     Broadcast(Message),
     /// Send this to one.
-    Send(Origin, Message),
+    Send(ReplicaId, Message),
     /// Tell the caller of a ticket.
     Answer(u64, Answer),
     /// Tell watchers: this transaction is visible now.
-    Visible(Dot, Frame),
+    Visible(Dot, EncodedTxn),
     /// A transaction has a new name, since its origin had to be given up.
     Renamed(Dot, Dot),
     /// Watchers begin anew: the state was replaced by a snapshot.

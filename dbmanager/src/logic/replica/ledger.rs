@@ -1,24 +1,24 @@
 //! What a replica has and who it is: transactions are applied, committed, taken over and dropped here, all of it into one batch.
 //!
-//! *Rule.* [`Ledger::apply`] and [`Ledger::commit`] are the only ways into log and state. Frames are applied in the order in which
-//! they come; what does not fit is buffered, or pulled again.
+//! *Rule.* [`Ledger::apply`] and [`Ledger::commit`] are the only ways into log and state. Transactions are applied in
+//! the order in which they come; what does not fit is buffered, or pulled again.
 
 use super::commit::{Change, CommitPipeline};
 use super::contents::Contents;
 use super::download::Downloaded;
 use super::identity::Identity;
-use super::interface::{Alarm, Config, Effect, Level};
+use super::interface::{AckLevel, Alarm, Config, Effect};
 use super::pending::PendingTxns;
 use super::rebase::{self, Rest};
-use crate::logic::collect::{Acks, Stable};
-use crate::logic::cut::{Cut, Dot, Origin};
+use crate::logic::delta::DeltaPush;
+use crate::logic::gc::{Acks, Stable};
 use crate::logic::log::{Head, Log, Verdict};
 use crate::logic::member;
 use crate::logic::message::{Chunk, Message, PUSH_SIZE_MAX};
-use crate::logic::news::News;
 use crate::logic::random::Random;
-use crate::logic::record::{Batch, OpenError, Reading};
-use crate::logic::txn::{Draft, Frame, FrameError, TxnError};
+use crate::logic::record::{Batch, OpenError, StoredRecords};
+use crate::logic::txn::{CodecError, Draft, EncodedTxn, TxnError};
+use crate::logic::version_vector::{Dot, ReplicaId, VersionVector};
 use comms::logic::time::Time;
 use std::collections::BTreeMap;
 
@@ -34,22 +34,22 @@ pub(super) struct Ledger {
     batch: Batch,
     log_size: usize,
     /// Whether others do not know yet of what is new here.
-    news: bool,
+    changed: bool,
 }
 
 impl Ledger {
-    pub(super) fn open(config: &Config, stored: Reading, random: &mut Random) -> Result<Self, OpenError> {
+    pub(super) fn open(config: &Config, stored: StoredRecords, random: &mut Random) -> Result<Self, OpenError> {
         let (stored, log) = stored.finish()?;
         let identity = Identity::open(&config.robot, (stored.identity, stored.count == 0), random)?;
         Ok(Self {
             pipeline: CommitPipeline::new(identity.origin(), log.last_stamp(), stored.local),
             contents: Contents::new(log, stored.state),
             identity,
-            pending: PendingTxns::new(stored.held),
+            pending: PendingTxns::new(stored.pending),
             acks: Acks::default(),
             batch: Batch::default(),
             log_size: config.log_size,
-            news: false,
+            changed: false,
         })
     }
 
@@ -70,17 +70,17 @@ impl Ledger {
     }
 
     /// Returns the other members, with their robots.
-    pub(super) fn others(&self) -> impl Iterator<Item = (Origin, &str)> {
+    pub(super) fn others(&self) -> impl Iterator<Item = (ReplicaId, &str)> {
         self.contents.members().active().filter(|(origin, _)| *origin != self.identity.origin())
     }
 
     /// Returns what is here, applied or buffered.
-    pub(super) fn have(&self) -> Cut {
+    pub(super) fn have(&self) -> VersionVector {
         self.pending.with(self.contents.log())
     }
 
     pub(super) fn stable(&self) -> Stable {
-        self.acks.stable(self.identity.origin(), self.log().cut(), self.contents.members())
+        self.acks.stable(self.identity.origin(), self.log().vector(), self.contents.members())
     }
 
     /// Puts what is to be written before what was decided because of it.
@@ -97,9 +97,9 @@ impl Ledger {
     }
 
     /// Applies a transaction that may be next.
-    fn apply(&mut self, now: Time, frame: Frame, effects: &mut Vec<Effect>) -> Result<Verdict, FrameError> {
-        let txn = frame.open()?;
-        let verdict = self.log().judge(&txn, &frame);
+    fn apply(&mut self, now: Time, encoded: EncodedTxn, effects: &mut Vec<Effect>) -> Result<Verdict, CodecError> {
+        let txn = encoded.open()?;
+        let verdict = self.log().judge(&txn, &encoded);
         if verdict != Verdict::Next {
             return Ok(verdict);
         }
@@ -112,37 +112,38 @@ impl Ledger {
             effects.push(Effect::Alarm(Alarm::ClockSuspect { origin, ahead_by }));
         }
         let own = txn.context.get(me);
-        if own > self.identity.proven() && frame.seen().is_some_and(|said| self.log().seen(&txn.context) == Some(said))
+        if own > self.identity.proven()
+            && encoded.seen().is_some_and(|said| self.log().seen(&txn.context) == Some(said))
         {
             self.identity.proves(own);
         }
-        self.contents.enter(&txn, &frame, &mut self.batch);
-        effects.push(Effect::Visible(txn.dot(), frame));
+        self.contents.enter(&txn, &encoded, &mut self.batch);
+        effects.push(Effect::Visible(txn.dot(), encoded));
         Ok(verdict)
     }
 
-    /// Applies frames that a peer has sent; returns whether one could not be.
+    /// Applies transactions that a peer has sent; returns whether one could not be.
     pub(super) fn receive(
         &mut self,
         now: Time,
-        (from, frames): (Origin, Vec<Frame>),
+        (from, txns): (ReplicaId, Vec<EncodedTxn>),
         effects: &mut Vec<Effect>,
     ) -> bool {
         let mut missing = false;
-        let mut waiting: Vec<Origin> = Vec::new();
-        for frame in frames {
-            let txn = frame.open().ok();
+        let mut waiting: Vec<ReplicaId> = Vec::new();
+        for encoded in txns {
+            let txn = encoded.open().ok();
             let origin = txn.as_ref().map_or(from, |txn| txn.stamp.origin);
-            match self.apply(now, frame.clone(), effects) {
+            match self.apply(now, encoded.clone(), effects) {
                 Ok(Verdict::Next) if txn.as_ref().is_some_and(|txn| txn.wants_ack) && !waiting.contains(&origin) => {
                     waiting.push(origin);
                 }
                 Ok(Verdict::Next | Verdict::Known) => {}
-                Ok(Verdict::Early) => missing |= !self.buffer(&frame),
+                Ok(Verdict::Early) => missing |= !self.buffer(&encoded),
                 Ok(Verdict::Fork) => {
                     self.tell_fork(origin, effects);
                     if origin != from {
-                        let known = self.contents.links_of([(origin, self.log().cut().get(origin))]);
+                        let known = self.contents.links_of([(origin, self.log().vector().get(origin))]);
                         effects.push(Effect::Send(from, known));
                     }
                     missing = true;
@@ -152,45 +153,50 @@ impl Ledger {
                     effects.push(Effect::Send(from, self.contents.links_of(seen.iter())));
                     missing = true;
                 }
-                Err(FrameError::Format { format }) => {
+                Err(CodecError::Format { format }) => {
                     effects.push(Effect::Alarm(Alarm::NeedsUpgrade(format)));
-                    missing |= !self.buffer(&frame);
+                    missing |= !self.buffer(&encoded);
                 }
-                Err(FrameError::Long { .. } | FrameError::Body { .. }) => {
+                Err(CodecError::Long { .. } | CodecError::Body { .. }) => {
                     effects.push(Effect::Alarm(Alarm::Malformed(from)));
                     missing = true;
                 }
             }
         }
-        self.news |= !self.batch.is_empty();
-        let ack = |origin| Effect::Send(origin, Message::Ack(self.log().cut().clone()));
+        self.changed |= !self.batch.is_empty();
+        let ack = |origin| Effect::Send(origin, Message::Ack(self.log().vector().clone()));
         effects.extend(waiting.into_iter().map(ack));
         missing
     }
 
     /// Applies what a peer has written after the head that is known here; returns whether something is missing.
-    pub(super) fn receive_news(&mut self, now: Time, (from, news): (Origin, &News), effects: &mut Vec<Effect>) -> bool {
+    pub(super) fn receive_delta(
+        &mut self,
+        now: Time,
+        (from, push): (ReplicaId, &DeltaPush),
+        effects: &mut Vec<Effect>,
+    ) -> bool {
         let head = self.log().head(from).cloned().unwrap_or_default();
-        if let Some(frames) = news.frames(from, head, |cut| self.log().seen(cut)) {
-            return self.receive(now, (from, frames), effects);
+        if let Some(txns) = push.txns(from, head, |vector| self.log().seen(vector)) {
+            return self.receive(now, (from, txns), effects);
         }
-        let known = |seq| self.log().frame(Dot { origin: from, seq }).map(Frame::link);
-        let forks = news.links().any(|(seq, link)| known(seq).is_some_and(|known| known != link));
+        let known = |seq| self.log().encoded(Dot { origin: from, seq }).map(EncodedTxn::hash);
+        let forks = push.hashes().any(|(seq, hash)| known(seq).is_some_and(|known| known != hash));
         if forks {
             self.tell_fork(from, effects);
         }
-        forks || news.links().any(|(seq, _)| seq > self.log().cut().get(from))
+        forks || push.hashes().any(|(seq, _)| seq > self.log().vector().get(from))
     }
 
     /// An origin has used a number twice.
-    pub(super) fn tell_fork(&self, origin: Origin, effects: &mut Vec<Effect>) {
+    pub(super) fn tell_fork(&self, origin: ReplicaId, effects: &mut Vec<Effect>) {
         effects.push(Effect::Alarm(Alarm::Fork(origin)));
         effects.push(Effect::Send(origin, self.contents.tip_of(origin)));
     }
 
-    /// Buffers a frame that cannot be applied; returns whether that was possible, or it is buffered already.
-    pub(super) fn buffer(&mut self, frame: &Frame) -> bool {
-        self.pending.buffer(frame, self.contents.log(), &mut self.batch)
+    /// Buffers a transaction that cannot be applied; returns whether that was possible, or it is buffered already.
+    pub(super) fn buffer(&mut self, encoded: &EncodedTxn) -> bool {
+        self.pending.buffer(encoded, self.contents.log(), &mut self.batch)
     }
 
     /// Applies what can be read by now, and forgets what has come in another way.
@@ -199,38 +205,43 @@ impl Ledger {
             return;
         }
         let mut left = BTreeMap::new();
-        for (index, (dot, frame)) in self.pending.take() {
-            let done = matches!(self.apply(now, frame.clone(), effects), Ok(Verdict::Next | Verdict::Known));
-            if done || self.log().cut().contains(dot) {
-                self.batch.held(index, None);
+        for (index, (dot, encoded)) in self.pending.take() {
+            let done = matches!(self.apply(now, encoded.clone(), effects), Ok(Verdict::Next | Verdict::Known));
+            if done || self.log().vector().contains(dot) {
+                self.batch.pending(index, None);
             } else {
-                left.insert(index, (dot, frame));
+                left.insert(index, (dot, encoded));
             }
         }
         self.pending.keep(left);
     }
 
     /// Returns whether an origin may be retired: it is another's, none of its transactions is buffered, and it is not retired yet.
-    pub(super) fn may_retire(&self, origin: Origin) -> bool {
+    pub(super) fn may_retire(&self, origin: ReplicaId) -> bool {
         let retired = self.contents.members().retired(origin).is_some();
         origin != self.identity.origin() && !retired && !self.pending.has(origin)
     }
 
     /// Commits what a caller wants.
-    pub(super) fn commit_draft(&mut self, now: Time, draft: Draft, wants_ack: bool) -> Result<(Dot, Frame), TxnError> {
+    pub(super) fn commit_draft(
+        &mut self,
+        now: Time,
+        draft: Draft,
+        wants_ack: bool,
+    ) -> Result<(Dot, EncodedTxn), TxnError> {
         let change = self.pipeline.plan(draft, self.identity.robot(), &self.contents)?;
         self.commit(now, Change { wants_ack, ..change })
     }
 
     /// Gives a change its place in history, and applies it.
-    fn commit(&mut self, now: Time, change: Change) -> Result<(Dot, Frame), TxnError> {
-        let (txn, frame) = self.pipeline.seal(now, change, (self.identity.origin(), self.contents.log()))?;
-        self.contents.enter(&txn, &frame, &mut self.batch);
-        Ok((txn.dot(), frame))
+    fn commit(&mut self, now: Time, change: Change) -> Result<(Dot, EncodedTxn), TxnError> {
+        let (txn, encoded) = self.pipeline.seal(now, change, (self.identity.origin(), self.contents.log()))?;
+        self.contents.enter(&txn, &encoded, &mut self.batch);
+        Ok((txn.dot(), encoded))
     }
 
     /// Writes what never leaves the robot.
-    pub(super) fn commit_local(&mut self, now: Time, what: (&Draft, &Level)) -> Result<Dot, TxnError> {
+    pub(super) fn commit_local(&mut self, now: Time, what: (&Draft, &AckLevel)) -> Result<Dot, TxnError> {
         self.pipeline.write_local(now, what, &self.contents, &mut self.batch)
     }
 
@@ -246,11 +257,11 @@ impl Ledger {
         let (mut waiting, mut name) = (vec![rest], None);
         while let Some(rest) = waiting.pop() {
             match self.commit(now, rest.change()) {
-                Ok((dot, frame)) => {
-                    effects.push(Effect::Visible(dot, frame));
+                Ok((dot, encoded)) => {
+                    effects.push(Effect::Visible(dot, encoded));
                     name = Some(dot);
                 }
-                Err(TxnError::Frame(FrameError::Long { .. })) => waiting.extend(rest.shorter()),
+                Err(TxnError::Codec(CodecError::Long { .. })) => waiting.extend(rest.shorter()),
                 Err(_exhausted) => effects.push(Effect::Alarm(Alarm::Malformed(self.identity.origin()))),
             }
         }
@@ -261,9 +272,9 @@ impl Ledger {
     pub(super) fn commit_system(&mut self, now: Time, change: Change, effects: &mut Vec<Effect>) {
         let before = self.own_head();
         match self.commit(now, change) {
-            Ok((dot, frame)) => {
-                effects.push(Effect::Visible(dot, frame.clone()));
-                self.push((before, vec![frame]), effects);
+            Ok((dot, encoded)) => {
+                effects.push(Effect::Visible(dot, encoded.clone()));
+                self.push((before, vec![encoded]), effects);
             }
             Err(_exhausted) => effects.push(Effect::Alarm(Alarm::Malformed(self.identity.origin()))),
         }
@@ -275,51 +286,51 @@ impl Ledger {
     }
 
     /// Tells others of new transactions and the head before them, unless they are long: those are pulled.
-    pub(super) fn push(&mut self, (before, frames): (Head, Vec<Frame>), effects: &mut Vec<Effect>) {
-        if frames.is_empty() || !self.is_member() {
+    pub(super) fn push(&mut self, (before, txns): (Head, Vec<EncodedTxn>), effects: &mut Vec<Effect>) {
+        if txns.is_empty() || !self.is_member() {
             return;
         }
-        self.news = true;
-        let size: usize = frames.iter().map(Frame::size).sum();
+        self.changed = true;
+        let size: usize = txns.iter().map(EncodedTxn::size).sum();
         if size <= PUSH_SIZE_MAX {
-            let news = News::of(before, &frames);
-            effects.push(Effect::Broadcast(news.map_or(Message::Push(frames), Message::News)));
+            let push = DeltaPush::of(before, &txns);
+            effects.push(Effect::Broadcast(push.map_or(Message::Push(txns), Message::DeltaPush)));
         }
     }
 
     /// Returns whether others do not know yet of what is new here; from now on they do.
-    pub(super) fn take_news(&mut self) -> bool {
-        std::mem::take(&mut self.news)
+    pub(super) fn take_changed(&mut self) -> bool {
+        std::mem::take(&mut self.changed)
     }
 
     /// Takes over the state of a peer, and applies what is here and beyond it once more; who is admitted by that commits what else
     /// it had. Returns the new names of transactions.
     pub(super) fn install(&mut self, now: Time, whole: Downloaded, effects: &mut Vec<Effect>) -> BTreeMap<Dot, Dot> {
-        let (from, cut, joining) = (whole.from, whole.manifest.cut(), self.identity.joining());
+        let (from, vector, joining) = (whole.from, whole.manifest.vector(), self.identity.joining());
         let log = Log::new(whole.manifest.heads.into_iter().collect());
         let old = self.contents.replace(log, whole.state, &mut self.batch);
         self.pipeline.go_on_after(now, self.log().last_stamp());
         effects.push(Effect::Replaced);
         let joins = joining.is_some();
-        for (dot, frame) in old.log().in_order() {
-            if self.log().cut().contains(dot) || joins && !self.contents.members().is_active(dot.origin) {
+        for (dot, encoded) in old.log().in_order() {
+            if self.log().vector().contains(dot) || joins && !self.contents.members().is_active(dot.origin) {
                 continue;
             }
-            if !matches!(self.apply(now, frame.clone(), effects), Ok(Verdict::Next)) && !joins {
+            if !matches!(self.apply(now, encoded.clone(), effects), Ok(Verdict::Next)) && !joins {
                 effects.push(Effect::Alarm(Alarm::Fork(dot.origin)));
             }
         }
         let names = joining.map(|joining| self.rebase(now, (joining, &old), effects)).unwrap_or_default();
         self.acks.begin_anew();
-        self.acks.note(from, &cut);
+        self.acks.note(from, &vector);
         names
     }
 
-    /// Goes on as `joining`, with all of `old` that nobody else brings in; returns its new names.
+    /// Goes on as `joining`, with all of `old` that nobody else rebases; returns its new names.
     fn rebase(
         &mut self,
         now: Time,
-        (joining, old): (Origin, &Contents),
+        (joining, old): (ReplicaId, &Contents),
         effects: &mut Vec<Effect>,
     ) -> BTreeMap<Dot, Dot> {
         let arrivals = rebase::arrivals(old, &self.contents, (joining, &self.identity));
@@ -327,7 +338,7 @@ impl Ledger {
         self.pipeline.move_to(joining);
         let mut names = BTreeMap::new();
         let Some(arrivals) = arrivals else { return names };
-        // The first has the sponsor's cut as its context, so that none of the others is longer for that.
+        // The first has the sponsor's version vector as its context, so that none of the others is longer for that.
         self.commit_system(now, Change::system("come back", Vec::new()), effects);
         for (from, rest) in arrivals.rests {
             let name = self.commit_again(now, rest, effects);
@@ -341,16 +352,17 @@ impl Ledger {
     }
 
     /// Drops what nobody needs any more.
-    pub(super) fn collect(&mut self) {
-        self.acks.settle(self.contents.log().cut());
+    pub(super) fn gc(&mut self) {
+        self.acks.settle(self.contents.log().vector());
         if !self.is_member() {
             return;
         }
-        let mut stable = self.stable().cut;
+        let mut stable = self.stable().vector;
         if self.acks.drops(&stable) {
             self.contents.drop_deleted(&stable, &mut self.batch);
         }
-        // By the own numbers others may mean what they know from before a set-back; that shows as long as the frames are here.
+        // By the own numbers others may mean what they know from before a set-back; that shows as long as the
+        // transactions are here.
         let (me, proven) = (self.identity.origin(), self.identity.proven());
         if stable.get(me) > proven && self.contents.members().active().nth(1).is_some() {
             stable = stable.without(me);
@@ -361,8 +373,8 @@ impl Ledger {
 
     /// Returns what to answer a member who has less than it has said to have. Others may have dropped deletions because of
     /// that, so it must not go on under its name.
-    pub(super) fn behind(&self, from: Origin, cut: &Cut) -> Option<Message> {
-        let said = self.acks.said(from).filter(|said| !cut.dominates(said));
+    pub(super) fn behind(&self, from: ReplicaId, vector: &VersionVector) -> Option<Message> {
+        let said = self.acks.acked(from).filter(|said| !vector.dominates(said));
         said.map(|said| Message::Chunk(Chunk::Behind(said.clone())))
     }
 }

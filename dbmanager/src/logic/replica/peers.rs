@@ -4,11 +4,11 @@
 //! long after each silence, up to 12.8 s. How much is asked for at a time follows the speed of the link, so that neither
 //! an answer nor what is urgent is late on a slow one.
 
-use crate::logic::cut::Origin;
 use crate::logic::random::Random;
 use crate::logic::timing::{
     HELLO_PERIOD_MAX, HELLO_PERIOD_MIN, PULL_AFTER_PUSH, PULL_ANSWER_LATE_MAX, SILENCES_MAX, pull_pause,
 };
+use crate::logic::version_vector::ReplicaId;
 use comms::logic::pace::Pace;
 use comms::logic::time::Time;
 use std::collections::BTreeMap;
@@ -22,7 +22,7 @@ const PEERS_MAX: usize = 1024;
 /// What is known of the conversation with others.
 #[derive(Debug, Default)]
 pub(super) struct PeerTable {
-    peers: BTreeMap<Origin, Peer>,
+    peers: BTreeMap<ReplicaId, Peer>,
     hello_at: Time,
     /// Between the last two hellos; at the beginning none.
     hello_period: Duration,
@@ -106,11 +106,11 @@ impl PeerTable {
     }
 
     /// Forgets those who are no members, unless they may have more than is here.
-    pub(super) fn retain(&mut self, is_member: impl Fn(Origin) -> bool) {
+    pub(super) fn retain(&mut self, is_member: impl Fn(ReplicaId) -> bool) {
         self.peers.retain(|origin, peer| is_member(*origin) || peer.ahead || peer.pulling.is_some());
     }
 
-    fn peer(&mut self, origin: Origin) -> Option<&mut Peer> {
+    fn peer(&mut self, origin: ReplicaId) -> Option<&mut Peer> {
         if self.peers.len() >= PEERS_MAX && !self.peers.contains_key(&origin) {
             return None;
         }
@@ -118,31 +118,31 @@ impl PeerTable {
     }
 
     /// Returns the newest format that a peer reads, if it has said so.
-    pub(super) fn format(&self, origin: Origin) -> Option<u8> {
+    pub(super) fn format(&self, origin: ReplicaId) -> Option<u8> {
         self.peers.get(&origin)?.format
     }
 
     /// Takes note of the newest format that a peer reads.
-    pub(super) fn reads(&mut self, origin: Origin, format: u8) {
+    pub(super) fn reads(&mut self, origin: ReplicaId, format: u8) {
         if let Some(peer) = self.peer(origin) {
             peer.format = Some(format);
         }
     }
 
     /// A state of a peer was of no use; returns how many were in a row.
-    pub(super) fn dropped(&mut self, origin: Origin) -> u32 {
+    pub(super) fn dropped(&mut self, origin: ReplicaId) -> u32 {
         let Some(peer) = self.peers.get_mut(&origin) else { return 0 };
         peer.dropped = peer.dropped.saturating_add(1);
         peer.dropped
     }
 
     /// A peer has answered with transactions.
-    pub(super) fn served(&mut self, origin: Origin) {
+    pub(super) fn served(&mut self, origin: ReplicaId) {
         self.peers.entry(origin).and_modify(|peer| peer.dropped = 0);
     }
 
     /// A peer may have more than is here, and may be asked from then on.
-    pub(super) fn ahead(&mut self, origin: Origin, ask_at: Time) {
+    pub(super) fn ahead(&mut self, origin: ReplicaId, ask_at: Time) {
         if let Some(peer) = self.peer(origin) {
             peer.ask_at = if peer.ahead { peer.ask_at.min(ask_at) } else { peer.ask_at.max(ask_at) };
             peer.ahead = true;
@@ -150,12 +150,12 @@ impl PeerTable {
     }
 
     /// A peer has pushed what does not fit yet: what was before it may be on its way.
-    pub(super) fn pushed_early(&mut self, now: Time, origin: Origin) {
+    pub(super) fn pushed_early(&mut self, now: Time, origin: ReplicaId) {
         self.ahead(origin, now + PULL_AFTER_PUSH);
     }
 
     /// Notes an answer; returns whether one was waited for. One that was `full` shows how fast the link is.
-    pub(super) fn answered(&mut self, now: Time, origin: Origin, full: bool) -> bool {
+    pub(super) fn answered(&mut self, now: Time, origin: ReplicaId, full: bool) -> bool {
         let Some(peer) = self.peers.get_mut(&origin) else { return false };
         (peer.ahead, peer.silences) = (false, 0);
         let asked = peer.pulling.take().is_some();
@@ -173,11 +173,12 @@ impl PeerTable {
     pub(super) fn choose(
         &mut self,
         now: Time,
-        (pulls_max, sponsor): (usize, Option<Origin>),
+        (pulls_max, sponsor): (usize, Option<ReplicaId>),
         random: &mut Random,
-    ) -> Option<Origin> {
+    ) -> Option<ReplicaId> {
         let may = |peer: &Peer| peer.ahead && peer.pulling.is_none() && peer.ask_at <= now;
-        let ready: Vec<Origin> = self.peers.iter().filter(|(_, peer)| may(peer)).map(|(origin, _)| *origin).collect();
+        let ready: Vec<ReplicaId> =
+            self.peers.iter().filter(|(_, peer)| may(peer)).map(|(origin, _)| *origin).collect();
         let ready = self.one_sponsor(ready, sponsor);
         let choice = random.below(u64::try_from(ready.len()).unwrap_or(0));
         let chosen = usize::try_from(choice).ok().and_then(|choice| ready.get(choice)).copied();
@@ -185,7 +186,7 @@ impl PeerTable {
     }
 
     /// A peer is asked; returns for how many bytes.
-    pub(super) fn asked(&mut self, now: Time, origin: Origin) -> usize {
+    pub(super) fn asked(&mut self, now: Time, origin: ReplicaId) -> usize {
         let Some(peer) = self.peers.get_mut(&origin) else { return 0 };
         peer.pulling = Some(now + peer.pace.wait());
         peer.asked_at = peer.asked_at.filter(|at| now.since(*at) < PULL_ANSWER_LATE_MAX).or(Some(now));
@@ -196,7 +197,7 @@ impl PeerTable {
         self.peers.values().filter(|peer| peer.pulling.is_some()).count()
     }
 
-    fn one_sponsor(&mut self, mut ready: Vec<Origin>, sponsor: Option<Origin>) -> Vec<Origin> {
+    fn one_sponsor(&mut self, mut ready: Vec<ReplicaId>, sponsor: Option<ReplicaId>) -> Vec<ReplicaId> {
         let asked = sponsor.and_then(|sponsor| Some((sponsor, self.peers.get(&sponsor)?)));
         let asked = asked.filter(|(_, peer)| peer.ahead && peer.silences < SPONSOR_SILENCES_MAX);
         let Some((sponsor, until)) = asked.map(|(sponsor, peer)| (sponsor, peer.ask_at)) else { return ready };
@@ -212,8 +213,8 @@ impl PeerTable {
 mod tests {
     use super::*;
 
-    const A: Origin = Origin::new(1);
-    const B: Origin = Origin::new(2);
+    const A: ReplicaId = ReplicaId::new(1);
+    const B: ReplicaId = ReplicaId::new(2);
 
     fn at(millis: u64) -> Time {
         Time::ZERO + Duration::from_millis(millis)
@@ -241,7 +242,7 @@ mod tests {
     #[test]
     fn no_more_peers_are_asked_at_a_time_than_may_be() {
         let (mut table, mut random) = (PeerTable::default(), Random::new(1));
-        (1..=3).for_each(|peer| table.ahead(Origin::new(peer), Time::ZERO));
+        (1..=3).for_each(|peer| table.ahead(ReplicaId::new(peer), Time::ZERO));
         for _ in 0..2 {
             let peer = table.choose(at(1), (2, None), &mut random).unwrap();
             table.asked(at(1), peer);
@@ -288,7 +289,7 @@ mod tests {
     fn strangers_are_forgotten_and_do_not_use_up_all_places() {
         let mut table = PeerTable::default();
         for number in 0..2 * PEERS_MAX {
-            table.reads(Origin::new(10 + number as u64), 1);
+            table.reads(ReplicaId::new(10 + number as u64), 1);
         }
         assert_eq!(table.peers.len(), PEERS_MAX);
         table.retain(|_| false);

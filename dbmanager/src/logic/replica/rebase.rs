@@ -1,17 +1,18 @@
 //! Re-commits the transactions of a rejoining replica under its new origin.
 //!
-//! *Rule.* Brought in is what the old state and log have, the new ones have not, and no member brings in itself: the own
+//! *Rule.* Rebased is what the old state and log have, the new ones have not, and no member rebases itself: the own
 //! transactions, and those of origins that are no members. What that is, and why nothing is lost or hidden by it, is worked out
 //! in [`merge`]; here it becomes changes, which the replica commits under the admitted origin.
 //!
-//! The last of these transactions says up to where the old origins were brought in. So whoever comes back later with the same
-//! does not bring it once more, and an old name leads to a new one ([`Replica::name_of`](super::Replica::name_of)): to the transaction with which all
-//! that is left of it has arrived. If two come back at a time, with sponsors that do not hear of each other, both bring it:
-//! the copies have one stamp, and count as one among conflicts.
+//! The last of these transactions says up to where the old origins were rebased. So whoever comes back later with the
+//! same does not rebase it once more, and an old name leads to a new one
+//! ([`Replica::name_of`](super::Replica::name_of)): to the transaction with which all that is left of it has arrived.
+//! If two come back at a time, with sponsors that do not hear of each other, both rebase it: the copies have one
+//! timestamp, and count as one among conflicts.
 //!
 //! *Deletions.* Some replicas may have dropped deletions that the one who comes back had not seen, since it did not count any
 //! more. Each that was dropped anywhere before the admission was known was so with the sponsor's consent, hence is within
-//! the sponsor's cut, which is in the context of all that is brought in: and deletions in there are taken away.
+//! the sponsor's version vector, which is in the context of all that is rebased: and deletions in there are taken away.
 //!
 //! *What does not come along.* The records of the old team (`sys/members` and the like): who retired whom there is not asked
 //! here. Values that were overwritten before anybody here saw them; their transactions come along without writes, as long as
@@ -20,12 +21,12 @@
 use super::commit::Change;
 use super::contents::Contents;
 use super::identity::Identity;
-use crate::logic::cut::{Dot, Origin};
 use crate::logic::log::{Head, Log};
 use crate::logic::member;
 use crate::logic::merge::{self, Forked, Side};
 use crate::logic::record::Past;
 use crate::logic::txn::{Rebase, Require, Write};
+use crate::logic::version_vector::{Dot, ReplicaId};
 use std::collections::BTreeSet;
 
 /// What comes along.
@@ -33,11 +34,11 @@ use std::collections::BTreeSet;
 pub(super) struct Arrivals {
     /// What is left of each transaction, with the dot that it had; none for a deletion that had been dropped.
     pub(super) rests: Vec<(Option<Dot>, Rest)>,
-    /// The writes that say up to where the old origins were brought in.
+    /// The writes that say up to where the old origins were rebased.
     pub(super) records: Vec<Write>,
 }
 
-/// A transaction that is brought in, as far as it is not committed yet.
+/// A transaction that is rebased, as far as it is not committed yet.
 #[derive(Debug)]
 pub(super) struct Rest {
     rebase: Rebase,
@@ -47,16 +48,16 @@ pub(super) struct Rest {
 }
 
 /// Returns what of `old` has to be committed on `new` as `joining`, who is not admitted yet; `None` if that is nothing.
-pub(super) fn arrivals(old: &Contents, new: &Contents, (joining, me): (Origin, &Identity)) -> Option<Arrivals> {
+pub(super) fn arrivals(old: &Contents, new: &Contents, (joining, me): (ReplicaId, &Identity)) -> Option<Arrivals> {
     let forked = forked(old.log(), new.log(), me);
     let (old_side, new_side) = (side(old), side(new));
-    let pieces = merge::bring_in(old_side, new_side, &forked, joining);
+    let pieces = merge::rebase(old_side, new_side, &forked, joining);
     let arrival = merge::arrival(old_side, new_side, &forked);
     if arrival.is_empty() && pieces.is_empty() {
         return None;
     }
     let rest = |((stamp, from), writes): (merge::Source, merge::Piece)| {
-        let known = from.and_then(|dot| old.log().frame(dot)?.open().ok());
+        let known = from.and_then(|dot| old.log().encoded(dot)?.open().ok());
         let (reason, requires) = known.map(|txn| (txn.reason, txn.requires)).unwrap_or_default();
         let rebase = Rebase { from, stamp, takes: Vec::new() };
         (from, Rest { rebase, reason, requires, writes })
@@ -72,17 +73,17 @@ fn side(contents: &Contents) -> Side<'_> {
 /// Returns the origins that have used numbers twice, as far as the logs show, and the own ones that had to be given up
 /// for it: up to which number they mean the same here and there.
 fn forked(old: &Log, new: &Log, me: &Identity) -> Forked {
-    let other = |(origin, head): (&Origin, &Head)| {
-        let link = old.link(Dot { origin: *origin, seq: head.seq })?;
-        (link != head.link).then_some((*origin, 0))
+    let other = |(origin, head): (&ReplicaId, &Head)| {
+        let hash = old.hash(Dot { origin: *origin, seq: head.seq })?;
+        (hash != head.hash).then_some((*origin, 0))
     };
     let mut forked: Forked = new.heads().iter().filter_map(other).collect();
-    let past = me.past().iter().filter(|past| past.told < u64::MAX);
-    for Past { origin, told, twice, .. } in past {
+    let past = me.past().iter().filter(|past| past.known_by_peers < u64::MAX);
+    for Past { origin, known_by_peers, twice, .. } in past {
         // Who knows less of its own transactions than others was set back.
-        let behind = old.cut().get(*origin) < new.cut().get(*origin);
+        let behind = old.vector().get(*origin) < new.vector().get(*origin);
         if *twice || behind || forked.contains_key(origin) {
-            forked.insert(*origin, *told);
+            forked.insert(*origin, *known_by_peers);
         }
     }
     forked
@@ -122,16 +123,16 @@ impl Rest {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::logic::clock::Stamp;
+    use crate::logic::clock::Timestamp;
     use crate::logic::key::Key;
     use crate::logic::txn::Condition;
 
     #[test]
     fn what_does_not_fit_is_taken_apart_and_nothing_is_left_out() {
-        let dot = |seq| Dot { origin: Origin::new(1), seq };
+        let dot = |seq| Dot { origin: ReplicaId::new(1), seq };
         let key = |name: u64| Key::new(format!("k{name}")).unwrap();
         let write = |name| (Write { key: key(name), value: None }, BTreeSet::from([dot(name), dot(9)]));
-        let rebase = Rebase { from: None, stamp: Stamp::default(), takes: Vec::new() };
+        let rebase = Rebase { from: None, stamp: Timestamp::default(), takes: Vec::new() };
         let requires = vec![Require { key: key(0), condition: Condition::Absent }];
         let rest = Rest { rebase, reason: "r".into(), requires, writes: (1..=3).map(write).collect() };
         let (mut waiting, mut done) = (vec![rest], Vec::new());
@@ -151,7 +152,7 @@ mod tests {
     }
 
     fn empty() -> Rest {
-        let rebase = Rebase { from: None, stamp: Stamp::default(), takes: Vec::new() };
+        let rebase = Rebase { from: None, stamp: Timestamp::default(), takes: Vec::new() };
         Rest { rebase, reason: String::new(), requires: Vec::new(), writes: Vec::new() }
     }
 }

@@ -1,46 +1,46 @@
-//! What a member answers to a question for transactions, and to a wish to be admitted; and how a team begins.
+//! What a member answers to a question for transactions, and to a request to be admitted; and how a team begins.
 
 use super::action::Action;
 use super::commit::Change;
 use super::interface::{Alarm, Effect};
 use super::ledger::Ledger;
-use crate::logic::cut::Origin;
 use crate::logic::member;
 use crate::logic::message::{CHUNK_SIZE_MAX, Chunk, Join, Message, Pull};
+use crate::logic::version_vector::ReplicaId;
 
 /// How many origins one admission replaces.
 const REPLACED_MAX: usize = 1024;
 
 /// Answers a question for transactions.
-pub(super) fn pull(ledger: &Ledger, from: Origin, pull: &Pull) -> Vec<Action> {
+pub(super) fn pull(ledger: &Ledger, from: ReplicaId, pull: &Pull) -> Vec<Action> {
     if !ledger.is_member() {
         return Vec::new();
     }
     if let Some(join) = &pull.join {
         return admission(ledger, from, join);
     }
-    if pull.cut.get(from) < ledger.log().cut().get(from) {
+    if pull.vector.get(from) < ledger.log().vector().get(from) {
         return vec![Action::send(from, ledger.contents().tip_of(from))];
     }
-    if let Some(behind) = ledger.behind(from, &pull.cut) {
+    if let Some(behind) = ledger.behind(from, &pull.vector) {
         return vec![Action::send(from, behind)];
     }
     let mut actions = Vec::new();
     // Of two that were admitted by others that are gone neither knows the other: it is answered, but does not count.
     if ledger.contents().members().is_active(from) {
-        actions.push(Action::Has(pull.cut.clone()));
+        actions.push(Action::Has(pull.vector.clone()));
     }
-    if !ledger.have().dominates(&pull.cut) {
+    if !ledger.have().dominates(&pull.vector) {
         actions.push(Action::Ahead);
     }
     let size_max = usize::try_from(pull.size_max).unwrap_or(CHUNK_SIZE_MAX).min(CHUNK_SIZE_MAX);
-    let frames = beyond(ledger, pull, size_max);
-    actions.push(frames.map_or(Action::Offer, |frames| Action::send(from, Message::Chunk(frames))));
+    let txns = beyond(ledger, pull, size_max);
+    actions.push(txns.map_or(Action::Offer, |txns| Action::send(from, Message::Chunk(txns))));
     actions
 }
 
 /// Admits somebody.
-fn admission(ledger: &Ledger, from: Origin, join: &Join) -> Vec<Action> {
+fn admission(ledger: &Ledger, from: ReplicaId, join: &Join) -> Vec<Action> {
     let (origin, members) = (join.origin, ledger.contents().members());
     if from != origin {
         return vec![Action::Emit(Effect::Alarm(Alarm::Malformed(from)))];
@@ -62,48 +62,48 @@ fn admission(ledger: &Ledger, from: Origin, join: &Join) -> Vec<Action> {
 
 /// Returns what makes this the first member of a team, alone or with what is left of one that had no members but itself.
 pub(super) fn founding(ledger: &Ledger) -> Option<Change> {
-    let given_up = |origin: &Origin| ledger.identity.past().iter().any(|past| past.origin == *origin);
-    let before: Vec<Origin> = ledger.contents().members().active().map(|(origin, _)| origin).collect();
+    let given_up = |origin: &ReplicaId| ledger.identity.past().iter().any(|past| past.origin == *origin);
+    let before: Vec<ReplicaId> = ledger.contents().members().active().map(|(origin, _)| origin).collect();
     ledger.identity.joining().filter(|_| before.iter().all(given_up))?;
     let admission = member::admission(ledger.identity.origin(), ledger.identity.robot());
     let retired = before.into_iter().filter_map(member::retirement);
     Some(Change::system("found the team", admission.into_iter().chain(retired).collect()))
 }
 
-/// Returns frames that a peer lacks, about `size_max` bytes of them; `None` if some that it needs are gone.
+/// Returns transactions that a peer lacks, about `size_max` bytes of them; `None` if some that it needs are gone.
 fn beyond(ledger: &Ledger, pull: &Pull, size_max: usize) -> Option<Chunk> {
-    let mut theirs = pull.cut.clone();
-    theirs.join(&pull.held);
-    let (mut frames, mut more) = ledger.log().beyond(&theirs, size_max)?;
+    let mut theirs = pull.vector.clone();
+    theirs.join(&pull.pending);
+    let (mut txns, mut more) = ledger.log().beyond(&theirs, size_max)?;
     if !more {
         let (pending, rest) = ledger.pending().beyond(&theirs, size_max);
-        frames.extend(pending);
+        txns.extend(pending);
         more = rest;
     }
-    Some(Chunk::Frames { cut: ledger.log().cut().clone(), frames, more })
+    Some(Chunk::Txns { vector: ledger.log().vector().clone(), txns, more })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::logic::cut::Cut;
     use crate::logic::replica::tests::{Team, put};
+    use crate::logic::version_vector::VersionVector;
 
-    fn question(cut: Cut, join: Option<Join>) -> Pull {
-        Pull { cut, held: Cut::default(), size_max: 1 << 20, join }
+    fn question(vector: VersionVector, join: Option<Join>) -> Pull {
+        Pull { vector, pending: VersionVector::default(), size_max: 1 << 20, join }
     }
 
     #[test]
     fn a_newcomer_is_admitted_under_its_own_name_once_and_what_it_was_is_retired() {
         let team = Team::of(2);
         let ledger = &team.replicas[0].ledger;
-        let (new, before, me) = (Origin::new(77), Origin::new(78), ledger.identity.origin());
+        let (new, before, me) = (ReplicaId::new(77), ReplicaId::new(78), ledger.identity.origin());
         let join = |origin| Some(Join { origin, robot: "r7".into(), replaces: vec![before, me] });
-        let admit = |from, origin| pull(ledger, from, &question(Cut::default(), join(origin)));
+        let admit = |from, origin| pull(ledger, from, &question(VersionVector::default(), join(origin)));
         let [Action::Commit(change), Action::Offer] = &admit(new, new)[..] else { panic!("it is admitted") };
         let keys: Vec<_> = change.writes.iter().map(|write| write.key.clone()).collect();
         assert_eq!(keys, [member::admission(new, "").unwrap().key, member::retirement(before).unwrap().key]);
-        assert!(matches!(admit(Origin::new(79), new)[..], [Action::Emit(Effect::Alarm(_))]));
+        assert!(matches!(admit(ReplicaId::new(79), new)[..], [Action::Emit(Effect::Alarm(_))]));
         let known = team.replicas[1].origin();
         assert!(matches!(admit(known, known)[..], [Action::Offer]));
     }
@@ -114,17 +114,17 @@ mod tests {
         team.away.insert(1);
         team.commit(0, put("team/a", b"1"));
         let (ledger, from) = (&team.replicas[0].ledger, team.replicas[1].origin());
-        let cut = team.replicas[1].log().cut().clone();
-        let served = pull(ledger, from, &question(cut.clone(), None));
-        let [Action::Has(_), Action::Emit(Effect::Send(_, Message::Chunk(Chunk::Frames { frames, .. })))] = &served[..]
+        let vector = team.replicas[1].log().vector().clone();
+        let served = pull(ledger, from, &question(vector.clone(), None));
+        let [Action::Has(_), Action::Emit(Effect::Send(_, Message::Chunk(Chunk::Txns { txns, .. })))] = &served[..]
         else {
             panic!("{served:?}")
         };
-        assert_eq!(frames.len(), 1);
-        let mut more = cut;
-        more.join(&[(Origin::new(77), 1)].into_iter().collect());
+        assert_eq!(txns.len(), 1);
+        let mut more = vector;
+        more.join(&[(ReplicaId::new(77), 1)].into_iter().collect());
         assert!(pull(ledger, from, &question(more, None)).iter().any(|action| matches!(action, Action::Ahead)));
-        let less = pull(ledger, from, &question(Cut::default(), None));
+        let less = pull(ledger, from, &question(VersionVector::default(), None));
         assert!(matches!(
             less[..],
             [Action::Emit(Effect::Send(_, Message::Chunk(Chunk::Behind(_) | Chunk::Fork { .. })))]

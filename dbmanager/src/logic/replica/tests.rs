@@ -1,12 +1,14 @@
 //! A few replicas that hear each other at once, on virtual time.
 
 use super::*;
-use crate::logic::clock::{Quality, Stamp, Wall};
+use crate::logic::clock::{Quality, Timestamp, Wall};
 use crate::logic::key::Key;
 use crate::logic::log::Head;
 use crate::logic::record::{Batch, Records};
 use crate::logic::state::Version;
-use crate::logic::txn::{Condition, Draft, Frame, Grant, TXN_SIZE_MAX, Txn, TxnError, VALUE_SIZE_MAX, Value, Write};
+use crate::logic::txn::{
+    Condition, Draft, EncodedTxn, Grant, TXN_SIZE_MAX, Txn, TxnError, VALUE_SIZE_MAX, Value, Write,
+};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::time::Duration;
 
@@ -17,7 +19,7 @@ pub(super) const WALL: Wall = Wall { millis: 1_790_000_000_000, quality: Quality
 pub(super) struct Team {
     pub(super) replicas: Vec<Replica>,
     pub(super) disks: Vec<Records>,
-    mail: VecDeque<(usize, Origin, Message)>,
+    mail: VecDeque<(usize, ReplicaId, Message)>,
     pub(super) answers: Vec<Answer>,
     pub(super) alarms: Vec<(usize, Alarm)>,
     /// Who hears nobody.
@@ -95,7 +97,7 @@ impl Team {
     }
 
     pub(super) fn commit(&mut self, node: usize, draft: Draft) -> Answer {
-        let request = Request { ticket: 0, draft, level: Level::Local, until: self.now };
+        let request = CommitRequest { ticket: 0, draft, level: AckLevel::Local, until: self.now };
         self.answers.clear();
         self.input(node, Input::Commit(vec![request], WALL));
         self.answers.remove(0)
@@ -105,8 +107,8 @@ impl Team {
         self.replicas[node].state().versions(&key(name))
     }
 
-    fn frames(&self, node: usize) -> Vec<Txn> {
-        self.replicas[node].log().in_order().iter().map(|(_, frame)| frame.open().unwrap()).collect()
+    fn txns(&self, node: usize) -> Vec<Txn> {
+        self.replicas[node].log().in_order().iter().map(|(_, encoded)| encoded.open().unwrap()).collect()
     }
 }
 
@@ -162,8 +164,8 @@ fn owner_takeover_old_owner_isolated_keeps_writing() {
     for node in 0..3 {
         assert_eq!(team.versions(node, "team/arm/late").len(), 1, "kept");
         assert_eq!(team.replicas[node].owners().find(&key("team/arm/x")).unwrap().1.grant, Some(grant));
-        let frames = team.frames(node);
-        let late = frames.iter().find(|txn| txn.writes.iter().any(|write| write.key == key("team/arm/late"))).unwrap();
+        let txns = team.txns(node);
+        let late = txns.iter().find(|txn| txn.writes.iter().any(|write| write.key == key("team/arm/late"))).unwrap();
         let [fence] = &late.requires[..] else { panic!("it relied on one grant: {late:?}") };
         assert_eq!(fence.key, key("sys/own/team/arm"));
         assert!(fence.condition != Condition::Is(grant) && !late.context.contains(grant), "which the races list");
@@ -176,18 +178,18 @@ fn unknown_format_relay() {
     let mut team = Team::of(3);
     let commit = |team: &mut Team, name: &str| {
         let Answer::Committed(dot) = team.commit(1, put(name, b"1")) else { panic!("nothing forbids it") };
-        team.replicas[1].log().frame(dot).unwrap().clone()
+        team.replicas[1].log().encoded(dot).unwrap().clone()
     };
     team.away.extend([0, 1, 2]);
     let (newer, after) = (commit(&mut team, "team/a"), commit(&mut team, "team/b"));
-    let newer = Frame { format: 9, body: [newer.body, vec![1, 2]].concat() };
+    let newer = EncodedTxn { format: 9, body: [newer.body, vec![1, 2]].concat() };
     let mut after = after.open().unwrap();
-    after.prev = newer.link();
-    let after = Frame::seal(&after).unwrap();
+    after.prev = newer.hash();
+    let after = EncodedTxn::seal(&after).unwrap();
     let from = team.replicas[1].origin();
-    let cut = team.replicas[0].log().cut().clone();
-    for frame in [&newer, &newer, &after] {
-        team.input(0, Input::Received(from, Message::Push(vec![frame.clone()]), WALL));
+    let vector = team.replicas[0].log().vector().clone();
+    for encoded in [&newer, &newer, &after] {
+        team.input(0, Input::Received(from, Message::Push(vec![encoded.clone()]), WALL));
     }
     assert!(team.alarms.contains(&(0, Alarm::NeedsUpgrade(9))), "{:?}", team.alarms);
     // It goes on after a restart, and passes both on; the third holds them too.
@@ -197,8 +199,8 @@ fn unknown_format_relay() {
     for node in [0, 2] {
         let replica = &team.replicas[node];
         assert_eq!(
-            (replica.log().cut(), replica.ledger.pending().beyond(&Cut::default(), 1 << 20).0.len()),
-            (&cut, 2),
+            (replica.log().vector(), replica.ledger.pending().beyond(&VersionVector::default(), 1 << 20).0.len()),
+            (&vector, 2),
             "{node}"
         );
         assert!(team.versions(node, "team/b").is_empty(), "it comes after what nobody here can read");
@@ -214,8 +216,8 @@ fn what_was_held_is_applied_once_it_can_be_read() {
     assert_eq!(team.replicas[0].team_format(), FORMAT);
     team.away.insert(1);
     let Answer::Committed(dot) = team.commit(1, put("team/a", b"1")) else { panic!() };
-    let frame = team.replicas[1].log().frame(dot).unwrap().clone();
-    assert!(team.replicas[0].ledger.buffer(&frame) && team.replicas[0].ledger.buffer(&frame));
+    let encoded = team.replicas[1].log().encoded(dot).unwrap().clone();
+    assert!(team.replicas[0].ledger.buffer(&encoded) && team.replicas[0].ledger.buffer(&encoded));
     team.run(20);
     assert_eq!(team.versions(0, "team/a").len(), 1);
     assert!(!team.disks[0].keys().any(|name| name[0] == b'o'));
@@ -255,10 +257,10 @@ fn a_transaction_as_long_as_may_be_comes_along_whole() {
     team.run(120);
     let name = team.replicas[2].name_of(dot);
     for replica in &team.replicas {
-        let held = names.map(|name| replica.state().get(&key(name)).map(|version| version.stamp));
-        assert!(held[0].is_some() && held.iter().all(|stamp| *stamp == held[0]), "{held:?}");
-        assert!(name != dot && replica.log().cut().contains(name) && replica.name_of(dot) == name);
-        assert!(replica.has_reached(dot, &Level::Everywhere) || replica.origin() != team.replicas[0].origin());
+        let pending = names.map(|name| replica.state().get(&key(name)).map(|version| version.stamp));
+        assert!(pending[0].is_some() && pending.iter().all(|stamp| *stamp == pending[0]), "{pending:?}");
+        assert!(name != dot && replica.log().vector().contains(name) && replica.name_of(dot) == name);
+        assert!(replica.has_reached(dot, &AckLevel::Everywhere) || replica.origin() != team.replicas[0].origin());
     }
 }
 
@@ -303,7 +305,7 @@ fn strangers_do_not_use_up_the_places_of_members() {
     let mut hello = hello::of(&team.replicas[0].ledger);
     for (number, member) in (0..4096).zip([false, true].into_iter().cycle()) {
         hello.member = member;
-        team.input(0, Input::Received(Origin::new(1 << 40 | number), Message::Hello(hello.clone()), WALL));
+        team.input(0, Input::Received(ReplicaId::new(1 << 40 | number), Message::Hello(hello.clone()), WALL));
     }
     team.commit(1, put("team/a", b"1"));
     team.away.clear();
@@ -315,21 +317,21 @@ fn strangers_do_not_use_up_the_places_of_members() {
 fn what_belongs_to_one_robot_stays_there_whatever_others_send() {
     let mut team = Team::of(2);
     let from = team.replicas[1].origin();
-    let stamp = Stamp { epoch: 0, hlc: WALL.millis << 17, origin: from };
+    let stamp = Timestamp { epoch: 0, hlc: WALL.millis << 17, origin: from };
     let (seq, prev) = team.replicas[1].log().tip(from);
     let txn = Txn {
         stamp,
         seq: seq + 1,
         prev,
         wall: WALL,
-        context: team.replicas[1].log().cut().clone().without(from),
+        context: team.replicas[1].log().vector().clone().without(from),
         reason: String::new(),
         requires: Vec::new(),
         writes: vec![Write { key: key("local/x"), value: Some(b"1".into()) }],
         wants_ack: false,
         rebase: None,
     };
-    team.input(0, Input::Received(from, Message::Push(vec![Frame::seal(&txn).unwrap()]), WALL));
+    team.input(0, Input::Received(from, Message::Push(vec![EncodedTxn::seal(&txn).unwrap()]), WALL));
     assert_eq!((team.versions(0, "local/x").len(), team.replicas[0].local().len()), (1, 0));
     assert_eq!(Replica::open(team.config(0), &team.disks[0]).err(), None, "its store opens");
 }
@@ -341,13 +343,14 @@ fn a_condition_on_a_key_of_this_robot_is_checked_there_and_not_told() {
     let draft = |condition| Draft::new("").require(key("local/armed"), condition).put(key("team/a"), b"1");
     assert!(matches!(team.commit(0, draft(Condition::Absent)), Answer::Refused(_)));
     assert!(matches!(team.commit(0, draft(Condition::Exists)), Answer::Committed(_)));
-    assert_eq!(team.frames(0).last().map(|txn| txn.requires.len()), Some(0));
+    assert_eq!(team.txns(0).last().map(|txn| txn.requires.len()), Some(0));
 }
 
 #[test]
 fn nobody_else_can_have_what_stays_here() {
     let mut team = Team::of(2);
-    let request = Request { ticket: 7, draft: put("local/x", b"1"), level: Level::Everywhere, until: team.now };
+    let request =
+        CommitRequest { ticket: 7, draft: put("local/x", b"1"), level: AckLevel::Everywhere, until: team.now };
     team.input(0, Input::Commit(vec![request], WALL));
     assert!(matches!(team.answers[..], [Answer::Refused(TxnError::Stays { .. })]), "{:?}", team.answers);
 }
@@ -356,7 +359,7 @@ fn nobody_else_can_have_what_stays_here() {
 fn healed_clocks_are_healed_everywhere_and_stay_so() {
     let mut team = Team::of(2);
     let far = Wall { millis: 4_070_908_800_000, quality: Quality::Network };
-    let request = Request { ticket: 0, draft: put("team/a", b"1"), level: Level::Local, until: team.now };
+    let request = CommitRequest { ticket: 0, draft: put("team/a", b"1"), level: AckLevel::Local, until: team.now };
     team.input(1, Input::Commit(vec![request], far));
     team.run(30);
     team.input(0, Input::HealClock(WALL));
@@ -364,7 +367,7 @@ fn healed_clocks_are_healed_everywhere_and_stay_so() {
     team.replicas[0] = Replica::open(team.config(0), &team.disks[0].clone()).unwrap();
     let epoch = |team: &mut Team, node: usize| {
         team.commit(node, put("team/b", b"1"));
-        team.frames(node).last().map(|txn| txn.stamp.epoch)
+        team.txns(node).last().map(|txn| txn.stamp.epoch)
     };
     assert_eq!((epoch(&mut team, 0), epoch(&mut team, 1)), (Some(1), Some(1)));
 }
@@ -376,8 +379,8 @@ fn who_is_retired_is_not_as_long_as_something_of_it_cannot_be_read() {
     team.run(60);
     team.away.insert(2);
     let Answer::Committed(dot) = team.commit(2, put("team/a", b"1")) else { panic!("it is not committed") };
-    let readable = team.replicas[2].log().frame(dot).unwrap().clone();
-    let newer = Frame { format: 9, body: readable.body.clone() };
+    let readable = team.replicas[2].log().encoded(dot).unwrap().clone();
+    let newer = EncodedTxn { format: 9, body: readable.body.clone() };
     team.input(1, Input::Received(dot.origin, Message::Push(vec![newer]), WALL));
     team.input(1, Input::Retire(dot.origin, WALL));
     team.input(0, Input::Retire(dot.origin, WALL));
@@ -385,19 +388,19 @@ fn who_is_retired_is_not_as_long_as_something_of_it_cannot_be_read() {
     let retired = |team: &Team, node: usize| team.replicas[node].members().retired(dot.origin).is_some();
     // The other one has passed on by then what it cannot read.
     assert_eq!((retired(&team, 0), retired(&team, 1)), (true, false));
-    assert!(!team.replicas[1].ledger.pending().cut().is_empty());
+    assert!(!team.replicas[1].ledger.pending().vector().is_empty());
 }
 
 #[test]
 fn a_store_of_a_newer_program_is_not_damaged() {
     let mut team = Team::of(1);
     let Answer::Committed(last) = team.commit(0, put("team/a", b"1")) else { panic!("it is not committed") };
-    // What that would have left: its frame in the log, and the head with its link.
+    // What that would have left: its transaction in the log, and the head with its hash.
     let log = team.replicas[0].log();
-    let newer = Frame { format: 9, body: log.frame(last).unwrap().body.clone() };
+    let newer = EncodedTxn { format: 9, body: log.encoded(last).unwrap().body.clone() };
     let mut batch = Batch::default();
-    batch.frame(last, 1 << 20, &newer);
-    batch.head(last.origin, &Head { link: newer.link(), ..log.head(last.origin).unwrap().clone() });
+    batch.encoded(last, 1 << 20, &newer);
+    batch.head(last.origin, &Head { hash: newer.hash(), ..log.head(last.origin).unwrap().clone() });
     batch.apply(&mut team.disks[0]);
     assert_eq!(Replica::open(team.config(0), &team.disks[0]).err(), Some(OpenError::Newer));
 }
@@ -410,9 +413,9 @@ impl Team {
     }
 
     fn values(&self, node: usize, name: &str) -> Vec<u8> {
-        // Copies of one write have one stamp, and count as one.
+        // Copies of one write have one timestamp, and count as one.
         let value = |version: &Version| Some((version.stamp, version.value.as_ref()?.bytes[0]));
-        let values: BTreeMap<Stamp, u8> = self.versions(node, name).iter().filter_map(value).collect();
+        let values: BTreeMap<Timestamp, u8> = self.versions(node, name).iter().filter_map(value).collect();
         let mut values: Vec<u8> = values.into_values().collect();
         values.sort_unstable();
         values
@@ -441,9 +444,9 @@ fn used_twice(count: usize, away: &[usize]) -> Team {
 fn what_was_written_under_numbers_used_before_is_not_overwritten_by_who_never_saw_it() {
     let mut team = used_twice(3, &[]);
     team.away.clear();
-    let frames = team.replicas[2].log().in_order().into_iter().map(|(_, frame)| frame.clone()).collect();
+    let txns = team.replicas[2].log().in_order().into_iter().map(|(_, encoded)| encoded.clone()).collect();
     let (from, origin) = (team.replicas[2].origin(), team.replicas[1].origin());
-    team.input(1, Input::Received(from, Message::Push(frames), WALL));
+    team.input(1, Input::Received(from, Message::Push(txns), WALL));
     assert_eq!(team.values(1, "team/a"), b"7", "the other one is not taken yet");
     team.run(120);
     for node in 0..3 {

@@ -1,8 +1,8 @@
 //! Who waits for a transaction to get further.
 
-use super::interface::{Answer, Effect, Level};
+use super::interface::{AckLevel, Answer, Effect};
 use super::ledger::Ledger;
-use crate::logic::cut::{Dot, Origin};
+use crate::logic::version_vector::{Dot, ReplicaId};
 use comms::logic::time::Time;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -11,7 +11,7 @@ const WAITING_MAX: usize = 1024;
 
 /// The callers that wait, by ticket: for which transaction, how far, and until when.
 #[derive(Debug, Default)]
-pub(super) struct Tickets(BTreeMap<u64, (Dot, Level, Time)>);
+pub(super) struct Tickets(BTreeMap<u64, (Dot, AckLevel, Time)>);
 
 impl Tickets {
     pub(super) fn deadline(&self) -> Option<Time> {
@@ -19,7 +19,7 @@ impl Tickets {
     }
 
     /// Lets a caller wait; returns whether there is a place, and time.
-    pub(super) fn wait(&mut self, now: Time, ticket: u64, (dot, level, until): (Dot, Level, Time)) -> bool {
+    pub(super) fn wait(&mut self, now: Time, ticket: u64, (dot, level, until): (Dot, AckLevel, Time)) -> bool {
         let waits = self.0.len() < WAITING_MAX && until > now;
         if waits {
             self.0.insert(ticket, (dot, level, until));
@@ -28,7 +28,7 @@ impl Tickets {
     }
 
     /// Tells callers how far their transactions have got by now, and whose time is over.
-    pub(super) fn settle(&mut self, now: Time, reached: impl Fn(Dot, &Level) -> bool, effects: &mut Vec<Effect>) {
+    pub(super) fn settle(&mut self, now: Time, reached: impl Fn(Dot, &AckLevel) -> bool, effects: &mut Vec<Effect>) {
         self.0.retain(|ticket, (dot, level, until)| {
             let answer = if reached(*dot, level) {
                 Answer::Reached(*dot)
@@ -51,24 +51,24 @@ impl Tickets {
 }
 
 /// Returns whether a transaction has got this far, as far as is known here.
-pub(super) fn has_reached(ledger: &Ledger, dot: Dot, level: &Level) -> bool {
+pub(super) fn has_reached(ledger: &Ledger, dot: Dot, level: &AckLevel) -> bool {
     let (me, dot) = (ledger.identity.origin(), ledger.contents().name_of(dot));
-    let here = ledger.log().cut().contains(dot);
-    let has = |origin: Origin| origin == me || ledger.acks.said(origin).is_some_and(|cut| cut.contains(dot));
+    let here = ledger.log().vector().contains(dot);
+    let has = |origin: ReplicaId| origin == me || ledger.acks.acked(origin).is_some_and(|vector| vector.contains(dot));
     let robots = || {
         let reached = ledger.others().filter(|(origin, _)| has(*origin));
         reached.map(|(_, robot)| robot).collect::<BTreeSet<_>>()
     };
     here && match level {
-        Level::Local => true,
-        Level::Replicated(count) => {
+        AckLevel::Local => true,
+        AckLevel::Replicated(count) => {
             robots().iter().filter(|robot| **robot != ledger.identity.robot()).count() >= *count
         }
-        Level::On(names) => {
+        AckLevel::On(names) => {
             let reached = robots();
             names.iter().all(|name| *name == ledger.identity.robot() || reached.contains(name.as_str()))
         }
-        Level::Everywhere => ledger.is_member() && ledger.others().all(|(origin, _)| has(origin)),
+        AckLevel::Everywhere => ledger.is_member() && ledger.others().all(|(origin, _)| has(origin)),
     }
 }
 
@@ -80,11 +80,11 @@ mod tests {
     #[test]
     fn each_caller_hears_once_that_it_is_done_or_that_its_time_is_over() {
         let (mut tickets, mut effects) = (Tickets::default(), Vec::new());
-        let dot = |seq| Dot { origin: Origin::new(1), seq };
+        let dot = |seq| Dot { origin: ReplicaId::new(1), seq };
         let later = Time::ZERO + Duration::from_secs(1);
-        assert!(!tickets.wait(later, 9, (dot(9), Level::Everywhere, later)), "its time is over");
+        assert!(!tickets.wait(later, 9, (dot(9), AckLevel::Everywhere, later)), "its time is over");
         for ticket in 1..=3 {
-            assert!(tickets.wait(Time::ZERO, ticket, (dot(ticket), Level::Everywhere, later)));
+            assert!(tickets.wait(Time::ZERO, ticket, (dot(ticket), AckLevel::Everywhere, later)));
         }
         tickets.rename(&BTreeMap::from([(dot(2), dot(20))]));
         tickets.settle(Time::ZERO, |dot, _| dot.seq == 20, &mut effects);
@@ -106,10 +106,10 @@ mod tests {
     #[test]
     fn no_more_wait_than_there_are_places() {
         let mut tickets = Tickets::default();
-        let dot = Dot { origin: Origin::new(1), seq: 1 };
+        let dot = Dot { origin: ReplicaId::new(1), seq: 1 };
         let until = Time::ZERO + Duration::from_secs(1);
-        let waiting =
-            (0..2 * WAITING_MAX as u64).filter(|ticket| tickets.wait(Time::ZERO, *ticket, (dot, Level::Local, until)));
+        let waiting = (0..2 * WAITING_MAX as u64)
+            .filter(|ticket| tickets.wait(Time::ZERO, *ticket, (dot, AckLevel::Local, until)));
         assert_eq!(waiting.count(), WAITING_MAX);
     }
 }

@@ -1,7 +1,7 @@
 //! Laws of the merge rule, against a fold of the set of transactions.
 
 use super::*;
-use crate::logic::cut::Origin;
+use crate::logic::version_vector::ReplicaId;
 use proptest::prelude::*;
 use std::collections::BTreeMap;
 
@@ -9,8 +9,8 @@ use std::collections::BTreeMap;
 #[derive(Clone, Debug)]
 struct Event {
     dot: Dot,
-    stamp: Stamp,
-    context: Cut,
+    stamp: Timestamp,
+    context: VersionVector,
     writes: Vec<Write>,
 }
 
@@ -29,22 +29,22 @@ fn key(number: u8) -> Key {
 
 /// Runs a history: in each step one origin learns all that another knows, and commits.
 fn events(steps: Vec<Step>) -> Vec<Event> {
-    let mut cuts = vec![Cut::default(); 3];
+    let mut vectors = vec![VersionVector::default(); 3];
     let mut clocks = [0_u64; 3];
     let mut events = Vec::new();
     for (who, other, changes) in steps {
         let (me, peer) = (usize::from(who), usize::from(other));
-        let known = cuts[peer].clone();
-        cuts[me].join(&known);
+        let known = vectors[peer].clone();
+        vectors[me].join(&known);
         clocks[me] = clocks[me].max(clocks[peer]) + 1;
-        let origin = Origin::new(u64::from(who) + 1);
-        let dot = Dot { origin, seq: cuts[me].get(origin) + 1 };
+        let origin = ReplicaId::new(u64::from(who) + 1);
+        let dot = Dot { origin, seq: vectors[me].get(origin) + 1 };
         let writes: BTreeMap<u8, bool> = changes.into_iter().collect();
         let value = |put: bool| put.then(|| Value::from(&dot.seq.to_le_bytes()));
         let writes = writes.into_iter().map(|(k, put)| Write { key: key(k), value: value(put) }).collect();
-        let stamp = Stamp { epoch: 0, hlc: clocks[me], origin };
-        events.push(Event { dot, stamp, context: cuts[me].clone(), writes });
-        cuts[me].include(dot);
+        let stamp = Timestamp { epoch: 0, hlc: clocks[me], origin };
+        events.push(Event { dot, stamp, context: vectors[me].clone(), writes });
+        vectors[me].include(dot);
     }
     events
 }
@@ -53,15 +53,16 @@ fn events(steps: Vec<Step>) -> Vec<Event> {
 fn run(events: &[Event], choices: &[u8]) -> State {
     let mut state = State::default();
     let mut left: Vec<&Event> = events.iter().collect();
-    let mut cut = Cut::default();
+    let mut vector = VersionVector::default();
     let mut choices = choices.iter().copied().cycle();
     while !left.is_empty() {
-        let ready = |event: &&Event| cut.dominates(&event.context) && cut.get(event.dot.origin) + 1 == event.dot.seq;
+        let ready =
+            |event: &&Event| vector.dominates(&event.context) && vector.get(event.dot.origin) + 1 == event.dot.seq;
         let ready: Vec<usize> = (0..left.len()).filter(|index| ready(&left[*index])).collect();
         assert!(!ready.is_empty(), "T7: among the missing ones the first by causality can always be applied");
         let event = left.remove(ready[usize::from(choices.next().unwrap_or(0)) % ready.len()]);
-        state.apply(event.dot, event.stamp, Seen { context: &event.context, only: None }, &event.writes);
-        cut.include(event.dot);
+        state.apply(event.dot, event.stamp, CausalContext { context: &event.context, only: None }, &event.writes);
+        vector.include(event.dot);
     }
     state
 }
@@ -100,7 +101,7 @@ proptest! {
     fn what_was_deleted_for_everybody_can_be_dropped(steps in history()) {
         let mut state = run(&events(steps), &[]);
         let before = state.clone();
-        let everything = (1..4).map(|origin| (Origin::new(origin), u64::MAX)).collect();
+        let everything = (1..4).map(|origin| (ReplicaId::new(origin), u64::MAX)).collect();
         state.drop_deleted(&everything);
         prop_assert_eq!(&state, &before);
         prop_assert_eq!(state.digest(), before.digest());
@@ -112,11 +113,11 @@ proptest! {
 fn concurrent(count: u64) -> State {
     let mut state = State::default();
     for number in 1..=count {
-        let origin = Origin::new(number);
-        let stamp = Stamp { epoch: 0, hlc: number, origin };
+        let origin = ReplicaId::new(number);
+        let stamp = Timestamp { epoch: 0, hlc: number, origin };
         let writes = [Write { key: key(0), value: Some((&number.to_le_bytes()).into()) }];
-        let context = Cut::default();
-        state.apply(Dot { origin, seq: 1 }, stamp, Seen { context: &context, only: None }, &writes);
+        let context = VersionVector::default();
+        state.apply(Dot { origin, seq: 1 }, stamp, CausalContext { context: &context, only: None }, &writes);
     }
     state
 }
@@ -125,10 +126,15 @@ fn concurrent(count: u64) -> State {
 fn a_100_way_conflict_on_one_key_is_kept_and_one_write_resolves_it() {
     let mut state = concurrent(100);
     assert_eq!((state.versions(&key(0)).len(), state.conflicts("").count()), (100, 1));
-    let context: Cut = (1..=100).map(|number| (Origin::new(number), 1)).collect();
-    let stamp = Stamp { epoch: 0, hlc: 101, origin: Origin::new(1) };
+    let context: VersionVector = (1..=100).map(|number| (ReplicaId::new(number), 1)).collect();
+    let stamp = Timestamp { epoch: 0, hlc: 101, origin: ReplicaId::new(1) };
     let writes = [Write { key: key(0), value: Some(b"y".into()) }];
-    state.apply(Dot { origin: Origin::new(1), seq: 2 }, stamp, Seen { context: &context, only: None }, &writes);
+    state.apply(
+        Dot { origin: ReplicaId::new(1), seq: 2 },
+        stamp,
+        CausalContext { context: &context, only: None },
+        &writes,
+    );
     assert_eq!((state.versions(&key(0)).len(), state.conflicts("").count()), (1, 0));
 }
 
@@ -136,7 +142,7 @@ fn a_100_way_conflict_on_one_key_is_kept_and_one_write_resolves_it() {
 fn conditions() {
     let check = |state: &State, condition| state.check(&Require { key: key(0), condition }).is_ok();
     let (none, one, two) = (State::default(), concurrent(1), concurrent(2));
-    let dot = |number| Condition::Is(Dot { origin: Origin::new(number), seq: 1 });
+    let dot = |number| Condition::Is(Dot { origin: ReplicaId::new(number), seq: 1 });
     assert_eq!([Condition::Absent, Condition::Exists, dot(1)].map(|c| check(&none, c)), [true, false, false]);
     assert_eq!([Condition::Absent, Condition::Exists, dot(1)].map(|c| check(&one, c)), [false, true, true]);
     assert_eq!([Condition::Absent, Condition::Exists, dot(2)].map(|c| check(&two, c)), [false, true, false]);
@@ -151,7 +157,8 @@ fn conditions() {
 fn utf8_prefix_edge() {
     let mut state = State::default();
     for name in ["a", "a/b", "a/é", "ab", "b"] {
-        let version = Version { dot: Dot { origin: Origin::new(1), seq: 1 }, stamp: Stamp::default(), value: None };
+        let version =
+            Version { dot: Dot { origin: ReplicaId::new(1), seq: 1 }, stamp: Timestamp::default(), value: None };
         state.restore(Key::new(name).unwrap(), vec![version]);
     }
     let scan = |prefix: &str| state.scan(prefix).map(|(key, _)| key.as_str().to_owned()).collect::<Vec<_>>();
@@ -165,14 +172,14 @@ fn utf8_prefix_edge() {
 #[test]
 fn the_same_resolution_twice_is_none() {
     let mut state = concurrent(2);
-    let context: Cut = [(Origin::new(1), 1), (Origin::new(2), 1)].into_iter().collect();
+    let context: VersionVector = [(ReplicaId::new(1), 1), (ReplicaId::new(2), 1)].into_iter().collect();
     for number in 1..=2 {
-        let origin = Origin::new(number);
-        let stamp = Stamp { epoch: 0, hlc: 10, origin };
+        let origin = ReplicaId::new(number);
+        let stamp = Timestamp { epoch: 0, hlc: 10, origin };
         let writes = [Write { key: key(0), value: Some(b"both".into()) }];
-        state.apply(Dot { origin, seq: 2 }, stamp, Seen { context: &context, only: None }, &writes);
+        state.apply(Dot { origin, seq: 2 }, stamp, CausalContext { context: &context, only: None }, &writes);
     }
     assert_eq!((state.versions(&key(0)).len(), state.is_conflict(&key(0))), (2, false));
-    let require = Require { key: key(0), condition: Condition::Is(Dot { origin: Origin::new(2), seq: 2 }) };
+    let require = Require { key: key(0), condition: Condition::Is(Dot { origin: ReplicaId::new(2), seq: 2 }) };
     assert_eq!(state.check(&require), Ok(()));
 }

@@ -1,20 +1,20 @@
-//! What nobody has settled: writes beside each other, and conditions that no longer held.
+//! What nobody has settled: concurrent writes, and conditions that no longer held.
 //!
 //! A *conflict* is a key with versions that differ. A *race* is a transaction that relied on a key, and another that
 //! had changed it before, in the one order of all, while neither had seen the other: both were committed, although the
 //! second would have been refused on one robot. So is a write below a prefix that was granted to another robot, if neither
-//! has seen the other: of these no stamp says which was first, since the owner after the one in the order of stamps may
+//! has seen the other: of these no timestamp says which was first, since the owner after the one in the order of timestamps may
 //! have decided before. No database that takes writes while it is cut off can prevent any of them; this one lists them. They
 //! are over when somebody writes the key having seen both.
 
 use super::past::{Past, When, has_seen};
 use super::value::Datum;
-use crate::logic::clock::Stamp;
-use crate::logic::cut::{Cut, Dot, Origin};
+use crate::logic::clock::Timestamp;
 use crate::logic::key::Key;
 use crate::logic::owner::{self, prefixes};
 use crate::logic::state::Version;
 use crate::logic::txn::{Condition, Require, Txn, Write};
+use crate::logic::version_vector::{Dot, ReplicaId, VersionVector};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -75,7 +75,7 @@ pub struct Party {
 struct Touch {
     dot: Dot,
     from: Option<Dot>,
-    stamp: Stamp,
+    stamp: Timestamp,
     condition: Option<Condition>,
     deletes: Option<bool>,
 }
@@ -85,14 +85,14 @@ struct Granted {
     dot: Dot,
     /// Those of its other lives, too.
     names: BTreeSet<Dot>,
-    stamp: Stamp,
+    stamp: Timestamp,
     robot: Option<String>,
-    /// Nothing if only what was brought in from another life is left of it.
-    seen: Option<Cut>,
+    /// Nothing if only what was rebased from another life is left of it.
+    seen: Option<VersionVector>,
 }
 
-/// The grants of each prefix, in the order of their stamps.
-type Grants = BTreeMap<String, BTreeMap<Stamp, Granted>>;
+/// The grants of each prefix, in the order of their timestamps.
+type Grants = BTreeMap<String, BTreeMap<Timestamp, Granted>>;
 
 /// How many hexadecimal digits name what somebody has seen: enough that writes that were not seen never have the same.
 const SEEN_DIGITS: usize = 12;
@@ -124,7 +124,7 @@ impl Past<'_> {
     }
 
     fn sibling(&self, version: &Version) -> Sibling {
-        let txn = self.log.frame(version.dot).and_then(|frame| frame.open().ok());
+        let txn = self.log.encoded(version.dot).and_then(|encoded| encoded.open().ok());
         let unknown = When { millis: version.stamp.millis(), trusted: false };
         Sibling {
             dot: version.dot,
@@ -149,7 +149,7 @@ impl Past<'_> {
                 granted.seen = granted.seen.take().or_else(|| txn.rebase.is_none().then(|| seen.clone()));
             }
         });
-        let mut touches: BTreeMap<Key, BTreeMap<Origin, Vec<Touch>>> = BTreeMap::new();
+        let mut touches: BTreeMap<Key, BTreeMap<ReplicaId, Vec<Touch>>> = BTreeMap::new();
         let mut races: Vec<(Key, Dot, Option<Condition>, Dot)> = Vec::new();
         self.walk(&BTreeMap::new(), |txn, seen| {
             let fences: BTreeMap<&str, Dot> = txn.requires.iter().filter_map(fence).collect();
@@ -159,10 +159,10 @@ impl Past<'_> {
                 if relied_on.contains(key) {
                     let earlier = touches.entry(key.clone()).or_default();
                     // Of each origin, what was not seen is the end of its chain.
-                    let beside = earlier
+                    let concurrent = earlier
                         .values()
                         .flat_map(|chain| chain.iter().rev().take_while(|other| !has_seen(txn, seen, other.dot)));
-                    let races = beside.filter_map(|other| race(&touch, other).or_else(|| race(other, &touch)));
+                    let races = concurrent.filter_map(|other| race(&touch, other).or_else(|| race(other, &touch)));
                     found.extend(races.take(room).map(|(relied, on, changed)| (relied, Some(on), changed)));
                 }
                 if touch.deletes.is_some() {
@@ -188,7 +188,7 @@ impl Past<'_> {
     /// `fence` is by which prefix and grant the writer went.
     fn unknown_grant<'a>(
         &self,
-        (txn, seen): (&Txn, &Cut),
+        (txn, seen): (&Txn, &VersionVector),
         (key, fence): (&Key, Option<(&str, Dot)>),
         grants: &'a Grants,
     ) -> Option<&'a Granted> {
@@ -211,7 +211,7 @@ impl Past<'_> {
     }
 
     fn party(&self, dot: Dot) -> Option<Party> {
-        let txn = self.log.frame(dot)?.open().ok()?;
+        let txn = self.log.encoded(dot)?.open().ok()?;
         let (by, when) = (self.robot(txn.written().origin), When::of(txn.wall, txn.written()));
         Some(Party { dot, by, when, reason: txn.reason })
     }
@@ -219,7 +219,7 @@ impl Past<'_> {
 
 impl Granted {
     /// Returns whether it has seen a transaction of these names, as far as is known.
-    fn saw(&self, names: &BTreeSet<Dot>, stamp: Stamp) -> bool {
+    fn saw(&self, names: &BTreeSet<Dot>, stamp: Timestamp) -> bool {
         self.seen.as_ref().map_or(stamp < self.stamp, |seen| names.iter().any(|dot| seen.contains(*dot)))
     }
 }

@@ -1,8 +1,8 @@
 //! What a caller wants to commit: changes and conditions, before they have a place in history.
 
-use crate::logic::cut::Dot;
 use crate::logic::key::{Key, Namespace};
-use crate::logic::txn::{CHANGES_MAX, Condition, FrameError, REASON_SIZE_MAX, Require, VALUE_SIZE_MAX, Value, Write};
+use crate::logic::txn::{CHANGES_MAX, CodecError, Condition, REASON_SIZE_MAX, Require, VALUE_SIZE_MAX, Value, Write};
+use crate::logic::version_vector::Dot;
 use std::collections::BTreeMap;
 use thiserror::Error;
 
@@ -57,7 +57,7 @@ pub enum TxnError {
     },
     /// Too long as a whole.
     #[error("the transaction does not fit")]
-    Frame(#[from] FrameError),
+    Codec(#[from] CodecError),
     /// The prefix belongs to somebody else, on whose robot the transaction can be tried.
     #[error("`{key}` may only be written on the robot `{owner}`")]
     NotOwner {
@@ -74,8 +74,8 @@ pub enum TxnError {
         /// Which key.
         key: Key,
     },
-    /// The clock has no stamp left.
-    #[error("the clock has come to its end: a peer has sent a stamp that nobody can have issued")]
+    /// The clock has no timestamp left.
+    #[error("the clock has come to its end: a peer has sent a timestamp that nobody can have issued")]
     Clock,
     /// It never leaves the robot, so no other robot can have it.
     #[error("`{key}` stays on this robot, so nobody else can have it")]

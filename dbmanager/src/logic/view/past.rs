@@ -2,27 +2,27 @@
 //!
 //! Both are read from the log, so they reach back as far as it does. Of two transactions that are kept, the later one
 //! in the order of application cannot have been seen by the earlier one; whether it has seen the earlier one is in its
-//! context. The frames carry contexts as differences, and what was cut off the log is missing from the sum. That is
-//! never a kept transaction: frames go in the order of application, and what a dropped one had seen was applied before
+//! context. The transactions carry contexts as differences, and what was cut off the log is missing from the sum. That is
+//! never a kept transaction: transactions go in the order of application, and what a dropped one had seen was applied before
 //! it.
 //!
-//! A transaction that was brought in from another life of its replica has lost its context. Of such a one it is only
-//! known which versions it took away and which it required; what else it had seen may be shown as beside it.
+//! A transaction that was rebased from another life of its replica has lost its context. Of such a one it is only
+//! known which versions it took away and which it required; what else it had seen may be shown as concurrent.
 
 use super::value::Datum;
-use crate::logic::clock::{Quality, Stamp, Wall};
-use crate::logic::cut::{Cut, Dot, Origin};
+use crate::logic::clock::{Quality, Timestamp, Wall};
 use crate::logic::key::Key;
 use crate::logic::log::{Head, Log};
 use crate::logic::member::Members;
 use crate::logic::state::State;
 use crate::logic::txn::{Condition, Require, Txn, Write};
+use crate::logic::version_vector::{Dot, ReplicaId, VersionVector};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, VecDeque};
 use std::fmt;
 use std::ops::Range;
 
-/// The most transactions that are named as beside one.
+/// The most transactions that are named as concurrent with one.
 const BESIDE_MAX: usize = 16;
 
 /// The dates that a clock which nobody keeps may be believed, in milliseconds since 1970: 2024, when nobody could have
@@ -42,7 +42,7 @@ pub struct When {
 
 /// One transaction, as people see it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Deed {
+pub struct HistoryEntry {
     /// Its name.
     pub dot: Dot,
     /// The robot, or the origin if its robot is not known.
@@ -56,7 +56,7 @@ pub struct Deed {
     /// How many other keys it changed.
     pub others: usize,
     /// Transactions that changed one of these keys without either having seen the other; only the first few.
-    pub beside: Vec<Dot>,
+    pub concurrent: Vec<Dot>,
     /// Its name before its robot had to begin under a new origin.
     pub before: Option<Dot>,
 }
@@ -127,25 +127,25 @@ impl Filter {
         Self { keys, by: None, from: None, until: None, limit }
     }
 
-    fn admits(&self, deed: &Deed, txn: &Txn) -> bool {
+    fn admits(&self, entry: &HistoryEntry, txn: &Txn) -> bool {
         let dated = When::dated(txn.wall, txn.written()).is_some();
-        self.from.is_none_or(|from| deed.when.millis >= from || !dated)
-            && self.until.is_none_or(|until| deed.when.millis < until)
-            && self.by.as_ref().is_none_or(|robot| *robot == deed.by)
+        self.from.is_none_or(|from| entry.when.millis >= from || !dated)
+            && self.until.is_none_or(|until| entry.when.millis < until)
+            && self.by.as_ref().is_none_or(|robot| *robot == entry.by)
     }
 }
 
 impl When {
     /// Returns when a transaction was committed.
-    pub fn of(wall: Wall, stamp: Stamp) -> Self {
+    pub fn of(wall: Wall, stamp: Timestamp) -> Self {
         let trusted = wall.quality >= Quality::Network;
-        // A stamp is above every date that its writer had seen: where no clock was kept, it may be the better guess.
+        // A timestamp is above every date that its writer had seen: where no clock was kept, it may be the better guess.
         Self { millis: Self::dated(wall, stamp).unwrap_or(stamp.millis()), trusted }
     }
 
     /// Returns the date of a transaction, in milliseconds since 1970; `None` if its clock showed none that may be right. Then
-    /// nothing is known but that it was not before [`Stamp::millis`].
-    pub(super) fn dated(wall: Wall, stamp: Stamp) -> Option<u64> {
+    /// nothing is known but that it was not before [`Timestamp::millis`].
+    pub(super) fn dated(wall: Wall, stamp: Timestamp) -> Option<u64> {
         match wall.quality {
             Quality::Network | Quality::Satellite => Some(wall.millis),
             Quality::Unset | Quality::Battery if PLAUSIBLE.contains(&wall.millis) => {
@@ -163,75 +163,78 @@ impl When {
 
 impl Past<'_> {
     /// Returns what was asked for, in the order in which it became visible here.
-    pub fn deeds(&self, filter: &Filter) -> Vec<Deed> {
-        let mut deeds: VecDeque<Deed> = VecDeque::new();
-        let mut writers: BTreeMap<Key, BTreeMap<Origin, Vec<Dot>>> = BTreeMap::new();
-        let mut beside: BTreeMap<Dot, Vec<Dot>> = BTreeMap::new();
+    pub fn history(&self, filter: &Filter) -> Vec<HistoryEntry> {
+        let mut history: VecDeque<HistoryEntry> = VecDeque::new();
+        let mut writers: BTreeMap<Key, BTreeMap<ReplicaId, Vec<Dot>>> = BTreeMap::new();
+        let mut concurrent: BTreeMap<Dot, Vec<Dot>> = BTreeMap::new();
         self.walk(&BTreeMap::new(), |txn, seen| {
-            let Some(deed) = self.deed(txn, &filter.keys) else { return };
-            for (key, _) in &deed.changes {
+            let Some(entry) = self.entry(txn, &filter.keys) else { return };
+            for (key, _) in &entry.changes {
                 let earlier = writers.entry(key.clone()).or_default();
                 // Of each origin, what was not seen is the end of its chain.
                 let unseen = earlier.values().flat_map(|chain| {
                     chain.iter().rev().take_while(|other| !has_seen(txn, seen, **other)).take(BESIDE_MAX)
                 });
-                for (one, two) in unseen.flat_map(|other| [(deed.dot, *other), (*other, deed.dot)]) {
-                    let names = beside.entry(one).or_default();
+                for (one, two) in unseen.flat_map(|other| [(entry.dot, *other), (*other, entry.dot)]) {
+                    let names = concurrent.entry(one).or_default();
                     if names.len() < BESIDE_MAX && !names.contains(&two) {
                         names.push(two);
                     }
                 }
-                earlier.entry(deed.dot.origin).or_default().push(deed.dot);
+                earlier.entry(entry.dot.origin).or_default().push(entry.dot);
             }
-            if filter.admits(&deed, txn) {
-                deeds.push_back(deed);
+            if filter.admits(&entry, txn) {
+                history.push_back(entry);
             }
-            if deeds.len() > filter.limit {
-                deeds.pop_front();
+            if history.len() > filter.limit {
+                history.pop_front();
             }
         });
-        let mark = |deed: Deed| Deed { beside: beside.remove(&deed.dot).unwrap_or_default(), ..deed };
-        deeds.into_iter().map(mark).collect()
+        let mark = |entry: HistoryEntry| HistoryEntry {
+            concurrent: concurrent.remove(&entry.dot).unwrap_or_default(),
+            ..entry
+        };
+        history.into_iter().map(mark).collect()
     }
 
     /// Returns a transaction as people see it, if it changed one of the keys.
-    pub(super) fn deed(&self, txn: &Txn, keys: &Keys) -> Option<Deed> {
+    pub(super) fn entry(&self, txn: &Txn, keys: &Keys) -> Option<HistoryEntry> {
         let (changes, others): (Vec<_>, Vec<_>) = txn.writes.iter().partition(|write| keys.contains(&write.key));
         if changes.is_empty() {
             return None;
         }
         let change = |write: &Write| (write.key.clone(), write.value.as_ref().map(Datum::of));
-        Some(Deed {
+        Some(HistoryEntry {
             dot: txn.dot(),
             by: self.robot(txn.written().origin),
             when: When::of(txn.wall, txn.written()),
             reason: txn.reason.clone(),
             changes: changes.into_iter().map(change).collect(),
             others: others.len(),
-            beside: Vec::new(),
+            concurrent: Vec::new(),
             before: txn.rebase.as_ref().and_then(|rebase| rebase.from),
         })
     }
 
     /// Returns the robot of an origin, retired ones included. If nobody has told, which is so of what was written before
-    /// joining, that is the robot that has brought it in; if nobody has, the origin itself.
-    pub fn robot(&self, origin: Origin) -> String {
+    /// joining, that is the robot that has rebased it; if nobody has, the origin itself.
+    pub fn robot(&self, origin: ReplicaId) -> String {
         let named = |origin| {
             let key = Key::new(format!("sys/members/{origin}")).ok()?;
             let Datum::Text(name) = Datum::of(self.state.versions(&key).last()?.value.as_ref()?) else { return None };
             Some(name)
         };
-        let brought = || named(Members::of(self.state).brought(origin)?.by.origin);
-        named(origin).or_else(brought).unwrap_or_else(|| origin.to_string())
+        let rebased = || named(Members::of(self.state).rebased(origin)?.by.origin);
+        named(origin).or_else(rebased).unwrap_or_else(|| origin.to_string())
     }
 
     /// Visits each kept transaction in the order of application, with what it had seen; `heads` are those from before.
-    pub(super) fn walk(&self, heads: &BTreeMap<Origin, Head>, mut visit: impl FnMut(&Txn, &Cut)) {
-        let mut contexts: BTreeMap<Origin, Cut> =
+    pub(super) fn walk(&self, heads: &BTreeMap<ReplicaId, Head>, mut visit: impl FnMut(&Txn, &VersionVector)) {
+        let mut contexts: BTreeMap<ReplicaId, VersionVector> =
             heads.iter().map(|(origin, head)| (*origin, head.context.clone())).collect();
-        for (_, frame) in self.log.in_order() {
+        for (_, encoded) in self.log.in_order() {
             // What cannot be read was not applied either.
-            let Ok(txn) = frame.open() else { continue };
+            let Ok(txn) = encoded.open() else { continue };
             let context = contexts.entry(txn.stamp.origin).or_default();
             context.go_on(txn.dot(), &txn.context);
             visit(&txn, context);
@@ -240,7 +243,7 @@ impl Past<'_> {
 }
 
 /// Returns whether a transaction, which has seen these, has seen another.
-pub(super) fn has_seen(txn: &Txn, seen: &Cut, other: Dot) -> bool {
+pub(super) fn has_seen(txn: &Txn, seen: &VersionVector, other: Dot) -> bool {
     match &txn.rebase {
         Some(rebase) => {
             let required = |require: &Require| require.condition == Condition::Is(other);

@@ -83,7 +83,7 @@ pub enum SchemaError {
     },
 }
 
-/// All schemas of a team, at one cut.
+/// All schemas of a team, at one version vector.
 #[derive(Clone, Debug, Default)]
 pub struct Schemas {
     by_pattern: BTreeMap<String, Schema>,

@@ -1,10 +1,10 @@
 //! How far others are behind: counted in transactions and bytes, and since when.
 //!
-//! A member that lacks something keeps old things from being forgotten (see [`collect`](crate::logic::collect)): what
+//! A member that lacks something keeps old things from being forgotten (see [`collect`](crate::logic::gc)): what
 //! it lacks has to be there when it comes back. The oldest transaction it lacks says since when that is so.
 
 use super::past::{Past, When};
-use crate::logic::cut::{Cut, Dot};
+use crate::logic::version_vector::{Dot, VersionVector};
 use serde::{Deserialize, Serialize};
 
 /// What somebody lacks.
@@ -21,17 +21,17 @@ pub struct Lag {
 }
 
 impl Past<'_> {
-    /// Returns what of the transactions here is not within a cut.
-    pub fn lag(&self, cut: &Cut) -> Lag {
-        let here = self.log.cut();
-        let transactions = here.beyond(cut).iter().map(|(origin, seq)| seq - cut.get(origin)).sum();
+    /// Returns what of the transactions here is not within a version vector.
+    pub fn lag(&self, vector: &VersionVector) -> Lag {
+        let here = self.log.vector();
+        let transactions = here.beyond(vector).iter().map(|(origin, seq)| seq - vector.get(origin)).sum();
         let mut lag = Lag { transactions, dropped: transactions, ..Lag::default() };
-        for (origin, seq) in here.beyond(cut).iter() {
-            let kept = (cut.get(origin) + 1..=seq).rev().map_while(|seq| self.log.frame(Dot { origin, seq }));
-            for frame in kept {
+        for (origin, seq) in here.beyond(vector).iter() {
+            let kept = (vector.get(origin) + 1..=seq).rev().map_while(|seq| self.log.encoded(Dot { origin, seq }));
+            for encoded in kept {
                 lag.dropped -= 1;
-                lag.bytes += u64::try_from(frame.size()).unwrap_or(u64::MAX);
-                if let Ok(txn) = frame.open() {
+                lag.bytes += u64::try_from(encoded.size()).unwrap_or(u64::MAX);
+                if let Ok(txn) = encoded.open() {
                     let when = When::of(txn.wall, txn.stamp);
                     lag.since = Some(lag.since.map_or(when, |since| since.min(when)));
                 }
@@ -49,7 +49,7 @@ mod tests {
     #[test]
     fn who_is_away_lacks_what_was_written_since() {
         let mut team = Robot::team(2);
-        let away = team[1].cut();
+        let away = team[1].vector();
         assert_eq!(team[0].past().lag(&away), Lag::default());
         for number in 0..5 {
             team[0].put("", "team/a", &number.to_string());

@@ -1,13 +1,13 @@
 //! What the other modules return, as text for people: aligned columns under headings, what is to be done marked with
 //! `!`.
 
+use super::as_of::Difference;
 use super::conflict::{Conflict, Party, Race, Sibling};
 use super::date;
-use super::moment::Difference;
-use super::past::{Deed, When};
+use super::past::{HistoryEntry, When};
 use super::value::Datum;
-use crate::logic::cut::Dot;
 use crate::logic::txn::Condition;
+use crate::logic::version_vector::Dot;
 
 /// How much of a value or a reason is shown in a table, in characters.
 const CELL_MAX: usize = 48;
@@ -34,26 +34,26 @@ pub enum Span {
 }
 
 /// Returns transactions, the oldest first: one line for each key that was changed.
-pub fn deeds(deeds: &[Deed], span: Span) -> String {
+pub fn history(history: &[HistoryEntry], span: Span) -> String {
     let mut rows = vec![head(match span {
         Span::Key => &["WHEN (UTC)", "BY", "VALUE", "WHY", "TRANSACTION", ""],
         Span::All => &["WHEN (UTC)", "BY", "KEY", "VALUE", "WHY", "TRANSACTION", ""],
     })];
-    let short = |dot: &Dot| match deeds.iter().find(|deed| deed.dot == *dot) {
-        Some(deed) => format!("{}'s {}", deed.by, when(deed.when)),
+    let short = |dot: &Dot| match history.iter().find(|entry| entry.dot == *dot) {
+        Some(entry) => format!("{}'s {}", entry.by, when(entry.when)),
         None => dot.to_string(),
     };
-    for deed in deeds {
+    for entry in history {
         let mut note = String::new();
-        if !deed.beside.is_empty() {
-            note = format!("! beside {}", deed.beside.iter().map(short).collect::<Vec<_>>().join(", "));
+        if !entry.concurrent.is_empty() {
+            note = format!("! concurrent with {}", entry.concurrent.iter().map(short).collect::<Vec<_>>().join(", "));
         }
-        for (index, (key, value)) in deed.changes.iter().enumerate() {
+        for (index, (key, value)) in entry.changes.iter().enumerate() {
             let first = |text: String| if index == 0 { text } else { String::new() };
-            let mut row = vec![first(when(deed.when)), first(deed.by.clone())];
+            let mut row = vec![first(when(entry.when)), first(entry.by.clone())];
             row.extend((span == Span::All).then(|| key.to_string()));
-            let why = first(shortened(&deed.reason));
-            row.extend([shown(value.as_ref()), why, first(deed.dot.to_string()), first(note.clone())]);
+            let why = first(shortened(&entry.reason));
+            row.extend([shown(value.as_ref()), why, first(entry.dot.to_string()), first(note.clone())]);
             rows.push(row);
         }
     }
@@ -63,16 +63,16 @@ pub fn deeds(deeds: &[Deed], span: Span) -> String {
 /// Returns what has changed: `+` appeared, `-` is gone, `~` is another.
 pub fn differences(differences: &[Difference]) -> String {
     let row = |difference: &Difference| {
-        let Difference { key, before, after, beside } = difference;
+        let Difference { key, before, after, siblings } = difference;
         let (sign, values) = match (before, after) {
             (None, Some(after)) => ("+", shown(Some(after))),
             (Some(before), None) => ("-", shown(Some(before))),
             (Some(before), Some(after)) if before == after => ("~", shown(Some(after))),
             _ => ("~", format!("{} → {}", shown(before.as_ref()), shown(after.as_ref()))),
         };
-        let note = match beside {
+        let note = match siblings {
             0 | 1 => String::new(),
-            count => format!("! {count} writes beside each other"),
+            count => format!("! {count} concurrent writes"),
         };
         vec![format!("{sign} {key}"), values, note]
     };

@@ -1,12 +1,12 @@
 //! A few robots that write and take over from each other by the replica's own rules, without its protocol.
 
-use crate::logic::clock::{Quality, Stamp, Wall};
-use crate::logic::cut::{Cut, Dot, Origin};
+use crate::logic::clock::{Quality, Timestamp, Wall};
 use crate::logic::key::Key;
 use crate::logic::log::{Head, Log, Verdict};
 use crate::logic::member;
-use crate::logic::state::{Seen, State};
-use crate::logic::txn::{Draft, Frame, Txn};
+use crate::logic::state::{CausalContext, State};
+use crate::logic::txn::{Draft, EncodedTxn, Txn};
+use crate::logic::version_vector::{Dot, ReplicaId, VersionVector};
 use crate::logic::view::past::Past;
 use crate::logic::view::value::Datum;
 use proptest::prelude::*;
@@ -25,7 +25,7 @@ pub(super) fn toml(text: &str) -> Datum {
 /// A robot.
 #[derive(Clone, Debug)]
 pub(super) struct Robot {
-    pub(super) origin: Origin,
+    pub(super) origin: ReplicaId,
     pub(super) log: Log,
     pub(super) state: State,
     pub(super) wall: Wall,
@@ -35,7 +35,7 @@ impl Robot {
     /// Returns robots `r1`, `r2`, … that know each other as members, and nothing else.
     pub(super) fn team(count: u64) -> Vec<Self> {
         let robot = |number| Self {
-            origin: Origin::new(number),
+            origin: ReplicaId::new(number),
             log: Log::default(),
             state: State::default(),
             wall: Wall { millis: MORNING, quality: Quality::Network },
@@ -43,7 +43,7 @@ impl Robot {
         let mut team: Vec<Self> = (1..=count).map(robot).collect();
         let mut found = Draft::new("found the team");
         for number in 1..=count {
-            let write = member::admission(Origin::new(number), &format!("r{number}")).unwrap();
+            let write = member::admission(ReplicaId::new(number), &format!("r{number}")).unwrap();
             found = found.put(write.key, write.value.unwrap());
         }
         team[0].commit(found);
@@ -56,8 +56,8 @@ impl Robot {
         Past { log: &self.log, state: &self.state }
     }
 
-    pub(super) fn cut(&self) -> Cut {
-        self.log.cut().clone()
+    pub(super) fn vector(&self) -> VersionVector {
+        self.log.vector().clone()
     }
 
     pub(super) fn put(&mut self, reason: &str, at: &str, value: &str) -> Dot {
@@ -74,43 +74,43 @@ impl Robot {
         let lift = if kept { self.wall.millis << 16 } else { 0 };
         let (reason, requires, writes) = draft.into_parts();
         let txn = Txn {
-            stamp: Stamp { epoch: 0, hlc: lift.max(self.log.last_stamp().hlc + 1), origin: self.origin },
+            stamp: Timestamp { epoch: 0, hlc: lift.max(self.log.last_stamp().hlc + 1), origin: self.origin },
             seq: head.seq + 1,
-            prev: head.link,
+            prev: head.hash,
             wall: self.wall,
-            context: self.log.cut().beyond(&head.context).without(self.origin),
+            context: self.log.vector().beyond(&head.context).without(self.origin),
             reason,
             requires,
             writes,
             wants_ack: false,
             rebase: None,
         };
-        self.take(&Frame::seal(&txn).unwrap());
+        self.take(&EncodedTxn::seal(&txn).unwrap());
         txn.dot()
     }
 
     /// Takes over everything that another has.
     pub(super) fn pull(&mut self, from: &Self) {
-        let (frames, _) = from.log.beyond(self.log.cut(), usize::MAX).unwrap();
-        frames.iter().for_each(|frame| self.take(frame));
+        let (txns, _) = from.log.beyond(self.log.vector(), usize::MAX).unwrap();
+        txns.iter().for_each(|encoded| self.take(encoded));
         self.wall.millis = self.wall.millis.max(from.wall.millis);
     }
 
-    fn take(&mut self, frame: &Frame) {
-        let txn = frame.open().unwrap();
-        assert_eq!(self.log.judge(&txn, frame), Verdict::Next);
+    fn take(&mut self, encoded: &EncodedTxn) {
+        let txn = encoded.open().unwrap();
+        assert_eq!(self.log.judge(&txn, encoded), Verdict::Next);
         let context = self.log.context(&txn);
-        self.state.apply(txn.dot(), txn.stamp, Seen { context: &context, only: None }, &txn.writes);
-        self.log.append(&txn, frame.clone());
+        self.state.apply(txn.dot(), txn.stamp, CausalContext { context: &context, only: None }, &txn.writes);
+        self.log.append(&txn, encoded.clone());
     }
 
     /// Forgets the oldest transactions that everybody has, as if only so many bytes were to be kept.
     pub(super) fn forget(&mut self, size_max: usize) {
-        self.forget_within(&self.cut(), size_max);
+        self.forget_within(&self.vector(), size_max);
     }
 
-    /// Forgets the oldest transactions within a cut.
-    pub(super) fn forget_within(&mut self, stable: &Cut, size_max: usize) {
+    /// Forgets the oldest transactions within a version vector.
+    pub(super) fn forget_within(&mut self, stable: &VersionVector, size_max: usize) {
         self.log.truncate(stable, size_max);
     }
 }

@@ -1,20 +1,20 @@
-//! Cuts and names of transactions as text: what a person copies from one command to the next, and where a watcher goes
+//! Version vectors and names of transactions as text: what a person copies from one command to the next, and where a watcher goes
 //! on.
 //!
-//! A cut is `origin:number` for each origin, with commas between: `4f2a…:12,9b01…:7`. The empty cut, before everything,
-//! is `0`.
+//! A version vector is `origin:number` for each origin, with commas between: `4f2a…:12,9b01…:7`. The empty version
+//! vector, before everything, is `0`.
 
-use crate::logic::cut::{Cut, Dot, Origin};
+use crate::logic::version_vector::{Dot, ReplicaId, VersionVector};
 
-/// Returns a cut as text without blanks.
-pub fn token(cut: &Cut) -> String {
-    if cut.is_empty() { "0".to_owned() } else { cut.to_string().replace(' ', ",") }
+/// Returns a version vector as text without blanks.
+pub fn token(vector: &VersionVector) -> String {
+    if vector.is_empty() { "0".to_owned() } else { vector.to_string().replace(' ', ",") }
 }
 
 /// Reads what [`token`] wrote.
-pub fn cut(text: &str) -> Option<Cut> {
+pub fn vector(text: &str) -> Option<VersionVector> {
     if text == "0" {
-        return Some(Cut::default());
+        return Some(VersionVector::default());
     }
     text.split(',').map(|entry| dot(entry).map(|dot| (dot.origin, dot.seq))).collect()
 }
@@ -24,7 +24,7 @@ pub fn dot(text: &str) -> Option<Dot> {
     let (origin, seq) = text.split_once(':')?;
     let plain = !seq.is_empty() && seq.bytes().all(|byte| byte.is_ascii_digit()) && !seq.starts_with('0');
     let seq = plain.then(|| seq.parse().ok())??;
-    Some(Dot { origin: Origin::parse(origin)?, seq })
+    Some(Dot { origin: ReplicaId::parse(origin)?, seq })
 }
 
 #[cfg(test)]
@@ -35,22 +35,22 @@ mod tests {
     proptest! {
         #[test]
         fn what_was_written_is_read(entries in proptest::collection::btree_map(any::<u64>(), 1_u64.., 0..5)) {
-            let whole: Cut = entries.into_iter().map(|(origin, seq)| (Origin::new(origin), seq)).collect();
+            let whole: VersionVector = entries.into_iter().map(|(origin, seq)| (ReplicaId::new(origin), seq)).collect();
             let text = token(&whole);
             prop_assert!(!text.contains(char::is_whitespace));
-            prop_assert_eq!(cut(&text), Some(whole));
+            prop_assert_eq!(vector(&text), Some(whole));
         }
 
         #[test]
         fn anything_else_is_refused(text in "[0-9a-f:, ]{0,40}") {
-            prop_assert!(cut(&text).is_none_or(|cut| token(&cut).len() <= text.len()));
+            prop_assert!(vector(&text).is_none_or(|vector| token(&vector).len() <= text.len()));
         }
     }
 
     #[test]
     fn what_is_none() {
         for text in ["", ":", "ab:1", "00000000000000ab:0", "00000000000000ab:01", "00000000000000ab:+1", "0,0"] {
-            assert_eq!(cut(text), None, "{text}");
+            assert_eq!(vector(text), None, "{text}");
         }
     }
 }

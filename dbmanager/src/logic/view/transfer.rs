@@ -7,7 +7,7 @@
 //!
 //! [values]
 //! "team/camera/gain" = 1.5
-//! # 2 writes beside each other, also: 3
+//! # 2 concurrent writes, also: 3
 //! "team/camera/rate" = 2
 //! # end
 //! ```
@@ -19,7 +19,7 @@
 //! To import is to write what differs. A file that was not changed changes nothing; above all it settles no conflict.
 //! A file that was cut off does not end as one that is whole, so nothing is deleted because it is not in it.
 
-use super::moment::Difference;
+use super::as_of::Difference;
 use super::past::Keys;
 use super::value::{Datum, TextError, quote, text};
 use crate::logic::key::{Key, Namespace};
@@ -73,7 +73,7 @@ pub fn export(state: &State, prefix: &str) -> String {
                 None => "(deleted)".to_owned(),
             };
             let others = others.iter().map(other).collect::<Vec<_>>().join(", ");
-            file.push_str(&format!("# {} writes beside each other, also: {others}\n", versions.len()));
+            file.push_str(&format!("# {} concurrent writes, also: {others}\n", versions.len()));
         }
         file.push_str(&format!("{} = {}\n", quote(key.as_str()), Datum::of(value).to_toml()));
     }
@@ -124,7 +124,7 @@ pub fn import(file: &str, state: &State, absent: Absent, reason: &str) -> Result
             Some(value) => draft.put(key.clone(), value),
             None => draft.delete(key.clone()),
         });
-        import.differences.push(Difference { key, before, after, beside: 1 });
+        import.differences.push(Difference { key, before, after, siblings: 1 });
     }
     Ok(import)
 }

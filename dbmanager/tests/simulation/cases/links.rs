@@ -3,7 +3,7 @@
 use super::team;
 use crate::world::{Faults, World};
 use dbmanager::logic::key::Key;
-use dbmanager::logic::replica::Level;
+use dbmanager::logic::replica::AckLevel;
 use dbmanager::logic::txn::{Draft, Encoding, Value};
 use std::time::Duration;
 
@@ -12,14 +12,16 @@ fn backlog(world: &mut World, node: usize, (count, size): (usize, usize)) {
     for number in 0..count {
         let value = Value { encoding: Encoding::BYTES, bytes: vec![7; size].into() };
         let key = Key::new(format!("team/backlog/{number}")).expect("it is a key");
-        world.commit_at(node, Draft::new("backlog").put(key, value), Level::Local).expect("nothing speaks against it");
+        world
+            .commit_at(node, Draft::new("backlog").put(key, value), AckLevel::Local)
+            .expect("nothing speaks against it");
     }
 }
 
 /// Returns how many milliseconds it takes until two have the same.
 fn time_to_equal(world: &mut World, (a, b): (usize, usize)) -> u64 {
     for step in 0..4000 {
-        if world.replica(a).log().cut() == world.replica(b).log().cut() {
+        if world.replica(a).log().vector() == world.replica(b).log().vector() {
             return step * 50;
         }
         world.run_for(50);
@@ -101,7 +103,8 @@ fn a_link_of_50_kbit_per_s_is_used_well() {
     world.settle().unwrap();
 }
 
-/// A satellite or a mobile network: a backlog takes what its bytes take, whatever the way. Measured at 100 ms: 1.36 of it, 4.0 before.
+/// A satellite or a mobile network: a backlog takes what its bytes take, whatever the way. Measured at 100 ms: 1.36 of
+/// it, 4.0 before.
 #[test]
 fn a_long_way_is_no_slow_one() {
     for (millis, rate) in [(100, 1_000_000), (500, 250_000), (1500, 50_000)] {
@@ -158,7 +161,7 @@ fn tx_bigger_than_mtu_is_pulled() {
         let value = Value { encoding: Encoding::BYTES, bytes: vec![7; 50_000].into() };
         draft = draft.put(Key::new(format!("team/large/{number}")).unwrap(), value);
     }
-    world.commit_at(0, draft, Level::Local).unwrap();
+    world.commit_at(0, draft, AckLevel::Local).unwrap();
     world.settle().unwrap();
     assert_eq!(world.siblings(1, "team/large/3"), 1);
 }
@@ -205,7 +208,7 @@ fn a_backlog_that_two_offer_is_sent_once() {
     let before = world.network.sent;
     time_to_equal(&mut world, (0, 2));
     let sent = world.network.sent - before;
-    // I14. Measured: 2.6; each frame comes from both, since both are asked at a time.
+    // I14. Measured: 2.6; each transaction comes from both, since both are asked at a time.
     assert!(sent <= 1000 * (100 + 32) * 3, "{sent} bytes for {} that were missing", 1000 * (100 + 32));
     world.settle().unwrap();
 }

@@ -2,7 +2,7 @@
 
 use super::team;
 use dbmanager::logic::key::Key;
-use dbmanager::logic::replica::Level;
+use dbmanager::logic::replica::AckLevel;
 use dbmanager::logic::txn::{Condition, Draft};
 
 fn key(text: &str) -> Key {
@@ -30,13 +30,13 @@ fn cas_same_key_both_sides() {
     let swap = |value: u64| {
         Draft::new("swap").require(key("team/a"), Condition::Is(version)).put(key("team/a"), &value.to_le_bytes())
     };
-    assert!(world.commit_at(0, swap(2), Level::Local).is_some());
-    assert!(world.commit_at(1, swap(3), Level::Local).is_some());
-    assert_eq!(world.commit_at(0, swap(4), Level::Local), None, "on one robot only one of them holds");
+    assert!(world.commit_at(0, swap(2), AckLevel::Local).is_some());
+    assert!(world.commit_at(1, swap(3), AckLevel::Local).is_some());
+    assert_eq!(world.commit_at(0, swap(4), AckLevel::Local), None, "on one robot only one of them holds");
     world.heal(0, 1);
     world.settle().unwrap();
     assert!(world.replica(0).state().is_conflict(&key("team/a")));
-    assert_eq!(world.commit_at(0, swap(5), Level::Local), None);
+    assert_eq!(world.commit_at(0, swap(5), AckLevel::Local), None);
 }
 
 #[test]
@@ -55,9 +55,9 @@ fn key_deleted_everywhere_leaves_nothing() {
 fn ack_k_then_k_disks_die() {
     let mut world = team(3);
     let draft = Draft::new("dear").put(key("team/a"), &1_u64.to_le_bytes());
-    let dot = world.commit_at(0, draft, Level::Replicated(1)).unwrap();
+    let dot = world.commit_at(0, draft, AckLevel::Replicated(1)).unwrap();
     world.run_for(2_000);
-    assert!(world.replica(0).has_reached(dot, &Level::Replicated(1)));
+    assert!(world.replica(0).has_reached(dot, &AckLevel::Replicated(1)));
     world.lose_disk(0);
     world.restart(0);
     world.settle().unwrap();
@@ -69,21 +69,21 @@ fn pending_ticket_resolved_after_reboot() {
     let mut world = team(2);
     world.cut(0, 1);
     let draft = Draft::new("patient").put(key("team/a"), &1_u64.to_le_bytes());
-    let dot = world.commit_at(0, draft, Level::Everywhere).unwrap();
+    let dot = world.commit_at(0, draft, AckLevel::Everywhere).unwrap();
     world.run_for(10_000);
     world.crash(0);
     world.restart(0);
-    assert!(!world.replica(0).has_reached(dot, &Level::Everywhere));
+    assert!(!world.replica(0).has_reached(dot, &AckLevel::Everywhere));
     world.heal(0, 1);
     world.settle().unwrap();
     world.run_for(20_000);
-    assert!(world.replica(0).has_reached(dot, &Level::Everywhere));
+    assert!(world.replica(0).has_reached(dot, &AckLevel::Everywhere));
 }
 
 #[test]
 fn empty_tx_and_deletions_of_nothing() {
     let mut world = team(2);
-    assert!(world.commit_at(0, Draft::new("nothing"), Level::Local).is_some());
+    assert!(world.commit_at(0, Draft::new("nothing"), AckLevel::Local).is_some());
     world.delete(1, "team/never");
     world.settle().unwrap();
     world.run_for(60_000);

@@ -15,12 +15,12 @@ use crate::logic::table::counted;
 use anyhow::{Context, anyhow};
 use comms::io::clock;
 use comms::logic::time::Time;
-use dbmanager::logic::cut::Dot;
 use dbmanager::logic::key::Key;
 use dbmanager::logic::owner::{Owner, Owners};
 use dbmanager::logic::state::State;
 use dbmanager::logic::txn::{Condition, Draft, Require, Value, Write};
-use dbmanager::logic::view::moment::state_of;
+use dbmanager::logic::version_vector::Dot;
+use dbmanager::logic::view::as_of::state_of;
 use dbmanager::logic::view::table;
 use dbmanager::logic::view::transfer::{self, Absent};
 use std::collections::BTreeMap;
@@ -114,7 +114,7 @@ impl Import {
             output::say(&table::differences(&import.differences));
         }
         for key in &import.settles {
-            output::note(&format!("note: this settles the writes beside each other at `{key}`"));
+            output::note(&format!("note: this settles the concurrent writes at `{key}`"));
         }
     }
 
@@ -205,7 +205,7 @@ fn by_owner(draft: &Draft, owners: &Owners) -> Vec<Vec<Write>> {
 fn as_seen(writes: &[Write], state: &State) -> Result<Vec<Require>, Failure> {
     let condition = |key: &Key| match state.versions(key) {
         _ if state.is_conflict(key) => Err(anyhow!(
-            "`{key}` has writes beside each other, which `--atomic` cannot rely on; `dca db resolve` settles them"
+            "`{key}` has concurrent writes, which `--atomic` cannot rely on; `dca db resolve` settles them"
         )),
         [.., last] if last.value.is_some() => Ok(Condition::Is(last.dot)),
         _ => Ok(Condition::Absent),

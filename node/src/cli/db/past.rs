@@ -6,8 +6,8 @@ use super::write::Writing;
 use crate::cli::{Failure, output};
 use crate::logic::database::question::{Choice, Moment, Question, Reply, Resolve as Settling};
 use anyhow::Context;
-use dbmanager::logic::cut::Dot;
 use dbmanager::logic::key::Key;
+use dbmanager::logic::version_vector::Dot;
 use dbmanager::logic::view::past::{Filter, Keys};
 use dbmanager::logic::view::table::{self, Span};
 use dbmanager::logic::view::value::Datum;
@@ -76,7 +76,7 @@ pub struct Resolve {
 /// What `dca db diff` is told.
 #[derive(Debug, clap::Args)]
 pub struct Diff {
-    /// From when: a date such as `2026-11-21 10:00:00`, or a cut as `dca db cut` prints it
+    /// From when: a date such as `2026-11-21 10:00:00`, or a version as `dca db version` prints it
     #[arg(value_parser = a_moment)]
     from: Moment,
     /// To when
@@ -92,7 +92,7 @@ pub struct Diff {
 /// What `dca db at` is told.
 #[derive(Debug, clap::Args)]
 pub struct At {
-    /// When: a date such as `2026-11-21 10:00:00`, a cut as `dca db cut` prints it, or `now`
+    /// When: a date such as `2026-11-21 10:00:00`, a version as `dca db version` prints it, or `now`
     #[arg(value_parser = a_moment)]
     moment: Moment,
     /// How the keys begin
@@ -102,9 +102,9 @@ pub struct At {
     asking: Asking,
 }
 
-/// What `dca db cut` is told.
+/// The arguments of `dca db version`.
 #[derive(Debug, clap::Args)]
-pub struct CutAt {
+pub struct VersionAt {
     /// When: a date, or `now`
     #[arg(value_parser = a_moment, default_value = "now")]
     moment: Moment,
@@ -118,18 +118,18 @@ impl History {
         let keys = keys(self.key)?;
         let span = if matches!(keys, Keys::Only(_)) { Span::Key } else { Span::All };
         let filter = Filter { keys, by: self.by, from: self.from, until: self.until, limit: self.limit };
-        let mut deeds = Vec::new();
+        let mut entries = Vec::new();
         self.asking.ask_all(Question::History(filter), |reply| {
-            let Reply::Deeds(part) = reply else { return Err(refusal(&reply)) };
-            deeds.extend(part);
+            let Reply::History(part) = reply else { return Err(refusal(&reply)) };
+            entries.extend(part);
             Ok(())
         })?;
         if self.asking.json {
-            output::say(&serde_json::to_string_pretty(&deeds)?);
-        } else if deeds.is_empty() {
+            output::say(&serde_json::to_string_pretty(&entries)?);
+        } else if entries.is_empty() {
             output::note("nothing of that is in the log");
         } else {
-            output::say(&table::deeds(&deeds, span));
+            output::say(&table::history(&entries, span));
         }
         Ok(())
     }
@@ -219,13 +219,13 @@ impl At {
     }
 }
 
-impl CutAt {
+impl VersionAt {
     /// Runs the verb.
     pub(crate) fn run(self) -> Result<(), Failure> {
-        let reply = self.asking.ask(Question::Cut(self.moment))?;
-        let Reply::Cut(cut) = reply else { return Err(refusal(&reply)) };
-        let text = token::token(&cut);
-        output::say(&if self.asking.json { serde_json::json!({ "cut": text }).to_string() } else { text });
+        let reply = self.asking.ask(Question::Version(self.moment))?;
+        let Reply::Version(version) = reply else { return Err(refusal(&reply)) };
+        let text = token::token(&version);
+        output::say(&if self.asking.json { serde_json::json!({ "version": text }).to_string() } else { text });
         Ok(())
     }
 }
@@ -242,6 +242,6 @@ pub(crate) fn a_moment(text: &str) -> Result<Moment, String> {
     if text == "now" {
         return Ok(Moment::Now);
     }
-    let moment = token::cut(text).map(Moment::Cut).or_else(|| date::parse(text).map(Moment::Date));
-    moment.ok_or_else(|| "a moment is `now`, a date such as `2026-11-21 10:00:00` (UTC), or a cut".to_owned())
+    let moment = token::vector(text).map(Moment::Version).or_else(|| date::parse(text).map(Moment::Date));
+    moment.ok_or_else(|| "a moment is `now`, a date such as `2026-11-21 10:00:00` (UTC), or a version".to_owned())
 }

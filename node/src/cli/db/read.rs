@@ -50,9 +50,9 @@ pub(crate) fn list(asking: &Asking, prefix: String, at: Moment) -> Result<(), Fa
         entries.extend(more);
         Ok(())
     })?;
-    let beside = |versions: &[Version]| if differ(versions) { versions.len() } else { 1 };
+    let siblings = |versions: &[Version]| if differ(versions) { versions.len() } else { 1 };
     let shown: Vec<(Key, Datum, usize)> =
-        entries.into_iter().filter_map(|(key, all)| Some((key, shown(&all)?, beside(&all)))).collect();
+        entries.into_iter().filter_map(|(key, all)| Some((key, shown(&all)?, siblings(&all)))).collect();
     if asking.json {
         let fields = shown.iter().map(|(key, datum, _)| {
             let value = serde_json::from_str(&datum.to_json()).unwrap_or(serde_json::Value::Null);
@@ -62,7 +62,7 @@ pub(crate) fn list(asking: &Asking, prefix: String, at: Moment) -> Result<(), Fa
         return Ok(());
     }
     for (key, datum, versions) in shown {
-        let more = if versions > 1 { format!("  # {versions} writes beside each other") } else { String::new() };
+        let more = if versions > 1 { format!("  # {versions} concurrent writes") } else { String::new() };
         output::say(&format!("{key} = {}{more}", datum.to_toml()));
     }
     Ok(())

@@ -5,11 +5,11 @@ use crate::cli::{Failure, output};
 use crate::logic::database::question::{Question, Reply};
 use anyhow::anyhow;
 use comms::io::clock;
-use dbmanager::logic::cut::Cut;
+use dbmanager::logic::version_vector::VersionVector;
 use dbmanager::logic::view::past::Keys;
 use dbmanager::logic::view::table::{self, Span};
 use dbmanager::logic::view::token;
-use dbmanager::logic::view::watch::{Event, Told};
+use dbmanager::logic::view::watch::{Event, Notification};
 use std::time::Duration;
 use tokio::signal::unix::{SignalKind, signal};
 
@@ -22,9 +22,9 @@ pub struct Watch {
     /// A key, or a prefix that ends in `/`, or nothing for everything
     #[arg(default_value = "")]
     key: String,
-    /// Go on after this cut, as `dca db cut` and an earlier watch print it
-    #[arg(long, value_name = "CUT", value_parser = a_cut)]
-    from: Option<Cut>,
+    /// Go on after this version, as `dca db version` and an earlier watch print it
+    #[arg(long, value_name = "VERSION", value_parser = a_version)]
+    from: Option<VersionVector>,
     #[command(flatten)]
     asking: Asking,
 }
@@ -48,16 +48,21 @@ impl Watch {
         result
     }
 
-    async fn follow(&self, databases: &Databases<'_>, keys: Keys, told: &mut Option<Cut>) -> Result<(), Failure> {
+    async fn follow(
+        &self,
+        databases: &Databases<'_>,
+        keys: Keys,
+        told: &mut Option<VersionVector>,
+    ) -> Result<(), Failure> {
         loop {
             let question = Question::Watch { keys: keys.clone(), from: told.clone() };
             let mut replies = databases.ask(databases.robot(), question)?;
             match replies.next(clock::now() + ANSWER_WITHIN).await {
-                Ok(Some(Reply::Cut(cut))) => {
+                Ok(Some(Reply::Version(version))) => {
                     if told.is_none() && !self.asking.json {
                         output::note("watching; ^C ends it");
                     }
-                    *told = Some(cut);
+                    *told = Some(version);
                 }
                 Ok(Some(other)) => return Err(refusal(&other)),
                 // It has been there before: it comes back, and tells what was missed.
@@ -74,19 +79,19 @@ impl Watch {
     }
 
     /// Prints what is told, until nothing more is.
-    async fn take(&self, replies: &mut Replies, told: &mut Option<Cut>) -> Result<(), Failure> {
+    async fn take(&self, replies: &mut Replies, told: &mut Option<VersionVector>) -> Result<(), Failure> {
         while let Some(reply) = replies.more().await? {
-            let Reply::Told(told_now) = reply else { return Err(refusal(&reply)) };
+            let Reply::Notification(told_now) = reply else { return Err(refusal(&reply)) };
             match told_now {
-                Told::Event(event) => {
-                    told.get_or_insert_default().include(event.deed.dot);
+                Notification::Event(event) => {
+                    told.get_or_insert_default().include(event.entry.dot);
                     self.print(&event)?;
                 }
-                Told::Lagged { resume } => {
+                Notification::Lagged { resume } => {
                     *told = Some(resume);
                     self.begin_anew("some changes are not kept any more");
                 }
-                Told::Replaced { resume } => {
+                Notification::Replaced { resume } => {
                     *told = Some(resume);
                     self.begin_anew("this robot has taken over the state of another");
                 }
@@ -109,15 +114,15 @@ impl Watch {
             return Ok(());
         }
         // The first line of the table is its heading.
-        let lines = table::deeds(std::slice::from_ref(&event.deed), Span::All);
+        let lines = table::history(std::slice::from_ref(&event.entry), Span::All);
         lines.lines().skip(1).for_each(output::say);
         for key in &event.conflicts {
-            output::note(&format!("note: `{key}` has writes beside each other; `dca db conflicts {key}`"));
+            output::note(&format!("note: `{key}` has concurrent writes; `dca db conflicts {key}`"));
         }
         Ok(())
     }
 }
 
-fn a_cut(text: &str) -> Result<Cut, String> {
-    token::cut(text).ok_or_else(|| anyhow!("a cut is what `dca db cut` prints").to_string())
+fn a_version(text: &str) -> Result<VersionVector, String> {
+    token::vector(text).ok_or_else(|| anyhow!("a version is what `dca db version` prints").to_string())
 }

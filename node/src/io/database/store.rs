@@ -9,7 +9,7 @@ use super::presence::Presence;
 use anyhow::{Context, bail};
 use dbmanager::io::store::memory::MemoryStore;
 use dbmanager::io::store::{DirStore, Engine, Store, StoreError, Trust};
-use dbmanager::logic::record::{Batch, OpenError, Reading};
+use dbmanager::logic::record::{Batch, OpenError, StoredRecords};
 use dbmanager::logic::replica::{Config, Replica};
 use std::fs::{self, File};
 use std::io::{self, Read};
@@ -84,7 +84,7 @@ impl Place {
         }
         let Some(folder) = self.folder.clone() else {
             self.store = Some(Box::new(MemoryStore::default()));
-            return Ok(Replica::open(self.config()?, Reading::default())?);
+            return Ok(Replica::open(self.config()?, StoredRecords::default())?);
         };
         match self.open_folder(&folder) {
             Ok(replica) => Ok(replica),
@@ -108,7 +108,7 @@ impl Place {
         let replica = match store.trust() {
             Trust::New | Trust::Kept => Replica::open(config, stored)?,
             Trust::Doubtful(doubt) => {
-                tracing::warn!(%doubt, "the store may be a copy: the database goes on under a new origin");
+                tracing::warn!(%doubt, "the store may be a copy: the database goes on under a new id");
                 Replica::open_copied(config, stored)?
             }
         };
@@ -120,7 +120,7 @@ impl Place {
     /// Returns the replica of a store that cannot be opened where it is, from a copy; a new one if there is none.
     fn read_only(&self, folder: &Path, scratch: &Path) -> anyhow::Result<Replica> {
         if !folder.exists() {
-            return Ok(Replica::open(self.config()?, Reading::default())?);
+            return Ok(Replica::open(self.config()?, StoredRecords::default())?);
         }
         let copy = scratch.join("db-copy");
         let read = copy_files(folder, &copy).context("copying it, to be read").and_then(|()| {

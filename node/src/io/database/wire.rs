@@ -6,7 +6,7 @@ use crate::logic::database::question::Letter;
 use comms::io::session::{CallError, Request, Server, Session, Subscription};
 use comms::logic::port::Policy;
 use comms::logic::{codec, key};
-use dbmanager::logic::cut::Origin;
+use dbmanager::logic::version_vector::ReplicaId;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::mpsc::{self, Receiver, Sender};
@@ -23,20 +23,20 @@ const ON_THE_WAY_MAX: usize = 256;
 /// What goes out.
 pub(super) enum Outgoing {
     /// To one, or to all.
-    Put(Option<Origin>, Vec<u8>),
+    Put(Option<ReplicaId>, Vec<u8>),
     /// A question to one, and how long its answer is waited for.
-    Ask(Origin, Vec<u8>, Duration),
+    Ask(ReplicaId, Vec<u8>, Duration),
     /// The answer to a question.
     Reply(Request, Vec<u8>),
     /// From now on this replica bears this name.
-    Address(Origin),
+    Address(ReplicaId),
 }
 
 /// The tasks that carry messages.
 struct Wire {
     session: Arc<Session>,
     team: String,
-    address: Origin,
+    address: ReplicaId,
     handle: Handle,
     on_the_way: JoinSet<()>,
     /// What listens at the present address.
@@ -47,7 +47,7 @@ struct Wire {
 pub(super) fn start(
     session: &Arc<Session>,
     team: &str,
-    address: Origin,
+    address: ReplicaId,
     handle: &Handle,
 ) -> Result<(Sender<Outgoing>, JoinSet<()>), CallError> {
     let (outgoing, to_send) = mpsc::channel(OUTGOING_MAX);

@@ -1,7 +1,7 @@
 //! When the disk fails, and when it is there again: what callers, watchers and other replicas hear of that.
 //!
 //! A turn that was not written has not happened, so nothing goes out that says it has: no commit, no order that is done, no
-//! event and no cut with names of transactions that may be given to others. Whoever was promised something in an earlier turn
+//! event and no version with names of transactions that may be given to others. Whoever was promised something in an earlier turn
 //! hears no more of it: a commit stays committed, a watcher goes on from where it was.
 
 use super::question::{Moment, Question, Reply};
@@ -65,7 +65,7 @@ impl Database {
     /// Ends a call that would be told up to which transactions there are, while some of them may not be on the disk; says
     /// whether it was one. A watcher that goes on from somewhere hears nothing, and comes again.
     pub(super) fn holds_back(&self, call: u64, question: &Question, effects: &mut Vec<Effect>) -> bool {
-        let asks = matches!(question, Question::Watch { .. } | Question::Cut(Moment::Now));
+        let asks = matches!(question, Question::Watch { .. } | Question::Version(Moment::Now));
         let Some(why) = self.closed.as_ref().filter(|_| asks) else { return false };
         if !matches!(question, Question::Watch { from: Some(_), .. }) {
             effects.push(Effect::Answer(call, Reply::Refused(why.clone())));
@@ -82,7 +82,7 @@ fn unwritten(effect: Effect, why: &str) -> Vec<Effect> {
             let refused = Reply::Refused(format!("it may not have been written: {why}"));
             vec![Effect::Answer(call, refused), Effect::End(call)]
         }
-        Effect::Answer(_, Reply::Told(_) | Reply::Cut(_)) => vec![],
+        Effect::Answer(_, Reply::Notification(_) | Reply::Version(_)) => vec![],
         // What else was only asked is answered from what is in memory.
         Effect::Answer(..) | Effect::End(_) | Effect::Alarm(_) => vec![effect],
         Effect::Reply(asked, _) => vec![Effect::Reply(asked, None)],

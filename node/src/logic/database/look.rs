@@ -3,11 +3,11 @@
 use super::question::{Choice, Commit, Moment, Reply, Resolve};
 use super::refuse::LOCAL;
 use super::{Database, REPLY_SIZE_MAX};
-use dbmanager::logic::cut::Cut;
-use dbmanager::logic::state::{Seen, State, Version};
+use dbmanager::logic::state::{CausalContext, State, Version};
 use dbmanager::logic::txn::{Value, Write};
+use dbmanager::logic::version_vector::VersionVector;
+use dbmanager::logic::view::as_of::{AsOfError, diff};
 use dbmanager::logic::view::conflict;
-use dbmanager::logic::view::moment::{MomentError, diff};
 use dbmanager::logic::view::past::{Filter, Past};
 use dbmanager::logic::view::transfer;
 use serde::Serialize;
@@ -19,7 +19,7 @@ impl Database {
 
     /// Returns who has changed what was asked for.
     pub(super) fn history(&self, filter: &Filter, say: &mut impl FnMut(Reply)) {
-        parts(self.past().deeds(filter)).into_iter().for_each(|part| say(Reply::Deeds(part)));
+        parts(self.past().history(filter)).into_iter().for_each(|part| say(Reply::History(part)));
     }
 
     /// Returns what nobody has settled below a prefix.
@@ -43,46 +43,48 @@ impl Database {
     }
 
     /// Returns the state at a moment; by a date, as far as keys below `prefix` are concerned.
-    pub(super) fn at(&self, moment: &Moment, prefix: &str) -> Result<State, MomentError> {
+    pub(super) fn at(&self, moment: &Moment, prefix: &str) -> Result<State, AsOfError> {
         let past = self.past();
         match moment {
             Moment::Now => Ok(self.state().clone()),
-            Moment::Cut(cut) => past.at(cut, self.checkpoints.before(cut)),
+            Moment::Version(version) => past.at(version, self.checkpoints.before(version)),
             Moment::Date(millis) => {
-                let cut = past.cut_at(*millis, prefix, self.checkpoints.oldest())?;
-                past.at(&cut, self.checkpoints.before(&cut))
+                let version = past.vector_at(*millis, prefix, self.checkpoints.oldest())?;
+                past.at(&version, self.checkpoints.before(&version))
             }
         }
     }
 
-    /// Returns the cut of a moment.
-    pub(super) fn cut(&self, moment: &Moment) -> Reply {
-        let cut: Result<Cut, MomentError> = match moment {
-            Moment::Now => Ok(self.replica.log().cut().clone()),
-            Moment::Cut(cut) => Ok(cut.clone()),
-            Moment::Date(millis) => self.past().cut_at(*millis, "", self.checkpoints.oldest()),
+    /// Returns the version vector of a moment.
+    pub(super) fn version(&self, moment: &Moment) -> Reply {
+        let version: Result<VersionVector, AsOfError> = match moment {
+            Moment::Now => Ok(self.replica.log().vector().clone()),
+            Moment::Version(version) => Ok(version.clone()),
+            Moment::Date(millis) => self.past().vector_at(*millis, "", self.checkpoints.oldest()),
         };
-        cut.map_or_else(|why| Reply::Refused(why.to_string()), Reply::Cut)
+        version.map_or_else(|why| Reply::Refused(why.to_string()), Reply::Version)
     }
 
     /// Returns what a read finds at a moment below a prefix. What is local has no past.
     pub(super) fn readable(&self, prefix: &str, moment: &Moment) -> Result<State, String> {
         match moment {
             Moment::Now if prefix.starts_with(LOCAL) || LOCAL.starts_with(prefix) => Ok(self.everything()),
-            Moment::Cut(_) | Moment::Date(_) if prefix.starts_with(LOCAL) => {
+            Moment::Version(_) | Moment::Date(_) if prefix.starts_with(LOCAL) => {
                 Err("what is below `local/` has no past; only what it holds now can be shown".to_owned())
             }
-            Moment::Now | Moment::Cut(_) | Moment::Date(_) => self.at(moment, prefix).map_err(|why| why.to_string()),
+            Moment::Now | Moment::Version(_) | Moment::Date(_) => {
+                self.at(moment, prefix).map_err(|why| why.to_string())
+            }
         }
     }
 
     /// Returns the state, and beside it what is local.
     fn everything(&self) -> State {
-        let (mut all, none) = (self.state().clone(), Cut::default());
+        let (mut all, none) = (self.state().clone(), VersionVector::default());
         for (key, versions) in self.local().scan("") {
             for Version { dot, stamp, value } in versions {
                 let write = Write { key: key.clone(), value: value.clone() };
-                all.apply(*dot, *stamp, Seen { context: &none, only: None }, &[write]);
+                all.apply(*dot, *stamp, CausalContext { context: &none, only: None }, &[write]);
             }
         }
         all
@@ -111,7 +113,7 @@ impl Database {
         let Resolve { key, choice, reason, far, within, seen } = resolve;
         let (state, versions) = (self.replica.state(), self.replica.state().versions(key));
         if !state.is_conflict(key) {
-            return Err(Reply::Done(format!("nothing stands beside each other at `{key}`")));
+            return Err(Reply::Done(format!("no conflict at `{key}`")));
         }
         if *seen != conflict::seen(versions.iter().map(|version| version.dot)) {
             let what =

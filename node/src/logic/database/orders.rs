@@ -3,8 +3,8 @@
 use super::question::{Question, Reply};
 use super::{Database, Effect, status};
 use comms::logic::time::Time;
-use dbmanager::logic::cut::Origin;
 use dbmanager::logic::replica;
+use dbmanager::logic::version_vector::ReplicaId;
 
 impl Database {
     /// Does what an operator wants.
@@ -41,7 +41,7 @@ impl Database {
     }
 
     /// Retires what a robot was called before.
-    fn retire_all(&mut self, now: Time, robot: &str, origins: Vec<Origin>, effects: &mut Vec<Effect>) -> Reply {
+    fn retire_all(&mut self, now: Time, robot: &str, origins: Vec<ReplicaId>, effects: &mut Vec<Effect>) -> Reply {
         let wall = self.wall;
         for origin in &origins {
             self.feed(now, replica::Input::Retire(*origin, wall), &mut None, effects);
@@ -62,10 +62,10 @@ impl Database {
     }
 
     /// Returns under which names a robot is a member besides the one that it has now.
-    fn older(&self, now: Time, robot: &str) -> Result<Vec<Origin>, String> {
+    fn older(&self, now: Time, robot: &str) -> Result<Vec<ReplicaId>, String> {
         let members = self.replica.members().active().filter(|(_, name)| *name == robot);
-        let names: Vec<Origin> = members.map(|(origin, _)| origin).collect();
-        let heard = |origin: &&Origin| {
+        let names: Vec<ReplicaId> = members.map(|(origin, _)| origin).collect();
+        let heard = |origin: &&ReplicaId| {
             let heard = self.heard.get(origin).filter(|heard| now.since(heard.at) < status::HEARD_WITHIN);
             heard.map(|heard| heard.at)
         };
@@ -110,12 +110,12 @@ impl Database {
     }
 
     /// Returns the other member that is meant.
-    fn member(&self, name: &str) -> Result<Origin, String> {
+    fn member(&self, name: &str) -> Result<ReplicaId, String> {
         let (mine, members) = (self.replica.origin(), self.replica.members());
-        if let Some(origin) = Origin::parse(name).filter(|origin| members.is_active(*origin) && *origin != mine) {
+        if let Some(origin) = ReplicaId::parse(name).filter(|origin| members.is_active(*origin) && *origin != mine) {
             return Ok(origin);
         }
-        let of: Vec<Origin> =
+        let of: Vec<ReplicaId> =
             members.active().filter(|(origin, robot)| *robot == name && *origin != mine).map(|(o, _)| o).collect();
         match of.as_slice() {
             [origin] => Ok(*origin),

@@ -3,17 +3,17 @@
 //! As everything in `protocol`, these types are promises to other versions: variants and fields are only appended.
 
 use comms::logic::codec::{Enveloped, Kind};
-use dbmanager::logic::cut::{Cut, Dot, Origin};
 use dbmanager::logic::key::Key;
 use dbmanager::logic::message::Message;
-use dbmanager::logic::replica::Level;
+use dbmanager::logic::replica::AckLevel;
 use dbmanager::logic::state::Version;
 use dbmanager::logic::txn::{Draft, Grant, Require, Value, Write};
+use dbmanager::logic::version_vector::{Dot, ReplicaId, VersionVector};
+use dbmanager::logic::view::as_of::Difference;
 use dbmanager::logic::view::conflict::{Conflict, Race};
-use dbmanager::logic::view::moment::Difference;
-use dbmanager::logic::view::past::{Deed, Filter, Keys};
+use dbmanager::logic::view::past::{Filter, HistoryEntry, Keys};
 use dbmanager::logic::view::status::Lag;
-use dbmanager::logic::view::watch::Told;
+use dbmanager::logic::view::watch::Notification;
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
@@ -21,7 +21,7 @@ use std::time::Duration;
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Letter {
     /// The address of the sender.
-    pub from: Origin,
+    pub from: ReplicaId,
     /// What it says.
     pub message: Message,
 }
@@ -58,9 +58,9 @@ pub enum Question {
         /// Its robot's name, or the 16 digits of its origin.
         member: String,
     },
-    /// Dates have gone wrong: begin a new epoch of stamps. Answered by [`Reply::Done`].
+    /// Dates have gone wrong: begin a new epoch of timestamps. Answered by [`Reply::Done`].
     HealClock,
-    /// Who has changed what. Answered by a stream of [`Reply::Deeds`].
+    /// Who has changed what. Answered by a stream of [`Reply::History`].
     History(Filter),
     /// What nobody has settled. Answered by a stream of [`Reply::Conflicts`].
     Conflicts {
@@ -78,14 +78,14 @@ pub enum Question {
         /// How the keys begin.
         prefix: String,
     },
-    /// Which transactions a moment has. Answered by [`Reply::Cut`].
-    Cut(Moment),
-    /// What happens to keys. Answered by [`Reply::Cut`], the place where it begins, and a stream of [`Reply::Told`].
+    /// Which transactions a moment has. Answered by [`Reply::Version`].
+    Version(Moment),
+    /// What happens to keys. Answered by [`Reply::Version`], the place where it begins, and a stream of [`Reply::Notification`].
     Watch {
         /// Which keys.
         keys: Keys,
         /// After which transactions; nothing for now.
-        from: Option<Cut>,
+        from: Option<VersionVector>,
     },
     /// The keys below a prefix as a file. Answered by a stream of [`Reply::Text`].
     Export {
@@ -122,7 +122,7 @@ pub enum Moment {
     /// Now.
     Now,
     /// When it had these transactions.
-    Cut(Cut),
+    Version(VersionVector),
     /// A date, in milliseconds since 1970.
     Date(u64),
 }
@@ -236,15 +236,15 @@ pub enum Reply {
     /// A sentence for a person, beside what is answered.
     Note(String),
     /// To `History`: the oldest first.
-    Deeds(Vec<Deed>),
+    History(Vec<HistoryEntry>),
     /// To `Conflicts`.
     Conflicts(Vec<Conflict>, Vec<Race>),
     /// To `Diff`.
     Differences(Vec<Difference>),
-    /// To `Cut`.
-    Cut(Cut),
+    /// To `Version`.
+    Version(VersionVector),
     /// To `Watch`.
-    Told(Told),
+    Notification(Notification),
     /// To `Export`: a part of the text.
     Text(String),
     /// To `Import`, in an earlier version.
@@ -259,7 +259,7 @@ pub struct Status {
     /// Name of the robot that was asked.
     pub robot: String,
     /// Under which name it writes.
-    pub origin: Origin,
+    pub origin: ReplicaId,
     /// Name of the team.
     pub team: String,
     /// Whether it belongs to the team.
@@ -269,14 +269,14 @@ pub struct Status {
     /// Where its store is; nothing if it is in memory only.
     pub store: Option<String>,
     /// What it has.
-    pub cut: Cut,
+    pub version: VersionVector,
     /// What everybody has.
-    pub stable: Cut,
+    pub stable: VersionVector,
     /// A number that replicas with the same state share.
     pub state: String,
     /// How many keys have a value.
     pub keys: u64,
-    /// How many keys have writes beside each other that nobody has settled.
+    /// How many keys have concurrent writes that nobody has settled.
     pub conflicts: u64,
     /// How many transactions are kept.
     pub log_len: u64,
@@ -296,7 +296,7 @@ pub struct MemberStatus {
     /// Name of its robot.
     pub robot: String,
     /// Under which name it writes.
-    pub origin: Origin,
+    pub origin: ReplicaId,
     /// When it was last heard of; nothing if never since the node was started, or if it is the one that was asked.
     #[serde(with = "comms::logic::human::seconds_if_known")]
     pub heard: Option<Duration>,
@@ -345,12 +345,12 @@ impl From<Own> for Wish {
 
 impl Far {
     /// Returns the level of a commit.
-    pub fn level(&self) -> Level {
+    pub fn level(&self) -> AckLevel {
         match self {
-            Self::Local => Level::Local,
-            Self::Replicated(count) => Level::Replicated(usize::try_from(*count).unwrap_or(usize::MAX)),
-            Self::On(robots) => Level::On(robots.iter().cloned().collect()),
-            Self::Everywhere => Level::Everywhere,
+            Self::Local => AckLevel::Local,
+            Self::Replicated(count) => AckLevel::Replicated(usize::try_from(*count).unwrap_or(usize::MAX)),
+            Self::On(robots) => AckLevel::On(robots.iter().cloned().collect()),
+            Self::Everywhere => AckLevel::Everywhere,
         }
     }
 }

@@ -90,7 +90,7 @@ pub(super) fn from_elsewhere(mut question: Question, now: &Moment) -> Result<Que
         | Question::History(_)
         | Question::Conflicts { .. }
         | Question::Diff { .. }
-        | Question::Cut(_)
+        | Question::Version(_)
         | Question::Watch { .. }
         | Question::Import { .. }
         | Question::Owners => false,

@@ -123,17 +123,17 @@ pub fn spelt(datum: &Datum) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use dbmanager::logic::clock::Stamp;
-    use dbmanager::logic::cut::{Cut, Dot, Origin};
-    use dbmanager::logic::state::Seen;
+    use dbmanager::logic::clock::Timestamp;
+    use dbmanager::logic::state::CausalContext;
     use dbmanager::logic::txn::Write;
+    use dbmanager::logic::version_vector::{Dot, ReplicaId, VersionVector};
 
     fn state(entries: &[(&str, Datum)]) -> State {
         let mut state = State::default();
         let write = |(key, datum): &(&str, Datum)| Write { key: Key::new(*key).unwrap(), value: datum.encode().ok() };
         let writes: Vec<Write> = entries.iter().map(write).collect();
-        let (dot, context) = (Dot { origin: Origin::new(1), seq: 1 }, Cut::default());
-        state.apply(dot, Stamp::default(), Seen { context: &context, only: None }, &writes);
+        let (dot, context) = (Dot { origin: ReplicaId::new(1), seq: 1 }, VersionVector::default());
+        state.apply(dot, Timestamp::default(), CausalContext { context: &context, only: None }, &writes);
         state
     }
 

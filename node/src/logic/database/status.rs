@@ -4,7 +4,7 @@ use super::Database;
 use super::question::{Clock, MemberStatus, Status};
 use comms::logic::time::Time;
 use dbmanager::logic::clock::{Quality, Wall};
-use dbmanager::logic::cut::Cut;
+use dbmanager::logic::version_vector::VersionVector;
 use dbmanager::logic::view::past::Past;
 use std::time::Duration;
 
@@ -17,16 +17,16 @@ impl Database {
         let (state, log, stable) = (self.state(), self.replica.log(), self.replica.stable());
         let count = |count: usize| u64::try_from(count).unwrap_or(u64::MAX);
         let past = Past { log, state };
-        let (cut, mine) = (log.cut(), self.replica.origin());
+        let (version, mine) = (log.vector(), self.replica.origin());
         let member = |(origin, robot): (_, &str)| {
-            let none = Cut::default();
-            let said = if origin == mine { cut } else { self.replica.said(origin).unwrap_or(&none) };
+            let none = VersionVector::default();
+            let said = if origin == mine { version } else { self.replica.acked(origin).unwrap_or(&none) };
             MemberStatus {
                 robot: robot.to_owned(),
                 origin,
                 heard: self.heard.get(&origin).map(|heard| now.since(heard.at)),
                 lacks: past.lag(said),
-                ahead: missing(said, cut),
+                ahead: missing(said, version),
                 pins: stable.pinned_by.contains(&origin),
                 clock: self.heard.get(&origin).and_then(|heard| heard.walls).map(clock),
             }
@@ -40,8 +40,8 @@ impl Database {
             member: self.replica.is_member(),
             closed: self.closed.clone(),
             store: self.store.clone(),
-            cut: cut.clone(),
-            stable: stable.cut.clone(),
+            version: version.clone(),
+            stable: stable.vector.clone(),
             state: format!("{:032x}", state.digest()),
             keys: count(state.scan("").filter(|(key, _)| state.get(key).is_some()).count()),
             conflicts: count(state.conflicts("").count()),
@@ -59,7 +59,7 @@ fn clock((theirs, ours): (Wall, Wall)) -> Clock {
 }
 
 /// Returns how many transactions of `whole` are not in `part`.
-fn missing(whole: &Cut, part: &Cut) -> u64 {
+fn missing(whole: &VersionVector, part: &VersionVector) -> u64 {
     // A peer may say any number.
     whole.beyond(part).iter().fold(0, |sum: u64, (origin, seq)| sum.saturating_add(seq - part.get(origin)))
 }

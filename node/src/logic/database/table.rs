@@ -46,7 +46,7 @@ fn headline(status: &Status) -> String {
     match (with, behind) {
         (0, _) => format!("team `{team}`: `{robot}` is its only member so far"),
         (_, 0) => format!("team `{team}`, as `{robot}` sees it: everybody has everything"),
-        (_, behind) => format!("team `{team}`, as `{robot}` sees it: others that lack something: {behind} of {with}"),
+        (_, behind) => format!("team `{team}`, as `{robot}` sees it: {behind} of {with} peers are behind"),
     }
 }
 
@@ -154,7 +154,7 @@ fn indented(text: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use dbmanager::logic::cut::{Cut, Origin};
+    use dbmanager::logic::version_vector::{ReplicaId, VersionVector};
     use dbmanager::logic::view::past::When;
     use expect_test::expect;
 
@@ -166,20 +166,20 @@ mod tests {
             quality: if lacks > 0 { "unset" } else { "network" }.into(),
             ahead: if lacks > 0 { -i64::try_from(heard.as_millis()).unwrap() * 3600 } else { 8 },
         });
-        let (robot, origin, pins) = (robot.into(), Origin::new(number), lacks > 0);
+        let (robot, origin, pins) = (robot.into(), ReplicaId::new(number), lacks > 0);
         MemberStatus { robot, origin, heard, lacks: lag, ahead: 0, pins, clock }
     }
 
     fn team(members: Vec<MemberStatus>) -> Status {
         Status {
             robot: "r1".into(),
-            origin: Origin::new(1),
+            origin: ReplicaId::new(1),
             team: "dca".into(),
             member: !members.is_empty(),
             closed: None,
             store: Some("/var/lib/dca/r1/db".into()),
-            cut: Cut::default(),
-            stable: Cut::default(),
+            version: VersionVector::default(),
+            stable: VersionVector::default(),
             state: "0123456789abcdef0123456789abcdef".into(),
             keys: 12,
             conflicts: 1,
@@ -195,7 +195,7 @@ mod tests {
     fn a_robot_that_is_away() {
         let members = vec![member("r1", 1, None, 0), member("r2", 2, Some(1), 0), member("r3", 3, Some(720), 14)];
         expect![[r#"
-            team `dca`, as `r1` sees it: others that lack something: 1 of 2
+            team `dca`, as `r1` sees it: 1 of 2 peers are behind
 
               ROBOT  HEARD       CLOCK                  LACKS                                  AHEAD
               r1     this robot  unset                  -                                      -
@@ -216,7 +216,7 @@ mod tests {
         for heard in [None, Some(20)] {
             let text = status(&team(members(heard)));
             let told: Vec<&str> = text.lines().filter(|line| line.contains("dca db retire r2 --older")).collect();
-            assert!(told.len() == 1 && told[0].contains(&Origin::new(2).to_string()), "{text}");
+            assert!(told.len() == 1 && told[0].contains(&ReplicaId::new(2).to_string()), "{text}");
         }
     }
 

@@ -2,8 +2,8 @@
 
 use super::question::Reply;
 use super::{Database, Effect};
-use dbmanager::logic::cut::Cut;
-use dbmanager::logic::view::moment::MomentError;
+use dbmanager::logic::version_vector::VersionVector;
+use dbmanager::logic::view::as_of::AsOfError;
 use dbmanager::logic::view::past::{Keys, Past};
 use dbmanager::logic::view::watch::Watch;
 
@@ -15,9 +15,14 @@ const ROOM: usize = 64;
 
 impl Database {
     /// Begins to watch; returns from where.
-    pub(super) fn watch(&mut self, call: u64, keys: Keys, from: Option<Cut>) -> Result<Cut, MomentError> {
+    pub(super) fn watch(
+        &mut self,
+        call: u64,
+        keys: Keys,
+        from: Option<VersionVector>,
+    ) -> Result<VersionVector, AsOfError> {
         let log = self.replica.log();
-        let from = from.unwrap_or_else(|| log.cut().clone());
+        let from = from.unwrap_or_else(|| log.vector().clone());
         let watch = Watch::new(keys, from.clone(), log)?;
         self.watchers.insert(call, watch);
         Ok(from)
@@ -34,7 +39,7 @@ impl Database {
         for (call, watch) in &mut self.watchers {
             let news = watch.next(&past, ROOM);
             self.more |= news.more;
-            effects.extend(news.told.into_iter().map(|told| Effect::Answer(*call, Reply::Told(told))));
+            effects.extend(news.list.into_iter().map(|told| Effect::Answer(*call, Reply::Notification(told))));
         }
     }
 }

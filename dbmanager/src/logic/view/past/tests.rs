@@ -19,14 +19,14 @@ fn the_history_of_a_key() {
     team[1].wall = Wall { millis: 0, quality: Quality::Unset };
     team[1].commit(Draft::new("new lens").delete(key("team/gain")));
     heal(&mut team);
-    let (left, right) = (team[0].past().deeds(&of("team/gain")), team[1].past().deeds(&of("team/gain")));
+    let (left, right) = (team[0].past().history(&of("team/gain")), team[1].past().history(&of("team/gain")));
     expect![[r#"
         WHEN (UTC)            BY  VALUE              WHY          TRANSACTION
         2026-11-21 10:00:02   r1  1.0                first light  0000000000000001:2
-        2026-11-21 10:00:03   r1  {"$bytes" = "78"}               0000000000000001:3  ! beside r2's ~2026-11-21 10:00:02
-        ~2026-11-21 10:00:02  r2  (deleted)          new lens     0000000000000002:1  ! beside r1's 2026-11-21 10:00:03"#]].assert_eq(&table::deeds(&left, table::Span::Key));
+        2026-11-21 10:00:03   r1  {"$bytes" = "78"}               0000000000000001:3  ! concurrent with r2's ~2026-11-21 10:00:02
+        ~2026-11-21 10:00:02  r2  (deleted)          new lens     0000000000000002:1  ! concurrent with r1's 2026-11-21 10:00:03"#]].assert_eq(&table::history(&left, table::Span::Key));
     let mut sorted = [left, right];
-    sorted.iter_mut().for_each(|deeds| deeds.sort_by_key(|deed| deed.dot));
+    sorted.iter_mut().for_each(|history| history.sort_by_key(|entry| entry.dot));
     assert_eq!(sorted[0], sorted[1], "every robot tells the same, in the order of its own");
 }
 
@@ -43,16 +43,16 @@ fn who_has_done_what() {
         WHEN (UTC)           BY  KEY                           VALUE  WHY             TRANSACTION
         2026-11-21 10:00:01  r1  sys/members/0000000000000001  "r1"   found the team  0000000000000001:1
                                  sys/members/0000000000000002  "r2"
-        2026-11-21 10:00:02  r1  team/a                        0      number 0        0000000000000001:2  ! beside r2's 2026-11-21 10:00:02, r2's 2026-11-21 10:00:03
-        2026-11-21 10:00:03  r1  team/a                        2      number 2        0000000000000001:3  ! beside r2's 2026-11-21 10:00:02, r2's 2026-11-21 10:00:03
-        2026-11-21 10:00:02  r2  team/a                        1      number 1        0000000000000002:1  ! beside r1's 2026-11-21 10:00:03, r1's 2026-11-21 10:00:02
-        2026-11-21 10:00:03  r2  team/a                        3      number 3        0000000000000002:2  ! beside r1's 2026-11-21 10:00:03, r1's 2026-11-21 10:00:02"#]].assert_eq(&table::deeds(&past.deeds(&all), table::Span::All));
-    assert_eq!(past.deeds(&Filter { limit: 2, ..all.clone() }), past.deeds(&all)[3..], "the last ones");
-    let by = |robot: &str| past.deeds(&Filter { by: Some(robot.into()), ..all.clone() });
-    assert_eq!(by("r2"), past.deeds(&all)[3..], "who is asked for does not change what stands beside");
-    let times: Vec<u64> = past.deeds(&all).iter().map(|deed| deed.when.millis).collect();
+        2026-11-21 10:00:02  r1  team/a                        0      number 0        0000000000000001:2  ! concurrent with r2's 2026-11-21 10:00:02, r2's 2026-11-21 10:00:03
+        2026-11-21 10:00:03  r1  team/a                        2      number 2        0000000000000001:3  ! concurrent with r2's 2026-11-21 10:00:02, r2's 2026-11-21 10:00:03
+        2026-11-21 10:00:02  r2  team/a                        1      number 1        0000000000000002:1  ! concurrent with r1's 2026-11-21 10:00:03, r1's 2026-11-21 10:00:02
+        2026-11-21 10:00:03  r2  team/a                        3      number 3        0000000000000002:2  ! concurrent with r1's 2026-11-21 10:00:03, r1's 2026-11-21 10:00:02"#]].assert_eq(&table::history(&past.history(&all), table::Span::All));
+    assert_eq!(past.history(&Filter { limit: 2, ..all.clone() }), past.history(&all)[3..], "the last ones");
+    let by = |robot: &str| past.history(&Filter { by: Some(robot.into()), ..all.clone() });
+    assert_eq!(by("r2"), past.history(&all)[3..], "who is asked for does not change what stands beside");
+    let times: Vec<u64> = past.history(&all).iter().map(|entry| entry.when.millis).collect();
     let between = Filter { from: Some(times[1]), until: Some(times[2].max(times[1] + 1)), ..all };
-    assert!(!past.deeds(&between).is_empty());
+    assert!(!past.history(&between).is_empty());
 }
 
 proptest! {
@@ -64,21 +64,21 @@ proptest! {
         play(&mut team, &steps, |_| ());
         heal(&mut team);
         // What each had seen, from a log that is whole.
-        let mut contexts: BTreeMap<Dot, Cut> = BTreeMap::new();
+        let mut contexts: BTreeMap<Dot, VersionVector> = BTreeMap::new();
         team[2].past().walk(&BTreeMap::new(), |txn, seen| {
             contexts.insert(txn.dot(), seen.clone());
         });
         team[2].forget(forget);
-        let deeds = team[2].past().deeds(&of("team/k0"));
-        for deed in &deeds {
-            let concurrent = |other: &&Deed| {
-                *other != deed && !contexts[&deed.dot].contains(other.dot) && !contexts[&other.dot].contains(deed.dot)
+        let history = team[2].past().history(&of("team/k0"));
+        for entry in &history {
+            let concurrent = |other: &&HistoryEntry| {
+                *other != entry && !contexts[&entry.dot].contains(other.dot) && !contexts[&other.dot].contains(entry.dot)
             };
-            let mut expected: Vec<Dot> = deeds.iter().filter(concurrent).map(|other| other.dot).collect();
-            let mut beside = deed.beside.clone();
+            let mut expected: Vec<Dot> = history.iter().filter(concurrent).map(|other| other.dot).collect();
+            let mut concurrent = entry.concurrent.clone();
             expected.sort();
-            beside.sort();
-            let named = beside.iter().filter(|dot| deeds.iter().any(|deed| deed.dot == **dot));
+            concurrent.sort();
+            let named = concurrent.iter().filter(|dot| history.iter().any(|entry| entry.dot == **dot));
             prop_assert_eq!(named.copied().collect::<Vec<_>>(), expected);
         }
     }

@@ -1,6 +1,6 @@
 use super::*;
-use crate::logic::txn::Frame;
-use crate::logic::view::moment::diff;
+use crate::logic::txn::EncodedTxn;
+use crate::logic::view::as_of::diff;
 use crate::logic::view::table;
 use crate::logic::view::tests::{Robot, heal, key, play, steps, toml};
 use crate::logic::view::value;
@@ -78,7 +78,7 @@ fn how_it_looks() {
         "robot/r1/name" = "Rosie \"the\" robot"
         "team/camera/gain" = 1.5
         "team/pose" = {x = 1, y = [0.5, -0.0]}
-        # 2 writes beside each other, also: 3
+        # 2 concurrent writes, also: 3
         "team/rate" = 2
         # end
     "##]]
@@ -135,7 +135,7 @@ fn what_does_not_fit_into_one_transaction_takes_several() {
     assert_eq!(plan.drafts.len(), 5);
     assert_eq!(plan.differences.len(), 10 + CHANGES_MAX);
     carry_out(&mut robot, plan);
-    assert!(robot.log.in_order().iter().all(|(_, frame)| Frame::size(frame) <= TXN_SIZE_MAX));
+    assert!(robot.log.in_order().iter().all(|(_, encoded)| EncodedTxn::size(encoded) <= TXN_SIZE_MAX));
 }
 
 #[test]

@@ -1,6 +1,6 @@
 use super::*;
-use crate::logic::cut::{Dot, Origin};
 use crate::logic::txn::Draft;
+use crate::logic::version_vector::{Dot, ReplicaId};
 use crate::logic::view::tests::{Robot, Step, heal, key, play, steps};
 use crate::logic::view::token;
 use proptest::prelude::*;
@@ -11,21 +11,21 @@ fn all() -> Keys {
 }
 
 /// Returns everything there is at the moment.
-fn drain(watch: &mut Watch, robot: &Robot) -> Vec<Told> {
+fn drain(watch: &mut Watch, robot: &Robot) -> Vec<Notification> {
     let mut all = Vec::new();
     loop {
-        let News { told, more } = watch.next(&robot.past(), 2);
-        all.extend(told);
+        let Notifications { list, more } = watch.next(&robot.past(), 2);
+        all.extend(list);
         if !more {
             return all;
         }
     }
 }
 
-fn dots(told: &[Told]) -> Vec<Dot> {
-    let dot = |told: &Told| {
-        let Told::Event(event) = told else { panic!("{told:?}") };
-        event.deed.dot
+fn dots(told: &[Notification]) -> Vec<Dot> {
+    let dot = |told: &Notification| {
+        let Notification::Event(event) = told else { panic!("{told:?}") };
+        event.entry.dot
     };
     told.iter().map(dot).collect()
 }
@@ -34,31 +34,36 @@ fn dots(told: &[Told]) -> Vec<Dot> {
 struct Watcher {
     watch: Watch,
     /// What it was told of, or has read in the state.
-    has: Cut,
+    has: VersionVector,
     lagged: usize,
 }
 
 impl Watcher {
-    fn look(&mut self, robot: &Robot, room: usize, contexts: &BTreeMap<Dot, Cut>) -> Result<(), TestCaseError> {
-        let News { told, more } = self.watch.next(&robot.past(), room);
-        prop_assert!(told.len() <= room.max(1) && !(more && told.is_empty()));
-        for told in told {
+    fn look(
+        &mut self,
+        robot: &Robot,
+        room: usize,
+        contexts: &BTreeMap<Dot, VersionVector>,
+    ) -> Result<(), TestCaseError> {
+        let Notifications { list, more } = self.watch.next(&robot.past(), room);
+        prop_assert!(list.len() <= room.max(1) && !(more && list.is_empty()));
+        for told in list {
             match told {
-                Told::Event(event) => {
-                    let dot = event.deed.dot;
+                Notification::Event(event) => {
+                    let dot = event.entry.dot;
                     prop_assert_eq!(self.has.get(dot.origin) + 1, dot.seq, "each once, none left out");
                     prop_assert!(self.has.dominates(&contexts[&dot]), "after all that it had seen");
                     self.has.include(dot);
                 }
-                Told::Lagged { resume } => {
+                Notification::Lagged { resume } => {
                     self.lagged += 1;
                     prop_assert!(resume.dominates(&self.has));
                     self.has = resume;
                 }
-                Told::Replaced { .. } => prop_assert!(false, "nothing was replaced"),
+                Notification::Replaced { .. } => prop_assert!(false, "nothing was replaced"),
             }
         }
-        prop_assert_eq!(self.watch.told(), &self.has);
+        prop_assert_eq!(self.watch.position(), &self.has);
         Ok(())
     }
 }
@@ -73,8 +78,8 @@ proptest! {
         forget in proptest::option::of(0_usize..2000),
     ) {
         let mut team = Robot::team(3);
-        let begin = Watch::new(all(), Cut::default(), &team[0].log).unwrap();
-        let mut watcher = Watcher { watch: begin, has: Cut::default(), lagged: 0 };
+        let begin = Watch::new(all(), VersionVector::default(), &team[0].log).unwrap();
+        let mut watcher = Watcher { watch: begin, has: VersionVector::default(), lagged: 0 };
         let mut rooms = rooms.into_iter().cycle();
         for step in steps.chunks(1) {
             play(&mut team, step, |_| ());
@@ -84,8 +89,8 @@ proptest! {
             watcher.look(&team[0], rooms.next().unwrap(), &contexts)?;
             if let (Some(size), Step::Write(..)) = (forget, &step[0]) {
                 // Others must still be served: only what all of them have may go.
-                let mut common = team[0].cut();
-                team.iter().for_each(|robot| common.meet(robot.log.cut()));
+                let mut common = team[0].vector();
+                team.iter().for_each(|robot| common.meet(robot.log.vector()));
                 team[0].forget_within(&common, size);
             }
         }
@@ -96,7 +101,7 @@ proptest! {
             last.past().walk(&BTreeMap::new(), |txn, seen| drop(contexts.insert(txn.dot(), seen.clone())));
             watcher.look(&last, 3, &contexts)?;
         }
-        prop_assert_eq!(&watcher.has, last.log.cut());
+        prop_assert_eq!(&watcher.has, last.log.vector());
         prop_assert!(!whole || watcher.lagged == 0);
     }
 }
@@ -104,31 +109,35 @@ proptest! {
 #[test]
 fn watch_resume_after_compaction() {
     let mut team = Robot::team(1);
-    let mut watch = Watch::new(all(), team[0].cut(), &team[0].log).unwrap();
+    let mut watch = Watch::new(all(), team[0].vector(), &team[0].log).unwrap();
     let told = team[0].put("", "team/a", "1");
     assert_eq!(dots(&drain(&mut watch, &team[0])), [told]);
-    let text = token::token(watch.told());
+    let text = token::token(watch.position());
     drop(watch);
     let missed = team[0].put("", "team/a", "2");
-    let resume = |robot: &Robot| Watch::new(all(), token::cut(&text).unwrap(), &robot.log);
+    let resume = |robot: &Robot| Watch::new(all(), token::vector(&text).unwrap(), &robot.log);
     assert_eq!(dots(&drain(&mut resume(&team[0]).unwrap(), &team[0])), [missed], "nothing is told twice");
     team[0].forget(0);
     let refused = resume(&team[0]).unwrap_err();
-    assert_eq!(refused, MomentError::Compacted { oldest: team[0].cut() }, "what was missed cannot be told any more");
-    assert!(Watch::new(all(), team[0].cut(), &team[0].log).is_ok());
+    assert_eq!(refused, AsOfError::Compacted { oldest: team[0].vector() }, "what was missed cannot be told any more");
+    assert!(Watch::new(all(), team[0].vector(), &team[0].log).is_ok());
 }
 
 #[test]
 fn slow_watcher() {
     let mut team = Robot::team(1);
-    let mut watch = Watch::new(all(), team[0].cut(), &team[0].log).unwrap();
+    let mut watch = Watch::new(all(), team[0].vector(), &team[0].log).unwrap();
     let names: Vec<Dot> = (0..100).map(|number| team[0].put("", "team/a", &number.to_string())).collect();
-    assert_eq!(watch.next(&team[0].past(), 0), News { told: vec![], more: false }, "no room: it keeps its place");
+    assert_eq!(
+        watch.next(&team[0].past(), 0),
+        Notifications { list: vec![], more: false },
+        "no room: it keeps its place"
+    );
     let first = watch.next(&team[0].past(), 3);
-    assert_eq!((dots(&first.told), first.more), (names[..3].to_vec(), true));
+    assert_eq!((dots(&first.list), first.more), (names[..3].to_vec(), true));
     team[0].forget(0);
-    let resume = team[0].cut();
-    assert_eq!(drain(&mut watch, &team[0]), [Told::Lagged { resume }]);
+    let resume = team[0].vector();
+    assert_eq!(drain(&mut watch, &team[0]), [Notification::Lagged { resume }]);
     let next = team[0].put("", "team/a", "100");
     assert_eq!(dots(&drain(&mut watch, &team[0])), [next]);
 }
@@ -136,10 +145,10 @@ fn slow_watcher() {
 #[test]
 fn goes_on_at_another_robot() {
     let mut team = Robot::team(2);
-    let mut watch = Watch::new(all(), team[0].cut(), &team[0].log).unwrap();
+    let mut watch = Watch::new(all(), team[0].vector(), &team[0].log).unwrap();
     let first = team[0].put("", "team/a", "1");
     assert_eq!(dots(&drain(&mut watch, &team[0])), [first]);
-    let mut elsewhere = Watch::new(all(), watch.told().clone(), &team[1].log).unwrap();
+    let mut elsewhere = Watch::new(all(), watch.position().clone(), &team[1].log).unwrap();
     let second = team[1].put("", "team/b", "1");
     assert_eq!(dots(&drain(&mut elsewhere, &team[1])), [second], "what has not arrived there is known already");
     heal(&mut team);
@@ -149,7 +158,7 @@ fn goes_on_at_another_robot() {
 #[test]
 fn only_what_is_watched_and_whole() {
     let mut team = Robot::team(2);
-    let mut watch = Watch::new(Keys::Below("team/cam/".into()), team[0].cut(), &team[0].log).unwrap();
+    let mut watch = Watch::new(Keys::Below("team/cam/".into()), team[0].vector(), &team[0].log).unwrap();
     team[0].put("", "team/arm", "1");
     let both = Draft::new("").put(key("team/cam/a"), b"1").put(key("team/cam/b"), b"1").delete(key("team/arm"));
     team[0].commit(both);
@@ -159,24 +168,24 @@ fn only_what_is_watched_and_whole() {
     let events: Vec<(usize, usize, usize)> = told
         .iter()
         .map(|told| {
-            let Told::Event(event) = told else { panic!("{told:?}") };
-            (event.deed.changes.len(), event.deed.others, event.conflicts.len())
+            let Notification::Event(event) = told else { panic!("{told:?}") };
+            (event.entry.changes.len(), event.entry.others, event.conflicts.len())
         })
         .collect();
     assert_eq!(events, [(2, 1, 1), (1, 0, 1)]);
-    assert_eq!(watch.told(), team[0].log.cut(), "what is not watched is behind it, too");
+    assert_eq!(watch.position(), team[0].log.vector(), "what is not watched is behind it, too");
 }
 
 #[test]
 fn begins_anew_when_the_state_was_replaced() {
     let mut team = Robot::team(2);
-    let mut watch = Watch::new(all(), team[0].cut(), &team[0].log).unwrap();
+    let mut watch = Watch::new(all(), team[0].vector(), &team[0].log).unwrap();
     team[0].put("", "team/a", "1");
     // Its robot was retired while it was away, and begins under a new origin with what the other has.
     let mut anew = team[1].clone();
-    anew.origin = Origin::new(9);
+    anew.origin = ReplicaId::new(9);
     watch.replaced();
-    assert_eq!(drain(&mut watch, &anew), [Told::Replaced { resume: anew.cut() }]);
+    assert_eq!(drain(&mut watch, &anew), [Notification::Replaced { resume: anew.vector() }]);
     let next = anew.put("", "team/a", "1");
     assert_eq!(dots(&drain(&mut watch, &anew)), [next]);
 }

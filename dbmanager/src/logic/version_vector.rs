@@ -1,8 +1,8 @@
-//! Origins, dots and cuts: who wrote, which of its transactions, and up to where.
+//! Replica ids, dots and version vectors: who wrote, which of its transactions, and up to where.
 //!
-//! The transactions of one origin are numbered from 1 without gaps and are taken over in that order. So a cut (one number
-//! for each origin) says exactly which transactions somebody has, and the difference of two cuts is exactly what one side
-//! lacks: no search tree and no set reconciliation is needed.
+//! The transactions of one origin are numbered from 1 without gaps and are taken over in that order. So a version
+//! vector (one number for each origin) says exactly which transactions somebody has, and the difference of two version
+//! vectors is exactly what one side lacks: no search tree and no set reconciliation is needed.
 
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -10,9 +10,9 @@ use std::fmt;
 
 /// One life of one store: random, minted when the store is made, never derived from a robot's name.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
-pub struct Origin(#[serde(with = "comms::logic::human::hex")] u64);
+pub struct ReplicaId(#[serde(with = "comms::logic::human::hex")] u64);
 
-impl Origin {
+impl ReplicaId {
     /// Returns the origin with this number.
     pub const fn new(number: u64) -> Self {
         Self(number)
@@ -30,7 +30,7 @@ impl Origin {
     }
 }
 
-impl fmt::Display for Origin {
+impl fmt::Display for ReplicaId {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{:016x}", self.0)
     }
@@ -40,7 +40,7 @@ impl fmt::Display for Origin {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct Dot {
     /// Who committed it.
-    pub origin: Origin,
+    pub origin: ReplicaId,
     /// Its number there, from 1.
     pub seq: u64,
 }
@@ -53,34 +53,34 @@ impl fmt::Display for Dot {
 
 /// All transactions of each origin up to a number. Origins without transactions are not in it.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(from = "Vec<(Origin, u64)>", into = "Vec<(Origin, u64)>")]
-pub struct Cut(BTreeMap<Origin, u64>);
+#[serde(from = "Vec<(ReplicaId, u64)>", into = "Vec<(ReplicaId, u64)>")]
+pub struct VersionVector(BTreeMap<ReplicaId, u64>);
 
-impl From<Vec<(Origin, u64)>> for Cut {
-    fn from(entries: Vec<(Origin, u64)>) -> Self {
+impl From<Vec<(ReplicaId, u64)>> for VersionVector {
+    fn from(entries: Vec<(ReplicaId, u64)>) -> Self {
         entries.into_iter().collect()
     }
 }
 
-impl FromIterator<(Origin, u64)> for Cut {
-    fn from_iter<T: IntoIterator<Item = (Origin, u64)>>(entries: T) -> Self {
-        let mut cut = Self::default();
+impl FromIterator<(ReplicaId, u64)> for VersionVector {
+    fn from_iter<T: IntoIterator<Item = (ReplicaId, u64)>>(entries: T) -> Self {
+        let mut vector = Self::default();
         for (origin, seq) in entries {
-            cut.include(Dot { origin, seq });
+            vector.include(Dot { origin, seq });
         }
-        cut
+        vector
     }
 }
 
-impl From<Cut> for Vec<(Origin, u64)> {
-    fn from(cut: Cut) -> Self {
-        cut.0.into_iter().collect()
+impl From<VersionVector> for Vec<(ReplicaId, u64)> {
+    fn from(vector: VersionVector) -> Self {
+        vector.0.into_iter().collect()
     }
 }
 
-impl Cut {
+impl VersionVector {
     /// Returns up to which number `origin`'s transactions are in it; 0 for none.
-    pub fn get(&self, origin: Origin) -> u64 {
+    pub fn get(&self, origin: ReplicaId) -> u64 {
         self.0.get(&origin).copied().unwrap_or(0)
     }
 
@@ -129,13 +129,13 @@ impl Cut {
 
     /// Returns it without an origin.
     #[must_use]
-    pub fn without(mut self, origin: Origin) -> Self {
+    pub fn without(mut self, origin: ReplicaId) -> Self {
         self.0.remove(&origin);
         self
     }
 
     /// Returns the entries by origin.
-    pub fn iter(&self) -> impl Iterator<Item = (Origin, u64)> {
+    pub fn iter(&self) -> impl Iterator<Item = (ReplicaId, u64)> {
         self.0.iter().map(|(origin, seq)| (*origin, *seq))
     }
 
@@ -149,7 +149,7 @@ impl Cut {
         self.0.is_empty()
     }
 
-    /// Returns eight bytes that two equal cuts share and two others practically never do.
+    /// Returns eight bytes that two equal version vectors share and two others practically never do.
     pub fn digest(&self) -> u64 {
         let mut hasher = blake3::Hasher::new();
         for (origin, seq) in self.iter() {
@@ -161,7 +161,7 @@ impl Cut {
     }
 }
 
-impl fmt::Display for Cut {
+impl fmt::Display for VersionVector {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut between = "";
         for (origin, seq) in self.iter() {
@@ -177,14 +177,14 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn cut() -> impl Strategy<Value = Cut> {
+    fn vector() -> impl Strategy<Value = VersionVector> {
         proptest::collection::vec((0..4_u64, 0..4_u64), 0..6)
-            .prop_map(|entries| entries.into_iter().map(|(origin, seq)| (Origin::new(origin), seq)).collect())
+            .prop_map(|entries| entries.into_iter().map(|(origin, seq)| (ReplicaId::new(origin), seq)).collect())
     }
 
     proptest! {
         #[test]
-        fn join_and_meet_are_a_lattice(a in cut(), b in cut()) {
+        fn join_and_meet_are_a_lattice(a in vector(), b in vector()) {
             let (mut join, mut meet) = (a.clone(), a.clone());
             join.join(&b);
             meet.meet(&b);
@@ -195,16 +195,16 @@ mod tests {
             prop_assert_eq!(&again, &join);
             prop_assert_eq!(a.digest() == b.digest(), a == b);
             let bytes = postcard::to_stdvec(&a).unwrap();
-            prop_assert_eq!(postcard::from_bytes::<Cut>(&bytes).unwrap(), a);
+            prop_assert_eq!(postcard::from_bytes::<VersionVector>(&bytes).unwrap(), a);
         }
     }
 
     #[test]
     fn origins_are_read_as_they_are_written() {
-        let origin = Origin::new(0xab);
-        assert_eq!(Origin::parse(&origin.to_string()), Some(origin));
+        let origin = ReplicaId::new(0xab);
+        assert_eq!(ReplicaId::parse(&origin.to_string()), Some(origin));
         assert_eq!(
-            [Origin::parse("ab"), Origin::parse("00000000000000AB"), Origin::parse("+0000000000000ab")],
+            [ReplicaId::parse("ab"), ReplicaId::parse("00000000000000AB"), ReplicaId::parse("+0000000000000ab")],
             [None; 3]
         );
     }

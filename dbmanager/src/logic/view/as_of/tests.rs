@@ -20,7 +20,7 @@ proptest! {
         heal(&mut team);
         let last = team[0].clone();
         for moment in &moments {
-            let shown = last.past().at(moment.log.cut(), None).unwrap();
+            let shown = last.past().at(moment.log.vector(), None).unwrap();
             prop_assert_eq!(&shown, &moment.state);
             prop_assert_eq!(shown.digest(), moment.state.digest());
         }
@@ -30,11 +30,11 @@ proptest! {
         let base = from.get(&moments);
         let base = Base { heads: base.log.heads().clone(), state: base.state.clone() };
         for later in &moments {
-            match team[0].past().at(later.log.cut(), Some(&base)) {
+            match team[0].past().at(later.log.vector(), Some(&base)) {
                 Ok(shown) => prop_assert_eq!(&shown, &later.state),
-                Err(MomentError::Compacted { .. }) => {
-                    let reaches = base.cut().dominates(&low) && later.log.cut().dominates(&base.cut());
-                    prop_assert!(!reaches && later.log.cut() != team[0].log.cut() && !low.is_empty());
+                Err(AsOfError::Compacted { .. }) => {
+                    let reaches = base.vector().dominates(&low) && later.log.vector().dominates(&base.vector());
+                    prop_assert!(!reaches && later.log.vector() != team[0].log.vector() && !low.is_empty());
                 }
                 Err(other) => prop_assert!(false, "{}", other),
             }
@@ -72,19 +72,19 @@ proptest! {
 #[test]
 fn what_was_dropped_is_not_made_up() {
     let mut team = Robot::team(2);
-    let early = team[0].cut();
+    let early = team[0].vector();
     team[0].put("a", "team/a", "1");
-    let mid = team[0].cut();
+    let mid = team[0].vector();
     team[0].put("b", "team/a", "2");
     let (manifest, chunks) = snapshot::take(&team[0].state, team[0].log.heads());
-    let late = team[0].cut();
+    let late = team[0].vector();
     team[0].forget(0);
     let past = team[0].past();
-    assert_eq!(past.at(&mid, None), Err(MomentError::Compacted { oldest: late.clone() }));
+    assert_eq!(past.at(&mid, None), Err(AsOfError::Compacted { oldest: late.clone() }));
     assert_eq!(past.at(&late, None).unwrap(), team[0].state);
     let heads = manifest.heads.iter().cloned().collect();
     let base = Base { heads, state: manifest.assemble(&chunks).unwrap() };
-    assert_eq!(past.at(&early, Some(&base)), Err(MomentError::Compacted { oldest: late }));
+    assert_eq!(past.at(&early, Some(&base)), Err(AsOfError::Compacted { oldest: late }));
     let ahead = team[1].past().at(&mid, None);
     expect![
         "this robot lacks some of what was seen at that moment (0000000000000001:2); ask again when it has arrived"
@@ -97,7 +97,7 @@ fn who_has_joined_can_look_back_to_that() {
     let mut team = Robot::team(1);
     let mut checkpoints = Checkpoints::default();
     checkpoints.note(&team[0].past());
-    let before = team[0].cut();
+    let before = team[0].vector();
     team[0].put("", "team/old", "1");
     team[0].forget(0);
     checkpoints.note(&team[0].past());
@@ -109,23 +109,25 @@ fn who_has_joined_can_look_back_to_that() {
             moments.push(team[0].clone());
         }
     }
-    let look = |robot: &Robot, checkpoints: &Checkpoints, cut: &Cut| robot.past().at(cut, checkpoints.before(cut));
+    let look = |robot: &Robot, checkpoints: &Checkpoints, vector: &VersionVector| {
+        robot.past().at(vector, checkpoints.before(vector))
+    };
     for moment in &moments {
-        assert_eq!(look(&team[0], &checkpoints, moment.log.cut()).unwrap().digest(), moment.state.digest());
+        assert_eq!(look(&team[0], &checkpoints, moment.log.vector()).unwrap().digest(), moment.state.digest());
     }
-    let oldest = moments[0].cut();
-    assert_eq!(look(&team[0], &checkpoints, &before), Err(MomentError::Compacted { oldest }));
+    let oldest = moments[0].vector();
+    assert_eq!(look(&team[0], &checkpoints, &before), Err(AsOfError::Compacted { oldest }));
     assert!((2..=CHECKPOINTS_MAX).contains(&checkpoints.0.len()));
     // What the log drops takes the oldest with it; the next one is as good.
     let half = team[0].log.size() / 2;
     team[0].forget(half);
     checkpoints.note(&team[0].past());
-    let reached = checkpoints.oldest().unwrap().cut();
+    let reached = checkpoints.oldest().unwrap().vector();
     for moment in &moments {
-        let shown = look(&team[0], &checkpoints, moment.log.cut());
-        assert_eq!(shown.is_ok(), moment.log.cut().dominates(&reached));
+        let shown = look(&team[0], &checkpoints, moment.log.vector());
+        assert_eq!(shown.is_ok(), moment.log.vector().dominates(&reached));
     }
-    assert!(look(&team[0], &checkpoints, moments[15].log.cut()).is_ok());
+    assert!(look(&team[0], &checkpoints, moments[15].log.vector()).is_ok());
 }
 
 #[test]
@@ -136,13 +138,13 @@ fn the_first_that_the_log_drops_takes_only_itself() {
     for number in 0..3000 {
         robot.put("", "team/a", &number.to_string());
         checkpoints.note(&robot.past());
-        moments.push(robot.cut());
+        moments.push(robot.vector());
     }
     let whole = robot.log.len();
     robot.forget(robot.log.size() - 1);
     checkpoints.note(&robot.past());
     assert_eq!(robot.log.len(), whole - 1);
-    let shown = |moment: &Cut| robot.past().at(moment, checkpoints.before(moment)).is_ok();
+    let shown = |moment: &VersionVector| robot.past().at(moment, checkpoints.before(moment)).is_ok();
     assert!(moments.iter().step_by(100).all(shown));
 }
 
@@ -150,7 +152,7 @@ fn the_first_that_the_log_drops_takes_only_itself() {
 fn one_clock_in_2099_does_not_end_dates() {
     let mut team = Robot::team(2);
     let (mut checkpoints, right) = (Checkpoints::default(), team[0].wall);
-    let before = team[0].cut();
+    let before = team[0].vector();
     team[1].wall.millis = 4_070_908_800_000;
     team[1].put("a clock in 2099", "team/b", "1");
     heal(&mut team);
@@ -158,15 +160,15 @@ fn one_clock_in_2099_does_not_end_dates() {
     team[0].wall = right;
     team[0].forget(0);
     checkpoints.note(&team[0].past());
-    let late = |team: &[Robot]| team[0].past().cut_at(MORNING + 3_600_000, "", checkpoints.oldest());
-    assert_eq!(late(&team), Err(MomentError::Compacted { oldest: team[0].cut() }));
+    let late = |team: &[Robot]| team[0].past().vector_at(MORNING + 3_600_000, "", checkpoints.oldest());
+    assert_eq!(late(&team), Err(AsOfError::Compacted { oldest: team[0].vector() }));
     team[0].put("in order, and seen", "team/a", "1");
-    let seen = team[0].cut();
+    let seen = team[0].vector();
     team[1].put("in 2099, and not seen", "team/b", "2");
     heal(&mut team);
     assert_eq!(late(&team), Ok(seen));
-    let early = team[0].past().cut_at(MORNING, "", checkpoints.oldest());
-    assert!(matches!(early, Err(MomentError::Compacted { oldest }) if oldest.dominates(&before)));
+    let early = team[0].past().vector_at(MORNING, "", checkpoints.oldest());
+    assert!(matches!(early, Err(AsOfError::Compacted { oldest }) if oldest.dominates(&before)));
 }
 
 #[test]
@@ -180,8 +182,8 @@ fn a_date_is_a_cut() {
     team[0].wall.millis = MORNING + 10_000;
     team[0].put("at 10:00:11", "team/a", "3");
     let past = team[0].past();
-    let at = |seconds: u64| -> Result<_, MomentError> {
-        let state = past.at(&past.cut_at(MORNING + 1000 * seconds, "", None)?, None)?;
+    let at = |seconds: u64| -> Result<_, AsOfError> {
+        let state = past.at(&past.vector_at(MORNING + 1000 * seconds, "", None)?, None)?;
         let read = |text: &str| state.get(&key(text)).map(|v| Datum::of(v.value.as_ref().unwrap()).to_toml());
         Ok((read("team/a"), read("team/b")))
     };
@@ -191,7 +193,7 @@ fn a_date_is_a_cut() {
     assert_eq!(refused, at(10).unwrap_err(), "it may have been then, or not");
     expect!["what was there at that date cannot be told: 1 of the changes asked for have no date, since their robot's clock was not set (the first is 0000000000000002:1, by `r2`); ask for a later date, or for a cut as `dca db cut` prints it"].assert_eq(&refused.to_string());
     assert_eq!(at(11), Ok((Some("3".into()), one())), "whoever wrote at that date had seen it");
-    let of_a = past.cut_at(MORNING + 2000, "team/a", None).unwrap();
+    let of_a = past.vector_at(MORNING + 2000, "team/a", None).unwrap();
     assert_eq!(of_a.to_string(), "0000000000000001:2", "other keys are not its business");
 }
 
@@ -210,15 +212,15 @@ fn a_clock_that_nobody_keeps_tells_dates_all_the_same() {
     team[1].put("at 10:00:04", "team/a", "3");
     assert!(team[1].log.last_stamp().millis() < 10, "stamps go on from nothing");
     let past = team[1].past();
-    let deeds = past.deeds(&Filter::new(Keys::Only(key("team/a")), 9));
+    let history = past.history(&Filter::new(Keys::Only(key("team/a")), 9));
     expect![[r#"
         WHEN (UTC)            BY                VALUE  WHY          TRANSACTION
         ~2026-11-21 10:00:02  0000000000000001  1      at 10:00:02  0000000000000001:1
         ~2026-11-21 10:00:03  0000000000000001  2      at 10:00:03  0000000000000001:2
         ~2026-11-21 10:00:04  0000000000000002  3      at 10:00:04  0000000000000002:1"#]]
-    .assert_eq(&table::deeds(&deeds, table::Span::Key));
+    .assert_eq(&table::history(&history, table::Span::Key));
     let shown = |seconds: u64| {
-        let state = past.at(&past.cut_at(MORNING + 1000 * seconds, "", None).unwrap(), None).unwrap();
+        let state = past.at(&past.vector_at(MORNING + 1000 * seconds, "", None).unwrap(), None).unwrap();
         state.get(&key("team/a")).map(|v| Datum::of(v.value.as_ref().unwrap()).to_toml())
     };
     assert_eq!([1, 2, 3, 4].map(shown), [None, Some("1".into()), Some("2".into()), Some("3".into())]);
@@ -230,19 +232,19 @@ fn without_any_date_no_question_by_date_is_answered() {
     robot.wall = Wall { millis: 5000, quality: Quality::Unset };
     robot.put("", "team/a", "1");
     let past = robot.past();
-    let deeds = past.deeds(&Filter { from: Some(MORNING), ..Filter::new(Keys::Below(String::new()), 9) });
+    let history = past.history(&Filter { from: Some(MORNING), ..Filter::new(Keys::Below(String::new()), 9) });
     expect![[r#"
         WHEN (UTC)  BY                VALUE  WHY  TRANSACTION
         no date     0000000000000001  1           0000000000000001:1"#]]
-    .assert_eq(&table::deeds(&deeds, table::Span::Key));
+    .assert_eq(&table::history(&history, table::Span::Key));
     for date in [5000, 6000, MORNING] {
-        assert!(matches!(past.cut_at(date, "", None), Err(MomentError::Undated { count: 1, .. })), "{date}");
+        assert!(matches!(past.vector_at(date, "", None), Err(AsOfError::Undated { count: 1, .. })), "{date}");
     }
     // What is left of it once the log is cut says no more.
     let base = Base { heads: robot.log.heads().clone(), state: robot.state.clone() };
     robot.forget(0);
-    let cut = robot.past().cut_at(MORNING, "", Some(&base));
-    assert_eq!(cut, Err(MomentError::Compacted { oldest: robot.cut() }));
+    let vector = robot.past().vector_at(MORNING, "", Some(&base));
+    assert_eq!(vector, Err(AsOfError::Compacted { oldest: robot.vector() }));
 }
 
 #[test]
@@ -257,7 +259,7 @@ fn what_has_changed() {
     team[1].put("", "team/gain", "2");
     heal(&mut team);
     expect![[r#"
-        ~ team/gain  {"$bytes" = "31"} → 1  ! 2 writes beside each other
+        ~ team/gain  {"$bytes" = "31"} → 1  ! 2 concurrent writes
         + team/new   [1, 2.5]
         - team/old   {"$bytes" = "78"}"#]]
     .assert_eq(&table::differences(&diff(&before.state, &team[0].state, "team/")));

@@ -1,24 +1,25 @@
 //! The state as it was, and what has changed between two states.
 //!
-//! A moment is a cut. It can be shown if the log still has every transaction behind a known state, its *base*: the
+//! A moment is a version vector. It can be shown if the log still has every transaction behind a known state, its *base*: the
 //! empty state if nothing was ever dropped. Transactions are applied by the same rule as in the replica, so the state
-//! at the present cut is the present state, to the digest.
+//! at the present version vector is the present state, to the digest.
 //!
 //! A replica that has joined a team, or has dropped some of its log, has no state from before. So each keeps its own
 //! [`Checkpoints`] from its start on, before the first of the log is dropped: states share what they have in common, so a
 //! handful costs little.
 //!
-//! A date names a cut, too: all transactions that were committed by then by a clock that may be believed, and all that those
-//! had seen. Of what was written without such a clock two bounds are known: it was not before any date that its writer had
-//! seen, and not after the date of whoever has seen it. A date between the two is refused: nobody can tell. A base will do if
-//! it is within that cut, so one date in 2099 is in the way of none, once others have seen it.
+//! A date names a version vector, too: all transactions that were committed by then by a clock that may be believed,
+//! and all that those had seen. Of what was written without such a clock two bounds are known: it was not before any
+//! date that its writer had seen, and not after the date of whoever has seen it. A date between the two is refused:
+//! nobody can tell. A base will do if it is within that version vector, so one date in 2099 is in the way of none, once
+//! others have seen it.
 
 use super::past::{Past, When};
 use super::value::Datum;
-use crate::logic::cut::{Cut, Dot, Origin};
 use crate::logic::key::Key;
 use crate::logic::log::Head;
-use crate::logic::state::{Seen, State, Version};
+use crate::logic::state::{CausalContext, State, Version};
+use crate::logic::version_vector::{Dot, ReplicaId, VersionVector};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use thiserror::Error;
@@ -34,7 +35,7 @@ const CHECKPOINT_SHARE: usize = 8;
 #[derive(Clone, Debug, Default)]
 pub struct Base {
     /// The last transaction of each origin in it.
-    pub heads: BTreeMap<Origin, Head>,
+    pub heads: BTreeMap<ReplicaId, Head>,
     /// What they led to.
     pub state: State,
 }
@@ -45,7 +46,7 @@ pub struct Checkpoints(VecDeque<Base>);
 
 /// Why a moment cannot be shown.
 #[derive(Clone, Debug, Error, PartialEq, Eq, Serialize, Deserialize)]
-pub enum MomentError {
+pub enum AsOfError {
     /// What would be needed is not kept any more.
     #[error(
         "what was before is not kept any more; the oldest moment that can be shown is {}",
@@ -53,7 +54,7 @@ pub enum MomentError {
     )]
     Compacted {
         /// The oldest moment that can be shown.
-        oldest: Cut,
+        oldest: VersionVector,
     },
     /// Some of it has not arrived here.
     #[error(
@@ -62,7 +63,7 @@ pub enum MomentError {
     )]
     Ahead {
         /// Up to which transactions.
-        missing: Cut,
+        missing: VersionVector,
     },
     /// Some of it was written while no clock was set, and nobody with a date had seen it by then.
     #[error(
@@ -88,23 +89,23 @@ pub struct Difference {
     pub before: Option<Datum>,
     /// What is shown after.
     pub after: Option<Datum>,
-    /// How many writes stand beside each other after; 1 if they agree.
-    pub beside: usize,
+    /// How many writes are concurrent after; 1 if they agree.
+    pub siblings: usize,
 }
 
 impl Base {
     /// Returns the base of a log, if there is one: nothing if the log is complete, or `older` if it goes on from that.
-    fn of(past: &Past<'_>, older: Option<&Self>) -> Result<Self, MomentError> {
+    fn of(past: &Past<'_>, older: Option<&Self>) -> Result<Self, AsOfError> {
         let low = past.log.low();
-        match older.filter(|base| base.cut().dominates(&low)) {
+        match older.filter(|base| base.vector().dominates(&low)) {
             _ if low.is_empty() => Ok(Self::default()),
             Some(base) => Ok(base.clone()),
-            None => Err(MomentError::Compacted { oldest: past.log.cut().clone() }),
+            None => Err(AsOfError::Compacted { oldest: past.log.vector().clone() }),
         }
     }
 
     /// Returns what is in it.
-    pub fn cut(&self) -> Cut {
+    pub fn vector(&self) -> VersionVector {
         self.heads.iter().map(|(origin, head)| (*origin, head.seq)).collect()
     }
 }
@@ -114,12 +115,12 @@ impl Checkpoints {
     /// within reach, as far as the log goes back.
     pub fn note(&mut self, past: &Past<'_>) {
         let low = past.log.low();
-        while self.0.front().is_some_and(|base| !base.cut().dominates(&low)) {
+        while self.0.front().is_some_and(|base| !base.vector().dominates(&low)) {
             self.0.pop_front();
         }
-        let count = |cut: &Cut| cut.iter().map(|(_, seq)| seq).sum::<u64>();
+        let count = |vector: &VersionVector| vector.iter().map(|(_, seq)| seq).sum::<u64>();
         let period = CHECKPOINT_PERIOD.max(past.log.len() / CHECKPOINT_SHARE) as u64;
-        let due = |base: &Base| count(past.log.cut()) >= count(&base.cut()).saturating_add(period);
+        let due = |base: &Base| count(past.log.vector()) >= count(&base.vector()).saturating_add(period);
         if !self.0.back().is_none_or(due) {
             return;
         }
@@ -134,9 +135,9 @@ impl Checkpoints {
         }
     }
 
-    /// Returns the latest state before a cut, or the oldest.
-    pub fn before(&self, cut: &Cut) -> Option<&Base> {
-        self.0.iter().rev().find(|base| cut.dominates(&base.cut())).or(self.0.front())
+    /// Returns the latest state before a version vector, or the oldest.
+    pub fn before(&self, vector: &VersionVector) -> Option<&Base> {
+        self.0.iter().rev().find(|base| vector.dominates(&base.vector())).or(self.0.front())
     }
 
     /// Returns the oldest state.
@@ -146,60 +147,60 @@ impl Checkpoints {
 }
 
 impl Past<'_> {
-    /// Returns the state at a cut; of one that is not closed under what its transactions had seen, at the largest
+    /// Returns the state at a version vector; of one that is not closed under what its transactions had seen, at the largest
     /// closed part. `base` is a state before it, if there is one.
     ///
     /// # Errors
     /// If it is not kept any more, or not here yet.
-    pub fn at(&self, cut: &Cut, base: Option<&Base>) -> Result<State, MomentError> {
-        if cut == self.log.cut() {
+    pub fn at(&self, vector: &VersionVector, base: Option<&Base>) -> Result<State, AsOfError> {
+        if vector == self.log.vector() {
             return Ok(self.state.clone());
         }
-        if !self.log.cut().dominates(cut) {
-            return Err(MomentError::Ahead { missing: cut.beyond(self.log.cut()) });
+        if !self.log.vector().dominates(vector) {
+            return Err(AsOfError::Ahead { missing: vector.beyond(self.log.vector()) });
         }
         let Base { heads, mut state } = Base::of(self, base)?;
-        let mut applied: Cut = heads.iter().map(|(origin, head)| (*origin, head.seq)).collect();
-        if !cut.dominates(&applied) {
-            return Err(MomentError::Compacted { oldest: applied });
+        let mut applied: VersionVector = heads.iter().map(|(origin, head)| (*origin, head.seq)).collect();
+        if !vector.dominates(&applied) {
+            return Err(AsOfError::Compacted { oldest: applied });
         }
         self.walk(&heads, |txn, context| {
-            if !cut.contains(txn.dot()) || applied.contains(txn.dot()) || !applied.dominates(context) {
+            if !vector.contains(txn.dot()) || applied.contains(txn.dot()) || !applied.dominates(context) {
                 return;
             }
             let only = txn.rebase.as_ref().map(|rebase| rebase.takes.as_slice());
             let own = txn.dot().origin;
             let seen = if only.is_some() { context.clone().without(own) } else { context.clone() };
-            state.apply(txn.dot(), txn.written(), Seen { context: &seen, only }, &txn.writes);
+            state.apply(txn.dot(), txn.written(), CausalContext { context: &seen, only }, &txn.writes);
             applied.include(txn.dot());
         });
         Ok(state)
     }
 
-    /// Returns the cut at a date, in milliseconds since 1970, as far as keys below `prefix` are concerned.
+    /// Returns the version vector at a date, in milliseconds since 1970, as far as keys below `prefix` are concerned.
     ///
     /// # Errors
     /// If it is not kept any more, or nobody can tell what was there then.
-    pub fn cut_at(&self, millis: u64, prefix: &str, base: Option<&Base>) -> Result<Cut, MomentError> {
+    pub fn vector_at(&self, millis: u64, prefix: &str, base: Option<&Base>) -> Result<VersionVector, AsOfError> {
         let base = Base::of(self, base)?;
-        let (mut cut, oldest) = (Cut::default(), base.cut());
+        let (mut vector, oldest) = (VersionVector::default(), base.vector());
         for (origin, head) in &base.heads {
             let dot = Dot { origin: *origin, seq: head.seq };
-            let kept = self.log.frame(dot).and_then(|frame| frame.open().ok());
-            // Of what is gone the stamp is left; one from before any date had been seen says nothing.
+            let kept = self.log.encoded(dot).and_then(|encoded| encoded.open().ok());
+            // Of what is gone the timestamp is left; one from before any date had been seen says nothing.
             let stamp = When { millis: head.stamp.millis(), trusted: false };
             let stamped = || stamp.is_known().then_some(stamp.millis);
             if kept.map_or_else(stamped, |txn| When::dated(txn.wall, txn.stamp)).is_some_and(|date| date <= millis) {
-                cut.join(&head.context);
-                cut.include(dot);
+                vector.join(&head.context);
+                vector.include(dot);
             }
         }
-        let (mut later, mut undated): (Vec<Dot>, Vec<(Dot, Cut)>) = (Vec::new(), Vec::new());
+        let (mut later, mut undated): (Vec<Dot>, Vec<(Dot, VersionVector)>) = (Vec::new(), Vec::new());
         self.walk(&base.heads, |txn, context| match When::dated(txn.wall, txn.stamp) {
             _ if oldest.contains(txn.dot()) => {}
             Some(date) if date <= millis => {
-                cut.join(context);
-                cut.include(txn.dot());
+                vector.join(context);
+                vector.include(txn.dot());
             }
             Some(_) => later.push(txn.dot()),
             None if txn.stamp.millis() > millis => {}
@@ -208,16 +209,16 @@ impl Past<'_> {
             }
             None => {}
         });
-        if !cut.dominates(&oldest) {
-            return Err(MomentError::Compacted { oldest });
+        if !vector.dominates(&oldest) {
+            return Err(AsOfError::Compacted { oldest });
         }
-        later.retain(|dot| !cut.contains(*dot));
-        undated.retain(|(dot, seen)| !cut.contains(*dot) && !later.iter().any(|later| seen.contains(*later)));
+        later.retain(|dot| !vector.contains(*dot));
+        undated.retain(|(dot, seen)| !vector.contains(*dot) && !later.iter().any(|later| seen.contains(*later)));
         match undated.first() {
             Some((first, _)) => {
-                Err(MomentError::Undated { first: *first, by: self.robot(first.origin), count: undated.len() })
+                Err(AsOfError::Undated { first: *first, by: self.robot(first.origin), count: undated.len() })
             }
-            None => Ok(cut),
+            None => Ok(vector),
         }
     }
 }
@@ -244,8 +245,8 @@ pub fn diff(earlier: &State, later: &State, prefix: &str) -> Vec<Difference> {
         let (before, after) = (shown(old), shown(new));
         let (was, is) = (earlier.is_conflict(key), later.is_conflict(key));
         let settled_or_new = (was || is) && dots(old) != dots(new);
-        let beside = if is { new.len() } else { 1 };
-        (before != after || settled_or_new).then(|| Difference { key: key.clone(), before, after, beside })
+        let siblings = if is { new.len() } else { 1 };
+        (before != after || settled_or_new).then(|| Difference { key: key.clone(), before, after, siblings })
     };
     keys.into_iter().filter_map(difference).collect()
 }

@@ -1,0 +1,160 @@
+//! What nobody needs any more, by membership and never by age.
+//!
+//! *State.* For each member, the last version vector it has said to have durably that the own version vector dominates.
+//!
+//! *Rule.* The *stable version vector* is the least of these, over all members, the own one, and retired origins before
+//! their barrier. A key that is only deleted is dropped when its deletions are stable; transactions are dropped when
+//! they are stable and the log is longer than it is to be.
+//!
+//! *T5, nothing comes back.* Let a deletion `T` be stable here. A transaction that has not seen `T` was committed by a
+//! member before it had `T`, so within the version vector by which that member showed that it has `T`; this version
+//! vector counted only because the own one dominates it, so the transaction is applied here already and `T` has met it.
+//! Whatever comes later has `T` in its context. So dropping `T` is no change to anything that is still to come.
+//! Newcomers begin with a state that has `T` (see [`member`](crate::logic::member)), and a transaction that is rebased
+//! under a new origin takes away every deletion in its context: whatever was dropped anywhere before the newcomer was
+//! known was so with the sponsor's consent, hence is in the state that the newcomer begins with.
+//!
+//! Counting what members *say* is not enough: one may say that it has `T`, and a concurrent write of it may still be on
+//! its way. Then one replica drops `T` and shows the write, and another orders the two. A member that is away holds the
+//! stable version vector where it is; that costs some bytes, and [`Stable::pinned_by`] says who it is.
+
+use crate::logic::member::Members;
+use crate::logic::version_vector::{ReplicaId, VersionVector};
+use std::collections::BTreeMap;
+
+/// What is stable, and who keeps it from growing.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Stable {
+    /// The version vector that everybody has and nobody can write without.
+    pub vector: VersionVector,
+    /// Those whose version vector is missing, or has less than the own one.
+    pub pinned_by: Vec<ReplicaId>,
+}
+
+/// What a replica knows of what others have.
+#[derive(Clone, Debug, Default)]
+pub struct Acks {
+    acked: BTreeMap<ReplicaId, VersionVector>,
+    counted: BTreeMap<ReplicaId, VersionVector>,
+    /// Up to where deletions were dropped.
+    dropped: VersionVector,
+}
+
+impl Acks {
+    /// Takes note of what `origin` says to have durably.
+    pub fn note(&mut self, origin: ReplicaId, vector: &VersionVector) {
+        self.acked.entry(origin).or_default().join(vector);
+    }
+
+    /// Counts what the own version vector dominates by now.
+    pub fn settle(&mut self, own: &VersionVector) {
+        for (origin, vector) in &self.acked {
+            if own.dominates(vector) {
+                self.counted.insert(*origin, vector.clone());
+            }
+        }
+    }
+
+    /// Takes note of what is stable now; returns whether that has changed, so that deletions can be dropped.
+    pub fn drops(&mut self, stable: &VersionVector) -> bool {
+        let changed = self.dropped != *stable;
+        if changed {
+            self.dropped = stable.clone();
+        }
+        changed
+    }
+
+    /// The state was replaced: nothing was dropped from it.
+    pub fn begin_anew(&mut self) {
+        self.dropped = VersionVector::default();
+    }
+
+    /// Returns what `origin` has said to have.
+    pub fn acked(&self, origin: ReplicaId) -> Option<&VersionVector> {
+        self.acked.get(&origin)
+    }
+
+    /// Returns the stable version vector as `me`, who has `own`, knows it.
+    pub fn stable(&self, me: ReplicaId, own: &VersionVector, members: &Members) -> Stable {
+        let has = |origin: ReplicaId| if origin == me { Some(own) } else { self.counted.get(&origin) };
+        let active = members.active().map(|(origin, _)| origin);
+        let retired = members.before_barrier(has);
+        let mut stable = Stable { vector: own.clone(), pinned_by: Vec::new() };
+        for origin in active.chain(retired) {
+            let vector = has(origin).cloned().unwrap_or_default();
+            if !vector.dominates(own) {
+                stable.pinned_by.push(origin);
+            }
+            stable.vector.meet(&vector);
+        }
+        stable
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::logic::clock::Timestamp;
+    use crate::logic::member;
+    use crate::logic::state::{CausalContext, State};
+    use crate::logic::version_vector::Dot;
+
+    fn vector(entries: &[(u64, u64)]) -> VersionVector {
+        entries.iter().map(|(origin, seq)| (ReplicaId::new(*origin), *seq)).collect()
+    }
+
+    /// Returns the team of these origins, in which origin 1 has retired the last by its transaction 9 if asked for.
+    fn team(origins: &[u64], retire: bool) -> Members {
+        let mut state = State::default();
+        let me = ReplicaId::new(1);
+        let mut apply = |seq, write| {
+            let context = VersionVector::default();
+            let stamp = Timestamp { epoch: 0, hlc: seq, origin: me };
+            state.apply(Dot { origin: me, seq }, stamp, CausalContext { context: &context, only: None }, &[write]);
+        };
+        for origin in origins {
+            apply(*origin, member::admission(ReplicaId::new(*origin), "r").unwrap());
+        }
+        if retire {
+            apply(9, member::retirement(ReplicaId::new(origins[origins.len() - 1])).unwrap());
+        }
+        Members::of(&state)
+    }
+
+    #[test]
+    fn delete_vs_concurrent_put_gc_race() {
+        let members = team(&[1, 2], false);
+        let (me, own) = (ReplicaId::new(1), vector(&[(1, 5)]));
+        let mut acks = Acks::default();
+        acks.note(ReplicaId::new(2), &vector(&[(1, 5), (2, 1)]));
+        acks.settle(&own);
+        let stable = acks.stable(me, &own, &members);
+        assert_eq!(
+            (stable.vector, stable.pinned_by),
+            (VersionVector::default(), vec![ReplicaId::new(2)]),
+            "2:1 may be a put beside it"
+        );
+        let own = vector(&[(1, 5), (2, 1)]);
+        acks.settle(&own);
+        assert_eq!(acks.stable(me, &own, &members), Stable { vector: own, pinned_by: vec![] });
+    }
+
+    #[test]
+    fn a_retired_origin_counts_until_everybody_knows() {
+        let members = team(&[1, 2, 3], true);
+        let (me, own) = (ReplicaId::new(1), vector(&[(1, 9)]));
+        let mut acks = Acks::default();
+        acks.note(ReplicaId::new(2), &vector(&[(1, 8)]));
+        acks.settle(&own);
+        assert_eq!(acks.stable(me, &own, &members).vector, VersionVector::default());
+        acks.note(ReplicaId::new(2), &vector(&[(1, 9)]));
+        acks.settle(&own);
+        assert_eq!(acks.stable(me, &own, &members).vector, own);
+    }
+
+    #[test]
+    fn last_member_standing() {
+        let own = vector(&[(1, 9)]);
+        assert_eq!(Acks::default().stable(ReplicaId::new(1), &own, &team(&[1, 2], true)).vector, own);
+    }
+}
