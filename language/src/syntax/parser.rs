@@ -13,7 +13,7 @@ mod repair;
 mod value;
 
 use super::{SyntaxKind, SyntaxNode, Token, lexer};
-use crate::diagnostic::{Code, DIAGNOSTICS_MAX, Diagnostic, Edit, Severity};
+use crate::diagnostic::{Code, DIAGNOSTICS_MAX, Diagnostic, Edit, Label, Severity};
 use crate::plan::DEPTH_MAX;
 use crate::source::{Origin, SOURCE_MAX, Source, Span};
 use rowan::{Checkpoint, GreenNodeBuilder, Language};
@@ -249,7 +249,14 @@ impl<'t> Parser<'t> {
         // A bracket behind a string without an end is a part of it; one before a new section has no counterpart.
         let is_lost = kind == SyntaxKind::LeftParen && self.ends_block();
         let is_certain = !is_lost && !self.follows_open_string();
+        let found = self.span();
+        let is_above = self.text.get(place.end as usize..found.start as usize).is_some_and(|gap| gap.contains('\n'));
         if let Some(diagnostic) = self.expected(kind.describe()).filter(|_| is_certain) {
+            if kind == SyntaxKind::Semicolon && is_above {
+                // It is missed lines below the place where it belongs.
+                diagnostic.primary.span = place;
+                diagnostic.secondary.push(Label { span: found, text: "found instead".to_owned() });
+            }
             let text = kind.describe().trim_matches('`').to_owned();
             diagnostic.fix = Some(crate::diagnostic::Fix {
                 title: format!("insert {}", kind.describe()),

@@ -113,6 +113,9 @@ fn no_interface(spec: &Spec, names: &[(usize, &Name)], diagnostics: &mut Diagnos
     let known = spec.process_names.keys().filter(|name| *name != enclosing).chain(spec.module_names.keys());
     if let Some(near) = diagnostics.nearest(&first.text, known.map(String::as_str)) {
         diagnostic = diagnostic.help(format!("did you mean `{near}`?"));
+    } else {
+        diagnostic = diagnostic
+            .help("name the program that offers it with `--controllers PROGRAM`, or declare it as a `module`");
     }
     Some(diagnostic)
 }
