@@ -31,8 +31,6 @@ const RETRY_MAX: Duration = Duration::from_millis(500);
 const FOUND_AGAIN_WITHIN: Duration = Duration::from_secs(60);
 /// How often a place is looked at that zenoh dials by itself.
 const LOOK_EVERY: Duration = Duration::from_secs(2);
-/// Of how many places one session is dialled at.
-const PLACES_MAX: usize = 4;
 /// Links made and lost that have not been looked at yet. More can only be made or lost by a process with more peers than that.
 const CHANGES_MAX: usize = 1024;
 
@@ -284,20 +282,11 @@ fn address(locator: &Locator) -> Option<SocketAddr> {
 fn hears(own: String, links: Arc<Mutex<Links>>, to_keeper: Arc<Sender<Change>>) -> impl Fn(Heard) {
     move |Heard { session, name, at }| {
         let Ok(locator) = format!("tcp/{at}").parse::<Locator>() else { return };
-        let mut noted = lock(&links);
-        let is_known = noted.kept.contains_key(&session);
-        if session == own || session.parse::<ZenohId>().is_err() || (!is_known && noted.kept.len() >= CHANGES_MAX) {
+        if session == own || session.parse::<ZenohId>().is_err() {
             return;
         }
-        noted.names.insert(session.clone(), name);
-        let within = Some(FOUND_AGAIN_WITHIN);
-        let place = noted.kept.entry(session.clone()).or_insert_with(|| Place { locators: Vec::new(), within });
-        // What was heard last comes first.
-        place.locators.retain(|other| *other != locator);
-        place.locators.insert(0, locator);
-        place.locators.truncate(PLACES_MAX);
-        if !noted.standing.contains(&session) && !noted.dialling.contains(&session) {
-            drop(noted);
+        let is_wanted = lock(&links).find(&session, name, (at.ip(), locator), FOUND_AGAIN_WITHIN);
+        if is_wanted {
             to_keeper.push(Change::Wanted(session));
         }
     }
