@@ -61,6 +61,8 @@ pub struct Plant {
     grip_force: f64,
     grasp: Grasp,
     push: Push,
+    /// The force of a visitor on the hand (N, world axes).
+    visitor: Vector3<f64>,
     yielding: Yielding,
     /// The largest force of the last step between the robot and leaf, jambs or walls (N).
     collision: f64,
@@ -103,6 +105,7 @@ impl Plant {
             grip_target: 0.0,
             grip_force: 0.0,
             push: Push::default(),
+            visitor: Vector3::zeros(),
             yielding: Yielding::default(),
             collision: 0.0,
             hand_velocity: None,
@@ -145,9 +148,9 @@ impl Plant {
         (self.grip, self.grip_force)
     }
 
-    /// Returns the force on the hand by what it touches (N), world axes.
-    pub fn force(&self) -> &Vector3<f64> {
-        &self.push.force
+    /// Returns the force on the hand by what it touches and by who pushes it (N), world axes.
+    pub fn force(&self) -> Vector3<f64> {
+        self.push.force + self.visitor
     }
 
     /// Returns the largest force between the robot's body and leaf, jambs or walls (N).
@@ -201,6 +204,7 @@ impl Plant {
             self.grasp.release();
         }
         self.push = self.grasp.push(&hand, &handle);
+        self.visitor = *visitor;
         self.door.step(&-self.push.force, &-self.push.torque, DT);
         self.step_body(&hand, visitor);
         self.step_robot();
@@ -333,6 +337,7 @@ mod tests {
         let (before, mut taken) = (plant.hand().world_from_tool.translation.vector, 0.0);
         for _ in 0..1000 {
             plant.step(&force);
+            assert_eq!(plant.force(), force, "it is felt");
             let load = Load {
                 at: plant.hand().world_from_tool.translation.vector,
                 force,
