@@ -357,6 +357,7 @@ impl Worker {
             Ok(replica) => {
                 self.told = None;
                 self.machine.reopen(replica);
+                tracing::info!("the store of the database is open again");
             }
             Err(error) => {
                 let why = words(&error);

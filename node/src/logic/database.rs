@@ -116,6 +116,8 @@ pub struct Database {
     /// When each replica was last heard.
     heard: BTreeMap<ReplicaId, Heard>,
     alarms: VecDeque<String>,
+    /// What was wrong with the disk since it took something last.
+    failures: BTreeSet<String>,
     wall: Wall,
     /// Who watches, by number of the call.
     watchers: BTreeMap<u64, Watch>,
@@ -155,6 +157,7 @@ impl Database {
             waiting: BTreeSet::new(),
             heard: BTreeMap::new(),
             alarms: VecDeque::new(),
+            failures: BTreeSet::new(),
             wall: Wall::default(),
             watchers: BTreeMap::new(),
             more: false,

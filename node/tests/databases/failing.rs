@@ -30,8 +30,10 @@ fn a_disk_that_fails_stops_writes_and_nothing_else() {
     world.write(1, "team/other", 1);
     world.run(Duration::from_secs(3));
     assert!(world.read(0, "team/other").is_empty(), "what cannot be kept is not taken");
-    assert!(world.status(0).closed.is_some());
+    assert!(world.status(0).closed.is_some() && !world.status(0).alarms.is_empty());
     world.reopen(0);
+    let status = world.status(0);
+    assert_eq!((status.closed, status.alarms), (None, vec![]), "there is room again");
     world.run(Duration::from_secs(12));
     assert_eq!(world.read(0, "team/other"), [Datum::from(1)]);
     world.write(0, "team/new", 2);

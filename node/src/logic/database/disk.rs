@@ -30,6 +30,7 @@ impl Database {
         let watchers = std::mem::take(&mut self.watchers).into_keys();
         effects.extend(std::mem::take(&mut self.waiting).into_iter().chain(watchers).map(Effect::End));
         self.alarm(why.to_owned(), &mut effects);
+        self.failures.insert(why.to_owned());
         self.closed = Some(format!("the database of `{}` takes no writes at the moment: {why}", self.robot));
         self.durable.get_or_insert(before);
         effects
@@ -39,6 +40,9 @@ impl Database {
     pub fn reopen(&mut self, replica: Replica) {
         self.replica = replica;
         (self.closed, self.durable) = (None, None);
+        // What was wrong with the disk is over: what is listed is what is wrong now.
+        let failures = std::mem::take(&mut self.failures);
+        self.alarms.retain(|alarm| !failures.contains(alarm));
         self.replaced();
     }
 
