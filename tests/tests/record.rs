@@ -1,8 +1,9 @@
 //! The record of a run, as a viewer reads it: with the official reader, by its own schemas.
 
-use dca_tests::cluster::{Cluster, Ended};
+use dca_tests::cluster::{Cluster, Ended, executable};
 use serde_json::Value;
 use std::collections::BTreeSet;
+use std::process::Command;
 use std::time::Duration;
 
 /// Nobody pushes the hand; the output of the sensor goes to what compares it.
@@ -64,4 +65,14 @@ fn a_recorded_port_can_be_plotted() {
     assert!(seen > 10, "{seen} values of a sensor that sends a hundred each second: {ended}");
     let schema = r#"{"properties":{"force":{"items":{"description":"Force","type":"number"},"type":"array"},"measured":{"description":"Time","type":"number"},"torque":{"items":{"description":"Torque","type":"number"},"type":"array"}},"title":"dca.types.Wrench","type":"object"}"#;
     assert_eq!(schemas.into_iter().collect::<Vec<_>>(), [("dca.types.Wrench".to_owned(), schema.to_owned())]);
+
+    // A disk that takes no more leaves no half of a page, and what is said names it. A limit of the shell stands for the disk.
+    let script = "trap '' XFSZ; ulimit -f 1; exec \"$0\" report runs/force-1 -o runs/page.html";
+    let mut shell = Command::new("sh");
+    let told = shell.args(["-c", script]).arg(executable("dca")).current_dir(cluster.folder()).output();
+    let told = told.expect("there is a shell");
+    let why = String::from_utf8_lossy(&told.stderr);
+    assert!(told.status.code() == Some(1) && why.contains("page.html") && why.contains("too large"), "{why}");
+    let left = std::fs::read_dir(cluster.folder().join("runs")).expect("runs are there").count();
+    assert_eq!(left, 1, "nothing is left of it");
 }

@@ -2,6 +2,7 @@
 
 use crate::cli::{Failure, output};
 use crate::io::recorder;
+use crate::io::whole_file::WholeFile;
 use crate::logic::page::page;
 use anyhow::Context as _;
 use std::fs;
@@ -36,5 +37,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
 /// When the record cannot be read, or the page cannot be written.
 pub fn write(record: &Path, file: &Path) -> anyhow::Result<()> {
     let run = recorder::read(record)?;
-    fs::write(file, page(&run)).with_context(|| format!("writing the report `{}`", file.display()))
+    if fs::metadata(file).is_ok_and(|there| !there.is_file() && !there.is_dir()) {
+        // A pipe or a terminal: nothing is left behind there.
+        return fs::write(file, page(&run)).with_context(|| format!("writing the report `{}`", file.display()));
+    }
+    let mut whole = WholeFile::create(file).context("writing the report")?;
+    whole.write(page(&run).as_bytes())?;
+    whole.finish()
 }

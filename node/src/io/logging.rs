@@ -7,8 +7,9 @@ use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
 use tracing_subscriber::{EnvFilter, Registry, reload};
 
-/// What a command line logs where nothing else is said.
-pub const COMMAND: &str = "warn,zenoh=error";
+/// What a command line logs where nothing else is said. What the network's library finds wrong is told in words of this
+/// program, if it matters.
+pub const COMMAND: &str = "warn,zenoh=off";
 /// What a node logs where nothing else is said.
 pub const NODE: &str = "info,zenoh=error";
 
@@ -50,5 +51,42 @@ impl Log {
 }
 
 fn from_environment(usual: &str) -> EnvFilter {
-    EnvFilter::try_from_default_env().unwrap_or_else(|_unset| EnvFilter::new(usual))
+    let asked = std::env::var("RUST_LOG").ok().filter(|text| !text.trim().is_empty());
+    asked.and_then(|text| EnvFilter::try_new(text).ok()).unwrap_or_else(|| EnvFilter::new(usual))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::{self, Write};
+    use std::sync::{Arc, Mutex};
+
+    #[derive(Clone, Default)]
+    struct Stream(Arc<Mutex<Vec<u8>>>);
+
+    impl Write for Stream {
+        fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+            self.0.lock().unwrap().extend(bytes);
+            Ok(bytes.len())
+        }
+
+        fn flush(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn a_person_sees_nothing_of_the_network_s_library() {
+        let stream = Stream::default();
+        let writer = stream.clone();
+        let lines = tracing_subscriber::fmt::layer().with_ansi(false).with_writer(move || writer.clone());
+        let log = tracing_subscriber::registry().with(EnvFilter::new(COMMAND)).with(lines);
+        tracing::subscriber::with_default(log, || {
+            tracing::error!(target: "zenoh::net::routing", "raw");
+            tracing::error!(target: "zenoh_transport::unicast", "raw");
+            tracing::warn!("in words");
+        });
+        let text = String::from_utf8(stream.0.lock().unwrap().clone()).unwrap();
+        assert!(text.contains("in words") && !text.contains("raw"), "{text}");
+    }
 }
