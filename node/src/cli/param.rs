@@ -157,14 +157,32 @@ impl Set {
 impl Unset {
     fn run(self) -> Result<(), Failure> {
         let programs = programs(&self.writing.asking)?;
-        let program = one(&programs, &self.instance)?;
+        let program = match one(&programs, &self.instance) {
+            Ok(program) => program,
+            // A change stays when nothing of it runs any more, and so does the way to take it back.
+            Err(none) => return self.delete(&stored(&self.writing.asking, &self.instance, &self.parameter)?, none),
+        };
         let parameter = program.parameter(&self.parameter)?;
         let set = program.set.get(&parameter.name).map(Vec::as_slice).unwrap_or_default();
         let Some((key, _)) = set.last() else {
             return Err(anyhow!("`{}` of `{}` was not changed", parameter.name, program.name()).into());
         };
-        output::note(&format!("{key} is deleted"));
-        self.writing.commit(vec![], vec![Write { key: Key::new(key.clone())?, value: None }])
+        self.delete(std::slice::from_ref(key), anyhow!("nothing is to be deleted").into())
+    }
+
+    /// Deletes the one key that is meant; `none` says why not if there is none.
+    fn delete(&self, keys: &[String], none: Failure) -> Result<(), Failure> {
+        match keys {
+            [key] => {
+                output::note(&format!("{key} is deleted"));
+                self.writing.commit(vec![], vec![Write { key: Key::new(key.clone())?, value: None }])
+            }
+            [] => Err(none),
+            several => {
+                let (name, keys) = (&self.instance, several.join("`, `"));
+                Err(anyhow!("`{name}` may be meant by `{keys}`; `dca db delete KEY` deletes one").into())
+            }
+        }
     }
 }
 
@@ -257,6 +275,29 @@ fn one<'a>(programs: &'a [Program], name: &str) -> Result<&'a Program, Failure> 
     }
 }
 
+/// Finds the keys that set a parameter of a program that does not run: of any robot that can be reached.
+fn stored(asking: &Asking, instance: &str, parameter: &str) -> Result<Vec<String>, Failure> {
+    asking.with(async |databases| {
+        let mut found = Vec::new();
+        for host in databases.robots().await? {
+            let keys = databases.parameters_of(&host, "").await?;
+            found.extend(keys.into_iter().map(|(key, _)| key).filter(|key| is_set_by(key, instance, parameter)));
+        }
+        Ok(found)
+    })
+}
+
+/// Whether a key sets a parameter of a program with this name: its path, with its deployment or without, or the end of it.
+fn is_set_by(key: &str, name: &str, parameter: &str) -> bool {
+    let Some((_, deployment, instance, of)) = parameter_key(key) else { return false };
+    let whole = format!("{deployment}/{instance}");
+    let is_end =
+        |short: &str, long: &str| long.strip_suffix(short).is_some_and(|rest| rest.is_empty() || rest.ends_with('/'));
+    // The key may name less of the path than the person does, and the other way round.
+    let path = name.strip_prefix(deployment).and_then(|rest| rest.strip_prefix('/'));
+    of == parameter && (is_end(name, &whole) || path.is_some_and(|path| is_end(instance, path)))
+}
+
 /// Asks every node that can be reached for its programs, and its database for what goes over their arguments.
 fn programs(asking: &Asking) -> Result<Vec<Program>, Failure> {
     asking.with(async |databases| {
@@ -308,5 +349,27 @@ fn datum_of(constant: &Constant) -> Datum {
         Constant::Text(text) => Datum::Text(text.clone()),
         Constant::Number(number) => Datum::float(*number),
         Constant::Truth(truth) => Datum::Bool(*truth),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_change_is_found_when_its_program_does_not_run() {
+        let key = "robot/c3/params/door/hit/force/threshold";
+        for (name, is_it) in [
+            ("force", true),
+            ("hit/force", true),
+            ("door/hit/force", true),
+            ("door/task/hit/force", true),
+            ("task/hit/force", false),
+            ("orce", false),
+            ("gate/hit/force", false),
+        ] {
+            assert_eq!(is_set_by(key, name, "threshold"), is_it, "{name}");
+        }
+        assert!(!is_set_by(key, "force", "zero") && !is_set_by("team/a", "force", "threshold"));
     }
 }

@@ -1,4 +1,4 @@
-//! What the databases of the robots say of the parameters of a spec that is about to run.
+//! What the databases of the robots say of the parameters of a spec that is about to run: what goes over the spec is told.
 
 use crate::cli::client::{Client, words};
 use crate::cli::db::asking::Databases;
@@ -31,6 +31,9 @@ pub(crate) async fn check(client: &Client, spec: &Spec) -> Result<(), Failure> {
             }
         };
         let known = known(&spec.plan, host, &declared);
+        let spelled: Vec<(String, String)> = keys.iter().map(|(key, datum)| (key.clone(), spelt(datum))).collect();
+        let overruled = parameters::overruled(&spelled, &known);
+        overruled.iter().for_each(|sentence| output::note(&format!("note: {sentence}")));
         for (key, datum) in keys {
             if let Verdict::Refused(why) = parameters::check(&key, &spelt(&datum), &known) {
                 refused.push(format!("{why} (`dca db delete {key}` takes it back)"));

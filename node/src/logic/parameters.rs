@@ -77,6 +77,46 @@ pub fn check(key: &str, text: &str, known: &[InstanceParameters]) -> Verdict {
     why.unwrap_or(Verdict::Fits)
 }
 
+/// Returns a sentence for each parameter of a plan of which the database says something else than the spec; `keys` have
+/// their values as a spec spells them.
+pub fn overruled(keys: &[(String, String)], known: &[InstanceParameters]) -> Vec<String> {
+    let mut sentences = Vec::new();
+    for one in known {
+        for status in one.parameters.iter().flatten() {
+            let name = &status.parameter.name;
+            let is_meant = |key: &str| {
+                let parts = parameter_key(key).filter(|(_, deployment, ..)| *deployment == one.deployment.name);
+                parts.is_some_and(|(_, _, instance, of)| of == name && stands_for(instance, &one.path))
+            };
+            // The key that names most of the path counts.
+            let stored = keys.iter().filter(|(key, _)| is_meant(key)).max_by_key(|(key, _)| key.len());
+            let (Some((key, text)), Some(given)) = (stored, &status.given) else { continue };
+            if !is_same(given, text) {
+                let (path, given) = (without_main(&one.path), spelt(given));
+                let unset = format!("dca param unset {}/{path} {name}", one.deployment.name);
+                sentences
+                    .push(format!("`{key}` is {text} in the database, the spec says {given}; `{unset}` removes it"));
+            }
+        }
+    }
+    sentences
+}
+
+fn is_same(given: &Constant, text: &str) -> bool {
+    match given {
+        Constant::Number(number) => text.parse::<f64>().is_ok_and(|other| other.total_cmp(number).is_eq()),
+        Constant::Text(_) | Constant::Truth(_) => spelt(given) == text,
+    }
+}
+
+fn spelt(constant: &Constant) -> String {
+    match constant {
+        Constant::Text(text) => text.clone(),
+        Constant::Number(number) => number.to_string(),
+        Constant::Truth(truth) => truth.to_string(),
+    }
+}
+
 /// Says that an instance has no such parameter, and which it has.
 pub fn no_parameter(instance: &InstanceParameters, parameters: &[ParameterStatus], name: &str) -> String {
     let all: Vec<&str> = parameters.iter().map(|status| status.parameter.name.as_str()).collect();
@@ -170,6 +210,27 @@ mod tests {
             (robot_of("robot/c3/params/a/b/c"), robot_of("robot/c3/node/log"), robot_of("team/params/a")),
             (Some("c3"), None, None)
         );
+    }
+
+    #[test]
+    fn what_the_database_says_instead_of_the_spec_is_told() {
+        let mut force =
+            instance("main/task/hit/force", Some(&[("threshold", Accepts::Number), ("zero", Accepts::Truth)]));
+        for (status, given) in
+            force.parameters.iter_mut().flatten().zip([Constant::Number(10.0), Constant::Truth(true)])
+        {
+            status.given = Some(given);
+        }
+        let says = |keys: &[(&str, &str)]| {
+            let key = |(key, text): &(&str, &str)| (format!("robot/c3/params/{key}"), (*text).to_owned());
+            overruled(&keys.iter().map(key).collect::<Vec<_>>(), std::slice::from_ref(&force))
+        };
+        assert_eq!(says(&[("door/hit/force/threshold", "10.0"), ("door/hit/force/zero", "true")]), [""; 0]);
+        assert_eq!(says(&[("gate/hit/force/threshold", "12.0"), ("door/hit/threshold", "12.0")]), [""; 0]);
+        let told = "`robot/c3/params/door/hit/force/threshold` is 12.0 in the database, the spec says 10; \
+                    `dca param unset door/task/hit/force threshold` removes it";
+        assert_eq!(says(&[("door/hit/force/threshold", "12.0"), ("door/force/threshold", "10.0")]), [told]);
+        assert_eq!(says(&[("door/force/zero", "false")]).len(), 1);
     }
 
     #[test]
