@@ -2,7 +2,9 @@
 //!
 //! Exit codes: 0 done, 1 refused or failed, 2 usage, 3 unreachable.
 
+pub(crate) mod absent;
 pub mod agent;
+pub mod attach;
 pub mod check;
 pub mod client;
 pub mod completions;
@@ -51,6 +53,8 @@ enum Verb {
     Run(run::Arguments),
     /// Run a spec on the hosts it names
     Deploy(deploy::Arguments),
+    /// Watch a deployment that runs, as `deploy` does
+    Attach(attach::Arguments),
     /// Print what is wrong with a spec
     Check(check::Arguments),
     /// Make a folder with a spec, and a controller program for it, to begin with
@@ -139,6 +143,7 @@ pub fn main() -> ExitCode {
     finish(match command.verb {
         Verb::Run(arguments) => run::run(arguments),
         Verb::Deploy(arguments) => deploy::run(arguments),
+        Verb::Attach(arguments) => attach::run(&arguments),
         Verb::Check(arguments) => check::run(&arguments),
         Verb::New(arguments) => new::run(&arguments),
         Verb::Fix(arguments) => fix::run(&arguments),

@@ -1,5 +1,6 @@
 //! The decisions of a node: pure state machines. Time comes in, effects go out.
 
+pub mod absence;
 pub mod agent;
 pub mod claims;
 pub mod database;

@@ -2,6 +2,8 @@
 
 #![expect(clippy::wildcard_enum_match_arm, reason = "a test looks for one variant and shows any other")]
 
+#[path = "agents/absence.rs"]
+mod absence;
 #[path = "agents/leaving.rs"]
 mod leaving;
 #[path = "agents/losses.rs"]
@@ -105,7 +107,7 @@ fn stop_ends_it_everywhere_even_what_does_not_listen() {
 fn every_reason_of_every_host_is_told_and_nothing_stays() {
     let mut world = World::new(&["c1", "c2"]);
     for host in ["c1", "c2"] {
-        let identity = Identity { host: host.into(), boot: 9, pid: 1, machine: host.into(), epoch: 0 };
+        let identity = Identity { host: host.into(), boot: 9, pid: 1, machine: host.into(), epoch: 0, open: vec![] };
         world.agents.insert(host.into(), Agent::new(identity, Programs::default(), Time::ZERO));
         world.boots.insert(host.into(), 9);
     }

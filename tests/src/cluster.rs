@@ -222,7 +222,7 @@ impl Host {
         command.args(arguments);
         if matches!(
             arguments.first(),
-            Some(&("run" | "deploy" | "nodes" | "status" | "logs" | "stop" | "db" | "param"))
+            Some(&("run" | "deploy" | "attach" | "nodes" | "status" | "logs" | "stop" | "db" | "param"))
         ) {
             command.arg("--run-dir").arg(&self.run_dir);
         }

@@ -135,7 +135,9 @@ fn logs_come_from_any_host() {
     let other = hosts.host(2).ask(&["logs", "main/other"]);
     assert_eq!(other.out, "first\noops\n", "{other}");
     let silent = hosts.host(3).ask(&["logs", "silent"]);
-    assert!(silent.code == Some(0) && silent.out.is_empty(), "{silent}");
+    assert!(silent.code == Some(0) && silent.out.is_empty() && silent.err.contains("written nothing"), "{silent}");
+    let all = hosts.host(3).ask(&["logs"]);
+    assert!(all.code == Some(0) && all.out.contains("main/talker") && all.out.contains("main/silent"), "{all}");
     // Both wait for a line; it goes to both, as it comes while they read.
     std::fs::write(&gate, "go\ngo\n").expect("a pipe with readers takes a line");
     follower.wait_for(Stream::Out, "second\n", SOON);

@@ -64,13 +64,30 @@ fn the_documented_parameter_changes_what_a_controller_does_while_it_runs() {
     let (here, _node, mission) = deploy(&cluster);
     let value = || here.ask(&["param", "get", "hit/force", "threshold"]);
     assert_eq!(value().out, "150.0\n");
+    let told = format!("`{KEY}` is 150.0 in the database, the spec says 0; `dca param unset door_opening/hit/force");
+    assert!(mission.text(Stream::Err).contains(&told), "{}", mission.text(Stream::Err));
+    // Another terminal sees the same.
+    let attached = here.dca(&["attach", "door_opening"]);
+    attached.wait_for(Stream::Err, "▸", SOON);
     // A whole push, and the next one: nothing is felt below 150 N.
     pass(Duration::from_secs(6));
     assert!(mission.is_running(), "{}{}", mission.text(Stream::Out), mission.text(Stream::Err));
     let changed = here.ask(&["db", "put", KEY, "5.0", "-m", "it has to feel a push"]);
     assert!(changed.code == Some(0) && !changed.err.contains("does not run"), "{changed}");
-    let ended = mission.ended(Duration::from_secs(60));
-    assert_eq!(ended.code, Some(0), "{ended}");
+    for watching in [mission, attached] {
+        let ended = watching.ended(Duration::from_secs(60));
+        assert_eq!(ended.code, Some(0), "{ended}");
+        assert!(ended.out.contains("hit/force was told that `threshold` is 5.0"), "{ended}");
+    }
+    // A change stays, and can be taken back when nothing runs.
+    for (name, code, why) in [
+        ("hit/forse", 1, "no program `hit/forse` runs"),
+        ("door_opening/hit/force", 0, "is deleted"),
+        ("hit/force", 1, "no program `hit/force` runs"),
+    ] {
+        let unset = here.ask(&["param", "unset", name, "threshold"]);
+        assert!(unset.code == Some(code) && unset.err.contains(why), "{unset}");
+    }
 }
 
 #[test]

@@ -100,3 +100,42 @@ fn a_node_that_leaves_takes_its_programs_along() {
     assert!(ended.code == Some(1) || ended.code == Some(3), "{ended}");
     cluster.expect_nothing_left(Duration::from_secs(2));
 }
+
+/// What may run on a host that is lost is told until the host itself has said that nothing is left, or a person has.
+#[test]
+fn what_a_lost_host_has_not_confirmed_is_told_until_it_is_back() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let nodes = ["c1", "c2"].map(|name| here.node(name, &[]));
+    let text = "module Sleeper(host) { exec \"sleep 600\"; plain; }
+        process main() {
+            host { c1 }
+            instantiated_processes { far instof Sleeper(c2); }
+            internal_event_actions { far }
+        }";
+    let mission = here.dca(&["deploy", &cluster.file("far.dca", text)]);
+    mission.wait_for(Stream::Err, "▸", SOON);
+    nodes[1].signal(Signal::STOP);
+    let ended = mission.ended(SOON);
+    assert!(ended.code == Some(1) && ended.out.contains("not confirmed that nothing is left on: c2"), "{ended}");
+    assert!(cluster.left().iter().any(|one| one.command == ["sleep", "600"]), "{:?}", cluster.left());
+    let (status, listed) = (here.ask(&["status"]), here.ask(&["nodes"]));
+    let row = status.out.lines().find(|line| line.starts_with("far@1")).unwrap_or_default();
+    assert!(status.code == Some(0) && row.contains("unconfirmed on  c2 (lost, heard "), "{status}");
+    assert!(status.err.contains("warning: `c2` is lost") && status.err.contains("--forget"), "{status}");
+    let row = listed.out.lines().find(|line| line.starts_with("c2")).unwrap_or_default();
+    assert!(row.contains("lost, heard ") && row.contains("far?"), "{listed}");
+    for _ in 0..2 {
+        let stop = here.ask(&["stop", "far"]);
+        let told = stop.err.contains("`c2` (lost, heard ") && stop.err.contains("has not confirmed");
+        assert!(stop.code == Some(3) && told, "{stop}");
+    }
+    let json: serde_json::Value = serde_json::from_str(&here.ask(&["status", "--json"]).out).expect("it is JSON");
+    assert_eq!(json[0]["absent"]["ends"][0]["hosts"][0]["why"], "lost", "{json}");
+    nodes[1].signal(Signal::CONT);
+    wait_until(SOON, || here.ask(&["status"]).out == "nothing is deployed on c1, c2\n").expect("c2 has confirmed");
+    let stop = here.ask(&["stop", "far"]);
+    assert!(stop.code == Some(1) && stop.err.contains("no deployment `far` is running"), "{stop}");
+    nodes.iter().for_each(|node| node.signal(Signal::TERM));
+    cluster.expect_nothing_left(ORPHAN_MAX);
+}

@@ -89,32 +89,22 @@ struct Watch {
 /// Deploys a spec and stays until it has ended; Ctrl-C stops it everywhere.
 pub(crate) async fn follow(client: &Client, spec: Spec, following: &Following) -> Result<(), Failure> {
     let home = spec.plan.home().context("the plan names no host for `main`")?.to_owned();
-    let (sights, arriving) = mpsc::channel(SIGHTS_MAX);
     let messages = if following.ports.is_empty() { Messages::new() } else { language::messages(&spec.modules) };
     let ports = ports(&spec.plan, &following.ports, &messages).map_err(|why| anyhow!(why))?;
-    let (port_sights, arriving_ports) = mpsc::channel(PORTS_MAX);
     let recorder = if following.no_record { None } else { Some(start_record(&spec, &following.runs)?) };
-    let mut watch = Watch {
-        mission: Mission::new(&spec.plan),
-        display: Display::default(),
-        output: Output::standard(),
-        recorder,
-        observers: Vec::new(),
-        ports,
-        port_sights,
-        arriving_ports,
-        outputs: Outputs::default(),
-        sights,
-        go_at: None,
-        name: spec.plan.name.clone(),
-        home: home.clone(),
-        hosts: spec.plan.hosts.clone(),
-        deployment: None,
-        seen: 0,
-        cut_off: None,
-    };
+    let (mut watch, arriving) = Watch::new(&spec.plan, home.clone(), recorder, ports);
     let request = Request::Deploy { request: request_number(), plan: spec.plan, by: whoami() };
     let answers = client.ask_on(&home, &request)?;
+    let watched = watch.watch(client, &home, answers, arriving).await;
+    watch.finish(watched).await
+}
+
+/// Watches a deployment that runs, from its beginning on, and stays until it has ended; Ctrl-C stops it everywhere.
+pub(crate) async fn attach(client: &Client, plan: Plan, deployment: Deployment) -> Result<(), Failure> {
+    let home = plan.home().context("the plan names no host for `main`")?.to_owned();
+    let (mut watch, arriving) = Watch::new(&plan, home.clone(), None, Vec::new());
+    watch.deployment = Some(deployment.clone());
+    let answers = client.ask_on(&home, &Request::Watch { deployment, seen: 0 })?;
     let watched = watch.watch(client, &home, answers, arriving).await;
     watch.finish(watched).await
 }
@@ -138,6 +128,31 @@ fn request_number() -> u64 {
 }
 
 impl Watch {
+    fn new(plan: &Plan, home: String, recorder: Option<Recorder>, ports: Vec<Port>) -> (Self, mpsc::Receiver<Sight>) {
+        let (sights, arriving) = mpsc::channel(SIGHTS_MAX);
+        let (port_sights, arriving_ports) = mpsc::channel(PORTS_MAX);
+        let watch = Self {
+            mission: Mission::new(plan),
+            display: Display::default(),
+            output: Output::standard(),
+            recorder,
+            observers: Vec::new(),
+            ports,
+            port_sights,
+            arriving_ports,
+            outputs: Outputs::default(),
+            sights,
+            go_at: None,
+            name: plan.name.clone(),
+            home,
+            hosts: plan.hosts.clone(),
+            deployment: None,
+            seen: 0,
+            cut_off: None,
+        };
+        (watch, arriving)
+    }
+
     async fn watch(
         &mut self,
         client: &Client,
@@ -218,7 +233,7 @@ impl Watch {
         let (home, name, within) = (&self.home, &self.name, span(BACK_WITHIN));
         Failure::Unreachable(anyhow!(
             "the mission on `{home}` is lost: its node is gone, or was out of reach for {within}; what runs of `{name}` on \
-             other hosts stops by its own rules (`dca status` shows it)"
+             other hosts stops by its own rules (`dca status` shows it); if it still runs, `dca attach {name}` watches it"
         ))
     }
 
@@ -258,6 +273,11 @@ impl Watch {
             if !signals.is_empty() {
                 self.observers.push(Observer::open(&self.name, signals, self.sights.clone()));
             }
+        }
+        if let (Report::Process { at, .. }, Some(go)) = (&report, self.go_at) {
+            // Who comes later is told of GO later: what has happened since says when it was.
+            let begun = clock::now().since(Time::ZERO).saturating_sub(*at);
+            self.go_at = Some(go.min(Time::ZERO + begun));
         }
         if let Report::Programs { at } = &report {
             self.hear_ports(at);

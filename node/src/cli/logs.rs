@@ -1,5 +1,7 @@
 //! `dca logs`: what a process has written, wherever it runs.
 
+mod list;
+
 use crate::cli::client::{self, Answers, Clients, block_on, unasked};
 use crate::cli::{Failure, Reaching, output};
 use crate::io::recorder;
@@ -15,7 +17,8 @@ const RECORDS_MAX: usize = 20;
 /// What `dca logs` is told.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
-    /// The process: a path such as `main/dooropensyst/hit`, or the end of one
+    /// The process: a path such as `main/dooropensyst/hit`, or the end of one; without it, the processes are listed
+    #[arg(default_value = "", hide_default_value = true)]
     process: String,
     /// Go on as it writes
     #[arg(short, long)]
@@ -40,6 +43,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
             Ok(clients) => clients,
             Err(failure) => return Ok(Some(failure)),
         };
+        if arguments.process.is_empty() {
+            let listed = list::all(&clients, arguments.deployment.as_deref()).await;
+            clients.close().await;
+            return listed.map(|()| None);
+        }
         let result = tokio::select! {
             result = print(&clients, arguments) => result,
             _ = tokio::signal::ctrl_c() => Ok(None),
@@ -95,8 +103,9 @@ async fn ended(clients: &Clients, arguments: &Arguments, silent: &[String]) -> R
 }
 
 async fn pass(host: &str, mut answers: Answers, first: Option<Vec<u8>>, raw: bool) -> Result<(), Failure> {
-    let mut printable = Printable::default();
+    let (mut printable, mut is_empty) = (Printable::default(), true);
     let mut print = |bytes: &[u8]| {
+        is_empty &= bytes.is_empty();
         if raw { output::pass(bytes) } else { output::pass(printable.push(bytes).as_bytes()) }
     };
     print(&first.unwrap_or_default())?;
@@ -104,6 +113,9 @@ async fn pass(host: &str, mut answers: Answers, first: Option<Vec<u8>>, raw: boo
         let answer = answer?;
         let Answer::Output(bytes) = answer else { return Err(unasked(host, &answer)) };
         print(&bytes)?;
+    }
+    if is_empty {
+        output::note("note: it has written nothing");
     }
     Ok(output::pass(printable.finish().as_bytes())?)
 }

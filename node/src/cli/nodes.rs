@@ -1,5 +1,6 @@
-//! `dca nodes`: who can be reached.
+//! `dca nodes`: who can be reached, and who cannot any more.
 
+use crate::cli::absent::{self, Away, ago};
 use crate::cli::client::{ANSWER_WITHIN, Client, Clients, block_on};
 use crate::cli::{Failure, Reaching, output};
 use crate::logic::protocol::{Answer, NodeStatus, Request};
@@ -9,37 +10,58 @@ use comms::io::clock;
 /// What `dca nodes` is told.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
+    /// Print everything as JSON
+    #[arg(long)]
+    json: bool,
     #[command(flatten)]
     reaching: Reaching,
 }
 
 /// Runs the verb.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let (statuses, unlinked) = block_on(async {
+    let (statuses, unlinked, away) = block_on(async {
         let clients = Clients::open(&arguments.reaching).await?;
         let asked = asked(&clients).await;
         clients.close().await;
         asked
     })?;
+    if arguments.json {
+        let (nodes, missing) = (statuses, away.hosts);
+        output::say(&serde_json::to_string_pretty(&serde_json::json!({ "nodes": nodes, "missing": missing }))?);
+        unlinked.iter().for_each(|sentence| output::note(sentence));
+        return Ok(());
+    }
     let mut rows = vec![["HOST", "PID", "UP", "VERSION", "DEPLOYMENTS", "SEES"].map(str::to_owned).to_vec()];
     for node in statuses {
         let deployments: Vec<String> = node.deployments.iter().map(|one| one.deployment.name.clone()).collect();
         let up = format!("{} s", node.up.as_secs());
         rows.push(vec![node.host, node.pid.to_string(), up, node.version, dash(&deployments), dash(&node.peers)]);
     }
+    let open = |host: &str| {
+        let ends = away.ends.iter().filter(|end| end.hosts.iter().any(|one| one.host == host));
+        ends.map(|end| format!("{}?", end.deployment.name)).collect::<Vec<_>>()
+    };
+    for gone in &away.hosts {
+        let how = if gone.lost { "lost" } else { "missing" };
+        let [none, version, sees] = ["-", "-", "-"].map(str::to_owned);
+        let up = format!("{how}, heard {}", ago(gone.heard));
+        rows.push(vec![gone.host.clone(), none, up, version, dash(&open(&gone.host)), sees]);
+    }
     output::say(&table(&rows));
     unlinked.iter().for_each(|sentence| output::note(sentence));
     Ok(())
 }
 
-/// Asks every node how it is, and whom it is not linked to.
-async fn asked(clients: &Clients) -> Result<(Vec<NodeStatus>, Vec<String>), Failure> {
+/// Asks every node how it is, whom it is not linked to, and whom it misses.
+async fn asked(clients: &Clients) -> Result<(Vec<NodeStatus>, Vec<String>, Away), Failure> {
     let (mut statuses, mut missing) = (Vec::new(), Vec::new());
-    for (client, found) in clients.statuses().await? {
+    let all = clients.statuses().await?;
+    let away = absent::ask(&all).await;
+    for (client, found) in all {
         missing.extend(unlinked(client, &found.nodes).await);
         statuses.extend(found.nodes);
     }
-    Ok((statuses, missing))
+    Ok((statuses, missing, away))
 }
 
 /// Returns a sentence for each link that a node tries to make, and has not.

@@ -1,8 +1,13 @@
 //! `dca status`: what runs where.
+//!
+//! It says nothing of what nobody has asked: hosts that do not answer are named, and so are deployments that such a host may
+//! still run. A status is an answer, so the exit code is 0 all the same.
 
+use crate::cli::absent::{self, Away, open_hosts};
 use crate::cli::client::{Clients, block_on};
 use crate::cli::{Failure, Reaching, output};
-use crate::logic::table;
+use crate::logic::protocol::{Absent, NodeStatus};
+use crate::logic::table::{self, Unknown, table};
 
 /// What `dca status` is told.
 #[derive(Debug, clap::Args)]
@@ -16,25 +21,66 @@ pub struct Arguments {
     reaching: Reaching,
 }
 
+/// What a node says in JSON.
+#[derive(serde::Serialize)]
+struct Node {
+    #[serde(flatten)]
+    status: NodeStatus,
+    /// What it says of hosts that do not answer it.
+    absent: Absent,
+}
+
 /// Runs the verb.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let mut statuses = block_on(async {
+    let (mut statuses, mut away) = block_on(async {
         let clients = Clients::open(&arguments.reaching).await?;
-        let statuses = clients.statuses().await.map(|all| all.into_iter().flat_map(|(_, statuses)| statuses.nodes));
-        let statuses = statuses.map(Iterator::collect::<Vec<_>>);
+        let asked = asked(&clients).await;
         clients.close().await;
-        statuses
+        asked
     })?;
     if let Some(name) = &arguments.name {
-        for status in &mut statuses {
-            status.deployments.retain(|one| one.deployment.name == *name);
+        statuses.iter_mut().for_each(|status| status.deployments.retain(|one| one.deployment.name == *name));
+        away.ends.retain(|end| end.deployment.name == *name);
+        away.processes.retain(|one| one.deployment.name == *name);
+        for absent in away.told.values_mut() {
+            absent.ends.retain(|end| end.deployment.name == *name);
+            absent.processes.retain(|one| one.deployment.name == *name);
         }
     }
     if arguments.json {
-        output::say(&serde_json::to_string_pretty(&statuses)?);
-        return Ok(());
+        let absent = |status: &NodeStatus| away.told.get(&status.host).cloned().unwrap_or_default();
+        let nodes: Vec<Node> = statuses.into_iter().map(|status| Node { absent: absent(&status), status }).collect();
+        output::say(&serde_json::to_string_pretty(&nodes)?);
+    } else {
+        output::say(&text(&statuses, &away, arguments.name.as_deref()));
     }
-    let text = table::tree(&statuses);
-    output::say(if text.is_empty() { "nothing is deployed" } else { &text });
+    away.warnings().iter().for_each(|warning| output::note(warning));
     Ok(())
+}
+
+/// Asks every node what runs there, and which others it misses.
+async fn asked(clients: &Clients) -> Result<(Vec<NodeStatus>, Away), Failure> {
+    let found = clients.statuses().await?;
+    let away = absent::ask(&found).await;
+    Ok((found.into_iter().flat_map(|(_, statuses)| statuses.nodes).collect(), away))
+}
+
+fn text(statuses: &[NodeStatus], away: &Away, name: Option<&str>) -> String {
+    let unknown: Vec<Unknown<'_>> = away
+        .processes
+        .iter()
+        .map(|process| Unknown { process, state: format!("unknown ({})", away.word(&process.host)) })
+        .collect();
+    let mut blocks = vec![table::tree(statuses, &unknown)];
+    let row = |end| [format!("{end}"), "unconfirmed on".to_owned()];
+    let rows: Vec<Vec<String>> =
+        away.ends.iter().map(|end| row(&end.deployment).into_iter().chain([open_hosts(end)]).collect()).collect();
+    blocks.push(table(&rows));
+    blocks.retain(|block| !block.is_empty());
+    if blocks.is_empty() {
+        let hosts: Vec<&str> = statuses.iter().map(|status| status.host.as_str()).collect();
+        let what = name.map_or_else(|| "nothing".to_owned(), |name| format!("nothing of `{name}`"));
+        return format!("{what} is deployed on {}", hosts.join(", "));
+    }
+    blocks.join("\n\n")
 }

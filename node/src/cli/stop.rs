@@ -1,9 +1,11 @@
 //! `dca stop`: ends a deployment on every host.
 //!
 //! What it says rests on the deployment's last report, which names the hosts that could not confirm that nothing is left.
+//! What a host has not confirmed stays on the list of the deployment's home: a second stop says so, too.
 //! A link that is lost meanwhile is not an answer: the node is asked again.
 
-use crate::cli::client::{Answers, Client, Clients, Statuses, block_on, missing, unasked, words};
+use crate::cli::absent::{self, confirmers};
+use crate::cli::client::{ANSWER_WITHIN, Answers, Client, Clients, Statuses, block_on, missing, unasked, words};
 use crate::cli::{Failure, Reaching, output};
 use crate::logic::protocol::{Answer, Deployment, Report, Request};
 use anyhow::anyhow;
@@ -20,6 +22,9 @@ const ASK_EVERY: Duration = Duration::from_millis(200);
 pub struct Arguments {
     /// The deployment
     name: String,
+    /// Take it off the list of what hosts have not confirmed: what may run there is nobody's business any more
+    #[arg(long)]
+    forget: bool,
     #[command(flatten)]
     reaching: Reaching,
 }
@@ -28,28 +33,78 @@ pub struct Arguments {
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let unconfirmed = block_on(async {
         let clients = Clients::open(&arguments.reaching).await?;
-        let result = match whose(&clients, &arguments.name).await {
-            Ok(client) => stop(client, &arguments.name).await,
-            Err(failure) => Err(failure),
+        let result = if arguments.forget {
+            forget(&clients, &arguments.name).await.map(|()| None)
+        } else {
+            stop_any(&clients, &arguments.name).await.map(Some)
         };
         clients.close().await;
         result
     })?;
     let name = &arguments.name;
+    let Some(unconfirmed) = unconfirmed else { return Ok(()) };
     if unconfirmed.is_empty() {
         output::say(&format!("`{name}` is stopped; nothing of it is left"));
         return Ok(());
     }
     let hosts = unconfirmed.join("`, `");
+    let have = if unconfirmed.len() == 1 { "has" } else { "have" };
     Err(Failure::Unreachable(anyhow!(
-        "`{name}` is stopped, but `{hosts}` has not confirmed that nothing of it is left"
+        "`{name}` is stopped, but `{hosts}` {have} not confirmed that nothing of it is left: its programs may still run \
+         there; `dca status` says when they have ended"
     )))
 }
 
+/// Stops the deployment of that name, which may be over but for some hosts.
+async fn stop_any(clients: &Clients, name: &str) -> Result<Vec<String>, Failure> {
+    let all = clients.statuses().await?;
+    let away = absent::ask(&all).await;
+    match whose(all, name) {
+        Ok(client) => stop(client, name).await,
+        Err(failure) => match away.ends.iter().rfind(|end| end.deployment.name == name) {
+            Some(end) => Err(Failure::Unreachable(anyhow!(
+                "`{}` has ended, but {} not confirmed that nothing of it is left: its programs may still run there; \
+                 `dca stop {name} --forget` takes it off the list",
+                end.deployment,
+                confirmers(end)
+            ))),
+            None => Err(failure),
+        },
+    }
+}
+
+/// Takes every end of that name off the lists of all nodes.
+async fn forget(clients: &Clients, name: &str) -> Result<(), Failure> {
+    let all = clients.statuses().await?;
+    let away = absent::ask(&all).await;
+    let mut ends = Vec::new();
+    for (client, node) in all.iter().flat_map(|(client, found)| found.nodes.iter().map(move |node| (client, node))) {
+        let told = away.told.get(&node.host).map_or(&[][..], |absent| &absent.ends);
+        for end in told.iter().filter(|end| end.deployment.name == name) {
+            let request = Request::Forget { deployment: end.deployment.clone() };
+            let answer = client.ask(&node.host, &request, ANSWER_WITHIN).await?;
+            let Answer::Stop(_) = answer else { return Err(unasked(&node.host, &answer)) };
+            ends.push(end);
+        }
+    }
+    if ends.is_empty() {
+        return Err(anyhow!(
+            "every host has confirmed that nothing of `{name}` is left, as far as nodes that answer know"
+        )
+        .into());
+    }
+    ends.sort_by_key(|end| &end.deployment);
+    ends.dedup_by_key(|end| &end.deployment);
+    for end in ends {
+        output::say(&format!("`{}` is forgotten: {} not confirmed its end", end.deployment, confirmers(end)));
+    }
+    Ok(())
+}
+
 /// Returns the connection to the nodes that run a deployment of that name.
-async fn whose<'a>(clients: &'a Clients, name: &str) -> Result<&'a Client, Failure> {
+pub(crate) fn whose<'a>(all: Vec<(&'a Client, Statuses)>, name: &str) -> Result<&'a Client, Failure> {
     let (mut found, mut unanswered) = (Vec::new(), Vec::new());
-    for (client, Statuses { nodes, silent }) in clients.statuses().await? {
+    for (client, Statuses { nodes, silent }) in all {
         if nodes.iter().flat_map(|node| &node.deployments).any(|part| part.deployment.name == name) {
             found.push(client);
         } else {
@@ -94,7 +149,7 @@ async fn stop(client: &Client, name: &str) -> Result<Vec<String>, Failure> {
 }
 
 /// Returns the deployment of that name, and the node where its `main` runs.
-async fn find(client: &Client, name: &str) -> Result<(Deployment, String), Failure> {
+pub(crate) async fn find(client: &Client, name: &str) -> Result<(Deployment, String), Failure> {
     let Statuses { nodes, silent } = client.statuses().await?;
     let mut parts = nodes.into_iter().flat_map(|node| node.deployments);
     let Some(part) = parts.find(|part| part.deployment.name == name) else {

@@ -1,11 +1,13 @@
 //! A running node: one `select!` that turns every event into an input of the agent and carries its effects out, in order.
 
+mod settings;
+
 use crate::io::caller::Caller;
 use crate::io::cgroup;
 use crate::io::child::{self, leftovers};
 use crate::io::database;
 use crate::io::event::{Connection, Event};
-use crate::io::journal::Journal;
+use crate::io::journal::{self, Journal};
 use crate::io::logging::{self, Log};
 use crate::io::peers::{Arrival, Peers};
 use crate::io::run_dir::RunDir;
@@ -29,7 +31,7 @@ use language::plan::LeafKind;
 use shim::protocol::{Gate, ShimOrder, ShimReport, ShimStart};
 use std::collections::{BTreeMap, VecDeque};
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tokio::sync::mpsc::{self, Receiver, Sender};
 use tokio::sync::watch;
@@ -37,6 +39,8 @@ use tokio::task::JoinSet;
 
 /// How many events wait for the driver.
 const EVENTS_MAX: usize = 4096;
+/// How long the disk has to take the ends of deployments when the node leaves.
+const SETTLE_WITHIN: Duration = Duration::from_secs(1);
 /// Variables that a program inherits from its node, where they are set.
 const INHERITED: [&str; 6] = ["PATH", "HOME", "USER", "LANG", "TZ", "RUST_LOG"];
 
@@ -89,6 +93,8 @@ struct Driver {
     pending: VecDeque<Input>,
     events: Sender<Event>,
     tasks: JoinSet<()>,
+    /// What is written into the journal of ends, before the node leaves.
+    settling: JoinSet<()>,
     /// What this robot's own keys say.
     settings: Settings,
     /// Why the node had to leave.
@@ -164,8 +170,8 @@ impl Driver {
         }
         let boot = boot_number();
         let machine = machine();
-        let identity =
-            Identity { host: config.name.clone(), boot, pid: std::process::id(), machine, epoch: journal.epoch() };
+        let (host, pid, epoch, open) = (config.name.clone(), std::process::id(), journal.epoch(), journal.open_ends());
+        let identity = Identity { host, boot, pid, machine, epoch, open };
         let mut tasks = JoinSet::new();
         let (sink, mut arrivals) = mpsc::channel(EVENTS_MAX);
         let siblings = crate::io::run_dir::running(&config.base)?.into_iter().filter(|(name, _)| *name != config.name);
@@ -215,6 +221,7 @@ impl Driver {
             pending: VecDeque::new(),
             events,
             tasks,
+            settling: JoinSet::new(),
             settings: Settings::default(),
             yielded: None,
         })
@@ -236,7 +243,7 @@ impl Driver {
 
     /// Turns an event into an input; keeps the channels it brings.
     fn input(&mut self, event: Event) -> Option<Input> {
-        while self.tasks.try_join_next().is_some() {}
+        while self.tasks.try_join_next().or_else(|| self.settling.try_join_next()).is_some() {}
         match event {
             Event::Arrival(Arrival::Input(input)) => Some(input),
             Event::Arrival(Arrival::Call(call, request, caller)) => {
@@ -256,7 +263,7 @@ impl Driver {
                 let (deployment, instance) = &key;
                 let parameters = self.settings.parameters(&deployment.name, instance);
                 if !parameters.is_empty() {
-                    send(&sender, &Order::Configure { parameters });
+                    settings::send(&sender, &Order::Configure { parameters });
                 }
                 self.programs.insert(process, (number, sender));
                 None
@@ -268,26 +275,6 @@ impl Driver {
             }
             Event::Committed(deployment, written) => Some(Input::Committed { deployment, written }),
         }
-    }
-
-    /// Tells each program whose parameters have changed.
-    fn configure(&mut self, settings: Settings) {
-        for ((deployment, path), process) in &self.paths {
-            let parameters = settings.parameters(&deployment.name, path);
-            if parameters != self.settings.parameters(&deployment.name, path)
-                && let Some((_, sender)) = self.programs.get(process)
-            {
-                send(sender, &Order::Configure { parameters });
-            }
-        }
-        let before = std::mem::replace(&mut self.settings, settings);
-        let Settings { log, unfit, .. } = &self.settings;
-        if let Some(process) = self.config.log.as_ref().filter(|_| *log != before.log)
-            && let Err(error) = process.filter(log.as_deref())
-        {
-            tracing::warn!(error = format!("{error:#}"), "the setting `log` does nothing");
-        }
-        unfit.iter().filter(|one| !before.unfit.contains(one)).for_each(|sentence| tracing::warn!("{sentence}"));
     }
 
     fn carry_out(&mut self, effect: Effect) {
@@ -314,7 +301,11 @@ impl Driver {
             }
             Effect::Forget { process } => self.forget(&process),
             Effect::Bury { deployment } => self.bury(deployment),
-            Effect::Commit { deployment } => self.commit(deployment),
+            Effect::Commit { deployment, hosts } => self.commit(deployment, hosts),
+            Effect::Settled { deployment } => {
+                let journal = Arc::clone(&self.journal);
+                self.settling.spawn_blocking(move || journal::settle(&journal, &deployment));
+            }
             Effect::Answer { call, answer } => {
                 if !self.peers.answer(call, *answer) {
                     self.peers.take(call);
@@ -348,14 +339,12 @@ impl Driver {
     }
 
     /// Writes an epoch down beside the loop: a disk may take long.
-    fn commit(&mut self, deployment: Deployment) {
+    fn commit(&mut self, deployment: Deployment, hosts: Vec<String>) {
         let (journal, events) = (Arc::clone(&self.journal), self.events.clone());
         self.tasks.spawn(async move {
             let epoch = deployment.clone();
-            let writing = tokio::task::spawn_blocking(move || {
-                journal.lock().unwrap_or_else(PoisonError::into_inner).commit(&epoch)
-            });
-            let written = writing.await.map_err(std::io::Error::other).flatten().map_err(|error| error.to_string());
+            let writing = tokio::task::spawn_blocking(move || journal::commit(&journal, &epoch, &hosts)).await;
+            let written = writing.map_err(|error| error.to_string()).flatten();
             events.send(Event::Committed(deployment, written)).await.unwrap_or_default();
         });
     }
@@ -450,6 +439,11 @@ impl Driver {
     }
 
     async fn close(mut self) -> anyhow::Result<()> {
+        let deadline = clock::now() + SETTLE_WITHIN;
+        while let Some(_settled) = tokio::select! {
+            settled = self.settling.join_next() => settled,
+            () = clock::sleep_until(deadline) => None,
+        } {}
         self.tasks.abort_all();
         while self.tasks.join_next().await.is_some() {}
         self.database.close().await;
@@ -473,13 +467,6 @@ async fn take_folder(config: &Config) -> anyhow::Result<RunDir> {
     // What a killed shim leaves behind comes to this process, which ends it.
     rustix::process::set_child_subreaper(Some(rustix::process::getpid())).context("becoming the parent of orphans")?;
     Ok(dir)
-}
-
-/// Tells a program something that it can do without.
-fn send(sender: &ControlSender, order: &Order) {
-    if let Err(error) = sender.send(order) {
-        tracing::debug!(%error, "a program was not told of its parameters");
-    }
 }
 
 /// A number that no earlier run had: the wall clock may be wrong, so the time since the machine's boot and the process id

@@ -3,6 +3,7 @@
 mod calls;
 mod peers;
 
+use crate::logic::absence::Absence;
 use crate::logic::claims::Claims;
 use crate::logic::database::chronicle;
 use crate::logic::effect::{Effect, Out, ProcessId, earliest};
@@ -11,7 +12,8 @@ use crate::logic::link::{Frame, Link};
 use crate::logic::nameserver::NameServer;
 use crate::logic::programs::Programs;
 use crate::logic::protocol::{
-    Body, Deployment, Ending, Failure, FailureCause, Message, NodeStatus, Pong, Report, Request, ToHome, ToTenant,
+    Absent, Body, Deployment, Ending, Failure, FailureCause, Message, NodeStatus, Pong, Report, Request, ToHome,
+    ToTenant, Why,
 };
 use crate::logic::tenant::Tenant;
 use comms::logic::control::Notice;
@@ -44,6 +46,8 @@ pub struct Identity {
     pub machine: String,
     /// The highest epoch that was given out here before.
     pub epoch: u64,
+    /// The deployments with their home here that were not over when an earlier run ended, with their hosts.
+    pub open: Vec<(Deployment, Vec<String>)>,
 }
 
 /// What happened.
@@ -109,6 +113,13 @@ pub enum Input {
         /// Why it is not on the disk, for a person.
         written: Result<(), String>,
     },
+    /// A controller was told of parameters that have changed.
+    Configured {
+        /// Which.
+        process: ProcessId,
+        /// Each with its value as a spec spells it, or nothing if the spec's counts again.
+        parameters: Vec<(String, Option<String>)>,
+    },
     /// An order did not reach a controller.
     Undelivered {
         /// Which.
@@ -129,6 +140,7 @@ pub struct Agent {
     started: Time,
     programs: Programs,
     names: NameServer,
+    absence: Absence,
     /// Of each name, the links to its last boots; the one to the holder of the name is the last.
     links: BTreeMap<String, Vec<Link>>,
     /// What was told of who holds which name.
@@ -158,8 +170,10 @@ struct Gathering {
 
 impl Agent {
     /// Returns an agent that knows of nobody else yet.
-    pub fn new(identity: Identity, programs: Programs, now: Time) -> Self {
+    pub fn new(mut identity: Identity, programs: Programs, now: Time) -> Self {
+        let open = std::mem::take(&mut identity.open);
         Self {
+            absence: Absence::new(&identity.host, open, now),
             names: NameServer::new(&identity.host, identity.boot, now),
             identity,
             started: now,
@@ -207,7 +221,8 @@ impl Agent {
             .chain(tenants)
             .chain(links)
             .chain(gathering)
-            .fold(earliest(self.names.deadline(), self.lingers_until), earliest)
+            .chain([self.absence.deadline(), self.lingers_until])
+            .fold(self.names.deadline(), earliest)
     }
 
     fn take(&mut self, input: Input, out: &mut Out<'_>) {
@@ -225,6 +240,11 @@ impl Agent {
                 }
             }
             Input::Control { process, notice } => self.hear(&process, notice, out),
+            Input::Configured { process, parameters } => {
+                if let Some(tenant) = self.tenants.get(&process.deployment) {
+                    tenant.configured(process.leaf, parameters, out);
+                }
+            }
             Input::Undelivered { process, why } => {
                 if let Some(tenant) = self.tenants.get_mut(&process.deployment) {
                     tenant.undelivered(process.leaf, why, out);
@@ -275,8 +295,9 @@ impl Agent {
             Body::Void => {}
             Body::Home(message) => {
                 if let Some(home) = self.homes.get_mut(&deployment) {
-                    home.receive(message, from, out);
+                    return home.receive(message, from, out);
                 }
+                self.confirm(&deployment, &message, from);
             }
             Body::Tenant(message) => self.deliver_to_tenant(&deployment, message, from, out),
         }
@@ -370,9 +391,19 @@ impl Agent {
         }
     }
 
+    /// Returns what is known of hosts that do not answer.
+    fn absent(&self, now: Time) -> Absent {
+        let mut absent = self.absence.told(now);
+        let is_away = |host: &str| *host != *self.identity.host && !self.names.reaches(host);
+        absent.processes = self.tenants.values().flat_map(|tenant| tenant.elsewhere(is_away)).collect();
+        absent
+    }
+
     fn tick(&mut self, out: &mut Out<'_>) {
         self.look_around(out);
         self.begin_gathered(out);
+        let names = &self.names;
+        self.absence.tick(|host| names.reaches(host), out);
         for (host, links) in &mut self.links {
             for frame in links.iter_mut().flat_map(|link| link.resend(out.now)) {
                 out.effects.push(Effect::Transmit { to: host.clone(), frame: Box::new(frame) });
@@ -385,6 +416,13 @@ impl Agent {
     /// Drops what is over. A node that leaves says so when nothing is left and the others know.
     fn tidy_up(&mut self, now: Time, effects: &mut Vec<Effect>) {
         for (deployment, home) in self.homes.extract_if(.., |_, home| home.is_over()) {
+            let boot = |host: &String| self.names.holder(host);
+            let open = home.unconfirmed().iter().map(|(host, why)| (host.clone(), (*why, boot(host)))).collect();
+            if home.unconfirmed().is_empty() {
+                effects.push(Effect::Settled { deployment: deployment.clone() });
+            } else {
+                self.absence.open(now, deployment.clone(), &self.identity.host, open);
+            }
             let reports = home.into_reports();
             let record = chronicle::ended(&self.identity.host, &deployment, &reports);
             effects.extend(record.map(|record| Effect::Record(Box::new(record))));
@@ -392,6 +430,12 @@ impl Agent {
         }
         self.over.truncate(OVER_MAX);
         for (deployment, tenant) in self.tenants.extract_if(.., |_, tenant| tenant.is_over()) {
+            if tenant.home() != self.identity.host && !self.names.reaches(tenant.home()) {
+                let away =
+                    tenant.hosts().iter().filter(|host| **host != self.identity.host && !self.names.reaches(host));
+                let open = away.map(|host| (host.clone(), (Why::Lost, None))).collect();
+                self.absence.open(now, deployment.clone(), tenant.home(), open);
+            }
             effects.push(Effect::Bury { deployment: deployment.clone() });
             self.past.push_front((deployment, tenant.programs()));
         }

@@ -86,6 +86,13 @@ pub enum Effect {
     Commit {
         /// Which.
         deployment: Deployment,
+        /// The hosts that take part.
+        hosts: Vec<String>,
+    },
+    /// Write down that every host has confirmed the end of a deployment; nobody waits for it.
+    Settled {
+        /// Which.
+        deployment: Deployment,
     },
     /// One element of the answer to a call.
     Answer {

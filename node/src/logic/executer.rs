@@ -143,10 +143,14 @@ impl Executer {
         self.running
     }
 
-    /// Ends the group without waiting for anything: its node leaves.
-    pub fn abandon(&mut self) {
+    /// Ends the group without waiting for anything: its node leaves. What runs for it is still to end.
+    pub fn abandon(&mut self, at: Surroundings<'_>, out: &mut Out<'_>) {
         self.running = false;
         self.waiting.clear();
+        let group = at.plan.groups.get(self.group as usize);
+        let kinds = self.active.keys().filter_map(|slot| Some(group?.members.get(*slot as usize)?.kind));
+        self.fences.abandon(kinds.flat_map(|kind| fence::hosts(at.plan, kind)).collect());
+        self.pass_on_fences(at, out);
     }
 
     /// Returns the activation that [`Executer::activate`] was given last.

@@ -12,12 +12,12 @@
 
 use crate::logic::effect::{Effect, Out};
 use crate::logic::protocol::{
-    Answer, Change, Deployment, Ending, LeafFacts, Report, StopReply, Target, ToHome, ToTenant,
+    Answer, Change, Deployment, Ending, LeafFacts, Report, StopReply, Target, ToHome, ToTenant, Why,
 };
 use crate::logic::wiring::{Registrations, observe};
 use comms::logic::time::Time;
 use language::plan::Plan;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -62,6 +62,10 @@ pub struct Home {
     back: BTreeSet<String>,
     /// Hosts that have said that nothing of it is left there.
     left: BTreeSet<String>,
+    /// Hosts that have said that they could not end everything.
+    unable: BTreeSet<String>,
+    /// Once it is over: who has not confirmed that nothing is left, and why.
+    unconfirmed: BTreeMap<String, Why>,
     ending: Option<Ending>,
     watchers: Vec<u64>,
     stoppers: Vec<u64>,
@@ -87,12 +91,14 @@ impl Home {
             lost: BTreeSet::new(),
             back: BTreeSet::new(),
             left: BTreeSet::new(),
+            unable: BTreeSet::new(),
+            unconfirmed: BTreeMap::new(),
             ending: None,
             watchers: vec![watcher],
             stoppers: Vec::new(),
             reports: Vec::new(),
         };
-        out.effects.push(Effect::Commit { deployment: home.deployment.clone() });
+        out.effects.push(Effect::Commit { deployment: home.deployment.clone(), hosts: home.hosts.clone() });
         home.report(Report::Accepted { deployment: home.deployment.clone() }, out);
         for host in home.hosts.clone() {
             let plan = (*home.plan).clone();
@@ -131,6 +137,7 @@ impl Home {
                 }
                 if message == ToHome::Unconfirmed {
                     self.lost.insert(from.to_owned());
+                    self.unable.insert(from.to_owned());
                 }
                 // A node may leave before the end.
                 self.left.insert(from.to_owned());
@@ -184,6 +191,11 @@ impl Home {
     pub fn watch(&mut self, call: u64, seen: u64, out: &mut Out<'_>) {
         tell_missed(&self.reports, call, seen, out);
         self.watchers.push(call);
+    }
+
+    /// Returns who has not confirmed that nothing of it is left, and why, once it is over.
+    pub fn unconfirmed(&self) -> &BTreeMap<String, Why> {
+        &self.unconfirmed
     }
 
     /// Returns every report, once it is over.
@@ -364,7 +376,14 @@ impl Home {
         self.phase = Phase::Over;
         self.deadline = None;
         let at = self.go_at.map_or(Duration::ZERO, |go| out.now - go);
-        self.lost.append(&mut self.waiting);
+        let late = std::mem::take(&mut self.waiting);
+        self.lost.extend(late.iter().cloned());
+        let why = |host: &String| match (self.unable.contains(host), late.contains(host)) {
+            (true, _) => Why::Unable,
+            (false, true) => Why::Late,
+            (false, false) => Why::Lost,
+        };
+        self.unconfirmed = self.lost.iter().map(|host| (host.clone(), why(host))).collect();
         let unconfirmed = std::mem::take(&mut self.lost).into_iter().collect();
         let last = match self.ending.take() {
             Some(ending) => Report::Finished { ending, at, unconfirmed },

@@ -18,7 +18,7 @@ pub use start::Start;
 pub use summary::{Files, failure_chain, failure_output, summary};
 
 use crate::logic::protocol::{Change, Deployment, Ending, Failure, Report};
-use crate::logic::record::{held_text, restarting_text};
+use crate::logic::record::{configured_text, held_text, restarting_text};
 use comms::logic::signals::Signals;
 use language::plan::Plan;
 use late::Late;
@@ -251,6 +251,7 @@ impl Mission {
             Change::Died(cause) => (format!("died: {cause}"), cause.output()),
             Change::Restarting { cause, count } => (restarting_text(cause, *count), cause.output()),
             Change::Held { resource, host } => (held_text(resource, host), &[][..]),
+            Change::Configured { parameter, value } => (configured_text(parameter, value.as_deref()), &[][..]),
             Change::Activated | Change::Stopping | Change::Ended(_) | Change::Started { .. } | Change::Resumed => {
                 return;
             }

@@ -306,6 +306,11 @@ impl NameServer {
         }
     }
 
+    /// Returns when a node has answered last.
+    pub fn heard(&self, host: &str) -> Option<Time> {
+        self.held(host).map(|life| life.heard)
+    }
+
     /// Returns the boot that a name belongs to.
     pub fn holder(&self, host: &str) -> Option<u64> {
         self.peers.get(host)?.holder

@@ -3,16 +3,20 @@
 //! Every type here is a promise to another version: variants and fields are only ever appended (postcard numbers them),
 //! and the envelope of `comms` carries the version.
 
+mod absent;
 mod failure;
 mod parameters;
+mod presence;
 mod status;
 
 use crate::logic::database::question::{Question, Reply};
+pub use absent::{Absent, AbsentHost, AbsentProcess, OpenEnd, OpenHost, Why};
 use comms::logic::codec::{Enveloped, Kind};
 use comms::logic::control::{Dial, Location};
 pub use failure::{Failure, FailureCause, ProgramEnd, signal_name};
 use language::plan::{MemberKind, Plan};
 pub use parameters::{InstanceParameters, ParameterStatus};
+pub use presence::{Ping, Pong};
 use serde::{Deserialize, Serialize};
 pub use status::{DeploymentStatus, NodeStatus, ProcessStatus};
 use std::fmt;
@@ -284,6 +288,13 @@ pub enum Change {
         /// The host.
         host: String,
     },
+    /// A parameter of it was changed while it was up.
+    Configured {
+        /// The parameter.
+        parameter: String,
+        /// What it is now, as a spec spells it; without it what the spec says counts again.
+        value: Option<String>,
+    },
 }
 
 /// From the command line to a node.
@@ -340,6 +351,18 @@ pub enum Request {
     },
     /// Answered by [`Answer::Unlinked`].
     Unlinked,
+    /// Answered by [`Answer::Absent`].
+    Absent,
+    /// What has not confirmed the end of a deployment is asked no more. Answered by [`StopReply`].
+    Forget {
+        /// The deployment.
+        deployment: Deployment,
+    },
+    /// Answered by [`Answer::Plan`].
+    Plan {
+        /// The deployment, which has a part on the node.
+        deployment: Deployment,
+    },
 }
 
 /// An element of the answer to a [`Request`].
@@ -349,7 +372,7 @@ pub enum Answer {
     Report(Report),
     /// To `Status`.
     Status(NodeStatus),
-    /// To `Stop`.
+    /// To `Stop` and `Forget`.
     Stop(StopReply),
     /// To `Logs`.
     Output(Vec<u8>),
@@ -368,50 +391,10 @@ pub enum Answer {
     },
     /// To `Unlinked`: who or where is dialled and not linked, and why, for a person.
     Unlinked(Vec<(String, String)>),
-}
-
-/// The question whether a node is there, to all others.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Ping {
-    /// Name of the asking node.
-    pub from: String,
-    /// Its boot number.
-    pub boot: u64,
-    /// Numbers the question.
-    pub round: u64,
-}
-
-/// The answer to a [`Ping`].
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Pong {
-    /// Name of the answering node.
-    pub from: String,
-    /// Its boot number.
-    pub boot: u64,
-    /// Boot number of the one who asked.
-    pub to_boot: u64,
-    /// The question's number.
-    pub round: u64,
-    /// How long it has been up.
-    pub up: Duration,
-    /// Where it runs, for a person: machine and process id.
-    pub place: String,
-    /// The boot that has the asker's name here, if any has: a node deals with one of each name.
-    pub holder: Option<u64>,
-    /// Its session, as in a [`Dial`].
-    pub session: String,
-}
-
-impl Enveloped for Ping {
-    const KIND: Kind = Kind::Ping;
-    const VERSION: u16 = 1;
-    const SIZE_MAX: usize = 1 << 10;
-}
-
-impl Enveloped for Pong {
-    const KIND: Kind = Kind::Pong;
-    const VERSION: u16 = 1;
-    const SIZE_MAX: usize = 4 << 10;
+    /// To `Absent`.
+    Absent(Absent),
+    /// To `Plan`.
+    Plan(Box<Plan>),
 }
 
 impl Enveloped for Request {
@@ -530,5 +513,25 @@ mod tests {
         let dot = Dot { origin: ReplicaId::new(300), seq: 3 };
         assert_eq!(postcard::to_stdvec(&dot).unwrap(), [0xac, 2, 3]);
         assert_eq!(postcard::to_stdvec(&When { millis: 300, trusted: true }).unwrap(), [0xac, 2, 1]);
+        let (deployment, heard) = (Deployment { name: "d".into(), epoch: 2 }, Duration::new(3, 4));
+        let lost = OpenHost { host: "c2".into(), why: Why::Late, heard: Some(heard) };
+        let absent = Answer::Absent(Absent {
+            hosts: vec![AbsentHost { host: "c2".into(), heard, lost: true }],
+            ends: vec![OpenEnd { deployment: deployment.clone(), home: "c1".into(), hosts: vec![lost] }],
+            processes: vec![AbsentProcess {
+                deployment: deployment.clone(),
+                host: "c2".into(),
+                path: "m".into(),
+                kind: "A".into(),
+            }],
+        });
+        let bytes =
+            *b"\x09\x01\x02c2\x03\x04\x01\x01\x01d\x02\x02c1\x01\x02c2\x01\x01\x03\x04\x01\x01d\x02\x02c2\x01m\x01A";
+        assert_eq!(postcard::to_stdvec(&absent).unwrap(), bytes);
+        assert_eq!(postcard::to_stdvec(&Request::Absent).unwrap(), [10]);
+        let told = Change::Configured { parameter: "p".into(), value: Some("1".into()) };
+        assert_eq!(postcard::to_stdvec(&told).unwrap(), *b"\x08\x01p\x01\x011");
+        assert_eq!(postcard::to_stdvec(&Request::Plan { deployment: deployment.clone() }).unwrap(), *b"\x0c\x01d\x02");
+        assert_eq!(postcard::to_stdvec(&Request::Forget { deployment }).unwrap(), *b"\x0b\x01d\x02");
     }
 }

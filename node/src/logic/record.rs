@@ -20,7 +20,7 @@ pub use ports::{Messages, Port, ports};
 
 pub use read::ReadError;
 pub use row::{EVENTS, LOG, PORTS, Row, Rows, SIGNALS, Topic};
-pub(crate) use row::{change_text, held_text, restarting_text, text as report_text};
+pub(crate) use row::{change_text, configured_text, held_text, restarting_text, text as report_text};
 
 use crate::logic::mission::Mission;
 use crate::logic::protocol::Report;

@@ -2,7 +2,7 @@
 
 pub use dbmanager::logic::view::table::table;
 
-use crate::logic::protocol::{Deployment, NodeStatus, ProcessStatus};
+use crate::logic::protocol::{AbsentProcess, Deployment, NodeStatus, ProcessStatus};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Display;
 
@@ -10,7 +10,30 @@ use std::fmt::Display;
 #[derive(Default)]
 struct Parts<'a> {
     phases: BTreeSet<&'a str>,
-    processes: BTreeMap<&'a str, (&'a str, &'a ProcessStatus)>,
+    processes: BTreeMap<&'a str, Row<'a>>,
+}
+
+/// A process as the tree shows it.
+struct Row<'a> {
+    kind: &'a str,
+    state: &'a str,
+    host: &'a str,
+    pid: Option<u32>,
+}
+
+impl<'a> Row<'a> {
+    fn new(host: &'a str, process: &'a ProcessStatus) -> Self {
+        Self { kind: &process.kind, state: &process.state, host, pid: process.pid }
+    }
+}
+
+/// A process on a host that does not answer.
+#[derive(Clone, Debug)]
+pub struct Unknown<'a> {
+    /// Which.
+    pub process: &'a AbsentProcess,
+    /// What stands for its state.
+    pub state: String,
 }
 
 /// Returns how many of something there are: `1 group`, `3 groups`.
@@ -18,26 +41,31 @@ pub fn counted<T: Display + PartialEq + From<u8>>(count: T, one: &str) -> String
     format!("{count} {one}{}", if count == T::from(1) { "" } else { "s" })
 }
 
-/// Returns every deployment as one tree, put together from what each node says of its own part.
-pub fn tree(statuses: &[NodeStatus]) -> String {
+/// Returns every deployment as one tree, put together from what each node says of its own part, and of those that do not
+/// answer.
+pub fn tree(statuses: &[NodeStatus], unknown: &[Unknown<'_>]) -> String {
     let mut deployments: BTreeMap<&Deployment, Parts<'_>> = BTreeMap::new();
+    for Unknown { process, state } in unknown {
+        let row = Row { kind: &process.kind, state, host: &process.host, pid: None };
+        deployments.entry(&process.deployment).or_default().processes.insert(&process.path, row);
+    }
     for status in statuses {
         for part in &status.deployments {
             let parts = deployments.entry(&part.deployment).or_default();
             parts.phases.insert(&part.phase);
-            parts.processes.extend(part.processes.iter().map(|one| (one.path.as_str(), (status.host.as_str(), one))));
+            parts.processes.extend(part.processes.iter().map(|one| (one.path.as_str(), Row::new(&status.host, one))));
         }
     }
     let mut blocks = Vec::new();
     for (deployment, Parts { phases, processes }) in deployments {
         let phases = phases.into_iter().collect::<Vec<_>>().join("/");
         let mut rows = vec![vec![format!("{deployment}"), phases, String::new(), String::new()]];
-        for (path, (host, process)) in processes {
+        for (path, process) in processes {
             let depth = path.matches('/').count();
             let name = path.rsplit('/').next().unwrap_or(path);
             let pid = process.pid.map(|pid| format!("pid {pid}")).unwrap_or_default();
             let name = format!("{}{name}: {}", "  ".repeat(depth + 1), process.kind);
-            rows.push(vec![name, process.state.clone(), host.to_owned(), pid]);
+            rows.push(vec![name, process.state.to_owned(), process.host.to_owned(), pid]);
         }
         blocks.push(table(&rows));
     }
@@ -79,6 +107,21 @@ mod tests {
 door@2                running
   main: main          running        c1
     hit: HitDetector  dead: SIGSEGV  c2  pid 12";
-        assert_eq!(tree(&statuses), expected);
+        assert_eq!(tree(&statuses, &[]), expected);
+        // What a host that is lost runs is not left out.
+        let absent = |path: &str| AbsentProcess {
+            deployment: Deployment { name: "door".into(), epoch: 2 },
+            host: "c3".into(),
+            path: path.into(),
+            kind: "Arm".into(),
+        };
+        let (arm, hit) = (absent("main/arm"), absent("main/hit"));
+        let unknown = [&arm, &hit].map(|process| Unknown { process, state: "unknown (c3 is lost)".into() });
+        let expected = "\
+door@2                running
+  main: main          running               c1
+    arm: Arm          unknown (c3 is lost)  c3
+    hit: HitDetector  dead: SIGSEGV         c2  pid 12";
+        assert_eq!(tree(&statuses, &unknown), expected);
     }
 }

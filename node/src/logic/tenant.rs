@@ -105,6 +105,11 @@ impl Tenant {
         &self.home
     }
 
+    /// Returns every host that takes part.
+    pub fn hosts(&self) -> &[String] {
+        &self.plan.hosts
+    }
+
     /// Takes a message about this deployment.
     pub fn receive(&mut self, message: ToTenant, from: &str, out: &mut Out<'_>) {
         match message {
@@ -181,6 +186,20 @@ impl Tenant {
         self.with_instance(leaf, out, |instance, moment| instance.undelivered(why, moment));
     }
 
+    /// Takes note of parameters that a program was told of while the deployment runs.
+    pub fn configured(&self, leaf: u32, parameters: Vec<(String, Option<String>)>, out: &mut Out<'_>) {
+        if self.phase == Phase::Running {
+            for (parameter, value) in parameters {
+                self.happened(Target::Leaf(leaf), Change::Configured { parameter, value }, out);
+            }
+        }
+    }
+
+    /// Returns what it is a part of.
+    pub fn plan(&self) -> &Plan {
+        &self.plan
+    }
+
     /// Tells every program to go.
     pub fn leave(&mut self, out: &mut Out<'_>) {
         if self.phase != Phase::Leaving {
@@ -194,11 +213,13 @@ impl Tenant {
     }
 
     fn abandon_groups(&mut self, out: &mut Out<'_>) {
-        let at = self.since_go(out.now);
+        let since_go = self.since_go(out.now);
+        let at = Surroundings { deployment: &self.deployment, home: &self.home, plan: &self.plan, since_go };
         for (&group, executer) in self.executers.iter_mut().filter(|(_, executer)| executer.is_running()) {
-            executer.abandon();
+            // What was taken for it is not free before its programs have ended.
+            executer.abandon(at, out);
             let origin = self.plan.groups.get(group as usize).map(|group| group.path.clone()).unwrap_or_default();
-            let failure = Failure { origin, cause: FailureCause::NotAvailable("its node left".into()), at };
+            let failure = Failure { origin, cause: FailureCause::NotAvailable("its node left".into()), at: since_go };
             let (target, activation) = (Target::Group(group), executer.activation());
             let ending = Ending::Aborted(failure);
             if let Some(host) = self.supervisors.get(&target).and_then(|(group, _)| group_host(&self.plan, *group)) {

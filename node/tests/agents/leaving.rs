@@ -32,6 +32,41 @@ fn a_node_that_leaves_is_not_waited_for() {
     assert_eq!(world.alive, BTreeSet::new());
 }
 
+/// What was taken for a group is free when its programs have ended, not when its node says that it goes.
+#[test]
+fn a_node_that_leaves_keeps_what_its_programs_use() {
+    let text = r#"
+process Group(there) {
+    host { there }
+    instantiated_processes { slow instof Stubborn(there); }
+    internal_event_actions { slow }
+}
+process main() {
+    host { "c1" }
+    resource arm;
+    instantiated_processes { far instof Group("c2"); near instof Step("c1"); other instof Step("c3"); }
+    internal_event_actions { (using(arm) far)? , (wait(100 ms) ; using(arm) near) , other }
+}
+"#;
+    let mut world = World::new(&["c1", "c2", "c3"]);
+    let call = world.deploy("c1", text);
+    world.run_for(Duration::from_millis(500));
+    world.lingers = true;
+    world.at(0, "c2", Coming::Input(Input::Leave));
+    let begun = |world: &World| world.log.iter().filter(|line| line.starts_with("Step")).count();
+    let is_alive = |world: &World| world.alive.iter().any(|(host, _)| host == "c2");
+    world.run_for(Duration::from_millis(50));
+    assert_eq!((is_alive(&world), begun(&world)), (true, 1), "its program takes its time");
+    while is_alive(&world) {
+        assert_eq!(begun(&world), 1);
+        world.run_for(Duration::from_millis(1));
+    }
+    world.lingers = false;
+    world.run_for(Duration::from_secs(1));
+    assert_eq!(begun(&world), 2, "then it is free");
+    assert!(matches!(world.ending(call), Ending::Done(_)), "{:?}", world.last_report(call));
+}
+
 #[test]
 fn nodes_that_leave_together_do_not_wait_for_each_other() {
     // As `dca run` does when it is interrupted twice: a stop is under way when all of its nodes are to leave. A message that

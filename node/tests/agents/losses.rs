@@ -7,7 +7,7 @@ use std::collections::BTreeSet;
 use std::time::Duration;
 
 /// Takes `host` off the network, which everybody notices at once.
-fn cut(world: &mut World, host: &str) {
+pub(super) fn cut(world: &mut World, host: &str) {
     cut_seen(world, host, || 0);
 }
 
@@ -17,7 +17,7 @@ fn cut_seen(world: &mut World, host: &str, late: impl FnMut() -> u64) {
     tell(world, host, |host, boot| Input::Vanished { host, boot }, late);
 }
 
-fn heal(world: &mut World, host: &str) {
+pub(super) fn heal(world: &mut World, host: &str) {
     world.cut.remove(host);
     tell(world, host, |host, boot| Input::Appeared { host, boot }, || 0);
 }
@@ -33,11 +33,11 @@ fn tell(world: &mut World, host: &str, what: impl Fn(String, u64) -> Input, mut 
 }
 
 /// Returns the leaves that are active on `host`, in the plan's order.
-fn active(world: &World, host: &str) -> Vec<u32> {
+pub(super) fn active(world: &World, host: &str) -> Vec<u32> {
     world.running.keys().filter(|(on, _)| on == host).map(|(_, process)| process.leaf).collect()
 }
 
-const FOUR: &str = r#"
+pub(super) const FOUR: &str = r#"
 process main() {
     host { "c1" }
     instantiated_processes {

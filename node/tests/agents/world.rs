@@ -8,7 +8,7 @@ use node::logic::agent::{Agent, Identity, Input};
 use node::logic::effect::{Effect, ProcessId, SpawnOrder};
 use node::logic::nameserver::Change;
 use node::logic::programs::Programs;
-use node::logic::protocol::{Answer, Ending, Pong, Report, Request};
+use node::logic::protocol::{Answer, Deployment, Ending, Pong, Report, Request};
 use shim::protocol::{ShimOrder, ShimReport};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
@@ -71,6 +71,10 @@ pub(super) struct World {
     pub(super) tailed: Vec<Vec<ProcessId>>,
     /// Whether programs leave at once with exit code 1.
     pub(super) fails_at_start: bool,
+    /// The ends that each host has written down.
+    pub(super) settled: Vec<(String, Deployment)>,
+    /// Whether programs do not leave when they are told to.
+    pub(super) lingers: bool,
     /// Whether programs never say hello.
     pub(super) hangs_at_start: bool,
     /// The last lines that programs write before they end.
@@ -87,7 +91,8 @@ impl World {
     pub(super) fn new(hosts: &[&str]) -> Self {
         let mut world = Self::default();
         for (boot, host) in (1..).zip(hosts) {
-            let identity = Identity { host: (*host).into(), boot, pid: 1, machine: (*host).into(), epoch: 0 };
+            let identity =
+                Identity { host: (*host).into(), boot, pid: 1, machine: (*host).into(), epoch: 0, open: vec![] };
             let mut programs = Programs::default();
             programs
                 .offer("controllers", ["Step", "Long", "Sensor", "Stubborn", "Arm", "Eye", "Owner"].map(str::to_owned));
@@ -249,7 +254,8 @@ impl World {
             },
             Effect::Control { process, order } => self.order(host, &process, order),
             Effect::Answer { call, answer } => self.answers.entry(call).or_default().push(*answer),
-            Effect::Commit { deployment } => {
+            Effect::Settled { deployment } => self.settled.push((host.into(), deployment)),
+            Effect::Commit { deployment, .. } => {
                 let written = self.disk_refuses.clone().map_or(Ok(()), Err);
                 self.at(self.disk_ms, host, Coming::Input(Input::Committed { deployment, written }));
             }
@@ -321,6 +327,7 @@ impl World {
                 }
             }
             Order::Configure { .. } | Order::Shape { .. } | Order::Rejoin => {}
+            Order::Exit if self.lingers => {}
             Order::Exit => self.die(host, process, ShimReport::Exited { code: 0 }),
         }
     }

@@ -20,6 +20,16 @@ impl Agent {
         match request {
             Request::Deploy { request, plan, by } => return self.deploy((call, request), plan, by, out),
             Request::Status => answer(call, Answer::Status(self.status(out.now)), out),
+            Request::Absent => answer(call, Answer::Absent(self.absent(out.now)), out),
+            Request::Plan { deployment } => {
+                let plan = self.tenants.get(&deployment).map(|tenant| Box::new(tenant.plan().clone()));
+                let unknown = || Answer::Refused(format!("`{deployment}` is not known here"));
+                answer(call, plan.map_or_else(unknown, Answer::Plan), out);
+            }
+            Request::Forget { deployment } => {
+                let is_known = self.absence.forget(&deployment);
+                answer(call, Answer::Stop(if is_known { StopReply::Stopped } else { StopReply::Unknown }), out);
+            }
             Request::Stop { name } => {
                 if let Some((_, home)) = self.homes.iter_mut().find(|(deployment, _)| deployment.name == name) {
                     return home.stop(Some(call), out);

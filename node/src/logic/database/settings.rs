@@ -83,6 +83,13 @@ impl Settings {
     }
 }
 
+/// Returns what is another parameter now, or has another value: with it, or without any if the key is gone.
+pub fn changes(before: &[(String, String)], now: &[(String, String)]) -> Vec<(String, Option<String>)> {
+    let new = now.iter().filter(|one| !before.contains(one)).map(|(name, value)| (name.clone(), Some(value.clone())));
+    let gone = before.iter().filter(|(name, _)| !now.iter().any(|(other, _)| other == name));
+    new.chain(gone.map(|(name, _)| (name.clone(), None))).collect()
+}
+
 /// Returns whether a name in a key stands for the instance with an absolute path: its path without `main`, or the end of that.
 pub fn stands_for(name: &str, path: &str) -> bool {
     let path = path.split_once('/').map_or(path, |(_main, rest)| rest);
@@ -127,6 +134,16 @@ mod tests {
     use dbmanager::logic::state::CausalContext;
     use dbmanager::logic::txn::Write;
     use dbmanager::logic::version_vector::{Dot, ReplicaId, VersionVector};
+
+    #[test]
+    fn what_has_changed_is_found() {
+        let of = |all: &[(&str, &str)]| {
+            all.iter().map(|(name, value)| ((*name).into(), (*value).into())).collect::<Vec<_>>()
+        };
+        let found = changes(&of(&[("a", "1"), ("b", "2"), ("c", "3")]), &of(&[("a", "1"), ("b", "5"), ("d", "6")]));
+        let expected = [("b", Some("5")), ("d", Some("6")), ("c", None)];
+        assert_eq!(found, expected.map(|(name, value)| (name.to_owned(), value.map(str::to_owned))));
+    }
 
     fn state(entries: &[(&str, Datum)]) -> State {
         let mut state = State::default();

@@ -34,6 +34,10 @@ pub(super) struct Fences {
     loose: BTreeMap<u32, BTreeSet<String>>,
     /// Activations that wait, of which people know.
     told: BTreeSet<(u32, u32)>,
+    /// Whether something is taken for the group, somewhere above.
+    is_below: bool,
+    /// Hosts that may still do something for the group after its node has left it.
+    left: BTreeSet<String>,
     /// What the supervisor of the group has been told.
     said: BTreeSet<String>,
 }
@@ -47,7 +51,7 @@ impl Fences {
                 taken.entry(slot).or_default().insert(ABOVE.to_owned());
             }
         }
-        Self { taken, ..Self::default() }
+        Self { taken, is_below, ..Self::default() }
     }
 
     /// Takes the loss of a host; `active` is which members run there or are supervised from there, with their numbers and all
@@ -95,13 +99,20 @@ impl Fences {
         for hosts in self.loose.values_mut() {
             hosts.remove(host);
         }
+        self.left.remove(host);
+    }
+
+    /// Takes note that the node of the group leaves it, while these hosts do something for it.
+    pub(super) fn abandon(&mut self, hosts: BTreeSet<String>) {
+        self.left.extend(hosts);
     }
 
     /// Returns the hosts that may still do something for the group, if its supervisor has to be told anew.
     pub(super) fn news(&mut self) -> Option<BTreeSet<String>> {
         let is_above = |slot: u32| self.taken.get(&slot).is_some_and(|taken| taken.contains(ABOVE));
-        let now: BTreeSet<String> =
+        let mut now: BTreeSet<String> =
             self.all().filter(|(slot, _)| is_above(*slot)).map(|(_, host)| host.to_owned()).collect();
+        now.extend(self.left.iter().filter(|_| self.is_below).cloned());
         (now != self.said).then(|| {
             self.said.clone_from(&now);
             now

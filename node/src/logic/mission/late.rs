@@ -47,7 +47,8 @@ impl Late {
             | Change::Started { .. }
             | Change::Restarting { .. }
             | Change::Resumed
-            | Change::Held { .. } => {}
+            | Change::Held { .. }
+            | Change::Configured { .. } => {}
         }
     }
 

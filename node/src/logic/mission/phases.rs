@@ -100,7 +100,8 @@ impl Phase {
             | Change::Started { .. }
             | Change::Restarting { .. }
             | Change::Resumed
-            | Change::Held { .. } => {}
+            | Change::Held { .. }
+            | Change::Configured { .. } => {}
         }
     }
 }
@@ -157,7 +158,10 @@ impl Phases {
             | Change::Started { .. }
             | Change::Restarting { .. }
             | Change::Resumed
-            | Change::Held { .. } => self.phases.iter_mut().rev().take(3).find(|phase| phase.active.contains(&member)),
+            | Change::Held { .. }
+            | Change::Configured { .. } => {
+                self.phases.iter_mut().rev().take(3).find(|phase| phase.active.contains(&member))
+            }
         };
         if let Some(phase) = phase {
             phase.change(member, &name, change, at);

@@ -56,6 +56,7 @@ fn text(mission: &Mission, files: &Files, columns: usize) -> String {
     let hosts = mission.verdict().map_or(&[][..], |verdict| &verdict.unconfirmed);
     if !hosts.is_empty() {
         text.push_str(&format!("  not confirmed that nothing is left on: {}\n", hosts.join(", ")));
+        text.push_str("    programs may still run there; `dca status` says when they have ended\n");
     }
     notes(mission, &mut text);
     if mission.start().is_running() {
@@ -371,6 +372,7 @@ mod tests {
                 test: aborted after 1.2 s (8 programs on 2 hosts, started in 0.8 s)
                   main ← sys ← near ← laser: SIGKILL at 1.0 s
                   not confirmed that nothing is left on: c2
+                    programs may still run there; `dca status` says when they have ended
                   1.0 s  sys/near aborted: SIGKILL
 
                   phase          from   took  ended by

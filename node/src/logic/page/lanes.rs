@@ -131,7 +131,7 @@ fn after(state: State, change: &Change, leaf: bool) -> State {
         Change::Ended(_) if leaf => State::Idle,
         Change::Ended(_) | Change::Died(_) => State::Away,
         Change::Started { .. } if state == State::Away => State::Idle,
-        Change::Started { .. } | Change::Held { .. } => state,
+        Change::Started { .. } | Change::Held { .. } | Change::Configured { .. } => state,
     }
 }
 
@@ -163,6 +163,7 @@ fn mark(lane: &Lane<'_>, at: Duration, change: &Change, top: f64, axis: &TimeAxi
         Change::Ended(Ending::Aborted(_) | Ending::Unconfirmed) | Change::Died(_) => ("bad", "✕"),
         Change::Restarting { .. } => ("bad", "↻"),
         Change::Held { .. } => ("bad", "…"),
+        Change::Configured { .. } => ("good", "◆"),
         Change::Ended(Ending::Stopped)
         | Change::Activated
         | Change::Stopping

@@ -273,6 +273,7 @@ fn kind(report: &Report) -> &'static str {
             Change::Restarting { .. } => "restarting",
             Change::Resumed => "resumed",
             Change::Held { .. } => "held",
+            Change::Configured { .. } => "configured",
         },
     }
 }
@@ -339,12 +340,21 @@ pub(crate) fn change_text(change: &Change) -> String {
         Change::Restarting { cause, count } => restarting_text(cause, *count),
         Change::Resumed => "activated again".to_owned(),
         Change::Held { resource, host } => held_text(resource, host),
+        Change::Configured { parameter, value } => configured_text(parameter, value.as_deref()),
     }
 }
 
 /// Returns that a process waits for what a lost host may still use, in words.
 pub(crate) fn held_text(resource: &str, host: &str) -> String {
     format!("waits for `{resource}`: the host `{host}` is lost and may still use it")
+}
+
+/// Returns what a parameter is now, in words.
+pub(crate) fn configured_text(parameter: &str, value: Option<&str>) -> String {
+    match value {
+        Some(value) => format!("was told that `{parameter}` is {value}"),
+        None => format!("was told that `{parameter}` is what the spec says"),
+    }
 }
 
 /// Returns that a program is started again, in words.

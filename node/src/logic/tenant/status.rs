@@ -5,7 +5,7 @@ use crate::logic::executer::Executer;
 use crate::logic::instance::Instance;
 use crate::logic::parameters;
 use crate::logic::programs::Programs;
-use crate::logic::protocol::{DeploymentStatus, InstanceParameters, ProcessStatus};
+use crate::logic::protocol::{AbsentProcess, DeploymentStatus, InstanceParameters, ProcessStatus};
 use language::plan::{Leaf, LeafKind};
 
 impl Tenant {
@@ -32,6 +32,19 @@ impl Tenant {
         };
         let (deployment, home) = (self.deployment.clone(), self.home.clone());
         DeploymentStatus { deployment, home, phase: phase.to_owned(), processes }
+    }
+
+    /// Returns the processes on hosts that are away.
+    pub fn elsewhere(&self, is_away: impl Fn(&str) -> bool) -> Vec<AbsentProcess> {
+        let away: Vec<bool> = self.plan.hosts.iter().map(|host| is_away(host)).collect();
+        let process = |host: u32, path: &str, kind: &str| {
+            let is_meant = away.get(host as usize).copied().unwrap_or_default();
+            let host = self.plan.hosts.get(host as usize).filter(|_| is_meant)?.clone();
+            let (deployment, path, kind) = (self.deployment.clone(), path.to_owned(), kind.to_owned());
+            Some(AbsentProcess { deployment, host, path, kind })
+        };
+        let groups = self.plan.groups.iter().filter_map(|group| process(group.host, &group.path, &group.process));
+        groups.chain(self.plan.leaves.iter().filter_map(|leaf| process(leaf.host, &leaf.path, &leaf.module))).collect()
     }
 
     /// Returns what may be told to the programs of this host while they run.

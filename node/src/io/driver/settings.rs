@@ -1,0 +1,36 @@
+//! What the robot's own keys say to a running node, and to its programs.
+
+use super::Driver;
+use crate::logic::agent::Input;
+use crate::logic::database::settings::{Settings, changes};
+use comms::io::control::ControlSender;
+use comms::logic::control::Order;
+
+impl Driver {
+    /// Tells each program whose parameters have changed.
+    pub(super) fn configure(&mut self, settings: Settings) {
+        for ((deployment, path), process) in &self.paths {
+            let parameters = settings.parameters(&deployment.name, path);
+            let changed = changes(&self.settings.parameters(&deployment.name, path), &parameters);
+            if let Some((_, sender)) = self.programs.get(process).filter(|_| !changed.is_empty()) {
+                send(sender, &Order::Configure { parameters });
+                self.pending.push_back(Input::Configured { process: process.clone(), parameters: changed });
+            }
+        }
+        let before = std::mem::replace(&mut self.settings, settings);
+        let Settings { log, unfit, .. } = &self.settings;
+        if let Some(process) = self.config.log.as_ref().filter(|_| *log != before.log)
+            && let Err(error) = process.filter(log.as_deref())
+        {
+            tracing::warn!(error = format!("{error:#}"), "the setting `log` does nothing");
+        }
+        unfit.iter().filter(|one| !before.unfit.contains(one)).for_each(|sentence| tracing::warn!("{sentence}"));
+    }
+}
+
+/// Tells a program something that it can do without.
+pub(super) fn send(sender: &ControlSender, order: &Order) {
+    if let Err(error) = sender.send(order) {
+        tracing::debug!(%error, "a program was not told of its parameters");
+    }
+}

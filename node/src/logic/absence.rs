@@ -1,0 +1,179 @@
+//! What nobody here can vouch for: hosts that do not answer, and deployments that have ended without the word of every host.
+//!
+//! A host that is lost may still run what it was told to. So a deployment that is over at its home stays here as an *open end*
+//! until each host that has not said so has confirmed that nothing of it is left. Its home asks: when the host is there again,
+//! and once in a while after that. The journal knows the ends, too, so that a home that is started again goes on asking.
+//!
+//! While the home itself cannot be reached, who took part in a deployment keeps its end open instead; that is over when the
+//! home is there again, which then answers for itself. A host that could not end everything is not asked again before its node
+//! is started anew: a new node ends what an earlier one has left.
+//!
+//! Hosts are kept for [`HOSTS_KEPT`], open ends until they are confirmed or a person says that they are to be forgotten; of
+//! both there is a limit, and the oldest goes first.
+
+use super::effect::{Effect, Out};
+use super::protocol::{Absent, AbsentHost, Deployment, OpenEnd, OpenHost, ToTenant, Why};
+use comms::logic::time::Time;
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+/// How long a host that does not answer is listed.
+pub const HOSTS_KEPT: Duration = Duration::from_secs(3600);
+/// How many such hosts are listed.
+const HOSTS_MAX: usize = 256;
+/// How many open ends are kept.
+pub const ENDS_MAX: usize = 64;
+/// How often hosts are asked for the ends that they have not confirmed.
+const ASK_EVERY: Duration = Duration::from_secs(10);
+
+/// A host that does not answer.
+#[derive(Clone, Copy, Debug)]
+struct Gone {
+    heard: Time,
+    lost: bool,
+}
+
+/// A deployment that is over, but for some hosts.
+#[derive(Clone, Debug)]
+struct End {
+    home: String,
+    /// Why each has not confirmed, and the boot that could not end everything.
+    hosts: BTreeMap<String, (Why, Option<u64>)>,
+    since: Time,
+}
+
+/// Hosts that do not answer, and open ends.
+#[derive(Debug)]
+pub struct Absence {
+    host: String,
+    gone: BTreeMap<String, Gone>,
+    ends: BTreeMap<Deployment, End>,
+    ask_at: Time,
+}
+
+impl Absence {
+    /// Returns what the node `host` knows at its start: the deployments of its journal that were not over, with their hosts.
+    pub fn new(host: &str, open: Vec<(Deployment, Vec<String>)>, now: Time) -> Self {
+        let end = |hosts: Vec<String>| {
+            // What an earlier node of this host has left was ended before this one began.
+            let others = hosts.into_iter().filter(|other| other != host);
+            End {
+                home: host.to_owned(),
+                hosts: others.map(|other| (other, (Why::Restarted, None))).collect(),
+                since: now,
+            }
+        };
+        let ends = open.into_iter().map(|(deployment, hosts)| (deployment, end(hosts))).collect();
+        Self { host: host.to_owned(), gone: BTreeMap::new(), ends, ask_at: now }
+    }
+
+    /// Takes note that a host does not answer, since its last answer.
+    pub fn missing(&mut self, host: &str, heard: Time) {
+        self.gone.entry(host.to_owned()).or_insert(Gone { heard, lost: false });
+        if self.gone.len() > HOSTS_MAX {
+            let oldest = self.gone.iter().min_by_key(|(_, gone)| gone.heard).map(|(host, _)| host.clone());
+            oldest.and_then(|oldest| self.gone.remove(&oldest));
+        }
+    }
+
+    /// Takes note that a host is lost.
+    pub fn lost(&mut self, host: &str, heard: Time) {
+        self.missing(host, heard);
+        self.gone.entry(host.to_owned()).and_modify(|gone| gone.lost = true);
+    }
+
+    /// Takes note that a node answers.
+    pub fn appeared(&mut self, now: Time, host: &str, boot: u64) {
+        self.gone.remove(host);
+        // From now on it answers for what has its home there.
+        self.ends.retain(|_, end| end.home != host);
+        for (why, unable) in self.ends.values_mut().filter_map(|end| end.hosts.get_mut(host)) {
+            if *why == Why::Unable && *unable != Some(boot) {
+                (*why, *unable) = (Why::Lost, None);
+            }
+        }
+        self.ask_at = self.ask_at.min(now);
+    }
+
+    /// Keeps the end of a deployment that these hosts have not confirmed. Without any, and at its home, it is over for good.
+    pub fn open(&mut self, now: Time, deployment: Deployment, home: &str, hosts: BTreeMap<String, (Why, Option<u64>)>) {
+        self.ends.insert(deployment, End { home: home.to_owned(), hosts, since: now });
+        self.ask_at = now;
+    }
+
+    /// Takes the word of a host that nothing of a deployment is left there.
+    pub fn confirmed(&mut self, deployment: &Deployment, host: &str) {
+        let Some(end) = self.ends.get_mut(deployment) else { return };
+        // A node that could not end everything does not find what it has lost sight of.
+        if end.hosts.get(host).is_some_and(|(why, _)| *why != Why::Unable) {
+            end.hosts.remove(host);
+        }
+    }
+
+    /// Takes the word of a host that something of a deployment may be left there for as long as its node runs.
+    pub fn unable(&mut self, deployment: &Deployment, host: &str, boot: Option<u64>) {
+        let word = self.ends.get_mut(deployment).and_then(|end| end.hosts.get_mut(host));
+        word.into_iter().for_each(|word| *word = (Why::Unable, boot));
+    }
+
+    /// Forgets an open end, as a person wants; says whether there was one.
+    pub fn forget(&mut self, deployment: &Deployment) -> bool {
+        self.ends.get_mut(deployment).map(|end| end.hosts.clear()).is_some()
+    }
+
+    /// Does what is due: asks hosts that are there, and drops what is over.
+    pub fn tick(&mut self, reaches: impl Fn(&str) -> bool, out: &mut Out<'_>) {
+        self.gone.retain(|_, gone| gone.heard + HOSTS_KEPT > out.now);
+        while self.ends.len() > ENDS_MAX {
+            let oldest = self.ends.iter().min_by_key(|(_, end)| end.since).map(|(deployment, _)| deployment.clone());
+            let Some(oldest) = oldest else { break };
+            tracing::warn!(deployment = %oldest, "too many deployments are unconfirmed: the oldest is forgotten");
+            self.settle(&oldest, out);
+        }
+        let over: Vec<Deployment> = self
+            .ends
+            .iter()
+            .filter(|(_, end)| end.hosts.is_empty())
+            .map(|(deployment, _)| deployment.clone())
+            .collect();
+        over.iter().for_each(|deployment| self.settle(deployment, out));
+        if self.ask_at > out.now {
+            return;
+        }
+        self.ask_at = out.now + ASK_EVERY;
+        for (deployment, end) in self.ends.iter().filter(|(_, end)| end.home == self.host) {
+            let asked = end.hosts.iter().filter(|(host, (why, _))| *why != Why::Unable && reaches(host));
+            asked.for_each(|(host, _)| out.send(host, deployment.to_tenant(ToTenant::Release)));
+        }
+    }
+
+    /// Returns when [`Absence::tick`] wants to be called.
+    pub fn deadline(&self) -> Option<Time> {
+        let gone = self.gone.values().map(|gone| gone.heard + HOSTS_KEPT).min();
+        let ends = self.ends.values().map(|end| if end.hosts.is_empty() { Time::ZERO } else { self.ask_at }).min();
+        gone.into_iter().chain(ends).min()
+    }
+
+    /// Returns what people are told, but for the processes.
+    pub fn told(&self, now: Time) -> Absent {
+        let ago = |host: &str| self.gone.get(host).map(|gone| now.since(gone.heard));
+        let host = |(host, gone): (&String, &Gone)| AbsentHost {
+            host: host.clone(),
+            heard: now.since(gone.heard),
+            lost: gone.lost,
+        };
+        let end = |(deployment, end): (&Deployment, &End)| {
+            let hosts =
+                end.hosts.iter().map(|(host, (why, _))| OpenHost { host: host.clone(), why: *why, heard: ago(host) });
+            OpenEnd { deployment: deployment.clone(), home: end.home.clone(), hosts: hosts.collect() }
+        };
+        let open = self.ends.iter().filter(|(_, end)| !end.hosts.is_empty());
+        Absent { hosts: self.gone.iter().map(host).collect(), ends: open.map(end).collect(), processes: Vec::new() }
+    }
+
+    fn settle(&mut self, deployment: &Deployment, out: &mut Out<'_>) {
+        if self.ends.remove(deployment).is_some_and(|end| end.home == self.host) {
+            out.effects.push(Effect::Settled { deployment: deployment.clone() });
+        }
+    }
+}

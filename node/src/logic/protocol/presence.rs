@@ -1,0 +1,49 @@
+//! Whether a node is there: a question, and its answer.
+
+use comms::logic::codec::{Enveloped, Kind};
+use serde::{Deserialize, Serialize};
+use std::time::Duration;
+
+/// The question whether a node is there, to all others.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Ping {
+    /// Name of the asking node.
+    pub from: String,
+    /// Its boot number.
+    pub boot: u64,
+    /// Numbers the question.
+    pub round: u64,
+}
+
+/// The answer to a [`Ping`].
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Pong {
+    /// Name of the answering node.
+    pub from: String,
+    /// Its boot number.
+    pub boot: u64,
+    /// Boot number of the one who asked.
+    pub to_boot: u64,
+    /// The question's number.
+    pub round: u64,
+    /// How long it has been up.
+    pub up: Duration,
+    /// Where it runs, for a person: machine and process id.
+    pub place: String,
+    /// The boot that has the asker's name here, if any has: a node deals with one of each name.
+    pub holder: Option<u64>,
+    /// Its session, as in a [`Dial`](comms::logic::control::Dial).
+    pub session: String,
+}
+
+impl Enveloped for Ping {
+    const KIND: Kind = Kind::Ping;
+    const VERSION: u16 = 1;
+    const SIZE_MAX: usize = 1 << 10;
+}
+
+impl Enveloped for Pong {
+    const KIND: Kind = Kind::Pong;
+    const VERSION: u16 = 1;
+    const SIZE_MAX: usize = 4 << 10;
+}

@@ -1,0 +1,125 @@
+//! What nodes say of hosts that do not answer, and of deployments that such a host has not confirmed the end of, on virtual
+//! time.
+
+use crate::losses::{FOUR, active, cut, heal};
+use crate::world::World;
+use node::logic::agent::{Agent, Identity};
+use node::logic::programs::Programs;
+use node::logic::protocol::{Absent, Answer, Deployment, OpenEnd, Report, Request, StopReply, Why};
+use std::time::Duration;
+
+fn absent(world: &mut World, host: &str) -> Absent {
+    let call = world.ask(host, Request::Absent);
+    world.run_for(Duration::from_millis(1));
+    match &world.answers[&call][..] {
+        [Answer::Absent(absent)] => absent.clone(),
+        other => panic!("{other:?}"),
+    }
+}
+
+/// Returns the deployments of which something may be left, with who has not confirmed, and why.
+fn ends(world: &mut World, host: &str) -> Vec<(u64, String, Why)> {
+    let of = |end: OpenEnd| end.hosts.into_iter().map(move |host| (end.deployment.epoch, host.host, host.why));
+    absent(world, host).ends.into_iter().flat_map(of).collect()
+}
+
+/// A lost host may still run what it was told to: both sides say so, for as long as it takes, and ask when it is back.
+#[test]
+fn an_end_that_nobody_has_confirmed_stays_open() {
+    let mut world = World::new(&["c1", "c2"]);
+    world.deploy("c1", FOUR);
+    world.run_for(Duration::from_secs(1));
+    cut(&mut world, "c2");
+    world.run_for(Duration::from_secs(1));
+    let away = absent(&mut world, "c1");
+    assert_eq!(away.hosts.iter().map(|gone| (gone.host.as_str(), gone.lost)).collect::<Vec<_>>(), [("c2", false)]);
+    let paths: Vec<&str> = away.processes.iter().map(|one| one.path.as_str()).collect();
+    assert_eq!(paths, ["main/stays", "main/soon", "main/late", "main/other"], "they are on c2");
+    world.run_for(Duration::from_secs(7));
+    assert_eq!(ends(&mut world, "c1"), [(1, "c2".to_owned(), Why::Lost)]);
+    world.run_for(Duration::from_secs(1800));
+    let away = absent(&mut world, "c1");
+    let heard = away.hosts.iter().map(|gone| (gone.host.as_str(), gone.lost, gone.heard.as_secs())).collect::<Vec<_>>();
+    assert_eq!(heard, [("c2", true, 1808)]);
+    world.run_for(Duration::from_secs(3600));
+    assert_eq!((active(&world, "c2"), absent(&mut world, "c1").hosts), (vec![0], vec![]), "the list has an end");
+    assert_eq!(ends(&mut world, "c1"), [(1, "c2".to_owned(), Why::Lost)], "what may still run is never forgotten");
+    assert_eq!(world.settled, []);
+    heal(&mut world, "c2");
+    world.run_for(Duration::from_secs(5));
+    assert_eq!((ends(&mut world, "c1"), world.alive.len()), (vec![], 0));
+    let named = Deployment { name: "test".into(), epoch: 1 };
+    assert_eq!(world.settled, [("c1".to_owned(), named)]);
+}
+
+/// While the home cannot be reached, who took part in a deployment says that it may go on there.
+#[test]
+fn who_took_part_speaks_for_a_home_that_is_lost() {
+    let mut world = World::new(&["c1", "c2"]);
+    let (deploy, far) = (world.deploy("c1", &FOUR.replace(" { on_link_loss keep; }", ";")), Duration::from_secs(20));
+    world.run_for(Duration::from_secs(1));
+    cut(&mut world, "c2");
+    world.run_for(far);
+    assert_eq!((active(&world, "c2"), ends(&mut world, "c2")), (vec![], vec![(1, "c1".to_owned(), Why::Lost)]));
+    heal(&mut world, "c2");
+    world.run_for(Duration::from_secs(3));
+    assert_eq!((ends(&mut world, "c2"), ends(&mut world, "c1")), (vec![], vec![]));
+    assert!(matches!(world.last_report(deploy), Report::Finished { .. }));
+}
+
+/// A person knows better: the robot was switched off.
+#[test]
+fn an_open_end_can_be_forgotten() {
+    let mut world = World::new(&["c1", "c2"]);
+    world.deploy("c1", FOUR);
+    world.run_for(Duration::from_secs(1));
+    cut(&mut world, "c2");
+    world.run_for(Duration::from_secs(20));
+    let deployment = Deployment { name: "test".into(), epoch: 1 };
+    let mut replies = vec![];
+    for _ in 0..2 {
+        let call = world.ask("c1", Request::Forget { deployment: deployment.clone() });
+        world.run_for(Duration::from_millis(1));
+        replies.extend(world.answers[&call].clone());
+    }
+    assert_eq!(replies, [Answer::Stop(StopReply::Stopped), Answer::Stop(StopReply::Unknown)]);
+    assert_eq!((ends(&mut world, "c1"), world.settled.len()), (vec![], 1));
+}
+
+/// A home that is started again asks for what its journal has, and says so until it has been told.
+#[test]
+fn a_home_that_was_started_again_asks() {
+    let mut world = World::new(&["c1", "c2"]);
+    world.deploy("c1", FOUR);
+    world.run_for(Duration::from_secs(1));
+    let deployment = Deployment { name: "test".into(), epoch: 1 };
+    let open = vec![(deployment.clone(), vec!["c1".to_owned(), "c2".to_owned()])];
+    world.cut.insert("c2".to_owned());
+    let identity = Identity { host: "c1".into(), boot: 9, pid: 1, machine: "c1".into(), epoch: 1, open };
+    world.agents.insert("c1".into(), Agent::new(identity, Programs::default(), world.now));
+    world.boots.insert("c1".into(), 9);
+    world.run_for(Duration::from_secs(60));
+    assert_eq!(ends(&mut world, "c1"), [(1, "c2".to_owned(), Why::Restarted)]);
+    world.cut.remove("c2");
+    world.run_for(Duration::from_secs(10));
+    assert_eq!((ends(&mut world, "c1"), active(&world, "c2")), (vec![], vec![]));
+    assert_eq!(world.settled, [("c1".to_owned(), deployment)]);
+}
+
+/// A node that could not end everything cannot say later that nothing is left; one that is started anew can.
+#[test]
+fn a_host_that_could_not_end_everything_is_asked_when_its_node_is_another() {
+    let mut world = World::new(&["c1", "c2"]);
+    world.immortal = true;
+    world.deploy("c1", &FOUR.replace("instof Sensor", "instof Stubborn"));
+    world.run_for(Duration::from_millis(100));
+    world.stop("c1");
+    world.run_for(Duration::from_secs(60));
+    let left = ends(&mut world, "c1");
+    assert!(left.iter().any(|(_, host, why)| host == "c2" && *why == Why::Unable), "{left:?}");
+    cut(&mut world, "c2");
+    world.run_for(Duration::from_secs(10));
+    heal(&mut world, "c2");
+    world.run_for(Duration::from_secs(30));
+    assert_eq!(ends(&mut world, "c1"), left);
+}
