@@ -1,6 +1,7 @@
 //! The door survey: flies the door mission in many worlds on virtual time and says how each kind of world ended.
 
 use clap::Parser;
+use comms::logic::time::Time;
 use controllers::sdk::harness::Disturbance;
 use dca_tests::survey::{Mission, Outcome, Row, active_in_phases, fly_all, page, rows, table};
 use std::io::Write;
@@ -54,6 +55,12 @@ struct Options {
     /// Flies one world, `--one 'seed = 3, radius = 0.7'`, and prints how it ended
     #[arg(long, value_name = "ARGUMENTS")]
     one: Option<String>,
+    /// Flies one mission of a row, as `--failures` names it, with the same `--worlds` and `--seed`: `--fly 'radius/3'`
+    #[arg(long, value_name = "ROW/NUMBER", conflicts_with = "one")]
+    fly: Option<String>,
+    /// Writes all signals of the one mission that is flown, every 20 ms, as `time,leaf,signal,value`
+    #[arg(long, value_name = "FILE")]
+    trace: Option<PathBuf>,
 }
 
 fn main() -> ExitCode {
@@ -71,9 +78,15 @@ fn survey(options: &Options) -> Result<ExitCode, String> {
         .map_err(|why| format!("cannot read the spec `{}`: {why}", options.spec.display()))?;
     let limit = Duration::from_secs(options.limit.into());
     if let Some(arguments) = &options.one {
-        return one(arguments, &text, limit);
+        let arguments = arguments.clone();
+        let mission = Mission { arguments, disturbance: Disturbance::NONE, meddling: None, value: None };
+        return one(&mission, options, (&text, limit));
     }
-    let rows: Vec<Row> = rows(options.worlds, options.seed, &active_in_phases(&text, limit)?)
+    let rows = rows(options.worlds, options.seed, &active_in_phases(&text, limit)?);
+    if let Some(name) = &options.fly {
+        return one(named(&rows, name)?, options, (&text, limit));
+    }
+    let rows: Vec<Row> = rows
         .into_iter()
         .filter(|row| {
             let is_named = |part: &String| row.name.contains(part) || row.group.name().contains(part);
@@ -122,10 +135,29 @@ fn fly(rows: Vec<Row>, options: &Options, text: &str, limit: Duration) -> Result
         .collect())
 }
 
-fn one(arguments: &str, text: &str, limit: Duration) -> Result<ExitCode, String> {
-    let mission =
-        Mission { arguments: arguments.to_owned(), disturbance: Disturbance::NONE, meddling: None, value: None };
-    let outcome = mission.fly(text, limit)?;
+/// The mission with a name as `--failures` has it.
+fn named<'a>(rows: &'a [Row], name: &str) -> Result<&'a Mission, String> {
+    let found = name.rsplit_once('/').and_then(|(row, number)| {
+        let row = rows.iter().find(|known| known.label() == row)?;
+        row.missions.get(number.parse::<usize>().ok()?.checked_sub(1)?)
+    });
+    found
+        .ok_or_else(|| format!("there is no mission `{name}`; write a row of `--list` and a number from 1, `radius/3`"))
+}
+
+fn one(mission: &Mission, options: &Options, (text, limit): (&str, Duration)) -> Result<ExitCode, String> {
+    let mut trace = String::from("time,leaf,signal,value\n");
+    let outcome = mission.fly_watched(text, limit, &mut |simulation| {
+        if options.trace.is_some() {
+            let now = simulation.now().since(Time::ZERO).as_secs_f64();
+            for (leaf, signal) in simulation.signals() {
+                trace.push_str(&format!("{now:.3},{leaf},{},{}\n", signal.name, signal.value));
+            }
+        }
+    })?;
+    if let Some(file) = &options.trace {
+        std::fs::write(file, trace).map_err(|why| format!("cannot write the trace `{}`: {why}", file.display()))?;
+    }
     let Outcome { angle, hit, pull, worst, seconds, .. } = &outcome;
     let numbers = format!("{angle:.1} deg, hit {hit:.1} N, open {pull:.1} N, worst {worst:.1} N, {seconds:.1} s");
     say(&mut std::io::stdout(), &format!("{}: {numbers}", outcome.reason()));

@@ -4,6 +4,7 @@
 //! between a leaf and its supervisor, and between supervisors, take one fixed latency. Nothing else is simulated: no
 //! node, no network, no process.
 
+use comms::logic::signals::Signal;
 use comms::logic::time::Time;
 use controllers::sdk::harness::{Disturbance, Ending, Harness, ModuleId, Report, WireId};
 use language::algebra::{Activation, Cause, Command, Event, Outcome, Program, Reason, State, Value, step};
@@ -134,6 +135,14 @@ impl Simulation {
     pub fn signal(&self, path: &str, name: &str) -> f64 {
         let signals = self.leaf(path).map(|leaf| self.harness.signals(leaf)).unwrap_or_default();
         signals.iter().find(|signal| signal.name == name).map_or(f64::NAN, |signal| signal.value)
+    }
+
+    /// Returns the signals of all leaves that are running or stopping, with the paths of their leaves.
+    pub fn signals(&self) -> impl Iterator<Item = (&str, Signal)> {
+        let active = self.plan.leaves.iter().zip(&self.leaves).filter(|(_, leaf)| self.harness.is_active(leaf.module));
+        active.flat_map(|(spec, leaf)| {
+            self.harness.signals(leaf.module).into_iter().map(|signal| (spec.path.as_str(), signal))
+        })
     }
 
     /// Kills the leaf whose path ends with `path`, as `kill -9` does; says whether it was active.

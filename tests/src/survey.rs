@@ -139,6 +139,19 @@ impl Mission {
     /// # Errors
     /// If the spec does not compile with these arguments, or does not fit the controllers.
     pub fn fly(&self, text: &str, limit: Duration) -> Result<Outcome, String> {
+        self.fly_watched(text, limit, &mut |_| {})
+    }
+
+    /// Flies it as [`Mission::fly`] does; `watch` sees it every 20 ms.
+    ///
+    /// # Errors
+    /// As [`Mission::fly`].
+    pub fn fly_watched(
+        &self,
+        text: &str,
+        limit: Duration,
+        watch: &mut dyn FnMut(&Simulation),
+    ) -> Result<Outcome, String> {
         let mut simulation = self.simulation(text)?;
         let mut outcome = Outcome::unknown();
         let (mut looked, mut since, mut done) = (None, None, false);
@@ -147,6 +160,7 @@ impl Mission {
             if looked.is_none_or(|at| now.since(at) >= LOOK) {
                 looked = Some(now);
                 outcome.look(simulation);
+                watch(simulation);
             }
             let Some(meddling) = self.meddling.as_ref().filter(|_| !done) else { return };
             if simulation.is_active(&meddling.leaf) && simulation.is_any_active(meddling.phase) {

@@ -44,6 +44,16 @@ pub struct Row {
     pub missions: Vec<Mission>,
 }
 
+impl Row {
+    /// Returns what tells it from all others: its name, or its group's where there is one row in it.
+    pub fn label(&self) -> &str {
+        match self.group {
+            Group::Single | Group::Trigger => &self.name,
+            Group::Moderate | Group::Wide => self.group.name(),
+        }
+    }
+}
+
 /// A number of the world that varies: its parameter, its unit, and from where over the nominal value to where.
 struct Dimension {
     name: &'static str,

@@ -85,11 +85,14 @@ pub fn text(rows: &[(Row, Vec<Outcome>)]) -> String {
 pub fn failures(rows: &[(Row, Vec<Outcome>)]) -> String {
     let mut text = String::new();
     for (row, outcomes) in rows {
-        let failed = row.missions.iter().zip(outcomes).filter(|(_, outcome)| !outcome.is_strict());
-        for (mission, outcome) in failed {
+        let failed = row.missions.iter().zip(outcomes).zip(1..).filter(|((_, outcome), _)| !outcome.is_strict());
+        for ((mission, outcome), number) in failed {
             let (hit, pull, worst, angle) = (outcome.hit, outcome.pull, outcome.worst, outcome.angle);
             let numbers = format!("{angle:.1} deg, hit {hit:.0} N, open {pull:.0} N, worst {worst:.0} N");
-            line(&mut text, &format!("{}: {}: {numbers}, {:.1} s", row.name, outcome.reason(), outcome.seconds));
+            line(
+                &mut text,
+                &format!("{}/{number}: {}: {numbers}, {:.1} s", row.label(), outcome.reason(), outcome.seconds),
+            );
             line(&mut text, &format!("    {}", mission.arguments));
             if let Some(meddling) = &mission.meddling {
                 line(&mut text, &format!("    {:?} {} after {:?}", meddling.disruption, meddling.leaf, meddling.after));
