@@ -1,7 +1,9 @@
 //! Control laws and estimators, one a file: plain functions and small structs, no ports, no clock, no I/O.
 
 pub mod approach;
+pub mod calm;
 pub mod caster;
+pub mod clearance;
 pub mod compliant;
 pub mod door;
 pub mod filter;
@@ -16,3 +18,4 @@ pub mod puma560;
 pub mod ramp;
 pub mod redundancy;
 pub mod servoing;
+pub mod touch;

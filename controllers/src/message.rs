@@ -157,6 +157,8 @@ messages! {
         owner: String,
         /// (m); none to let go of the device.
         width: Option<f64>,
+        /// The fingers press with no more than this (N).
+        force: f64,
     }
     /// Device `laser`: one sweep, as in [`LaserScan`].
     LaserState {

@@ -2,13 +2,15 @@
 
 use controllers::sdk::harness::Disturbance;
 use dca_tests::simulation::Finish;
-use dca_tests::survey::{Group, Mission, Outcome, Row, active_in_phases, fly_all, rows, table};
+use dca_tests::survey::{Deed, Group, Meddling, Mission, Outcome, Row, active_in_phases, fly_all, rows, table};
 use std::time::Duration;
 
 const DOOR: &str = include_str!("../../specs/door_opening.dca");
 /// A sweep is 50 ms old and a door may turn by 10 degrees a second (deg).
 const WRONG_MAX: f64 = 2.0;
 const LIMIT: Duration = Duration::from_secs(90);
+/// In no run, whatever goes wrong (N).
+const FORCE_MAX: f64 = 100.0;
 const RECOVERY: &str = include_str!("../../specs/door_recovery.dca");
 
 fn fly(text: &str, rows: Vec<Row>) -> Vec<(Row, Vec<Outcome>)> {
@@ -27,11 +29,13 @@ fn fly(text: &str, rows: Vec<Row>) -> Vec<(Row, Vec<Outcome>)> {
 fn no_mission_ends_well_with_the_door_shut() {
     let phases = active_in_phases(DOOR, LIMIT).unwrap_or_else(|why| panic!("{why}"));
     assert!(phases.iter().all(|phase| !phase.active.is_empty()), "a phase was not met: {phases:?}");
-    let is_flown = |row: &Row| row.group != Group::Single || row.name == "nominal";
+    let is_flown = |row: &Row| row.group != Group::Single || ["nominal", "swing push"].contains(&row.name.as_str());
     let flown = fly(DOOR, rows(3, 1, &phases).into_iter().filter(is_flown).collect());
     let (text, failures) = (table::text(&flown), table::failures(&flown));
     let is_false = flown.iter().flat_map(|(_, outcomes)| outcomes).any(Outcome::is_false);
     assert!(!is_false, "{text}\n{failures}");
+    let worst = flown.iter().flat_map(|(_, outcomes)| outcomes).map(|outcome| outcome.worst).fold(0.0, f64::max);
+    assert!(worst <= FORCE_MAX, "{worst:.0} N\n{text}\n{failures}");
     let named = |name: &str| {
         let row = flown.iter().find(|(row, _)| row.name == name);
         &row.unwrap_or_else(|| panic!("there is no row `{name}`")).1
@@ -51,7 +55,7 @@ fn no_mission_ends_well_with_the_door_shut() {
 }
 
 /// Doors and networks that the laws were not tuned for, each of which failed once.
-/// `swing push` is not among them: the hand stays square to the leaf, so the base would have to drive through the wall.
+/// `swing push` is not among them: the hand stays square to the leaf, so the forearm would have to pass through the jamb.
 const UNTUNED: [&str; 11] = [
     "side right",
     "lever_length",
@@ -72,6 +76,31 @@ fn doors_that_nobody_tuned_for_open_gently() {
     assert_eq!(flown.len(), UNTUNED.len());
     let is_strict = flown.iter().flat_map(|(_, outcomes)| outcomes).all(Outcome::is_strict);
     assert!(is_strict, "{}\n{}", table::text(&flown), table::failures(&flown));
+}
+
+/// Everything unlike what the laws were made with, at once: noise three times as large, grasps eight times as stiff, closers
+/// that take 60 N. 37 of 48 opened before noise and stiffness were measured, 24 of them gently.
+#[test]
+fn wide_worlds_open() {
+    let flown = fly(DOOR, rows(20, 11, &[]).into_iter().filter(|row| row.label() == "wide").collect());
+    let (text, failures) = (table::text(&flown), table::failures(&flown));
+    let outcomes = || flown.iter().flat_map(|(_, outcomes)| outcomes);
+    let open = outcomes().filter(|outcome| outcome.is_success()).count();
+    assert!(open * 100 >= outcomes().count() * 85, "{text}\n{failures}");
+    assert!(!outcomes().any(|outcome| outcome.is_false() || outcome.worst > FORCE_MAX), "{text}\n{failures}");
+}
+
+/// A `model` that begins anew at 33 degrees took the leaf for the wall once, and went on to 120 degrees and 333 N.
+#[test]
+fn who_is_started_again_in_the_opening_sees_how_far_it_is() {
+    for after in [5.2, 6.4, 8.0].map(Duration::from_secs_f64) {
+        let (leaf, deed) = ("/dooropen/model".to_owned(), Deed::Restart);
+        let meddling = Some(Meddling { leaf, phase: "/dooropen/", after, deed });
+        let arguments = "seed = 70005".to_owned();
+        let mission = Mission { arguments, disturbance: Disturbance::NONE, meddling, value: None };
+        let outcome = mission.fly(DOOR, LIMIT).unwrap_or_else(|why| panic!("{why}"));
+        assert!(outcome.is_strict() && outcome.angle < 80.0 && outcome.worst < 60.0, "{after:?}: {outcome:?}");
+    }
 }
 
 #[test]

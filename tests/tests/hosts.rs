@@ -79,11 +79,11 @@ fn the_door_opens_across_hosts() {
     mission.wait_for_times(Stream::Err, "▸ (visualserv # distdetect)", 2, SOON);
     let status = fourth.ask(&["status", "--lan"]);
     let programs: Vec<&str> = status.out.lines().filter(|line| line.contains(" pid ")).collect();
-    assert_eq!(programs.len(), 20, "{status}");
-    for (host, count) in [("c1", 1), ("c2", 4), ("c3", 15)] {
+    assert_eq!(programs.len(), 22, "{status}");
+    for (host, count) in [("c1", 1), ("c2", 4), ("c3", 17)] {
         assert_eq!(programs.iter().filter(|line| line.contains(&format!(" {host} "))).count(), count, "{status}");
     }
-    for (name, state) in [("visualserv: VisualServoing", "running"), ("closegrip: GripperControl", "idle")] {
+    for (name, state) in [("visualserv: VisualServoing", "running"), ("fingers: GripperControl", "idle")] {
         assert!(programs.iter().any(|line| line.contains(name) && line.contains(state)), "{name} {state}\n{status}");
     }
 

@@ -1,4 +1,4 @@
-//! Acceptance 4: `kill -9` of any one controller, each of the twenty once: the mission ends as the rules say, says why,
+//! Acceptance 4: `kill -9` of any one controller, each of the twenty-two once: the mission ends as the rules say, says why,
 //! and leaves nothing.
 
 use dca_tests::cluster::{Cluster, Ended, Program, SOON, Stream, Trace, spec, wait_until};
@@ -62,9 +62,10 @@ fn while_it_approaches() {
 
 #[test]
 fn while_it_grasps() {
-    for leaf in ["closegrip", "presshandle"] {
-        check(&format!("main/dooropensyst/{leaf}"), &format!("▸ {leaf}"), 1);
+    for leaf in ["closegrip/force", "closegrip/compliant", "closegrip/fingers"] {
+        check(&format!("main/dooropensyst/{leaf}"), "▸ closegrip", 2);
     }
+    check("main/dooropensyst/presshandle", "▸ presshandle", 1);
 }
 
 fn opening(leaves: &[&str]) {
@@ -83,7 +84,7 @@ fn while_its_laws_open_the_door() {
     opening(&["compliant", "model", "config", "add"]);
 }
 
-/// The twentieth: a hand that does not open is missed by `opengrip , approach` only once `approach` has ended, too, and
+/// The last: a hand that does not open is missed by `opengrip , approach` only once `approach` has ended, too, and
 /// `hit` comes first: the rules let the mission go on, and the hand was open.
 #[test]
 fn while_the_hand_opens() {
@@ -100,7 +101,7 @@ fn while_the_hand_opens() {
 #[test]
 fn before_its_turn() {
     let cluster = Cluster::new();
-    let (leaf, phase) = ("main/dooropensyst/closegrip", "✓ ((opengrip, approach) # hit)");
+    let (leaf, phase) = ("main/dooropensyst/closegrip/fingers", "✓ ((opengrip, approach) # hit)");
     let mission = kill(&cluster, leaf, SERVO, 1);
     let ended = mission.ended(MISSION_MAX);
     check_chain(&ended, leaf);

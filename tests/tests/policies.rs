@@ -35,7 +35,7 @@ fn the_door_opens_although_programs_died() {
         ("laser instof LaserSensor(host1)", "distdetect/laser", 1),
         ("visualserv instof VisualServoing(host1)", "visualserv", 1),
         ("redundancy instof RedundancyResolution(host1)", "motionctrl/redundancy", 1),
-        ("closegrip instof GripperControl(host3, \"close\")", "closegrip", 0),
+        ("fingers instof GripperControl(host1, \"close\")", "closegrip/fingers", 0),
     ];
     for (instance, _, _) in restarted {
         let (before, after) = text.split_once(&format!("{instance};")).unwrap_or_else(|| panic!("no `{instance};`"));

@@ -37,7 +37,7 @@ fn an_interrupt_ends_the_mission() {
 fn an_interrupt_at_once_ends_the_mission() {
     let cluster = Cluster::new();
     let mission = cluster.here().dca(&["run", &spec("door_opening")]);
-    mission.wait_for(Stream::Err, "starting 20 programs", SOON);
+    mission.wait_for(Stream::Err, "starting 22 programs", SOON);
     mission.signal(Signal::INT);
     let ended = mission.ended(SOON);
     assert_eq!(ended.code, Some(1), "{ended}");
@@ -49,7 +49,7 @@ fn an_interrupt_at_once_ends_the_mission() {
 fn a_killed_command_leaves_nothing() {
     let cluster = Cluster::new();
     let mission = servoing(cluster.here().dca(&["run", &spec("door_opening")]));
-    assert!(cluster.left().len() > 40, "20 programs and their shims: {:?}", cluster.left());
+    assert!(cluster.left().len() > 40, "22 programs and their shims: {:?}", cluster.left());
     mission.signal(Signal::KILL);
     assert_eq!(mission.ended(SOON).signal, Some(9));
     let took = cluster.expect_nothing_left(ORPHAN_MAX);

@@ -4,11 +4,12 @@
 //! `stiffness · gain · delay < pi/2`, and calm below a half. With the fingers' 6000 N/m and a delay of 35 ms the gain may be
 //! 1/420 m/s/N, but a stiffer hand or a slower network asks for less, and nobody knows either beforehand. So the gain is
 //! 1/2000 for what changes quickly; a force that stays is no oscillation, and is given way to with up to 1/600. A measured
-//! delay caps both: that is the force loop's budget.
+//! delay caps both: that is the force loop's budget. What is stiffer than that swings, and [`super::calm`] takes gain away.
 //!
 //! Source: Whitney, "Force feedback control of manipulator fine motions", J. Dynamic Systems 99, 1977 (damping control);
 //! the bound is that of an integrator with a delay, Åström and Murray, "Feedback Systems", 2008, section 9.4.
 
+use super::calm::Calm;
 use super::filter::LowPass;
 use nalgebra::{Vector3, Vector6};
 
@@ -44,17 +45,30 @@ pub struct Guide {
     pub upward: bool,
 }
 
+/// Hops of the force loop in all, by the wires of the door specs: sensor, ForceTorque, CompliantCtrl or ModelBasedCtrl,
+/// AddVelocity, RedundancyResolution, Puma560Ctrl, arm; and those until the law.
+const HOPS: (f64, f64) = (6.0, 2.0);
+/// What the force loop takes beside its hops: the drives' lag, and half a period (s).
+const LAG: f64 = 0.035;
+
+/// Returns the delay of the whole force loop (s) for a law whose wrench is so old (s) when it arrives: every hop is taken to
+/// be as slow as those until the law.
+pub fn loop_delay(age: f64) -> f64 {
+    LAG + age * HOPS.0 / HOPS.1
+}
+
 /// A hand that gives way.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Compliance {
     slow: LowPass<3>,
     /// How large forces have been lately, whatever their direction.
     size: LowPass<1>,
+    calm: Calm,
 }
 
 impl Default for Compliance {
     fn default() -> Self {
-        Self { slow: LowPass::new(SLOW), size: LowPass::new(SLOW) }
+        Self { slow: LowPass::new(SLOW), size: LowPass::new(SLOW), calm: Calm::default() }
     }
 }
 
@@ -77,11 +91,11 @@ impl Compliance {
         let torque: Vector3<f64> = wrench_in_tool.fixed_rows::<3>(3).into();
         let slow = Vector3::from(self.slow.update(&force.into(), dt));
         let [size] = self.size.update(&[force.norm()], dt);
-        let cap = gain_max(delay);
+        let (cap, share) = (gain_max(delay), self.calm.update(&force, dt));
         let gain = |slow: f64| {
             // Of a force that swings to and fro less than half is left on average.
             let stays = ((2.0 * slow.abs() - size - STAYS.0) / (STAYS.1 - STAYS.0)).clamp(0.0, 1.0);
-            (1.0 / ACROSS + stays * (1.0 / ACROSS_SLOW - 1.0 / ACROSS)).min(cap)
+            (1.0 / ACROSS + stays * (1.0 / ACROSS_SLOW - 1.0 / ACROSS)).min(cap) * share
         };
         let linear = match guide {
             None => force * gain(slow.norm()),
@@ -89,7 +103,8 @@ impl Compliance {
                 let across = guide.up_in_tool.cross(&guide.tangent_in_tool);
                 let up = guide.up_in_tool.dot(&force);
                 let up = if guide.upward { up } else { up - up.clamp(-HOLD, HOLD) };
-                across * across.dot(&force) * gain(across.dot(&slow)) + guide.up_in_tool * (up * cap.min(1.0 / UP))
+                across * across.dot(&force) * gain(across.dot(&slow))
+                    + guide.up_in_tool * (up * cap.min(1.0 / UP) * share)
             }
         };
         let (linear, angular) = (linear.cap_magnitude(LINEAR_MAX), (torque * TURN).cap_magnitude(ANGULAR_MAX));

@@ -39,6 +39,11 @@ impl Debounce {
     /// Takes one answer; returns whether there were enough yeses in a row.
     pub fn update(&mut self, yes: bool) -> bool {
         self.seen = if yes { self.seen.saturating_add(1) } else { 0 };
+        self.is_sure()
+    }
+
+    /// Returns whether the last answers were enough yeses in a row.
+    pub fn is_sure(&self) -> bool {
         self.seen >= self.needed
     }
 }

@@ -1,8 +1,9 @@
 //! How far a door is open by what the laser sees: the leaf against the wall, in one sweep.
 //!
 //! Both are straight lines in the same sweep, so neither wheels that slip nor a hand that has lost the handle can make a
-//! shut door look open. The wall is found once, while the door is shut, and then followed from sweep to sweep; the leaf is
-//! the line right before the hand that holds its handle.
+//! shut door look open. The wall is found once and then followed from sweep to sweep; the leaf is the line right before the
+//! hand that holds its handle. A door is shut when the line of its leaf goes on to both sides, further than any leaf does;
+//! else the wall is the line that begins at an end of the leaf. So whoever begins in the middle knows how far it is open.
 //!
 //! Source: lines by random samples and total least squares, as in [`super::line`]; the deviation of a line's direction is
 //! that of a straight-line fit, Bevington, "Data Reduction and Error Analysis", 1969, section 6.4.
@@ -25,6 +26,17 @@ const BEHIND: (f64, f64) = (-0.01, 0.22);
 const BESIDE: f64 = 0.6;
 /// The leaf may stand so far askew to the hand (rad): the lever turns in the fingers.
 const ASKEW: f64 = 0.40;
+/// Beyond the leaf's edge it is wall: from the hand, to each side (m).
+const WALL_BESIDE: (f64, f64) = (0.4, 1.5);
+/// So many points to each side are no chance.
+const WALL_POINTS: usize = 5;
+/// A wall begins so near the end of its leaf (m), and turns from it by so much at least (rad).
+const HINGE_GATE: f64 = 0.15;
+const AJAR_MIN: f64 = 0.08;
+/// Walls further away than this from the hand (m) are not the door's.
+const WALL_FAR: f64 = 2.5;
+/// Points on a leaf are no further apart than this (m).
+const GAP: f64 = 0.15;
 /// The leaf is seen over at least this length (m).
 const LENGTH_MIN: f64 = 0.20;
 
@@ -56,8 +68,7 @@ impl Default for Wall {
 
 impl Wall {
     /// Takes a sweep as `points` (m, base axes) from a base that has moved by `moved` (x, y (m), yaw (rad), base axes)
-    /// since the last one, with the hand at `base_from_tool`. The first is taken before a shut door. Returns the leaf, if
-    /// both it and the wall are seen.
+    /// since the last one, with the hand at `base_from_tool`. Returns the leaf, if both it and the wall are seen.
     pub fn update(
         &mut self,
         points: &[Vector2<f64>],
@@ -65,7 +76,7 @@ impl Wall {
         base_from_tool: &Isometry3<f64>,
     ) -> Option<Leaf> {
         let wall = match self.line {
-            None => line::fit(&ahead(points), TOLERANCE, &mut self.random)?,
+            None => self.find(points, base_from_tool)?,
             Some(line) => seen_from(&line, moved),
         };
         self.turned += moved.z.abs();
@@ -90,6 +101,47 @@ impl Wall {
         Some(Leaf { angle: turn(&wall.normal, &leaf.normal), hand, deviation })
     }
 
+    /// Returns whether it knows where the wall is.
+    pub fn is_found(&self) -> bool {
+        self.line.is_some()
+    }
+
+    /// The wall of the door whose leaf is before the hand, shut or not.
+    fn find(&mut self, points: &[Vector2<f64>], base_from_tool: &Isometry3<f64>) -> Option<Line> {
+        let (leaf, _) = self.leaf(points, base_from_tool)?;
+        let hand = base_from_tool.translation.vector.xy();
+        let along = Vector2::new(-leaf.normal.y, leaf.normal.x);
+        let mut on_leaf: Vec<f64> = near(points, &leaf, TOLERANCE).iter().map(|p| along.dot(&(p - hand))).collect();
+        on_leaf.sort_by(f64::total_cmp);
+        let beside = |side: f64| {
+            on_leaf.iter().filter(|at| (WALL_BESIDE.0..WALL_BESIDE.1).contains(&(side * **at))).count() >= WALL_POINTS
+        };
+        if beside(1.0) && beside(-1.0) {
+            return line::fit(&ahead(points), TOLERANCE, &mut self.random);
+        }
+        // From before the hand outwards, as far as there are no gaps.
+        let end = |side: f64| {
+            let mut out: Vec<f64> = on_leaf.iter().map(|at| side * at).filter(|at| *at > 0.0).collect();
+            out.sort_by(f64::total_cmp);
+            out.iter().fold(0.0, |end, at| if at - end < GAP { *at } else { end })
+        };
+        let foot = hand + leaf.normal * (leaf.distance - leaf.normal.dot(&hand));
+        let ends = [foot + along * end(1.0), foot - along * end(-1.0)];
+        let is_other = |point: &&Vector2<f64>| {
+            (leaf.normal.dot(point) - leaf.distance).abs() > 2.0 * TOLERANCE && (**point - hand).norm() < WALL_FAR
+        };
+        let mut others: Vec<_> = points.iter().filter(is_other).copied().collect();
+        for _ in 0..3 {
+            let wall = line::fit(&others, TOLERANCE, &mut self.random)?;
+            let begins = ends.iter().any(|end| (wall.normal.dot(end) - wall.distance).abs() < HINGE_GATE);
+            if begins && turn(&leaf.normal, &wall.normal).abs() > AJAR_MIN {
+                return Some(wall);
+            }
+            others.retain(|point| (wall.normal.dot(point) - wall.distance).abs() > 2.0 * TOLERANCE);
+        }
+        None
+    }
+
     fn leaf(&mut self, points: &[Vector2<f64>], base_from_tool: &Isometry3<f64>) -> Option<(Line, Spread)> {
         let normal = horizontal(&(base_from_tool.rotation * Vector3::z()));
         let hand = base_from_tool.translation.vector.xy();
@@ -103,7 +155,8 @@ impl Wall {
         let found = line::fit(&before, TOLERANCE, &mut self.random)?;
         let (mut leaf, spread) = line::through(&near(&before, &found, TOLERANCE))?;
         // A line has two normals; the leaf's looks the way the hand does.
-        leaf.normal *= leaf.normal.dot(&normal).signum();
+        let same = leaf.normal.dot(&normal).signum();
+        (leaf.normal, leaf.distance) = (leaf.normal * same, leaf.distance * same);
         let fits = turn(&normal, &leaf.normal).abs() < ASKEW && spread.length > LENGTH_MIN;
         fits.then_some((leaf, spread))
     }
@@ -173,6 +226,16 @@ mod tests {
         }
         // Over 100 sweeps the largest error is some three deviations.
         assert!(worst < 5.0, "{worst}");
+    }
+
+    #[test]
+    fn whoever_begins_in_the_middle_knows_how_far_it_is_open() {
+        for angle in [0.0, 0.2, 0.6, 1.0, 1.3] {
+            let (mut wall, mut random) = (Wall::default(), Random::new(7));
+            let (points, hand) = sweep(angle, true, &mut random);
+            let leaf = wall.update(&points, &Vector3::zeros(), &hand);
+            assert!(leaf.is_some_and(|leaf| (leaf.angle + angle).abs() < 0.03), "{leaf:?} at {angle}");
+        }
     }
 
     #[test]

@@ -28,9 +28,15 @@ const MOVES: f64 = 0.015;
 const FORCE_MAX: f64 = 45.0;
 /// The force of a stop grows faster than this (N/m): a lever's spring has some 400, its stop and the fingers 2800 or more.
 const STOP_SLOPE: f64 = 1700.0;
-/// Over this way (m).
-const SLOPE_WAY: f64 = 0.003;
-/// A force that has been this large (N) and drops below half of it has given way.
+/// That of a lever's spring stays below this (N/m).
+const SPRING_SLOPE: f64 = 600.0;
+/// Over this way, and over more, up to that, with a sensor that is so noisy that it takes more to be sure (m).
+const SLOPE_WAY: (f64, f64) = (0.003, 0.008);
+/// So many deviations of the slope are sure.
+const SURE: f64 = 4.0;
+/// The noise is that of about so many samples.
+const NOISE_SAMPLES: f64 = 60.0;
+/// A force that has been this large (N) and drops below two fifths of it has given way.
 const DROP_FROM: f64 = 12.0;
 /// The fingers slip a little on the lever, so the hand rolls less than the lever turns.
 const ROLL: f64 = 0.9;
@@ -48,9 +54,12 @@ pub struct Press {
     /// Where the lever points, once known.
     lever: Option<Vector3<f64>>,
     filter: LowPass<2>,
-    /// Depths (m) and forces (N) of the last few millimetres.
+    /// Depths (m) and forces (N) of the last few millimetres, as they were measured.
     way: VecDeque<(f64, f64)>,
     largest: f64,
+    /// Of the force upwards: the last sample (N), and how much samples differ by noise (N²).
+    last: Option<f64>,
+    variance: f64,
 }
 
 /// How far it has come.
@@ -89,6 +98,8 @@ impl Press {
             filter: LowPass::new(CUTOFF),
             way: VecDeque::new(),
             largest: 0.0,
+            last: None,
+            variance: 0.0,
         }
     }
 
@@ -103,6 +114,10 @@ impl Press {
         let rotation = base_from_tool.rotation;
         let force: Vector3<f64> = rotation * wrench_in_tool.fixed_rows::<3>(0);
         let torque: Vector3<f64> = wrench_in_tool.fixed_rows::<3>(3).into();
+        let felt = force.z;
+        if let Some(last) = self.last.replace(felt) {
+            self.variance += (0.5 * (felt - last).powi(2) - self.variance) / NOISE_SAMPLES;
+        }
         let [upward, twist] = self.filter.update(&[force.z, torque.z], dt);
         let give = self.give.update(wrench_in_tool, None, delay, dt);
         let give_turn: Vector3<f64> = give.fixed_rows::<3>(3).into();
@@ -131,23 +146,34 @@ impl Press {
         Down {
             twist_in_tool: Vector6::new(linear.x, linear.y, linear.z, angular.x, angular.y, angular.z),
             depth,
-            state: self.state(depth, upward),
+            state: self.state(depth, upward, felt),
         }
     }
 
-    fn state(&mut self, depth: f64, upward: f64) -> State {
-        if self.way.back().is_none_or(|(last, _)| depth > last + 0.0002) {
-            self.way.push_back((depth, upward));
+    /// How long a way (m) tells the slope of a stop from that of a spring, with samples so far apart (m): that of a line's
+    /// slope, deviation / way / sqrt(samples / 12), is to be small enough.
+    fn slope_way(&self, apart: f64) -> f64 {
+        let enough = (STOP_SLOPE - SPRING_SLOPE) / SURE;
+        let way = ((12.0 * apart * self.variance).sqrt() / enough).powf(2.0 / 3.0);
+        way.clamp(SLOPE_WAY.0, SLOPE_WAY.1)
+    }
+
+    fn state(&mut self, depth: f64, upward: f64, felt: f64) -> State {
+        let apart = self.way.back().map_or(0.0, |(last, _)| depth - last);
+        if self.way.is_empty() || apart > 0.0 {
+            self.way.push_back((depth, felt));
         }
-        while self.way.get(1).is_some_and(|(next, _)| depth - next > SLOPE_WAY) {
+        let length = self.slope_way(apart.clamp(1e-5, 1e-3));
+        while self.way.get(1).is_some_and(|(next, _)| depth - next > length) {
             self.way.pop_front();
         }
-        self.largest = self.largest.max(upward);
-        let stops = self.way.front().is_some_and(|(from, before)| {
-            let way = depth - from;
-            way > 0.8 * SLOPE_WAY && upward - before > STOP_SLOPE * way && upward > DROP_FROM
-        });
-        let drops = self.largest > DROP_FROM && upward < 0.4 * self.largest;
+        let (mean, slope) = line(&self.way);
+        let is_long = self.way.front().is_some_and(|(from, _)| depth - from > 0.8 * length);
+        let stops = is_long && slope > STOP_SLOPE && upward > DROP_FROM;
+        if is_long {
+            self.largest = self.largest.max(mean);
+        }
+        let drops = is_long && self.largest > DROP_FROM && mean < 0.4 * self.largest;
         match (depth > MOVES, upward > FORCE_MAX) {
             (true, true) => State::Down,
             (true, false) if stops || drops => State::Down,
@@ -156,6 +182,16 @@ impl Press {
             _ => State::Pressing,
         }
     }
+}
+
+/// The mean of the forces (N), and their slope over the depths (N/m) by least squares.
+fn line(way: &VecDeque<(f64, f64)>) -> (f64, f64) {
+    let count = way.len().max(1) as f64;
+    let middle = way.iter().map(|(depth, _)| depth).sum::<f64>() / count;
+    let mean = way.iter().map(|(_, force)| force).sum::<f64>() / count;
+    let spread: f64 = way.iter().map(|(depth, _)| (depth - middle).powi(2)).sum();
+    let together: f64 = way.iter().map(|(depth, force)| (depth - middle) * (force - mean)).sum();
+    (mean, if spread > 0.0 { together / spread } else { 0.0 })
 }
 
 #[cfg(test)]

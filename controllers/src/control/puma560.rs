@@ -5,7 +5,8 @@
 //!
 //! Source: standard Denavit-Hartenberg parameters of Corke and Armstrong-Helouvry, "A search for consensus among model
 //! parameters reported for the Puma 560 robot", ICRA 1994, pp. 1608-1613, with the 26.45 in pedestal; joint ranges as
-//! published: Lee and Ziegler, "A geometric approach in solving the inverse kinematics of PUMA robots", 1984. Speed limits are derated service limits of ours, as are mount height and tool length.
+//! published: Lee and Ziegler, "Geometric approach in solving inverse kinematics of PUMA robots", IEEE Trans. Aerospace and
+//! Electronic Systems 20(6), 1984. Speed limits are derated service limits of ours, as are mount height and tool length.
 
 use nalgebra::{Isometry3, Matrix6, Translation3, UnitQuaternion, Vector3, Vector6};
 use std::f64::consts::FRAC_PI_2;
@@ -90,6 +91,20 @@ pub fn rates_for(q: &Joints, twist_in_tool: &Vector6<f64>) -> Joints {
     let rates = damped.cholesky().map_or_else(Joints::zeros, |factor| jacobian.transpose() * factor.solve(&twist));
     let scaling = rates.zip_map(&Joints::from(RATES_MAX), |rate, max| rate.abs() / max).max().max(1.0);
     rates / scaling
+}
+
+/// From the wrist's centre to where the fingers begin (m).
+pub const WRIST_LENGTH: f64 = 0.10;
+
+/// Returns shoulder, elbow, wrist's centre and where the fingers begin, for joint angles `q` (rad), base frame (m).
+pub fn outline(q: &Joints) -> [Vector3<f64>; 4] {
+    let mut base_from_link = Isometry3::translation(0.0, 0.0, MOUNT_HEIGHT);
+    let origins: [Vector3<f64>; 6] = std::array::from_fn(|i| {
+        base_from_link *= link(i, q[i]);
+        base_from_link.translation.vector
+    });
+    let fingers = origins[5] + base_from_link.rotation * Vector3::new(0.0, 0.0, WRIST_LENGTH);
+    [origins[0], origins[1], origins[3], fingers]
 }
 
 /// Rz(q) Tz(d) Tx(a) Rx(alpha).

@@ -61,6 +61,13 @@ pub enum Way {
 }
 
 impl Way {
+    fn turned(self) -> f64 {
+        match self {
+            Self::Along => 1.0,
+            Self::Against => -1.0,
+        }
+    }
+
     /// Returns the way that the hand has to turn less for.
     pub fn nearer(seen: &[Seen; 4]) -> Self {
         let column = |a: usize, b: usize| seen[a].pixel[0] + seen[b].pixel[0];
@@ -68,15 +75,21 @@ impl Way {
     }
 }
 
+/// Returns how far each mark is from where it should be, column and row in turn (px).
+pub fn errors(seen: &[Seen; 4], way: Way) -> SVector<f64, 8> {
+    let turned = way.turned();
+    SVector::from_fn(|i, _| {
+        let (mark, axis) = (MARKS[i / 2], i % 2);
+        let wanted = turned * mark[axis] / (mark[2] + DISTANCE);
+        seen[i / 2].pixel[axis] - IMAGE[axis] / 2.0 - wanted * FOCAL
+    })
+}
+
 /// Returns the velocity that brings the four marks to where they belong.
 pub fn servo(seen: &[Seen; 4], way: Way) -> Servo {
-    let turned = match way {
-        Way::Along => 1.0,
-        Way::Against => -1.0,
-    };
     let mut interaction = SMatrix::<f64, 8, 6>::zeros();
-    let mut errors = SVector::<f64, 8>::zeros();
-    for (i, (mark, seen)) in MARKS.iter().zip(seen).enumerate() {
+    let errors = errors(seen, way) / FOCAL;
+    for (i, seen) in seen.iter().enumerate() {
         let x = (seen.pixel[0] - IMAGE[0] / 2.0) / FOCAL;
         let y = (seen.pixel[1] - IMAGE[1] / 2.0) / FOCAL;
         let z = seen.depth.clamp(0.2, 2.0);
@@ -84,9 +97,6 @@ pub fn servo(seen: &[Seen; 4], way: Way) -> Servo {
         for (k, row) in rows.iter().enumerate() {
             interaction.set_row(2 * i + k, &nalgebra::RowVector6::from_row_slice(row));
         }
-        let wanted = [mark[0], mark[1]].map(|side| turned * side / (mark[2] + DISTANCE));
-        errors[2 * i] = x - wanted[0];
-        errors[2 * i + 1] = y - wanted[1];
     }
     let far = ((errors.amax() * FOCAL - FAR.1) / (FAR.0 - FAR.1)).clamp(0.0, 1.0);
     let gain = GAIN.1 + far * (GAIN.0 - GAIN.1);

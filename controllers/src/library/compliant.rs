@@ -1,18 +1,13 @@
 //! CompliantCtrl: the hand gives way.
 
 use super::{FRESH, SENSED};
-use crate::control::compliant::{ACROSS, Compliance, DELAY_MAX, Guide, STIFFNESS, gain_max};
+use crate::control::compliant::{ACROSS, Compliance, DELAY_MAX, Guide, STIFFNESS, gain_max, loop_delay};
 use crate::message::{Constraint, Velocity, Wrench};
 use crate::sdk::{About, Arguments, Controller, In, Inputs, Out, Outputs, Progress, Tick};
 use comms::logic::signals::Signal;
 use nalgebra::{Vector3, Vector6};
 use std::time::Duration;
 
-/// Hops of the force loop in all, by the wires of the door specs: sensor, ForceTorque, this, AddVelocity,
-/// RedundancyResolution, Puma560Ctrl, arm; and those until here.
-const HOPS: (f64, f64) = (6.0, 2.0);
-/// What the force loop takes beside its hops: the drives' lag, and half a period (s).
-const LAG: f64 = 0.035;
 /// The measured age is averaged (Hz).
 const CUTOFF: f64 = 0.5;
 /// How long the loop may be too slow.
@@ -46,9 +41,9 @@ pub(super) struct CompliantCtrl {
 }
 
 impl CompliantCtrl {
-    /// The delay of the whole force loop (s): every hop is taken to be as slow as those of the wrench until here.
+    /// The delay of the whole force loop (s).
     fn delay(&self) -> f64 {
-        LAG + self.age.unwrap_or(0.0) * HOPS.0 / HOPS.1
+        loop_delay(self.age.unwrap_or(0.0))
     }
 
     /// Measures the delay; says whether the loop is too slow for too long.

@@ -8,7 +8,7 @@ use crate::message::{ArmState, CameraState, LaserScan, LaserState};
 use crate::robot::laser;
 use crate::sdk::{About, Arguments, Controller, In, Inputs, Kind, Out, Outputs, Parameter, Progress, Random, Tick};
 use comms::logic::signals::Signal;
-use nalgebra::Vector2;
+use nalgebra::{SVector, Vector2};
 use std::time::Duration;
 
 const IN_A_ROW: u32 = 3;
@@ -20,7 +20,7 @@ const TOLERANCE: f64 = 0.02;
 const SETTLED: f64 = 0.002;
 const SETTLE: usize = 20;
 /// A mark that is further than this from where it should be on average has not arrived (px).
-const ARRIVED: f64 = 7.0;
+const ARRIVED: f64 = 5.0;
 /// Of the newest image in that average: over some 20 images.
 const IMAGE_SHARE: f64 = 0.05;
 
@@ -107,8 +107,8 @@ pub(super) struct DistanceThreshold {
     threshold: f64,
     debounce: Debounce,
     recent: Vec<f64>,
-    /// How far marks are from where they should be, lately (px); none before the first image.
-    image: Option<f64>,
+    /// How far marks are from where they should be, column and row, lately (px); none before the first image.
+    image: Option<SVector<f64, 8>>,
     random: Random,
     watch: Watch,
 }
@@ -117,10 +117,10 @@ impl DistanceThreshold {
     fn look(&mut self, image: Option<&CameraState>) {
         let Some([Some(a), Some(b), Some(c), Some(d)]) = image.map(|image| image.marks) else { return };
         let seen = [a, b, c, d].map(|[u, v, depth]| Seen { pixel: [u, v], depth });
-        let error = servoing::servo(&seen, Way::nearer(&seen)).error;
-        // It begins at the first error rather than at none.
-        let lately = self.image.get_or_insert(error);
-        *lately += IMAGE_SHARE * (error - *lately);
+        let errors = servoing::errors(&seen, Way::nearer(&seen));
+        // It begins at the first image rather than at none. Means of columns and rows: noise is no distance.
+        let lately = self.image.get_or_insert(errors);
+        *lately += (errors - *lately) * IMAGE_SHARE;
     }
 
     /// From the hand to the line that the laser sees ahead (m).
@@ -185,7 +185,7 @@ impl Controller for DistanceThreshold {
         let mean = |distances: &[f64]| distances.iter().sum::<f64>() / distances.len().max(1) as f64;
         // The means of ten sweeps are quieter than one of them, whatever the laser is like.
         let settled = self.recent.len() == SETTLE && (mean(before) - mean(after)).abs() < SETTLED;
-        let arrived = self.image.is_some_and(|error| error < ARRIVED);
+        let arrived = self.image.is_some_and(|errors| errors.amax() < ARRIVED);
         if self.debounce.update(distance < self.threshold && settled && arrived) {
             return Progress::Done(super::value(&distance));
         }

@@ -1,13 +1,11 @@
 //! The wrist sensor and what watches it.
 
 use super::{Watch, seconds};
-use crate::control::filter::Debounce;
+use crate::control::touch::Touch;
 use crate::message::{FtCommand, FtState, Wrench};
 use crate::sdk::{About, Arguments, Configured, Controller, In, Inputs, Kind, Out, Outputs, Parameter, Progress, Tick};
 use nalgebra::Vector3;
 use std::time::Duration;
-
-const IN_A_ROW: u32 = 3;
 
 /// What the sensors hear.
 #[derive(Debug, Inputs)]
@@ -150,15 +148,14 @@ struct Threshold {
     threshold: f64,
     /// How long it takes until a force counts as one that was always there (s); none if it never does.
     forgets: Option<f64>,
-    usual: Option<Vector3<f64>>,
-    debounce: Debounce,
+    touch: Touch,
     watch: Watch,
 }
 
 impl Threshold {
     fn new(arguments: &Arguments, forgets: Option<f64>) -> Self {
-        let (threshold, debounce) = (arguments.number("threshold"), Debounce::new(IN_A_ROW));
-        Self { threshold, forgets, usual: None, debounce, watch: Watch::default() }
+        let threshold = arguments.number("threshold");
+        Self { threshold, forgets, touch: Touch::new(forgets), watch: Watch::default() }
     }
 
     fn configure(&mut self, arguments: &Arguments) -> Configured {
@@ -167,7 +164,7 @@ impl Threshold {
     }
 
     fn reset(&mut self) {
-        (self.debounce, self.watch, self.usual) = (Debounce::new(IN_A_ROW), Watch::default(), None);
+        (self.touch, self.watch) = (Touch::new(self.forgets), Watch::default());
     }
 
     fn update(&mut self, tick: Tick, wrench: &In<Wrench>) -> Progress {
@@ -176,19 +173,10 @@ impl Threshold {
             return Progress::Aborted("no forces for 1 s".to_owned());
         }
         let Some(wrench) = fresh else { return Progress::Continue };
-        let force = Vector3::from(wrench.force);
-        let force = match self.forgets {
-            None => force.norm(),
-            Some(forgets) => {
-                let usual = self.usual.get_or_insert(force);
-                *usual += (force - *usual) * (1.0 - (-tick.dt() / forgets).exp());
-                (force - *usual).norm()
-            }
-        };
-        if self.debounce.update(force > self.threshold) {
-            return Progress::Done(super::value(&force));
+        match self.touch.update(&Vector3::from(wrench.force), self.threshold, tick.dt()) {
+            Some(force) => Progress::Done(super::value(&force.norm())),
+            None => Progress::Continue,
         }
-        Progress::Continue
     }
 }
 
@@ -200,8 +188,8 @@ pub(super) struct ThresholdInputs {
     wrench: In<Wrench>,
 }
 
-/// Ends when three forces in a row exceed a threshold; told to forget, it does not count forces that have stayed: a sensor
-/// that drifts, or a weight that nobody has told it.
+/// Ends when a force exceeds a threshold and its own noise; told to forget, it does not count forces that have stayed: a
+/// sensor that drifts, or a weight that nobody has told it.
 #[derive(Debug)]
 pub(super) struct ForceThreshold(Threshold);
 
@@ -216,8 +204,8 @@ impl Controller for ForceThreshold {
             Parameter::new("forget", Kind::Number(0.0, 60.0)).or("0"),
         ];
         About::task(
-            "Ends when three forces in a row exceed a threshold [N], leaving the last of them; those that stay are \
-            forgotten after some time [s], unless that is 0.",
+            "Ends when a force exceeds a threshold [N] and its own noise, leaving it; forces that stay are forgotten after \
+            some time [s], unless that is 0.",
         )
         .every(Duration::from_millis(50))
         .triggered_by("In")
@@ -261,7 +249,7 @@ impl Controller for HitDetector {
 
     fn about() -> About {
         const THRESHOLD: &[Parameter] = &[Parameter::new("threshold", Kind::Number(1.0, 200.0)).or("40")];
-        About::task("Ends when the hand is hit: three forces in a row above a threshold [N].")
+        About::task("Ends when the hand is hit: a force above a threshold [N] and above its own noise.")
             .every(Duration::from_millis(50))
             .triggered_by("In1")
             .with(THRESHOLD)

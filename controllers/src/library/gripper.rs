@@ -2,9 +2,10 @@
 
 use super::{SENSED, Watch};
 use crate::control::filter::Debounce;
-use crate::message::{GripperCommand, GripperState};
+use crate::message::{FtState, GripperCommand, GripperState};
 use crate::sdk::{About, Arguments, Controller, In, Inputs, Kind, Out, Outputs, Parameter, Progress, Stopping, Tick};
 use comms::logic::time::Time;
+use nalgebra::Vector3;
 use std::time::Duration;
 
 const OPEN: f64 = 0.08;
@@ -12,8 +13,19 @@ const OPEN_ENOUGH: f64 = 0.075;
 /// Fingers this close together hold nothing (m).
 const EMPTY: f64 = 0.006;
 const HOLD_FORCE: f64 = 20.0;
+/// Fingers that press with this hold whatever they hold (N).
+const FIRM: f64 = 40.0;
+/// Fingers that meet something aside pull the hand there with what they press with, so they first press gently (N), until
+/// the hand has given way and feels less than this (N), or for so long.
+const GENTLE: f64 = 14.0;
+const AT_EASE: f64 = 6.0;
+const GENTLE_FOR: Duration = Duration::from_millis(1500);
+/// Fingers that press have met something (N).
+const MET: f64 = 5.0;
 const TIMEOUT: Duration = Duration::from_secs(4);
 const IN_A_ROW: u32 = 3;
+/// A hand that feels little so many times in a row is at ease.
+const AT_EASE_IN_A_ROW: u32 = 10;
 
 /// What it hears.
 #[derive(Debug, Inputs)]
@@ -21,6 +33,9 @@ pub(super) struct Inputs {
     /// The gripper.
     #[device("gripper/state")]
     state: In<GripperState>,
+    /// The wrist sensor, which feels whether fingers that close pull the hand aside.
+    #[device("ft/state")]
+    force: In<FtState>,
 }
 
 /// What it says.
@@ -44,6 +59,9 @@ pub(super) struct GripperControl {
     held: Debounce,
     empty: Debounce,
     started: Time,
+    /// When closing fingers met something, and for how long the hand has been at ease since.
+    met: Option<Time>,
+    at_ease: Debounce,
     watch: Watch,
 }
 
@@ -53,6 +71,21 @@ impl GripperControl {
             Goal::Open => "GripperControl open".to_owned(),
             Goal::Close => "GripperControl close".to_owned(),
         }
+    }
+
+    /// How hard the fingers press (N).
+    fn press(&mut self, now: Time, inputs: &Inputs) -> f64 {
+        if self.goal == Goal::Open {
+            return FIRM;
+        }
+        if inputs.state.latest().is_some_and(|state| state.force > MET) {
+            self.met.get_or_insert(now);
+        }
+        let Some(met) = self.met else { return GENTLE };
+        if let Some(wrench) = inputs.force.fresh() {
+            self.at_ease.update(Vector3::from(wrench.force).norm() < AT_EASE);
+        }
+        if self.at_ease.is_sure() || now.since(met) > GENTLE_FOR { FIRM } else { GENTLE }
     }
 
     fn judge(&mut self, state: &GripperState) -> Progress {
@@ -90,11 +123,13 @@ impl Controller for GripperControl {
     fn new(arguments: &Arguments) -> Result<Self, String> {
         let goal = if arguments.text("goal") == "open" { Goal::Open } else { Goal::Close };
         let debounce = Debounce::new(IN_A_ROW);
-        Ok(Self { goal, held: debounce, empty: debounce, started: Time::ZERO, watch: Watch::default() })
+        let (started, at_ease) = (Time::ZERO, Debounce::new(AT_EASE_IN_A_ROW));
+        Ok(Self { goal, held: debounce, empty: debounce, started, met: None, at_ease, watch: Watch::default() })
     }
 
     fn init(&mut self, _: &[u8]) -> Result<(), String> {
         (self.held, self.empty) = (Debounce::new(IN_A_ROW), Debounce::new(IN_A_ROW));
+        (self.met, self.at_ease) = (None, Debounce::new(AT_EASE_IN_A_ROW));
         self.watch = Watch::default();
         Ok(())
     }
@@ -108,7 +143,8 @@ impl Controller for GripperControl {
             Goal::Open => OPEN,
             Goal::Close => 0.0,
         };
-        outputs.command.send(GripperCommand { owner: self.owner(), width: Some(width) });
+        let force = self.press(tick.now, inputs);
+        outputs.command.send(GripperCommand { owner: self.owner(), width: Some(width), force });
         if self.watch.is_silent(tick.now, inputs.state.fresh_within(tick.now, SENSED).is_some()) {
             return Progress::Aborted("no word from the gripper for 1 s".to_owned());
         }
@@ -121,7 +157,7 @@ impl Controller for GripperControl {
 
     fn stop(&mut self, _: Tick, _: &Inputs, outputs: &mut Outputs) -> Stopping {
         // The gripper keeps its width; only the right to command it is given back.
-        outputs.command.send(GripperCommand { owner: self.owner(), width: None });
+        outputs.command.send(GripperCommand { owner: self.owner(), width: None, force: FIRM });
         Stopping::Finished
     }
 }

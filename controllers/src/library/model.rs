@@ -2,6 +2,8 @@
 
 use super::{SENSED, distance};
 use crate::control::caster::Pose;
+use crate::control::clearance::clearance;
+use crate::control::compliant::loop_delay;
 use crate::control::door::{Failure, Opening, Pull};
 use crate::control::history::History;
 use crate::control::leaf::{Leaf, Wall};
@@ -15,10 +17,13 @@ use nalgebra::{Isometry3, Rotation2, UnitQuaternion, Vector3, Vector6};
 use std::time::Duration;
 
 /// The longest an opening may take.
-const TIMEOUT: Duration = Duration::from_secs(40);
+const TIMEOUT: Duration = Duration::from_secs(55);
 /// How far before its goal a door is slowed down (rad), and to which share of its speed.
 const BRAKE: f64 = 0.2;
-const PACE_MIN: f64 = 0.2;
+const PACE_MIN: f64 = 0.25;
+/// How near anything may come to the robot, but for what it holds (m), and for how long it looks for the wall.
+const ROOM_MIN: f64 = 0.03;
+const LOOK: Duration = Duration::from_secs(2);
 /// How long it stands still and waits for inputs that are too old to be believed.
 const PATIENCE: Duration = Duration::from_secs(1);
 
@@ -71,6 +76,8 @@ pub(super) struct ModelBasedCtrl {
     angle: f64,
     /// As seen last.
     leaf: Option<Leaf>,
+    /// From the robot to what is nearest, as seen last (m).
+    room: Option<f64>,
     /// For how long an input has been too old.
     blind: Duration,
     spent: Duration,
@@ -145,6 +152,7 @@ impl ModelBasedCtrl {
         let turned = (at.z - from.z).sin().atan2((at.z - from.z).cos());
         let by = Rotation2::new(-from.z) * (at.xy() - from.xy());
         let points = distance::points(&sweep.ranges, std::f64::consts::PI);
+        self.room = clearance(&points, &self.joints.at(inputs.laser.measured()?)?.into());
         let leaf = self.wall.update(&points, &Vector3::new(by.x, by.y, turned), &base_from_tool)?;
         let leaf = Leaf { angle: sense * leaf.angle, hand: sense * leaf.hand, ..leaf };
         self.leaf = Some(leaf);
@@ -164,10 +172,16 @@ impl ModelBasedCtrl {
             Some(Failure::Force) => return Progress::Aborted("the force on the hand exceeds 80 N".to_owned()),
             None => {}
         }
+        if self.room.is_some_and(|room| room < ROOM_MIN) {
+            return Progress::Aborted("no room: something is less than 30 mm from the robot".to_owned());
+        }
+        if !self.wall.is_found() && self.spent > LOOK {
+            return refuse(Doubt::Unseen);
+        }
         match (self.watch.update(evidence), evidence.leaf) {
             (Verdict::Doubt(doubt), _) => refuse(doubt),
             (Verdict::Open, Some(leaf)) => Progress::Done(super::value(&[leaf.angle, evidence.radius])),
-            _ if self.spent > TIMEOUT => Progress::Aborted("the door is not open after 40 s".to_owned()),
+            _ if self.spent > TIMEOUT => Progress::Aborted("the door is not open after 55 s".to_owned()),
             _ => Progress::Continue,
         }
     }
@@ -235,13 +249,14 @@ impl Controller for ModelBasedCtrl {
             joints: History::default(),
             angle: 0.0,
             leaf: None,
+            room: None,
             blind: Duration::ZERO,
             spent: Duration::ZERO,
         })
     }
 
     fn init(&mut self, _: &[u8]) -> Result<(), String> {
-        (self.opening, self.angle, self.leaf) = (None, 0.0, None);
+        (self.opening, self.angle, self.leaf, self.room) = (None, 0.0, None, None);
         (self.watch, self.wall) = (Watch::new(self.goal, self.expected), Wall::default());
         (self.swept_from, self.anchor) = (None, Anchor::default());
         (self.poses, self.joints) = (History::default(), History::default());
@@ -269,7 +284,8 @@ impl Controller for ModelBasedCtrl {
         let left = self.leaf.map_or(self.goal, |leaf| self.goal - leaf.angle);
         let pace = (left / BRAKE).clamp(PACE_MIN, 1.0);
         let opening = self.opening.get_or_insert_with(|| Opening::new(&hand, self.radius));
-        let pull = opening.update(&hand, &known.wrench, pace, tick.dt());
+        let age = inputs.wrench.age(tick.now).unwrap_or_default().as_secs_f64();
+        let pull = opening.update(&hand, &known.wrench, pace, (loop_delay(age), tick.dt()));
         let (radius, sense) = (opening.hinge().radius(), opening.sense());
         self.angle = pull.angle;
         let leaf = self.look(inputs, sense);
@@ -296,6 +312,7 @@ impl Controller for ModelBasedCtrl {
             signal("estimated radius", "m", radius),
             signal("seen angle", "deg", seen(|leaf| leaf.angle)),
             signal("hand turned", "deg", seen(|leaf| leaf.hand)),
+            signal("room", "m", self.room.unwrap_or(f64::NAN)),
             signal("odometry jumps", "", f64::from(self.anchor.jumps)),
         ]
     }

@@ -197,7 +197,7 @@ impl State {
                 }
             }
             Order::Gripper(command) if gripper.admit(&command.owner, now) => match command.width {
-                Some(width) => self.plant.grip_to(width),
+                Some(width) => self.plant.grip_to(width, command.force),
                 None => gripper.release(),
             },
             Order::Force(command) => self.plant.force_torque.set_zero(command.after),

@@ -59,6 +59,7 @@ pub struct Plant {
     grip: f64,
     grip_target: f64,
     grip_force: f64,
+    grip_force_max: f64,
     grasp: Grasp,
     push: Push,
     /// The force of a visitor on the hand (N, world axes).
@@ -104,6 +105,7 @@ impl Plant {
             grip: 0.0,
             grip_target: 0.0,
             grip_force: 0.0,
+            grip_force_max: GRIP_FORCE,
             push: Push::default(),
             visitor: Vector3::zeros(),
             yielding: Yielding::default(),
@@ -176,9 +178,10 @@ impl Plant {
         self.limits_hit
     }
 
-    /// Sends the fingers to a width (m).
-    pub fn grip_to(&mut self, width: f64) {
+    /// Sends the fingers to a width (m); they press with no more than `force` (N), nor than they can.
+    pub fn grip_to(&mut self, width: f64, force: f64) {
         self.grip_target = width.clamp(0.0, GRIP_MAX);
+        self.grip_force_max = force.clamp(0.0, GRIP_FORCE);
     }
 
     /// Returns pose and motion of the hand in the world frame.
@@ -281,7 +284,7 @@ impl Plant {
                 self.grasp.take(hand, handle);
             }
             self.grip = thickness;
-            self.grip_force = (self.grip_force + GRIP_FORCE_RISE * DT).min(GRIP_FORCE);
+            self.grip_force = towards(self.grip_force, self.grip_force_max, GRIP_FORCE_RISE * DT);
             self.grasp.centre(hand, handle, self.grip_force);
             return;
         }
@@ -290,7 +293,7 @@ impl Plant {
         }
         self.grip = next;
         // Closed on nothing, the fingers press against each other.
-        self.grip_force = if next <= 0.0 { GRIP_FORCE } else { 0.0 };
+        self.grip_force = if next <= 0.0 { self.grip_force_max } else { 0.0 };
     }
 }
 

@@ -1,0 +1,135 @@
+//! Whether a force loop swings, and how much of its gain it may keep.
+//!
+//! Whether a loop is calm depends on the stiffness of what the hand holds, which nobody knows beforehand: fingers on a lever
+//! may be eight times as stiff as the budget of [`super::compliant`] has it. A loop beyond its budget swings to and fro, and
+//! grows. So swings are counted, each larger than noise and soon after the one before; one push, or a step, is no swing.
+//! From the third on each takes a part of the gain, and a loop that has been calm gets it back slowly.
+//!
+//! Source: Dimeas and Aspragathos, "Online stability in human-robot cooperation with admittance control", IEEE Trans. Haptics
+//! 9(2), 2016: an unstable contact is found by its oscillation, and the gain is adapted; the way of counting is ours.
+
+use super::filter::LowPass;
+use nalgebra::Vector3;
+
+/// A swing goes at least so far (N), or so many deviations of the noise.
+const SWING: (f64, f64) = (8.0, 4.0);
+/// The next one comes within this (s): 2 Hz and more.
+const SOON: f64 = 0.25;
+/// So many in a row are no accident.
+const IN_A_ROW: u32 = 3;
+/// What each of them leaves of the gain, and what is always left.
+const LEFT: f64 = 0.75;
+const SHARE_MIN: f64 = 0.12;
+/// What comes back (1/s).
+const BACK: f64 = 0.02;
+const CUTOFF: f64 = 15.0;
+/// The noise is that of about so many samples.
+const NOISE_SAMPLES: f64 = 60.0;
+
+/// Swings of one axis.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Swings {
+    /// The lowest and highest since the last turn (N).
+    low: f64,
+    high: f64,
+    /// +1 while it rises, -1 while it falls.
+    sense: f64,
+    since: f64,
+    count: u32,
+}
+
+impl Swings {
+    /// Takes a value, `dt` (s) after the last; returns whether it has turned as often as a loop that swings.
+    fn update(&mut self, value: f64, swing: f64, dt: f64) -> bool {
+        self.since += dt;
+        (self.low, self.high) = (self.low.min(value), self.high.max(value));
+        let (rises, falls) = (value - self.low > swing, self.high - value > swing);
+        let turned = (rises && self.sense <= 0.0) || (falls && self.sense >= 0.0);
+        if turned {
+            self.count = if self.since < SOON { self.count + 1 } else { 1 };
+            self.sense = if rises && self.sense <= 0.0 { 1.0 } else { -1.0 };
+            (self.low, self.high, self.since) = (value, value, 0.0);
+        }
+        // Of a rise only the highest counts from now on, of a fall only the lowest.
+        if self.sense > 0.0 {
+            self.low = self.high;
+        } else if self.sense < 0.0 {
+            self.high = self.low;
+        }
+        turned && self.count >= IN_A_ROW
+    }
+}
+
+/// Watches the force of a loop.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Calm {
+    axes: [Swings; 3],
+    filter: LowPass<3>,
+    last: Option<Vector3<f64>>,
+    /// Of one axis (N²).
+    variance: f64,
+    share: f64,
+}
+
+impl Default for Calm {
+    fn default() -> Self {
+        let axes = [Swings::default(); 3];
+        Self { axes, filter: LowPass::new(CUTOFF), last: None, variance: 0.0, share: 1.0 }
+    }
+}
+
+impl Calm {
+    /// Takes a force (N), `dt` (s) after the last; returns which share of its gain the loop may have, at most 1.
+    pub fn update(&mut self, force: &Vector3<f64>, dt: f64) -> f64 {
+        if let Some(last) = self.last.replace(*force) {
+            self.variance += ((force - last).norm_squared() / 6.0 - self.variance) / NOISE_SAMPLES;
+        }
+        let swing = SWING.0.max(SWING.1 * self.variance.sqrt());
+        let values = self.filter.update(&(*force).into(), dt);
+        self.share = (self.share + BACK * dt).min(1.0);
+        for (axis, value) in self.axes.iter_mut().zip(values) {
+            if axis.update(value, swing, dt) {
+                self.share = (self.share * LEFT).max(SHARE_MIN);
+            }
+        }
+        self.share
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sdk::Random;
+
+    const DT: f64 = 0.008;
+
+    fn share_after(seconds: f64, force: impl Fn(f64) -> f64, noise: f64) -> f64 {
+        let (mut calm, mut random, mut time, mut share) = (Calm::default(), Random::new(3), 0.0, 1.0);
+        while time < seconds {
+            time += DT;
+            let noise = Vector3::from_fn(|_, _| random.normal(noise));
+            share = calm.update(&(Vector3::new(force(time), 0.0, -3.0) + noise), DT);
+        }
+        share
+    }
+
+    #[test]
+    fn a_push_a_step_and_noise_are_no_swing() {
+        let forces: [fn(f64) -> f64; 3] =
+            [|_| 0.0, |time| if time > 1.0 { 50.0 } else { 0.0 }, |time| 40.0 * (2.0 * time).sin()];
+        for force in forces {
+            for noise in [0.1, 1.2, 3.6] {
+                let share = share_after(20.0, force, noise);
+                assert!(share > 0.98, "{share} with {noise} N");
+            }
+        }
+    }
+
+    #[test]
+    fn a_loop_that_swings_loses_gain_within_a_few_swings() {
+        for hertz in [3.0, 8.0, 12.0] {
+            let share = share_after(4.0 / hertz, |time| 20.0 * (std::f64::consts::TAU * hertz * time).sin(), 0.4);
+            assert!(share < 0.6, "{share} at {hertz} Hz");
+        }
+    }
+}

@@ -1,0 +1,119 @@
+//! A force that rises by more than its own noise.
+//!
+//! A fixed number of samples above a threshold sees touches that are noise: with 3.6 N of noise on each axis, three samples
+//! in a row are beyond 5 N many times a second. So the noise is measured, from how samples differ from the ones before, and
+//! means over longer and longer windows are each held against the threshold and against what noise makes of such a mean. A
+//! stiff touch rises so quickly that the shortest window sees it; a soft one waits for a longer.
+//!
+//! Source: sliding windows of a generalised likelihood ratio, Basseville and Nikiforov, "Detection of Abrupt Changes", 1993,
+//! section 2.4; the windows are ours.
+
+use nalgebra::Vector3;
+use std::collections::VecDeque;
+
+/// Lengths of the windows, in samples.
+const WINDOWS: [usize; 4] = [3, 6, 12, 24];
+/// As many deviations as a mean of three axes exceeds once in some 10⁶ windows.
+const SURE: f64 = 5.5;
+/// The noise is that of about so many samples, and nothing is said before so many have come.
+const MEMORY: f64 = 125.0;
+const FIRST: u32 = 12;
+
+/// Watches the samples of a force.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Touch {
+    /// How long it takes until a force counts as one that was always there (s); none if it never does.
+    forgets: Option<f64>,
+    usual: Vector3<f64>,
+    last: Option<Vector3<f64>>,
+    /// Of one axis (N²).
+    variance: f64,
+    count: u32,
+    recent: VecDeque<Vector3<f64>>,
+}
+
+impl Touch {
+    /// Begins; forces that stay for longer than `forgets` (s) are what is usual.
+    pub fn new(forgets: Option<f64>) -> Self {
+        Self {
+            forgets,
+            usual: Vector3::zeros(),
+            last: None,
+            variance: 0.0,
+            count: 0,
+            recent: VecDeque::with_capacity(WINDOWS[WINDOWS.len() - 1]),
+        }
+    }
+
+    /// Takes a sample (N), `dt` (s) after the last one. Returns the mean force beyond what is usual, if it is larger than
+    /// `threshold` (N) and more than noise.
+    pub fn update(&mut self, force: &Vector3<f64>, threshold: f64, dt: f64) -> Option<Vector3<f64>> {
+        self.count = self.count.saturating_add(1);
+        let share = |memory: f64| (1.0 / f64::from(self.count)).max(memory);
+        if let Some(forgets) = self.forgets {
+            self.usual += (force - self.usual) * share(1.0 - (-dt / forgets).exp());
+        }
+        if let Some(last) = self.last {
+            // Two samples, three axes.
+            let step = (force - last).norm_squared() / 6.0;
+            self.variance += (step - self.variance) * (1.0 / f64::from(self.count - 1)).max(1.0 / MEMORY);
+        }
+        self.last = Some(*force);
+        if self.recent.len() == WINDOWS[WINDOWS.len() - 1] {
+            self.recent.pop_front();
+        }
+        self.recent.push_back(force - self.usual);
+        if self.count < FIRST {
+            return None;
+        }
+        WINDOWS.iter().find_map(|&window| {
+            let mean = self.recent.iter().rev().take(window).sum::<Vector3<f64>>() / window as f64;
+            let noise = (self.variance / window as f64).sqrt();
+            (mean.norm() > threshold.max(SURE * noise)).then_some(mean)
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sdk::Random;
+
+    const DT: f64 = 0.008;
+
+    /// A free hand for 12 s, then a touch that grows by so much (N/s): when it is noticed after that (s), if it is.
+    fn noticed(noise: f64, slope: f64, seed: u64) -> Result<f64, &'static str> {
+        let (mut touch, mut random) = (Touch::new(Some(1.5)), Random::new(seed));
+        // A hand that nobody has told its payload.
+        let weight = Vector3::new(2.0, -14.0, 1.0);
+        for i in 0..3000 {
+            let time = f64::from(i) * DT - 12.0;
+            let pushed = Vector3::new(0.0, 0.0, -slope * time.max(0.0));
+            let noise = Vector3::from_fn(|_, _| random.normal(noise));
+            if touch.update(&(weight + pushed + noise), 5.0, DT).is_some() {
+                return if time > 0.0 { Ok(time) } else { Err("noise") };
+            }
+        }
+        Err("never")
+    }
+
+    #[test]
+    fn noise_is_no_touch() {
+        for noise in [0.1, 0.4, 1.2, 3.6] {
+            for seed in 0..50 {
+                let time = noticed(noise, 300.0, seed);
+                assert!(time.is_ok_and(|time| time < 0.1), "{time:?} with {noise} N, seed {seed}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_quiet_sensor_notices_a_stiff_touch_within_three_samples_of_the_threshold() {
+        // 64 kN/m at 9 mm/s: 5 N after 8.7 ms.
+        let time = noticed(0.05, 576.0, 1);
+        assert!(time.is_ok_and(|time| time < 0.0087 + 3.0 * DT), "{time:?}");
+        // A soft one, 4 kN/m, 36 N/s: 5 N after 140 ms, and a tenth of it has been forgotten.
+        let time = noticed(0.4, 36.0, 1);
+        assert!(time.is_ok_and(|time| time < 0.2), "{time:?}");
+    }
+}
