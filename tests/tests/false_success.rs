@@ -2,7 +2,7 @@
 
 use controllers::sdk::harness::Disturbance;
 use dca_tests::simulation::Finish;
-use dca_tests::survey::{Deed, Group, Meddling, Mission, Outcome, Row, active_in_phases, fly_all, rows, table};
+use dca_tests::survey::{Disruption, Group, Meddling, Mission, Outcome, Row, active_in_phases, fly_all, rows, table};
 use std::time::Duration;
 
 const DOOR: &str = include_str!("../../specs/door_opening.dca");
@@ -94,8 +94,8 @@ fn wide_worlds_open() {
 #[test]
 fn who_is_started_again_in_the_opening_sees_how_far_it_is() {
     for after in [5.2, 6.4, 8.0].map(Duration::from_secs_f64) {
-        let (leaf, deed) = ("/dooropen/model".to_owned(), Deed::Restart);
-        let meddling = Some(Meddling { leaf, phase: "/dooropen/", after, deed });
+        let (leaf, disruption) = ("/dooropen/model".to_owned(), Disruption::Restart);
+        let meddling = Some(Meddling { leaf, phase: "/dooropen/", after, disruption });
         let arguments = "seed = 70005".to_owned();
         let mission = Mission { arguments, disturbance: Disturbance::NONE, meddling, value: None };
         let outcome = mission.fly(DOOR, LIMIT).unwrap_or_else(|why| panic!("{why}"));
