@@ -3,12 +3,14 @@
 #![expect(clippy::unwrap_used, reason = "a test stops where something is not as it should be")]
 
 use comms::io::clock;
-use comms::io::session::{CallError, NodeOptions, Presence, Reach, Server, Session};
+use comms::io::session::{CallError, NodeOptions, Presence, Reach, Request, Server, Session};
 use comms::logic::key::{self, HostName};
 use comms::logic::port::Policy;
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 use tokio::net::{UnixListener, UnixStream};
@@ -48,27 +50,34 @@ async fn serve(mut server: Server, host: &str) {
         let (to, verb) = key::parse_rpc(request.key()).unwrap();
         assert_eq!(to, host);
         match verb.as_str() {
-            "echo" => request.reply(request.payload()),
+            "echo" => assert!(request.reply(request.payload().to_vec()).await),
             "count" => {
-                (0..request.payload()[0]).for_each(|number| request.reply(vec![number]));
+                let end = request.payload()[0];
+                count(&mut request, end).await;
                 request.finish();
             }
             "nothing" => request.finish(),
-            "part" => (0..3).for_each(|number| request.reply(vec![number])),
+            "part" => count(&mut request, 3).await,
             "give up" => {
-                request.reply(vec![0]);
+                count(&mut request, 1).await;
                 request.break_off("it is too much");
             }
             "refuse" => request.refuse("not today"),
             "hang" => hanging.push(request),
             "linger" => {
                 request.still_here();
-                request.reply(vec![1]);
+                assert!(request.reply(vec![1]).await);
                 request.still_here();
                 hanging.push(request);
             }
             _ => {}
         }
+    }
+}
+
+async fn count(request: &mut Request, end: u8) {
+    for number in 0..end {
+        assert!(request.reply(vec![number]).await);
     }
 }
 
@@ -130,28 +139,70 @@ async fn check_broken(session: &Session, host: &str) {
     }
 }
 
-/// Answers that find no room end the stream there: nobody takes what came before and after a hole for everything.
+/// What may wait for a caller, and be on its way to it, in bytes.
+const WAITING_MAX: usize = 1 << 20;
+
+/// A server waits for a caller that takes its answers slowly, or not at all, and hears when it has gone.
 #[tokio::test(flavor = "multi_thread")]
-async fn a_caller_that_takes_no_answers_is_told_that_some_are_lost() {
-    let dir = Dir::new("overrun");
+async fn a_server_gives_no_more_than_its_caller_takes() {
+    const SIZE: usize = 10_000;
+    let dir = Dir::new("credit");
     let a = node(&dir, "a", &[]).await;
+    let client = Session::open_client(&dir.socket("a")).await.unwrap();
     let mut server = a.serve(&key::rpc_any("a")).unwrap();
-    let mut replies = a.call_stream(&key::rpc("a", "many"), Vec::new(), LONG).unwrap();
-    let mut request = server.next().await.unwrap();
-    (0..3000_u16).for_each(|number| request.reply(number.to_le_bytes().to_vec()));
-    // The server goes on: it is no end of the stream that shows the hole.
-    let mut came = 0_u16;
-    let end = loop {
-        match replies.next().await {
-            Some(Ok(bytes)) => assert_eq!(bytes, came.to_le_bytes()),
-            end => break end,
+    let given = Arc::new(AtomicUsize::new(0));
+    for caller in [&a, &client] {
+        let mut replies = caller.call_stream(&key::rpc("a", "many"), Vec::new(), LONG).unwrap();
+        let mut request = server.next().await.unwrap();
+        given.store(0, Ordering::Relaxed);
+        let count = Arc::clone(&given);
+        let mut giving = tokio::task::JoinSet::new();
+        giving.spawn(async move {
+            while request.reply(vec![7; SIZE]).await {
+                count.fetch_add(1, Ordering::Relaxed);
+            }
+            request.left().await;
+        });
+        for taken in 0..1000 {
+            let waiting = given.load(Ordering::Relaxed).saturating_sub(taken) * SIZE;
+            assert!(waiting < WAITING_MAX, "{waiting} bytes after {taken} answers");
+            assert_eq!(replies.next().await.unwrap().unwrap().len(), SIZE);
         }
-        came += 1;
-    };
-    assert!(matches!(end, Some(Err(CallError::Overrun { .. }))), "{end:?}");
-    assert!((1..3000).contains(&came), "{came}");
-    request.finish();
+        drop(replies);
+        giving.join_next().await.unwrap().unwrap();
+    }
+    client.close().await;
     a.close().await;
+}
+
+/// A session that closes has given what it had to give.
+#[tokio::test(flavor = "multi_thread")]
+async fn answers_that_are_complete_are_taken_before_a_session_closes() {
+    let dir = Dir::new("answered");
+    let a = node(&dir, "a", &[]).await;
+    let client = Session::open_client(&dir.socket("a")).await.unwrap();
+    let mut server = a.serve(&key::rpc_any("a")).unwrap();
+    let mut replies = client.call_stream(&key::rpc("a", "many"), Vec::new(), LONG).unwrap();
+    let mut request = server.next().await.unwrap();
+    for _ in 0..20 {
+        assert!(request.reply(vec![7; 10_000]).await);
+    }
+    request.finish();
+    let closing = async {
+        a.answered().await;
+        drop(server);
+        a.close().await;
+    };
+    let taking = async {
+        let mut count = 0;
+        while let Some(answer) = replies.next().await {
+            assert_eq!(answer.unwrap().len(), 10_000);
+            count += 1;
+        }
+        count
+    };
+    assert_eq!(tokio::join!(closing, taking).1, 20);
+    client.close().await;
 }
 
 #[tokio::test(flavor = "multi_thread")]

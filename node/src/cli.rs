@@ -34,7 +34,7 @@ pub(crate) mod stored;
 use crate::io::{logging, run_dir};
 use anyhow::anyhow;
 use clap::{Args, Parser, Subcommand};
-use comms::io::session;
+use comms::io::session::{self, Role};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -137,7 +137,7 @@ impl<E: Into<anyhow::Error>> From<E> for Failure {
 
 /// Runs the command line of this process.
 pub fn main() -> ExitCode {
-    session::prepare_process();
+    session::prepare_process(Role::Relay);
     let command = Command::parse();
     logging::start(logging::COMMAND);
     finish(match command.verb {

@@ -15,21 +15,26 @@ mod nearby;
 mod open;
 mod patience;
 mod reach;
+mod serve;
+mod stream;
 mod tally;
 
-pub use call::{CallError, Replies, Request, Server};
+pub use call::{CallError, Replies};
 pub(crate) use config::{Settings, unix_locator};
 pub(crate) use interfaces::{dialled, locator};
 pub use message::{Presence, Subscription, Token, Watch};
 pub(crate) use open::{Opened, Redial, Search, plain};
+pub use serve::{Request, Server};
 
 use crate::io::descriptors;
 use crate::logic::key::HostName;
+use call::Calls;
 use std::net::{IpAddr, SocketAddr, TcpListener};
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use thiserror::Error;
+use tokio::sync::watch;
 
 /// How long [`Session::close`] waits. Zenoh alone can take 10 s when a peer has vanished.
 const CLOSE_WITHIN: Duration = Duration::from_secs(2);
@@ -37,10 +42,23 @@ const CLOSE_WITHIN: Duration = Duration::from_secs(2);
 const SCOUT: [Duration; 2] = [Duration::from_millis(500), Duration::from_millis(20)];
 /// How long a link may carry nothing before it is given up, besides its round trips.
 const PATIENCE: Duration = Duration::from_secs(1);
-/// Zenoh's thread pools, all in one: a hand-over between pools costs more than the wire. With a single worker, a call
-/// that blocks inside zenoh would hold up everything.
-const RUNTIME: &str =
-    "(rx: (handover: app), acc: (handover: app), tx: (handover: app), net: (handover: app), app: (worker_threads: 2))";
+/// Zenoh's thread pools in a process that only sends and receives: one for almost all, since a hand-over between pools costs
+/// more than the wire. Only what sends has its own: a task that receives and passes on waits inside zenoh, without yielding,
+/// for the one that sends, and tokio keeps a task that was just woken for the thread that woke it. With a single worker, a
+/// call that blocks inside zenoh would hold up everything.
+const RUNTIME_END: &str = "(rx: (handover: app), acc: (handover: app), tx: (worker_threads: 1), net: (handover: app), app: (worker_threads: 2))";
+/// The same in a process that passes on what others send each other: a link that takes nothing holds up what comes over
+/// another link, and there may be several of both.
+const RUNTIME_RELAY: &str = "(rx: (worker_threads: 4), acc: (handover: app), tx: (worker_threads: 1), net: (handover: app), app: (worker_threads: 2))";
+
+/// What a process does with what comes over its links.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Role {
+    /// It is for the process itself.
+    End,
+    /// It passes some of it on to others.
+    Relay,
+}
 
 /// Who can reach a session.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -70,6 +88,9 @@ pub struct NodeOptions {
 #[derive(Debug)]
 pub struct Session {
     opened: Opened,
+    calls: Calls,
+    /// Each stream of answers that somebody may still take has a receiver of it.
+    answering: watch::Sender<()>,
 }
 
 /// Why a session could not be opened.
@@ -116,7 +137,7 @@ pub enum OpenError {
 
 /// Tunes this process for sessions: its limit of descriptors, and the threads of zenoh. Called first in `main`; later, or the
 /// second time, it has no effect on the threads.
-pub fn prepare_process() {
+pub fn prepare_process(role: Role) {
     descriptors::raise();
     const VARIABLE: &str = "ZENOH_RUNTIME";
     let threads = std::fs::read_dir("/proc/self/task").map_or(0, Iterator::count);
@@ -124,7 +145,7 @@ pub fn prepare_process() {
         tracing::debug!(threads, "zenoh keeps its own thread pools");
         return;
     }
-    set_variable(VARIABLE, RUNTIME);
+    set_variable(VARIABLE, if role == Role::Relay { RUNTIME_RELAY } else { RUNTIME_END });
 }
 
 #[expect(unsafe_code, reason = "zenoh takes the layout of its thread pools from the environment and from nowhere else")]
@@ -173,7 +194,7 @@ impl Session {
 
     /// Returns the addresses at which others can find this machine now, and hears of every change. None without a network,
     /// and with [`Reach::Host`].
-    pub fn addresses(&self) -> tokio::sync::watch::Receiver<Vec<String>> {
+    pub fn addresses(&self) -> watch::Receiver<Vec<String>> {
         self.opened.addresses()
     }
 
@@ -228,8 +249,9 @@ impl Session {
 
     async fn open(settings: Settings, redial: Redial, search: Search) -> Result<Self, OpenError> {
         // Zenoh blocks while it opens, and panics on a single-threaded runtime.
-        let opening = on_thread("dca-open", move || Ok(Self { opened: Opened::open(settings, redial, search)? }));
-        opening.await.ok_or(OpenError::NoThread)?
+        let opening = on_thread("dca-open", move || Opened::open(settings, redial, search));
+        let opened = opening.await.ok_or(OpenError::NoThread)??;
+        Ok(Self { opened, calls: Calls::default(), answering: watch::Sender::new(()) })
     }
 
     /// Returns the session's id, lower-case hex.

@@ -32,6 +32,10 @@ pub enum Kind {
     Peaks = 4,
     /// [`Announcement`](crate::logic::nearby::Announcement): a datagram by which nodes find each other.
     Announcement = 5,
+    /// What the caller of a stream of answers asks of it.
+    Pull = 6,
+    /// A part of a stream of answers.
+    Piece = 7,
     /// A frame of the ordered link between two nodes.
     Frame = 100,
     /// A request to a node.

@@ -52,9 +52,9 @@ impl Pace {
         self.expected = self.expected.max(took.min(CHUNK_TIME_MAX));
     }
 
-    /// Notes how long a full answer took.
-    pub fn arrived(&mut self, took: Duration) {
-        let (bytes, took) = (self.chunk(), took.max(Duration::from_millis(1)));
+    /// Notes how long a full answer of so many bytes took.
+    pub fn arrived(&mut self, bytes: usize, took: Duration) {
+        let took = took.max(Duration::from_millis(1));
         let (bytes_base, took_base) = self.base.unwrap_or((bytes, took));
         let (more, longer) = (bytes.saturating_sub(bytes_base), took.saturating_sub(took_base));
         if more >= bytes_base && longer > Duration::ZERO {
@@ -110,7 +110,7 @@ mod tests {
             let chunk = pace.chunk().min(left);
             let took = round + chunk as f64 / rate;
             assert!(took <= pace.wait().as_secs_f64() || round > 2.0, "{chunk} bytes take {took} s");
-            pace.arrived(Duration::from_secs_f64(took));
+            pace.arrived(chunk, Duration::from_secs_f64(took));
             (left, time) = (left - chunk, time + took);
         }
         time / (total as f64 / rate + round)
@@ -140,12 +140,12 @@ mod tests {
         for number in 0..20 {
             assert!(number < 3 || pace.chunk() <= 1700, "{number}: {}", pace.chunk());
             let took = 0.02 + pace.chunk() as f64 / 6250.0;
-            pace.arrived(Duration::from_secs_f64(took));
+            pace.arrived(pace.chunk(), Duration::from_secs_f64(took));
         }
         assert!((1024..=1700).contains(&pace.chunk()), "{}", pace.chunk());
         // The radio is near again.
         for _ in 0..20 {
-            pace.arrived(Duration::from_secs_f64(0.02 + pace.chunk() as f64 / 1e6));
+            pace.arrived(pace.chunk(), Duration::from_secs_f64(0.02 + pace.chunk() as f64 / 1e6));
         }
         assert!((200_000..=300_000).contains(&pace.chunk()), "{}", pace.chunk());
     }

@@ -21,7 +21,7 @@ use super::module::Module;
 use super::registry::{CreateError, Registry};
 use comms::io::control::{self, ControlError, NoticeSender, OrderReceiver};
 use comms::io::data::DataSession;
-use comms::io::session::{OpenError, Reach, prepare_process};
+use comms::io::session::{OpenError, Reach, Role, prepare_process};
 use comms::logic::control::{Notice, Order, VERSION};
 use cycle::{Command, Cycle};
 use inbox::Inbox;
@@ -57,7 +57,7 @@ enum ProcessError {
 
 /// Runs this process as the controller that its arguments name. Everything `main` has to do.
 pub fn run(registry: &Registry) -> ExitCode {
-    prepare_process();
+    prepare_process(Role::End);
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let text = match arguments.first().map(String::as_str) {
         None => return tell(USAGE, ExitCode::from(2)),

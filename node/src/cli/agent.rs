@@ -8,7 +8,7 @@ use crate::io::{cgroup, programs, run_dir, state_dir};
 use crate::logic::database::TEAM;
 use anyhow::Context;
 use clap::{CommandFactory as _, Parser};
-use comms::io::session::{self, Reach};
+use comms::io::session::{self, Reach, Role};
 use comms::logic::key::HostName;
 use dbmanager::io::store::Engine;
 use std::path::PathBuf;
@@ -60,7 +60,7 @@ pub(crate) fn command() -> clap::Command {
 
 /// Runs the agent of this process.
 pub fn main() -> ExitCode {
-    session::prepare_process();
+    session::prepare_process(Role::Relay);
     let arguments = Arguments::parse();
     finish(run(arguments, logging::start(logging::NODE)))
 }

@@ -357,9 +357,6 @@ pub(crate) fn unasked(host: &str, answer: &Answer) -> Failure {
 fn call_failure(host: &str, error: CallError) -> Failure {
     match error {
         CallError::Refused { reason } => Failure::Refused(anyhow!("host `{host}`: {reason}")),
-        CallError::Overrun { .. } => {
-            Failure::Unreachable(anyhow!("the answers of the node `{host}` came faster than they were taken"))
-        }
         CallError::Broken { count, why, .. } => Failure::Unreachable(anyhow!(
             "the answers of the node `{host}` broke off after {count}: {why}; what has come is not everything"
         )),
@@ -432,7 +429,7 @@ mod tests {
         let mut full = nodes.serve(&key::rpc_any("c2")).unwrap();
         let serving = async {
             let (one, other) = tokio::join!(well.next(), full.next());
-            one.unwrap().reply(codec::encode(&Answer::Status(idle("c1"))).unwrap());
+            assert!(one.unwrap().reply(codec::encode(&Answer::Status(idle("c1"))).unwrap()).await);
             other.unwrap().refuse("it is full");
         };
         let client = Client::to_socket(socket).await.unwrap_or_else(|why| panic!("{}", words(&why)));
@@ -464,8 +461,6 @@ mod tests {
         check(silent, true, "the node `c1` has said nothing for 3 s");
         let closed = CallError::Session { key: key(), cause: "closed".into() };
         check(closed, true, "the node `c1` cannot be asked: closed");
-        let text = "the answers of the node `c1` came faster than they were taken";
-        check(CallError::Overrun { key: key() }, true, text);
         let broken = CallError::Broken { key: key(), count: 3, why: "it went away".into() };
         let text = "the answers of the node `c1` broke off after 3: it went away; what has come is not everything";
         check(broken, true, text);

@@ -4,7 +4,7 @@ use crate::cli::client::{Answers, Client, unasked, words};
 use crate::cli::display::{Display, UPDATE_EVERY};
 use crate::cli::output::Output;
 use crate::cli::outputs::Outputs;
-use crate::cli::{Failure, report};
+use crate::cli::{Failure, output, report};
 use crate::io::observer::{Observer, Sample, Sight};
 use crate::io::recorder::Recorder;
 use crate::logic::mission::{Files, Mission, Outcome};
@@ -19,7 +19,7 @@ use language::Source;
 use language::plan::Plan;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
-use tokio::signal::unix::{SignalKind, signal};
+use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::mpsc;
 
 /// How many samples wait to be shown and recorded; more are left out.
@@ -31,8 +31,8 @@ const PORTS_MAX: usize = 64;
 const BACK_WITHIN: Duration = Duration::from_millis(3500);
 /// How often it is looked for, once it was not there.
 const LOOK_EVERY: Duration = Duration::from_millis(200);
-/// How long hosts have to send what is left of their programs' output once all is over.
-const OUTPUT_WITHIN: Duration = Duration::from_secs(3);
+/// How long hosts may pause while they send what is left of their programs' output once all is over.
+const OUTPUT_PAUSE_MAX: Duration = Duration::from_secs(3);
 /// How many folders of earlier runs are stepped over to find a free name.
 const RUNS_MAX: u32 = 100_000;
 
@@ -168,14 +168,18 @@ impl Watch {
                 answer = answers.next() => match answer {
                     Some(Ok(answer)) => self.take(client, answer)?,
                     cut_off => {
+                        let mut interrupts = 0;
                         let more = tokio::select! {
                             more = self.again(client, cut_off.and_then(Result::err)) => more?,
-                            _ = interrupt.recv() => return Err(self.lost()),
-                            _ = terminate.recv() => return Err(self.lost()),
+                            () = twice([&mut interrupt, &mut terminate], &mut interrupts) => None,
                         };
                         match more {
                             Some(more) => answers = more,
+                            None if interrupts > 1 => return Err(self.lost()),
                             None => return Ok(()),
+                        }
+                        if interrupts > 0 {
+                            self.stop(client, home, &mut stopping)?;
                         }
                     }
                 },
@@ -356,10 +360,9 @@ impl Watch {
             observer.close().await;
         }
         // Who leaves in the middle does not wait.
-        let within = if watched.is_ok() { OUTPUT_WITHIN } else { Duration::ZERO };
-        for (path, text) in std::mem::take(&mut self.outputs).rest(within).await {
-            self.wrote(path, text);
-        }
+        let outputs = std::mem::take(&mut self.outputs);
+        let pause_max = if watched.is_ok() { OUTPUT_PAUSE_MAX } else { Duration::ZERO };
+        outputs.rest(pause_max, |path, text| self.wrote(path, text)).await;
         let mut files = Files::default();
         if let Some(recorder) = self.recorder.take() {
             let (record, finished) = (recorder.path().to_owned(), recorder.finish());
@@ -395,6 +398,25 @@ impl Watch {
 fn is_failed_on_purpose(report: &Report) -> bool {
     let Report::Finished { ending: Ending::Aborted(failure), .. } = report else { return false };
     matches!(failure.cause, FailureCause::Failed(_))
+}
+
+/// Waits for two signals. The first is counted, and kept until the mission can be asked to stop.
+///
+/// # Cancellation
+/// Safe.
+async fn twice([one, other]: [&mut Signal; 2], count: &mut u32) {
+    while *count < 2 {
+        tokio::select! {
+            _ = one.recv() => {}
+            _ = other.recv() => {}
+        }
+        *count += 1;
+        if *count == 1 {
+            output::note(
+                "stopping everything as soon as the mission is heard again; once more to leave without waiting",
+            );
+        }
+    }
 }
 
 /// Returns the next answer, if anything was asked.

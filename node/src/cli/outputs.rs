@@ -59,22 +59,27 @@ impl Outputs {
         }
     }
 
-    /// Returns all that is still to come, within so much time.
-    pub(crate) async fn rest(mut self, within: Duration) -> Vec<Wrote<String>> {
+    /// Takes all that is still to come, for as long as something comes: at the most `pause_max` after what came last.
+    pub(crate) async fn rest(mut self, pause_max: Duration, mut take: impl FnMut(String, String)) {
         drop(self.sink);
-        let (mut rest, deadline) = (Vec::new(), clock::now() + within);
         loop {
-            tokio::select! {
+            let deadline = clock::now() + pause_max;
+            let piece = tokio::select! {
                 biased;
-                piece = self.arriving.recv() => {
-                    let Some((path, bytes)) = piece else { break };
-                    rest.extend(self.lines.push(&path, &bytes).map(|lines| (path, lines)));
+                piece = self.arriving.recv() => piece,
+                () = clock::sleep_until(deadline) => {
+                    if !pause_max.is_zero() {
+                        output::note("warning: not all that programs wrote is recorded: the rest did not come in time");
+                    }
+                    None
                 }
-                () = clock::sleep_until(deadline) => break,
+            };
+            let Some((path, bytes)) = piece else { break };
+            if let Some(lines) = self.lines.push(&path, &bytes) {
+                take(path, lines);
             }
         }
-        rest.extend(self.lines.end());
-        rest
+        self.lines.end().into_iter().for_each(|(path, lines)| take(path, lines));
     }
 }
 

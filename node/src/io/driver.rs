@@ -444,6 +444,7 @@ impl Driver {
             settled = self.settling.join_next() => settled,
             () = clock::sleep_until(deadline) => None,
         } {}
+        self.peers.answered().await;
         self.tasks.abort_all();
         while self.tasks.join_next().await.is_some() {}
         self.database.close().await;

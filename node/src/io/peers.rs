@@ -12,11 +12,14 @@ use comms::logic::time::Time;
 use comms::logic::{codec, key};
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
 use tokio::sync::mpsc::Sender;
 use tokio::task::JoinSet;
 
 /// How many frames wait for the agent; more are dropped, and their senders send them again.
 const FRAMES_MAX: usize = 4096;
+/// How long callers have to take the last answers of a node that leaves.
+const ANSWERED_WITHIN: Duration = Duration::from_secs(1);
 /// How many rounds of questions are remembered, to see how long answers take.
 const ROUNDS_MAX: usize = 64;
 
@@ -133,6 +136,14 @@ impl Peers {
         &self.session
     }
 
+    /// Gives no more answers, and waits until callers have taken those that there are.
+    pub async fn answered(&mut self) {
+        self.calls.clear();
+        if tokio::time::timeout(ANSWERED_WITHIN, self.session.answered()).await.is_err() {
+            tracing::debug!("somebody has not taken all answers");
+        }
+    }
+
     /// Closes the session.
     pub async fn close(self) {
         drop(self.token);
@@ -240,10 +251,10 @@ async fn hear_calls(mut calls: Server, session: Arc<Session>, sink: Sender<Arriv
     while let Some(mut request) = calls.next().await {
         while answering.try_join_next().is_some() {}
         number += 1;
-        match codec::decode::<Request>(&request.payload()) {
+        match codec::decode::<Request>(request.payload()) {
             Ok(Request::Unlinked) => match codec::encode(&Answer::Unlinked(session.unlinked())) {
                 Ok(bytes) => {
-                    request.reply(bytes);
+                    request.reply(bytes).await;
                     request.finish();
                 }
                 Err(error) => request.refuse(&format!("the answer cannot be written: {error}")),
@@ -267,7 +278,11 @@ async fn reply(mut request: session::Request, mut answers: Answers) {
     loop {
         tokio::select! {
             answer = answers.next() => match answer.map(|answer| codec::encode(&answer)) {
-                Some(Ok(bytes)) => request.reply(bytes),
+                Some(Ok(bytes)) => {
+                    if !request.reply(bytes).await {
+                        return;
+                    }
+                }
                 Some(Err(error)) => return request.refuse(&format!("the answer cannot be written: {error}")),
                 None => return match answers.end() {
                     Ok(()) => request.finish(),
@@ -275,6 +290,7 @@ async fn reply(mut request: session::Request, mut answers: Answers) {
                 },
             },
             _ = pause.tick() => request.still_here(),
+            () = request.left() => return,
         }
     }
 }

@@ -18,7 +18,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    comms::io::session::prepare_process();
+    comms::io::session::prepare_process(comms::io::session::Role::End);
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let result = match arguments.first().map(String::as_str) {
         Some("raw") => raw::side(&arguments[1..]),

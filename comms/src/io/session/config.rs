@@ -46,7 +46,10 @@ impl Settings {
     /// A node: a peer in the clique of all nodes.
     pub(super) fn node() -> Self {
         // On a radio of 50 kbit/s the longest of its messages still comes within a lease: a part of one is no sign of life.
-        Self::new("peer", LEASE_MS).set("transport/link/tx/batch_size", "16384")
+        Self::new("peer", LEASE_MS)
+            .set("transport/link/tx/batch_size", "16384")
+            // 256 KiB of answers: all that is on the way to a few command lines, so that who passes it on does not wait.
+            .set("transport/link/tx/queue/size/data_low", "16")
     }
 
     /// A controller's data session: it finds nobody and is found by nobody.

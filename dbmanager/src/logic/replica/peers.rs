@@ -161,7 +161,7 @@ impl PeerTable {
         let asked = peer.pulling.take().is_some();
         // One that comes late shows how long the way is, too.
         match peer.asked_at.take().map(|at| now.since(at)) {
-            Some(took) if full => peer.pace.arrived(took),
+            Some(took) if full => peer.pace.arrived(peer.pace.chunk(), took),
             Some(took) => peer.pace.heard(took),
             None => {}
         }

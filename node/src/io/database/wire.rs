@@ -92,7 +92,9 @@ impl Wire {
                     });
                 }
                 Outgoing::Reply(mut request, bytes) => {
-                    self.on_the_way.spawn(async move { request.reply(bytes) });
+                    self.on_the_way.spawn(async move {
+                        request.reply(bytes).await;
+                    });
                 }
                 Outgoing::Address(address) => {
                     self.address = address;
@@ -129,7 +131,7 @@ async fn hear(mut letters: Subscription, handle: Handle) {
 
 async fn hear_questions(mut questions: Server, handle: Handle) {
     while let Some(request) = questions.next().await {
-        match codec::decode::<Letter>(&request.payload()) {
+        match codec::decode::<Letter>(request.payload()) {
             Ok(letter) => handle.offer(Arrival::Asked(request, letter)),
             Err(error) => request.refuse(&format!("the question cannot be read: {error}")),
         }

@@ -1,0 +1,415 @@
+//! The server's side of calls.
+//!
+//! A caller of a stream asks for one piece after the other, and the server sends nothing else ([`super::stream`]). Each
+//! stream has a task that sends what was asked for as soon as there is something, so that nothing is sent from zenoh's
+//! threads.
+
+use super::Session;
+use super::call::CallError;
+use super::open::plain;
+use super::stream::{End, Outgoing, Pull, StreamId};
+use crate::io::clock;
+use crate::io::queue::{self, Receiver, Sender};
+use crate::logic::codec;
+use crate::logic::port::{Policy, Pushed};
+use crate::logic::time::Time;
+use std::collections::HashMap;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+use tokio::sync::{Notify, watch};
+use tokio::task::JoinSet;
+use zenoh::Wait;
+use zenoh::bytes::Encoding;
+use zenoh::query::{Query, Queryable};
+
+/// Marks an error reply as ours; zenoh makes error replies of its own.
+pub(super) const REFUSED: &str = "dca/refused";
+/// Requests that have not been taken yet.
+const REQUESTS_MAX: usize = 256;
+/// Streams that one server keeps; for a new one, one that nobody asks for goes.
+const STREAMS_MAX: usize = 256;
+/// How long a stream is kept whose caller asks for nothing: it may be a person before a pager.
+const IDLE_MAX: Duration = Duration::from_secs(600);
+/// How long at least, however many streams there are.
+const IDLE_MIN: Duration = Duration::from_secs(20);
+
+/// Receives the calls to a key until it is dropped.
+#[derive(Debug)]
+pub struct Server {
+    requests: Receiver<Request>,
+    streams: Arc<Streams>,
+    sending: JoinSet<()>,
+    answering: watch::Sender<()>,
+    _queryable: Queryable<()>,
+}
+
+/// One call. Whoever asked for one answer has it with the first; a stream is complete only with [`Request::finish`], and
+/// broken if the request is dropped before.
+#[derive(Debug)]
+pub struct Request {
+    key: String,
+    payload: Vec<u8>,
+    caller: Caller,
+}
+
+#[derive(Debug)]
+enum Caller {
+    /// It wants one answer, or has it.
+    One(Option<Query>),
+    /// It asks for one piece after the other.
+    Stream(Arc<Stream>),
+}
+
+/// The streams of a server.
+#[derive(Debug, Default)]
+struct Streams(Mutex<HashMap<StreamId, Arc<Stream>>>);
+
+/// A stream of answers between the one who gives them and the one who asks for them.
+#[derive(Debug)]
+struct Stream {
+    id: StreamId,
+    state: Mutex<State>,
+    /// Something has come from either side.
+    changed: Notify,
+    /// There is room for answers, or nobody takes them any more.
+    taken: Notify,
+}
+
+#[derive(Debug)]
+struct State {
+    outgoing: Outgoing,
+    /// What the caller asks for: the query, the most bytes, and whether there was something at that time.
+    pull: Option<(Query, u32, bool)>,
+    /// When the caller was last answered.
+    answered: Time,
+    /// The caller is to be told that the server is still there.
+    is_here: bool,
+    /// Nobody gives answers any more.
+    is_dropped: bool,
+    /// Nobody takes answers any more.
+    is_left: bool,
+}
+
+/// What a stream has to do.
+enum Turn {
+    /// Send this.
+    Send(Query, Vec<u8>),
+    /// Wait for something to change; for so long, where nobody asks.
+    Wait(Option<Duration>),
+    /// Nothing more.
+    Over,
+}
+
+impl Session {
+    /// Serves `key`, which may be an expression such as [`crate::logic::key::rpc_any`].
+    ///
+    /// Of requests that wait, 256 are kept; more are refused.
+    ///
+    /// # Errors
+    /// If the session is closed.
+    pub fn serve(&self, key: &str) -> Result<Server, CallError> {
+        let (to_serve, requests) = queue::channel(Policy::reject(REQUESTS_MAX));
+        let streams = Arc::new(Streams::default());
+        let known = Arc::clone(&streams);
+        let on_query = move |query| known.hear(query, &to_serve);
+        let queryable = self.opened.session.declare_queryable(key).complete(true).callback(on_query).wait();
+        let queryable = queryable.map_err(|cause| CallError::Session { key: key.to_owned(), cause: plain(&cause) })?;
+        let answering = self.answering.clone();
+        Ok(Server { requests, streams, sending: JoinSet::new(), answering, _queryable: queryable })
+    }
+
+    /// Waits until every caller of a stream that is complete has taken it.
+    ///
+    /// # Cancellation
+    /// Safe.
+    pub async fn answered(&self) {
+        self.answering.closed().await;
+    }
+}
+
+impl Server {
+    /// Returns the next call; none once the session is closed.
+    ///
+    /// # Cancellation
+    /// Safe.
+    pub async fn next(&mut self) -> Option<Request> {
+        while self.sending.try_join_next().is_some() {}
+        let request = self.requests.recv().await?;
+        if let Caller::Stream(stream) = &request.caller {
+            let (stream, streams, answering) =
+                (Arc::clone(stream), Arc::clone(&self.streams), self.answering.subscribe());
+            self.sending.spawn(async move {
+                stream.send().await;
+                streams.lock().remove(&stream.id);
+                drop(answering);
+            });
+        }
+        Some(request)
+    }
+}
+
+impl Streams {
+    fn lock(&self) -> MutexGuard<'_, HashMap<StreamId, Arc<Stream>>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Takes what a caller says. Called from zenoh.
+    fn hear(&self, query: Query, to_serve: &Sender<Request>) {
+        let Some(pull) = query.attachment() else {
+            return pass(Request::new(&query, Caller::One(Some(query.clone()))), to_serve);
+        };
+        match codec::decode(&pull.to_bytes()) {
+            Ok(Pull::First { stream, size }) => {
+                let Some(made) = self.make(stream) else { return refuse(&query, "it answers too many already") };
+                let request = Request::new(&query, Caller::Stream(Arc::clone(&made)));
+                made.ask(query, size);
+                pass(request, to_serve);
+            }
+            Ok(Pull::Next { stream, size }) => match self.find(&stream) {
+                Some(stream) => stream.ask(query, size),
+                None => refuse(&query, "it has given up an answer that nobody took, or was started again"),
+            },
+            Ok(Pull::Leave { stream }) => self.find(&stream).iter().for_each(|stream| stream.leave()),
+            Err(error) => refuse(&query, &format!("the request cannot be read: {error}")),
+        }
+    }
+
+    fn find(&self, stream: &StreamId) -> Option<Arc<Stream>> {
+        self.lock().get(stream).cloned()
+    }
+
+    /// Makes a stream, if there is room for one. Where there are too many, the one goes whose caller has asked for nothing
+    /// for longest.
+    fn make(&self, id: StreamId) -> Option<Arc<Stream>> {
+        let mut streams = self.lock();
+        if streams.len() >= STREAMS_MAX {
+            let idle = streams.values().filter_map(|stream| Some((stream.idle_since()?, stream)));
+            let (since, idlest) = idle.min_by_key(|(since, _)| *since)?;
+            if clock::now() - since < IDLE_MIN {
+                return None;
+            }
+            idlest.leave();
+            let idlest = idlest.id.clone();
+            streams.remove(&idlest);
+        }
+        let state = State {
+            outgoing: Outgoing::default(),
+            pull: None,
+            answered: clock::now(),
+            is_here: false,
+            is_dropped: false,
+            is_left: false,
+        };
+        let (changed, taken) = (Notify::new(), Notify::new());
+        let stream = Arc::new(Stream { id: id.clone(), state: Mutex::new(state), changed, taken });
+        streams.insert(id, Arc::clone(&stream));
+        Some(stream)
+    }
+}
+
+/// Hands a request on, or refuses it when too many wait.
+fn pass(request: Request, to_serve: &Sender<Request>) {
+    if let Pushed::Rejected(request) = to_serve.push(request) {
+        request.refuse("it has too many requests waiting; try again");
+    }
+}
+
+/// Sends an answer on a thread of its own: zenoh waits while the link takes nothing.
+async fn send(query: Query, bytes: Vec<u8>) {
+    let sending = tokio::task::spawn_blocking(move || {
+        if let Err(error) = query.reply(query.key_expr().clone(), bytes).wait() {
+            tracing::debug!(key = query.key_expr().as_str(), %error, "an answer was not sent");
+        }
+    });
+    if let Err(error) = sending.await {
+        tracing::debug!(%error, "an answer was not sent");
+    }
+}
+
+fn refuse(query: &Query, reason: &str) {
+    if let Err(error) = query.reply_err(reason).encoding(Encoding::from(REFUSED)).wait() {
+        tracing::debug!(key = query.key_expr().as_str(), %error, "a refusal was not sent");
+    }
+}
+
+impl Stream {
+    fn lock(&self) -> MutexGuard<'_, State> {
+        // Nothing in a critical section of this file can panic.
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn ask(&self, query: Query, size: u32) {
+        let mut state = self.lock();
+        let was_ready = state.outgoing.is_ready();
+        state.pull = Some((query, size, was_ready));
+        drop(state);
+        self.changed.notify_one();
+    }
+
+    fn leave(&self) {
+        self.lock().is_left = true;
+        self.changed.notify_one();
+        self.taken.notify_one();
+    }
+
+    fn idle_since(&self) -> Option<Time> {
+        let state = self.lock();
+        state.pull.is_none().then_some(state.answered)
+    }
+
+    /// Does something to the stream that its caller may be waiting for.
+    fn change(&self, change: impl FnOnce(&mut State)) {
+        change(&mut self.lock());
+        self.changed.notify_one();
+    }
+
+    /// Adds an answer; returns whether somebody takes it, or none if there is no room for it now.
+    fn give(&self, answer: &[u8]) -> Option<bool> {
+        let mut state = self.lock();
+        let is_taken = !state.is_left;
+        if is_taken {
+            state.outgoing.has_room().then(|| state.outgoing.push(answer))?;
+        }
+        drop(state);
+        self.changed.notify_one();
+        Some(is_taken)
+    }
+
+    /// Sends what is asked for, until all is taken or nobody asks any more.
+    async fn send(&self) {
+        loop {
+            match self.turn() {
+                Turn::Send(query, piece) => {
+                    send(query, piece).await;
+                    self.taken.notify_one();
+                }
+                Turn::Wait(None) => self.changed.notified().await,
+                Turn::Wait(Some(within)) => {
+                    if tokio::time::timeout(within, self.changed.notified()).await.is_err() {
+                        return self.leave();
+                    }
+                }
+                Turn::Over => return,
+            }
+        }
+    }
+
+    fn turn(&self) -> Turn {
+        let mut state = self.lock();
+        if state.is_left || state.is_dropped && !state.outgoing.is_ready() {
+            // A caller that asks for more learns from its query, which goes without an answer, that nobody is here.
+            return Turn::Over;
+        }
+        let is_here = std::mem::take(&mut state.is_here);
+        if state.pull.is_some() && !state.outgoing.is_ready() && !is_here {
+            return Turn::Wait(None);
+        }
+        let Some((query, size, was_ready)) = state.pull.take() else {
+            return Turn::Wait(Some(IDLE_MAX.saturating_sub(clock::now() - state.answered)));
+        };
+        let piece = state.outgoing.piece(size, was_ready);
+        state.answered = clock::now();
+        let is_last = piece.end.is_some();
+        match codec::encode(&piece) {
+            Ok(bytes) => {
+                state.is_left |= is_last;
+                Turn::Send(query, bytes)
+            }
+            Err(error) => {
+                tracing::debug!(%error, "an answer cannot be written");
+                Turn::Over
+            }
+        }
+    }
+}
+
+impl Request {
+    fn new(query: &Query, caller: Caller) -> Self {
+        let payload = query.payload().map(|payload| payload.to_bytes().into_owned()).unwrap_or_default();
+        Self { key: query.key_expr().as_str().to_owned(), payload, caller }
+    }
+
+    /// Returns the key that was called.
+    pub fn key(&self) -> &str {
+        &self.key
+    }
+
+    /// Returns what was sent along.
+    pub fn payload(&self) -> &[u8] {
+        &self.payload
+    }
+
+    /// Answers, once or many times; waits for a caller that takes its answers more slowly than they come. Returns whether
+    /// somebody takes them.
+    ///
+    /// # Cancellation
+    /// The answer is lost.
+    pub async fn reply(&mut self, bytes: Vec<u8>) -> bool {
+        let stream = match &mut self.caller {
+            Caller::One(query) => {
+                let Some(query) = query.take() else { return false };
+                send(query, bytes).await;
+                return true;
+            }
+            Caller::Stream(stream) => stream,
+        };
+        loop {
+            if let Some(is_taken) = stream.give(&bytes) {
+                return is_taken;
+            }
+            stream.taken.notified().await;
+        }
+    }
+
+    /// Waits until nobody takes answers any more: the caller has said so, or has not asked for ten minutes.
+    ///
+    /// # Cancellation
+    /// Safe.
+    pub async fn left(&self) {
+        let Caller::Stream(stream) = &self.caller else { return std::future::pending().await };
+        while !stream.lock().is_left {
+            stream.taken.notified().await;
+        }
+    }
+
+    /// Says that more may come, without an answer.
+    pub fn still_here(&self) {
+        if let Caller::Stream(stream) = &self.caller {
+            stream.change(|state| state.is_here = true);
+        }
+    }
+
+    /// Says that this was everything.
+    pub fn finish(self) {
+        if let Caller::Stream(stream) = &self.caller {
+            stream.change(|state| state.outgoing.finish());
+        }
+    }
+
+    /// Says that this was not everything, and why, for a person.
+    pub fn break_off(self, why: &str) {
+        match &self.caller {
+            Caller::One(query) => query.iter().for_each(|query| refuse(query, why)),
+            Caller::Stream(stream) => stream.change(|state| state.outgoing.end(End::Broken(why.to_owned()))),
+        }
+    }
+
+    /// Answers with a reason for a person, and ends.
+    pub fn refuse(self, reason: &str) {
+        match &self.caller {
+            Caller::One(query) => query.iter().for_each(|query| refuse(query, reason)),
+            Caller::Stream(stream) => stream.change(|state| state.outgoing.end(End::Refused(reason.to_owned()))),
+        }
+    }
+}
+
+impl Drop for Request {
+    fn drop(&mut self) {
+        if let Caller::Stream(stream) = &self.caller {
+            stream.change(|state| {
+                state.is_dropped = true;
+                state.outgoing.abandon();
+            });
+        }
+    }
+}

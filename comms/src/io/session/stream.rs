@@ -1,0 +1,307 @@
+//! A stream of answers, as each of its ends keeps it; nothing here waits or sends.
+//!
+//! The caller asks for one piece after the other, each no larger than it says, and the server sends nothing that was not
+//! asked for. So a caller that takes nothing, a suspended one or one before a full pipe, holds up nobody: what is on the way
+//! to it fits into the buffers of its link. A piece has bytes of the answers as frames ([`crate::logic::frame`]), cut
+//! anywhere, and the last one says how the stream has ended.
+
+use super::tally::Tally;
+use crate::logic::codec::{Enveloped, Kind};
+use crate::logic::frame::{self, Decoder, FrameError};
+use crate::logic::time::Time;
+use serde::{Deserialize, Serialize};
+use std::collections::VecDeque;
+use std::time::Duration;
+
+/// The largest answer, in bytes.
+const ANSWER_SIZE_MAX: usize = 16 << 20;
+/// How many bytes of answers wait at the server for their caller before it is told to wait.
+const ROOM: usize = 256 << 10;
+/// In how many steps a silence is counted.
+const SILENCE_STEPS: u32 = 8;
+
+/// Names a stream: the session of the caller, and its number there.
+#[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub(super) struct StreamId {
+    /// The session's id.
+    pub(super) session: String,
+    /// Counts the streams of the session.
+    pub(super) number: u64,
+}
+
+/// What a caller says to the server of a stream. The first time it makes the stream, and the request comes with it.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub(super) enum Pull {
+    /// Asks for the first piece of a stream that is not there yet.
+    First {
+        /// The stream.
+        stream: StreamId,
+        /// The most bytes that the piece may have.
+        size: u32,
+    },
+    /// Asks for the piece after the last one.
+    Next {
+        /// The stream.
+        stream: StreamId,
+        /// The most bytes that the piece may have.
+        size: u32,
+    },
+    /// Nobody asks for more.
+    Leave {
+        /// The stream.
+        stream: StreamId,
+    },
+}
+
+impl Enveloped for Pull {
+    const KIND: Kind = Kind::Pull;
+    const VERSION: u16 = 1;
+    const SIZE_MAX: usize = 1 << 10;
+}
+
+/// The answer to a [`Pull`].
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub(super) struct Piece {
+    /// Whether there was something when it was asked for, so that the time it took tells of the link.
+    pub(super) was_ready: bool,
+    /// The next bytes; none says that the server is still there.
+    pub(super) bytes: Vec<u8>,
+    /// What ends the stream, after these bytes.
+    pub(super) end: Option<End>,
+}
+
+impl Enveloped for Piece {
+    const KIND: Kind = Kind::Piece;
+    const VERSION: u16 = 1;
+    const SIZE_MAX: usize = 1 << 20;
+}
+
+/// How a stream ends.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub(super) enum End {
+    /// That was everything: what [`Tally::mark`] says of it.
+    Whole(Vec<u8>),
+    /// That was not everything, and why, for a person.
+    Broken(String),
+    /// The server does not answer this, and why, for a person.
+    Refused(String),
+}
+
+/// The server's end.
+#[derive(Debug, Default)]
+pub(super) struct Outgoing {
+    bytes: VecDeque<u8>,
+    tally: Tally,
+    end: Option<End>,
+}
+
+impl Outgoing {
+    /// Returns whether another answer may be added now.
+    pub(super) fn has_room(&self) -> bool {
+        self.bytes.len() < ROOM
+    }
+
+    /// Adds an answer; one that is too large breaks the stream off.
+    pub(super) fn push(&mut self, answer: &[u8]) {
+        match frame::encode(answer, ANSWER_SIZE_MAX) {
+            Ok(frame) => {
+                self.tally.add(answer);
+                self.bytes.extend(frame);
+            }
+            Err(error) => self.end(End::Broken(error.to_string())),
+        }
+    }
+
+    /// Says that this was everything.
+    pub(super) fn finish(&mut self) {
+        self.end(End::Whole(self.tally.mark().to_vec()));
+    }
+
+    /// Ends the stream; what ended it first stays.
+    pub(super) fn end(&mut self, end: End) {
+        self.end.get_or_insert(end);
+    }
+
+    /// Says that nobody gives more answers. Without a word before the caller gets none either.
+    pub(super) fn abandon(&mut self) {
+        if self.tally.count() > 0 {
+            self.end(End::Broken("it went away in the middle".to_owned()));
+        }
+    }
+
+    /// Returns whether there is anything to send.
+    pub(super) fn is_ready(&self) -> bool {
+        !self.bytes.is_empty() || self.end.is_some()
+    }
+
+    /// Returns the next piece.
+    pub(super) fn piece(&mut self, size: u32, was_ready: bool) -> Piece {
+        let size = (size as usize).clamp(1, Piece::SIZE_MAX / 2).min(self.bytes.len());
+        let bytes: Vec<u8> = self.bytes.drain(..size).collect();
+        let end = if self.bytes.is_empty() { self.end.clone() } else { None };
+        Piece { was_ready, bytes, end }
+    }
+}
+
+/// The caller's end.
+#[derive(Debug)]
+pub(super) struct Incoming {
+    frames: Decoder,
+    tally: Tally,
+    end: Option<End>,
+}
+
+impl Default for Incoming {
+    fn default() -> Self {
+        Self { frames: Decoder::new(ANSWER_SIZE_MAX), tally: Tally::default(), end: None }
+    }
+}
+
+impl Incoming {
+    /// Takes a piece.
+    pub(super) fn take(&mut self, piece: Piece) {
+        self.frames.push(&piece.bytes);
+        self.end = piece.end;
+    }
+
+    /// Returns the next answer that is here as a whole.
+    ///
+    /// # Errors
+    /// The server sends what is no stream.
+    pub(super) fn next(&mut self) -> Result<Option<Vec<u8>>, FrameError> {
+        let answer = self.frames.next_frame()?;
+        if let Some(answer) = &answer {
+            self.tally.add(answer);
+        }
+        Ok(answer)
+    }
+
+    /// Returns how many answers were taken.
+    pub(super) fn count(&self) -> u64 {
+        self.tally.count()
+    }
+
+    /// Returns how the stream has ended, once all answers were taken.
+    pub(super) fn end(&self) -> Option<End> {
+        let end = self.end.clone()?;
+        let is_whole = |mark: &[u8]| self.frames.is_between_frames() && *mark == self.tally.mark();
+        match end {
+            End::Whole(mark) if !is_whole(&mark) => Some(End::Broken("some of them are missing".to_owned())),
+            end => Some(end),
+        }
+    }
+}
+
+/// How long somebody has been silent while this program listened. While it was suspended it heard nothing of what was said.
+#[derive(Debug)]
+pub(super) struct Silence {
+    lasted: Duration,
+    until: Time,
+}
+
+impl Silence {
+    /// Returns a silence that begins now.
+    pub(super) fn begin(now: Time) -> Self {
+        Self { lasted: Duration::ZERO, until: now }
+    }
+
+    /// Counts the time since the last look, or one step of it: a look that comes much later than it was to come shows that
+    /// nobody listened. Returns when to look again, or none when the silence has lasted for `max`.
+    pub(super) fn look(&mut self, now: Time, max: Duration) -> Option<Time> {
+        let step = max / SILENCE_STEPS;
+        self.lasted += (now - self.until).min(2 * step);
+        self.until = now;
+        let left = max.checked_sub(self.lasted).filter(|left| !left.is_zero())?;
+        Some(now + left.min(step))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn all(outgoing: &mut Outgoing, incoming: &mut Incoming, size: u32) -> Vec<Vec<u8>> {
+        let mut answers = Vec::new();
+        while outgoing.is_ready() && incoming.end().is_none() {
+            let piece = outgoing.piece(size, true);
+            assert!(piece.bytes.len() <= size as usize);
+            incoming.take(piece);
+            while let Some(answer) = incoming.next().unwrap() {
+                answers.push(answer);
+            }
+        }
+        answers
+    }
+
+    proptest! {
+        #[test]
+        fn answers_survive_any_cutting(
+            answers in prop::collection::vec(prop::collection::vec(any::<u8>(), 0..50), 0..8),
+            size in 1_u32..20,
+        ) {
+            let (mut outgoing, mut incoming) = (Outgoing::default(), Incoming::default());
+            answers.iter().for_each(|answer| outgoing.push(answer));
+            outgoing.finish();
+            prop_assert_eq!(all(&mut outgoing, &mut incoming, size), answers);
+            prop_assert!(matches!(incoming.end(), Some(End::Whole(_))));
+        }
+
+        #[test]
+        fn a_piece_that_is_lost_is_noticed(lost in 0_usize..6) {
+            let (mut outgoing, mut incoming) = (Outgoing::default(), Incoming::default());
+            (0..6_u8).for_each(|number| outgoing.push(&[number; 8]));
+            outgoing.finish();
+            for number in 0..6 {
+                let piece = outgoing.piece(12, true);
+                if number != lost {
+                    incoming.take(piece);
+                } else if piece.end.is_some() {
+                    prop_assert_eq!(incoming.end(), None);
+                    return Ok(());
+                }
+                while let Ok(Some(_)) = incoming.next() {}
+            }
+            prop_assert!(matches!(incoming.end(), Some(End::Broken(_))));
+        }
+    }
+
+    #[test]
+    fn what_was_said_before_the_end_comes_before_it() {
+        for end in [End::Broken("no more".into()), End::Refused("not today".into())] {
+            let (mut outgoing, mut incoming) = (Outgoing::default(), Incoming::default());
+            outgoing.push(b"one");
+            outgoing.end(end.clone());
+            outgoing.finish();
+            assert_eq!(all(&mut outgoing, &mut incoming, 2), [b"one"]);
+            assert_eq!(incoming.end(), Some(end));
+        }
+    }
+
+    #[test]
+    fn a_server_is_told_when_there_is_no_room() {
+        let mut outgoing = Outgoing::default();
+        let taken = (0..1000).take_while(|_| outgoing.has_room() && (outgoing.push(&[0; 10_000]), true).1).count();
+        assert_eq!(taken, ROOM.div_ceil(10_004));
+        outgoing.piece(u32::MAX, true);
+        assert!(outgoing.has_room());
+        outgoing.push(&vec![0; ANSWER_SIZE_MAX + 1]);
+        assert!(matches!(outgoing.piece(u32::MAX, true).end, Some(End::Broken(_))));
+    }
+
+    #[test]
+    fn a_silence_lasts_while_somebody_listens() {
+        let (at, max) = (|ms| Time::from_nanos(ms * 1_000_000), Duration::from_secs(8));
+        let looked = |looks: &[u64]| {
+            let mut silence = Silence::begin(at(0));
+            looks.iter().take_while(|ms| silence.look(at(**ms), max).is_some()).count()
+        };
+        let each: Vec<u64> = (1..=20).map(|second| second * 1000).collect();
+        assert_eq!(looked(&each), 7, "the eighth look is the last");
+        // However often it is looked at.
+        let often: Vec<u64> = (1..=2000).map(|step| step * 10).collect();
+        assert_eq!(looked(&often), 799);
+        // This program was suspended for a minute.
+        assert_eq!(looked(&[1000, 61_000, 62_000, 63_000, 64_000, 65_000, 66_000, 67_000]), 6);
+    }
+}

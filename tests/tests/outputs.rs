@@ -1,0 +1,105 @@
+//! What programs write, in any amount, read by anybody: it arrives whole, and holds nothing else up.
+
+use dca_tests::cluster::{Cluster, SOON, Stream, executable, wait_until};
+use node::io::recorder;
+use rustix::process::Signal;
+use std::process::Command;
+use std::time::Duration;
+
+/// How long a program writes that writes much.
+const WRITING: Duration = Duration::from_secs(60);
+
+/// A program on c2 that writes `count` times 50,000 bytes, a tenth of a second apart, each with its number, and is done.
+fn talker(count: u32) -> String {
+    let line = "x".repeat(99);
+    format!(
+        "
+module Talker(host) {{ exec \"sh -c 'i=0; while [ $i -lt {count} ]; do i=$((i+1)); echo piece $i;\
+  yes {line} | head -n 500; sleep 0.1; done'\"; plain; }}
+module Idle(host) {{ exec \"sleep 3600\"; plain; }}
+process main() {{ host {{ c1 }}
+  instantiated_processes {{ talker instof Talker(c2); idle instof Idle(c1); }}
+  internal_event_actions {{ talker # idle }} }}
+"
+    )
+}
+
+/// Somebody who reads what a program writes, and takes nothing for a while, holds up neither the program, nor the mission, nor
+/// its record. Who is before a pager reads on after that; who was suspended is told that something is missing.
+#[test]
+fn a_reader_of_much_output_that_pauses_ends_no_mission() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let _nodes = ["c1", "c2"].map(|name| here.node(name, &[]));
+    let file = cluster.file("talk.dca", &talker(150));
+    let path = |name: &str| cluster.folder().join(name).display().to_string();
+    let deploy = here.dca(&["deploy", &file, "--runs", &path("runs")]);
+    deploy.wait_for(Stream::Err, "▸", SOON);
+    let suspended = [0, 1].map(|_| {
+        let reader = here.dca(&["logs", "talker", "-f"]);
+        reader.wait_for(Stream::Out, "piece 1\n", SOON);
+        reader.signal(Signal::STOP);
+        reader
+    });
+    let (dca, run_dir) = (executable("dca").display().to_string(), here.run_dir().display().to_string());
+    let (go, out, code) = (path("go"), path("out"), path("code"));
+    let pager = format!(
+        "{{ {dca} logs talker -f --run-dir {run_dir}; echo $? > {code}; }} | \
+         {{ until [ -e {go} ]; do sleep 0.1; done; cat > {out}; }}"
+    );
+    let mut pager = Command::new("sh").args(["-c", &pager]).spawn().expect("there is a shell");
+    let deploy = deploy.ended(WRITING);
+    assert!(deploy.code == Some(0) && !deploy.err.contains("warning"), "{deploy}");
+    cluster.file("go", "");
+    assert!(pager.wait().expect("it ends").success());
+    let out = std::fs::read_to_string(out).expect("it was written");
+    assert_eq!(std::fs::read_to_string(code).expect("it was written"), "0\n");
+    let numbers: Vec<u32> = out.lines().filter_map(|line| line.strip_prefix("piece ")?.parse().ok()).collect();
+    assert!(numbers.is_sorted() && numbers.last() == Some(&150), "{numbers:?}");
+    // It was away while more was written than is kept.
+    assert!(numbers.len() == 150 || out.contains("output may be missing here"), "{numbers:?}");
+    for reader in suspended {
+        reader.signal(Signal::CONT);
+        let read = reader.ended(SOON);
+        assert!(read.code == Some(0) || read.code == Some(3) && read.err.contains("not everything"), "{}", read.err);
+    }
+}
+
+/// Output of more than a megabyte is printed and recorded whole, that of another program beside it, too.
+#[test]
+fn much_output_is_printed_and_recorded_whole() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let _nodes = ["c1", "c2"].map(|name| here.node(name, &[]));
+    let text = "
+module Talker(host) { exec \"sh -c 'seq 1 250000; sleep 3600'\"; plain; }
+module Quiet(host) { exec \"sh -c 'echo first; until [ -e DONE ]; do sleep 0.1; done; echo last'\"; plain; }
+process main() { host { c1 }
+  instantiated_processes { talker instof Talker(c2); quiet instof Quiet(c2); }
+  internal_event_actions { talker # quiet } }
+";
+    let done = cluster.folder().join("done");
+    let file = cluster.file("talk.dca", &text.replace("DONE", &done.display().to_string()));
+    let runs = cluster.folder().join("runs");
+    let deploy = here.dca(&["deploy", &file, "--runs", &runs.display().to_string()]);
+    deploy.wait_for(Stream::Err, "▸", SOON);
+    let expected: String = (1..=250_000).map(|number| format!("{number}\n")).collect();
+    let mut out = String::new();
+    let whole = wait_until(SOON, || {
+        let logs = here.ask(&["logs", "talker"]);
+        assert_eq!(logs.code, Some(0), "{}", logs.err);
+        out = logs.out;
+        out.len() >= expected.len()
+    });
+    assert!(whole.is_some() && out == expected, "{} of {} bytes", out.len(), expected.len());
+    cluster.file("done", "");
+    let deploy = deploy.ended(SOON);
+    assert!(deploy.code == Some(0) && !deploy.err.contains("warning"), "{deploy}");
+    let run = std::fs::read_dir(&runs).expect("it has a record").flatten().next().expect("it has a record").path();
+    let record = recorder::read(&run.join(recorder::FILE)).expect("it can be read");
+    let recorded = record.outputs();
+    let wrote = |name: &str| recorded[name].iter().map(|lines| format!("{lines}\n")).collect::<String>();
+    assert_eq!(wrote("main/quiet"), "first\nlast\n");
+    let talked = wrote("main/talker");
+    assert!(talked == expected, "{} of {} bytes", talked.len(), expected.len());
+}
