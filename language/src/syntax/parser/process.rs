@@ -200,11 +200,27 @@ impl Parser<'_> {
         if !self.at(RightBrace) && !self.eat(Text) {
             self.expect_name("a host");
         }
-        if !self.at(RightBrace) && self.kind(1) == RightBrace && !self.is_section(0) {
+        let is_list = self.at_any(&[Comma, Semicolon]) && [Ident, Text].contains(&self.kind(1));
+        if is_list && !self.is_item(1) && !self.is_section(1) {
+            self.other_hosts();
+        } else if !self.at(RightBrace) && self.kind(1) == RightBrace && !self.is_section(0) {
             self.expected("`}`");
             self.skip_as_error();
         }
         self.expect(RightBrace);
+        self.finish();
+    }
+
+    /// More than one host, all of which are skipped.
+    fn other_hosts(&mut self) {
+        if let Some(diagnostic) = self.expected("`}`") {
+            let help = "a group runs on one host; the host of an instance is its argument: `a instof A(c2)`";
+            diagnostic.help.push(help.to_owned());
+        }
+        self.start(SyntaxKind::Error);
+        while !self.ends_block() {
+            self.bump();
+        }
         self.finish();
     }
 
