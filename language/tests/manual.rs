@@ -256,7 +256,9 @@ fn every_page_is_as_it_should_be() {
 #[test]
 fn every_page_is_listed_and_every_link_leads_somewhere() {
     let summary = read(&docs().join("SUMMARY.md"));
-    for path in pages().into_iter().chain(files(&docs().join("database"), "md")) {
+    for path in
+        pages().into_iter().chain(["database", "inside"].iter().flat_map(|part| files(&docs().join(part), "md")))
+    {
         let name = path.strip_prefix(docs()).expect("it is a page of the manual").to_string_lossy().into_owned();
         assert!(name == "SUMMARY.md" || summary.contains(&format!("({name})")), "{name} is not in the summary");
         for link in read(&path).split("](").skip(1).filter_map(|rest| rest.split_once(')')).map(|(link, _)| link) {
