@@ -7,9 +7,11 @@
 use crate::logic::clock::{Timestamp, Wall};
 use crate::logic::delta::DeltaPush;
 use crate::logic::snapshot::{ChunkHash, Manifest};
+use crate::logic::timing::{CHUNK_WITHIN, PULL_WITHIN};
 use crate::logic::txn::{ChainHash, EncodedTxn};
 use crate::logic::version_vector::{Dot, ReplicaId, VersionVector};
 use serde::{Deserialize, Serialize};
+use std::time::Duration;
 
 /// The most bytes of transactions in one push.
 pub const PUSH_SIZE_MAX: usize = 32 << 10;
@@ -40,6 +42,32 @@ pub enum Message {
     Ack(VersionVector),
     /// To all: new transactions of mine, for who has the one before them.
     DeltaPush(DeltaPush),
+}
+
+/// Which part of an exchange a message to one peer is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Pattern {
+    /// The peer answers it with a response.
+    Request {
+        /// How long the response may be on its way. The replica has given it up by then, but takes it all the same.
+        within: Duration,
+    },
+    /// It answers a request of the peer.
+    Response,
+    /// Nobody answers it.
+    OneWay,
+}
+
+impl Message {
+    /// Returns which part of an exchange it is, so that whoever carries it need not know its variants.
+    pub fn pattern(&self) -> Pattern {
+        match self {
+            Self::Pull(_) => Pattern::Request { within: PULL_WITHIN },
+            Self::ChunkRequest(_) => Pattern::Request { within: CHUNK_WITHIN },
+            Self::Chunk(_) | Self::SnapshotChunk { .. } => Pattern::Response,
+            Self::Push(_) | Self::DeltaPush(_) | Self::Hello(_) | Self::Ack(_) => Pattern::OneWay,
+        }
+    }
 }
 
 /// Who is here.

@@ -106,51 +106,39 @@ impl Batch {
     }
 
     pub(crate) fn identity(&mut self, identity: &IdentityRecord) {
-        self.put(vec![b'i'], identity);
+        self.put(vec![b'i'], Some(identity));
     }
 
     pub(crate) fn digests(&mut self, log: &Log, state: &State) {
-        self.put(vec![b's'], &summary(log, state));
+        self.put(vec![b's'], Some(&summary(log, state)));
     }
 
-    pub(crate) fn head(&mut self, origin: ReplicaId, head: &Head) {
+    pub(crate) fn head(&mut self, origin: ReplicaId, head: Option<&Head>) {
         self.put(name(b't', &origin.number().to_be_bytes()), head);
     }
 
-    pub(crate) fn no_head(&mut self, origin: ReplicaId) {
-        self.0.insert(name(b't', &origin.number().to_be_bytes()), None);
-    }
-
-    pub(crate) fn encoded(&mut self, dot: Dot, index: u64, encoded: &EncodedTxn) {
-        self.put(frame_name(dot), &(index, encoded));
+    pub(crate) fn txn(&mut self, dot: Dot, place_and_txn: Option<(u64, &EncodedTxn)>) {
+        let rest = [dot.origin.number().to_be_bytes(), dot.seq.to_be_bytes()].concat();
+        self.put(name(b'l', &rest), place_and_txn.as_ref());
     }
 
     pub(crate) fn pending(&mut self, index: u64, pending: Option<(Dot, &EncodedTxn)>) {
-        let name = name(b'o', &index.to_be_bytes());
-        match pending {
-            Some(pending) => self.put(name, &pending),
-            None => drop(self.0.insert(name, None)),
-        }
-    }
-
-    pub(crate) fn no_frame(&mut self, dot: Dot) {
-        self.0.insert(frame_name(dot), None);
+        self.put(name(b'o', &index.to_be_bytes()), pending.as_ref());
     }
 
     pub(crate) fn versions(&mut self, (kind, key): (u8, &Key), versions: &[Version]) {
-        let name = name(kind, key.as_str().as_bytes());
-        if versions.is_empty() {
-            self.0.insert(name, None);
-        } else {
-            self.put(name, versions);
-        }
+        self.put(name(kind, key.as_str().as_bytes()), Some(versions).filter(|versions| !versions.is_empty()));
     }
 
-    fn put(&mut self, name: Vec<u8>, record: &(impl Serialize + ?Sized)) {
-        // Encoding to memory fails for lengths that are not known beforehand only, and records have none.
-        let mut bytes = postcard::to_stdvec(record).unwrap_or_default();
-        bytes.extend(sum(&name, &bytes));
-        self.0.insert(name, Some(bytes));
+    /// Writes a record, or removes it.
+    fn put(&mut self, name: Vec<u8>, record: Option<&(impl Serialize + ?Sized)>) {
+        let bytes = record.map(|record| {
+            // Encoding to memory fails for lengths that are not known beforehand only, and records have none.
+            let mut bytes = postcard::to_stdvec(record).unwrap_or_default();
+            bytes.extend(sum(&name, &bytes));
+            bytes
+        });
+        self.0.insert(name, bytes);
     }
 }
 
@@ -162,10 +150,6 @@ fn summary(log: &Log, state: &State) -> (u64, u128, usize, usize) {
 
 fn name(kind: u8, rest: &[u8]) -> Vec<u8> {
     [&[kind], rest].concat()
-}
-
-fn frame_name(dot: Dot) -> Vec<u8> {
-    name(b'l', &[dot.origin.number().to_be_bytes(), dot.seq.to_be_bytes()].concat())
 }
 
 fn read<'a, T: Deserialize<'a>>(name: &[u8], bytes: &'a [u8]) -> Result<T, OpenError> {

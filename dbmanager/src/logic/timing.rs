@@ -29,6 +29,11 @@ pub(crate) const CHUNK_TIME_TRY: Duration = Duration::from_secs(4);
 /// How often a chunk is asked for once more before the download is broken off.
 pub(crate) const CHUNK_TRIES_MAX: u32 = 3;
 
+/// How long the response to a pull may be on its way: the longest transaction over a radio of 50 kbit/s.
+pub(crate) const PULL_WITHIN: Duration = Duration::from_secs(60);
+/// How long a chunk of a state may be on its way: longer than any download waits for it.
+pub(crate) const CHUNK_WITHIN: Duration = Duration::from_secs(30);
+
 /// Returns how long a peer is left alone that has not answered so often in a row, at least once.
 pub(crate) fn pull_pause(silences: u32) -> Duration {
     PULL_PAUSE_MIN * (1 << (2 * (silences.clamp(1, SILENCES_MAX) - 1)))
@@ -41,6 +46,7 @@ const _: () = {
     assert!(before(HELLO_PERIOD_MIN, HELLO_PERIOD_MAX));
     assert!(before(PULL_AFTER_PUSH, PULL_PAUSE_MIN), "what is on its way comes before anybody is left alone");
     assert!(PULL_PAUSE_MIN.as_nanos() << (2 * (SILENCES_MAX - 1)) == PULL_PAUSE_MAX.as_nanos());
+    assert!(before(PULL_ANSWER_LATE_MAX, PULL_WITHIN) && before(CHUNK_WAIT_MAX, CHUNK_WITHIN));
     assert!(before(CHUNK_TIME_FAST, CHUNK_WAIT_MIN) && before(CHUNK_WAIT_MIN, CHUNK_TIME_TRY));
     assert!(
         before(CHUNK_TIME_TRY, CHUNK_WAIT_MAX),

@@ -22,7 +22,7 @@ mod watch;
 use comms::logic::time::Time;
 use dbmanager::logic::clock::Wall;
 use dbmanager::logic::key::Namespace;
-use dbmanager::logic::message::Message;
+use dbmanager::logic::message::{Message, Pattern};
 use dbmanager::logic::record::Batch;
 use dbmanager::logic::replica::{self, Alarm, CommitRequest, Replica};
 use dbmanager::logic::txn::{Draft, EncodedTxn, TxnError};
@@ -42,11 +42,6 @@ pub const TEAM: &str = "dca";
 const ALARMS_MAX: usize = 16;
 /// How many peers that have been heard of are remembered.
 const HEARD_MAX: usize = 1024;
-/// How long the answer to a pull may be on its way: the longest transaction over a radio of 50 kbit/s. The replica itself has
-/// given up by then, but takes it all the same.
-const PULL_WITHIN: Duration = Duration::from_secs(60);
-/// The same of a chunk of a state, which no download waits for longer.
-const CHUNK_WITHIN: Duration = Duration::from_secs(30);
 /// What a command line of an earlier version is told.
 const IMPORT_ELSEWHERE: &str =
     "this node leaves it to `dca` to work out what a file changes; use one of its own version";
@@ -381,16 +376,13 @@ impl Database {
         match effect {
             replica::Effect::Persist(batch) => effects.push(Effect::Persist(batch)),
             replica::Effect::Broadcast(message) => effects.push(Effect::Broadcast(letter(message))),
-            replica::Effect::Send(to, message) => effects.push(match message {
-                Message::Pull(_) => Effect::Ask(to, letter(message), PULL_WITHIN),
-                Message::ChunkRequest(_) => Effect::Ask(to, letter(message), CHUNK_WITHIN),
-                Message::Chunk(_) | Message::SnapshotChunk { .. } => match asked.take_if(|(_, from)| *from == to) {
+            replica::Effect::Send(to, message) => effects.push(match message.pattern() {
+                Pattern::Request { within } => Effect::Ask(to, letter(message), within),
+                Pattern::Response => match asked.take_if(|(_, from)| *from == to) {
                     Some((asked, _)) => Effect::Reply(asked, Some(letter(message))),
                     None => Effect::Tell(to, letter(message)),
                 },
-                Message::Push(_) | Message::DeltaPush(_) | Message::Hello(_) | Message::Ack(_) => {
-                    Effect::Tell(to, letter(message))
-                }
+                Pattern::OneWay => Effect::Tell(to, letter(message)),
             }),
             replica::Effect::Answer(call, answer) => self.answered(call, answer, effects),
             replica::Effect::Visible(_, frame) => self.visible(&frame),

@@ -56,10 +56,8 @@ impl Contents {
         let seen = if only.is_some() { context.without(dot.origin) } else { context };
         self.state.apply(dot, txn.written(), CausalContext { context: &seen, only }, &txn.writes);
         let index = self.log.append(txn, encoded.clone());
-        batch.encoded(dot, index, encoded);
-        if let Some(head) = self.log.head(dot.origin) {
-            batch.head(dot.origin, head);
-        }
+        batch.txn(dot, Some((index, encoded)));
+        batch.head(dot.origin, self.log.head(dot.origin));
         for write in &txn.writes {
             batch.versions((SHARED, &write.key), self.state.versions(&write.key));
         }
@@ -73,7 +71,7 @@ impl Contents {
         self.erase(batch);
         let old = std::mem::replace(self, Self::new(log, state));
         for (origin, head) in self.log.heads() {
-            batch.head(*origin, head);
+            batch.head(*origin, Some(head));
         }
         for (key, versions) in self.state.scan("") {
             batch.versions((SHARED, key), versions);
@@ -83,10 +81,10 @@ impl Contents {
 
     fn erase(&self, batch: &mut Batch) {
         for (dot, _) in self.log.in_order() {
-            batch.no_frame(dot);
+            batch.txn(dot, None);
         }
         for origin in self.log.heads().keys() {
-            batch.no_head(*origin);
+            batch.head(*origin, None);
         }
         for (key, _) in self.state.scan("") {
             batch.versions((SHARED, key), &[]);
@@ -103,7 +101,7 @@ impl Contents {
     /// Drops the oldest transactions within `stable`, until no more than `size_max` bytes are left.
     pub(super) fn truncate(&mut self, stable: &VersionVector, size_max: usize, batch: &mut Batch) {
         for dot in self.log.truncate(stable, size_max) {
-            batch.no_frame(dot);
+            batch.txn(dot, None);
         }
     }
 

@@ -399,8 +399,9 @@ fn a_store_of_a_newer_program_is_not_damaged() {
     let log = team.replicas[0].log();
     let newer = EncodedTxn { format: 9, body: log.encoded(last).unwrap().body.clone() };
     let mut batch = Batch::default();
-    batch.encoded(last, 1 << 20, &newer);
-    batch.head(last.origin, &Head { hash: newer.hash(), ..log.head(last.origin).unwrap().clone() });
+    batch.txn(last, Some((1 << 20, &newer)));
+    let head = Head { hash: newer.hash(), ..log.head(last.origin).unwrap().clone() };
+    batch.head(last.origin, Some(&head));
     batch.apply(&mut team.disks[0]);
     assert_eq!(Replica::open(team.config(0), &team.disks[0]).err(), Some(OpenError::Newer));
 }
