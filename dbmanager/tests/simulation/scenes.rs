@@ -10,12 +10,14 @@ type Scene = (&'static str, fn() -> Ending);
 
 /// All of them, by name.
 #[cfg_attr(test, expect(dead_code, reason = "the named cases call each by itself"))]
-pub(crate) const ALL: [Scene; 5] = [
+pub(crate) const ALL: [Scene; 7] = [
     ("two_with_each_others_transactions_as_state_only", states_only),
     ("retired_robot_meets_one_who_does_not_know", last_words),
     ("set_back_without_witness_only_others_transactions_lost", set_back),
     ("number_used_twice_is_an_alarm_at_once", fork),
     ("two_writes_under_one_name_are_both_kept", two_writes),
+    ("two_of_a_retired_side_come_back_one_after_the_other", two_returns),
+    ("write_that_had_seen_another_of_the_same_number", seen_by_number),
 ];
 
 fn team(count: usize) -> World {
@@ -143,4 +145,60 @@ pub(crate) fn two_writes() -> Ending {
         )?;
     }
     must(world.value(0, "team/x") == Some(1) && world.value(0, "team/y") == Some(7), "I5: all is kept")
+}
+
+/// Two robots of a retired side have the same writes. The first comes back with them, others overwrite and delete them, and
+/// then the second comes back: nothing returns with it.
+pub(crate) fn two_returns() -> Ending {
+    let mut world = team(3);
+    world.cut(0, 1);
+    world.cut(0, 2);
+    world.put(1, "team/a", 1);
+    world.put(1, "team/b", 1);
+    world.run_for(20_000);
+    world.retire(0, 1);
+    world.retire(0, 2);
+    world.run_for(30_000);
+    world.isolate(2);
+    world.heal(0, 1);
+    world.run_for(60_000);
+    must(world.value(0, "team/a") == Some(1) && world.value(0, "team/b") == Some(1), "the first comes back with them")?;
+    world.delete(0, "team/a");
+    world.put(0, "team/b", 2);
+    world.run_for(30_000);
+    world.join_network(2);
+    world.settle()?;
+    must(world.value(0, "team/a").is_none(), "I2: the deletion had seen what the second brings back")?;
+    must(world.siblings(0, "team/b") == 1, "I2: the value had seen what the second brings back")
+}
+
+/// A store is set back and its robot uses a number again, for another write, which only one robot gets. It then meets a
+/// robot that has written on the first transaction of that number: the other write is not overwritten by that.
+pub(crate) fn seen_by_number() -> Ending {
+    let mut world = team(4);
+    world.expect_forks();
+    world.isolate(3);
+    let backup = world.backup(1);
+    world.put(1, "team/x", 1);
+    world.run_for(20_000);
+    world.put(2, "team/a", 2);
+    world.run_for(20_000);
+    world.restore(1, backup);
+    world.isolate(1);
+    world.restart(1);
+    world.put(1, "team/a", 7);
+    world.heal(1, 3);
+    world.run_for(20_000);
+    must(world.value(3, "team/a") == Some(7) && world.siblings(3, "team/a") == 1, "one robot has the second write")?;
+    world.crash(1);
+    world.heal(0, 3);
+    world.heal(2, 3);
+    world.run_for(60_000);
+    for node in [0, 2, 3] {
+        must(world.siblings(node, "team/a") == 2, "I5: a write was overwritten by one that had not seen it")?;
+    }
+    world.restart(1);
+    world.join_network(1);
+    world.join_network(3);
+    world.settle()
 }

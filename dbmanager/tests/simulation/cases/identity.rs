@@ -73,6 +73,11 @@ fn two_writes_under_one_name_are_both_kept() {
 }
 
 #[test]
+fn write_that_had_seen_another_of_the_same_number() {
+    scenes::seen_by_number().unwrap();
+}
+
+#[test]
 fn tail_lost_flush_lied_seq_reused() {
     let mut world = team(2);
     world.expect_forks();

@@ -185,6 +185,11 @@ fn retired_robot_meets_one_who_does_not_know() {
 }
 
 #[test]
+fn two_of_a_retired_side_come_back_one_after_the_other() {
+    scenes::two_returns().unwrap();
+}
+
+#[test]
 fn forty_robots_boot_at_once() {
     let mut world = team(40);
     world.put(39, "team/a", 1);
