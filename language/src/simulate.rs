@@ -1,7 +1,7 @@
 //! Runs a plan with fake leaves: `dca sim`.
 //!
-//! Groups react by the same [`step`] as in a deployment; leaves only begin, and end when they are told to. Stopping takes
-//! no time. The clock is virtual and moves when it is told to.
+//! Groups react by the same [`step`] as in a deployment; leaves only begin, and end on an order of the script. Stopping takes
+//! no time. The clock is virtual and moves on an order of the script.
 
 mod chart;
 mod command;

@@ -297,7 +297,7 @@ pub(crate) enum ExprKind {
 /// The operands that lead from the root of an expression to a place in it: which, and whether it runs beside the others.
 pub(crate) type Path = Vec<(usize, bool)>;
 
-/// Whether two places run beside each other: the first operator that joins them decides. Nothing if there is none, since
+/// Whether two places run in parallel: the first operator that joins them decides. Nothing if there is none, since
 /// they are one place, or one lies in the other.
 pub(crate) fn are_parallel(one: &Path, other: &Path) -> Option<bool> {
     std::iter::zip(one, other).find(|((a, _), (b, _))| a != b).map(|((_, is_parallel), _)| *is_parallel)
@@ -312,7 +312,7 @@ pub(crate) struct Arm {
 }
 
 impl Expr {
-    /// Whether its direct parts run beside each other.
+    /// Whether its direct parts run in parallel.
     pub(crate) fn is_parallel(&self) -> bool {
         match self.kind {
             ExprKind::Concurrent(_)

@@ -175,7 +175,7 @@ codes! {
     W0310 Warning "unconnected inputs"
         "Nothing is ever sent to these inputs. An interface can say that a module works without one: `in Port: Type optional;`."
     W0311 Warning "sender and receiver never meet"
-        "A value is sent while its sender runs, its connection set is open and its receiver runs; what arrives at a process that does not run is dropped. Here the event actions never run both at the same time. Run them beside each other, hand the value on with `sender : receiver`, or keep the last value with `latch`."
+        "A value is sent while its sender runs, its connection set is open and its receiver runs; what arrives at a process that does not run is dropped. Here the event actions never run both at the same time. Run them in parallel, hand the value on with `sender : receiver`, or keep the last value with `latch`."
     E0401 Error "runs twice at once"
         "One instance cannot run twice at the same time. Declare a second instance."
     W0402 Warning "may never end"

@@ -16,7 +16,7 @@ pub(super) fn is_expression(kind: SyntaxKind) -> bool {
     is_operator(kind) || kind == Paren || kind == Match
 }
 
-/// Whether its operands stand beside each other, each of which may have lines of its own.
+/// Whether its operands are equals, each of which may have lines of its own.
 pub(super) fn is_operator(kind: SyntaxKind) -> bool {
     let Some(operator) = kind.operator() else { return false };
     match operator {

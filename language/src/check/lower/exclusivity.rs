@@ -246,8 +246,7 @@ impl<'a> Exclusivity<'a> {
                 let path = &self.tree.leaves[*leaf as usize].path;
                 let message = format!("nothing sent here ever reaches `{path}`, `{port}`: they never run together");
                 let diagnostic = Diagnostic::new(Code::W0311, writer.connection.span, message);
-                let help =
-                    "run them beside each other, hand the value on with `:`, or keep the last value with `latch`";
+                let help = "run them in parallel, hand the value on with `:`, or keep the last value with `latch`";
                 diagnostics.push(diagnostic.help(help));
             }
         }
