@@ -62,21 +62,21 @@ pub enum StoreError {
     /// A file or directory cannot be used.
     #[error("store `{path}`: {cause}")]
     File {
-        /// Which.
+        /// The file or directory.
         path: PathBuf,
-        /// Why.
+        /// The error of the system.
         cause: io::Error,
     },
     /// Somebody has it open.
     #[error("the store `{path}` is open already; end the other program that uses it, or choose another folder")]
     Busy {
-        /// Where.
+        /// The directory of the store.
         path: PathBuf,
     },
     /// There are files, but not ours, or of another layout.
     #[error("`{path}` is not a store of this program; choose another folder")]
     Foreign {
-        /// Where.
+        /// The directory of the store.
         path: PathBuf,
     },
     /// It is one of an earlier version of this program, which nothing here reads.
@@ -85,7 +85,7 @@ pub enum StoreError {
          this one away: what other robots have comes back from them"
     )]
     Outdated {
-        /// Where.
+        /// The directory of the store.
         path: PathBuf,
     },
     /// It was made on the other engine, which stays as long as the folder does.
@@ -94,7 +94,7 @@ pub enum StoreError {
          is made, and what other robots have comes back from them"
     )]
     Engine {
-        /// Where.
+        /// The directory of the store.
         path: PathBuf,
         /// Which keeps it.
         found: Engine,
@@ -104,7 +104,7 @@ pub enum StoreError {
     /// It is not as it was written.
     #[error("the store `{path}` is damaged: {what}")]
     Damaged {
-        /// Where.
+        /// The directory of the store.
         path: PathBuf,
         /// What does not fit.
         what: String,
@@ -118,7 +118,7 @@ pub enum StoreError {
     /// It has failed before.
     #[error("the store `{path}` has failed before and has to be opened anew")]
     Poisoned {
-        /// Where.
+        /// The directory of the store.
         path: PathBuf,
     },
 }

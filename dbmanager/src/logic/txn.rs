@@ -83,18 +83,18 @@ pub enum Condition {
 /// the same version without knowing of each other.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Require {
-    /// Of which key.
+    /// The key that it is about.
     pub key: Key,
-    /// What.
+    /// The condition that held.
     pub condition: Condition,
 }
 
 /// A value, or `None` for a deletion, put at a key.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Write {
-    /// Where.
+    /// The key that is written.
     pub key: Key,
-    /// What.
+    /// The new value; `None` deletes the key.
     pub value: Option<Value>,
 }
 
@@ -135,9 +135,9 @@ pub struct Txn {
     pub wall: Wall,
     /// What of its context is beyond the context of the one before it.
     pub context: VersionVector,
-    /// Why it was done.
+    /// The reason that its writer gave.
     pub reason: String,
-    /// What held when it was.
+    /// The conditions that held when it was committed.
     pub requires: Vec<Require>,
     /// What it changed, by key, each key once.
     pub writes: Vec<Write>,

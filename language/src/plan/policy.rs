@@ -22,7 +22,7 @@ pub struct Policy {
 /// Whether a program is started again, a few times in a minute.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Restart {
-    /// Never.
+    /// It is never started again.
     #[default]
     Temporary,
     /// After a failure: a signal, an exit code, or any end of a controller that was not told to go.

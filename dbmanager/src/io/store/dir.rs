@@ -59,7 +59,7 @@ pub struct DirStore {
 }
 
 impl Engine {
-    /// Both.
+    /// Both engines.
     pub const ALL: [Self; 2] = [Self::Redb, Self::Sled];
 
     /// Returns the name under which it is chosen.

@@ -12,7 +12,7 @@ use crate::logic::version_vector::ReplicaId;
 /// What a hello comes to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Greeting {
-    /// Nothing.
+    /// It needs no reaction.
     Ignored,
     /// Somebody has copied the disk: two starts of one origin.
     Copied,

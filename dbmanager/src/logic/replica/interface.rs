@@ -38,11 +38,11 @@ pub enum AckLevel {
 pub struct CommitRequest {
     /// Named in the answers.
     pub ticket: u64,
-    /// What.
+    /// The changes and conditions to commit.
     pub draft: Draft,
-    /// What the caller waits for.
+    /// How far it must get before the caller is answered.
     pub level: AckLevel,
-    /// Until when.
+    /// When the caller gives up waiting.
     pub until: Time,
 }
 
@@ -83,9 +83,9 @@ pub enum Answer {
 pub enum Alarm {
     /// A transaction is dated far ahead of our trusted clock.
     ClockSuspect {
-        /// Whose.
+        /// The replica that committed it.
         origin: ReplicaId,
-        /// By how much.
+        /// How far it is ahead.
         ahead_by: Duration,
     },
     /// An origin has used a number twice.

@@ -33,13 +33,13 @@ pub struct Conflict {
 /// One of several writes to a key.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Sibling {
-    /// Which transaction.
+    /// The transaction that wrote it.
     pub dot: Dot,
-    /// What; nothing for a deletion.
+    /// The value; `None` for a deletion.
     pub value: Option<Datum>,
-    /// The robot.
+    /// The robot that wrote it.
     pub by: String,
-    /// When.
+    /// When the transaction was committed.
     pub when: When,
     /// Why; nothing if the log does not reach back so far.
     pub reason: Option<String>,
@@ -61,13 +61,13 @@ pub struct Race {
 /// A transaction in a race.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Party {
-    /// Which transaction.
+    /// The name of the transaction.
     pub dot: Dot,
-    /// The robot.
+    /// The robot that committed it.
     pub by: String,
-    /// When.
+    /// When the transaction was committed.
     pub when: When,
-    /// Why.
+    /// The reason that its writer gave.
     pub reason: String,
 }
 

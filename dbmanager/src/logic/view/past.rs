@@ -43,13 +43,13 @@ pub struct When {
 /// One transaction, as people see it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct HistoryEntry {
-    /// Its name.
+    /// The name of the transaction.
     pub dot: Dot,
     /// The robot, or the origin if its robot is not known.
     pub by: String,
-    /// When.
+    /// When it was committed, by the clock of its robot.
     pub when: When,
-    /// Why.
+    /// The reason that its writer gave.
     pub reason: String,
     /// What it changed of what was asked for; without a value, it deleted.
     pub changes: Vec<(Key, Option<Datum>)>,
@@ -81,9 +81,9 @@ pub(in crate::logic) fn written_by(dots: &[Dot]) -> String {
 /// Which keys are asked for.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Keys {
-    /// One.
+    /// One key.
     Only(Key),
-    /// All that begin so.
+    /// All keys that begin with this prefix.
     Below(String),
 }
 

@@ -29,7 +29,7 @@ pub fn table(rows: &[Vec<String>]) -> String {
 pub enum Span {
     /// One, which need not be named.
     Key,
-    /// Many.
+    /// History of several keys: each line names its key.
     All,
 }
 

@@ -50,9 +50,9 @@ pub enum Datum {
     Integer(i64),
     /// A number.
     Float(Float),
-    /// Text.
+    /// A text, UTF-8.
     Text(String),
-    /// Bytes.
+    /// Bytes without a type of their own.
     Bytes(Vec<u8>),
     /// Values in order.
     List(Vec<Self>),
