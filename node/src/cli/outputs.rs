@@ -79,7 +79,7 @@ impl Outputs {
                 take(path, lines);
             }
         }
-        self.lines.end().into_iter().for_each(|(path, lines)| take(path, lines));
+        self.lines.end().for_each(|(path, lines)| take(path, lines));
     }
 }
 

@@ -319,10 +319,7 @@ impl Replies {
             }
             Err(_) => return Err(self.broken("it went away in the middle")),
         };
-        let (sample, took) = reply.map_err(|error| match refused(&self.key, &error) {
-            CallError::Refused { reason } if self.state == Stream::Flowing => self.broken(&reason),
-            error => error,
-        })?;
+        let (sample, took) = reply.map_err(|error| self.without_answer(&error))?;
         let piece: Piece =
             codec::decode(&sample.payload().to_bytes()).map_err(|error| self.broken(&error.to_string()))?;
         self.state = Stream::Flowing;
@@ -344,6 +341,20 @@ impl Replies {
         self.asked = Some(ask(&self.session, &self.key, payload, Some(&pull), PULL_TIMEOUT)?);
         self.silence = Silence::begin(clock::now());
         Ok(())
+    }
+
+    /// Says that the server does not answer, or does not go on.
+    fn without_answer(&self, error: &ReplyError) -> CallError {
+        let error = refused(&self.key, error);
+        match error {
+            CallError::Refused { reason } if self.state == Stream::Flowing => self.broken(&reason),
+            CallError::Refused { .. }
+            | CallError::Unreachable { .. }
+            | CallError::Timeout { .. }
+            | CallError::Silent { .. }
+            | CallError::Broken { .. }
+            | CallError::Session { .. } => error,
+        }
     }
 
     fn broken(&self, why: &str) -> CallError {

@@ -185,10 +185,8 @@ impl Incoming {
     pub(super) fn end(&self) -> Option<End> {
         let end = self.end.clone()?;
         let is_whole = |mark: &[u8]| self.frames.is_between_frames() && *mark == self.tally.mark();
-        match end {
-            End::Whole(mark) if !is_whole(&mark) => Some(End::Broken("some of them are missing".to_owned())),
-            end => Some(end),
-        }
+        let lacks = matches!(&end, End::Whole(mark) if !is_whole(mark));
+        Some(if lacks { End::Broken("some of them are missing".to_owned()) } else { end })
     }
 }
 
