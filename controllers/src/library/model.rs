@@ -21,8 +21,10 @@ const TIMEOUT: Duration = Duration::from_secs(55);
 /// How far before its goal a door is slowed down (rad), and to which share of its speed.
 const BRAKE: f64 = 0.2;
 const PACE_MIN: f64 = 0.25;
-/// How near anything may come to the robot, but for what it holds (m), and for how long it looks for the wall.
+/// How near anything may come to the robot, but for what it holds; from so much more on it goes more slowly (m). A sweep is
+/// 50 ms old and a base takes 200 ms to stop. And for how long it looks for the wall.
 const ROOM_MIN: f64 = 0.03;
+const ROOM_SLOW: f64 = 0.04;
 const LOOK: Duration = Duration::from_secs(2);
 /// How long it stands still and waits for inputs that are too old to be believed.
 const PATIENCE: Duration = Duration::from_secs(1);
@@ -282,7 +284,8 @@ impl Controller for ModelBasedCtrl {
         let hand = known.odometry_from_base * known.base_from_tool;
         // A door that moves when the hand stops runs into it.
         let left = self.leaf.map_or(self.goal, |leaf| self.goal - leaf.angle);
-        let pace = (left / BRAKE).clamp(PACE_MIN, 1.0);
+        let room = self.room.map_or(1.0, |room| ((room - ROOM_MIN) / ROOM_SLOW).clamp(PACE_MIN, 1.0));
+        let pace = (left / BRAKE).clamp(PACE_MIN, 1.0).min(room);
         let opening = self.opening.get_or_insert_with(|| Opening::new(&hand, self.radius));
         let age = inputs.wrench.age(tick.now).unwrap_or_default().as_secs_f64();
         let pull = opening.update(&hand, &known.wrench, pace, (loop_delay(age), tick.dt()));
