@@ -217,7 +217,7 @@ fn a_full_disk_refuses_a_deployment_and_gives_no_epoch_twice() {
     };
     let epoch = || {
         let journal = std::fs::read_to_string(disk.0.join("c1/journal")).unwrap_or_default();
-        journal.lines().last().and_then(|line| line.split(' ').next()?.parse::<u64>().ok()).unwrap_or(0)
+        journal.lines().filter_map(|line| line.split(' ').next()?.parse::<u64>().ok()).max().unwrap_or(0)
     };
     let node = place.node();
     let spec = place.spec("exit 0");

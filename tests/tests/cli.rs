@@ -151,7 +151,8 @@ fn what_runs_in_a_command_is_found_from_elsewhere() {
     let get = here.ask(&["db", "get", "robot/c1/deployments/two/1/begun"]);
     assert!(get.code == Some(0) && get.out.contains("programs"), "{get}");
     two.signal(Signal::INT);
-    assert_eq!(two.ended(SOON).code, Some(1));
+    let ended = two.ended(SOON);
+    assert_eq!(ended.code, Some(1), "{ended}");
     assert_eq!(here.ask(&["status"]).code, Some(3));
     cluster.expect_nothing_left(std::time::Duration::from_secs(2));
 }
