@@ -132,10 +132,16 @@ fn what_a_lost_host_has_not_confirmed_is_told_until_it_is_back() {
     }
     let json: serde_json::Value = serde_json::from_str(&here.ask(&["status", "--json"]).out).expect("it is JSON");
     assert_eq!(json[0]["absent"]["ends"][0]["hosts"][0]["why"], "lost", "{json}");
+    // Another node of the home knows it from its journal.
+    nodes[0].signal(Signal::KILL);
+    let again = here.node("c1", &[]);
+    let (status, listed) = (here.ask(&["status"]), here.ask(&["nodes"]));
+    assert!(status.out.contains("far@1  unconfirmed on  c2 (not heard since `c1` was started again)"), "{status}");
+    assert!(listed.out.lines().any(|line| line.starts_with("c2") && line.contains("not heard yet")), "{listed}");
     nodes[1].signal(Signal::CONT);
     wait_until(SOON, || here.ask(&["status"]).out == "nothing is deployed on c1, c2\n").expect("c2 has confirmed");
     let stop = here.ask(&["stop", "far"]);
     assert!(stop.code == Some(1) && stop.err.contains("no deployment `far` is running"), "{stop}");
-    nodes.iter().for_each(|node| node.signal(Signal::TERM));
+    [&again, &nodes[1]].into_iter().for_each(|node| node.signal(Signal::TERM));
     cluster.expect_nothing_left(ORPHAN_MAX);
 }

@@ -6,6 +6,7 @@ use crate::cli::{Failure, Reaching, output};
 use crate::logic::protocol::{Answer, NodeStatus, Request};
 use crate::logic::table::table;
 use comms::io::clock;
+use std::collections::BTreeSet;
 
 /// What `dca nodes` is told.
 #[derive(Debug, clap::Args)]
@@ -46,6 +47,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         let [none, version, sees] = ["-", "-", "-"].map(str::to_owned);
         let up = format!("{how}, heard {}", ago(gone.heard));
         rows.push(vec![gone.host.clone(), none, up, version, dash(&open(&gone.host)), sees]);
+    }
+    // One of which this home has only read in its journal.
+    let named: BTreeSet<&str> = away.ends.iter().flat_map(|end| &end.hosts).map(|one| one.host.as_str()).collect();
+    for host in named.into_iter().filter(|host| rows.iter().all(|row| row[0] != **host)).collect::<Vec<_>>() {
+        let [none, version, sees] = ["-", "-", "-"].map(str::to_owned);
+        rows.push(vec![host.to_owned(), none, "not heard yet".to_owned(), version, dash(&open(host)), sees]);
     }
     output::say(&table(&rows));
     unlinked.iter().for_each(|sentence| output::note(sentence));
