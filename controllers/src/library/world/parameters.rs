@@ -59,7 +59,7 @@ parameters! {
     "base_lag": from(0.005, 0.5), "0.08", "s", "time constant of the base's drives";
     "arm_lag": from(0.002, 0.2), "0.02", "s", "time constant of the arm's drives";
     "wheel_error": from(-0.2, 0.2), "0.01", "", "share by which the odometry believes too much";
-    "payload": from(0.0, 5.0), "0", "kg", "mass beyond the wrist sensor that nobody told it";
+    "payload": from(0.0, 5.0), "0", "kg", "mass beyond the wrist sensor that its calibration does not contain";
     "droop": from(0.0, 20.0), "1", "", "a force moves the drives so many times as much as ours";
     "torque_limit": from(0.1, 4.0), "1", "", "the motors of the arm are so many times as strong as published";
     "traction": from(20.0, 2000.0), "200", "N", "the force at which the base's wheels begin to slide";
