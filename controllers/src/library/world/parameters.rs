@@ -81,7 +81,7 @@ parameters! {
     "start_yaw": from(-0.8, 0.8), "-0.06", "rad", "of the base, counter-clockwise from straight ahead";
     "start_spread": from(0.0, 4.0), "1", "", "the seed moves the start by up to so many times 0.08 m, 0.06 m and 0.05 rad";
     "start_wrist": from(-4.6, 4.6), "1.5707963267948966", "rad", "joint 6: it points the fingers' x axis to the left; -1.5707963 to the right";
-    "arm_delay": from(0.0, 1.0), "0", "s", "from the arm's encoders to whoever listens";
+    "arm_delay": from(0.0, 1.0), "0", "s", "from the arm's encoders to its readers";
     "base_delay": from(0.0, 1.0), "0", "s", "from the base's encoders";
     "force_delay": from(0.0, 1.0), "0", "s", "from the wrist sensor";
     "gripper_delay": from(0.0, 1.0), "0", "s", "from the gripper";
