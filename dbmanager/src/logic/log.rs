@@ -192,6 +192,23 @@ impl Log {
         if encoded.seen().is_some_and(differs) { Verdict::Apart } else { Verdict::Next }
     }
 
+    /// Returns whether the transaction with this timestamp may be here. It is not if its origin has committed nothing so late; nor if
+    /// those before and after it are kept and are neighbours, as when the origin was set back and has used a number again.
+    pub fn may_have(&self, stamp: Timestamp) -> bool {
+        let Some(head) = self.head(stamp.origin).filter(|head| stamp <= head.stamp) else { return false };
+        let kept = |seq| Some(self.encoded(Dot { origin: stamp.origin, seq })?.open().ok()?.stamp);
+        // Timestamps of an origin grow with its numbers, and what is cut was before what is kept.
+        let (mut before, mut after) = (0, head.seq);
+        while after - before > 1 {
+            let middle = before + (after - before) / 2;
+            if kept(middle).is_some_and(|other| other >= stamp) { after = middle } else { before = middle }
+        }
+        match kept(after) {
+            Some(found) if found != stamp => before > 0 && kept(before).is_none(),
+            _ => true,
+        }
+    }
+
     /// Returns by which hash a transaction is known; `None` if it is not, or too little is kept to tell.
     pub fn hash(&self, dot: Dot) -> Option<ChainHash> {
         let head = self.head(dot.origin).filter(|head| head.seq == dot.seq).map(|head| head.hash);

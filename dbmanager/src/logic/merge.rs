@@ -9,7 +9,7 @@
 //! *A write has one name in all its lives: its timestamp.* A transaction that is rebased gets a new dot, since numbers
 //! have to be gap-free, but keeps the timestamp of its writes. Timestamps of one origin grow with its numbers, so a
 //! side has seen a write if it has its dot, or a transaction of the timestamp's origin with that timestamp or a later
-//! one, or if somebody has rebased what that origin had up to that timestamp (`sys/brought/`, see
+//! one (unless the log shows that the one with it is not there: the origin was set back, see [`Log::may_have`]), or if somebody has rebased what that origin had up to that timestamp (`sys/brought/`, see
 //! [`crate::logic::member`]). The last is why several replicas of one retired side can come back one after the other:
 //! what the first has rebased, the next has in common.
 //!
@@ -71,9 +71,8 @@ impl Side<'_> {
         if let Some(common) = forked.get(&dot.origin) {
             return dot.seq <= self.log.vector().get(dot.origin).min(*common);
         }
-        let head = || self.log.head(stamp.origin).is_some_and(|head| stamp <= head.stamp);
         let rebased = || self.members.rebased(stamp.origin).is_some_and(|rebased| stamp <= rebased.stamp);
-        let elsewhere = || dot.origin != stamp.origin && head() || rebased();
+        let elsewhere = || dot.origin != stamp.origin && self.log.may_have(stamp) || rebased();
         self.log.vector().contains(dot) || !forked.contains_key(&stamp.origin) && elsewhere()
     }
 }

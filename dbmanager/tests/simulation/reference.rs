@@ -224,8 +224,10 @@ impl Reference {
         let there = |(dot, link): &Id| chain.get(dot) == Some(link);
         lives.iter().any(there)
             || lives.iter().any(|(dot, _)| {
+                // Of a number that was used twice, the name may be that of the other.
+                let is_other = chain.get(dot).is_some_and(|there| lives.iter().all(|(_, link)| there != link));
                 let name = replica.name_of(*dot);
-                name != *dot && chain.contains_key(&name)
+                !is_other && name != *dot && chain.contains_key(&name)
             })
     }
 

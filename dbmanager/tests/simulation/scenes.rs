@@ -200,5 +200,10 @@ pub(crate) fn seen_by_number() -> Ending {
     world.restart(1);
     world.join_network(1);
     world.join_network(3);
-    world.settle()
+    world.settle()?;
+    for node in 0..4 {
+        must(world.siblings(node, "team/a") == 2, "I5: a write was overwritten by one that had not seen it")?;
+        must(world.value(node, "team/x") == Some(1), "I5: a write was taken away by who had not seen it")?;
+    }
+    Ok(())
 }
