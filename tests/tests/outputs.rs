@@ -103,3 +103,26 @@ process main() { host { c1 }
     let talked = wrote("main/talker");
     assert!(talked == expected, "{} of {} bytes", talked.len(), expected.len());
 }
+
+/// A folder for sockets may be named from where one stands; and a record that is not whole is no record of everything.
+#[test]
+fn a_record_that_is_not_whole_is_told() {
+    let cluster = Cluster::new();
+    let here = cluster.here().with_run_dir("n");
+    let text = "
+module Once(host) { exec \"sh -c 'seq 1 20000'\"; plain; }
+process main() { host { c1 } instantiated_processes { once instof Once(c1); } internal_event_actions { once } }
+";
+    let file = cluster.file("once.dca", text);
+    let run = here.ask(&["run", &file, "--runs", "runs"]);
+    assert_eq!(run.code, Some(0), "{run}");
+    let whole = here.ask(&["logs", "once", "--runs", "runs"]);
+    assert!(whole.code == Some(0) && whole.out.ends_with("\n20000\n"), "{whole}");
+    let record = cluster.folder().join("runs/once-1").join(recorder::FILE);
+    let bytes = std::fs::read(&record).expect("it is there");
+    std::fs::write(&record, &bytes[..bytes.len() / 2]).expect("a test can write in its own folder");
+    let part = here.ask(&["logs", "once", "--runs", "runs"]);
+    assert!(part.code == Some(1) && part.err.contains("is not whole"), "{part}");
+    let report = here.ask(&["report", "runs/once-1"]);
+    assert!(report.code == Some(0) && report.err.contains("is not whole"), "{report}");
+}

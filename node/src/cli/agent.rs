@@ -6,16 +6,19 @@ use crate::io::driver::{self, Config};
 use crate::io::logging::{self, Log};
 use crate::io::{cgroup, programs, run_dir, state_dir};
 use crate::logic::database::TEAM;
-use anyhow::Context;
 use clap::{CommandFactory as _, Parser};
 use comms::io::session::{self, Reach, Role};
 use comms::logic::key::HostName;
 use dbmanager::io::store::Engine;
+use std::net::Ipv6Addr;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
 use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::watch;
+
+/// The longest time that may be given, in seconds.
+const SECONDS_MAX: f64 = 86_400.0;
 
 /// The agent of a host: starts programs, supervises them, and finds the other agents.
 #[derive(Debug, Parser)]
@@ -31,14 +34,14 @@ struct Arguments {
     #[arg(long, requires = "lan", default_value_t = 0, hide_default_value = true)]
     port: u16,
     /// A node known beforehand, for networks without multicast; may be given more than once
-    #[arg(long = "peer", value_name = "tcp/ADDRESS:PORT")]
+    #[arg(long = "peer", value_name = "tcp/ADDRESS:PORT", value_parser = peer)]
     peers: Vec<String>,
     /// A program that offers controller types; may be given more than once [default: dca-controller beside this program]
     #[arg(long = "controllers", value_name = "PROGRAM")]
     controllers: Vec<PathBuf>,
     /// How long programs have to stop when this node is gone, in seconds
-    #[arg(long, default_value_t = 5.0, value_name = "S")]
-    agent_loss_grace: f64,
+    #[arg(long, default_value = "5", value_name = "S", value_parser = seconds)]
+    agent_loss_grace: Duration,
     /// Folder for sockets and output
     #[arg(long, value_name = "DIR")]
     run_dir: Option<PathBuf>,
@@ -51,6 +54,27 @@ struct Arguments {
     /// The team whose database this robot has a copy of
     #[arg(long, value_name = "NAME", default_value = TEAM)]
     team: String,
+}
+
+/// Reads where another node can be dialled.
+fn peer(text: &str) -> Result<String, &'static str> {
+    let place = text.strip_prefix("tcp/").ok_or("it begins with `tcp/`")?;
+    let (host, port) = place.rsplit_once(':').ok_or("it ends in `:` and a port")?;
+    if !port.parse::<u16>().is_ok_and(|port| port > 0) {
+        return Err("the port is a number from 1 to 65535");
+    }
+    let is_v6 = host.strip_prefix('[').and_then(|host| host.strip_suffix(']'));
+    let is_address = match is_v6 {
+        Some(address) => address.split('%').next().is_some_and(|address| address.parse::<Ipv6Addr>().is_ok()),
+        None => !host.is_empty() && host.chars().all(|c| c.is_ascii_alphanumeric() || "-._".contains(c)),
+    };
+    if is_address { Ok(text.to_owned()) } else { Err("the address is a name, `10.0.0.7` or `[fd00::7]`") }
+}
+
+/// Reads a time in seconds.
+fn seconds(text: &str) -> Result<Duration, &'static str> {
+    let seconds = text.parse().ok().filter(|seconds| (0.0..=SECONDS_MAX).contains(seconds));
+    seconds.map(Duration::from_secs_f64).ok_or("it is a number of seconds from 0 to 86400")
 }
 
 /// The command line of `dca-node`, for its page of the manual.
@@ -69,8 +93,6 @@ fn run(arguments: Arguments, log: Log) -> Result<(), Failure> {
     if arguments.lan {
         output::note("this node is open to the local network without authentication: anyone there can start programs");
     }
-    let seconds = arguments.agent_loss_grace;
-    let agent_loss_grace = Duration::try_from_secs_f64(seconds).context("`--agent-loss-grace` must not be negative")?;
     let state = state_dir::take(arguments.state.as_deref(), arguments.name.as_str())?;
     let config = Config {
         state: Some(state),
@@ -83,7 +105,7 @@ fn run(arguments: Arguments, log: Log) -> Result<(), Failure> {
         controllers: programs::chosen(&arguments.controllers),
         port: arguments.port,
         peers: arguments.peers,
-        agent_loss_grace,
+        agent_loss_grace: arguments.agent_loss_grace,
         log: Some(log),
     };
     let result = block_on(async {
@@ -110,4 +132,29 @@ fn run(arguments: Arguments, log: Log) -> Result<(), Failure> {
     });
     cgroup::leave();
     result
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_peer_is_an_address_with_a_port() {
+        for good in ["tcp/10.0.0.7:7000", "tcp/robot-1.local:1", "tcp/[fd00::7]:65535", "tcp/[fe80::1%eth0]:7000"] {
+            assert_eq!(peer(good).as_deref(), Ok(good));
+        }
+        let bad =
+            ["x", "tcp/1.2.3.4", "tcp/[::1]:70000", "tcp/:1", "tcp/a b:1", "udp/1.1.1.1:1", "tcp/[x]:1", "tcp/a:0"];
+        for bad in bad {
+            assert!(peer(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn a_grace_is_a_time() {
+        assert_eq!(seconds("2.5"), Ok(Duration::from_millis(2500)));
+        for bad in ["nan", "inf", "-1", "1e300", "86401", "soon"] {
+            assert!(seconds(bad).is_err(), "{bad}");
+        }
+    }
 }

@@ -8,6 +8,7 @@ use crate::cli::{Failure, output, report};
 use crate::io::observer::{Observer, Sample, Sight};
 use crate::io::recorder::Recorder;
 use crate::logic::mission::{Files, Mission, Outcome};
+use crate::logic::output_lines::GAP;
 use crate::logic::protocol::{Answer, Deployment, Ending, FailureCause, Report, Request, StopReply};
 use crate::logic::record::{Entry, Header, Messages, Port, ports};
 use anyhow::{Context, anyhow};
@@ -17,6 +18,7 @@ use comms::logic::human::span;
 use comms::logic::time::Time;
 use language::Source;
 use language::plan::Plan;
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use tokio::signal::unix::{Signal, SignalKind, signal};
@@ -84,6 +86,8 @@ struct Watch {
     deployment: Option<Deployment>,
     seen: u64,
     cut_off: Option<Time>,
+    /// Whose output is not recorded whole.
+    lacking: BTreeSet<String>,
 }
 
 /// Deploys a spec and stays until it has ended; Ctrl-C stops it everywhere.
@@ -149,6 +153,7 @@ impl Watch {
             deployment: None,
             seen: 0,
             cut_off: None,
+            lacking: BTreeSet::new(),
         };
         (watch, arriving)
     }
@@ -344,6 +349,10 @@ impl Watch {
     }
 
     fn wrote(&mut self, path: String, text: String) {
+        if text.contains(GAP) && self.lacking.insert(path.clone()) {
+            self.output
+                .note(&format!("warning: not all that `{path}` writes is recorded: it writes faster than it is read"));
+        }
         let at = self.go_at.map_or(Duration::ZERO, |go| clock::now() - go);
         self.mission.wrote(&path, &text);
         self.record(Entry::Output { path, at, text });

@@ -108,16 +108,17 @@ async fn pass(host: &str, mut answers: Answers, first: Option<Vec<u8>>, raw: boo
         is_empty &= bytes.is_empty();
         if raw { output::pass(bytes) } else { output::pass(printable.push(bytes).as_bytes()) }
     };
-    print(&first.unwrap_or_default())?;
-    while let Some(answer) = answers.next().await {
+    let mut is_read = print(&first.unwrap_or_default())?;
+    while is_read && let Some(answer) = answers.next().await {
         let answer = answer?;
         let Answer::Output(bytes) = answer else { return Err(unasked(host, &answer)) };
-        print(&bytes)?;
+        is_read = print(&bytes)?;
     }
     if is_empty {
         output::note("note: it has written nothing");
     }
-    Ok(output::pass(printable.finish().as_bytes())?)
+    output::pass(printable.finish().as_bytes())?;
+    Ok(())
 }
 
 /// Prints what a process wrote from the latest record that has it; nothing if none has.
@@ -151,7 +152,14 @@ fn recorded(arguments: &Arguments) -> Option<Result<(), Failure>> {
         let text: String = wrote.into_iter().map(|lines| format!("{lines}\n")).collect();
         let mut printable = Printable::default();
         let shown = if arguments.raw { text } else { printable.push(text.as_bytes()) + &printable.finish() };
-        return Some(output::pass(shown.as_bytes()).map_err(Failure::from));
+        let whole = || match &run.damage {
+            Some(damage) => Err(anyhow!(
+                "the record in `{}` is not whole: {damage}; it may have written more than this",
+                folder.display()
+            )),
+            None => Ok(()),
+        };
+        return Some(output::pass(shown.as_bytes()).and_then(|_| whole()).map_err(Failure::from));
     }
     None
 }

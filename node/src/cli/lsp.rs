@@ -58,7 +58,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         }
         for reply in replies {
             // An editor that is gone needs no answer.
-            output::pass(&rpc::frame(&reply)).or(Err(Failure::Told))?;
+            if !output::pass(&rpc::frame(&reply)).or(Err(Failure::Told))? {
+                return Err(Failure::Told);
+            }
         }
         match server.state() {
             State::Ended => return Ok(()),

@@ -31,12 +31,16 @@ pub fn failed() -> Option<&'static io::Error> {
     FAILED.get()
 }
 
-/// Writes what a program has written.
+/// Writes what a program has written. Returns whether somebody reads standard output: if not, there is no reason to go on.
 ///
 /// # Errors
-/// When nobody reads standard output any more: then there is no reason to go on.
-pub fn pass(bytes: &[u8]) -> io::Result<()> {
-    Output::standard().raw(bytes)
+/// When it cannot be written.
+pub fn pass(bytes: &[u8]) -> anyhow::Result<bool> {
+    match Output::standard().raw(bytes) {
+        Ok(()) => Ok(true),
+        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(false),
+        Err(error) => Err(anyhow::Error::new(error).context("writing to standard output")),
+    }
 }
 
 /// Writes a line for a person: a warning, a step that is over.

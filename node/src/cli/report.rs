@@ -37,6 +37,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
 /// When the record cannot be read, or the page cannot be written.
 pub fn write(record: &Path, file: &Path) -> anyhow::Result<()> {
     let run = recorder::read(record)?;
+    if let Some(damage) = &run.damage {
+        output::note(&format!("warning: the record `{}` is not whole: {damage}", record.display()));
+    }
     if fs::metadata(file).is_ok_and(|there| !there.is_file() && !there.is_dir()) {
         // A pipe or a terminal: nothing is left behind there.
         return fs::write(file, page(&run)).with_context(|| format!("writing the report `{}`", file.display()));

@@ -59,6 +59,7 @@ impl Nodes {
     async fn start(hosts: &[String], arguments: &Arguments) -> Result<Self, Failure> {
         let (controllers, state) = (&arguments.controllers, arguments.state.as_deref());
         let base = arguments.run_dir.clone().unwrap_or_else(run_dir::default_base);
+        let base = std::path::absolute(&base).with_context(|| format!("finding the folder `{}`", base.display()))?;
         let base = run_dir::of_this_command(&base);
         let mut nodes = Self { base, leave: watch::Sender::new(false), running: JoinSet::new() };
         for host in hosts {

@@ -7,7 +7,7 @@
 use crate::cli::absent::{self, confirmers};
 use crate::cli::client::{ANSWER_WITHIN, Answers, Client, Clients, Statuses, block_on, missing, unasked, words};
 use crate::cli::{Failure, Reaching, output};
-use crate::logic::protocol::{Answer, Deployment, Report, Request};
+use crate::logic::protocol::{AbsentHost, Answer, Deployment, Report, Request};
 use anyhow::anyhow;
 use comms::io::clock;
 use std::time::Duration;
@@ -68,9 +68,21 @@ async fn stop_any(clients: &Clients, name: &str) -> Result<Vec<String>, Failure>
                 end.deployment,
                 confirmers(end)
             ))),
-            None => Err(failure),
+            None => Err(unless_away(failure, name, &away.hosts)),
         },
     }
+}
+
+/// Says that a deployment may run on hosts that do not answer; if all answer, why it does not run.
+fn unless_away(failure: Failure, name: &str, hosts: &[AbsentHost]) -> Failure {
+    if hosts.is_empty() {
+        return failure;
+    }
+    let hosts: Vec<&str> = hosts.iter().map(|one| one.host.as_str()).collect();
+    Failure::Unreachable(anyhow!(
+        "no node that answers has the deployment `{name}`, and `{}` cannot be reached, where it may run",
+        hosts.join("`, `")
+    ))
 }
 
 /// Takes every end of that name off the lists of all nodes.

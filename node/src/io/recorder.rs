@@ -11,6 +11,7 @@ mod queue;
 use crate::io::named_file;
 use crate::logic::record::{Entry, Header, ReadError, Row, Rows, Run};
 use comms::io::clock;
+use comms::logic::human::cause;
 use comms::logic::time::Time;
 use disk::Disk;
 use mcap::records::MessageHeader;
@@ -43,7 +44,7 @@ pub enum RecordError {
         cause: io::Error,
     },
     /// The file cannot be written.
-    #[error("writing the record `{path}`: {cause}")]
+    #[error("writing the record `{path}`: {}", reason(cause))]
     Write {
         /// Of the record.
         path: PathBuf,
@@ -66,6 +67,11 @@ pub enum RecordError {
         /// Why.
         cause: ReadError,
     },
+}
+
+/// Returns the system's words where there are some, which the library leaves out.
+fn reason(error: &McapError) -> String {
+    if let McapError::Io(error) = error { cause(error) } else { error.to_string() }
 }
 
 /// Reads a record, as far as it goes.

@@ -4,6 +4,7 @@
 //! it reads open, so that nothing is lost when that happens while it reads.
 
 use crate::io::caller::Caller;
+use crate::logic::output_lines::GAP;
 use crate::logic::protocol::Answer;
 use shim::protocol::{OUTPUT_FILE, OUTPUT_FILE_OLD};
 use std::fs::File;
@@ -15,8 +16,6 @@ use tokio::sync::watch;
 
 /// How often followed files are looked at.
 const LOOK_EVERY: Duration = Duration::from_millis(100);
-/// What stands where output was rotated away before it was read.
-const GAP: &[u8] = b"\n[dca: output may be missing here; it was rotated away before it was read]\n";
 /// How many pieces may wait to be sent before no more is read.
 const BACKLOG_MAX: usize = 64;
 /// How much of a program's output is sent at once.
@@ -90,7 +89,7 @@ impl Reader {
                 (self.is_aside, self.file) = (is_aside, Some(next));
                 if is_aside {
                     // Between the two others may have been put aside and removed.
-                    return Ok(GAP.to_vec());
+                    return Ok(format!("\n{GAP}\n").into_bytes());
                 }
             } else if self.is_current(this) {
                 return Ok(Vec::new());
@@ -253,7 +252,7 @@ mod tests {
         folder.rotate();
         folder.write("e");
         folder.rotate();
-        let gap = String::from_utf8_lossy(GAP).into_owned();
+        let gap = format!("\n{GAP}\n");
         assert_eq!((read(), read(), read(), read()), ("d".into(), gap, "e".into(), String::new()));
         folder.write("f");
         assert_eq!((read(), whole(&folder.0)), ("f".into(), b"ef".to_vec()));

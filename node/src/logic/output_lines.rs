@@ -5,6 +5,9 @@ pub const LAST_LINES_MAX: usize = 20;
 /// The longest of them, in characters.
 const LAST_LINE_MAX: usize = 400;
 
+/// What stands where output was rotated away before it was read.
+pub const GAP: &str = "[dca: output may be missing here; it was rotated away before it was read]";
+
 /// Returns the last lines of a program's output, ready for a person: without blank lines at the end, control characters and
 /// the half of a line that `output` may begin with when it `is_cut`.
 pub fn last_lines(output: &[u8], is_cut: bool) -> Vec<String> {

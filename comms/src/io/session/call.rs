@@ -317,7 +317,7 @@ impl Replies {
             Err(_) if self.state == Stream::Silent => {
                 return Err(CallError::Unreachable { key: self.key.clone() });
             }
-            Err(_) => return Err(self.broken("it went away in the middle")),
+            Err(_) => return Err(self.broken("it went away in the middle, or the way to it did")),
         };
         let (sample, took) = reply.map_err(|error| self.without_answer(&error))?;
         let piece: Piece =
