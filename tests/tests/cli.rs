@@ -1,6 +1,6 @@
 //! What `dca check` says of specs, and with which exit code.
 
-use dca_tests::cluster::{Cluster, Ended, SOON, Stream, executable};
+use dca_tests::cluster::{Cluster, Ended, SOON, Stream, executable, spec};
 use rustix::process::Signal;
 use std::io::{ErrorKind, Write};
 use std::process::{Command, Stdio};
@@ -104,6 +104,15 @@ fn a_spec_comes_over_standard_input() {
     assert!(code == Some(1) && err.contains("<stdin>:1:"), "{err}");
     let (code, _, err) = piped(&["fix", "-"], spec);
     assert!(code == Some(1) && err.contains("standard input cannot be rewritten"), "{err}");
+}
+
+/// The specs that people begin with are good, and nothing is to be said about them.
+#[test]
+fn the_specs_have_no_warnings() {
+    for name in ["compliant_motion", "door_locked", "door_opening", "door_recovery"] {
+        let (code, out, err) = piped(&["check", &spec(name)], "");
+        assert!(code == Some(0) && out.ends_with(": no errors\n") && err.is_empty(), "{out}{err}");
+    }
 }
 
 const IDLE: &str = "

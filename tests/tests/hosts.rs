@@ -103,7 +103,7 @@ fn a_stop_reaches_every_host() {
     let Some(hosts) = Hosts::start() else { return };
     let mission = hosts.host(4).dca(&["deploy", "--lan", &spec("door_opening")]);
     mission.wait_for_times(Stream::Err, "▸ (visualserv # distdetect)", 2, SOON);
-    assert_eq!(hosts.shims(), 20);
+    assert_eq!(hosts.shims(), 22);
     let stop = hosts.host(2).ask(&["stop", "door_opening"]);
     assert_eq!(stop.code, Some(0), "{stop}");
     assert_eq!(hosts.shims(), 0, "{:?}", hosts.cluster.left());

@@ -63,7 +63,7 @@ fn while_it_approaches() {
 #[test]
 fn while_it_grasps() {
     for leaf in ["closegrip/force", "closegrip/compliant", "closegrip/fingers"] {
-        check(&format!("main/dooropensyst/{leaf}"), "▸ closegrip", 2);
+        check(&format!("main/dooropensyst/{leaf}"), "▸ closegrip", 1);
     }
     check("main/dooropensyst/presshandle", "▸ presshandle", 1);
 }

@@ -23,6 +23,8 @@ fn two_hundred_leaves_come_and_go() {
     let here = cluster.here();
     let node = here.node("local", &[]);
     let file = cluster.file("many.dca", &nested());
+    // The network's library begins its threads with the first who asks.
+    assert_eq!(here.ask(&["nodes"]).code, Some(0));
     let threads_first = threads(node.pid());
     let mut descriptors_first = None;
     for round in 1..=ROUNDS {

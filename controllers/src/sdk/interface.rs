@@ -156,7 +156,8 @@ impl Interface {
                 Direction::Out => "out",
             };
             doc_lines("  ", port.doc).for_each(&mut line);
-            line(format!("  {direction} {}: {};", port.name, port.type_name));
+            let optional = if port.required { "" } else { " optional" };
+            line(format!("  {direction} {}: {}{optional};", port.name, port.type_name));
         }
         line(if self.about.service { "  service;".to_owned() } else { self.done() });
         let mut stop = String::new();
