@@ -39,6 +39,8 @@ const REMEMBERED: Duration = Duration::from_secs(60);
 const NAMES_MAX: usize = 1024;
 /// How many nodes of one name are kept.
 const LIVES_MAX: usize = 8;
+/// How long a node that has come second to its name stays, so that the first one can hear of it and say so.
+const KNOWN_WITHIN: Duration = Duration::from_secs(3);
 
 /// Something that has changed, for the agent and for people.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -156,6 +158,7 @@ pub struct NameServer {
     ask_at: Time,
     seen: Time,
     changes: Vec<Change>,
+    was_asked_by_namesake: bool,
 }
 
 impl NameServer {
@@ -171,6 +174,7 @@ impl NameServer {
             ask_at: now,
             seen: now,
             changes: Vec::new(),
+            was_asked_by_namesake: false,
         }
     }
 
@@ -187,6 +191,17 @@ impl NameServer {
         let until = now + DOUBT + 2 * life.took;
         life.doubted = Some(life.doubted.map_or((now, until), |(since, before)| (since, before.min(until))));
         self.ask_soon(now);
+    }
+
+    /// Takes note of a question, which was answered.
+    pub fn asked_by(&mut self, now: Time, host: &str, boot: u64) {
+        self.was_asked_by_namesake |= host == self.host && boot != self.boot;
+        self.heard_of(now, host, boot);
+    }
+
+    /// Returns whether another node with this one's name has been answered, and so knows of it, or has had its time for that.
+    pub fn is_known_to_namesake(&self, now: Time) -> bool {
+        self.was_asked_by_namesake || now.since(self.started) > KNOWN_WITHIN
     }
 
     /// Takes note of a word of a node that is no answer: one that is not listed is asked at once.
