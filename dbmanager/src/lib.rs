@@ -8,14 +8,14 @@
 //! [`logic`] is all of it, as state machines without I/O; its page says which module proves what. [`io`] is the disk.
 //!
 //! ```
-//! use dbmanager::logic::version_vector::Origin;
+//! use dbmanager::logic::version_vector::ReplicaId;
 //! use dbmanager::logic::key::Key;
 //! use dbmanager::logic::txn::{Condition, Draft};
 //!
 //! let key = Key::new("team/camera/gain")?;
 //! let draft = Draft::new("new lens").require(key.clone(), Condition::Absent).put(key.clone(), b"1.5");
 //! assert_eq!(draft.writes().count(), 1);
-//! # let _ = Origin::new(7);
+//! # let _ = ReplicaId::new(7);
 //! # Ok::<(), dbmanager::logic::key::KeyError>(())
 //! ```
 
