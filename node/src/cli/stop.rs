@@ -10,8 +10,11 @@ use crate::cli::{Failure, Reaching, output};
 use crate::logic::protocol::{AbsentHost, Answer, Deployment, Report, Request};
 use anyhow::anyhow;
 use comms::io::clock;
+use comms::logic::human::span;
 use std::time::Duration;
 
+/// How long it may be out of reach before a person is told.
+const TOLD_AFTER: Duration = Duration::from_secs(2);
 /// How long the deployment's node may be out of reach. A node that starts or ends hundreds of programs answers late.
 const SILENT_MAX: Duration = Duration::from_secs(30);
 /// How often the node is asked again.
@@ -137,7 +140,7 @@ pub(crate) fn whose<'a>(all: Vec<(&'a Client, Statuses)>, name: &str) -> Result<
 /// Stops a deployment; returns the hosts that could not confirm that nothing of it is left.
 async fn stop(client: &Client, name: &str) -> Result<Vec<String>, Failure> {
     let (deployment, home) = find(client, name).await?;
-    let mut heard = clock::now();
+    let (mut heard, mut is_told) = (clock::now(), false);
     loop {
         let why = match stop_once(client, &home, &deployment).await {
             Err(Failure::Unreachable(why)) => why,
@@ -152,6 +155,10 @@ async fn stop(client: &Client, name: &str) -> Result<Vec<String>, Failure> {
                 return Err(Failure::Unreachable(why.context(format!(
                     "`{name}` was asked to stop, but its node cannot be asked whether it has; see `dca status`"
                 ))));
+            }
+            if !is_told && clock::now() - heard > TOLD_AFTER {
+                output::note(&format!("note: {why:#}; it is asked again for {} (Ctrl-C to leave)", span(SILENT_MAX)));
+                is_told = true;
             }
             clock::sleep_until(clock::now() + ASK_EVERY).await;
         }
