@@ -229,7 +229,7 @@ impl Agent {
         match input {
             Input::Appeared { host, boot } => self.names.token(out.now, &host, boot),
             Input::Vanished { host, boot } => self.names.no_token(out.now, &host, boot),
-            Input::Ping { host, boot } => self.names.asked_by(out.now, &host, boot),
+            Input::Ping { host, boot } => self.names.heard_of(out.now, &host, boot),
             Input::Pong(pong) => self.names.answered(out.now, &pong),
             Input::Frame(frame) => self.frame(*frame, out),
             Input::Call { call, request } => self.call(call, *request, out),
@@ -447,8 +447,7 @@ impl Agent {
                 if until <= now || self.is_heard() {
                     effects.push(Effect::Leave);
                 }
-            } else if let Some(why) =
-                self.namesake().filter(|_| self.gathering.is_empty() && self.names.is_known_to_namesake(now))
+            } else if let Some(why) = self.namesake().filter(|_| self.gathering.is_empty() && self.names.is_known(now))
             {
                 effects.push(Effect::Yield { why });
             }

@@ -39,7 +39,7 @@ const REMEMBERED: Duration = Duration::from_secs(60);
 const NAMES_MAX: usize = 1024;
 /// How many nodes of one name are kept.
 const LIVES_MAX: usize = 8;
-/// How long a node that has come second to its name stays, so that the first one can hear of it and say so.
+/// How long a node that has come second to its name stays, so that the first one and others can hear of it and say so.
 const KNOWN_WITHIN: Duration = Duration::from_secs(3);
 
 /// Something that has changed, for the agent and for people.
@@ -158,7 +158,6 @@ pub struct NameServer {
     ask_at: Time,
     seen: Time,
     changes: Vec<Change>,
-    was_asked_by_namesake: bool,
 }
 
 impl NameServer {
@@ -174,7 +173,6 @@ impl NameServer {
             ask_at: now,
             seen: now,
             changes: Vec::new(),
-            was_asked_by_namesake: false,
         }
     }
 
@@ -193,15 +191,9 @@ impl NameServer {
         self.ask_soon(now);
     }
 
-    /// Takes note of a question, which was answered.
-    pub fn asked_by(&mut self, now: Time, host: &str, boot: u64) {
-        self.was_asked_by_namesake |= host == self.host && boot != self.boot;
-        self.heard_of(now, host, boot);
-    }
-
-    /// Returns whether another node with this one's name has been answered, and so knows of it, or has had its time for that.
-    pub fn is_known_to_namesake(&self, now: Time) -> bool {
-        self.was_asked_by_namesake || now.since(self.started) > KNOWN_WITHIN
+    /// Returns whether all others, who ask every second, have had time to hear of this node.
+    pub fn is_known(&self, now: Time) -> bool {
+        now.since(self.started) > KNOWN_WITHIN
     }
 
     /// Takes note of a word of a node that is no answer: one that is not listed is asked at once.
