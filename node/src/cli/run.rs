@@ -17,7 +17,7 @@ use tokio::sync::watch;
 use tokio::task::JoinSet;
 
 /// How long the nodes have to leave.
-const LEAVE_WITHIN: Duration = Duration::from_secs(15);
+const LEAVE_WITHIN: Duration = Duration::from_secs(30);
 
 /// What `dca run` is told.
 #[derive(Debug, clap::Args)]

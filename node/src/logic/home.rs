@@ -22,11 +22,11 @@ use std::sync::Arc;
 use std::time::Duration;
 
 /// How long all hosts have to start their programs.
-const PREPARE_WITHIN: Duration = Duration::from_secs(30);
+const PREPARE_WITHIN: Duration = Duration::from_secs(40);
 /// How long all hosts have to make their links.
 const CONNECT_WITHIN: Duration = Duration::from_secs(20);
 /// How long all hosts have to remove everything, beyond the time that their programs may take to stop.
-const RELEASE_WITHIN: Duration = Duration::from_secs(10);
+const RELEASE_WITHIN: Duration = Duration::from_secs(25);
 /// How long the other hosts have to add their reasons once one has refused.
 const REASONS_WITHIN: Duration = Duration::from_secs(2);
 /// How many reports are kept for those who were cut off; past that, changes of processes are left out.

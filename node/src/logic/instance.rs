@@ -32,8 +32,8 @@ const CONNECT_WITHIN: Duration = Duration::from_secs(10);
 const GRACE: Duration = Duration::from_secs(1);
 /// The most bytes that a process may leave for the next.
 const VALUE_MAX: usize = 1 << 20;
-/// How long the kernel has to remove a killed program.
-const KILL_WITHIN: Duration = Duration::from_secs(2);
+/// How long a killed program may take to be gone: the kernel removes it, and on a starved machine its shim waits its turn.
+const KILL_WITHIN: Duration = Duration::from_secs(20);
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Stage {
@@ -158,6 +158,8 @@ impl Instance {
             Stage::Waiting { .. } | Stage::Removing { .. } => "restarting",
             Stage::Starting { .. } | Stage::Prepared | Stage::Connecting { .. } if self.joined => "restarting",
             Stage::Starting { .. } => "starting",
+            // Its shim has the word to let it run, and has not said that it runs.
+            Stage::Running if self.pid.is_none() => "starting",
             Stage::Prepared | Stage::Connecting { .. } => "connecting",
             Stage::Refused => "refused",
             Stage::Idle => "idle",

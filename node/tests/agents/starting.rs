@@ -31,7 +31,7 @@ process main() { host { "c1" } instantiated_processes { s instof Step("c1"); } i
         world.output = output.iter().map(|line| (*line).to_owned()).collect();
         (world.hangs_at_start, world.immortal) = (true, immortal);
         let call = world.deploy("c1", text);
-        world.run_for(Duration::from_secs(40));
+        world.run_for(Duration::from_secs(45));
         let Report::Refused { reasons } = world.last_report(call) else { panic!("not refused") };
         let mut expected = "`main/s` cannot take part on `c1`: it did not report within 15 s".to_owned();
         if !output.is_empty() {
