@@ -1,7 +1,9 @@
 //! What all nodes together say of hosts that do not answer.
 
+use crate::cli::Failure;
 use crate::cli::client::{ANSWER_WITHIN, Client, Statuses};
 use crate::logic::protocol::{Absent, AbsentHost, AbsentProcess, Answer, Deployment, OpenEnd, OpenHost, Request, Why};
+use anyhow::anyhow;
 use comms::io::clock;
 use comms::logic::human::span;
 use std::collections::{BTreeMap, BTreeSet};
@@ -34,6 +36,36 @@ pub(crate) async fn ask(found: &[(&Client, Statuses)]) -> Away {
     }
     let there = found.iter().flat_map(|(_, statuses)| &statuses.nodes).map(|node| node.host.clone()).collect();
     Away::new(told, &there)
+}
+
+/// Says that no node that answers has something; hosts that do not answer may have it.
+pub(crate) async fn missing(what: &str, found: &[(&Client, Statuses)]) -> Failure {
+    nowhere(what, found, &ask(found).await)
+}
+
+fn nowhere(what: &str, found: &[(&Client, Statuses)], away: &Away) -> Failure {
+    let silent = found.iter().flat_map(|(_, statuses)| &statuses.silent);
+    let hosts: BTreeSet<&str> = silent.chain(away.hosts.iter().map(|one| &one.host)).map(String::as_str).collect();
+    if hosts.is_empty() {
+        return Failure::Refused(anyhow!("no {what} is running; `dca status` lists what is"));
+    }
+    let do_not = if hosts.len() == 1 { "does not" } else { "do not" };
+    let hosts = Vec::from_iter(hosts).join("`, `");
+    Failure::Unreachable(anyhow!("no node that answers has the {what}; `{hosts}` {do_not} answer, where it may run"))
+}
+
+/// Says why no node that answers runs a deployment: it has ended but for some hosts, or it is missing.
+pub(crate) async fn not_running(name: &str, found: &[(&Client, Statuses)]) -> Failure {
+    let away = ask(found).await;
+    match away.ends.iter().rfind(|end| end.deployment.name == name) {
+        Some(end) => Failure::Unreachable(anyhow!(
+            "`{}` has ended, but {} not confirmed that nothing of it is left: its programs may still run there; \
+             `dca stop {name} --forget` takes it off the list",
+            end.deployment,
+            confirmers(end)
+        )),
+        None => nowhere(&format!("deployment `{name}`"), found, &away),
+    }
 }
 
 impl Away {

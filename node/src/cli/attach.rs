@@ -2,10 +2,12 @@
 //!
 //! What has been seen of it so far is told again by its home. There is no record: that ended with the command that made it.
 
-use crate::cli::client::{ANSWER_WITHIN, Client, Clients, block_on, missing, unasked};
-use crate::cli::{Failure, Reaching, follow, stop};
+use crate::cli::client::{ANSWER_WITHIN, Client, Clients, Statuses, block_on, unasked};
+use crate::cli::stop::{Located, locate};
+use crate::cli::{Failure, Reaching, absent, follow};
 use crate::logic::protocol::{Answer, Request};
 use anyhow::anyhow;
+use std::collections::BTreeSet;
 
 /// What `dca attach` is told.
 #[derive(Debug, clap::Args)]
@@ -27,12 +29,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
 }
 
 async fn attach(clients: &Clients, name: Option<&str>) -> Result<(), Failure> {
+    let all = clients.statuses().await?;
     let name = match name {
         Some(name) => name.to_owned(),
-        None => only_one(clients).await?,
+        None => only_one(&all).await?,
     };
-    let client = stop::whose(clients.statuses().await?, &name)?;
-    let (deployment, home) = stop::find(client, &name).await?;
+    let Located { client, deployment, home } = locate(all, &name).await?;
     let request = Request::Plan { deployment: deployment.clone() };
     let answer = client.ask(&home, &request, ANSWER_WITHIN).await?;
     let Answer::Plan(plan) = answer else { return Err(unasked(&home, &answer)) };
@@ -40,18 +42,12 @@ async fn attach(clients: &Clients, name: Option<&str>) -> Result<(), Failure> {
 }
 
 /// Returns the name of the only deployment that runs.
-async fn only_one(clients: &Clients) -> Result<String, Failure> {
-    let (mut names, mut silent) = (Vec::new(), Vec::new());
-    let all: Vec<(&Client, _)> = clients.statuses().await?;
-    for (_, found) in all {
-        names.extend(found.nodes.into_iter().flat_map(|node| node.deployments).map(|part| part.deployment.name));
-        silent.extend(found.silent);
-    }
-    names.sort();
-    names.dedup();
-    match &names[..] {
-        [] => Err(missing("deployment", &silent)),
-        [one] => Ok(one.clone()),
+async fn only_one(all: &[(&Client, Statuses)]) -> Result<String, Failure> {
+    let parts = all.iter().flat_map(|(_, found)| &found.nodes).flat_map(|node| &node.deployments);
+    let names: BTreeSet<&str> = parts.map(|part| part.deployment.name.as_str()).collect();
+    match &Vec::from_iter(names)[..] {
+        [] => Err(absent::missing("deployment", all).await),
+        [one] => Ok((*one).to_owned()),
         several => Err(anyhow!("several run: `{}`; name one", several.join("`, `")).into()),
     }
 }

@@ -392,15 +392,6 @@ pub(crate) async fn ended(tasks: &mut JoinSet<anyhow::Result<()>>) -> anyhow::Re
     ended.map_or(Ok(()), |joined| joined.unwrap_or_else(|panic| Err(panic.into())))
 }
 
-/// Says that no node that answers has something; one that does not answer may have it.
-pub(crate) fn missing(what: &str, silent: &[String]) -> Failure {
-    if silent.is_empty() {
-        return Failure::Refused(anyhow!("no {what} is running; `dca status` lists what is"));
-    }
-    let silent = silent.join("`, `");
-    Failure::Unreachable(anyhow!("no node that answers has the {what}, and `{silent}` does not answer"))
-}
-
 /// Runs a verb that talks to nodes.
 pub(crate) fn block_on<T>(work: impl Future<Output = Result<T, Failure>>) -> Result<T, Failure> {
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build()?;

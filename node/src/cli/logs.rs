@@ -2,11 +2,11 @@
 
 mod list;
 
-use crate::cli::client::{self, Answers, Clients, block_on, unasked};
-use crate::cli::{Failure, Reaching, output};
+use crate::cli::client::{Answers, Clients, Statuses, block_on, unasked};
+use crate::cli::{Failure, Reaching, absent, output};
 use crate::io::recorder;
 use crate::logic::printable::Printable;
-use crate::logic::protocol::{Answer, Deployment, NodeStatus, ProcessStatus, Request, SEVERAL};
+use crate::logic::protocol::{Answer, NodeStatus, Request, SEVERAL, leaves};
 use anyhow::anyhow;
 use std::collections::BTreeSet;
 use std::path::PathBuf;
@@ -61,18 +61,19 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
 
 /// Prints what the process writes; returns why not if nobody has it.
 async fn print(clients: &Clients, arguments: &Arguments) -> Result<Option<Failure>, Failure> {
-    let (mut found, mut unanswered) = (Vec::new(), Vec::new());
-    for (client, statuses) in clients.statuses().await? {
-        found.extend(find(&statuses.nodes, arguments).into_iter().map(|one| (client, one)));
-        unanswered.extend(statuses.silent);
-    }
+    let all = clients.statuses().await?;
+    let meant = |(client, statuses): &(_, Statuses)| {
+        find(&statuses.nodes, arguments).into_iter().map(|one| (*client, one)).collect::<Vec<_>>()
+    };
+    let found: Vec<_> = all.iter().flat_map(meant).collect();
     match &found[..] {
         [(client, (host, deployment, process))] => {
             let request = request(arguments, Some(deployment.clone()), process.clone());
             let answers = client.ask_on(host, &request)?;
             pass(host, answers, None, arguments.raw).await.map(|()| None)
         }
-        [] => ended(clients, arguments, &unanswered).await,
+        [] if ended(clients, arguments).await? => Ok(None),
+        [] => Ok(Some(absent::missing(&format!("process `{}`", arguments.process), &all).await)),
         many => {
             let paths: Vec<String> = many.iter().map(|(_, (_, _, path))| format!("`{path}`")).collect();
             Err(anyhow!("`{}` may be any of {}", arguments.process, paths.join(", ")).into())
@@ -84,22 +85,23 @@ fn request(arguments: &Arguments, deployment: Option<String>, process: String) -
     Request::Logs { deployment, process, follow: arguments.follow }
 }
 
-/// Prints what a process wrote that has ended with its deployment: the first node that still has it says so.
-async fn ended(clients: &Clients, arguments: &Arguments, silent: &[String]) -> Result<Option<Failure>, Failure> {
+/// Prints what a process wrote that has ended with its deployment, from the first node that still has it. Returns whether
+/// one has.
+async fn ended(clients: &Clients, arguments: &Arguments) -> Result<bool, Failure> {
     for client in clients.iter() {
         for host in client.hosts(&[]).await? {
             let request = request(arguments, arguments.deployment.clone(), arguments.process.clone());
             let mut answers = client.ask_on(&host, &request)?;
             let Some(Ok(answer)) = answers.next().await else { continue };
             if let Answer::Output(first) = answer {
-                return pass(&host, answers, Some(first), arguments.raw).await.map(|()| None);
+                return pass(&host, answers, Some(first), arguments.raw).await.map(|()| true);
             }
             if matches!(&answer, Answer::Refused(why) if why.starts_with(SEVERAL)) {
                 return Err(unasked(&host, &answer));
             }
         }
     }
-    Ok(Some(client::missing(&format!("process `{}`", arguments.process), silent)))
+    Ok(false)
 }
 
 async fn pass(host: &str, mut answers: Answers, first: Option<Vec<u8>>, raw: bool) -> Result<(), Failure> {
@@ -168,27 +170,16 @@ fn recorded(arguments: &Arguments) -> Option<Result<(), Failure>> {
 fn find(statuses: &[NodeStatus], arguments: &Arguments) -> BTreeSet<(String, String, String)> {
     let named = |name: &str| arguments.deployment.as_ref().is_none_or(|wanted| wanted == name);
     let meant = |path: &str| path == arguments.process || path.ends_with(&format!("/{}", arguments.process));
-    let parts = || statuses.iter().flat_map(|node| node.deployments.iter().map(move |part| (node, part)));
-    // A leaf has nothing below it, on any host.
-    let groups: BTreeSet<(&Deployment, &str)> = parts()
-        .flat_map(|(_, part)| part.processes.iter().map(move |one| (&part.deployment, one.path.as_str())))
-        .filter_map(|(deployment, path)| Some((deployment, path.rsplit_once('/')?.0)))
-        .collect();
-    let mut found = BTreeSet::new();
-    for (node, part) in parts().filter(|(_, part)| named(&part.deployment.name)) {
-        let leaf = |one: &&ProcessStatus| !groups.contains(&(&part.deployment, one.path.as_str())) && meant(&one.path);
-        let leaves = part.processes.iter().filter(leaf);
-        found.extend(leaves.map(|one| (node.host.clone(), part.deployment.name.clone(), one.path.clone())));
-    }
-    found
+    let leaves = leaves(statuses).into_iter();
+    let found = leaves.filter(|leaf| named(&leaf.deployment.name) && meant(&leaf.process.path));
+    found.map(|leaf| (leaf.host.to_owned(), leaf.deployment.name.clone(), leaf.process.path.clone())).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::logic::protocol::DeploymentStatus;
+    use crate::logic::protocol::door_node;
     use clap::Parser;
-    use std::time::Duration;
 
     #[derive(Parser)]
     struct Line {
@@ -198,30 +189,12 @@ mod tests {
 
     #[test]
     fn a_leaf_is_found_dead_or_alive_and_a_group_is_not() {
-        let node = |host: &str, processes: &[(&str, &str, Option<u32>)]| NodeStatus {
-            host: host.into(),
-            pid: 1,
-            version: "0".into(),
-            up: Duration::ZERO,
-            peers: vec![],
-            deployments: vec![DeploymentStatus {
-                deployment: Deployment { name: "door".into(), epoch: 1 },
-                home: "c1".into(),
-                phase: "running".into(),
-                processes: processes
-                    .iter()
-                    .map(|(path, state, pid)| ProcessStatus {
-                        path: (*path).into(),
-                        kind: "Any".into(),
-                        state: (*state).into(),
-                        pid: *pid,
-                    })
-                    .collect(),
-            }],
-        };
         let statuses = [
-            node("c1", &[("main", "running", None), ("main/hit", "running", None), ("main/arm", "running", Some(7))]),
-            node("c2", &[("main/hit/force", "dead: SIGSEGV", None)]),
+            door_node(
+                "c1",
+                &[("main", "running", None), ("main/hit", "running", None), ("main/arm", "running", Some(7))],
+            ),
+            door_node("c2", &[("main/hit/force", "dead: SIGSEGV", None)]),
         ];
         let check = |line: &[&str], expected: &[(&str, &str)]| {
             let line = Line::parse_from(["logs"].iter().chain(line));

@@ -5,9 +5,9 @@
 //! A link that is lost meanwhile is not an answer: the node is asked again.
 
 use crate::cli::absent::{self, confirmers};
-use crate::cli::client::{ANSWER_WITHIN, Answers, Client, Clients, Statuses, block_on, missing, unasked, words};
+use crate::cli::client::{ANSWER_WITHIN, Answers, Client, Clients, Statuses, block_on, unasked, words};
 use crate::cli::{Failure, Reaching, output};
-use crate::logic::protocol::{AbsentHost, Answer, Deployment, Report, Request};
+use crate::logic::protocol::{Answer, Deployment, Report, Request};
 use anyhow::anyhow;
 use comms::io::clock;
 use comms::logic::human::span;
@@ -39,7 +39,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         let result = if arguments.forget {
             forget(&clients, &arguments.name).await.map(|()| None)
         } else {
-            stop_any(&clients, &arguments.name).await.map(Some)
+            match locate(clients.statuses().await?, &arguments.name).await {
+                Ok(located) => stop(located).await.map(Some),
+                Err(failure) => Err(failure),
+            }
         };
         clients.close().await;
         result
@@ -56,36 +59,6 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         "`{name}` is stopped, but `{hosts}` {have} not confirmed that nothing of it is left: its programs may still run \
          there; `dca status` says when they have ended"
     )))
-}
-
-/// Stops the deployment of that name, which may be over but for some hosts.
-async fn stop_any(clients: &Clients, name: &str) -> Result<Vec<String>, Failure> {
-    let all = clients.statuses().await?;
-    let away = absent::ask(&all).await;
-    match whose(all, name) {
-        Ok(client) => stop(client, name).await,
-        Err(failure) => match away.ends.iter().rfind(|end| end.deployment.name == name) {
-            Some(end) => Err(Failure::Unreachable(anyhow!(
-                "`{}` has ended, but {} not confirmed that nothing of it is left: its programs may still run there; \
-                 `dca stop {name} --forget` takes it off the list",
-                end.deployment,
-                confirmers(end)
-            ))),
-            None => Err(unless_away(failure, name, &away.hosts)),
-        },
-    }
-}
-
-/// Says that a deployment may run on hosts that do not answer; if all answer, why it does not run.
-fn unless_away(failure: Failure, name: &str, hosts: &[AbsentHost]) -> Failure {
-    if hosts.is_empty() {
-        return failure;
-    }
-    let hosts: Vec<&str> = hosts.iter().map(|one| one.host.as_str()).collect();
-    Failure::Unreachable(anyhow!(
-        "no node that answers has the deployment `{name}`, and `{}` cannot be reached, where it may run",
-        hosts.join("`, `")
-    ))
 }
 
 /// Takes every end of that name off the lists of all nodes.
@@ -116,30 +89,42 @@ async fn forget(clients: &Clients, name: &str) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Returns the connection to the nodes that run a deployment of that name.
-pub(crate) fn whose<'a>(all: Vec<(&'a Client, Statuses)>, name: &str) -> Result<&'a Client, Failure> {
-    let (mut found, mut unanswered) = (Vec::new(), Vec::new());
-    for (client, Statuses { nodes, silent }) in all {
-        if nodes.iter().flat_map(|node| &node.deployments).any(|part| part.deployment.name == name) {
-            found.push(client);
-        } else {
-            unanswered.extend(silent);
+/// Where a deployment is.
+pub(crate) struct Located<'a> {
+    /// The connection to its nodes.
+    pub(crate) client: &'a Client,
+    pub(crate) deployment: Deployment,
+    /// The node where its `main` runs.
+    pub(crate) home: String,
+}
+
+/// Finds the deployment of that name among what all nodes say.
+pub(crate) async fn locate<'a>(all: Vec<(&'a Client, Statuses)>, name: &str) -> Result<Located<'a>, Failure> {
+    let mut found = Vec::new();
+    for (client, Statuses { nodes, silent }) in &all {
+        let mut parts = nodes.iter().flat_map(|node| &node.deployments);
+        if let Some(part) = parts.find(|part| part.deployment.name == name) {
+            found.push((*client, part, silent));
         }
     }
-    match &found[..] {
-        [one] => Ok(one),
-        [] => Err(missing(&format!("deployment `{name}`"), &unanswered)),
-        several => {
-            let why =
-                "each has nodes of its own; choose one with `--run-dir`, or end it with Ctrl-C where it was started";
-            Err(anyhow!("`{name}` runs {} times on this machine: {why}", several.len()).into())
+    match found[..] {
+        [(_, part, silent)] if silent.contains(&part.home) => {
+            Err(Failure::Unreachable(anyhow!("the node `{}`, where `{name}` has its home, does not answer", part.home)))
         }
+        [(client, part, _)] => Ok(Located { client, deployment: part.deployment.clone(), home: part.home.clone() }),
+        [] => Err(absent::not_running(name, &all).await),
+        _ => Err(anyhow!(
+            "`{name}` runs {} times on this machine: each has nodes of its own; choose one with `--run-dir`, or end it \
+             with Ctrl-C where it was started",
+            found.len()
+        )
+        .into()),
     }
 }
 
 /// Stops a deployment; returns the hosts that could not confirm that nothing of it is left.
-async fn stop(client: &Client, name: &str) -> Result<Vec<String>, Failure> {
-    let (deployment, home) = find(client, name).await?;
+async fn stop(Located { client, deployment, home }: Located<'_>) -> Result<Vec<String>, Failure> {
+    let name = &deployment.name;
     let (mut heard, mut is_told) = (clock::now(), false);
     loop {
         let why = match stop_once(client, &home, &deployment).await {
@@ -147,7 +132,7 @@ async fn stop(client: &Client, name: &str) -> Result<Vec<String>, Failure> {
             over => return over,
         };
         // Stopping goes by the name, which may be another deployment's by now.
-        while !matches!(find(client, name).await, Ok((there, _)) if there == deployment) {
+        while !runs(client, &deployment).await {
             if let Ok(unconfirmed) = last_report(client.ask_on(&home, &watch(&deployment))?, &home).await {
                 return Ok(unconfirmed);
             }
@@ -162,23 +147,15 @@ async fn stop(client: &Client, name: &str) -> Result<Vec<String>, Failure> {
             }
             clock::sleep_until(clock::now() + ASK_EVERY).await;
         }
-        tracing::debug!(deployment = %deployment, why = %words(&Failure::Unreachable(why)), "asking for the end again");
+        tracing::debug!(%deployment, why = %words(&Failure::Unreachable(why)), "asking for the end again");
         heard = clock::now();
     }
 }
 
-/// Returns the deployment of that name, and the node where its `main` runs.
-pub(crate) async fn find(client: &Client, name: &str) -> Result<(Deployment, String), Failure> {
-    let Statuses { nodes, silent } = client.statuses().await?;
-    let mut parts = nodes.into_iter().flat_map(|node| node.deployments);
-    let Some(part) = parts.find(|part| part.deployment.name == name) else {
-        return Err(missing(&format!("deployment `{name}`"), &silent));
-    };
-    if silent.contains(&part.home) {
-        let home = part.home;
-        return Err(Failure::Unreachable(anyhow!("the node `{home}`, where `{name}` has its home, does not answer")));
-    }
-    Ok((part.deployment, part.home))
+/// Returns whether the deployment runs, as far as its home and the others say.
+async fn runs(client: &Client, deployment: &Deployment) -> bool {
+    let Ok(statuses) = client.statuses().await else { return false };
+    locate(vec![(client, statuses)], &deployment.name).await.is_ok_and(|found| found.deployment == *deployment)
 }
 
 async fn stop_once(client: &Client, home: &str, deployment: &Deployment) -> Result<Vec<String>, Failure> {

@@ -75,42 +75,22 @@ pub fn tree(statuses: &[NodeStatus], unknown: &[Unknown<'_>]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::logic::protocol::DeploymentStatus;
-    use std::time::Duration;
+    use crate::logic::protocol::door_node;
 
     #[test]
     fn the_tree_is_put_together_from_all_hosts() {
-        let process = |path: &str, kind: &str, state: &str, pid| ProcessStatus {
-            path: path.into(),
-            kind: kind.into(),
-            state: state.into(),
-            pid,
-        };
-        let node = |host: &str, processes| NodeStatus {
-            host: host.into(),
-            pid: 1,
-            version: "0".into(),
-            up: Duration::ZERO,
-            peers: vec![],
-            deployments: vec![DeploymentStatus {
-                deployment: Deployment { name: "door".into(), epoch: 2 },
-                home: "c1".into(),
-                phase: "running".into(),
-                processes,
-            }],
-        };
         let statuses = [
-            node("c1", vec![process("main", "main", "running", None)]),
-            node("c2", vec![process("main/hit", "HitDetector", "dead: SIGSEGV", Some(12))]),
+            door_node("c1", &[("main", "running", None)]),
+            door_node("c2", &[("main/hit", "dead: SIGSEGV", Some(12))]),
         ];
         let expected = "\
-door@2                running
-  main: main          running        c1
-    hit: HitDetector  dead: SIGSEGV  c2  pid 12";
+door@1        running
+  main: Any   running        c1
+    hit: Any  dead: SIGSEGV  c2  pid 12";
         assert_eq!(tree(&statuses, &[]), expected);
         // What a host that is lost runs is not left out.
         let absent = |path: &str| AbsentProcess {
-            deployment: Deployment { name: "door".into(), epoch: 2 },
+            deployment: Deployment { name: "door".into(), epoch: 1 },
             host: "c3".into(),
             path: path.into(),
             kind: "Arm".into(),
@@ -118,10 +98,10 @@ door@2                running
         let (arm, hit) = (absent("main/arm"), absent("main/hit"));
         let unknown = [&arm, &hit].map(|process| Unknown { process, state: "unknown (c3 is lost)".into() });
         let expected = "\
-door@2                running
-  main: main          running               c1
-    arm: Arm          unknown (c3 is lost)  c3
-    hit: HitDetector  dead: SIGSEGV         c2  pid 12";
+door@1        running
+  main: Any   running               c1
+    arm: Arm  unknown (c3 is lost)  c3
+    hit: Any  dead: SIGSEGV         c2  pid 12";
         assert_eq!(tree(&statuses, &unknown), expected);
     }
 }

@@ -2,9 +2,8 @@
 
 use crate::cli::client::Clients;
 use crate::cli::{Failure, output};
-use crate::logic::protocol::{DeploymentStatus, NodeStatus};
+use crate::logic::protocol::{LeafStatus, NodeStatus, leaves};
 use crate::logic::table::table;
-use std::collections::BTreeSet;
 
 /// Lists the programs of all deployments, or of one.
 pub(super) async fn all(clients: &Clients, deployment: Option<&str>) -> Result<(), Failure> {
@@ -22,23 +21,11 @@ pub(super) async fn all(clients: &Clients, deployment: Option<&str>) -> Result<(
 }
 
 fn rows(nodes: &[NodeStatus], deployment: Option<&str>) -> Vec<Vec<String>> {
-    let parts = || nodes.iter().flat_map(|node| node.deployments.iter().map(move |part| (node, part)));
-    let parts = || parts().filter(|(_, part)| deployment.is_none_or(|name| name == part.deployment.name));
-    // A leaf has nothing below it, on any host.
-    let paths = |part: &DeploymentStatus| -> Vec<_> {
-        part.processes.iter().map(|one| (part.deployment.clone(), one.path.clone())).collect()
-    };
-    let above: BTreeSet<_> = parts()
-        .flat_map(|(_, part)| paths(part))
-        .filter_map(|(of, path)| Some((of, path.rsplit_once('/')?.0.to_owned())))
-        .collect();
     let mut rows = vec![["DEPLOYMENT", "PROCESS", "STATE", "HOST"].map(str::to_owned).to_vec()];
-    for (node, part) in parts() {
-        let is_leaf = |path: &str| path.contains('/') && !above.contains(&(part.deployment.clone(), path.to_owned()));
-        for one in part.processes.iter().filter(|one| is_leaf(&one.path)) {
-            rows.push(vec![part.deployment.name.clone(), one.path.clone(), one.state.clone(), node.host.clone()]);
-        }
-    }
+    let meant = leaves(nodes).into_iter().filter(|leaf| deployment.is_none_or(|name| name == leaf.deployment.name));
+    rows.extend(meant.map(|LeafStatus { host, deployment, process }| {
+        vec![deployment.name.clone(), process.path.clone(), process.state.clone(), host.to_owned()]
+    }));
     rows[1..].sort();
     rows
 }
@@ -46,25 +33,12 @@ fn rows(nodes: &[NodeStatus], deployment: Option<&str>) -> Vec<Vec<String>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::logic::protocol::{Deployment, ProcessStatus};
-    use std::time::Duration;
+    use crate::logic::protocol::door_node;
 
     #[test]
     fn programs_of_all_hosts_are_listed_without_groups() {
-        let process =
-            |path: &str| ProcessStatus { path: path.into(), kind: "A".into(), state: "idle".into(), pid: None };
-        let node = |host: &str, paths: &[&str]| NodeStatus {
-            host: host.into(),
-            pid: 1,
-            version: "0".into(),
-            up: Duration::ZERO,
-            peers: vec![],
-            deployments: vec![DeploymentStatus {
-                deployment: Deployment { name: "door".into(), epoch: 1 },
-                home: "c1".into(),
-                phase: "running".into(),
-                processes: paths.iter().map(|path| process(path)).collect(),
-            }],
+        let node = |host: &str, paths: &[&str]| {
+            door_node(host, &paths.iter().map(|path| (*path, "idle", None)).collect::<Vec<_>>())
         };
         let nodes = [node("c1", &["main", "main/hit"]), node("c2", &["main/hit/force", "main/arm"])];
         let rows = rows(&nodes, None);

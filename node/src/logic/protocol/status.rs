@@ -2,6 +2,7 @@
 
 use super::Deployment;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
 use std::time::Duration;
 
 /// The answer to [`super::Request::Status`].
@@ -46,4 +47,49 @@ pub struct ProcessStatus {
     pub state: String,
     /// Process id of a leaf's program.
     pub pid: Option<u32>,
+}
+
+/// A leaf, and where it is.
+#[derive(Clone, Copy, Debug)]
+pub struct LeafStatus<'a> {
+    /// The host that it runs on.
+    pub host: &'a str,
+    /// The deployment that it belongs to.
+    pub deployment: &'a Deployment,
+    /// What its host says of it.
+    pub process: &'a ProcessStatus,
+}
+
+/// Returns every leaf of all deployments, dead or alive. A leaf lies below a group, and nothing lies below it on any host.
+pub fn leaves(nodes: &[NodeStatus]) -> Vec<LeafStatus<'_>> {
+    let all = nodes.iter().flat_map(|node| {
+        node.deployments.iter().flat_map(move |DeploymentStatus { deployment, processes, .. }| {
+            processes.iter().map(move |process| LeafStatus { host: &node.host, deployment, process })
+        })
+    });
+    let all: Vec<LeafStatus<'_>> = all.collect();
+    let above = |one: &LeafStatus<'_>| one.process.path.rsplit_once('/').map(|(above, _)| above.to_owned());
+    let groups: BTreeSet<_> = all.iter().filter_map(|one| Some((one.deployment, above(one)?))).collect();
+    let is_leaf =
+        |one: &LeafStatus<'_>| above(one).is_some() && !groups.contains(&(one.deployment, one.process.path.clone()));
+    all.into_iter().filter(is_leaf).collect()
+}
+
+/// Returns a node of `door@1` for tests, whose home is `c1`: processes with path, state and process id.
+#[cfg(test)]
+pub(crate) fn door_node(host: &str, processes: &[(&str, &str, Option<u32>)]) -> NodeStatus {
+    let process = |(path, state, pid): &(&str, &str, Option<u32>)| ProcessStatus {
+        path: (*path).to_owned(),
+        kind: "Any".into(),
+        state: (*state).to_owned(),
+        pid: *pid,
+    };
+    let part = DeploymentStatus {
+        deployment: Deployment { name: "door".into(), epoch: 1 },
+        home: "c1".into(),
+        phase: "running".into(),
+        processes: processes.iter().map(process).collect(),
+    };
+    let (version, up) = ("0".into(), Duration::ZERO);
+    NodeStatus { host: host.into(), pid: 1, version, up, peers: vec![], deployments: vec![part] }
 }
