@@ -143,9 +143,10 @@ impl Home {
                 self.left.insert(from.to_owned());
                 // Who was lost has not said so itself unless it is back.
                 let is_known = !self.lost.contains(from) || self.back.contains(from);
-                if self.phase == Phase::Running && message == ToHome::Released && is_known {
+                if message == ToHome::Released && is_known {
                     self.lost.remove(from);
-                    for host in self.hosts.iter().filter(|host| *host != from) {
+                    let others = self.hosts.iter().filter(|host| self.phase == Phase::Running && *host != from);
+                    for host in others {
                         let cleared = ToTenant::Cleared { host: from.to_owned() };
                         out.send(host, self.deployment.to_tenant(cleared));
                     }
@@ -224,6 +225,7 @@ impl Home {
                 self.lost.insert(host.to_owned());
             }
             Phase::Ending => {
+                self.back.remove(host);
                 self.lost.insert(host.to_owned());
                 if self.waiting.remove(host) && self.waiting.is_empty() {
                     self.finish(out);
@@ -235,8 +237,11 @@ impl Home {
 
     /// Takes note that a host is back. What it still has of this deployment is fenced off: its part counts as failed.
     pub fn host_back(&mut self, host: &str, out: &mut Out<'_>) {
-        if self.lost.contains(host) && self.phase == Phase::Running {
+        if self.lost.contains(host) && matches!(self.phase, Phase::Running | Phase::Ending) {
             self.back.insert(host.to_owned());
+            if self.phase == Phase::Ending {
+                self.waiting.insert(host.to_owned());
+            }
             out.send(host, self.deployment.to_tenant(ToTenant::Release));
         }
     }

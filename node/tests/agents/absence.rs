@@ -123,3 +123,27 @@ fn a_host_that_could_not_end_everything_is_asked_when_its_node_is_another() {
     world.run_for(Duration::from_secs(30));
     assert_eq!(ends(&mut world, "c1"), left);
 }
+
+/// A host that comes back while the deployment ends has time to confirm, as long as others have not.
+#[test]
+fn a_host_that_is_back_before_the_end_confirms_it() {
+    let text = r#"
+process main() {
+    host { "c1" }
+    instantiated_processes { far instof Sensor("c2") { on_link_loss keep; } other instof Sensor("c3"); }
+    internal_event_actions { far ; other }
+}
+"#;
+    let mut world = World::new(&["c1", "c2", "c3"]);
+    let call = world.deploy("c1", text);
+    world.run_for(Duration::from_secs(1));
+    cut(&mut world, "c2");
+    world.run_for(Duration::from_millis(4500));
+    cut(&mut world, "c3");
+    world.run_for(Duration::from_millis(1500));
+    heal(&mut world, "c2");
+    world.run_for(Duration::from_secs(60));
+    let Report::Finished { at, unconfirmed, .. } = world.last_report(call) else { panic!("it has not ended") };
+    assert_eq!((unconfirmed, at.as_secs()), (&vec!["c3".to_owned()], 10));
+    assert_eq!(ends(&mut world, "c1"), [(1, "c3".to_owned(), Why::Lost)]);
+}
