@@ -85,6 +85,7 @@ impl Controller for Machine {
     fn about() -> About {
         const PARAMETERS: &[Parameter] = &[Parameter::new("jams", Kind::Number(0.0, 100.0)).or("0")];
         About::service("Makes parts; jams so many times before it works.")
+            .remembers()
             .every(PERIOD)
             .with(PARAMETERS)
             .signals_every(Duration::from_millis(50))

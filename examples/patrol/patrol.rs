@@ -84,6 +84,7 @@ impl Controller for PatrolBase {
     fn about() -> About {
         const PARAMETERS: &[Parameter] = &[Parameter::new("drain", Kind::Number(0.0, 100.0)).or("1")];
         About::service("Simulates a mobile base; the drain of its battery [%/s].")
+            .remembers()
             .every(PERIOD)
             .with(PARAMETERS)
             .signals_every(Duration::from_millis(100))

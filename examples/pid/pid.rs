@@ -80,7 +80,7 @@ impl Controller for Motor {
 
     fn about() -> About {
         const PARAMETERS: &[Parameter] = &[Parameter::new("inertia", Kind::Number(1e-5, 1e-2)).or("0.0005")];
-        About::service("Simulates a motor with a flywheel; inertia [kg m2].").every(PERIOD).with(PARAMETERS)
+        About::service("Simulates a motor with a flywheel; inertia [kg m2].").remembers().every(PERIOD).with(PARAMETERS)
     }
 
     fn new(arguments: &Arguments) -> Result<Self, String> {
@@ -166,6 +166,7 @@ impl Controller for PidCtrl {
             Parameter::new("limit", Kind::Number(0.0, 48.0)).or("24"),
         ];
         About::service("Brings a motor to a speed: a PID law; limit [V].")
+            .remembers()
             .every(PERIOD)
             .with(PARAMETERS)
             .signals_every(Duration::from_millis(50))

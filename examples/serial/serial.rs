@@ -265,6 +265,7 @@ impl Controller for FakeDevice {
     fn about() -> About {
         const PARAMETERS: &[Parameter] = &[Parameter::new("path", Kind::Text(&[]))];
         About::service("A thermometer with a heater on a pseudo-terminal; a link to that is made at a path.")
+            .remembers()
             .every(PERIOD)
             .with(PARAMETERS)
     }

@@ -20,6 +20,7 @@ const WORDS: &[&str] = &[
     "service",
     "done",
     "plain",
+    "remembers",
     "claims",
     "read",
     "write",

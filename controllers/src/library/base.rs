@@ -115,6 +115,7 @@ impl Controller for Xr4000Odometry {
     fn about() -> About {
         const PARAMETERS: &[Parameter] = &[Parameter::new("wheel_radius", Kind::Number(0.01, 0.5)).or("0.055")];
         About::service("Tells where the XR4000 is, by dead reckoning from its casters with wheels of a radius [m].")
+            .remembers()
             .with(PARAMETERS)
             .every(Duration::from_millis(50))
             .triggered_by("base/state")

@@ -50,6 +50,8 @@ impl Controller for ForceTorque {
         About::service(
             "Tells the wrench on the hand, forces below a threshold [N] as none; \"zero\" first zeroes the sensor.",
         )
+        // That the sensor is zeroed: a hand that holds something is no free hand.
+        .remembers()
         .every(Duration::from_millis(50))
         .triggered_by("ft/state")
         .with(PARAMETERS)
@@ -113,6 +115,7 @@ impl Controller for ForceSensor {
 
     fn about() -> About {
         About::service("Sets the force sensor to zero, then tells the wrench on the hand.")
+            .remembers()
             .every(Duration::from_millis(50))
             .triggered_by("ft/state")
     }
@@ -207,6 +210,8 @@ impl Controller for ForceThreshold {
             "Ends when a force exceeds a threshold [N] and its own noise, leaving it; forces that stay are forgotten after \
             some time [s], unless that is 0.",
         )
+        // What it felt while the hand was free, and its noise.
+        .remembers()
         .every(Duration::from_millis(50))
         .triggered_by("In")
         .with(THRESHOLD)
@@ -250,6 +255,7 @@ impl Controller for HitDetector {
     fn about() -> About {
         const THRESHOLD: &[Parameter] = &[Parameter::new("threshold", Kind::Number(1.0, 200.0)).or("40")];
         About::task("Ends when the hand is hit: a force above a threshold [N] and above its own noise.")
+            .remembers()
             .every(Duration::from_millis(50))
             .triggered_by("In1")
             .with(THRESHOLD)

@@ -40,6 +40,7 @@ impl Controller for ConfigCtrl {
 
     fn about() -> About {
         About::service("Keeps the arm's posture as far as the hand does not notice, so that the base carries the arm.")
+            .remembers()
             .every(Duration::from_millis(20))
             .triggered_by("In")
     }

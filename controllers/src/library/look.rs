@@ -46,6 +46,7 @@ impl Controller for LookAround {
         About::task(
             "Moves the hand back and turns it to both sides until its camera sees the whole lever; at once if it does.",
         )
+        .remembers()
         .every(Duration::from_millis(20))
     }
 

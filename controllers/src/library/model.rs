@@ -222,6 +222,7 @@ impl Controller for ModelBasedCtrl {
             Parameter::new("radius_max", Kind::Number(0.3, 3.0)).or("1.5"),
         ];
         About::task("Pulls a door open to an angle [rad] about its hinge, first guessed at a radius [m]; ends only if it holds the handle.")
+            .remembers()
             .every(Duration::from_millis(20))
             .triggered_by("In1")
             .with(PARAMETERS)

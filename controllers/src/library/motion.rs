@@ -41,6 +41,7 @@ impl Controller for LinearTrajectory {
             "Moves the hand straight along its approach axis over a length [m], back if negative: at a speed [m/s], \
             and slowly [m/s] after a part of the way [m].",
         )
+        .remembers()
         .every(Duration::from_millis(10))
         .with(PARAMETERS)
     }

@@ -55,6 +55,7 @@ impl Controller for PressHandle {
     fn about() -> About {
         const PARAMETERS: &[Parameter] = &[Parameter::new("width_min", Kind::Number(0.001, 0.2)).or("0.006")];
         About::task("Presses a lever handle down until it yields, giving way sideways.")
+            .remembers()
             .every(Duration::from_millis(20))
             .triggered_by("ft/state")
             .with(PARAMETERS)

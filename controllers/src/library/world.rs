@@ -286,6 +286,7 @@ impl State {
             signal("contact force", "N", self.peak.now.max(self.peak.before), true),
             signal("peak force", "N", self.peak.ever, true),
             signal("collision force", "N", plant.collision(), false),
+            signal("base beyond wall", "m", plant.base().x, false),
             signal("handle held", "", f64::from(u8::from(plant.holds())), false),
             signal("lever angle", "deg", plant.door.lever.to_degrees(), false),
             signal("hand beside handle", "mm", 1e3 * aside, false),
@@ -320,6 +321,7 @@ impl Controller for DoorWorld {
             "Simulates the robot before a door and owns its devices. SI units; the manual's page on the door has every \
             parameter with its unit and meaning.",
         )
+        .remembers()
         .every(Duration::from_millis(4))
         .with(parameters::PARAMETERS)
         .signals_every(SIGNALS_EVERY)

@@ -133,6 +133,8 @@ pub struct About {
     pub doc: &'static str,
     /// Whether it never ends normally (a sensor, a motion controller), or ends by itself (a detector, a step).
     pub service: bool,
+    /// Whether it keeps state from one calculation to the next that it does not find again by itself.
+    pub remembers: bool,
     /// When it calculates.
     pub schedule: Schedule,
     /// The longest its `stop` may take.
@@ -171,6 +173,7 @@ impl About {
         Self {
             doc,
             service,
+            remembers: false,
             schedule: Schedule { period: Duration::from_millis(10), trigger: None },
             stop_within: Duration::from_millis(500),
             parameters: &[],
@@ -187,6 +190,15 @@ impl About {
     /// Returns a type that ends by itself.
     pub const fn task(doc: &'static str) -> Self {
         Self::new(doc, false)
+    }
+
+    /// Returns it keeping state from one calculation to the next, such as an estimate or how far it has come, which an instance
+    /// that is started again in the middle does not have. `dca check` then refuses a `restart` of it alone. A type that finds
+    /// its state again, from its inputs or from the database, does not say so.
+    #[must_use]
+    pub const fn remembers(mut self) -> Self {
+        self.remembers = true;
+        self
     }
 
     /// Returns it with a period; 10 ms otherwise.

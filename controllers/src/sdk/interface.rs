@@ -160,6 +160,9 @@ impl Interface {
             line(format!("  {direction} {}: {}{optional};", port.name, port.type_name));
         }
         line(if self.about.service { "  service;".to_owned() } else { self.done() });
+        if self.about.remembers {
+            line("  remembers;".to_owned());
+        }
         let mut stop = String::new();
         write!(stop, "  stop within {} ms;", self.about.stop_within.as_millis()).expect("a String takes any text");
         line(stop);
@@ -217,6 +220,12 @@ mod tests {
         for tag in [String::new(), "t".repeat(TAG_MAX + 1)] {
             assert!(matches!(Progress::outcome(&tag, b""), Progress::Aborted(_)), "{tag}");
         }
+    }
+
+    #[test]
+    fn what_remembers_says_so_in_its_text() {
+        let told = |about| Interface { type_name: "Count", about, ports: Vec::new() }.text().contains("  remembers;\n");
+        assert!(told(About::service("Counts.").remembers()) && !told(About::service("Counts.")));
     }
 
     #[test]

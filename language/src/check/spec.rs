@@ -107,6 +107,16 @@ pub(crate) struct Param {
     pub(crate) default: Option<Value>,
 }
 
+/// The policies of an instance, and where they stand.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Policies {
+    pub(crate) policy: Policy,
+    /// All of them, with their braces.
+    pub(crate) span: Option<Span>,
+    /// The word behind `restart`.
+    pub(crate) restart: Option<Span>,
+}
+
 /// An instance in a group.
 #[derive(Clone, Debug)]
 pub(crate) struct Instance {
@@ -117,8 +127,8 @@ pub(crate) struct Instance {
     pub(crate) target: Target,
     pub(crate) args: Vec<Arg>,
     pub(crate) args_span: Span,
-    /// What it may use, and what becomes of it; with the place where that stands, if it does.
-    pub(crate) policy: (Policy, Option<Span>),
+    /// What it may use, and what becomes of it.
+    pub(crate) policies: Policies,
     /// Whether an event action runs it.
     pub(crate) is_run: bool,
 }
@@ -215,6 +225,8 @@ pub(crate) struct Module {
     pub(crate) is_service: bool,
     /// Whether it says that it can end.
     pub(crate) has_end: bool,
+    /// Whether it keeps state from one calculation to the next that a program which is started again does not have.
+    pub(crate) remembers: bool,
     /// Its normal ends, when it has several.
     pub(crate) outcomes: Vec<Outcome>,
     pub(crate) exec: Option<String>,

@@ -8,9 +8,9 @@ mod resolve;
 use super::diagnostics::{Diagnostics, Rounds, key};
 use super::names::listed;
 use super::range::Range;
-use super::spec::{Arg, Instance, Param, Process, Spec, Target, ValueKind};
+use super::spec::{Arg, Instance, Module, Param, Process, Spec, Target, ValueKind};
 use crate::diagnostic::{Code, Diagnostic};
-use crate::plan::Constant;
+use crate::plan::{Constant, Restart};
 use crate::source::{Origin, Span};
 use crate::syntax::ast::Name;
 use kinds::TypeChecker;
@@ -27,7 +27,7 @@ pub(super) fn check(spec: &mut Spec, diagnostics: &mut Diagnostics) {
     let mut elsewhere = BTreeSet::new();
     for process in &spec.processes {
         check_actions(process, diagnostics);
-        check_policies(process, diagnostics);
+        check_policies(spec, process, diagnostics);
         let mut text: Option<(Span, Rounds)> = None;
         for instance in process.instances.iter().filter(|_| !process.damage.instances) {
             let Some(call) = Call::of(spec, instance) else { continue };
@@ -63,24 +63,43 @@ fn check_defaults(spec: &Spec, uses: &mut Vec<(Span, Span)>, diagnostics: &mut D
     }
 }
 
-/// Policies belong to programs.
-fn check_policies(process: &Process, diagnostics: &mut Diagnostics) {
+/// Policies belong to programs, and not each of them to each program.
+fn check_policies(spec: &Spec, process: &Process, diagnostics: &mut Diagnostics) {
     if process.damage.instances {
         return;
     }
     let mut last = None;
     for instance in &process.instances {
-        let (_, Some(span)) = &instance.policy else { continue };
+        let Some(span) = instance.policies.span else { continue };
         // The instances of an array have one text.
-        if last.replace(*span) == Some(*span) {
+        if last.replace(span) == Some(span) {
             continue;
         }
-        if let Target::Process(_) = instance.target {
-            let message = format!("`{}` is a group: policies belong to programs", instance.name.text);
-            let diagnostic = Diagnostic::new(Code::E0111, *span, message);
-            diagnostics.push(diagnostic.help("write them at the instances inside the group"));
+        match instance.target {
+            Target::Process(_) => {
+                let message = format!("`{}` is a group: policies belong to programs", instance.name.text);
+                let diagnostic = Diagnostic::new(Code::E0111, span, message);
+                diagnostics.push(diagnostic.help("write them at the instances inside the group"));
+            }
+            Target::Module(module) => diagnostics.extend(check_restart(&spec.modules[module], instance)),
+            Target::Unknown => {}
         }
     }
+}
+
+/// A program that is started again has forgotten what its type remembers.
+fn check_restart(module: &Module, instance: &Instance) -> Option<Diagnostic> {
+    let span = instance.policies.restart?;
+    if !module.remembers || instance.policies.policy.restart == Restart::Temporary {
+        return None;
+    }
+    let (name, kind) = (&instance.name.text, &module.name.text);
+    let message = format!("`{name}` would be started again without what `{kind}` remembers");
+    let found = Diagnostic::new(Code::E0112, span, message).label("it would go on as if it had just begun");
+    let help = format!(
+        "leave `restart` away: when `{name}` dies, what runs it aborts, and `retry(2) (...)` around that begins anew as a whole"
+    );
+    Some(found.help(help).replace(span, "temporary"))
 }
 
 /// The arguments of a module after its host: the first argument, when it is a name or a string without a name.

@@ -86,6 +86,8 @@ words! {
         "It ends by itself, so `,` waits for it and `;` goes on after it."
     ModuleItem "plain" "plain;"
         "Any program: exit code 0 is DONE, anything else ABORTED."
+    ModuleItem "remembers" "remembers;"
+        "It keeps state from one calculation to the next, so it may not be started again alone (`restart`)."
     ModuleItem "exec" "exec \"$0\";"
         "The program that runs it, and its arguments."
     ModuleItem "stop" "stop within ${1:2 s};"

@@ -125,6 +125,7 @@ pub(crate) const KEYWORDS: &[&str] = &[
     "service",
     "done",
     "plain",
+    "remembers",
     "claims",
     "read",
     "write",

@@ -39,7 +39,7 @@ impl Controller for Ramp {
 
     fn about() -> About {
         const PARAMETERS: &[Parameter] = &[Parameter::new("until", Kind::Number(1.0, 1e6))];
-        About::task("Counts up to a number, and ends.").every(Duration::from_millis(50)).with(PARAMETERS)
+        About::task("Counts up to a number, and ends.").remembers().every(Duration::from_millis(50)).with(PARAMETERS)
     }
 
     fn new(arguments: &Arguments) -> Result<Self, String> {

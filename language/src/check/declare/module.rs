@@ -25,6 +25,7 @@ pub(super) fn module(node: &Node, places: &[Span], reader: &mut Reader<'_>) -> O
         ports: Vec::new(),
         is_service: false,
         has_end: false,
+        remembers: false,
         outcomes: Vec::new(),
         exec: None,
         kind: LeafKind::Controller,
@@ -51,6 +52,7 @@ fn read_item(module: &mut Module, item: &Node, reader: &mut Reader<'_>) {
     } else if item.kind() == SyntaxKind::Flag {
         module.is_service |= word == "service";
         module.has_end |= word == "done";
+        module.remembers |= word == "remembers";
         add_outcomes(module, item, reader);
         if word == "plain" {
             module.kind = LeafKind::Plain;

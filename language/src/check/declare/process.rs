@@ -199,7 +199,7 @@ impl Instances {
             target: Target::Unknown,
             args: Vec::new(),
             args_span: args.as_ref().map_or(node.span().at_end(), Node::span),
-            policy: policy::policies(node, reader),
+            policies: policy::policies(node, reader),
             is_run: false,
             name,
         };

@@ -206,7 +206,7 @@ impl Builder<'_> {
             kind: module.map_or(LeafKind::Controller, |module| module.kind),
             stop_within: module.map_or(STOP_WITHIN, |module| module.stop_within),
             outcomes: outcomes.collect(),
-            policy: instance.policy.0.clone(),
+            policy: instance.policies.policy.clone(),
         });
         self.tree.place_of.push((group, slot));
         self.leaf_places.push(place);

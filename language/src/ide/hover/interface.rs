@@ -46,7 +46,7 @@ impl Analysis {
         if let Some(exec) = &module.exec {
             let _infallible = write!(lines, "\n    exec \"{exec}\"");
         }
-        told(&lines, &module.doc, end_of(module))
+        told(&lines, &module.doc, &format!("{}{}", end_of(module), memory_of(module)))
     }
 
     pub(super) fn export_text(&self, process: usize, place: usize) -> String {
@@ -133,6 +133,14 @@ fn end_of(module: &Module) -> &'static str {
 pub(super) fn quantity(param: &Param) -> String {
     let kind = param.kind.as_ref().and_then(|kind| unit::of_type(&kind.text));
     kind.map_or(String::new(), |(_, example)| format!(" A quantity such as `{example}`."))
+}
+
+/// What becomes of it when it is started again; nothing unless it has something to lose.
+fn memory_of(module: &Module) -> &'static str {
+    match module.remembers {
+        true => " It *remembers*: it may not be started again alone.",
+        false => "",
+    }
 }
 
 fn told(lines: &str, doc: &str, end: &str) -> String {

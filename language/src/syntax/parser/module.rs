@@ -20,7 +20,7 @@ impl Parser<'_> {
     fn module_item(&mut self) {
         match self.word(0) {
             "in" | "out" => self.port(),
-            "done" | "service" | "plain" => self.flag(),
+            "done" | "service" | "plain" | "remembers" => self.flag(),
             "exec" => self.exec(),
             "stop" => self.stop_within(),
             "claims" => self.claims(),
@@ -29,7 +29,9 @@ impl Parser<'_> {
                 self.skip_statement();
             }
             _ => {
-                self.expected("`in`, `out`, `service`, `done`, `claims`, `exec`, `plain` or `stop within`");
+                self.expected(
+                    "`in`, `out`, `service`, `done`, `remembers`, `claims`, `exec`, `plain` or `stop within`",
+                );
                 self.skip_statement();
             }
         }
@@ -51,7 +53,7 @@ impl Parser<'_> {
         self.finish();
     }
 
-    /// `service;`, `plain;`, `done;`, `done(found: Pose | missing);`
+    /// `service;`, `plain;`, `remembers;`, `done;`, `done(found: Pose | missing);`
     fn flag(&mut self) {
         self.start(SyntaxKind::Flag);
         let has_outcomes = self.at_word("done");

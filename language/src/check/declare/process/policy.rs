@@ -1,6 +1,7 @@
 //! Reads the policies of an instance: `{ restart transient; memory 200 MB; }`.
 
 use crate::check::names::twice;
+use crate::check::spec::Policies;
 use crate::check::unit::{self, Dimension};
 use crate::check::value::{Reader, quantity};
 use crate::diagnostic::{Code, Diagnostic};
@@ -17,10 +18,10 @@ struct PolicyValue<'a> {
     value: Option<Node>,
 }
 
-/// Reads the policies of an instance, and where they stand if there are any.
-pub(super) fn policies(instance: &Node, reader: &mut Reader<'_>) -> (Policy, Option<Span>) {
-    let mut policy = Policy::default();
-    let Some(node) = instance.child(SyntaxKind::Policies) else { return (policy, None) };
+/// Reads the policies of an instance.
+pub(super) fn policies(instance: &Node, reader: &mut Reader<'_>) -> Policies {
+    let mut policies = Policies::default();
+    let Some(node) = instance.child(SyntaxKind::Policies) else { return policies };
     let mut first: BTreeMap<String, Span> = BTreeMap::new();
     for item in node.children_of(SyntaxKind::Policy) {
         let mut names = item.names();
@@ -30,11 +31,16 @@ pub(super) fn policies(instance: &Node, reader: &mut Reader<'_>) -> (Policy, Opt
             continue;
         }
         first.insert(name.text.clone(), name.span);
-        let words = names.map(|word| word.text).collect();
+        let words: Vec<Name> = names.collect();
+        if name.text == "restart" {
+            policies.restart = words.first().map(|word| word.span);
+        }
+        let words = words.into_iter().map(|word| word.text).collect();
         let written = PolicyValue { node: &item, words, value: item.child(Constant) };
-        read(&mut policy, &name, &written, reader);
+        read(&mut policies.policy, &name, &written, reader);
     }
-    (policy, Some(node.span()))
+    policies.span = Some(node.span());
+    policies
 }
 
 fn read(policy: &mut Policy, name: &Name, written: &PolicyValue<'_>, reader: &mut Reader<'_>) {
