@@ -19,6 +19,7 @@ mod press;
 mod rate;
 mod redundancy;
 mod servoing;
+mod through;
 mod world;
 
 use crate::sdk::{Registry, Tick};
@@ -59,6 +60,7 @@ pub(crate) fn registry() -> Registry {
         .add::<rate::RateSource>()
         .add::<redundancy::RedundancyResolution>()
         .add::<servoing::VisualServoing>()
+        .add::<through::DriveThrough>()
         .add::<world::DoorWorld>();
     registry
 }

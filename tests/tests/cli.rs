@@ -109,7 +109,7 @@ fn a_spec_comes_over_standard_input() {
 /// The specs that people begin with are good, and nothing is to be said about them.
 #[test]
 fn the_specs_have_no_warnings() {
-    for name in ["compliant_motion", "door_locked", "door_opening", "door_recovery"] {
+    for name in ["compliant_motion", "door_locked", "door_opening", "door_recovery", "door_through"] {
         let (code, out, err) = piped(&["check", &spec(name)], "");
         assert!(code == Some(0) && out.ends_with(": no errors\n") && err.is_empty(), "{out}{err}");
     }

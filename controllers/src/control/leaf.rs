@@ -101,6 +101,13 @@ impl Wall {
         Some(Leaf { angle: turn(&wall.normal, &leaf.normal), hand, deviation })
     }
 
+    /// Returns wall and leaf as lines (base axes) in the sweep that [`Wall::update`] has just had, if both are known; the leaf's
+    /// normal looks the way the hand does.
+    pub fn lines(&mut self, points: &[Vector2<f64>], base_from_tool: &Isometry3<f64>) -> Option<(Line, Line)> {
+        let (leaf, _) = self.leaf(points, base_from_tool)?;
+        Some((self.line?, leaf))
+    }
+
     /// Returns whether it knows where the wall is.
     pub fn is_found(&self) -> bool {
         self.line.is_some()

@@ -286,6 +286,7 @@ impl State {
             signal("contact force", "N", self.peak.now.max(self.peak.before), true),
             signal("peak force", "N", self.peak.ever, true),
             signal("collision force", "N", plant.collision(), false),
+            signal("room of base", "mm", 1e3 * plant.base_room(), false),
             signal("base beyond wall", "m", plant.base().x, false),
             signal("handle held", "", f64::from(u8::from(plant.holds())), false),
             signal("lever angle", "deg", plant.door.lever.to_degrees(), false),

@@ -93,6 +93,13 @@ impl Body {
         Self { base: *base, axes, points: [origins[0], origins[1], origins[3], fingers] }
     }
 
+    /// Returns how far the base's disc is from what is nearest (m).
+    pub fn base_room(&self, walls: &[Wall]) -> f64 {
+        let middle = self.base.xy();
+        let room = |wall: &Wall| (middle - nearest(&(middle, middle), wall).1).norm() - BASE_RADIUS;
+        walls.iter().map(room).fold(f64::INFINITY, f64::min)
+    }
+
     /// Returns what its parts run into.
     pub fn hits(&self, walls: &[Wall]) -> Vec<Hit> {
         let middle = self.base.xy().push(MOUNT_HEIGHT);
@@ -225,6 +232,7 @@ mod tests {
     fn walls_push_back_along_their_normal() {
         let wall = (Vector2::new(0.0, -3.0), Vector2::new(0.0, 3.0));
         assert_eq!(body(Pose::new(-2.0, 0.0, 0.0)).hits(&[wall]), []);
+        assert!((body(Pose::new(-2.0, 0.0, 0.0)).base_room(&[wall]) - 1.69).abs() < 1e-12);
         // The disc is 1 cm in the wall: 200 N, straight back; the arm is through it, too, on its far side.
         let hits = body(Pose::new(-0.30, 0.0, std::f64::consts::PI)).hits(&[wall]);
         let base = hits.iter().find(|hit| hit.load.joints == 0).expect("the base is in the wall");

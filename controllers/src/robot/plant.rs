@@ -160,6 +160,11 @@ impl Plant {
         self.collision
     }
 
+    /// Returns how far the base is from leaf, jambs and walls (m).
+    pub fn base_room(&self) -> f64 {
+        Body::new(&self.base, &self.joints).base_room(&laser::walls(&self.door))
+    }
+
     /// Returns the rates of the joints (rad/s), as the encoders see them.
     pub fn joint_rates(&self) -> [f64; 6] {
         std::array::from_fn(|i| self.rates()[i + 3])

@@ -1,0 +1,436 @@
+//! The drive through an open door: back from the handle, fold the arm, around the leaf's edge, look, and straight through.
+//!
+//! The door is measured twice: beside the leaf, for the way around it, and before the opening, at rest, for the way through. On
+//! the way through each sweep corrects the line until the jambs are beside the laser; the last half metre is straight on.
+//!
+//! Source: ours.
+
+use super::caster::Pose;
+use super::clearance::{BASE_RADIUS, clearance};
+use super::passage::{Corridor, Doorway, Way, corridor};
+use super::puma560::Joints;
+use super::ramp::towards_together;
+use super::redundancy::{BASE_ACCELERATION_MAX, Rates};
+use nalgebra::{Isometry2, Isometry3, Point2, Rotation2, Vector2, Vector3};
+
+/// How near anything may come to the robot (m), as while it opens the door.
+pub const ROOM_MIN: f64 = 0.03;
+/// How far the hand backs away from the handle (m).
+const BACK: f64 = 0.25;
+/// The arm above the base's disc (deg): upper arm up, forearm above it, 1.9 m high. Joint 6 stays as it is.
+const FOLDED_DEG: [f64; 5] = [0.0, 110.0, -140.0, 0.0, -95.0];
+const FOLD_SPEED: f64 = 0.7;
+const FOLD_GAIN: f64 = 2.0;
+/// Joints this near their goal are there (rad).
+const FOLDED: f64 = 0.03;
+/// Of the base: how fast (m/s, rad/s), how it approaches a place (1/s), and what share of its acceleration it uses.
+const SPEED: f64 = 0.25;
+const SLOW: f64 = 0.15;
+const TURN_SPEED: f64 = 0.40;
+const GAIN: f64 = 1.2;
+const GENTLE: f64 = 0.35;
+/// A place is reached so near it (m), a heading so near (rad); and a place that is only passed (m).
+const THERE: f64 = 0.015;
+const TURNED: f64 = 0.02;
+const PASSED: f64 = 0.12;
+/// It steers for a place so far ahead on its way (m).
+const AHEAD: f64 = 0.35;
+/// So many sweeps are looked at before the opening.
+const LOOKS: u32 = 10;
+/// A corridor is believed by so much of each sweep.
+const SHARE: f64 = 0.2;
+/// How much wider it may look from one sweep to the next (m).
+const TOLERANCE: f64 = 0.02;
+/// The jambs are beside the laser when it has so far to go (m); from then on it drives straight on.
+const BLIND: f64 = 1.05;
+/// A leaf that has turned by more than this since the hand let go does not stay (rad), nor does one that is out of sight so often.
+const STAYS: f64 = 0.10;
+const UNSEEN_MAX: u32 = 10;
+/// The first measure does not see the latch: what it says is too narrow by more than this (m) is.
+const GUESS: f64 = 0.03;
+
+/// What one sweep of the laser shows.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Sweep {
+    /// In base axes (m).
+    pub points: Vec<Vector2<f64>>,
+    /// Where the base was then, in the odometry frame.
+    pub from: Pose,
+    /// Where the arm was then (rad).
+    pub joints: Joints,
+}
+
+/// Why it is not through.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Failure {
+    /// The leaf does not stay where it was let go.
+    Closes,
+    /// It would pass with less than the margin: so much is missing (m). The leaf has to be open by that angle (rad), if any helps.
+    Narrow(f64, Option<f64>),
+    /// From the opening its two sides are not seen.
+    Unseen,
+    /// Something is too near.
+    Room,
+}
+
+/// What follows from a calculation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Step {
+    /// Base x, y (m/s), yaw (rad/s), base axes, then joints (rad/s).
+    Move(Rates),
+    /// It stands on the other side.
+    Through,
+    /// It cannot go on.
+    Failed(Failure),
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Stage {
+    Back { to: Vector2<f64>, heading: f64 },
+    Fold { at: Vector2<f64>, heading: f64 },
+    Around,
+    Face,
+    Look { seen: u32, unseen: u32 },
+    Pass,
+}
+
+/// A drive through one door. Places are in the odometry frame.
+#[derive(Clone, Debug)]
+pub struct Drive {
+    margin: f64,
+    door: Doorway,
+    way: Way,
+    stage: Stage,
+    /// From the way to the nearest on each side, as measured last (m).
+    room: Option<f64>,
+    /// In how many sweeps in a row the leaf was not seen.
+    unseen: u32,
+    base: [f64; 3],
+}
+
+impl Drive {
+    /// Returns the drive through `door` (m, odometry frame) from a base at `base`, with the hand at `base_from_tool`, that
+    /// keeps `margin` (m) to each side.
+    ///
+    /// # Errors
+    /// If the door is certainly too narrow, or not open far enough.
+    pub fn new(door: Doorway, base: &Pose, base_from_tool: &Isometry3<f64>, margin: f64) -> Result<Self, Failure> {
+        let missing = 2.0 * (BASE_RADIUS + margin - door.room());
+        if missing > GUESS {
+            return Err(Failure::Narrow(missing, door.angle_needed(BASE_RADIUS, margin)));
+        }
+        let approach = Rotation2::new(base.z) * (base_from_tool.rotation * Vector3::z()).xy();
+        let stage = Stage::Back { to: base.xy() - approach * BACK, heading: base.z };
+        Ok(Self { margin, door, way: door.way(), stage, room: None, unseen: 0, base: [0.0; 3] })
+    }
+
+    /// Returns what is free on each side of the base on its way through (m), once that is measured.
+    pub fn clearance(&self) -> Option<f64> {
+        self.room.map(|room| room - BASE_RADIUS)
+    }
+
+    /// Returns which part of the drive it is, from 1.
+    pub fn stage(&self) -> u8 {
+        match self.stage {
+            Stage::Back { .. } => 1,
+            Stage::Fold { .. } => 2,
+            Stage::Around => 3,
+            Stage::Face => 4,
+            Stage::Look { .. } => 5,
+            Stage::Pass => 6,
+        }
+    }
+
+    /// Takes where the base is in the odometry frame, the joints (rad), and a sweep if there is a new one, `dt` (s) after the
+    /// last call.
+    pub fn update(&mut self, base: &Pose, joints: &Joints, sweep: Option<&Sweep>, dt: f64) -> Step {
+        if let Some(failure) = sweep.and_then(|sweep| self.look(sweep)) {
+            return Step::Failed(failure);
+        }
+        let Some((velocity, arm)) = self.advance(base, joints) else { return Step::Through };
+        let steps = BASE_ACCELERATION_MAX.map(|most| most * GENTLE * dt);
+        self.base = towards_together(&self.base, &velocity, &steps);
+        Step::Move(Rates::from_fn(|i, _| if i < 3 { self.base[i] } else { arm[i - 3] }))
+    }
+
+    /// What a sweep says against going on.
+    fn look(&mut self, sweep: &Sweep) -> Option<Failure> {
+        if clearance(&sweep.points, &sweep.joints).is_some_and(|room| room < ROOM_MIN) {
+            return Some(Failure::Room);
+        }
+        let odometry_from_base = Isometry2::new(sweep.from.xy(), sweep.from.z);
+        let points: Vec<_> =
+            sweep.points.iter().map(|point| (odometry_from_base * Point2::from(*point)).coords).collect();
+        match self.stage {
+            Stage::Back { .. } | Stage::Fold { .. } => {
+                let turned = self.door.turned(&points);
+                self.unseen = if turned.is_none() { self.unseen + 1 } else { 0 };
+                let closes = turned.is_some_and(|turned| turned.abs() > STAYS) || self.unseen > UNSEEN_MAX;
+                closes.then_some(Failure::Closes)
+            }
+            Stage::Around | Stage::Face => None,
+            Stage::Look { seen, unseen } => match corridor(&points, &self.way, self.door.length(&self.way)) {
+                Some(found) => {
+                    self.believe(&found, 1.0 / f64::from(seen + 1));
+                    self.stage = Stage::Look { seen: seen + 1, unseen };
+                    if seen + 1 < LOOKS {
+                        return None;
+                    }
+                    let missing = self.room.map_or(f64::INFINITY, |room| 2.0 * (BASE_RADIUS + self.margin - room));
+                    self.stage = Stage::Pass;
+                    (missing > 0.0).then(|| Failure::Narrow(missing, self.door.angle_needed(BASE_RADIUS, self.margin)))
+                }
+                None => {
+                    self.stage = Stage::Look { seen, unseen: unseen + 1 };
+                    (unseen > UNSEEN_MAX).then_some(Failure::Unseen)
+                }
+            },
+            Stage::Pass => {
+                let length = self.door.length(&self.way);
+                if length - self.way.coordinates(&sweep.from.xy()).x > BLIND {
+                    // A corridor that is wider than before has a side that is out of sight.
+                    let room = self.room.unwrap_or(f64::INFINITY);
+                    let is_same = |found: &Corridor| (BASE_RADIUS..room + TOLERANCE).contains(&found.room);
+                    if let Some(found) = corridor(&points, &self.way, length).filter(is_same) {
+                        self.believe(&found, SHARE);
+                    }
+                }
+                None
+            }
+        }
+    }
+
+    fn believe(&mut self, found: &Corridor, share: f64) {
+        let beside = self.way.coordinates(&found.way.at).y;
+        let turn = found.way.heading - self.way.heading;
+        let left = Rotation2::new(self.way.heading) * Vector2::y();
+        self.way.at += left * (beside * share);
+        self.way.heading += turn.sin().atan2(turn.cos()) * share;
+        let room = self.room.get_or_insert(found.room);
+        *room += (found.room - *room) * share;
+    }
+
+    /// The velocity of base (base axes) and arm; none when it is through.
+    fn advance(&mut self, base: &Pose, joints: &Joints) -> Option<([f64; 3], Joints)> {
+        let folded = folded(joints);
+        let arm = towards_folded(joints, &folded);
+        let (place, heading, speed) = match self.stage {
+            Stage::Back { to, heading } => {
+                if (base.xy() - to).norm() < THERE {
+                    self.stage = Stage::Fold { at: to, heading };
+                }
+                return Some((towards_place(base, &to, heading, SLOW), Joints::zeros()));
+            }
+            Stage::Fold { at, heading } => {
+                if (joints - folded).amax() < FOLDED {
+                    self.stage = Stage::Around;
+                }
+                (at, heading, SLOW)
+            }
+            Stage::Around => {
+                let around = self.door.around();
+                if (base.xy() - around).norm() < PASSED {
+                    self.stage = Stage::Face;
+                }
+                (around, base.z, SPEED)
+            }
+            Stage::Face => {
+                let turn = self.way.heading - base.z;
+                if (base.xy() - self.way.at).norm() < THERE && turn.sin().atan2(turn.cos()).abs() < TURNED {
+                    self.stage = Stage::Look { seen: 0, unseen: 0 };
+                }
+                (self.way.at, self.way.heading, SPEED)
+            }
+            Stage::Look { .. } => (base.xy(), base.z, 0.0),
+            Stage::Pass => {
+                let (at, length) = (self.way.coordinates(&base.xy()), self.door.length(&self.way));
+                if at.x > length - THERE {
+                    return None;
+                }
+                // Onto the line first, then along it.
+                let ahead = if at.y.abs() < 2.0 * THERE || at.x > AHEAD { AHEAD } else { 0.0 };
+                (self.way.at + self.way.along() * (at.x.max(0.0) + ahead).min(length), self.way.heading, SLOW)
+            }
+        };
+        Some((towards_place(base, &place, heading, speed), arm))
+    }
+}
+
+/// The folded arm, its last joint as it is.
+fn folded(joints: &Joints) -> Joints {
+    Joints::from_fn(|i, _| FOLDED_DEG.get(i).map_or(joints[i], |angle| angle.to_radians()))
+}
+
+/// All joints together, so that the hand comes in before it comes up.
+fn towards_folded(joints: &Joints, folded: &Joints) -> Joints {
+    let wanted = (folded - joints) * FOLD_GAIN;
+    wanted / (wanted.amax() / FOLD_SPEED).max(1.0)
+}
+
+/// Returns the velocity (base axes) of a base at `base` towards a place (m) and a heading (rad).
+fn towards_place(base: &Pose, place: &Vector2<f64>, heading: f64, speed: f64) -> [f64; 3] {
+    let way = Rotation2::new(-base.z) * (place - base.xy()) * GAIN;
+    let way = way.cap_magnitude(speed);
+    let turn = heading - base.z;
+    let turn = (turn.sin().atan2(turn.cos()) * GAIN).clamp(-TURN_SPEED, TURN_SPEED);
+    [way.x, way.y, turn]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{caster, puma560};
+    use super::*;
+    use std::f64::consts::FRAC_PI_2;
+
+    /// A door in the wall x = 0 that is open by `angle`, hinge on the left or, mirrored, on the right.
+    fn door(angle: f64, width: f64, mirror: f64) -> Doorway {
+        let p = |x: f64, y: f64| Vector2::new(x, mirror * y);
+        let edge = p(-width * angle.sin(), 0.8 - width * angle.cos());
+        Doorway { hinge: p(0.0, 0.8), edge, latch: p(0.0, 0.8 - width), out: -Vector2::x() }
+    }
+
+    fn walls(door: &Doorway) -> Vec<(Vector2<f64>, Vector2<f64>)> {
+        let beside = (door.latch - door.hinge).normalize();
+        vec![(door.hinge, door.edge), (door.latch, door.latch + beside * 2.0), (door.hinge, door.hinge - beside * 2.0)]
+    }
+
+    /// What a laser 30 cm before the centre sees over a half circle, in base axes.
+    fn sweep(base: &Pose, walls: &[(Vector2<f64>, Vector2<f64>)]) -> Vec<Vector2<f64>> {
+        let ray = |step: u32| {
+            let bearing = FRAC_PI_2 * (f64::from(step) / 180.0 - 1.0);
+            let turn = Rotation2::new(base.z + bearing);
+            let from = base.xy() + Rotation2::new(base.z) * Vector2::x() * 0.3;
+            let range = walls.iter().filter_map(|(a, b)| {
+                let (along, wall, to) = (turn * Vector2::x(), b - a, a - from);
+                let cross = along.perp(&wall);
+                let (range, share) = (to.perp(&wall) / cross, to.perp(&along) / cross);
+                (range > 0.0 && (0.0..=1.0).contains(&share)).then_some(range)
+            });
+            let range = range.fold(f64::INFINITY, f64::min);
+            let at = Vector2::new(0.3, 0.0) + Rotation2::new(bearing) * Vector2::x() * range;
+            range.is_finite().then_some(at)
+        };
+        (0..=360).filter_map(ray).collect()
+    }
+
+    /// Drives through a door whose truth is another than what the drive was told; the base does what it is told with a lag, and
+    /// its odometry counts `wheels` times the way. Returns how it ended, where, and how near it came to anything.
+    fn drive(told: &Doorway, truth: &Doorway, wheels: f64) -> (Step, Pose, f64) {
+        let angle = truth.angle();
+        let mirror = (truth.hinge.y).signum();
+        let face = Vector2::new(-angle.cos(), mirror * angle.sin());
+        let hand = truth.hinge + (truth.edge - truth.hinge) * 0.9 + face * 0.06;
+        let mut joints = puma560::door_posture();
+        let tool = puma560::forward(&joints).base_from_tool;
+        let heading = (-face).y.atan2((-face).x);
+        let start = hand - Rotation2::new(heading) * tool.translation.vector.xy();
+        let mut base = Pose::new(start.x, start.y, heading);
+        let mut odometry = base;
+        let mut drive = match Drive::new(*told, &odometry, &tool, 0.05) {
+            Ok(drive) => drive,
+            Err(failure) => return (Step::Failed(failure), base, f64::INFINITY),
+        };
+        let (walls, mut velocity, mut nearest) = (walls(truth), Vector3::zeros(), f64::INFINITY);
+        let dt = 0.02;
+        for i in 0..6000 {
+            let sweep = (i % 3 == 0).then(|| Sweep { points: sweep(&base, &walls), from: odometry, joints });
+            match drive.update(&odometry, &joints, sweep.as_ref(), dt) {
+                Step::Move(rates) => {
+                    let wanted: Vector3<f64> = rates.fixed_rows::<3>(0).into();
+                    velocity += (wanted - velocity) * (dt / 0.1);
+                    joints += rates.fixed_rows::<6>(3) * dt;
+                }
+                end @ (Step::Through | Step::Failed(_)) => return (end, base, nearest),
+            }
+            base = caster::advance(&base, &(velocity * dt));
+            odometry = caster::advance(&odometry, &(velocity * dt * wheels));
+            let beside = |(a, b): &(Vector2<f64>, Vector2<f64>)| {
+                let share = ((base.xy() - a).dot(&(b - a)) / (b - a).norm_squared()).clamp(0.0, 1.0);
+                (base.xy() - a - (b - a) * share).norm() - BASE_RADIUS
+            };
+            nearest = walls.iter().map(beside).fold(nearest, f64::min);
+        }
+        (Step::Move(Rates::zeros()), base, nearest)
+    }
+
+    #[test]
+    fn it_stands_on_the_other_side_and_came_near_nothing() {
+        for mirror in [1.0, -1.0] {
+            for (angle, width, wheels) in
+                [(1.2, 0.9, 1.0), (1.4, 0.76, 1.03), (FRAC_PI_2, 0.9, 0.96), (1.2, 1.15, 1.05)]
+            {
+                let door = door(angle, width, mirror);
+                let (end, base, nearest) = drive(&door, &door, wheels);
+                assert_eq!(end, Step::Through, "{angle} {width} {wheels} {base}");
+                assert!(base.x > BASE_RADIUS, "{base}");
+                // What the measured room leaves, but for 1 cm beside the line.
+                assert!(nearest > (door.room() - BASE_RADIUS).min(0.15) - 0.015, "{nearest} of {}", door.room());
+            }
+        }
+    }
+
+    #[test]
+    fn the_first_measure_may_be_wrong() {
+        for mirror in [1.0, -1.0] {
+            let truth = door(1.3, 0.9, mirror);
+            let mut told = truth;
+            told.latch += Vector2::new(0.02, mirror * 0.04);
+            told.hinge += Vector2::new(0.03, mirror * 0.03);
+            let (end, base, nearest) = drive(&told, &truth, 1.0);
+            assert!(end == Step::Through && base.x > BASE_RADIUS && nearest > 0.08, "{end:?} {base} {nearest}");
+        }
+    }
+
+    #[test]
+    fn what_is_missing_is_said() {
+        // By the leaf alone: 0.70 m for 0.72 m, and 0.9 m at 40 degrees.
+        let narrow = door(FRAC_PI_2, 0.66, 1.0);
+        let Step::Failed(Failure::Narrow(missing, None)) = drive(&narrow, &narrow, 1.0).0 else { panic!("it passes") };
+        assert!((missing - 0.06).abs() < 1e-6, "{missing}");
+        let little = door(0.7, 0.9, 1.0);
+        let Step::Failed(Failure::Narrow(missing, Some(needed))) = drive(&little, &little, 1.0).0 else {
+            panic!("it passes")
+        };
+        assert!((missing - (0.72 - 0.9 * 0.7f64.sin())).abs() < 1e-6 && (needed - 0.8f64.asin()).abs() < 1e-6);
+        // By what is seen before the opening: a jamb that nobody could see from behind the leaf.
+        let told = door(1.3, 0.9, 1.0);
+        let mut truth = told;
+        truth.latch.y += 0.20;
+        let (end, base, _) = drive(&told, &truth, 1.0);
+        let Step::Failed(Failure::Narrow(missing, _)) = end else { panic!("{end:?} at {base}") };
+        assert!(missing > 0.03 && missing < 0.08 && base.x < -BASE_RADIUS, "{missing} {base}");
+    }
+
+    #[test]
+    fn a_leaf_that_swings_back_is_noticed() {
+        let (told, truth) = (door(1.3, 0.9, 1.0), door(1.1, 0.9, 1.0));
+        let mut drive = Drive::new(
+            told,
+            &Pose::new(-1.2, 1.5, -1.3),
+            &puma560::forward(&puma560::door_posture()).base_from_tool,
+            0.05,
+        )
+        .unwrap();
+        let base = Pose::new(-1.2, 1.5, -1.3);
+        let sweep = Sweep { points: sweep(&base, &walls(&truth)), from: base, joints: puma560::door_posture() };
+        assert_eq!(drive.update(&base, &puma560::door_posture(), Some(&sweep), 0.02), Step::Failed(Failure::Closes));
+    }
+
+    #[test]
+    fn the_folded_arm_is_above_the_base() {
+        let joints = folded(&puma560::door_posture());
+        let [shoulder, elbow, wrist, fingers] = puma560::outline(&joints);
+        for (point, radius) in [(shoulder, 0.09), (elbow, 0.09), (wrist, 0.07), (fingers, 0.05)] {
+            assert!(point.xy().norm() + radius < BASE_RADIUS && point.z < 1.9, "{point}");
+        }
+        let tool = puma560::forward(&joints).base_from_tool.translation.vector;
+        assert!(tool.xy().norm() < BASE_RADIUS, "{tool}");
+        // On the way there the hand reaches out by a centimetre or two, of the 25 that it has backed away.
+        let reach = |at: &Joints| puma560::forward(at).base_from_tool.translation.vector.xy().norm();
+        let (mut at, from) = (puma560::door_posture(), reach(&puma560::door_posture()));
+        while (joints - at).amax() > FOLDED {
+            at += towards_folded(&at, &joints) * 0.02;
+            assert!(reach(&at) < from + 0.03, "{} {from}", reach(&at));
+        }
+    }
+}
