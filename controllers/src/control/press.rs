@@ -3,7 +3,8 @@
 //! The hand goes straight down first; the lever turns meanwhile and twists the hand, which tells to which side it points.
 //! Then the hand follows the arc of a lever of middling length and rolls with it, giving way to every force but the
 //! vertical one, so that neither the lever's length nor the angle of its latch has to be known. The lever is down when it
-//! meets its stop, a force that rises steeply, or when the force that it costs drops.
+//! meets its stop, a force against its way that rises steeply, or when the force that it costs drops. Only the force along the arc
+//! counts: a base that slips or catches up pulls at the lever from the side, which presses nothing.
 //!
 //! Source: ours; constants found with the door model, for levers of 0.05 to 0.16 m that stop beyond 20 degrees.
 
@@ -114,7 +115,8 @@ impl Press {
         let rotation = base_from_tool.rotation;
         let force: Vector3<f64> = rotation * wrench_in_tool.fixed_rows::<3>(0);
         let torque: Vector3<f64> = wrench_in_tool.fixed_rows::<3>(3).into();
-        let felt = force.z;
+        let height = self.height.unwrap_or(base_from_tool.translation.z);
+        let felt = -force.dot(&self.along(height - base_from_tool.translation.z));
         if let Some(last) = self.last.replace(felt) {
             self.variance += (0.5 * (felt - last).powi(2) - self.variance) / NOISE_SAMPLES;
         }
@@ -129,18 +131,18 @@ impl Press {
         // A lever that points to the right turns clockwise as the robot sees it, about the approach.
         let enough = if self.lever.is_none() { TWIST.0 } else { TWIST.1 };
         if twist.abs() > enough {
-            self.lever = Some(self.left * -twist.signum());
+            let lever = self.left * -twist.signum();
+            if self.lever.replace(lever) != Some(lever) {
+                // Forces along another arc are not to be compared with those before.
+                self.way.clear();
+                self.last = None;
+            }
         }
         let mut give: Vector3<f64> = rotation * give.fixed_rows::<3>(0);
         give.z = 0.0;
-        let (linear, angular) = match self.lever {
-            None => (give - Vector3::z() * SPEED, Vector3::zeros()),
-            Some(lever) => {
-                let (s, c) = (depth / LEVER).clamp(0.0, 0.9).asin().sin_cos();
-                let axis = lever.cross(&-Vector3::z());
-                (give - Vector3::z() * (SPEED * c) - lever * (SPEED * s), axis * (ROLL * SPEED / LEVER))
-            }
-        };
+        let linear = give + self.along(depth) * SPEED;
+        let roll = |lever: Vector3<f64>| lever.cross(&-Vector3::z()) * (ROLL * SPEED / LEVER);
+        let angular = self.lever.map_or_else(Vector3::zeros, roll);
         let linear = rotation.inverse() * linear;
         let angular = rotation.inverse() * angular + give_turn;
         Down {
@@ -148,6 +150,13 @@ impl Press {
             depth,
             state: self.state(depth, upward, felt),
         }
+    }
+
+    /// The way the lever's end goes at a depth (m), a unit vector: straight down until it is known to which side it points.
+    fn along(&self, depth: f64) -> Vector3<f64> {
+        let Some(lever) = self.lever else { return -Vector3::z() };
+        let (s, c) = (depth / LEVER).clamp(0.0, 0.9).asin().sin_cos();
+        -Vector3::z() * c - lever * s
     }
 
     /// How long a way (m) tells the slope of a stop from that of a spring, with samples so far apart (m): that of a line's
@@ -206,6 +215,8 @@ mod tests {
         stop: f64,
         /// It gives way here.
         yields: f64,
+        /// From this depth on (m) the base slips for a second, and the hand does not move aside.
+        slips: f64,
     }
 
     impl Lever {
@@ -217,6 +228,7 @@ mod tests {
             let side = if self.left { 1.0 } else { -1.0 };
             let axis = Vector3::new(0.5, -side * self.length, 1.0);
             let (mut press, mut angle, mut roll, mut peak, dt) = (Press::new(&pose), 0.0f64, 0.0, 0.0f64, 2e-3);
+            let mut slipped = 0.0;
             for _ in 0..5000 {
                 // The lever is where its spring and the hand balance; the hand is a spring on it.
                 for _ in 0..50 {
@@ -237,7 +249,11 @@ mod tests {
                 if down.state != State::Pressing {
                     return (down.state, down.depth, peak);
                 }
-                let v: Vector3<f64> = pose.rotation * down.twist_in_tool.fixed_rows::<3>(0);
+                let mut v: Vector3<f64> = pose.rotation * down.twist_in_tool.fixed_rows::<3>(0);
+                if down.depth > self.slips && slipped < 1.0 {
+                    slipped += dt;
+                    v.y = 0.0;
+                }
                 let w: Vector3<f64> = pose.rotation * down.twist_in_tool.fixed_rows::<3>(3);
                 pose.translation.vector += v * dt;
                 pose.rotation = UnitQuaternion::from_scaled_axis(w * dt) * pose.rotation;
@@ -252,7 +268,7 @@ mod tests {
         for length in [0.06, 0.09, 0.12, 0.15] {
             for left in [true, false] {
                 for stop in [0.6, 0.8] {
-                    let (state, depth, peak) = Lever { length, left, stop, yields: 9.0 }.press();
+                    let (state, depth, peak) = Lever { length, left, stop, yields: 9.0, slips: 9.0 }.press();
                     assert_eq!(state, State::Down, "{length} {left} {stop}");
                     // At the stop but for what the fingers give, 45 N at 6 kN/m.
                     let wanted = length * f64::sin(stop);
@@ -264,15 +280,29 @@ mod tests {
     }
 
     #[test]
+    fn a_base_that_slips_is_no_stop() {
+        for length in [0.07, 0.09, 0.12] {
+            for left in [true, false] {
+                for slips in [0.010, 0.016, 0.022] {
+                    let (state, depth, peak) = Lever { length, left, stop: 0.8, yields: 9.0, slips }.press();
+                    let wanted = length * f64::sin(0.8);
+                    assert!(state == State::Down && depth > wanted - 0.004, "{depth} of {wanted} {slips}: {state:?}");
+                    assert!(peak < 60.0, "{peak} N: {length} {left} {slips}");
+                }
+            }
+        }
+    }
+
+    #[test]
     fn a_lever_that_gives_way_is_down() {
-        let (state, depth, _) = Lever { length: 0.09, left: true, stop: 0.8, yields: 0.5 }.press();
+        let (state, depth, _) = Lever { length: 0.09, left: true, stop: 0.8, yields: 0.5, slips: 9.0 }.press();
         assert_eq!(state, State::Down);
         assert!((0.035..0.055).contains(&depth), "{depth}");
     }
 
     #[test]
     fn a_lever_that_does_not_move_is_stuck() {
-        let (state, depth, peak) = Lever { length: 0.09, left: true, stop: 0.0, yields: 9.0 }.press();
+        let (state, depth, peak) = Lever { length: 0.09, left: true, stop: 0.0, yields: 9.0, slips: 9.0 }.press();
         assert_eq!(state, State::Stuck);
         assert!(depth < MOVES && peak < 60.0, "{depth} {peak}");
     }
