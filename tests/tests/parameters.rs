@@ -158,3 +158,31 @@ fn arguments_are_compared_with_the_interfaces() {
         .file("door.dca", &door.replace("ForceTorque(host1, \"zero\")", "ForceTorque(host1, \"zero\", threshold = 3)"));
     assert_eq!(here.ask(&["check", &file]).code, Some(0));
 }
+
+/// A key is no path of a file system: whoever writes one means something else.
+#[test]
+fn a_key_that_walks_is_refused() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let _node = here.node("c1", &[]);
+    let file = cluster.file("tx", "put team/../a 1.0\n");
+    for (arguments, why) in [
+        (&["db", "put", "team/../a", "1.0"][..], "the key `team/../a` has a segment `..`"),
+        (&["db", "put", "team/.", "1.0"], "the key `team/.` has a segment `.`"),
+        (&["db", "put", "..", "1.0"], "the key `..` has a segment `..`"),
+        (&["db", "get", "team/../a"], "the key `team/../a` has a segment `..`"),
+        (&["db", "get", "team/../"], "the key `team/..` has a segment `..`"),
+        (&["db", "get", "team//"], "the key `team/` has an empty segment"),
+        (&["db", "watch", "team/./a"], "the key `team/./a` has a segment `.`"),
+        (&["db", "history", "team/../a"], "the key `team/../a` has a segment `..`"),
+        (&["db", "tx", &file], "the key `team/../a` has a segment `..`"),
+        (&["db", "put", "team//a", "1.0"], "the key `team//a` has an empty segment"),
+        (&["db", "put", "team/\u{7}", "1.0"], "has a forbidden character: '\\u{7}'"),
+    ] {
+        let refused = here.ask(arguments);
+        assert!(refused.code == Some(1) && refused.err.contains(why), "{arguments:?}: {refused}");
+    }
+    for good in ["team/...", "team/a..b", "team/.a"] {
+        assert_eq!(here.ask(&["db", "put", good, "1.0"]).code, Some(0), "{good}");
+    }
+}

@@ -28,6 +28,14 @@ pub enum KeyError {
         /// The text.
         key: String,
     },
+    /// A segment that means another place in a path of files.
+    #[error("the key `{key}` has a segment `{segment}`: a key is a name, not a path of files")]
+    Path {
+        /// The text.
+        key: String,
+        /// The first such segment.
+        segment: String,
+    },
     /// A character with a meaning of its own, or one that cannot be seen.
     #[error("the key `{key}` has a forbidden character: {character:?}")]
     Character {
@@ -57,7 +65,15 @@ impl Key {
     /// # Errors
     /// If it is none.
     pub fn new(text: impl Into<String>) -> Result<Self, KeyError> {
-        let key = text.into();
+        let key = Self::stored(text.into())?;
+        match key.0.split('/').find(|segment| matches!(*segment, "." | "..")) {
+            Some(segment) => Err(KeyError::Path { key: key.to_string(), segment: segment.to_owned() }),
+            None => Ok(key),
+        }
+    }
+
+    /// Returns the key that `text` is, which an earlier version may have written: it took `.` and `..`.
+    fn stored(key: String) -> Result<Self, KeyError> {
         if key.len() > KEY_SIZE_MAX {
             return Err(KeyError::Long { size: key.len() });
         }
@@ -91,7 +107,7 @@ impl Key {
 impl TryFrom<String> for Key {
     type Error = KeyError;
     fn try_from(text: String) -> Result<Self, KeyError> {
-        Self::new(text)
+        Self::stored(text)
     }
 }
 
@@ -110,6 +126,18 @@ impl fmt::Display for Key {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_key_is_no_path_and_one_that_is_there_can_be_read() {
+        for (bad, segment) in [(".", "."), ("team/../a", ".."), ("team/a/.", "."), ("../a", "..")] {
+            let (key, segment) = (bad.to_owned(), segment.to_owned());
+            assert_eq!(Key::new(bad), Err(KeyError::Path { key, segment }));
+            assert!(postcard::from_bytes::<Key>(&postcard::to_stdvec(bad).unwrap()).is_ok());
+        }
+        for good in ["team/...", "team/.a", "team/a..b"] {
+            assert!(Key::new(good).is_ok(), "{good}");
+        }
+    }
 
     #[test]
     fn what_is_a_key() {

@@ -205,7 +205,11 @@ impl Replies {
 
 /// Reads which keys are meant: one, or those below a prefix, which is nothing or ends in `/`.
 pub(crate) fn keys(text: String) -> Result<Keys, KeyError> {
-    if text.is_empty() || text.ends_with('/') { Ok(Keys::Below(text)) } else { Key::new(text).map(Keys::Only) }
+    match text.strip_suffix('/') {
+        Some(prefix) => Key::new(prefix).map(|_| Keys::Below(text)),
+        None if text.is_empty() => Ok(Keys::Below(text)),
+        None => Key::new(text).map(Keys::Only),
+    }
 }
 
 /// Says why something was not done.

@@ -81,7 +81,8 @@ impl Put {
 impl Delete {
     /// Runs the verb.
     pub(crate) fn run(self) -> Result<(), Failure> {
-        let keys: Result<Vec<Key>, _> = self.keys.into_iter().map(Key::new).collect();
+        // An earlier version wrote keys that are none any more: they can be deleted.
+        let keys: Result<Vec<Key>, _> = self.keys.into_iter().map(Key::try_from).collect();
         let writes = keys?.into_iter().map(|key| Write { key, value: None }).collect();
         self.writing.commit(vec![], writes)
     }

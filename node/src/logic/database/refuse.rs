@@ -1,5 +1,5 @@
-//! What is refused at once, each with one sentence: a level that nobody can reach, a key in no namespace, and what belongs to
-//! this robot alone, if somebody on another machine asks for it.
+//! What is refused at once, each with one sentence: a level that nobody can reach, a key that is none, or in no namespace, and
+//! what belongs to this robot alone, if somebody on another machine asks for it.
 
 use super::Database;
 use super::question::{Commit, Far, Moment, Question};
@@ -42,11 +42,14 @@ impl Database {
     }
 }
 
-/// Returns why a draft is refused for its keys, if one is in no namespace. What is there all the same can be deleted.
+/// Returns why a draft is refused for its keys, if one is none, or in no namespace. What is there all the same can be deleted.
 pub(super) fn namespaces(draft: &Draft) -> Option<String> {
-    let written = draft.writes().filter(|(_, value)| value.is_some()).map(|(key, _)| key);
+    let written = || draft.writes().filter(|(_, value)| value.is_some()).map(|(key, _)| key);
     let granted = draft.grants().map(|(prefix, _)| prefix);
-    let lost = written.filter(|key| !is_at_home(key)).chain(granted.filter(|prefix| !begins_well(prefix))).next()?;
+    if let Some(why) = written().find_map(|key| Key::new(key.as_str()).err()) {
+        return Some(format!("nothing was written: {why}"));
+    }
+    let lost = written().filter(|key| !is_at_home(key)).chain(granted.filter(|prefix| !begins_well(prefix))).next()?;
     Some(format!(
         "nothing was written: `{lost}` is in no namespace; a key is `team/NAME`, `robot/ROBOT/NAME` or `local/NAME`"
     ))
