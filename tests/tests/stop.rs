@@ -145,3 +145,38 @@ fn what_a_lost_host_has_not_confirmed_is_told_until_it_is_back() {
     [&again, &nodes[1]].into_iter().for_each(|node| node.signal(Signal::TERM));
     cluster.expect_nothing_left(ORPHAN_MAX);
 }
+
+/// A home that is suspended while it stops is waited for, and the person is told so and how long; then the stop ends well.
+#[test]
+fn a_home_that_does_not_answer_is_waited_for_with_a_note() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let nodes = ["c1", "c2"].map(|name| here.node(name, &[]));
+    // It takes its time, so that the home is suspended between the order and the end.
+    let stopping = cluster.folder().join("stopping");
+    let script =
+        format!("trap \\\"touch {}; sleep 5; exit 0\\\" TERM; while :; do sleep 0.1; done", stopping.display());
+    let text = format!(
+        "module Slow(host) {{ exec \"sh -c '{script}'\"; plain; stop within 30 s; }}
+        process main() {{
+            host {{ c1 }}
+            instantiated_processes {{ slow instof Slow(c1); }}
+            internal_event_actions {{ slow }}
+        }}"
+    );
+    let mission = here.dca(&["deploy", &cluster.file("slow.dca", &text)]);
+    mission.wait_for(Stream::Err, "▸", SOON);
+    let stop = here.dca(&["stop", "slow"]);
+    wait_until(SOON, || stopping.exists()).unwrap_or_else(|| panic!("{}", stop.text(Stream::Err)));
+    nodes[0].signal(Signal::STOP);
+    stop.wait_for(Stream::Err, "it is asked again for 30 s (Ctrl-C to leave)", SOON);
+    assert!(stop.text(Stream::Err).starts_with("note: the ") && stop.is_running(), "{}", stop.text(Stream::Err));
+    nodes[0].signal(Signal::CONT);
+    let stopped = stop.ended(SOON);
+    assert!(stopped.code == Some(0) && stopped.out.contains("`slow` is stopped; nothing of it is left"), "{stopped}");
+    // Who watched it may have given the home up meanwhile.
+    let watched = mission.ended(SOON);
+    assert!(matches!(watched.code, Some(1 | 3)), "{watched}");
+    nodes.iter().for_each(|node| node.signal(Signal::TERM));
+    cluster.expect_nothing_left(ORPHAN_MAX);
+}
