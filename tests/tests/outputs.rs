@@ -120,9 +120,19 @@ process main() { host { c1 } instantiated_processes { once instof Once(c1); } in
     assert!(whole.code == Some(0) && whole.out.ends_with("\n20000\n"), "{whole}");
     let record = cluster.folder().join("runs/once-1").join(recorder::FILE);
     let bytes = std::fs::read(&record).expect("it is there");
+    // Another digit in what the program wrote.
+    let mut flipped = bytes.clone();
+    let place = bytes.windows(7).position(|window| window == b"n12345\\").expect("it wrote that");
+    flipped[place + 3] = b'9';
+    std::fs::write(&record, &flipped).expect("a test can write in its own folder");
+    let part = here.ask(&["logs", "once", "--runs", "runs"]);
+    assert!(part.code == Some(1) && part.err.contains("are damaged and left out"), "{part}");
+    assert!(!part.out.contains("12945"), "{part}");
+    let report = here.ask(&["report", "runs/once-1"]);
+    assert!(report.code == Some(1) && report.err.contains("are damaged and left out"), "{report}");
     std::fs::write(&record, &bytes[..bytes.len() / 2]).expect("a test can write in its own folder");
     let part = here.ask(&["logs", "once", "--runs", "runs"]);
     assert!(part.code == Some(1) && part.err.contains("is not whole"), "{part}");
     let report = here.ask(&["report", "runs/once-1"]);
-    assert!(report.code == Some(0) && report.err.contains("is not whole"), "{report}");
+    assert!(report.code == Some(1) && report.err.contains("is not whole"), "{report}");
 }

@@ -382,7 +382,7 @@ impl Watch {
             }
             let page = record.with_file_name(report::FILE);
             match report::write(&record, &page) {
-                Ok(()) => files.report = Some(page.display().to_string()),
+                Ok(_) => files.report = Some(page.display().to_string()),
                 Err(error) => self.output.note(&format!("warning: no report was made: {error:#}")),
             }
             files.record = Some(record.display().to_string());

@@ -133,7 +133,13 @@ fn recorded(arguments: &Arguments) -> Option<Result<(), Failure>> {
     records.sort_by_key(|folder| std::cmp::Reverse(begun(folder)));
     let end = format!("/{}", arguments.process);
     for folder in records.iter().take(RECORDS_MAX) {
-        let Ok(run) = recorder::read(&folder.join(recorder::FILE)) else { continue };
+        let run = match recorder::read(&folder.join(recorder::FILE)) {
+            Ok(run) => run,
+            Err(error) => {
+                output::note(&format!("warning: a record is left out: {error}"));
+                continue;
+            }
+        };
         let is_named = arguments.deployment.as_ref().is_none_or(|name| *name == run.header.plan.name);
         let is_meant = |path: &str| is_named && (path == arguments.process || path.ends_with(&end));
         let meant: Vec<&str> =

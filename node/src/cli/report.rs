@@ -4,7 +4,7 @@ use crate::cli::{Failure, output};
 use crate::io::recorder;
 use crate::io::whole_file::WholeFile;
 use crate::logic::page::page;
-use anyhow::Context as _;
+use anyhow::{Context as _, anyhow};
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -26,25 +26,28 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let folder = arguments.record.is_dir();
     let record = if folder { arguments.record.join(recorder::FILE) } else { arguments.record.clone() };
     let file = arguments.output.clone().unwrap_or_else(|| record.with_file_name(FILE));
-    write(&record, &file)?;
+    let damage = write(&record, &file)?;
     output::say(&file.display().to_string());
-    Ok(())
+    // The page shows what is whole.
+    damage.map_or(Ok(()), |_told| Err(anyhow!("the page in `{}` is not of the whole run", file.display()).into()))
 }
 
-/// Reads a record and writes its page.
+/// Reads a record and writes its page. Returns what of the record is damaged, which a person has been told.
 ///
 /// # Errors
 /// When the record cannot be read, or the page cannot be written.
-pub fn write(record: &Path, file: &Path) -> anyhow::Result<()> {
+pub fn write(record: &Path, file: &Path) -> anyhow::Result<Option<String>> {
     let run = recorder::read(record)?;
     if let Some(damage) = &run.damage {
         output::note(&format!("warning: the record `{}` is not whole: {damage}", record.display()));
     }
     if fs::metadata(file).is_ok_and(|there| !there.is_file() && !there.is_dir()) {
         // A pipe or a terminal: nothing is left behind there.
-        return fs::write(file, page(&run)).with_context(|| format!("writing the report `{}`", file.display()));
+        fs::write(file, page(&run)).with_context(|| format!("writing the report `{}`", file.display()))?;
+        return Ok(run.damage);
     }
     let mut whole = WholeFile::create(file).context("writing the report")?;
     whole.write(page(&run).as_bytes())?;
-    whole.finish()
+    whole.finish()?;
+    Ok(run.damage)
 }

@@ -10,6 +10,7 @@
 
 mod lines;
 mod message;
+mod parts;
 mod ports;
 mod read;
 mod row;
@@ -109,7 +110,7 @@ pub struct Run {
     pub header: Header,
     /// Everything else, in the order in which it was recorded.
     pub entries: Vec<Entry>,
-    /// Why reading ended before the end of the record, if it did: the recorder was killed, or the file is damaged.
+    /// What of the record could not be read, if it is not whole: the recorder was killed, or the file is damaged.
     pub damage: Option<String>,
 }
 

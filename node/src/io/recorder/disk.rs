@@ -4,6 +4,7 @@
 //! end is written behind what is there, in the same call, and the next call begins where that end began. Source: the MCAP
 //! format specification, <https://mcap.dev/spec>: Data End, Footer and Magic.
 
+use mcap::records::op;
 use std::fs::File;
 use std::io::{self, Write};
 use std::os::unix::fs::FileExt;
@@ -11,20 +12,18 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// How much waits in memory, in bytes; a chunk more at the most.
 const WAITING_MAX: usize = 4 << 20;
-/// Data End (opcode, length, no checksum), Footer (opcode, length, no summary, no checksum), Magic.
-const END: [u8; 50] = {
-    let mut end = [0; 50];
-    end[0] = 0x0f;
-    end[1] = 4;
-    end[13] = 0x02;
-    end[14] = 20;
-    let mut index = 0;
-    while index < mcap::MAGIC.len() {
-        end[42 + index] = mcap::MAGIC[index];
-        index += 1;
-    }
+/// Data End: opcode, length, the checksum of all bytes before it. Footer: opcode, length, no summary, no checksum. Magic.
+const END_SIZE: usize = 50;
+
+/// Returns the end of a file whose bytes so far have a checksum.
+fn end(checksum: u32) -> [u8; END_SIZE] {
+    let mut end = [0; END_SIZE];
+    (end[0], end[1]) = (op::DATA_END, 4);
+    end[9..13].copy_from_slice(&checksum.to_le_bytes());
+    (end[13], end[14]) = (op::FOOTER, 20);
+    end[END_SIZE - mcap::MAGIC.len()..].copy_from_slice(mcap::MAGIC);
     end
-};
+}
 
 /// A handle to the file; its clones are the same one.
 #[derive(Clone, Debug)]
@@ -36,19 +35,21 @@ struct Inside {
     /// Where what waits belongs.
     at: u64,
     waiting: Vec<u8>,
+    /// Of all that was written.
+    checksum: crc32fast::Hasher,
 }
 
 impl Inside {
-    /// Returns how long the file is with an end.
-    fn end(&self) -> u64 {
-        self.at + END.len() as u64
+    /// Returns the end of what was written.
+    fn end(&self) -> [u8; END_SIZE] {
+        end(self.checksum.clone().finalize())
     }
 }
 
 impl Disk {
     /// Begins at the beginning of an empty file.
     pub(super) fn new(file: File) -> Self {
-        Self(Arc::new(Mutex::new(Inside { file, at: 0, waiting: Vec::new() })))
+        Self(Arc::new(Mutex::new(Inside { file, at: 0, waiting: Vec::new(), checksum: crc32fast::Hasher::new() })))
     }
 
     /// Writes what waits, with an end behind it.
@@ -57,14 +58,20 @@ impl Disk {
         if inside.waiting.is_empty() {
             return Ok(());
         }
-        let length = inside.waiting.len();
-        inside.waiting.extend(END);
+        let (length, before) = (inside.waiting.len(), inside.checksum.clone());
+        let Inside { waiting, checksum, .. } = &mut *inside;
+        checksum.update(waiting);
+        let end = inside.end();
+        inside.waiting.extend(end);
         let written = inside.file.write_all_at(&inside.waiting, inside.at);
         inside.waiting.clear();
-        match written {
-            Ok(()) => inside.at += length as u64,
+        if written.is_ok() {
+            inside.at += length as u64;
+        } else {
             // The disk is full: what was there before gets its end back.
-            Err(_) => drop(inside.file.write_all_at(&END, inside.at).and_then(|()| inside.file.set_len(inside.end()))),
+            inside.checksum = before;
+            let (end, size) = (inside.end(), inside.at + END_SIZE as u64);
+            drop(inside.file.write_all_at(&end, inside.at).and_then(|()| inside.file.set_len(size)));
         }
         written
     }

@@ -129,6 +129,75 @@ fn any_reader_opens_the_record_of_a_recorder_that_was_killed() {
     assert_eq!((run.entries.len(), run.damage), (entries().len(), None));
 }
 
+/// Returns numbers that look random: the same ones for a seed. Source: Steele, Lea and Flood, SplitMix64 (OOPSLA 2014).
+fn random(seed: u64) -> impl FnMut() -> usize {
+    let mut state = seed;
+    move || {
+        state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mixed = (state ^ (state >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        usize::try_from((mixed ^ (mixed >> 31)) >> 33).unwrap()
+    }
+}
+
+/// Whether `part` is `whole` with some entries left out.
+fn is_part(part: &[Entry], whole: &[Entry]) -> bool {
+    let mut rest = whole.iter();
+    part.iter().all(|entry| rest.any(|one| one == entry))
+}
+
+/// The entry as it is read when nobody knows when GO was.
+fn without_time(mut entry: Entry) -> Entry {
+    if let Entry::Signals { at, .. } | Entry::Output { at, .. } = &mut entry {
+        *at = Duration::ZERO;
+    }
+    entry
+}
+
+/// One byte of a record is another one: somebody is told, or what is read is the same. Nothing that is read is wrong.
+#[test]
+fn a_flipped_byte_is_told_or_changes_nothing() {
+    let ended = Folder::new("flipped");
+    let (path, _) = record(&ended).finish().unwrap();
+    let (mut random, mut silent, mut wrong) = (random(9), Vec::new(), Vec::new());
+    for (name, good) in [("ended", fs::read(path).unwrap()), ("killed", killed(&Folder::new("flipped-killed")))] {
+        let expected = Run::from_bytes(&good).unwrap();
+        assert_eq!(expected.damage, None, "{name}");
+        let untimed: Vec<Entry> = expected.entries.iter().cloned().map(without_time).collect();
+        for _ in 0..1000 {
+            let (place, mask) = (random() % good.len(), u8::try_from(1 + random() % 255).unwrap());
+            let mut bytes = good.clone();
+            bytes[place] ^= mask;
+            let Ok(run) = Run::from_bytes(&bytes) else { continue };
+            if run.damage.is_none() && run != expected {
+                silent.push((name, place, mask));
+            }
+            // What has lost GO with its part has no times, and says so.
+            let timeless = run.damage.as_ref().is_some_and(|damage| damage.contains("when GO was is not known"));
+            let expected_entries = if timeless { &untimed } else { &expected.entries };
+            if run.header != expected.header || !is_part(&run.entries, expected_entries) {
+                wrong.push((name, place, mask));
+            }
+        }
+    }
+    assert!(silent.is_empty() && wrong.is_empty(), "not told: {silent:?}; wrong: {wrong:?}");
+}
+
+/// A second of the record is lost, what came after it is not.
+#[test]
+fn what_is_whole_is_read_behind_a_damaged_part() {
+    let mut bytes = killed(&Folder::new("behind"));
+    let place = bytes.windows(9).position(|window| window == b"two lines").unwrap();
+    bytes[place] = b'T';
+    let run = Run::from_bytes(&bytes).unwrap();
+    let rest: Vec<Entry> = entries().into_iter().filter(|entry| !matches!(entry, Entry::Output { .. })).collect();
+    assert_eq!(run.entries, rest);
+    let damage = run.damage.unwrap();
+    let said = damage.strip_prefix("bytes ").and_then(|said| said.split_once(" are damaged and left out"));
+    let (from, to) = said.and_then(|(places, _)| places.split_once(" to ")).unwrap_or_else(|| panic!("{damage}"));
+    assert!(from.parse::<usize>().unwrap() < place && place < to.parse().unwrap(), "{damage}");
+}
+
 #[test]
 fn a_viewer_finds_what_it_expects() {
     let folder = Folder::new("viewer");
@@ -306,5 +375,5 @@ fn what_goes_over_ports_is_on_topics_of_their_own() {
         ]
     );
     // They are for other tools: a report has no use for them.
-    assert_eq!(Run::from_bytes(&bytes).unwrap().entries, []);
+    assert_eq!(Run::from_bytes(&bytes).map(|run| (run.entries, run.damage)).unwrap(), (Vec::new(), None));
 }

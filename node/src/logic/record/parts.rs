@@ -1,0 +1,125 @@
+//! The bytes of a record, part by part: each that is whole, and where the others stand.
+//!
+//! All that is recorded is in chunks and attachments, which have checksums; the bytes between them have one of all bytes up
+//! to the end. Behind a part whose length is damaged the next whole chunk is looked for.
+//! Source: the MCAP format specification, <https://mcap.dev/spec>: Records, Chunk, Attachment, Data End.
+
+use mcap::records::op;
+use std::ops::Range;
+
+/// Opcode and length.
+const HEAD: usize = 1 + 8;
+/// A chunk's own fields: times, size, checksum, an empty name of a compression, size again.
+const CHUNK_HEAD: usize = 8 + 8 + 8 + 4 + 4 + 8;
+
+/// A record of the format.
+#[derive(Clone, Debug)]
+pub(super) struct Part<'a> {
+    pub(super) opcode: u8,
+    pub(super) body: &'a [u8],
+    /// Where it stands in the file.
+    place: Range<usize>,
+}
+
+/// What comes next.
+#[derive(Debug)]
+pub(super) enum Next<'a> {
+    /// A part that is whole, as far as it has a checksum.
+    Whole(Part<'a>),
+    /// What stands there is not what was written.
+    Damaged(Range<usize>),
+    /// The data ends, as it was written.
+    End,
+    /// The bytes end without an end.
+    Cut(usize),
+}
+
+/// Goes through the bytes of a file.
+#[derive(Debug)]
+pub(super) struct Parts<'a> {
+    bytes: &'a [u8],
+    at: usize,
+    is_damaged: bool,
+}
+
+impl<'a> Parts<'a> {
+    /// Begins behind the file's magic.
+    pub(super) fn new(bytes: &'a [u8]) -> Self {
+        Self { bytes, at: mcap::MAGIC.len(), is_damaged: false }
+    }
+
+    /// Returns what comes next; nothing behind `End` and `Cut` has a meaning.
+    pub(super) fn next(&mut self) -> Next<'a> {
+        let from = self.at;
+        let Some(part) = part_at(self.bytes, from) else {
+            let Some(next) = (from + 1..self.bytes.len()).find(|at| is_chunk_at(self.bytes, *at)) else {
+                return Next::Cut(from);
+            };
+            return self.damaged(from..next);
+        };
+        match part.opcode {
+            op::DATA_END => match number(part.body, 0) {
+                Some(saved) if self.is_damaged || saved == 0 || saved == crc32fast::hash(&self.bytes[..from]) => {
+                    Next::End
+                }
+                // Each part that has a checksum is whole: it is a byte between them.
+                _ => self.damaged(0..from),
+            },
+            op::CHUNK if !is_whole_chunk(part.body) => self.damaged(part.place),
+            op::ATTACHMENT if !is_whole_attachment(part.body) => self.damaged(part.place),
+            _ => {
+                self.at = part.place.end;
+                Next::Whole(part)
+            }
+        }
+    }
+
+    fn damaged(&mut self, place: Range<usize>) -> Next<'a> {
+        self.is_damaged = true;
+        self.at = place.end;
+        Next::Damaged(place)
+    }
+}
+
+/// Returns the parts of a whole chunk.
+pub(super) fn in_chunk<'a>(chunk: &Part<'a>) -> impl Iterator<Item = Part<'a>> {
+    let bytes = &chunk.body[CHUNK_HEAD..];
+    let mut at = 0;
+    std::iter::from_fn(move || {
+        let part = part_at(bytes, at)?;
+        at = part.place.end;
+        Some(part)
+    })
+}
+
+/// Returns the part that begins there; none if it has no known kind, or ends behind the end.
+fn part_at(bytes: &[u8], at: usize) -> Option<Part<'_>> {
+    let (opcode, length) = (*bytes.get(at)?, bytes.get(at + 1..at + HEAD)?);
+    let length = usize::try_from(u64::from_le_bytes(length.try_into().ok()?)).ok()?;
+    let place = at..(at + HEAD).checked_add(length)?;
+    let body = bytes.get(at + HEAD..place.end)?;
+    (op::HEADER..=op::DATA_END).contains(&opcode).then_some(Part { opcode, body, place })
+}
+
+fn is_chunk_at(bytes: &[u8], at: usize) -> bool {
+    bytes[at] == op::CHUNK && part_at(bytes, at).is_some_and(|part| is_whole_chunk(part.body))
+}
+
+fn is_whole_chunk(body: &[u8]) -> bool {
+    let Some(data) = body.get(CHUNK_HEAD..) else { return false };
+    // The recorder compresses nothing, so both sizes are that of what follows.
+    let size = u64::try_from(data.len()).ok().map(u64::to_le_bytes);
+    let sizes = [body.get(16..24), body.get(32..40)];
+    sizes.iter().all(|found| found.is_some() && *found == size.as_ref().map(<[u8; 8]>::as_slice))
+        && number(body, 28) == Some(0)
+        && number(body, 24) == Some(crc32fast::hash(data))
+}
+
+fn is_whole_attachment(body: &[u8]) -> bool {
+    let data = body.len().checked_sub(4).map(|end| &body[..end]);
+    data.is_some_and(|data| number(body, data.len()) == Some(crc32fast::hash(data)))
+}
+
+fn number(bytes: &[u8], at: usize) -> Option<u32> {
+    Some(u32::from_le_bytes(bytes.get(at..at + 4)?.try_into().ok()?))
+}
