@@ -6,6 +6,7 @@ pub mod child;
 pub mod database;
 pub mod driver;
 pub(crate) mod event;
+pub mod folder;
 pub mod journal;
 pub mod logging;
 pub mod named_file;

@@ -38,6 +38,35 @@ fn end(node: Program) {
     assert_eq!(ended.code, Some(0), "{ended}");
 }
 
+/// Wherever a folder is expected, a file is refused by its name with the option that names another.
+#[test]
+fn a_file_where_a_folder_is_expected() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let (idle, file) = (cluster.file("idle.dca", IDLE), cluster.file("file", ""));
+    let below = format!("{file}/x");
+    for folder in [&file, &below] {
+        let is_file = format!("`{file}` is a file, where a folder is expected; choose another with `--");
+        for option in ["runs", "state"] {
+            let refused = here.ask(&["run", &format!("--{option}"), folder, &idle]);
+            check(&cluster, &refused, 1, &[&format!("{is_file}{option}`")]);
+        }
+        let elsewhere = here.clone().with_run_dir(folder);
+        for arguments in [&["run", &idle][..], &["deploy", &idle], &["nodes"], &["status"], &["stop", "idle"]] {
+            check(&cluster, &elsewhere.ask(arguments), 1, &[&format!("{is_file}run-dir`")]);
+        }
+        check(&cluster, &elsewhere.start_node("c1", &[]).ended(SOON), 1, &[&format!("{is_file}run-dir`")]);
+    }
+    // Nobody can make a folder there, root neither.
+    for option in ["runs", "state"] {
+        let refused = here.ask(&["run", &format!("--{option}"), "/proc/x", &idle]);
+        let another = format!("choose another with `--{option}`");
+        check(&cluster, &refused, 1, &["cannot make the folder `/proc/x", &another]);
+    }
+    let refused = here.clone().with_run_dir("/proc/x").ask(&["run", &idle]);
+    check(&cluster, &refused, 1, &["cannot use the folder `/proc/x", "choose another with `--run-dir`"]);
+}
+
 #[test]
 fn a_file_that_cannot_be_read() {
     check_run(&|_| "nowhere.dca".to_owned(), 1, &["cannot read the spec `nowhere.dca`: No such file"]);
@@ -183,11 +212,11 @@ fn a_folder_that_cannot_be_used() {
     // A file stands where the folder should be, which stops even root.
     let file = cluster.file("file", "");
     let node = cluster.here().with_run_dir(format!("{file}/n")).start_node("c1", &[]);
-    check_node(&cluster, node, &["cannot use the folder", "/file/n", "Not a directory"]);
+    check_node(&cluster, node, &["/file` is a file, where a folder is expected", "`--run-dir`"]);
     let node = cluster.here().with_run_dir(cluster.folder().join("d".repeat(60))).start_node("c1", &[]);
     check_node(&cluster, node, &["is too deep for sockets", "choose a shorter one with `--run-dir`"]);
     let runs = cluster.here().ask(&["run", "--runs", &format!("{file}/runs"), &cluster.file("idle.dca", IDLE)]);
-    check(&cluster, &runs, 1, &["making a folder for the record in", "/file/runs", "Not a directory"]);
+    check(&cluster, &runs, 1, &["/file` is a file, where a folder is expected", "`--runs`"]);
     if !getuid().is_root() {
         return; // Only root can give a folder away.
     }

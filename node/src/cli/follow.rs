@@ -5,6 +5,7 @@ use crate::cli::display::{Display, UPDATE_EVERY};
 use crate::cli::output::Output;
 use crate::cli::outputs::Outputs;
 use crate::cli::{Failure, output, report};
+use crate::io::folder;
 use crate::io::observer::{Observer, Sample, Sight};
 use crate::io::recorder::Recorder;
 use crate::logic::mission::{Files, Mission, Outcome};
@@ -37,6 +38,9 @@ const LOOK_EVERY: Duration = Duration::from_millis(200);
 const OUTPUT_PAUSE_MAX: Duration = Duration::from_secs(3);
 /// How many folders of earlier runs are stepped over to find a free name.
 const RUNS_MAX: u32 = 100_000;
+
+/// The option that names where records are.
+pub(crate) const RUNS: &str = "--runs";
 
 /// How a mission is watched.
 #[derive(Clone, Debug, clap::Args)]
@@ -446,14 +450,13 @@ fn start_record(spec: &Spec, runs: &Path) -> Result<Recorder, Failure> {
 
 /// Makes the first of `runs/NAME-1`, `runs/NAME-2`, … that is not there yet.
 fn free_folder(runs: &Path, name: &str) -> anyhow::Result<PathBuf> {
-    let context = || format!("making a folder for the record in `{}`", runs.display());
-    std::fs::create_dir_all(runs).with_context(context)?;
+    std::fs::create_dir_all(runs).map_err(|cause| folder::refused(runs, cause, RUNS))?;
     for number in 1..RUNS_MAX {
         let dir = runs.join(format!("{name}-{number}"));
         match std::fs::create_dir(&dir) {
             Ok(()) => return Ok(dir),
             Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => {}
-            Err(error) => return Err(error).with_context(context),
+            Err(cause) => return Err(folder::refused(&dir, cause, RUNS).into()),
         }
     }
     Err(anyhow!(

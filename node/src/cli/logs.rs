@@ -3,8 +3,9 @@
 mod list;
 
 use crate::cli::client::{Answers, Clients, Statuses, block_on, unasked};
+use crate::cli::follow::RUNS;
 use crate::cli::{Failure, Reaching, absent, output};
-use crate::io::recorder;
+use crate::io::{folder, recorder};
 use crate::logic::printable::Printable;
 use crate::logic::protocol::{Answer, NodeStatus, Request, SEVERAL, leaves};
 use anyhow::anyhow;
@@ -125,6 +126,9 @@ async fn pass(host: &str, mut answers: Answers, first: Option<Vec<u8>>, raw: boo
 
 /// Prints what a process wrote from the latest record that has it; nothing if none has.
 fn recorded(arguments: &Arguments) -> Option<Result<(), Failure>> {
+    if let Err(why) = folder::check(&arguments.runs, RUNS) {
+        return Some(Err(anyhow!(why).into()));
+    }
     let mut records: Vec<PathBuf> =
         std::fs::read_dir(&arguments.runs).ok()?.flatten().map(|entry| entry.path()).collect();
     let begun =

@@ -81,7 +81,8 @@ impl Nodes {
             let mut is_ready = ready.subscribe();
             nodes.running.spawn(driver::run(config, nodes.leave.subscribe(), ready));
             tokio::select! {
-                _ = is_ready.wait_for(|ready| *ready) => {}
+                // A node that ends at once is never ready: why it ended says more.
+                Ok(_) = is_ready.wait_for(|ready| *ready) => {}
                 why = ended(&mut nodes.running) => {
                     nodes.leave().await;
                     return Err(why.err().unwrap_or_else(|| anyhow!("the node `{host}` ended at once")).into());

@@ -14,6 +14,7 @@
 //! ```
 
 use crate::io::child::leftovers;
+use crate::io::folder::{self, FolderError};
 use crate::logic::effect::ProcessId;
 use crate::logic::protocol::Deployment;
 use rustix::fs::{FlockOperation, flock};
@@ -28,6 +29,9 @@ const SOCKET_PATH_MAX: usize = 107;
 /// How the folder of a command's own nodes begins; its process id follows.
 const COMMAND_PREFIX: &str = "run-";
 
+/// The option that names the base.
+const OPTION: &str = "--run-dir";
+
 /// The file that says that somebody is on this machine.
 const PROOF: &str = "proof";
 
@@ -35,13 +39,16 @@ const PROOF: &str = "proof";
 #[derive(Debug, thiserror::Error)]
 pub enum RunDirError {
     /// The folder cannot be made or read.
-    #[error("cannot use the folder `{path}`: {cause}")]
+    #[error("cannot use the folder `{path}`: {cause}; choose another with `--run-dir`")]
     Unusable {
         /// Which.
         path: PathBuf,
         /// Why.
         cause: io::Error,
     },
+    /// A file is in its place.
+    #[error(transparent)]
+    Folder(#[from] FolderError),
     /// The folder belongs to somebody else, so its sockets cannot be trusted.
     #[error("the folder `{path}` belongs to user {owner}; remove it, or choose another with `--run-dir`")]
     Foreign {
@@ -88,6 +95,7 @@ pub fn default_base() -> PathBuf {
 /// # Errors
 /// The folder is not this user's own.
 pub fn running(base: &Path) -> Result<Vec<(String, PathBuf)>, RunDirError> {
+    folder::check(base, OPTION)?;
     if fs::symlink_metadata(base).is_ok() {
         check_own(base)?;
     }
@@ -256,6 +264,7 @@ fn write_proof(path: &Path) -> io::Result<String> {
 /// # Errors
 /// It cannot be made, is a link, or belongs to somebody else.
 pub fn private_folder(path: &Path) -> Result<(), RunDirError> {
+    folder::check(path, OPTION)?;
     let unusable = |cause| RunDirError::Unusable { path: path.to_owned(), cause };
     let made = fs::DirBuilder::new().recursive(true).mode(0o700).create(path);
     // What is wrong with a folder that is there says more than that it cannot be made.

@@ -7,6 +7,7 @@
 //!     journal               the deployments it has committed
 //! ```
 
+use crate::io::folder;
 use anyhow::Context;
 use std::fs::{DirBuilder, Metadata};
 use std::io::ErrorKind;
@@ -24,17 +25,17 @@ pub fn take(base: Option<&Path>, name: &str) -> anyhow::Result<PathBuf> {
     };
     let folder = std::path::absolute(&base)?.join(name);
     let made = DirBuilder::new().recursive(true).mode(0o700).create(&folder);
-    let path = folder.display();
     match made {
         // A node that can write nothing still runs: its database says why it takes no writes.
         Err(error) if error.kind() == ErrorKind::ReadOnlyFilesystem => {}
-        made => made.with_context(|| format!("making the folder `{path}`; choose another with `--state`"))?,
+        made => made.map_err(|cause| folder::refused(&folder, cause, "--state"))?,
     }
     // The base may be a link: it is where an administrator wants it. The node's own folder is not.
     let is_own = |found: Metadata| found.is_dir() && found.uid() == rustix::process::getuid().as_raw();
     anyhow::ensure!(
         std::fs::symlink_metadata(&folder).map_or(true, is_own),
-        "the folder `{path}` is a link or belongs to somebody else; choose another with `--state`"
+        "the folder `{}` is a link or belongs to somebody else; choose another with `--state`",
+        folder.display()
     );
     Ok(folder)
 }

@@ -1,0 +1,45 @@
+//! A folder that a person has named and that cannot be used: one sentence, with the option that names another.
+
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// Why a folder cannot be had.
+#[derive(Debug, thiserror::Error)]
+pub enum FolderError {
+    /// Something else is where it would be, or where a folder above it would be.
+    #[error("`{file}` is a file, where a folder is expected; choose another with `{option}`")]
+    File {
+        /// What is there.
+        file: PathBuf,
+        /// The option that names another.
+        option: &'static str,
+    },
+    /// The system refuses.
+    #[error("cannot make the folder `{path}`: {cause}; choose another with `{option}`")]
+    Make {
+        /// Which.
+        path: PathBuf,
+        /// Why.
+        cause: io::Error,
+        /// The option that names another.
+        option: &'static str,
+    },
+}
+
+/// Checks that nothing else stands where a folder is, or is going to be.
+///
+/// # Errors
+/// Something does.
+pub fn check(path: &Path, option: &'static str) -> Result<(), FolderError> {
+    let is_other = |part: &&Path| fs::metadata(part).is_ok_and(|found| !found.is_dir());
+    match path.ancestors().find(is_other) {
+        Some(file) => Err(FolderError::File { file: file.to_owned(), option }),
+        None => Ok(()),
+    }
+}
+
+/// Returns why a folder was not made.
+pub fn refused(path: &Path, cause: io::Error, option: &'static str) -> FolderError {
+    check(path, option).err().unwrap_or_else(|| FolderError::Make { path: path.to_owned(), cause, option })
+}
