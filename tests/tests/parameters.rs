@@ -1,6 +1,7 @@
 //! Parameters of controllers that run: what the database says takes effect, and what means nothing is refused.
 
-use dca_tests::cluster::{Cluster, Host, Program, SOON, Stream, pass, spec, wait_until};
+use dca_tests::cluster::{Cluster, Host, Program, SOON, Stream, Trace, pass, spec, wait_until};
+use node::logic::protocol::Change;
 use std::time::Duration;
 
 /// The documented key; also the name of the deployment, and of the instance.
@@ -185,4 +186,38 @@ fn a_key_that_walks_is_refused() {
     for good in ["team/...", "team/a..b", "team/.a"] {
         assert_eq!(here.ask(&["db", "put", good, "1.0"]).code, Some(0), "{good}");
     }
+}
+
+/// What a mission was told while it ran is in its record, where a viewer shows it.
+#[test]
+fn a_change_of_a_parameter_is_in_the_record() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let _node = here.node("c3", &[]);
+    let spec = SPEC.replace("ForceTorque(host1)", "ForceTorque(host1, threshold = 150)");
+    let file = cluster.file("door_opening.dca", &spec);
+    let mission = here.dca(&["deploy", &file]);
+    let runs = || here.processes(&[]).iter().any(|(_, one)| one.path == "main/hit/force" && one.state == "running");
+    assert!(wait_until(SOON, runs).is_some(), "{}", mission.text(Stream::Err));
+    let set = here.ask(&["param", "set", "hit/force", "threshold", "140"]);
+    assert_eq!(set.code, Some(0), "{set}");
+    let folder = cluster.folder().join("runs/door_opening-1");
+    let is_told = || {
+        let trace = Trace::so_far(&folder);
+        trace.changes("main/hit/force").iter().any(|change| matches!(change, Change::Configured { .. }))
+    };
+    wait_until(SOON, is_told).unwrap_or_else(|| panic!("{}", mission.text(Stream::Err)));
+    let stop = here.ask(&["stop", "door_opening"]);
+    assert_eq!(stop.code, Some(0), "{stop}");
+    let ended = mission.ended(SOON);
+    let bytes = std::fs::read(folder.join("run.mcap")).expect("there is a record");
+    let rows = mcap::MessageStream::new(&bytes).expect("it is a record").map(|message| message.expect("it is whole"));
+    let rows = rows.filter(|message| message.channel.topic == "/events");
+    let rows: Vec<serde_json::Value> =
+        rows.map(|message| serde_json::from_slice(&message.data).expect("it is JSON")).collect();
+    let configured: Vec<_> = rows.iter().filter(|row| row["kind"] == "configured").collect();
+    let [row] = configured[..] else { panic!("one row: {rows:#?}\n{ended}") };
+    assert_eq!(row["process"], "main/hit/force", "{row}");
+    assert!(row["text"].as_str().is_some_and(|text| text.contains("`threshold` is 140")), "{row}");
+    assert!(ended.out.contains("hit/force was told that `threshold` is 140"), "{ended}");
 }
