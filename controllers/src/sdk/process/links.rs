@@ -316,6 +316,7 @@ fn put(publisher: &Publisher, payload: Payload) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use comms::io::clock::Wakeup;
     use comms::io::session::Reach;
     use std::io::{Read, Write};
     use std::net::Shutdown;
@@ -380,7 +381,7 @@ mod tests {
         });
         std::thread::spawn(move || {
             for (due, bytes) in receiver {
-                std::thread::sleep(due.since(now()));
+                Wakeup::default().wait(Some(due));
                 if to.write_all(&bytes).is_err() {
                     break;
                 }
