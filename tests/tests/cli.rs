@@ -138,7 +138,11 @@ fn what_runs_in_a_command_is_found_from_elsewhere() {
     let logs = here.ask(&["logs", "--deployment", "two", "idle"]);
     assert_eq!((logs.code, logs.out.as_str()), (Some(0), "here I am\n"), "{logs}");
     let either = here.ask(&["logs", "idle"]);
-    assert!(either.code == Some(1) && either.err.contains("`idle` may be any of"), "{either}");
+    let told =
+        "`idle` may be any of `main/idle` of `one`, `main/idle` of `two`; give more of the path, or `--deployment`";
+    assert!(either.code == Some(1) && either.err.contains(told), "{either}");
+    let forget = here.ask(&["stop", "one", "--forget"]);
+    assert!(forget.code == Some(1) && forget.err.contains("`one@1` is running; `dca stop one` ends it"), "{forget}");
     let which = here.ask(&["db", "get", "robot/"]);
     assert!(which.code == Some(1) && which.err.contains("several `dca run` are going"), "{which}");
     let stop = here.ask(&["stop", "one"]);

@@ -351,6 +351,24 @@ fn a_robot_is_asked_from_a_machine_without_a_node() {
     assert_eq!(nobody.code, Some(3), "{nobody}");
 }
 
+/// A robot that has not heard yet of the team of another begins none of the same name.
+#[test]
+fn a_team_is_begun_once() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let _nodes = ["r1", "r2", "r3"].map(|name| here.node(name, &[]));
+    let all = || here.ask(&["nodes", "--json"]).out.matches("\"host\"").count() >= 3;
+    assert!(wait_until(SOON, all).is_some(), "{}", here.ask(&["nodes"]));
+    let first = here.ask(&["db", "found", "--robot", "r1"]);
+    assert!(first.code == Some(0) && first.out.contains("begins with `r1`"), "{first}");
+    for robot in ["r2", "r3"] {
+        let next = here.ask(&["db", "found", "--robot", robot]);
+        assert!(!next.out.contains("begins with"), "{next}");
+    }
+    let is_one = || here.ask(&["db", "status", "--robot", "r3"]).out.contains("r1");
+    assert!(wait_until(SOON, is_one).is_some(), "{}", here.ask(&["db", "status", "--robot", "r3"]));
+}
+
 /// Whoever reads JSON gets JSON, whatever there is to say.
 #[test]
 fn json_is_never_prose() {

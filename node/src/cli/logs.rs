@@ -76,8 +76,10 @@ async fn print(clients: &Clients, arguments: &Arguments) -> Result<Option<Failur
         [] if ended(clients, arguments).await? => Ok(None),
         [] => Ok(Some(absent::missing(&format!("process `{}`", arguments.process), &all).await)),
         many => {
-            let paths: Vec<String> = many.iter().map(|(_, (_, _, path))| format!("`{path}`")).collect();
-            Err(anyhow!("`{}` may be any of {}", arguments.process, paths.join(", ")).into())
+            let of = |(_, (_, deployment, path)): &(_, (_, String, String))| format!("`{path}` of `{deployment}`");
+            let all = many.iter().map(of).collect::<Vec<_>>().join(", ");
+            let how = "give more of the path, or `--deployment`";
+            Err(anyhow!("`{}` may be any of {all}; {how}", arguments.process).into())
         }
     }
 }
@@ -164,7 +166,7 @@ fn recorded(arguments: &Arguments) -> Option<Result<(), Failure>> {
         let text: String = wrote.into_iter().map(|lines| format!("{lines}\n")).collect();
         let mut printable = Printable::default();
         let shown = if arguments.raw { text } else { printable.push(text.as_bytes()) + &printable.finish() };
-        let whole = || match &run.damage {
+        let whole = || match run.lacks() {
             Some(damage) => Err(anyhow!(
                 "the record in `{}` is not whole: {damage}; it may have written more than this",
                 folder.display()

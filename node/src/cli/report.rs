@@ -32,22 +32,23 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     damage.map_or(Ok(()), |_told| Err(anyhow!("the page in `{}` is not of the whole run", file.display()).into()))
 }
 
-/// Reads a record and writes its page. Returns what of the record is damaged, which a person has been told.
+/// Reads a record and writes its page. Returns what the record lacks, which a person has been told.
 ///
 /// # Errors
 /// When the record cannot be read, or the page cannot be written.
 pub fn write(record: &Path, file: &Path) -> anyhow::Result<Option<String>> {
     let run = recorder::read(record)?;
-    if let Some(damage) = &run.damage {
+    let lacks = run.lacks();
+    if let Some(damage) = &lacks {
         output::note(&format!("warning: the record `{}` is not whole: {damage}", record.display()));
     }
     if fs::metadata(file).is_ok_and(|there| !there.is_file() && !there.is_dir()) {
         // A pipe or a terminal: nothing is left behind there.
         fs::write(file, page(&run)).with_context(|| format!("writing the report `{}`", file.display()))?;
-        return Ok(run.damage);
+        return Ok(lacks);
     }
     let mut whole = WholeFile::create(file).context("writing the report")?;
     whole.write(page(&run).as_bytes())?;
     whole.finish()?;
-    Ok(run.damage)
+    Ok(lacks)
 }

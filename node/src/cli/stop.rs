@@ -75,6 +75,12 @@ async fn forget(clients: &Clients, name: &str) -> Result<(), Failure> {
             ends.push(end);
         }
     }
+    let mut parts = all.iter().flat_map(|(_, found)| &found.nodes).flat_map(|node| &node.deployments);
+    if ends.is_empty()
+        && let Some(part) = parts.find(|part| part.deployment.name == name)
+    {
+        return Err(anyhow!("`{}` is {}; `dca stop {name}` ends it", part.deployment, part.phase).into());
+    }
     if ends.is_empty() {
         return Err(anyhow!(
             "every host has confirmed that nothing of `{name}` is left, as far as nodes that answer know"

@@ -129,6 +129,13 @@ impl Run {
         mission
     }
 
+    /// Returns why it may not be everything, if so: damage, or no word of the deployment's end.
+    pub fn lacks(&self) -> Option<String> {
+        let is_last = |entry: &Entry| matches!(entry, Entry::Report(Report::Finished { .. } | Report::Refused { .. }));
+        let cut = || "it stops before the deployment ended: its recorder was ended, or its disk was full".to_owned();
+        self.damage.clone().or_else(|| (!self.entries.iter().any(is_last)).then(cut))
+    }
+
     /// Returns what each program wrote, in the order of their paths.
     pub fn outputs(&self) -> BTreeMap<&str, Vec<&str>> {
         let mut outputs: BTreeMap<&str, Vec<&str>> = BTreeMap::new();

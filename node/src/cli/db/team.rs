@@ -1,9 +1,12 @@
 //! `dca db status`, `found`, `retire`, `heal-clock`: the team.
 
-use super::asking::{Asking, refusal};
+use super::asking::{Asking, Databases, refusal};
+use crate::cli::client::ANSWER_WITHIN;
 use crate::cli::{Failure, output};
-use crate::logic::database::question::{Question, Reply};
+use crate::logic::database::question::{self, Question, Reply};
 use crate::logic::database::table;
+use anyhow::anyhow;
+use comms::io::clock;
 
 /// What `dca db status` is told.
 #[derive(Debug, clap::Args)]
@@ -50,13 +53,36 @@ impl Retire {
 }
 
 impl Operate {
-    /// Runs `found`.
+    /// Runs `found`. A robot that is a member may have become one a moment ago, and the robot that is asked has not heard it.
     pub(crate) fn found(self) -> Result<(), Failure> {
+        self.asking.with(async |databases| {
+            let own = status(databases, databases.robot()).await?;
+            for robot in databases.robots().await?.into_iter().filter(|robot| !own.member && *robot != own.robot) {
+                let there = status(databases, &robot).await.ok().filter(|there| there.member && there.team == own.team);
+                if there.is_some() {
+                    return Err(Failure::Refused(anyhow!(
+                        "`{robot}` belongs to the team `{}` already; `{}` joins it by itself when it hears of it",
+                        own.team,
+                        own.robot
+                    )));
+                }
+            }
+            Ok(())
+        })?;
         self.asking.order(Question::Found)
     }
 
     /// Runs `heal-clock`.
     pub(crate) fn heal_clock(self) -> Result<(), Failure> {
         self.asking.order(Question::HealClock)
+    }
+}
+
+async fn status(databases: &Databases<'_>, robot: &str) -> Result<question::Status, Failure> {
+    let mut replies = databases.ask(robot, Question::Status)?;
+    match replies.next(clock::now() + ANSWER_WITHIN).await? {
+        Some(Reply::Status(status)) => Ok(*status),
+        Some(other) => Err(refusal(&other)),
+        None => Err(replies.ended()),
     }
 }

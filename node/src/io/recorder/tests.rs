@@ -377,3 +377,12 @@ fn what_goes_over_ports_is_on_topics_of_their_own() {
     // They are for other tools: a report has no use for them.
     assert_eq!(Run::from_bytes(&bytes).map(|run| (run.entries, run.damage)).unwrap(), (Vec::new(), None));
 }
+
+/// On a disk that was full a record ends well, and before the deployment did.
+#[test]
+fn a_record_without_the_end_of_its_deployment_says_so() {
+    let whole = Run { header: header(), entries: entries(), damage: None };
+    assert_eq!(whole.lacks(), None);
+    let cut = Run { entries: entries()[..3].to_vec(), ..whole };
+    assert!(cut.lacks().unwrap().starts_with("it stops before the deployment ended"), "{:?}", cut.lacks());
+}
