@@ -30,7 +30,7 @@ pub fn clearance(points: &[Vector2<f64>], q: &Joints) -> Option<f64> {
 }
 
 /// From a point to a stretch (m).
-fn beside(point: &Vector2<f64>, from: &Vector2<f64>, to: &Vector2<f64>) -> f64 {
+pub(super) fn beside(point: &Vector2<f64>, from: &Vector2<f64>, to: &Vector2<f64>) -> f64 {
     let along = to - from;
     let share = ((point - from).dot(&along) / along.norm_squared().max(1e-12)).clamp(0.0, 1.0);
     (point - from - along * share).norm()

@@ -11,7 +11,7 @@
 //! Source: ours; the widest straight corridor among points is the empty corridor problem, Houle and Maciel, "Finding the
 //! widest empty corridor through a set of points", 1988, here by trying directions.
 
-use super::clearance::BASE_RADIUS;
+use super::clearance::{BASE_RADIUS, beside};
 use super::line::Line;
 use nalgebra::{Isometry2, Point2, Rotation2, Vector2};
 
@@ -166,7 +166,7 @@ impl Doorway {
         }
         let ends = [(from, &self.hinge, &self.edge), (to, &self.hinge, &self.edge)];
         let edges = [(&self.hinge, from, to), (&self.edge, from, to)];
-        ends.into_iter().chain(edges).map(|(point, a, b)| distance(point, a, b)).fold(f64::INFINITY, f64::min)
+        ends.into_iter().chain(edges).map(|(point, a, b)| beside(point, a, b)).fold(f64::INFINITY, f64::min)
     }
 
     /// Returns by how much the leaf has turned since (rad), by a sweep as `points` (m, this door's frame); none if it is out of
@@ -221,12 +221,6 @@ fn crossing(a: &Line, b: &Line) -> Option<Vector2<f64>> {
 fn crosses((a, b): (&Vector2<f64>, &Vector2<f64>), (c, d): (&Vector2<f64>, &Vector2<f64>)) -> bool {
     let side = |from: &Vector2<f64>, to: &Vector2<f64>, point: &Vector2<f64>| (to - from).perp(&(point - from)) > 0.0;
     side(a, b, c) != side(a, b, d) && side(c, d, a) != side(c, d, b)
-}
-
-fn distance(point: &Vector2<f64>, from: &Vector2<f64>, to: &Vector2<f64>) -> f64 {
-    let along = to - from;
-    let share = ((point - from).dot(&along) / along.norm_squared().max(1e-12)).clamp(0.0, 1.0);
-    (point - from - along * share).norm()
 }
 
 #[cfg(test)]

@@ -160,8 +160,10 @@ async fn stop(Located { client, deployment, home }: Located<'_>) -> Result<Vec<S
 
 /// Returns whether the deployment runs, as far as its home and the others say.
 async fn runs(client: &Client, deployment: &Deployment) -> bool {
-    let Ok(statuses) = client.statuses().await else { return false };
-    locate(vec![(client, statuses)], &deployment.name).await.is_ok_and(|found| found.deployment == *deployment)
+    let Ok(Statuses { nodes, silent }) = client.statuses().await else { return false };
+    let mut parts = nodes.iter().flat_map(|node| &node.deployments);
+    let part = parts.find(|part| part.deployment.name == deployment.name);
+    part.is_some_and(|part| part.deployment == *deployment && !silent.contains(&part.home))
 }
 
 async fn stop_once(client: &Client, home: &str, deployment: &Deployment) -> Result<Vec<String>, Failure> {

@@ -77,10 +77,7 @@ impl Asking {
 
     /// Asks what has one answer.
     pub(crate) fn ask(&self, question: Question) -> Result<Reply, Failure> {
-        self.with(async |databases| {
-            let mut replies = databases.ask(databases.robot(), question)?;
-            replies.next(clock::now() + ANSWER_WITHIN).await?.ok_or_else(|| replies.ended())
-        })
+        self.with(async |databases| databases.ask_one(databases.robot(), question).await)
     }
 
     /// Asks what has an answer in any number of parts.
@@ -135,6 +132,12 @@ impl<'a> Databases<'a> {
         };
         let answers = self.client.ask_on(robot, &request)?;
         Ok(Replies { answers, noted: Arc::clone(&self.noted), robot: robot.to_owned() })
+    }
+
+    /// Asks one robot's database what has one answer.
+    pub(crate) async fn ask_one(&self, robot: &str, question: Question) -> Result<Reply, Failure> {
+        let mut replies = self.ask(robot, question)?;
+        replies.next(clock::now() + ANSWER_WITHIN).await?.ok_or_else(|| replies.ended())
     }
 
     /// Asks what has an answer in any number of parts.

@@ -1,12 +1,10 @@
 //! `dca db status`, `found`, `retire`, `heal-clock`: the team.
 
 use super::asking::{Asking, Databases, refusal};
-use crate::cli::client::ANSWER_WITHIN;
 use crate::cli::{Failure, output};
 use crate::logic::database::question::{self, Question, Reply};
 use crate::logic::database::table;
 use anyhow::anyhow;
-use comms::io::clock;
 
 /// What `dca db status` is told.
 #[derive(Debug, clap::Args)]
@@ -79,10 +77,7 @@ impl Operate {
 }
 
 async fn status(databases: &Databases<'_>, robot: &str) -> Result<question::Status, Failure> {
-    let mut replies = databases.ask(robot, Question::Status)?;
-    match replies.next(clock::now() + ANSWER_WITHIN).await? {
-        Some(Reply::Status(status)) => Ok(*status),
-        Some(other) => Err(refusal(&other)),
-        None => Err(replies.ended()),
-    }
+    let reply = databases.ask_one(robot, Question::Status).await?;
+    let Reply::Status(status) = reply else { return Err(refusal(&reply)) };
+    Ok(*status)
 }
