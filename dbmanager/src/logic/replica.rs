@@ -101,10 +101,16 @@ impl Replica {
 
     /// Takes one input.
     pub fn handle(&mut self, now: Time, input: Input, effects: &mut Vec<Effect>) {
-        use Input::{Appeared, Commit, Found, HealClock, Received, Retire, Tick};
+        use Input::{Appeared, Commit, Found, HealClock, Join, Received, Retire, Tick};
         let mut after = Vec::new();
-        let (Tick(w) | Appeared(w) | Found(w) | HealClock(w) | Commit(_, w) | Retire(_, w) | Received(_, _, w)) =
-            &input;
+        let (Tick(w)
+        | Appeared(w)
+        | Found(w)
+        | HealClock(w)
+        | Commit(_, w)
+        | Join(_, w)
+        | Retire(_, w)
+        | Received(_, _, w)) = &input;
         self.ledger.pipeline.set_wall(*w);
         match input {
             Tick(_) => self.tick(now, &mut after),
@@ -115,6 +121,7 @@ impl Replica {
                 self.tick(now, &mut after);
             }
             Found(_) => self.found(now, &mut after),
+            Join(peer, _) => self.join(now, peer, &mut after),
             Retire(origin, _) => self.retire(now, origin, &mut after),
             HealClock(_) => self.heal_clock(now, &mut after),
         }
@@ -421,6 +428,15 @@ impl Replica {
         if let Some(change) = serve::founding(&self.ledger) {
             self.ledger.commit_system(now, change, effects);
             self.ledger.identity.founds();
+        }
+    }
+
+    /// Gives up its team for that of a peer, which is asked before anybody else.
+    fn join(&mut self, now: Time, peer: ReplicaId, effects: &mut Vec<Effect>) {
+        if self.is_member() && !self.members().is_active(peer) {
+            self.rejoin(now, false, effects);
+            self.peers.ahead(peer, now);
+            self.go_on(now, effects);
         }
     }
 

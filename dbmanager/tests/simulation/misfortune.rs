@@ -42,6 +42,8 @@ pub(crate) struct Faults {
     pub(crate) retire: u64,
     /// Robots that join, per step.
     pub(crate) join: u64,
+    /// One more robot begins a team of its own before it hears the others.
+    pub(crate) second_team: bool,
     /// Clocks that jump, drift, freeze or are not trusted any more, per step.
     pub(crate) clock: u64,
     /// All robots are switched off for days, per step; some stay off longer.
@@ -376,6 +378,17 @@ impl World {
     /// Mends all links of a robot.
     pub(crate) fn join_network(&mut self, node: usize) {
         self.network.heal_all_of(node);
+    }
+
+    /// Adds a robot that hears nobody, begins a team of its own and writes, and then hears the others. Returns which one it is.
+    pub(crate) fn found_apart(&mut self, key: &str, value: u64) -> usize {
+        let node = self.nodes.len();
+        self.isolate(node);
+        self.add(format!("r{node}"), Records::new());
+        self.input(node, |_, wall| Input::Found(wall));
+        self.put(node, key, value);
+        self.join_network(node);
+        node
     }
 
     /// Has one robot retire another.

@@ -10,7 +10,7 @@ type Scene = (&'static str, fn() -> Ending);
 
 /// All of them, by name.
 #[cfg_attr(test, expect(dead_code, reason = "the named cases call each by itself"))]
-pub(crate) const ALL: [Scene; 7] = [
+pub(crate) const ALL: [Scene; 8] = [
     ("two_with_each_others_transactions_as_state_only", states_only),
     ("retired_robot_meets_one_who_does_not_know", last_words),
     ("set_back_without_witness_only_others_transactions_lost", set_back),
@@ -18,6 +18,7 @@ pub(crate) const ALL: [Scene; 7] = [
     ("two_writes_under_one_name_are_both_kept", two_writes),
     ("two_of_a_retired_side_come_back_one_after_the_other", two_returns),
     ("write_that_had_seen_another_of_the_same_number", seen_by_number),
+    ("two_teams_of_one_name_become_one", second_team),
 ];
 
 fn team(count: usize) -> World {
@@ -204,6 +205,22 @@ pub(crate) fn seen_by_number() -> Ending {
     for node in 0..4 {
         must(world.siblings(node, "team/a") == 2, "I5: a write was overwritten by one that had not seen it")?;
         must(world.value(node, "team/x") == Some(1), "I5: a write was taken away by who had not seen it")?;
+    }
+    Ok(())
+}
+
+/// A robot that heard nobody has begun a team of its own; two such robots meet, and then a team with several members.
+pub(crate) fn second_team() -> Ending {
+    let mut world = team(1);
+    world.put(0, "team/a", 1);
+    let second = world.found_apart("team/b", 2);
+    world.settle()?;
+    let third = world.found_apart("team/c", 3);
+    world.settle()?;
+    for node in [0, second, third] {
+        let values = ["team/a", "team/b", "team/c"].map(|key| world.value(node, key));
+        must(values == [Some(1), Some(2), Some(3)], "I6: what was written in a second team is gone")?;
+        must(world.replica(node).members().active().count() == 3, "T7: two teams of one name stay two")?;
     }
     Ok(())
 }

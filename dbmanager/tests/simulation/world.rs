@@ -94,7 +94,9 @@ pub(crate) struct World {
 
 /// Runs one seed; returns how many transactions there were.
 pub(crate) fn run(seed: u64) -> Result<usize, String> {
-    let faults = Faults::swarm(&mut Random::new(seed));
+    // From random numbers of its own, so that the other seeds are what they were before there was this fault.
+    let second_team = Random::new(seed ^ 0x7ea).below(3) == 0;
+    let faults = Faults { second_team, ..Faults::swarm(&mut Random::new(seed)) };
     run_with(seed, faults).map_err(|broken| format!("{broken}\nwith {faults:?}"))
 }
 
@@ -103,6 +105,9 @@ fn run_with(seed: u64, faults: Faults) -> Result<usize, String> {
     let size = 2 + usize::try_from(seed % 4).expect("it is small");
     world.gather(size);
     world.curse(size);
+    if world.faults.second_team {
+        world.found_apart("team/apart", 1);
+    }
     for _ in 0..STEPS {
         world.misfortune();
         world.somebody_acts();
@@ -257,8 +262,10 @@ impl World {
         self.be_kind();
         let until = self.now + Duration::from_millis(CONVERGENCE_MS * (1 + self.faults.drop / 4));
         while self.now < until {
+            let told = self.alarms.len();
             self.run_for(2_000);
             self.reference.verdict()?;
+            self.make_one_team(told);
             // By links too: who means another transaction by the same number has not met the others yet.
             let has = |node: &Node| node.replica.as_ref().map(|of| (of.log().vector().clone(), of.log().chains()));
             let first = has(&self.nodes[0]);
@@ -273,6 +280,20 @@ impl World {
             Some(format!("{} is {member} as {} {}", node.name, replica.address(), replica.log().vector()))
         };
         Err(format!("T7, I13: no convergence: {:#?}", self.nodes.iter().map(state).collect::<Vec<_>>()))
+    }
+
+    /// Does what an operator does who is told that there are two teams with several robots each: the one of robot 0 stays.
+    fn make_one_team(&mut self, told: usize) {
+        let Some(first) = self.nodes[0].replica.as_ref().filter(|first| first.is_member()) else { return };
+        let (origin, members) = (first.origin(), first.members().clone());
+        let told = self.alarms[told..].to_vec();
+        for (node, alarm) in told {
+            let Alarm::OtherTeam { origin: peer, .. } = alarm else { continue };
+            let is_apart = |replica: &Replica| replica.is_member() && !replica.members().is_active(origin);
+            if members.is_active(peer) && self.nodes[node].replica.as_ref().is_some_and(is_apart) {
+                self.input(node, |_, wall| Input::Join(peer, wall));
+            }
+        }
     }
 
     /// Checks what must be so after each step.

@@ -53,6 +53,8 @@ enum Verb {
     Status(team::Status),
     /// Begin a team with this robot; every other one joins by itself
     Found(team::Operate),
+    /// Give up this robot's team for another one of the same name that was begun apart; what was written comes along
+    Join(team::Join),
     /// Show who alone writes where, or say so
     Own(own::Own),
     /// A robot is gone for good: nobody waits for it any more
@@ -79,6 +81,7 @@ pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
         Verb::Version(arguments) => arguments.run(),
         Verb::Status(arguments) => arguments.run(),
         Verb::Found(arguments) => arguments.found(),
+        Verb::Join(arguments) => arguments.run(),
         Verb::Own(arguments) => arguments.run(),
         Verb::Retire(arguments) => arguments.run(),
         Verb::HealClock(arguments) => arguments.heal_clock(),

@@ -12,6 +12,7 @@ pub mod chronicle;
 pub mod disk;
 mod look;
 mod orders;
+mod other_team;
 pub mod question;
 mod refuse;
 pub mod settings;
@@ -31,6 +32,7 @@ use dbmanager::logic::view::as_of::Checkpoints;
 use dbmanager::logic::view::past::Past;
 use dbmanager::logic::view::schema::{self, Schemas};
 use dbmanager::logic::view::watch::Watch;
+use other_team::OtherTeam;
 use question::{Far, Letter, Moment, Question, Reply, Wish};
 use settings::Settings;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
@@ -110,6 +112,7 @@ pub struct Database {
     waiting: BTreeSet<u64>,
     /// When each replica was last heard.
     heard: BTreeMap<ReplicaId, Heard>,
+    other_team: OtherTeam,
     alarms: VecDeque<String>,
     /// What was wrong with the disk since it took something last.
     failures: BTreeSet<String>,
@@ -151,6 +154,7 @@ impl Database {
             durable: None,
             waiting: BTreeSet::new(),
             heard: BTreeMap::new(),
+            other_team: OtherTeam::default(),
             alarms: VecDeque::new(),
             failures: BTreeSet::new(),
             wall: Wall::default(),
@@ -280,12 +284,7 @@ impl Database {
             effects.extend([Effect::Answer(call, Reply::Refused(why)), Effect::End(call)]);
             return None;
         }
-        let alone = !self.replica.is_member() && !self.heard.values().any(|heard| heard.member);
-        if alone && !draft.is_local() {
-            let note = format!(
-                "`{}` belongs to no team yet, so this stays on it until it joins one; `dca db status` says how",
-                self.robot
-            );
+        if let Some(note) = self.unheard_by(now).filter(|_| !draft.is_local()) {
             effects.push(Effect::Answer(call, Reply::Note(note)));
         }
         if far != Far::Local {
@@ -341,7 +340,11 @@ impl Database {
                 let owners = self.replica.owners().iter();
                 say(Reply::Owners(owners.map(|(prefix, owner)| (prefix.to_owned(), owner.robot.clone())).collect()));
             }
-            Question::Found | Question::Retire { .. } | Question::RetireOlder { .. } | Question::HealClock => {
+            Question::Found
+            | Question::Join { .. }
+            | Question::Retire { .. }
+            | Question::RetireOlder { .. }
+            | Question::HealClock => {
                 let reply = self.operate(now, question, effects);
                 effects.push(Effect::Answer(call, reply));
             }
@@ -358,7 +361,7 @@ impl Database {
         self.replica.handle(now, input, &mut done);
         self.announce(effects);
         for effect in done {
-            self.translate(effect, asked, effects);
+            self.translate(now, effect, asked, effects);
         }
     }
 
@@ -370,7 +373,7 @@ impl Database {
         }
     }
 
-    fn translate(&mut self, effect: replica::Effect, asked: &mut Asked, effects: &mut Vec<Effect>) {
+    fn translate(&mut self, now: Time, effect: replica::Effect, asked: &mut Asked, effects: &mut Vec<Effect>) {
         let from = self.replica.address();
         let letter = |message| Letter { from, message };
         match effect {
@@ -391,6 +394,8 @@ impl Database {
                 self.watchers.values_mut().for_each(Watch::replaced);
             }
             replica::Effect::Renamed(..) => {}
+            replica::Effect::Alarm(Alarm::OtherTeam { origin, robot })
+                if !self.other_team.hear(now, origin, &robot) => {}
             replica::Effect::Alarm(alarm) => self.alarm(self.words(&alarm), effects),
         }
     }
@@ -447,6 +452,10 @@ impl Database {
             Alarm::Diverged(origin) => format!("{} has the same transactions and another state", robot(origin)),
             Alarm::NeedsUpgrade(format) => format!("a robot writes format {format}: upgrade DCA on this one"),
             Alarm::Malformed(origin) => format!("{} sent what no replica sends", robot(origin)),
+            Alarm::OtherTeam { robot, .. } => format!(
+                "`{robot}` belongs to another team `{}`, which was begun apart from this one: neither has what the other writes",
+                self.team
+            ),
             Alarm::Rejoining { from } => format!("this replica gives up the name {from} and asks to be admitted again"),
         }
     }

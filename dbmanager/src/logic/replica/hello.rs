@@ -20,6 +20,11 @@ enum Greeting {
     Ahead,
     /// The peer is not known, and who has admitted it was retired.
     Retired(Timestamp),
+    /// The peer belongs to another team of the same name.
+    OtherTeam {
+        /// Whether this replica gives up its own team for that one.
+        gives_way: bool,
+    },
     /// The peer has less of its own chain than is known here, or another one.
     SetBack,
     /// The peer is a member with other transactions.
@@ -67,7 +72,9 @@ fn judge(ledger: &Ledger, from: ReplicaId, hello: &Hello) -> Greeting {
     }
     if !members.is_active(from) {
         let known = |origin: &&ReplicaId| members.is_active(**origin) || members.retired(**origin).is_some();
-        let Some(sponsor) = hello.sponsors.iter().find(known) else { return Greeting::Ignored };
+        let Some(sponsor) = hello.sponsors.iter().find(known) else {
+            return Greeting::OtherTeam { gives_way: gives_way(ledger, from, hello) };
+        };
         // If a member has admitted it, from whom we have not heard of late, it can tell us itself.
         return members.retired(*sponsor).map_or(Greeting::Ahead, Greeting::Retired);
     }
@@ -84,6 +91,17 @@ fn judge(ledger: &Ledger, from: ReplicaId, hello: &Hello) -> Greeting {
     }
 }
 
+/// Returns whether this replica gives up its own team for that of `from`, which was begun elsewhere under the same name.
+///
+/// Only a replica that is the only member of its team does: of two teams with several members an operator decides. A founder
+/// gives way to a replica that was admitted, since that one is not alone or was not; otherwise the larger origin gives way. So of
+/// two replicas that are alone exactly one does.
+fn gives_way(ledger: &Ledger, from: ReplicaId, hello: &Hello) -> bool {
+    let (me, members) = (ledger.identity.origin(), ledger.contents().members());
+    let rank = |origin: ReplicaId, sponsors: &[ReplicaId]| (sponsors.is_empty(), origin);
+    members.active().all(|(origin, _)| origin == me) && rank(from, &hello.sponsors) < rank(me, &members.sponsors(me))
+}
+
 /// Returns what to do about a hello of `from`.
 pub(super) fn react(ledger: &Ledger, from: ReplicaId, hello: &Hello) -> Vec<Action> {
     let alarm = || Action::Emit(Effect::Alarm(Alarm::Diverged(from)));
@@ -95,6 +113,12 @@ pub(super) fn react(ledger: &Ledger, from: ReplicaId, hello: &Hello) -> Vec<Acti
     match greeting {
         Greeting::Ignored => {}
         Greeting::Copied => actions.push(Action::Rejoin { twice: true }),
+        Greeting::OtherTeam { gives_way } => {
+            actions.push(Action::Emit(Effect::Alarm(Alarm::OtherTeam { origin: from, robot: hello.robot.clone() })));
+            if gives_way {
+                actions.extend([Action::Rejoin { twice: false }, Action::Ahead]);
+            }
+        }
         Greeting::Retired(stamp) => actions.push(Action::send(from, Message::Chunk(Chunk::Retired(stamp)))),
         // An old hello may have been overtaken by what it announces: who gets this knows better.
         Greeting::SetBack => actions.push(Action::send(from, ledger.contents().tip_of(from))),
@@ -166,7 +190,21 @@ mod tests {
             hello.sponsors = sponsors.to_vec();
             judge(ledger, ReplicaId::new(77), &hello)
         };
-        assert_eq!((judge(&[]), judge(&[ReplicaId::new(78)])), (Greeting::Ignored, Greeting::Ignored));
+        let other = Greeting::OtherTeam { gives_way: false };
+        assert_eq!((judge(&[]), judge(&[ReplicaId::new(78)])), (other, other));
         assert_eq!(judge(&[ReplicaId::new(78), sponsor]), Greeting::Ahead);
+    }
+
+    #[test]
+    fn of_two_replicas_that_are_each_alone_in_a_team_exactly_one_gives_way() {
+        let team = Team::of(1);
+        let ledger = &team.replicas[0].ledger;
+        let (mut hello, smallest, largest) = (of(ledger), ReplicaId::new(0), ReplicaId::new(u64::MAX));
+        let mut yields = |origin, sponsors: &[ReplicaId]| {
+            hello.sponsors = sponsors.to_vec();
+            judge(ledger, origin, &hello) == Greeting::OtherTeam { gives_way: true }
+        };
+        assert!(yields(smallest, &[]) && !yields(largest, &[]), "of two founders the larger origin");
+        assert!(yields(largest, &[ReplicaId::new(78)]), "a founder gives way to a replica that was admitted");
     }
 }

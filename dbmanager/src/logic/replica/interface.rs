@@ -61,6 +61,8 @@ pub enum Input {
     Found(Wall),
     /// An operator: this origin will never write again.
     Retire(ReplicaId, Wall),
+    /// An operator: this one gives up its team for that of another replica.
+    Join(ReplicaId, Wall),
     /// An operator: dates have gone wrong, begin a new epoch.
     HealClock(Wall),
 }
@@ -96,6 +98,13 @@ pub enum Alarm {
     NeedsUpgrade(u8),
     /// A peer sent what no peer sends.
     Malformed(ReplicaId),
+    /// A robot belongs to another team of the same name; told at each of its hellos.
+    OtherTeam {
+        /// The replica that said so.
+        origin: ReplicaId,
+        /// Its robot.
+        robot: String,
+    },
     /// We have to begin under a new origin.
     Rejoining {
         /// The one given up.

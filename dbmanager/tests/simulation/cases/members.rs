@@ -190,6 +190,11 @@ fn two_of_a_retired_side_come_back_one_after_the_other() {
 }
 
 #[test]
+fn two_teams_of_one_name_become_one() {
+    scenes::second_team().unwrap();
+}
+
+#[test]
 fn forty_robots_boot_at_once() {
     let mut world = team(40);
     world.put(39, "team/a", 1);

@@ -93,8 +93,13 @@ impl Asking {
     pub(crate) fn order(&self, question: Question) -> Result<(), Failure> {
         let reply = self.ask(question)?;
         let Reply::Done(sentence) = reply else { return Err(refusal(&reply)) };
-        output::say(&if self.json { serde_json::json!({ "done": sentence }).to_string() } else { sentence });
+        self.done(sentence);
         Ok(())
+    }
+
+    /// Prints the sentence that says what was done.
+    pub(crate) fn done(&self, sentence: String) {
+        output::say(&if self.json { serde_json::json!({ "done": sentence }).to_string() } else { sentence });
     }
 }
 

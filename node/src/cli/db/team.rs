@@ -1,10 +1,17 @@
-//! `dca db status`, `found`, `retire`, `heal-clock`: the team.
+//! `dca db status`, `found`, `join`, `retire`, `heal-clock`: the team.
 
 use super::asking::{Asking, Databases, refusal};
 use crate::cli::{Failure, output};
 use crate::logic::database::question::{self, Question, Reply};
 use crate::logic::database::table;
 use anyhow::anyhow;
+use comms::io::clock;
+use std::time::Duration;
+
+/// How long a member of another team has to admit a robot.
+const ADMITTED_WITHIN: Duration = Duration::from_secs(30);
+/// How often it is looked whether it has.
+const LOOK_AGAIN: Duration = Duration::from_millis(100);
 
 /// What `dca db status` is told.
 #[derive(Debug, clap::Args)]
@@ -21,6 +28,15 @@ pub struct Retire {
     /// Retire the names that the robot had before its present one, as after its disk was lost or set back
     #[arg(long)]
     older: bool,
+    #[command(flatten)]
+    asking: Asking,
+}
+
+/// What `dca db join` is told.
+#[derive(Debug, clap::Args)]
+pub struct Join {
+    /// A robot of the other team, as `dca db status` lists them
+    member: String,
     #[command(flatten)]
     asking: Asking,
 }
@@ -47,6 +63,35 @@ impl Retire {
     pub(crate) fn run(self) -> Result<(), Failure> {
         let robot = self.member;
         self.asking.order(if self.older { Question::RetireOlder { robot } } else { Question::Retire { member: robot } })
+    }
+}
+
+impl Join {
+    /// Runs the verb. The robot gives up its team at once; it is done when the other team has admitted it.
+    pub(crate) fn run(self) -> Result<(), Failure> {
+        let Self { member, asking } = self;
+        let robot = asking.with(async |databases| {
+            let reply = databases.ask_one(databases.robot(), Question::Join { robot: member.clone() }).await?;
+            let Reply::Done(_) = reply else { return Err(refusal(&reply)) };
+            let until = clock::now() + ADMITTED_WITHIN;
+            loop {
+                let own = status(databases, databases.robot()).await?;
+                if own.members.iter().any(|one| own.member && one.robot == member) {
+                    return Ok(own.robot);
+                }
+                if clock::now() >= until {
+                    return Err(Failure::Unreachable(anyhow!(
+                        "`{member}` has not admitted `{}` yet; `dca db status --robot {}` shows when a member of the other team has",
+                        own.robot,
+                        own.robot
+                    )));
+                }
+                clock::sleep_until(clock::now() + LOOK_AGAIN).await;
+            }
+        })?;
+        let sentence = format!("`{robot}` belongs to the team of `{member}` now");
+        asking.done(sentence);
+        Ok(())
     }
 }
 

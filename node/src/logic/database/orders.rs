@@ -1,4 +1,4 @@
-//! What an operator orders: begin a team, retire a member, mend the dates.
+//! What an operator orders: begin a team, join another one, retire a member, mend the dates.
 
 use super::question::{Question, Reply};
 use super::{Database, Effect, status};
@@ -33,6 +33,15 @@ impl Database {
         if question == Question::HealClock {
             self.feed(now, replica::Input::HealClock(wall), &mut None, effects);
             return Reply::Done("new writes are dated in a new epoch, above all that were dated wrongly".to_owned());
+        }
+        if let Question::Join { robot } = question {
+            return match self.replica_of_other_team(now, &robot) {
+                Ok(peer) => {
+                    self.feed(now, replica::Input::Join(peer, wall), &mut None, effects);
+                    Reply::Done(format!("`{}` asks `{robot}` to be admitted", self.robot))
+                }
+                Err(why) => Reply::Refused(why),
+            };
         }
         if self.replica.is_member() {
             return Reply::Done(format!("`{}` belongs to the team `{}` already", self.robot, self.team));

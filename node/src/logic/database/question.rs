@@ -114,6 +114,12 @@ pub enum Question {
         /// The robot.
         robot: String,
     },
+    /// This robot gives up its team for that of another robot, which has the same name and was begun apart. Answered by
+    /// [`Reply::Done`].
+    Join {
+        /// The robot of the other team.
+        robot: String,
+    },
 }
 
 /// A point in the history of one robot's copy.
@@ -288,6 +294,8 @@ pub struct Status {
     pub members: Vec<MemberStatus>,
     /// What an operator has to know, the latest last.
     pub alarms: Vec<String>,
+    /// Robots that were heard of late and belong to another team of the same name.
+    pub other_team: Vec<String>,
 }
 
 /// How a member is, as another knows it.

@@ -89,6 +89,7 @@ pub(super) fn from_elsewhere(mut question: Question, now: &Moment) -> Result<Que
         | Question::Found
         | Question::Retire { .. }
         | Question::RetireOlder { .. }
+        | Question::Join { .. }
         | Question::HealClock
         | Question::History(_)
         | Question::Conflicts { .. }

@@ -50,6 +50,7 @@ impl Database {
             clock: quality(self.wall.quality).to_owned(),
             members,
             alarms: self.alarms.iter().cloned().collect(),
+            other_team: self.others(now),
         }
     }
 }

@@ -21,11 +21,24 @@ pub fn status(status: &Status) -> String {
         blocks.push(indented(&table(&rows)));
     }
     blocks.push(indented(&facts(status)));
+    if !status.other_team.is_empty() {
+        blocks.push(indented(&second_team(status)));
+    }
     if !status.alarms.is_empty() {
         let alarms: Vec<String> = status.alarms.iter().map(|alarm| format!("! {alarm}")).collect();
         blocks.push(indented(&alarms.join("\n")));
     }
     blocks.join("\n\n")
+}
+
+/// Returns that there are two teams of one name, and how they become one.
+fn second_team(status: &Status) -> String {
+    let (team, robots) = (&status.team, status.other_team.join("`, `"));
+    format!(
+        "! A second team `{team}` was begun apart from this one. To it belong: `{robots}`.\n  Neither team has what the other \
+         writes. Choose the one that gives way; then each of its robots joins the other:\n  `dca db join ROBOT-OF-THE-OTHER \
+         --robot ROBOT`. What was written comes along."
+    )
 }
 
 /// Returns the one sentence that says whether anything is to be done.
@@ -188,6 +201,7 @@ mod tests {
             clock: "unset".into(),
             members,
             alarms: vec![],
+            other_team: vec![],
         }
     }
 
@@ -218,6 +232,16 @@ mod tests {
             let told: Vec<&str> = text.lines().filter(|line| line.contains("dca db retire r2 --older")).collect();
             assert!(told.len() == 1 && told[0].contains(&ReplicaId::new(2).to_string()), "{text}");
         }
+    }
+
+    #[test]
+    fn a_second_team_of_the_same_name() {
+        let text =
+            status(&Status { other_team: vec!["r3".into(), "r4".into()], ..team(vec![member("r1", 1, None, 0)]) });
+        assert!(
+            text.contains("A second team `dca`") && text.contains("`r3`, `r4`") && text.contains("dca db join"),
+            "{text}"
+        );
     }
 
     #[test]

@@ -1,0 +1,97 @@
+//! Robots of another team that has the name of this one: it was begun apart, as by two people in the same minute.
+//!
+//! A robot that is alone in its team gives way by itself (`dbmanager`'s `hello.rs`). Of two teams with several members an
+//! operator decides which stays; until then every member of both says so.
+
+use super::Database;
+use super::status::HEARD_WITHIN;
+use comms::logic::time::Time;
+use dbmanager::logic::version_vector::ReplicaId;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// How many replicas are remembered.
+const REPLICAS_MAX: usize = 64;
+
+/// Which robots said of late that they belong to another team.
+#[derive(Debug, Default)]
+pub(super) struct OtherTeam(BTreeMap<ReplicaId, (String, Time)>);
+
+impl OtherTeam {
+    /// Notes that a robot has said so. Returns whether that is new.
+    pub(super) fn hear(&mut self, now: Time, origin: ReplicaId, robot: &str) -> bool {
+        self.0.retain(|_, (_, at)| now.since(*at) < HEARD_WITHIN);
+        let is_new = !self.0.contains_key(&origin);
+        if is_new && self.0.len() >= REPLICAS_MAX {
+            return false;
+        }
+        self.0.insert(origin, (robot.to_owned(), now));
+        is_new
+    }
+
+    /// Returns under which name a robot was heard last.
+    fn replica(&self, now: Time, robot: &str) -> Option<ReplicaId> {
+        let heard = self.0.iter().filter(|(_, (name, at))| name == robot && now.since(*at) < HEARD_WITHIN);
+        heard.max_by_key(|(_, (_, at))| *at).map(|(origin, _)| *origin)
+    }
+
+    /// Returns the robots that were heard of late, but for those of the own team.
+    pub(super) fn robots(&self, now: Time, is_own: impl Fn(&str) -> bool) -> Vec<String> {
+        let late = self.0.values().filter(|(robot, at)| now.since(*at) < HEARD_WITHIN && !is_own(robot));
+        late.map(|(robot, _)| robot.clone()).collect::<BTreeSet<_>>().into_iter().collect()
+    }
+}
+
+impl Database {
+    /// Returns who does not get what is written here although one might expect it, and where to read what to do.
+    pub(super) fn unheard_by(&self, now: Time) -> Option<String> {
+        let Self { robot, team, .. } = self;
+        if !self.replica.is_member() {
+            let is_alone = !self.heard.values().any(|heard| heard.member);
+            let note = "belongs to no team yet, so this stays on it until it joins one; `dca db status` says how";
+            return is_alone.then(|| format!("`{robot}` {note}"));
+        }
+        let others = self.others(now);
+        (!others.is_empty()).then(|| {
+            format!(
+                "`{}` will not get this: there is a second team `{team}`, begun apart; `dca db status` says how they become one",
+                others.join("`, `")
+            )
+        })
+    }
+
+    /// Returns the robots that are there and belong to another team of this name.
+    pub(super) fn others(&self, now: Time) -> Vec<String> {
+        let members = self.replica.members();
+        self.other_team.robots(now, |robot| members.active().any(|(_, member)| member == robot))
+    }
+
+    /// Returns the replica of another team that a robot has.
+    pub(super) fn replica_of_other_team(&self, now: Time, robot: &str) -> Result<ReplicaId, String> {
+        let Self { robot: own, team, .. } = self;
+        if !self.replica.is_member() {
+            return Err(format!("`{own}` belongs to no team; it joins `{team}` by itself when it hears a member"));
+        }
+        if self.replica.members().active().any(|(_, member)| member == robot) {
+            return Err(format!("`{own}` and `{robot}` belong to one team already"));
+        }
+        self.other_team.replica(now, robot).ok_or_else(|| {
+            format!("`{own}` has not heard of late that `{robot}` belongs to another team `{team}`; `dca db status` lists those")
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::time::Duration;
+
+    #[test]
+    fn a_robot_is_told_once_and_forgotten_when_it_is_silent() {
+        let (mut other, origin, begin) = (OtherTeam::default(), ReplicaId::new(1), Time::ZERO);
+        let at = |seconds| begin + Duration::from_secs(seconds);
+        assert!(other.hear(at(0), origin, "r2") && !other.hear(at(20), origin, "r2"));
+        assert_eq!(other.robots(at(40), |_| false), ["r2"]);
+        assert!(other.robots(at(40), |robot| robot == "r2").is_empty(), "it has joined under another origin");
+        assert!(other.robots(at(60), |_| false).is_empty() && other.hear(at(60), origin, "r2"));
+    }
+}
