@@ -5,8 +5,10 @@
 //! and once in a while after that. The journal knows the ends, too, so that a home that is started again goes on asking.
 //!
 //! While the home itself cannot be reached, who took part in a deployment keeps its end open instead; that is over when the
-//! home is there again, which then answers for itself. A host that could not end everything is not asked again before its node
-//! is started anew: a new node ends what an earlier one has left.
+//! home is there again, which then answers for itself. A host that could not end everything says so each time it is asked, until the
+//! last program has ended after all; or its node is started anew, which ends what the earlier one has left.
+//!
+//! A node that ends as it was told to says so to the others, which do not list its host, and never say that something may run there.
 //!
 //! Hosts are kept for [`HOSTS_KEPT`], open ends until they are confirmed or a person says that they are to be forgotten; of
 //! both there is a limit, and the oldest goes first.
@@ -14,7 +16,7 @@
 use super::effect::{Effect, Out};
 use super::protocol::{Absent, AbsentHost, Deployment, OpenEnd, OpenHost, ToTenant, Why};
 use comms::logic::time::Time;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
 /// How long a host that does not answer is listed.
@@ -37,8 +39,8 @@ struct Gone {
 #[derive(Clone, Debug)]
 struct End {
     home: String,
-    /// Why each has not confirmed, and the boot that could not end everything.
-    hosts: BTreeMap<String, (Why, Option<u64>)>,
+    /// Why each has not confirmed.
+    hosts: BTreeMap<String, Why>,
     since: Time,
 }
 
@@ -47,6 +49,8 @@ struct End {
 pub struct Absence {
     host: String,
     gone: BTreeMap<String, Gone>,
+    /// Hosts whose nodes said that they end, and that nothing is left.
+    left: BTreeSet<String>,
     ends: BTreeMap<Deployment, End>,
     ask_at: Time,
 }
@@ -57,18 +61,26 @@ impl Absence {
         let end = |hosts: Vec<String>| {
             // What an earlier node of this host has left was ended before this one began.
             let others = hosts.into_iter().filter(|other| other != host);
-            End {
-                home: host.to_owned(),
-                hosts: others.map(|other| (other, (Why::Restarted, None))).collect(),
-                since: now,
-            }
+            End { home: host.to_owned(), hosts: others.map(|other| (other, Why::Restarted)).collect(), since: now }
         };
         let ends = open.into_iter().map(|(deployment, hosts)| (deployment, end(hosts))).collect();
-        Self { host: host.to_owned(), gone: BTreeMap::new(), ends, ask_at: now }
+        Self { host: host.to_owned(), gone: BTreeMap::new(), left: BTreeSet::new(), ends, ask_at: now }
+    }
+
+    /// Takes the word of a node that it ends and that nothing it has started is left: nobody has to mind that it does not answer.
+    pub fn leaves(&mut self, host: &str) {
+        self.gone.remove(host);
+        self.left.insert(host.to_owned());
+        if self.left.len() > HOSTS_MAX {
+            self.left.pop_first();
+        }
     }
 
     /// Takes note that a host does not answer, since its last answer.
     pub fn missing(&mut self, host: &str, heard: Time) {
+        if self.left.contains(host) {
+            return;
+        }
         self.gone.entry(host.to_owned()).or_insert(Gone { heard, lost: false });
         if self.gone.len() > HOSTS_MAX {
             let oldest = self.gone.iter().min_by_key(|(_, gone)| gone.heard).map(|(host, _)| host.clone());
@@ -83,37 +95,31 @@ impl Absence {
     }
 
     /// Takes note that a node answers.
-    pub fn appeared(&mut self, now: Time, host: &str, boot: u64) {
+    pub fn appeared(&mut self, now: Time, host: &str) {
         self.gone.remove(host);
+        self.left.remove(host);
         // From now on it answers for what has its home there.
         self.ends.retain(|_, end| end.home != host);
-        for (why, unable) in self.ends.values_mut().filter_map(|end| end.hosts.get_mut(host)) {
-            if *why == Why::Unable && *unable != Some(boot) {
-                (*why, *unable) = (Why::Lost, None);
-            }
-        }
         self.ask_at = self.ask_at.min(now);
     }
 
     /// Keeps the end of a deployment that these hosts have not confirmed. Without any, and at its home, it is over for good.
-    pub fn open(&mut self, now: Time, deployment: Deployment, home: &str, hosts: BTreeMap<String, (Why, Option<u64>)>) {
+    pub fn open(&mut self, now: Time, deployment: Deployment, home: &str, hosts: BTreeMap<String, Why>) {
         self.ends.insert(deployment, End { home: home.to_owned(), hosts, since: now });
         self.ask_at = now;
     }
 
     /// Takes the word of a host that nothing of a deployment is left there.
     pub fn confirmed(&mut self, deployment: &Deployment, host: &str) {
-        let Some(end) = self.ends.get_mut(deployment) else { return };
-        // A node that could not end everything does not find what it has lost sight of.
-        if end.hosts.get(host).is_some_and(|(why, _)| *why != Why::Unable) {
+        if let Some(end) = self.ends.get_mut(deployment) {
             end.hosts.remove(host);
         }
     }
 
-    /// Takes the word of a host that something of a deployment may be left there for as long as its node runs.
-    pub fn unable(&mut self, deployment: &Deployment, host: &str, boot: Option<u64>) {
-        let word = self.ends.get_mut(deployment).and_then(|end| end.hosts.get_mut(host));
-        word.into_iter().for_each(|word| *word = (Why::Unable, boot));
+    /// Takes the word of a host that something of a deployment may be left there.
+    pub fn unable(&mut self, deployment: &Deployment, host: &str) {
+        let why = self.ends.get_mut(deployment).and_then(|end| end.hosts.get_mut(host));
+        why.into_iter().for_each(|why| *why = Why::Unable);
     }
 
     /// Forgets an open end, as a person wants; says whether there was one.
@@ -142,8 +148,8 @@ impl Absence {
         }
         self.ask_at = out.now + ASK_EVERY;
         for (deployment, end) in self.ends.iter().filter(|(_, end)| end.home == self.host) {
-            let asked = end.hosts.iter().filter(|(host, (why, _))| *why != Why::Unable && reaches(host));
-            asked.for_each(|(host, _)| out.send(host, deployment.to_tenant(ToTenant::Release)));
+            let asked = end.hosts.keys().filter(|host| reaches(host));
+            asked.for_each(|host| out.send(host, deployment.to_tenant(ToTenant::Release)));
         }
     }
 
@@ -164,7 +170,7 @@ impl Absence {
         };
         let end = |(deployment, end): (&Deployment, &End)| {
             let hosts =
-                end.hosts.iter().map(|(host, (why, _))| OpenHost { host: host.clone(), why: *why, heard: ago(host) });
+                end.hosts.iter().map(|(host, why)| OpenHost { host: host.clone(), why: *why, heard: ago(host) });
             OpenEnd { deployment: deployment.clone(), home: end.home.clone(), hosts: hosts.collect() }
         };
         let open = self.ends.iter().filter(|(_, end)| !end.hosts.is_empty());

@@ -1,11 +1,11 @@
 //! The agent of a host: routes every input to the machine it belongs to, and nothing else.
 
 mod calls;
+mod over;
 mod peers;
 
 use crate::logic::absence::Absence;
 use crate::logic::claims::Claims;
-use crate::logic::database::chronicle;
 use crate::logic::effect::{Effect, Out, ProcessId, earliest};
 use crate::logic::home::Home;
 use crate::logic::link::{Frame, Link};
@@ -13,7 +13,7 @@ use crate::logic::nameserver::NameServer;
 use crate::logic::programs::Programs;
 use crate::logic::protocol::{
     Absent, Body, Deployment, Ending, Failure, FailureCause, Message, NodeStatus, Pong, Report, Request, ToHome,
-    ToTenant, Why,
+    ToTenant,
 };
 use crate::logic::tenant::Tenant;
 use comms::logic::control::Notice;
@@ -154,8 +154,19 @@ pub struct Agent {
     /// The programs that parts of deployments had here which are over, by leaf and path; the latest first.
     past: VecDeque<(Deployment, Vec<(u32, String)>)>,
     leaving: bool,
+    /// Programs of deployments that are over here, and that may still run.
+    loose: BTreeMap<Deployment, Loose>,
     /// Until when a node of which nothing is left waits for others to acknowledge its last messages.
     lingers_until: Option<Time>,
+}
+
+/// Programs that could not be ended when their deployment was.
+#[derive(Debug)]
+struct Loose {
+    /// The host of `main`.
+    home: String,
+    /// Indices into `Plan::leaves`.
+    leaves: BTreeSet<u32>,
 }
 
 /// A deployment that waits for hosts which this node has not seen yet.
@@ -187,6 +198,7 @@ impl Agent {
             over: VecDeque::new(),
             past: VecDeque::new(),
             leaving: false,
+            loose: BTreeMap::new(),
             lingers_until: None,
         }
     }
@@ -237,6 +249,8 @@ impl Agent {
             Input::Shim { process, report, output } => {
                 if let Some(tenant) = self.tenants.get_mut(&process.deployment) {
                     tenant.observe(process.leaf, report, output, out);
+                } else if report == ShimReport::Gone {
+                    self.loose_ended(&process, out);
                 }
             }
             Input::Control { process, notice } => self.hear(&process, notice, out),
@@ -293,6 +307,7 @@ impl Agent {
         let Message { deployment, body } = message;
         match body {
             Body::Void => {}
+            Body::Leaves => self.absence.leaves(from),
             Body::Home(message) => {
                 if let Some(home) = self.homes.get_mut(&deployment) {
                     return home.receive(message, from, out);
@@ -323,7 +338,8 @@ impl Agent {
         if let ToTenant::Prepare { plan } = message {
             self.prepare(deployment.clone(), plan, from, out);
         } else if message == ToTenant::Release {
-            out.send(from, deployment.to_home(ToHome::Released));
+            let is_loose = self.loose.contains_key(deployment);
+            out.send(from, deployment.to_home(if is_loose { ToHome::Unconfirmed } else { ToHome::Released }));
         } else {
             let gone = FailureCause::NotAvailable("its node has left the deployment".to_owned());
             let answer = answer_of_absent(message, gone);
@@ -411,53 +427,6 @@ impl Agent {
         }
         self.homes.values_mut().for_each(|home| home.tick(out));
         self.tenants.values_mut().for_each(|tenant| tenant.tick(out));
-    }
-
-    /// Drops what is over. A node that leaves says so when nothing is left and the others know.
-    fn tidy_up(&mut self, now: Time, effects: &mut Vec<Effect>) {
-        for (deployment, home) in self.homes.extract_if(.., |_, home| home.is_over()) {
-            let boot = |host: &String| self.names.holder(host);
-            let open = home.unconfirmed().iter().map(|(host, why)| (host.clone(), (*why, boot(host)))).collect();
-            if home.unconfirmed().is_empty() {
-                effects.push(Effect::Settled { deployment: deployment.clone() });
-            } else {
-                self.absence.open(now, deployment.clone(), &self.identity.host, open);
-            }
-            let reports = home.into_reports();
-            let record = chronicle::ended(&self.identity.host, &deployment, &reports);
-            effects.extend(record.map(|record| Effect::Record(Box::new(record))));
-            self.over.push_front((deployment, reports));
-        }
-        self.over.truncate(OVER_MAX);
-        for (deployment, tenant) in self.tenants.extract_if(.., |_, tenant| tenant.is_over()) {
-            if tenant.home() != self.identity.host && !self.names.reaches(tenant.home()) {
-                let away =
-                    tenant.hosts().iter().filter(|host| **host != self.identity.host && !self.names.reaches(host));
-                let open = away.map(|host| (host.clone(), (Why::Lost, None))).collect();
-                self.absence.open(now, deployment.clone(), tenant.home(), open);
-            }
-            effects.push(Effect::Bury { deployment: deployment.clone() });
-            self.past.push_front((deployment, tenant.programs()));
-        }
-        self.past.truncate(OVER_MAX);
-        if self.homes.is_empty() && self.tenants.is_empty() {
-            if self.leaving {
-                // A node that is gone cannot send its last messages again; without them the others would wait for it.
-                let until = *self.lingers_until.get_or_insert(now + LINGER_MAX);
-                if until <= now || self.is_heard() {
-                    effects.push(Effect::Leave);
-                }
-            } else if let Some(why) = self.namesake().filter(|_| self.gathering.is_empty() && self.names.is_known(now))
-            {
-                effects.push(Effect::Yield { why });
-            }
-        }
-    }
-
-    /// Whether every node that can be reached has acknowledged everything.
-    fn is_heard(&self) -> bool {
-        let is_idle = |links: &Vec<Link>| links.last().is_none_or(|link| link.deadline().is_none());
-        self.links.iter().all(|(host, links)| is_idle(links) || !self.names.reaches(host))
     }
 }
 

@@ -114,6 +114,8 @@ pub struct Instance {
     cut_off: BTreeSet<String>,
     pid: Option<u32>,
     cause: Option<FailureCause>,
+    /// Why the last activation failed, if it did.
+    failed: Option<FailureCause>,
     /// The last lines that its program has written, once it has ended.
     output: Vec<String>,
 }
@@ -145,13 +147,14 @@ impl Instance {
             cut_off: BTreeSet::new(),
             pid: None,
             cause: None,
+            failed: None,
             output: Vec::new(),
         };
         instance.start(moment);
         instance
     }
 
-    /// Returns one word for a person, with the reason when it is dead.
+    /// Returns one word for a person, with the reason when it is dead, or when its last activation has failed.
     pub fn state(&self) -> String {
         let word = match self.stage {
             Stage::Removing { .. } if !self.joined => "starting",
@@ -162,7 +165,10 @@ impl Instance {
             Stage::Running if self.pid.is_none() => "starting",
             Stage::Prepared | Stage::Connecting { .. } => "connecting",
             Stage::Refused => "refused",
-            Stage::Idle => "idle",
+            Stage::Idle => {
+                let failed = self.failed.as_ref().map(|cause| format!("idle, aborted: {cause}"));
+                return failed.unwrap_or_else(|| "idle".to_owned());
+            }
             Stage::Running => "running",
             Stage::Stopping { .. } => "stopping",
             Stage::Leaving { .. } => "leaving",
@@ -396,6 +402,10 @@ impl Instance {
         let ending = match (ending, lost) {
             (Ending::Stopped, Some(host)) => Ending::Aborted(self.failure(FailureCause::HostLost(host), moment)),
             (ending, _) => ending,
+        };
+        self.failed = match &ending {
+            Ending::Aborted(failure) => Some(failure.cause.clone()),
+            Ending::Done(_) | Ending::Stopped | Ending::Unconfirmed => None,
         };
         moment.notes.push(Note::Ended(number, ending));
     }

@@ -76,6 +76,11 @@ pub struct Message {
 }
 
 impl Message {
+    /// Returns what a node says before it ends.
+    pub fn leaves() -> Self {
+        Self { deployment: Deployment { name: String::new(), epoch: 0 }, body: Body::Leaves }
+    }
+
     /// Returns whether it is the last word about something, that a process has ended or that everything is to end: true
     /// however late it comes.
     pub fn is_final(&self) -> bool {
@@ -92,6 +97,8 @@ pub enum Body {
     Tenant(ToTenant),
     /// Nobody: it takes the place of a message whose sender no longer means it.
     Void,
+    /// The node: the sender ends as it was told to, and nothing that it has started is left. About no deployment.
+    Leaves,
 }
 
 /// From a host that takes part in a deployment to its home.

@@ -100,6 +100,11 @@ impl Tenant {
         tenant
     }
 
+    /// Returns the programs that may still be there although everything was done to end them.
+    pub fn unconfirmed(&self) -> BTreeSet<u32> {
+        self.instances.iter().filter(|(_, instance)| instance.is_unconfirmed()).map(|(leaf, _)| *leaf).collect()
+    }
+
     /// Returns the host of `main`.
     pub fn home(&self) -> &str {
         &self.home
@@ -439,8 +444,7 @@ impl Tenant {
 
     fn report_released(&self, out: &mut Out<'_>) {
         if self.is_over() {
-            let unconfirmed = self.instances.values().any(Instance::is_unconfirmed);
-            let message = if unconfirmed { ToHome::Unconfirmed } else { ToHome::Released };
+            let message = if self.unconfirmed().is_empty() { ToHome::Released } else { ToHome::Unconfirmed };
             out.send(&self.home, self.deployment.to_home(message));
         }
     }

@@ -2,8 +2,8 @@
 //! time.
 
 use crate::losses::{FOUR, active, cut, heal};
-use crate::world::World;
-use node::logic::agent::{Agent, Identity};
+use crate::world::{Coming, World};
+use node::logic::agent::{Agent, Identity, Input};
 use node::logic::programs::Programs;
 use node::logic::protocol::{Absent, Answer, Deployment, OpenEnd, Report, Request, StopReply, Why};
 use std::time::Duration;
@@ -106,9 +106,9 @@ fn a_home_that_was_started_again_asks() {
     assert_eq!(world.settled, [("c1".to_owned(), deployment)]);
 }
 
-/// A node that could not end everything cannot say later that nothing is left; one that is started anew can.
+/// A node that could not end everything says so until the last program has ended after all, as when its shim was suspended.
 #[test]
-fn a_host_that_could_not_end_everything_is_asked_when_its_node_is_another() {
+fn a_host_that_could_not_end_everything_confirms_when_the_last_program_has_ended() {
     let mut world = World::new(&["c1", "c2"]);
     world.immortal = true;
     world.deploy("c1", &FOUR.replace("instof Sensor", "instof Stubborn"));
@@ -122,6 +122,12 @@ fn a_host_that_could_not_end_everything_is_asked_when_its_node_is_another() {
     heal(&mut world, "c2");
     world.run_for(Duration::from_secs(30));
     assert_eq!(ends(&mut world, "c1"), left);
+    for (host, process) in world.alive.clone() {
+        assert_ne!(ends(&mut world, "c1"), []);
+        world.kill(&host, process.leaf);
+        world.run_for(Duration::from_secs(1));
+    }
+    assert_eq!(ends(&mut world, "c1"), []);
 }
 
 /// A host that comes back while the deployment ends has time to confirm, as long as others have not.
@@ -146,4 +152,17 @@ process main() {
     let Report::Finished { at, unconfirmed, .. } = world.last_report(call) else { panic!("it has not ended") };
     assert_eq!((unconfirmed, at.as_secs()), (&vec!["c3".to_owned()], 10));
     assert_eq!(ends(&mut world, "c1"), [(1, "c3".to_owned(), Why::Lost)]);
+}
+
+/// A node that ends as it was told to has said so before: nobody lists its host, neither at once nor when it counts as lost.
+#[test]
+fn a_node_that_has_left_is_not_listed() {
+    let mut world = World::new(&["c1", "c2"]);
+    world.run_for(Duration::from_secs(2));
+    world.at(0, "c2", Coming::Input(Input::Leave));
+    for second in 0..10 {
+        world.run_for(Duration::from_secs(1));
+        assert_eq!(absent(&mut world, "c1").hosts, vec![], "after {second} s");
+    }
+    assert_eq!(world.agents.len(), 1, "it has left");
 }

@@ -45,7 +45,7 @@ impl Agent {
         link.reached(out.now);
         links.push(link);
         links.drain(..links.len().saturating_sub(LINKS_MAX));
-        self.absence.appeared(out.now, host, boot);
+        self.absence.appeared(out.now, host);
         self.homes.values_mut().for_each(|home| home.host_back(host, out));
         self.tenants.values_mut().for_each(|tenant| tenant.host_back(host, out));
     }
@@ -102,7 +102,7 @@ impl Agent {
     pub(super) fn confirm(&mut self, deployment: &Deployment, message: &ToHome, from: &str) {
         match message {
             ToHome::Released => self.absence.confirmed(deployment, from),
-            ToHome::Unconfirmed => self.absence.unable(deployment, from, self.names.holder(from)),
+            ToHome::Unconfirmed => self.absence.unable(deployment, from),
             ToHome::Prepared { .. }
             | ToHome::Refused { .. }
             | ToHome::Connected

@@ -1,0 +1,87 @@
+//! What is over is dropped, and a node that is to leave takes its leave.
+
+use super::{Agent, LINGER_MAX, Loose, OVER_MAX};
+use crate::logic::database::chronicle;
+use crate::logic::effect::{Effect, Out, ProcessId};
+use crate::logic::link::Link;
+use crate::logic::protocol::{Message, ToHome, Why};
+use comms::logic::time::Time;
+
+impl Agent {
+    /// Drops what is over; a node of which nothing is left then leaves, if it is to.
+    pub(super) fn tidy_up(&mut self, now: Time, effects: &mut Vec<Effect>) {
+        for (deployment, home) in self.homes.extract_if(.., |_, home| home.is_over()) {
+            if home.unconfirmed().is_empty() {
+                effects.push(Effect::Settled { deployment: deployment.clone() });
+            } else {
+                self.absence.open(now, deployment.clone(), &self.identity.host, home.unconfirmed().clone());
+            }
+            let reports = home.into_reports();
+            let record = chronicle::ended(&self.identity.host, &deployment, &reports);
+            effects.extend(record.map(|record| Effect::Record(Box::new(record))));
+            self.over.push_front((deployment, reports));
+        }
+        self.over.truncate(OVER_MAX);
+        for (deployment, tenant) in self.tenants.extract_if(.., |_, tenant| tenant.is_over()) {
+            if tenant.home() != self.identity.host && !self.names.reaches(tenant.home()) {
+                let away =
+                    tenant.hosts().iter().filter(|host| **host != self.identity.host && !self.names.reaches(host));
+                let open = away.map(|host| (host.clone(), Why::Lost)).collect();
+                self.absence.open(now, deployment.clone(), tenant.home(), open);
+            }
+            let leaves = tenant.unconfirmed();
+            if !leaves.is_empty() {
+                self.loose.insert(deployment.clone(), Loose { home: tenant.home().to_owned(), leaves });
+            }
+            effects.push(Effect::Bury { deployment: deployment.clone() });
+            self.past.push_front((deployment, tenant.programs()));
+        }
+        self.past.truncate(OVER_MAX);
+        if !self.homes.is_empty() || !self.tenants.is_empty() {
+            return;
+        }
+        if self.leaving {
+            self.take_leave(now, effects);
+        } else if let Some(why) = self.namesake().filter(|_| self.gathering.is_empty() && self.names.is_known(now)) {
+            effects.push(Effect::Yield { why });
+        }
+    }
+
+    /// Says to the others that this node leaves, unless something may run on after it, and ends when they have heard it.
+    fn take_leave(&mut self, now: Time, effects: &mut Vec<Effect>) {
+        // A node that is gone cannot send its last messages again; without them the others would wait for it.
+        let until = match self.lingers_until {
+            Some(until) => until,
+            None => {
+                if self.loose.is_empty() {
+                    let mut out = Out { now, effects, messages: &mut Vec::new() };
+                    let others: Vec<String> =
+                        self.links.keys().filter(|host| self.names.reaches(host)).cloned().collect();
+                    others.iter().for_each(|host| self.transmit(host, Message::leaves(), &mut out));
+                }
+                *self.lingers_until.insert(now + LINGER_MAX)
+            }
+        };
+        if until <= now || self.is_heard() {
+            effects.push(Effect::Leave);
+        }
+    }
+
+    /// Takes note that nothing is left of a program, which could not be ended when its deployment was. With the last one the
+    /// home is told.
+    pub(super) fn loose_ended(&mut self, process: &ProcessId, out: &mut Out<'_>) {
+        let Some(loose) = self.loose.get_mut(&process.deployment) else { return };
+        loose.leaves.remove(&process.leaf);
+        if loose.leaves.is_empty() {
+            let home = std::mem::take(&mut loose.home);
+            self.loose.remove(&process.deployment);
+            out.send(&home, process.deployment.to_home(ToHome::Released));
+        }
+    }
+
+    /// Whether every node that can be reached has acknowledged everything.
+    fn is_heard(&self) -> bool {
+        let is_idle = |links: &Vec<Link>| links.last().is_none_or(|link| link.deadline().is_none());
+        self.links.iter().all(|(host, links)| is_idle(links) || !self.names.reaches(host))
+    }
+}
