@@ -53,7 +53,7 @@ impl Hosts {
             Act::Up => self.network.set(host + 1, "link set eth0 up"),
             Act::Apart => self.network.keep_apart(&[host + 1]),
             Act::Together => self.network.let_meet(host + 1),
-            Act::Kill => self.nodes[host].signal(Signal::KILL),
+            Act::Kill => self.nodes[host].kill(),
             Act::Start => self.nodes[host] = self.host(host + 1).with_log(LOG).start_node(NAMES[host], &["--lan"]),
             Act::Stop => self.nodes[host].signal(Signal::STOP),
             Act::Go => self.nodes[host].signal(Signal::CONT),

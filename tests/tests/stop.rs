@@ -133,7 +133,7 @@ fn what_a_lost_host_has_not_confirmed_is_told_until_it_is_back() {
     let json: serde_json::Value = serde_json::from_str(&here.ask(&["status", "--json"]).out).expect("it is JSON");
     assert_eq!(json[0]["absent"]["ends"][0]["hosts"][0]["why"], "lost", "{json}");
     // Another node of the home knows it from its journal.
-    nodes[0].signal(Signal::KILL);
+    nodes[0].kill();
     let again = here.node("c1", &[]);
     let (status, listed) = (here.ask(&["status"]), here.ask(&["nodes"]));
     assert!(status.out.contains("far@1  unconfirmed on  c2 (not heard since `c1` was started again)"), "{status}");

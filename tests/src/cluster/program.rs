@@ -139,6 +139,16 @@ impl Program {
         kill_process(Pid::from_child(&self.child), signal).expect("a child may be signalled until it is reaped");
     }
 
+    /// Ends it at once and waits until it is gone, so that a successor finds its locks released.
+    ///
+    /// # Panics
+    /// The kernel refuses, or takes more than a minute.
+    #[track_caller]
+    pub fn kill(&self) {
+        self.signal(Signal::KILL);
+        assert!(self.has_ended(Duration::from_secs(60)), "{} was killed and is still there", self.name);
+    }
+
     /// Returns what it has written so far.
     pub fn text(&self, stream: Stream) -> String {
         self.stream(stream).text()
