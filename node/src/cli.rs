@@ -35,6 +35,7 @@ use crate::io::{logging, run_dir};
 use anyhow::anyhow;
 use clap::{Args, Parser, Subcommand};
 use comms::io::session::{self, Role};
+use std::io::{self, Write as _};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -138,7 +139,10 @@ impl<E: Into<anyhow::Error>> From<E> for Failure {
 /// Runs the command line of this process.
 pub fn main() -> ExitCode {
     session::prepare_process(Role::Relay);
-    let command = Command::parse();
+    let command: Command = match parsed() {
+        Ok(command) => command,
+        Err(code) => return code,
+    };
     logging::start(logging::COMMAND);
     finish(match command.verb {
         Verb::Run(arguments) => run::run(arguments),
@@ -164,12 +168,26 @@ pub fn main() -> ExitCode {
     })
 }
 
+/// Reads the arguments of this process. What asks for nothing to be done, as `--help`, is answered here.
+pub(crate) fn parsed<T: Parser>() -> Result<T, ExitCode> {
+    T::try_parse().map_err(|answer| match answer.print().and_then(|()| io::stdout().flush()) {
+        Err(error) if !answer.use_stderr() && error.kind() != io::ErrorKind::BrokenPipe => {
+            finish(Err(unwritten(&error)))
+        }
+        _ => u8::try_from(answer.exit_code()).map_or(ExitCode::FAILURE, ExitCode::from),
+    })
+}
+
+fn unwritten(error: &io::Error) -> Failure {
+    Failure::Refused(anyhow!("the result could not be written to standard output: {error}"))
+}
+
 /// Says why something was not done; returns the exit code for it.
 fn finish(result: Result<(), Failure>) -> ExitCode {
     let (error, code) = match result {
         Ok(()) => match output::failed() {
             None => return ExitCode::SUCCESS,
-            Some(error) => (anyhow!("the result could not be written to standard output: {error}"), 1),
+            Some(error) => return finish(Err(unwritten(error))),
         },
         Err(Failure::Told) => return ExitCode::from(1),
         Err(Failure::Refused(error)) => (error, 1),

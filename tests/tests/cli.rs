@@ -1,6 +1,6 @@
 //! What `dca check` says of specs, and with which exit code.
 
-use dca_tests::cluster::{Cluster, Ended, SOON, Stream, executable, spec};
+use dca_tests::cluster::{Cluster, Ended, SOON, Stream, executable, spec, wait_until};
 use rustix::process::Signal;
 use std::io::{ErrorKind, Write};
 use std::process::{Command, Stdio};
@@ -168,4 +168,22 @@ fn what_runs_in_a_command_is_found_from_elsewhere() {
     assert_eq!(ended.code, Some(1), "{ended}");
     assert_eq!(here.ask(&["status"]).code, Some(3));
     cluster.expect_nothing_left(std::time::Duration::from_secs(2));
+}
+
+/// A member that has aborted while the others of `a , b` go on does not look like one that waits for its turn.
+#[test]
+fn a_member_that_has_aborted_is_not_merely_idle() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let _node = here.node("c1", &[]);
+    let text = "module Fails(host) { exec \"sh -c 'exit 3'\"; plain; }
+        module Goes(host) { exec \"sleep 600\"; plain; }
+        process main() {
+            host { c1 }
+            instantiated_processes { a instof Fails(c1); b instof Goes(c1); }
+            internal_event_actions { a , b }
+        }";
+    let _deploying = here.dca(&["deploy", &cluster.file("both.dca", text)]);
+    let tells = || here.ask(&["status"]).out.contains("idle, aborted: left with exit code 3");
+    assert!(wait_until(SOON, tells).is_some(), "{}", here.ask(&["status"]));
 }

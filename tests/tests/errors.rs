@@ -204,6 +204,8 @@ fn a_program_that_offers_no_controllers() {
     check(&cluster, &missing, 1, &["cannot run `/nowhere/controllers`: No such file"]);
     let node = here.start_node("c1", &["--controllers", "/bin/false"]).ended(SOON);
     check(&cluster, &node, 1, &["`/bin/false` does not tell its interface"]);
+    let node = here.start_node("c1", &["--controllers", "/bin/true"]).ended(SOON);
+    check(&cluster, &node, 1, &["`/bin/true` offers no controller type"]);
 }
 
 #[test]
@@ -213,8 +215,10 @@ fn a_folder_that_cannot_be_used() {
     let file = cluster.file("file", "");
     let node = cluster.here().with_run_dir(format!("{file}/n")).start_node("c1", &[]);
     check_node(&cluster, node, &["/file` is a file, where a folder is expected", "`--run-dir`"]);
-    let node = cluster.here().with_run_dir(cluster.folder().join("d".repeat(60))).start_node("c1", &[]);
-    check_node(&cluster, node, &["is too deep for sockets", "choose a shorter one with `--run-dir`"]);
+    let deep = cluster.folder().join("d".repeat(60));
+    let node = cluster.here().with_run_dir(&deep).start_node("c1", &[]);
+    check_node(&cluster, node, &["is too deep for sockets", "may have 45 bytes", "a shorter one with `--run-dir`"]);
+    assert!(!deep.exists(), "a start that is refused leaves nothing");
     let runs = cluster.here().ask(&["run", "--runs", &format!("{file}/runs"), &cluster.file("idle.dca", IDLE)]);
     check(&cluster, &runs, 1, &["/file` is a file, where a folder is expected", "`--runs`"]);
     if !getuid().is_root() {

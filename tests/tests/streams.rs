@@ -150,11 +150,19 @@ fn a_broken_log_is_told() {
 /// A result that the disk does not take is no result.
 #[test]
 fn a_result_that_cannot_be_written_is_a_failure() {
-    let full = File::options().write(true).open("/dev/full").expect("Linux has it");
-    let mut command = std::process::Command::new(dca_tests::cluster::executable("dca"));
-    let ended = command.args(["explain", "E0101"]).stdout(full).output().expect("it can be started");
-    let said = String::from_utf8_lossy(&ended.stderr).into_owned();
-    assert!(ended.status.code() == Some(1) && said.contains("standard output: No space left"), "{said}");
+    for (program, arguments) in [
+        ("dca", &["explain", "E0101"][..]),
+        ("dca", &["--help"]),
+        ("dca", &["run", "--help"]),
+        ("dca-node", &["--version"]),
+    ] {
+        let full = File::options().write(true).open("/dev/full").expect("Linux has it");
+        let mut command = std::process::Command::new(dca_tests::cluster::executable(program));
+        let ended = command.args(arguments).stdout(full).output().expect("it can be started");
+        let said = String::from_utf8_lossy(&ended.stderr).into_owned();
+        let is_told = said.contains("standard output: No space left");
+        assert!(ended.status.code() == Some(1) && is_told, "{program} {arguments:?}: {said}");
+    }
 }
 
 /// What a database can export, it can import: 100,000 keys take several messages and several transactions.

@@ -1,7 +1,7 @@
 //! `dca-node`: the agent of a host, until it is asked to leave (SIGTERM, SIGINT).
 
 use crate::cli::client::{block_on, ended};
-use crate::cli::{Failure, finish, output};
+use crate::cli::{Failure, finish, output, parsed};
 use crate::io::driver::{self, Config};
 use crate::io::logging::{self, Log};
 use crate::io::{cgroup, programs, run_dir, state_dir};
@@ -42,7 +42,7 @@ struct Arguments {
     /// How long programs have to stop when this node is gone, in seconds
     #[arg(long, default_value = "5", value_name = "S", value_parser = seconds)]
     agent_loss_grace: Duration,
-    /// Folder for sockets and output
+    /// Folder for sockets and output; its path, a slash and the node's name have 45 bytes at the most
     #[arg(long, value_name = "DIR")]
     run_dir: Option<PathBuf>,
     /// Folder for the database, which survives this node [default: /var/lib/dca, or dca in the user's state folder]
@@ -85,8 +85,10 @@ pub(crate) fn command() -> clap::Command {
 /// Runs the agent of this process.
 pub fn main() -> ExitCode {
     session::prepare_process(Role::Relay);
-    let arguments = Arguments::parse();
-    finish(run(arguments, logging::start(logging::NODE)))
+    match parsed() {
+        Ok(arguments) => finish(run(arguments, logging::start(logging::NODE))),
+        Err(code) => code,
+    }
 }
 
 fn run(arguments: Arguments, log: Log) -> Result<(), Failure> {

@@ -2,7 +2,7 @@
 
 use crate::cli::output::Output;
 use crate::logic::mission::{Files, Mission, Progress, summary};
-use std::io;
+use anyhow::Context;
 use std::time::Duration;
 
 /// How often [`Display::update`] is to be called while no report comes.
@@ -25,11 +25,12 @@ impl Display {
     /// Shows what is left to show and then the summary, which is the command's result.
     ///
     /// # Errors
-    /// When nobody reads standard output any more.
-    pub fn finish(&mut self, mission: &Mission, files: &Files, output: &mut Output) -> io::Result<()> {
+    /// When standard output does not take it.
+    pub fn finish(&mut self, mission: &Mission, files: &Files, output: &mut Output) -> anyhow::Result<()> {
         self.update(mission, output);
         output.note("");
-        output.result(&summary(mission, files, output.columns()))
+        let summary = summary(mission, files, output.columns());
+        output.result(&summary).context("the summary could not be written to standard output")
     }
 }
 

@@ -34,6 +34,14 @@ pub enum ProgramsError {
         /// How it ended.
         status: ExitStatus,
     },
+    /// It answers, and what it says names no type.
+    #[error("`{program}` offers no controller type: `{argument}` prints no `module`")]
+    Nothing {
+        /// Which.
+        program: PathBuf,
+        /// What it was asked.
+        argument: &'static str,
+    },
     /// It runs, and says nothing.
     #[error("`{program}` does not tell its interface: `{argument}` has no answer within {}", span(*.within))]
     Silent {
@@ -61,9 +69,14 @@ pub fn chosen(given: &[PathBuf]) -> Vec<PathBuf> {
 /// Returns the interfaces of every controller type an executable offers, as `module` blocks.
 ///
 /// # Errors
-/// It cannot be run, fails, or does not answer within 10 s.
+/// It cannot be run, fails, offers nothing, or does not answer within 10 s.
 pub fn interfaces(program: &Path) -> Result<String, ProgramsError> {
-    ask(program, "--dca-interface", ANSWER_WITHIN)
+    let argument = "--dca-interface";
+    let text = ask(program, argument, ANSWER_WITHIN)?;
+    if text.trim().is_empty() {
+        return Err(ProgramsError::Nothing { program: program.to_owned(), argument });
+    }
+    Ok(text)
 }
 
 fn ask(program: &Path, argument: &'static str, within: Duration) -> Result<String, ProgramsError> {

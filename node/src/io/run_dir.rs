@@ -26,6 +26,9 @@ use std::path::{Path, PathBuf};
 /// The longest path of a Unix socket that Linux accepts, less its final zero. Source: unix(7).
 const SOCKET_PATH_MAX: usize = 107;
 
+/// How much of a deployment's name is in the name of its folder, in bytes.
+const NAME_MAX: usize = 24;
+
 /// How the folder of a command's own nodes begins; its process id follows.
 const COMMAND_PREFIX: &str = "run-";
 
@@ -76,10 +79,17 @@ pub enum RunDirError {
         name: String,
     },
     /// Socket paths below it would be too long for the kernel.
-    #[error("the folder `{path}` is too deep for sockets; choose a shorter one with `--run-dir`")]
+    #[error(
+        "the folder `{path}` is too deep for sockets: with the node's name it may have {max} bytes, and has {length}; choose a \
+         shorter one with `--run-dir`"
+    )]
     TooDeep {
         /// Which.
         path: PathBuf,
+        /// How long it is, in bytes.
+        length: usize,
+        /// How long it may be, in bytes.
+        max: usize,
     },
 }
 
@@ -169,19 +179,19 @@ impl RunDir {
     /// # Errors
     /// The folder cannot be used, or a node of that name is running.
     pub fn take(base: &Path, name: &str) -> Result<Self, RunDirError> {
+        let absolute = std::path::absolute(base);
+        let path = absolute.map_err(|cause| RunDirError::Unusable { path: base.to_owned(), cause })?.join(name);
+        let (length, max) = (path.as_os_str().len(), SOCKET_PATH_MAX - deepest_socket().len());
+        if length > max {
+            return Err(RunDirError::TooDeep { path, length, max });
+        }
         private_folder(base)?;
-        let base = std::path::absolute(base).map_err(|cause| RunDirError::Unusable { path: base.to_owned(), cause })?;
-        let path = base.join(name);
         private_folder(&path)?;
         let unusable = |cause| RunDirError::Unusable { path: path.clone(), cause };
         let lock = OpenOptions::new().create(true).truncate(false).write(true).mode(0o600).open(path.join("lock"));
         let lock = lock.map_err(unusable)?;
         flock(&lock, FlockOperation::NonBlockingLockExclusive)
             .map_err(|_in_use| RunDirError::Taken { name: name.to_owned() })?;
-        let deepest = path.join(format!("{}.18446744073709551615", "d".repeat(24))).join("10000").join("data.sock");
-        if deepest.as_os_str().len() > SOCKET_PATH_MAX {
-            return Err(RunDirError::TooDeep { path });
-        }
         let proof = write_proof(&path.join(PROOF)).map_err(unusable)?;
         Ok(Self { path, proof, _lock: lock })
     }
@@ -224,7 +234,7 @@ impl RunDir {
     pub fn deployment(&self, deployment: &Deployment) -> PathBuf {
         // A name comes from the network: it must not lead elsewhere, and sockets need short paths.
         let plain = |c: char| if c.is_ascii_alphanumeric() || "_-".contains(c) { c } else { '_' };
-        let name: String = deployment.name.chars().map(plain).take(24).collect();
+        let name: String = deployment.name.chars().map(plain).take(NAME_MAX).collect();
         self.path.join(format!("{name}.{}", deployment.epoch))
     }
 
@@ -237,6 +247,11 @@ impl RunDir {
     pub fn process(&self, process: &ProcessId) -> PathBuf {
         self.deployment(&process.deployment).join(process.leaf.to_string())
     }
+}
+
+/// Returns the longest path of a socket below the folder of a node.
+fn deepest_socket() -> String {
+    format!("/{}.{}/10000/data.sock", "d".repeat(NAME_MAX), u64::MAX)
 }
 
 /// Makes the folder of a program.

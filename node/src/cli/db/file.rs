@@ -98,7 +98,13 @@ fn changes(text: &str) -> anyhow::Result<(Vec<Require>, Vec<Write>)> {
 fn change(line: &str, requires: &mut Vec<Require>, writes: &mut Vec<Write>) -> anyhow::Result<()> {
     let (verb, rest) = line.split_once(' ').unwrap_or((line, ""));
     let (key, value) = rest.trim().split_once(' ').map_or((rest.trim(), ""), |(key, value)| (key, value.trim()));
+    if !["put", "delete", "require"].contains(&verb) {
+        bail!("a line is `put KEY VALUE`, `delete KEY` or `require KEY absent|exists|TRANSACTION`");
+    }
     let key = Key::new(key)?;
+    if verb != "require" && writes.iter().any(|write| write.key == key) {
+        bail!("`{key}` is written by an earlier line; a transaction writes a key once");
+    }
     match (verb, value) {
         ("put", "") => bail!("the value is missing"),
         ("put", value) => writes.push(Write { key, value: Some(Datum::from_toml(value)?.encode()?) }),
@@ -132,7 +138,9 @@ mod tests {
         };
         check("", "writes nothing");
         check("put team/a", "line 1, `put team/a`: the value is missing");
-        check("put team/a 1\nset team/b 2", "line 2");
+        check("put team/a 1\nset team/b 2", "line 2, `set team/b 2`: a line is `put KEY VALUE`");
+        check("garbage", "line 1, `garbage`: a line is `put KEY VALUE`");
+        check("put team/a 1\ndelete team/a", "line 2, `delete team/a`: `team/a` is written by an earlier line");
         check("require team/a 7", "`7` is no transaction");
         check("put a//b 1", "empty segment");
     }

@@ -9,7 +9,7 @@ use crate::logic::protocol::InstanceParameters;
 use anyhow::{Context, anyhow};
 use comms::io::clock;
 use comms::logic::human::span;
-use dbmanager::logic::key::Key;
+use dbmanager::logic::key::{Key, Namespace};
 use dbmanager::logic::txn::{Require, Write};
 use dbmanager::logic::version_vector::Dot;
 use dbmanager::logic::view::value::Datum;
@@ -98,6 +98,12 @@ pub(crate) enum Got {
     Done(String),
 }
 
+/// Returns whether a transaction writes below `local/` only: it is in no log then, and nobody can ask for its name.
+fn stays_here(question: &Question) -> bool {
+    let Question::Commit(commit) = question else { return false };
+    commit.writes.iter().all(|write| write.key.namespace() == Namespace::Local)
+}
+
 impl Writing {
     /// Commits, on the robot whose keys they are, and says how far it has got.
     pub(crate) fn commit(&self, requires: Vec<Require>, writes: Vec<Write>) -> Result<(), Failure> {
@@ -132,7 +138,11 @@ impl Writing {
         if self.asking.json {
             output::say(&serde_json::json!({ "transaction": dot.to_string(), "reached": reached }).to_string());
         } else {
-            output::say(&format!("committed as {dot}"));
+            output::say(&if stays_here(question) {
+                "written, on this robot only".to_owned()
+            } else {
+                format!("committed as {dot}")
+            });
         }
         if reached { Ok(()) } else { Err(self.pending()) }
     }
