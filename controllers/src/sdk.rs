@@ -82,6 +82,7 @@ mod interface;
 mod module;
 mod port;
 pub mod process;
+mod quantity;
 mod random;
 mod registry;
 
@@ -95,5 +96,6 @@ pub use controller::{About, Configured, Controller, Outcome, Progress, Schedule,
 pub use interface::{Binding, Device, Direction, Interface, PortInterface};
 pub use module::{Delivery, DeliveryError, Module};
 pub use port::{AnyIn, AnyOut, In, InputPort, InputSet, Message, Out, OutputPort, OutputSet};
+pub use quantity::Quantity;
 pub use random::Random;
 pub use registry::{CreateError, Registry};

@@ -3,8 +3,8 @@
 use crate::headline;
 use controllers::sdk::serde::{Deserialize, Serialize};
 use controllers::sdk::{
-    About, Arguments, Configured, Controller, In, Inputs, Kind, Message, Out, Outputs, Parameter, Progress, Registry,
-    Signal, Stopping, Tick,
+    About, Arguments, Configured, Controller, In, Inputs, Kind, Message, Out, Outputs, Parameter, Progress, Quantity,
+    Registry, Signal, Stopping, Tick,
 };
 use std::time::Duration;
 
@@ -153,9 +153,9 @@ impl Controller for DriveTo {
 
     fn about() -> About {
         const PARAMETERS: &[Parameter] = &[
-            Parameter::new("x", Kind::Number(-100.0, 100.0)),
-            Parameter::new("y", Kind::Number(-100.0, 100.0)),
-            Parameter::new("speed", Kind::Number(0.01, 2.0)).or("0.5"),
+            Parameter::new("x", Kind::Quantity(Quantity::Length, -100.0, 100.0)),
+            Parameter::new("y", Kind::Quantity(Quantity::Length, -100.0, 100.0)),
+            Parameter::new("speed", Kind::Quantity(Quantity::Speed, 0.01, 2.0)).or("0.5"),
         ];
         About::task("Drives straight to a place [m], and ends there; speed [m/s].").every(PERIOD).with(PARAMETERS)
     }

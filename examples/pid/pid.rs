@@ -3,8 +3,8 @@
 use crate::headline;
 use controllers::sdk::serde::{Deserialize, Serialize};
 use controllers::sdk::{
-    About, Arguments, Configured, Controller, In, Inputs, Kind, Message, Out, Outputs, Parameter, Progress, Registry,
-    Signal, Stopping, Tick,
+    About, Arguments, Configured, Controller, In, Inputs, Kind, Message, Out, Outputs, Parameter, Progress, Quantity,
+    Registry, Signal, Stopping, Tick,
 };
 use std::time::Duration;
 
@@ -163,7 +163,7 @@ impl Controller for PidCtrl {
             Parameter::new("kp", Kind::Number(0.0, 100.0)).or("0.05"),
             Parameter::new("ki", Kind::Number(0.0, 100.0)).or("0.5"),
             Parameter::new("kd", Kind::Number(0.0, 10.0)).or("0.0005"),
-            Parameter::new("limit", Kind::Number(0.0, 48.0)).or("24"),
+            Parameter::new("limit", Kind::Quantity(Quantity::Voltage, 0.0, 48.0)).or("24"),
         ];
         About::service("Brings a motor to a speed: a PID law; limit [V].")
             .remembers()
@@ -244,8 +244,8 @@ impl Controller for ReachSpeed {
 
     fn about() -> About {
         const PARAMETERS: &[Parameter] = &[
-            Parameter::new("speed", Kind::Number(-500.0, 500.0)),
-            Parameter::new("tolerance", Kind::Number(0.01, 50.0)).or("2"),
+            Parameter::new("speed", Kind::Quantity(Quantity::AngularSpeed, -500.0, 500.0)),
+            Parameter::new("tolerance", Kind::Quantity(Quantity::AngularSpeed, 0.01, 50.0)).or("2"),
         ];
         About::task("Asks for a speed [rad/s], and ends when it was kept for 0.3 s.").every(PERIOD).with(PARAMETERS)
     }

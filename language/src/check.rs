@@ -14,11 +14,11 @@ mod interface;
 pub(crate) mod lower;
 mod names;
 mod ports;
+mod quantity;
 mod range;
 mod resource_args;
 pub(crate) mod spec;
 mod types;
-pub(crate) mod unit;
 mod uses;
 mod value;
 

@@ -44,6 +44,7 @@ mod similar;
 mod simulate;
 mod source;
 pub mod syntax;
+mod unit;
 
 pub use diagnostic::{Code, Diagnostic, Edit, Fix, Label, Severity, Style, apply_fixes, render};
 pub use fix::fix;
@@ -86,6 +87,11 @@ pub struct Compiled {
 /// own, `grasp.force`. There is nothing for a module of which that cannot be said, as one with a list of any length.
 pub fn parameters(interfaces: &[Source]) -> std::collections::BTreeMap<String, Option<Vec<plan::Parameter>>> {
     check::parameters(interfaces)
+}
+
+/// Returns whether a text is a number with a unit of the language: `20 N`, `0.2 m/s`.
+pub fn is_quantity(text: &str) -> bool {
+    matches!(unit::read(text), Ok((_, Some(_))))
 }
 
 /// Returns what each output of each module sends, as far as interfaces say it: by module, then by output.

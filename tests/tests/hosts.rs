@@ -263,7 +263,7 @@ process main() {
     host { c1 }
     instantiated_processes {
         near_source instof RateSource(c3);    near_monitor instof RateMonitor(c3);
-        far_source instof RateSource(c1, 1000);    far_monitor instof RateMonitor(c2);
+        far_source instof RateSource(c1, 1 kB);    far_monitor instof RateMonitor(c2);
     }
     internal_connections(near_source, lbl1) { near_source, Out -> near_monitor, In; }
     internal_connections(far_source, lbl1) { far_source, Out -> far_monitor, In; }

@@ -126,7 +126,7 @@ fn the_door_opens_on_a_busy_machine() {
 
 #[test]
 fn other_doors_open() {
-    for door in ["radius = 0.65 m", "radius = 0.95 m", "closer = 4", "closer = 20"] {
+    for door in ["radius = 0.65 m", "radius = 0.95 m", "closer = 4 Nm", "closer = 20 Nm"] {
         check_open(&fly(&world(door), Disturbance::busy(9)));
     }
 }

@@ -1,6 +1,8 @@
 //! Parameters of controllers that run: what the database says takes effect, and what means nothing is refused.
 
+use controllers::sdk::Quantity;
 use dca_tests::cluster::{Cluster, Host, Program, SOON, Stream, Trace, pass, spec, wait_until};
+use language::plan::Accepts;
 use node::logic::protocol::Change;
 use std::time::Duration;
 
@@ -13,7 +15,7 @@ process HitDetector(host1){
     host{host1}
     instantiated_processes{
         force instof ForceTorque(host1);
-        threshold instof ForceThreshold(host1, threshold = 2);
+        threshold instof ForceThreshold(host1, threshold = 2 N);
     }
     internal_connections(force, lbl1){
         force, Out -> threshold, In;
@@ -26,7 +28,7 @@ process HitDetector(host1){
 process main(){
     host{c3}
     instantiated_processes{
-        world instof DoorWorld(c3, push_at = 0, push = 60);
+        world instof DoorWorld(c3, push_at = 0 s, push = 60 N);
         hit instof HitDetector(c3);
     }
     internal_event_actions{
@@ -37,11 +39,16 @@ process main(){
 
 /// A node `c3` with the mission on it.
 fn deploy(cluster: &Cluster) -> (Host, Program, Program) {
+    deploy_with(cluster, "150.0")
+}
+
+/// The same, with another threshold in the database.
+fn deploy_with(cluster: &Cluster, threshold: &str) -> (Host, Program, Program) {
     let here = cluster.here();
     let node = here.node("c3", &[]);
     let file = cluster.file("door_opening.dca", SPEC);
     // Before it runs nobody can say whether there is such a parameter; it counts all the same.
-    let early = here.ask(&["db", "put", KEY, "150.0"]);
+    let early = here.ask(&["db", "put", KEY, threshold]);
     assert_eq!(early.code, Some(0), "{early}");
     assert!(early.err.contains("note: `door_opening` does not run on `c3` now"), "{early}");
     // What nobody takes is refused as soon as somebody could say so.
@@ -65,7 +72,8 @@ fn the_documented_parameter_changes_what_a_controller_does_while_it_runs() {
     let (here, _node, mission) = deploy(&cluster);
     let value = || here.ask(&["param", "get", "hit/force", "threshold"]);
     assert_eq!(value().out, "150.0\n");
-    let told = format!("`{KEY}` is 150.0 in the database, the spec says 0; `dca param unset door_opening/hit/force");
+    let told =
+        format!("`{KEY}` is 150.0 N in the database, the spec says 0 N; `dca param unset door_opening/hit/force");
     assert!(mission.text(Stream::Err).contains(&told), "{}", mission.text(Stream::Err));
     // Another terminal sees the same.
     let attached = here.dca(&["attach", "door_opening"]);
@@ -101,14 +109,14 @@ fn what_no_controller_takes_is_refused() {
         assert!(ended.err.contains(why) || ended.out.contains(why), "{arguments:?}: {ended}");
     };
     let base = "robot/c3/params/door_opening";
-    check(&["db", "put", KEY, "500.0"], 1, "`threshold` cannot be `500.0`: expected a number from 0 to 200");
+    check(&["db", "put", KEY, "500.0"], 1, "`threshold` cannot be `500.0`: expected a Force from 0 to 200 N");
     check(&["db", "put", KEY, "\"much\""], 1, "`threshold` cannot be `much`");
     check(&["db", "put", &format!("{base}/hit/force/treshold"), "5.0"], 1, "did you mean `threshold`?");
     check(&["db", "put", &format!("{base}/hit/forse/threshold"), "5.0"], 1, "has no program `hit/forse` on `c3`");
     check(&["db", "put", &format!("{base}/threshold"), "5.0"], 1, "`robot/HOST/params/DEPLOYMENT/INSTANCE/PARAMETER`");
     let file = cluster.file("tx", &format!("put {base}/world/radius 9.0\n"));
-    check(&["db", "tx", &file], 1, "expected a number from 0.5 to 1.2");
-    check(&["param", "set", "hit/force", "threshold", "500"], 1, "expected a number from 0 to 200");
+    check(&["db", "tx", &file], 1, "expected a Length from 0.5 to 1.2 m");
+    check(&["param", "set", "hit/force", "threshold", "500"], 1, "expected a Force from 0 to 200 N");
     check(&["param", "set", "hit/force", "treshold", "5"], 1, "did you mean `threshold`?");
     check(&["param", "set", "hit/forse", "threshold", "5"], 1, "did you mean `hit/force`?");
     check(&["param", "get", "world", "radios"], 1, "did you mean `radius`?");
@@ -119,7 +127,7 @@ fn what_no_controller_takes_is_refused() {
         list.out.lines().map(|line| line.split("  ").filter(|cell| !cell.is_empty()).collect()).collect();
     let cells = |row: usize| rows[row].iter().map(|cell| cell.trim()).collect::<Vec<_>>();
     assert_eq!(cells(1), ["door_opening/hit/force", "zero", "\"keep\"", "\"keep\"", "keep | zero"], "{list}");
-    assert_eq!(cells(2), ["door_opening/hit/force", "threshold", "150.0", "0.0", "Number in 0..200"], "{list}");
+    assert_eq!(cells(2), ["door_opening/hit/force", "threshold", "150.0 N", "0.0 N", "Force in 0 N..200 N"], "{list}");
     // The key that is there is changed, not another one that would count more or less.
     check(&["param", "set", "hit/force", "threshold", "140"], 0, KEY);
     check(&["db", "get", KEY], 0, "140.0");
@@ -139,8 +147,8 @@ fn arguments_are_compared_with_the_interfaces() {
     for (from, to, why) in [
         (
             "ForceTorque(host1, \"zero\")",
-            "ForceTorque(host1, \"zero\", threshold = 500)",
-            "`threshold` is 500: expected a value from 0 to 200",
+            "ForceTorque(host1, \"zero\", threshold = 500 N)",
+            "`threshold` is 500 N: expected a value from 0 N to 200 N",
         ),
         (
             "GripperControl(host3, \"open\")",
@@ -155,9 +163,71 @@ fn arguments_are_compared_with_the_interfaces() {
         assert_eq!(refused.code, Some(1), "{refused}");
         assert!(refused.err.contains(why), "{why}: {refused}");
     }
-    let file = cluster
-        .file("door.dca", &door.replace("ForceTorque(host1, \"zero\")", "ForceTorque(host1, \"zero\", threshold = 3)"));
+    let file = cluster.file(
+        "door.dca",
+        &door.replace("ForceTorque(host1, \"zero\")", "ForceTorque(host1, \"zero\", threshold = 3 N)"),
+    );
     assert_eq!(here.ask(&["check", &file]).code, Some(0));
+}
+
+/// A length is no force, wherever somebody writes it; a force arrives in newtons.
+#[test]
+fn a_quantity_of_another_kind_is_refused_everywhere() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    for (threshold, why) in [
+        ("20 m", "`threshold` is of type Force: expected a quantity such as `20 N`"),
+        ("20 m", "= help: write it in `N` or `kN`"),
+        ("20", "= help: in SI units it is `20 N`"),
+    ] {
+        let file = cluster.file("door.dca", &SPEC.replace("2 N", threshold));
+        let refused = here.ask(&["check", &file]);
+        assert!(refused.code == Some(1) && refused.err.contains(why), "{why}: {refused}");
+    }
+    // Stored before anybody could say what it is, with a unit: the program gets newtons.
+    let (here, _node, mission) = deploy_with(&cluster, "0.15 kN");
+    let why = "`threshold` cannot be `20 m`: expected a Force from 0 to 200 N, not a Length; write it in `N` or `kN`";
+    let tx = cluster.file("tx", &format!("put {KEY} 20 m\n"));
+    let below = KEY.rsplit_once('/').unwrap().0;
+    let import = cluster
+        .file("import.toml", &format!("format = 1\nbelow = \"{below}/\"\n[values]\n\"{KEY}\" = \"20 m\"\n# end\n"));
+    for arguments in [
+        &["db", "put", KEY, "20 m"][..],
+        &["db", "put", KEY, "\"20 m\""],
+        &["db", "put", "--text", KEY, "20 m"],
+        &["db", "tx", &tx],
+        &["db", "import", &import],
+        &["param", "set", "hit/force", "threshold", "20 m"],
+    ] {
+        let refused = here.ask(arguments);
+        assert!(refused.code == Some(1) && refused.err.contains(why), "{arguments:?}: {refused}");
+    }
+    let value = || here.ask(&["param", "get", "hit/force", "threshold"]).out;
+    assert_eq!(value(), "150.0\n");
+    // It does count: no push of 60 N is felt.
+    pass(Duration::from_secs(6));
+    assert!(mission.is_running(), "{}{}", mission.text(Stream::Out), mission.text(Stream::Err));
+    let set = here.ask(&["param", "set", "hit/force", "threshold", "0.14 kN"]);
+    assert_eq!((set.code, here.ask(&["db", "get", KEY]).out.contains("140.0")), (Some(0), true), "{set}");
+    let put = here.ask(&["db", "put", KEY, "5 N"]);
+    assert_eq!(put.code, Some(0), "{put}");
+    let ended = mission.ended(Duration::from_secs(60));
+    assert_eq!(ended.code, Some(0), "{ended}");
+    assert!(ended.out.contains("hit/force was told that `threshold` is 5"), "{ended}");
+}
+
+/// The SDK has the quantities of the language, with the same names and units.
+#[test]
+fn the_quantities_of_the_sdk_are_those_of_the_language() {
+    for quantity in Quantity::ALL {
+        let text = format!("module A(host: Host, a: {} in 1 {}..) {{ done; }}", quantity.name(), quantity.unit());
+        let declared = language::parameters(&[language::Source::new("a", text)]);
+        let [parameter] = declared["A"].as_deref().unwrap() else { panic!("one parameter: {declared:?}") };
+        let expected = Accepts::Quantity { of: quantity.name().to_owned(), low: Some(1.0), high: None };
+        assert_eq!((&parameter.accepts, parameter.accepts.unit().as_deref()), (&expected, Some(quantity.unit())));
+    }
+    let declared = language::parameters(&[language::Source::new("a", "module A(host: Host, a: Number) { done; }")]);
+    assert_eq!(declared["A"].as_deref().unwrap()[0].accepts, Accepts::Number, "an older interface means what it did");
 }
 
 /// A key is no path of a file system: whoever writes one means something else.
@@ -194,7 +264,7 @@ fn a_change_of_a_parameter_is_in_the_record() {
     let cluster = Cluster::new();
     let here = cluster.here();
     let _node = here.node("c3", &[]);
-    let spec = SPEC.replace("ForceTorque(host1)", "ForceTorque(host1, threshold = 150)");
+    let spec = SPEC.replace("ForceTorque(host1)", "ForceTorque(host1, threshold = 150 N)");
     let file = cluster.file("door_opening.dca", &spec);
     let mission = here.dca(&["deploy", &file]);
     let runs = || here.processes(&[]).iter().any(|(_, one)| one.path == "main/hit/force" && one.state == "running");

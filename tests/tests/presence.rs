@@ -212,7 +212,7 @@ fn a_node_that_is_heard_is_listed_within_2_s() {
 const TWICE: &str = "
 process main() {
     host { c1 }
-    instantiated_processes { source instof RateSource(c1, 1000); monitor instof RateMonitor(c2); }
+    instantiated_processes { source instof RateSource(c1, 1 kB); monitor instof RateMonitor(c2); }
     internal_connections(source, lbl1) { source, Out -> monitor, In; }
     internal_event_actions { source[lbl1], monitor }
 }

@@ -73,7 +73,7 @@ fn deployed(cluster: &Cluster, host: &Host) -> Program {
     let text = "
 process main() {
     host { c1 }
-    instantiated_processes { source instof RateSource(c1, 1000); }
+    instantiated_processes { source instof RateSource(c1, 1 kB); }
     internal_event_actions { source }
 }
 ";

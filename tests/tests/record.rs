@@ -12,7 +12,7 @@ process HitDetector(host1){
     host{host1}
     instantiated_processes{
         force instof ForceTorque(host1);
-        threshold instof ForceThreshold(host1, threshold = 30);
+        threshold instof ForceThreshold(host1, threshold = 30 N);
     }
     internal_connections(force, lbl1){
         force, Out -> threshold, In;
@@ -25,7 +25,7 @@ process HitDetector(host1){
 process main(){
     host{c3}
     instantiated_processes{
-        world instof DoorWorld(c3, push_at = 3600);
+        world instof DoorWorld(c3, push_at = 3600 s);
         hit instof HitDetector(c3);
     }
     internal_event_actions{

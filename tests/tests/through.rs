@@ -7,7 +7,7 @@ use dca_tests::simulation::{Finish, Simulation, plan};
 use std::time::Duration;
 
 const THROUGH: &str = include_str!("../../specs/door_through.dca");
-const PLACE: &str = "closer = 0, closer_rate = 0";
+const PLACE: &str = "closer = 0 Nm, closer_rate = 0";
 const LIMIT: Duration = Duration::from_secs(200);
 const WORLD: &str = "main/world";
 /// The radius of the base: beyond the wall by more than this it is on the other side (m).
@@ -57,14 +57,14 @@ fn it_drives_through_doors_of_many_kinds() {
     let worlds = [
         "",
         "side = \"right\"",
-        "radius = 0.7, seed = 2",
-        "radius = 1.0, seed = 3",
-        "radius = 0.7, side = \"right\", seed = 4",
-        "radius = 1.0, side = \"right\", wheel_error = 0.05, seed = 5",
+        "radius = 0.7 m, seed = 2",
+        "radius = 1.0 m, seed = 3",
+        "radius = 0.7 m, side = \"right\", seed = 4",
+        "radius = 1.0 m, side = \"right\", wheel_error = 0.05, seed = 5",
         "wheel_error = -0.05, seed = 6",
-        "noise = 2, laser_bias = 0.01, seed = 7",
-        "laser_bias = -0.01, start_yaw = 0.1, seed = 8",
-        "friction = 4, inertia = 20, seed = 9",
+        "noise = 2, laser_bias = 0.01 m, seed = 7",
+        "laser_bias = -0.01 m, start_yaw = 0.1 rad, seed = 8",
+        "friction = 4 Nm, inertia = 20, seed = 9",
     ];
     for world in worlds {
         let comma = if world.is_empty() { "" } else { ", " };
@@ -83,8 +83,8 @@ fn it_drives_through_doors_of_many_kinds() {
 #[test]
 fn what_it_cannot_pass_it_says() {
     for (world, reason) in [
-        ("closer = 8, closer_rate = 2", "the door closes by itself"),
-        ("closer = 0, closer_rate = 0, radius = 0.56", "not wide enough: "),
+        ("closer = 8 Nm, closer_rate = 2", "the door closes by itself"),
+        ("closer = 0 Nm, closer_rate = 0, radius = 0.56 m", "not wide enough: "),
     ] {
         let passed = fly(world);
         let Finish::Aborted(why) = &passed.finish else { panic!("{world}: {:?}", passed.finish) };

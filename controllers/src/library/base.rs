@@ -5,7 +5,9 @@ use crate::control::caster::{Casters, Odometry};
 use crate::control::ramp::towards_together;
 use crate::control::redundancy::BASE_ACCELERATION_MAX;
 use crate::message::{BaseCommand, BasePose, BaseState, BaseVelocity};
-use crate::sdk::{About, Arguments, Controller, In, Inputs, Kind, Out, Outputs, Parameter, Progress, Stopping, Tick};
+use crate::sdk::{
+    About, Arguments, Controller, In, Inputs, Kind, Out, Outputs, Parameter, Progress, Quantity, Stopping, Tick,
+};
 use comms::logic::signals::Signal;
 use std::time::Duration;
 
@@ -113,7 +115,8 @@ impl Controller for Xr4000Odometry {
     const TYPE: &'static str = "XR4000Odometry";
 
     fn about() -> About {
-        const PARAMETERS: &[Parameter] = &[Parameter::new("wheel_radius", Kind::Number(0.01, 0.5)).or("0.055")];
+        const PARAMETERS: &[Parameter] =
+            &[Parameter::new("wheel_radius", Kind::Quantity(Quantity::Length, 0.01, 0.5)).or("0.055")];
         About::service("Tells where the XR4000 is, by dead reckoning from its casters with wheels of a radius [m].")
             .remembers()
             .with(PARAMETERS)

@@ -6,7 +6,9 @@ use crate::control::servoing::{self, Seen, Way};
 use crate::control::{line, puma560};
 use crate::message::{ArmState, CameraState, LaserScan, LaserState};
 use crate::robot::laser;
-use crate::sdk::{About, Arguments, Controller, In, Inputs, Kind, Out, Outputs, Parameter, Progress, Random, Tick};
+use crate::sdk::{
+    About, Arguments, Controller, In, Inputs, Kind, Out, Outputs, Parameter, Progress, Quantity, Random, Tick,
+};
 use comms::logic::signals::Signal;
 use nalgebra::{SVector, Vector2};
 use std::time::Duration;
@@ -139,7 +141,8 @@ impl Controller for DistanceThreshold {
     const TYPE: &'static str = "DistanceThreshold";
 
     fn about() -> About {
-        const THRESHOLD: &[Parameter] = &[Parameter::new("threshold", Kind::Number(0.05, 2.0)).or("0.45")];
+        const THRESHOLD: &[Parameter] =
+            &[Parameter::new("threshold", Kind::Quantity(Quantity::Length, 0.05, 2.0)).or("0.45")];
         About::task("Ends when the hand has come to rest near the wall ahead [m], leaving the distance.")
             .every(Duration::from_millis(100))
             .triggered_by("In")

@@ -3,7 +3,9 @@
 use super::{Watch, seconds};
 use crate::control::touch::Touch;
 use crate::message::{FtCommand, FtState, Wrench};
-use crate::sdk::{About, Arguments, Configured, Controller, In, Inputs, Kind, Out, Outputs, Parameter, Progress, Tick};
+use crate::sdk::{
+    About, Arguments, Configured, Controller, In, Inputs, Kind, Out, Outputs, Parameter, Progress, Quantity, Tick,
+};
 use nalgebra::Vector3;
 use std::time::Duration;
 
@@ -45,7 +47,7 @@ impl Controller for ForceTorque {
     fn about() -> About {
         const PARAMETERS: &[Parameter] = &[
             Parameter::new("zero", Kind::Text(&["keep", "zero"])).or("keep"),
-            Parameter::new("threshold", Kind::Number(0.0, 200.0)).or("0"),
+            Parameter::new("threshold", Kind::Quantity(Quantity::Force, 0.0, 200.0)).or("0"),
         ];
         About::service(
             "Tells the wrench on the hand, forces below a threshold [N] as none; \"zero\" first zeroes the sensor.",
@@ -203,8 +205,8 @@ impl Controller for ForceThreshold {
 
     fn about() -> About {
         const THRESHOLD: &[Parameter] = &[
-            Parameter::new("threshold", Kind::Number(1.0, 200.0)).or("8"),
-            Parameter::new("forget", Kind::Number(0.0, 60.0)).or("0"),
+            Parameter::new("threshold", Kind::Quantity(Quantity::Force, 1.0, 200.0)).or("8"),
+            Parameter::new("forget", Kind::Quantity(Quantity::Time, 0.0, 60.0)).or("0"),
         ];
         About::task(
             "Ends when a force exceeds a threshold [N] and its own noise, leaving it; forces that stay are forgotten after \
@@ -253,7 +255,8 @@ impl Controller for HitDetector {
     const TYPE: &'static str = "HitDetector";
 
     fn about() -> About {
-        const THRESHOLD: &[Parameter] = &[Parameter::new("threshold", Kind::Number(1.0, 200.0)).or("40")];
+        const THRESHOLD: &[Parameter] =
+            &[Parameter::new("threshold", Kind::Quantity(Quantity::Force, 1.0, 200.0)).or("40")];
         About::task("Ends when the hand is hit: a force above a threshold [N] and above its own noise.")
             .remembers()
             .every(Duration::from_millis(50))

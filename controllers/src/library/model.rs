@@ -10,7 +10,7 @@ use crate::control::leaf::{Leaf, Wall};
 use crate::control::opened::{Doubt, Evidence, Expected, Verdict, Watch};
 use crate::control::puma560;
 use crate::message::{BasePose, Constraint, GripperState, JointState, LaserState, Velocity, Wrench};
-use crate::sdk::{About, Arguments, Controller, In, Inputs, Kind, Out, Outputs, Parameter, Progress, Tick};
+use crate::sdk::{About, Arguments, Controller, In, Inputs, Kind, Out, Outputs, Parameter, Progress, Quantity, Tick};
 use comms::logic::signals::Signal;
 use comms::logic::time::Time;
 use nalgebra::{Isometry3, Rotation2, UnitQuaternion, Vector3, Vector6};
@@ -214,12 +214,12 @@ impl Controller for ModelBasedCtrl {
 
     fn about() -> About {
         const PARAMETERS: &[Parameter] = &[
-            Parameter::new("goal", Kind::Number(0.1, 2.5)).or("1.2217"),
-            Parameter::new("radius", Kind::Number(0.3, 1.5)).or("0.7"),
-            Parameter::new("width_min", Kind::Number(0.001, 0.2)).or("0.006"),
-            Parameter::new("width_max", Kind::Number(0.001, 0.2)).or("0.07"),
-            Parameter::new("radius_min", Kind::Number(0.1, 1.5)).or("0.3"),
-            Parameter::new("radius_max", Kind::Number(0.3, 3.0)).or("1.5"),
+            Parameter::new("goal", Kind::Quantity(Quantity::Angle, 0.1, 2.5)).or("1.2217"),
+            Parameter::new("radius", Kind::Quantity(Quantity::Length, 0.3, 1.5)).or("0.7"),
+            Parameter::new("width_min", Kind::Quantity(Quantity::Length, 0.001, 0.2)).or("0.006"),
+            Parameter::new("width_max", Kind::Quantity(Quantity::Length, 0.001, 0.2)).or("0.07"),
+            Parameter::new("radius_min", Kind::Quantity(Quantity::Length, 0.1, 1.5)).or("0.3"),
+            Parameter::new("radius_max", Kind::Quantity(Quantity::Length, 0.3, 3.0)).or("1.5"),
         ];
         About::task("Pulls a door open to an angle [rad] about its hinge, first guessed at a radius [m]; ends only if it holds the handle.")
             .remembers()

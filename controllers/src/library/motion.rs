@@ -3,7 +3,7 @@
 use super::ramp_dt;
 use crate::control::approach::{Approach, Progress as Way};
 use crate::message::Velocity;
-use crate::sdk::{About, Arguments, Controller, Kind, Out, Outputs, Parameter, Progress, Stopping, Tick};
+use crate::sdk::{About, Arguments, Controller, Kind, Out, Outputs, Parameter, Progress, Quantity, Stopping, Tick};
 use std::time::Duration;
 
 const ACCELERATION: f64 = 0.1;
@@ -32,10 +32,10 @@ impl Controller for LinearTrajectory {
 
     fn about() -> About {
         const PARAMETERS: &[Parameter] = &[
-            Parameter::new("speed", Kind::Number(0.001, 0.25)).or("0.04"),
-            Parameter::new("length", Kind::Number(-2.0, 2.0)).or("0.25"),
-            Parameter::new("slow", Kind::Number(0.001, 0.25)).or("0.009"),
-            Parameter::new("slow_after", Kind::Number(0.0, 2.0)).or("0.135"),
+            Parameter::new("speed", Kind::Quantity(Quantity::Speed, 0.001, 0.25)).or("0.04"),
+            Parameter::new("length", Kind::Quantity(Quantity::Length, -2.0, 2.0)).or("0.25"),
+            Parameter::new("slow", Kind::Quantity(Quantity::Speed, 0.001, 0.25)).or("0.009"),
+            Parameter::new("slow_after", Kind::Quantity(Quantity::Length, 0.0, 2.0)).or("0.135"),
         ];
         About::task(
             "Moves the hand straight along its approach axis over a length [m], back if negative: at a speed [m/s], \

@@ -4,7 +4,9 @@ use super::SENSED;
 use crate::control::press::{Press, State};
 use crate::control::puma560;
 use crate::message::{ArmState, FtState, GripperState, Velocity};
-use crate::sdk::{About, Arguments, Controller, In, Inputs, Kind, Out, Outputs, Parameter, Progress, Stopping, Tick};
+use crate::sdk::{
+    About, Arguments, Controller, In, Inputs, Kind, Out, Outputs, Parameter, Progress, Quantity, Stopping, Tick,
+};
 use comms::logic::signals::Signal;
 use comms::logic::time::Time;
 use nalgebra::Vector6;
@@ -53,7 +55,8 @@ impl Controller for PressHandle {
     const TYPE: &'static str = "PressHandle";
 
     fn about() -> About {
-        const PARAMETERS: &[Parameter] = &[Parameter::new("width_min", Kind::Number(0.001, 0.2)).or("0.006")];
+        const PARAMETERS: &[Parameter] =
+            &[Parameter::new("width_min", Kind::Quantity(Quantity::Length, 0.001, 0.2)).or("0.006")];
         About::task("Presses a lever handle down until it yields, giving way sideways.")
             .remembers()
             .every(Duration::from_millis(20))

@@ -1,6 +1,8 @@
 //! A steady source and what listens to it: to see what a connection does to a rhythm, on any network, at any load.
 
-use crate::sdk::{About, Arguments, Controller, In, Inputs, Kind, Message, Out, Outputs, Parameter, Progress, Tick};
+use crate::sdk::{
+    About, Arguments, Controller, In, Inputs, Kind, Message, Out, Outputs, Parameter, Progress, Quantity, Tick,
+};
 use comms::logic::signals::Signal;
 use comms::logic::time::Time;
 use serde::{Deserialize, Serialize};
@@ -45,7 +47,7 @@ impl Controller for RateSource {
     const TYPE: &'static str = "RateSource";
 
     fn about() -> About {
-        const BALLAST: &[Parameter] = &[Parameter::new("ballast", Kind::Number(0.0, 1e6)).or("0")];
+        const BALLAST: &[Parameter] = &[Parameter::new("ballast", Kind::Quantity(Quantity::Size, 0.0, 1e6)).or("0")];
         About::service("Sends a numbered beat every 10 ms, with so many bytes of ballast.").every(PERIOD).with(BALLAST)
     }
 

@@ -9,7 +9,9 @@ use crate::control::puma560;
 use crate::control::redundancy::{Rates, jacobian_in_base};
 use crate::control::through::{Drive, Failure, Step, Sweep};
 use crate::message::{ArmState, BasePose, GripperState, LaserState, Velocity};
-use crate::sdk::{About, Arguments, Controller, In, Inputs, Kind, Out, Outputs, Parameter, Progress, Stopping, Tick};
+use crate::sdk::{
+    About, Arguments, Controller, In, Inputs, Kind, Out, Outputs, Parameter, Progress, Quantity, Stopping, Tick,
+};
 use comms::logic::signals::Signal;
 use nalgebra::{Isometry2, Vector3};
 use std::time::Duration;
@@ -108,7 +110,8 @@ impl Controller for DriveThrough {
     const TYPE: &'static str = "DriveThrough";
 
     fn about() -> About {
-        const PARAMETERS: &[Parameter] = &[Parameter::new("margin", Kind::Number(0.03, 0.5)).or("0.05")];
+        const PARAMETERS: &[Parameter] =
+            &[Parameter::new("margin", Kind::Quantity(Quantity::Length, 0.03, 0.5)).or("0.05")];
         About::task(
             "Backs away from the handle of an open door, folds the arm and drives through, with a margin [m] on each side.",
         )

@@ -1,5 +1,6 @@
 //! Arguments that a spec gives to a controller: `GripperControl(host3, "open")`, `DoorWorld("c3", seed = 7)`.
 
+use super::quantity::Quantity;
 use std::collections::BTreeMap;
 use thiserror::Error;
 
@@ -10,7 +11,8 @@ pub struct Parameter {
     pub name: &'static str,
     /// What values it takes.
     pub kind: Kind,
-    /// Its value when a spec gives none, spelt as in a spec; none if a spec must give one.
+    /// Its value when a spec gives none, spelt as in a spec, a quantity in SI units and without its unit; none if a spec must
+    /// give one.
     pub default: Option<&'static str>,
 }
 
@@ -19,8 +21,10 @@ pub struct Parameter {
 pub enum Kind {
     /// One of these words; any text if there are none.
     Text(&'static [&'static str]),
-    /// A number between these two, both allowed.
+    /// A number without a unit between these two, both allowed.
     Number(f64, f64),
+    /// A quantity between these two, both allowed, in SI units; a spec has to give it with a unit, such as `20 N`.
+    Quantity(Quantity, f64, f64),
     /// `true` or `false`.
     Truth,
 }
@@ -97,7 +101,7 @@ impl Parameter {
         Self { name, kind, default: None }
     }
 
-    /// Returns the parameter with a default, spelt as in a spec but without quotes.
+    /// Returns the parameter with a default, spelt as in a spec but without quotes, and a quantity without its unit.
     #[must_use]
     pub const fn or(self, default: &'static str) -> Self {
         Self { default: Some(default), ..self }
@@ -141,10 +145,9 @@ impl Parameter {
     }
 
     fn text(&self, name: &str) -> String {
-        let (kind, quote) = (self.kind.name(), if matches!(self.kind, Kind::Text(_)) { "\"" } else { "" });
         let range = self.kind.range().unwrap_or_default();
-        let default = self.default.map(|default| format!(" = {quote}{default}{quote}")).unwrap_or_default();
-        format!("{name}: {kind}{range}{default}")
+        let default = self.default.map(|default| format!(" = {}", self.kind.literal(default))).unwrap_or_default();
+        format!("{name}: {}{range}{default}", self.kind.name())
     }
 
     fn expected(&self) -> String {
@@ -152,6 +155,9 @@ impl Parameter {
             Kind::Text([]) => "a text".to_owned(),
             Kind::Text(words) => format!("one of `{}`", words.join("`, `")),
             Kind::Number(min, max) => format!("a number from {min} to {max}"),
+            Kind::Quantity(quantity, min, max) => {
+                format!("a number from {min} to {max}, the {} in {}", quantity.name(), quantity.unit())
+            }
             Kind::Truth => "`true` or `false`".to_owned(),
         }
     }
@@ -162,7 +168,7 @@ impl Parameter {
         match self.kind {
             Kind::Text([]) => Ok(Value::Text(bare.to_owned())),
             Kind::Text(words) if words.contains(&bare) => Ok(Value::Text(bare.to_owned())),
-            Kind::Number(min, max) => match bare.parse() {
+            Kind::Number(min, max) | Kind::Quantity(_, min, max) => match bare.parse() {
                 Ok(number) if (min..=max).contains(&number) => Ok(Value::Number(number)),
                 Ok(_) | Err(_) => Err(wrong()),
             },
@@ -178,19 +184,29 @@ impl Kind {
         match self {
             Self::Text(_) => "Text",
             Self::Number(..) => "Number",
+            Self::Quantity(quantity, ..) => quantity.name(),
             Self::Truth => "Truth",
         }
     }
 
-    /// Which values of it there are, as a spec says it: ` in 1..200`, ` in "open" | "close"`; none if there are no others.
+    /// Which values of it there are, as a spec says it: ` in 1 N..200 N`, ` in "open" | "close"`; none if there are no others.
     fn range(self) -> Option<String> {
-        let end = |number: f64| if number.is_finite() { number.to_string() } else { String::new() };
+        let end = |number: f64| if number.is_finite() { self.literal(&number.to_string()) } else { String::new() };
         match self {
-            Self::Number(min, max) if min.is_finite() || max.is_finite() => {
+            Self::Number(min, max) | Self::Quantity(_, min, max) if min.is_finite() || max.is_finite() => {
                 Some(format!(" in {}..{}", end(min), end(max)))
             }
             Self::Text(words) if !words.is_empty() => Some(format!(" in \"{}\"", words.join("\" | \""))),
-            Self::Text(_) | Self::Number(..) | Self::Truth => None,
+            Self::Text(_) | Self::Number(..) | Self::Quantity(..) | Self::Truth => None,
+        }
+    }
+
+    /// A value as a spec writes it: a text in quotes, a quantity with its unit.
+    fn literal(self, value: &str) -> String {
+        match self {
+            Self::Text(_) => format!("\"{value}\""),
+            Self::Quantity(quantity, ..) => format!("{value} {}", quantity.unit()),
+            Self::Number(..) | Self::Truth => value.to_owned(),
         }
     }
 }
@@ -309,6 +325,28 @@ mod tests {
                 "no parameter `gain`; there are `lock`, `seed`, `loud`"
             ]
         );
+    }
+
+    #[test]
+    fn a_quantity_has_its_unit_in_the_text_and_comes_without() {
+        let force = Kind::Quantity(Quantity::Force, 1.0, 200.0);
+        let parameters = [
+            Parameter::new("threshold", force).or("8"),
+            Parameter::new("way.0", Kind::Quantity(Quantity::Length, f64::NEG_INFINITY, 2.5)),
+            Parameter::new("way.1", Kind::Quantity(Quantity::Length, f64::NEG_INFINITY, 2.5)),
+            Parameter::new("grip.speed", Kind::Quantity(Quantity::Speed, -0.5, f64::INFINITY)).or("-0.1"),
+        ];
+        let expect = [
+            "threshold: Force in 1 N..200 N = 8 N",
+            "way: Length[2] in ..2.5 m",
+            "grip: { speed: Speed in -0.5 m/s.. = -0.1 m/s }",
+        ];
+        assert_eq!(Parameter::texts(&parameters), expect);
+        let arguments = Arguments::parse(&parameters, &["20", "way.0=1", "way.1=2"]).unwrap();
+        let numbers = ["threshold", "grip.speed"].map(|name| arguments.number(name).to_string());
+        assert_eq!(numbers, ["20", "-0.1"]);
+        let refused = Arguments::parse(&parameters, &["20 m"]).unwrap_err().to_string();
+        assert_eq!(refused, "parameter `threshold` is `20 m`, which is not a number from 1 to 200, the Force in N");
     }
 
     #[test]

@@ -10,12 +10,12 @@ use super::diagnostics::Diagnostics;
 use super::names::twice;
 use super::range::Range;
 use super::spec::{Const, FIELDS_MAX, Kind, NamedType, Param, Scope, Spec, Value, ValueKind};
-use super::unit;
 use super::value::Reader;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::source::{Origin, Span};
 use crate::syntax::SyntaxKind::{self, Constant, RecordType, Type};
 use crate::syntax::ast::{Name, Node};
+use crate::unit;
 use std::collections::BTreeMap;
 
 /// What the texts declare, while they are read one after the other.

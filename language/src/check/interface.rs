@@ -4,11 +4,12 @@ use super::declare::{ItemCollector, Templates, Tree};
 use super::diagnostics::Diagnostics;
 use super::range::Values;
 use super::spec::{Direction, Kind, Param, Shape, Spec, Value, ValueKind};
-use super::{types, unit};
+use super::types;
 use crate::message::{Layout, Message};
 use crate::plan::{Accepts, Constant, Parameter};
 use crate::source::{Origin, Source};
 use crate::syntax::{Parse, ast, parse};
+use crate::unit;
 use std::collections::BTreeMap;
 
 /// Returns the parameters of each module that the texts declare, as its program gets them. A module is left out if that
@@ -100,7 +101,11 @@ fn accepts(param: &Param, kind: Option<&str>) -> Accepts {
                 Some(Constant::Number(number)) => Some(number),
                 Some(Constant::Text(_) | Constant::Truth(_)) | None => None,
             };
-            return Accepts::Between { low: end(low), high: end(high) };
+            let (low, high) = (end(low), end(high));
+            return match kind.filter(|kind| unit::of_type(kind).is_some()) {
+                Some(of) => Accepts::Quantity { of: of.to_owned(), low, high },
+                None => Accepts::Between { low, high },
+            };
         }
         Some(Values::OneOf(all)) => return Accepts::OneOf(all.iter().filter_map(constant).collect()),
         None => {}
@@ -109,7 +114,7 @@ fn accepts(param: &Param, kind: Option<&str>) -> Accepts {
         Some("Text") => Accepts::Text,
         Some("Number") => Accepts::Number,
         Some("Truth") => Accepts::Truth,
-        Some(kind) if unit::of_type(kind).is_some() => Accepts::Number,
+        Some(kind) if unit::of_type(kind).is_some() => Accepts::Quantity { of: kind.to_owned(), low: None, high: None },
         Some(_) | None => Accepts::Any,
     }
 }
@@ -165,14 +170,14 @@ mod tests {
             let all = found[name].as_ref()?;
             Some(all.iter().map(|one| format!("{}: {}", one.name, one.accepts)).collect::<Vec<_>>().join(", "))
         };
-        let arm = "grip.force: Number in 1..200, grip.mode: soft | hard, corner.0: Number in ..5, corner.1: Number in ..5, \
+        let arm = "grip.force: Force in 1 N..200 N, grip.mode: soft | hard, corner.0: Number in ..5, corner.1: Number in ..5, \
                    loud: Truth, name: any";
         assert_eq!(shown("Arm").as_deref(), Some(arm));
         assert_eq!((shown("Any"), shown("None").as_deref()), (None, Some("")));
         let grip = &found["Arm"].as_ref().unwrap()[0].accepts;
         assert_eq!(grip.check("200"), Ok(()));
         for wrong in ["200.1", "0", "nan", "hard"] {
-            assert_eq!(grip.check(wrong), Err("a number from 1 to 200".to_owned()), "{wrong}");
+            assert_eq!(grip.check(wrong), Err("a Force from 1 to 200 N".to_owned()), "{wrong}");
         }
     }
 }

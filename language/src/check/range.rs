@@ -7,6 +7,7 @@ use crate::plan::Constant;
 use crate::source::Span;
 use crate::syntax::SyntaxKind::{self, DotDot};
 use crate::syntax::ast::Node;
+use crate::unit;
 use std::fmt;
 
 /// The values that a parameter takes.
@@ -68,19 +69,26 @@ impl Range {
         }
     }
 
-    /// What values there are, for a person: `a value from 1 to 200`.
-    pub(crate) fn expected(&self) -> String {
+    /// What values there are, for a person: `a value from 1 N to 200 N`; `unit` is that of the numbers, if they have one.
+    pub(crate) fn expected(&self, unit: Option<&str>) -> String {
+        let with_unit = |value: &Value| in_unit(value, unit);
         match &self.values {
-            Values::Between(Some(low), Some(high)) => format!("a value from {low} to {high}"),
-            Values::Between(Some(low), None) => format!("a value of {low} or more"),
-            Values::Between(None, Some(high)) => format!("a value of {high} or less"),
+            Values::Between(Some(low), Some(high)) => {
+                format!("a value from {} to {}", with_unit(low), with_unit(high))
+            }
+            Values::Between(Some(low), None) => format!("a value of {} or more", with_unit(low)),
+            Values::Between(None, Some(high)) => format!("a value of {} or less", with_unit(high)),
             Values::Between(None, None) => "a number".to_owned(),
             Values::OneOf(all) => {
-                let all: Vec<String> = all.iter().map(Value::to_string).collect();
+                let all: Vec<String> = all.iter().map(with_unit).collect();
                 if all.len() == 1 { all.join("") } else { format!("one of {}", all.join(", ")) }
             }
         }
     }
+}
+
+fn in_unit(value: &Value, unit: Option<&str>) -> String {
+    unit.map_or_else(|| value.to_string(), |unit| format!("{value} {unit}"))
 }
 
 /// `1..200`, `"open" | "close"`; in SI units.
@@ -113,7 +121,9 @@ fn number(value: &Value) -> Option<f64> {
 /// Says that a value is not among those that a parameter takes.
 pub(crate) fn outside(param: &Param, range: &Range, value: &Constant, span: Span) -> Diagnostic {
     let value = Value { span, kind: ValueKind::Constant(value.clone()), dimension: None };
-    let message = format!("`{}` is {value}: expected {}", param.name.text, range.expected());
+    let unit = param.kind.as_ref().and_then(|kind| unit::symbol(&kind.text));
+    let (value, expected) = (in_unit(&value, unit.as_deref()), range.expected(unit.as_deref()));
+    let message = format!("`{}` is {value}: expected {expected}", param.name.text);
     Diagnostic::new(Code::E0217, span, message).reason(range.span, "declared here")
 }
 

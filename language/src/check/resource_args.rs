@@ -8,10 +8,10 @@ mod longer;
 
 use super::diagnostics::Diagnostics;
 use super::spec::{Arg, Expr, ExprKind, Instance, Param, Process, Spec, Target, ValueKind};
-use super::unit::RESOURCE;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::Constant;
 use crate::syntax::ast::Name;
+use crate::unit::RESOURCE;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// What an instance is handed.

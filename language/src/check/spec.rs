@@ -3,10 +3,10 @@
 mod kind;
 
 use super::range::Range;
-use super::unit::Dimension;
 use crate::plan::{Constant, LeafKind, Policy, Quality, Transfer};
 use crate::source::Span;
 use crate::syntax::ast::Name;
+use crate::unit::Dimension;
 use std::collections::BTreeMap;
 use std::time::Duration;
 

@@ -2,13 +2,13 @@
 
 use super::diagnostics::Diagnostics;
 use super::spec::{FIELDS_MAX, Scope, Value, ValueKind};
-use super::unit::{self, Dimension};
 use super::{count, index};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::Constant;
 use crate::source::Span;
 use crate::syntax::SyntaxKind::{self, Ident, Minus, Number, Text};
 use crate::syntax::ast::{Name, Node};
+use crate::unit::{self, Dimension};
 use std::time::Duration;
 
 /// The longest time that a spec can name: a hundred years.

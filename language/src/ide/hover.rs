@@ -7,9 +7,9 @@ use super::index::{Kind, Symbol};
 use super::words::{self, Place};
 use crate::check::lower::exclusivity;
 use crate::check::spec::{Instance, Param, Set, Target, Value};
-use crate::check::unit;
 use crate::source::{Origin, Span};
 use crate::syntax::{SyntaxKind, SyntaxToken};
+use crate::unit;
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
 

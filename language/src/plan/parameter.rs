@@ -1,6 +1,7 @@
 //! The parameters of a controller and the values that they take, as plain data.
 
 use super::Constant;
+use crate::unit::{self, NotRead};
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
@@ -33,6 +34,15 @@ pub enum Accepts {
     },
     /// One of these.
     OneOf(Vec<Constant>),
+    /// A quantity, in SI units, both ends included.
+    Quantity {
+        /// Its type, such as `Force`.
+        of: String,
+        /// The smallest, if there is one.
+        low: Option<f64>,
+        /// The largest, if there is one.
+        high: Option<f64>,
+    },
 }
 
 impl Accepts {
@@ -41,20 +51,53 @@ impl Accepts {
     /// # Errors
     /// The expected value, such as `a number from 1 to 200`.
     pub fn check(&self, text: &str) -> Result<(), String> {
+        self.read(text).map(drop)
+    }
+
+    /// Returns a value as its program gets it: a quantity as a number in SI units, anything else as it is spelt. A number
+    /// without a unit is in SI units.
+    ///
+    /// # Errors
+    /// The expected value, such as `a number from 1 to 200`.
+    pub fn read(&self, text: &str) -> Result<String, String> {
         let number = || text.parse::<f64>().ok().filter(|number| number.is_finite());
         let is_fit = match self {
             Self::Any | Self::Text => true,
             Self::Number => number().is_some(),
             Self::Truth => text == "true" || text == "false",
-            Self::Between { low, high } => number()
-                .is_some_and(|number| low.is_none_or(|low| low <= number) && high.is_none_or(|high| number <= high)),
+            Self::Between { low, high } => number().is_some_and(|number| is_between(number, (*low, *high))),
             Self::OneOf(all) => all.iter().any(|one| match one {
                 Constant::Text(one) => one == text,
                 Constant::Number(one) => number().is_some_and(|number| number.total_cmp(one).is_eq()),
                 Constant::Truth(one) => one.to_string() == text,
             }),
+            Self::Quantity { of, low, high } => return self.quantity(text, of, (*low, *high)),
         };
-        if is_fit { Ok(()) } else { Err(self.expected()) }
+        if is_fit { Ok(text.to_owned()) } else { Err(self.expected()) }
+    }
+
+    fn quantity(&self, text: &str, of: &str, ends: (Option<f64>, Option<f64>)) -> Result<String, String> {
+        let hint = || format!("write it in {}", unit::spellings(of));
+        match unit::read(text) {
+            Ok((number, None)) if is_between(number, ends) => Ok(text.to_owned()),
+            Ok((_, None)) | Err(NotRead::NoNumber) => Err(self.expected()),
+            Ok((number, Some(dimension))) if unit::of_type(of).is_some_and(|(own, _)| own == dimension) => {
+                if is_between(number, ends) { Ok(number.to_string()) } else { Err(self.expected()) }
+            }
+            Ok((_, Some(dimension))) => {
+                let other = unit::type_of(dimension).map_or_else(|| "another quantity".to_owned(), with_article);
+                Err(format!("{}, not {other}; {}", self.expected(), hint()))
+            }
+            Err(NotRead::NoUnit(symbol)) => Err(format!("{}, and `{symbol}` is no unit; {}", self.expected(), hint())),
+        }
+    }
+
+    /// Returns the symbol of the SI unit of the values, such as `N`; none if they have no unit.
+    pub fn unit(&self) -> Option<String> {
+        match self {
+            Self::Quantity { of, .. } => unit::symbol(of),
+            Self::Any | Self::Text | Self::Number | Self::Truth | Self::Between { .. } | Self::OneOf(_) => None,
+        }
     }
 
     fn expected(&self) -> String {
@@ -70,8 +113,27 @@ impl Accepts {
                 let all: Vec<String> = all.iter().map(|one| format!("`{}`", bare(one))).collect();
                 format!("one of {}", all.join(", "))
             }
+            Self::Quantity { of, low, high } => {
+                let (what, unit) = (with_article(of), self.unit().unwrap_or_default());
+                match (low, high) {
+                    (Some(low), Some(high)) => format!("{what} from {low} to {high} {unit}"),
+                    (Some(low), None) => format!("{what} of {low} {unit} or more"),
+                    (None, Some(high)) => format!("{what} of {high} {unit} or less"),
+                    (None, None) => format!("{what} in {unit}"),
+                }
+            }
         }
     }
+}
+
+fn is_between(number: f64, (low, high): (Option<f64>, Option<f64>)) -> bool {
+    low.is_none_or(|low| low <= number) && high.is_none_or(|high| number <= high)
+}
+
+/// `a Force`, `an Angle`
+fn with_article(name: &str) -> String {
+    let article = if name.starts_with(['A', 'E', 'I', 'O', 'U']) { "an" } else { "a" };
+    format!("{article} {name}")
 }
 
 /// A value as a spec spells it, a text without quotes.
@@ -83,7 +145,7 @@ fn bare(constant: &Constant) -> String {
     }
 }
 
-/// As an interface says it: `Number in 1..200`.
+/// As an interface says it: `Number in 1..200`, `Force in 1 N..200 N`.
 impl fmt::Display for Accepts {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let end = |end: &Option<f64>| end.map(|end| end.to_string()).unwrap_or_default();
@@ -94,6 +156,41 @@ impl fmt::Display for Accepts {
             Self::Truth => f.write_str("Truth"),
             Self::Between { low, high } => write!(f, "Number in {}..{}", end(low), end(high)),
             Self::OneOf(all) => f.write_str(&all.iter().map(bare).collect::<Vec<_>>().join(" | ")),
+            Self::Quantity { of, low: None, high: None } => f.write_str(of),
+            Self::Quantity { of, low, high } => {
+                let unit = self.unit().unwrap_or_default();
+                let end = |end: &Option<f64>| end.map(|end| format!("{end} {unit}")).unwrap_or_default();
+                write!(f, "{of} in {}..{}", end(low), end(high))
+            }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_quantity_is_taken_in_its_units_and_in_no_other() {
+        let force = Accepts::Quantity { of: "Force".into(), low: Some(1.0), high: Some(200.0) };
+        for (text, read) in [("12.0", "12.0"), ("20 N", "20"), ("0.15kN", "150"), ("1e2 N", "100")] {
+            assert_eq!(force.read(text).as_deref(), Ok(read), "{text}");
+        }
+        let expected = "a Force from 1 to 200 N";
+        for (text, why) in [
+            ("20 m", ", not a Length; write it in `N` or `kN`"),
+            ("20 rad", ", not an Angle; write it in `N` or `kN`"),
+            ("20 m/h", ", not a Speed; write it in `N` or `kN`"),
+            ("20 kg/m", ", not another quantity; write it in `N` or `kN`"),
+            ("20 Newton", ", and `Newton` is no unit; write it in `N` or `kN`"),
+            ("500", ""),
+            ("0.5 kN", ""),
+            ("much", ""),
+        ] {
+            assert_eq!(force.read(text), Err(format!("{expected}{why}")), "{text}");
+        }
+        assert_eq!((force.to_string().as_str(), force.unit().as_deref()), ("Force in 1 N..200 N", Some("N")));
+        let speed = Accepts::Quantity { of: "Speed".into(), low: None, high: None };
+        assert_eq!((speed.to_string().as_str(), speed.read("fast")), ("Speed", Err("a Speed in m/s".to_owned())));
     }
 }

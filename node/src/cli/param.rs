@@ -61,7 +61,7 @@ struct Set {
     instance: String,
     /// The parameter
     parameter: String,
-    /// A number in SI units, `true`, `false`, or a text
+    /// A quantity such as `20 N`, a number in SI units, `true`, `false`, or a text
     #[arg(allow_hyphen_values = true)]
     value: String,
     #[command(flatten)]
@@ -144,10 +144,10 @@ impl Set {
         let programs = programs(&self.writing.asking)?;
         let program = one(&programs, &self.instance)?;
         let parameter = program.parameter(&self.parameter)?;
-        if let Err(expected) = parameter.accepts.check(&self.value) {
-            return Err(anyhow!("`{}` cannot be `{}`: expected {expected}", parameter.name, self.value).into());
-        }
-        let datum = datum(&parameter.accepts, &self.value)?;
+        let value = parameter.accepts.read(&self.value);
+        let value = value
+            .map_err(|expected| anyhow!("`{}` cannot be `{}`: expected {expected}", parameter.name, self.value))?;
+        let datum = datum(&parameter.accepts, &value)?;
         let key = program.key(&parameter.name);
         output::note(&format!("{key} = {}", datum.to_toml()));
         self.writing.commit(vec![], vec![Write { key: Key::new(key)?, value: Some(datum.encode()?) }])
@@ -216,15 +216,23 @@ impl Program {
     fn value(&self, parameter: &str) -> Option<Datum> {
         let status = self.told.parameters.iter().flatten().find(|status| status.parameter.name == parameter)?;
         let set = self.set.get(parameter).and_then(|set| set.last()).map(|(_, datum)| datum);
-        let set = set.filter(|datum| status.parameter.accepts.check(&spelt(datum)).is_ok());
-        set.cloned().or_else(|| status.given.as_ref().map(datum_of))
+        let accepts = &status.parameter.accepts;
+        let set = set.and_then(|datum| match accepts.read(&spelt(datum)) {
+            // A quantity may be stored with its unit.
+            Ok(number) if accepts.unit().is_some() => number.parse().ok().map(Datum::float),
+            read => read.ok().map(|_| datum.clone()),
+        });
+        set.or_else(|| status.given.as_ref().map(datum_of))
     }
 
     fn rows(&self) -> Vec<Vec<String>> {
         let statuses = self.told.parameters.iter().flatten();
         let row = |status: &ParameterStatus| {
             let name = &status.parameter.name;
-            let shown = |datum: Option<Datum>| datum.map_or_else(|| "-".to_owned(), |datum| datum.to_toml());
+            let unit = status.parameter.accepts.unit().map(|unit| format!(" {unit}")).unwrap_or_default();
+            let shown = |datum: Option<Datum>| {
+                datum.map_or_else(|| "-".to_owned(), |datum| format!("{}{unit}", datum.to_toml()))
+            };
             let given = status.given.as_ref().map(datum_of);
             vec![self.name(), name.clone(), shown(self.value(name)), shown(given), status.parameter.accepts.to_string()]
         };
@@ -247,6 +255,7 @@ impl Program {
                 "value": value(self.value(name)),
                 "spec": value(status.given.as_ref().map(datum_of)),
                 "takes": status.parameter.accepts.to_string(),
+                "unit": status.parameter.accepts.unit(),
                 "key": self.key(name),
             })
         };
@@ -332,7 +341,7 @@ fn set(keys: &[(String, Datum)], told: &InstanceParameters) -> BTreeMap<String, 
 /// A value that was typed, as what the parameter takes.
 fn datum(accepts: &Accepts, text: &str) -> Result<Datum, Failure> {
     let is_text = match accepts {
-        Accepts::Number | Accepts::Between { .. } => {
+        Accepts::Number | Accepts::Between { .. } | Accepts::Quantity { .. } => {
             return Ok(Datum::float(text.parse().context("reading the number")?));
         }
         Accepts::Text => true,

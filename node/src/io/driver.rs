@@ -261,7 +261,7 @@ impl Driver {
                 let key = (deployment, instance);
                 let process = self.paths.get(&key)?.clone();
                 let (deployment, instance) = &key;
-                let parameters = self.settings.parameters(&deployment.name, instance);
+                let parameters = self.parameters(&self.settings, deployment, instance);
                 if !parameters.is_empty() {
                     settings::send(&sender, &Order::Configure { parameters });
                 }

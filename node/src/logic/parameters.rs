@@ -30,6 +30,18 @@ pub fn given(parameters: &[Parameter], arguments: &[Argument]) -> Vec<ParameterS
     parameters.iter().map(status).collect()
 }
 
+/// Returns parameters of the database as their program gets them: quantities as numbers in SI units. What the program does not
+/// take stays as it is; the program refuses it.
+pub fn in_si(declared: &[Parameter], mut stored: Vec<(String, String)>) -> Vec<(String, String)> {
+    for (name, text) in &mut stored {
+        let declared = declared.iter().find(|parameter| parameter.name == *name);
+        if let Some(Ok(read)) = declared.map(|parameter| parameter.accepts.read(text)) {
+            *text = read;
+        }
+    }
+    stored
+}
+
 /// Returns the robot whose parameter a key would be; none if it is not below `robot/HOST/params/`.
 pub fn robot_of(key: &str) -> Option<&str> {
     let (robot, below) = key.strip_prefix("robot/")?.split_once('/')?;
@@ -91,8 +103,12 @@ pub fn overruled(keys: &[(String, String)], known: &[InstanceParameters]) -> Vec
             // The key that names most of the path counts.
             let stored = keys.iter().filter(|(key, _)| is_meant(key)).max_by_key(|(key, _)| key.len());
             let (Some((key, text)), Some(given)) = (stored, &status.given) else { continue };
-            if !is_same(given, text) {
-                let (path, given) = (without_main(&one.path), spelt(given));
+            let accepts = &status.parameter.accepts;
+            let read = accepts.read(text);
+            if !is_same(given, read.as_ref().unwrap_or(text)) {
+                let unit = accepts.unit().map(|unit| format!(" {unit}")).unwrap_or_default();
+                let (path, given) = (without_main(&one.path), format!("{}{unit}", spelt(given)));
+                let text = read.map_or_else(|_| text.clone(), |read| format!("{read}{unit}"));
                 let unset = format!("dca param unset {}/{path} {name}", one.deployment.name);
                 sentences
                     .push(format!("`{key}` is {text} in the database, the spec says {given}; `{unset}` removes it"));
@@ -231,6 +247,38 @@ mod tests {
                     `dca param unset door/task/hit/force threshold` removes it";
         assert_eq!(says(&[("door/hit/force/threshold", "12.0"), ("door/force/threshold", "10.0")]), [told]);
         assert_eq!(says(&[("door/force/zero", "false")]).len(), 1);
+    }
+
+    #[test]
+    fn a_quantity_of_another_kind_is_refused_and_one_of_its_own_becomes_si() {
+        let threshold = Accepts::Quantity { of: "Force".into(), low: Some(0.0), high: Some(200.0) };
+        let mut known = [instance("main/hit/force", Some(&[("threshold", threshold), ("gain", Accepts::Number)]))];
+        let says = |text: &str| check("robot/c3/params/door/hit/force/threshold", text, &known);
+        for text in ["12.0", "12 N", "0.012 kN"] {
+            assert_eq!(says(text), Verdict::Fits, "{text}");
+        }
+        let why =
+            "`threshold` cannot be `20 m`: expected a Force from 0 to 200 N, not a Length; write it in `N` or `kN`";
+        assert_eq!(says("20 m"), Verdict::Refused(why.to_owned()));
+        let declared: Vec<Parameter> =
+            known[0].parameters.iter().flatten().map(|status| status.parameter.clone()).collect();
+        let of = |all: &[(&str, &str)]| -> Vec<(String, String)> {
+            all.iter().map(|(name, text)| ((*name).to_owned(), (*text).to_owned())).collect()
+        };
+        let stored = of(&[("gain", "2 N"), ("threshold", "0.012 kN"), ("threshold", "20 m"), ("other", "1 N")]);
+        let read = of(&[("gain", "2 N"), ("threshold", "12"), ("threshold", "20 m"), ("other", "1 N")]);
+        assert_eq!(in_si(&declared, stored), read);
+        for status in known[0].parameters.iter_mut().flatten() {
+            status.given = Some(Constant::Number(12.0));
+        }
+        let overruled =
+            |text: &str| overruled(&[("robot/c3/params/door/hit/force/threshold".to_owned(), text.to_owned())], &known);
+        assert_eq!(overruled("0.012 kN"), [""; 0]);
+        assert!(
+            overruled("13 N")[0].contains("is 13 N in the database, the spec says 12 N;"),
+            "{:?}",
+            overruled("13 N")
+        );
     }
 
     #[test]

@@ -1,8 +1,8 @@
 //! The rows of the survey: dimensions with their ranges, and triggers.
 
 use super::{Disruption, Meddling, Mission, Phase};
-use controllers::sdk::Random;
 use controllers::sdk::harness::Disturbance;
+use controllers::sdk::{Quantity, Random};
 use std::fmt::Write as _;
 use std::time::Duration;
 
@@ -105,6 +105,10 @@ const DIMENSIONS: [Dimension; 31] = [
 ];
 
 impl Dimension {
+    fn argument(&self, value: f64) -> String {
+        argument(self.name, value, self.unit)
+    }
+
     /// A value from a share of its range about the nominal value: below it as likely as above, where both are possible.
     fn draw(&self, share: f64, random: &mut Random) -> f64 {
         let (low, high) =
@@ -116,6 +120,13 @@ impl Dimension {
             random.between(low, self.nominal)
         }
     }
+}
+
+/// An argument as a spec takes it; a unit that specs do not have is left out.
+fn argument(parameter: &str, value: f64, unit: &str) -> String {
+    let is_known = Quantity::ALL.iter().any(|quantity| quantity.unit() == unit);
+    let unit = if is_known { format!(" {unit}") } else { String::new() };
+    format!("{parameter} = {value:.6}{unit}")
 }
 
 fn mission(arguments: String) -> Mission {
@@ -150,7 +161,7 @@ impl Draw {
     fn alone(&self, dimension: &Dimension) -> Row {
         self.row(Group::Single, dimension.name, dimension.unit, &mut |number, random| {
             let value = dimension.draw(1.0, random);
-            let arguments = format!("seed = {}, {} = {value:.6}", self.world(number), dimension.name);
+            let arguments = format!("seed = {}, {}", self.world(number), dimension.argument(value));
             Mission { value: Some(value), ..mission(arguments) }
         })
     }
@@ -161,7 +172,7 @@ impl Draw {
             let mut arguments = format!("seed = {}, side = \"{side}\"", self.world(number));
             for dimension in &DIMENSIONS {
                 let value = dimension.draw(share, random);
-                write!(arguments, ", {} = {value:.6}", dimension.name).expect("a text takes what is written");
+                write!(arguments, ", {}", dimension.argument(value)).expect("a text takes what is written");
             }
             mission(arguments)
         })
@@ -170,7 +181,7 @@ impl Draw {
     fn trigger(&self, name: &str, unit: &'static str, parameter: &str, [low, high]: [f64; 2]) -> Row {
         self.row(Group::Trigger, name, unit, &mut |number, random| {
             let value = random.between(low, high);
-            let arguments = format!("seed = {}, {parameter} = {value:.6}", self.world(number));
+            let arguments = format!("seed = {}, {}", self.world(number), argument(parameter, value, unit));
             Mission { value: Some(value), ..mission(arguments) }
         })
     }

@@ -3,7 +3,7 @@
 use super::delay::Delays;
 use crate::robot::door::{Lock, Side, Swing};
 use crate::robot::setup::{Setup, Slip};
-use crate::sdk::{Arguments, Kind, Parameter};
+use crate::sdk::{Arguments, Kind, Parameter, Quantity};
 use std::time::Duration;
 
 /// Makes the parameters, and the table of their units and meanings for people.
@@ -16,79 +16,107 @@ macro_rules! parameters {
     };
 }
 
-/// A number from `low` to `high`.
+/// A number from `low` to `high`: a share, or of a unit that specs do not have.
 const fn from(low: f64, high: f64) -> Kind {
     Kind::Number(low, high)
+}
+
+const fn length(low: f64, high: f64) -> Kind {
+    Kind::Quantity(Quantity::Length, low, high)
+}
+
+const fn time(low: f64, high: f64) -> Kind {
+    Kind::Quantity(Quantity::Time, low, high)
+}
+
+const fn angle(low: f64, high: f64) -> Kind {
+    Kind::Quantity(Quantity::Angle, low, high)
+}
+
+const fn force(low: f64, high: f64) -> Kind {
+    Kind::Quantity(Quantity::Force, low, high)
+}
+
+const fn torque(low: f64, high: f64) -> Kind {
+    Kind::Quantity(Quantity::Torque, low, high)
+}
+
+const fn mass(low: f64, high: f64) -> Kind {
+    Kind::Quantity(Quantity::Mass, low, high)
+}
+
+const fn stiffness(low: f64, high: f64) -> Kind {
+    Kind::Quantity(Quantity::Stiffness, low, high)
 }
 
 parameters! {
     "lock": Kind::Text(&["unlocked", "locked"]), "unlocked", "", "whether the lever frees the latch";
     "seed": from(0.0, 1e9), "1", "", "moves the start, draws all errors, makes the noise";
-    "radius": from(0.5, 1.2), "0.82", "m", "from the hinge to where the lever is held";
-    "closer": from(0.0, 40.0), "8", "Nm", "torque of the closer at rest";
-    "push_at": from(-1.0, 1e6), "-1", "s", "when a visitor begins to push the hand; -1: never";
-    "push": from(0.0, 200.0), "60", "N", "how hard the visitor pushes in the end, 4 s later";
-    "lose_at": from(-1.0, 2.5), "-1", "rad", "the lever leaves the fingers for good when the door is so far open; -1: never";
-    "slip_force": from(1.0, 1000.0), "90", "N", "a held lever slips out at this force";
-    "base_slip_at": from(-1.0, 1e6), "-1", "s", "when the wheels begin to turn on the spot; -1: never";
-    "base_slip_for": from(0.0, 60.0), "1", "s", "for how long they do";
-    "base_slip_lever": from(-1.0, 1.6), "-1", "rad", "they begin when the lever is so far down; -1: never";
-    "base_slip_door": from(-1.0, 2.5), "-1", "rad", "they begin when the door is so far open; -1: never";
+    "radius": length(0.5, 1.2), "0.82", "m", "from the hinge to where the lever is held";
+    "closer": torque(0.0, 40.0), "8", "Nm", "torque of the closer at rest";
+    "push_at": time(-1.0, 1e6), "-1", "s", "when a visitor begins to push the hand; -1: never";
+    "push": force(0.0, 200.0), "60", "N", "how hard the visitor pushes in the end, 4 s later";
+    "lose_at": angle(-1.0, 2.5), "-1", "rad", "the lever leaves the fingers for good when the door is so far open; -1: never";
+    "slip_force": force(1.0, 1000.0), "90", "N", "a held lever slips out at this force";
+    "base_slip_at": time(-1.0, 1e6), "-1", "s", "when the wheels begin to turn on the spot; -1: never";
+    "base_slip_for": time(0.0, 60.0), "1", "s", "for how long they do";
+    "base_slip_lever": angle(-1.0, 1.6), "-1", "rad", "they begin when the lever is so far down; -1: never";
+    "base_slip_door": angle(-1.0, 2.5), "-1", "rad", "they begin when the door is so far open; -1: never";
     "side": Kind::Text(&["left", "right"]), "left", "", "where the hinge is, as the robot sees it";
     "swing": Kind::Text(&["pull", "push"]), "pull", "", "which way the robot has to open it";
     "inertia": from(1.0, 60.0), "6.75", "kg m²", "of the leaf about its hinge";
     "closer_rate": from(0.0, 20.0), "2", "Nm/rad", "by how much the closer grows with the angle";
-    "friction": from(0.0, 15.0), "1", "Nm", "dry friction of the hinge";
+    "friction": torque(0.0, 15.0), "1", "Nm", "dry friction of the hinge";
     "viscosity": from(0.0, 20.0), "1.5", "Nm s/rad", "viscous friction of the hinge";
-    "leaf_beyond": from(0.02, 0.3), "0.08", "m", "width of the leaf beyond the handle";
-    "latch_angle": from(0.05, 1.2), "0.4886921905584123", "rad", "how far down the lever frees the latch";
-    "lever_height": from(0.7, 1.4), "1.05", "m", "of the lever's axis above the floor";
-    "lever_length": from(0.05, 0.16), "0.09", "m", "from the lever's axis to where it is held";
-    "lever_standoff": from(0.03, 0.15), "0.06", "m", "from the leaf to the lever";
-    "lever_thickness": from(0.008, 0.05), "0.02", "m", "between the fingers";
-    "lever_stop": from(0.2, 1.5), "0.7853981633974483", "rad", "where the lever stops";
-    "lever_torque": from(0.0, 5.0), "0.6", "Nm", "of the lever's spring when it leaves its rest";
+    "leaf_beyond": length(0.02, 0.3), "0.08", "m", "width of the leaf beyond the handle";
+    "latch_angle": angle(0.05, 1.2), "0.4886921905584123", "rad", "how far down the lever frees the latch";
+    "lever_height": length(0.7, 1.4), "1.05", "m", "of the lever's axis above the floor";
+    "lever_length": length(0.05, 0.16), "0.09", "m", "from the lever's axis to where it is held";
+    "lever_standoff": length(0.03, 0.15), "0.06", "m", "from the leaf to the lever";
+    "lever_thickness": length(0.008, 0.05), "0.02", "m", "between the fingers";
+    "lever_stop": angle(0.2, 1.5), "0.7853981633974483", "rad", "where the lever stops";
+    "lever_torque": torque(0.0, 5.0), "0.6", "Nm", "of the lever's spring when it leaves its rest";
     "lever_rate": from(0.0, 10.0), "1.8", "Nm/rad", "by how much that grows with the lever's angle";
-    "touch_stiffness": from(500.0, 64000.0), "8000", "N/m", "of a fingertip against the lever";
+    "touch_stiffness": stiffness(500.0, 64000.0), "8000", "N/m", "of a fingertip against the lever";
     "touch_damping": from(0.0, 400.0), "40", "N s/m", "the same, damping";
-    "touch_reach": from(0.01, 0.1), "0.05", "m", "how far beside its middle a fingertip meets the lever";
-    "grasp_reach": from(0.005, 0.08), "0.035", "m", "how far from its middle closing fingers meet the lever";
-    "grasp_turn": from(0.05, 1.5), "0.35", "rad", "how far hand and lever may be turned for the fingers to close on it";
-    "stiffness": from(500.0, 48000.0), "6000", "N/m", "of the lever in closed fingers";
+    "touch_reach": length(0.01, 0.1), "0.05", "m", "how far beside its middle a fingertip meets the lever";
+    "grasp_reach": length(0.005, 0.08), "0.035", "m", "how far from its middle closing fingers meet the lever";
+    "grasp_turn": angle(0.05, 1.5), "0.35", "rad", "how far hand and lever may be turned for the fingers to close on it";
+    "stiffness": stiffness(500.0, 48000.0), "6000", "N/m", "of the lever in closed fingers";
     "damping": from(0.0, 400.0), "60", "N s/m", "the same, damping";
-    "base_lag": from(0.005, 0.5), "0.08", "s", "time constant of the base's drives";
-    "arm_lag": from(0.002, 0.2), "0.02", "s", "time constant of the arm's drives";
+    "base_lag": time(0.005, 0.5), "0.08", "s", "time constant of the base's drives";
+    "arm_lag": time(0.002, 0.2), "0.02", "s", "time constant of the arm's drives";
     "wheel_error": from(-0.2, 0.2), "0.01", "", "share by which the odometry believes too much";
-    "payload": from(0.0, 5.0), "0", "kg", "mass beyond the wrist sensor that its calibration does not contain";
+    "payload": mass(0.0, 5.0), "0", "kg", "mass beyond the wrist sensor that its calibration does not contain";
     "droop": from(0.0, 20.0), "1", "", "a force moves the drives so many times as much as ours";
     "torque_limit": from(0.1, 4.0), "1", "", "the motors of the arm are so many times as strong as published";
-    "traction": from(20.0, 2000.0), "200", "N", "the force at which the base's wheels begin to slide";
+    "traction": force(20.0, 2000.0), "200", "N", "the force at which the base's wheels begin to slide";
     "noise": from(0.0, 10.0), "1", "", "all noise is so many times what it is here";
-    "force_noise": from(0.0, 10.0), "0.4", "N", "of a force, standard deviation";
-    "torque_noise": from(0.0, 1.0), "0.02", "Nm", "of a torque, standard deviation";
-    "force_offset": from(0.0, 50.0), "3", "N", "each force is off by up to this until the sensor is set to zero";
-    "force_bias": from(-30.0, 30.0), "0", "N", "drift along the approach that setting to zero does not take out";
-    "laser_noise": from(0.0, 0.1), "0.005", "m", "of one ray, standard deviation";
-    "laser_bias": from(-0.1, 0.1), "0", "m", "of all rays";
+    "force_noise": force(0.0, 10.0), "0.4", "N", "of a force, standard deviation";
+    "torque_noise": torque(0.0, 1.0), "0.02", "Nm", "of a torque, standard deviation";
+    "force_offset": force(0.0, 50.0), "3", "N", "each force is off by up to this until the sensor is set to zero";
+    "force_bias": force(-30.0, 30.0), "0", "N", "drift along the approach that setting to zero does not take out";
+    "laser_noise": length(0.0, 0.1), "0.005", "m", "of one ray, standard deviation";
+    "laser_bias": length(-0.1, 0.1), "0", "m", "of all rays";
     "pixel_noise": from(0.0, 10.0), "0.5", "px", "of a mark in the image, standard deviation";
     "depth_noise": from(0.0, 0.3), "0.03", "", "of a depth, as a share of it, standard deviation";
     "focal_error": from(-0.2, 0.2), "0", "", "the focal length is longer than believed by this share";
-    "camera_shift": from(0.0, 0.05), "0", "m", "the camera is off its place by up to this, along each axis";
-    "camera_turn": from(0.0, 0.2), "0", "rad", "the camera is turned by up to this, about each axis";
-    "joint_offset": from(0.0, 0.1), "0", "rad", "each encoder of the arm is off by up to this";
-    "start_distance": from(1.3, 2.6), "1.75", "m", "from the base to the wall at the start";
-    "start_aside": from(-1.0, 1.0), "0.22", "m", "to the left of the handle";
-    "start_yaw": from(-0.8, 0.8), "-0.06", "rad", "of the base, counter-clockwise from straight ahead";
+    "camera_shift": length(0.0, 0.05), "0", "m", "the camera is off its place by up to this, along each axis";
+    "camera_turn": angle(0.0, 0.2), "0", "rad", "the camera is turned by up to this, about each axis";
+    "joint_offset": angle(0.0, 0.1), "0", "rad", "each encoder of the arm is off by up to this";
+    "start_distance": length(1.3, 2.6), "1.75", "m", "from the base to the wall at the start";
+    "start_aside": length(-1.0, 1.0), "0.22", "m", "to the left of the handle";
+    "start_yaw": angle(-0.8, 0.8), "-0.06", "rad", "of the base, counter-clockwise from straight ahead";
     "start_spread": from(0.0, 4.0), "1", "", "the seed moves the start by up to so many times 0.08 m, 0.06 m and 0.05 rad";
-    "start_wrist": from(-4.6, 4.6), "1.5707963267948966", "rad", "joint 6: it points the fingers' x axis to the left; -1.5707963 to the right";
-    "arm_delay": from(0.0, 1.0), "0", "s", "from the arm's encoders to its readers";
-    "base_delay": from(0.0, 1.0), "0", "s", "from the base's encoders";
-    "force_delay": from(0.0, 1.0), "0", "s", "from the wrist sensor";
-    "gripper_delay": from(0.0, 1.0), "0", "s", "from the gripper";
-    "laser_delay": from(0.0, 1.0), "0", "s", "from the laser";
-    "camera_delay": from(0.0, 1.0), "0", "s", "from the camera";
-    "command_delay": from(0.0, 1.0), "0", "s", "from a command to the drives";
-    "jitter": from(0.0, 1.0), "0", "s", "each of these is longer by up to this, drawn anew each time";
+    "start_wrist": angle(-4.6, 4.6), "1.5707963267948966", "rad", "joint 6: it points the fingers' x axis to the left; -1.5707963 to the right";
+    "arm_delay": time(0.0, 1.0), "0", "s", "from the arm's encoders to its readers";
+    "base_delay": time(0.0, 1.0), "0", "s", "from the base's encoders";
+    "force_delay": time(0.0, 1.0), "0", "s", "from the wrist sensor";
+    "gripper_delay": time(0.0, 1.0), "0", "s", "from the gripper";
+    "laser_delay": time(0.0, 1.0), "0", "s", "from the laser";
+    "camera_delay": time(0.0, 1.0), "0", "s", "from the camera";
+    "command_delay": time(0.0, 1.0), "0", "s", "from a command to the drives";
+    "jitter": time(0.0, 1.0), "0", "s", "each of these is longer by up to this, drawn anew each time";
 }
 
 /// Returns the world of the arguments.
@@ -190,7 +218,7 @@ mod tests {
         let own = ["push_at", "push"];
         for parameter in PARAMETERS.iter().filter(|parameter| !own.contains(&parameter.name)) {
             let value = match parameter.kind {
-                Kind::Number(low, high) => (0.4 * low + 0.6 * high).to_string(),
+                Kind::Number(low, high) | Kind::Quantity(_, low, high) => (0.4 * low + 0.6 * high).to_string(),
                 Kind::Text(words) => words[1].to_owned(),
                 Kind::Truth => "true".to_owned(),
             };
@@ -206,6 +234,10 @@ mod tests {
         for (parameter, (unit, meaning)) in PARAMETERS.iter().zip(MEANINGS) {
             let range = match parameter.kind {
                 Kind::Number(low, high) => format!("{low} to {high}"),
+                Kind::Quantity(quantity, low, high) => {
+                    assert_eq!(quantity.unit(), *unit, "`{}`", parameter.name);
+                    format!("{low} to {high}")
+                }
                 Kind::Text(words) => words.iter().map(|word| format!("`{word}`")).collect::<Vec<_>>().join(", "),
                 Kind::Truth => "`true`, `false`".to_owned(),
             };

@@ -6,13 +6,13 @@
 use super::{ItemCollector, params, process};
 use crate::check::diagnostics::{Diagnostics, Rounds};
 use crate::check::spec::{Const, Consts, Instance, Kind, Param, Process, Scope, Value, ValueKind};
-use crate::check::unit;
 use crate::check::value::Reader;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::{Constant, LEAVES_MAX};
 use crate::source::Span;
 use crate::syntax::SyntaxKind::{self, Equals, Number, Text};
 use crate::syntax::ast::{Name, Node};
+use crate::unit;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// The groups with such parameters, by name.

@@ -3,18 +3,20 @@
 
 use crate::check::spec::{Param, Shape, Spec, Value, ValueKind};
 use crate::plan::{Argument, Constant};
+use crate::unit::Dimension;
 
 /// A value without names of parameters.
 #[derive(Clone, Debug)]
 pub(super) enum Data {
-    Plain(Constant),
+    /// With what it measures, if it was written with a unit.
+    Plain(Constant, Option<Dimension>),
     Record(Vec<(String, Self)>),
 }
 
 /// The value of an argument in a group whose parameters have these values.
 pub(super) fn data(value: &Value, outer: &[Data]) -> Option<Data> {
     match &value.kind {
-        ValueKind::Constant(constant) => Some(Data::Plain(constant.clone())),
+        ValueKind::Constant(constant) => Some(Data::Plain(constant.clone(), value.dimension)),
         ValueKind::Param(index) => outer.get(*index).cloned(),
         ValueKind::Record(fields) => {
             let fields = fields.iter().map(|(name, value)| Some((name.text.clone(), data(value, outer)?)));
@@ -43,7 +45,7 @@ pub(super) fn filled(spec: &Spec, param: &Param, given: Option<Data>) -> Option<
     let (Some(Shape::Record(fields)), None | Some(Data::Record(_))) = (shape, &given) else { return given };
     let mut given = match given {
         Some(Data::Record(given)) => given,
-        Some(Data::Plain(_)) | None => Vec::new(),
+        Some(Data::Plain(..)) | None => Vec::new(),
     };
     let fields = fields.iter().filter_map(|field| {
         let own = given.iter().position(|(name, _)| *name == field.name.text).map(|own| given.swap_remove(own).1);
@@ -55,7 +57,7 @@ pub(super) fn filled(spec: &Spec, param: &Param, given: Option<Data>) -> Option<
 /// Adds the arguments that carry a value.
 pub(super) fn flatten(name: Option<String>, data: Data, arguments: &mut Vec<Argument>) {
     match data {
-        Data::Plain(value) => arguments.push(Argument { name, value }),
+        Data::Plain(value, _) => arguments.push(Argument { name, value }),
         Data::Record(fields) => {
             for (field, data) in fields {
                 let name = name.as_ref().map_or_else(|| field.clone(), |name| format!("{name}.{field}"));

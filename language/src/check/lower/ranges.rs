@@ -2,8 +2,10 @@
 
 use super::data::{Data, data};
 use super::tree::Builder;
+use crate::check::quantity;
 use crate::check::range;
 use crate::check::spec::{Arg, Param, Shape, Value, ValueKind};
+use crate::plan::Constant;
 use crate::source::Span;
 
 impl Builder<'_> {
@@ -46,8 +48,17 @@ impl Builder<'_> {
 
     fn check_value(&mut self, param: &Param, value: &Data, span: Span) {
         match (value, param.kind.as_ref().map(|kind| self.spec.shape(kind))) {
-            (Data::Plain(constant), Some(Shape::Plain(_)) | None) => {
-                if let Some(range) = param.range.as_ref().filter(|range| !range.has(constant)) {
+            (Data::Plain(constant, dimension), shape @ (Some(Shape::Plain(_)) | None)) => {
+                let kind = ValueKind::Constant(constant.clone());
+                let misfit = match (constant, shape) {
+                    (Constant::Number(_), Some(Shape::Plain(name))) => {
+                        quantity::misfit(param, name, &Value { span, kind, dimension: *dimension })
+                    }
+                    (_, _) => None,
+                };
+                if let Some(misfit) = misfit {
+                    self.report_once(misfit);
+                } else if let Some(range) = param.range.as_ref().filter(|range| !range.has(constant)) {
                     self.report_once(range::outside(param, range, constant, span));
                 }
             }
@@ -62,7 +73,7 @@ impl Builder<'_> {
                 let element = param.element(element);
                 values.iter().for_each(|(_, value)| self.check_value(&element, value, span));
             }
-            (Data::Plain(_) | Data::Record(_), _) => {}
+            (Data::Plain(..) | Data::Record(_), _) => {}
         }
     }
 }

@@ -168,7 +168,7 @@ impl Builder<'_> {
     /// The place that a value names; anything but a text is reported.
     fn named(&mut self, value: &Value, values: &[Data], path: &str) -> Option<Place> {
         match data(value, values)? {
-            Data::Plain(Constant::Text(host)) if !host.is_empty() => {
+            Data::Plain(Constant::Text(host), _) if !host.is_empty() => {
                 let next = number(self.hosts.len());
                 self.hosts.entry(host.clone()).or_insert_with(|| {
                     self.tree.hosts.push(host.clone());
@@ -176,7 +176,7 @@ impl Builder<'_> {
                 });
                 Some(Place::Named(host))
             }
-            Data::Plain(_) | Data::Record(_) => {
+            Data::Plain(..) | Data::Record(_) => {
                 if self.hostless_spans.insert(value.span) {
                     self.diagnostics.push(not_a_host(value.span, path));
                 }
@@ -284,7 +284,7 @@ fn bind(spec: &Spec, process: &Process, args: &[Arg], outer: &[Data]) -> Vec<Dat
         let is_named = |arg: &&Arg| arg.name.as_ref().is_some_and(|name| name.text == param.name.text);
         let given = positional.next().or_else(|| args.iter().find(is_named));
         let given = given.and_then(|arg| data(&arg.value, outer));
-        filled(spec, param, given).unwrap_or_else(|| Data::Plain(Constant::Text(param.name.text.clone())))
+        filled(spec, param, given).unwrap_or_else(|| Data::Plain(Constant::Text(param.name.text.clone()), None))
     });
     values.collect()
 }

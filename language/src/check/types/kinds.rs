@@ -2,13 +2,14 @@
 
 use crate::check::diagnostics::Diagnostics;
 use crate::check::names::listed;
+use crate::check::quantity;
 use crate::check::range;
 use crate::check::spec::{Arg, Kind, Param, Shape, Spec, Value, ValueKind};
-use crate::check::unit;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::Constant;
 use crate::source::Span;
 use crate::syntax::ast::Name;
+use crate::unit;
 
 /// The most fields of one level that a message shows.
 const SHOWN_MAX: usize = 8;
@@ -94,11 +95,9 @@ impl TypeChecker<'_> {
     /// A value of a type of the language; what is not known is believed.
     fn plain(&mut self, param: &Param, kind: &str, value: &Value) {
         let name = &param.name.text;
-        if let Some((dimension, example)) = unit::of_type(kind) {
-            let is_number = matches!(value.kind, ValueKind::Constant(Constant::Number(_)));
-            if !is_number || value.dimension != Some(dimension) {
-                let message = format!("`{name}` is of type {kind}: expected a quantity such as `{example}`");
-                self.wrong(param, value.span, message);
+        if unit::of_type(kind).is_some() {
+            if let Some(diagnostic) = quantity::misfit(param, kind, value) {
+                self.diagnostics.push(diagnostic);
             }
             return;
         }

@@ -2,10 +2,10 @@
 
 use crate::check::diagnostics::Diagnostics;
 use crate::check::spec::{FIELDS_MAX, Kind, NamedType, Spec};
-use crate::check::unit;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::DEPTH_MAX;
 use crate::source::Span;
+use crate::unit;
 
 /// Checks the named types. What has no end, or is too large, is reported and taken as a type of which nothing is known.
 pub(super) fn check(spec: &mut Spec, diagnostics: &mut Diagnostics) {

@@ -3,13 +3,13 @@
 use super::place::Cursor;
 use super::{Completion, CompletionKind, inside, keywords};
 use crate::check::spec::{Direction, Instance, Param, Process, Shape, Target, ValueKind};
-use crate::check::unit;
 use crate::ide::Analysis;
 use crate::ide::hover::interface;
 use crate::ide::words::Place;
 use crate::plan::Constant;
 use crate::syntax::SyntaxKind::{self, Arrow, Equals, Number};
 use crate::syntax::ast::Node;
+use crate::unit;
 use std::collections::{BTreeMap, BTreeSet};
 
 impl Analysis {

@@ -2,10 +2,10 @@
 
 use super::code;
 use crate::check::spec::{Direction, Endpoint, Module, Param, Port, Process, Target};
-use crate::check::unit;
 use crate::ide::Analysis;
 use crate::plan::LeafKind;
 use crate::source::Span;
+use crate::unit;
 use std::fmt::Write as _;
 
 impl Analysis {

@@ -2,7 +2,7 @@
 
 use super::asking::{Asking, refusal};
 use super::past::a_moment;
-use super::write::Writing;
+use super::write::{Writing, written};
 use crate::cli::{Failure, output};
 use crate::io::named_file;
 use crate::io::whole_file::WholeFile;
@@ -11,7 +11,6 @@ use anyhow::{Context, anyhow, bail};
 use dbmanager::logic::key::Key;
 use dbmanager::logic::txn::{Condition, Require, Write};
 use dbmanager::logic::view::token;
-use dbmanager::logic::view::value::Datum;
 use std::path::{Path, PathBuf};
 
 /// The longest file of values, in bytes: some million keys.
@@ -107,7 +106,7 @@ fn change(line: &str, requires: &mut Vec<Require>, writes: &mut Vec<Write>) -> a
     }
     match (verb, value) {
         ("put", "") => bail!("the value is missing"),
-        ("put", value) => writes.push(Write { key, value: Some(Datum::from_toml(value)?.encode()?) }),
+        ("put", value) => writes.push(Write { value: Some(written(key.as_str(), value)?.encode()?), key }),
         ("delete", "") => writes.push(Write { key, value: None }),
         ("require", "absent") => requires.push(Require { key, condition: Condition::Absent }),
         ("require", "exists") => requires.push(Require { key, condition: Condition::Exists }),
@@ -123,6 +122,7 @@ fn change(line: &str, requires: &mut Vec<Require>, writes: &mut Vec<Write>) -> a
 #[cfg(test)]
 mod tests {
     use super::*;
+    use dbmanager::logic::view::value::Datum;
 
     #[test]
     fn a_transaction_as_text() {

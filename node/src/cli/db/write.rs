@@ -12,7 +12,7 @@ use comms::logic::human::span;
 use dbmanager::logic::key::{Key, Namespace};
 use dbmanager::logic::txn::{Require, Write};
 use dbmanager::logic::version_vector::Dot;
-use dbmanager::logic::view::value::Datum;
+use dbmanager::logic::view::value::{Datum, TextError};
 use std::collections::BTreeMap;
 use std::time::Duration;
 
@@ -37,7 +37,7 @@ pub struct Writing {
 pub struct Put {
     /// A key, such as `team/camera/gain`
     key: String,
-    /// A value as in TOML: `1.5`, `true`, `"text"`, `[1, 2]`, `{x = 1.0, y = 2.0}`
+    /// A value as in TOML: `1.5`, `true`, `"text"`, `[1, 2]`, `{x = 1.0, y = 2.0}`; of a parameter also a quantity: `20 N`
     #[arg(allow_hyphen_values = true)]
     value: String,
     /// The value is a text, as it stands
@@ -70,7 +70,7 @@ impl Put {
         } else if self.from_json {
             Datum::from_json(&value).context("reading the value")?
         } else {
-            Datum::from_toml(&value).with_context(|| {
+            written(key.as_str(), &value).with_context(|| {
                 format!("reading the value (`--text` takes it as a text: `dca db put {key} --text '{value}'`)")
             })?
         };
@@ -214,6 +214,14 @@ impl Writing {
             Err(failure) => Err(failure),
         }
     }
+}
+
+/// Reads a value as in TOML; a parameter may be a quantity, which is a text of its own.
+pub(crate) fn written(key: &str, value: &str) -> Result<Datum, TextError> {
+    Datum::from_toml(value).or_else(|error| {
+        let is_quantity = parameters::robot_of(key).is_some() && language::is_quantity(value);
+        if is_quantity { Ok(Datum::Text(value.trim().to_owned())) } else { Err(error) }
+    })
 }
 
 /// Refuses what no running program takes; where nobody can say that, a note does.

@@ -3,6 +3,7 @@
 use super::Driver;
 use crate::logic::agent::Input;
 use crate::logic::database::settings::{Settings, changes};
+use crate::logic::protocol::Deployment;
 use comms::io::control::ControlSender;
 use comms::logic::control::Order;
 
@@ -10,8 +11,8 @@ impl Driver {
     /// Tells each program whose parameters have changed.
     pub(super) fn configure(&mut self, settings: Settings) {
         for ((deployment, path), process) in &self.paths {
-            let parameters = settings.parameters(&deployment.name, path);
-            let changed = changes(&self.settings.parameters(&deployment.name, path), &parameters);
+            let parameters = self.parameters(&settings, deployment, path);
+            let changed = changes(&self.parameters(&self.settings, deployment, path), &parameters);
             if let Some((_, sender)) = self.programs.get(process).filter(|_| !changed.is_empty()) {
                 send(sender, &Order::Configure { parameters });
                 self.pending.push_back(Input::Configured { process: process.clone(), parameters: changed });
@@ -25,6 +26,11 @@ impl Driver {
             tracing::warn!(error = format!("{error:#}"), "the setting `log` does nothing");
         }
         unfit.iter().filter(|one| !before.unfit.contains(one)).for_each(|sentence| tracing::warn!("{sentence}"));
+    }
+
+    /// Returns what settings say to an instance, as its program gets it.
+    pub(super) fn parameters(&self, settings: &Settings, deployment: &Deployment, path: &str) -> Vec<(String, String)> {
+        self.agent.in_si(deployment, path, settings.parameters(&deployment.name, path))
     }
 }
 

@@ -67,6 +67,14 @@ impl Agent {
         out.effects.push(Effect::EndAnswers { call });
     }
 
+    /// Returns parameters that the database gives to an instance, as its program gets them: quantities in SI units.
+    pub fn in_si(&self, deployment: &Deployment, path: &str, stored: Vec<(String, String)>) -> Vec<(String, String)> {
+        match self.tenants.get(deployment) {
+            Some(tenant) => tenant.in_si(&self.programs, path, stored),
+            None => stored,
+        }
+    }
+
     fn deploy(&mut self, (call, request): (u64, u64), plan: Plan, by: String, out: &mut Out<'_>) {
         let home_is_here = plan.home() == Some(&self.identity.host);
         let refusal = if self.leaving {

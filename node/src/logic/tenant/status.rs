@@ -66,6 +66,15 @@ impl Tenant {
         leaves.map(of_leaf).collect()
     }
 
+    /// Returns parameters that the database gives to the instance of a path, as its program gets them.
+    pub fn in_si(&self, programs: &Programs, path: &str, stored: Vec<(String, String)>) -> Vec<(String, String)> {
+        let leaf = self.plan.leaves.iter().find(|leaf| leaf.path == path);
+        match leaf.and_then(|leaf| programs.parameters(&leaf.module)) {
+            Some(declared) => parameters::in_si(declared, stored),
+            None => stored,
+        }
+    }
+
     /// Returns the programs of this host: leaf and absolute path.
     pub fn programs(&self) -> Vec<(u32, String)> {
         let path = |leaf: &u32| Some((*leaf, self.plan.leaves.get(*leaf as usize)?.path.clone()));

@@ -2,13 +2,13 @@
 
 use crate::check::names::twice;
 use crate::check::spec::Policies;
-use crate::check::unit::{self, Dimension};
 use crate::check::value::{Reader, quantity};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::{LinkLoss, Policy, REALTIME_MAX, Realtime, Restart};
 use crate::source::Span;
 use crate::syntax::SyntaxKind::{self, Constant};
 use crate::syntax::ast::{Name, Node};
+use crate::unit::{self, Dimension};
 use std::collections::BTreeMap;
 
 /// What is written in one policy: its words after the first, and its numbers.

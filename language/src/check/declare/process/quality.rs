@@ -1,12 +1,12 @@
 //! Reads the qualities of a connection: how data moves.
 
 use crate::check::diagnostics::Diagnostics;
-use crate::check::unit::{self, Dimension};
 use crate::check::value::quantity;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::{Quality, Retention};
 use crate::syntax::SyntaxKind::{self, Number};
 use crate::syntax::ast::Node;
+use crate::unit::{self, Dimension};
 use std::time::Duration;
 
 /// The longest queue.

@@ -84,6 +84,58 @@ pub(crate) fn of_type(name: &str) -> Option<(Dimension, &'static str)> {
     unit(symbol, per).map(|(_, dimension)| (dimension, example))
 }
 
+/// Returns the symbol of the SI unit of a type of quantities: `N`, `m/s`.
+pub(crate) fn symbol(name: &str) -> Option<String> {
+    let &(_, _, symbol, per) = TYPES.iter().find(|(known, ..)| *known == name)?;
+    Some(per.map_or_else(|| symbol.to_owned(), |per| format!("{symbol}/{per}")))
+}
+
+/// Returns what a person may write for a type of quantities: "`N` or `kN`".
+pub(crate) fn spellings(name: &str) -> String {
+    let same =
+        |&&(_, _, powers): &&(&str, f64, [i8; 6])| of_type(name).is_some_and(|(own, _)| own == Dimension(powers));
+    let mut symbols: Vec<String> = UNITS.iter().filter(same).map(|(symbol, ..)| format!("`{symbol}`")).collect();
+    if symbols.is_empty() {
+        symbols.extend(symbol(name).map(|symbol| format!("`{symbol}`")));
+    }
+    match symbols.split_last() {
+        Some((last, rest)) if !rest.is_empty() => format!("{} or {last}", rest.join(", ")),
+        Some(_) | None => symbols.concat(),
+    }
+}
+
+/// Returns the type of the quantities of a dimension.
+pub(crate) fn type_of(dimension: Dimension) -> Option<&'static str> {
+    TYPES.iter().map(|(name, ..)| *name).find(|name| of_type(name).is_some_and(|(own, _)| own == dimension))
+}
+
+/// A text that is no quantity.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) enum NotRead {
+    /// It does not begin with a number.
+    NoNumber,
+    /// What follows the number is no unit.
+    NoUnit(String),
+}
+
+/// Reads a quantity or a number, as a spec spells it: `20 N`, `0.2m/s`, `5`; returns it in SI units.
+pub(crate) fn read(text: &str) -> Result<(f64, Option<Dimension>), NotRead> {
+    let text = text.trim();
+    let is_exponent = |at: usize| {
+        text[at..].starts_with(['e', 'E']) && text[at + 1..].starts_with(|c: char| "+-0123456789".contains(c))
+    };
+    let letters = text.char_indices().filter(|(_, c)| c.is_alphabetic());
+    let at = letters.map(|(at, _)| at).find(|&at| !is_exponent(at)).unwrap_or(text.len());
+    let number = text[..at].trim().parse::<f64>().ok().filter(|number| number.is_finite());
+    let (number, spelt) = (number.ok_or(NotRead::NoNumber)?, &text[at..]);
+    if spelt.is_empty() {
+        return Ok((number, None));
+    }
+    let (symbol, per) = spelt.split_once('/').map_or((spelt, None), |(symbol, per)| (symbol, Some(per.trim())));
+    let (factor, dimension) = unit(symbol.trim(), per).ok_or_else(|| NotRead::NoUnit(spelt.to_owned()))?;
+    Ok((number * factor, Some(dimension)))
+}
+
 /// Returns the types of quantities, each with an example.
 pub(crate) fn types() -> impl Iterator<Item = (&'static str, &'static str)> {
     TYPES.iter().map(|&(name, example, ..)| (name, example))
@@ -123,5 +175,42 @@ mod tests {
         assert_eq!(unit("parsec", None), None);
         assert!(TYPES.iter().all(|(name, _, _, _)| of_type(name).is_some()));
         assert_eq!(of_type("Time").unwrap().0, Dimension::TIME);
+    }
+
+    #[test]
+    fn types_name_their_units() {
+        for (name, si, all) in [
+            ("Force", "N", "`N` or `kN`"),
+            ("Angle", "rad", "`rad` or `deg`"),
+            ("Torque", "Nm", "`Nm`"),
+            ("Speed", "m/s", "`m/s`"),
+            ("Length", "m", "`m`, `cm`, `mm`, `um` or `km`"),
+        ] {
+            assert_eq!((symbol(name).as_deref(), spellings(name).as_str()), (Some(si), all));
+            assert_eq!(type_of(of_type(name).unwrap().0), Some(name));
+        }
+        assert_eq!((symbol("Number"), spellings("Number").as_str()), (None, ""));
+    }
+
+    #[test]
+    fn texts_are_read_as_specs_spell_them() {
+        let of = |name| of_type(name).map(|(dimension, _)| dimension);
+        for (text, number, name) in [
+            ("20 N", 20.0, Some("Force")),
+            (" 0.5kN ", 500.0, Some("Force")),
+            ("-2e-1 m / s", -0.2, Some("Speed")),
+            ("1e3mm/s", 1.0, Some("Speed")),
+            ("12.0", 12.0, None),
+            ("1e3", 1000.0, None),
+        ] {
+            assert_eq!(read(text), Ok((number, name.and_then(of))), "{text}");
+        }
+        for text in ["", "N", "inf", "nan N", "1 2 N", "e3", "1e999 N", "µ"] {
+            assert_eq!(read(text), Err(NotRead::NoNumber), "{text}");
+        }
+        for (text, unit) in [("5 parsec", "parsec"), ("5 m/", "m/"), ("5 m/s/s", "m/s/s"), ("5 e", "e"), ("5 ß", "ß")]
+        {
+            assert_eq!(read(text), Err(NotRead::NoUnit(unit.to_owned())), "{text}");
+        }
     }
 }
