@@ -250,6 +250,17 @@ impl Host {
         node
     }
 
+    /// Runs one test of this test program once more, in this place, with these variables in its environment.
+    ///
+    /// # Panics
+    /// It cannot be started.
+    pub fn test(&self, name: &str, environment: &[(&str, &str)]) -> Program {
+        let own = std::env::current_exe().expect("Linux tells a process its executable");
+        let mut command = self.command(&own.display().to_string());
+        command.args(["--exact", name, "--nocapture"]).envs(environment.iter().copied());
+        Program::start(command)
+    }
+
     /// Returns what `dca status` says of every node.
     ///
     /// # Panics

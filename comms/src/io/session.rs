@@ -40,8 +40,6 @@ use tokio::sync::watch;
 const CLOSE_WITHIN: Duration = Duration::from_secs(2);
 /// How long a command line without a node waits for the first nodes to answer, and how often it looks.
 const SCOUT: [Duration; 2] = [Duration::from_millis(500), Duration::from_millis(20)];
-/// How long a link may carry nothing before it is given up, besides its round trips.
-const PATIENCE: Duration = Duration::from_secs(1);
 /// Zenoh's thread pools in a process that only sends and receives: one for almost all, since a hand-over between pools costs
 /// more than the wire. Only what sends has its own: a task that receives and passes on waits inside zenoh, without yielding,
 /// for the one that sends, and tokio keeps a task that was just woken for the thread that woke it. With a single worker, a
@@ -207,7 +205,7 @@ impl Session {
     /// longer, it is given up.
     pub fn note_round_trip(&self, session: &str, took: Duration) {
         // In few steps, so that it is seldom set anew.
-        let millis = (PATIENCE + 2 * took).as_millis().max(1);
+        let millis = patience::of(took).as_millis().max(1);
         let millis = u64::try_from(millis).unwrap_or(u64::MAX).checked_next_power_of_two().unwrap_or(u64::MAX);
         self.opened.set_patience(session, Duration::from_millis(millis));
     }

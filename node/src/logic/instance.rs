@@ -26,8 +26,8 @@ use std::time::Duration;
 
 /// How long a program has to say hello.
 const START_WITHIN: Duration = Duration::from_secs(15);
-/// How long a program has to make its links: it waits 12 s for who it hears, and 12 s for who hears it.
-const CONNECT_WITHIN: Duration = Duration::from_secs(26);
+/// How long a program has to make its links: it waits 18 s for who it hears, and 18 s for who hears it.
+const CONNECT_WITHIN: Duration = Duration::from_secs(38);
 /// How long a program has between SIGTERM and SIGKILL.
 const GRACE: Duration = Duration::from_secs(1);
 /// The most bytes that a process may leave for the next.

@@ -7,8 +7,6 @@ use zenoh::Config;
 /// How long a session is silent before its peer gives it up: longer than the longest way there and back, which is 3 s, since
 /// a peer hears nothing in that time when a link is new. What is cut is noticed earlier, see `patience`.
 const LEASE_MS: u32 = 5000;
-/// The same for programs, which have nobody to tell them how long their links take: a cut is noticed by this alone.
-const DATA_LEASE_MS: u32 = 2000;
 /// The longest path of a Unix socket. Source: unix(7), `sun_path` less its final zero.
 const SOCKET_PATH_SIZE_MAX: usize = 107;
 
@@ -54,8 +52,8 @@ impl Settings {
 
     /// A controller's data session: it finds nobody and is found by nobody.
     pub(crate) fn data() -> Self {
-        // Programs of one host notice a crash by the closed socket; the lease is for cut links.
-        Self::new("peer", DATA_LEASE_MS)
+        // Programs of one host notice a crash by the closed socket; the lease is for peers that are suspended.
+        Self::new("peer", LEASE_MS)
     }
 
     /// A command line, through the node at `locator`.

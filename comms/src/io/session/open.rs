@@ -66,8 +66,10 @@ pub(crate) enum Redial {
 
 /// What the keeper hears of.
 enum Change {
-    /// A TCP link was made.
+    /// A TCP link was made, to somebody who may be dialled there again.
     Made { session: String, from: SocketAddr, to: Locator },
+    /// A TCP link was made, by a session that nobody tells how long its links take.
+    Unmeasured(patience::Ends),
     /// A link was lost, or is to be made.
     Wanted(String),
     /// A session has lost one of its links, and still has these.
@@ -266,9 +268,10 @@ fn watch_links(
             return;
         }
         lock(&ends).ends.entry(session.clone()).or_default().push((both, Duration::ZERO));
-        if redial == Redial::Found {
-            made.push(Change::Made { session, from: both.0, to: link.dst().clone() });
-        }
+        match redial {
+            Redial::Found => made.push(Change::Made { session, from: both.0, to: link.dst().clone() }),
+            Redial::Told => made.push(Change::Unmeasured(both)),
+        };
     };
     info.link_events_listener().history(true).callback(on_link).background().wait()
 }
@@ -307,6 +310,12 @@ async fn keep(runtime: Runtime, port: Option<u16>, links: Arc<Mutex<Links>>, mut
                 if port != Some(from.port()) {
                     let place = Place { locators: vec![to], within: Some(FOUND_AGAIN_WITHIN) };
                     lock(&links).kept.entry(session).or_insert(place);
+                }
+                continue;
+            }
+            Some(Change::Unmeasured(ends)) => {
+                if !patience::set_as_measured(ends) {
+                    tracing::debug!(?ends, "the socket of a link was not found");
                 }
                 continue;
             }

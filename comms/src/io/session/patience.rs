@@ -7,15 +7,34 @@
 use rustix::net::sockopt::set_tcp_user_timeout;
 use rustix::process::{PidfdFlags, PidfdGetfdFlags, getpid, pidfd_getfd, pidfd_open};
 use std::net::{Shutdown, SocketAddr, TcpStream};
+use std::os::fd::AsRawFd;
 use std::time::Duration;
+
+/// How long a link may carry nothing, besides its round trips.
+const BESIDES: Duration = Duration::from_secs(1);
+/// The least that a link gets whose round trip is measured once, when it is new: the delay may grow later. With the time to the
+/// next sign of life and to its first repetition, a cut is noticed after 1.9 s.
+const ONCE_MIN: Duration = Duration::from_millis(1250);
 
 /// The two ends of a link, this one first.
 pub(super) type Ends = (SocketAddr, SocketAddr);
 
 /// Gives a link so long; says whether it was found.
 pub(super) fn set(ends: Ends, patience: Duration) -> bool {
-    let millis = u32::try_from(patience.as_millis()).unwrap_or(u32::MAX);
-    find(ends).is_some_and(|socket| set_tcp_user_timeout(&socket, millis).is_ok())
+    find(ends).is_some_and(|socket| set_tcp_user_timeout(&socket, millis(patience)).is_ok())
+}
+
+/// Returns how long a link may carry nothing whose round trip takes so long.
+pub(super) fn of(round_trip: Duration) -> Duration {
+    BESIDES + 2 * round_trip
+}
+
+/// Gives a new link as long as its round trip asks for, as the system has measured it with the first messages; says whether the
+/// link was found.
+pub(super) fn set_as_measured(ends: Ends) -> bool {
+    let Some(socket) = find(ends) else { return false };
+    let patience = round_trip(&socket).map(|measured| of(measured).max(ONCE_MIN));
+    patience.is_some_and(|patience| set_tcp_user_timeout(&socket, millis(patience)).is_ok())
 }
 
 /// Ends a link, at both sides: who waits for more reads an end.
@@ -46,4 +65,42 @@ fn find(ends: Ends) -> Option<TcpStream> {
 /// An address of the older family looks different on a socket of both.
 fn plain(address: SocketAddr) -> SocketAddr {
     SocketAddr::new(address.ip().to_canonical(), address.port())
+}
+
+fn millis(time: Duration) -> u32 {
+    u32::try_from(time.as_millis()).unwrap_or(u32::MAX)
+}
+
+/// Returns the round trip of a link, smoothed. Source: tcp(7), `TCP_INFO`. No crate in use has a safe signature for it.
+#[expect(unsafe_code, reason = "rustix does not read TCP_INFO")]
+fn round_trip(socket: &TcpStream) -> Option<Duration> {
+    // SAFETY: `tcp_info` is a plain C structure of integers, for which all zeros are a valid value.
+    let mut info: libc::tcp_info = unsafe { std::mem::zeroed() };
+    let mut size = libc::socklen_t::try_from(size_of_val(&info)).ok()?;
+    // SAFETY: the socket is open for the call, and the kernel writes no more than `size` bytes to the structure.
+    let answer = unsafe {
+        let to = (&raw mut info).cast();
+        libc::getsockopt(socket.as_raw_fd(), libc::IPPROTO_TCP, libc::TCP_INFO, to, &raw mut size)
+    };
+    (answer == 0).then(|| Duration::from_micros(u64::from(info.tcpi_rtt)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rustix::net::sockopt::tcp_user_timeout;
+    use std::net::TcpListener;
+
+    #[test]
+    fn a_quick_link_is_given_up_after_1250_ms() {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let near = TcpStream::connect(listener.local_addr().unwrap()).unwrap();
+        let far = listener.accept().unwrap().0;
+        let ends = |stream: &TcpStream| (stream.local_addr().unwrap(), stream.peer_addr().unwrap());
+        for stream in [&near, &far] {
+            assert!(set_as_measured(ends(stream)));
+            assert_eq!(tcp_user_timeout(stream).unwrap(), 1250);
+        }
+        assert!(!set_as_measured((ends(&near).0, ends(&near).0)), "there is no such link");
+    }
 }
