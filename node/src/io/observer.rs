@@ -13,7 +13,7 @@ use std::time::Duration;
 use tokio::sync::mpsc::Sender;
 use tokio::task::JoinSet;
 
-/// How long a program has to be reached.
+/// How long a program has to be reached before people are told that it is not seen yet.
 const DIAL_WITHIN: Duration = Duration::from_secs(2);
 
 /// The longest value of a port that is recorded, in bytes.
@@ -139,22 +139,33 @@ async fn look(sources: Vec<Source>, sink: Sender<Sight>) -> Option<Opened> {
         }
     };
     let mut dialling = JoinSet::new();
-    for Source { key, dial, what } in sources {
+    for source in sources {
         let (session, sink) = (Arc::clone(&session), sink.clone());
-        dialling.spawn_blocking(move || {
-            let name = what.name();
-            let heard = session.dial(&dial, DIAL_WITHIN).and_then(|()| hear(&session, &key, what, sink));
-            heard.map_err(|error| format!("{name} cannot be seen: {error}"))
-        });
+        dialling.spawn_blocking(move || reach(&session, source, sink));
     }
     let mut hearing = Vec::new();
     while let Some(joined) = dialling.join_next().await {
-        match joined.unwrap_or_else(|panic| Err(format!("signals cannot be seen: {panic}"))) {
-            Ok(heard) => hearing.push(heard),
-            Err(why) => unseen(why).await,
+        let (heard, why) = joined.unwrap_or_else(|panic| (None, Some(format!("signals cannot be seen: {panic}"))));
+        hearing.extend(heard);
+        if let Some(why) = why {
+            unseen(why).await;
         }
     }
     Some(Opened { session, hearing })
+}
+
+/// Hears a source, if need be from when it is reached on; says why not, or not yet.
+fn reach(session: &DataSession, source: Source, sink: Sender<Sight>) -> (Option<Hearing>, Option<String>) {
+    let Source { key, dial, what } = source;
+    let (name, dialled) = (what.name(), session.dial(&dial, DIAL_WITHIN));
+    // One that is far away takes longer.
+    let is_kept = dialled.is_err() && !dial.locators.is_empty();
+    let linked = if is_kept { session.keep(&dial) } else { dialled.clone() };
+    match (linked.and_then(|()| hear(session, &key, what, sink)), dialled) {
+        (Ok(hearing), Ok(())) => (Some(hearing), None),
+        (Ok(hearing), Err(error)) => (Some(hearing), Some(format!("{name} cannot be seen yet: {error}"))),
+        (Err(error), _) => (None, Some(format!("{name} cannot be seen: {error}"))),
+    }
 }
 
 fn hear(session: &DataSession, key: &str, what: What, sink: Sender<Sight>) -> Result<Hearing, DataError> {
@@ -195,9 +206,10 @@ fn samples(path: &str, bytes: &[u8], now: Time) -> Vec<Sample> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use comms::io::data::Priority;
+    use comms::io::data::{Priority, Publisher};
     use comms::io::session::Reach;
     use comms::logic::signals::Signal;
+    use std::path::PathBuf;
 
     #[test]
     fn a_peak_is_a_sample_of_when_it_was() {
@@ -211,18 +223,51 @@ mod tests {
         assert_eq!(samples("main/hit", b"nonsense", at(1000)), []);
     }
 
+    /// A program that shows the signals of `main/hit`.
+    async fn program(socket: PathBuf) -> (DataSession, Publisher) {
+        let opening = tokio::task::spawn_blocking(move || {
+            let program = DataSession::open(&socket, Reach::Host).unwrap();
+            let publisher = program.publisher(&key::signals("door", "main/hit"), Priority::Background).unwrap();
+            (program, publisher)
+        });
+        opening.await.unwrap()
+    }
+
+    /// What is not there within the time, as on the other side of a long link, is told, and seen from when it is.
+    #[tokio::test(flavor = "multi_thread")]
+    async fn a_source_that_is_reached_late_is_seen_from_then_on() {
+        let folder = std::env::temp_dir().join(format!("dca-observer-late-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let (program, publisher) = program(folder.join("s")).await;
+        let locators = vec![format!("unixsock-stream/{}", folder.join("late").display())];
+        let sources = [("main/hit".to_owned(), Dial { session: program.location().session, locators })];
+        let (sink, mut seen) = tokio::sync::mpsc::channel(16);
+        let observer = Observer::open("door", &sources, sink);
+        let Some(Sight::Unseen(why)) = seen.recv().await else { panic!("it is not there yet") };
+        assert!(why.starts_with("signals of `main/hit` cannot be seen yet: cannot reach session "), "{why}");
+        std::os::unix::fs::symlink(folder.join("s"), folder.join("late")).unwrap();
+        let bytes = codec::encode(&Signals { stamp: clock::now(), values: Vec::new() }).unwrap();
+        let publishing = tokio::task::spawn_blocking(move || {
+            assert!(publisher.wait_heard(Duration::from_secs(20)), "nobody listens");
+            publisher.put(bytes).unwrap();
+            publisher
+        });
+        let publisher = publishing.await.unwrap();
+        assert!(matches!(seen.recv().await, Some(Sight::Sample(_))));
+        observer.close().await;
+        let closing = tokio::task::spawn_blocking(move || {
+            drop(publisher);
+            program.close();
+        });
+        closing.await.unwrap();
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+
     #[tokio::test(flavor = "multi_thread")]
     async fn a_source_that_cannot_be_dialled_does_not_hide_the_others() {
         let folder = std::env::temp_dir().join(format!("dca-observer-{}", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();
-        let socket = folder.join("s");
-        let (program, publisher) = tokio::task::spawn_blocking(move || {
-            let program = DataSession::open(&socket, Reach::Host).unwrap();
-            let publisher = program.publisher(&key::signals("door", "main/hit"), Priority::Background).unwrap();
-            (program, publisher)
-        })
-        .await
-        .unwrap();
+        let (program, publisher) = program(folder.join("s")).await;
         let there = program.location();
         let sources = [
             ("main/gone".to_owned(), Dial { session: "1".to_owned(), locators: Vec::new() }),
