@@ -3,7 +3,7 @@
 use super::door::Handle;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
-/// Rotational, handle axes: weak about y, where the lever slips in the fingers, and about z.
+/// Rotational, handle axes: weak about y, along which the fingers close, and about z.
 const TURN_STIFFNESS: [f64; 3] = [25.0, 8.0, 6.0];
 const TURN_DAMPING: f64 = 0.4;
 /// What closed fingers leave of the lever's place between them, handle axes: all of it along the lever, nothing across.
@@ -29,6 +29,8 @@ pub struct Description {
     pub damping: f64,
     /// A held lever slips out at this force (N).
     pub slip_force: f64,
+    /// A held lever turns between the fingers, about the axis along which they close, at this torque (Nm).
+    pub turn_slip: f64,
 }
 
 impl Default for Description {
@@ -42,6 +44,7 @@ impl Default for Description {
             stiffness: 6000.0,
             damping: 60.0,
             slip_force: 90.0,
+            turn_slip: 2.0,
         }
     }
 }
@@ -134,13 +137,18 @@ impl Grasp {
 
     /// Returns what the door does to the hand; above a certain force the lever slips out.
     pub fn push(&mut self, hand: &Hand, handle: &Handle) -> Push {
-        let Some(Held { offset, rotation, .. }) = &self.held else { return self.touch(hand, handle) };
-        let Description { stiffness, damping, slip_force, .. } = self.description;
+        let Some(Held { offset, rotation, .. }) = &mut self.held else { return self.touch(hand, handle) };
+        let Description { stiffness, damping, slip_force, turn_slip, .. } = self.description;
         let stretch = hand.world_from_tool.translation.vector
             - (handle.world_from_handle * nalgebra::Point3::from(*offset)).coords;
-        let world_from_held = handle.world_from_handle.rotation * rotation;
+        let world_from_held = handle.world_from_handle.rotation * *rotation;
         let twist = (hand.world_from_tool.rotation * world_from_held.inverse()).scaled_axis();
-        let twist_in_handle = handle.world_from_handle.rotation.inverse() * twist;
+        let mut twist_in_handle = handle.world_from_handle.rotation.inverse() * twist;
+        // What is more than the pads hold turns between them, and stays turned.
+        let most = turn_slip / TURN_STIFFNESS[1];
+        let slipped = twist_in_handle.y - twist_in_handle.y.clamp(-most, most);
+        *rotation = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), slipped) * *rotation;
+        twist_in_handle.y -= slipped;
         let spring = handle.world_from_handle.rotation * twist_in_handle.component_mul(&Vector3::from(TURN_STIFFNESS));
         let push = Push {
             force: -stretch * stiffness - (hand.velocity - handle.velocity) * damping,
@@ -212,6 +220,28 @@ mod tests {
         assert!(grasp.push(&middle, &handle).force.norm() < 1e-9);
         grasp.centre(&hand(&handle, Vector3::new(0.0, 0.001, 0.0), Vector3::zeros()), &handle, 40.0);
         assert!(grasp.push(&middle, &handle).force.norm() < 1e-9);
+    }
+
+    #[test]
+    fn a_lever_turns_between_the_fingers_at_its_torque_and_stays_turned() {
+        let handle = Door::new(door::Description::default()).handle();
+        let mut grasp = Grasp::new(Description::default());
+        grasp.take(&hand(&handle, Vector3::zeros(), Vector3::zeros()), &handle);
+        let mut torque = |turn: Vector3<f64>| {
+            let push = grasp.push(&hand(&handle, Vector3::zeros(), turn), &handle);
+            handle.world_from_handle.rotation.inverse() * push.torque
+        };
+        // 8 Nm/rad: a quarter of a radian is what the pads hold.
+        for (turn, felt) in [(0.2, -1.6), (0.25, -2.0), (0.5, -2.0), (1.0, -2.0), (0.9, -1.2), (0.75, 0.0), (0.0, 2.0)]
+        {
+            assert!((torque(Vector3::y() * turn) - Vector3::y() * felt).norm() < 1e-9, "{turn}");
+        }
+        assert!((grasp.push(&hand(&handle, Vector3::zeros(), Vector3::y() * 0.25), &handle).torque).norm() < 1e-9);
+        // About the lever it does not.
+        let mut grasp = Grasp::new(Description::default());
+        grasp.take(&hand(&handle, Vector3::zeros(), Vector3::zeros()), &handle);
+        let push = grasp.push(&hand(&handle, Vector3::zeros(), Vector3::x() * 0.5), &handle);
+        assert!((push.torque.norm() - 12.5).abs() < 1e-9, "{}", push.torque);
     }
 
     #[test]

@@ -58,6 +58,7 @@ parameters! {
     "push": force(0.0, 200.0), "60", "N", "how hard the visitor pushes in the end, 4 s later";
     "lose_at": angle(-1.0, 2.5), "-1", "rad", "the lever leaves the fingers for good when the door is so far open; -1: never";
     "slip_force": force(1.0, 1000.0), "90", "N", "a held lever slips out at this force";
+    "turn_slip": torque(0.1, 50.0), "2", "Nm", "a held lever turns between the fingers, about the axis they close along";
     "base_slip_at": time(-1.0, 1e6), "-1", "s", "when the wheels begin to turn on the spot; -1: never";
     "base_slip_for": time(0.0, 60.0), "1", "s", "for how long they do";
     "base_slip_lever": angle(-1.0, 1.6), "-1", "rad", "they begin when the lever is so far down; -1: never";
@@ -144,12 +145,13 @@ pub(super) fn delays(arguments: &Arguments) -> Delays {
 }
 
 /// The numbers of a world by the names of their parameters.
-fn numbers(setup: &mut Setup) -> [(&'static str, &mut f64); 49] {
+fn numbers(setup: &mut Setup) -> [(&'static str, &mut f64); 50] {
     let Setup { door, contact, machine, sensors, start, faults, .. } = setup;
     [
         ("radius", &mut door.radius),
         ("closer", &mut door.closer),
         ("slip_force", &mut contact.slip_force),
+        ("turn_slip", &mut contact.turn_slip),
         ("base_slip_for", &mut faults.base_slip_for),
         ("inertia", &mut door.inertia),
         ("closer_rate", &mut door.closer_rate),
