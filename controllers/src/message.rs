@@ -62,6 +62,8 @@ messages! {
         up: [f64; 3] = "Number[3]",
         /// Whether the hand may give way upwards and downwards.
         upward: bool = "Truth",
+        /// Whether another law turns the hand about the vertical, so that compliance does not.
+        turned: bool = "Truth",
     }
     /// The arm's joints.
     JointState {

@@ -43,6 +43,8 @@ pub struct Guide {
     pub up_in_tool: Vector3<f64>,
     /// Whether the hand may give way upwards and downwards.
     pub upward: bool,
+    /// Whether another law turns the hand about the vertical, so that compliance leaves this turn alone.
+    pub turned: bool,
 }
 
 /// Hops of the force loop in all, by the wires of the door specs: sensor, ForceTorque, CompliantCtrl or ModelBasedCtrl,
@@ -107,6 +109,10 @@ impl Compliance {
                     + guide.up_in_tool * (up * cap.min(1.0 / UP) * share)
             }
         };
+        let torque = match guide {
+            Some(guide) if guide.turned => torque - guide.up_in_tool * guide.up_in_tool.dot(&torque),
+            _ => torque,
+        };
         let (linear, angular) = (linear.cap_magnitude(LINEAR_MAX), (torque * TURN).cap_magnitude(ANGULAR_MAX));
         Vector6::new(linear.x, linear.y, linear.z, angular.x, angular.y, angular.z)
     }
@@ -141,9 +147,16 @@ mod tests {
 
     #[test]
     fn leaves_the_guided_direction_alone() {
-        let guide = Guide { tangent_in_tool: -Vector3::z(), up_in_tool: Vector3::y(), upward: false };
+        let guide = Guide { tangent_in_tool: -Vector3::z(), up_in_tool: Vector3::y(), upward: false, turned: false };
         let v = Compliance::default().update(&Vector6::new(6.0, 6.0, 60.0, 0.0, 0.0, 0.0), Some(&guide), QUICK, 0.008);
         assert!((v - Vector6::new(0.003, 0.0, 0.0, 0.0, 0.0, 0.0)).norm() < 1e-12);
+    }
+
+    #[test]
+    fn leaves_a_turn_that_another_law_makes_alone() {
+        let guide = Guide { tangent_in_tool: Vector3::z(), up_in_tool: Vector3::y(), upward: false, turned: true };
+        let v = Compliance::default().update(&Vector6::new(0.0, 0.0, 0.0, 1.0, 2.0, 0.5), Some(&guide), QUICK, 0.008);
+        assert!((v - Vector6::new(0.0, 0.0, 0.0, 0.12, 0.0, 0.06)).norm() < 1e-12, "{v}");
     }
 
     /// A wall of a stiffness (N/m) behind a loop with a delay (s): the largest force of the last second (N).

@@ -10,6 +10,11 @@
 //! x'' + c s x' + rate v² s x = 0, which is stable for every positive rate. Without motion nothing is learnt; that is
 //! [`Hinge::exponent`], the excitation, and the deviation stays what it was.
 //!
+//! A hand that turns about the handle (see [`super::swivel`]) feels no such torque. It knows by how much it turns and how
+//! the way curves, so the direction is carried along, and the curvature is adapted by the force across: with k = 1/g for the
+//! compliance the errors obey e' = -rate v² k e + v c, c' = -slow v² k e, stable for all positive rates, aperiodic as long as
+//! 4 slow < rate² v k.
+//!
 //! Source: after Karayiannidis, Smith, Viña, Ögren and Kragic, "An adaptive control approach for opening doors and drawers
 //! under uncertainties", IEEE Trans. Robotics 32(1), 2016: direction and axis in the frame of the hand, driven by force and
 //! torque errors times the speed. The planar form, the projection and the rates are ours.
@@ -20,8 +25,10 @@ use super::compliant::ACROSS;
 const DIRECTION_RATE: f64 = 0.036;
 /// How quickly the curvature is (1/m/s per Nm and m/s).
 const CURVATURE_RATE: f64 = 2.0;
-/// The direction is at most this far beside the hand's axis (rad).
-const BESIDE_MAX: f64 = 0.5;
+/// The same by the force across (1/m/s per N and m/s).
+const BEND_RATE: f64 = 0.06;
+/// The direction is at most this far beside the axis of a hand that turns with the door (rad), and of one that does not.
+const BESIDE_MAX: (f64, f64) = (0.5, 1.5);
 /// Curvatures of doors (1/m): radii of 0.33 to 2 m.
 const CURVATURE: (f64, f64) = (0.5, 3.0);
 /// Deviations at the start: of the direction (rad), of the radius as a share.
@@ -48,10 +55,23 @@ impl Hinge {
     /// Learns from `dt` (s) of motion at `speed` (m/s) with a force (N) to the left of the way, on the hand, and a torque
     /// (Nm) about the vertical, on the hand, positive the way the door turns.
     pub fn update(&mut self, speed: f64, force_left: f64, torque: f64, dt: f64) {
-        // A force to the left: the hand is too far to the right, so the way goes more to the left.
-        self.beside = (self.beside + DIRECTION_RATE * speed * force_left * dt).clamp(-BESIDE_MAX, BESIDE_MAX);
+        self.adapt(speed, force_left, dt, BESIDE_MAX.0);
         let curvature = self.curvature + CURVATURE_RATE * speed * torque * dt;
         self.curvature = curvature.clamp(CURVATURE.0, CURVATURE.1);
+    }
+
+    /// Learns as [`Hinge::update`] does, with a hand that has turned by so much (rad, counter-clockwise) while the door turned
+    /// the way of `sense`, +1 counter-clockwise.
+    pub fn update_turning(&mut self, speed: f64, force_left: f64, (turned, sense): (f64, f64), dt: f64) {
+        self.beside += sense * speed * self.curvature * dt - turned;
+        self.adapt(speed, force_left, dt, BESIDE_MAX.1);
+        let curvature = self.curvature + BEND_RATE * speed * sense * force_left * dt;
+        self.curvature = curvature.clamp(CURVATURE.0, CURVATURE.1);
+    }
+
+    /// A force to the left: the hand is too far to the right, so the way goes more to the left.
+    fn adapt(&mut self, speed: f64, force_left: f64, dt: f64, most: f64) {
+        self.beside = (self.beside + DIRECTION_RATE * speed * force_left * dt).clamp(-most, most);
         self.exponent += DIRECTION_RATE * ACROSS * speed.powi(2) * dt;
     }
 
@@ -127,6 +147,35 @@ mod tests {
     }
 
     #[test]
+    fn a_hand_that_turns_by_itself_learns_by_the_force_alone() {
+        let (stiffness, speed, dt) = (6000.0, 0.12, 2e-3);
+        for sense in [1.0, -1.0] {
+            for radius in [0.6, 0.82, 1.1] {
+                // The hand's heading, that of the handle's way, and how far the hand is off across (rad, rad, m).
+                let (mut hand, mut way, mut off) = (0.0f64, 0.1f64, 0.0f64);
+                let (mut hinge, mut late) = (Hinge::new(0.7), 0.0f64);
+                // Until the door is open by 1.2 rad.
+                let ends = 1.2 * radius / speed;
+                let mut time = 0.0;
+                while time < ends {
+                    time += dt;
+                    let force = -stiffness * off;
+                    let turned = 0.2 * f64::sin(time) * dt;
+                    hinge.update_turning(speed, force, (turned, sense), dt);
+                    hand += turned;
+                    way += sense * speed / radius * dt;
+                    off += dt * (speed * (hand + hinge.beside() - way) + force / ACROSS);
+                    if time > 0.8 * ends {
+                        late = late.max(force.abs());
+                    }
+                }
+                assert!((hand + hinge.beside() - way).abs() < 0.05 && late < 8.0, "{hinge:?} {radius} m, {late} N");
+                assert!((hinge.radius() / radius - 1.0).abs() < 0.12, "{hinge:?} for {radius} m");
+            }
+        }
+    }
+
+    #[test]
     fn a_hand_that_stands_learns_nothing() {
         let mut hinge = Hinge::new(0.7);
         for _ in 0..10_000 {
@@ -142,6 +191,6 @@ mod tests {
         for _ in 0..10_000 {
             hinge.update(0.12, 500.0, -50.0, 2e-3);
         }
-        assert!(hinge.beside() <= BESIDE_MAX && hinge.radius() <= 2.0, "{hinge:?}");
+        assert!(hinge.beside() <= BESIDE_MAX.0 && hinge.radius() <= 2.0, "{hinge:?}");
     }
 }

@@ -16,6 +16,10 @@ use nalgebra::{Isometry3, Rotation2, Vector2, Vector3};
 const WALL_GATE: f64 = 0.06;
 /// A wall does not turn by more than this from one sweep to the next, beyond what the wheels say (rad).
 const WALL_TURN: f64 = 0.06;
+/// A laser that is nearer to the wall than this (m), or behind it, sees the jambs in its place.
+const WALL_NEAR: f64 = 0.20;
+/// From the middle of the base to its laser, straight ahead (m).
+const LASER: f64 = 0.30;
 /// Deviation of a wall's direction when it is out of sight (rad), and by how much of the base's turn since it grows.
 const WHEELS: (f64, f64) = (0.01, 0.08);
 /// Points this close to a line lie on it [m]: four deviations of the laser.
@@ -82,9 +86,10 @@ impl Wall {
         self.turned += moved.z.abs();
         let near = near(points, &wall, WALL_GATE);
         let found = line::through(&near).and_then(|first| line::through(&self::near(&near, &first.0, TOLERANCE)));
+        let away = wall.distance - wall.normal.x * LASER;
         let is_wall = |(line, spread): &(Line, Spread)| {
             let askew = turn(&wall.normal, &line.normal).abs();
-            spread.count >= 20 && spread.length >= LENGTH_MIN && askew < WALL_TURN
+            away > WALL_NEAR && spread.count >= 20 && spread.length >= LENGTH_MIN && askew < WALL_TURN
         };
         let (wall, deviation) = match found.filter(is_wall) {
             Some((line, spread)) => {

@@ -84,7 +84,7 @@ fn pick(points: &[Vector2<f64>], random: &mut Random) -> Option<Vector2<f64>> {
 }
 
 /// Returns the direction of a vector as it is seen from above; the x axis of one that has none.
-pub(super) fn horizontal(v: &Vector3<f64>) -> Vector2<f64> {
+pub fn horizontal(v: &Vector3<f64>) -> Vector2<f64> {
     v.xy().try_normalize(1e-6).unwrap_or_else(Vector2::x)
 }
 

@@ -40,7 +40,7 @@ const NOISE_SAMPLES: f64 = 60.0;
 /// A force that has been this large (N) and drops below two fifths of it has given way.
 const DROP_FROM: f64 = 12.0;
 /// The fingers slip a little on the lever, so the hand rolls less than the lever turns.
-const ROLL: f64 = 0.9;
+pub const ROLL: f64 = 0.9;
 const CUTOFF: f64 = 12.0;
 
 /// The state of one pressing.

@@ -67,6 +67,7 @@ impl CompliantCtrl {
             tangent_in_tool: Vector3::from(guide.tangent),
             up_in_tool: Vector3::from(guide.up),
             upward: guide.upward,
+            turned: guide.turned,
         });
         let [x, y, z] = wrench.force;
         let [a, b, c] = wrench.torque;

@@ -4,16 +4,18 @@ use super::{SENSED, distance};
 use crate::control::caster::Pose;
 use crate::control::clearance::clearance;
 use crate::control::compliant::loop_delay;
-use crate::control::door::{Failure, Opening, Pull};
+use crate::control::door::{Failure, Opening, Posture, Pull};
 use crate::control::history::History;
 use crate::control::leaf::{Leaf, Wall};
+use crate::control::line::horizontal;
 use crate::control::opened::{Doubt, Evidence, Expected, Verdict, Watch};
 use crate::control::puma560;
+use crate::control::swing::Opens;
 use crate::message::{BasePose, Constraint, GripperState, JointState, LaserState, Velocity, Wrench};
 use crate::sdk::{About, Arguments, Controller, In, Inputs, Kind, Out, Outputs, Parameter, Progress, Quantity, Tick};
 use comms::logic::signals::Signal;
 use comms::logic::time::Time;
-use nalgebra::{Isometry3, Rotation2, UnitQuaternion, Vector3, Vector6};
+use nalgebra::{Isometry3, Rotation2, UnitQuaternion, Vector2, Vector3, Vector6};
 use std::time::Duration;
 
 /// The longest an opening may take.
@@ -21,11 +23,16 @@ const TIMEOUT: Duration = Duration::from_secs(55);
 /// How far before its goal a door is slowed down (rad), and to which share of its speed.
 const BRAKE: f64 = 0.2;
 const PACE_MIN: f64 = 0.25;
+const PUSH_PACE_MIN: f64 = 0.4;
 /// How near anything may come to the robot, but for what it holds; from so much more on it goes more slowly (m). A sweep is
 /// 50 ms old and a base takes 200 ms to stop. And for how long it looks for the wall.
 const ROOM_MIN: f64 = 0.03;
 const ROOM_SLOW: f64 = 0.04;
 const LOOK: Duration = Duration::from_secs(2);
+/// From so much askew on (rad) the leaf behind the fingers, so deep and to each side (m), is what they hold.
+const HELD: f64 = 0.3;
+const HELD_DEPTH: f64 = 0.16;
+const HELD_BESIDE: f64 = 0.3;
 /// How long it stands still and waits for inputs that are too old to be believed.
 const PATIENCE: Duration = Duration::from_secs(1);
 
@@ -60,12 +67,13 @@ pub(super) struct Outputs {
     guide: Out<Constraint>,
 }
 
-/// Pulls a door open about its hinge, which it finds meanwhile; ends when the laser sees the leaf at an angle, or when
+/// Pulls or pushes a door open about its hinge, which it finds meanwhile; ends when the laser sees the leaf at an angle, or when
 /// nothing moves.
 #[derive(Debug)]
 pub(super) struct ModelBasedCtrl {
     goal: f64,
     radius: f64,
+    opens: Opens,
     expected: Expected,
     opening: Option<Opening>,
     watch: Watch,
@@ -145,8 +153,9 @@ impl ModelBasedCtrl {
         Some((planar(&pose), puma560::forward(&angles.into()).base_from_tool))
     }
 
-    /// Looks at a new sweep, if there is one, for the leaf; angles are positive the way a door opens with `sense`.
-    fn look(&mut self, inputs: &Inputs, sense: f64) -> Option<Leaf> {
+    /// Looks at a new sweep, if there is one, for the leaf, which is turned by `askew` (rad) from what the hand faces; angles
+    /// are positive the way a door opens with `sense`.
+    fn look(&mut self, inputs: &Inputs, (sense, askew): (f64, f64)) -> Option<Leaf> {
         let sweep = inputs.laser.fresh()?;
         let (at, base_from_tool) = self.at(inputs.laser.measured()?)?;
         let at = Pose::new(at.translation.x, at.translation.y, at.rotation.euler_angles().2);
@@ -154,8 +163,13 @@ impl ModelBasedCtrl {
         let turned = (at.z - from.z).sin().atan2((at.z - from.z).cos());
         let by = Rotation2::new(-from.z) * (at.xy() - from.xy());
         let points = distance::points(&sweep.ranges, std::f64::consts::PI);
-        self.room = clearance(&points, &self.joints.at(inputs.laser.measured()?)?.into());
-        let leaf = self.wall.update(&points, &Vector3::new(by.x, by.y, turned), &base_from_tool)?;
+        let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), askew) * base_from_tool.rotation;
+        let facing = Isometry3::from_parts(base_from_tool.translation, turn);
+        // A wrist that turns about the handle comes near the leaf that it holds; how near, the law limits.
+        let others: Vec<_> =
+            points.iter().filter(|point| askew.abs() < HELD || !is_held(point, &facing)).copied().collect();
+        self.room = clearance(&others, &self.joints.at(inputs.laser.measured()?)?.into());
+        let leaf = self.wall.update(&points, &Vector3::new(by.x, by.y, turned), &facing)?;
         let leaf = Leaf { angle: sense * leaf.angle, hand: sense * leaf.hand, ..leaf };
         self.leaf = Some(leaf);
         self.leaf
@@ -164,12 +178,22 @@ impl ModelBasedCtrl {
     fn result(&mut self, pull: &Pull, evidence: &Evidence) -> Progress {
         match pull.failure {
             Some(Failure::Locked) => {
-                let why =
-                    "locked: the lever is down, and the door moves neither when it is pulled nor when it is pushed";
+                let why = match self.opens {
+                    Opens::Either => {
+                        "locked: the lever is down, and the door moves neither when it is pulled nor when it is pushed"
+                    }
+                    Opens::Pull => {
+                        "locked, or to be pushed: the lever is down, and the door does not come when it is pulled"
+                    }
+                    Opens::Push => {
+                        "locked, or to be pulled: the lever is down, and the door does not go when it is pushed"
+                    }
+                };
                 return Progress::Aborted(why.to_owned());
             }
             Some(Failure::Blocked) => {
-                return Progress::Aborted("blocked: it pulls and the door does not move any further".to_owned());
+                let why = "blocked: it pulls or pushes and the door does not move any further";
+                return Progress::Aborted(why.to_owned());
             }
             Some(Failure::Force) => return Progress::Aborted("the force on the hand exceeds 80 N".to_owned()),
             None => {}
@@ -187,6 +211,13 @@ impl ModelBasedCtrl {
             _ => Progress::Continue,
         }
     }
+}
+
+/// Whether a point (m, base axes) is on the leaf right before the fingers, as they face it.
+fn is_held(point: &Vector2<f64>, base_from_facing: &Isometry3<f64>) -> bool {
+    let normal = horizontal(&(base_from_facing.rotation * Vector3::z()));
+    let from = point - base_from_facing.translation.vector.xy();
+    (0.0..HELD_DEPTH).contains(&normal.dot(&from)) && normal.perp(&from).abs() < HELD_BESIDE
 }
 
 /// A pose on the floor: x, y (m), yaw (rad).
@@ -216,12 +247,16 @@ impl Controller for ModelBasedCtrl {
         const PARAMETERS: &[Parameter] = &[
             Parameter::new("goal", Kind::Quantity(Quantity::Angle, 0.1, 2.5)).or("1.2217"),
             Parameter::new("radius", Kind::Quantity(Quantity::Length, 0.3, 1.5)).or("0.7"),
+            Parameter::new("swing", Kind::Text(&["either", "pull", "push"])).or("either"),
             Parameter::new("width_min", Kind::Quantity(Quantity::Length, 0.001, 0.2)).or("0.006"),
             Parameter::new("width_max", Kind::Quantity(Quantity::Length, 0.001, 0.2)).or("0.07"),
             Parameter::new("radius_min", Kind::Quantity(Quantity::Length, 0.1, 1.5)).or("0.3"),
             Parameter::new("radius_max", Kind::Quantity(Quantity::Length, 0.3, 3.0)).or("1.5"),
         ];
-        About::task("Pulls a door open to an angle [rad] about its hinge, first guessed at a radius [m]; ends only if it holds the handle.")
+        About::task(
+            "Opens a door to an angle [rad] about its hinge, first guessed at a radius [m]: pulls, pushes, or finds out which; \
+            ends only if it holds the handle.",
+        )
             .remembers()
             .every(Duration::from_millis(20))
             .triggered_by("In1")
@@ -242,6 +277,11 @@ impl Controller for ModelBasedCtrl {
         Ok(Self {
             goal,
             radius: arguments.number("radius"),
+            opens: match arguments.text("swing") {
+                "pull" => Opens::Pull,
+                "push" => Opens::Push,
+                _ => Opens::Either,
+            },
             expected,
             opening: None,
             watch: Watch::new(goal, expected),
@@ -283,24 +323,31 @@ impl Controller for ModelBasedCtrl {
         };
         self.blind = Duration::ZERO;
         let hand = known.odometry_from_base * known.base_from_tool;
+        let base = known.odometry_from_base.translation.vector.xy();
+        let posture = Posture { odometry_from_tool: hand, base };
         // A door that moves when the hand stops runs into it.
         let left = self.leaf.map_or(self.goal, |leaf| self.goal - leaf.angle);
         let room = self.room.map_or(1.0, |room| ((room - ROOM_MIN) / ROOM_SLOW).clamp(PACE_MIN, 1.0));
-        let pace = (left / BRAKE).clamp(PACE_MIN, 1.0).min(room);
-        let opening = self.opening.get_or_insert_with(|| Opening::new(&hand, self.radius));
+        let opening = self.opening.get_or_insert_with(|| Opening::new(&posture, self.radius, self.opens));
+        // A door that is pushed is slower anyway, and does not run into the hand.
+        let slowest = if opening.pushes() { PUSH_PACE_MIN } else { PACE_MIN };
+        let pace = (left / BRAKE).clamp(slowest, 1.0).min(room);
         let age = inputs.wrench.age(tick.now).unwrap_or_default().as_secs_f64();
-        let pull = opening.update(&hand, &known.wrench, pace, (loop_delay(age), tick.dt()));
-        let (radius, sense) = (opening.hinge().radius(), opening.sense());
+        let pull = opening.update(&posture, &known.wrench, pace, (loop_delay(age), tick.dt()));
+        let (radius, sense, askew) = (opening.hinge().radius(), opening.sense(), opening.askew());
         self.angle = pull.angle;
-        let leaf = self.look(inputs, sense);
+        let leaf = self.look(inputs, (sense, askew));
         if let (Some(leaf), Some(opening)) = (leaf, &mut self.opening) {
             opening.see(sense * leaf.angle);
         }
-        outputs.velocity.send(Velocity { twist: pull.twist_in_tool.into(), null: [0.0; 9] });
+        let base = known.odometry_from_base.rotation.inverse() * pull.base.push(0.0);
+        let null = std::array::from_fn(|i| if i < 2 { base[i] } else { 0.0 });
+        outputs.velocity.send(Velocity { twist: pull.twist_in_tool.into(), null });
         outputs.guide.send(Constraint {
             tangent: pull.guide.tangent_in_tool.into(),
             up: pull.guide.up_in_tool.into(),
             upward: pull.guide.upward,
+            turned: pull.guide.turned,
         });
         let evidence = Evidence { width: known.width, believed: pull.angle, leaf, radius };
         self.result(&pull, &evidence)

@@ -1,0 +1,108 @@
+//! The lever while the door opens: kept down until the latch is free, and let up where the hand has to turn about it.
+//!
+//! Drives give way a little to a force that stays, so a hand that only stops pressing loses 15 degrees in ten seconds; its height
+//! is held instead. A lever is let up as it was pressed: the hand rises along an arc of middling length and rolls back. A
+//! lever that is up pushes back, which ends the rise.
+//!
+//! Source: ours.
+
+use super::press::{LEVER, ROLL};
+use nalgebra::{UnitQuaternion, Vector3};
+
+/// How a height is held (1/s), and with at most which speed (m/s).
+const GAIN: f64 = 3.0;
+const HOLD_MAX: f64 = 0.02;
+/// A lever that pushes harder than this (N) gives the height.
+const FORCE_MAX: f64 = 30.0;
+/// How fast the hand rises (m/s), and the force of a lever that is up (N).
+const RISE: f64 = 0.03;
+const RISE_FORCE: f64 = 12.0;
+/// A hand that leans no further is level (rad), and one that leans no further may turn about the lever.
+const LEVEL: f64 = 0.04;
+const LEANS: f64 = 0.35;
+/// How long it takes at most (s).
+const TIME_MAX: f64 = 5.0;
+
+/// A lever in the hand.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lever {
+    /// Of the hand that keeps it down (m).
+    height: Option<f64>,
+    /// How long it has been let up (s); none if it is up.
+    rising: Option<f64>,
+}
+
+impl Default for Lever {
+    fn default() -> Self {
+        Self { height: None, rising: Some(0.0) }
+    }
+}
+
+impl Lever {
+    /// Returns how fast the hand at a `height` (m) has to move upwards (m/s, not positive) to keep the lever down, which pushes
+    /// it upwards with a force (N).
+    pub fn hold(&mut self, height: f64, upward: f64) -> f64 {
+        let held = self.height.get_or_insert(height);
+        if upward > FORCE_MAX {
+            *held = height;
+        }
+        (GAIN * (*held - height)).clamp(-HOLD_MAX, 0.0)
+    }
+
+    /// Lets the lever up, `dt` (s) after the last call, with the hand's `rotation` and the force that pushes it upwards (N).
+    /// Returns how fast the hand rises (m/s) and rolls about its z axis (rad/s), until the lever is up.
+    pub fn rise(&mut self, rotation: &UnitQuaternion<f64>, upward: f64, dt: f64) -> Option<(f64, f64)> {
+        let time = self.rising? + dt;
+        let (x, y) = (rotation * Vector3::x(), rotation * Vector3::y());
+        self.rising = (x.z.abs() > LEVEL && time < TIME_MAX).then_some(time);
+        let up = RISE * (1.0 + upward / RISE_FORCE).clamp(0.0, 1.0);
+        self.rising.map(|_| (up, -(x.z * y.z).signum() * RISE * ROLL / LEVER))
+    }
+
+    /// Returns whether it still has to be let up.
+    pub fn is_rising(&self) -> bool {
+        self.rising.is_some()
+    }
+
+    /// Returns whether the hand may turn about the lever: it is nearly up.
+    pub fn is_up(&self, rotation: &UnitQuaternion<f64>) -> bool {
+        let is_rising = self.rising.is_none_or(|time| time > 0.0);
+        is_rising && (self.rising.is_none() || (rotation * Vector3::x()).z.abs() < LEANS)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_hand_that_sinks_is_held_and_one_that_is_pushed_hard_gives_way() {
+        let mut lever = Lever::default();
+        assert!(lever.hold(1.0, 20.0).abs() < 1e-12);
+        assert!((lever.hold(1.004, 20.0) + 0.012).abs() < 1e-12 && (lever.hold(1.1, 20.0) + 0.02).abs() < 1e-12);
+        assert!(lever.hold(0.9, 20.0).abs() < 1e-12, "it never rises by itself");
+        assert!(lever.hold(1.05, 40.0).abs() < 1e-12 && lever.hold(1.05, 20.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn it_is_let_up_as_it_was_pressed_to_either_side() {
+        for side in [1.0, -1.0] {
+            // Facing x, the lever to one side and 0.6 rad down.
+            let level = UnitQuaternion::from_basis_unchecked(&[Vector3::y() * side, Vector3::z() * side, Vector3::x()]);
+            let (mut lever, mut roll, mut up, dt) = (Lever::default(), -0.6 * side, 0.0, 0.01);
+            let at = |roll: f64| UnitQuaternion::from_axis_angle(&Vector3::x_axis(), roll) * level;
+            assert!(!lever.is_up(&at(roll)));
+            while let Some((rise, turn)) = lever.rise(&at(roll), 5.0, dt) {
+                (up, roll) = (up + rise * dt, roll + turn * dt);
+            }
+            assert!(roll.abs() < LEVEL && lever.is_up(&at(roll)), "{side}: {roll}");
+            // As far as it takes to press a lever of 0.1 m by that angle.
+            assert!((up - (0.6 - LEVEL) * LEVER / ROLL).abs() < 1e-3, "{side}: {up}");
+        }
+        // One that is up pushes back, and the hand rises no further.
+        let leaning = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), 0.5)
+            * UnitQuaternion::from_basis_unchecked(&[Vector3::y(), Vector3::z(), Vector3::x()]);
+        let risen = Lever::default().rise(&leaning, -15.0, 0.01);
+        assert!(risen.is_some_and(|(rise, roll)| rise.abs() < 1e-12 && roll.abs() > 0.1), "{risen:?}");
+    }
+}

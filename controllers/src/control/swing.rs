@@ -1,0 +1,53 @@
+//! Which way a door opens, and how that is found out: gently either way first.
+
+/// Where the pull is gone: at first, and for a door that has not moved for some time (N).
+pub const PULL_MAX: (f64, f64) = (50.0, 70.0);
+/// What pull and lever come to together at most (N).
+pub const TOTAL_MAX: f64 = 72.0;
+/// Both at first, and then, while nobody knows which way the door opens (N).
+const GENTLE: [Try; 2] = [Try { pull: 40.0, total: 48.0 }, Try { pull: 55.0, total: 58.0 }];
+/// And for a door that does not move with that.
+pub const HARD: Try = Try { pull: PULL_MAX.1, total: TOTAL_MAX };
+
+/// How hard the hand tries (N).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Try {
+    /// Where the pull is gone at last.
+    pub pull: f64,
+    /// What pull and lever come to together.
+    pub total: f64,
+}
+
+/// Which way the hand tries to move the door.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Swing {
+    /// Towards the robot.
+    Pull,
+    /// Away from it.
+    Push,
+}
+
+/// Which way the door opens, as far as it is known.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Opens {
+    /// The hand finds it out.
+    #[default]
+    Either,
+    /// Towards the robot.
+    Pull,
+    /// Away from it.
+    Push,
+}
+
+impl Opens {
+    /// Returns what is tried one after the other.
+    pub fn tries(self) -> &'static [(Swing, Try)] {
+        const EITHER: [(Swing, Try); 4] =
+            [(Swing::Pull, GENTLE[0]), (Swing::Push, GENTLE[1]), (Swing::Pull, HARD), (Swing::Push, HARD)];
+        match self {
+            Self::Either => &EITHER,
+            Self::Pull => &[(Swing::Pull, HARD)],
+            Self::Push => &[(Swing::Push, HARD)],
+        }
+    }
+}
