@@ -2,7 +2,6 @@
 
 use clap::Parser;
 use comms::logic::time::Time;
-use controllers::sdk::harness::Disturbance;
 use dca_tests::survey::{Mission, Outcome, Row, active_in_phases, fly_all, page, rows, table};
 use std::io::Write;
 use std::path::PathBuf;
@@ -79,7 +78,7 @@ fn survey(options: &Options) -> Result<ExitCode, String> {
     let limit = Duration::from_secs(options.limit.into());
     if let Some(arguments) = &options.one {
         let arguments = arguments.clone();
-        let mission = Mission { arguments, disturbance: Disturbance::NONE, meddling: None, value: None };
+        let mission = Mission { arguments, ..Mission::nominal() };
         return one(&mission, options, (&text, limit));
     }
     let rows = rows(options.worlds, options.seed, &active_in_phases(&text, limit)?);

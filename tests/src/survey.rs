@@ -20,6 +20,8 @@ pub use rows::{Group, Row, rows};
 const WORLD: &str = "main/world";
 /// Where a spec takes the arguments of its world.
 const PLACE: &str = "DoorWorld(\"c3\"";
+/// And those of the law that opens the door.
+const LAW: &str = "ModelBasedCtrl(host1";
 /// A mission that ended well below this angle is a false success (deg).
 pub const OPEN: f64 = 60.0;
 /// Strict runs hit the handle with no more than this (N).
@@ -50,6 +52,8 @@ pub struct Phase {
 pub struct Mission {
     /// The arguments of its world, as in a spec.
     pub arguments: String,
+    /// Which way the law is told that the door opens, if at all.
+    pub told: Option<&'static str>,
     /// What its network is like.
     pub disturbance: Disturbance,
     /// What is done to a controller in the middle.
@@ -134,6 +138,11 @@ impl Outcome {
 }
 
 impl Mission {
+    /// Returns the mission as the spec has it.
+    pub fn nominal() -> Self {
+        Self { arguments: String::new(), told: None, disturbance: Disturbance::NONE, meddling: None, value: None }
+    }
+
     /// Flies it with the spec `text`, at most for `limit`.
     ///
     /// # Errors
@@ -179,6 +188,7 @@ impl Mission {
         }
         let comma = if self.arguments.is_empty() { "" } else { ", " };
         let text = text.replace(PLACE, &format!("{PLACE}{comma}{}", self.arguments));
+        let text = self.told.map_or(text.clone(), |swing| text.replace(LAW, &format!("{LAW}, swing = \"{swing}\"")));
         Simulation::new(plan("survey.dca", &text)?, self.disturbance.clone())
     }
 }
@@ -213,7 +223,7 @@ impl Outcome {
 /// # Errors
 /// As [`Mission::fly`].
 pub fn active_in_phases(text: &str, limit: Duration) -> Result<Vec<Phase>, String> {
-    let nominal = Mission { arguments: String::new(), disturbance: Disturbance::NONE, meddling: None, value: None };
+    let nominal = Mission::nominal();
     let mut simulation = nominal.simulation(text)?;
     let leaves: Vec<String> = simulation.leaves().filter(|path| *path != WORLD).map(str::to_owned).collect();
     let mut phases: Vec<_> = PHASES.iter().map(|&(part, span)| Phase { part, span, active: Vec::new() }).collect();
@@ -273,7 +283,7 @@ mod tests {
 
     #[test]
     fn a_spec_that_takes_no_world_is_refused() {
-        let mission = Mission { arguments: String::new(), disturbance: Disturbance::NONE, meddling: None, value: None };
+        let mission = Mission::nominal();
         let why = mission.fly("process main(){ }", Duration::from_secs(1)).expect_err("it has no world");
         assert!(why.contains("the spec has no world"), "{why}");
     }

@@ -97,7 +97,7 @@ fn who_is_started_again_in_the_opening_sees_how_far_it_is() {
         let (leaf, disruption) = ("/dooropen/model".to_owned(), Disruption::Restart);
         let meddling = Some(Meddling { leaf, phase: "/dooropen/", after, disruption });
         let arguments = "seed = 70005".to_owned();
-        let mission = Mission { arguments, disturbance: Disturbance::NONE, meddling, value: None };
+        let mission = Mission { arguments, meddling, ..Mission::nominal() };
         let outcome = mission.fly(DOOR, LIMIT).unwrap_or_else(|why| panic!("{why}"));
         assert!(outcome.is_strict() && outcome.angle < 80.0 && outcome.worst < 60.0, "{after:?}: {outcome:?}");
     }
@@ -107,7 +107,7 @@ fn who_is_started_again_in_the_opening_sees_how_far_it_is() {
 fn a_force_loop_that_is_too_slow_is_refused() {
     for transfer in [70, 80].map(Duration::from_millis) {
         let disturbance = Disturbance { transfer, ..Disturbance::NONE };
-        let mission = Mission { arguments: String::new(), disturbance, meddling: None, value: None };
+        let mission = Mission { disturbance, ..Mission::nominal() };
         let outcome = mission.fly(DOOR, LIMIT).unwrap_or_else(|why| panic!("{why}"));
         let told = ["the force loop is too slow", "inputs are too old"];
         assert!(told.iter().any(|why| outcome.reason().contains(why)), "{transfer:?}: {outcome:?}");

@@ -11,6 +11,8 @@ use std::time::Duration;
 pub enum Group {
     /// One dimension, all else nominal.
     Single,
+    /// Doors that the robot has to push.
+    Push,
     /// All dimensions at once, half as wide as alone.
     Moderate,
     /// All dimensions at once, as wide as alone.
@@ -24,6 +26,7 @@ impl Group {
     pub fn name(self) -> &'static str {
         match self {
             Self::Single => "one dimension",
+            Self::Push => "to push",
             Self::Moderate => "moderate",
             Self::Wide => "wide",
             Self::Trigger => "trigger",
@@ -48,7 +51,7 @@ impl Row {
     /// Returns what tells it from all others: its name, or its group's where there is one row in it.
     pub fn label(&self) -> &str {
         match self.group {
-            Group::Single | Group::Trigger => &self.name,
+            Group::Single | Group::Push | Group::Trigger => &self.name,
             Group::Moderate | Group::Wide => self.group.name(),
         }
     }
@@ -130,7 +133,7 @@ fn argument(parameter: &str, value: f64, unit: &str) -> String {
 }
 
 fn mission(arguments: String) -> Mission {
-    Mission { arguments, disturbance: Disturbance::NONE, meddling: None, value: None }
+    Mission { arguments, told: None, disturbance: Disturbance::NONE, meddling: None, value: None }
 }
 
 /// Draws the worlds of rows: each row has its own stream, so that leaving out rows changes no other.
@@ -167,15 +170,52 @@ impl Draw {
     }
 
     fn together(&self, group: Group, share: f64) -> Row {
-        self.row(group, "all at once", "", &mut |number, random| {
-            let side = if random.unit() < 0.5 { "left" } else { "right" };
-            let mut arguments = format!("seed = {}, side = \"{side}\"", self.world(number));
-            for dimension in &DIMENSIONS {
-                let value = dimension.draw(share, random);
-                write!(arguments, ", {}", dimension.argument(value)).expect("a text takes what is written");
-            }
-            mission(arguments)
-        })
+        self.row(group, "all at once", "", &mut |number, random| mission(self.world_of_all(number, share, random)))
+    }
+
+    fn world_of_all(&self, number: u32, share: f64, random: &mut Random) -> String {
+        let side = if random.unit() < 0.5 { "left" } else { "right" };
+        let mut arguments = format!("seed = {}, side = \"{side}\"", self.world(number));
+        for dimension in &DIMENSIONS {
+            let value = dimension.draw(share, random);
+            write!(arguments, ", {}", dimension.argument(value)).expect("a text takes what is written");
+        }
+        arguments
+    }
+
+    /// Doors to push: hinge on either side, one dimension after the other, all at once; and laws that are told which way the
+    /// door opens, rightly or wrongly.
+    fn pushes(&self) -> Vec<Row> {
+        let push = ", swing = \"push\"";
+        let side = |number: u32| if number.is_multiple_of(2) { "left" } else { "right" };
+        let plain = |name: &str, told: Option<&'static str>, swing: &'static str| {
+            self.row(Group::Push, name, "", &mut |number, _| {
+                let arguments = format!("seed = {}, side = \"{}\"{swing}", self.world(number), side(number));
+                Mission { told, ..mission(arguments) }
+            })
+        };
+        let of_all = |name: &str, share: f64| {
+            self.row(Group::Push, name, "", &mut |number, random| {
+                mission(self.world_of_all(number, share, random) + push)
+            })
+        };
+        // Each dimension on each side as often as there are worlds for it, eight times as many as in other rows.
+        let alone = Self { worlds: self.worlds * 8, seed: self.seed };
+        let alone = alone.row(Group::Push, "one dimension", "", &mut |number, random| {
+            let dimension = &DIMENSIONS[number as usize % DIMENSIONS.len()];
+            let value = dimension.draw(1.0, random);
+            let (seed, side) = (self.world(number), side(number));
+            mission(format!("seed = {seed}, side = \"{side}\", {}{push}", dimension.argument(value)))
+        });
+        vec![
+            plain("swing push", None, push),
+            alone,
+            of_all("push, moderate", 0.5),
+            of_all("push, wide", 1.0),
+            plain("told to push", Some("push"), push),
+            plain("told to push, is to be pulled", Some("push"), ""),
+            plain("told to pull, is to be pushed", Some("pull"), push),
+        ]
     }
 
     fn trigger(&self, name: &str, unit: &'static str, parameter: &str, [low, high]: [f64; 2]) -> Row {
@@ -221,11 +261,7 @@ pub fn rows(worlds: u32, seed: u64, phases: &[Phase]) -> Vec<Row> {
     let plain = |name: &str, arguments: &'static str| {
         draw.row(Group::Single, name, "", &mut |number, _| mission(format!("seed = {}{arguments}", draw.world(number))))
     };
-    let mut rows = vec![
-        plain("nominal", ""),
-        plain("side right", ", side = \"right\""),
-        plain("swing push", ", swing = \"push\""),
-    ];
+    let mut rows = vec![plain("nominal", ""), plain("side right", ", side = \"right\"")];
     rows.extend(DIMENSIONS.iter().map(|dimension| draw.alone(dimension)));
     rows.push(draw.row(Group::Single, "hand and eye", "", &mut |number, random| {
         let focal = random.between(-0.03, 0.03);
@@ -236,6 +272,7 @@ pub fn rows(worlds: u32, seed: u64, phases: &[Phase]) -> Vec<Row> {
         let seed = draw.world(number);
         Mission { disturbance: Disturbance::busy(seed), ..mission(format!("seed = {seed}")) }
     }));
+    rows.extend(draw.pushes());
     rows.push(draw.together(Group::Moderate, 0.5));
     rows.push(draw.together(Group::Wide, 1.0));
     rows.push(draw.trigger("handle lost", "rad", "lose_at", [3.0 * DEGREE, 60.0 * DEGREE]));
