@@ -20,6 +20,9 @@ pub use rows::{Group, Row, rows};
 const WORLD: &str = "main/world";
 /// Where a spec takes the arguments of its world.
 const PLACE: &str = "DoorWorld(\"c3\"";
+/// The task with the drive through the door, and how long it may take.
+const THROUGH: &str = include_str!("../../specs/door_through.dca");
+const THROUGH_LIMIT: Duration = Duration::from_secs(200);
 /// And those of the law that opens the door.
 const LAW: &str = "ModelBasedCtrl(host1";
 /// A mission that ended well below this angle is a false success (deg).
@@ -28,6 +31,8 @@ pub const OPEN: f64 = 60.0;
 pub const HIT_MAX: f64 = 30.0;
 /// Strict runs open the door with no more than this (N).
 pub const PULL_MAX: f64 = 60.0;
+/// A base that is so far beyond the wall is on the other side: its radius (m).
+pub const BEYOND: f64 = 0.31;
 /// From this angle on leaf and wall can be told apart (deg).
 const SEEN_FROM: f64 = 15.0;
 /// How often a mission is looked at: half a window of the world's peaks, so none is missed.
@@ -52,6 +57,8 @@ pub struct Phase {
 pub struct Mission {
     /// The arguments of its world, as in a spec.
     pub arguments: String,
+    /// What it is to do.
+    pub task: Task,
     /// Which way the law is told that the door opens, if at all.
     pub told: Option<&'static str>,
     /// What its network is like.
@@ -60,6 +67,15 @@ pub struct Mission {
     pub meddling: Option<Meddling>,
     /// Where in the row's range it is, if the row has one.
     pub value: Option<f64>,
+}
+
+/// What a mission is to do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Task {
+    /// What the spec that is surveyed says: open the door.
+    Open,
+    /// Then drive through, as `specs/door_through.dca` has it.
+    Through,
 }
 
 /// Something that is done to one controller.
@@ -91,6 +107,8 @@ pub struct Outcome {
     pub finish: Finish,
     /// The true angle of the door then (deg).
     pub angle: f64,
+    /// How far the middle of the base is beyond the wall then (m), if it was to drive through.
+    pub beyond: Option<f64>,
     /// The largest force while the hand came to the handle and closed (N).
     pub hit: f64,
     /// The largest force while the door opened (N).
@@ -106,12 +124,18 @@ pub struct Outcome {
 impl Outcome {
     /// Returns the outcome of a mission that has not begun.
     fn unknown() -> Self {
-        Self { finish: Finish::Unfinished, angle: f64::NAN, hit: 0.0, pull: 0.0, worst: 0.0, wrong: 0.0, seconds: 0.0 }
+        let (finish, angle, beyond) = (Finish::Unfinished, f64::NAN, None);
+        Self { finish, angle, beyond, hit: 0.0, pull: 0.0, worst: 0.0, wrong: 0.0, seconds: 0.0 }
     }
 
     /// Returns whether it says that the door is open, and it is.
     pub fn is_success(&self) -> bool {
-        self.finish == Finish::Done && self.angle >= OPEN
+        self.finish == Finish::Done && self.is_there()
+    }
+
+    /// Whether all is as a mission that is done says.
+    fn is_there(&self) -> bool {
+        self.angle >= OPEN && self.beyond.is_none_or(|beyond| beyond > BEYOND)
     }
 
     /// Returns whether it succeeded with no more force than it may use.
@@ -121,7 +145,7 @@ impl Outcome {
 
     /// Returns whether it says that the door is open, and it is not.
     pub fn is_false(&self) -> bool {
-        self.finish == Finish::Done && self.angle < OPEN
+        self.finish == Finish::Done && !self.is_there()
     }
 
     /// Returns how it ended, for people.
@@ -140,7 +164,14 @@ impl Outcome {
 impl Mission {
     /// Returns the mission as the spec has it.
     pub fn nominal() -> Self {
-        Self { arguments: String::new(), told: None, disturbance: Disturbance::NONE, meddling: None, value: None }
+        Self {
+            arguments: String::new(),
+            task: Task::Open,
+            told: None,
+            disturbance: Disturbance::NONE,
+            meddling: None,
+            value: None,
+        }
     }
 
     /// Flies it with the spec `text`, at most for `limit`.
@@ -161,6 +192,10 @@ impl Mission {
         limit: Duration,
         watch: &mut dyn FnMut(&Simulation),
     ) -> Result<Outcome, String> {
+        let (text, limit) = match self.task {
+            Task::Open => (text, limit),
+            Task::Through => (THROUGH, THROUGH_LIMIT),
+        };
         let mut simulation = self.simulation(text)?;
         let mut outcome = Outcome::unknown();
         let (mut looked, mut since, mut done) = (None, None, false);
@@ -177,6 +212,8 @@ impl Mission {
             }
         });
         outcome.angle = simulation.signal(WORLD, "door angle");
+        let through = self.task == Task::Through;
+        outcome.beyond = through.then(|| simulation.signal(WORLD, "base beyond wall"));
         outcome.worst = simulation.signal(WORLD, "peak force");
         outcome.seconds = simulation.now().since(Time::ZERO).as_secs_f64();
         Ok(outcome)

@@ -13,7 +13,8 @@ fn mission(arguments: &str, told: Option<&'static str>) -> Mission {
 /// Before the hand turned about the handle, none did: the forearm would have had to pass through the jamb.
 #[test]
 fn doors_to_push_open_with_base_and_arm_clear_of_leaf_and_jambs() {
-    for world in ["side = \"left\", radius = 0.62 m", "side = \"right\", radius = 0.7 m", "side = \"right\", radius = 1.05 m"]
+    for world in
+        ["side = \"left\", radius = 0.62 m", "side = \"right\", radius = 0.7 m", "side = \"right\", radius = 1.05 m"]
     {
         let mut touched = 0.0f64;
         let outcome = mission(&format!("seed = 5, swing = \"push\", {world}"), None)

@@ -160,6 +160,7 @@ mod tests {
         let rows = super::super::rows(3, 1, &[]);
         let outcome = Outcome {
             finish: Finish::Aborted("a < b".to_owned()),
+            beyond: None,
             angle: 3.0,
             hit: 1.0,
             pull: 2.0,

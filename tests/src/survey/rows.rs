@@ -1,6 +1,6 @@
 //! The rows of the survey: dimensions with their ranges, and triggers.
 
-use super::{Disruption, Meddling, Mission, Phase};
+use super::{Disruption, Meddling, Mission, Phase, Task};
 use controllers::sdk::harness::Disturbance;
 use controllers::sdk::{Quantity, Random};
 use std::fmt::Write as _;
@@ -13,6 +13,8 @@ pub enum Group {
     Single,
     /// Doors that the robot has to push.
     Push,
+    /// The drive through a door that has no closer.
+    Through,
     /// All dimensions at once, half as wide as alone.
     Moderate,
     /// All dimensions at once, as wide as alone.
@@ -27,6 +29,7 @@ impl Group {
         match self {
             Self::Single => "one dimension",
             Self::Push => "to push",
+            Self::Through => "through the door",
             Self::Moderate => "moderate",
             Self::Wide => "wide",
             Self::Trigger => "trigger",
@@ -51,7 +54,7 @@ impl Row {
     /// Returns what tells it from all others: its name, or its group's where there is one row in it.
     pub fn label(&self) -> &str {
         match self.group {
-            Group::Single | Group::Push | Group::Trigger => &self.name,
+            Group::Single | Group::Push | Group::Through | Group::Trigger => &self.name,
             Group::Moderate | Group::Wide => self.group.name(),
         }
     }
@@ -71,6 +74,25 @@ const fn dimension(name: &'static str, unit: &'static str, [low, nominal, high]:
 }
 
 const DEGREE: f64 = std::f64::consts::PI / 180.0;
+
+/// What varies alone only: what is not about the door's kind.
+const MORE: [Dimension; 15] = [
+    dimension("closer_rate", "Nm/rad", [0.0, 2.0, 8.0]),
+    dimension("viscosity", "Nm s/rad", [0.0, 1.5, 6.0]),
+    dimension("leaf_beyond", "m", [0.05, 0.08, 0.15]),
+    dimension("lever_stop", "rad", [35.0 * DEGREE, 45.0 * DEGREE, 60.0 * DEGREE]),
+    dimension("lever_rate", "Nm/rad", [0.5, 1.8, 3.0]),
+    dimension("turn_slip", "Nm", [0.5, 2.0, 8.0]),
+    dimension("droop", "", [0.0, 1.0, 3.0]),
+    dimension("torque_limit", "", [0.6, 1.0, 2.0]),
+    dimension("force_offset", "N", [0.0, 3.0, 15.0]),
+    dimension("laser_noise", "m", [0.002, 0.005, 0.015]),
+    dimension("depth_noise", "", [0.01, 0.03, 0.1]),
+    dimension("arm_delay", "s", [0.0, 0.0, 0.02]),
+    dimension("base_delay", "s", [0.0, 0.0, 0.03]),
+    dimension("gripper_delay", "s", [0.0, 0.0, 0.1]),
+    dimension("laser_delay", "s", [0.0, 0.0, 0.1]),
+];
 
 /// What varies alone, and all at once.
 const DIMENSIONS: [Dimension; 31] = [
@@ -133,7 +155,7 @@ fn argument(parameter: &str, value: f64, unit: &str) -> String {
 }
 
 fn mission(arguments: String) -> Mission {
-    Mission { arguments, told: None, disturbance: Disturbance::NONE, meddling: None, value: None }
+    Mission { arguments, ..Mission::nominal() }
 }
 
 /// Draws the worlds of rows: each row has its own stream, so that leaving out rows changes no other.
@@ -181,6 +203,18 @@ impl Draw {
             write!(arguments, ", {}", dimension.argument(value)).expect("a text takes what is written");
         }
         arguments
+    }
+
+    /// Leaves of all widths that a base may pass, hinge on either side, wheels and laser that are a little wrong.
+    fn through(&self) -> Row {
+        self.row(Group::Through, "drive through", "m", &mut |number, random| {
+            let (radius, wheels) = (random.between(0.68, 1.05), random.between(-0.05, 0.05));
+            let (seed, laser) = (self.world(number), random.between(-0.01, 0.01));
+            let side = if random.unit() < 0.5 { "left" } else { "right" };
+            let errors = format!("wheel_error = {wheels:.6}, laser_bias = {laser:.6} m");
+            let arguments = format!("seed = {seed}, side = \"{side}\", radius = {radius:.6} m, {errors}");
+            Mission { task: Task::Through, value: Some(radius), ..mission(arguments) }
+        })
     }
 
     /// Doors to push: hinge on either side, one dimension after the other, all at once; and laws that are told which way the
@@ -262,7 +296,7 @@ pub fn rows(worlds: u32, seed: u64, phases: &[Phase]) -> Vec<Row> {
         draw.row(Group::Single, name, "", &mut |number, _| mission(format!("seed = {}{arguments}", draw.world(number))))
     };
     let mut rows = vec![plain("nominal", ""), plain("side right", ", side = \"right\"")];
-    rows.extend(DIMENSIONS.iter().map(|dimension| draw.alone(dimension)));
+    rows.extend(DIMENSIONS.iter().chain(&MORE).map(|dimension| draw.alone(dimension)));
     rows.push(draw.row(Group::Single, "hand and eye", "", &mut |number, random| {
         let focal = random.between(-0.03, 0.03);
         let errors = "camera_shift = 10 mm, camera_turn = 1.5 deg";
@@ -273,6 +307,7 @@ pub fn rows(worlds: u32, seed: u64, phases: &[Phase]) -> Vec<Row> {
         Mission { disturbance: Disturbance::busy(seed), ..mission(format!("seed = {seed}")) }
     }));
     rows.extend(draw.pushes());
+    rows.push(draw.through());
     rows.push(draw.together(Group::Moderate, 0.5));
     rows.push(draw.together(Group::Wide, 1.0));
     rows.push(draw.trigger("handle lost", "rad", "lose_at", [3.0 * DEGREE, 60.0 * DEGREE]));

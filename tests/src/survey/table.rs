@@ -124,6 +124,7 @@ mod tests {
     fn each_outcome_counts_once() {
         let good = Outcome {
             finish: Finish::Done,
+            beyond: None,
             angle: 72.0,
             hit: 20.0,
             pull: 50.0,
