@@ -8,5 +8,6 @@ pub mod key;
 pub mod nearby;
 pub mod pace;
 pub mod port;
+pub mod random;
 pub mod signals;
 pub mod time;

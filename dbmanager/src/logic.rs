@@ -24,7 +24,6 @@ pub mod member;
 pub mod merge;
 pub mod message;
 pub mod owner;
-pub mod random;
 pub mod record;
 pub mod replica;
 pub mod snapshot;

@@ -1,26 +1,18 @@
 //! A small pseudo-random generator, so that a seed gives the same run on every machine and with every version.
 
-/// SplitMix64: 64 bits of state, period 2^64.
-///
-/// Source: Steele, Lea, Flood, "Fast splittable pseudorandom number generators", OOPSLA 2014.
+/// SplitMix64, with the deviates that a simulated robot needs.
 #[derive(Clone, Debug)]
-pub struct Random {
-    state: u64,
-}
+pub struct Random(comms::logic::random::Random);
 
 impl Random {
     /// Returns the generator of a seed.
     pub const fn new(seed: u64) -> Self {
-        Self { state: seed }
+        Self(comms::logic::random::Random::new(seed))
     }
 
     /// Returns the next 64 bits.
-    pub fn bits(&mut self) -> u64 {
-        self.state = self.state.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.state;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
+    pub const fn bits(&mut self) -> u64 {
+        self.0.next()
     }
 
     /// Returns a number in `[0, 1)`.

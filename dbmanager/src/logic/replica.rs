@@ -38,16 +38,15 @@ pub use interface::{AckLevel, Alarm, Answer, CommitRequest, Config, Effect, Inpu
 
 use crate::logic::gc::Stable;
 use crate::logic::log::Log;
-use crate::logic::member::{self, Members};
+use crate::logic::member::Members;
 use crate::logic::message::{Chunk, Message, Pull};
 use crate::logic::owner::Owners;
-use crate::logic::random::Random;
 use crate::logic::record::{OpenError, StoredRecords};
 use crate::logic::state::State;
 use crate::logic::txn::{FORMAT, FORMAT_FIRST};
 use crate::logic::version_vector::{Dot, ReplicaId, VersionVector};
 use action::Action;
-use commit::Change;
+use comms::logic::random::Random;
 use comms::logic::time::Time;
 use download::{Downloaded, Downloads, Offer};
 use ledger::Ledger;
@@ -120,10 +119,15 @@ impl Replica {
                 self.peers.met(now);
                 self.tick(now, &mut after);
             }
-            Found(_) => self.found(now, &mut after),
-            Join(peer, _) => self.join(now, peer, &mut after),
-            Retire(origin, _) => self.retire(now, origin, &mut after),
-            HealClock(_) => self.heal_clock(now, &mut after),
+            Found(_) => {
+                if let Some(change) = serve::founding(&self.ledger) {
+                    self.ledger.commit_system(now, change, &mut after);
+                    self.ledger.identity.founds();
+                }
+            }
+            Join(peer, _) => self.act(now, (peer, hello::join(&self.ledger, peer)), &mut after),
+            Retire(origin, _) => self.ledger.retire(now, origin, &mut after),
+            HealClock(_) => self.ledger.heal_clock(now, &mut after),
         }
         if self.ledger.take_changed() {
             self.peers.changed(now);
@@ -206,7 +210,6 @@ impl Replica {
         formats.chain([FORMAT]).min().unwrap_or(FORMAT)
     }
 
-    /// Does what is due.
     fn tick(&mut self, now: Time, effects: &mut Vec<Effect>) {
         self.peers.expire(now);
         self.downloads.tick(now, effects);
@@ -250,11 +253,15 @@ impl Replica {
         }
     }
 
-    /// Takes a message.
     fn receive(&mut self, now: Time, (from, message): (ReplicaId, Message), effects: &mut Vec<Effect>) {
         let stranger = self.is_member() && !self.members().is_active(from);
-        if stranger && self.members().retired(from).is_some() {
-            return self.answer_retired(now, (from, &message), effects);
+        if let (true, Some(stamp)) = (stranger, self.members().retired(from)) {
+            if let Message::Hello(_) | Message::Pull(_) = message {
+                effects.push(Effect::Send(from, Message::Chunk(Chunk::Retired(stamp))));
+            } else if let Message::Chunk(chunk @ Chunk::Retired(_)) = message {
+                self.receive_chunk(now, (from, chunk), effects);
+            }
+            return;
         }
         match message {
             Message::Hello(hello) => self.act(now, (from, hello::react(&self.ledger, from, &hello)), effects),
@@ -284,15 +291,6 @@ impl Replica {
             Message::Push(_) | Message::DeltaPush(_) | Message::Ack(_) => {}
         }
         self.go_on(now, effects);
-    }
-
-    fn answer_retired(&mut self, now: Time, (from, message): (ReplicaId, &Message), effects: &mut Vec<Effect>) {
-        if let (Message::Hello(_) | Message::Pull(_), Some(stamp)) = (message, self.members().retired(from)) {
-            effects.push(Effect::Send(from, Message::Chunk(Chunk::Retired(stamp))));
-        }
-        if let Message::Chunk(Chunk::Retired(stamp)) = message {
-            self.receive_chunk(now, (from, Chunk::Retired(*stamp)), effects);
-        }
     }
 
     /// Does what the rules say about a message of a peer.
@@ -391,7 +389,6 @@ impl Replica {
         useful
     }
 
-    /// Commits what callers want.
     fn commit_all(&mut self, now: Time, requests: Vec<CommitRequest>, effects: &mut Vec<Effect>) {
         let (before, mut txns) = (self.ledger.own_head(), Vec::new());
         for CommitRequest { ticket, draft, level, until } in requests {
@@ -411,50 +408,13 @@ impl Replica {
             effects.push(Effect::Visible(dot, encoded.clone()));
             effects.push(Effect::Answer(ticket, Answer::Committed(dot)));
             txns.push(encoded);
-            if !wants_ack {
-                continue;
-            }
-            if self.has_reached(dot, &level) {
+            if wants_ack && self.has_reached(dot, &level) {
                 effects.push(Effect::Answer(ticket, Answer::Reached(dot)));
-            } else if !self.tickets.wait(now, ticket, (dot, level, until)) {
+            } else if wants_ack && !self.tickets.wait(now, ticket, (dot, level, until)) {
                 effects.push(Effect::Answer(ticket, Answer::Pending(dot)));
             }
         }
         self.ledger.push((before, txns), effects);
-    }
-
-    /// Makes this the first member of a team, if it may be.
-    fn found(&mut self, now: Time, effects: &mut Vec<Effect>) {
-        if let Some(change) = serve::founding(&self.ledger) {
-            self.ledger.commit_system(now, change, effects);
-            self.ledger.identity.founds();
-        }
-    }
-
-    /// Gives up its team for that of a peer, which is asked before anybody else.
-    fn join(&mut self, now: Time, peer: ReplicaId, effects: &mut Vec<Effect>) {
-        if self.is_member() && !self.members().is_active(peer) {
-            self.rejoin(now, false, effects);
-            self.peers.ahead(peer, now);
-            self.go_on(now, effects);
-        }
-    }
-
-    /// Retires an origin.
-    fn retire(&mut self, now: Time, origin: ReplicaId, effects: &mut Vec<Effect>) {
-        if self.is_member() && self.members().is_active(origin) && self.ledger.may_retire(origin) {
-            let writes = member::retirement(origin).into_iter().collect();
-            self.ledger.commit_system(now, Change::system("retire", writes), effects);
-        }
-    }
-
-    /// Begins a new epoch: whoever sees a transaction of it goes on in it, and after a restart too.
-    fn heal_clock(&mut self, now: Time, effects: &mut Vec<Effect>) {
-        if self.ledger.pipeline.heal() {
-            self.ledger.commit_system(now, Change::system("heal the clocks", Vec::new()), effects);
-        } else {
-            effects.push(Effect::Alarm(Alarm::Malformed(self.origin())));
-        }
     }
 }
 

@@ -1,6 +1,6 @@
 //! The disk of a simulated robot: what is on the platter, and what a lying flush has left in its cache.
 
-use dbmanager::logic::random::Random;
+use comms::logic::random::Random;
 use dbmanager::logic::record::{Batch, Records};
 
 /// What becomes of a write that the replica has to wait for.

@@ -3,9 +3,9 @@
 
 use super::disk::Fate;
 use super::{EPOCH_MS, World};
+use comms::logic::random::Random;
 use dbmanager::logic::clock::Quality;
 use dbmanager::logic::key::Key;
-use dbmanager::logic::random::Random;
 use dbmanager::logic::record::Records;
 use dbmanager::logic::replica::{Config, Input, Replica};
 use dbmanager::logic::txn::{Condition, Draft};

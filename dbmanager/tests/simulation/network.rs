@@ -1,8 +1,8 @@
 //! The network of a simulated team: it delays, loses, repeats, swaps and chokes, in each direction for itself.
 
+use comms::logic::random::Random;
 use comms::logic::time::Time;
 use dbmanager::logic::message::Message;
-use dbmanager::logic::random::Random;
 use dbmanager::logic::version_vector::ReplicaId;
 use std::collections::{BTreeMap, BTreeSet};
 use std::rc::Rc;

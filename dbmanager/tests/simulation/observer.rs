@@ -93,7 +93,7 @@ impl World {
             | Alarm::Fork(_)
             | Alarm::ClockSuspect { .. }
             | Alarm::NeedsUpgrade(_)
-            | Alarm::OtherTeam { .. }
+            | Alarm::OtherTeam(..)
             | Alarm::Rejoining { .. } => {}
         }
         self.alarms.push((node, alarm));

@@ -19,9 +19,9 @@ mod observer;
 mod reference;
 
 use clients::Clients;
+use comms::logic::random::Random;
 use comms::logic::time::Time;
 use dbmanager::logic::clock::{Quality, Wall};
-use dbmanager::logic::random::Random;
 use dbmanager::logic::record::{Batch, Records};
 use dbmanager::logic::replica::{AckLevel, Alarm, Answer, Config, Effect, Input, Replica};
 use dbmanager::logic::version_vector::{Dot, ReplicaId, VersionVector};
@@ -288,7 +288,7 @@ impl World {
         let (origin, members) = (first.origin(), first.members().clone());
         let told = self.alarms[told..].to_vec();
         for (node, alarm) in told {
-            let Alarm::OtherTeam { origin: peer, .. } = alarm else { continue };
+            let Alarm::OtherTeam(peer, _) = alarm else { continue };
             let is_apart = |replica: &Replica| replica.is_member() && !replica.members().is_active(origin);
             if members.is_active(peer) && self.nodes[node].replica.as_ref().is_some_and(is_apart) {
                 self.input(node, |_, wall| Input::Join(peer, wall));

@@ -1,9 +1,9 @@
 //! Files that are not as they were left: the store says so, or the replica does; nobody ever reads what was not written.
 
 use crate::{ENGINE, Folder, Robot, batch, config, on_each_engine, open, put_text};
+use comms::logic::random::Random;
 use dbmanager::io::store::memory::MemoryStore;
 use dbmanager::io::store::{DirStore, Engine, Store, StoreError};
-use dbmanager::logic::random::Random;
 use dbmanager::logic::record::{OpenError, Records};
 use dbmanager::logic::replica::Replica;
 use redb::ReadableDatabase;

@@ -7,7 +7,7 @@
 //! asked. Names change when the directory was synced; of later changes some first ones survive, as from a journal.
 
 use crate::trace::Call;
-use dbmanager::logic::random::Random;
+use comms::logic::random::Random;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 

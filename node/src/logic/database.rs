@@ -394,8 +394,7 @@ impl Database {
                 self.watchers.values_mut().for_each(Watch::replaced);
             }
             replica::Effect::Renamed(..) => {}
-            replica::Effect::Alarm(Alarm::OtherTeam { origin, robot })
-                if !self.other_team.hear(now, origin, &robot) => {}
+            replica::Effect::Alarm(Alarm::OtherTeam(origin, robot)) if !self.other_team.hear(now, origin, &robot) => {}
             replica::Effect::Alarm(alarm) => self.alarm(self.words(&alarm), effects),
         }
     }
@@ -452,7 +451,7 @@ impl Database {
             Alarm::Diverged(origin) => format!("{} has the same transactions and another state", robot(origin)),
             Alarm::NeedsUpgrade(format) => format!("a robot writes format {format}: upgrade DCA on this one"),
             Alarm::Malformed(origin) => format!("{} sent what no replica sends", robot(origin)),
-            Alarm::OtherTeam { robot, .. } => format!(
+            Alarm::OtherTeam(_, robot) => format!(
                 "`{robot}` belongs to another team `{}`, which was begun apart from this one: neither has what the other writes",
                 self.team
             ),

@@ -93,13 +93,18 @@ fn judge(ledger: &Ledger, from: ReplicaId, hello: &Hello) -> Greeting {
 
 /// Returns whether this replica gives up its own team for that of `from`, which was begun elsewhere under the same name.
 ///
-/// Only a replica that is the only member of its team does: of two teams with several members an operator decides. A founder
-/// gives way to a replica that was admitted, since that one is not alone or was not; otherwise the larger origin gives way. So of
-/// two replicas that are alone exactly one does.
+/// Only the one member of a team does: of two with several members an operator decides. A founder gives way to a replica that
+/// was admitted, else the larger origin does: of two that are alone exactly one.
 fn gives_way(ledger: &Ledger, from: ReplicaId, hello: &Hello) -> bool {
     let (me, members) = (ledger.identity.origin(), ledger.contents().members());
     let rank = |origin: ReplicaId, sponsors: &[ReplicaId]| (sponsors.is_empty(), origin);
     members.active().all(|(origin, _)| origin == me) && rank(from, &hello.sponsors) < rank(me, &members.sponsors(me))
+}
+
+/// Returns how a member leaves its team for that of a peer, which it asks first.
+pub(super) fn join(ledger: &Ledger, peer: ReplicaId) -> Vec<Action> {
+    let is_other = ledger.is_member() && !ledger.contents().members().is_active(peer);
+    if is_other { vec![Action::Rejoin { twice: false }, Action::Ahead] } else { Vec::new() }
 }
 
 /// Returns what to do about a hello of `from`.
@@ -114,9 +119,9 @@ pub(super) fn react(ledger: &Ledger, from: ReplicaId, hello: &Hello) -> Vec<Acti
         Greeting::Ignored => {}
         Greeting::Copied => actions.push(Action::Rejoin { twice: true }),
         Greeting::OtherTeam { gives_way } => {
-            actions.push(Action::Emit(Effect::Alarm(Alarm::OtherTeam { origin: from, robot: hello.robot.clone() })));
+            actions.push(Action::Emit(Effect::Alarm(Alarm::OtherTeam(from, hello.robot.clone()))));
             if gives_way {
-                actions.extend([Action::Rejoin { twice: false }, Action::Ahead]);
+                actions.extend(join(ledger, from));
             }
         }
         Greeting::Retired(stamp) => actions.push(Action::send(from, Message::Chunk(Chunk::Retired(stamp)))),

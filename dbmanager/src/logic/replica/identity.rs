@@ -9,9 +9,9 @@
 //! member, and not one for each question.
 
 use crate::logic::message::Join;
-use crate::logic::random::Random;
 use crate::logic::record::{Batch, IdentityRecord, OpenError, Past};
 use crate::logic::version_vector::ReplicaId;
+use comms::logic::random::Random;
 
 /// How many origins of earlier lives are remembered.
 const PAST_MAX: usize = 256;

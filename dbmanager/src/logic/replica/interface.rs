@@ -98,13 +98,8 @@ pub enum Alarm {
     NeedsUpgrade(u8),
     /// A peer sent what no peer sends.
     Malformed(ReplicaId),
-    /// A robot belongs to another team of the same name; told at each of its hellos.
-    OtherTeam {
-        /// The replica that said so.
-        origin: ReplicaId,
-        /// Its robot.
-        robot: String,
-    },
+    /// The replica of this robot belongs to another team of the same name; told at each of its hellos.
+    OtherTeam(ReplicaId, String),
     /// We have to begin under a new origin.
     Rejoining {
         /// The one given up.

@@ -15,10 +15,10 @@ use crate::logic::gc::{Acks, Stable};
 use crate::logic::log::{Head, Log, Verdict};
 use crate::logic::member;
 use crate::logic::message::{Chunk, Message, PUSH_SIZE_MAX};
-use crate::logic::random::Random;
 use crate::logic::record::{Batch, OpenError, StoredRecords};
 use crate::logic::txn::{CodecError, Draft, EncodedTxn, TxnError};
 use crate::logic::version_vector::{Dot, ReplicaId, VersionVector};
+use comms::logic::random::Random;
 use comms::logic::time::Time;
 use std::collections::BTreeMap;
 
@@ -277,6 +277,22 @@ impl Ledger {
                 self.push((before, vec![encoded]), effects);
             }
             Err(_exhausted) => effects.push(Effect::Alarm(Alarm::Malformed(self.identity.origin()))),
+        }
+    }
+
+    pub(super) fn retire(&mut self, now: Time, origin: ReplicaId, effects: &mut Vec<Effect>) {
+        if self.is_member() && self.contents.members().is_active(origin) && self.may_retire(origin) {
+            let writes = member::retirement(origin).into_iter().collect();
+            self.commit_system(now, Change::system("retire", writes), effects);
+        }
+    }
+
+    /// Begins a new epoch: whoever sees a transaction of it goes on in it, and after a restart too.
+    pub(super) fn heal_clock(&mut self, now: Time, effects: &mut Vec<Effect>) {
+        if self.pipeline.heal() {
+            self.commit_system(now, Change::system("heal the clocks", Vec::new()), effects);
+        } else {
+            effects.push(Effect::Alarm(Alarm::Malformed(self.identity.origin())));
         }
     }
 

@@ -4,12 +4,12 @@
 //! long after each silence, up to 12.8 s. How much is asked for at a time follows the speed of the link, so that neither
 //! an answer nor what is urgent is late on a slow one.
 
-use crate::logic::random::Random;
 use crate::logic::timing::{
     HELLO_PERIOD_MAX, HELLO_PERIOD_MIN, PULL_AFTER_PUSH, PULL_ANSWER_LATE_MAX, SILENCES_MAX, pull_pause,
 };
 use crate::logic::version_vector::ReplicaId;
 use comms::logic::pace::Pace;
+use comms::logic::random::Random;
 use comms::logic::time::Time;
 use std::collections::BTreeMap;
 use std::time::Duration;

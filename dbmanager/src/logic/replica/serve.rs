@@ -39,7 +39,6 @@ pub(super) fn pull(ledger: &Ledger, from: ReplicaId, pull: &Pull) -> Vec<Action>
     actions
 }
 
-/// Admits somebody.
 fn admission(ledger: &Ledger, from: ReplicaId, join: &Join) -> Vec<Action> {
     let (origin, members) = (join.origin, ledger.contents().members());
     if from != origin {

@@ -1,6 +1,8 @@
-//! Numbers that look random and depend on nothing but a seed: for jitter, the choice among equal peers, and new origins.
+//! Numbers that look random and depend on nothing but a seed, on every machine and in every version.
 
-/// A generator; the driver seeds it with real randomness, a simulation with its seed. Source: Vigna's splitmix64.
+/// A generator: 64 bits of state, period 2^64. A driver seeds it with real randomness, a simulation with its seed.
+///
+/// Source: Steele, Lea and Flood, "Fast splittable pseudorandom number generators", OOPSLA 2014 (SplitMix64).
 #[derive(Clone, Debug)]
 pub struct Random(u64);
 
