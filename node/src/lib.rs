@@ -1,5 +1,6 @@
-//! The agent of a host, and the command line.
+//! The agent of a host.
 
-pub mod cli;
+pub mod command;
+pub mod console;
 pub mod io;
 pub mod logic;

@@ -62,7 +62,7 @@ pub fn executable(name: &str) -> PathBuf {
     // target/PROFILE/deps/TEST
     let profile = test.parent().and_then(Path::parent).expect("a test stands in `deps`");
     let path = profile.join(name);
-    assert!(path.is_file(), "{path:?} is not there; build it with `cargo build -p node -p controllers`");
+    assert!(path.is_file(), "{path:?} is not there; build it with `cargo build --workspace --bins`");
     path
 }
 

@@ -32,7 +32,7 @@ fn a_new_program_runs() {
     assert_eq!(made.code, Some(0), "{made}");
     let folder = cluster.folder().join("robot");
     let read = |file: &str| std::fs::read_to_string(folder.join(file)).unwrap_or_else(|why| panic!("{file}: {why}"));
-    assert_eq!(read("src/main.rs"), include_str!("../../node/templates/sdk/main.rs"));
+    assert_eq!(read("src/main.rs"), include_str!("../../cli/templates/sdk/main.rs"));
     let path = read("Cargo.toml").lines().find_map(|line| Some(line.split_once("path = \"")?.1.to_owned())).unwrap();
     let path = Path::new(path.trim_end_matches("\" }"));
     assert!(path.is_absolute() && path.join("src/sdk.rs").is_file(), "{path:?}");

@@ -1,7 +1,7 @@
 //! What programs write, in any amount, read by anybody: it arrives whole, and holds nothing else up.
 
+use cli::io::recorder;
 use dca_tests::cluster::{Cluster, SOON, Stream, executable, wait_until};
-use node::io::recorder;
 use rustix::process::Signal;
 use std::process::Command;
 use std::time::Duration;

@@ -1,5 +1,5 @@
 //! The agent of a host.
 
 fn main() -> std::process::ExitCode {
-    node::cli::agent::main()
+    node::command::main()
 }

@@ -447,7 +447,7 @@ fn member_host<'a>(plan: &'a Plan, group: &Group, slot: u32) -> Option<&'a str> 
 }
 
 /// Returns the absolute path of a member.
-pub(crate) fn member_path(plan: &Plan, group: &Group, slot: u32) -> Option<String> {
+pub fn member_path(plan: &Plan, group: &Group, slot: u32) -> Option<String> {
     match group.members.get(slot as usize)?.kind {
         MemberKind::Leaf(leaf) => plan.leaves.get(leaf as usize).map(|leaf| leaf.path.clone()),
         MemberKind::Group(group) => plan.groups.get(group as usize).map(|group| group.path.clone()),

@@ -18,8 +18,6 @@ use language::plan::{MemberKind, Plan};
 pub use parameters::{InstanceParameters, ParameterStatus};
 pub use presence::{Ping, Pong};
 use serde::{Deserialize, Serialize};
-#[cfg(test)]
-pub(crate) use status::door_node;
 pub use status::{DeploymentStatus, LeafStatus, NodeStatus, ProcessStatus, leaves};
 use std::fmt;
 use std::time::Duration;

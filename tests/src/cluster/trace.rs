@@ -1,10 +1,10 @@
 //! The record of a run, read back.
 
+use cli::io::recorder;
+use cli::logic::mission::{Mission, Phase};
+use cli::logic::record::{Entry, Run};
 use comms::logic::time::Time;
-use node::io::recorder;
-use node::logic::mission::{Mission, Phase};
 use node::logic::protocol::{Change, Ending, Report};
-use node::logic::record::{Entry, Run};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 

@@ -74,22 +74,3 @@ pub fn leaves(nodes: &[NodeStatus]) -> Vec<LeafStatus<'_>> {
         |one: &LeafStatus<'_>| above(one).is_some() && !groups.contains(&(one.deployment, one.process.path.clone()));
     all.into_iter().filter(is_leaf).collect()
 }
-
-/// Returns a node of `door@1` for tests, whose home is `c1`: processes with path, state and process id.
-#[cfg(test)]
-pub(crate) fn door_node(host: &str, processes: &[(&str, &str, Option<u32>)]) -> NodeStatus {
-    let process = |(path, state, pid): &(&str, &str, Option<u32>)| ProcessStatus {
-        path: (*path).to_owned(),
-        kind: "Any".into(),
-        state: (*state).to_owned(),
-        pid: *pid,
-    };
-    let part = DeploymentStatus {
-        deployment: Deployment { name: "door".into(), epoch: 1 },
-        home: "c1".into(),
-        phase: "running".into(),
-        processes: processes.iter().map(process).collect(),
-    };
-    let (version, up) = ("0".into(), Duration::ZERO);
-    NodeStatus { host: host.into(), pid: 1, version, up, peers: vec![], deployments: vec![part] }
-}

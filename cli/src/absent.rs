@@ -1,0 +1,199 @@
+//! What all nodes together say of hosts that do not answer.
+
+use crate::client::{ANSWER_WITHIN, Client, Statuses};
+use anyhow::anyhow;
+use comms::io::clock;
+use comms::logic::human::span;
+use node::console::Failure;
+use node::logic::protocol::{Absent, AbsentHost, AbsentProcess, Answer, Deployment, OpenEnd, OpenHost, Request, Why};
+use std::collections::{BTreeMap, BTreeSet};
+use std::time::Duration;
+
+/// Hosts that do not answer, and what may run there.
+#[derive(Debug, Default)]
+pub(crate) struct Away {
+    pub(crate) hosts: Vec<AbsentHost>,
+    pub(crate) ends: Vec<OpenEnd>,
+    pub(crate) processes: Vec<AbsentProcess>,
+    /// What each node has said.
+    pub(crate) told: BTreeMap<String, Absent>,
+}
+
+/// Asks every node that has said how it is. One of an older version knows of nobody.
+pub(crate) async fn ask(found: &[(&Client, Statuses)]) -> Away {
+    let mut asked = Vec::new();
+    for (client, statuses) in found {
+        // All at once: each may be far away.
+        asked
+            .extend(statuses.nodes.iter().map(|node| (node.host.clone(), client.ask_on(&node.host, &Request::Absent))));
+    }
+    let (mut told, deadline) = (BTreeMap::new(), clock::now() + ANSWER_WITHIN);
+    for (host, answers) in asked {
+        let Ok(mut answers) = answers else { continue };
+        if let Some(Ok(Answer::Absent(absent))) = answers.next_by(deadline).await {
+            told.insert(host, absent);
+        }
+    }
+    let there = found.iter().flat_map(|(_, statuses)| &statuses.nodes).map(|node| node.host.clone()).collect();
+    Away::new(told, &there)
+}
+
+/// Says that no node that answers has something; hosts that do not answer may have it.
+pub(crate) async fn missing(what: &str, found: &[(&Client, Statuses)]) -> Failure {
+    nowhere(what, found, &ask(found).await)
+}
+
+fn nowhere(what: &str, found: &[(&Client, Statuses)], away: &Away) -> Failure {
+    let silent = found.iter().flat_map(|(_, statuses)| &statuses.silent);
+    let hosts: BTreeSet<&str> = silent.chain(away.hosts.iter().map(|one| &one.host)).map(String::as_str).collect();
+    if hosts.is_empty() {
+        return Failure::Refused(anyhow!("no {what} is running; `dca status` lists what is"));
+    }
+    let do_not = if hosts.len() == 1 { "does not" } else { "do not" };
+    let hosts = Vec::from_iter(hosts).join("`, `");
+    Failure::Unreachable(anyhow!("no node that answers has the {what}; `{hosts}` {do_not} answer, where it may run"))
+}
+
+/// Says why no node that answers runs a deployment: it has ended but for some hosts, or it is missing.
+pub(crate) async fn not_running(name: &str, found: &[(&Client, Statuses)]) -> Failure {
+    let away = ask(found).await;
+    match away.ends.iter().rfind(|end| end.deployment.name == name) {
+        Some(end) => Failure::Unreachable(anyhow!(
+            "`{}` has ended, but {} not confirmed that nothing of it is left: its programs may still run there; \
+             `dca stop {name} --forget` takes it off the list",
+            end.deployment,
+            confirmers(end)
+        )),
+        None => nowhere(&format!("deployment `{name}`"), found, &away),
+    }
+}
+
+impl Away {
+    /// Puts together what nodes say of others. Who answers is not away, and a home that answers speaks for itself.
+    fn new(told: BTreeMap<String, Absent>, there: &BTreeSet<String>) -> Self {
+        let mut hosts: BTreeMap<&str, &AbsentHost> = BTreeMap::new();
+        let mut ends: BTreeMap<&Deployment, (bool, &OpenEnd)> = BTreeMap::new();
+        let mut processes: BTreeMap<(&Deployment, &str), &AbsentProcess> = BTreeMap::new();
+        for (from, absent) in &told {
+            for one in absent.hosts.iter().filter(|one| !there.contains(&one.host)) {
+                let latest = hosts.entry(&one.host).or_insert(one);
+                if one.heard < latest.heard {
+                    *latest = one;
+                }
+            }
+            for end in &absent.ends {
+                let is_home = end.home == *from;
+                let known = ends.get(&end.deployment).is_some_and(|(home, _)| *home);
+                if is_home || !(known || there.contains(&end.home)) {
+                    ends.insert(&end.deployment, (is_home, end));
+                }
+            }
+            let away = absent.processes.iter().filter(|one| !there.contains(&one.host));
+            processes.extend(away.map(|one| ((&one.deployment, one.path.as_str()), one)));
+        }
+        let hosts = hosts.into_values().cloned().collect();
+        let ends = ends.into_values().map(|(_, end)| end.clone()).collect();
+        let processes = processes.into_values().cloned().collect();
+        Self { hosts, ends, processes, told }
+    }
+
+    /// Returns how it is with a host: `c2 is lost`.
+    pub(crate) fn word(&self, host: &str) -> String {
+        match self.hosts.iter().find(|one| one.host == host) {
+            Some(AbsentHost { lost: true, .. }) => format!("{host} is lost"),
+            _ => format!("{host} does not answer"),
+        }
+    }
+
+    /// Returns what people have to mind: hosts of which nothing is known, and ends that may be none.
+    pub(crate) fn warnings(&self) -> Vec<String> {
+        let host = |one: &AbsentHost| {
+            let how = if one.lost { "is lost" } else { "does not answer" };
+            format!("warning: `{}` {how}, it was heard {}: what runs there is not known", one.host, ago(one.heard))
+        };
+        let end = |end: &OpenEnd| {
+            let (name, hosts) = (&end.deployment.name, confirmers(end));
+            format!(
+                "warning: {hosts} not confirmed that nothing of `{}` is left: its programs may still run there. They are \
+                 asked when they are there; `dca stop {name} --forget` takes it off this list",
+                end.deployment
+            )
+        };
+        self.hosts.iter().map(host).chain(self.ends.iter().map(end)).collect()
+    }
+}
+
+/// Returns who has not confirmed an end: `` `c2` (lost, heard 40 s ago) and `c3` (not in time) have ``.
+pub(crate) fn confirmers(end: &OpenEnd) -> String {
+    let hosts: Vec<String> = end.hosts.iter().map(|one| format!("`{}` ({})", one.host, why(one, &end.home))).collect();
+    format!("{} {}", hosts.join(" and "), if hosts.len() == 1 { "has" } else { "have" })
+}
+
+/// Returns who has not confirmed an end, for a table: `c2 (lost, heard 40 s ago)`.
+pub(crate) fn open_hosts(end: &OpenEnd) -> String {
+    let hosts: Vec<String> = end.hosts.iter().map(|one| format!("{} ({})", one.host, why(one, &end.home))).collect();
+    hosts.join(", ")
+}
+
+fn why(host: &OpenHost, home: &str) -> String {
+    let why = match (host.why, host.heard) {
+        (Why::Lost, Some(_)) => "lost".to_owned(),
+        (Why::Lost, None) => "it was lost".to_owned(),
+        (Why::Late, _) => "not in time".to_owned(),
+        (Why::Unable, _) => "it could not end everything".to_owned(),
+        (Why::Restarted, _) => format!("not heard since `{home}` was started again"),
+    };
+    host.heard.map_or(why.clone(), |heard| format!("{why}, heard {}", ago(heard)))
+}
+
+/// Returns how long ago something was, in whole units: `40 s ago`, `5 min ago`, `2 h ago`.
+pub(crate) fn ago(time: Duration) -> String {
+    let seconds = time.as_secs();
+    match seconds {
+        0..120 => format!("{} ago", span(Duration::from_secs(seconds))),
+        120..7200 => format!("{} min ago", seconds / 60),
+        _ => format!("{} h ago", seconds / 3600),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn lost(host: &str, seconds: u64) -> AbsentHost {
+        AbsentHost { host: host.into(), heard: Duration::from_secs(seconds), lost: true }
+    }
+
+    fn end(home: &str, host: &str) -> OpenEnd {
+        let open = OpenHost { host: host.into(), why: Why::Lost, heard: Some(Duration::from_secs(40)) };
+        let deployment = Deployment { name: "door".into(), epoch: 1 };
+        OpenEnd { deployment, home: home.into(), hosts: vec![open] }
+    }
+
+    #[test]
+    fn who_answers_is_not_away_and_a_home_speaks_for_itself() {
+        let absent = |hosts: Vec<AbsentHost>, ends: Vec<OpenEnd>| Absent { hosts, ends, processes: vec![] };
+        let there = |hosts: &[&str]| hosts.iter().map(|host| (*host).to_owned()).collect::<BTreeSet<_>>();
+        // c3 does not see c1, which answers all the same; the end that c1 keeps counts.
+        let c1 = absent(vec![lost("c2", 50)], vec![end("c1", "c2")]);
+        let c3 = absent(vec![lost("c1", 9), lost("c2", 40)], vec![end("c1", "c1")]);
+        let told = BTreeMap::from([("c1".to_owned(), c1), ("c3".to_owned(), c3.clone())]);
+        let away = Away::new(told, &there(&["c1", "c3"]));
+        assert_eq!((away.hosts.clone(), away.ends.clone()), (vec![lost("c2", 40)], vec![end("c1", "c2")]));
+        let warnings = away.warnings();
+        assert_eq!(warnings[0], "warning: `c2` is lost, it was heard 40 s ago: what runs there is not known");
+        assert!(warnings[1].starts_with("warning: `c2` (lost, heard 40 s ago) has not confirmed"), "{warnings:?}");
+        // Without its home, who took part speaks for it.
+        let away = Away::new(BTreeMap::from([("c3".to_owned(), c3)]), &there(&["c3"]));
+        assert_eq!((away.hosts.len(), away.ends), (2, vec![end("c1", "c1")]));
+    }
+
+    #[test]
+    fn spans_that_have_passed_are_whole() {
+        let check =
+            |seconds: u64, expected: &str| assert_eq!(ago(Duration::from_millis(seconds * 1000 + 400)), expected);
+        [(0, "0 s ago"), (119, "119 s ago"), (120, "2 min ago"), (7199, "119 min ago"), (7200, "2 h ago")]
+            .into_iter()
+            .for_each(|(seconds, expected)| check(seconds, expected));
+    }
+}

@@ -1,0 +1,443 @@
+//! A command line's connection to the nodes: through a node of this machine when there is one, else over the network.
+
+use crate::Reaching;
+use anyhow::{Context, anyhow};
+use comms::io::clock;
+use comms::io::session::{CallError, OpenError, Presence, Replies, Session};
+use comms::logic::human::span;
+use comms::logic::time::Time;
+use comms::logic::{codec, key};
+use node::console::{self, Failure};
+use node::io::run_dir;
+use node::logic::protocol::{Answer, NodeStatus, Request, SILENCE_MAX};
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::task::JoinSet;
+
+/// How long a node has to answer a question that it can answer at once: the longest way there and back is 3 s.
+pub(crate) const ANSWER_WITHIN: Duration = Duration::from_secs(4);
+/// How long until the node of this machine is asked again whom it reaches.
+const ASK_AGAIN: Duration = Duration::from_millis(200);
+/// How long a node takes at the most to find the others.
+const KNOWS_AFTER: Duration = Duration::from_secs(2);
+/// How long nodes are looked for on the network.
+const FIND_WITHIN: Duration = Duration::from_millis(1500);
+/// How long one node that was named is looked for: discovery on a busy network takes several rounds.
+const FIND_NAMED_WITHIN: Duration = Duration::from_secs(5);
+/// The verb of every request: the request itself says what is asked.
+const VERB: &str = "request";
+
+/// A connection to the nodes.
+#[derive(Debug)]
+pub(crate) struct Client {
+    session: Session,
+    /// The node of this machine that it goes through.
+    local: Option<String>,
+    /// Folder with the sockets of this machine's nodes.
+    base: Option<PathBuf>,
+}
+
+/// The answers of a node to one request, as they come.
+#[derive(Debug)]
+pub(crate) struct Answers {
+    host: String,
+    replies: Replies,
+}
+
+/// What the nodes say of themselves.
+#[derive(Debug)]
+pub(crate) struct Statuses {
+    /// The state of every node that answers, in order of name.
+    pub(crate) nodes: Vec<NodeStatus>,
+    /// The nodes that are there and do not answer.
+    pub(crate) silent: Vec<String>,
+}
+
+/// Connections to all nodes that can be reached: one to those that stay, and one to those inside each `dca run`. These do
+/// not know of each other.
+#[derive(Debug)]
+pub(crate) struct Clients {
+    clients: Vec<Arc<Client>>,
+}
+
+impl Clients {
+    /// Connects through nodes of this machine, or by scouting when `--lan` is given and no node stays on this machine.
+    pub(crate) async fn open(reaching: &Reaching) -> Result<Self, Failure> {
+        let standing = Client::open(reaching).await;
+        let (mut clients, mut silent) = (Vec::new(), None);
+        for folder in run_dir::groups(&reaching.base()).iter().filter(|folder| **folder != reaching.base()) {
+            match Client::through(folder).await {
+                Ok(client) => clients.extend(client),
+                // A command that has just begun or ended is left out, and so is one that hangs beside others.
+                Err(failure) => silent = Some(failure),
+            }
+        }
+        match standing {
+            Ok(client) => clients.insert(0, client),
+            Err(failure) if clients.is_empty() => return Err(silent.unwrap_or(failure)),
+            Err(_) => {}
+        }
+        Ok(Self { clients: clients.into_iter().map(Arc::new).collect() })
+    }
+
+    /// Returns each connection.
+    pub(crate) fn iter(&self) -> impl Iterator<Item = &Client> {
+        self.clients.iter().map(|client| &**client)
+    }
+
+    /// Asks every node at once how it is; each answer stands beside its connection. Those that do not answer are noted, and
+    /// left out.
+    pub(crate) async fn statuses(&self) -> Result<Vec<(&Client, Statuses)>, Failure> {
+        let asking = self.clients.iter().map(|client| {
+            let client = Arc::clone(client);
+            let mut asking = JoinSet::new();
+            asking.spawn(async move { client.statuses().await });
+            asking
+        });
+        let (mut found, mut failure) = (Vec::new(), None);
+        for (client, mut asking) in self.iter().zip(asking.collect::<Vec<_>>()) {
+            match asking.join_next().await {
+                Some(Ok(Ok(statuses))) => found.push((client, statuses)),
+                Some(Ok(Err(why))) => failure = Some(why),
+                Some(Err(panic)) => failure = Some(panic.into()),
+                None => {}
+            }
+        }
+        if let Some(failure) = failure.filter(|_| found.is_empty()) {
+            return Err(failure);
+        }
+        Ok(found)
+    }
+
+    /// Closes the connections.
+    pub(crate) async fn close(self) {
+        for client in self.clients.into_iter().filter_map(Arc::into_inner) {
+            client.close().await;
+        }
+    }
+}
+
+impl Client {
+    /// Connects through a node that stays on this machine, or by scouting when `--lan` is given.
+    pub(crate) async fn open(reaching: &Reaching) -> Result<Self, Failure> {
+        let problem = match Self::through(&reaching.base()).await {
+            Ok(Some(client)) => return Ok(client),
+            Ok(None) => None,
+            Err(Failure::Unreachable(problem)) => Some(problem),
+            Err(refused) => return Err(refused),
+        };
+        if reaching.lan {
+            let session = Session::open_scout().await.context("looking for nodes on the network");
+            return Ok(Self {
+                session: session.map_err(Failure::Unreachable)?,
+                local: None,
+                base: Some(reaching.base()),
+            });
+        }
+        let none = || {
+            anyhow!("no node runs on this machine; start one with `dca-node --name NAME`, or look further with `--lan`")
+        };
+        Err(Failure::Unreachable(problem.unwrap_or_else(none)))
+    }
+
+    /// Connects as [`Client::open`] does; where no node stays, to the only `dca run` that there is.
+    pub(crate) async fn open_any(reaching: &Reaching) -> Result<Self, Failure> {
+        let standing = Self::open(reaching).await;
+        let base = reaching.base();
+        let commands: Vec<PathBuf> = run_dir::groups(&base).into_iter().filter(|folder| *folder != base).collect();
+        match (standing, &commands[..]) {
+            (Ok(client), _) => Ok(client),
+            (Err(failure), []) => Err(failure),
+            (Err(failure), [folder]) => Self::through(folder).await?.ok_or(failure),
+            (Err(_), several) => {
+                let several: Vec<String> = several.iter().map(|folder| folder.display().to_string()).collect();
+                let several = several.join("` or `");
+                Err(anyhow!("several `dca run` are going; choose one with `--run-dir`: `{several}`").into())
+            }
+        }
+    }
+
+    /// Connects through a node that has its sockets in this folder; nothing if none runs.
+    async fn through(folder: &Path) -> Result<Option<Self>, Failure> {
+        let mut problem = None;
+        for (name, socket) in run_dir::running(folder)? {
+            match Session::open_client(&socket).await {
+                Ok(session) => return Ok(Some(Self { session, local: Some(name), base: Some(folder.to_owned()) })),
+                Err(error @ OpenError::NoNode { .. }) => {
+                    problem = Some(anyhow!(error).context(format!("connecting to the node `{name}`")));
+                }
+                // It takes the connection and says nothing.
+                Err(_) => {
+                    problem = Some(anyhow!(
+                        "the node `{name}` runs on this machine and does not answer: it may be suspended, or short of processor time"
+                    ));
+                }
+            }
+        }
+        problem.map_or(Ok(None), |problem| Err(Failure::Unreachable(problem)))
+    }
+
+    /// Connects to the node that has this socket.
+    pub(crate) async fn to_socket(socket: PathBuf) -> Result<Self, Failure> {
+        let session =
+            Session::open_client(&socket).await.with_context(|| format!("connecting to {}", socket.display()));
+        Ok(Self { session: session.map_err(Failure::Unreachable)?, local: None, base: None })
+    }
+
+    /// Returns the node of this machine that it goes through, if it does.
+    pub(crate) fn local(&self) -> Option<&str> {
+        self.local.as_deref()
+    }
+
+    /// Returns what shows the node `host` that this command runs on its machine, if it does.
+    pub(crate) fn proof(&self, host: &str) -> Option<String> {
+        run_dir::proof(self.base.as_deref()?, host)
+    }
+
+    /// Returns whether a node can be reached: at once when it is there, else after it had its time to be found.
+    pub(crate) async fn finds(&self, host: &str) -> Result<bool, Failure> {
+        Ok(self.look(&[host.to_owned()], FIND_NAMED_WITHIN).await?.contains(host))
+    }
+
+    /// Returns the nodes that can be reached: at once when all of `wanted` are there, else after a while. What the node of
+    /// this machine has heard of counts, too: a token alone can be lost.
+    pub(crate) async fn hosts(&self, wanted: &[String]) -> Result<BTreeSet<String>, Failure> {
+        self.look(wanted, FIND_WITHIN).await
+    }
+
+    async fn look(&self, wanted: &[String], within: Duration) -> Result<BTreeSet<String>, Failure> {
+        let mut watch = self.session.watch(&key::live_any()).map_err(unreachable)?;
+        let (mut tokens, mut heard) = (BTreeSet::new(), BTreeSet::new());
+        let deadline = clock::now() + within;
+        let mut asking = Box::pin(self.heard_here(clock::now()));
+        loop {
+            if !wanted.is_empty() && wanted.iter().all(|host| tokens.contains(host) || heard.contains(host)) {
+                return Ok(&tokens | &heard);
+            }
+            let presence = tokio::select! {
+                presence = watch.next() => presence,
+                hosts = &mut asking => {
+                    heard = hosts;
+                    asking = Box::pin(self.heard_here(clock::now() + ASK_AGAIN));
+                    continue;
+                }
+                () = clock::sleep_until(deadline) => None,
+            };
+            match presence {
+                Some(Presence::Appeared(key)) => tokens.extend(key::parse_live(&key).map(|(host, _)| host)),
+                Some(Presence::Vanished(key)) => drop(key::parse_live(&key).map(|(host, _)| tokens.remove(&host))),
+                None => return Ok(&tokens | &heard),
+            }
+        }
+    }
+
+    /// Asks the node of this machine, at some time, whom it reaches: nobody if it does not answer. Without one it never says.
+    async fn heard_here(&self, at: Time) -> BTreeSet<String> {
+        clock::sleep_until(at).await;
+        let Some(local) = &self.local else { return std::future::pending().await };
+        self.reached_by(local).await.map(|(hosts, _)| hosts).unwrap_or_default()
+    }
+
+    /// Asks a node whom it reaches, itself included, and how long it is up; nothing if it does not answer.
+    async fn reached_by(&self, host: &str) -> Option<(BTreeSet<String>, Duration)> {
+        let answer = self.ask(host, &Request::Status, ANSWER_WITHIN).await.ok()?;
+        let Answer::Status(status) = answer else { return None };
+        Some((status.peers.into_iter().chain([status.host]).collect(), status.up))
+    }
+
+    /// Asks a node something that has one answer.
+    pub(crate) async fn ask(&self, host: &str, request: &Request, within: Duration) -> Result<Answer, Failure> {
+        let bytes = codec::encode(request)?;
+        let reply = self.session.call(&key::rpc(host, VERB), bytes, within).await;
+        read(host, &reply.map_err(|error| call_failure(host, error))?)
+    }
+
+    /// Asks a node something that has a stream of answers.
+    pub(crate) fn ask_on(&self, host: &str, request: &Request) -> Result<Answers, Failure> {
+        let bytes = codec::encode(request)?;
+        let replies = self.session.call_stream(&key::rpc(host, VERB), bytes, SILENCE_MAX);
+        Ok(Answers { host: host.to_owned(), replies: replies.map_err(|error| call_failure(host, error))? })
+    }
+
+    /// Returns every node that can be reached: the node of this machine knows at once, unless it has just begun to look.
+    async fn all(&self) -> Result<BTreeSet<String>, Failure> {
+        if let Some(local) = &self.local
+            && let Some((hosts, up)) = self.reached_by(local).await
+        {
+            return match KNOWS_AFTER.checked_sub(up) {
+                Some(left) => self.look(&[], left.min(FIND_WITHIN)).await,
+                None => Ok(hosts),
+            };
+        }
+        self.hosts(&[]).await
+    }
+
+    /// Asks every node at once how it is; those that do not answer are noted, and left out.
+    pub(crate) async fn statuses(&self) -> Result<Statuses, Failure> {
+        let hosts = self.all().await?.into_iter();
+        let asked: Vec<_> = hosts.map(|host| (self.ask_on(&host, &Request::Status), host)).collect();
+        let deadline = clock::now() + ANSWER_WITHIN;
+        let (mut nodes, mut silent) = (Vec::new(), Vec::new());
+        for (answers, host) in asked {
+            let status = match answers {
+                Ok(answers) => status(answers, deadline).await,
+                Err(failure) => Err(failure),
+            };
+            match status {
+                Ok(status) => nodes.push(status),
+                Err(failure) => {
+                    console::note(&format!("warning: {}; it is left out", words(&failure)));
+                    silent.push(host);
+                }
+            }
+        }
+        if nodes.is_empty() {
+            let none = anyhow!("no node answers; start one with `dca-node --name NAME --lan`");
+            return Err(Failure::Unreachable(none));
+        }
+        Ok(Statuses { nodes, silent })
+    }
+
+    /// Closes the connection.
+    pub(crate) async fn close(self) {
+        self.session.close().await;
+    }
+}
+
+impl Answers {
+    /// Returns the next answer; none when the node has said everything. A node that is gone before is an error.
+    ///
+    /// # Cancellation
+    /// Safe.
+    pub(crate) async fn next(&mut self) -> Option<Result<Answer, Failure>> {
+        let reply = self.replies.next().await?;
+        Some(reply.map_err(|error| call_failure(&self.host, error)).and_then(|bytes| read(&self.host, &bytes)))
+    }
+
+    /// Returns the next answer as [`Answers::next`] does; none either if it has not come by the deadline. One that is there
+    /// counts, however late it is looked at.
+    ///
+    /// # Cancellation
+    /// Safe.
+    pub(crate) async fn next_by(&mut self, deadline: Time) -> Option<Result<Answer, Failure>> {
+        tokio::select! {
+            biased;
+            answer = self.next() => answer,
+            () = clock::sleep_until(deadline) => None,
+        }
+    }
+}
+
+/// Waits for a node to say how it is.
+async fn status(mut answers: Answers, deadline: Time) -> Result<NodeStatus, Failure> {
+    let answer = answers.next_by(deadline).await;
+    let host = &answers.host;
+    match answer {
+        Some(Ok(Answer::Status(status))) => Ok(status),
+        Some(Ok(other)) => Err(unasked(host, &other)),
+        Some(Err(failure)) => Err(failure),
+        None => Err(Failure::Unreachable(anyhow!("the node `{host}` does not answer"))),
+    }
+}
+
+fn read(host: &str, bytes: &[u8]) -> Result<Answer, Failure> {
+    Ok(codec::decode(bytes).with_context(|| format!("reading an answer of the node `{host}`"))?)
+}
+
+/// Says that a node answered something that was not asked; its own refusals are passed on as they are.
+pub(crate) fn unasked(host: &str, answer: &Answer) -> Failure {
+    if let Answer::Refused(why) = answer {
+        return anyhow!("host `{host}`: {why}").into();
+    }
+    anyhow!("host `{host}` answered something that was not asked").into()
+}
+
+/// Says why a call has no answer: in the node's own words if it refused, else without the key that was called.
+fn call_failure(host: &str, error: CallError) -> Failure {
+    match error {
+        CallError::Refused { reason } => Failure::Refused(anyhow!("host `{host}`: {reason}")),
+        CallError::Broken { count, why, .. } => Failure::Unreachable(anyhow!(
+            "the answers of the node `{host}` broke off after {count}: {why}; what has come is not everything"
+        )),
+        CallError::Unreachable { .. } => Failure::Unreachable(anyhow!("the node `{host}` cannot be reached")),
+        CallError::Timeout { within, .. } => {
+            Failure::Unreachable(anyhow!("the node `{host}` has not answered within {}", span(within)))
+        }
+        CallError::Silent { silent, .. } => {
+            Failure::Unreachable(anyhow!("the node `{host}` has said nothing for {}", span(silent)))
+        }
+        CallError::Session { cause, .. } => Failure::Unreachable(anyhow!("the node `{host}` cannot be asked: {cause}")),
+    }
+}
+
+/// Returns what a failure says.
+pub(crate) fn words(failure: &Failure) -> String {
+    match failure {
+        Failure::Refused(error) | Failure::Unreachable(error) => format!("{error:#}"),
+        Failure::Told => String::new(),
+    }
+}
+
+fn unreachable(error: impl Into<anyhow::Error>) -> Failure {
+    Failure::Unreachable(error.into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use comms::io::session::{NodeOptions, Reach};
+    use comms::logic::key::HostName;
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn a_node_that_does_not_answer_does_not_hide_the_others() {
+        let folder = std::env::temp_dir().join(format!("dca-client-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let socket = folder.join("s");
+        let name = HostName::parse("c1").unwrap();
+        let options = NodeOptions { name, socket: socket.clone(), reach: Reach::Host, port: 0, peers: Vec::new() };
+        let nodes = Session::open_node(options).await.unwrap();
+        // One that is well, one that refuses, one that is announced and serves nothing.
+        let announced = ["c1", "c2", "c3"].map(|host| nodes.announce(&key::live(host, 1)).unwrap());
+        let mut well = nodes.serve(&key::rpc_any("c1")).unwrap();
+        let mut full = nodes.serve(&key::rpc_any("c2")).unwrap();
+        let serving = async {
+            let (one, other) = tokio::join!(well.next(), full.next());
+            assert!(one.unwrap().reply(codec::encode(&Answer::Status(idle("c1"))).unwrap()).await);
+            other.unwrap().refuse("it is full");
+        };
+        let client = Client::to_socket(socket).await.unwrap_or_else(|why| panic!("{}", words(&why)));
+        let (statuses, ()) = tokio::join!(client.statuses(), serving);
+        let Statuses { nodes: seen, silent } = statuses.unwrap_or_else(|why| panic!("{}", words(&why)));
+        assert_eq!((seen, silent), (vec![idle("c1")], vec!["c2".to_owned(), "c3".to_owned()]));
+        client.close().await;
+        drop((announced, well, full));
+        nodes.close().await;
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+
+    fn idle(host: &str) -> NodeStatus {
+        let (peers, deployments) = (Vec::new(), Vec::new());
+        NodeStatus { host: host.into(), pid: 1, version: "0".into(), up: Duration::ZERO, peers, deployments }
+    }
+
+    #[test]
+    fn a_call_without_an_answer_is_told_with_the_host_and_without_the_key() {
+        let (key, within) = (|| key::rpc("c1", VERB), Duration::from_secs(3));
+        let check = |error, unreachable, text: &str| {
+            let failure = call_failure("c1", error);
+            assert_eq!((matches!(failure, Failure::Unreachable(_)), words(&failure).as_str()), (unreachable, text));
+        };
+        check(CallError::Refused { reason: "it is full".into() }, false, "host `c1`: it is full");
+        check(CallError::Unreachable { key: key() }, true, "the node `c1` cannot be reached");
+        check(CallError::Timeout { key: key(), within }, true, "the node `c1` has not answered within 3 s");
+        let silent = CallError::Silent { key: key(), silent: within };
+        check(silent, true, "the node `c1` has said nothing for 3 s");
+        let closed = CallError::Session { key: key(), cause: "closed".into() };
+        check(closed, true, "the node `c1` cannot be asked: closed");
+        let broken = CallError::Broken { key: key(), count: 3, why: "it went away".into() };
+        let text = "the answers of the node `c1` broke off after 3: it went away; what has come is not everything";
+        check(broken, true, text);
+    }
+}

@@ -1,0 +1,55 @@
+//! `dca completions`: what a shell needs to complete the verbs and options of `dca`.
+
+use crate::Command;
+use clap::CommandFactory as _;
+use clap_complete::{Shell, generate};
+use node::console::{self, Failure};
+
+/// What `dca completions` is told.
+#[derive(Debug, clap::Args)]
+pub struct Arguments {
+    /// The shell; for bash, its words go to `~/.local/share/bash-completion/completions/dca`
+    shell: Shell,
+}
+
+/// Runs the verb.
+pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    console::pass(&script(arguments.shell))?;
+    Ok(())
+}
+
+fn script(shell: Shell) -> Vec<u8> {
+    let mut script = Vec::new();
+    generate(shell, &mut Command::command(), "dca", &mut script);
+    script
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::Write as _;
+    use std::process::{Command as Program, Stdio};
+
+    /// A shell reads its script, and completes by it.
+    #[test]
+    fn bash_completes_verbs_and_options() {
+        let mut asked = script(Shell::Bash);
+        asked.extend(b"\nfor words in 'dca gra' 'dca check --f'; do COMP_WORDS=($words); COMP_CWORD=$((${#COMP_WORDS[@]} - 1))\n");
+        asked.extend(
+            b"COMPREPLY=(); _dca dca \"${COMP_WORDS[-1]}\" \"${COMP_WORDS[-2]}\"; echo \"${COMPREPLY[@]}\"; done\n",
+        );
+        let started = Program::new("bash").arg("--norc").stdin(Stdio::piped()).stdout(Stdio::piped()).spawn();
+        let Ok(mut bash) = started else { return };
+        bash.stdin.take().unwrap().write_all(&asked).unwrap();
+        let told = bash.wait_with_output().unwrap();
+        assert_eq!(String::from_utf8_lossy(&told.stdout), "graph\n--fix --format\n");
+    }
+
+    #[test]
+    fn every_shell_has_a_script() {
+        for shell in [Shell::Bash, Shell::Elvish, Shell::Fish, Shell::PowerShell, Shell::Zsh] {
+            let text = String::from_utf8(script(shell)).unwrap();
+            assert!(text.contains("completions") && text.contains("deploy"), "{shell}");
+        }
+    }
+}

@@ -1,0 +1,230 @@
+//! Which robot's copy is asked, and its answers.
+
+use crate::Reaching;
+use crate::client::{Answers, Client, unasked};
+use anyhow::anyhow;
+use comms::io::clock;
+use comms::logic::time::Time;
+use dbmanager::logic::key::{Key, KeyError};
+use dbmanager::logic::view::past::Keys;
+use dbmanager::logic::view::value::Datum;
+use node::console::{self, Failure, block_on};
+use node::logic::database::question::{Moment, Question, Reply};
+use node::logic::protocol::{Answer, InstanceParameters, Request};
+use std::collections::BTreeSet;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+/// How long a database has to answer what it can answer at once. A disk may take a while to write.
+pub(crate) const ANSWER_WITHIN: Duration = Duration::from_secs(10);
+
+/// Whom to ask, and in which form to print the answer.
+#[derive(Debug, clap::Args)]
+pub struct Asking {
+    /// Ask the copy of this robot [default: the one on this machine]
+    #[arg(long, value_name = "ROBOT")]
+    robot: Option<String>,
+    /// Print JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+    #[command(flatten)]
+    reaching: Reaching,
+}
+
+/// A connection to the databases of the robots that can be reached.
+#[derive(Debug)]
+pub(crate) struct Databases<'a> {
+    client: &'a Client,
+    /// What a person has been told already.
+    noted: Arc<Mutex<BTreeSet<String>>>,
+    /// The one that is asked unless another is named.
+    robot: String,
+}
+
+/// The answers to one question.
+#[derive(Debug)]
+pub(crate) struct Replies {
+    answers: Answers,
+    noted: Arc<Mutex<BTreeSet<String>>>,
+    robot: String,
+}
+
+impl Asking {
+    /// Does something with the databases, and closes the connection after it.
+    pub(crate) fn with<T>(&self, work: impl AsyncFnOnce(&Databases<'_>) -> Result<T, Failure>) -> Result<T, Failure> {
+        block_on(async {
+            let client = Client::open_any(&self.reaching).await?;
+            let result = match self.whom(&client).await {
+                Ok(robot) => work(&Databases::through(&client, robot)).await,
+                Err(failure) => Err(failure),
+            };
+            client.close().await;
+            result
+        })
+    }
+
+    /// Returns the robot that is asked unless the verb names another.
+    async fn whom(&self, client: &Client) -> Result<String, Failure> {
+        if let Some(robot) = self.robot.as_deref().or_else(|| client.local()) {
+            // It may have to be discovered first. Whether it answers shows when it is asked.
+            if client.local() != Some(robot) && !client.finds(robot).await? {
+                tracing::debug!(robot, "nobody has announced it");
+            }
+            return Ok(robot.to_owned());
+        }
+        let nobody = || anyhow!("no node answers; start one with `dca-node --name NAME --lan`");
+        client.hosts(&[]).await?.into_iter().next().ok_or_else(|| Failure::Unreachable(nobody()))
+    }
+
+    /// Asks what has one answer.
+    pub(crate) fn ask(&self, question: Question) -> Result<Reply, Failure> {
+        self.with(async |databases| databases.ask_one(databases.robot(), question).await)
+    }
+
+    /// Asks what has an answer in any number of parts.
+    pub(crate) fn ask_all(
+        &self,
+        question: Question,
+        take: impl FnMut(Reply) -> Result<(), Failure>,
+    ) -> Result<(), Failure> {
+        self.with(async |databases| databases.ask_all(question, take).await)
+    }
+
+    /// Asks what is answered by one sentence, and prints it.
+    pub(crate) fn order(&self, question: Question) -> Result<(), Failure> {
+        let reply = self.ask(question)?;
+        let Reply::Done(sentence) = reply else { return Err(refusal(&reply)) };
+        self.done(sentence);
+        Ok(())
+    }
+
+    /// Prints the sentence that says what was done.
+    pub(crate) fn done(&self, sentence: String) {
+        console::say(&if self.json { serde_json::json!({ "done": sentence }).to_string() } else { sentence });
+    }
+}
+
+impl<'a> Databases<'a> {
+    /// Returns the databases that a connection reaches; `robot` is asked unless another is named.
+    pub(crate) fn through(client: &'a Client, robot: String) -> Self {
+        Self { client, noted: Arc::default(), robot }
+    }
+
+    /// Returns what the database of a robot says below `params/` and `below`, with whole keys.
+    pub(crate) async fn parameters_of(&self, robot: &str, below: &str) -> Result<Vec<(String, Datum)>, Failure> {
+        let prefix = format!("robot/{robot}/params/{below}");
+        let mut replies = self.ask(robot, Question::List { prefix, at: Moment::Now })?;
+        let mut keys = Vec::new();
+        while let Some(reply) = replies.next(clock::now() + ANSWER_WITHIN).await? {
+            let Reply::Entries(entries) = reply else { return Err(refusal(&reply)) };
+            let shown = entries
+                .into_iter()
+                .filter_map(|(key, versions)| Some((key.to_string(), Datum::of(versions.last()?.value.as_ref()?))));
+            keys.extend(shown);
+        }
+        Ok(keys)
+    }
+
+    /// Returns the robot that is asked unless another is named.
+    pub(crate) fn robot(&self) -> &str {
+        &self.robot
+    }
+
+    /// Asks one robot's database.
+    pub(crate) fn ask(&self, robot: &str, question: Question) -> Result<Replies, Failure> {
+        let request = match self.client.proof(robot) {
+            Some(proof) => Request::Here { proof, question },
+            None => Request::Database(question),
+        };
+        let answers = self.client.ask_on(robot, &request)?;
+        Ok(Replies { answers, noted: Arc::clone(&self.noted), robot: robot.to_owned() })
+    }
+
+    /// Asks one robot's database what has one answer.
+    pub(crate) async fn ask_one(&self, robot: &str, question: Question) -> Result<Reply, Failure> {
+        let mut replies = self.ask(robot, question)?;
+        replies.next(clock::now() + ANSWER_WITHIN).await?.ok_or_else(|| replies.ended())
+    }
+
+    /// Asks what has an answer in any number of parts.
+    pub(crate) async fn ask_all(
+        &self,
+        question: Question,
+        mut take: impl FnMut(Reply) -> Result<(), Failure>,
+    ) -> Result<(), Failure> {
+        let mut replies = self.ask(self.robot(), question)?;
+        while let Some(reply) = replies.next(clock::now() + ANSWER_WITHIN).await? {
+            take(reply)?;
+        }
+        Ok(())
+    }
+
+    /// Returns what may be told to the programs of a robot.
+    pub(crate) async fn parameters(&self, robot: &str) -> Result<Vec<InstanceParameters>, Failure> {
+        let answer = self.client.ask(robot, &Request::Parameters, ANSWER_WITHIN).await?;
+        let Answer::Parameters(all) = answer else { return Err(unasked(robot, &answer)) };
+        Ok(all)
+    }
+
+    /// Returns the robots that can be reached now.
+    pub(crate) async fn robots(&self) -> Result<Vec<String>, Failure> {
+        Ok(self.client.hosts(&[]).await?.into_iter().collect())
+    }
+
+    /// Returns whether a robot can be reached now.
+    pub(crate) async fn reaches(&self, robot: &str) -> Result<bool, Failure> {
+        self.client.finds(robot).await
+    }
+}
+
+impl Replies {
+    /// Returns the next answer; nothing after the last. What is for a person is passed on.
+    pub(crate) async fn next(&mut self, deadline: Time) -> Result<Option<Reply>, Failure> {
+        tokio::select! {
+            biased;
+            reply = self.more() => reply,
+            () = clock::sleep_until(deadline) => {
+                Err(Failure::Unreachable(anyhow!("the database of `{}` has not answered", self.robot)))
+            }
+        }
+    }
+
+    /// Returns the next answer, however long it takes.
+    pub(crate) async fn more(&mut self) -> Result<Option<Reply>, Failure> {
+        loop {
+            match self.answers.next().await.transpose()? {
+                None => return Ok(None),
+                Some(Answer::Database(Reply::Note(sentence))) => {
+                    let note = format!("note: {sentence}");
+                    if self.noted.lock().unwrap_or_else(PoisonError::into_inner).insert(sentence) {
+                        console::note(&note);
+                    }
+                }
+                Some(Answer::Database(reply)) => return Ok(Some(reply)),
+                Some(other) => return Err(unasked(&self.robot, &other)),
+            }
+        }
+    }
+
+    /// Says that the answers ended too early.
+    pub(crate) fn ended(&self) -> Failure {
+        Failure::Unreachable(anyhow!("the database of `{}` has ended while it was asked", self.robot))
+    }
+}
+
+/// Reads which keys are meant: one, or those below a prefix, which is nothing or ends in `/`.
+pub(crate) fn keys(text: String) -> Result<Keys, KeyError> {
+    match text.strip_suffix('/') {
+        Some(prefix) => Key::new(prefix).map(|_| Keys::Below(text)),
+        None if text.is_empty() => Ok(Keys::Below(text)),
+        None => Key::new(text).map(Keys::Only),
+    }
+}
+
+/// Says why something was not done.
+pub(crate) fn refusal(reply: &Reply) -> Failure {
+    if let Reply::Refused(why) = reply {
+        return anyhow!("{why}").into();
+    }
+    anyhow!("the database answered something that was not asked").into()
+}

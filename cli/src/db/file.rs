@@ -1,0 +1,147 @@
+//! `dca db export`, `tx`: many keys at once, from and to text.
+
+use super::asking::{Asking, refusal};
+use super::past::a_moment;
+use super::write::{Writing, written};
+use crate::io::named_file;
+use crate::io::whole_file::WholeFile;
+use anyhow::{Context, anyhow, bail};
+use dbmanager::logic::key::Key;
+use dbmanager::logic::txn::{Condition, Require, Write};
+use dbmanager::logic::view::token;
+use node::console::{self, Failure};
+use node::logic::database::question::{Moment, Question, Reply};
+use std::path::{Path, PathBuf};
+
+/// The longest file of values, in bytes: some million keys.
+const FILE_MAX: usize = 256 << 20;
+
+/// What `dca db export` is told.
+#[derive(Debug, clap::Args)]
+pub struct Export {
+    /// How the keys begin
+    #[arg(default_value = "")]
+    prefix: String,
+    /// When: a date, a cut, or `now`
+    #[arg(long, value_name = "MOMENT", value_parser = a_moment, default_value = "now")]
+    at: Moment,
+    /// Write to this file, which has its name only once it is whole [default: standard output]
+    #[arg(long, short, value_name = "FILE", conflicts_with = "json")]
+    output: Option<PathBuf>,
+    #[command(flatten)]
+    asking: Asking,
+}
+
+/// What `dca db tx` is told.
+#[derive(Debug, clap::Args)]
+pub struct Tx {
+    /// One change a line: `put KEY VALUE`, `delete KEY`, `require KEY absent|exists|TRANSACTION`; `-` for standard input
+    #[arg(default_value = "-")]
+    file: PathBuf,
+    #[command(flatten)]
+    writing: Writing,
+}
+
+impl Export {
+    /// Runs the verb.
+    pub(crate) fn run(self) -> Result<(), Failure> {
+        let question = Question::Export { prefix: self.prefix, at: self.at };
+        let (mut text, mut file) = (String::new(), self.output.as_deref().map(WholeFile::create).transpose()?);
+        self.asking.ask_all(question, |reply| {
+            let Reply::Text(part) = reply else { return Err(refusal(&reply)) };
+            match &mut file {
+                Some(file) => file.write(part.as_bytes())?,
+                None => text.push_str(&part),
+            }
+            Ok(())
+        })?;
+        if let Some(file) = file {
+            return Ok(file.finish()?);
+        }
+        console::say(&if self.asking.json { serde_json::json!({ "file": text }).to_string() } else { text });
+        Ok(())
+    }
+}
+
+impl Tx {
+    /// Runs the verb.
+    pub(crate) fn run(self) -> Result<(), Failure> {
+        let (requires, writes) = changes(&read(&self.file)?)?;
+        self.writing.commit(requires, writes)
+    }
+}
+
+/// Reads a file, or standard input.
+pub(crate) fn read(file: &Path) -> anyhow::Result<String> {
+    if file == Path::new("-") {
+        return named_file::standard_input(FILE_MAX).context("reading standard input");
+    }
+    named_file::text(file, FILE_MAX).with_context(|| format!("reading {}", file.display()))
+}
+
+/// Reads the lines of a transaction.
+fn changes(text: &str) -> anyhow::Result<(Vec<Require>, Vec<Write>)> {
+    let (mut requires, mut writes) = (Vec::new(), Vec::new());
+    for (number, line) in text.lines().enumerate().map(|(index, line)| (index + 1, line.trim())) {
+        if line.is_empty() || line.starts_with('#') {
+            continue;
+        }
+        change(line, &mut requires, &mut writes).with_context(|| format!("line {number}, `{line}`"))?;
+    }
+    if writes.is_empty() {
+        bail!("the transaction writes nothing; a line is `put KEY VALUE` or `delete KEY`");
+    }
+    Ok((requires, writes))
+}
+
+fn change(line: &str, requires: &mut Vec<Require>, writes: &mut Vec<Write>) -> anyhow::Result<()> {
+    let (verb, rest) = line.split_once(' ').unwrap_or((line, ""));
+    let (key, value) = rest.trim().split_once(' ').map_or((rest.trim(), ""), |(key, value)| (key, value.trim()));
+    if !["put", "delete", "require"].contains(&verb) {
+        bail!("a line is `put KEY VALUE`, `delete KEY` or `require KEY absent|exists|TRANSACTION`");
+    }
+    let key = Key::new(key)?;
+    if verb != "require" && writes.iter().any(|write| write.key == key) {
+        bail!("`{key}` is written by an earlier line; a transaction writes a key once");
+    }
+    match (verb, value) {
+        ("put", "") => bail!("the value is missing"),
+        ("put", value) => writes.push(Write { value: Some(written(key.as_str(), value)?.encode()?), key }),
+        ("delete", "") => writes.push(Write { key, value: None }),
+        ("require", "absent") => requires.push(Require { key, condition: Condition::Absent }),
+        ("require", "exists") => requires.push(Require { key, condition: Condition::Exists }),
+        ("require", name) => {
+            let dot = token::dot(name).ok_or_else(|| anyhow!("`{name}` is no transaction, `absent` or `exists`"))?;
+            requires.push(Require { key, condition: Condition::Is(dot) });
+        }
+        _ => bail!("a line is `put KEY VALUE`, `delete KEY` or `require KEY absent|exists|TRANSACTION`"),
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use dbmanager::logic::view::value::Datum;
+
+    #[test]
+    fn a_transaction_as_text() {
+        let text = "# new lens\nrequire team/a absent\nput team/a {x = 1.0, y = 2.0}\n\n  delete team/b\n";
+        let (requires, writes) = changes(text).unwrap();
+        assert_eq!((requires.len(), requires[0].condition), (1, Condition::Absent));
+        let values: Vec<Option<String>> =
+            writes.iter().map(|write| write.value.as_ref().map(|value| Datum::of(value).to_toml())).collect();
+        assert_eq!(values, [Some("{x = 1.0, y = 2.0}".to_owned()), None]);
+        let check = |text: &str, part: &str| {
+            let why = format!("{:#}", changes(text).unwrap_err());
+            assert!(why.contains(part), "{why}");
+        };
+        check("", "writes nothing");
+        check("put team/a", "line 1, `put team/a`: the value is missing");
+        check("put team/a 1\nset team/b 2", "line 2, `set team/b 2`: a line is `put KEY VALUE`");
+        check("garbage", "line 1, `garbage`: a line is `put KEY VALUE`");
+        check("put team/a 1\ndelete team/a", "line 2, `delete team/a`: `team/a` is written by an earlier line");
+        check("require team/a 7", "`7` is no transaction");
+        check("put a//b 1", "empty segment");
+    }
+}

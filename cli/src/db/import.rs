@@ -1,0 +1,284 @@
+//! `dca db import`: makes keys what a file says.
+//!
+//! What the file changes is worked out here, from the keys that the robot sends: neither the file nor its changes fit into one
+//! message. They are written in as many transactions as it takes, each as large as one may be. A file that is imported again goes
+//! on where the last time ended, since what is written does not differ any more.
+
+use super::asking::{Databases, refusal};
+use super::file::read;
+use super::write::{Got, Writing};
+use crate::logic::mission::{Line, Style};
+use crate::output::Output;
+use anyhow::{Context, anyhow};
+use comms::io::clock;
+use comms::logic::time::Time;
+use dbmanager::logic::key::Key;
+use dbmanager::logic::owner::{Owner, Owners};
+use dbmanager::logic::state::State;
+use dbmanager::logic::txn::{Condition, Draft, Require, Value, Write};
+use dbmanager::logic::version_vector::Dot;
+use dbmanager::logic::view::as_of::state_of;
+use dbmanager::logic::view::table;
+use dbmanager::logic::view::transfer::{self, Absent};
+use node::console::{self, Failure};
+use node::logic::database::question::{Moment, Question, Reply};
+use node::logic::table::counted;
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::time::Duration;
+
+/// How often a person is told how far it has got.
+const TELL_EVERY: Duration = Duration::from_secs(1);
+
+/// What `dca db import` is told.
+#[derive(Debug, clap::Args)]
+pub struct Import {
+    /// A file as `dca db export` prints it; `-` for standard input
+    file: PathBuf,
+    /// Delete keys that are not in the file, if they are below its prefix
+    #[arg(long)]
+    delete: bool,
+    /// Only show what would change
+    #[arg(long)]
+    dry_run: bool,
+    /// Everything in one transaction, and only if nobody writes these keys meanwhile
+    #[arg(long)]
+    atomic: bool,
+    #[command(flatten)]
+    writing: Writing,
+}
+
+/// What has become of an import.
+#[derive(Default)]
+struct Done {
+    /// The transactions.
+    dots: Vec<Dot>,
+    /// Whether one of them has not got as far as asked.
+    pending: bool,
+}
+
+impl Import {
+    /// Runs the verb.
+    pub(crate) fn run(self) -> Result<(), Failure> {
+        let text = read(&self.file)?;
+        let below = transfer::below(&text).with_context(|| format!("reading {}", self.file.display()))?;
+        self.writing.asking.with(async |databases| {
+            let state = below_prefix(databases, below).await?;
+            let absent = if self.delete { Absent::Delete } else { Absent::Keep };
+            let import = transfer::import(&text, &state, absent, "").context("reading the file")?;
+            self.show(&import);
+            if self.dry_run || import.differences.is_empty() {
+                return self.report(&import, &Done::default());
+            }
+            let owners = owners(databases).await?;
+            let parts: Vec<_> = import.drafts.iter().flat_map(|draft| by_owner(draft, &owners)).collect();
+            let done = match &parts[..] {
+                [part] if self.atomic => self.write(databases, vec![(as_seen(part, &state)?, part.clone())]).await?,
+                several if self.atomic => return Err(does_not_fit(several, import.drafts.len())),
+                several => self.write(databases, several.iter().map(|part| (vec![], part.clone())).collect()).await?,
+            };
+            self.report(&import, &done)
+        })
+    }
+
+    /// Writes one transaction after another.
+    async fn write(&self, databases: &Databases<'_>, parts: Vec<(Vec<Require>, Vec<Write>)>) -> Result<Done, Failure> {
+        let (count, keys) = (parts.len(), parts.iter().map(|(_, writes)| writes.len()).sum());
+        let (mut done, mut progress) = (Done::default(), Progress::new(keys));
+        for (requires, writes) in parts {
+            let keys = writes.len();
+            let question = self.writing.question(self.writing.reason_or("import"), requires, writes);
+            let got = self.writing.write_on(databases, &question).await;
+            match got.map_err(|failure| partly(failure, done.dots.len(), count))? {
+                Got::Far(dot) => done.dots.push(dot),
+                Got::Pending(dot) => {
+                    done.dots.push(dot);
+                    done.pending = true;
+                }
+                Got::Done(_) => {}
+            }
+            progress.more(keys);
+        }
+        progress.output.clear();
+        Ok(done)
+    }
+
+    /// Shows what changes, to a person.
+    fn show(&self, import: &transfer::Import) {
+        if self.writing.asking.json {
+            return;
+        }
+        if import.differences.is_empty() {
+            console::note("nothing differs");
+        } else {
+            console::say(&table::differences(&import.differences));
+        }
+        for key in &import.settles {
+            console::note(&format!("note: this settles the concurrent writes at `{key}`"));
+        }
+    }
+
+    /// Says what was written.
+    fn report(&self, import: &transfer::Import, done: &Done) -> Result<(), Failure> {
+        let transactions: Vec<String> = done.dots.iter().map(ToString::to_string).collect();
+        if self.writing.asking.json {
+            let (differences, settles) = (&import.differences, &import.settles);
+            let json = serde_json::json!({
+                "differences": differences, "settles": settles, "transactions": transactions, "reached": !done.pending,
+            });
+            console::say(&serde_json::to_string_pretty(&json)?);
+        } else {
+            match &transactions[..] {
+                [] => {}
+                [one] => console::say(&format!("committed as {one}")),
+                [.., last] => {
+                    let keys = counted(u64::try_from(import.differences.len()).unwrap_or(u64::MAX), "key");
+                    console::say(&format!(
+                        "{keys} written in {} transactions, the last one {last}",
+                        transactions.len()
+                    ));
+                }
+            }
+        }
+        if done.pending { Err(self.writing.pending()) } else { Ok(()) }
+    }
+}
+
+/// How far an import has got, for a person.
+struct Progress {
+    output: Output,
+    keys: usize,
+    done: usize,
+    told: Time,
+}
+
+impl Progress {
+    fn new(keys: usize) -> Self {
+        Self { output: Output::standard(), keys, done: 0, told: clock::now() }
+    }
+
+    fn more(&mut self, keys: usize) {
+        self.done += keys;
+        let now = clock::now();
+        if self.output.style() != Style::Plain || now.since(self.told) >= TELL_EVERY {
+            self.told = now;
+            self.output.line(&Line::Live(format!("{} of {} keys are written", self.done, self.keys)));
+        }
+    }
+}
+
+/// Returns what the robot that is asked has below a prefix.
+async fn below_prefix(databases: &Databases<'_>, prefix: String) -> Result<State, Failure> {
+    let (mut entries, question) = (Vec::new(), Question::List { prefix, at: Moment::Now });
+    let take = |reply| {
+        let Reply::Entries(part) = reply else { return Err(refusal(&reply)) };
+        entries.extend(part);
+        Ok(())
+    };
+    databases.ask_all(question, take).await?;
+    Ok(state_of(entries))
+}
+
+/// Returns who alone writes where.
+async fn owners(databases: &Databases<'_>) -> Result<Owners, Failure> {
+    let mut owners = Vec::new();
+    let take = |reply| {
+        let Reply::Owners(part) = reply else { return Err(refusal(&reply)) };
+        owners.extend(part);
+        Ok(())
+    };
+    databases.ask_all(Question::Owners, take).await?;
+    let owner = |(prefix, robot)| (prefix, Owner { term: 0, robot, grant: None });
+    Ok(owners.into_iter().map(owner).collect())
+}
+
+/// Returns the writes by whose keys they are, as the prefixes with an owner say: what belongs to one robot goes to it, and a
+/// transaction over the keys of several would be refused by all.
+fn by_owner(draft: &Draft, owners: &Owners) -> Vec<Vec<Write>> {
+    let mut groups: BTreeMap<Option<String>, Vec<Write>> = BTreeMap::new();
+    for (key, value) in draft.writes() {
+        let owner = owners.find(key).and_then(|(_, owner)| owner.robot);
+        let write = |(key, value): (&Key, Option<&Value>)| Write { key: key.clone(), value: value.cloned() };
+        groups.entry(owner).or_default().push(write((key, value)));
+    }
+    groups.into_values().collect()
+}
+
+/// Returns what has to hold for nobody to have written these keys since they were read.
+fn as_seen(writes: &[Write], state: &State) -> Result<Vec<Require>, Failure> {
+    let condition = |key: &Key| match state.versions(key) {
+        _ if state.is_conflict(key) => Err(anyhow!(
+            "`{key}` has concurrent writes, which `--atomic` cannot rely on; `dca db resolve` settles them"
+        )),
+        [.., last] if last.value.is_some() => Ok(Condition::Is(last.dot)),
+        _ => Ok(Condition::Absent),
+    };
+    let require = |write: &Write| Ok(Require { key: write.key.clone(), condition: condition(&write.key)? });
+    writes.iter().map(require).collect()
+}
+
+/// Says why a file cannot be written at once.
+fn does_not_fit(parts: &[Vec<Write>], drafts: usize) -> Failure {
+    let keys = counted(parts.iter().map(|part| part.len() as u64).sum::<u64>(), "key");
+    let why = if drafts == 1 { "they belong to several robots" } else { "one transaction does not take so much" };
+    anyhow!("nothing was written: {keys} would change, and {why}; import a part of it, or leave `--atomic` out").into()
+}
+
+/// Says of a transaction that failed what was committed before it.
+fn partly(failure: Failure, done: usize, count: usize) -> Failure {
+    let add = |error: anyhow::Error| {
+        anyhow!(
+            "{error:#}; before that, {done} of the {count} transactions for this file were committed, and the same command \
+             goes on with the rest"
+        )
+    };
+    match failure {
+        Failure::Refused(error) if done > 0 => Failure::Refused(add(error)),
+        Failure::Unreachable(error) if done > 0 => Failure::Unreachable(add(error)),
+        Failure::Refused(_) | Failure::Unreachable(_) | Failure::Told => failure,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_goes_to_whom_its_keys_belong() {
+        let owners = [
+            ("team/arm", Some("r2")),
+            ("team/arm/left", Some("r3")),
+            ("team/free", None),
+            ("robot/r5/leg", Some("r6")),
+        ];
+        let owner = |robot: Option<&str>| Owner { term: 0, robot: robot.map(str::to_owned), grant: None };
+        let owners = owners.into_iter().map(|(prefix, robot)| (prefix.to_owned(), owner(robot))).collect();
+        let keys =
+            ["robot/r2/a", "robot/r5/a", "robot/r5/leg/a", "team/arm/a", "team/arm/left/a", "team/army", "team/free/a"];
+        let draft = keys.iter().fold(Draft::new(""), |draft, key| draft.delete(Key::new(*key).unwrap()));
+        let groups = by_owner(&draft, &owners);
+        let texts = |group: &Vec<Write>| group.iter().map(|write| write.key.to_string()).collect::<Vec<_>>();
+        let expected: [&[&str]; 5] = [
+            &["team/army", "team/free/a"],
+            &["robot/r2/a", "team/arm/a"],
+            &["team/arm/left/a"],
+            &["robot/r5/a"],
+            &["robot/r5/leg/a"],
+        ];
+        assert_eq!(groups.iter().map(texts).collect::<Vec<_>>(), expected);
+    }
+
+    #[test]
+    fn what_was_committed_before_a_failure_is_said() {
+        let check = |done, expected: &str| {
+            let Failure::Refused(error) = partly(anyhow!("`r3` is away").into(), done, 3) else { panic!("told") };
+            assert_eq!(error.to_string(), expected);
+        };
+        check(0, "`r3` is away");
+        check(
+            2,
+            "`r3` is away; before that, 2 of the 3 transactions for this file were committed, and the same command goes on \
+             with the rest",
+        );
+    }
+}

@@ -1,0 +1,53 @@
+//! `dca db own`: who alone writes below a prefix.
+
+use super::asking::refusal;
+use super::write::Writing;
+use anyhow::Context;
+use dbmanager::logic::key::Key;
+use node::console::{self, Failure};
+use node::logic::database::question::{Own as Owning, Question, Reply};
+
+/// What `dca db own` is told.
+#[derive(Debug, clap::Args)]
+pub struct Own {
+    /// How the keys begin, such as `team/arm`; without it, all that have an owner are listed
+    #[arg(requires = "who")]
+    prefix: Option<String>,
+    /// The robot that alone writes there from now on
+    #[arg(group = "who")]
+    owner: Option<String>,
+    /// Everybody may write there again
+    #[arg(long, group = "who")]
+    release: bool,
+    /// Take it from its owner, who may be out of reach; what that writes meanwhile is listed by `dca db conflicts`
+    #[arg(long, requires = "owner")]
+    by_force: bool,
+    #[command(flatten)]
+    writing: Writing,
+}
+
+impl Own {
+    /// Runs the verb.
+    pub(crate) fn run(self) -> Result<(), Failure> {
+        let Some(prefix) = &self.prefix else { return self.list() };
+        let prefix = Key::new(prefix.trim_end_matches('/')).context("reading the prefix")?;
+        let (robot, by_force, reason) = (self.owner, self.by_force, self.writing.reason_or("own"));
+        let (far, within) = (self.writing.level.clone(), self.writing.within);
+        self.writing.send(&Question::Own(Owning { prefix, robot, by_force, reason, far, within }))
+    }
+
+    fn list(&self) -> Result<(), Failure> {
+        let asking = &self.writing.asking;
+        let reply = asking.ask(Question::Owners)?;
+        let Reply::Owners(owners) = reply else { return Err(refusal(&reply)) };
+        if asking.json {
+            console::say(&serde_json::to_string(&owners)?);
+            return Ok(());
+        }
+        for (prefix, robot) in owners {
+            console::say(&format!("{prefix}/  {}", robot.as_deref().unwrap_or("everybody")));
+        }
+        console::note("`robot/NAME/` belongs to the robot of that name, unless it is listed");
+        Ok(())
+    }
+}

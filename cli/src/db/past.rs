@@ -1,0 +1,247 @@
+//! `dca db history`, `conflicts`, `resolve`, `diff`, `at`: what was, and what nobody has settled.
+
+use super::asking::{Asking, keys, refusal};
+use super::read;
+use super::write::Writing;
+use anyhow::Context;
+use dbmanager::logic::key::Key;
+use dbmanager::logic::version_vector::Dot;
+use dbmanager::logic::view::past::{Filter, Keys};
+use dbmanager::logic::view::table::{self, Span};
+use dbmanager::logic::view::value::Datum;
+use dbmanager::logic::view::{date, token};
+use node::console::{self, Failure};
+use node::logic::database::question::{Choice, Moment, Question, Reply, Resolve as Settling};
+
+/// What `dca db history` is told.
+#[derive(Debug, clap::Args)]
+pub struct History {
+    /// A key, or a prefix that ends in `/`, or nothing for everything
+    #[arg(default_value = "")]
+    key: String,
+    /// Only what this robot did
+    #[arg(long, value_name = "ROBOT")]
+    by: Option<String>,
+    /// Only what was done from this date on, such as `2026-11-21 10:00`
+    #[arg(long, value_name = "DATE", value_parser = a_date)]
+    from: Option<u64>,
+    /// Only what was done before this date
+    #[arg(long, value_name = "DATE", value_parser = a_date)]
+    until: Option<u64>,
+    /// Only the last so many
+    #[arg(long, short = 'n', value_name = "COUNT", default_value_t = 50)]
+    limit: usize,
+    #[command(flatten)]
+    asking: Asking,
+}
+
+/// What `dca db conflicts` is told.
+#[derive(Debug, clap::Args)]
+pub struct Conflicts {
+    /// How the keys begin
+    #[arg(default_value = "")]
+    prefix: String,
+    #[command(flatten)]
+    asking: Asking,
+}
+
+/// What `dca db resolve` is told.
+#[derive(Debug, clap::Args)]
+#[command(group = clap::ArgGroup::new("choice").required(true))]
+pub struct Resolve {
+    /// The key
+    key: String,
+    /// What this robot wrote
+    #[arg(long, value_name = "ROBOT", group = "choice")]
+    by: Option<String>,
+    /// What this transaction wrote
+    #[arg(long, value_name = "TRANSACTION", group = "choice", value_parser = a_dot)]
+    transaction: Option<Dot>,
+    /// What a read shows already
+    #[arg(long, group = "choice")]
+    shown: bool,
+    /// Another value, as in TOML
+    #[arg(long, value_name = "VALUE", group = "choice", allow_hyphen_values = true)]
+    value: Option<String>,
+    /// Nothing: delete it
+    #[arg(long, group = "choice")]
+    delete: bool,
+    /// Which writes you have seen, as `dca db conflicts` says it; if there are others by now, nothing is settled
+    #[arg(long, value_name = "SEEN", default_value = "", hide_default_value = true)]
+    seen: String,
+    #[command(flatten)]
+    writing: Writing,
+}
+
+/// What `dca db diff` is told.
+#[derive(Debug, clap::Args)]
+pub struct Diff {
+    /// From when: a date such as `2026-11-21 10:00:00`, or a version as `dca db version` prints it
+    #[arg(value_parser = a_moment)]
+    from: Moment,
+    /// To when
+    #[arg(value_parser = a_moment, default_value = "now")]
+    to: Moment,
+    /// How the keys begin
+    #[arg(long, value_name = "PREFIX", default_value = "")]
+    prefix: String,
+    #[command(flatten)]
+    asking: Asking,
+}
+
+/// What `dca db at` is told.
+#[derive(Debug, clap::Args)]
+pub struct At {
+    /// When: a date such as `2026-11-21 10:00:00`, a version as `dca db version` prints it, or `now`
+    #[arg(value_parser = a_moment)]
+    moment: Moment,
+    /// How the keys begin
+    #[arg(default_value = "")]
+    prefix: String,
+    #[command(flatten)]
+    asking: Asking,
+}
+
+/// The arguments of `dca db version`.
+#[derive(Debug, clap::Args)]
+pub struct VersionAt {
+    /// When: a date, or `now`
+    #[arg(value_parser = a_moment, default_value = "now")]
+    moment: Moment,
+    #[command(flatten)]
+    asking: Asking,
+}
+
+impl History {
+    /// Runs the verb.
+    pub(crate) fn run(self) -> Result<(), Failure> {
+        let keys = keys(self.key)?;
+        let span = if matches!(keys, Keys::Only(_)) { Span::Key } else { Span::All };
+        let filter = Filter { keys, by: self.by, from: self.from, until: self.until, limit: self.limit };
+        let mut entries = Vec::new();
+        self.asking.ask_all(Question::History(filter), |reply| {
+            let Reply::History(part) = reply else { return Err(refusal(&reply)) };
+            entries.extend(part);
+            Ok(())
+        })?;
+        if self.asking.json {
+            console::say(&serde_json::to_string_pretty(&entries)?);
+        } else if entries.is_empty() {
+            console::note("nothing of that is in the log");
+        } else {
+            console::say(&table::history(&entries, span));
+        }
+        Ok(())
+    }
+}
+
+impl Conflicts {
+    /// Runs the verb.
+    pub(crate) fn run(self) -> Result<(), Failure> {
+        let (mut conflicts, mut races) = (Vec::new(), Vec::new());
+        self.asking.ask_all(Question::Conflicts { prefix: self.prefix }, |reply| {
+            let Reply::Conflicts(part, more) = reply else { return Err(refusal(&reply)) };
+            conflicts.extend(part);
+            races.extend(more);
+            Ok(())
+        })?;
+        if self.asking.json {
+            let mut listed = Vec::new();
+            for conflict in &conflicts {
+                let mut json = serde_json::to_value(conflict)?;
+                json["seen"] = conflict.seen().into();
+                listed.push(json);
+            }
+            let json = serde_json::json!({ "conflicts": listed, "races": races });
+            console::say(&serde_json::to_string_pretty(&json)?);
+        } else if conflicts.is_empty() && races.is_empty() {
+            console::say("no conflicts");
+        } else {
+            console::say(&table::conflicts(&conflicts, &races));
+            console::note(
+                "`dca db resolve KEY --seen SEEN --by ROBOT` (or `--value`, `--shown`, `--delete`) settles one everywhere",
+            );
+        }
+        Ok(())
+    }
+}
+
+impl Resolve {
+    /// Runs the verb.
+    pub(crate) fn run(self) -> Result<(), Failure> {
+        let choice = match (self.by, self.transaction, self.value) {
+            (Some(robot), ..) => Choice::By(robot),
+            (_, Some(dot), _) => Choice::Txn(dot),
+            (.., Some(value)) => {
+                let datum = Datum::from_toml(&value).context("reading the value")?;
+                Choice::Value(Some(datum.encode()?))
+            }
+            _ if self.delete => Choice::Value(None),
+            _ => Choice::Shown,
+        };
+        let Writing { level: far, within, .. } = &self.writing;
+        self.writing.send(&Question::Resolve(Settling {
+            key: Key::new(self.key)?,
+            choice,
+            reason: self.writing.reason_or("settle"),
+            far: far.clone(),
+            within: *within,
+            seen: self.seen,
+        }))
+    }
+}
+
+impl Diff {
+    /// Runs the verb.
+    pub(crate) fn run(self) -> Result<(), Failure> {
+        let (question, mut differences) =
+            (Question::Diff { from: self.from, to: self.to, prefix: self.prefix }, Vec::new());
+        self.asking.ask_all(question, |reply| {
+            let Reply::Differences(part) = reply else { return Err(refusal(&reply)) };
+            differences.extend(part);
+            Ok(())
+        })?;
+        if self.asking.json {
+            console::say(&serde_json::to_string_pretty(&differences)?);
+        } else if differences.is_empty() {
+            console::note("nothing has changed");
+        } else {
+            console::say(&table::differences(&differences));
+        }
+        Ok(())
+    }
+}
+
+impl At {
+    /// Runs the verb.
+    pub(crate) fn run(self) -> Result<(), Failure> {
+        read::list(&self.asking, self.prefix, self.moment)
+    }
+}
+
+impl VersionAt {
+    /// Runs the verb.
+    pub(crate) fn run(self) -> Result<(), Failure> {
+        let reply = self.asking.ask(Question::Version(self.moment))?;
+        let Reply::Version(version) = reply else { return Err(refusal(&reply)) };
+        let text = token::token(&version);
+        console::say(&if self.asking.json { serde_json::json!({ "version": text }).to_string() } else { text });
+        Ok(())
+    }
+}
+
+fn a_date(text: &str) -> Result<u64, String> {
+    date::parse(text).ok_or_else(|| "a date is `2026-11-21 10:00:00`, in UTC".to_owned())
+}
+
+fn a_dot(text: &str) -> Result<Dot, String> {
+    token::dot(text).ok_or_else(|| "a transaction is named as `dca db history` shows it".to_owned())
+}
+
+pub(crate) fn a_moment(text: &str) -> Result<Moment, String> {
+    if text == "now" {
+        return Ok(Moment::Now);
+    }
+    let moment = token::vector(text).map(Moment::Version).or_else(|| date::parse(text).map(Moment::Date));
+    moment.ok_or_else(|| "a moment is `now`, a date such as `2026-11-21 10:00:00` (UTC), or a version".to_owned())
+}

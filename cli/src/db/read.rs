@@ -1,0 +1,74 @@
+//! `dca db get`: what is there.
+
+use super::asking::{Asking, keys, refusal};
+use anyhow::{Context, anyhow};
+use dbmanager::logic::key::Key;
+use dbmanager::logic::state::{Version, differ};
+use dbmanager::logic::view::past::Keys;
+use dbmanager::logic::view::value::Datum;
+use node::console::{self, Failure};
+use node::logic::database::question::{Moment, Question, Reply};
+
+/// What `dca db get` is told.
+#[derive(Debug, clap::Args)]
+pub struct Get {
+    /// A key, such as `team/camera/gain`; or a prefix that ends in `/`, or nothing for everything
+    #[arg(default_value = "")]
+    key: String,
+    #[command(flatten)]
+    asking: Asking,
+}
+
+impl Get {
+    /// Runs the verb.
+    pub(crate) fn run(self) -> Result<(), Failure> {
+        let key = match keys(self.key.clone()).context("reading the key")? {
+            Keys::Below(prefix) => return list(&self.asking, prefix, Moment::Now),
+            Keys::Only(key) => key,
+        };
+        let reply = self.asking.ask(Question::Get { key })?;
+        let Reply::Entries(entries) = reply else { return Err(refusal(&reply)) };
+        let versions = entries.into_iter().next().map(|(_, versions)| versions).unwrap_or_default();
+        let Some(datum) = shown(&versions) else {
+            return Err(anyhow!("there is nothing at `{}`", self.key).into());
+        };
+        if differ(&versions) {
+            let (key, count) = (&self.key, versions.len());
+            console::note(&format!("note: {count} writes to `{key}` did not see each other; `dca db conflicts {key}`"));
+        }
+        console::say(&if self.asking.json { datum.to_json() } else { datum.to_toml() });
+        Ok(())
+    }
+}
+
+/// Prints what the keys below a prefix hold, or have held.
+pub(crate) fn list(asking: &Asking, prefix: String, at: Moment) -> Result<(), Failure> {
+    let question = Question::List { prefix, at };
+    let mut entries = Vec::new();
+    asking.ask_all(question, |reply| {
+        let Reply::Entries(more) = reply else { return Err(refusal(&reply)) };
+        entries.extend(more);
+        Ok(())
+    })?;
+    let siblings = |versions: &[Version]| if differ(versions) { versions.len() } else { 1 };
+    let shown: Vec<(Key, Datum, usize)> =
+        entries.into_iter().filter_map(|(key, all)| Some((key, shown(&all)?, siblings(&all)))).collect();
+    if asking.json {
+        let fields = shown.iter().map(|(key, datum, _)| {
+            let value = serde_json::from_str(&datum.to_json()).unwrap_or(serde_json::Value::Null);
+            (key.to_string(), value)
+        });
+        console::say(&serde_json::Value::Object(fields.collect()).to_string());
+        return Ok(());
+    }
+    for (key, datum, versions) in shown {
+        let more = if versions > 1 { format!("  # {versions} concurrent writes") } else { String::new() };
+        console::say(&format!("{key} = {}{more}", datum.to_toml()));
+    }
+    Ok(())
+}
+
+/// Returns what a read shows.
+fn shown(versions: &[Version]) -> Option<Datum> {
+    versions.last()?.value.as_ref().map(Datum::of)
+}

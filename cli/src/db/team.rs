@@ -1,0 +1,128 @@
+//! `dca db status`, `found`, `join`, `retire`, `heal-clock`: the team.
+
+use super::asking::{Asking, Databases, refusal};
+use anyhow::anyhow;
+use comms::io::clock;
+use node::console::{self, Failure};
+use node::logic::database::question::{self, Question, Reply};
+use node::logic::database::table;
+use std::time::Duration;
+
+/// How long a member of another team has to admit a robot.
+const ADMITTED_WITHIN: Duration = Duration::from_secs(30);
+/// How often it is looked whether it has.
+const LOOK_AGAIN: Duration = Duration::from_millis(100);
+
+/// What `dca db status` is told.
+#[derive(Debug, clap::Args)]
+pub struct Status {
+    #[command(flatten)]
+    asking: Asking,
+}
+
+/// What `dca db retire` is told.
+#[derive(Debug, clap::Args)]
+pub struct Retire {
+    /// The robot, or one of its origins as `dca db status` shows them
+    member: String,
+    /// Retire the names that the robot had before its present one, as after its disk was lost or set back
+    #[arg(long)]
+    older: bool,
+    #[command(flatten)]
+    asking: Asking,
+}
+
+/// What `dca db join` is told.
+#[derive(Debug, clap::Args)]
+pub struct Join {
+    /// A robot of the other team, as `dca db status` lists them
+    member: String,
+    #[command(flatten)]
+    asking: Asking,
+}
+
+/// What a verb without anything of its own is told.
+#[derive(Debug, clap::Args)]
+pub struct Operate {
+    #[command(flatten)]
+    asking: Asking,
+}
+
+impl Status {
+    /// Runs the verb.
+    pub(crate) fn run(self) -> Result<(), Failure> {
+        let reply = self.asking.ask(Question::Status)?;
+        let Reply::Status(status) = reply else { return Err(refusal(&reply)) };
+        console::say(&if self.asking.json { serde_json::to_string_pretty(&status)? } else { table::status(&status) });
+        Ok(())
+    }
+}
+
+impl Retire {
+    /// Runs the verb.
+    pub(crate) fn run(self) -> Result<(), Failure> {
+        let robot = self.member;
+        self.asking.order(if self.older { Question::RetireOlder { robot } } else { Question::Retire { member: robot } })
+    }
+}
+
+impl Join {
+    /// Runs the verb. The robot gives up its team at once; it is done when the other team has admitted it.
+    pub(crate) fn run(self) -> Result<(), Failure> {
+        let Self { member, asking } = self;
+        let robot = asking.with(async |databases| {
+            let reply = databases.ask_one(databases.robot(), Question::Join { robot: member.clone() }).await?;
+            let Reply::Done(_) = reply else { return Err(refusal(&reply)) };
+            let until = clock::now() + ADMITTED_WITHIN;
+            loop {
+                let own = status(databases, databases.robot()).await?;
+                if own.members.iter().any(|one| own.member && one.robot == member) {
+                    return Ok(own.robot);
+                }
+                if clock::now() >= until {
+                    return Err(Failure::Unreachable(anyhow!(
+                        "`{member}` has not admitted `{}` yet; `dca db status --robot {}` shows when a member of the other team has",
+                        own.robot,
+                        own.robot
+                    )));
+                }
+                clock::sleep_until(clock::now() + LOOK_AGAIN).await;
+            }
+        })?;
+        let sentence = format!("`{robot}` belongs to the team of `{member}` now");
+        asking.done(sentence);
+        Ok(())
+    }
+}
+
+impl Operate {
+    /// Runs `found`. A robot that is a member may have become one a moment ago, and the robot that is asked has not heard it.
+    pub(crate) fn found(self) -> Result<(), Failure> {
+        self.asking.with(async |databases| {
+            let own = status(databases, databases.robot()).await?;
+            for robot in databases.robots().await?.into_iter().filter(|robot| !own.member && *robot != own.robot) {
+                let there = status(databases, &robot).await.ok().filter(|there| there.member && there.team == own.team);
+                if there.is_some() {
+                    return Err(Failure::Refused(anyhow!(
+                        "`{robot}` belongs to the team `{}` already; `{}` joins it by itself when it hears of it",
+                        own.team,
+                        own.robot
+                    )));
+                }
+            }
+            Ok(())
+        })?;
+        self.asking.order(Question::Found)
+    }
+
+    /// Runs `heal-clock`.
+    pub(crate) fn heal_clock(self) -> Result<(), Failure> {
+        self.asking.order(Question::HealClock)
+    }
+}
+
+async fn status(databases: &Databases<'_>, robot: &str) -> Result<question::Status, Failure> {
+    let reply = databases.ask_one(robot, Question::Status).await?;
+    let Reply::Status(status) = reply else { return Err(refusal(&reply)) };
+    Ok(*status)
+}

@@ -1,0 +1,128 @@
+//! `dca db watch`: what happens to keys, as it happens; nothing is missed, also not while nobody could be reached.
+
+use super::asking::{ANSWER_WITHIN, Asking, Databases, Replies, keys, refusal};
+use anyhow::anyhow;
+use comms::io::clock;
+use dbmanager::logic::version_vector::VersionVector;
+use dbmanager::logic::view::past::Keys;
+use dbmanager::logic::view::table::{self, Span};
+use dbmanager::logic::view::token;
+use dbmanager::logic::view::watch::{Event, Notification};
+use node::console::{self, Failure};
+use node::logic::database::question::{Question, Reply};
+use std::time::Duration;
+use tokio::signal::unix::{SignalKind, signal};
+
+/// How long a robot that has gone away is looked for before the next try.
+const AGAIN_AFTER: Duration = Duration::from_millis(500);
+
+/// What `dca db watch` is told.
+#[derive(Debug, clap::Args)]
+pub struct Watch {
+    /// A key, or a prefix that ends in `/`, or nothing for everything
+    #[arg(default_value = "")]
+    key: String,
+    /// Go on after this version, as `dca db version` and an earlier watch print it
+    #[arg(long, value_name = "VERSION", value_parser = a_version)]
+    from: Option<VersionVector>,
+    #[command(flatten)]
+    asking: Asking,
+}
+
+impl Watch {
+    /// Runs the verb, until it is interrupted.
+    pub(crate) fn run(self) -> Result<(), Failure> {
+        let keys = keys(self.key.clone())?;
+        let mut told = self.from.clone();
+        let result = self.asking.with(async |databases| {
+            let (mut interrupt, mut terminate) = (signal(SignalKind::interrupt())?, signal(SignalKind::terminate())?);
+            tokio::select! {
+                result = self.follow(databases, keys, &mut told) => result,
+                _ = interrupt.recv() => Ok(()),
+                _ = terminate.recv() => Ok(()),
+            }
+        });
+        if let Some(told) = told.filter(|_| !self.asking.json) {
+            console::note(&format!("to go on from here: --from {}", token::token(&told)));
+        }
+        result
+    }
+
+    async fn follow(
+        &self,
+        databases: &Databases<'_>,
+        keys: Keys,
+        told: &mut Option<VersionVector>,
+    ) -> Result<(), Failure> {
+        loop {
+            let question = Question::Watch { keys: keys.clone(), from: told.clone() };
+            let mut replies = databases.ask(databases.robot(), question)?;
+            match replies.next(clock::now() + ANSWER_WITHIN).await {
+                Ok(Some(Reply::Version(version))) => {
+                    if told.is_none() && !self.asking.json {
+                        console::note("watching; ^C ends it");
+                    }
+                    *told = Some(version);
+                }
+                Ok(Some(other)) => return Err(refusal(&other)),
+                // It has been there before: it comes back, and tells what was missed.
+                Ok(None) | Err(Failure::Unreachable(_)) if told.is_some() => {}
+                Ok(None) => return Err(replies.ended()),
+                Err(failure) => return Err(failure),
+            }
+            match self.take(&mut replies, told).await {
+                Ok(()) | Err(Failure::Unreachable(_)) => {}
+                Err(failure) => return Err(failure),
+            }
+            clock::sleep_until(clock::now() + AGAIN_AFTER).await;
+        }
+    }
+
+    /// Prints what is told, until nothing more is.
+    async fn take(&self, replies: &mut Replies, told: &mut Option<VersionVector>) -> Result<(), Failure> {
+        while let Some(reply) = replies.more().await? {
+            let Reply::Notification(told_now) = reply else { return Err(refusal(&reply)) };
+            match told_now {
+                Notification::Event(event) => {
+                    told.get_or_insert_default().include(event.entry.dot);
+                    self.print(&event)?;
+                }
+                Notification::Lagged { resume } => {
+                    *told = Some(resume);
+                    self.begin_anew("some changes are not kept any more");
+                }
+                Notification::Replaced { resume } => {
+                    *told = Some(resume);
+                    self.begin_anew("this robot has taken over the state of another");
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn begin_anew(&self, why: &str) {
+        if self.asking.json {
+            console::say(&serde_json::json!({ "read_anew": why }).to_string());
+        } else {
+            console::note(&format!("{why}: read the state, `dca db get {}`", self.key));
+        }
+    }
+
+    fn print(&self, event: &Event) -> Result<(), Failure> {
+        if self.asking.json {
+            console::say(&serde_json::to_string(event)?);
+            return Ok(());
+        }
+        // The first line of the table is its heading.
+        let lines = table::history(std::slice::from_ref(&event.entry), Span::All);
+        lines.lines().skip(1).for_each(console::say);
+        for key in &event.conflicts {
+            console::note(&format!("note: `{key}` has concurrent writes; `dca db conflicts {key}`"));
+        }
+        Ok(())
+    }
+}
+
+fn a_version(text: &str) -> Result<VersionVector, String> {
+    token::vector(text).ok_or_else(|| anyhow!("a version is what `dca db version` prints").to_string())
+}

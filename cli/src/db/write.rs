@@ -1,0 +1,300 @@
+//! `dca db put`, `delete`: one transaction, and how far it has got.
+
+use super::asking::{ANSWER_WITHIN, Asking, Databases, refusal};
+use anyhow::{Context, anyhow};
+use comms::io::clock;
+use comms::logic::human::span;
+use dbmanager::logic::key::{Key, Namespace};
+use dbmanager::logic::txn::{Require, Write};
+use dbmanager::logic::version_vector::Dot;
+use dbmanager::logic::view::value::{Datum, TextError};
+use node::console::{self, Failure};
+use node::logic::database::question::{Commit, Far, Question, Reply};
+use node::logic::database::settings::spelt;
+use node::logic::parameters::{self, Verdict};
+use node::logic::protocol::InstanceParameters;
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+/// What every verb that writes is told.
+#[derive(Debug, clap::Args)]
+pub struct Writing {
+    /// Why, for whoever looks at the history
+    #[arg(long, short = 'm', value_name = "WHY", default_value = "")]
+    reason: String,
+    /// Wait until it is on disks: `local`, `replicated:2`, `on:r2,r3` or `everywhere`
+    #[arg(long, value_name = "LEVEL", default_value = "local", value_parser = far)]
+    pub(crate) level: Far,
+    /// How long that may take, such as `2s` or `500ms`
+    #[arg(long, value_name = "TIME", default_value = "5s", value_parser = time)]
+    pub(crate) within: Duration,
+    #[command(flatten)]
+    pub(crate) asking: Asking,
+}
+
+/// What `dca db put` is told.
+#[derive(Debug, clap::Args)]
+pub struct Put {
+    /// A key, such as `team/camera/gain`
+    key: String,
+    /// A value as in TOML: `1.5`, `true`, `"text"`, `[1, 2]`, `{x = 1.0, y = 2.0}`; of a parameter also a quantity: `20 N`
+    #[arg(allow_hyphen_values = true)]
+    value: String,
+    /// The value is a text, as it stands
+    #[arg(long, conflicts_with = "from_json")]
+    text: bool,
+    /// The value is JSON
+    #[arg(long)]
+    from_json: bool,
+    #[command(flatten)]
+    writing: Writing,
+}
+
+/// What `dca db delete` is told.
+#[derive(Debug, clap::Args)]
+pub struct Delete {
+    /// The keys
+    #[arg(required = true)]
+    keys: Vec<String>,
+    #[command(flatten)]
+    writing: Writing,
+}
+
+impl Put {
+    /// Runs the verb.
+    pub(crate) fn run(self) -> Result<(), Failure> {
+        let key = Key::new(self.key)?;
+        let value = self.value;
+        let datum = if self.text {
+            Datum::Text(value)
+        } else if self.from_json {
+            Datum::from_json(&value).context("reading the value")?
+        } else {
+            written(key.as_str(), &value).with_context(|| {
+                format!("reading the value (`--text` takes it as a text: `dca db put {key} --text '{value}'`)")
+            })?
+        };
+        self.writing.commit(vec![], vec![Write { key, value: Some(datum.encode()?) }])
+    }
+}
+
+impl Delete {
+    /// Runs the verb.
+    pub(crate) fn run(self) -> Result<(), Failure> {
+        // An earlier version wrote keys that are none any more: they can be deleted.
+        let keys: Result<Vec<Key>, _> = self.keys.into_iter().map(Key::try_from).collect();
+        let writes = keys?.into_iter().map(|key| Write { key, value: None }).collect();
+        self.writing.commit(vec![], writes)
+    }
+}
+
+/// How far a transaction has got.
+pub(crate) enum Got {
+    /// As far as was asked.
+    Far(Dot),
+    /// To a disk.
+    Pending(Dot),
+    /// There was nothing to do.
+    Done(String),
+}
+
+/// Returns whether a transaction writes below `local/` only: it is in no log then, and nobody can ask for its name.
+fn stays_here(question: &Question) -> bool {
+    let Question::Commit(commit) = question else { return false };
+    commit.writes.iter().all(|write| write.key.namespace() == Namespace::Local)
+}
+
+impl Writing {
+    /// Commits, on the robot whose keys they are, and says how far it has got.
+    pub(crate) fn commit(&self, requires: Vec<Require>, writes: Vec<Write>) -> Result<(), Failure> {
+        self.send(&self.question(self.reason.clone(), requires, writes))
+    }
+
+    /// Returns what asks for a commit.
+    pub(crate) fn question(&self, reason: String, requires: Vec<Require>, writes: Vec<Write>) -> Question {
+        let (far, within) = (self.level.clone(), self.within);
+        Question::Commit(Commit { reason, requires, writes, far, within })
+    }
+
+    /// Returns why, or else this.
+    pub(crate) fn reason_or(&self, otherwise: &str) -> String {
+        if self.reason.is_empty() { otherwise.to_owned() } else { self.reason.clone() }
+    }
+
+    /// Sends what is answered as a transaction is, to the robot whose keys they are, and says how far it has got.
+    pub(crate) fn send(&self, question: &Question) -> Result<(), Failure> {
+        let (dot, reached) = match self.asking.with(async |databases| self.write_on(databases, question).await)? {
+            Got::Far(dot) => (dot, true),
+            Got::Pending(dot) => (dot, false),
+            Got::Done(sentence) => {
+                console::say(&if self.asking.json {
+                    serde_json::json!({ "done": sentence }).to_string()
+                } else {
+                    sentence
+                });
+                return Ok(());
+            }
+        };
+        if self.asking.json {
+            console::say(&serde_json::json!({ "transaction": dot.to_string(), "reached": reached }).to_string());
+        } else {
+            console::say(&if stays_here(question) {
+                "written, on this robot only".to_owned()
+            } else {
+                format!("committed as {dot}")
+            });
+        }
+        if reached { Ok(()) } else { Err(self.pending()) }
+    }
+
+    /// Says that what was written had not got as far as asked.
+    pub(crate) fn pending(&self) -> Failure {
+        Failure::Unreachable(anyhow!(
+            "it is committed for good and will go on to the others, but had not got as far as asked within {}; `dca db \
+             status` shows who is behind",
+            span(self.within)
+        ))
+    }
+
+    /// Writes, on the robot whose keys they are.
+    pub(crate) async fn write_on(&self, databases: &Databases<'_>, question: &Question) -> Result<Got, Failure> {
+        if let Question::Commit(commit) = question {
+            check_parameters(databases, &commit.writes).await?;
+        }
+        match self.ask(databases, databases.robot(), question.clone()).await? {
+            Ok(got) => Ok(got),
+            Err(owner) => self.forward(databases, &owner, question.clone()).await,
+        }
+    }
+
+    /// Asks one robot; answers with the name of another if only that one writes there.
+    async fn ask(
+        &self,
+        databases: &Databases<'_>,
+        robot: &str,
+        question: Question,
+    ) -> Result<Result<Got, String>, Failure> {
+        let mut replies = databases.ask(robot, question)?;
+        let first = replies.next(clock::now() + ANSWER_WITHIN).await?.ok_or_else(|| replies.ended())?;
+        if let Reply::NotOwner { owner } = first {
+            return Ok(Err(owner));
+        }
+        if let Reply::Done(sentence) = first {
+            return Ok(Ok(Got::Done(sentence)));
+        }
+        let Reply::Committed(dot) = first else { return Err(refusal(&first)) };
+        if self.level == Far::Local {
+            return Ok(Ok(Got::Far(dot)));
+        }
+        match replies.next(clock::now() + self.within + ANSWER_WITHIN).await {
+            Ok(Some(Reply::Reached(dot))) => Ok(Ok(Got::Far(dot))),
+            // The transaction is on a disk, whatever has become of who was asked.
+            Ok(Some(Reply::Pending(_)) | None) | Err(Failure::Unreachable(_)) => Ok(Ok(Got::Pending(dot))),
+            Ok(Some(other)) => Err(refusal(&other)),
+            Err(failure) => Err(failure),
+        }
+    }
+
+    /// Sends a transaction to the robot that alone writes there.
+    async fn forward(&self, databases: &Databases<'_>, owner: &str, question: Question) -> Result<Got, Failure> {
+        if !databases.reaches(owner).await? {
+            return Err(Failure::Unreachable(anyhow!(
+                "only `{owner}` writes there, and it cannot be reached now; nothing was written"
+            )));
+        }
+        match self.ask(databases, owner, question).await {
+            Ok(Ok(got)) => Ok(got),
+            Ok(Err(other)) => {
+                Err(anyhow!("`{owner}` says that only `{other}` writes there; nothing was written").into())
+            }
+            Err(Failure::Unreachable(_)) => Err(Failure::Unreachable(anyhow!(
+                "`{owner}`, which alone writes there, has not answered: whether it was written is not known; look with \
+             `dca db get` when it is back"
+            ))),
+            Err(failure) => Err(failure),
+        }
+    }
+}
+
+/// Reads a value as in TOML; a parameter may be a quantity, which is a text of its own.
+pub(crate) fn written(key: &str, value: &str) -> Result<Datum, TextError> {
+    Datum::from_toml(value).or_else(|error| {
+        let is_quantity = parameters::robot_of(key).is_some() && language::is_quantity(value);
+        if is_quantity { Ok(Datum::Text(value.trim().to_owned())) } else { Err(error) }
+    })
+}
+
+/// Refuses what no running program takes; where nobody can say that, a note does.
+async fn check_parameters(databases: &Databases<'_>, writes: &[Write]) -> Result<(), Failure> {
+    let mut known: BTreeMap<&str, Vec<InstanceParameters>> = BTreeMap::new();
+    let values = writes.iter().filter_map(|write| Some((write.key.as_str(), write.value.as_ref()?)));
+    for (key, value) in values {
+        let Some(robot) = parameters::robot_of(key) else { continue };
+        if !known.contains_key(robot) {
+            let told = match databases.parameters(robot).await {
+                Ok(told) => told,
+                // Whether it can be written there is said by whoever is asked to.
+                Err(Failure::Unreachable(_)) => continue,
+                Err(failure) => return Err(failure),
+            };
+            known.insert(robot, told);
+        }
+        let known = known.get(robot).map(Vec::as_slice).unwrap_or_default();
+        match parameters::check(key, &spelt(&Datum::of(value)), known) {
+            Verdict::Fits => {}
+            Verdict::Unknown(why) => console::note(&format!("note: {why}")),
+            Verdict::Refused(why) => return Err(anyhow!("{why}; nothing was written").into()),
+        }
+    }
+    Ok(())
+}
+
+/// Reads a level.
+fn far(text: &str) -> Result<Far, String> {
+    let names = |names: &str| names.split(',').map(str::to_owned).collect::<Vec<_>>();
+    match text.split_once(':') {
+        None if text == "local" => Ok(Far::Local),
+        None if text == "everywhere" => Ok(Far::Everywhere),
+        Some(("replicated", count)) => match count.parse() {
+            Ok(count) if count > 0 => Ok(Far::Replicated(count)),
+            _ => Err(format!("`{count}` is no number of robots")),
+        },
+        Some(("on", robots)) if !robots.split(',').any(str::is_empty) => Ok(Far::On(names(robots))),
+        _ => Err("a level is `local`, `replicated:2`, `on:r2,r3` or `everywhere`".to_owned()),
+    }
+}
+
+/// Reads a time.
+fn time(text: &str) -> Result<Duration, String> {
+    let wrong = || "a time is a number with a unit: `500ms`, `2s`, `1.5s`, `1min`".to_owned();
+    let at = text.find(|c: char| c.is_ascii_alphabetic()).ok_or_else(wrong)?;
+    let (number, unit) = text.split_at(at);
+    let number: f64 = number.trim().parse().map_err(|_not_a_number| wrong())?;
+    let seconds = match unit {
+        "ms" => number / 1e3,
+        "s" => number,
+        "min" => number * 60.0,
+        _ => return Err(wrong()),
+    };
+    Duration::try_from_secs_f64(seconds).map_err(|_out_of_range| wrong())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn levels_and_times() {
+        assert_eq!(far("local"), Ok(Far::Local));
+        assert_eq!(far("replicated:2"), Ok(Far::Replicated(2)));
+        assert_eq!(far("on:r2,r3"), Ok(Far::On(vec!["r2".into(), "r3".into()])));
+        for bad in ["", "replicated", "replicated:0", "on:", "on:a,,b", "everywhere:1", "2"] {
+            assert!(far(bad).is_err(), "{bad}");
+        }
+        assert_eq!(time("500ms"), Ok(Duration::from_millis(500)));
+        assert_eq!(time("1.5 s").map(|time| time.as_millis()), Ok(1500));
+        for bad in ["", "2", "s", "-1s", "2h", "nan s"] {
+            assert!(time(bad).is_err(), "{bad}");
+        }
+    }
+}

@@ -1,0 +1,47 @@
+//! `dca deploy`: runs a spec on the hosts it names, and stays until it has ended.
+
+use crate::client::Client;
+use crate::follow::Spec;
+use crate::{Controllers, Reaching, check, follow, stored};
+use anyhow::anyhow;
+use node::console::{Failure, block_on};
+use std::path::PathBuf;
+
+/// What `dca deploy` is told.
+#[derive(Debug, clap::Args)]
+pub struct Arguments {
+    /// The spec
+    file: PathBuf,
+    #[command(flatten)]
+    following: follow::Following,
+    #[command(flatten)]
+    reaching: Reaching,
+    #[command(flatten)]
+    controllers: Controllers,
+}
+
+/// Runs the verb.
+pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
+    let spec = check::load(&arguments.file, &arguments.controllers, false)?;
+    block_on(async {
+        let client = Client::open(&arguments.reaching).await?;
+        let result = deploy(&client, spec, &arguments.following).await;
+        client.close().await;
+        result
+    })
+}
+
+/// Deploys a spec once every host of it answers, and stays until it has ended.
+pub(crate) async fn deploy(client: &Client, spec: Spec, following: &follow::Following) -> Result<(), Failure> {
+    let hosts = client.hosts(&spec.plan.hosts).await?;
+    let missing: Vec<&str> = spec.plan.hosts.iter().filter(|host| !hosts.contains(*host)).map(String::as_str).collect();
+    if let Some(first) = missing.first() {
+        let seen = if hosts.is_empty() { "none".to_owned() } else { hosts.into_iter().collect::<Vec<_>>().join(", ") };
+        return Err(Failure::Unreachable(anyhow!(
+            "no node answers for the host `{}` (nodes seen: {seen}); start `dca-node --name {first} --lan` on it",
+            missing.join("`, `")
+        )));
+    }
+    stored::check(client, &spec).await?;
+    follow::follow(client, spec, following).await
+}

@@ -1,0 +1,48 @@
+//! `dca explain`: what a diagnostic code means.
+
+use anyhow::anyhow;
+use language::{Code, Severity};
+use node::console::{self, Failure};
+
+/// What `dca explain` is told.
+#[derive(Debug, clap::Args)]
+pub struct Arguments {
+    /// The code, such as E0201; without it all codes are listed
+    code: Option<String>,
+}
+
+/// Runs the verb.
+pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    match &arguments.code {
+        None => console::say(&list()),
+        Some(code) => {
+            let known = Code::parse(code).ok_or_else(|| anyhow!("no code `{code}`; `dca explain` lists them all"))?;
+            console::say(&explanation(known));
+        }
+    }
+    Ok(())
+}
+
+fn explanation(code: Code) -> String {
+    let severity = match code.severity() {
+        Severity::Error => "an error: the spec is refused",
+        Severity::Warning => "a warning: the spec runs, perhaps not as meant",
+    };
+    format!("{code}: {}\n\n{}\n\nThis is {severity}.", code.title(), code.explanation())
+}
+
+fn list() -> String {
+    Code::ALL.iter().map(|code| format!("{code}  {}\n", code.title())).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_code_is_listed_and_explained() {
+        assert_eq!(list().lines().count(), Code::ALL.len());
+        assert!(list().contains("E0201  unknown process\n"));
+        assert!(explanation(Code::E0201).starts_with("E0201: unknown process\n\nThe name is no instance"));
+    }
+}

@@ -1,0 +1,85 @@
+//! `dca fmt`: specs in their one form.
+
+use crate::check;
+use anyhow::Context as _;
+use language::{Source, format, render};
+use node::console::{self, Failure};
+use std::path::PathBuf;
+
+/// What `dca fmt` is told.
+#[derive(Debug, clap::Args)]
+pub struct Arguments {
+    /// The specs; `-` is standard input, whose form goes to standard output
+    #[arg(required = true)]
+    files: Vec<PathBuf>,
+    /// Change nothing; name the files that would change, and fail if there are any
+    #[arg(long)]
+    check: bool,
+}
+
+/// Runs the verb.
+pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let mut is_fine = true;
+    for file in &arguments.files {
+        let source = check::read(file)?;
+        let Some(text) = formatted(&source) else {
+            is_fine = false;
+            continue;
+        };
+        let is_input = check::is_standard_input(file);
+        if is_input && !arguments.check {
+            console::say(&text);
+            continue;
+        }
+        if text == source.text {
+            continue;
+        }
+        if arguments.check {
+            console::say(&format!("{} is not formatted", source.name));
+            is_fine = false;
+        } else {
+            std::fs::write(file, text).with_context(|| format!("writing the spec `{}`", file.display()))?;
+        }
+    }
+    if is_fine { Ok(()) } else { Err(Failure::Told) }
+}
+
+/// The text in its one form; says why there is none.
+fn formatted(source: &Source) -> Option<String> {
+    match format(source) {
+        Ok(text) => Some(text),
+        Err(found) => {
+            console::note(&render(&found, source, &[], check::style()));
+            console::note(&format!("{}: not formatted, since it cannot be read", source.name));
+            None
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn told(files: Vec<PathBuf>, check: bool) -> bool {
+        match run(&Arguments { files, check }) {
+            Ok(()) => false,
+            Err(Failure::Told) => true,
+            Err(Failure::Refused(error) | Failure::Unreachable(error)) => panic!("{error:#}"),
+        }
+    }
+
+    #[test]
+    fn a_file_is_rewritten_unless_it_is_only_checked() {
+        let folder = std::env::temp_dir().join(format!("dca-fmt-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let file = folder.join("a.dca");
+        std::fs::write(&file, "process  main() { }").unwrap();
+        assert!(told(vec![file.clone()], true));
+        assert!(!told(vec![file.clone()], false));
+        assert_eq!(std::fs::read_to_string(&file).unwrap(), "process main(){}\n");
+        assert!(!told(vec![file.clone()], true));
+        std::fs::write(&file, "process main( {").unwrap();
+        assert!(told(vec![file], false));
+        std::fs::remove_dir_all(folder).unwrap();
+    }
+}

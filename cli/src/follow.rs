@@ -1,0 +1,467 @@
+//! Follows a mission from the request to its end: progress, record, report, summary.
+
+use crate::client::{Answers, Client, unasked, words};
+use crate::display::{Display, UPDATE_EVERY};
+use crate::io::observer::{Observer, Sample, Sight};
+use crate::io::recorder::Recorder;
+use crate::logic::mission::{Files, Mission, Outcome};
+use crate::logic::record::{Entry, Header, Messages, Port, ports};
+use crate::output::Output;
+use crate::outputs::Outputs;
+use crate::report;
+use anyhow::{Context, anyhow};
+use comms::io::clock;
+use comms::logic::control::Dial;
+use comms::logic::human::span;
+use comms::logic::time::Time;
+use language::Source;
+use language::plan::Plan;
+use node::console::{self, Failure};
+use node::io::folder;
+use node::logic::output_lines::GAP;
+use node::logic::protocol::{Answer, Deployment, Ending, FailureCause, Report, Request, StopReply};
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+use tokio::signal::unix::{Signal, SignalKind, signal};
+use tokio::sync::mpsc;
+
+/// How many samples wait to be shown and recorded; more are left out.
+const SIGHTS_MAX: usize = 4096;
+/// How many values of ports wait to be recorded, which may be large; more are left out.
+const PORTS_MAX: usize = 64;
+/// How long the home node has to be back when its answers are cut off: as long as the other hosts of the deployment wait, less
+/// what it takes to notice.
+const BACK_WITHIN: Duration = Duration::from_millis(3500);
+/// How often it is looked for, once it was not there.
+const LOOK_EVERY: Duration = Duration::from_millis(200);
+/// How long hosts may pause while they send what is left of their programs' output once all is over.
+const OUTPUT_PAUSE_MAX: Duration = Duration::from_secs(3);
+/// How many folders of earlier runs are stepped over to find a free name.
+const RUNS_MAX: u32 = 100_000;
+
+/// The option that names where records are.
+pub(crate) const RUNS: &str = "--runs";
+
+/// How a mission is watched.
+#[derive(Clone, Debug, clap::Args)]
+pub struct Following {
+    /// Where the record and the report of the run go
+    #[arg(long, value_name = "DIR", default_value = "runs")]
+    runs: PathBuf,
+    /// Keep no record
+    #[arg(long, conflicts_with = "ports")]
+    no_record: bool,
+    /// Record what goes over ports, too: `all`, or outputs such as `Out` or `force.Out`
+    #[arg(long = "record", value_name = "all|PORT", value_delimiter = ',')]
+    ports: Vec<String>,
+}
+
+/// A spec that is ready to run, with the text it was made from.
+#[derive(Clone, Debug)]
+pub(crate) struct Spec {
+    /// The file.
+    pub(crate) file: PathBuf,
+    /// What it says.
+    pub(crate) text: String,
+    /// What it means.
+    pub(crate) plan: Plan,
+    /// The texts of the modules that it may use, its own first.
+    pub(crate) modules: Vec<Source>,
+}
+
+/// A mission that is being watched.
+struct Watch {
+    mission: Mission,
+    display: Display,
+    output: Output,
+    recorder: Option<Recorder>,
+    observers: Vec<Observer>,
+    /// The wires that are recorded.
+    ports: Vec<Port>,
+    port_sights: mpsc::Sender<Sight>,
+    arriving_ports: mpsc::Receiver<Sight>,
+    /// What programs write; without a record only at an end that it explains.
+    outputs: Outputs,
+    sights: mpsc::Sender<Sight>,
+    go_at: Option<Time>,
+    name: String,
+    home: String,
+    hosts: Vec<String>,
+    deployment: Option<Deployment>,
+    seen: u64,
+    cut_off: Option<Time>,
+    /// Whose output is not recorded whole.
+    lacking: BTreeSet<String>,
+}
+
+/// Deploys a spec and stays until it has ended; Ctrl-C stops it everywhere.
+pub(crate) async fn follow(client: &Client, spec: Spec, following: &Following) -> Result<(), Failure> {
+    let home = spec.plan.home().context("the plan names no host for `main`")?.to_owned();
+    let messages = if following.ports.is_empty() { Messages::new() } else { language::messages(&spec.modules) };
+    let ports = ports(&spec.plan, &following.ports, &messages).map_err(|why| anyhow!(why))?;
+    let recorder = if following.no_record { None } else { Some(start_record(&spec, &following.runs)?) };
+    let (mut watch, arriving) = Watch::new(&spec.plan, home.clone(), recorder, ports);
+    let request = Request::Deploy { request: request_number(), plan: spec.plan, by: whoami() };
+    let answers = client.ask_on(&home, &request)?;
+    let watched = watch.watch(client, &home, answers, arriving).await;
+    watch.finish(watched).await
+}
+
+/// Watches a deployment that runs, from its beginning on, and stays until it has ended; Ctrl-C stops it everywhere.
+pub(crate) async fn attach(client: &Client, plan: Plan, deployment: Deployment) -> Result<(), Failure> {
+    let home = plan.home().context("the plan names no host for `main`")?.to_owned();
+    let (mut watch, arriving) = Watch::new(&plan, home.clone(), None, Vec::new());
+    watch.deployment = Some(deployment.clone());
+    let answers = client.ask_on(&home, &Request::Watch { deployment, seen: 0 })?;
+    let watched = watch.watch(client, &home, answers, arriving).await;
+    watch.finish(watched).await
+}
+
+/// Returns who runs this command, and where: `ann@c1`.
+fn whoami() -> String {
+    let uid = rustix::process::getuid().as_raw().to_string();
+    let users = std::fs::read_to_string("/etc/passwd").unwrap_or_default();
+    let named = |line: &str| {
+        let mut fields = line.split(':');
+        let (name, id) = (fields.next()?, fields.nth(1)?);
+        (id == uid).then(|| name.to_owned())
+    };
+    let user = users.lines().find_map(named).unwrap_or(uid.clone());
+    format!("{user}@{}", rustix::system::uname().nodename().to_string_lossy())
+}
+
+/// A number that no other request has: the time, and who asks.
+fn request_number() -> u64 {
+    clock::now().nanos().rotate_left(16) ^ u64::from(std::process::id())
+}
+
+impl Watch {
+    fn new(plan: &Plan, home: String, recorder: Option<Recorder>, ports: Vec<Port>) -> (Self, mpsc::Receiver<Sight>) {
+        let (sights, arriving) = mpsc::channel(SIGHTS_MAX);
+        let (port_sights, arriving_ports) = mpsc::channel(PORTS_MAX);
+        let watch = Self {
+            mission: Mission::new(plan),
+            display: Display::default(),
+            output: Output::standard(),
+            recorder,
+            observers: Vec::new(),
+            ports,
+            port_sights,
+            arriving_ports,
+            outputs: Outputs::default(),
+            sights,
+            go_at: None,
+            name: plan.name.clone(),
+            home,
+            hosts: plan.hosts.clone(),
+            deployment: None,
+            seen: 0,
+            cut_off: None,
+            lacking: BTreeSet::new(),
+        };
+        (watch, arriving)
+    }
+
+    async fn watch(
+        &mut self,
+        client: &Client,
+        home: &str,
+        mut answers: Answers,
+        mut sights: mpsc::Receiver<Sight>,
+    ) -> Result<(), Failure> {
+        let (mut interrupt, mut terminate) = (signal(SignalKind::interrupt())?, signal(SignalKind::terminate())?);
+        let mut refresh = tokio::time::interval(UPDATE_EVERY);
+        let mut stopping = None;
+        loop {
+            tokio::select! {
+                answer = answers.next() => match answer {
+                    Some(Ok(answer)) => self.take(client, answer)?,
+                    cut_off => {
+                        let mut interrupts = 0;
+                        let more = tokio::select! {
+                            more = self.again(client, cut_off.and_then(Result::err)) => more?,
+                            () = twice([&mut interrupt, &mut terminate], &mut interrupts) => None,
+                        };
+                        match more {
+                            Some(more) => answers = more,
+                            None if interrupts > 1 => return Err(self.lost()),
+                            None => return Ok(()),
+                        }
+                        if interrupts > 0 {
+                            self.stop(client, home, &mut stopping)?;
+                        }
+                    }
+                },
+                Some(sight) = sights.recv() => self.sight(sight),
+                Some(sight) = self.arriving_ports.recv() => self.sight(sight),
+                (path, text) = self.outputs.next() => self.wrote(path, text),
+                Some(answer) = next(&mut stopping) => self.stop_answered(answer),
+                _ = refresh.tick() => {
+                    self.mission.tick(self.go_at.map_or_else(Default::default, |go| clock::now() - go));
+                    self.display.update(&self.mission, &mut self.output);
+                }
+                _ = interrupt.recv() => self.stop(client, home, &mut stopping)?,
+                _ = terminate.recv() => self.stop(client, home, &mut stopping)?,
+            }
+        }
+    }
+
+    /// Goes on watching after the answers have ended, unless that was the end of the mission: the home node may have been
+    /// out of reach for a moment, which the mission itself survives.
+    async fn again(&mut self, client: &Client, why: Option<Failure>) -> Result<Option<Answers>, Failure> {
+        if self.mission.verdict().is_some() {
+            return Ok(None);
+        }
+        let Some(deployment) = self.deployment.clone() else {
+            let (home, name) = (&self.home, &self.name);
+            let gone = || Failure::Unreachable(anyhow!("the node `{home}` went away before it took `{name}` on"));
+            return Err(why.unwrap_or_else(gone));
+        };
+        // The first look back is taken at once, others after a pause.
+        let now = clock::now();
+        let deadline = self.cut_off.get_or_insert(now).to_owned() + BACK_WITHIN;
+        if deadline < now + BACK_WITHIN {
+            clock::sleep_until(now + LOOK_EVERY).await;
+        }
+        while clock::now() < deadline {
+            tokio::select! {
+                hosts = client.hosts(std::slice::from_ref(&self.home)) => match hosts {
+                    Ok(hosts) if hosts.contains(&self.home) => return self.missed(client, deployment).map(Some),
+                    // The session may go with the node of this machine, which may be the one that is looked for.
+                    Ok(_) | Err(_) => clock::sleep_until(clock::now() + LOOK_EVERY).await,
+                },
+                () = clock::sleep_until(deadline) => {}
+            }
+        }
+        Err(self.lost())
+    }
+
+    /// Asks for what has been missed, and all that comes after it.
+    fn missed(&self, client: &Client, deployment: Deployment) -> Result<Answers, Failure> {
+        client.ask_on(&self.home, &Request::Watch { deployment, seen: self.seen })
+    }
+
+    /// What is said when the home node is out of reach, so that nobody can be asked for an end either.
+    fn lost(&self) -> Failure {
+        let (home, name, within) = (&self.home, &self.name, span(BACK_WITHIN));
+        Failure::Unreachable(anyhow!(
+            "the mission on `{home}` is lost: its node is gone, or was out of reach for {within}; what runs of `{name}` on \
+             other hosts stops by its own rules (`dca status` shows it); if it still runs, `dca attach {name}` watches it"
+        ))
+    }
+
+    /// Asks for the end once; the mission's own reports say when it has come. The second time nobody waits.
+    fn stop(&mut self, client: &Client, home: &str, asked: &mut Option<Answers>) -> Result<(), Failure> {
+        if asked.is_some() {
+            return Err(anyhow!("`{}` was left while it was stopping", self.name).into());
+        }
+        self.output.note("stopping everything; once more to leave without waiting");
+        *asked = Some(client.ask_on(home, &Request::Stop { name: self.name.clone() })?);
+        Ok(())
+    }
+
+    /// Says so when the end that was asked for is not taken on. If it is, the mission's own reports say the rest.
+    fn stop_answered(&mut self, answer: Result<Answer, Failure>) {
+        let why = match answer {
+            Ok(Answer::Stop(StopReply::Stopped | StopReply::Unknown)) => return,
+            Ok(other) => unasked(&self.home, &other),
+            Err(why) => why,
+        };
+        self.output.note(&format!("warning: nobody stops it: {}", words(&why)));
+    }
+
+    fn take(&mut self, client: &Client, answer: Answer) -> Result<(), Failure> {
+        let Answer::Report(report) = answer else {
+            // A node that was started again knows nothing of it.
+            let is_lost = self.cut_off.is_some() && matches!(answer, Answer::Refused(_));
+            return Err(if is_lost { self.lost() } else { unasked(&self.home, &answer) });
+        };
+        self.seen += 1;
+        self.cut_off = None;
+        if let Report::Accepted { deployment } = &report {
+            self.deployment = Some(deployment.clone());
+        }
+        if let Report::Go { signals, .. } = &report {
+            self.go_at = Some(clock::now());
+            if !signals.is_empty() {
+                self.observers.push(Observer::open(&self.name, signals, self.sights.clone()));
+            }
+        }
+        if let (Report::Process { at, .. }, Some(go)) = (&report, self.go_at) {
+            // Who comes later is told of GO later: what has happened since says when it was.
+            let begun = clock::now().since(Time::ZERO).saturating_sub(*at);
+            self.go_at = Some(go.min(Time::ZERO + begun));
+        }
+        if let Report::Programs { at } = &report {
+            self.hear_ports(at);
+            return Ok(());
+        }
+        self.hear_outputs(client, &report);
+        self.mission.report(&report);
+        self.display.update(&self.mission, &mut self.output);
+        self.record(Entry::Report(report));
+        Ok(())
+    }
+
+    fn sight(&mut self, sight: Sight) {
+        match sight {
+            Sight::Sample(sample) => self.sample(sample),
+            Sight::Port { from, to, arrived, bytes } => self.port(from, to, arrived, bytes),
+            Sight::Unseen(why) => self.output.note(&format!("warning: {why}")),
+        }
+    }
+
+    fn sample(&mut self, sample: Sample) {
+        let Some(go) = self.go_at else { return };
+        let Sample { path, arrived, signals } = sample;
+        let at = arrived - go;
+        self.mission.signals(&path, at, &signals);
+        self.record(Entry::Signals { path, at, sample: signals });
+    }
+
+    /// Hears what programs write, on each host as soon as they are there; where they never came up at the end. Without a record
+    /// it is asked for at the end alone, if a deadline may have ended them.
+    fn hear_outputs(&mut self, client: &Client, report: &Report) {
+        let is_wanted = self.recorder.is_some() || is_failed_on_purpose(report);
+        let Some(deployment) = self.deployment.as_ref().filter(|_| is_wanted) else { return };
+        match report {
+            Report::Prepared { host, .. } => self.outputs.hear(client, host, deployment),
+            Report::Refused { .. } | Report::Finished { .. } => {
+                self.hosts.iter().for_each(|host| self.outputs.hear(client, host, deployment));
+            }
+            Report::Accepted { .. }
+            | Report::Connected { .. }
+            | Report::Go { .. }
+            | Report::Process { .. }
+            | Report::Programs { .. } => {}
+        }
+    }
+
+    /// Hears the wires that are to be recorded.
+    fn hear_ports(&mut self, at: &[(String, Dial)]) {
+        let Some(deployment) = self.deployment.as_ref().filter(|_| !self.ports.is_empty()) else { return };
+        let dial = |port: &Port| at.iter().find(|(path, _)| *path == port.producer).map(|(_, dial)| dial.clone());
+        let ports: Vec<(Port, Dial)> = self.ports.iter().filter_map(|port| Some((port.clone(), dial(port)?))).collect();
+        self.observers.push(Observer::open_ports(deployment, &ports, self.port_sights.clone()));
+    }
+
+    fn port(&mut self, from: String, to: String, arrived: Time, bytes: Vec<u8>) {
+        let at = self.go_at.map_or(Duration::ZERO, |go| arrived - go);
+        let port = self.ports.iter().find(|port| port.from == from && port.to == to);
+        let message = port.and_then(|port| port.message.clone());
+        self.record(Entry::Port { from, to, at, bytes, message });
+    }
+
+    fn wrote(&mut self, path: String, text: String) {
+        if text.contains(GAP) && self.lacking.insert(path.clone()) {
+            self.output
+                .note(&format!("warning: not all that `{path}` writes is recorded: it writes faster than it is read"));
+        }
+        let at = self.go_at.map_or(Duration::ZERO, |go| clock::now() - go);
+        self.mission.wrote(&path, &text);
+        self.record(Entry::Output { path, at, text });
+    }
+
+    fn record(&mut self, entry: Entry) {
+        if let Some(recorder) = &mut self.recorder {
+            recorder.push(entry);
+        }
+    }
+
+    async fn finish(mut self, watched: Result<(), Failure>) -> Result<(), Failure> {
+        for observer in std::mem::take(&mut self.observers) {
+            observer.close().await;
+        }
+        // Who leaves in the middle does not wait.
+        let outputs = std::mem::take(&mut self.outputs);
+        let pause_max = if watched.is_ok() { OUTPUT_PAUSE_MAX } else { Duration::ZERO };
+        outputs.rest(pause_max, |path, text| self.wrote(path, text)).await;
+        let mut files = Files::default();
+        if let Some(recorder) = self.recorder.take() {
+            let (record, finished) = (recorder.path().to_owned(), recorder.finish());
+            match finished {
+                Ok((_, dropped)) => files.dropped = dropped,
+                // What was recorded before is good, and the mission has its own outcome.
+                Err(error) => self.output.note(&format!("warning: the record is not complete: {error:#}")),
+            }
+            let page = record.with_file_name(report::FILE);
+            match report::write(&record, &page) {
+                Ok(_) => files.report = Some(page.display().to_string()),
+                Err(error) => self.output.note(&format!("warning: no report was made: {error:#}")),
+            }
+            files.record = Some(record.display().to_string());
+        }
+        self.output.clear();
+        if let Err(why) = watched {
+            // What was seen is worth showing all the same.
+            if self.go_at.is_some() {
+                self.display.finish(&self.mission, &files, &mut self.output)?;
+            }
+            return Err(why);
+        }
+        self.display.finish(&self.mission, &files, &mut self.output)?;
+        match self.mission.verdict().map(|verdict| &verdict.outcome) {
+            Some(Outcome::Done) => Ok(()),
+            _ => Err(Failure::Told),
+        }
+    }
+}
+
+/// Returns whether the spec itself says that it has failed, as a deadline does.
+fn is_failed_on_purpose(report: &Report) -> bool {
+    let Report::Finished { ending: Ending::Aborted(failure), .. } = report else { return false };
+    matches!(failure.cause, FailureCause::Failed(_))
+}
+
+/// Waits for two signals. The first is counted, and kept until the mission can be asked to stop.
+///
+/// # Cancellation
+/// Safe.
+async fn twice([one, other]: [&mut Signal; 2], count: &mut u32) {
+    while *count < 2 {
+        tokio::select! {
+            _ = one.recv() => {}
+            _ = other.recv() => {}
+        }
+        *count += 1;
+        if *count == 1 {
+            console::note(
+                "stopping everything as soon as the mission is heard again; once more to leave without waiting",
+            );
+        }
+    }
+}
+
+/// Returns the next answer, if anything was asked.
+///
+/// # Cancellation
+/// Safe.
+async fn next(asked: &mut Option<Answers>) -> Option<Result<Answer, Failure>> {
+    asked.as_mut()?.next().await
+}
+
+fn start_record(spec: &Spec, runs: &Path) -> Result<Recorder, Failure> {
+    let dir = free_folder(runs, &spec.plan.name)?;
+    let file = spec.file.file_name().map_or_else(|| "spec.dca".to_owned(), |name| name.to_string_lossy().into_owned());
+    let (text, plan) = (spec.text.clone(), spec.plan.clone());
+    let header = Header { file, text, plan, started: Some(clock::unix_time()) };
+    Ok(Recorder::create(&dir, &header).with_context(|| format!("beginning a record in `{}`", dir.display()))?)
+}
+
+/// Makes the first of `runs/NAME-1`, `runs/NAME-2`, … that is not there yet.
+fn free_folder(runs: &Path, name: &str) -> anyhow::Result<PathBuf> {
+    std::fs::create_dir_all(runs).map_err(|cause| folder::refused(runs, cause, RUNS))?;
+    for number in 1..RUNS_MAX {
+        let dir = runs.join(format!("{name}-{number}"));
+        match std::fs::create_dir(&dir) {
+            Ok(()) => return Ok(dir),
+            Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => {}
+            Err(cause) => return Err(folder::refused(&dir, cause, RUNS).into()),
+        }
+    }
+    Err(anyhow!(
+        "`{}` holds too many runs of `{name}`; remove some, or choose another folder with `--runs`",
+        runs.display()
+    ))
+}

@@ -1,0 +1,42 @@
+//! `dca graph`: a spec as a picture.
+
+use crate::{Controllers, check};
+use anyhow::Context as _;
+use language::{Severity, render};
+use node::console::{self, Failure};
+use std::path::PathBuf;
+
+/// What `dca graph` is told.
+#[derive(Debug, clap::Args)]
+pub struct Arguments {
+    /// The spec
+    file: PathBuf,
+    /// Where the picture goes [default: standard output]
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
+    /// Print it for Graphviz instead of SVG
+    #[arg(long)]
+    dot: bool,
+    #[command(flatten)]
+    controllers: Controllers,
+}
+
+/// Runs the verb; of what there is to say about the spec only errors are said.
+pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let spec = check::read(&arguments.file)?;
+    let interfaces = check::others(&spec, &arguments.controllers)?;
+    let (graph, mut diagnostics) = language::graph(&spec, &interfaces, &check::options(&arguments.file, false));
+    let Some(graph) = graph else {
+        diagnostics.retain(|found| found.severity == Severity::Error);
+        console::note(&render(&diagnostics, &spec, &interfaces, check::style()));
+        return Err(Failure::Told);
+    };
+    let picture = if arguments.dot { graph.dot() } else { graph.svg() };
+    match &arguments.output {
+        None => console::say(&picture),
+        Some(file) => {
+            std::fs::write(file, picture).with_context(|| format!("writing the picture `{}`", file.display()))?;
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,6 @@
+//! Where the command line meets files: the record of a run, and files that a person names.
+
+pub mod named_file;
+pub mod observer;
+pub mod recorder;
+pub mod whole_file;

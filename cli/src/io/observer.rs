@@ -1,0 +1,298 @@
+//! A person's eyes: a data session of the command line's own that dials the programs which publish signals.
+
+use crate::logic::record::Port;
+use comms::io::clock;
+use comms::io::data::{DataError, DataSession, Hearing};
+use comms::logic::control::Dial;
+use comms::logic::signals::{Peak, Peaks, Signals};
+use comms::logic::time::Time;
+use comms::logic::{codec, key};
+use node::logic::protocol::Deployment;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::sync::mpsc::Sender;
+use tokio::task::JoinSet;
+
+/// How long a program has to be reached before people are told that it is not seen yet.
+const DIAL_WITHIN: Duration = Duration::from_secs(2);
+
+/// The longest value of a port that is recorded, in bytes.
+const VALUE_MAX: usize = 1 << 20;
+
+/// A sample of a program's signals.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Sample {
+    /// Absolute path of the program.
+    pub path: String,
+    /// When it arrived here.
+    pub arrived: Time,
+    /// What it says.
+    pub signals: Signals,
+}
+
+/// What comes of the sources.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Sight {
+    /// A sample.
+    Sample(Sample),
+    /// What went over a wire.
+    Port {
+        /// Which, as in [`Port`].
+        from: String,
+        /// As in [`Port`].
+        to: String,
+        /// When it arrived here.
+        arrived: Time,
+        /// The value.
+        bytes: Vec<u8>,
+    },
+    /// A sentence for a person: one source, or none at all, can be seen.
+    Unseen(String),
+}
+
+/// What is looked at, where, and on which key.
+#[derive(Debug)]
+struct Source {
+    key: String,
+    dial: Dial,
+    what: What,
+}
+
+#[derive(Debug)]
+enum What {
+    /// The signals of the program with this path.
+    Signals(String),
+    /// What goes from an output to an input.
+    Port(String, String),
+}
+
+impl What {
+    fn name(&self) -> String {
+        match self {
+            Self::Signals(path) => format!("signals of `{path}`"),
+            Self::Port(from, _) => format!("the port `{from}`"),
+        }
+    }
+}
+
+/// A session that opens, or is open.
+#[derive(Debug)]
+pub struct Observer {
+    opening: JoinSet<Option<Opened>>,
+}
+
+#[derive(Debug)]
+struct Opened {
+    session: Arc<DataSession>,
+    hearing: Vec<Hearing>,
+}
+
+impl Observer {
+    /// Begins to dial every program of `sources` (instance path, where to dial), all at once. What comes of them goes to
+    /// `sink`; samples are left out when it is full.
+    pub fn open(robot: &str, sources: &[(String, Dial)], sink: Sender<Sight>) -> Self {
+        let source = |(path, dial): &(String, Dial)| Source {
+            key: key::signals(robot, path),
+            dial: dial.clone(),
+            what: What::Signals(path.clone()),
+        };
+        Self::look(sources.iter().map(source).collect(), sink)
+    }
+
+    /// Begins to dial the producers of some wires; else as [`Observer::open`] does. Values that are too long are left out.
+    pub fn open_ports(deployment: &Deployment, ports: &[(Port, Dial)], sink: Sender<Sight>) -> Self {
+        let source = |(port, dial): &(Port, Dial)| {
+            let what = What::Port(port.from.clone(), port.to.clone());
+            Source { key: port.key(deployment), dial: dial.clone(), what }
+        };
+        Self::look(ports.iter().map(source).collect(), sink)
+    }
+
+    fn look(sources: Vec<Source>, sink: Sender<Sight>) -> Self {
+        let mut opening = JoinSet::new();
+        opening.spawn(look(sources, sink));
+        Self { opening }
+    }
+
+    /// Closes the session; what is being dialled is waited for, which takes 2 s at the most.
+    pub async fn close(mut self) {
+        let Some(Ok(Some(Opened { session, hearing }))) = self.opening.join_next().await else { return };
+        let closing = tokio::task::spawn_blocking(move || {
+            drop(hearing);
+            Arc::into_inner(session).into_iter().for_each(DataSession::close);
+        });
+        if let Err(error) = closing.await {
+            tracing::debug!(%error, "closing the observer");
+        }
+    }
+}
+
+async fn look(sources: Vec<Source>, sink: Sender<Sight>) -> Option<Opened> {
+    let unseen = async |what: String| drop(sink.send(Sight::Unseen(what)).await);
+    // Zenoh's own calls block.
+    let opened = tokio::task::spawn_blocking(DataSession::open_observer).await;
+    let session = match opened.map_err(anyhow::Error::from).and_then(|opened| Ok(opened?)) {
+        Ok(session) => Arc::new(session),
+        Err(error) => {
+            unseen(format!("signals cannot be seen: {error:#}")).await;
+            return None;
+        }
+    };
+    let mut dialling = JoinSet::new();
+    for source in sources {
+        let (session, sink) = (Arc::clone(&session), sink.clone());
+        dialling.spawn_blocking(move || reach(&session, source, sink));
+    }
+    let mut hearing = Vec::new();
+    while let Some(joined) = dialling.join_next().await {
+        let (heard, why) = joined.unwrap_or_else(|panic| (None, Some(format!("signals cannot be seen: {panic}"))));
+        hearing.extend(heard);
+        if let Some(why) = why {
+            unseen(why).await;
+        }
+    }
+    Some(Opened { session, hearing })
+}
+
+/// Hears a source, if need be from when it is reached on; says why not, or not yet.
+fn reach(session: &DataSession, source: Source, sink: Sender<Sight>) -> (Option<Hearing>, Option<String>) {
+    let Source { key, dial, what } = source;
+    let (name, dialled) = (what.name(), session.dial(&dial, DIAL_WITHIN));
+    // One that is far away takes longer.
+    let is_kept = dialled.is_err() && !dial.locators.is_empty();
+    let linked = if is_kept { session.keep(&dial) } else { dialled.clone() };
+    match (linked.and_then(|()| hear(session, &key, what, sink)), dialled) {
+        (Ok(hearing), Ok(())) => (Some(hearing), None),
+        (Ok(hearing), Err(error)) => (Some(hearing), Some(format!("{name} cannot be seen yet: {error}"))),
+        (Err(error), _) => (None, Some(format!("{name} cannot be seen: {error}"))),
+    }
+}
+
+fn hear(session: &DataSession, key: &str, what: What, sink: Sender<Sight>) -> Result<Hearing, DataError> {
+    let path = match what {
+        What::Signals(path) => path,
+        What::Port(from, to) => {
+            return session.on_sample(key, move |bytes| {
+                if bytes.len() <= VALUE_MAX {
+                    let (from, to, bytes) = (from.clone(), to.clone(), bytes.to_vec());
+                    sink.try_send(Sight::Port { from, to, arrived: clock::now(), bytes }).unwrap_or_default();
+                }
+            });
+        }
+    };
+    session.on_sample(key, move |bytes| {
+        for sample in samples(&path, &bytes, clock::now()) {
+            // A full queue means that the screen or the disk is slow; the robot must not feel it.
+            sink.try_send(Sight::Sample(sample)).unwrap_or_default();
+        }
+    })
+}
+
+/// Returns the samples that a message stands for: itself, or one for each peak between two samples, when that was.
+fn samples(path: &str, bytes: &[u8], now: Time) -> Vec<Sample> {
+    let path = path.to_owned();
+    if let Ok(signals) = codec::decode::<Signals>(bytes) {
+        return vec![Sample { path, arrived: now, signals }];
+    }
+    let Ok(Peaks { stamp, values }) = codec::decode(bytes) else { return Vec::new() };
+    let before = |time: Time, age| Time::from_nanos(time.nanos().saturating_sub((Time::ZERO + age).nanos()));
+    let sample = |Peak { signal, age }| {
+        let signals = Signals { stamp: before(stamp, age), values: vec![signal] };
+        Sample { path: path.clone(), arrived: before(now, age), signals }
+    };
+    values.into_iter().map(sample).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use comms::io::data::{Priority, Publisher};
+    use comms::io::session::Reach;
+    use comms::logic::signals::Signal;
+    use std::path::PathBuf;
+
+    #[test]
+    fn a_peak_is_a_sample_of_when_it_was() {
+        let signal = |value| Signal { name: "force".into(), unit: "N".into(), value, headline: true };
+        let at = Time::from_nanos;
+        let peak = Peak { signal: signal(28.8), age: Duration::from_nanos(30) };
+        let peaks = Peaks { stamp: at(100), values: vec![peak] };
+        let signals = Signals { stamp: at(70), values: vec![signal(28.8)] };
+        let expected = Sample { path: "main/hit".into(), arrived: at(970), signals };
+        assert_eq!(samples("main/hit", &codec::encode(&peaks).unwrap(), at(1000)), [expected]);
+        assert_eq!(samples("main/hit", b"nonsense", at(1000)), []);
+    }
+
+    /// A program that shows the signals of `main/hit`.
+    async fn program(socket: PathBuf) -> (DataSession, Publisher) {
+        let opening = tokio::task::spawn_blocking(move || {
+            let program = DataSession::open(&socket, Reach::Host).unwrap();
+            let publisher = program.publisher(&key::signals("door", "main/hit"), Priority::Background).unwrap();
+            (program, publisher)
+        });
+        opening.await.unwrap()
+    }
+
+    /// What is not there within the time, as on the other side of a long link, is told, and seen from when it is.
+    #[tokio::test(flavor = "multi_thread")]
+    async fn a_source_that_is_reached_late_is_seen_from_then_on() {
+        let folder = std::env::temp_dir().join(format!("dca-observer-late-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let (program, publisher) = program(folder.join("s")).await;
+        let locators = vec![format!("unixsock-stream/{}", folder.join("late").display())];
+        let sources = [("main/hit".to_owned(), Dial { session: program.location().session, locators })];
+        let (sink, mut seen) = tokio::sync::mpsc::channel(16);
+        let observer = Observer::open("door", &sources, sink);
+        let Some(Sight::Unseen(why)) = seen.recv().await else { panic!("it is not there yet") };
+        assert!(why.starts_with("signals of `main/hit` cannot be seen yet: cannot reach session "), "{why}");
+        std::os::unix::fs::symlink(folder.join("s"), folder.join("late")).unwrap();
+        let bytes = codec::encode(&Signals { stamp: clock::now(), values: Vec::new() }).unwrap();
+        let publishing = tokio::task::spawn_blocking(move || {
+            assert!(publisher.wait_heard(Duration::from_secs(20)), "nobody listens");
+            publisher.put(bytes).unwrap();
+            publisher
+        });
+        let publisher = publishing.await.unwrap();
+        assert!(matches!(seen.recv().await, Some(Sight::Sample(_))));
+        observer.close().await;
+        let closing = tokio::task::spawn_blocking(move || {
+            drop(publisher);
+            program.close();
+        });
+        closing.await.unwrap();
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+
+    #[tokio::test(flavor = "multi_thread")]
+    async fn a_source_that_cannot_be_dialled_does_not_hide_the_others() {
+        let folder = std::env::temp_dir().join(format!("dca-observer-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let (program, publisher) = program(folder.join("s")).await;
+        let there = program.location();
+        let sources = [
+            ("main/gone".to_owned(), Dial { session: "1".to_owned(), locators: Vec::new() }),
+            ("main/hit".to_owned(), Dial { session: there.session, locators: there.local }),
+        ];
+        let (sink, mut seen) = tokio::sync::mpsc::channel(16);
+        let observer = Observer::open("door", &sources, sink);
+        let Some(Sight::Unseen(why)) = seen.recv().await else { panic!("everything is seen") };
+        assert!(why.starts_with("signals of `main/gone` cannot be seen: cannot reach session 1: it listens"), "{why}");
+        let signals = Signals { stamp: clock::now(), values: Vec::new() };
+        let bytes = codec::encode(&signals).unwrap();
+        let publishing = tokio::task::spawn_blocking(move || {
+            assert!(publisher.wait_heard(DIAL_WITHIN), "nobody listens");
+            publisher.put(bytes).unwrap();
+            publisher
+        });
+        let Some(Sight::Sample(sample)) = seen.recv().await else { panic!("no sample came") };
+        assert_eq!((sample.path.as_str(), sample.signals), ("main/hit", signals));
+        observer.close().await;
+        let publisher = publishing.await.unwrap();
+        let closing = tokio::task::spawn_blocking(move || {
+            drop(publisher);
+            program.close();
+        });
+        closing.await.unwrap();
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+}

@@ -1,0 +1,163 @@
+//! The command line: one file a verb. Results go to standard output, everything else to standard error.
+//!
+//! Exit codes: 0 done, 1 refused or failed, 2 usage, 3 unreachable.
+
+pub(crate) mod absent;
+pub mod attach;
+pub mod check;
+pub mod client;
+pub mod completions;
+pub mod db;
+pub mod deploy;
+pub mod display;
+pub mod explain;
+pub mod fix;
+pub mod fmt;
+pub mod follow;
+pub mod graph;
+pub mod io;
+pub mod logic;
+pub mod logs;
+pub mod lsp;
+pub mod man;
+pub mod new;
+pub mod nodes;
+pub mod output;
+pub(crate) mod outputs;
+pub mod param;
+pub mod report;
+pub mod run;
+pub mod sim;
+pub mod status;
+pub mod stop;
+pub(crate) mod stored;
+
+use clap::{Args, Parser, Subcommand};
+use comms::io::session::{self, Role};
+use node::console::{finish, parsed};
+use node::io::{logging, run_dir};
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// A distributed control architecture for robots: one text file says what runs where, how it is wired, and what happens
+/// next.
+#[derive(Debug, Parser)]
+#[command(name = "dca", version)]
+struct Command {
+    #[command(subcommand)]
+    verb: Verb,
+}
+
+#[derive(Debug, Subcommand)]
+enum Verb {
+    /// Run a spec on this machine alone: a node for each of its hosts is started inside this command
+    Run(run::Arguments),
+    /// Run a spec on the hosts it names
+    Deploy(deploy::Arguments),
+    /// Watch a deployment that runs, as `deploy` does
+    Attach(attach::Arguments),
+    /// Print what is wrong with a spec
+    Check(check::Arguments),
+    /// Make a folder with a spec, and a controller program for it, to begin with
+    New(new::Arguments),
+    /// Apply every fix that is likely right to a spec
+    Fix(fix::Arguments),
+    /// Write specs in their one form
+    Fmt(fmt::Arguments),
+    /// Draw a spec: processes, ports and connections
+    Graph(graph::Arguments),
+    /// Run the event actions of a spec with fake processes
+    Sim(sim::Arguments),
+    /// Say what a diagnostic code means
+    Explain(explain::Arguments),
+    /// Print what a shell needs to complete verbs and options
+    Completions(completions::Arguments),
+    /// Write the pages that `man` shows
+    Man(man::Arguments),
+    /// Serve editors: diagnostics, completion and all that, over standard input and output
+    Lsp(lsp::Arguments),
+    /// List the nodes that can be reached
+    Nodes(nodes::Arguments),
+    /// Show what runs where
+    Status(status::Arguments),
+    /// Print what a process has written
+    Logs(logs::Arguments),
+    /// Stop a deployment everywhere
+    Stop(stop::Arguments),
+    /// List and change parameters of running programs
+    Param(param::Arguments),
+    /// Read and write the database that every robot of a team has a copy of
+    Db(db::Arguments),
+    /// Make one page to look at from the record of a run
+    Report(report::Arguments),
+}
+
+/// Where to find nodes.
+#[derive(Clone, Debug, Args)]
+pub struct Reaching {
+    /// Look for nodes on the local network too (unauthenticated)
+    #[arg(long)]
+    pub lan: bool,
+    /// Folder with the sockets of this machine's nodes
+    #[arg(long, value_name = "DIR")]
+    pub run_dir: Option<PathBuf>,
+}
+
+impl Reaching {
+    /// Returns the folder with the sockets of this machine's nodes, as a whole path.
+    fn base(&self) -> PathBuf {
+        let base = self.run_dir.clone().unwrap_or_else(run_dir::default_base);
+        std::path::absolute(&base).unwrap_or(base)
+    }
+}
+
+/// Where the controllers' programs are.
+#[derive(Clone, Debug, Args)]
+pub struct Controllers {
+    /// A program that offers controller types; may be given more than once [default: dca-controller beside this program]
+    #[arg(long = "controllers", value_name = "PROGRAM")]
+    pub programs: Vec<PathBuf>,
+}
+
+/// Runs the command line of this process.
+pub fn main() -> ExitCode {
+    session::prepare_process(Role::Relay);
+    let command: Command = match parsed() {
+        Ok(command) => command,
+        Err(code) => return code,
+    };
+    logging::start(logging::COMMAND);
+    finish(match command.verb {
+        Verb::Run(arguments) => run::run(arguments),
+        Verb::Deploy(arguments) => deploy::run(arguments),
+        Verb::Attach(arguments) => attach::run(&arguments),
+        Verb::Check(arguments) => check::run(&arguments),
+        Verb::New(arguments) => new::run(&arguments),
+        Verb::Fix(arguments) => fix::run(&arguments),
+        Verb::Fmt(arguments) => fmt::run(&arguments),
+        Verb::Graph(arguments) => graph::run(&arguments),
+        Verb::Sim(arguments) => sim::run(&arguments),
+        Verb::Explain(arguments) => explain::run(&arguments),
+        Verb::Completions(arguments) => completions::run(&arguments),
+        Verb::Man(arguments) => man::run(&arguments),
+        Verb::Lsp(arguments) => lsp::run(&arguments),
+        Verb::Nodes(arguments) => nodes::run(&arguments),
+        Verb::Status(arguments) => status::run(&arguments),
+        Verb::Logs(arguments) => logs::run(&arguments),
+        Verb::Stop(arguments) => stop::run(&arguments),
+        Verb::Param(arguments) => param::run(arguments),
+        Verb::Db(arguments) => db::run(arguments),
+        Verb::Report(arguments) => report::run(&arguments),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn every_verb_can_be_parsed() {
+        Command::command().debug_assert();
+    }
+}

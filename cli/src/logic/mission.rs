@@ -1,0 +1,279 @@
+//! What a deployment is doing, as people see it: phases, peaks, the end and its cause.
+//!
+//! A [`Mission`] is folded from the plan, the [`Report`]s of the deployment and the [`Signals`] of its programs, in the
+//! order in which they come. It knows nothing of any one task; a live display and a report made from a record a year later
+//! fold the same input to the same result.
+
+mod late;
+mod phases;
+mod progress;
+mod signals;
+mod start;
+mod summary;
+
+pub use phases::{Deciding, PHASES_MAX, Phase};
+pub use progress::{Line, Progress, Style};
+pub use signals::{TRACKS_MAX, Track};
+pub use start::Start;
+pub use summary::{Files, failure_chain, failure_output, summary};
+
+use crate::logic::record::{configured_text, held_text, restarting_text};
+use comms::logic::signals::Signals;
+use language::plan::Plan;
+use late::Late;
+use node::logic::protocol::{Change, Deployment, Ending, Failure, Report};
+use phases::Phases;
+use signals::Tracks;
+use std::time::Duration;
+
+/// The most notes kept; the rest are counted.
+pub const NOTES_MAX: usize = 200;
+
+/// A deployment seen from outside.
+#[derive(Debug, Clone)]
+pub struct Mission {
+    name: String,
+    deployment: Option<Deployment>,
+    start: Start,
+    phases: Phases,
+    tracks: Tracks,
+    late: Late,
+    notes: Vec<Note>,
+    notes_dropped: usize,
+    verdict: Option<Verdict>,
+    now: Duration,
+}
+
+/// How it all ended.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Verdict {
+    /// In one word, with what belongs to it.
+    pub outcome: Outcome,
+    /// Time since GO; zero if there was no GO.
+    pub at: Duration,
+    /// Hosts that could not confirm that nothing of it is left.
+    pub unconfirmed: Vec<String>,
+}
+
+/// The end of a mission.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Outcome {
+    /// `main` ended normally.
+    Done,
+    /// `main` failed.
+    Aborted(Failure),
+    /// It was asked to stop.
+    Stopped,
+    /// Nobody can say.
+    Unconfirmed,
+    /// It was never started.
+    Refused(Vec<String>),
+}
+
+impl Outcome {
+    /// Returns the one word for it.
+    pub fn word(&self) -> &'static str {
+        match self {
+            Self::Done => "done",
+            Self::Aborted(_) => "aborted",
+            Self::Stopped => "stopped",
+            Self::Unconfirmed => "unconfirmed",
+            Self::Refused(_) => "refused",
+        }
+    }
+}
+
+/// Something out of the ordinary that a person should see at once.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Note {
+    /// Time since GO.
+    pub at: Duration,
+    /// Path of the process, without the leading `main/`.
+    pub process: String,
+    /// What happened to it.
+    pub text: String,
+    /// The last lines that its program wrote, if it failed.
+    pub output: Vec<String>,
+}
+
+impl Mission {
+    /// Returns the mission of `plan` before anything happened.
+    pub fn new(plan: &Plan) -> Self {
+        Self {
+            name: plan.name.clone(),
+            deployment: None,
+            start: Start::new(plan),
+            phases: Phases::new(plan),
+            tracks: Tracks::default(),
+            late: Late::new(plan),
+            notes: Vec::new(),
+            notes_dropped: 0,
+            verdict: None,
+            now: Duration::ZERO,
+        }
+    }
+
+    /// Takes the next report in.
+    pub fn report(&mut self, report: &Report) {
+        match report {
+            Report::Accepted { deployment } => self.deployment = Some(deployment.clone()),
+            Report::Programs { .. } => {}
+            Report::Prepared { host, leaves } => self.start.prepared(host, *leaves),
+            Report::Connected { host } => self.start.connected(host),
+            Report::Go { took, signals: _ } => self.start.go(*took),
+            Report::Process { path, change, at } => {
+                self.now = self.now.max(*at);
+                self.phases.change(path, change, *at);
+                self.late.change(path, change);
+                self.note(path, change, *at);
+            }
+            Report::Refused { reasons } => self.finish(Outcome::Refused(reasons.clone()), self.now, &[]),
+            Report::Finished { ending, at, unconfirmed } => {
+                let outcome = match ending {
+                    Ending::Done(_) => Outcome::Done,
+                    Ending::Aborted(failure) => Outcome::Aborted(failure.clone()),
+                    Ending::Stopped => Outcome::Stopped,
+                    Ending::Unconfirmed => Outcome::Unconfirmed,
+                };
+                self.finish(outcome, *at, unconfirmed);
+            }
+        }
+    }
+
+    /// Takes a sample of the program `path` in, which came `at` after GO. Values that are not finite are left out.
+    pub fn signals(&mut self, path: &str, at: Duration, sample: &Signals) {
+        if self.verdict.is_some() {
+            return;
+        }
+        self.now = self.now.max(at);
+        for signal in &sample.values {
+            if signal.value.is_finite() {
+                let Some(track) = self.tracks.push(path, at, signal) else { continue };
+                self.phases.sample(track, signal.value, at);
+            }
+        }
+    }
+
+    /// Takes in whole lines that the program `path` wrote; those that come after the end count, too.
+    pub fn wrote(&mut self, path: &str, text: &str) {
+        self.late.wrote(path, text);
+    }
+
+    /// Lets time pass without an event.
+    pub fn tick(&mut self, now: Duration) {
+        if self.start.is_running() && self.verdict.is_none() {
+            self.now = self.now.max(now);
+        }
+    }
+
+    /// Returns the name of the deployment.
+    pub fn name(&self) -> &str {
+        self.deployment.as_ref().map_or(&self.name, |deployment| &deployment.name)
+    }
+
+    /// Returns name and epoch, once it is accepted.
+    pub fn deployment(&self) -> Option<&Deployment> {
+        self.deployment.as_ref()
+    }
+
+    /// Returns how far the start is.
+    pub fn start(&self) -> &Start {
+        &self.start
+    }
+
+    /// Returns every phase so far, the current one last.
+    pub fn phases(&self) -> &[Phase] {
+        self.phases.all()
+    }
+
+    /// Returns the phase that is running.
+    pub fn phase(&self) -> Option<&Phase> {
+        self.phases.all().last().filter(|phase| phase.end.is_none())
+    }
+
+    /// Returns the length of the longest phase name of the plan.
+    pub fn phase_width(&self) -> usize {
+        self.phases.name_width()
+    }
+
+    /// Returns how many phases came before the first of [`Mission::phases`] and were forgotten.
+    pub fn phases_dropped(&self) -> usize {
+        self.phases.dropped()
+    }
+
+    /// Returns every signal seen so far, in the order of first appearance.
+    pub fn tracks(&self) -> &[Track] {
+        self.tracks.all()
+    }
+
+    /// Returns the signals that belong on a one-line display, each with its index in [`Mission::tracks`].
+    pub fn headlines(&self) -> impl Iterator<Item = (usize, &Track)> {
+        self.tracks.all().iter().enumerate().filter(|(_, track)| track.headline)
+    }
+
+    /// Returns what to call a track: its name, and the program too where two programs use the same name.
+    pub fn title(&self, track: &Track) -> String {
+        self.tracks.title(track)
+    }
+
+    /// Returns what went out of the ordinary.
+    pub fn notes(&self) -> &[Note] {
+        &self.notes
+    }
+
+    /// Returns how many notes were left out.
+    pub fn notes_dropped(&self) -> usize {
+        self.notes_dropped
+    }
+
+    /// Returns how it ended, once it has.
+    pub fn verdict(&self) -> Option<&Verdict> {
+        self.verdict.as_ref()
+    }
+
+    /// Returns the latest time since GO that is known.
+    pub fn now(&self) -> Duration {
+        self.now
+    }
+
+    fn finish(&mut self, outcome: Outcome, at: Duration, unconfirmed: &[String]) {
+        self.now = self.now.max(at);
+        self.phases.finish(at);
+        self.verdict = Some(Verdict { outcome, at, unconfirmed: unconfirmed.to_vec() });
+    }
+
+    fn note(&mut self, path: &str, change: &Change, at: Duration) {
+        let (text, output) = match change {
+            Change::Ended(Ending::Aborted(failure)) if failure.origin == path => {
+                (format!("aborted: {}", failure.cause), failure.cause.output())
+            }
+            Change::Ended(Ending::Unconfirmed) => ("nobody could confirm that it stopped".to_owned(), &[][..]),
+            Change::Died(cause) => (format!("died: {cause}"), cause.output()),
+            Change::Restarting { cause, count } => (restarting_text(cause, *count), cause.output()),
+            Change::Held { resource, host } => (held_text(resource, host), &[][..]),
+            Change::Configured { parameter, value } => (configured_text(parameter, value.as_deref()), &[][..]),
+            Change::Activated | Change::Stopping | Change::Ended(_) | Change::Started { .. } | Change::Resumed => {
+                return;
+            }
+        };
+        if self.notes.len() == NOTES_MAX {
+            self.notes_dropped += 1;
+        } else {
+            let (process, output) = (short(path).to_owned(), output.to_vec());
+            self.notes.push(Note { at, process, text, output });
+        }
+    }
+}
+
+/// Returns `path` without the leading `main/`, which everything has in common.
+pub(crate) fn short(path: &str) -> &str {
+    path.strip_prefix("main/").unwrap_or(path)
+}
+
+/// Returns `22.1 s`.
+pub(crate) fn seconds(time: Duration) -> String {
+    format!("{:.1} s", time.as_secs_f64())
+}
+
+#[cfg(test)]
+pub(crate) mod tests;

@@ -1,0 +1,85 @@
+//! The last lines of programs that a deadline has ended: what they wrote is all that tells why they took so long.
+
+use language::plan::{DEADLINE, Expression, Plan};
+use node::logic::executer::member_path;
+use node::logic::output_lines::{LAST_LINES_MAX, last_lines};
+use node::logic::protocol::{Change, Ending, Failure, FailureCause};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// What the programs of a mission wrote last, and which of them a deadline is for.
+#[derive(Debug, Clone)]
+pub(super) struct Late {
+    /// Paths of the processes that a deadline is for, by the path of its group and what is said when it has passed.
+    deadlines: BTreeMap<(String, String), BTreeSet<String>>,
+    /// The last lines of each program, by its path.
+    lines: BTreeMap<String, Vec<String>>,
+    /// Processes that were stopped, and have not run since.
+    stopped: BTreeSet<String>,
+}
+
+impl Late {
+    pub(super) fn new(plan: &Plan) -> Self {
+        let mut deadlines = BTreeMap::new();
+        for group in &plan.groups {
+            find(&group.expression, &mut |why, of| {
+                let of = members(of).into_iter().filter_map(|slot| member_path(plan, group, slot)).collect();
+                deadlines.insert((group.path.clone(), why.to_owned()), of);
+            });
+        }
+        let lines = plan.leaves.iter().map(|leaf| (leaf.path.clone(), Vec::new())).collect();
+        Self { deadlines, lines, stopped: BTreeSet::new() }
+    }
+
+    /// Takes in whole lines of a program.
+    pub(super) fn wrote(&mut self, path: &str, text: &str) {
+        let Some(lines) = self.lines.get_mut(path) else { return };
+        lines.extend(last_lines(text.as_bytes(), false));
+        lines.drain(..lines.len().saturating_sub(LAST_LINES_MAX));
+    }
+
+    pub(super) fn change(&mut self, path: &str, change: &Change) {
+        match change {
+            Change::Activated => drop(self.stopped.remove(path)),
+            Change::Ended(Ending::Stopped | Ending::Unconfirmed) => drop(self.stopped.insert(path.to_owned())),
+            Change::Ended(Ending::Done(_) | Ending::Aborted(_))
+            | Change::Stopping
+            | Change::Died(_)
+            | Change::Started { .. }
+            | Change::Restarting { .. }
+            | Change::Resumed
+            | Change::Held { .. }
+            | Change::Configured { .. } => {}
+        }
+    }
+
+    /// Returns the programs that were stopped because of a failure, if it is that a deadline has passed, with the last lines
+    /// that each wrote; those that wrote nothing are left out.
+    pub(super) fn of(&self, failure: &Failure) -> Vec<(&str, &[String])> {
+        let FailureCause::Failed(why) = &failure.cause else { return Vec::new() };
+        let Some(of) = self.deadlines.get(&(failure.origin.clone(), why.clone())) else { return Vec::new() };
+        let is_late =
+            |path: &str| path.match_indices('/').any(|(end, _)| of.contains(&path[..end])) || of.contains(path);
+        let written = self.lines.iter().filter(|(path, lines)| !lines.is_empty() && self.stopped.contains(*path));
+        written.filter(|(path, _)| is_late(path)).map(|(path, lines)| (path.as_str(), &lines[..])).collect()
+    }
+}
+
+/// Calls `found` for each `P within d` with what is said when it has passed, and P.
+fn find(expression: &Expression, found: &mut dyn FnMut(&str, &Expression)) {
+    if let Expression::Disable(of) = expression
+        && let [of, Expression::Sequence(_, end)] = &of[..]
+        && let Expression::Fail(why) = &**end
+        && why.starts_with(DEADLINE)
+    {
+        found(why, of);
+    }
+    expression.operands().into_iter().for_each(|operand| find(operand, found));
+}
+
+/// Returns the slots of the members of an expression.
+fn members(expression: &Expression) -> Vec<u32> {
+    if let Expression::Run { member, .. } = expression {
+        return vec![*member];
+    }
+    expression.operands().into_iter().flat_map(members).collect()
+}

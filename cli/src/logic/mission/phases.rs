@@ -1,0 +1,221 @@
+//! The phases of a mission: which step of the main sequence is running, since when, and how it ended.
+//!
+//! The steps come from the expression of the first group, breadth first from `main`, that has anything in sequence: its
+//! chain of `;`, `:`, `;;` and `else`, flattened. What runs beside the chain (`motion # (a ; b)`) is background and belongs
+//! to no phase. Without any sequence the whole expression is the one step.
+
+mod steps;
+
+use language::plan::Plan;
+use node::logic::protocol::{Change, Ending};
+use std::collections::{BTreeMap, BTreeSet};
+use std::time::Duration;
+use steps::{Step, steps};
+
+/// The most phases kept; the oldest are forgotten and counted. A loop can have any number.
+pub const PHASES_MAX: usize = 1_000;
+
+/// How many phases back a value may belong that is told late.
+const LATE_MAX: usize = 8;
+
+/// A stretch of time in which one step of the main sequence ran.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Phase {
+    /// The step as written in the spec: `(opengrip, approach) # hit`.
+    pub name: String,
+    /// Since GO.
+    pub begin: Duration,
+    /// Since GO, once it is over.
+    pub end: Option<Duration>,
+    /// What ended it; none while it runs and when it was stopped from outside.
+    pub decided: Option<Deciding>,
+    step: usize,
+    members: usize,
+    seen: BTreeSet<u32>,
+    active: BTreeSet<u32>,
+    stopping: BTreeSet<u32>,
+    peaks: Vec<Option<f64>>,
+}
+
+/// The member whose own ending ended a phase.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Deciding {
+    /// Its name within its group.
+    pub member: String,
+    /// How it ended.
+    pub ending: Ending,
+}
+
+impl Phase {
+    /// Returns the largest magnitude in this phase of the track with this index in `Mission::tracks`, if it was seen.
+    pub fn peak(&self, track: usize) -> Option<f64> {
+        self.peaks.get(track).copied().flatten()
+    }
+
+    /// Returns how it ended in a few words: `distdetect done`, `aborted: blocked`, `stopped`, `running`.
+    pub fn ended(&self) -> String {
+        let Some(Deciding { member, ending }) = &self.decided else {
+            return if self.end.is_some() { "stopped" } else { "running" }.to_owned();
+        };
+        let how = match ending {
+            Ending::Done(_) => "done".to_owned(),
+            Ending::Aborted(failure) => format!("aborted: {}", failure.cause),
+            Ending::Stopped => "stopped".to_owned(),
+            Ending::Unconfirmed => "unconfirmed".to_owned(),
+        };
+        if self.members == 1 { how } else { format!("{member} {how}") }
+    }
+
+    /// Returns whether the member that ended it failed.
+    pub fn failed(&self) -> bool {
+        self.decided.as_ref().is_some_and(|decided| matches!(decided.ending, Ending::Aborted(_) | Ending::Unconfirmed))
+    }
+
+    /// Returns how long it took, or has taken by `now`.
+    pub fn took(&self, now: Duration) -> Duration {
+        self.end.unwrap_or(now).saturating_sub(self.begin)
+    }
+
+    fn change(&mut self, member: u32, name: &str, change: &Change, at: Duration) {
+        match change {
+            Change::Activated => {
+                self.seen.insert(member);
+                self.active.insert(member);
+                (self.end, self.decided) = (None, None);
+            }
+            Change::Stopping => {
+                self.stopping.insert(member);
+            }
+            Change::Ended(ending) => {
+                self.active.remove(&member);
+                // The loser of `#` ends too, but only because it was asked to: it decides nothing.
+                if !self.stopping.contains(&member) && *ending != Ending::Stopped {
+                    self.decided = Some(Deciding { member: name.to_owned(), ending: ending.clone() });
+                }
+                if self.active.is_empty() {
+                    self.end.get_or_insert(at);
+                }
+            }
+            Change::Died(_)
+            | Change::Started { .. }
+            | Change::Restarting { .. }
+            | Change::Resumed
+            | Change::Held { .. }
+            | Change::Configured { .. } => {}
+        }
+    }
+}
+
+/// The phases so far.
+#[derive(Debug, Clone)]
+pub(super) struct Phases {
+    steps: Vec<Step>,
+    /// Slot of each member of the group that has the steps, by absolute path.
+    slots: BTreeMap<String, (u32, String)>,
+    phases: Vec<Phase>,
+    dropped: usize,
+}
+
+impl Phases {
+    pub(super) fn new(plan: &Plan) -> Self {
+        let (group, steps) = steps(plan);
+        let mut slots = BTreeMap::new();
+        if let Some(group) = group {
+            for (slot, member) in (0..).zip(&group.members) {
+                slots.insert(format!("{}/{}", group.path, member.name), (slot, member.name.clone()));
+            }
+        }
+        Self { steps, slots, phases: Vec::new(), dropped: 0 }
+    }
+
+    pub(super) fn all(&self) -> &[Phase] {
+        &self.phases
+    }
+
+    pub(super) fn dropped(&self) -> usize {
+        self.dropped
+    }
+
+    /// Returns the length of the longest name, so that lines can be aligned from the first phase on.
+    pub(super) fn name_width(&self) -> usize {
+        self.steps.iter().map(|step| step.name.chars().count()).max().unwrap_or(0)
+    }
+
+    pub(super) fn change(&mut self, path: &str, change: &Change, at: Duration) {
+        let Some((member, name)) = self.slots.get(path).cloned() else { return };
+        if *change == Change::Activated {
+            let Some(step) = self.step_of(member) else { return };
+            if self.phases.last().is_none_or(|phase| phase.step != step || phase.seen.contains(&member)) {
+                self.begin(step, at);
+            }
+        }
+        // Usually the current phase; an ending that comes late belongs to the one in which the member was active.
+        let phase = match change {
+            Change::Activated => self.phases.last_mut(),
+            Change::Stopping
+            | Change::Ended(_)
+            | Change::Died(_)
+            | Change::Started { .. }
+            | Change::Restarting { .. }
+            | Change::Resumed
+            | Change::Held { .. }
+            | Change::Configured { .. } => {
+                self.phases.iter_mut().rev().take(3).find(|phase| phase.active.contains(&member))
+            }
+        };
+        if let Some(phase) = phase {
+            phase.change(member, &name, change, at);
+        }
+    }
+
+    pub(super) fn sample(&mut self, track: usize, value: f64, at: Duration) {
+        // A peak is told a moment later, when the next phase may have begun.
+        let is_in = |phase: &&mut Phase| phase.begin <= at && phase.end.is_none_or(|end| at < end);
+        if let Some(phase) = self.phases.iter_mut().rev().take(LATE_MAX).find(is_in) {
+            if phase.peaks.len() <= track {
+                phase.peaks.resize(track + 1, None);
+            }
+            let peak = phase.peaks[track].get_or_insert(0.0);
+            *peak = peak.max(value.abs());
+        }
+    }
+
+    pub(super) fn finish(&mut self, at: Duration) {
+        if let Some(phase) = self.phases.last_mut() {
+            phase.end.get_or_insert(at);
+        }
+    }
+
+    /// Returns the step in which `member` was activated: the current one if it has not been active there yet, else the
+    /// next one that has it, around the end for a loop.
+    fn step_of(&self, member: u32) -> Option<usize> {
+        let from = match self.phases.last() {
+            Some(phase) => phase.step + usize::from(phase.seen.contains(&member)),
+            None => 0,
+        };
+        (from..self.steps.len()).chain(0..from).find(|step| self.steps[*step].members.contains(&member))
+    }
+
+    fn begin(&mut self, step: usize, at: Duration) {
+        if let Some(phase) = self.phases.last_mut() {
+            phase.end.get_or_insert(at);
+        }
+        if self.phases.len() == PHASES_MAX {
+            self.phases.remove(0);
+            self.dropped += 1;
+        }
+        let Step { name, members } = &self.steps[step];
+        self.phases.push(Phase {
+            name: name.clone(),
+            begin: at,
+            end: None,
+            decided: None,
+            step,
+            members: members.len(),
+            seen: BTreeSet::new(),
+            active: BTreeSet::new(),
+            stopping: BTreeSet::new(),
+            peaks: Vec::new(),
+        });
+    }
+}

@@ -1,0 +1,225 @@
+//! The lines that tell of a mission while it runs.
+
+use crate::logic::mission::{Mission, Phase};
+use std::time::Duration;
+
+/// How often a log that is not a terminal gets a line while nothing changes.
+const PLAIN_EVERY: Duration = Duration::from_secs(2);
+/// The widest column of phase names.
+const NAME_MAX: usize = 40;
+
+/// Where the lines go.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Style {
+    /// A terminal of this many columns, whose last line can be drawn again.
+    Terminal(usize),
+    /// A file or a pipe.
+    Plain,
+}
+
+/// One line for a person.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Line {
+    /// Stays.
+    Kept(String),
+    /// Takes the place of the live line before it; in the plain style it stays.
+    Live(String),
+}
+
+/// Remembers what has been told.
+#[derive(Debug, Default)]
+pub struct Progress {
+    start: String,
+    going: bool,
+    begun: usize,
+    ended: usize,
+    notes: usize,
+    last: Duration,
+}
+
+impl Progress {
+    /// Returns what is new since the last call. To be called after each report, and every 100 ms or so besides.
+    pub fn lines(&mut self, mission: &Mission, style: Style) -> Vec<Line> {
+        let mut lines = Vec::new();
+        if !mission.start().is_running() {
+            let line = mission.start().line();
+            if line != self.start && mission.verdict().is_none() {
+                self.start.clone_from(&line);
+                lines.push(Line::Live(line));
+            }
+            return fitted(lines, style);
+        }
+        if !self.going {
+            self.going = true;
+            lines.extend(mission.start().done().map(Line::Kept));
+        }
+        for note in &mission.notes()[self.notes..] {
+            lines.push(Line::Kept(format!("{:>6.1} s  ! {} {}", note.at.as_secs_f64(), note.process, note.text)));
+            lines.extend(note.output.iter().map(|line| Line::Kept(format!("{:10}| {line}", ""))));
+        }
+        self.notes = mission.notes().len();
+        self.phases(mission, style, &mut lines);
+        fitted(lines, style)
+    }
+
+    fn phases(&mut self, mission: &Mission, style: Style, lines: &mut Vec<Line>) {
+        let dropped = mission.phases_dropped();
+        let ended = mission.phases().iter().skip(self.ended.saturating_sub(dropped));
+        for phase in ended.take_while(|phase| phase.end.is_some()) {
+            lines.push(Line::Kept(end_line(mission, phase)));
+            self.ended = self.ended.max(dropped) + 1;
+        }
+        let begun = dropped + mission.phases().len();
+        let now = mission.now();
+        let due = match style {
+            Style::Terminal(_) => true,
+            Style::Plain => begun != self.begun || now >= self.last + PLAIN_EVERY,
+        };
+        if due && mission.verdict().is_none() {
+            (self.begun, self.last) = (begun, now);
+            lines.push(Line::Live(live_line(mission)));
+        }
+    }
+}
+
+fn fitted(mut lines: Vec<Line>, style: Style) -> Vec<Line> {
+    if let Style::Terminal(width) = style {
+        for line in &mut lines {
+            // A live line that wraps could not be drawn again; the others may wrap.
+            if let Line::Live(text) = line {
+                *text = cut(text, width.saturating_sub(1));
+            }
+        }
+    }
+    lines
+}
+
+fn live_line(mission: &Mission) -> String {
+    let now = mission.now();
+    let (name, took) = match mission.phase() {
+        Some(phase) => (phase.name.as_str(), phase.took(now)),
+        None => ("…", Duration::ZERO),
+    };
+    let values = mission.headlines().map(|(_, track)| {
+        let unit = if track.unit.is_empty() { String::new() } else { format!(" {}", track.unit) };
+        format!("{} {}{unit}", mission.title(track), track.text(track.last))
+    });
+    let values = values.collect::<Vec<_>>().join(" · ");
+    line(mission, (now, '▸', name, took), &values)
+}
+
+fn end_line(mission: &Mission, phase: &Phase) -> String {
+    let mark = match &phase.decided {
+        Some(_) if phase.failed() => '✗',
+        Some(_) => '✓',
+        None => '■',
+    };
+    let end = phase.end.unwrap_or(phase.begin);
+    line(mission, (end, mark, &phase.name, phase.took(end)), &phase.ended())
+}
+
+fn line(mission: &Mission, (at, mark, name, took): (Duration, char, &str, Duration), rest: &str) -> String {
+    let width = mission.phase_width().min(NAME_MAX);
+    let name = cut(name, width.max(1));
+    let text = format!("{:>6.1} s  {mark} {name:<width$}  {:>5.1} s  {rest}", at.as_secs_f64(), took.as_secs_f64());
+    text.trim_end().to_owned()
+}
+
+/// Returns `text` in at most `width` characters, with `…` for what is left out.
+pub(super) fn cut(text: &str, width: usize) -> String {
+    if text.chars().count() <= width {
+        return text.to_owned();
+    }
+    text.chars().take(width.saturating_sub(1)).chain(['…']).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::logic::mission::tests::{OPENING, door, feed, seconds};
+    use expect_test::{Expect, expect};
+    use node::logic::protocol::{Ending, Report};
+
+    fn check(style: Style, expect: &Expect) {
+        let mut mission = Mission::new(&door());
+        let mut progress = Progress::default();
+        let mut text = String::new();
+        let mut tell = |mission: &Mission| {
+            for line in progress.lines(mission, style) {
+                let (mark, line) = match &line {
+                    Line::Kept(line) => ('=', line),
+                    Line::Live(line) => ('~', line),
+                };
+                text.push_str(&format!("{mark} {line}\n"));
+            }
+        };
+        tell(&mission);
+        mission.report(&Report::Prepared { host: "c1".to_owned(), leaves: 4 });
+        tell(&mission);
+        mission.report(&Report::Connected { host: "c1".to_owned() });
+        tell(&mission);
+        for line in OPENING.lines() {
+            feed(&mut mission, line);
+            if line.contains("activated") || line.contains(" N") {
+                tell(&mission);
+            }
+        }
+        mission.tick(seconds(22.5));
+        tell(&mission);
+        mission.report(&Report::Finished { ending: Ending::Stopped, at: seconds(22.6), unconfirmed: Vec::new() });
+        tell(&mission);
+        expect.assert_eq(&text);
+    }
+
+    #[test]
+    fn a_terminal_gets_the_ended_phases_and_a_live_line() {
+        check(
+            Style::Terminal(80),
+            &expect![[r#"
+                ~ starting 8 programs: c1 … · c2 …
+                ~ starting 8 programs: c1 4 up · c2 …
+                ~ starting 8 programs: c1 linked · c2 …
+                = 8 programs on 2 hosts, started in 0.8 s
+                ~    0.0 s  ▸ …                         0.0 s
+                ~    0.0 s  ▸ servo # near              0.0 s
+                ~    0.0 s  ▸ servo # near              0.0 s
+                ~    1.0 s  ▸ servo # near              1.0 s  force 3.00 N
+                =    6.9 s  ✓ servo # near              6.9 s  near done
+                ~    6.9 s  ▸ (open, approach) # hit    0.0 s  force 3.00 N
+                ~    6.9 s  ▸ (open, approach) # hit    0.0 s  force 3.00 N
+                ~    6.9 s  ▸ (open, approach) # hit    0.0 s  force 3.00 N
+                ~    8.0 s  ▸ (open, approach) # hit    1.1 s  force -16.0 N
+                ~    8.0 s  ▸ (open, approach) # hit    1.1 s  force -16.0 N
+                =   11.8 s  ✓ (open, approach) # hit    4.9 s  hit done
+                ~   11.8 s  ▸ close                     0.0 s  force -16.0 N
+                =   12.4 s  ✓ close                     0.6 s  done
+                ~   12.5 s  ▸ pull                      0.0 s  force -16.0 N
+                ~   14.0 s  ▸ pull                      1.5 s  force 28.8 N · angle 0.500 deg
+                =   22.0 s  ✓ pull                      9.5 s  done
+                ~   22.5 s  ▸ …                         0.0 s  force 28.8 N · angle 74.0 deg
+            "#]],
+        );
+    }
+
+    #[test]
+    fn a_log_gets_a_line_per_change_and_one_every_two_seconds() {
+        check(
+            Style::Plain,
+            &expect![[r#"
+                ~ starting 8 programs: c1 … · c2 …
+                ~ starting 8 programs: c1 4 up · c2 …
+                ~ starting 8 programs: c1 linked · c2 …
+                = 8 programs on 2 hosts, started in 0.8 s
+                ~    0.0 s  ▸ servo # near              0.0 s
+                =    6.9 s  ✓ servo # near              6.9 s  near done
+                ~    6.9 s  ▸ (open, approach) # hit    0.0 s  force 3.00 N
+                =   11.8 s  ✓ (open, approach) # hit    4.9 s  hit done
+                ~   11.8 s  ▸ close                     0.0 s  force -16.0 N
+                =   12.4 s  ✓ close                     0.6 s  done
+                ~   12.5 s  ▸ pull                      0.0 s  force -16.0 N
+                =   22.0 s  ✓ pull                      9.5 s  done
+                ~   22.5 s  ▸ …                         0.0 s  force 28.8 N · angle 74.0 deg
+            "#]],
+        );
+    }
+}

@@ -1,0 +1,181 @@
+//! A lane for each process: when it ran, and how that ended.
+
+use crate::logic::mission::{Mission, seconds, short};
+use crate::logic::page::axis::{LEFT, TimeAxis, svg};
+use crate::logic::page::text::escape;
+use crate::logic::record::{Entry, Run, change_text};
+use language::plan::{MemberKind, Plan};
+use node::logic::protocol::{Change, Ending, Report};
+use node::logic::table::counted;
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+/// Height of a lane.
+const LANE: f64 = 18.0;
+/// The most lanes; a page with more is no picture any more.
+const LANES_MAX: usize = 250;
+/// How much further in a member stands than its group.
+const INDENT: usize = 2;
+/// The longest name, in letters.
+const NAME_MAX: usize = 25;
+
+#[derive(Debug)]
+struct Lane<'a> {
+    path: String,
+    depth: usize,
+    leaf: bool,
+    changes: Vec<(Duration, &'a Change)>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum State {
+    Away,
+    Idle,
+    Running,
+    Stopping,
+}
+
+/// Returns the picture with its legend.
+pub(super) fn figure(run: &Run, mission: &Mission, axis: &TimeAxis) -> String {
+    let mut changes: BTreeMap<&str, Vec<(Duration, &Change)>> = BTreeMap::new();
+    for entry in &run.entries {
+        if let Entry::Report(Report::Process { path, change, at }) = entry {
+            changes.entry(path).or_default().push((*at, change));
+        }
+    }
+    let mut lanes = lanes(&run.header.plan);
+    let hidden = lanes.len().saturating_sub(LANES_MAX);
+    lanes.truncate(LANES_MAX);
+    for lane in &mut lanes {
+        lane.changes = changes.remove(lane.path.as_str()).unwrap_or_default();
+    }
+    let height = LANE * f64::from(u32::try_from(lanes.len()).unwrap_or(u32::MAX));
+    let mut text = String::from("<figure>\n<figcaption><b>processes</b>\n<span class=\"legend\">\n");
+    for (class, name) in [("idle", "idle"), ("running", "running"), ("stopping", "stopping")] {
+        text.push_str(&format!(
+            "<span class=\"key\"><svg viewBox=\"0 0 24 10\"><rect class=\"{class}\" x=\"0\" y=\"{}\" width=\"24\" \
+             height=\"{}\"/></svg>{name}</span>\n",
+            if class == "idle" { 4 } else { 0 },
+            if class == "idle" { 2 } else { 10 }
+        ));
+    }
+    text.push_str("<span class=\"key\"><span class=\"good\">●</span>done</span>\n");
+    text.push_str("<span class=\"key\"><span class=\"bad\">✕</span>failed</span>\n</span></figcaption>\n");
+    text.push_str(&svg("plot", height + 20.0, "when each process ran"));
+    text.push_str(&axis.behind(height));
+    text.push_str(&axis.ticks(height));
+    for (row, lane) in (0_u32..).zip(&lanes) {
+        text.push_str(&lane_picture(lane, f64::from(row) * LANE, mission.now(), axis));
+    }
+    text.push_str(&axis.cursor(height));
+    text.push_str("</svg>\n");
+    if hidden > 0 {
+        text.push_str(&format!("<p class=\"quiet\">Not shown: {}.</p>\n", counted(hidden, "row")));
+    }
+    text.push_str("</figure>\n");
+    text
+}
+
+/// Returns an empty lane for each process, each group before its members.
+fn lanes(plan: &Plan) -> Vec<Lane<'_>> {
+    let mut lanes = Vec::new();
+    let mut stack = vec![(MemberKind::Group(0), 0)];
+    while let Some((kind, depth)) = stack.pop() {
+        let (path, leaf) = match kind {
+            MemberKind::Leaf(leaf) => {
+                (usize::try_from(leaf).ok().and_then(|leaf| plan.leaves.get(leaf)).map(|leaf| &leaf.path), true)
+            }
+            MemberKind::Group(group) => {
+                let group = usize::try_from(group).ok().and_then(|group| plan.groups.get(group));
+                let members = group.map_or(&[][..], |group| &group.members);
+                stack.extend(members.iter().rev().map(|member| (member.kind, depth + 1)));
+                (group.map(|group| &group.path), false)
+            }
+        };
+        // The second half of the bound is for plans that go in circles.
+        let Some(path) = path.filter(|_| lanes.len() < plan.groups.len() + plan.leaves.len()) else { continue };
+        lanes.push(Lane { path: path.clone(), depth, leaf, changes: Vec::new() });
+    }
+    lanes
+}
+
+fn lane_picture(lane: &Lane<'_>, top: f64, now: Duration, axis: &TimeAxis) -> String {
+    let name = lane.path.rsplit('/').next().unwrap_or(&lane.path);
+    let name: String = "\u{a0}".repeat(INDENT * lane.depth).chars().chain(name.chars()).take(NAME_MAX).collect();
+    let kind = if lane.leaf { "lane" } else { "lane group" };
+    let mut text = format!(
+        "<g><title>{}</title><text class=\"{kind}\" x=\"4\" y=\"{:.1}\">{}</text>\
+         <line class=\"grid\" x1=\"4\" x2=\"{LEFT}\" y1=\"{y:.1}\" y2=\"{y:.1}\"/></g>\n",
+        escape(&lane.path),
+        top + 13.0,
+        escape(&name),
+        y = top + LANE
+    );
+    let (mut state, mut since) = (if lane.leaf { State::Idle } else { State::Away }, Duration::ZERO);
+    let mut marks = String::new();
+    for (at, change) in &lane.changes {
+        text.push_str(&span(lane, (state, since, *at), top, axis));
+        state = after(state, change, lane.leaf);
+        since = *at;
+        marks.push_str(&mark(lane, *at, change, top, axis));
+    }
+    text.push_str(&span(lane, (state, since, now), top, axis));
+    text + &marks
+}
+
+fn after(state: State, change: &Change, leaf: bool) -> State {
+    match change {
+        Change::Activated | Change::Resumed => State::Running,
+        Change::Stopping => State::Stopping,
+        Change::Restarting { .. } => State::Away,
+        Change::Ended(_) if leaf => State::Idle,
+        Change::Ended(_) | Change::Died(_) => State::Away,
+        Change::Started { .. } if state == State::Away => State::Idle,
+        Change::Started { .. } | Change::Held { .. } | Change::Configured { .. } => state,
+    }
+}
+
+fn span(lane: &Lane<'_>, (state, begin, end): (State, Duration, Duration), top: f64, axis: &TimeAxis) -> String {
+    let (class, inset) = match state {
+        State::Away => return String::new(),
+        State::Idle => ("idle", 8.0),
+        State::Running => ("running", 3.0),
+        State::Stopping => ("stopping", 3.0),
+    };
+    if end <= begin {
+        return String::new();
+    }
+    let (x, width) = (axis.x(begin), (axis.x(end) - axis.x(begin)).max(1.0));
+    format!(
+        "<rect class=\"{class}\" x=\"{x:.1}\" y=\"{:.1}\" width=\"{width:.1}\" height=\"{:.1}\">\
+         <title>{} {class}, {} to {}</title></rect>\n",
+        top + inset,
+        LANE - 2.0 * inset,
+        escape(short(&lane.path)),
+        seconds(begin),
+        seconds(end)
+    )
+}
+
+fn mark(lane: &Lane<'_>, at: Duration, change: &Change, top: f64, axis: &TimeAxis) -> String {
+    let (class, sign) = match change {
+        Change::Ended(Ending::Done(_)) => ("good", "●"),
+        Change::Ended(Ending::Aborted(_) | Ending::Unconfirmed) | Change::Died(_) => ("bad", "✕"),
+        Change::Restarting { .. } => ("bad", "↻"),
+        Change::Held { .. } => ("bad", "…"),
+        Change::Configured { .. } => ("good", "◆"),
+        Change::Ended(Ending::Stopped)
+        | Change::Activated
+        | Change::Stopping
+        | Change::Started { .. }
+        | Change::Resumed => return String::new(),
+    };
+    format!(
+        "<text class=\"mark {class}\" x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"middle\"><title>{} {} at {}</title>{sign}</text>\n",
+        axis.x(at),
+        top + 13.5,
+        escape(short(&lane.path)),
+        escape(&change_text(change)),
+        seconds(at)
+    )
+}

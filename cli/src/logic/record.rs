@@ -1,0 +1,162 @@
+//! The record of a run: everything that was reported and every signal, in one MCAP file.
+//!
+//! Each message is JSON, so that any MCAP viewer shows it: reports on `/events`, a program's samples on `/signals/<path>` as
+//! one object of numbers, what programs write on `/log`. Times are since 1970. The spec and its plan are attachments. What
+//! is here turns entries into messages and a file's bytes back into a [`Run`]; `io::recorder` has the file and the thread.
+//!
+//! Viewers want more than the format: a schema is an object whose properties have types, without `$ref`; one schema has one
+//! name, one topic one schema; a name that is to be plotted has letters, digits and `_` only.
+//! Sources: the MCAP format specification, <https://mcap.dev/spec>, and its registry of profiles and encodings.
+
+mod lines;
+mod message;
+mod parts;
+mod ports;
+mod read;
+mod row;
+mod schema;
+
+pub use lines::Lines;
+pub use ports::{Messages, Port, ports};
+
+pub use read::ReadError;
+pub use row::{EVENTS, LOG, PORTS, Row, Rows, SIGNALS, Topic};
+pub(crate) use row::{change_text, configured_text, held_text, restarting_text, text as report_text};
+
+use crate::logic::mission::Mission;
+use comms::logic::signals::Signals;
+use language::Message;
+use language::plan::Plan;
+use node::logic::protocol::Report;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// Version of the layout of a record.
+pub const VERSION: u16 = 2;
+/// Name of the attachment with the plan.
+pub const PLAN: &str = "plan.json";
+/// Name of the attachment with the spec's text.
+pub const SPEC: &str = "spec.dca";
+/// Name of the attachment with what is known at the start.
+pub const ABOUT: &str = "about.json";
+
+/// What is known when a run starts.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Header {
+    /// The spec's file name.
+    pub file: String,
+    /// The spec as it was read.
+    pub text: String,
+    /// What it means.
+    pub plan: Plan,
+    /// Wall-clock time since 1970, if it is known.
+    pub started: Option<Duration>,
+}
+
+/// The small part of a header that is an attachment of its own; the text and the plan are others.
+#[derive(Debug, Serialize, Deserialize)]
+struct About {
+    version: u16,
+    name: String,
+    file: String,
+    #[serde(default, with = "comms::logic::human::seconds_if_known")]
+    started: Option<Duration>,
+}
+
+/// One thing to record.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Entry {
+    /// What the deployment reported.
+    Report(Report),
+    /// A sample of a program's signals.
+    Signals {
+        /// Absolute path of the program.
+        path: String,
+        /// When it came, since GO.
+        at: Duration,
+        /// The sample.
+        sample: Signals,
+    },
+    /// What a program wrote.
+    Output {
+        /// Absolute path of the program.
+        path: String,
+        /// When it came, since GO; zero before.
+        at: Duration,
+        /// Whole lines, without the last line feed.
+        text: String,
+    },
+    /// What went over a wire. It is not read back: a report has no use for it.
+    Port {
+        /// Path of the producer and its output: `main/force/Out`.
+        from: String,
+        /// Path of the consumer and its input.
+        to: String,
+        /// When it came, since GO.
+        at: Duration,
+        /// The value as it is sent.
+        bytes: Vec<u8>,
+        /// What it is, if the interface of the producer says that.
+        message: Option<Arc<Message>>,
+    },
+}
+
+/// A record that was read back.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Run {
+    /// What was known when it started.
+    pub header: Header,
+    /// Everything else, in the order in which it was recorded.
+    pub entries: Vec<Entry>,
+    /// What of the record could not be read, if it is not whole: the recorder was killed, or the file is damaged.
+    pub damage: Option<String>,
+}
+
+impl Run {
+    /// Returns the mission as it was seen at the end of the run.
+    pub fn mission(&self) -> Mission {
+        let mut mission = Mission::new(&self.header.plan);
+        for entry in &self.entries {
+            match entry {
+                Entry::Report(report) => mission.report(report),
+                Entry::Signals { path, at, sample } => mission.signals(path, *at, sample),
+                Entry::Output { path, text, .. } => mission.wrote(path, text),
+                Entry::Port { .. } => {}
+            }
+        }
+        mission
+    }
+
+    /// Returns why it may not be everything, if so: damage, or no word of the deployment's end.
+    pub fn lacks(&self) -> Option<String> {
+        let is_last = |entry: &Entry| matches!(entry, Entry::Report(Report::Finished { .. } | Report::Refused { .. }));
+        let cut = || "it stops before the deployment ended: its recorder was ended, or its disk was full".to_owned();
+        self.damage.clone().or_else(|| (!self.entries.iter().any(is_last)).then(cut))
+    }
+
+    /// Returns what each program wrote, in the order of their paths.
+    pub fn outputs(&self) -> BTreeMap<&str, Vec<&str>> {
+        let mut outputs: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
+        for entry in &self.entries {
+            if let Entry::Output { path, text, .. } = entry {
+                outputs.entry(path).or_default().push(text);
+            }
+        }
+        outputs
+    }
+}
+
+impl Header {
+    /// Returns the attachments that a record begins with: name, media type, content.
+    pub fn attachments(&self) -> Vec<(&'static str, &'static str, Vec<u8>)> {
+        let Self { file, text, plan, started } = self;
+        let about = About { version: VERSION, name: plan.name.clone(), file: file.clone(), started: *started };
+        vec![
+            (ABOUT, "application/json", row::json(&about)),
+            (SPEC, "text/plain", text.clone().into_bytes()),
+            (PLAN, "application/json", row::json(plan)),
+        ]
+    }
+}

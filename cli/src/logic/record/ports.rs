@@ -1,0 +1,105 @@
+//! Which wires are recorded, as a person asks for them.
+
+use comms::logic::key;
+use language::Message;
+use language::plan::{LeafPort, Plan, Transfer, Wire};
+use node::logic::protocol::Deployment;
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// A wire that is recorded.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Port {
+    /// Path of the producer.
+    pub producer: String,
+    /// Path of the producer and its output.
+    pub from: String,
+    /// Path of the consumer and its input.
+    pub to: String,
+    /// What is sent, if the interface of the producer says that.
+    pub message: Option<Arc<Message>>,
+    /// Index into `Plan::wires`.
+    wire: u32,
+}
+
+impl Port {
+    /// Returns the key over which the wire's values go.
+    pub fn key(&self, deployment: &Deployment) -> String {
+        key::wire(&deployment.name, deployment.epoch, self.wire)
+    }
+}
+
+/// What outputs send: by module, then by output.
+pub type Messages = BTreeMap<String, BTreeMap<String, Message>>;
+
+/// Returns the wires that are meant: `all`, or outputs such as `Out`, `force.Out` or `hit/force.Out`. `messages` is what is
+/// known of the outputs.
+///
+/// # Errors
+/// A sentence for a person: something means no wire that can be recorded.
+pub fn ports(plan: &Plan, wanted: &[String], messages: &Messages) -> Result<Vec<Port>, String> {
+    let named = |port: &LeafPort| {
+        let path = plan.leaves.get(port.leaf as usize).map_or("", |leaf| &leaf.path);
+        (path.to_owned(), format!("{path}/{}", port.port))
+    };
+    let message = |port: &LeafPort| {
+        let module = &plan.leaves.get(port.leaf as usize)?.module;
+        messages.get(module)?.get(&port.port).cloned().map(Arc::new)
+    };
+    let mut found = Vec::new();
+    for what in wanted {
+        let meant = |wire: &Wire| what == "all" || is_meant(&named(&wire.from).0, &wire.from.port, what);
+        let wires = || (0_u32..).zip(&plan.wires).filter(|(_, wire)| meant(wire));
+        if wires().next().is_none() && what != "all" {
+            return Err(format!("no output `{what}` is connected; write it as `force.Out`, or `all`"));
+        }
+        // Of a wire whose consumer fetches the values nothing is sent that could be heard.
+        let pushed: Vec<_> = wires().filter(|(_, wire)| wire.transfer == Transfer::Push).collect();
+        if pushed.is_empty() && what != "all" {
+            return Err(format!("`{what}` cannot be recorded: its consumers fetch its values"));
+        }
+        for (wire, route) in pushed {
+            let ((producer, from), (_, to)) = (named(&route.from), named(&route.to));
+            let port = Port { producer, from, to, message: message(&route.from), wire };
+            if !found.contains(&port) {
+                found.push(port);
+            }
+        }
+    }
+    Ok(found)
+}
+
+/// Returns whether `what` means this output of this process.
+fn is_meant(path: &str, port: &str, what: &str) -> bool {
+    match what.rsplit_once('.') {
+        None => what == port,
+        Some((process, named)) => named == port && (path == process || path.ends_with(&format!("/{process}"))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::logic::mission::tests::door;
+
+    #[test]
+    fn ports_are_meant_by_their_names() {
+        let mut plan = door();
+        let port = |leaf, port: &str| LeafPort { leaf, port: port.to_owned() };
+        let wire = |from, to, transfer| Wire { from, to, transfer, quality: Default::default() };
+        plan.wires.push(wire(port(1, "Out"), port(0, "In"), Transfer::Push));
+        plan.wires.push(wire(port(2, "Out"), port(0, "Near"), Transfer::Push));
+        plan.wires.push(wire(port(0, "State"), port(1, "In"), Transfer::Pull));
+        let check = |what: &[&str], expected: Result<&[&str], &str>| {
+            let what: Vec<String> = what.iter().map(|what| (*what).to_owned()).collect();
+            let found = ports(&plan, &what, &Messages::new());
+            let found = found.as_ref().map(|ports| ports.iter().map(|port| port.from.as_str()).collect::<Vec<_>>());
+            assert_eq!(found.as_deref().map_err(|why| why.as_str()), expected, "{what:?}");
+        };
+        check(&["all"], Ok(&["main/sys/servo/Out", "main/sys/near/Out"]));
+        check(&["Out"], Ok(&["main/sys/servo/Out", "main/sys/near/Out"]));
+        check(&["near.Out", "sys/near.Out"], Ok(&["main/sys/near/Out"]));
+        check(&["near.In"], Err("no output `near.In` is connected; write it as `force.Out`, or `all`"));
+        check(&["State"], Err("`State` cannot be recorded: its consumers fetch its values"));
+    }
+}

@@ -1,0 +1,267 @@
+//! From the bytes of a record back to the run.
+
+use crate::logic::record::parts::{self, Next, Part, Parts};
+use crate::logic::record::row::{PATH, Unit};
+use crate::logic::record::schema::STAMP;
+use crate::logic::record::{ABOUT, About, EVENTS, Entry, Header, LOG, PLAN, Run, SIGNALS, SPEC, VERSION};
+use comms::logic::signals::{Signal, Signals};
+use comms::logic::time::Time;
+use language::plan::Plan;
+use mcap::records::{Record, op};
+use node::logic::protocol::Report;
+use serde_json::{Map, Value};
+use std::collections::BTreeMap;
+use std::ops::Range;
+use std::time::Duration;
+
+/// Why bytes are no record.
+#[derive(Debug, thiserror::Error)]
+pub enum ReadError {
+    /// They are something else, or end before they say what was run.
+    #[error("not the record of a run: {0}")]
+    Foreign(String),
+    /// A later version of DCA wrote them.
+    #[error("the record has version {0}; this program reads up to version {VERSION}")]
+    Newer(u16),
+}
+
+/// What is said when nothing that is whole tells when GO was.
+const NO_GO: &str = "when GO was is not known, so no entry has a time";
+/// How many damaged parts are named; of more the number is.
+const NAMED_MAX: usize = 3;
+
+impl Run {
+    /// Returns the run that `bytes` are the record of. Of a record that ends early, because the recorder was killed, or that is
+    /// damaged, everything is read that is whole.
+    ///
+    /// # Errors
+    /// When it does not even say what was run.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, ReadError> {
+        let mut reading = Reading { bytes, ..Reading::default() };
+        if bytes.starts_with(mcap::MAGIC) {
+            reading.all();
+        } else {
+            reading.tell("it does not begin as one".to_owned());
+        }
+        reading.date();
+        let damage = reading.damage();
+        let foreign = || ReadError::Foreign(damage.clone().unwrap_or_else(|| "its spec is not in it".to_owned()));
+        let about = reading.about.as_ref().ok_or_else(foreign)?;
+        if about.version > VERSION {
+            return Err(ReadError::Newer(about.version));
+        }
+        let plan = reading.plan.take().ok_or_else(foreign)?;
+        let text = reading.text.take().ok_or_else(foreign)?;
+        let header = Header { file: about.file.clone(), text, plan, started: about.started };
+        Ok(Self { header, entries: reading.entries, damage })
+    }
+}
+
+#[derive(Default)]
+struct Reading<'a> {
+    bytes: &'a [u8],
+    about: Option<About>,
+    plan: Option<Plan>,
+    text: Option<String>,
+    channels: BTreeMap<u16, Channel>,
+    entries: Vec<Entry>,
+    /// When GO was, since 1970; records of version 1 have times since GO.
+    go: Option<Duration>,
+    /// When it was at the earliest, by what came after it.
+    go_min: Option<Duration>,
+    /// What could not be read, in the order of the file: the first of it, and how much more there is.
+    damage: Vec<String>,
+    damage_more: u64,
+}
+
+struct Channel {
+    topic: String,
+    /// The program's path, for its signals.
+    path: String,
+    units: BTreeMap<String, Unit>,
+}
+
+/// What came on `/events`. In records of version 1 the report is JSON in JSON.
+#[derive(serde::Deserialize)]
+struct Event {
+    report: Value,
+}
+
+#[derive(serde::Deserialize)]
+struct Log {
+    name: String,
+    message: String,
+}
+
+impl Reading<'_> {
+    /// Reads all that is whole, to the end of the data.
+    fn all(&mut self) {
+        let mut parts = Parts::new(self.bytes);
+        loop {
+            match parts.next() {
+                Next::Whole(chunk) if chunk.opcode == op::CHUNK => {
+                    parts::in_chunk(&chunk).for_each(|part| self.part(&part));
+                }
+                Next::Whole(part) => self.part(&part),
+                Next::Damaged(Range { start, end }) => {
+                    self.tell(match start {
+                        0 => format!("a byte before byte {end} is damaged, outside of what was recorded"),
+                        _ => format!("bytes {start} to {end} are damaged and left out"),
+                    });
+                }
+                Next::Cut(at) => break self.tell(format!("it ends at byte {at}, before its end was written")),
+                Next::End => break,
+            }
+        }
+    }
+
+    fn part(&mut self, part: &Part<'_>) {
+        let record = mcap::parse_record(part.opcode, part.body).map_err(|error| error.to_string());
+        if let Err(why) = record.and_then(|record| self.record(record)) {
+            self.tell(why);
+        }
+    }
+
+    fn tell(&mut self, why: String) {
+        if self.damage.contains(&why) {
+            return;
+        }
+        if self.damage.len() < NAMED_MAX {
+            self.damage.push(why);
+        } else {
+            self.damage_more += 1;
+        }
+    }
+
+    /// Returns in one sentence what is damaged.
+    fn damage(&self) -> Option<String> {
+        let more = match self.damage_more {
+            0 => String::new(),
+            more => format!("; and {more} more"),
+        };
+        (!self.damage.is_empty()).then(|| self.damage.join("; ") + &more)
+    }
+
+    /// Says of each entry when it came, since GO: only what comes after GO tells when that was.
+    fn date(&mut self) {
+        let is_since_go = self.about.as_ref().is_some_and(|about| about.version < 2);
+        let go = if is_since_go { Some(Duration::ZERO) } else { self.go.or(self.go_min) };
+        if go.is_none() && !self.damage.is_empty() {
+            self.damage.insert(0, NO_GO.to_owned());
+        }
+        for entry in &mut self.entries {
+            match entry {
+                Entry::Signals { at, .. } | Entry::Output { at, .. } | Entry::Port { at, .. } => {
+                    *at = go.map_or(Duration::ZERO, |go| at.saturating_sub(go));
+                }
+                Entry::Report(_) => {}
+            }
+        }
+    }
+
+    fn record(&mut self, record: Record<'_>) -> Result<(), String> {
+        match record {
+            Record::Channel(channel) => {
+                let (id, channel) = (channel.id, Channel::new(channel.topic, &channel.metadata)?);
+                self.channels.insert(id, channel);
+            }
+            Record::Attachment { header, data, .. } if header.name == ABOUT => self.about = Some(parse(&data)?),
+            Record::Attachment { header, data, .. } if header.name == PLAN => self.plan = Some(parse(&data)?),
+            Record::Attachment { header, data, .. } if header.name == SPEC => {
+                self.text = Some(String::from_utf8_lossy(&data).into_owned());
+            }
+            Record::Message { header, data } => {
+                let logged = Duration::from_nanos(header.log_time);
+                let stamp = Time::from_nanos(header.publish_time);
+                let entry = self.channel(header.channel_id)?.entry(logged, stamp, &data)?;
+                if let Some(Entry::Report(Report::Go { .. })) = &entry {
+                    self.go = Some(logged);
+                }
+                if let Some(Entry::Report(Report::Process { at, .. } | Report::Finished { at, .. })) = &entry {
+                    self.go_min = self.go_min.max(logged.checked_sub(*at));
+                }
+                self.entries.extend(entry);
+            }
+            Record::Attachment { .. }
+            | Record::Header(_)
+            | Record::Footer(_)
+            | Record::Schema { .. }
+            | Record::Chunk { .. }
+            | Record::MessageIndex(_)
+            | Record::ChunkIndex(_)
+            | Record::AttachmentIndex(_)
+            | Record::Statistics(_)
+            | Record::Metadata(_)
+            | Record::MetadataIndex(_)
+            | Record::SummaryOffset(_)
+            | Record::DataEnd(_)
+            | Record::Unknown { .. } => {}
+        }
+        Ok(())
+    }
+
+    /// Returns a channel; one whose announcement is damaged is in the summary, too, if the record was ended.
+    fn channel(&mut self, id: u16) -> Result<&Channel, String> {
+        if !self.channels.contains_key(&id) {
+            let summary = mcap::read::Summary::read(self.bytes).ok().flatten();
+            let known = summary.as_ref().and_then(|summary| summary.channels.get(&id));
+            let none = || "a message is on a channel that was never announced".to_owned();
+            let known = known.ok_or_else(none)?;
+            self.channels.insert(id, Channel::new(known.topic.clone(), &known.metadata)?);
+        }
+        Ok(&self.channels[&id])
+    }
+}
+
+impl Channel {
+    fn new(topic: String, metadata: &BTreeMap<String, String>) -> Result<Self, String> {
+        let path = metadata.get(PATH).map(String::as_str).or(topic.strip_prefix(SIGNALS));
+        let path = path.unwrap_or_default().to_owned();
+        let units = metadata.iter().filter(|(name, _)| topic.starts_with(SIGNALS) && *name != PATH);
+        let units = units.map(|(name, unit)| Ok((name.clone(), parse(unit.as_bytes())?)));
+        let units = units.collect::<Result<_, String>>()?;
+        Ok(Self { topic, path, units })
+    }
+
+    /// Returns what came `at`, since 1970, if a report has a use for it.
+    fn entry(&self, at: Duration, stamp_of_v1: Time, data: &[u8]) -> Result<Option<Entry>, String> {
+        if self.topic == EVENTS {
+            let report = parse::<Event>(data)?.report;
+            let report = match report.as_str() {
+                Some(text) => parse(text.as_bytes())?,
+                None => serde_json::from_value(report).map_err(|error| damaged(&error))?,
+            };
+            return Ok(Some(Entry::Report(report)));
+        }
+        if self.topic == LOG {
+            let Log { name, message } = parse(data)?;
+            return Ok(Some(Entry::Output { path: name, at, text: message }));
+        }
+        if !self.topic.starts_with(SIGNALS) {
+            return Ok(None);
+        }
+        let object: Map<String, Value> = parse(data)?;
+        let values = self.units.iter().filter_map(|(field, unit)| {
+            // JSON has no NaN: such a value is left out. In version 1 it was null.
+            let value = object.get(field)?.as_f64().unwrap_or(f64::NAN);
+            let name = unit.name.clone().unwrap_or_else(|| field.clone());
+            Some((unit.place, Signal { name, unit: unit.unit.clone(), value, headline: unit.headline }))
+        });
+        let mut values: Vec<_> = values.collect();
+        values.sort_by_key(|(place, _)| *place);
+        let stamp = object.get(STAMP).filter(|_| !self.units.contains_key(STAMP)).and_then(Value::as_f64);
+        let stamp = stamp
+            .and_then(|stamp| Duration::try_from_secs_f64(stamp).ok())
+            .map_or(stamp_of_v1, |stamp| Time::from_nanos(u64::try_from(stamp.as_nanos()).unwrap_or(u64::MAX)));
+        let sample = Signals { stamp, values: values.into_iter().map(|(_, signal)| signal).collect() };
+        Ok(Some(Entry::Signals { path: self.path.clone(), at, sample }))
+    }
+}
+
+fn parse<'a, T: serde::Deserialize<'a>>(bytes: &'a [u8]) -> Result<T, String> {
+    serde_json::from_slice(bytes).map_err(|error| damaged(&error))
+}
+
+fn damaged(error: &serde_json::Error) -> String {
+    format!("a message is damaged: {error}")
+}

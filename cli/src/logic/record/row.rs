@@ -1,0 +1,387 @@
+//! From an entry to the messages that stand for it.
+
+use crate::logic::record::{Entry, message, schema};
+use comms::logic::signals::Signals;
+use language::Message;
+use node::logic::instance::{RESTARTS_MAX, WINDOW};
+use node::logic::protocol::{Change, Ending, FailureCause, Report};
+use node::logic::table::counted;
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value, json};
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+/// The topic of reports.
+pub const EVENTS: &str = "/events";
+/// The topic of what programs write.
+pub const LOG: &str = "/log";
+/// What the topic of a program's signals begins with; its path follows, in plain names.
+pub const SIGNALS: &str = "/signals/";
+/// What the topic of a wire begins with; the path of its output follows, in plain names.
+pub const PORTS: &str = "/ports/";
+/// Key of a channel's metadata: the program's path as it is.
+pub(super) const PATH: &str = "dca.path";
+
+/// A channel of the record.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Topic {
+    /// `/events`, `/log` or `/signals/<path>`.
+    pub name: String,
+    /// The schema's name; each schema has its own.
+    pub schema_name: String,
+    /// A JSON schema of the messages.
+    pub schema: Vec<u8>,
+    /// For the channel: the program's path; name, unit and headline of each signal.
+    pub metadata: BTreeMap<String, String>,
+}
+
+/// A message of the record.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Row {
+    /// Index into [`Rows::topics`].
+    pub topic: usize,
+    /// Since 1970.
+    pub at: Duration,
+    /// JSON.
+    pub data: Vec<u8>,
+}
+
+/// A report as other tools see it.
+#[derive(Debug, Serialize)]
+struct Event {
+    since_go: f64,
+    kind: &'static str,
+    process: String,
+    host: String,
+    text: String,
+    output: String,
+    report: String,
+}
+
+/// What the metadata of a channel says of one signal.
+#[derive(Debug, Serialize, Deserialize)]
+pub(super) struct Unit {
+    /// Its place in the sample, which an object of JSON does not keep.
+    pub(super) place: usize,
+    pub(super) unit: String,
+    pub(super) headline: bool,
+    /// Its name, if the field has another; records of version 1 have none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(super) name: Option<String>,
+}
+
+/// Makes rows, and remembers the topics that were needed.
+#[derive(Debug, Default)]
+pub struct Rows {
+    topics: Vec<Topic>,
+    /// The topics of a program: more than one when it changes what it publishes.
+    of: BTreeMap<String, Vec<usize>>,
+    /// When GO was, since 1970, once it was.
+    go: Option<Duration>,
+    now: Duration,
+}
+
+impl Rows {
+    /// Returns every topic so far; a topic never changes.
+    pub fn topics(&self) -> &[Topic] {
+        &self.topics
+    }
+
+    /// Returns the message for an entry that came at `arrived`, since 1970; its topic may be a new one.
+    pub fn row(&mut self, entry: &Entry, arrived: Duration) -> Row {
+        match entry {
+            Entry::Report(report) => self.report(report, arrived),
+            Entry::Signals { path, at, sample } => {
+                let at = self.since_1970(*at, arrived);
+                let topic = self.topic(path, sample);
+                let data = json(&Value::Object(fields(&self.topics[topic], sample)));
+                Row { topic, at, data }
+            }
+            Entry::Port { from, to, at, bytes, message } => {
+                let at = self.since_1970(*at, arrived);
+                let read = message.as_deref().and_then(|known| Some((known, message::decode(known, bytes)?)));
+                let topic = self.port(from, to, read.as_ref().map(|(known, _)| *known));
+                let raw = || json!({ "size": bytes.len(), "bytes": base64(bytes) });
+                Row { topic, at, data: json(&read.map_or_else(raw, |(_, value)| value)) }
+            }
+            Entry::Output { path, at, text } => {
+                let at = self.since_1970(*at, arrived);
+                let topic = self.single(LOG, "foxglove.Log", schema::log);
+                let timestamp = json!({ "sec": at.as_secs(), "nsec": at.subsec_nanos() });
+                let log = json!({
+                    "timestamp": timestamp, "level": 0, "message": text, "name": path, "file": "", "line": 0,
+                });
+                Row { topic, at, data: json(&log) }
+            }
+        }
+    }
+
+    /// Returns when something was that came at `at` since GO.
+    fn since_1970(&mut self, at: Duration, arrived: Duration) -> Duration {
+        self.now = self.now.max(at);
+        self.go.map_or(arrived, |go| go + at)
+    }
+
+    fn report(&mut self, report: &Report, arrived: Duration) -> Row {
+        let since_go = match report {
+            Report::Process { at, .. } | Report::Finished { at, .. } => *at,
+            Report::Go { .. } => {
+                self.go = Some(arrived);
+                Duration::ZERO
+            }
+            Report::Accepted { .. }
+            | Report::Prepared { .. }
+            | Report::Connected { .. }
+            | Report::Programs { .. }
+            | Report::Refused { .. } => self.now,
+        };
+        let at = self.since_1970(since_go, arrived);
+        let topic = self.single(EVENTS, "dca.Event", schema::event);
+        let (process, host) = match report {
+            Report::Process { path, .. } => (path.as_str(), ""),
+            Report::Prepared { host, .. } | Report::Connected { host } => ("", host.as_str()),
+            Report::Accepted { .. }
+            | Report::Go { .. }
+            | Report::Refused { .. }
+            | Report::Finished { .. }
+            | Report::Programs { .. } => ("", ""),
+        };
+        let event = Event {
+            since_go: since_go.as_secs_f64(),
+            kind: kind(report),
+            process: process.to_owned(),
+            host: host.to_owned(),
+            text: text(report),
+            output: output(report).join("\n"),
+            report: String::from_utf8_lossy(&json(report)).into_owned(),
+        };
+        Row { topic, at, data: json(&event) }
+    }
+
+    fn topic(&mut self, path: &str, sample: &Signals) -> usize {
+        let fits = |index: &&usize| {
+            let known = fields_of(&self.topics[**index]);
+            // Of a peak between two samples one value is told.
+            sample.values.iter().all(|signal| known.contains_key(&signal.name))
+        };
+        if let Some(known) = self.of.get(path).and_then(|topics| topics.iter().rev().find(fits)) {
+            return *known;
+        }
+        let is_taken = |name: &str| self.topics.iter().any(|topic| topic.name == name);
+        let name = schema::free_name(format!("{SIGNALS}{}", schema::plain_path(path)), is_taken);
+        let mut metadata = BTreeMap::from([(PATH.to_owned(), path.to_owned())]);
+        for (place, signal) in sample.values.iter().enumerate() {
+            let is_taken = |field: &str| field == schema::STAMP || metadata.contains_key(field);
+            let field = schema::free_name(schema::plain_name(&signal.name), is_taken);
+            let (name, unit) = (Some(signal.name.clone()), signal.unit.clone());
+            let unit = Unit { place, unit, headline: signal.headline, name };
+            metadata.insert(field, String::from_utf8_lossy(&json(&unit)).into_owned());
+        }
+        let schema_name = format!("dca.{}", name.trim_start_matches('/').replace('/', "."));
+        let units = sample.values.iter().map(|signal| (signal.name.as_str(), signal.unit.as_str()));
+        let units: BTreeMap<&str, &str> = units.collect();
+        let topic = Topic { name, schema_name, schema: Vec::new(), metadata };
+        let fields = fields_of(&topic);
+        let fields = fields.iter().map(|(name, field)| (*field, units.get(name.as_str()).copied().unwrap_or("")));
+        let schema = json(&schema::signals(&topic.schema_name, fields));
+        let index = self.topics.len();
+        self.of.entry(path.to_owned()).or_default().push(index);
+        self.topics.push(Topic { schema, ..topic });
+        index
+    }
+
+    /// Returns the topic of a wire, for messages that can be read or for others.
+    fn port(&mut self, from: &str, to: &str, message: Option<&Message>) -> usize {
+        let wire = format!("{from} -> {to}: {}", message.map_or("bytes", |message| &message.name));
+        if let Some([known]) = self.of.get(&wire).map(Vec::as_slice) {
+            return *known;
+        }
+        let is_taken = |name: &str| self.topics.iter().any(|topic| topic.name == name);
+        let name = schema::free_name(format!("{PORTS}{}", schema::plain_path(from)), is_taken);
+        let metadata = BTreeMap::from([(PATH.to_owned(), from.to_owned()), ("dca.to".to_owned(), to.to_owned())]);
+        let (schema_name, schema) = match message {
+            None => ("dca.Encoded".to_owned(), json(&schema::port())),
+            Some(message) => self.schema_of(message),
+        };
+        self.of.insert(wire, vec![self.topics.len()]);
+        self.topics.push(Topic { name, schema_name, schema, metadata });
+        self.topics.len() - 1
+    }
+
+    /// Returns the schema of a message: what is called the same and is not has another name.
+    fn schema_of(&self, message: &Message) -> (String, Vec<u8>) {
+        let name = format!("dca.types.{}", schema::plain_name(&message.name));
+        let schema_as = |name: &str| json(&message::schema(name, message));
+        let is_another =
+            |name: &str| self.topics.iter().any(|topic| topic.schema_name == name && topic.schema != schema_as(name));
+        let name = schema::free_name(name, is_another);
+        let schema = schema_as(&name);
+        (name, schema)
+    }
+
+    /// Returns the topic of which there is one.
+    fn single(&mut self, name: &str, schema_name: &str, schema: impl Fn() -> Value) -> usize {
+        self.topics.iter().position(|topic| topic.name == name).unwrap_or_else(|| {
+            let (name, schema_name) = (name.to_owned(), schema_name.to_owned());
+            self.topics.push(Topic { name, schema_name, schema: json(&schema()), metadata: BTreeMap::new() });
+            self.topics.len() - 1
+        })
+    }
+}
+
+/// Returns the field of each signal of a topic, by the signal's name.
+fn fields_of(topic: &Topic) -> BTreeMap<String, &str> {
+    let units = topic.metadata.iter().filter_map(|(field, unit)| {
+        let unit: Unit = serde_json::from_str(unit).ok()?;
+        Some((unit.name?, field.as_str()))
+    });
+    units.collect()
+}
+
+/// Returns a sample as an object of numbers. What JSON has no number for is left out.
+fn fields(topic: &Topic, sample: &Signals) -> Map<String, Value> {
+    let of = fields_of(topic);
+    let finite = sample.values.iter().filter(|signal| signal.value.is_finite());
+    let values = finite.filter_map(|signal| Some(((*of.get(&signal.name)?).to_owned(), json!(signal.value))));
+    #[expect(clippy::cast_precision_loss, reason = "exact for 104 days of a machine")]
+    let stamp = sample.stamp.nanos() as f64 / 1e9;
+    values.chain([(schema::STAMP.to_owned(), json!(stamp))]).collect()
+}
+
+/// Returns what a report is about, in one word.
+fn kind(report: &Report) -> &'static str {
+    let ending = |ending: &Ending| match ending {
+        Ending::Done(_) => "done",
+        Ending::Aborted(_) => "aborted",
+        Ending::Stopped => "stopped",
+        Ending::Unconfirmed => "unconfirmed",
+    };
+    match report {
+        Report::Accepted { .. } => "accepted",
+        Report::Prepared { .. } => "prepared",
+        Report::Connected { .. } => "connected",
+        Report::Go { .. } => "go",
+        Report::Programs { .. } => "programs",
+        Report::Refused { .. } => "refused",
+        Report::Finished { .. } => "finished",
+        Report::Process { change, .. } => match change {
+            Change::Activated => "activated",
+            Change::Stopping => "stopping",
+            Change::Ended(how) => ending(how),
+            Change::Died(_) => "died",
+            Change::Started { .. } => "started",
+            Change::Restarting { .. } => "restarting",
+            Change::Resumed => "resumed",
+            Change::Held { .. } => "held",
+            Change::Configured { .. } => "configured",
+        },
+    }
+}
+
+/// Returns the last lines of the program whose failure is reported.
+fn output(report: &Report) -> &[String] {
+    match report {
+        Report::Process { change: Change::Ended(Ending::Aborted(failure)), .. }
+        | Report::Finished { ending: Ending::Aborted(failure), .. } => failure.cause.output(),
+        Report::Process { change: Change::Died(cause) | Change::Restarting { cause, .. }, .. } => cause.output(),
+        Report::Process { .. }
+        | Report::Finished { .. }
+        | Report::Accepted { .. }
+        | Report::Prepared { .. }
+        | Report::Connected { .. }
+        | Report::Go { .. }
+        | Report::Refused { .. }
+        | Report::Programs { .. } => &[],
+    }
+}
+
+/// Returns bytes as text. Source: RFC 4648, section 4.
+fn base64(bytes: &[u8]) -> String {
+    const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
+    for three in bytes.chunks(3) {
+        let byte = |index: usize| u32::from(three.get(index).copied().unwrap_or(0));
+        let bits = byte(0) << 16 | byte(1) << 8 | byte(2);
+        for digit in 0..4 {
+            let index = (bits >> (18 - 6 * digit) & 63) as usize;
+            text.push(if digit <= three.len() { char::from(DIGITS[index]) } else { '=' });
+        }
+    }
+    text
+}
+
+/// Returns a value as JSON.
+pub(super) fn json(value: &impl Serialize) -> Vec<u8> {
+    serde_json::to_vec(value).expect("every type of a record has string keys and no failing serialiser")
+}
+
+/// Returns what a report says, in a line.
+pub(crate) fn text(report: &Report) -> String {
+    match report {
+        Report::Accepted { deployment } => format!("accepted as {deployment}"),
+        Report::Prepared { host, leaves } => format!("{host}: {} up", counted(*leaves, "program")),
+        Report::Connected { host } => format!("{host}: linked"),
+        Report::Go { took, .. } => format!("GO after {:.1} s", took.as_secs_f64()),
+        Report::Process { path, change, .. } => format!("{path} {}", change_text(change)),
+        Report::Refused { reasons } => format!("refused: {}", reasons.join("; ")),
+        Report::Programs { at } => format!("{} can be heard", counted(at.len(), "program")),
+        Report::Finished { ending, .. } => format!("finished: {}", ending_text(ending)),
+    }
+}
+
+/// Returns what happened to a process, after its name.
+pub(crate) fn change_text(change: &Change) -> String {
+    match change {
+        Change::Activated => "activated".to_owned(),
+        Change::Stopping => "asked to stop".to_owned(),
+        Change::Ended(ending) => ending_text(ending),
+        Change::Died(cause) => format!("died: {cause}"),
+        Change::Started { pid } => format!("started as process {pid}"),
+        Change::Restarting { cause, count } => restarting_text(cause, *count),
+        Change::Resumed => "activated again".to_owned(),
+        Change::Held { resource, host } => held_text(resource, host),
+        Change::Configured { parameter, value } => configured_text(parameter, value.as_deref()),
+    }
+}
+
+/// Returns that a process waits for what a lost host may still use, in words.
+pub(crate) fn held_text(resource: &str, host: &str) -> String {
+    format!("waits for `{resource}`: the host `{host}` is lost and may still use it")
+}
+
+/// Returns what a parameter is now, in words.
+pub(crate) fn configured_text(parameter: &str, value: Option<&str>) -> String {
+    match value {
+        Some(value) => format!("was told that `{parameter}` is {value}"),
+        None => format!("was told that `{parameter}` is what the spec says"),
+    }
+}
+
+/// Returns that a program is started again, in words.
+pub(crate) fn restarting_text(cause: &FailureCause, count: u32) -> String {
+    format!("died and is started again ({count} of {RESTARTS_MAX} in {} s): {cause}", WINDOW.as_secs())
+}
+
+/// Returns an ending in words.
+pub(crate) fn ending_text(ending: &Ending) -> String {
+    match ending {
+        Ending::Done(_) => "done".to_owned(),
+        Ending::Aborted(failure) => format!("aborted: {failure}"),
+        Ending::Stopped => "stopped".to_owned(),
+        Ending::Unconfirmed => "nobody could confirm that it stopped".to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bytes_are_text_as_the_rfc_has_it() {
+        for (bytes, text) in
+            [("", ""), ("f", "Zg=="), ("fo", "Zm8="), ("foo", "Zm9v"), ("foob", "Zm9vYg=="), ("\u{ff}", "w78=")]
+        {
+            assert_eq!(base64(bytes.as_bytes()), text);
+        }
+    }
+}

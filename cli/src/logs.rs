@@ -1,0 +1,225 @@
+//! `dca logs`: what a process has written, wherever it runs.
+
+mod list;
+
+use crate::client::{Answers, Clients, Statuses, unasked};
+use crate::follow::RUNS;
+use crate::io::recorder;
+use crate::{Reaching, absent};
+use anyhow::anyhow;
+use node::console::{self, Failure, block_on};
+use node::io::folder;
+use node::logic::printable::Printable;
+use node::logic::protocol::{Answer, NodeStatus, Request, SEVERAL, leaves};
+use std::collections::BTreeSet;
+use std::path::PathBuf;
+
+/// How many records are looked into for the output of a process that runs no more.
+const RECORDS_MAX: usize = 20;
+
+/// What `dca logs` is told.
+#[derive(Debug, clap::Args)]
+pub struct Arguments {
+    /// The process: a path such as `main/dooropensyst/hit`, or the end of one; without it, the processes are listed
+    #[arg(default_value = "", hide_default_value = true)]
+    process: String,
+    /// Go on as it writes
+    #[arg(short, long)]
+    follow: bool,
+    /// In this deployment
+    #[arg(long)]
+    deployment: Option<String>,
+    /// Pass its bytes on as they are: control characters may do anything to a terminal
+    #[arg(long)]
+    raw: bool,
+    /// Where records are, for a process that runs no more
+    #[arg(long, value_name = "DIR", default_value = "runs")]
+    runs: PathBuf,
+    #[command(flatten)]
+    reaching: Reaching,
+}
+
+/// Runs the verb.
+pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let not_found = block_on(async {
+        let clients = match Clients::open(&arguments.reaching).await {
+            Ok(clients) => clients,
+            Err(failure) => return Ok(Some(failure)),
+        };
+        if arguments.process.is_empty() {
+            let listed = list::all(&clients, arguments.deployment.as_deref()).await;
+            clients.close().await;
+            return listed.map(|()| None);
+        }
+        let result = tokio::select! {
+            result = print(&clients, arguments) => result,
+            _ = tokio::signal::ctrl_c() => Ok(None),
+        };
+        clients.close().await;
+        result
+    })?;
+    // A run is over, and its nodes with it: what its programs wrote is in its record.
+    not_found.map_or(Ok(()), |failure| recorded(arguments).unwrap_or(Err(failure)))
+}
+
+/// Prints what the process writes; returns why not if nobody has it.
+async fn print(clients: &Clients, arguments: &Arguments) -> Result<Option<Failure>, Failure> {
+    let all = clients.statuses().await?;
+    let meant = |(client, statuses): &(_, Statuses)| {
+        find(&statuses.nodes, arguments).into_iter().map(|one| (*client, one)).collect::<Vec<_>>()
+    };
+    let found: Vec<_> = all.iter().flat_map(meant).collect();
+    match &found[..] {
+        [(client, (host, deployment, process))] => {
+            let request = request(arguments, Some(deployment.clone()), process.clone());
+            let answers = client.ask_on(host, &request)?;
+            pass(host, answers, None, arguments.raw).await.map(|()| None)
+        }
+        [] if ended(clients, arguments).await? => Ok(None),
+        [] => Ok(Some(absent::missing(&format!("process `{}`", arguments.process), &all).await)),
+        many => {
+            let of = |(_, (_, deployment, path)): &(_, (_, String, String))| format!("`{path}` of `{deployment}`");
+            let all = many.iter().map(of).collect::<Vec<_>>().join(", ");
+            let how = "give more of the path, or `--deployment`";
+            Err(anyhow!("`{}` may be any of {all}; {how}", arguments.process).into())
+        }
+    }
+}
+
+fn request(arguments: &Arguments, deployment: Option<String>, process: String) -> Request {
+    Request::Logs { deployment, process, follow: arguments.follow }
+}
+
+/// Prints what a process wrote that has ended with its deployment, from the first node that still has it. Returns whether
+/// one has.
+async fn ended(clients: &Clients, arguments: &Arguments) -> Result<bool, Failure> {
+    for client in clients.iter() {
+        for host in client.hosts(&[]).await? {
+            let request = request(arguments, arguments.deployment.clone(), arguments.process.clone());
+            let mut answers = client.ask_on(&host, &request)?;
+            let Some(Ok(answer)) = answers.next().await else { continue };
+            if let Answer::Output(first) = answer {
+                return pass(&host, answers, Some(first), arguments.raw).await.map(|()| true);
+            }
+            if matches!(&answer, Answer::Refused(why) if why.starts_with(SEVERAL)) {
+                return Err(unasked(&host, &answer));
+            }
+        }
+    }
+    Ok(false)
+}
+
+async fn pass(host: &str, mut answers: Answers, first: Option<Vec<u8>>, raw: bool) -> Result<(), Failure> {
+    let (mut printable, mut is_empty) = (Printable::default(), true);
+    let mut print = |bytes: &[u8]| {
+        is_empty &= bytes.is_empty();
+        if raw { console::pass(bytes) } else { console::pass(printable.push(bytes).as_bytes()) }
+    };
+    let mut is_read = print(&first.unwrap_or_default())?;
+    while is_read && let Some(answer) = answers.next().await {
+        let answer = answer?;
+        let Answer::Output(bytes) = answer else { return Err(unasked(host, &answer)) };
+        is_read = print(&bytes)?;
+    }
+    if is_empty {
+        console::note("note: it has written nothing");
+    }
+    console::pass(printable.finish().as_bytes())?;
+    Ok(())
+}
+
+/// Prints what a process wrote from the latest record that has it; nothing if none has.
+fn recorded(arguments: &Arguments) -> Option<Result<(), Failure>> {
+    if let Err(why) = folder::check(&arguments.runs, RUNS) {
+        return Some(Err(anyhow!(why).into()));
+    }
+    let mut records: Vec<PathBuf> =
+        std::fs::read_dir(&arguments.runs).ok()?.flatten().map(|entry| entry.path()).collect();
+    let begun =
+        |folder: &PathBuf| std::fs::metadata(folder.join(recorder::FILE)).and_then(|record| record.modified()).ok();
+    records.retain(|folder| begun(folder).is_some());
+    records.sort_by_key(|folder| std::cmp::Reverse(begun(folder)));
+    let end = format!("/{}", arguments.process);
+    for folder in records.iter().take(RECORDS_MAX) {
+        let run = match recorder::read(&folder.join(recorder::FILE)) {
+            Ok(run) => run,
+            Err(error) => {
+                console::note(&format!("warning: a record is left out: {error}"));
+                continue;
+            }
+        };
+        let is_named = arguments.deployment.as_ref().is_none_or(|name| *name == run.header.plan.name);
+        let is_meant = |path: &str| is_named && (path == arguments.process || path.ends_with(&end));
+        let meant: Vec<&str> =
+            run.header.plan.leaves.iter().map(|leaf| leaf.path.as_str()).filter(|path| is_meant(path)).collect();
+        let path = match meant[..] {
+            [] => continue,
+            [path] => path,
+            _ => {
+                let paths = meant.join("`, `");
+                return Some(Err(anyhow!("`{}` may be any of `{paths}`", arguments.process).into()));
+            }
+        };
+        console::note(&format!(
+            "note: no node that answers runs `{path}`; this is from the record in `{}`",
+            folder.display()
+        ));
+        let wrote = run.outputs().remove(path).unwrap_or_default();
+        let text: String = wrote.into_iter().map(|lines| format!("{lines}\n")).collect();
+        let mut printable = Printable::default();
+        let shown = if arguments.raw { text } else { printable.push(text.as_bytes()) + &printable.finish() };
+        let whole = || match run.lacks() {
+            Some(damage) => Err(anyhow!(
+                "the record in `{}` is not whole: {damage}; it may have written more than this",
+                folder.display()
+            )),
+            None => Ok(()),
+        };
+        return Some(console::pass(shown.as_bytes()).and_then(|_| whole()).map_err(Failure::from));
+    }
+    None
+}
+
+/// Returns host, deployment and path of every leaf that is meant, whether its program is alive or not.
+fn find(statuses: &[NodeStatus], arguments: &Arguments) -> BTreeSet<(String, String, String)> {
+    let named = |name: &str| arguments.deployment.as_ref().is_none_or(|wanted| wanted == name);
+    let meant = |path: &str| path == arguments.process || path.ends_with(&format!("/{}", arguments.process));
+    let leaves = leaves(statuses).into_iter();
+    let found = leaves.filter(|leaf| named(&leaf.deployment.name) && meant(&leaf.process.path));
+    found.map(|leaf| (leaf.host.to_owned(), leaf.deployment.name.clone(), leaf.process.path.clone())).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::logic::tree::tests::door_node;
+    use clap::Parser;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        arguments: Arguments,
+    }
+
+    #[test]
+    fn a_leaf_is_found_dead_or_alive_and_a_group_is_not() {
+        let statuses = [
+            door_node(
+                "c1",
+                &[("main", "running", None), ("main/hit", "running", None), ("main/arm", "running", Some(7))],
+            ),
+            door_node("c2", &[("main/hit/force", "dead: SIGSEGV", None)]),
+        ];
+        let check = |line: &[&str], expected: &[(&str, &str)]| {
+            let line = Line::parse_from(["logs"].iter().chain(line));
+            let found = find(&statuses, &line.arguments);
+            let found: Vec<_> = found.iter().map(|(host, _, path)| (host.as_str(), path.as_str())).collect();
+            assert_eq!(found, expected);
+        };
+        check(&["force"], &[("c2", "main/hit/force")]);
+        check(&["main/arm", "--deployment", "door"], &[("c1", "main/arm")]);
+        check(&["main/arm", "--deployment", "window"], &[]);
+        check(&["hit"], &[]);
+        check(&["main"], &[]);
+    }
+}

@@ -1,0 +1,49 @@
+//! `dca logs` without a name: the processes whose output can be asked for.
+
+use crate::client::Clients;
+use node::console::{self, Failure};
+use node::logic::protocol::{LeafStatus, NodeStatus, leaves};
+use node::logic::table::table;
+
+/// Lists the programs of all deployments, or of one.
+pub(super) async fn all(clients: &Clients, deployment: Option<&str>) -> Result<(), Failure> {
+    let nodes: Vec<NodeStatus> = clients.statuses().await?.into_iter().flat_map(|(_, found)| found.nodes).collect();
+    let rows = rows(&nodes, deployment);
+    if rows.len() > 1 {
+        console::say(&table(&rows));
+        console::note(
+            "`dca logs PROCESS` prints what one has written, the end of its path will do; `-f` goes on as it writes",
+        );
+    } else {
+        console::note("nothing runs; `dca logs PROCESS` prints what one of a deployment that is over has written");
+    }
+    Ok(())
+}
+
+fn rows(nodes: &[NodeStatus], deployment: Option<&str>) -> Vec<Vec<String>> {
+    let mut rows = vec![["DEPLOYMENT", "PROCESS", "STATE", "HOST"].map(str::to_owned).to_vec()];
+    let meant = leaves(nodes).into_iter().filter(|leaf| deployment.is_none_or(|name| name == leaf.deployment.name));
+    rows.extend(meant.map(|LeafStatus { host, deployment, process }| {
+        vec![deployment.name.clone(), process.path.clone(), process.state.clone(), host.to_owned()]
+    }));
+    rows[1..].sort();
+    rows
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::logic::tree::tests::door_node;
+
+    #[test]
+    fn programs_of_all_hosts_are_listed_without_groups() {
+        let node = |host: &str, paths: &[&str]| {
+            door_node(host, &paths.iter().map(|path| (*path, "idle", None)).collect::<Vec<_>>())
+        };
+        let nodes = [node("c1", &["main", "main/hit"]), node("c2", &["main/hit/force", "main/arm"])];
+        let rows = rows(&nodes, None);
+        let found: Vec<&str> = rows[1..].iter().map(|row| row[1].as_str()).collect();
+        assert_eq!(found, ["main/arm", "main/hit/force"]);
+        assert_eq!(super::rows(&nodes, Some("window")).len(), 1);
+    }
+}

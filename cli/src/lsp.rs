@@ -1,0 +1,87 @@
+//! `dca lsp`: a language server, over standard input and output.
+//!
+//! One thread reads messages, this one answers them in their order; programs are asked for their interfaces by threads of
+//! their own, whose answers come in by the same queue. Every keystroke is checked from the start, unless the next one is
+//! here already: then the text in between is never looked at. Nothing is computed ahead, so nothing can be stale.
+
+mod answer;
+mod client;
+mod convert;
+mod disk;
+mod inbox;
+mod interfaces;
+mod position;
+mod publish;
+mod rpc;
+mod server;
+mod workspace;
+
+use crate::Controllers;
+use inbox::{Event, Inbox};
+use interfaces::Interfaces;
+use node::console::{self, Failure};
+use node::io::programs;
+use server::{Server, State};
+use std::io::{self, BufReader};
+use std::sync::mpsc::{SyncSender, sync_channel};
+
+/// The most messages that wait.
+const QUEUE_MAX: usize = 256;
+
+/// What `dca lsp` is told.
+#[derive(Debug, clap::Args)]
+pub struct Arguments {
+    #[command(flatten)]
+    controllers: Controllers,
+    /// Taken for granted; some editors say it anyway
+    #[arg(long, hide = true)]
+    stdio: bool,
+}
+
+/// Runs the verb, until the editor says `exit` or goes away.
+pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let (events_tx, events) = sync_channel(QUEUE_MAX);
+    let reader_tx = events_tx.clone();
+    // Nobody joins it: it ends with standard input, or with the process.
+    std::thread::Builder::new().name("reader".to_owned()).spawn(move || read(&reader_tx))?;
+    let interfaces = Interfaces::new(programs::chosen(&arguments.controllers.programs), events_tx);
+    let mut server = Server::new(interfaces);
+    let mut inbox = Inbox::new(events, QUEUE_MAX);
+    loop {
+        let mut replies = Vec::new();
+        match inbox.next(&mut replies) {
+            Event::Message(message) => server.handle(message, &mut replies),
+            Event::Interface(interface) => server.arrived(interface, &mut replies),
+            Event::End => return Err(Failure::Told),
+        }
+        if !inbox.has_change() {
+            server.publish(&mut replies);
+        }
+        for reply in replies {
+            // An editor that is gone needs no answer.
+            if !console::pass(&rpc::frame(&reply)).or(Err(Failure::Told))? {
+                return Err(Failure::Told);
+            }
+        }
+        match server.state() {
+            State::Ended => return Ok(()),
+            State::Abandoned => return Err(Failure::Told),
+            State::Fresh | State::Ready | State::ShutDown => {}
+        }
+    }
+}
+
+/// Hands on what the editor says, until it says no more.
+fn read(events: &SyncSender<Event>) {
+    let mut input = BufReader::new(io::stdin().lock());
+    loop {
+        let event = match rpc::read(&mut input) {
+            Ok(Some(message)) => Event::Message(message),
+            Ok(None) | Err(_) => Event::End,
+        };
+        let is_end = matches!(event, Event::End);
+        if events.send(event).is_err() || is_end {
+            return;
+        }
+    }
+}

@@ -1,0 +1,61 @@
+//! `dca man`: the pages of the manual that `man` shows, one for each verb.
+
+use crate::Command;
+use anyhow::Context as _;
+use clap::CommandFactory as _;
+use node::console::{self, Failure};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// What `dca man` is told.
+#[derive(Debug, clap::Args)]
+pub struct Arguments {
+    /// The folder that the pages go to, which is made: `man -l FOLDER/dca-run.1`, or `~/.local/share/man/man1` for all of them
+    folder: PathBuf,
+}
+
+/// Runs the verb.
+pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let folder = &arguments.folder;
+    let count = write(folder).with_context(|| format!("writing the pages to `{}`", folder.display()))?;
+    console::say(&format!("{}: {count} pages; try `man -l {0}/dca.1`", folder.display()));
+    Ok(())
+}
+
+/// Writes the pages of `dca`, of each verb and of `dca-node`; returns how many there are.
+fn write(folder: &Path) -> std::io::Result<usize> {
+    fs::create_dir_all(folder)?;
+    let mut count = 0;
+    // The name of a page is that of its command: `dca-db-put.1`.
+    let mut next = vec![Command::command().disable_help_subcommand(true), node::command::command()];
+    while let Some(mut command) = next.pop() {
+        command.build();
+        next.extend(
+            command.get_subcommands().filter(|inner| !inner.is_hide_set() && inner.get_name() != "help").cloned(),
+        );
+        let name = command.get_display_name().unwrap_or(command.get_name()).to_owned();
+        let mut page = Vec::new();
+        clap_mangen::Man::new(command).title(name.as_str()).render(&mut page)?;
+        fs::write(folder.join(format!("{name}.1")), page)?;
+        count += 1;
+    }
+    Ok(count)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_verb_has_a_page() {
+        let folder = std::env::temp_dir().join(format!("dca-man-{}", std::process::id()));
+        let count = write(&folder).unwrap();
+        let page = |name: &str| fs::read_to_string(folder.join(name)).unwrap();
+        assert_eq!(fs::read_dir(&folder).unwrap().count(), count);
+        assert!(page("dca.1").contains("dca\\-run(1)"), "{}", page("dca.1"));
+        assert!(page("dca-check.1").contains("\\-\\-format"), "{}", page("dca-check.1"));
+        assert!(page("dca-db-put.1").replace('\\', "").contains("dca-db-put"), "{}", page("dca-db-put.1"));
+        assert!(page("dca-node.1").contains("\\-\\-lan"));
+        fs::remove_dir_all(folder).unwrap();
+    }
+}

@@ -1,0 +1,231 @@
+//! `dca new`: a folder with a spec that runs, and with `--sdk` a program with controllers for it, to begin with.
+
+use anyhow::{Context as _, anyhow};
+use node::console::{self, Failure};
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// What `dca new` is told.
+#[derive(Debug, clap::Args)]
+pub struct Arguments {
+    /// The folder, which is made; its name becomes that of the spec and of the program
+    folder: PathBuf,
+    /// Begin a program with controllers of one's own, too; DIR is a clone of DCA [default: the one that `dca` was built in]
+    #[arg(long, value_name = "DIR", num_args = 0..=1, require_equals = true)]
+    sdk: Option<Option<PathBuf>>,
+}
+
+const SPEC: &str = include_str!("../templates/new.dca");
+const SDK_SPEC: &str = include_str!("../templates/sdk/spec.dca");
+const PROGRAM: &str = include_str!("../templates/sdk/main.rs");
+
+const MANIFEST: &str = "\
+[package]
+name = NAME
+version = \"0.1.0\"
+edition = \"2024\"
+
+[dependencies]
+controllers = { path = SDK }
+
+# Dependencies are optimised, so that control loops keep their time.
+[profile.dev.package.\"*\"]
+opt-level = 2
+
+# A folder of its own, even inside of another workspace.
+[workspace]
+";
+
+/// Names that Cargo or the program itself needs for something else.
+const TAKEN: [&str; 14] = [
+    "alloc",
+    "build",
+    "comms",
+    "controllers",
+    "core",
+    "deps",
+    "examples",
+    "incremental",
+    "main",
+    "proc_macro",
+    "self",
+    "std",
+    "super",
+    "test",
+];
+/// Words of Rust that are letters only, so that a program cannot be called so.
+const WORDS: [&str; 36] = [
+    "abstract", "as", "async", "await", "become", "box", "break", "const", "continue", "crate", "do", "dyn", "else",
+    "enum", "extern", "false", "final", "fn", "for", "gen", "if", "impl", "in", "let", "loop", "macro", "match", "mod",
+    "move", "mut", "pub", "ref", "return", "static", "struct", "trait",
+];
+
+/// The crate that controllers are written with.
+#[derive(Debug)]
+struct Sdk {
+    /// The folder of the crate `controllers`.
+    path: PathBuf,
+    /// The clone of DCA that it is in.
+    clone: PathBuf,
+}
+
+/// Runs the verb.
+pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let folder = &arguments.folder;
+    let name = name(folder, arguments.sdk.is_some())?;
+    let sdk = arguments.sdk.as_ref().map(|given| Sdk::find(given.as_deref())).transpose()?;
+    let files = sdk.as_ref().map_or_else(|| Ok(plain(&name)), |sdk| program(&name, sdk))?;
+    make(folder, &files)?;
+    let next = match sdk {
+        None => format!("dca run {name}.dca"),
+        Some(_) => format!("cargo build && dca run --controllers target/debug/{name} {name}.dca"),
+    };
+    console::say(&format!("cd {} && {next}", folder.display()));
+    if sdk.is_some() {
+        console::note("the first build takes some minutes; `cargo test` runs the controllers on virtual time");
+    }
+    Ok(())
+}
+
+/// A file below the folder, and its text.
+type File = (PathBuf, String);
+
+fn plain(name: &str) -> Vec<File> {
+    vec![(format!("{name}.dca").into(), SPEC.to_owned())]
+}
+
+fn program(name: &str, sdk: &Sdk) -> Result<Vec<File>, Failure> {
+    let path = sdk.path.to_str().with_context(|| format!("the path of `{}` is no text", sdk.path.display()))?;
+    // A string of TOML is one of JSON.
+    let manifest = MANIFEST.replace("NAME", &format!("\"{name}\"")).replace("SDK", &serde_json::to_string(path)?);
+    let mut files = vec![
+        (format!("{name}.dca").into(), SDK_SPEC.to_owned()),
+        ("Cargo.toml".into(), manifest),
+        ("src/main.rs".into(), PROGRAM.to_owned()),
+        (".gitignore".into(), "/target\n/runs\n".to_owned()),
+    ];
+    // The versions that DCA was tested with, and how its dependencies have to be built.
+    for shared in ["Cargo.lock", ".cargo/config.toml"] {
+        let file = sdk.clone.join(shared);
+        match fs::read_to_string(&file) {
+            Ok(text) => files.push((shared.into(), text)),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => {}
+            Err(error) => return Err(anyhow!(error).context(format!("reading `{}`", file.display())).into()),
+        }
+    }
+    Ok(files)
+}
+
+/// Makes the folder whole, or not at all.
+fn make(folder: &Path, files: &[File]) -> Result<(), Failure> {
+    let making = || format!("making the folder `{}`", folder.display());
+    if let Some(parent) = folder.parent().filter(|parent| !parent.as_os_str().is_empty()) {
+        fs::create_dir_all(parent).with_context(making)?;
+    }
+    match fs::create_dir(folder) {
+        Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {
+            return Err(anyhow!("`{}` is there already", folder.display()).into());
+        }
+        made => made.with_context(making)?,
+    }
+    let written = files.iter().try_for_each(|(file, text)| {
+        let file = folder.join(file);
+        let made = file.parent().map_or(Ok(()), fs::create_dir_all);
+        made.and_then(|()| fs::write(&file, text)).with_context(|| format!("writing `{}`", file.display()))
+    });
+    if written.is_err() {
+        // What is left of it is of no use to anybody; the error that counts is the first.
+        drop(fs::remove_dir_all(folder));
+    }
+    Ok(written?)
+}
+
+impl Sdk {
+    /// Looks where it is said to be, else where this program was built.
+    fn find(given: Option<&Path>) -> Result<Self, Failure> {
+        if let Some(given) = given {
+            let looking = || format!("looking for DCA at `{}`", given.display());
+            let found = fs::canonicalize(given).with_context(looking)?;
+            let none = || anyhow!("`{}` is no clone of DCA: it has no crate `controllers`", given.display());
+            let around = || Self::at(found.parent()?).filter(|sdk| sdk.path == found);
+            return Ok(Self::at(&found).or_else(around).ok_or_else(none)?);
+        }
+        let program = std::env::current_exe().ok();
+        let above_program = program.iter().flat_map(|program| program.ancestors());
+        let built = Path::new(env!("CARGO_MANIFEST_DIR")).parent();
+        let here = std::env::current_dir().ok();
+        let above_here = here.iter().flat_map(|here| here.ancestors());
+        let none = || anyhow!("there is no clone of DCA around `dca`: say where one is, `--sdk=DIR`");
+        Ok(above_program.chain(built).chain(above_here).find_map(Self::at).ok_or_else(none)?)
+    }
+
+    /// The crate in a clone of DCA; none if that is no clone.
+    fn at(clone: &Path) -> Option<Self> {
+        let path = clone.join("controllers");
+        let manifest = fs::read_to_string(path.join("Cargo.toml")).ok()?;
+        let is_it = manifest.lines().any(|line| line.trim() == "name = \"controllers\"");
+        is_it.then(|| Self { path, clone: clone.to_owned() })
+    }
+}
+
+/// The name of the folder, which has to be one that Cargo takes.
+fn name(folder: &Path, is_program: bool) -> Result<String, Failure> {
+    let name = folder.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+    let is_good = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
+    let starts_well = name.starts_with(|c: char| c.is_ascii_alphabetic());
+    if !starts_well || !name.chars().all(is_good) {
+        return Err(
+            anyhow!("`{name}` cannot be the name of a program: letters, digits, `_` and `-`, a letter first").into()
+        );
+    }
+    if is_program && (TAKEN.contains(&name.as_str()) || WORDS.contains(&name.as_str())) {
+        return Err(anyhow!("a program cannot be called `{name}`: Rust or Cargo means something else by it").into());
+    }
+    Ok(name)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use language::{Options, Source, compile, format};
+
+    /// The specs are formatted; real processes run them in `tests/tests/new.rs`.
+    #[test]
+    fn the_specs_are_good_and_formatted() {
+        let interface = "type Level = { value: Number };
+            module Ramp(host: Host, until: Number) { out Out: Level; done; }
+            module Smooth(host: Host, gain: Number = 0.5) { in In: Level; service; }
+            module DoorWorld(host: Host) { service; }
+            module GripperControl(host: Host, goal: Text) { done; }
+            module RateSource(host: Host) { out Out: Beat; service; }
+            module RateMonitor(host: Host) { in In: Beat; service; }";
+        for text in [SPEC, SDK_SPEC] {
+            let spec = Source::new("a.dca", text);
+            assert_eq!(format(&spec), Ok(text.to_owned()));
+            let compiled = compile(&spec, &[Source::new("a", interface)], &Options::named("a"));
+            assert_eq!(compiled.diagnostics, []);
+        }
+    }
+
+    #[test]
+    fn a_name_is_one_that_cargo_takes() {
+        assert!(matches!(name(Path::new("a/door-2"), true), Ok(name) if name == "door-2"));
+        for bad in ["2door", "a b", "/", ".", "match", "controllers", "test"] {
+            assert!(name(Path::new(bad), true).is_err(), "{bad}");
+        }
+        assert!(name(Path::new("test"), false).is_ok());
+    }
+
+    #[test]
+    fn what_is_no_clone_is_none() {
+        assert!(Sdk::find(None).is_ok_and(|sdk| sdk.path.join("Cargo.toml").is_file()));
+        let clone = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
+        for good in [clone, &clone.join("controllers")] {
+            assert!(Sdk::find(Some(good)).is_ok_and(|sdk| sdk.clone == fs::canonicalize(clone).unwrap()), "{good:?}");
+        }
+        for bad in ["/", "/nowhere/at/all", env!("CARGO_MANIFEST_DIR")] {
+            assert!(Sdk::find(Some(Path::new(bad))).is_err(), "{bad}");
+        }
+    }
+}

@@ -1,0 +1,168 @@
+//! The one place that writes to standard output and standard error: results on the first, the rest on the second.
+
+use crate::logic::mission::{Line, Style};
+use std::fmt;
+use std::io::{self, IsTerminal as _, Write};
+
+/// Columns of a terminal that does not tell.
+const COLUMNS_DEFAULT: usize = 80;
+
+/// Returns whether texts on standard error may have colours. Sources: <https://no-color.org>; `dumb` in terminfo(5).
+pub fn is_coloured() -> bool {
+    let is_unwanted = std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty());
+    io::stderr().is_terminal() && !is_unwanted && !is_dumb()
+}
+
+fn is_dumb() -> bool {
+    std::env::var_os("TERM").is_some_and(|terminal| terminal == "dumb")
+}
+
+fn columns(stream: impl std::os::fd::AsFd) -> usize {
+    let columns = rustix::termios::tcgetwinsize(stream).map_or(0, |size| usize::from(size.ws_col));
+    if columns == 0 { COLUMNS_DEFAULT } else { columns }
+}
+
+/// Both streams of a command, and whether a live line stands on the second.
+pub struct Output {
+    results: Box<dyn Write + Send>,
+    notes: Box<dyn Write + Send>,
+    terminal: bool,
+    live: bool,
+}
+
+impl fmt::Debug for Output {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Output").field("terminal", &self.terminal).field("live", &self.live).finish_non_exhaustive()
+    }
+}
+
+impl Output {
+    /// Returns the process's own streams.
+    pub fn standard() -> Self {
+        // A terminal that cannot draw a line again is told apart by nothing else.
+        let terminal = io::stderr().is_terminal() && !is_dumb();
+        Self { results: Box::new(io::stdout()), notes: Box::new(io::stderr()), terminal, live: false }
+    }
+
+    /// Returns how lines for a person are to be laid out now.
+    pub fn style(&self) -> Style {
+        if !self.terminal {
+            return Style::Plain;
+        }
+        Style::Terminal(columns(io::stderr()))
+    }
+
+    /// Returns how wide a result may be; nothing unless it goes to a terminal.
+    pub fn columns(&self) -> Option<usize> {
+        io::stdout().is_terminal().then(|| columns(io::stdout()))
+    }
+
+    /// Writes a result, with a line feed if it has none.
+    ///
+    /// # Errors
+    /// When nobody reads standard output any more: then there is no reason to go on.
+    pub fn result(&mut self, text: &str) -> io::Result<()> {
+        self.clear();
+        self.results.write_all(text.as_bytes())?;
+        if !text.ends_with('\n') {
+            self.results.write_all(b"\n")?;
+        }
+        self.results.flush()
+    }
+
+    /// Writes bytes as they are: the output of a program.
+    ///
+    /// # Errors
+    /// As [`Output::result`].
+    pub fn raw(&mut self, bytes: &[u8]) -> io::Result<()> {
+        self.clear();
+        self.results.write_all(bytes)?;
+        self.results.flush()
+    }
+
+    /// Writes a line for a person: an error, a warning, a step that is over.
+    pub fn note(&mut self, text: &str) {
+        self.clear();
+        self.write(&format!("{}\n", text.trim_end_matches('\n')));
+    }
+
+    /// Writes a line of a [`crate::logic::mission::Progress`]; on a terminal a live line takes the place of the one before.
+    pub fn line(&mut self, line: &Line) {
+        match line {
+            Line::Live(text) if self.terminal => {
+                // Erasing to the right after the text, not before it, keeps the line from flickering.
+                self.write(&format!("\r{text}\x1b[K"));
+                self.live = true;
+            }
+            Line::Live(text) | Line::Kept(text) => self.note(text),
+        }
+    }
+
+    /// Takes the live line away.
+    pub fn clear(&mut self) {
+        if self.live {
+            self.write("\r\x1b[K");
+            self.live = false;
+        }
+    }
+
+    fn write(&mut self, text: &str) {
+        // Where should one say that standard error is gone?
+        let written = self.notes.write_all(text.as_bytes()).and_then(|()| self.notes.flush());
+        drop(written);
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+    use std::sync::{Arc, Mutex};
+
+    #[derive(Clone, Default)]
+    pub(crate) struct Stream(Arc<Mutex<Vec<u8>>>);
+
+    impl Stream {
+        pub(crate) fn text(&self) -> String {
+            String::from_utf8(self.0.lock().unwrap().clone()).unwrap()
+        }
+    }
+
+    impl Write for Stream {
+        fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+            self.0.lock().unwrap().write(bytes)
+        }
+        fn flush(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    /// Returns an output and its two streams: results, notes.
+    pub(crate) fn output(terminal: bool) -> (Output, Stream, Stream) {
+        let (results, notes) = (Stream::default(), Stream::default());
+        let output =
+            Output { results: Box::new(results.clone()), notes: Box::new(notes.clone()), terminal, live: false };
+        (output, results, notes)
+    }
+
+    #[test]
+    fn a_live_line_is_taken_away_before_anything_else() {
+        let (mut output, results, notes) = output(true);
+        output.line(&Line::Live("1 s".to_owned()));
+        output.line(&Line::Live("2 s".to_owned()));
+        output.line(&Line::Kept("over".to_owned()));
+        output.line(&Line::Live("3 s".to_owned()));
+        output.result("42").unwrap();
+        assert_eq!(notes.text(), "\r1 s\x1b[K\r2 s\x1b[K\r\x1b[Kover\n\r3 s\x1b[K\r\x1b[K");
+        assert_eq!(results.text(), "42\n");
+    }
+
+    #[test]
+    fn a_file_gets_plain_lines() {
+        let (mut output, results, notes) = output(false);
+        output.line(&Line::Live("1 s".to_owned()));
+        output.line(&Line::Kept("over".to_owned()));
+        output.raw(b"x").unwrap();
+        assert_eq!((notes.text().as_str(), results.text().as_str()), ("1 s\nover\n", "x"));
+        assert_eq!(output.style(), Style::Plain);
+    }
+}

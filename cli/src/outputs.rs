@@ -1,0 +1,106 @@
+//! What the programs of a mission write, from every host of it, as lines for the record.
+
+use crate::client::{Answers, Client, unasked, words};
+use crate::logic::record::Lines;
+use comms::io::clock;
+use node::console::{self, Failure};
+use node::logic::protocol::{Answer, Deployment, Request};
+use std::collections::BTreeSet;
+use std::time::Duration;
+use tokio::sync::mpsc::{self, Receiver, Sender};
+use tokio::task::JoinSet;
+
+/// How many pieces wait to be recorded; who sends more waits.
+const PIECES_MAX: usize = 256;
+
+/// What a program wrote: its path, and bytes or lines.
+type Wrote<T> = (String, T);
+
+/// The streams of what programs write, one of each host.
+#[derive(Debug)]
+pub(crate) struct Outputs {
+    asked: BTreeSet<String>,
+    hearing: JoinSet<()>,
+    sink: Sender<Wrote<Vec<u8>>>,
+    arriving: Receiver<Wrote<Vec<u8>>>,
+    lines: Lines,
+}
+
+impl Default for Outputs {
+    fn default() -> Self {
+        let (sink, arriving) = mpsc::channel(PIECES_MAX);
+        let (asked, hearing) = (BTreeSet::new(), JoinSet::new());
+        Self { asked, hearing, sink, arriving, lines: Lines::default() }
+    }
+}
+
+impl Outputs {
+    /// Begins to hear the programs of a deployment on a host, unless they are heard already.
+    pub(crate) fn hear(&mut self, client: &Client, host: &str, deployment: &Deployment) {
+        if !self.asked.insert(host.to_owned()) {
+            return;
+        }
+        match client.ask_on(host, &Request::Output { deployment: deployment.clone() }) {
+            Ok(answers) => drop(self.hearing.spawn(hear(host.to_owned(), answers, self.sink.clone()))),
+            Err(why) => console::note(&incomplete(host, &why)),
+        }
+    }
+
+    /// Returns the next whole lines of a program; never anything when there are none.
+    ///
+    /// # Cancellation
+    /// Safe.
+    pub(crate) async fn next(&mut self) -> Wrote<String> {
+        loop {
+            let Some((path, bytes)) = self.arriving.recv().await else { return std::future::pending().await };
+            if let Some(lines) = self.lines.push(&path, &bytes) {
+                return (path, lines);
+            }
+        }
+    }
+
+    /// Takes all that is still to come, for as long as something comes: at the most `pause_max` after what came last.
+    pub(crate) async fn rest(mut self, pause_max: Duration, mut take: impl FnMut(String, String)) {
+        drop(self.sink);
+        loop {
+            let deadline = clock::now() + pause_max;
+            let piece = tokio::select! {
+                biased;
+                piece = self.arriving.recv() => piece,
+                () = clock::sleep_until(deadline) => {
+                    if !pause_max.is_zero() {
+                        console::note("warning: not all that programs wrote is recorded: the rest did not come in time");
+                    }
+                    None
+                }
+            };
+            let Some((path, bytes)) = piece else { break };
+            if let Some(lines) = self.lines.push(&path, &bytes) {
+                take(path, lines);
+            }
+        }
+        self.lines.end().for_each(|(path, lines)| take(path, lines));
+    }
+}
+
+async fn hear(host: String, mut answers: Answers, sink: Sender<Wrote<Vec<u8>>>) {
+    while let Some(answer) = answers.next().await {
+        let why = match answer {
+            Ok(Answer::Wrote { path, bytes }) => {
+                if sink.send((path, bytes)).await.is_err() {
+                    return;
+                }
+                continue;
+            }
+            // A host that has never taken part has nothing to say.
+            Ok(Answer::Refused(_)) => return,
+            Ok(other) => unasked(&host, &other),
+            Err(why) => why,
+        };
+        return console::note(&incomplete(&host, &why));
+    }
+}
+
+fn incomplete(host: &str, why: &Failure) -> String {
+    format!("warning: not all that programs of `{host}` write is recorded: {}", words(why))
+}

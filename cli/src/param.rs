@@ -1,0 +1,384 @@
+//! `dca param`: parameters of running programs, which are keys of the database of their robot.
+
+use super::db::asking::Asking;
+use super::db::write::Writing;
+use anyhow::{Context, anyhow};
+use clap::Subcommand;
+use dbmanager::logic::key::Key;
+use dbmanager::logic::txn::Write;
+use dbmanager::logic::view::value::Datum;
+use language::plan::{Accepts, Constant, Parameter};
+use node::console::{self, Failure};
+use node::logic::database::settings::{key_of_parameter, parameter_key, spelt, stands_for};
+use node::logic::parameters::{no_parameter, without_main};
+use node::logic::protocol::{InstanceParameters, ParameterStatus};
+use node::logic::table::table;
+use std::collections::BTreeMap;
+
+/// What `dca param` is told.
+#[derive(Debug, clap::Args)]
+pub struct Arguments {
+    #[command(subcommand)]
+    verb: Verb,
+}
+
+#[derive(Debug, Subcommand)]
+enum Verb {
+    /// List the parameters of the programs that run, with what they take and what they are now
+    List(List),
+    /// Print what a parameter is now
+    Get(Get),
+    /// Change a parameter, also while its program runs
+    Set(Set),
+    /// Take a change back: the value of the spec counts again
+    Unset(Unset),
+}
+
+/// What `dca param list` is told.
+#[derive(Debug, clap::Args)]
+struct List {
+    /// A program: its path, or the end of it such as `hit/force` [default: all]
+    instance: Option<String>,
+    #[command(flatten)]
+    asking: Asking,
+}
+
+/// What `dca param get` is told.
+#[derive(Debug, clap::Args)]
+struct Get {
+    /// A program: its path, or the end of it such as `hit/force`
+    instance: String,
+    /// The parameter
+    parameter: String,
+    #[command(flatten)]
+    asking: Asking,
+}
+
+/// What `dca param set` is told.
+#[derive(Debug, clap::Args)]
+struct Set {
+    /// A program: its path, or the end of it such as `hit/force`
+    instance: String,
+    /// The parameter
+    parameter: String,
+    /// A quantity such as `20 N`, a number in SI units, `true`, `false`, or a text
+    #[arg(allow_hyphen_values = true)]
+    value: String,
+    #[command(flatten)]
+    writing: Writing,
+}
+
+/// What `dca param unset` is told.
+#[derive(Debug, clap::Args)]
+struct Unset {
+    /// A program: its path, or the end of it such as `hit/force`
+    instance: String,
+    /// The parameter
+    parameter: String,
+    #[command(flatten)]
+    writing: Writing,
+}
+
+/// A program, its robot, and what the database of that says of its parameters.
+struct Program {
+    host: String,
+    told: InstanceParameters,
+    /// By parameter: the keys that name it, the one that counts last, with their values.
+    set: BTreeMap<String, Vec<(String, Datum)>>,
+}
+
+/// Runs the verb.
+pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
+    match arguments.verb {
+        Verb::List(arguments) => arguments.run(),
+        Verb::Get(arguments) => arguments.run(),
+        Verb::Set(arguments) => arguments.run(),
+        Verb::Unset(arguments) => arguments.run(),
+    }
+}
+
+impl List {
+    fn run(self) -> Result<(), Failure> {
+        let programs = programs(&self.asking)?;
+        let is_meant = |program: &&Program| self.instance.as_ref().is_none_or(|name| program.is_called(name));
+        let programs: Vec<&Program> = programs.iter().filter(is_meant).collect();
+        if let (Some(name), true) = (&self.instance, programs.is_empty()) {
+            return Err(anyhow!("no program `{name}` runs; `dca status` lists what does").into());
+        }
+        if self.asking.json {
+            let all: Vec<serde_json::Value> = programs.iter().flat_map(|program| program.json()).collect();
+            console::say(&serde_json::Value::Array(all).to_string());
+            return Ok(());
+        }
+        let mut rows = vec![["PROGRAM", "PARAMETER", "VALUE", "SPEC", "TAKES"].map(str::to_owned).to_vec()];
+        rows.extend(programs.iter().flat_map(|program| program.rows()));
+        let silent = programs.iter().filter(|program| program.told.parameters.is_none());
+        let silent: Vec<String> = silent.map(|program| format!("`{}`", program.name())).collect();
+        if rows.len() > 1 {
+            console::say(&table(&rows));
+        } else {
+            console::note("no program that runs has parameters");
+        }
+        if !silent.is_empty() {
+            console::note(&format!("note: nobody says what parameters these have: {}", silent.join(", ")));
+        }
+        Ok(())
+    }
+}
+
+impl Get {
+    fn run(self) -> Result<(), Failure> {
+        let programs = programs(&self.asking)?;
+        let program = one(&programs, &self.instance)?;
+        let parameter = program.parameter(&self.parameter)?;
+        let value = program.value(&parameter.name).with_context(|| {
+            format!("`{}` of `{}` has no value but its program's own", parameter.name, program.name())
+        })?;
+        console::say(&if self.asking.json { value.to_json() } else { value.to_toml() });
+        Ok(())
+    }
+}
+
+impl Set {
+    fn run(self) -> Result<(), Failure> {
+        let programs = programs(&self.writing.asking)?;
+        let program = one(&programs, &self.instance)?;
+        let parameter = program.parameter(&self.parameter)?;
+        let value = parameter.accepts.read(&self.value);
+        let value = value
+            .map_err(|expected| anyhow!("`{}` cannot be `{}`: expected {expected}", parameter.name, self.value))?;
+        let datum = datum(&parameter.accepts, &value)?;
+        let key = program.key(&parameter.name);
+        console::note(&format!("{key} = {}", datum.to_toml()));
+        self.writing.commit(vec![], vec![Write { key: Key::new(key)?, value: Some(datum.encode()?) }])
+    }
+}
+
+impl Unset {
+    fn run(self) -> Result<(), Failure> {
+        let programs = programs(&self.writing.asking)?;
+        let program = match one(&programs, &self.instance) {
+            Ok(program) => program,
+            // A change stays when nothing of it runs any more, and so does the way to take it back.
+            Err(none) => return self.delete(&stored(&self.writing.asking, &self.instance, &self.parameter)?, none),
+        };
+        let parameter = program.parameter(&self.parameter)?;
+        let set = program.set.get(&parameter.name).map(Vec::as_slice).unwrap_or_default();
+        let Some((key, _)) = set.last() else {
+            return Err(anyhow!("`{}` of `{}` was not changed", parameter.name, program.name()).into());
+        };
+        self.delete(std::slice::from_ref(key), anyhow!("nothing is to be deleted").into())
+    }
+
+    /// Deletes the one key that is meant; `none` says why not if there is none.
+    fn delete(&self, keys: &[String], none: Failure) -> Result<(), Failure> {
+        match keys {
+            [key] => {
+                console::note(&format!("{key} is deleted"));
+                self.writing.commit(vec![], vec![Write { key: Key::new(key.clone())?, value: None }])
+            }
+            [] => Err(none),
+            several => {
+                let (name, keys) = (&self.instance, several.join("`, `"));
+                Err(anyhow!("`{name}` may be meant by `{keys}`; `dca db delete KEY` deletes one").into())
+            }
+        }
+    }
+}
+
+impl Program {
+    /// Its deployment, and its path without `main`.
+    fn name(&self) -> String {
+        format!("{}/{}", self.told.deployment.name, without_main(&self.told.path))
+    }
+
+    fn is_called(&self, name: &str) -> bool {
+        stands_for(name, &self.told.path) || name == self.told.path || name == self.name()
+    }
+
+    fn parameter(&self, name: &str) -> Result<&Parameter, Failure> {
+        let Some(all) = &self.told.parameters else {
+            return Err(anyhow!("nobody says what parameters `{}` has: its interface is not known", self.name()).into());
+        };
+        let found = all.iter().find(|status| status.parameter.name == name);
+        let found = found.with_context(|| no_parameter(&self.told, all, name))?;
+        Ok(&found.parameter)
+    }
+
+    /// Where a change is written: the key that counts now, else one with the whole path.
+    fn key(&self, parameter: &str) -> String {
+        let set = self.set.get(parameter).and_then(|set| set.last());
+        let own = || key_of_parameter(&self.host, &self.told.deployment.name, &self.told.path, parameter);
+        set.map_or_else(own, |(key, _)| key.clone())
+    }
+
+    /// What a parameter is now: what the database says, if the program takes it, else what the spec does.
+    fn value(&self, parameter: &str) -> Option<Datum> {
+        let status = self.told.parameters.iter().flatten().find(|status| status.parameter.name == parameter)?;
+        let set = self.set.get(parameter).and_then(|set| set.last()).map(|(_, datum)| datum);
+        let accepts = &status.parameter.accepts;
+        let set = set.and_then(|datum| match accepts.read(&spelt(datum)) {
+            // A quantity may be stored with its unit.
+            Ok(number) if accepts.unit().is_some() => number.parse().ok().map(Datum::float),
+            read => read.ok().map(|_| datum.clone()),
+        });
+        set.or_else(|| status.given.as_ref().map(datum_of))
+    }
+
+    fn rows(&self) -> Vec<Vec<String>> {
+        let statuses = self.told.parameters.iter().flatten();
+        let row = |status: &ParameterStatus| {
+            let name = &status.parameter.name;
+            let unit = status.parameter.accepts.unit().map(|unit| format!(" {unit}")).unwrap_or_default();
+            let shown = |datum: Option<Datum>| {
+                datum.map_or_else(|| "-".to_owned(), |datum| format!("{}{unit}", datum.to_toml()))
+            };
+            let given = status.given.as_ref().map(datum_of);
+            vec![self.name(), name.clone(), shown(self.value(name)), shown(given), status.parameter.accepts.to_string()]
+        };
+        statuses.map(row).collect()
+    }
+
+    fn json(&self) -> Vec<serde_json::Value> {
+        let value = |datum: Option<Datum>| {
+            datum.map_or(serde_json::Value::Null, |datum| serde_json::from_str(&datum.to_json()).unwrap_or_default())
+        };
+        let statuses = self.told.parameters.iter().flatten();
+        let one = |status: &ParameterStatus| {
+            let name = &status.parameter.name;
+            serde_json::json!({
+                "deployment": self.told.deployment.name,
+                "host": self.host,
+                "instance": self.told.path,
+                "module": self.told.module,
+                "parameter": name,
+                "value": value(self.value(name)),
+                "spec": value(status.given.as_ref().map(datum_of)),
+                "takes": status.parameter.accepts.to_string(),
+                "unit": status.parameter.accepts.unit(),
+                "key": self.key(name),
+            })
+        };
+        statuses.map(one).collect()
+    }
+}
+
+/// The one program that is meant.
+fn one<'a>(programs: &'a [Program], name: &str) -> Result<&'a Program, Failure> {
+    let mut found = programs.iter().filter(|program| program.is_called(name));
+    match (found.next(), found.next()) {
+        (Some(program), None) => Ok(program),
+        (None, _) => {
+            let all: Vec<String> = programs.iter().map(Program::name).collect();
+            let hint = match language::nearest(name, programs.iter().map(|program| without_main(&program.told.path))) {
+                Some(near) => format!("did you mean `{near}`?"),
+                None if all.is_empty() => "nothing runs".to_owned(),
+                None => "`dca param list` lists all".to_owned(),
+            };
+            Err(anyhow!("no program `{name}` runs; {hint}").into())
+        }
+        (Some(one), Some(other)) => {
+            let (one, other) = (one.name(), other.name());
+            Err(anyhow!("`{name}` may be `{one}` or `{other}`; give more of the path").into())
+        }
+    }
+}
+
+/// Finds the keys that set a parameter of a program that does not run: of any robot that can be reached.
+fn stored(asking: &Asking, instance: &str, parameter: &str) -> Result<Vec<String>, Failure> {
+    asking.with(async |databases| {
+        let mut found = Vec::new();
+        for host in databases.robots().await? {
+            let keys = databases.parameters_of(&host, "").await?;
+            found.extend(keys.into_iter().map(|(key, _)| key).filter(|key| is_set_by(key, instance, parameter)));
+        }
+        Ok(found)
+    })
+}
+
+/// Whether a key sets a parameter of a program with this name: its path, with its deployment or without, or the end of it.
+fn is_set_by(key: &str, name: &str, parameter: &str) -> bool {
+    let Some((_, deployment, instance, of)) = parameter_key(key) else { return false };
+    let whole = format!("{deployment}/{instance}");
+    let is_end =
+        |short: &str, long: &str| long.strip_suffix(short).is_some_and(|rest| rest.is_empty() || rest.ends_with('/'));
+    // The key may name less of the path than the person does, and the other way round.
+    let path = name.strip_prefix(deployment).and_then(|rest| rest.strip_prefix('/'));
+    of == parameter && (is_end(name, &whole) || path.is_some_and(|path| is_end(instance, path)))
+}
+
+/// Asks every node that can be reached for its programs, and its database for what goes over their arguments.
+fn programs(asking: &Asking) -> Result<Vec<Program>, Failure> {
+    asking.with(async |databases| {
+        let mut programs = Vec::new();
+        for host in databases.robots().await? {
+            let told = databases.parameters(&host).await?;
+            if told.is_empty() {
+                continue;
+            }
+            let keys = databases.parameters_of(&host, "").await?;
+            let program = |told: InstanceParameters| Program { set: set(&keys, &told), host: host.clone(), told };
+            programs.extend(told.into_iter().map(program));
+        }
+        programs.sort_by_key(Program::name);
+        Ok(programs)
+    })
+}
+
+/// The keys that name the parameters of a program, by parameter; the one that names most of its path last.
+fn set(keys: &[(String, Datum)], told: &InstanceParameters) -> BTreeMap<String, Vec<(String, Datum)>> {
+    let mut set: BTreeMap<String, Vec<(String, Datum)>> = BTreeMap::new();
+    for (key, datum) in keys {
+        let Some((_, deployment, instance, name)) = parameter_key(key) else { continue };
+        if deployment == told.deployment.name && stands_for(instance, &told.path) {
+            set.entry(name.to_owned()).or_default().push((key.clone(), datum.clone()));
+        }
+    }
+    set.values_mut().for_each(|keys| keys.sort_by_key(|(key, _)| key.len()));
+    set
+}
+
+/// A value that was typed, as what the parameter takes.
+fn datum(accepts: &Accepts, text: &str) -> Result<Datum, Failure> {
+    let is_text = match accepts {
+        Accepts::Number | Accepts::Between { .. } | Accepts::Quantity { .. } => {
+            return Ok(Datum::float(text.parse().context("reading the number")?));
+        }
+        Accepts::Text => true,
+        Accepts::OneOf(all) => all.iter().all(|one| matches!(one, Constant::Text(_))),
+        // What is no value of TOML is a text.
+        Accepts::Any => Datum::from_toml(text).is_err(),
+        Accepts::Truth => false,
+    };
+    if is_text { Ok(Datum::Text(text.to_owned())) } else { Ok(Datum::from_toml(text).context("reading the value")?) }
+}
+
+fn datum_of(constant: &Constant) -> Datum {
+    match constant {
+        Constant::Text(text) => Datum::Text(text.clone()),
+        Constant::Number(number) => Datum::float(*number),
+        Constant::Truth(truth) => Datum::Bool(*truth),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_change_is_found_when_its_program_does_not_run() {
+        let key = "robot/c3/params/door/hit/force/threshold";
+        for (name, is_it) in [
+            ("force", true),
+            ("hit/force", true),
+            ("door/hit/force", true),
+            ("door/task/hit/force", true),
+            ("task/hit/force", false),
+            ("orce", false),
+            ("gate/hit/force", false),
+        ] {
+            assert_eq!(is_set_by(key, name, "threshold"), is_it, "{name}");
+        }
+        assert!(!is_set_by(key, "force", "zero") && !is_set_by("team/a", "force", "threshold"));
+    }
+}

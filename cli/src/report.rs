@@ -1,0 +1,54 @@
+//! `dca report`: one page to look at, from the record of a run.
+
+use crate::io::recorder;
+use crate::io::whole_file::WholeFile;
+use crate::logic::page::page;
+use anyhow::{Context as _, anyhow};
+use node::console::{self, Failure};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Name of a report, beside its record.
+pub const FILE: &str = "report.html";
+
+/// What `dca report` is told.
+#[derive(Debug, clap::Args)]
+pub struct Arguments {
+    /// The record, or the folder it is in
+    record: PathBuf,
+    /// Where the page goes [default: report.html beside the record]
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
+}
+
+/// Runs the verb.
+pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let folder = arguments.record.is_dir();
+    let record = if folder { arguments.record.join(recorder::FILE) } else { arguments.record.clone() };
+    let file = arguments.output.clone().unwrap_or_else(|| record.with_file_name(FILE));
+    let damage = write(&record, &file)?;
+    console::say(&file.display().to_string());
+    // The page shows what is whole.
+    damage.map_or(Ok(()), |_told| Err(anyhow!("the page in `{}` is not of the whole run", file.display()).into()))
+}
+
+/// Reads a record and writes its page. Returns what the record lacks, which a person has been told.
+///
+/// # Errors
+/// When the record cannot be read, or the page cannot be written.
+pub fn write(record: &Path, file: &Path) -> anyhow::Result<Option<String>> {
+    let run = recorder::read(record)?;
+    let lacks = run.lacks();
+    if let Some(damage) = &lacks {
+        console::note(&format!("warning: the record `{}` is not whole: {damage}", record.display()));
+    }
+    if fs::metadata(file).is_ok_and(|there| !there.is_file() && !there.is_dir()) {
+        // A pipe or a terminal: nothing is left behind there.
+        fs::write(file, page(&run)).with_context(|| format!("writing the report `{}`", file.display()))?;
+        return Ok(lacks);
+    }
+    let mut whole = WholeFile::create(file).context("writing the report")?;
+    whole.write(page(&run).as_bytes())?;
+    whole.finish()?;
+    Ok(lacks)
+}

@@ -1,0 +1,128 @@
+//! `dca run`: a spec on this machine alone. A node for each of its hosts is started inside this command; when the command
+//! ends, however it ends, nothing of it stays.
+
+use crate::client::Client;
+use crate::follow::Spec;
+use crate::{Controllers, check, deploy, follow};
+use anyhow::{Context, anyhow};
+use comms::io::clock;
+use comms::io::session::Reach;
+use node::console::{Failure, block_on, ended};
+use node::io::driver::{self, Config};
+use node::io::{cgroup, programs, run_dir, state_dir};
+use node::logic::database::TEAM;
+use shim::protocol::AGENT_LOSS_GRACE;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+use tokio::sync::watch;
+use tokio::task::JoinSet;
+
+/// How long the nodes have to leave.
+const LEAVE_WITHIN: Duration = Duration::from_secs(30);
+
+/// What `dca run` is told.
+#[derive(Debug, clap::Args)]
+pub struct Arguments {
+    /// The spec
+    file: PathBuf,
+    #[command(flatten)]
+    following: follow::Following,
+    #[command(flatten)]
+    controllers: Controllers,
+    /// Keep the database of its nodes in this folder [default: it is gone when the command ends]
+    #[arg(long, value_name = "DIR")]
+    state: Option<PathBuf>,
+    /// Folder with the sockets of this machine's nodes, where other verbs find this command's, too
+    #[arg(long, value_name = "DIR")]
+    run_dir: Option<PathBuf>,
+}
+
+/// The nodes inside this command.
+#[derive(Debug)]
+struct Nodes {
+    base: PathBuf,
+    leave: watch::Sender<bool>,
+    running: JoinSet<anyhow::Result<()>>,
+}
+
+/// Runs the verb.
+pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
+    let spec = check::load(&arguments.file, &arguments.controllers, false)?;
+    block_on(async {
+        let mut nodes = Nodes::start(&spec.plan.hosts, &arguments).await?;
+        let result = nodes.carry(spec, &arguments.following).await;
+        nodes.leave().await;
+        result
+    })
+}
+
+impl Nodes {
+    async fn start(hosts: &[String], arguments: &Arguments) -> Result<Self, Failure> {
+        let (controllers, state) = (&arguments.controllers, arguments.state.as_deref());
+        let base = arguments.run_dir.clone().unwrap_or_else(run_dir::default_base);
+        let base = std::path::absolute(&base).with_context(|| format!("finding the folder `{}`", base.display()))?;
+        let base = run_dir::of_this_command(&base);
+        let mut nodes = Self { base, leave: watch::Sender::new(false), running: JoinSet::new() };
+        for host in hosts {
+            let config = Config {
+                name: host.clone(),
+                base: nodes.base.clone(),
+                reach: Reach::Host,
+                port: 0,
+                controllers: programs::chosen(&controllers.programs),
+                peers: Vec::new(),
+                state: state.map(|state| state_dir::take(Some(state), host)).transpose()?,
+                team: TEAM.to_owned(),
+                store: None,
+                founds: hosts.first() == Some(host),
+                agent_loss_grace: AGENT_LOSS_GRACE,
+                log: None,
+            };
+            let ready = watch::Sender::new(false);
+            let mut is_ready = ready.subscribe();
+            nodes.running.spawn(driver::run(config, nodes.leave.subscribe(), ready));
+            tokio::select! {
+                // A node that ends at once is never ready: why it ended says more.
+                Ok(_) = is_ready.wait_for(|ready| *ready) => {}
+                why = ended(&mut nodes.running) => {
+                    nodes.leave().await;
+                    return Err(why.err().unwrap_or_else(|| anyhow!("the node `{host}` ended at once")).into());
+                }
+            }
+        }
+        Ok(nodes)
+    }
+
+    async fn carry(&mut self, spec: Spec, following: &follow::Following) -> Result<(), Failure> {
+        let home = spec.plan.home().context("the plan names no host for `main`")?.to_owned();
+        let client = Client::to_socket(self.base.join(&home).join("node.sock")).await?;
+        let result = tokio::select! {
+            result = deploy::deploy(&client, spec, following) => result,
+            why = ended(&mut self.running) => {
+                Err(why.err().unwrap_or_else(|| anyhow!("a node ended in the middle")).into())
+            }
+        };
+        client.close().await;
+        result
+    }
+
+    /// Ends the nodes and removes their folder.
+    async fn leave(&mut self) {
+        self.leave.send_replace(true);
+        let deadline = clock::now() + LEAVE_WITHIN;
+        loop {
+            tokio::select! {
+                ended = self.running.join_next() => if ended.is_none() { break },
+                () = clock::sleep_until(deadline) => break,
+            }
+        }
+        cgroup::leave();
+        remove(&self.base);
+    }
+}
+
+fn remove(base: &Path) {
+    if let Err(error) = std::fs::remove_dir_all(base) {
+        tracing::debug!(%error, "cannot remove the nodes' folder");
+    }
+}

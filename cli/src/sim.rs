@@ -1,0 +1,148 @@
+//! `dca sim`: the event actions of a spec with fake leaves, from the keyboard, from a script, or by chance.
+
+use crate::io::named_file;
+use crate::{Controllers, check};
+use anyhow::{Context as _, anyhow};
+use language::plan::Plan;
+use language::{RandomRun, Simulation, SimulationEvent, Transition};
+use node::console::{self, Failure};
+use std::io::{BufRead as _, IsTerminal as _};
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// As many things may happen by chance, unless the command line says otherwise.
+const STEPS: u64 = 1000;
+
+/// What `dca sim` is told.
+#[derive(Debug, clap::Args)]
+pub struct Arguments {
+    /// The spec
+    file: PathBuf,
+    /// A file with one line for each thing that happens: `arm`, `arm abort why`, `5 s`, `stop` [default: standard input]
+    #[arg(long, value_name = "FILE", conflicts_with = "seed")]
+    script: Option<PathBuf>,
+    /// Let processes end by chance; the same number gives the same run
+    #[arg(long, value_name = "NUMBER")]
+    seed: Option<u64>,
+    /// Of a hundred ends by chance, how many are failures
+    #[arg(long, value_name = "PERCENT", default_value_t = 0, requires = "seed")]
+    faults: u64,
+    /// How many things may happen by chance
+    #[arg(long, value_name = "NUMBER", default_value_t = STEPS, requires = "seed")]
+    steps: u64,
+    /// Draw what ran when, as SVG
+    #[arg(long, value_name = "FILE")]
+    chart: Option<PathBuf>,
+    #[command(flatten)]
+    controllers: Controllers,
+}
+
+/// Runs the verb; fails unless `main` ended normally.
+pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let plan = check::load(&arguments.file, &arguments.controllers, false)?.plan;
+    let mut simulation = Simulation::start(&plan);
+    match (arguments.seed, &arguments.script) {
+        (Some(seed), _) => by_chance(&plan, &mut simulation, seed, arguments),
+        (None, Some(script)) => from_script(&mut simulation, script)?,
+        (None, None) => from_keyboard(&mut simulation)?,
+    }
+    if let Some(file) = &arguments.chart {
+        std::fs::write(file, simulation.chart()).with_context(|| format!("writing the chart `{}`", file.display()))?;
+    }
+    match simulation.outcome() {
+        Some(Transition::Done) => Ok(()),
+        Some(Transition::Aborted(_)) => Err(Failure::Told),
+        Some(Transition::Stopped | Transition::Started | Transition::Waits(_)) => Ok(()),
+        None => Err(anyhow!("`main` has not ended; {}", running(&simulation)).into()),
+    }
+}
+
+fn by_chance(plan: &Plan, simulation: &mut Simulation<'_>, seed: u64, arguments: &Arguments) {
+    let mut chance = RandomRun::new(plan, seed, arguments.faults);
+    show(simulation);
+    for _ in 0..arguments.steps {
+        if simulation.outcome().is_some() || !chance.step(simulation) {
+            break;
+        }
+        show(simulation);
+    }
+}
+
+fn from_script(simulation: &mut Simulation<'_>, script: &Path) -> Result<(), Failure> {
+    let text = named_file::text(script, named_file::TEXT_MAX);
+    let text = text.with_context(|| format!("reading the script `{}`", script.display()))?;
+    show(simulation);
+    for (number, line) in (1..).zip(text.lines()) {
+        if simulation.outcome().is_some() {
+            break;
+        }
+        simulation.obey(line).with_context(|| format!("line {number} of `{}`", script.display()))?;
+        show(simulation);
+    }
+    Ok(())
+}
+
+fn from_keyboard(simulation: &mut Simulation<'_>) -> Result<(), Failure> {
+    let stdin = std::io::stdin();
+    let is_person = stdin.is_terminal();
+    if is_person {
+        console::note("`arm` ends a process, `arm abort why` makes it fail, `5 s` lets time pass, `stop` stops it all");
+    }
+    show(simulation);
+    for line in stdin.lock().lines() {
+        let line = line.context("reading standard input")?;
+        match simulation.obey(&line) {
+            Ok(()) => show(simulation),
+            Err(error) if is_person => console::note(&error.to_string()),
+            Err(error) => return Err(error.into()),
+        }
+        if simulation.outcome().is_some() {
+            break;
+        }
+    }
+    Ok(())
+}
+
+/// Prints what has happened, and what runs now.
+fn show(simulation: &mut Simulation<'_>) {
+    let happenings = simulation.take_happenings();
+    if happenings.is_empty() {
+        return;
+    }
+    let lines: String = happenings.iter().map(line).collect();
+    let rest =
+        if simulation.outcome().is_some() { String::new() } else { format!("{:>10}  {}\n", "", running(simulation)) };
+    console::say(&(lines + &rest));
+}
+
+fn line(happening: &SimulationEvent) -> String {
+    let transition = match &happening.transition {
+        Transition::Started => "starts".to_owned(),
+        Transition::Done => "done".to_owned(),
+        Transition::Aborted(why) => format!("aborted: {why}"),
+        Transition::Stopped => "stopped".to_owned(),
+        Transition::Waits(time) => format!("waits {}", seconds(*time)),
+    };
+    format!("{:>10}  {} {transition}\n", seconds(happening.at), happening.path)
+}
+
+fn seconds(time: Duration) -> String {
+    format!("{:.3} s", time.as_secs_f64())
+}
+
+fn running(simulation: &Simulation<'_>) -> String {
+    let running = simulation.running();
+    if running.is_empty() { "nothing runs".to_owned() } else { format!("runs: {}", running.join(", ")) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_happens_is_one_line_each() {
+        let transition = Transition::Aborted("no grip".to_owned());
+        let happening = SimulationEvent { at: Duration::from_millis(2500), path: "main/arm".to_owned(), transition };
+        assert_eq!(line(&happening), "   2.500 s  main/arm aborted: no grip\n");
+    }
+}

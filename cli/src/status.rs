@@ -1,0 +1,88 @@
+//! `dca status`: what runs where.
+//!
+//! It says nothing of what nobody has asked: hosts that do not answer are named, and so are deployments that such a host may
+//! still run. A status is an answer, so the exit code is 0 all the same.
+
+use crate::Reaching;
+use crate::absent::{self, Away, open_hosts};
+use crate::client::Clients;
+use crate::logic::tree::{Unknown, tree};
+use node::console::{self, Failure, block_on};
+use node::logic::protocol::{Absent, NodeStatus};
+use node::logic::table::table;
+
+/// What `dca status` is told.
+#[derive(Debug, clap::Args)]
+pub struct Arguments {
+    /// Only this deployment
+    name: Option<String>,
+    /// Print everything as JSON
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    reaching: Reaching,
+}
+
+/// What a node says in JSON.
+#[derive(serde::Serialize)]
+struct Node {
+    #[serde(flatten)]
+    status: NodeStatus,
+    /// What it says of hosts that do not answer it.
+    absent: Absent,
+}
+
+/// Runs the verb.
+pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let (mut statuses, mut away) = block_on(async {
+        let clients = Clients::open(&arguments.reaching).await?;
+        let asked = asked(&clients).await;
+        clients.close().await;
+        asked
+    })?;
+    if let Some(name) = &arguments.name {
+        statuses.iter_mut().for_each(|status| status.deployments.retain(|one| one.deployment.name == *name));
+        away.ends.retain(|end| end.deployment.name == *name);
+        away.processes.retain(|one| one.deployment.name == *name);
+        for absent in away.told.values_mut() {
+            absent.ends.retain(|end| end.deployment.name == *name);
+            absent.processes.retain(|one| one.deployment.name == *name);
+        }
+    }
+    if arguments.json {
+        let absent = |status: &NodeStatus| away.told.get(&status.host).cloned().unwrap_or_default();
+        let nodes: Vec<Node> = statuses.into_iter().map(|status| Node { absent: absent(&status), status }).collect();
+        console::say(&serde_json::to_string_pretty(&nodes)?);
+    } else {
+        console::say(&text(&statuses, &away, arguments.name.as_deref()));
+    }
+    away.warnings().iter().for_each(|warning| console::note(warning));
+    Ok(())
+}
+
+/// Asks every node what runs there, and which others it misses.
+async fn asked(clients: &Clients) -> Result<(Vec<NodeStatus>, Away), Failure> {
+    let found = clients.statuses().await?;
+    let away = absent::ask(&found).await;
+    Ok((found.into_iter().flat_map(|(_, statuses)| statuses.nodes).collect(), away))
+}
+
+fn text(statuses: &[NodeStatus], away: &Away, name: Option<&str>) -> String {
+    let unknown: Vec<Unknown<'_>> = away
+        .processes
+        .iter()
+        .map(|process| Unknown { process, state: format!("unknown ({})", away.word(&process.host)) })
+        .collect();
+    let mut blocks = vec![tree(statuses, &unknown)];
+    let row = |end| [format!("{end}"), "unconfirmed on".to_owned()];
+    let rows: Vec<Vec<String>> =
+        away.ends.iter().map(|end| row(&end.deployment).into_iter().chain([open_hosts(end)]).collect()).collect();
+    blocks.push(table(&rows));
+    blocks.retain(|block| !block.is_empty());
+    if blocks.is_empty() {
+        let hosts: Vec<&str> = statuses.iter().map(|status| status.host.as_str()).collect();
+        let what = name.map_or_else(|| "nothing".to_owned(), |name| format!("nothing of `{name}`"));
+        return format!("{what} is deployed on {}", hosts.join(", "));
+    }
+    blocks.join("\n\n")
+}

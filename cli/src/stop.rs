@@ -1,0 +1,204 @@
+//! `dca stop`: ends a deployment on every host.
+//!
+//! What it says rests on the deployment's last report, which names the hosts that could not confirm that nothing is left.
+//! What a host has not confirmed stays on the list of the deployment's home: a second stop says so, too.
+//! A link that is lost meanwhile is not an answer: the node is asked again.
+
+use crate::Reaching;
+use crate::absent::{self, confirmers};
+use crate::client::{ANSWER_WITHIN, Answers, Client, Clients, Statuses, unasked, words};
+use anyhow::anyhow;
+use comms::io::clock;
+use comms::logic::human::span;
+use node::console::{self, Failure, block_on};
+use node::logic::protocol::{Answer, Deployment, Report, Request};
+use std::time::Duration;
+
+/// How long it may be out of reach before a person is told.
+const TOLD_AFTER: Duration = Duration::from_secs(2);
+/// How long the deployment's node may be out of reach. A node that starts or ends hundreds of programs answers late.
+const SILENT_MAX: Duration = Duration::from_secs(30);
+/// How often the node is asked again.
+const ASK_EVERY: Duration = Duration::from_millis(200);
+
+/// What `dca stop` is told.
+#[derive(Debug, clap::Args)]
+pub struct Arguments {
+    /// The deployment
+    name: String,
+    /// Take it off the list of what hosts have not confirmed: what may run there is nobody's business any more
+    #[arg(long)]
+    forget: bool,
+    #[command(flatten)]
+    reaching: Reaching,
+}
+
+/// Runs the verb.
+pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let unconfirmed = block_on(async {
+        let clients = Clients::open(&arguments.reaching).await?;
+        let result = if arguments.forget {
+            forget(&clients, &arguments.name).await.map(|()| None)
+        } else {
+            match locate(clients.statuses().await?, &arguments.name).await {
+                Ok(located) => stop(located).await.map(Some),
+                Err(failure) => Err(failure),
+            }
+        };
+        clients.close().await;
+        result
+    })?;
+    let name = &arguments.name;
+    let Some(unconfirmed) = unconfirmed else { return Ok(()) };
+    if unconfirmed.is_empty() {
+        console::say(&format!("`{name}` is stopped; nothing of it is left"));
+        return Ok(());
+    }
+    let hosts = unconfirmed.join("`, `");
+    let have = if unconfirmed.len() == 1 { "has" } else { "have" };
+    Err(Failure::Unreachable(anyhow!(
+        "`{name}` is stopped, but `{hosts}` {have} not confirmed that nothing of it is left: its programs may still run \
+         there; `dca status` says when they have ended"
+    )))
+}
+
+/// Takes every end of that name off the lists of all nodes.
+async fn forget(clients: &Clients, name: &str) -> Result<(), Failure> {
+    let all = clients.statuses().await?;
+    let away = absent::ask(&all).await;
+    let mut ends = Vec::new();
+    for (client, node) in all.iter().flat_map(|(client, found)| found.nodes.iter().map(move |node| (client, node))) {
+        let told = away.told.get(&node.host).map_or(&[][..], |absent| &absent.ends);
+        for end in told.iter().filter(|end| end.deployment.name == name) {
+            let request = Request::Forget { deployment: end.deployment.clone() };
+            let answer = client.ask(&node.host, &request, ANSWER_WITHIN).await?;
+            let Answer::Stop(_) = answer else { return Err(unasked(&node.host, &answer)) };
+            ends.push(end);
+        }
+    }
+    let mut parts = all.iter().flat_map(|(_, found)| &found.nodes).flat_map(|node| &node.deployments);
+    if ends.is_empty()
+        && let Some(part) = parts.find(|part| part.deployment.name == name)
+    {
+        return Err(anyhow!("`{}` is {}; `dca stop {name}` ends it", part.deployment, part.phase).into());
+    }
+    if ends.is_empty() {
+        return Err(anyhow!(
+            "every host has confirmed that nothing of `{name}` is left, as far as nodes that answer know"
+        )
+        .into());
+    }
+    ends.sort_by_key(|end| &end.deployment);
+    ends.dedup_by_key(|end| &end.deployment);
+    for end in ends {
+        console::say(&format!("`{}` is forgotten: {} not confirmed its end", end.deployment, confirmers(end)));
+    }
+    Ok(())
+}
+
+/// Where a deployment is.
+pub(crate) struct Located<'a> {
+    /// The connection to its nodes.
+    pub(crate) client: &'a Client,
+    pub(crate) deployment: Deployment,
+    /// The node where its `main` runs.
+    pub(crate) home: String,
+}
+
+/// Finds the deployment of that name among what all nodes say.
+pub(crate) async fn locate<'a>(all: Vec<(&'a Client, Statuses)>, name: &str) -> Result<Located<'a>, Failure> {
+    let mut found = Vec::new();
+    for (client, Statuses { nodes, silent }) in &all {
+        let mut parts = nodes.iter().flat_map(|node| &node.deployments);
+        if let Some(part) = parts.find(|part| part.deployment.name == name) {
+            found.push((*client, part, silent));
+        }
+    }
+    match found[..] {
+        [(_, part, silent)] if silent.contains(&part.home) => {
+            Err(Failure::Unreachable(anyhow!("the node `{}`, where `{name}` has its home, does not answer", part.home)))
+        }
+        [(client, part, _)] => Ok(Located { client, deployment: part.deployment.clone(), home: part.home.clone() }),
+        [] => Err(absent::not_running(name, &all).await),
+        _ => Err(anyhow!(
+            "`{name}` runs {} times on this machine: each has nodes of its own; choose one with `--run-dir`, or end it \
+             with Ctrl-C where it was started",
+            found.len()
+        )
+        .into()),
+    }
+}
+
+/// Stops a deployment; returns the hosts that could not confirm that nothing of it is left.
+async fn stop(Located { client, deployment, home }: Located<'_>) -> Result<Vec<String>, Failure> {
+    let name = &deployment.name;
+    let (mut heard, mut is_told) = (clock::now(), false);
+    loop {
+        let why = match stop_once(client, &home, &deployment).await {
+            Err(Failure::Unreachable(why)) => why,
+            over => return over,
+        };
+        // Stopping goes by the name, which may be another deployment's by now.
+        while !runs(client, &deployment).await {
+            if let Ok(unconfirmed) = last_report(client.ask_on(&home, &watch(&deployment))?, &home).await {
+                return Ok(unconfirmed);
+            }
+            if clock::now() - heard > SILENT_MAX {
+                return Err(Failure::Unreachable(why.context(format!(
+                    "`{name}` was asked to stop, but its node cannot be asked whether it has; see `dca status`"
+                ))));
+            }
+            if !is_told && clock::now() - heard > TOLD_AFTER {
+                console::note(&format!("note: {why:#}; it is asked again for {} (Ctrl-C to leave)", span(SILENT_MAX)));
+                is_told = true;
+            }
+            clock::sleep_until(clock::now() + ASK_EVERY).await;
+        }
+        tracing::debug!(%deployment, why = %words(&Failure::Unreachable(why)), "asking for the end again");
+        heard = clock::now();
+    }
+}
+
+/// Returns whether the deployment runs, as far as its home and the others say.
+async fn runs(client: &Client, deployment: &Deployment) -> bool {
+    let Ok(Statuses { nodes, silent }) = client.statuses().await else { return false };
+    let mut parts = nodes.iter().flat_map(|node| &node.deployments);
+    let part = parts.find(|part| part.deployment.name == deployment.name);
+    part.is_some_and(|part| part.deployment == *deployment && !silent.contains(&part.home))
+}
+
+async fn stop_once(client: &Client, home: &str, deployment: &Deployment) -> Result<Vec<String>, Failure> {
+    // Watched first, so that the last report is not missed.
+    let reports = client.ask_on(home, &watch(deployment))?;
+    let mut stopping = client.ask_on(home, &Request::Stop { name: deployment.name.clone() })?;
+    let refused = async {
+        match stopping.next().await {
+            Some(Ok(Answer::Refused(why))) => Failure::Refused(anyhow!("host `{home}`: {why}")),
+            // The last report says the rest.
+            _ => std::future::pending().await,
+        }
+    };
+    tokio::select! {
+        unconfirmed = last_report(reports, home) => unconfirmed,
+        refused = refused => Err(refused),
+    }
+}
+
+fn watch(deployment: &Deployment) -> Request {
+    // Only the reports to come, and the last one if it is there.
+    Request::Watch { deployment: deployment.clone(), seen: u64::MAX }
+}
+
+/// Waits for the last report; returns the hosts that could not confirm.
+async fn last_report(mut reports: Answers, home: &str) -> Result<Vec<String>, Failure> {
+    loop {
+        match reports.next().await {
+            Some(Ok(Answer::Report(Report::Finished { unconfirmed, .. }))) => return Ok(unconfirmed),
+            Some(Ok(Answer::Report(Report::Refused { .. }))) => return Ok(Vec::new()),
+            Some(Ok(Answer::Report(_))) => {}
+            Some(Ok(other)) => return Err(unasked(home, &other)),
+            Some(Err(why)) => return Err(why),
+            None => return Err(Failure::Unreachable(anyhow!("the node `{home}` went away"))),
+        }
+    }
+}

@@ -1,0 +1,68 @@
+//! What the databases of the robots say of the parameters of a spec that is about to run: what goes over the spec is told.
+
+use crate::client::{Client, words};
+use crate::db::asking::Databases;
+use crate::follow::Spec;
+use anyhow::anyhow;
+use language::plan::{LeafKind, Parameter, Plan};
+use node::console::{self, Failure};
+use node::logic::database::settings::spelt;
+use node::logic::parameters::{self, Verdict};
+use node::logic::protocol::{Deployment, InstanceParameters};
+use std::collections::BTreeMap;
+
+/// What the interfaces say of the parameters of each module; nothing where that cannot be said.
+type Declared = BTreeMap<String, Option<Vec<Parameter>>>;
+
+/// Refuses a spec to whose programs the database of some robot says something that they do not take: a key that was
+/// misspelt while nothing ran would do nothing, and nobody would know.
+pub(crate) async fn check(client: &Client, spec: &Spec) -> Result<(), Failure> {
+    let declared = language::parameters(&spec.modules);
+    let name = &spec.plan.name;
+    let mut refused = Vec::new();
+    for host in &spec.plan.hosts {
+        let databases = Databases::through(client, host.clone());
+        let keys = match databases.parameters_of(host, &format!("{name}/")).await {
+            Ok(keys) => keys,
+            Err(failure) => {
+                let why = words(&failure);
+                console::note(&format!("warning: what the database of `{host}` says to `{name}` is not known: {why}"));
+                continue;
+            }
+        };
+        let known = known(&spec.plan, host, &declared);
+        let spelled: Vec<(String, String)> = keys.iter().map(|(key, datum)| (key.clone(), spelt(datum))).collect();
+        let overruled = parameters::overruled(&spelled, &known);
+        overruled.iter().for_each(|sentence| console::note(&format!("note: {sentence}")));
+        for (key, datum) in keys {
+            if let Verdict::Refused(why) = parameters::check(&key, &spelt(&datum), &known) {
+                refused.push(format!("{why} (`dca db delete {key}` takes it back)"));
+            }
+        }
+    }
+    if refused.is_empty() {
+        return Ok(());
+    }
+    Err(anyhow!(
+        "`{name}` was not started, since the database says to it what it does not take: {}",
+        refused.join("; ")
+    )
+    .into())
+}
+
+/// Returns the programs of a plan on a host, as its node will tell them.
+fn known(plan: &Plan, host: &str, declared: &Declared) -> Vec<InstanceParameters> {
+    let here = |leaf: &&language::plan::Leaf| plan.hosts.get(leaf.host as usize).is_some_and(|name| name == host);
+    let deployment = Deployment { name: plan.name.clone(), epoch: 0 };
+    let leaves = plan.leaves.iter().filter(here).map(|leaf| {
+        let declared = match leaf.kind {
+            LeafKind::Controller => declared.get(&leaf.module).and_then(Option::as_deref),
+            // A plain program is told nothing while it runs.
+            LeafKind::Plain => Some(&[][..]),
+        };
+        let parameters = declared.map(|declared| parameters::given(declared, &leaf.arguments));
+        let (path, module) = (leaf.path.clone(), leaf.module.clone());
+        InstanceParameters { deployment: deployment.clone(), path, module, parameters }
+    });
+    leaves.collect()
+}

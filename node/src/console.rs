@@ -1,0 +1,167 @@
+//! What the programs of the house say and how they end: results on standard output, the rest on standard error, an exit code.
+//!
+//! Exit codes: 0 done, 1 refused or failed, 2 usage, 3 unreachable.
+
+use crate::logic::printable::printable;
+use anyhow::anyhow;
+use clap::Parser;
+use std::io::{self, Write};
+use std::process::ExitCode;
+use std::sync::OnceLock;
+use std::time::Duration;
+use tokio::task::JoinSet;
+
+/// The longest line of an error, in characters: what a command was given may stand in it, however long that is.
+const ERROR_LINE_MAX: usize = 1000;
+
+/// Why a result could not be written, the first time.
+static FAILED: OnceLock<io::Error> = OnceLock::new();
+
+/// Why a verb did not do what was asked; each has its exit code.
+#[derive(Debug)]
+pub enum Failure {
+    /// It was refused, or it failed: exit code 1.
+    Refused(anyhow::Error),
+    /// It was refused, and everything about it has been said: exit code 1.
+    Told,
+    /// Somebody could not be reached: exit code 3.
+    Unreachable(anyhow::Error),
+}
+
+impl<E: Into<anyhow::Error>> From<E> for Failure {
+    fn from(error: E) -> Self {
+        Self::Refused(error.into())
+    }
+}
+
+/// Reads the arguments of this process. What asks for nothing to be done, as `--help`, is answered here.
+///
+/// # Errors
+/// With the exit code, where there is nothing left to do.
+pub fn parsed<T: Parser>() -> Result<T, ExitCode> {
+    T::try_parse().map_err(|answer| match answer.print().and_then(|()| io::stdout().flush()) {
+        Err(error) if !answer.use_stderr() && error.kind() != io::ErrorKind::BrokenPipe => {
+            finish(Err(unwritten(&error)))
+        }
+        _ => u8::try_from(answer.exit_code()).map_or(ExitCode::FAILURE, ExitCode::from),
+    })
+}
+
+fn unwritten(error: &io::Error) -> Failure {
+    Failure::Refused(anyhow!("the result could not be written to standard output: {error}"))
+}
+
+/// Says why something was not done; returns the exit code for it.
+pub fn finish(result: Result<(), Failure>) -> ExitCode {
+    let (error, code) = match result {
+        Ok(()) => match failed() {
+            None => return ExitCode::SUCCESS,
+            Some(error) => return finish(Err(unwritten(error))),
+        },
+        Err(Failure::Told) => return ExitCode::from(1),
+        Err(Failure::Refused(error)) => (error, 1),
+        Err(Failure::Unreachable(error)) => (error, 3),
+    };
+    complain(&error);
+    ExitCode::from(code)
+}
+
+/// Writes a result. When nobody reads it any more, nothing is said of it; any other failure is one of the command
+/// ([`failed`]).
+pub fn say(text: &str) {
+    if let Err(error) = result(text)
+        && error.kind() != io::ErrorKind::BrokenPipe
+    {
+        // The first reason is the one that helps.
+        drop(FAILED.set(error));
+    }
+}
+
+fn result(text: &str) -> io::Result<()> {
+    let mut out = io::stdout();
+    out.write_all(text.as_bytes())?;
+    if !text.ends_with('\n') {
+        out.write_all(b"\n")?;
+    }
+    out.flush()
+}
+
+/// Returns why some result of this command could not be written, if that is so.
+pub fn failed() -> Option<&'static io::Error> {
+    FAILED.get()
+}
+
+/// Writes what a program has written. Returns whether somebody reads standard output: if not, there is no reason to go on.
+///
+/// # Errors
+/// When it cannot be written.
+pub fn pass(bytes: &[u8]) -> anyhow::Result<bool> {
+    let mut out = io::stdout();
+    match out.write_all(bytes).and_then(|()| out.flush()) {
+        Ok(()) => Ok(true),
+        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(false),
+        Err(error) => Err(anyhow::Error::new(error).context("writing to standard output")),
+    }
+}
+
+/// Writes a line for a person: a warning, a step that is over.
+pub fn note(text: &str) {
+    let mut err = io::stderr();
+    // Where should one say that standard error is gone?
+    drop(err.write_all(format!("{}\n", text.trim_end_matches('\n')).as_bytes()).and_then(|()| err.flush()));
+}
+
+/// Writes why a command did not do what was asked.
+pub fn complain(error: &anyhow::Error) {
+    note(&format!("error: {}", complaint(&format!("{error:#}"))));
+}
+
+/// Returns the text of an error as a terminal may show it. The middle of a line that is too long is left out.
+fn complaint(text: &str) -> String {
+    let clipped = |line: &str| {
+        let length = line.chars().count();
+        if length <= ERROR_LINE_MAX {
+            return line.to_owned();
+        }
+        let begin: String = line.chars().take(ERROR_LINE_MAX / 2).collect();
+        let end: String = line.chars().skip(length - ERROR_LINE_MAX / 2).collect();
+        format!("{begin} … {end}")
+    };
+    printable(text).lines().map(clipped).collect::<Vec<_>>().join("\n")
+}
+
+/// Waits for the first of some tasks to end, and returns how it did.
+///
+/// # Errors
+/// As the task has ended; one that panicked has failed.
+///
+/// # Cancellation
+/// Safe.
+pub async fn ended(tasks: &mut JoinSet<anyhow::Result<()>>) -> anyhow::Result<()> {
+    let ended = tasks.join_next().await;
+    ended.map_or(Ok(()), |joined| joined.unwrap_or_else(|panic| Err(panic.into())))
+}
+
+/// Runs what talks to nodes.
+///
+/// # Errors
+/// As `work`, or when the threads cannot be started.
+pub fn block_on<T>(work: impl Future<Output = Result<T, Failure>>) -> Result<T, Failure> {
+    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build()?;
+    let result = runtime.block_on(work);
+    runtime.shutdown_timeout(Duration::from_secs(2));
+    result
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_error_is_short_and_moves_no_cursor() {
+        assert_eq!(complaint("the key `a\x1b[31m`\nis refused"), "the key `a\\x1b[31m`\nis refused");
+        let long = complaint(&format!("the number {} is too large", "1".repeat(100_000)));
+        assert_eq!(long.chars().count(), ERROR_LINE_MAX + 3);
+        assert!(long.starts_with("the number 111") && long.ends_with("111 is too large"), "{long}");
+    }
+}
