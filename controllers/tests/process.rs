@@ -413,6 +413,7 @@ fn wrong_usage_is_one_sentence() {
     };
     check(&[], "usage: PROGRAM TYPE [[NAME=]VALUE]...   started by a node");
     check(&["DoorWorld"], "a controller is started by `dca-node` or `dca run`, not by hand: DCA_CONTROL is not set");
-    let wrong = "`ForceThreshold`: parameter `threshold` is `much`, which is not a number from 1 to 200";
+    let wrong =
+        "`ForceThreshold`: parameter `threshold` is `much`, which is not a number from 1 to 200, the Force in N";
     check(&["ForceThreshold", "much"], wrong);
 }
