@@ -149,7 +149,8 @@ impl Phases {
                 self.begin(step, at);
             }
         }
-        // Usually the current phase; an ending that comes late belongs to the one in which the member was active.
+        // Usually the current phase; an ending that comes late belongs to the one in which the member was active then.
+        let is_of = |phase: &&mut Phase| phase.active.contains(&member) && phase.begin <= at;
         let phase = match change {
             Change::Activated => self.phases.last_mut(),
             Change::Stopping
@@ -159,12 +160,16 @@ impl Phases {
             | Change::Restarting { .. }
             | Change::Resumed
             | Change::Held { .. }
-            | Change::Configured { .. } => {
-                self.phases.iter_mut().rev().take(3).find(|phase| phase.active.contains(&member))
-            }
+            | Change::Configured { .. } => self.phases.iter_mut().rev().take(3).find(is_of),
         };
         if let Some(phase) = phase {
             phase.change(member, &name, change, at);
+        }
+        if let Change::Ended(_) = change {
+            // Each round of a loop had it.
+            for phase in self.phases.iter_mut().rev().take(LATE_MAX) {
+                phase.active.remove(&member);
+            }
         }
     }
 
@@ -204,6 +209,9 @@ impl Phases {
             self.phases.remove(0);
             self.dropped += 1;
         }
+        // What goes on beside a loop belongs to each of its rounds.
+        let again = self.phases.last().filter(|phase| phase.step == step);
+        let active = again.map(|phase| phase.active.clone()).unwrap_or_default();
         let Step { name, members } = &self.steps[step];
         self.phases.push(Phase {
             name: name.clone(),
@@ -213,7 +221,7 @@ impl Phases {
             step,
             members: members.len(),
             seen: BTreeSet::new(),
-            active: BTreeSet::new(),
+            active,
             stopping: BTreeSet::new(),
             peaks: Vec::new(),
         });

@@ -212,6 +212,23 @@ fn a_loop_makes_a_new_phase_each_time_round() {
 }
 
 #[test]
+fn what_goes_on_beside_a_loop_ends_the_round_in_which_it_ends() {
+    let round = E::Recurrent(Box::new(run(0)), Box::new(run(1)));
+    let plan = plan(&["first", "second", "low", "dock"], seq(vec![E::Disable(vec![round, run(2)]), run(3)]));
+    let table = "0 first activated \n 0 low activated \n 2 first done \n 2 second activated \n 3.5 second done \n \
+        3.5 first activated \n 3.7 low done \n 3.7 first stopping \n 3.8 first stopped \n 3.8 dock activated";
+    check(
+        &plan,
+        table,
+        &expect![[r#"
+            0.0..3.5 first ;; second # low | second done |
+            3.5..3.8 first ;; second # low | low done |
+            3.8..- dock | running |
+        "#]],
+    );
+}
+
+#[test]
 fn a_member_that_comes_twice_belongs_to_the_step_at_hand() {
     let plan = plan(&["a", "b"], seq(vec![run(0), E::Concurrent(vec![run(0), run(1)]), run(0)]));
     let table =
