@@ -45,13 +45,8 @@ pub(crate) async fn missing(what: &str, found: &[(&Client, Statuses)]) -> Failur
 
 fn nowhere(what: &str, found: &[(&Client, Statuses)], away: &Away) -> Failure {
     let silent = found.iter().flat_map(|(_, statuses)| &statuses.silent);
-    let hosts: BTreeSet<&str> = silent.chain(away.hosts.iter().map(|one| &one.host)).map(String::as_str).collect();
-    if hosts.is_empty() {
-        return Failure::Refused(anyhow!("no {what} is running; `dca status` lists what is"));
-    }
-    let do_not = if hosts.len() == 1 { "does not" } else { "do not" };
-    let hosts = Vec::from_iter(hosts).join("`, `");
-    Failure::Unreachable(anyhow!("no node that answers has the {what}; `{hosts}` {do_not} answer, where it may run"))
+    away.may_have(what, silent)
+        .unwrap_or_else(|| Failure::Refused(anyhow!("no {what} is running; `dca status` lists what is")))
 }
 
 /// Says why no node that answers runs a deployment: it has ended but for some hosts, or it is missing.
@@ -103,6 +98,19 @@ impl Away {
             Some(AbsentHost { lost: true, .. }) => format!("{host} is lost"),
             _ => format!("{host} does not answer"),
         }
+    }
+
+    /// Returns that hosts that do not answer may have what no node that answers has, if there are such hosts.
+    pub(crate) fn may_have<'a>(&'a self, what: &str, silent: impl IntoIterator<Item = &'a String>) -> Option<Failure> {
+        let hosts: BTreeSet<&str> =
+            silent.into_iter().chain(self.hosts.iter().map(|one| &one.host)).map(String::as_str).collect();
+        let do_not = if hosts.len() == 1 { "does not" } else { "do not" };
+        let names = Vec::from_iter(&hosts).into_iter().copied().collect::<Vec<_>>().join("`, `");
+        (!hosts.is_empty()).then(|| {
+            Failure::Unreachable(anyhow!(
+                "no node that answers has the {what}; `{names}` {do_not} answer, where it may run"
+            ))
+        })
     }
 
     /// Returns what people have to mind: hosts of which nothing is known, and ends that may be none.

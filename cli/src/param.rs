@@ -1,5 +1,6 @@
 //! `dca param`: parameters of running programs, which are keys of the database of their robot.
 
+use super::absent::Away;
 use super::db::asking::Asking;
 use super::db::write::Writing;
 use anyhow::{Context, anyhow};
@@ -87,6 +88,12 @@ struct Program {
     set: BTreeMap<String, Vec<(String, Datum)>>,
 }
 
+/// The programs of the nodes that answer, and who does not.
+struct Found {
+    programs: Vec<Program>,
+    away: Away,
+}
+
 /// Runs the verb.
 pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
     match arguments.verb {
@@ -99,12 +106,13 @@ pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
 
 impl List {
     fn run(self) -> Result<(), Failure> {
-        let programs = programs(&self.asking)?;
+        let found = programs(&self.asking)?;
         let is_meant = |program: &&Program| self.instance.as_ref().is_none_or(|name| program.is_called(name));
-        let programs: Vec<&Program> = programs.iter().filter(is_meant).collect();
+        let programs: Vec<&Program> = found.programs.iter().filter(is_meant).collect();
         if let (Some(name), true) = (&self.instance, programs.is_empty()) {
-            return Err(anyhow!("no program `{name}` runs; `dca status` lists what does").into());
+            return Err(found.lacks(name));
         }
+        found.away.warnings().iter().for_each(|warning| console::note(warning));
         if self.asking.json {
             let all: Vec<serde_json::Value> = programs.iter().flat_map(|program| program.json()).collect();
             console::say(&serde_json::Value::Array(all).to_string());
@@ -128,8 +136,8 @@ impl List {
 
 impl Get {
     fn run(self) -> Result<(), Failure> {
-        let programs = programs(&self.asking)?;
-        let program = one(&programs, &self.instance)?;
+        let found = programs(&self.asking)?;
+        let program = found.one(&self.instance)?;
         let parameter = program.parameter(&self.parameter)?;
         let value = program.value(&parameter.name).with_context(|| {
             format!("`{}` of `{}` has no value but its program's own", parameter.name, program.name())
@@ -141,8 +149,8 @@ impl Get {
 
 impl Set {
     fn run(self) -> Result<(), Failure> {
-        let programs = programs(&self.writing.asking)?;
-        let program = one(&programs, &self.instance)?;
+        let found = programs(&self.writing.asking)?;
+        let program = found.one(&self.instance)?;
         let parameter = program.parameter(&self.parameter)?;
         let value = parameter.accepts.read(&self.value);
         let value = value
@@ -156,8 +164,8 @@ impl Set {
 
 impl Unset {
     fn run(self) -> Result<(), Failure> {
-        let programs = programs(&self.writing.asking)?;
-        let program = match one(&programs, &self.instance) {
+        let found = programs(&self.writing.asking)?;
+        let program = match found.one(&self.instance) {
             Ok(program) => program,
             // A change stays when nothing of it runs any more, and so does the way to take it back.
             Err(none) => return self.delete(&stored(&self.writing.asking, &self.instance, &self.parameter)?, none),
@@ -263,24 +271,31 @@ impl Program {
     }
 }
 
-/// The one program that is meant.
-fn one<'a>(programs: &'a [Program], name: &str) -> Result<&'a Program, Failure> {
-    let mut found = programs.iter().filter(|program| program.is_called(name));
-    match (found.next(), found.next()) {
-        (Some(program), None) => Ok(program),
-        (None, _) => {
-            let all: Vec<String> = programs.iter().map(Program::name).collect();
-            let hint = match language::nearest(name, programs.iter().map(|program| without_main(&program.told.path))) {
+impl Found {
+    /// Returns the one program that is meant.
+    fn one(&self, name: &str) -> Result<&Program, Failure> {
+        let mut found = self.programs.iter().filter(|program| program.is_called(name));
+        match (found.next(), found.next()) {
+            (Some(program), None) => Ok(program),
+            (None, _) => Err(self.lacks(name)),
+            (Some(one), Some(other)) => {
+                let (one, other) = (one.name(), other.name());
+                Err(anyhow!("`{name}` may be `{one}` or `{other}`; give more of the path").into())
+            }
+        }
+    }
+
+    /// Says that no program is called so: a host that does not answer may have it, or there is none.
+    fn lacks(&self, name: &str) -> Failure {
+        let names = || self.programs.iter().map(|program| without_main(&program.told.path));
+        self.away.may_have(&format!("program `{name}`"), []).unwrap_or_else(|| {
+            let hint = match language::nearest(name, names()) {
                 Some(near) => format!("did you mean `{near}`?"),
-                None if all.is_empty() => "nothing runs".to_owned(),
+                None if self.programs.is_empty() => "nothing runs".to_owned(),
                 None => "`dca param list` lists all".to_owned(),
             };
-            Err(anyhow!("no program `{name}` runs; {hint}").into())
-        }
-        (Some(one), Some(other)) => {
-            let (one, other) = (one.name(), other.name());
-            Err(anyhow!("`{name}` may be `{one}` or `{other}`; give more of the path").into())
-        }
+            anyhow!("no program `{name}` runs; {hint}").into()
+        })
     }
 }
 
@@ -308,7 +323,7 @@ fn is_set_by(key: &str, name: &str, parameter: &str) -> bool {
 }
 
 /// Asks every node that can be reached for its programs, and its database for what goes over their arguments.
-fn programs(asking: &Asking) -> Result<Vec<Program>, Failure> {
+fn programs(asking: &Asking) -> Result<Found, Failure> {
     asking.with(async |databases| {
         let mut programs = Vec::new();
         for host in databases.robots().await? {
@@ -321,7 +336,7 @@ fn programs(asking: &Asking) -> Result<Vec<Program>, Failure> {
             programs.extend(told.into_iter().map(program));
         }
         programs.sort_by_key(Program::name);
-        Ok(programs)
+        Ok(Found { programs, away: databases.away().await? })
     })
 }
 

@@ -4,6 +4,7 @@ use controllers::sdk::Quantity;
 use dca_tests::cluster::{Cluster, Host, Program, SOON, Stream, Trace, pass, spec, wait_until};
 use language::plan::Accepts;
 use node::logic::protocol::Change;
+use rustix::process::Signal;
 use std::time::Duration;
 
 /// The documented key; also the name of the deployment, and of the instance.
@@ -290,4 +291,24 @@ fn a_change_of_a_parameter_is_in_the_record() {
     assert_eq!(row["process"], "main/hit/force", "{row}");
     assert!(row["text"].as_str().is_some_and(|text| text.contains("`threshold` is 140")), "{row}");
     assert!(ended.out.contains("hit/force was told that `threshold` is 140"), "{ended}");
+}
+
+/// Whether a program runs on a host that does not answer is not known: it is not denied.
+#[test]
+fn a_program_on_a_host_that_does_not_answer_is_not_denied() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let nodes = ["c1", "c3"].map(|name| here.node(name, &[]));
+    let text = SPEC.replace("process main(){\n    host{c3}", "process main(){\n    host{c1}").replace("2 N", "150 N");
+    let _mission = here.dca(&["deploy", "--no-record", &cluster.file("door_opening.dca", &text)]);
+    let list = || here.ask(&["param", "list"]);
+    assert!(wait_until(SOON, || list().out.contains("hit/threshold")).is_some(), "{}", list());
+    nodes[1].signal(Signal::STOP);
+    let is_told = || list().err.contains("warning: `c3` ");
+    assert!(wait_until(SOON, is_told).is_some(), "{}", list());
+    for arguments in [&["set", "hit/threshold", "threshold", "20 N"][..], &["get", "hit/threshold", "threshold"]] {
+        let asked = here.ask(&[&["param"], arguments].concat());
+        assert!(asked.code == Some(3) && asked.err.contains("`c3` does not answer, where it may run"), "{asked}");
+    }
+    nodes[1].signal(Signal::CONT);
 }

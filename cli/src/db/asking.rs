@@ -1,6 +1,7 @@
 //! Which robot's copy is asked, and its answers.
 
 use crate::Reaching;
+use crate::absent::{self, Away};
 use crate::client::{Answers, Client, unasked};
 use anyhow::anyhow;
 use comms::io::clock;
@@ -164,6 +165,11 @@ impl<'a> Databases<'a> {
         let answer = self.client.ask(robot, &Request::Parameters, ANSWER_WITHIN).await?;
         let Answer::Parameters(all) = answer else { return Err(unasked(robot, &answer)) };
         Ok(all)
+    }
+
+    /// Returns which hosts do not answer, as all nodes together say.
+    pub(crate) async fn away(&self) -> Result<Away, Failure> {
+        Ok(absent::ask(&[(self.client, self.client.statuses().await?)]).await)
     }
 
     /// Returns the robots that can be reached now.
