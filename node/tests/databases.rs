@@ -140,6 +140,9 @@ fn a_conflict_is_listed_and_settled_everywhere() {
         assert_eq!(world.read(robot, "team/x"), [Datum::from(1)]);
     }
     assert!(matches!(world.ask(1, resolve(Choice::Shown)), Reply::Done(_)), "there is nothing to settle any more");
+    // A choice that came too late, or a key that was misspelt, was not done.
+    let late = world.ask(1, resolve(Choice::By("r2".into())));
+    assert!(matches!(&late, Reply::Refused(why) if why.contains("nothing was written")), "{late:?}");
 }
 
 fn resolve(choice: Choice, seen: &str) -> Question {

@@ -414,8 +414,8 @@ fn two_teams_of_one_name_become_one() {
     }
     let put = here.ask(&["db", "put", "team/x", "1", "--robot", "r1"]);
     assert!(put.code == Some(0) && put.err.contains("`r3`, `r4` will not get this"), "{put}");
-    let refused = here.ask(&["db", "join", "r2", "--robot", "r1"]);
-    assert!(refused.code == Some(1) && refused.err.contains("belong to one team already"), "{refused}");
+    let again = here.ask(&["db", "join", "r2", "--robot", "r1"]);
+    assert!(again.code == Some(0) && again.out.contains("belongs to the team of `r2` now"), "{again}");
     let refused = here.ask(&["db", "join", "r9", "--robot", "r1"]);
     assert!(refused.code == Some(1) && refused.err.contains("`dca db status` lists those"), "{refused}");
     for robot in ["r3", "r4"] {
@@ -423,6 +423,8 @@ fn two_teams_of_one_name_become_one() {
         assert!(joined.code == Some(0) && joined.out.contains("belongs to the team of `r1` now"), "{joined}");
     }
     are_one(&["r1", "r2", "r3", "r4"]);
+    let told = status("r1");
+    assert!(!told.contains("another team"), "it is over, and so is what was said of it: {told}");
     for robot in ["r1", "r2", "r3", "r4"] {
         let all = here.ask(&["db", "get", "team/", "--robot", robot]).out;
         assert!(

@@ -394,7 +394,12 @@ impl Database {
                 self.watchers.values_mut().for_each(Watch::replaced);
             }
             replica::Effect::Renamed(..) => {}
-            replica::Effect::Alarm(Alarm::OtherTeam(origin, robot)) if !self.other_team.hear(now, origin, &robot) => {}
+            // The status says it for as long as it is so; the log says when it began.
+            replica::Effect::Alarm(Alarm::OtherTeam(origin, robot)) => {
+                let is_new = self.other_team.hear(now, origin, &robot);
+                let alarm = Alarm::OtherTeam(origin, robot);
+                effects.extend(is_new.then(|| Effect::Alarm(self.words(&alarm))));
+            }
             replica::Effect::Alarm(alarm) => self.alarm(self.words(&alarm), effects),
         }
     }
@@ -455,7 +460,9 @@ impl Database {
                 "`{robot}` belongs to another team `{}`, which was begun apart from this one: neither has what the other writes",
                 self.team
             ),
-            Alarm::Rejoining { from } => format!("this replica gives up the name {from} and asks to be admitted again"),
+            Alarm::Rejoining { from } => {
+                format!("this replica has given up the name {from}, and goes on under another one")
+            }
         }
     }
 }

@@ -3,6 +3,8 @@
 use super::question::{Choice, Commit, Moment, Reply, Resolve};
 use super::refuse::LOCAL;
 use super::{Database, REPLY_SIZE_MAX};
+use crate::logic::table::counted;
+use dbmanager::logic::key::Key;
 use dbmanager::logic::state::{CausalContext, State, Version};
 use dbmanager::logic::txn::{Value, Write};
 use dbmanager::logic::version_vector::VersionVector;
@@ -17,8 +19,14 @@ impl Database {
         Past { log: self.replica.log(), state: self.state() }
     }
 
-    /// Returns who has changed what was asked for.
+    /// Returns who has changed what was asked for, as far as it is kept here: who has joined begins with a state, and a long log
+    /// is cut.
     pub(super) fn history(&self, filter: &Filter, say: &mut impl FnMut(Reply)) {
+        let gone: u64 = self.replica.log().low().iter().map(|(_, seq)| seq).sum();
+        if gone > 0 {
+            let gone = counted(gone, "older transaction");
+            say(Reply::Note(format!("{gone} not kept on `{}`, where others may have more", self.robot)));
+        }
         parts(self.past().history(filter)).into_iter().for_each(|part| say(Reply::History(part)));
     }
 
@@ -108,12 +116,30 @@ impl Database {
         }
     }
 
+    /// Returns what is said where there is no conflict: that it is as wished, or that it is not and nothing was written.
+    fn settled_already(&self, key: &Key, choice: &Choice) -> Reply {
+        let versions = self.replica.state().versions(key);
+        let is_so = match choice {
+            Choice::Shown => !versions.is_empty(),
+            Choice::Value(value) => versions.last().and_then(|one| one.value.as_ref()) == value.as_ref(),
+            Choice::By(name) => versions.iter().any(|one| self.past().robot(one.stamp.origin) == *name),
+            Choice::Txn(dot) => versions.iter().any(|one| one.dot == *dot),
+        };
+        if is_so {
+            return Reply::Done(format!("no conflict at `{key}`"));
+        }
+        Reply::Refused(format!(
+            "nothing was written: there is no conflict at `{key}`, and it holds something else; `dca db get {key}` shows it, `dca \
+             db put` changes it"
+        ))
+    }
+
     /// Returns the transaction that settles a key: one more write, which has seen all of the others.
     pub(super) fn settle(&self, resolve: &Resolve) -> Result<Commit, Reply> {
         let Resolve { key, choice, reason, far, within, seen } = resolve;
         let (state, versions) = (self.replica.state(), self.replica.state().versions(key));
         if !state.is_conflict(key) {
-            return Err(Reply::Done(format!("no conflict at `{key}`")));
+            return Err(self.settled_already(key, choice));
         }
         if *seen != conflict::seen(versions.iter().map(|version| version.dot)) {
             let what =

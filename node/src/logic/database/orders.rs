@@ -35,6 +35,9 @@ impl Database {
             return Reply::Done("new writes are dated in a new epoch, above all that were dated wrongly".to_owned());
         }
         if let Question::Join { robot } = question {
+            if self.replica.is_member() && self.replica.members().active().any(|(_, member)| member == robot) {
+                return Reply::Done(format!("`{}` and `{robot}` belong to one team already", self.robot));
+            }
             return match self.replica_of_other_team(now, &robot) {
                 Ok(peer) => {
                     self.feed(now, replica::Input::Join(peer, wall), &mut None, effects);

@@ -71,9 +71,6 @@ impl Database {
         if !self.replica.is_member() {
             return Err(format!("`{own}` belongs to no team; it joins `{team}` by itself when it hears a member"));
         }
-        if self.replica.members().active().any(|(_, member)| member == robot) {
-            return Err(format!("`{own}` and `{robot}` belong to one team already"));
-        }
         self.other_team.replica(now, robot).ok_or_else(|| {
             format!("`{own}` has not heard of late that `{robot}` belongs to another team `{team}`; `dca db status` lists those")
         })
