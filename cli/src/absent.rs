@@ -105,7 +105,7 @@ impl Away {
         let hosts: BTreeSet<&str> =
             silent.into_iter().chain(self.hosts.iter().map(|one| &one.host)).map(String::as_str).collect();
         let do_not = if hosts.len() == 1 { "does not" } else { "do not" };
-        let names = Vec::from_iter(&hosts).into_iter().copied().collect::<Vec<_>>().join("`, `");
+        let names = Vec::from_iter(hosts.iter().copied()).join("`, `");
         (!hosts.is_empty()).then(|| {
             Failure::Unreachable(anyhow!(
                 "no node that answers has the {what}; `{names}` {do_not} answer, where it may run"

@@ -1,6 +1,8 @@
-//! The one place that writes to standard output and standard error: results on the first, the rest on the second.
+//! The streams of a command with a live line, which is taken away before anything else is written. What needs none of that goes
+//! through `node::console`.
 
 use crate::logic::mission::{Line, Style};
+use node::console;
 use std::fmt;
 use std::io::{self, IsTerminal as _, Write};
 
@@ -63,11 +65,7 @@ impl Output {
     /// When nobody reads standard output any more: then there is no reason to go on.
     pub fn result(&mut self, text: &str) -> io::Result<()> {
         self.clear();
-        self.results.write_all(text.as_bytes())?;
-        if !text.ends_with('\n') {
-            self.results.write_all(b"\n")?;
-        }
-        self.results.flush()
+        console::write_result(&mut self.results, text)
     }
 
     /// Writes bytes as they are: the output of a program.

@@ -69,7 +69,7 @@ pub fn finish(result: Result<(), Failure>) -> ExitCode {
 /// Writes a result. When nobody reads it any more, nothing is said of it; any other failure is one of the command
 /// ([`failed`]).
 pub fn say(text: &str) {
-    if let Err(error) = result(text)
+    if let Err(error) = write_result(&mut io::stdout(), text)
         && error.kind() != io::ErrorKind::BrokenPipe
     {
         // The first reason is the one that helps.
@@ -77,13 +77,16 @@ pub fn say(text: &str) {
     }
 }
 
-fn result(text: &str) -> io::Result<()> {
-    let mut out = io::stdout();
-    out.write_all(text.as_bytes())?;
+/// Writes a result to a stream, with a line feed if it has none.
+///
+/// # Errors
+/// The stream does not take it.
+pub fn write_result(stream: &mut impl Write, text: &str) -> io::Result<()> {
+    stream.write_all(text.as_bytes())?;
     if !text.ends_with('\n') {
-        out.write_all(b"\n")?;
+        stream.write_all(b"\n")?;
     }
-    out.flush()
+    stream.flush()
 }
 
 /// Returns why some result of this command could not be written, if that is so.

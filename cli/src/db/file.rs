@@ -16,6 +16,9 @@ use std::path::{Path, PathBuf};
 /// The longest file of values, in bytes: some million keys.
 const FILE_MAX: usize = 256 << 20;
 
+/// What the lines of a transaction are.
+const LINES: &str = "a line is `put KEY VALUE`, `delete KEY` or `require KEY absent|exists|TRANSACTION`";
+
 /// What `dca db export` is told.
 #[derive(Debug, clap::Args)]
 pub struct Export {
@@ -98,7 +101,7 @@ fn change(line: &str, requires: &mut Vec<Require>, writes: &mut Vec<Write>) -> a
     let (verb, rest) = line.split_once(' ').unwrap_or((line, ""));
     let (key, value) = rest.trim().split_once(' ').map_or((rest.trim(), ""), |(key, value)| (key, value.trim()));
     if !["put", "delete", "require"].contains(&verb) {
-        bail!("a line is `put KEY VALUE`, `delete KEY` or `require KEY absent|exists|TRANSACTION`");
+        bail!(LINES);
     }
     let key = Key::new(key)?;
     if verb != "require" && writes.iter().any(|write| write.key == key) {
@@ -114,7 +117,7 @@ fn change(line: &str, requires: &mut Vec<Require>, writes: &mut Vec<Write>) -> a
             let dot = token::dot(name).ok_or_else(|| anyhow!("`{name}` is no transaction, `absent` or `exists`"))?;
             requires.push(Require { key, condition: Condition::Is(dot) });
         }
-        _ => bail!("a line is `put KEY VALUE`, `delete KEY` or `require KEY absent|exists|TRANSACTION`"),
+        _ => bail!(LINES),
     }
     Ok(())
 }

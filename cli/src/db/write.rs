@@ -127,11 +127,7 @@ impl Writing {
             Got::Far(dot) => (dot, true),
             Got::Pending(dot) => (dot, false),
             Got::Done(sentence) => {
-                console::say(&if self.asking.json {
-                    serde_json::json!({ "done": sentence }).to_string()
-                } else {
-                    sentence
-                });
+                self.asking.done(sentence);
                 return Ok(());
             }
         };
