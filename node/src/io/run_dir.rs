@@ -17,11 +17,16 @@ use crate::io::child::leftovers;
 use crate::io::folder::{self, FolderError};
 use crate::logic::effect::ProcessId;
 use crate::logic::protocol::Deployment;
+use comms::io::clock::{Wakeup, now};
 use rustix::fs::{FlockOperation, flock};
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read, Write};
 use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// How long a node that was killed may take to be gone.
+const LEAVING: Duration = Duration::from_secs(3);
 
 /// The longest path of a Unix socket that Linux accepts, less its final zero. Source: unix(7).
 const SOCKET_PATH_MAX: usize = 107;
@@ -161,6 +166,18 @@ pub fn of_this_command(base: &Path) -> PathBuf {
     base.join(format!("{COMMAND_PREFIX}{}", std::process::id()))
 }
 
+/// Locks a file. The kernel holds the lock of a killed process until the last of its threads is gone.
+fn lock_soon(lock: &File) -> bool {
+    let (give_up, pause) = (now() + LEAVING, Wakeup::default());
+    while flock(lock, FlockOperation::NonBlockingLockExclusive).is_err() {
+        if now() >= give_up {
+            return false;
+        }
+        pause.wait(Some(now() + LEAVING / 200));
+    }
+    true
+}
+
 fn is_locked(lock: &Path) -> bool {
     File::open(lock).is_ok_and(|file| flock(&file, FlockOperation::NonBlockingLockShared).is_err())
 }
@@ -174,7 +191,7 @@ pub struct RunDir {
 }
 
 impl RunDir {
-    /// Takes the folder of node `name` below `base`.
+    /// Takes the folder of node `name` below `base`. Blocks for up to [`LEAVING`] while another process holds it.
     ///
     /// # Errors
     /// The folder cannot be used, or a node of that name is running.
@@ -190,8 +207,9 @@ impl RunDir {
         let unusable = |cause| RunDirError::Unusable { path: path.clone(), cause };
         let lock = OpenOptions::new().create(true).truncate(false).write(true).mode(0o600).open(path.join("lock"));
         let lock = lock.map_err(unusable)?;
-        flock(&lock, FlockOperation::NonBlockingLockExclusive)
-            .map_err(|_in_use| RunDirError::Taken { name: name.to_owned() })?;
+        if !lock_soon(&lock) {
+            return Err(RunDirError::Taken { name: name.to_owned() });
+        }
         let proof = write_proof(&path.join(PROOF)).map_err(unusable)?;
         Ok(Self { path, proof, _lock: lock })
     }
@@ -344,6 +362,19 @@ mod tests {
             println!("skipped: needs root to make a folder of somebody else");
         }
         fs::remove_dir_all(&folder).unwrap();
+    }
+
+    /// As the kernel removes a killed node while its successor starts.
+    #[test]
+    fn a_holder_that_is_leaving_is_waited_for() {
+        let base = std::env::temp_dir().join(format!("dca-leaving-{}", std::process::id()));
+        let first = RunDir::take(&base, "c1").unwrap();
+        let folder = base.clone();
+        let second = std::thread::spawn(move || RunDir::take(&folder, "c1").map(drop));
+        Wakeup::default().wait(Some(now() + Duration::from_millis(50)));
+        drop(first);
+        second.join().unwrap().unwrap();
+        fs::remove_dir_all(&base).unwrap();
     }
 
     #[test]
