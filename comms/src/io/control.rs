@@ -2,30 +2,28 @@
 //!
 //! The node's side is asynchronous, the program's side blocks. Both refuse a peer that runs as another user.
 
+mod program;
+
+pub use program::{Heard, NoticeSender, OrderReceiver, connect, notice_frame};
+
 use crate::logic::codec::{self, CodecError, Enveloped};
 use crate::logic::control::{Notice, Order, VERSION};
-use crate::logic::frame::{self, Decoder, FrameError, PREFIX_SIZE};
+use crate::logic::frame::{self, Decoder, FrameError};
 use crate::logic::port::{Policy, Pushed, Queue};
-use rustix::event::{PollFd, PollFlags, poll};
-use rustix::io::Errno;
-use rustix::net::sockopt::socket_peercred;
 use rustix::net::{Shutdown, shutdown};
-use std::io::{self, BufReader, Read, Write};
+use std::io::{self, Read, Write};
 use std::os::unix::fs::PermissionsExt;
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::Duration;
 use thiserror::Error;
 use tokio::io::Interest;
 use tokio::io::unix::{AsyncFd, AsyncFdReadyGuard};
 use tokio::net::UnixListener;
 use tokio::sync::Notify;
 
-/// Orders that the program has not taken yet.
-const ORDERS_MAX: usize = 256;
-/// How long a program waits for a node that does not read.
-const WRITE_WITHIN: Duration = Duration::from_secs(2);
+/// Orders that the program has not taken yet, or notices that the node has not.
+const FRAMES_MAX: usize = 256;
 /// How much is read at once.
 const READ_SIZE: usize = 16 << 10;
 
@@ -73,7 +71,7 @@ pub enum ControlError {
         found: u16,
     },
     /// The other side does not read.
-    #[error("the other side of the control channel does not read: {ORDERS_MAX} orders are waiting")]
+    #[error("the other side of the control channel does not read: {FRAMES_MAX} messages are waiting")]
     Stuck,
 }
 
@@ -149,8 +147,7 @@ impl Listener {
         let (stream, _) = self.listener.accept().await?;
         check_user(stream.peer_cred()?.uid())?;
         let stream = register(stream.into_std()?, Interest::READABLE)?;
-        let outbox = Outbox { frames: Queue::new(Policy::reject(ORDERS_MAX)), writing: (Vec::new(), 0) };
-        let channel = Arc::new(Channel { stream, outbox: Mutex::new(outbox), filled: Notify::new() });
+        let channel = Arc::new(Channel { stream, outbox: Outbox::new(), filled: Notify::new() });
         let sender = ControlSender { channel: Arc::clone(&channel) };
         Ok((sender, ControlReceiver { channel, decoder: Decoder::new(Notice::SIZE_MAX), full: None }))
     }
@@ -165,18 +162,12 @@ impl ControlSender {
     /// says so.
     pub fn send(&self, order: &Order) -> Result<(), ControlError> {
         let frame = frame::encode(&codec::encode(order)?, Order::SIZE_MAX)?;
-        let (pushed, written) = {
-            let mut outbox = self.channel.outbox();
-            (outbox.frames.push(frame), outbox.write(self.channel.stream.get_ref()))
-        };
+        let is_written = Outbox::send(&self.channel.outbox, frame, self.channel.stream.get_ref())?;
         // The receiver goes on where this has stopped, and says why if the channel is broken.
-        if !matches!(written, Ok(true)) {
+        if !is_written {
             self.channel.filled.notify_one();
         }
-        match pushed {
-            Pushed::Stored | Pushed::Replaced(_) => Ok(()),
-            Pushed::Rejected(_) => Err(ControlError::Stuck),
-        }
+        Ok(())
     }
 }
 
@@ -235,12 +226,31 @@ impl Drop for ControlReceiver {
 
 impl Channel {
     fn outbox(&self) -> MutexGuard<'_, Outbox> {
-        // Nothing in a critical section of this file can panic.
-        self.outbox.lock().unwrap_or_else(PoisonError::into_inner)
+        Outbox::lock(&self.outbox)
     }
 }
 
 impl Outbox {
+    fn new() -> Mutex<Self> {
+        Mutex::new(Self { frames: Queue::new(Policy::reject(FRAMES_MAX)), writing: (Vec::new(), 0) })
+    }
+
+    fn lock(outbox: &Mutex<Self>) -> MutexGuard<'_, Self> {
+        // Nothing in a critical section of this file can panic.
+        outbox.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Takes a frame, and writes what the socket takes at once; says whether nothing is left for the receiver to write.
+    fn send(outbox: &Mutex<Self>, frame: Vec<u8>, stream: &UnixStream) -> Result<bool, ControlError> {
+        let mut outbox = Self::lock(outbox);
+        let pushed = outbox.frames.push(frame);
+        let written = outbox.write(stream);
+        match pushed {
+            Pushed::Stored | Pushed::Replaced(_) => Ok(matches!(written, Ok(true))),
+            Pushed::Rejected(_) => Err(ControlError::Stuck),
+        }
+    }
+
     fn is_empty(&self) -> bool {
         self.frames.is_empty() && self.writing.0.len() == self.writing.1
     }
@@ -260,80 +270,6 @@ impl Outbox {
                 Err(cause) if is_gone(&cause) => *done = frame.len(),
                 Err(cause) => return Err(cause),
             }
-        }
-    }
-}
-
-/// Sends notices to the node. Clones share one channel.
-#[derive(Clone, Debug)]
-pub struct NoticeSender {
-    stream: Arc<Mutex<UnixStream>>,
-}
-
-/// Receives the node's orders.
-#[derive(Debug)]
-pub struct OrderReceiver {
-    /// Most orders are shorter than its buffer, and cost one call of the system.
-    stream: BufReader<UnixStream>,
-}
-
-/// Connects a program to its node.
-///
-/// # Errors
-/// If nobody listens on `path`, or a stranger does.
-pub fn connect(path: &Path) -> Result<(NoticeSender, OrderReceiver), ControlError> {
-    let failed = |cause| ControlError::Connect { path: path.to_owned(), cause };
-    let stream = UnixStream::connect(path).map_err(failed)?;
-    check_user(socket_peercred(&stream).map_err(io::Error::from)?.uid.as_raw())?;
-    stream.set_write_timeout(Some(WRITE_WITHIN))?;
-    let writer = stream.try_clone()?;
-    Ok((NoticeSender { stream: Arc::new(Mutex::new(writer)) }, OrderReceiver { stream: BufReader::new(stream) }))
-}
-
-impl NoticeSender {
-    /// Sends a notice.
-    ///
-    /// # Errors
-    /// If it is too long, the node is gone, or it has not read for 2 s.
-    pub fn send(&self, notice: &Notice) -> Result<(), ControlError> {
-        let frame = frame::encode(&codec::encode(notice)?, Notice::SIZE_MAX)?;
-        let mut stream = self.stream.lock().unwrap_or_else(PoisonError::into_inner);
-        Ok(stream.write_all(&frame)?)
-    }
-}
-
-impl OrderReceiver {
-    /// Waits for the next order; none once the node has closed its side.
-    ///
-    /// # Errors
-    /// If the channel breaks or the node does not keep to the protocol.
-    pub fn recv(&mut self) -> Result<Option<Order>, ControlError> {
-        if self.stream.buffer().is_empty() {
-            wait_readable(self.stream.get_ref())?;
-        }
-        let mut prefix = [0; PREFIX_SIZE];
-        match self.stream.read(&mut prefix[..1]) {
-            Ok(0) => return Ok(None),
-            Err(cause) if is_gone(&cause) => return Ok(None),
-            read => read?,
-        };
-        self.stream.read_exact(&mut prefix[1..])?;
-        let (size, size_max) = (u32::from_le_bytes(prefix) as usize, Order::SIZE_MAX);
-        if size > size_max {
-            return Err(FrameError::TooLong { size, size_max }.into());
-        }
-        let mut body = vec![0; size];
-        self.stream.read_exact(&mut body)?;
-        Ok(Some(codec::decode(&body)?))
-    }
-}
-
-/// Waits until there is something to read. A blocking read would wake, too, whenever the node takes a notice.
-fn wait_readable(stream: &UnixStream) -> io::Result<()> {
-    loop {
-        match poll(&mut [PollFd::new(stream, PollFlags::IN)], None) {
-            Err(Errno::INTR) => {}
-            waited => return Ok(waited.map(drop)?),
         }
     }
 }
@@ -387,6 +323,11 @@ fn not_yet(done: io::Result<usize>) -> io::Result<Option<usize>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::io::clock::now;
+    use std::time::Duration;
+
+    /// How long a listener has that is there.
+    const SOON: Duration = Duration::from_secs(30);
 
     /// A directory of its own for each test, removed afterwards.
     struct Dir(PathBuf);
@@ -426,7 +367,7 @@ mod tests {
         assert_eq!(mode & 0o777, 0o600);
         let path = dir.socket();
         let program = std::thread::spawn(move || {
-            let (notices, mut orders) = connect(&path).unwrap();
+            let (notices, mut orders) = connect(&path, SOON).unwrap();
             notices.send(&hello()).unwrap();
             let mut values = 0;
             while let Some(order) = orders.recv().unwrap() {
@@ -457,7 +398,7 @@ mod tests {
         let listener = Listener::bind(&dir.socket()).unwrap();
         let path = dir.socket();
         let program = std::thread::spawn(move || {
-            let (notices, mut orders) = connect(&path).unwrap();
+            let (notices, mut orders) = connect(&path, SOON).unwrap();
             for activation in 0..500 {
                 notices.send(&Notice::Running { activation }).unwrap();
                 assert_eq!(orders.recv().unwrap(), Some(Order::Stop { activation }));
@@ -483,12 +424,12 @@ mod tests {
     async fn a_program_that_does_not_read_fills_its_own_queue_only() {
         let dir = Dir::new("stuck");
         let listener = Listener::bind(&dir.socket()).unwrap();
-        let (_notices, _orders) = connect(&dir.socket()).unwrap();
+        let (_notices, _orders) = connect(&dir.socket(), SOON).unwrap();
         let (orders, _receiver) = listener.accept().await.unwrap();
         // What the kernel takes before the program reads comes on top.
         let order = Order::Activate { activation: 0, value: large() };
-        let sent = (0..2 * ORDERS_MAX).take_while(|_| orders.send(&order).is_ok()).count();
-        assert!((ORDERS_MAX..ORDERS_MAX + 2).contains(&sent), "{sent}");
+        let sent = (0..2 * FRAMES_MAX).take_while(|_| orders.send(&order).is_ok()).count();
+        assert!((FRAMES_MAX..FRAMES_MAX + 2).contains(&sent), "{sent}");
         assert!(matches!(orders.send(&order), Err(ControlError::Stuck)));
     }
 
@@ -496,7 +437,7 @@ mod tests {
     async fn a_program_that_nobody_hears_notices() {
         let dir = Dir::new("deaf");
         let listener = Listener::bind(&dir.socket()).unwrap();
-        let (_notices, mut program) = connect(&dir.socket()).unwrap();
+        let (_notices, mut program) = connect(&dir.socket(), SOON).unwrap();
         let (orders, receiver) = listener.accept().await.unwrap();
         drop(receiver);
         assert_eq!(program.recv().unwrap(), None);
@@ -536,15 +477,64 @@ mod tests {
         assert!(matches!(&said, Some(Notice::Hello { version: 9, instance, .. }) if instance == "main/x"), "{said:?}");
 
         let node = std::os::unix::net::UnixListener::bind(dir.0.join("later.sock")).unwrap();
-        let (_notices, mut orders) = connect(&dir.0.join("later.sock")).unwrap();
+        let (_notices, mut orders) = connect(&dir.0.join("later.sock"), SOON).unwrap();
         node.accept().unwrap().0.write_all(&of_later(codec::encode(&Order::Exit).unwrap())).unwrap();
         let error = orders.recv().unwrap_err().to_string();
         assert!(error.starts_with("the other side speaks version 9 of the control protocol, this one "), "{error}");
     }
 
+    /// A node that is suspended takes no notices and no connections: a program waits for neither of them.
+    #[test]
+    fn a_program_does_not_wait_for_a_node_that_does_not_read() {
+        let dir = Dir::new("suspended");
+        let node = std::os::unix::net::UnixListener::bind(dir.socket()).unwrap();
+        let (notices, mut orders) = connect(&dir.socket(), SOON).unwrap();
+        let large = Notice::Done { activation: 1, value: large() };
+        notices.send(&large).unwrap();
+        notices.send(&Notice::Running { activation: 2 }).unwrap();
+        assert!(matches!(orders.recv_until(Some(now())), Ok(Heard::Nothing)));
+        let stuck = orders.recv().unwrap_err();
+        assert!(matches!(&stuck, ControlError::Broken(cause) if cause.kind() == io::ErrorKind::TimedOut), "{stuck}");
+        let sent = (0..2 * FRAMES_MAX).take_while(|_| notices.send(&Notice::Connected).is_ok()).count();
+        assert!(sent < FRAMES_MAX, "{sent}");
+
+        rustix::net::listen(&node, 0).unwrap();
+        let short = Duration::from_millis(1);
+        let mut waiting: Vec<_> = Vec::new();
+        let error = loop {
+            match connect(&dir.socket(), short) {
+                Ok(channel) => waiting.push(channel),
+                Err(error) => break error,
+            }
+            assert!(waiting.len() < 10, "a listener that accepts nobody takes everybody");
+        };
+        assert!(matches!(error, ControlError::Connect { .. }), "{error}");
+    }
+
+    /// What a leaving program has to say reaches a node that reads late.
+    #[test]
+    fn a_program_that_leaves_has_said_everything() {
+        let dir = Dir::new("flush");
+        let node = std::os::unix::net::UnixListener::bind(dir.socket()).unwrap();
+        let (notices, orders) = connect(&dir.socket(), SOON).unwrap();
+        let large = Notice::Done { activation: 1, value: large() };
+        notices.send(&large).unwrap();
+        let (mut stream, _) = node.accept().unwrap();
+        let reader = std::thread::spawn(move || {
+            let mut bytes = Vec::new();
+            stream.read_to_end(&mut bytes).unwrap();
+            let mut decoder = Decoder::new(Notice::SIZE_MAX);
+            decoder.push(&bytes);
+            codec::decode_notice(&decoder.next_frame().unwrap().unwrap()).unwrap()
+        });
+        notices.flush();
+        drop((notices, orders));
+        assert_eq!(reader.join().unwrap(), large);
+    }
+
     #[test]
     fn nobody_listens() {
-        let error = connect(Path::new("/no/such/socket")).unwrap_err().to_string();
+        let error = connect(Path::new("/no/such/socket"), SOON).unwrap_err().to_string();
         assert!(error.starts_with("no node listens on `/no/such/socket`"), "{error}");
     }
 }

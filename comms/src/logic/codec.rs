@@ -16,6 +16,10 @@ use thiserror::Error;
 const MAGIC: [u8; 2] = *b"DC";
 /// The bytes before the message.
 pub const HEADER_SIZE: usize = 6;
+/// The number of [`Notice::Hello`] among the notices.
+const HELLO: u32 = 0;
+/// The number of [`Notice::Resume`] among the notices.
+const RESUME: u32 = 8;
 
 /// Every kind of message, by its number on the wire: the compiler refuses a number that is taken. Append only; 1..99 are messages
 /// of this crate, 100.. of nodes, 200.. of others.
@@ -164,8 +168,8 @@ pub fn decode<T: Enveloped>(bytes: &[u8]) -> Result<T, CodecError> {
     }
 }
 
-/// Reads a notice as [`decode`] does. Of a [`Notice::Hello`] of another version it reads the beginning, which all versions
-/// have in common: which one it is, and who says it.
+/// Reads a notice as [`decode`] does. Of a [`Notice::Hello`] or [`Notice::Resume`] of another version it reads the beginning,
+/// which all versions have in common: which one it is, and who says it.
 ///
 /// # Errors
 /// As those of [`decode`].
@@ -175,9 +179,14 @@ pub fn decode_notice(bytes: &[u8]) -> Result<Notice, CodecError> {
         decoded => return decoded,
     };
     let (version, body) = open::<Notice>(bytes)?;
-    let Ok(((0, _, instance), _)) = postcard::take_from_bytes::<(u32, u16, String)>(body) else { return Err(refused) };
-    let (location, owns, needs) = (None, Vec::new(), Vec::new());
-    Ok(Notice::Hello { version, instance, location, owns, needs, signals: false })
+    match postcard::take_from_bytes::<(u32, u16, String)>(body) {
+        Ok(((HELLO, _, instance), _)) => {
+            let (location, owns, needs) = (None, Vec::new(), Vec::new());
+            Ok(Notice::Hello { version, instance, location, owns, needs, signals: false })
+        }
+        Ok(((RESUME, _, instance), _)) => Ok(Notice::Resume { version, instance, orders: 0 }),
+        Ok(_) | Err(_) => Err(refused),
+    }
 }
 
 /// Takes a message out of its envelope; returns its version, and its bytes.
@@ -227,19 +236,20 @@ mod tests {
         let devices = vec![Device { device: "arm".into(), owner: dial() }];
         check(
             &Order::Connect { robot: "r".into(), incoming: vec![incoming], outgoing: vec![outgoing], devices },
-            "444302000100000172010102496e016b02613101016c0001ac02034f7574016a01010361726d02613101016c",
+            "444303000100000172010102496e016b02613101016c0001ac02034f7574016a01010361726d02613101016c",
         );
-        check(&Order::Open { wires: vec![1, 2], generation: 3 }, "4443020001000102010203");
-        check(&Order::Close { wires: vec![], generation: 1 }, "444302000100020001");
-        check(&Order::Activate { activation: 9, value: vec![1] }, "44430200010003090101");
-        check(&Order::Stop { activation: 9 }, "4443020001000409");
-        check(&Order::Exit, "44430200010005");
+        check(&Order::Open { wires: vec![1, 2], generation: 3 }, "4443030001000102010203");
+        check(&Order::Close { wires: vec![], generation: 1 }, "444303000100020001");
+        check(&Order::Activate { activation: 9, value: vec![1] }, "44430300010003090101");
+        check(&Order::Stop { activation: 9 }, "4443030001000409");
+        check(&Order::Exit, "44430300010005");
         let parameters = vec![("a".to_owned(), "1".to_owned())];
-        check(&Order::Configure { parameters }, "444302000100060101610131");
+        check(&Order::Configure { parameters }, "444303000100060101610131");
         let shape = Shape { wire: 1, latch: true, queue: Some(5), period_min: Some(Duration::from_millis(100)) };
-        check(&Order::Shape { wires: vec![shape] }, "444302000100070101010105010080c2d72f");
-        check(&Order::Rejoin, "44430200010008");
-        check(&Order::Relink { lost: "b".into(), found: dial() }, "44430200010009016202613101016c");
+        check(&Order::Shape { wires: vec![shape] }, "444303000100070101010105010080c2d72f");
+        check(&Order::Rejoin, "44430300010008");
+        check(&Order::Relink { lost: "b".into(), found: dial() }, "44430300010009016202613101016c");
+        check(&Order::Resumed { notices: 300 }, "4443030001000aac02");
     }
 
     #[test]
@@ -253,14 +263,19 @@ mod tests {
             needs: vec!["ft".into()],
             signals: true,
         };
-        check(&hello, "4443020002000002016d01016101017500000102667401");
-        check(&Notice::Connected, "44430200020001");
-        check(&Notice::ConnectFailed { reason: "x".into() }, "444302000200020178");
-        check(&Notice::Switched { generation: 7 }, "4443020002000307");
-        check(&Notice::Running { activation: 1 }, "4443020002000401");
-        check(&Notice::Done { activation: 1, value: vec![] }, "444302000200050100");
-        check(&Notice::Aborted { activation: 1, reason: "x".into() }, "44430200020006010178");
-        check(&Notice::Stopped { activation: 1 }, "4443020002000701");
+        check(&hello, "4443030002000003016d01016101017500000102667401");
+        check(&Notice::Connected, "44430300020001");
+        check(&Notice::ConnectFailed { reason: "x".into() }, "444303000200020178");
+        check(&Notice::Switched { generation: 7 }, "4443030002000307");
+        check(&Notice::Running { activation: 1 }, "4443030002000401");
+        check(&Notice::Done { activation: 1, value: vec![] }, "444303000200050100");
+        check(&Notice::Aborted { activation: 1, reason: "x".into() }, "44430300020006010178");
+        check(&Notice::Stopped { activation: 1 }, "4443030002000701");
+        let resume = Notice::Resume { version: VERSION, instance: "m".into(), orders: 300 };
+        check(&resume, "4443030002000803016dac02");
+        assert!(hello.is_counted() && !resume.is_counted());
+        assert!(Order::Exit.is_counted() && !Order::Resumed { notices: 0 }.is_counted());
+        assert!(!Order::Configure { parameters: vec![] }.is_counted());
     }
 
     #[test]
@@ -287,7 +302,7 @@ mod tests {
         order.push(0);
         assert!(refused(&order).starts_with("a message of kind 1 is malformed"));
         order[2] = 9;
-        assert_eq!(refused(&order), "a message of version 9 of kind 1; this program speaks version 2");
+        assert_eq!(refused(&order), "a message of version 9 of kind 1; this program speaks version 3");
         let long = vec![0; Order::SIZE_MAX + 1];
         assert!(matches!(decode::<Order>(&long), Err(CodecError::TooLong { .. })));
         assert!(encode(&Order::Activate { activation: 0, value: long }).is_err());
@@ -310,6 +325,8 @@ mod tests {
             other[HEADER_SIZE] = 1;
             assert_eq!(decode_notice(&other), Err(refused));
         }
+        let resume = Notice::Resume { version: 300, instance: "m".into(), orders: 0 };
+        assert_eq!(decode_notice(b"DC\x2c\x01\x02\x00\x08\xac\x02\x01m\x05and more"), Ok(resume));
         assert_eq!(decode_notice(&encode(&Notice::Connected).unwrap()), Ok(Notice::Connected));
     }
 

@@ -6,13 +6,18 @@
 //! Life of a channel: the program connects and says [`Notice::Hello`]; the node answers [`Order::Connect`] with every
 //! link the program takes part in; the program dials them and says [`Notice::Connected`] (or why not). From then on it is
 //! idle until [`Order::Activate`].
+//!
+//! A channel that breaks is not the end of the program. It dials again and says [`Notice::Resume`]; the node, which may be
+//! another one in the place of the first, answers [`Order::Resumed`], and both go on where the other one has stopped. For that
+//! both count orders and notices from the program's start, over all its channels: all but those that only concern a channel
+//! ([`Order::is_counted`], [`Notice::is_counted`]).
 
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
 /// Version of this protocol: one more with every order, notice or field that is appended. Node and program must be of the
-/// same one. Of any other they understand no more than [`Notice::Hello`] says at its beginning, so that each can be told.
-pub const VERSION: u16 = 2;
+/// same one. Of any other they understand no more than [`Notice::Hello`] and [`Notice::Resume`] say at their beginning, so that each can be told.
+pub const VERSION: u16 = 3;
 
 /// Where a program's data session can be dialled.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -146,12 +151,25 @@ pub enum Order {
         /// Where it is.
         found: Dial,
     },
+    /// The answer to [`Notice::Resume`], and the first order after it: the program is known. It sends the notices after
+    /// this number again.
+    Resumed {
+        /// How many counted notices of this program the node has, since the program's start.
+        notices: u64,
+    },
+}
+
+impl Order {
+    /// Returns whether the order has a number: 1 is the first of the program's life. The others may be repeated at will.
+    pub const fn is_counted(&self) -> bool {
+        !matches!(self, Self::Configure { .. } | Self::Resumed { .. })
+    }
 }
 
 /// From the program to the node.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Notice {
-    /// First frame on the channel. The first in every version, with these two fields at its beginning.
+    /// First frame on the first channel of a program. The first in every version, with these two fields at its beginning.
     Hello {
         /// [`VERSION`] of the program.
         version: u16,
@@ -202,4 +220,21 @@ pub enum Notice {
         /// As ordered.
         activation: u32,
     },
+    /// First frame on each later channel: the program had lost its node. In every version with these two fields at its
+    /// beginning. A node that does not know the program closes the channel.
+    Resume {
+        /// [`VERSION`] of the program.
+        version: u16,
+        /// The instance path the program was started as.
+        instance: String,
+        /// How many counted orders the program has taken since its start.
+        orders: u64,
+    },
+}
+
+impl Notice {
+    /// Returns whether the notice has a number: [`Notice::Hello`] is 1.
+    pub const fn is_counted(&self) -> bool {
+        !matches!(self, Self::Resume { .. })
+    }
 }

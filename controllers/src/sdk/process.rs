@@ -4,7 +4,8 @@
 //! Three parties share the process. The *listener* (the main thread) reads the node's orders, makes the links and opens
 //! and closes wires. The *cycle* (a thread with absolute deadlines) owns the controller and nothing else ever calls it.
 //! Zenoh's threads hand arriving samples over and wake the cycle. Invariant: each activation ends with exactly one notice,
-//! after `stop` has finished.
+//! after `stop` has finished. A node that is gone changes nothing of this: the listener looks for the next one, and the cycle
+//! goes on. It ends only if the process that has started this one is gone, too.
 //!
 //! What a program is told by its environment: `DCA_CONTROL`, the node's socket; `DCA_INSTANCE`, its path in the plan;
 //! `DCA_DATA_SOCKET`, where its data session listens; `DCA_REMOTE`, present when other hosts must reach it.
@@ -13,22 +14,25 @@ mod cycle;
 mod flow;
 mod inbox;
 mod links;
+mod node_line;
 mod peaks;
 
 use super::arguments::Arguments;
 use super::interface::Interface;
 use super::module::Module;
 use super::registry::{CreateError, Registry};
-use comms::io::control::{self, ControlError, NoticeSender, OrderReceiver};
+use comms::io::control::ControlError;
 use comms::io::data::DataSession;
 use comms::io::session::{OpenError, Reach, Role, prepare_process};
 use comms::logic::control::{Notice, Order, VERSION};
 use cycle::{Command, Cycle};
 use inbox::Inbox;
 use links::Links;
+use node_line::{NodeLine, NoticeLog};
 use signal_hook::consts::SIGTERM;
 use signal_hook::iterator::Signals;
 use std::io::Write;
+use std::os::unix::process::parent_id;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -93,6 +97,7 @@ fn tell(text: &str, code: ExitCode) -> ExitCode {
 }
 
 fn take_part(registry: &Registry, name: &str, arguments: &[String]) -> Result<ExitCode, ProcessError> {
+    let parent = parent_id();
     let module = registry.create(name, arguments)?;
     let variable = |variable| std::env::var_os(variable).ok_or(ProcessError::NoNode { variable });
     let (socket, instance) = (PathBuf::from(variable("DCA_CONTROL")?), variable("DCA_INSTANCE")?);
@@ -104,7 +109,7 @@ fn take_part(registry: &Registry, name: &str, arguments: &[String]) -> Result<Ex
     } else {
         None
     };
-    let (notices, orders) = control::connect(&socket)?;
+    let (notices, orders) = node_line::connect(&socket, &instance, parent)?;
     notices.send(&hello(&interface, &instance, session.as_deref()))?;
     let parameters = interface.about.parameters;
     // The registry has made a controller of them already, so they fit.
@@ -136,32 +141,32 @@ struct Program {
     /// As the spec gives them.
     arguments: Arguments,
     session: Option<Arc<DataSession>>,
-    notices: NoticeSender,
+    notices: NoticeLog,
 }
 
 impl Program {
-    /// Obeys the node until it says `Exit`, or is gone: then stops what runs, and leaves.
-    fn serve(self, module: Box<dyn Module>, mut orders: OrderReceiver) -> Result<ExitCode, ProcessError> {
+    /// Obeys the node until it says `Exit`, or nobody will ever: then stops what runs, and leaves.
+    fn serve(self, module: Box<dyn Module>, mut orders: NodeLine) -> Result<ExitCode, ProcessError> {
         let inbox = Arc::new(Inbox::default());
         let links = Arc::new(Links::default());
         let cycle = Cycle::new(module, Arc::clone(&inbox), Arc::clone(&links), self.notices.clone());
         let running = std::thread::Builder::new().name("cycle".to_owned()).spawn(move || cycle.run())?;
-        obey_sigterm(&inbox)?;
+        obey_sigterm(&inbox, &self.notices)?;
         let code = loop {
-            match orders.recv() {
-                Ok(Some(Order::Exit)) => break ExitCode::SUCCESS,
-                Ok(Some(order)) => {
+            match orders.next() {
+                Ok(Order::Exit) => break ExitCode::SUCCESS,
+                Ok(order) => {
                     if let Err(error) = self.obey(order, &inbox, &links) {
                         break tell(&error.to_string(), ExitCode::FAILURE);
                     }
                 }
-                Ok(None) => break tell("the node is gone", ExitCode::FAILURE),
-                Err(error) => break tell(&format!("the node cannot be understood: {error}"), ExitCode::FAILURE),
+                Err(error) => break tell(&error.to_string(), ExitCode::FAILURE),
             }
         };
         inbox.command(Command::Leave);
         // A loop that panics takes the process along, so nothing else can come of it.
         drop(running.join());
+        self.notices.flush();
         links.clear();
         if let Some(session) = self.session.and_then(Arc::into_inner) {
             session.close();
@@ -212,7 +217,7 @@ impl Program {
                     session.keep(&found).unwrap_or_else(|error| tracing::warn!(%error, "a link is not made again"));
                 }
             }
-            Order::Exit => {}
+            Order::Exit | Order::Resumed { .. } => {}
         }
         Ok(())
     }
@@ -222,13 +227,14 @@ fn hand_over(inbox: &Inbox, command: Command) -> Result<(), ProcessError> {
     if inbox.command(command) { Ok(()) } else { Err(ProcessError::Stuck) }
 }
 
-/// On SIGTERM the controller stops as it does when its node is gone; then the process leaves at once.
-fn obey_sigterm(inbox: &Arc<Inbox>) -> Result<(), ProcessError> {
-    let (mut signals, inbox) = (Signals::new([SIGTERM])?, Arc::clone(inbox));
+/// On SIGTERM the controller stops as it does on `Exit`; then the process leaves at once.
+fn obey_sigterm(inbox: &Arc<Inbox>, notices: &NoticeLog) -> Result<(), ProcessError> {
+    let (mut signals, inbox, notices) = (Signals::new([SIGTERM])?, Arc::clone(inbox), notices.clone());
     let obey = move || {
         if signals.forever().next().is_some() {
             inbox.command(Command::Leave);
             inbox.wait_left();
+            notices.flush();
             std::process::exit(128 + SIGTERM);
         }
     };

@@ -69,6 +69,10 @@ async fn hear(
     mut receiver: ControlReceiver,
 ) -> anyhow::Result<()> {
     let Some(hello) = receiver.recv().await? else { return Ok(()) };
+    if let Notice::Resume { .. } = hello {
+        // This node does not know it: the channel closes, and its shim ends it.
+        return Ok(());
+    }
     let Notice::Hello { instance, .. } = &hello else { anyhow::bail!("a program did not say who it is") };
     connection.instance.clone_from(instance);
     // Who cannot tell the driver need not hear any more: it is gone.

@@ -326,7 +326,7 @@ impl World {
                     self.notice(4, host, process, Notice::Stopped { activation });
                 }
             }
-            Order::Configure { .. } | Order::Shape { .. } | Order::Rejoin => {}
+            Order::Configure { .. } | Order::Shape { .. } | Order::Rejoin | Order::Resumed { .. } => {}
             Order::Exit if self.lingers => {}
             Order::Exit => self.die(host, process, ShimReport::Exited { code: 0 }),
         }

@@ -2,12 +2,12 @@
 
 use super::inbox::{Arrived, Inbox};
 use super::links::{Links, fetch_all};
+use super::node_line::NoticeLog;
 use super::peaks::Watch;
 use crate::sdk::arguments::Arguments;
 use crate::sdk::controller::{Progress, Schedule, Stopping};
 use crate::sdk::module::{Delivery, Module};
 use comms::io::clock::{make_punctual, now};
-use comms::io::control::NoticeSender;
 use comms::logic::control::Notice;
 use comms::logic::signals::{Peaks, Signal, Signals};
 use comms::logic::time::Time;
@@ -51,7 +51,7 @@ pub(super) struct Cycle {
     module: Box<dyn Module>,
     inbox: Arc<Inbox>,
     links: Arc<Links>,
-    notices: NoticeSender,
+    notices: NoticeLog,
     schedule: Schedule,
     stop_within: Duration,
     signals_every: Option<Duration>,
@@ -67,7 +67,7 @@ pub(super) struct Cycle {
 }
 
 impl Cycle {
-    pub(super) fn new(module: Box<dyn Module>, inbox: Arc<Inbox>, links: Arc<Links>, notices: NoticeSender) -> Self {
+    pub(super) fn new(module: Box<dyn Module>, inbox: Arc<Inbox>, links: Arc<Links>, notices: NoticeLog) -> Self {
         let about = module.interface().about.clone();
         Self {
             module,
@@ -306,7 +306,7 @@ impl Cycle {
         }
     }
 
-    /// A node that is gone is noticed by the listener.
+    /// A node that is gone is noticed by the listener, and told later.
     fn tell(&self, notice: &Notice) {
         if let Err(error) = self.notices.send(notice) {
             tracing::debug!(%error, "the node was not told");
@@ -399,7 +399,7 @@ mod tests {
     fn check(call: &'static str, expected: &[Notice]) {
         let path = std::env::temp_dir().join(format!("dca-cycle-{}-{call}", std::process::id()));
         let listener = UnixListener::bind(&path).unwrap();
-        let (notices, _orders) = control::connect(&path).unwrap();
+        let (notices, _orders) = control::connect(&path, Duration::from_secs(30)).unwrap();
         let (mut stream, mut decoder) = (listener.accept().unwrap().0, Decoder::new(1 << 16));
         std::fs::remove_file(&path).unwrap();
         let period = Duration::from_millis(1);
@@ -407,7 +407,7 @@ mod tests {
         let interface = Interface { type_name: "Fragile", about, ports: Vec::new() };
         let module = Box::new(Fragile { interface, breaks_in: Cell::new(call) });
         let inbox = Arc::new(Inbox::default());
-        let cycle = Cycle::new(module, Arc::clone(&inbox), Arc::default(), notices);
+        let cycle = Cycle::new(module, Arc::clone(&inbox), Arc::default(), NoticeLog::new(notices));
         let running = std::thread::spawn(move || cycle.run());
         let activate = |activation| assert!(inbox.command(Command::Activate { activation, value: Vec::new() }));
         let stop = |activation| assert!(inbox.command(Command::Stop { activation }));

@@ -47,7 +47,7 @@ impl Instance {
                 self.ended(activation, Ending::Aborted(failure), moment);
             }
             Notice::Stopped { activation } => self.ended(activation, Ending::Stopped, moment),
-            Notice::Connected | Notice::ConnectFailed { .. } | Notice::Running { .. } => {}
+            Notice::Connected | Notice::ConnectFailed { .. } | Notice::Running { .. } | Notice::Resume { .. } => {}
         }
     }
 

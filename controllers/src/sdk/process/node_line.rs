@@ -1,0 +1,287 @@
+//! The program's line to its node, which outlives every channel: a node that was killed and started again is looked for,
+//! and told what it has missed.
+//!
+//! Both sides count what they send and what they take since the program's start. Invariant: an order that was taken is
+//! obeyed, and counted, before the next one is taken; a notice is kept before it is sent. So whatever was on its way when a
+//! channel broke is sent once more by whoever has sent it, and nothing twice.
+
+use comms::io::clock::{Wakeup, now};
+use comms::io::control::{self, ControlError, Heard, NoticeSender, OrderReceiver};
+use comms::logic::control::{Notice, Order, VERSION};
+use std::collections::VecDeque;
+use std::os::unix::process::parent_id;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+use thiserror::Error;
+
+/// How long the first node has to take the connection.
+const CONNECT_WITHIN: Duration = Duration::from_secs(10);
+/// When a lost node is looked for the first time; from then on half as often each time.
+const DIAL_FIRST: Duration = Duration::from_millis(5);
+/// How often it is looked for in the end. So long a node may take to take the connection, too.
+const DIAL_EVERY: Duration = Duration::from_millis(100);
+/// How long a node has to answer before it is dialled once more: it may be suspended, or another one in its place.
+const ANSWER_WITHIN: Duration = Duration::from_secs(10);
+/// How many notices are kept at most.
+const KEPT_MAX: usize = 64;
+/// How many bytes of the newest notices are kept at least; the notice in which they begin is kept, too.
+const KEPT_SIZE: usize = 4 << 20;
+
+/// Why no more orders come.
+#[derive(Debug, Error)]
+pub(super) enum LineError {
+    #[error("the node is gone")]
+    Gone,
+    #[error("the node cannot be understood: {0}")]
+    NotUnderstood(ControlError),
+    #[error("the node has {has} notices of this program, which has made {made} and still has the last {kept}")]
+    Missed { has: u64, made: u64, kept: usize },
+}
+
+/// Why a node was not found this time.
+#[derive(Debug, Error)]
+enum NotFound {
+    #[error("{0}")]
+    Control(#[from] ControlError),
+    #[error("it closed the channel")]
+    Closed,
+    #[error("it does not answer")]
+    Silent,
+    #[error("it gave another order before its answer")]
+    OutOfTurn,
+    #[error("{0}")]
+    Line(#[from] LineError),
+}
+
+/// Sends notices to whichever node is there, and keeps them for the next one. Clones share one record.
+#[derive(Clone, Debug)]
+pub(super) struct NoticeLog {
+    log: Arc<Mutex<Log>>,
+}
+
+#[derive(Debug)]
+struct Log {
+    kept: Kept,
+    /// None while there is no node.
+    channel: Option<NoticeSender>,
+}
+
+/// The newest notices, as they travel.
+#[derive(Debug, Default)]
+struct Kept {
+    /// How many there were since the program's start.
+    made: u64,
+    frames: VecDeque<Vec<u8>>,
+    /// Of all frames, in bytes.
+    size: usize,
+}
+
+/// Receives orders from whichever node is there.
+#[derive(Debug)]
+pub(super) struct NodeLine {
+    socket: PathBuf,
+    instance: String,
+    /// The process that has started this one.
+    parent: u32,
+    receiver: OrderReceiver,
+    /// How many counted orders were taken since the program's start.
+    orders: u64,
+    notices: NoticeLog,
+}
+
+/// Dials the node that has started this program as `instance`; `parent` is the process that did so for it.
+///
+/// # Errors
+/// If no node listens on `socket`.
+pub(super) fn connect(socket: &Path, instance: &str, parent: u32) -> Result<(NoticeLog, NodeLine), ControlError> {
+    let (sender, receiver) = control::connect(socket, CONNECT_WITHIN)?;
+    let notices = NoticeLog::new(sender);
+    let (socket, instance) = (socket.to_owned(), instance.to_owned());
+    let line = NodeLine { socket, instance, parent, receiver, orders: 0, notices: notices.clone() };
+    Ok((notices, line))
+}
+
+impl NoticeLog {
+    pub(super) fn new(sender: NoticeSender) -> Self {
+        Self { log: Arc::new(Mutex::new(Log { kept: Kept::default(), channel: Some(sender) })) }
+    }
+
+    /// Sends a notice, now or once a node is there; never waits.
+    ///
+    /// # Errors
+    /// If it is too long; it then counts for nothing.
+    pub(super) fn send(&self, notice: &Notice) -> Result<(), ControlError> {
+        let frame = control::notice_frame(notice)?;
+        let mut log = self.lock();
+        log.kept.push(frame.clone());
+        if let Some(channel) = &log.channel
+            && let Err(error) = channel.send_frame(frame)
+        {
+            // Whoever takes orders hears the end of the channel, and looks for a node that reads.
+            tracing::warn!(%error, "the node does not take notices");
+            channel.close();
+            log.channel = None;
+        }
+        Ok(())
+    }
+
+    /// Waits until the node has been sent everything; at most 2 s, and not for a node that is not there.
+    pub(super) fn flush(&self) {
+        let channel = self.lock().channel.clone();
+        if let Some(channel) = channel {
+            channel.flush();
+        }
+    }
+
+    fn detach(&self) {
+        self.lock().channel = None;
+    }
+
+    /// Goes on with a node that has so many notices.
+    fn attach(&self, channel: NoticeSender, has: u64) -> Result<(), NotFound> {
+        let mut log = self.lock();
+        let Some(missed) = log.kept.after(has) else {
+            let (made, kept) = (log.kept.made, log.kept.frames.len());
+            return Err(LineError::Missed { has, made, kept }.into());
+        };
+        for frame in missed {
+            channel.send_frame(frame.clone())?;
+        }
+        log.channel = Some(channel);
+        Ok(())
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Log> {
+        self.log.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Kept {
+    fn push(&mut self, frame: Vec<u8>) {
+        self.made += 1;
+        self.size += frame.len();
+        self.frames.push_back(frame);
+        while let Some(oldest) = self.frames.front()
+            && (self.frames.len() > KEPT_MAX || self.size - oldest.len() >= KEPT_SIZE)
+            && self.frames.len() > 1
+        {
+            self.size -= oldest.len();
+            self.frames.pop_front();
+        }
+    }
+
+    /// Returns the notices after number `has`, the oldest first; none if they are not all here, or that one never was.
+    fn after(&self, has: u64) -> Option<impl Iterator<Item = &Vec<u8>>> {
+        let missing = usize::try_from(self.made.checked_sub(has)?).ok()?;
+        let first = self.frames.len().checked_sub(missing)?;
+        Some(self.frames.range(first..))
+    }
+}
+
+impl NodeLine {
+    /// Waits for the next order, however long there is no node that could give it.
+    ///
+    /// # Errors
+    /// If there is no node and the program's parent is gone, too, or what the node says is not to be understood.
+    pub(super) fn next(&mut self) -> Result<Order, LineError> {
+        loop {
+            match self.receiver.recv() {
+                // The answer to nothing that was asked.
+                Ok(Some(Order::Resumed { .. })) => continue,
+                Ok(Some(order)) => {
+                    self.orders += u64::from(order.is_counted());
+                    return Ok(order);
+                }
+                Ok(None) => tracing::warn!("the node is gone, and is looked for"),
+                Err(ControlError::Broken(error)) => tracing::warn!(%error, "the node is lost, and is looked for"),
+                Err(error) => return Err(LineError::NotUnderstood(error)),
+            }
+            self.find_node()?;
+            tracing::info!("there is a node again");
+        }
+    }
+
+    fn find_node(&mut self) -> Result<(), LineError> {
+        self.notices.detach();
+        let (pause, mut wait) = (Wakeup::default(), DIAL_FIRST);
+        loop {
+            pause.wait(Some(now() + wait));
+            wait = (2 * wait).min(DIAL_EVERY);
+            self.check_parent()?;
+            match self.resume() {
+                Ok(()) => return Ok(()),
+                Err(NotFound::Line(error)) => return Err(error),
+                Err(error) => tracing::debug!(%error, "no node was found"),
+            }
+        }
+    }
+
+    fn resume(&mut self) -> Result<(), NotFound> {
+        let (sender, mut receiver) = control::connect(&self.socket, DIAL_EVERY)?;
+        sender.send(&Notice::Resume { version: VERSION, instance: self.instance.clone(), orders: self.orders })?;
+        let until = now() + ANSWER_WITHIN;
+        while now() < until {
+            match receiver.recv_until(Some(now() + DIAL_EVERY))? {
+                Heard::Order(Order::Resumed { notices }) => {
+                    self.notices.attach(sender, notices)?;
+                    self.receiver = receiver;
+                    return Ok(());
+                }
+                Heard::Order(_) => return Err(NotFound::OutOfTurn),
+                Heard::Ended => return Err(NotFound::Closed),
+                Heard::Nothing => self.check_parent()?,
+            }
+        }
+        Err(NotFound::Silent)
+    }
+
+    /// Without node and parent nobody is there who would ever end this program.
+    fn check_parent(&self) -> Result<(), LineError> {
+        if parent_id() == self.parent { Ok(()) } else { Err(LineError::Gone) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeMap;
+
+    /// Pushes frames of these sizes; returns how many are kept.
+    fn kept(sizes: impl IntoIterator<Item = usize>) -> Kept {
+        let mut kept = Kept::default();
+        sizes.into_iter().for_each(|size| kept.push(vec![0; size]));
+        assert_eq!(kept.size, kept.frames.iter().map(Vec::len).sum::<usize>());
+        kept
+    }
+
+    #[test]
+    fn the_newest_notices_are_kept() {
+        let numbers = |kept: &Kept| kept.frames.iter().map(Vec::len).collect::<Vec<_>>();
+        assert_eq!(numbers(&kept([])), Vec::<usize>::new());
+        assert_eq!(numbers(&kept(1..=100)), (37..=100).collect::<Vec<_>>());
+        // A large one stays as long as less than the whole allowance has come after it.
+        assert_eq!(numbers(&kept([7, KEPT_SIZE, 9])), vec![KEPT_SIZE, 9]);
+        assert_eq!(numbers(&kept([3 * KEPT_SIZE, KEPT_SIZE - 1])), vec![3 * KEPT_SIZE, KEPT_SIZE - 1]);
+        assert_eq!(numbers(&kept([3 * KEPT_SIZE, KEPT_SIZE - 1, 1])), vec![KEPT_SIZE - 1, 1]);
+        assert_eq!(numbers(&kept([7, 3 * KEPT_SIZE])), vec![3 * KEPT_SIZE]);
+    }
+
+    #[test]
+    fn what_was_missed_is_all_there_or_nothing_is() {
+        let kept = kept(1..=100);
+        let after = |has| kept.after(has).map(|missed| missed.map(Vec::len).collect::<Vec<_>>());
+        let cases: BTreeMap<u64, Option<Vec<usize>>> = BTreeMap::from([
+            (0, None),
+            (35, None),
+            (36, Some((37..=100).collect())),
+            (98, Some(vec![99, 100])),
+            (100, Some(vec![])),
+            (101, None),
+            (u64::MAX, None),
+        ]);
+        for (has, missed) in cases {
+            assert_eq!(after(has), missed, "{has}");
+        }
+    }
+}
