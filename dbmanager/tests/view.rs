@@ -221,6 +221,33 @@ fn what_was_written_before_joining_has_an_author() {
     }
 }
 
+/// A conflict is shown in the order of the timestamps, so that is what the dates are of; who joins later changes neither.
+#[test]
+fn what_was_written_before_joining_has_its_own_date() {
+    let mut team = Team::strangers();
+    team.put(1, "two", "team/gain", 2);
+    let written = team.wall().millis;
+    team.put(0, "one", "team/gain", 1);
+    let after = team.wall().millis;
+    team.now = team.now + Duration::from_secs(3600);
+    team.meet();
+    for at in 0..2 {
+        let here = past(&team.robots[at].replica);
+        let conflict = &here.conflicts("")[0];
+        let told: Vec<_> = conflict.versions.iter().map(|one| (one.by.as_str(), one.when.millis)).collect();
+        assert_eq!(told, [("r2", written), ("r1", after)], "{at}");
+        assert!(!conflict.versions[0].when.trusted, "it is the date of its timestamp, not of a clock");
+        let history = team.history(at, "team/gain");
+        let told: Vec<_> = history.iter().map(|entry| (entry.reason.as_str(), entry.when.millis)).collect();
+        // Who has joined begins with a state, and its log with what it has brought.
+        let kept = if at == 0 { &[("two", written), ("one", after)][..] } else { &[("two", written)] };
+        assert_eq!(told, kept, "{at}");
+        let early = Filter { until: Some(after), ..Filter::new(Keys::Only(key("team/gain")), 100) };
+        let reasons: Vec<_> = here.history(&early).into_iter().map(|entry| entry.reason).collect();
+        assert_eq!(reasons, ["two"], "{at}");
+    }
+}
+
 fn give(prefix: &str, robot: Option<&str>) -> Draft {
     Draft::new("give").grant(key(prefix), Grant::Give(robot.map(str::to_owned)))
 }

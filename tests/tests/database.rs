@@ -213,6 +213,12 @@ fn three_robots_agree_after_each_was_alone() {
             let values: BTreeSet<&str> =
                 versions.iter().map(|one| one["value"].as_str().expect("it is as the test has made it")).collect();
             assert_eq!(values, NAMES.into(), "{conflict}");
+            let shown: Vec<&serde_json::Value> =
+                versions.iter().filter(|one| one["shown"] == true).map(|one| &one["value"]).collect();
+            let key = conflict["key"].as_str().expect("it is a text");
+            let read: serde_json::Value =
+                serde_json::from_str(&robots.db(number, &["get", key, "--json"])).expect("it is JSON");
+            assert_eq!(shown, [&read], "what a read shows is marked, and nothing else: {conflict}");
         }
         assert_eq!(robots.db(number, &["get", &format!("robot/{}/own", NAMES[number % 3])]).trim(), {
             format!("\"{}\"", NAMES[number % 3])

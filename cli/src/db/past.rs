@@ -6,6 +6,7 @@ use super::write::Writing;
 use anyhow::Context;
 use dbmanager::logic::key::Key;
 use dbmanager::logic::version_vector::Dot;
+use dbmanager::logic::view::conflict::Conflict;
 use dbmanager::logic::view::past::{Filter, Keys};
 use dbmanager::logic::view::table::{self, Span};
 use dbmanager::logic::view::value::Datum;
@@ -146,12 +147,7 @@ impl Conflicts {
             Ok(())
         })?;
         if self.asking.json {
-            let mut listed = Vec::new();
-            for conflict in &conflicts {
-                let mut json = serde_json::to_value(conflict)?;
-                json["seen"] = conflict.seen().into();
-                listed.push(json);
-            }
+            let listed = conflicts.iter().map(json).collect::<Result<Vec<_>, _>>()?;
             let json = serde_json::json!({ "conflicts": listed, "races": races });
             console::say(&serde_json::to_string_pretty(&json)?);
         } else if conflicts.is_empty() && races.is_empty() {
@@ -164,6 +160,17 @@ impl Conflicts {
         }
         Ok(())
     }
+}
+
+/// Returns a conflict with the name of its writes, and with the one marked that a read shows, which is the last.
+fn json(conflict: &Conflict) -> serde_json::Result<serde_json::Value> {
+    let mut json = serde_json::to_value(conflict)?;
+    json["seen"] = conflict.seen().into();
+    let count = conflict.versions.len();
+    for (index, version) in json["versions"].as_array_mut().into_iter().flatten().enumerate() {
+        version["shown"] = (index + 1 == count).into();
+    }
+    Ok(json)
 }
 
 impl Resolve {

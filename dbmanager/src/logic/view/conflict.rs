@@ -130,7 +130,7 @@ impl Past<'_> {
             dot: version.dot,
             value: version.value.as_ref().map(Datum::of),
             by: self.robot(version.stamp.origin),
-            when: txn.as_ref().map_or(unknown, |txn| When::of(txn.wall, version.stamp)),
+            when: txn.as_ref().map_or(unknown, When::of_txn),
             reason: txn.map(|txn| txn.reason),
         }
     }
@@ -212,7 +212,7 @@ impl Past<'_> {
 
     fn party(&self, dot: Dot) -> Option<Party> {
         let txn = self.log.encoded(dot)?.open().ok()?;
-        let (by, when) = (self.robot(txn.written().origin), When::of(txn.wall, txn.written()));
+        let (by, when) = (self.robot(txn.written().origin), When::of_txn(&txn));
         Some(Party { dot, by, when, reason: txn.reason })
     }
 }

@@ -128,7 +128,10 @@ impl Filter {
     }
 
     fn admits(&self, entry: &HistoryEntry, txn: &Txn) -> bool {
-        let dated = When::dated(txn.wall, txn.written()).is_some();
+        let dated = match txn.rebase {
+            Some(_) => entry.when.is_known(),
+            None => When::dated(txn.wall, txn.stamp).is_some(),
+        };
         self.from.is_none_or(|from| entry.when.millis >= from || !dated)
             && self.until.is_none_or(|until| entry.when.millis < until)
             && self.by.as_ref().is_none_or(|robot| *robot == entry.by)
@@ -141,6 +144,15 @@ impl When {
         let trusted = wall.quality >= Quality::Network;
         // A timestamp is above every date that its writer had seen: where no clock was kept, it may be the better guess.
         Self { millis: Self::dated(wall, stamp).unwrap_or(stamp.millis()), trusted }
+    }
+
+    /// Returns when a transaction was committed for the first time. Of one that was rebased, the wall clock is that of the rebase;
+    /// what is left of its first life is the timestamp, which orders its writes.
+    pub fn of_txn(txn: &Txn) -> Self {
+        match &txn.rebase {
+            Some(rebase) => Self { millis: rebase.stamp.millis(), trusted: false },
+            None => Self::of(txn.wall, txn.stamp),
+        }
     }
 
     /// Returns the date of a transaction, in milliseconds since 1970; `None` if its clock showed none that may be right. Then
@@ -207,7 +219,7 @@ impl Past<'_> {
         Some(HistoryEntry {
             dot: txn.dot(),
             by: self.robot(txn.written().origin),
-            when: When::of(txn.wall, txn.written()),
+            when: When::of_txn(txn),
             reason: txn.reason.clone(),
             changes: changes.into_iter().map(change).collect(),
             others: others.len(),
