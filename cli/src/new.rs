@@ -37,19 +37,33 @@ opt-level = 2
 [workspace]
 ";
 
-/// Names that Cargo or the program itself needs for something else.
-const TAKEN: [&str; 14] = [
+/// Names that Cargo, the program itself or DCA needs for something else: with crates and programs of DCA in its dependencies and on
+/// the search path, a second one of their name is built or started in their place.
+const TAKEN: [&str; 27] = [
     "alloc",
     "build",
+    "cli",
     "comms",
     "controllers",
+    "controllers_derive",
     "core",
+    "dbmanager",
+    "dca",
+    "dca-controller",
+    "dca-examples",
+    "dca-node",
+    "dca-shim",
+    "dca-starter",
+    "dca-tests",
     "deps",
     "examples",
     "incremental",
+    "language",
     "main",
+    "node",
     "proc_macro",
     "self",
+    "shim",
     "std",
     "super",
     "test",
@@ -179,8 +193,12 @@ fn name(folder: &Path, is_program: bool) -> Result<String, Failure> {
             anyhow!("`{name}` cannot be the name of a program: letters, digits, `_` and `-`, a letter first").into()
         );
     }
-    if is_program && (TAKEN.contains(&name.as_str()) || WORDS.contains(&name.as_str())) {
-        return Err(anyhow!("a program cannot be called `{name}`: Rust or Cargo means something else by it").into());
+    // Cargo takes `a-b` and `a_b` for one crate.
+    let is_same = |taken: &&str| taken.replace('-', "_") == name.replace('-', "_");
+    if is_program && TAKEN.iter().chain(&WORDS).any(is_same) {
+        return Err(
+            anyhow!("a program cannot be called `{name}`: Rust, Cargo or DCA means something else by it").into()
+        );
     }
     Ok(name)
 }
@@ -215,6 +233,32 @@ mod tests {
             assert!(name(Path::new(bad), true).is_err(), "{bad}");
         }
         assert!(name(Path::new("test"), false).is_ok());
+    }
+
+    /// The members of this workspace, and their programs.
+    #[test]
+    fn a_name_is_none_of_dca() {
+        let clone = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
+        let workspace = fs::read_to_string(clone.join("Cargo.toml")).unwrap();
+        let members = workspace.lines().find_map(|line| line.strip_prefix("members = ")).unwrap();
+        let members: Vec<String> = serde_json::from_str(members).unwrap();
+        let mut names = Vec::new();
+        for member in members.iter().map(|member| clone.join(member)) {
+            let manifest = fs::read_to_string(member.join("Cargo.toml")).unwrap();
+            let sections =
+                manifest.split("\n[").filter(|part| part.starts_with("[package]") || part.starts_with("[bin]]"));
+            let own = sections.flat_map(str::lines).filter_map(|line| line.strip_prefix("name = "));
+            names.extend(own.map(|name| name.trim_matches('"').to_owned()));
+            let programs = fs::read_dir(member.join("src/bin")).into_iter().flatten().flatten();
+            names.extend(programs.map(|file| file.path().file_stem().unwrap().to_string_lossy().into_owned()));
+        }
+        names.sort();
+        for needed in ["cli", "dca", "dca-controller", "dca-node", "dca-shim", "dca-starter", "shim"] {
+            assert!(names.iter().any(|name| name == needed), "{needed}: {names:?}");
+        }
+        let free: Vec<&String> = names.iter().filter(|own| name(Path::new(own), true).is_ok()).collect();
+        assert!(free.is_empty(), "a program may be called {free:?}");
+        assert!(name(Path::new("dca_node"), true).is_err() && name(Path::new("dca"), false).is_ok());
     }
 
     #[test]
