@@ -43,7 +43,7 @@ impl Output {
     pub fn standard() -> Self {
         // A terminal that cannot draw a line again is told apart by nothing else.
         let terminal = io::stderr().is_terminal() && !is_dumb();
-        Self { results: Box::new(io::stdout()), notes: Box::new(io::stderr()), terminal, live: false }
+        Self { results: Box::new(console::results()), notes: Box::new(io::stderr()), terminal, live: false }
     }
 
     /// Returns how lines for a person are to be laid out now.

@@ -2,6 +2,8 @@
 //!
 //! Exit codes: 0 done, 1 refused or failed, 2 usage, 3 unreachable.
 
+mod given;
+
 use crate::logic::printable::printable;
 use anyhow::anyhow;
 use clap::Parser;
@@ -39,12 +41,35 @@ impl<E: Into<anyhow::Error>> From<E> for Failure {
 /// # Errors
 /// With the exit code, where there is nothing left to do.
 pub fn parsed<T: Parser>() -> Result<T, ExitCode> {
-    T::try_parse().map_err(|answer| match answer.print().and_then(|()| io::stdout().flush()) {
-        Err(error) if !answer.use_stderr() && error.kind() != io::ErrorKind::BrokenPipe => {
-            finish(Err(unwritten(&error)))
+    T::try_parse().map_err(|answer| {
+        let is_result = !answer.use_stderr();
+        let taken = if is_result { results().flush() } else { Ok(()) };
+        match taken.and_then(|()| answer.print()).and_then(|()| io::stdout().flush()) {
+            Err(error) if is_result && error.kind() != io::ErrorKind::BrokenPipe => finish(Err(unwritten(&error))),
+            _ => u8::try_from(answer.exit_code()).map_or(ExitCode::FAILURE, ExitCode::from),
         }
-        _ => u8::try_from(answer.exit_code()).map_or(ExitCode::FAILURE, ExitCode::from),
     })
+}
+
+/// Standard output, for results. Where this process was given none that can be written, everything fails.
+#[derive(Debug)]
+struct Results(io::Stdout);
+
+/// Returns standard output, for results.
+pub fn results() -> impl Write + Send {
+    Results(io::stdout())
+}
+
+impl Write for Results {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        given::check()?;
+        self.0.write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        given::check()?;
+        self.0.flush()
+    }
 }
 
 fn unwritten(error: &io::Error) -> Failure {
@@ -69,7 +94,7 @@ pub fn finish(result: Result<(), Failure>) -> ExitCode {
 /// Writes a result. When nobody reads it any more, nothing is said of it; any other failure is one of the command
 /// ([`failed`]).
 pub fn say(text: &str) {
-    if let Err(error) = write_result(&mut io::stdout(), text)
+    if let Err(error) = write_result(&mut results(), text)
         && error.kind() != io::ErrorKind::BrokenPipe
     {
         // The first reason is the one that helps.
@@ -99,7 +124,7 @@ pub fn failed() -> Option<&'static io::Error> {
 /// # Errors
 /// When it cannot be written.
 pub fn pass(bytes: &[u8]) -> anyhow::Result<bool> {
-    let mut out = io::stdout();
+    let mut out = results();
     match out.write_all(bytes).and_then(|()| out.flush()) {
         Ok(()) => Ok(true),
         Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(false),

@@ -165,6 +165,54 @@ fn a_result_that_cannot_be_written_is_a_failure() {
     }
 }
 
+/// Where standard output is closed or can only be read, a result is lost, whatever the runtime puts in its place.
+#[test]
+fn a_result_for_a_closed_standard_output_is_a_failure() {
+    let cluster = Cluster::new();
+    let (host, _node) = (cluster.here(), cluster.here().node("c1", &[]));
+    let spec = cluster.file("idle.dca", "process main() { host { c1 } }\n");
+    let folder = host.run_dir().display().to_string();
+    let program = |name: &str| dca_tests::cluster::executable(name).display().to_string();
+    let (dca, node) = (program("dca"), program("dca-node"));
+    let ended = |redirection: &str, arguments: &[&str]| {
+        let script = format!("exec \"$@\" {redirection}");
+        let mut command = std::process::Command::new("sh");
+        command.args(["-c", &script, "sh"]).args(arguments).current_dir(cluster.folder());
+        let ended = command.stdin(std::process::Stdio::null()).output().expect("there is a shell");
+        (ended.status.code(), String::from_utf8_lossy(&ended.stderr).into_owned())
+    };
+    for arguments in [
+        &[&dca, "explain", "E0101"][..],
+        &[&dca, "--help"],
+        &[&dca, "completions", "bash"],
+        &[&dca, "check", &spec],
+        &[&dca, "fmt", "-"],
+        &[&dca, "graph", &spec],
+        &[&dca, "sim", &spec],
+        &[&dca, "run", "--no-record", &spec],
+        &[&dca, "deploy", "--no-record", "--run-dir", &folder, &spec],
+        &[&dca, "nodes", "--run-dir", &folder],
+        &[&dca, "status", "--json", "--run-dir", &folder],
+        &[&dca, "db", "status", "--run-dir", &folder],
+        &[&dca, "db", "put", "team/a", "1", "--run-dir", &folder],
+        &[&dca, "db", "export", "team/", "--run-dir", &folder],
+        &[&node, "--version"],
+    ] {
+        for closed in [">&-", "1</dev/null"] {
+            let (code, said) = ended(closed, arguments);
+            let is_told = said.contains("standard output");
+            assert!(code == Some(1) && is_told, "{arguments:?} {closed}: {code:?}, {said}");
+        }
+    }
+    // What a caller gives on purpose is none: a shell, Python's `subprocess.DEVNULL`. Nor does another stream matter.
+    for open in [">/dev/null", "1<>/dev/null", "2>&-", "<&-"] {
+        let (code, said) = ended(open, &[&dca, "explain", "E0101"]);
+        assert_eq!((code, said.as_str()), (Some(0), ""), "{open}");
+    }
+    let (code, said) = ended(">&-", &[&dca, "fmt", &spec]);
+    assert_eq!((code, said.as_str()), (Some(0), ""), "a verb without a result loses none");
+}
+
 /// What a database can export, it can import: 100,000 keys take several messages and several transactions.
 #[test]
 fn what_can_be_exported_can_be_imported() {
