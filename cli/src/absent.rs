@@ -17,6 +17,8 @@ pub(crate) struct Away {
     pub(crate) processes: Vec<AbsentProcess>,
     /// What each node has said.
     pub(crate) told: BTreeMap<String, Absent>,
+    /// Hosts that were asked and did not answer, and that no node misses yet.
+    pub(crate) silent: BTreeSet<String>,
 }
 
 /// Asks every node that has said how it is. One of an older version knows of nobody.
@@ -35,18 +37,20 @@ pub(crate) async fn ask(found: &[(&Client, Statuses)]) -> Away {
         }
     }
     let there = found.iter().flat_map(|(_, statuses)| &statuses.nodes).map(|node| node.host.clone()).collect();
-    Away::new(told, &there)
+    let mut away = Away::new(told, &there);
+    let silent = found.iter().flat_map(|(_, statuses)| &statuses.silent);
+    away.silent = silent.filter(|host| away.hosts.iter().all(|one| one.host != **host)).cloned().collect();
+    away
 }
 
 /// Says that no node that answers has something; hosts that do not answer may have it.
 pub(crate) async fn missing(what: &str, found: &[(&Client, Statuses)]) -> Failure {
-    nowhere(what, found, &ask(found).await)
+    nowhere(what, &ask(found).await)
 }
 
-fn nowhere(what: &str, found: &[(&Client, Statuses)], away: &Away) -> Failure {
-    let silent = found.iter().flat_map(|(_, statuses)| &statuses.silent);
-    away.may_have(what, silent)
-        .unwrap_or_else(|| Failure::Refused(anyhow!("no {what} is running; `dca status` lists what is")))
+/// As [`missing`] does, by what has been asked already.
+pub(crate) fn nowhere(what: &str, away: &Away) -> Failure {
+    away.may_have(what).unwrap_or_else(|| Failure::Refused(anyhow!("no {what} is running; `dca status` lists what is")))
 }
 
 /// Says why no node that answers runs a deployment: it has ended but for some hosts, or it is missing.
@@ -59,7 +63,7 @@ pub(crate) async fn not_running(name: &str, found: &[(&Client, Statuses)]) -> Fa
             end.deployment,
             confirmers(end)
         )),
-        None => nowhere(&format!("deployment `{name}`"), found, &away),
+        None => nowhere(&format!("deployment `{name}`"), &away),
     }
 }
 
@@ -89,7 +93,7 @@ impl Away {
         let hosts = hosts.into_values().cloned().collect();
         let ends = ends.into_values().map(|(_, end)| end.clone()).collect();
         let processes = processes.into_values().cloned().collect();
-        Self { hosts, ends, processes, told }
+        Self { hosts, ends, processes, told, silent: BTreeSet::new() }
     }
 
     /// Returns how it is with a host: `c2 is lost`.
@@ -101,9 +105,9 @@ impl Away {
     }
 
     /// Returns that hosts that do not answer may have what no node that answers has, if there are such hosts.
-    pub(crate) fn may_have<'a>(&'a self, what: &str, silent: impl IntoIterator<Item = &'a String>) -> Option<Failure> {
+    pub(crate) fn may_have(&self, what: &str) -> Option<Failure> {
         let hosts: BTreeSet<&str> =
-            silent.into_iter().chain(self.hosts.iter().map(|one| &one.host)).map(String::as_str).collect();
+            self.silent.iter().chain(self.hosts.iter().map(|one| &one.host)).map(String::as_str).collect();
         let do_not = if hosts.len() == 1 { "does not" } else { "do not" };
         let names = Vec::from_iter(hosts.iter().copied()).join("`, `");
         (!hosts.is_empty()).then(|| {

@@ -60,26 +60,36 @@ pub(crate) struct Statuses {
 #[derive(Debug)]
 pub(crate) struct Clients {
     clients: Vec<Arc<Client>>,
+    /// Why nodes that run on this machine are not among them.
+    hanging: Option<Failure>,
 }
 
 impl Clients {
     /// Connects through nodes of this machine, or by scouting when `--lan` is given and no node stays on this machine.
     pub(crate) async fn open(reaching: &Reaching) -> Result<Self, Failure> {
         let standing = Client::open(reaching).await;
-        let (mut clients, mut silent) = (Vec::new(), None);
+        let (mut clients, mut hanging) = (Vec::new(), None);
         for folder in run_dir::groups(&reaching.base()).iter().filter(|folder| **folder != reaching.base()) {
             match Client::through(folder).await {
                 Ok(client) => clients.extend(client),
                 // A command that has just begun or ended is left out, and so is one that hangs beside others.
-                Err(failure) => silent = Some(failure),
+                Err(failure) => hanging = Some(failure),
             }
         }
         match standing {
             Ok(client) => clients.insert(0, client),
-            Err(failure) if clients.is_empty() => return Err(silent.unwrap_or(failure)),
+            Err(failure) if clients.is_empty() => return Err(hanging.unwrap_or(failure)),
+            Err(failure) if run_dir::running(&reaching.base()).is_ok_and(|nodes| !nodes.is_empty()) => {
+                hanging = Some(failure);
+            }
             Err(_) => {}
         }
-        Ok(Self { clients: clients.into_iter().map(Arc::new).collect() })
+        Ok(Self { clients: clients.into_iter().map(Arc::new).collect(), hanging })
+    }
+
+    /// Returns why nodes that run on this machine cannot be asked, if there are such.
+    pub(crate) fn hanging(&self) -> Option<String> {
+        self.hanging.as_ref().map(words)
     }
 
     /// Returns each connection.
@@ -87,8 +97,7 @@ impl Clients {
         self.clients.iter().map(|client| &**client)
     }
 
-    /// Asks every node at once how it is; each answer stands beside its connection. Those that do not answer are noted, and
-    /// left out.
+    /// Asks every node at once how it is; each answer stands beside its connection. Those that do not answer are noted.
     pub(crate) async fn statuses(&self) -> Result<Vec<(&Client, Statuses)>, Failure> {
         let asking = self.clients.iter().map(|client| {
             let client = Arc::clone(client);
@@ -274,10 +283,25 @@ impl Client {
         self.hosts(&[]).await
     }
 
-    /// Asks every node at once how it is; those that do not answer are noted, and left out.
+    /// Asks every node at once how it is, and then those that only others have named; those that do not answer are noted.
     pub(crate) async fn statuses(&self) -> Result<Statuses, Failure> {
-        let hosts = self.all().await?.into_iter();
-        let asked: Vec<_> = hosts.map(|host| (self.ask_on(&host, &Request::Status), host)).collect();
+        let hosts = self.all().await?;
+        let mut found = self.statuses_of(&hosts).await;
+        // Who has vanished from the network a moment ago is missed by the others a little later.
+        let named: BTreeSet<String> = found.nodes.iter().flat_map(|node| node.peers.iter().cloned()).collect();
+        let Statuses { nodes, silent } = self.statuses_of(&(&named - &hosts)).await;
+        found.nodes.extend(nodes);
+        found.silent.extend(silent);
+        found.nodes.sort_by(|a, b| a.host.cmp(&b.host));
+        if found.nodes.is_empty() {
+            let none = anyhow!("no node answers; start one with `dca-node --name NAME --lan`");
+            return Err(Failure::Unreachable(none));
+        }
+        Ok(found)
+    }
+
+    async fn statuses_of(&self, hosts: &BTreeSet<String>) -> Statuses {
+        let asked: Vec<_> = hosts.iter().map(|host| (self.ask_on(host, &Request::Status), host)).collect();
         let deadline = clock::now() + ANSWER_WITHIN;
         let (mut nodes, mut silent) = (Vec::new(), Vec::new());
         for (answers, host) in asked {
@@ -288,16 +312,12 @@ impl Client {
             match status {
                 Ok(status) => nodes.push(status),
                 Err(failure) => {
-                    console::note(&format!("warning: {}; it is left out", words(&failure)));
-                    silent.push(host);
+                    console::note(&format!("warning: {}: what runs there is not known", words(&failure)));
+                    silent.push(host.clone());
                 }
             }
         }
-        if nodes.is_empty() {
-            let none = anyhow!("no node answers; start one with `dca-node --name NAME --lan`");
-            return Err(Failure::Unreachable(none));
-        }
-        Ok(Statuses { nodes, silent })
+        Statuses { nodes, silent }
     }
 
     /// Closes the connection.

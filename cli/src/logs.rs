@@ -2,13 +2,13 @@
 
 mod list;
 
-use crate::client::{Answers, Clients, Statuses, unasked};
+use crate::client::{Answers, Clients, Statuses, unasked, words};
 use crate::follow::RUNS;
 use crate::io::recorder;
 use crate::{Reaching, absent};
 use anyhow::anyhow;
 use node::console::{self, Failure, block_on};
-use node::io::folder;
+use node::io::{folder, run_dir};
 use node::logic::printable::Printable;
 use node::logic::protocol::{Answer, NodeStatus, Request, SEVERAL, leaves};
 use std::collections::BTreeSet;
@@ -35,35 +35,70 @@ pub struct Arguments {
     /// Where records are, for a process that runs no more
     #[arg(long, value_name = "DIR", default_value = "runs")]
     runs: PathBuf,
+    /// Read the latest record that has the process, and ask no node
+    #[arg(long, requires = "process", conflicts_with_all = ["follow"])]
+    recorded: bool,
     #[command(flatten)]
     reaching: Reaching,
 }
 
+/// Why no node has what a process writes.
+enum Without {
+    /// Every node has answered, or none runs: it is over.
+    Over(Failure),
+    /// It may run where nobody answers.
+    Unknown(Failure),
+}
+
 /// Runs the verb.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let not_found = block_on(async {
-        let clients = match Clients::open(&arguments.reaching).await {
-            Ok(clients) => clients,
-            Err(failure) => return Ok(Some(failure)),
-        };
-        if arguments.process.is_empty() {
-            let listed = list::all(&clients, arguments.deployment.as_deref()).await;
-            clients.close().await;
-            return listed.map(|()| None);
-        }
-        let result = tokio::select! {
-            result = print(&clients, arguments) => result,
-            _ = tokio::signal::ctrl_c() => Ok(None),
-        };
+    let without = if arguments.recorded {
+        let (runs, process) = (arguments.runs.display(), &arguments.process);
+        Some(Without::Over(anyhow!("no record in `{runs}` has a process `{process}`").into()))
+    } else {
+        block_on(from_nodes(arguments))?
+    };
+    match without {
+        None => Ok(()),
+        // A run is over, and its nodes with it: what its programs wrote is in its record.
+        Some(Without::Over(failure)) => recorded(arguments).unwrap_or(Err(failure)),
+        // The record of another run is no answer.
+        Some(Without::Unknown(failure)) => Err(Failure::Unreachable(anyhow!(
+            "{}; `--recorded` reads the latest record in `{}` instead",
+            words(&failure),
+            arguments.runs.display()
+        ))),
+    }
+}
+
+/// Prints what nodes have; returns why not if none has it.
+async fn from_nodes(arguments: &Arguments) -> Result<Option<Without>, Failure> {
+    let clients = match Clients::open(&arguments.reaching).await {
+        Ok(clients) => clients,
+        Err(failure) if runs_any(&arguments.reaching) => return Ok(Some(Without::Unknown(failure))),
+        Err(failure) => return Ok(Some(Without::Over(failure))),
+    };
+    if arguments.process.is_empty() {
+        let listed = list::all(&clients, arguments.deployment.as_deref()).await;
         clients.close().await;
-        result
-    })?;
-    // A run is over, and its nodes with it: what its programs wrote is in its record.
-    not_found.map_or(Ok(()), |failure| recorded(arguments).unwrap_or(Err(failure)))
+        return listed.map(|()| None);
+    }
+    let result = tokio::select! {
+        result = print(&clients, arguments) => result,
+        _ = tokio::signal::ctrl_c() => Ok(None),
+    };
+    clients.close().await;
+    result
+}
+
+/// Returns whether a node runs on this machine.
+fn runs_any(reaching: &Reaching) -> bool {
+    let runs = |folder: &PathBuf| run_dir::running(folder).is_ok_and(|nodes| !nodes.is_empty());
+    run_dir::groups(&reaching.base()).iter().any(runs)
 }
 
 /// Prints what the process writes; returns why not if nobody has it.
-async fn print(clients: &Clients, arguments: &Arguments) -> Result<Option<Failure>, Failure> {
+async fn print(clients: &Clients, arguments: &Arguments) -> Result<Option<Without>, Failure> {
     let all = clients.statuses().await?;
     let meant = |(client, statuses): &(_, Statuses)| {
         find(&statuses.nodes, arguments).into_iter().map(|one| (*client, one)).collect::<Vec<_>>()
@@ -75,8 +110,19 @@ async fn print(clients: &Clients, arguments: &Arguments) -> Result<Option<Failur
             let answers = client.ask_on(host, &request)?;
             pass(host, answers, None, arguments.raw).await.map(|()| None)
         }
-        [] if ended(clients, arguments).await? => Ok(None),
-        [] => Ok(Some(absent::missing(&format!("process `{}`", arguments.process), &all).await)),
+        [] => {
+            let away = absent::ask(&all).await;
+            let runs_there = away.processes.iter().any(|one| is_meant(arguments, &one.deployment.name, &one.path));
+            if !runs_there && ended(clients, arguments).await? {
+                return Ok(None);
+            }
+            let failure = absent::nowhere(&format!("process `{}`", arguments.process), &away);
+            Ok(Some(match (&failure, clients.hanging()) {
+                (Failure::Unreachable(_), _) => Without::Unknown(failure),
+                (_, Some(why)) => Without::Unknown(Failure::Unreachable(anyhow!("{why}"))),
+                _ => Without::Over(failure),
+            }))
+        }
         many => {
             let of = |(_, (_, deployment, path)): &(_, (_, String, String))| format!("`{path}` of `{deployment}`");
             let all = many.iter().map(of).collect::<Vec<_>>().join(", ");
@@ -139,7 +185,6 @@ fn recorded(arguments: &Arguments) -> Option<Result<(), Failure>> {
         |folder: &PathBuf| std::fs::metadata(folder.join(recorder::FILE)).and_then(|record| record.modified()).ok();
     records.retain(|folder| begun(folder).is_some());
     records.sort_by_key(|folder| std::cmp::Reverse(begun(folder)));
-    let end = format!("/{}", arguments.process);
     for folder in records.iter().take(RECORDS_MAX) {
         let run = match recorder::read(&folder.join(recorder::FILE)) {
             Ok(run) => run,
@@ -148,10 +193,15 @@ fn recorded(arguments: &Arguments) -> Option<Result<(), Failure>> {
                 continue;
             }
         };
-        let is_named = arguments.deployment.as_ref().is_none_or(|name| *name == run.header.plan.name);
-        let is_meant = |path: &str| is_named && (path == arguments.process || path.ends_with(&end));
-        let meant: Vec<&str> =
-            run.header.plan.leaves.iter().map(|leaf| leaf.path.as_str()).filter(|path| is_meant(path)).collect();
+        let name = &run.header.plan.name;
+        let meant: Vec<&str> = run
+            .header
+            .plan
+            .leaves
+            .iter()
+            .map(|leaf| leaf.path.as_str())
+            .filter(|path| is_meant(arguments, name, path))
+            .collect();
         let path = match meant[..] {
             [] => continue,
             [path] => path,
@@ -160,10 +210,8 @@ fn recorded(arguments: &Arguments) -> Option<Result<(), Failure>> {
                 return Some(Err(anyhow!("`{}` may be any of `{paths}`", arguments.process).into()));
             }
         };
-        console::note(&format!(
-            "note: no node that answers runs `{path}`; this is from the record in `{}`",
-            folder.display()
-        ));
+        let why = if arguments.recorded { "" } else { "no node runs it; " };
+        console::note(&format!("note: {why}this is what `{path}` wrote by the record in `{}`", folder.display()));
         let wrote = run.outputs().remove(path).unwrap_or_default();
         let text: String = wrote.into_iter().map(|lines| format!("{lines}\n")).collect();
         let mut printable = Printable::default();
@@ -180,12 +228,16 @@ fn recorded(arguments: &Arguments) -> Option<Result<(), Failure>> {
     None
 }
 
+/// Returns whether a process of a deployment is the one that was asked for.
+fn is_meant(arguments: &Arguments, deployment: &str, path: &str) -> bool {
+    let is_named = arguments.deployment.as_ref().is_none_or(|wanted| wanted == deployment);
+    is_named && (path == arguments.process || path.ends_with(&format!("/{}", arguments.process)))
+}
+
 /// Returns host, deployment and path of every leaf that is meant, whether its program is alive or not.
 fn find(statuses: &[NodeStatus], arguments: &Arguments) -> BTreeSet<(String, String, String)> {
-    let named = |name: &str| arguments.deployment.as_ref().is_none_or(|wanted| wanted == name);
-    let meant = |path: &str| path == arguments.process || path.ends_with(&format!("/{}", arguments.process));
     let leaves = leaves(statuses).into_iter();
-    let found = leaves.filter(|leaf| named(&leaf.deployment.name) && meant(&leaf.process.path));
+    let found = leaves.filter(|leaf| is_meant(arguments, &leaf.deployment.name, &leaf.process.path));
     found.map(|leaf| (leaf.host.to_owned(), leaf.deployment.name.clone(), leaf.process.path.clone())).collect()
 }
 

@@ -5,7 +5,7 @@ use crate::absent::{self, Away, ago};
 use crate::client::{ANSWER_WITHIN, Client, Clients};
 use comms::io::clock;
 use node::console::{self, Failure, block_on};
-use node::logic::protocol::{Answer, NodeStatus, Request};
+use node::logic::protocol::{AbsentHost, Answer, NodeStatus, Request};
 use node::logic::table::table;
 use std::collections::BTreeSet;
 
@@ -28,8 +28,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         asked
     })?;
     if arguments.json {
-        let (nodes, missing) = (statuses, away.hosts);
-        console::say(&serde_json::to_string_pretty(&serde_json::json!({ "nodes": nodes, "missing": missing }))?);
+        let json = serde_json::json!({ "nodes": statuses, "missing": missing(&away)? });
+        console::say(&serde_json::to_string_pretty(&json)?);
         unlinked.iter().for_each(|sentence| console::note(sentence));
         return Ok(());
     }
@@ -39,25 +39,39 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         let up = format!("{} s", node.up.as_secs());
         rows.push(vec![node.host, node.pid.to_string(), up, node.version, dash(&deployments), dash(&node.peers)]);
     }
-    let open = |host: &str| {
-        let ends = away.ends.iter().filter(|end| end.hosts.iter().any(|one| one.host == host));
-        ends.map(|end| format!("{}?", end.deployment.name)).collect::<Vec<_>>()
-    };
-    for gone in &away.hosts {
-        let how = if gone.lost { "lost" } else { "missing" };
-        let [none, version, sees] = ["-", "-", "-"].map(str::to_owned);
-        let up = format!("{how}, heard {}", ago(gone.heard));
-        rows.push(vec![gone.host.clone(), none, up, version, dash(&open(&gone.host)), sees]);
-    }
-    // One of which this home has only read in its journal.
-    let named: BTreeSet<&str> = away.ends.iter().flat_map(|end| &end.hosts).map(|one| one.host.as_str()).collect();
-    for host in named.into_iter().filter(|host| rows.iter().all(|row| row[0] != **host)).collect::<Vec<_>>() {
-        let [none, version, sees] = ["-", "-", "-"].map(str::to_owned);
-        rows.push(vec![host.to_owned(), none, "not heard yet".to_owned(), version, dash(&open(host)), sees]);
-    }
+    let there: BTreeSet<String> = rows[1..].iter().map(|row| row[0].clone()).collect();
+    rows.extend(away_rows(&away, &there));
     console::say(&table(&rows));
     unlinked.iter().for_each(|sentence| console::note(sentence));
     Ok(())
+}
+
+/// Returns a row for each host that does not answer, as those do that are `there`.
+fn away_rows(away: &Away, there: &BTreeSet<String>) -> Vec<Vec<String>> {
+    let row = |host: &str, state: String| {
+        let open = away.ends.iter().filter(|end| end.hosts.iter().any(|one| one.host == host));
+        let open: Vec<String> = open.map(|end| format!("{}?", end.deployment.name)).collect();
+        let none = || "-".to_owned();
+        vec![host.to_owned(), none(), state, none(), dash(&open), none()]
+    };
+    let gone = |one: &AbsentHost| {
+        let how = if one.lost { "lost" } else { "missing" };
+        row(&one.host, format!("{how}, heard {}", ago(one.heard)))
+    };
+    let mut rows: Vec<Vec<String>> = away.hosts.iter().map(gone).collect();
+    rows.extend(away.silent.iter().map(|host| row(host, "does not answer".to_owned())));
+    // One of which this home has only read in its journal.
+    let named: BTreeSet<&str> = away.ends.iter().flat_map(|end| &end.hosts).map(|one| one.host.as_str()).collect();
+    let listed: BTreeSet<String> = rows.iter().map(|row| row[0].clone()).collect();
+    let unheard = named.into_iter().filter(|host| !listed.contains(*host) && !there.contains(*host));
+    rows.extend(unheard.map(|host| row(host, "not heard yet".to_owned())));
+    rows
+}
+
+/// Returns the hosts that do not answer; when one was heard is null where no node says so.
+fn missing(away: &Away) -> serde_json::Result<Vec<serde_json::Value>> {
+    let silent = away.silent.iter().map(|host| Ok(serde_json::json!({ "host": host, "heard": null, "lost": false })));
+    away.hosts.iter().map(serde_json::to_value).chain(silent).collect()
 }
 
 /// Asks every node how it is, whom it is not linked to, and whom it misses.
@@ -89,4 +103,25 @@ async fn unlinked(client: &Client, nodes: &[NodeStatus]) -> Vec<String> {
 
 fn dash(words: &[String]) -> String {
     if words.is_empty() { "-".to_owned() } else { words.join(", ") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::time::Duration;
+
+    #[test]
+    fn a_host_that_no_node_misses_yet_is_listed() {
+        let lost = AbsentHost { host: "c2".into(), heard: Duration::from_secs(40), lost: true };
+        let away = Away { hosts: vec![lost], silent: ["c3".to_owned()].into(), ..Away::default() };
+        let rows = away_rows(&away, &["c1".to_owned()].into());
+        let told: Vec<_> = rows.iter().map(|row| (row[0].as_str(), row[2].as_str())).collect();
+        assert_eq!(told, [("c2", "lost, heard 40 s ago"), ("c3", "does not answer")]);
+        let json = serde_json::Value::Array(missing(&away).unwrap());
+        let expected = serde_json::json!([
+            { "host": "c2", "heard": 40.0, "lost": true },
+            { "host": "c3", "heard": null, "lost": false },
+        ]);
+        assert_eq!(json, expected);
+    }
 }

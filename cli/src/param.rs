@@ -288,7 +288,7 @@ impl Found {
     /// Says that no program is called so: a host that does not answer may have it, or there is none.
     fn lacks(&self, name: &str) -> Failure {
         let names = || self.programs.iter().map(|program| without_main(&program.told.path));
-        self.away.may_have(&format!("program `{name}`"), []).unwrap_or_else(|| {
+        self.away.may_have(&format!("program `{name}`")).unwrap_or_else(|| {
             let hint = match language::nearest(name, names()) {
                 Some(near) => format!("did you mean `{near}`?"),
                 None if self.programs.is_empty() => "nothing runs".to_owned(),

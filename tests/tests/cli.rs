@@ -159,7 +159,10 @@ fn what_runs_in_a_command_is_found_from_elsewhere() {
         );
     }
     let logs = here.ask(&["logs", "idle", "--deployment", "two"]);
-    assert!(logs.err.contains("no node that answers runs `main/idle`"), "{logs}");
+    assert!(logs.code == Some(3) && logs.err.contains("does not answer") && logs.out.is_empty(), "{logs}");
+    assert!(logs.err.contains("`--recorded` reads the latest record in `runs` instead"), "{logs}");
+    let logs = here.ask(&["logs", "idle", "--deployment", "two", "--recorded"]);
+    assert!(logs.err.contains("this is what `main/idle` wrote by the record in"), "{logs}");
     two.signal(Signal::CONT);
     let get = here.ask(&["db", "get", "robot/c1/deployments/two/1/begun"]);
     assert!(get.code == Some(0) && get.out.contains("programs"), "{get}");

@@ -1,0 +1,87 @@
+//! What is said of a node that does not answer any more, and of what may run there.
+
+use comms::io::clock::now;
+use dca_tests::cluster::{Cluster, Host, Program, SOON, wait_until};
+use rustix::process::Signal;
+use std::time::Duration;
+
+/// From its end to when a node counts as lost at the latest, and a little more.
+const LOST_WITHIN: Duration = Duration::from_secs(9);
+/// How long a mission of one program may take.
+const MISSION: Duration = Duration::from_secs(60);
+
+/// Starts `c1` and `c2`, which see each other and are asked without delay: who has just begun to look is given time.
+fn pair(here: &Host) -> [Program; 2] {
+    let nodes = ["c1", "c2"].map(|name| here.node(name, &[]));
+    let looked = Duration::from_secs(3);
+    let see = || here.statuses(&[]).iter().filter(|node| node.peers.len() == 1 && node.up > looked).count() == 2;
+    assert!(wait_until(SOON, see).is_some(), "{:?}", here.statuses(&[]));
+    nodes
+}
+
+fn kill(node: Program) {
+    node.signal(Signal::KILL);
+    assert_eq!(node.ended(SOON).signal, Some(9));
+}
+
+/// From the moment it is dead to the moment it is lost, it has a row that does not say that it is well.
+#[test]
+fn a_node_that_was_killed_a_moment_ago_has_a_row() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let [_c1, c2] = pair(&here);
+    kill(c2);
+    let (began, mut states) = (now(), Vec::new());
+    while now() - began < LOST_WITHIN {
+        let listed = here.ask(&["nodes"]);
+        let row = listed.out.lines().find(|line| line.starts_with("c2 "));
+        let row = row.unwrap_or_else(|| panic!("{:?} after its end: {listed}", now() - began));
+        let states_known = ["does not answer", "missing, heard", "lost, heard"];
+        let state = states_known.into_iter().find(|state| row.contains(state)).unwrap_or_else(|| panic!("{listed}"));
+        states.push(state);
+        let json = here.ask(&["nodes", "--json"]);
+        let json: serde_json::Value = serde_json::from_str(&json.out).unwrap_or_else(|why| panic!("{why}: {json}"));
+        let missing = json["missing"].as_array().expect("it is a list");
+        assert!(missing.iter().any(|one| one["host"] == "c2"), "{:?} after its end: {json}", now() - began);
+    }
+    states.dedup();
+    println!("{states:?}");
+    assert_eq!(states.last(), Some(&"lost, heard"));
+}
+
+/// The record of an earlier run is no answer to what a program writes that may run on a host that does not answer.
+#[test]
+fn another_runs_record_is_not_given_for_a_program_that_may_run() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let text = "
+module Talker(host) { exec \"sh -c 'echo of the first run'\"; plain; }
+process main() { host { c1 } instantiated_processes { talker instof Talker(c1); } internal_event_actions { talker } }
+";
+    let file = cluster.file("talk.dca", text);
+    let ran = here.dca(&["run", &file, "--runs", "runs"]).ended(MISSION);
+    assert_eq!(ran.code, Some(0), "{ran}");
+    let logs = |arguments: &[&str]| here.ask(&[&["logs", "talker", "--runs", "runs"], arguments].concat());
+    let none = logs(&[]);
+    assert!(none.code == Some(0) && none.out == "of the first run\n", "no node runs: {none}");
+    let [c1, c2] = pair(&here);
+    let over = logs(&[]);
+    assert!(over.code == Some(0) && over.out == "of the first run\n", "every node answers: {over}");
+    kill(c2);
+    let lost = || here.ask(&["nodes"]).out.lines().any(|line| line.starts_with("c2 ") && line.contains("lost"));
+    assert!(wait_until(SOON, lost).is_some());
+    let unknown = logs(&[]);
+    assert!(unknown.code == Some(3) && unknown.out.is_empty(), "{unknown}");
+    assert!(unknown.err.contains("`c2` does not answer") && unknown.err.contains("`--recorded`"), "{unknown}");
+    let recorded = logs(&["--recorded"]);
+    assert!(recorded.code == Some(0) && recorded.out == "of the first run\n", "{recorded}");
+    assert!(recorded.err.contains("talk-1"), "it says which record: {recorded}");
+    // The only node of this machine is suspended.
+    c1.signal(Signal::STOP);
+    let unknown = logs(&[]);
+    c1.signal(Signal::CONT);
+    assert!(unknown.code == Some(3) && unknown.out.is_empty(), "{unknown}");
+    assert!(unknown.err.contains("does not answer") && unknown.err.contains("`--recorded`"), "{unknown}");
+    let other = here.ask(&["logs", "walker", "--runs", "runs", "--recorded"]);
+    assert!(other.code == Some(1) && other.err.contains("no record in `runs` has"), "{other}");
+}
