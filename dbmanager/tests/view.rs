@@ -30,7 +30,7 @@ fn past(replica: &Replica) -> Past<'_> {
 struct Robot {
     replica: Replica,
     watch: Watch,
-    told: Vec<Notification>,
+    notifications: Vec<Notification>,
 }
 
 /// Two robots, and the time.
@@ -54,7 +54,7 @@ impl Team {
             let config = Config { robot: format!("r{number}"), seed: number, log_size: 1 << 20 };
             let replica = Replica::open(config, &Records::new()).unwrap();
             let watch = Watch::new(Keys::Below("team/".into()), VersionVector::default(), replica.log()).unwrap();
-            Robot { replica, watch, told: Vec::new() }
+            Robot { replica, watch, notifications: Vec::new() }
         };
         let mut team = Self { now: Time::ZERO, robots: vec![robot(1), robot(2)] };
         team.handle(0, Input::Found(team.wall()), false);
@@ -68,10 +68,10 @@ impl Team {
 
     /// Hands an input to a robot, and what it sends to the other if they hear each other.
     fn handle(&mut self, at: usize, input: Input, hears: bool) -> Vec<Answer> {
-        let (mut answers, mut letters) = (Vec::new(), vec![(at, input)]);
-        while let Some((at, input)) = letters.pop() {
+        let (mut answers, mut messages) = (Vec::new(), vec![(at, input)]);
+        while let Some((at, input)) = messages.pop() {
             let (wall, mut effects) = (self.wall(), Vec::new());
-            let Robot { replica, watch, told } = &mut self.robots[at];
+            let Robot { replica, watch, notifications } = &mut self.robots[at];
             replica.handle(self.now, input, &mut effects);
             let from = replica.address();
             for effect in effects {
@@ -88,10 +88,10 @@ impl Team {
                     Effect::Persist(_) | Effect::Visible(..) | Effect::Renamed(..) | Effect::Alarm(_) => None,
                 };
                 if let Some(message) = message.filter(|_| hears) {
-                    letters.insert(0, (1 - at, Input::Received(from, message, wall)));
+                    messages.insert(0, (1 - at, Input::Received(from, message, wall)));
                 }
             }
-            told.extend(watch.next(&past(replica), 16).list);
+            notifications.extend(watch.next(&past(replica), 16).list);
         }
         answers
     }
@@ -141,8 +141,8 @@ impl Team {
 }
 
 /// Returns the reasons a watcher was told since it last had to begin anew.
-fn reasons(told: &[Notification]) -> Vec<&str> {
-    let events = told.iter().rev().map_while(|told| match told {
+fn reasons(notifications: &[Notification]) -> Vec<&str> {
+    let events = notifications.iter().rev().map_while(|one| match one {
         Notification::Event(event) => Some(event.entry.reason.as_str()),
         Notification::Lagged { .. } | Notification::Replaced { .. } => None,
     });
@@ -167,7 +167,7 @@ fn two_robots_that_did_not_hear_each_other() {
     assert_eq!(told, [("r1", Some("one")), ("r2", Some("two"))]);
     assert_eq!(team.history(0, "team/gain"), team.history(1, "team/gain"));
     assert!(team.history(0, "team/gain").iter().all(|entry| entry.concurrent.len() == 1));
-    let mut seen: Vec<Vec<&str>> = team.robots.iter().map(|robot| reasons(&robot.told)).collect();
+    let mut seen: Vec<Vec<&str>> = team.robots.iter().map(|robot| reasons(&robot.notifications)).collect();
     seen[1].sort_unstable();
     assert_eq!(seen, [vec!["one", "two", "three"], vec!["one", "three", "two"]], "each transaction once");
     let shown = past(&team.robots[0].replica).at(&early.0, None).unwrap();
@@ -186,11 +186,11 @@ fn retired_while_away_returns_with_writes() {
     let told_there = team.robots[1].watch.position().clone();
     team.retire(1);
     team.meet();
-    let Robot { replica, told, .. } = &team.robots[1];
+    let Robot { replica, notifications, .. } = &team.robots[1];
     assert_ne!(replica.origin(), away, "it goes on under another name");
     assert!(
-        told.iter().any(|told| matches!(told, Notification::Replaced { .. })),
-        "and whoever watched it reads anew: {told:?}"
+        notifications.iter().any(|one| matches!(one, Notification::Replaced { .. })),
+        "and whoever watched it reads anew: {notifications:?}"
     );
     for at in 0..2 {
         let history = team.history(at, "team/gain");
@@ -198,8 +198,8 @@ fn retired_while_away_returns_with_writes() {
         assert_eq!((last.by.as_str(), last.reason.as_str()), ("r2", "while away"), "nothing was lost");
         assert_eq!(last.before.map(|dot| dot.origin), Some(away));
     }
-    let known = |told: &Notification| matches!(told, Notification::Event(event) if matches!(&**event, Event { entry, .. } if entry.by == "r2"));
-    assert!(team.robots[0].told.iter().any(known));
+    let known = |one: &Notification| matches!(one, Notification::Event(event) if matches!(&**event, Event { entry, .. } if entry.by == "r2"));
+    assert!(team.robots[0].notifications.iter().any(known));
     let here = past(&team.robots[0].replica);
     let mut elsewhere = Watch::new(Keys::Below("team/".into()), told_there, here.log).unwrap();
     assert_eq!(elsewhere.next(&here, 16).list, vec![], "who was told there is not told again here");
@@ -239,7 +239,7 @@ fn what_was_written_before_joining_has_its_own_date() {
         assert!(!conflict.versions[0].when.trusted, "it is the date of its timestamp, not of a clock");
         let history = team.history(at, "team/gain");
         let told: Vec<_> = history.iter().map(|entry| (entry.reason.as_str(), entry.when.millis)).collect();
-        // Who has joined begins with a state, and its log with what it has brought.
+        // Who has joined begins with a state, and its log with what it has rebased.
         let kept = if at == 0 { &[("two", written), ("one", after)][..] } else { &[("two", written)] };
         assert_eq!(told, kept, "{at}");
         let early = Filter { until: Some(after), ..Filter::new(Keys::Only(key("team/gain")), 100) };

@@ -23,7 +23,7 @@ use thiserror::Error;
 
 /// Somewhere to keep records.
 pub trait Store {
-    /// Hands out every record, with its name; names of one length come in their order.
+    /// Visits every record, with its name; names of one length come in their order.
     ///
     /// # Errors
     /// If that fails, or what is there is not what was written.

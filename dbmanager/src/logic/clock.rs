@@ -187,13 +187,17 @@ mod tests {
     #[test]
     fn clock_2099_boot_then_heal() {
         let mut clock = clock();
-        let far = clock.tick(Time::ZERO, wall(YEAR_2099_MS, Quality::Network)).unwrap();
-        assert!(Clock::suspects(far, wall(YEAR_2026_MS, Quality::Network)).is_some());
-        assert_eq!(Clock::suspects(far, wall(0, Quality::Unset)), None, "a clock that is not trusted suspects nobody");
+        let ahead = clock.tick(Time::ZERO, wall(YEAR_2099_MS, Quality::Network)).unwrap();
+        assert!(Clock::suspects(ahead, wall(YEAR_2026_MS, Quality::Network)).is_some());
+        assert_eq!(
+            Clock::suspects(ahead, wall(0, Quality::Unset)),
+            None,
+            "a clock that is not trusted suspects nobody"
+        );
         let mut other = Clock::new(ReplicaId::new(2), Timestamp::default());
-        other.observe(Time::ZERO, far, wall(YEAR_2099_MS, Quality::Network));
+        other.observe(Time::ZERO, ahead, wall(YEAR_2099_MS, Quality::Network));
         let pinned = other.tick(Time::ZERO, wall(YEAR_2026_MS, Quality::Network)).unwrap();
-        assert!(pinned > far && pinned.millis() == YEAR_2099_MS);
+        assert!(pinned > ahead && pinned.millis() == YEAR_2099_MS);
         assert!(other.heal());
         let healed = other.tick(Time::ZERO, wall(YEAR_2026_MS, Quality::Network)).unwrap();
         assert!(healed > pinned && healed.millis() == YEAR_2026_MS);

@@ -132,7 +132,7 @@ mod tests {
         assert_eq!(
             (stable.vector, stable.pinned_by),
             (VersionVector::default(), vec![ReplicaId::new(2)]),
-            "2:1 may be a put beside it"
+            "2:1 may be a concurrent put"
         );
         let own = vector(&[(1, 5), (2, 1)]);
         acks.settle(&own);

@@ -322,8 +322,8 @@ mod tests {
         take(&mut log, 1, 1);
         let (next, encoded) = txn(1, 2, &log, &[(2, 1)]);
         assert_eq!(log.judge(&next, &encoded), Verdict::Early, "what it saw is missing");
-        let (far, far_frame) = txn(1, 3, &log, &[]);
-        assert_eq!(log.judge(&far, &far_frame), Verdict::Early, "one before it is missing");
+        let (early, early_encoded) = txn(1, 3, &log, &[]);
+        assert_eq!(log.judge(&early, &early_encoded), Verdict::Early, "one before it is missing");
         take(&mut log, 2, 1);
         assert_eq!(log.judge(&next, &encoded), Verdict::Next);
         log.append(&next, encoded.clone());

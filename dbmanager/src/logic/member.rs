@@ -24,7 +24,7 @@ use std::collections::BTreeMap;
 
 const MEMBERS: &str = "sys/members/";
 const RETIRED: &str = "sys/retired/";
-const BROUGHT: &str = "sys/brought/";
+const REBASED: &str = "sys/brought/";
 /// How many entries one record of what was rebased has.
 const BROUGHT_MAX: usize = 1024;
 /// How many sponsors of sponsors are told to others.
@@ -52,7 +52,7 @@ pub struct Rebased {
 
 /// Returns whether a key is one of these records. They are facts of one team and do not move to another.
 pub fn is_record(key: &Key) -> bool {
-    [MEMBERS, RETIRED, BROUGHT].iter().any(|prefix| key.as_str().starts_with(prefix))
+    [MEMBERS, RETIRED, REBASED].iter().any(|prefix| key.as_str().starts_with(prefix))
 }
 
 /// Returns the writes that say what came with `origin`: the last transactions of others, with their timestamps.
@@ -60,7 +60,7 @@ pub fn arrival(origin: ReplicaId, rebased: &[(Dot, Timestamp)]) -> Vec<Write> {
     let records = rebased.chunks(BROUGHT_MAX).enumerate().filter_map(|(index, entries)| {
         let bytes = postcard::to_stdvec(entries).ok()?;
         let value = Value { encoding: Encoding::BYTES, bytes: bytes.into() };
-        Some(Write { key: Key::new(format!("{BROUGHT}{origin}/{index:06}")).ok()?, value: Some(value) })
+        Some(Write { key: Key::new(format!("{REBASED}{origin}/{index:06}")).ok()?, value: Some(value) })
     });
     records.collect()
 }
@@ -151,7 +151,7 @@ impl Members {
 
 fn rebased(state: &State) -> BTreeMap<ReplicaId, Rebased> {
     let mut rebased: BTreeMap<ReplicaId, Rebased> = BTreeMap::new();
-    for version in state.scan(BROUGHT).flat_map(|(_, versions)| versions) {
+    for version in state.scan(REBASED).flat_map(|(_, versions)| versions) {
         let Some(value) = &version.value else { continue };
         let Ok(entries) = postcard::from_bytes::<Vec<(Dot, Timestamp)>>(&value.bytes) else { continue };
         for (last, stamp) in entries {

@@ -6,10 +6,10 @@
 //! store again: a sync that is tried once more may succeed without having written anything.
 //!
 //! The driver also asks for [`Replica::address`] after each input: it changes when a replica begins anew, and while it looks for
-//! somebody to admit it. What still comes to an old address may be handed in, or not.
+//! somebody to admit it. The driver may pass on what still comes to an old address, or drop it.
 //!
 //! A replica is a *member*, or it wants to become one. Until then it may be written to, but shows its transactions to
-//! nobody; once admitted it begins with its sponsor's state and brings them in under the origin that was admitted, with
+//! nobody; once admitted it begins with its sponsor's state and rebases them under the origin that was admitted, with
 //! what they had seen. The same way back is taken by who was retired while away, by who finds that others know more of
 //! its own transactions than itself (a lost tail, a restored backup), and by both of two clones.
 //!

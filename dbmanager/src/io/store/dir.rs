@@ -46,7 +46,7 @@ pub(super) trait Records: fmt::Debug + Send {
 /// An engine that was opened, and what the store says of its life, if it is not new.
 pub(super) type Opened = (Box<dyn Records>, Option<Life>);
 
-/// A store in a directory, and its witness beside it.
+/// A store in a directory, and its witness next to it.
 #[derive(Debug)]
 pub struct DirStore {
     path: PathBuf,
@@ -55,7 +55,7 @@ pub struct DirStore {
     records: Option<Box<dyn Records>>,
     trust: Trust,
     /// The present life, until the witness knows of it.
-    unsworn: Option<Life>,
+    unattested: Option<Life>,
 }
 
 impl Engine {
@@ -140,7 +140,7 @@ impl DirStore {
             Engine::Sled => on_sled::open(path),
         })?;
         let mut store =
-            Self { path: path.to_owned(), engine, records: Some(records), trust: Trust::New, unsworn: None };
+            Self { path: path.to_owned(), engine, records: Some(records), trust: Trust::New, unattested: None };
         sync_all(path)?;
         sync(parent(path))?;
         let life = match known {
@@ -153,7 +153,7 @@ impl DirStore {
             }
         };
         store.trust = witness::ask(path, life, &data).map_err(file_error)?;
-        store.unsworn = Some(Life { boots: life.boots.saturating_add(1), ..life });
+        store.unattested = Some(Life { boots: life.boots.saturating_add(1), ..life });
         Ok(store)
     }
 
@@ -198,10 +198,10 @@ impl DirStore {
     /// Tells the witness about this life, if it does not know. Whatever made the store doubtful stays so until the
     /// replica has written what it does about it.
     fn attest(&mut self) -> Result<(), StoreError> {
-        if let Some(life) = self.unsworn {
+        if let Some(life) = self.unattested {
             let attested = witness::attest(&self.path, life, &self.engine.data(&self.path));
             attested.map_err(|cause| file_error(&self.path, cause))?;
-            self.unsworn = None;
+            self.unattested = None;
         }
         Ok(())
     }
@@ -214,7 +214,7 @@ impl Store for DirStore {
     }
 
     fn commit(&mut self, batch: &Batch) -> Result<(), StoreError> {
-        self.apply(self.unsworn, batch)?;
+        self.apply(self.unattested, batch)?;
         let attested = self.attest();
         if attested.is_err()
             && let Some(records) = self.records.take()

@@ -48,17 +48,17 @@ struct OnRedb {
 
 impl Records for OnRedb {
     fn each(&self, take: &mut dyn FnMut(&[u8], &[u8])) -> Result<(), StoreError> {
-        read(&self.engine, take).map_err(|cause| told(&self.path, cause))
+        read(&self.engine, take).map_err(|cause| store_error(&self.path, cause))
     }
 
     fn write(&mut self, life: Option<Life>, batch: &Batch) -> Result<(), StoreError> {
-        write(&self.engine, life, batch).map_err(|cause| told(&self.path, cause))
+        write(&self.engine, life, batch).map_err(|cause| store_error(&self.path, cause))
     }
 
     /// A store that is not closed in order is only opened a little more slowly.
     fn close(self: Box<Self>) {
         let Self { path, engine } = *self;
-        let closed = shielded(&path, || engine.close().map_err(|cause| told(&path, cause.into())));
+        let closed = shielded(&path, || engine.close().map_err(|cause| store_error(&path, cause.into())));
         if let Err(error) = closed {
             tracing::debug!(%error, "a store was not closed in order");
         }
@@ -78,12 +78,12 @@ fn open_engine(path: &Path, data: &Path) -> Result<(Database, Option<Life>), Sto
     let mut builder = Database::builder();
     builder.set_cache_size(CACHE_SIZE).set_check_integrity_on_open(true);
     let engine = FileBackend::new(file).and_then(|file| builder.create_with_backend(file));
-    let engine = engine.map_err(|cause| told(path, cause.into()))?;
+    let engine = engine.map_err(|cause| store_error(path, cause.into()))?;
     let found = match read_guard(&engine) {
         Err(TableDoesNotExist(_) | TableIsMultimap(_) | TableTypeMismatch { .. }) => {
             return Err(StoreError::Foreign { path: path.to_owned() });
         }
-        found => found.map_err(|cause| told(path, cause))?,
+        found => found.map_err(|cause| store_error(path, cause))?,
     };
     let Some([layout, life]) = found else { return Ok((engine, None)) };
     if layout != LAYOUT.1 {
@@ -162,7 +162,7 @@ fn write(engine: &Database, life: Option<Life>, batch: &Batch) -> Result<(), red
     clippy::wildcard_enum_match_arm,
     reason = "most of what the engine may say is about calls that nobody makes here"
 )]
-fn told(path: &Path, cause: redb::Error) -> StoreError {
+fn store_error(path: &Path, cause: redb::Error) -> StoreError {
     use io::ErrorKind::{InvalidData, UnexpectedEof};
     use redb::Error;
     match cause {

@@ -69,7 +69,7 @@ impl Records for OnSled {
         let damaged = || damaged(&self.path, "pieces of a record are missing");
         let (mut record, mut left): ((Vec<u8>, Vec<u8>), u16) = Default::default();
         for entry in self.engine.iter() {
-            let (key, piece) = entry.map_err(|cause| told(&self.path, cause))?;
+            let (key, piece) = entry.map_err(|cause| store_error(&self.path, cause))?;
             if key == GUARD.0 || key == LIFE {
                 continue;
             }
@@ -98,7 +98,7 @@ impl Records for OnSled {
             changes.insert(LIFE, life.to_bytes());
         }
         for (name, record) in &batch.0 {
-            let before = match self.engine.get(piece_name(name, 0)?).map_err(|cause| told(&self.path, cause))? {
+            let before = match self.engine.get(piece_name(name, 0)?).map_err(|cause| store_error(&self.path, cause))? {
                 Some(first) => self.pieces(&first)?,
                 None => 0,
             };
@@ -115,10 +115,10 @@ impl Records for OnSled {
                 changes.remove(piece_name(name, number)?);
             }
         }
-        let told = |cause| told(&self.path, cause);
+        let failed = |cause| store_error(&self.path, cause);
         let write = || {
-            self.engine.apply_batch(changes).map_err(told)?;
-            self.engine.flush().map_err(told)
+            self.engine.apply_batch(changes).map_err(failed)?;
+            self.engine.flush().map_err(failed)
         };
         self.watch.during(write)?;
         self.data.sync_data().map_err(|cause| file_error(&self.path, cause))?;
@@ -149,12 +149,12 @@ impl OnSled {
 
 /// Opens the engine; returns what the store says of its life, if it is not new.
 fn open_engine(path: &Path, folder: &Path) -> Result<(sled::Db, Option<Life>), StoreError> {
-    let told = |cause| told(path, cause);
+    let failed = |cause| store_error(path, cause);
     let config = sled::Config::new().path(folder).flush_every_ms(None).cache_capacity(CACHE_SIZE);
-    let engine = config.open().map_err(told)?;
-    let life = match engine.get(GUARD.0).map_err(told)? {
+    let engine = config.open().map_err(failed)?;
+    let life = match engine.get(GUARD.0).map_err(failed)? {
         Some(found) if found.as_ref() == GUARD.1 => {
-            let life = engine.get(LIFE).map_err(told)?.and_then(|life| Life::from_bytes(&life));
+            let life = engine.get(LIFE).map_err(failed)?.and_then(|life| Life::from_bytes(&life));
             Some(life.ok_or_else(|| damaged(path, "it does not say which store it is"))?)
         }
         None if engine.is_empty() => None,
@@ -212,7 +212,7 @@ fn forget_half_snapshots(folder: &Path) -> io::Result<()> {
 }
 
 /// Returns what the engine's error means for who uses the store.
-fn told(path: &Path, cause: sled::Error) -> StoreError {
+fn store_error(path: &Path, cause: sled::Error) -> StoreError {
     let sled::Error::Io(cause) = cause else { return damaged(path, &cause.to_string()) };
     // The engine tells what its threads were told by the system as a text.
     let text = cause.to_string();

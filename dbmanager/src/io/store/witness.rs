@@ -119,7 +119,7 @@ pub(super) fn exists(dir: &Path) -> bool {
 /// Writes a new witness in place of the old one.
 pub(super) fn attest(dir: &Path, life: Life, data: &Path) -> io::Result<()> {
     let text: String = testimony(life, data)?.iter().map(|(word, what)| format!("{word} {what}\n")).collect();
-    let (path, new) = (path(dir), beside(dir, ".witness.new"));
+    let (path, new) = (path(dir), file_next_to(dir, ".witness.new"));
     let mut file = File::create(&new)?;
     file.write_all(text.as_bytes())?;
     file.sync_all()?;
@@ -147,11 +147,11 @@ fn testimony(life: Life, data: &Path) -> io::Result<BTreeMap<&'static str, Strin
 }
 
 fn path(dir: &Path) -> PathBuf {
-    beside(dir, ".witness")
+    file_next_to(dir, ".witness")
 }
 
 /// Returns the path of a file beside `dir` that has its name and an ending.
-fn beside(dir: &Path, ending: &str) -> PathBuf {
+fn file_next_to(dir: &Path, ending: &str) -> PathBuf {
     let mut name = OsString::from(dir);
     name.push(ending);
     PathBuf::from(name)

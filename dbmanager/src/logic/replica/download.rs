@@ -140,7 +140,7 @@ impl Downloads {
         }
     }
 
-    /// Hands out the state as soon as it is whole.
+    /// Returns the state as soon as it is whole.
     pub(super) fn whole(&mut self, effects: &mut Vec<Effect>) -> Option<Downloaded> {
         let whole = |d: &Download| d.manifest.chunks.iter().all(|name| d.chunks.contains_key(name));
         let Download { from, manifest, chunks, .. } = self.current.take_if(|download| whole(download))?;

@@ -6,7 +6,7 @@
 //! behind it, and what is committed here has not seen it. A newer program finds it on the disk and applies it in the
 //! order in which it came, which is causal.
 //!
-//! That way a robot with an older program still carries news from one newer robot to another, and never shows half of them.
+//! That way a robot with an older program still carries updates from one newer robot to another, and never shows half of them.
 //!
 //! Retirements of an origin with buffered transactions are buffered too: who says to have the retirement counts as one who has
 //! applied all of that origin that anybody has.
@@ -87,7 +87,7 @@ impl PendingTxns {
         true
     }
 
-    /// Hands out all that is buffered, to be tried; until [`PendingTxns::keep`] is told the rest, it counts as buffered.
+    /// Takes out all that is buffered, to be tried; until [`PendingTxns::keep`] is told the rest, it counts as buffered.
     pub(super) fn take(&mut self) -> BTreeMap<u64, (Dot, EncodedTxn)> {
         std::mem::take(&mut self.txns)
     }

@@ -132,7 +132,7 @@ fn conditions_hold_for_the_team_where_the_owner_decides() {
     assert!(matches!(team.commit(0, give(Some("r1"))), Answer::Committed(_)));
     team.run(20);
     let create = || Draft::new("create").require(key("team/arm/x"), Condition::Absent).put(key("team/arm/x"), b"1");
-    assert_eq!(refused_for(&team.commit(0, create())), Some(("r1", 1)), "the wish can be sent on to the owner");
+    assert_eq!(refused_for(&team.commit(0, create())), Some(("r1", 1)), "the request can be sent on to the owner");
     assert!(matches!(team.commit(1, create()), Answer::Committed(_)));
     assert!(matches!(team.commit(1, create()), Answer::Refused(TxnError::Precondition { .. })));
     assert_eq!(refused_for(&team.commit(0, give(Some("r0")))), Some(("r1", 1)), "only the owner gives");
@@ -358,9 +358,9 @@ fn nobody_else_can_have_what_stays_here() {
 #[test]
 fn healed_clocks_are_healed_everywhere_and_stay_so() {
     let mut team = Team::of(2);
-    let far = Wall { millis: 4_070_908_800_000, quality: Quality::Network };
+    let ahead = Wall { millis: 4_070_908_800_000, quality: Quality::Network };
     let request = CommitRequest { ticket: 0, draft: put("team/a", b"1"), level: AckLevel::Local, until: team.now };
-    team.input(1, Input::Commit(vec![request], far));
+    team.input(1, Input::Commit(vec![request], ahead));
     team.run(30);
     team.input(0, Input::HealClock(WALL));
     team.run(60);

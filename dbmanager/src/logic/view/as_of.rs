@@ -68,7 +68,7 @@ pub enum AsOfError {
     /// Some of it was written while no clock was set, and nobody with a date had seen it by then.
     #[error(
         "what was there at that date cannot be told: {count} of the changes asked for have no date, since their robot's clock \
-         was not set (the first is {first}, by `{by}`); ask for a later date, or for a cut as `dca db cut` prints it"
+         was not set (the first is {first}, by `{by}`); ask for a later date, or for a version as `dca db version` prints it"
     )]
     Undated {
         /// The first of them.

@@ -23,7 +23,7 @@ use std::fmt;
 use std::ops::Range;
 
 /// The most transactions that are named as concurrent with one.
-const BESIDE_MAX: usize = 16;
+const CONCURRENT_MAX: usize = 16;
 
 /// The dates that a clock which nobody keeps may be believed, in milliseconds since 1970: 2024, when nobody could have
 /// written what this program reads, to 2100.
@@ -185,11 +185,11 @@ impl Past<'_> {
                 let earlier = writers.entry(key.clone()).or_default();
                 // Of each origin, what was not seen is the end of its chain.
                 let unseen = earlier.values().flat_map(|chain| {
-                    chain.iter().rev().take_while(|other| !has_seen(txn, seen, **other)).take(BESIDE_MAX)
+                    chain.iter().rev().take_while(|other| !has_seen(txn, seen, **other)).take(CONCURRENT_MAX)
                 });
                 for (one, two) in unseen.flat_map(|other| [(entry.dot, *other), (*other, entry.dot)]) {
                     let names = concurrent.entry(one).or_default();
-                    if names.len() < BESIDE_MAX && !names.contains(&two) {
+                    if names.len() < CONCURRENT_MAX && !names.contains(&two) {
                         names.push(two);
                     }
                 }

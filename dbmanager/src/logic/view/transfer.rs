@@ -13,7 +13,7 @@
 //! ```
 //!
 //! The file is TOML, sorted by key, a line for each, so that two of them differ where the databases do. What is shown
-//! of a key is in it; what stands beside it is a comment. The database's own records (`sys/`) are left out, and so is
+//! of a key is in it; a concurrent one is a comment. The database's own records (`sys/`) are left out, and so is
 //! what never leaves the robot (`local/`), unless it is asked for.
 //!
 //! To import is to write what differs. A file that was not changed changes nothing; above all it settles no conflict.

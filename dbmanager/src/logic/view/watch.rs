@@ -4,7 +4,7 @@
 //! it leaves stays in the log, so a slow one costs no memory, and nobody waits for it. What was told is a token, too:
 //! with it, a watcher goes on after a restart, or at another robot.
 //!
-//! *Why it is right.* The log hands out what is beyond a version vector in the order in which it was applied, which is
+//! *Why it is right.* The log returns what is beyond a version vector in the order in which it was applied, which is
 //! causal, and each transaction has one name. So each is told once, and nothing before what it had seen. There are two
 //! ways to miss some, and both are told: the log has dropped what was not taken yet ([`Notification::Lagged`]), and the
 //! replica has begun anew with the state of another ([`Notification::Replaced`]). Then the watcher reads the state, and

@@ -49,7 +49,7 @@ fn who_has_done_what() {
         2026-11-21 10:00:03  r2  team/a                        3      number 3        0000000000000002:2  ! concurrent with r1's 2026-11-21 10:00:03, r1's 2026-11-21 10:00:02"#]].assert_eq(&table::history(&past.history(&all), table::Span::All));
     assert_eq!(past.history(&Filter { limit: 2, ..all.clone() }), past.history(&all)[3..], "the last ones");
     let by = |robot: &str| past.history(&Filter { by: Some(robot.into()), ..all.clone() });
-    assert_eq!(by("r2"), past.history(&all)[3..], "who is asked for does not change what stands beside");
+    assert_eq!(by("r2"), past.history(&all)[3..], "who is asked for does not change what is concurrent");
     let times: Vec<u64> = past.history(&all).iter().map(|entry| entry.when.millis).collect();
     let between = Filter { from: Some(times[1]), until: Some(times[2].max(times[1] + 1)), ..all };
     assert!(!past.history(&between).is_empty());

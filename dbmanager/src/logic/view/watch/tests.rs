@@ -22,12 +22,12 @@ fn drain(watch: &mut Watch, robot: &Robot) -> Vec<Notification> {
     }
 }
 
-fn dots(told: &[Notification]) -> Vec<Dot> {
-    let dot = |told: &Notification| {
-        let Notification::Event(event) = told else { panic!("{told:?}") };
+fn dots(notifications: &[Notification]) -> Vec<Dot> {
+    let dot = |one: &Notification| {
+        let Notification::Event(event) = one else { panic!("{one:?}") };
         event.entry.dot
     };
-    told.iter().map(dot).collect()
+    notifications.iter().map(dot).collect()
 }
 
 /// Somebody who watches one robot, with little room, and checks what it is told.
@@ -47,8 +47,8 @@ impl Watcher {
     ) -> Result<(), TestCaseError> {
         let Notifications { list, more } = self.watch.next(&robot.past(), room);
         prop_assert!(list.len() <= room.max(1) && !(more && list.is_empty()));
-        for told in list {
-            match told {
+        for one in list {
+            match one {
                 Notification::Event(event) => {
                     let dot = event.entry.dot;
                     prop_assert_eq!(self.has.get(dot.origin) + 1, dot.seq, "each once, none left out");
@@ -110,8 +110,8 @@ proptest! {
 fn watch_resume_after_compaction() {
     let mut team = Robot::team(1);
     let mut watch = Watch::new(all(), team[0].vector(), &team[0].log).unwrap();
-    let told = team[0].put("", "team/a", "1");
-    assert_eq!(dots(&drain(&mut watch, &team[0])), [told]);
+    let notified = team[0].put("", "team/a", "1");
+    assert_eq!(dots(&drain(&mut watch, &team[0])), [notified]);
     let text = token::token(watch.position());
     drop(watch);
     let missed = team[0].put("", "team/a", "2");
@@ -164,11 +164,11 @@ fn only_what_is_watched_and_whole() {
     team[0].commit(both);
     team[1].put("", "team/cam/b", "2");
     heal(&mut team);
-    let told = drain(&mut watch, &team[0]);
-    let events: Vec<(usize, usize, usize)> = told
+    let notifications = drain(&mut watch, &team[0]);
+    let events: Vec<(usize, usize, usize)> = notifications
         .iter()
-        .map(|told| {
-            let Notification::Event(event) = told else { panic!("{told:?}") };
+        .map(|one| {
+            let Notification::Event(event) = one else { panic!("{one:?}") };
             (event.entry.changes.len(), event.entry.others, event.conflicts.len())
         })
         .collect();
