@@ -4,7 +4,7 @@
 
 use crate::client::{ANSWER_WITHIN, Client, Clients, Statuses, unasked};
 use crate::stop::{Located, locate};
-use crate::{Reaching, absent, follow};
+use crate::{ConnectArgs, absent, follow};
 use anyhow::anyhow;
 use node::console::{Failure, block_on};
 use node::logic::protocol::{Answer, Request};
@@ -16,7 +16,7 @@ pub struct Arguments {
     /// The deployment; the only one that runs if none is named
     name: Option<String>,
     #[command(flatten)]
-    reaching: Reaching,
+    reaching: ConnectArgs,
 }
 
 /// Runs the verb.

@@ -1,6 +1,6 @@
 //! A command line's connection to the nodes: through a node of this machine when there is one, else over the network.
 
-use crate::Reaching;
+use crate::ConnectArgs;
 use anyhow::{Context, anyhow};
 use comms::io::clock;
 use comms::io::session::{CallError, OpenError, Presence, Replies, Session};
@@ -66,7 +66,7 @@ pub(crate) struct Clients {
 
 impl Clients {
     /// Connects through nodes of this machine, or by scouting when `--lan` is given and no node stays on this machine.
-    pub(crate) async fn open(reaching: &Reaching) -> Result<Self, Failure> {
+    pub(crate) async fn open(reaching: &ConnectArgs) -> Result<Self, Failure> {
         let standing = Client::open(reaching).await;
         let (mut clients, mut hanging) = (Vec::new(), None);
         for folder in run_dir::groups(&reaching.base()).iter().filter(|folder| **folder != reaching.base()) {
@@ -130,7 +130,7 @@ impl Clients {
 
 impl Client {
     /// Connects through a node that stays on this machine, or by scouting when `--lan` is given.
-    pub(crate) async fn open(reaching: &Reaching) -> Result<Self, Failure> {
+    pub(crate) async fn open(reaching: &ConnectArgs) -> Result<Self, Failure> {
         let problem = match Self::through(&reaching.base()).await {
             Ok(Some(client)) => return Ok(client),
             Ok(None) => None,
@@ -152,7 +152,7 @@ impl Client {
     }
 
     /// Connects as [`Client::open`] does; where no node stays, to the only `dca run` that there is.
-    pub(crate) async fn open_any(reaching: &Reaching) -> Result<Self, Failure> {
+    pub(crate) async fn open_any(reaching: &ConnectArgs) -> Result<Self, Failure> {
         let standing = Self::open(reaching).await;
         let base = reaching.base();
         let commands: Vec<PathBuf> = run_dir::groups(&base).into_iter().filter(|folder| *folder != base).collect();

@@ -2,7 +2,7 @@
 
 use crate::client::Client;
 use crate::follow::Spec;
-use crate::{Controllers, Reaching, check, follow, stored};
+use crate::{ConnectArgs, Controllers, check, follow, stored};
 use anyhow::anyhow;
 use node::console::{Failure, block_on};
 use std::path::PathBuf;
@@ -13,9 +13,9 @@ pub struct Arguments {
     /// The spec
     file: PathBuf,
     #[command(flatten)]
-    following: follow::Following,
+    following: follow::FollowArgs,
     #[command(flatten)]
-    reaching: Reaching,
+    reaching: ConnectArgs,
     #[command(flatten)]
     controllers: Controllers,
 }
@@ -32,7 +32,7 @@ pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
 }
 
 /// Deploys a spec once every host of it answers, and stays until it has ended.
-pub(crate) async fn deploy(client: &Client, spec: Spec, following: &follow::Following) -> Result<(), Failure> {
+pub(crate) async fn deploy(client: &Client, spec: Spec, following: &follow::FollowArgs) -> Result<(), Failure> {
     let hosts = client.hosts(&spec.plan.hosts).await?;
     let missing: Vec<&str> = spec.plan.hosts.iter().filter(|host| !hosts.contains(*host)).map(String::as_str).collect();
     if let Some(first) = missing.first() {

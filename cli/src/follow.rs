@@ -2,7 +2,7 @@
 
 use crate::client::{Answers, Client, unasked, words};
 use crate::display::{Display, UPDATE_EVERY};
-use crate::io::observer::{Observer, Sample, Sight};
+use crate::io::observer::{Observer, ObserverEvent, Sample};
 use crate::io::recorder::Recorder;
 use crate::logic::mission::{Files, Mission, Outcome};
 use crate::logic::record::{Entry, Header, Messages, Port, ports};
@@ -27,7 +27,7 @@ use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::mpsc;
 
 /// How many samples wait to be shown and recorded; more are left out.
-const SIGHTS_MAX: usize = 4096;
+const OBSERVED_MAX: usize = 4096;
 /// How many values of ports wait to be recorded, which may be large; more are left out.
 const PORTS_MAX: usize = 64;
 /// How long the home node has to be back when its answers are cut off: as long as the other hosts of the deployment wait, less
@@ -45,7 +45,7 @@ pub(crate) const RUNS: &str = "--runs";
 
 /// How a mission is watched.
 #[derive(Clone, Debug, clap::Args)]
-pub struct Following {
+pub struct FollowArgs {
     /// Where the record and the report of the run go
     #[arg(long, value_name = "DIR", default_value = "runs")]
     runs: PathBuf,
@@ -79,11 +79,11 @@ struct Watch {
     observers: Vec<Observer>,
     /// The wires that are recorded.
     ports: Vec<Port>,
-    port_sights: mpsc::Sender<Sight>,
-    arriving_ports: mpsc::Receiver<Sight>,
+    port_events: mpsc::Sender<ObserverEvent>,
+    arriving_ports: mpsc::Receiver<ObserverEvent>,
     /// What programs write; without a record only at an end that it explains.
     outputs: Outputs,
-    sights: mpsc::Sender<Sight>,
+    observer_events: mpsc::Sender<ObserverEvent>,
     go_at: Option<Time>,
     name: String,
     home: String,
@@ -96,7 +96,7 @@ struct Watch {
 }
 
 /// Deploys a spec and stays until it has ended; Ctrl-C stops it everywhere.
-pub(crate) async fn follow(client: &Client, spec: Spec, following: &Following) -> Result<(), Failure> {
+pub(crate) async fn follow(client: &Client, spec: Spec, following: &FollowArgs) -> Result<(), Failure> {
     let home = spec.plan.home().context("the plan names no host for `main`")?.to_owned();
     let messages = if following.ports.is_empty() { Messages::new() } else { language::messages(&spec.modules) };
     let ports = ports(&spec.plan, &following.ports, &messages).map_err(|why| anyhow!(why))?;
@@ -137,9 +137,14 @@ fn request_number() -> u64 {
 }
 
 impl Watch {
-    fn new(plan: &Plan, home: String, recorder: Option<Recorder>, ports: Vec<Port>) -> (Self, mpsc::Receiver<Sight>) {
-        let (sights, arriving) = mpsc::channel(SIGHTS_MAX);
-        let (port_sights, arriving_ports) = mpsc::channel(PORTS_MAX);
+    fn new(
+        plan: &Plan,
+        home: String,
+        recorder: Option<Recorder>,
+        ports: Vec<Port>,
+    ) -> (Self, mpsc::Receiver<ObserverEvent>) {
+        let (observer_events, arriving) = mpsc::channel(OBSERVED_MAX);
+        let (port_events, arriving_ports) = mpsc::channel(PORTS_MAX);
         let watch = Self {
             mission: Mission::new(plan),
             display: Display::default(),
@@ -147,10 +152,10 @@ impl Watch {
             recorder,
             observers: Vec::new(),
             ports,
-            port_sights,
+            port_events,
             arriving_ports,
             outputs: Outputs::default(),
-            sights,
+            observer_events,
             go_at: None,
             name: plan.name.clone(),
             home,
@@ -168,7 +173,7 @@ impl Watch {
         client: &Client,
         home: &str,
         mut answers: Answers,
-        mut sights: mpsc::Receiver<Sight>,
+        mut observer_events: mpsc::Receiver<ObserverEvent>,
     ) -> Result<(), Failure> {
         let (mut interrupt, mut terminate) = (signal(SignalKind::interrupt())?, signal(SignalKind::terminate())?);
         let mut refresh = tokio::time::interval(UPDATE_EVERY);
@@ -193,8 +198,8 @@ impl Watch {
                         }
                     }
                 },
-                Some(sight) = sights.recv() => self.sight(sight),
-                Some(sight) = self.arriving_ports.recv() => self.sight(sight),
+                Some(event) = observer_events.recv() => self.observed(event),
+                Some(event) = self.arriving_ports.recv() => self.observed(event),
                 (path, text) = self.outputs.next() => self.wrote(path, text),
                 Some(answer) = next(&mut stopping) => self.stop_answered(answer),
                 _ = refresh.tick() => {
@@ -285,7 +290,7 @@ impl Watch {
         if let Report::Go { signals, .. } = &report {
             self.go_at = Some(clock::now());
             if !signals.is_empty() {
-                self.observers.push(Observer::open(&self.name, signals, self.sights.clone()));
+                self.observers.push(Observer::open(&self.name, signals, self.observer_events.clone()));
             }
         }
         if let (Report::Process { at, .. }, Some(go)) = (&report, self.go_at) {
@@ -304,11 +309,11 @@ impl Watch {
         Ok(())
     }
 
-    fn sight(&mut self, sight: Sight) {
-        match sight {
-            Sight::Sample(sample) => self.sample(sample),
-            Sight::Port { from, to, arrived, bytes } => self.port(from, to, arrived, bytes),
-            Sight::Unseen(why) => self.output.note(&format!("warning: {why}")),
+    fn observed(&mut self, event: ObserverEvent) {
+        match event {
+            ObserverEvent::Sample(sample) => self.sample(sample),
+            ObserverEvent::Port { from, to, arrived, bytes } => self.port(from, to, arrived, bytes),
+            ObserverEvent::Unseen(why) => self.output.note(&format!("warning: {why}")),
         }
     }
 
@@ -343,7 +348,7 @@ impl Watch {
         let Some(deployment) = self.deployment.as_ref().filter(|_| !self.ports.is_empty()) else { return };
         let dial = |port: &Port| at.iter().find(|(path, _)| *path == port.producer).map(|(_, dial)| dial.clone());
         let ports: Vec<(Port, Dial)> = self.ports.iter().filter_map(|port| Some((port.clone(), dial(port)?))).collect();
-        self.observers.push(Observer::open_ports(deployment, &ports, self.port_sights.clone()));
+        self.observers.push(Observer::open_ports(deployment, &ports, self.port_events.clone()));
     }
 
     fn port(&mut self, from: String, to: String, arrived: Time, bytes: Vec<u8>) {

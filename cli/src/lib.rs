@@ -94,7 +94,7 @@ enum Verb {
 
 /// Where to find nodes.
 #[derive(Clone, Debug, Args)]
-pub struct Reaching {
+pub struct ConnectArgs {
     /// Look for nodes on the local network too (unauthenticated)
     #[arg(long)]
     pub lan: bool,
@@ -103,7 +103,7 @@ pub struct Reaching {
     pub run_dir: Option<PathBuf>,
 }
 
-impl Reaching {
+impl ConnectArgs {
     /// Returns the folder with the sockets of this machine's nodes, as a whole path.
     fn base(&self) -> PathBuf {
         let base = self.run_dir.clone().unwrap_or_else(run_dir::default_base);

@@ -5,7 +5,7 @@ mod list;
 use crate::client::{Answers, Clients, Statuses, unasked, words};
 use crate::follow::RUNS;
 use crate::io::recorder;
-use crate::{Reaching, absent};
+use crate::{ConnectArgs, absent};
 use anyhow::anyhow;
 use node::console::{self, Failure, block_on};
 use node::io::{folder, run_dir};
@@ -39,7 +39,7 @@ pub struct Arguments {
     #[arg(long, requires = "process", conflicts_with_all = ["follow"])]
     recorded: bool,
     #[command(flatten)]
-    reaching: Reaching,
+    reaching: ConnectArgs,
 }
 
 /// Why no node has what a process writes.
@@ -92,7 +92,7 @@ async fn from_nodes(arguments: &Arguments) -> Result<Option<Without>, Failure> {
 }
 
 /// Returns whether a node runs on this machine.
-fn runs_any(reaching: &Reaching) -> bool {
+fn runs_any(reaching: &ConnectArgs) -> bool {
     let runs = |folder: &PathBuf| run_dir::running(folder).is_ok_and(|nodes| !nodes.is_empty());
     run_dir::groups(&reaching.base()).iter().any(runs)
 }

@@ -1,6 +1,6 @@
 //! `dca nodes`: who can be reached, and who cannot any more.
 
-use crate::Reaching;
+use crate::ConnectArgs;
 use crate::absent::{self, Away, ago};
 use crate::client::{ANSWER_WITHIN, Client, Clients};
 use comms::io::clock;
@@ -16,7 +16,7 @@ pub struct Arguments {
     #[arg(long)]
     json: bool,
     #[command(flatten)]
-    reaching: Reaching,
+    reaching: ConnectArgs,
 }
 
 /// Runs the verb.

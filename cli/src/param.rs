@@ -1,8 +1,8 @@
 //! `dca param`: parameters of running programs, which are keys of the database of their robot.
 
 use super::absent::Away;
-use super::db::asking::Asking;
-use super::db::write::Writing;
+use super::db::asking::DatabaseArgs;
+use super::db::write::CommitArgs;
 use anyhow::{Context, anyhow};
 use clap::Subcommand;
 use dbmanager::logic::key::Key;
@@ -41,7 +41,7 @@ struct List {
     /// A program: its path, or the end of it such as `hit/force` [default: all]
     instance: Option<String>,
     #[command(flatten)]
-    asking: Asking,
+    asking: DatabaseArgs,
 }
 
 /// What `dca param get` is told.
@@ -52,7 +52,7 @@ struct Get {
     /// The parameter
     parameter: String,
     #[command(flatten)]
-    asking: Asking,
+    asking: DatabaseArgs,
 }
 
 /// What `dca param set` is told.
@@ -66,7 +66,7 @@ struct Set {
     #[arg(allow_hyphen_values = true)]
     value: String,
     #[command(flatten)]
-    writing: Writing,
+    writing: CommitArgs,
 }
 
 /// What `dca param unset` is told.
@@ -77,7 +77,7 @@ struct Unset {
     /// The parameter
     parameter: String,
     #[command(flatten)]
-    writing: Writing,
+    writing: CommitArgs,
 }
 
 /// A program, its robot, and what the database of that says of its parameters.
@@ -300,7 +300,7 @@ impl Found {
 }
 
 /// Finds the keys that set a parameter of a program that does not run: of any robot that can be reached.
-fn stored(asking: &Asking, instance: &str, parameter: &str) -> Result<Vec<String>, Failure> {
+fn stored(asking: &DatabaseArgs, instance: &str, parameter: &str) -> Result<Vec<String>, Failure> {
     asking.with(async |databases| {
         let mut found = Vec::new();
         for host in databases.robots().await? {
@@ -323,7 +323,7 @@ fn is_set_by(key: &str, name: &str, parameter: &str) -> bool {
 }
 
 /// Asks every node that can be reached for its programs, and its database for what goes over their arguments.
-fn programs(asking: &Asking) -> Result<Found, Failure> {
+fn programs(asking: &DatabaseArgs) -> Result<Found, Failure> {
     asking.with(async |databases| {
         let mut programs = Vec::new();
         for host in databases.robots().await? {

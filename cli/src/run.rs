@@ -26,7 +26,7 @@ pub struct Arguments {
     /// The spec
     file: PathBuf,
     #[command(flatten)]
-    following: follow::Following,
+    following: follow::FollowArgs,
     #[command(flatten)]
     controllers: Controllers,
     /// Keep the database of its nodes in this folder [default: it is gone when the command ends]
@@ -93,7 +93,7 @@ impl Nodes {
         Ok(nodes)
     }
 
-    async fn carry(&mut self, spec: Spec, following: &follow::Following) -> Result<(), Failure> {
+    async fn carry(&mut self, spec: Spec, following: &follow::FollowArgs) -> Result<(), Failure> {
         let home = spec.plan.home().context("the plan names no host for `main`")?.to_owned();
         let client = Client::to_socket(self.base.join(&home).join("node.sock")).await?;
         let result = tokio::select! {

@@ -3,7 +3,7 @@
 //! It says nothing of what nobody has asked: hosts that do not answer are named, and so are deployments that such a host may
 //! still run. A status is an answer, so the exit code is 0 all the same.
 
-use crate::Reaching;
+use crate::ConnectArgs;
 use crate::absent::{self, Away, open_hosts};
 use crate::client::Clients;
 use crate::logic::tree::{Unknown, tree};
@@ -20,7 +20,7 @@ pub struct Arguments {
     #[arg(long)]
     json: bool,
     #[command(flatten)]
-    reaching: Reaching,
+    reaching: ConnectArgs,
 }
 
 /// What a node says in JSON.

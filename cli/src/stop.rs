@@ -4,7 +4,7 @@
 //! What a host has not confirmed stays on the list of the deployment's home: a second stop says so, too.
 //! A link that is lost meanwhile is not an answer: the node is asked again.
 
-use crate::Reaching;
+use crate::ConnectArgs;
 use crate::absent::{self, confirmers};
 use crate::client::{ANSWER_WITHIN, Answers, Client, Clients, Statuses, unasked, words};
 use anyhow::anyhow;
@@ -30,7 +30,7 @@ pub struct Arguments {
     #[arg(long)]
     forget: bool,
     #[command(flatten)]
-    reaching: Reaching,
+    reaching: ConnectArgs,
 }
 
 /// Runs the verb.

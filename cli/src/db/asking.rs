@@ -1,6 +1,6 @@
 //! Which robot's copy is asked, and its answers.
 
-use crate::Reaching;
+use crate::ConnectArgs;
 use crate::absent::{self, Away};
 use crate::client::{Answers, Client, unasked};
 use anyhow::anyhow;
@@ -21,7 +21,7 @@ pub(crate) const ANSWER_WITHIN: Duration = Duration::from_secs(10);
 
 /// Whom to ask, and in which form to print the answer.
 #[derive(Debug, clap::Args)]
-pub struct Asking {
+pub struct DatabaseArgs {
     /// Ask the copy of this robot [default: the one on this machine]
     #[arg(long, value_name = "ROBOT")]
     robot: Option<String>,
@@ -29,7 +29,7 @@ pub struct Asking {
     #[arg(long)]
     pub(crate) json: bool,
     #[command(flatten)]
-    reaching: Reaching,
+    reaching: ConnectArgs,
 }
 
 /// A connection to the databases of the robots that can be reached.
@@ -50,7 +50,7 @@ pub(crate) struct Replies {
     robot: String,
 }
 
-impl Asking {
+impl DatabaseArgs {
     /// Does something with the databases, and closes the connection after it.
     pub(crate) fn with<T>(&self, work: impl AsyncFnOnce(&Databases<'_>) -> Result<T, Failure>) -> Result<T, Failure> {
         block_on(async {

@@ -1,8 +1,8 @@
 //! `dca db export`, `tx`: many keys at once, from and to text.
 
-use super::asking::{Asking, refusal};
+use super::asking::{DatabaseArgs, refusal};
 use super::past::a_moment;
-use super::write::{Writing, written};
+use super::write::{CommitArgs, written};
 use crate::io::named_file;
 use crate::io::whole_file::WholeFile;
 use anyhow::{Context, anyhow, bail};
@@ -32,7 +32,7 @@ pub struct Export {
     #[arg(long, short, value_name = "FILE", conflicts_with = "json")]
     output: Option<PathBuf>,
     #[command(flatten)]
-    asking: Asking,
+    asking: DatabaseArgs,
 }
 
 /// What `dca db tx` is told.
@@ -42,7 +42,7 @@ pub struct Tx {
     #[arg(default_value = "-")]
     file: PathBuf,
     #[command(flatten)]
-    writing: Writing,
+    writing: CommitArgs,
 }
 
 impl Export {

@@ -6,7 +6,7 @@
 
 use super::asking::{Databases, refusal};
 use super::file::read;
-use super::write::{Got, Writing};
+use super::write::{CommitArgs, Got};
 use crate::logic::mission::{Line, Style};
 use crate::output::Output;
 use anyhow::{Context, anyhow};
@@ -45,7 +45,7 @@ pub struct Import {
     #[arg(long)]
     atomic: bool,
     #[command(flatten)]
-    writing: Writing,
+    writing: CommitArgs,
 }
 
 /// What has become of an import.

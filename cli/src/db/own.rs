@@ -1,11 +1,11 @@
 //! `dca db own`: who alone writes below a prefix.
 
 use super::asking::refusal;
-use super::write::Writing;
+use super::write::CommitArgs;
 use anyhow::Context;
 use dbmanager::logic::key::Key;
 use node::console::{self, Failure};
-use node::logic::database::question::{Own as Owning, Question, Reply};
+use node::logic::database::question::{Own as OwnRequest, Question, Reply};
 
 /// What `dca db own` is told.
 #[derive(Debug, clap::Args)]
@@ -23,7 +23,7 @@ pub struct Own {
     #[arg(long, requires = "owner")]
     by_force: bool,
     #[command(flatten)]
-    writing: Writing,
+    writing: CommitArgs,
 }
 
 impl Own {
@@ -33,7 +33,7 @@ impl Own {
         let prefix = Key::new(prefix.trim_end_matches('/')).context("reading the prefix")?;
         let (robot, by_force, reason) = (self.owner, self.by_force, self.writing.reason_or("own"));
         let (far, within) = (self.writing.level.clone(), self.writing.within);
-        self.writing.send(&Question::Own(Owning { prefix, robot, by_force, reason, far, within }))
+        self.writing.send(&Question::Own(OwnRequest { prefix, robot, by_force, reason, far, within }))
     }
 
     fn list(&self) -> Result<(), Failure> {

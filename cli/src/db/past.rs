@@ -1,8 +1,8 @@
 //! `dca db history`, `conflicts`, `resolve`, `diff`, `at`: what was, and what nobody has settled.
 
-use super::asking::{Asking, keys, refusal};
+use super::asking::{DatabaseArgs, keys, refusal};
 use super::read;
-use super::write::Writing;
+use super::write::CommitArgs;
 use anyhow::Context;
 use dbmanager::logic::key::Key;
 use dbmanager::logic::version_vector::Dot;
@@ -12,7 +12,7 @@ use dbmanager::logic::view::table::{self, Span};
 use dbmanager::logic::view::value::Datum;
 use dbmanager::logic::view::{date, token};
 use node::console::{self, Failure};
-use node::logic::database::question::{Choice, Moment, Question, Reply, Resolve as Settling};
+use node::logic::database::question::{Choice, Moment, Question, Reply, Resolve as ResolveRequest};
 
 /// What `dca db history` is told.
 #[derive(Debug, clap::Args)]
@@ -33,7 +33,7 @@ pub struct History {
     #[arg(long, short = 'n', value_name = "COUNT", default_value_t = 50)]
     limit: usize,
     #[command(flatten)]
-    asking: Asking,
+    asking: DatabaseArgs,
 }
 
 /// What `dca db conflicts` is told.
@@ -43,7 +43,7 @@ pub struct Conflicts {
     #[arg(default_value = "")]
     prefix: String,
     #[command(flatten)]
-    asking: Asking,
+    asking: DatabaseArgs,
 }
 
 /// What `dca db resolve` is told.
@@ -71,7 +71,7 @@ pub struct Resolve {
     #[arg(long, value_name = "SEEN", default_value = "", hide_default_value = true)]
     seen: String,
     #[command(flatten)]
-    writing: Writing,
+    writing: CommitArgs,
 }
 
 /// What `dca db diff` is told.
@@ -87,7 +87,7 @@ pub struct Diff {
     #[arg(long, value_name = "PREFIX", default_value = "")]
     prefix: String,
     #[command(flatten)]
-    asking: Asking,
+    asking: DatabaseArgs,
 }
 
 /// What `dca db at` is told.
@@ -100,7 +100,7 @@ pub struct At {
     #[arg(default_value = "")]
     prefix: String,
     #[command(flatten)]
-    asking: Asking,
+    asking: DatabaseArgs,
 }
 
 /// The arguments of `dca db version`.
@@ -110,7 +110,7 @@ pub struct VersionAt {
     #[arg(value_parser = a_moment, default_value = "now")]
     moment: Moment,
     #[command(flatten)]
-    asking: Asking,
+    asking: DatabaseArgs,
 }
 
 impl History {
@@ -186,8 +186,8 @@ impl Resolve {
             _ if self.delete => Choice::Value(None),
             _ => Choice::Shown,
         };
-        let Writing { level: far, within, .. } = &self.writing;
-        self.writing.send(&Question::Resolve(Settling {
+        let CommitArgs { level: far, within, .. } = &self.writing;
+        self.writing.send(&Question::Resolve(ResolveRequest {
             key: Key::new(self.key)?,
             choice,
             reason: self.writing.reason_or("settle"),

@@ -1,6 +1,6 @@
 //! `dca db get`: what is there.
 
-use super::asking::{Asking, keys, refusal};
+use super::asking::{DatabaseArgs, keys, refusal};
 use anyhow::{Context, anyhow};
 use dbmanager::logic::key::Key;
 use dbmanager::logic::state::{Version, differ};
@@ -16,7 +16,7 @@ pub struct Get {
     #[arg(default_value = "")]
     key: String,
     #[command(flatten)]
-    asking: Asking,
+    asking: DatabaseArgs,
 }
 
 impl Get {
@@ -42,7 +42,7 @@ impl Get {
 }
 
 /// Prints what the keys below a prefix hold, or have held.
-pub(crate) fn list(asking: &Asking, prefix: String, at: Moment) -> Result<(), Failure> {
+pub(crate) fn list(asking: &DatabaseArgs, prefix: String, at: Moment) -> Result<(), Failure> {
     let question = Question::List { prefix, at };
     let mut entries = Vec::new();
     asking.ask_all(question, |reply| {

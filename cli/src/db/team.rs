@@ -1,6 +1,6 @@
 //! `dca db status`, `found`, `join`, `retire`, `heal-clock`: the team.
 
-use super::asking::{Asking, Databases, refusal};
+use super::asking::{DatabaseArgs, Databases, refusal};
 use anyhow::anyhow;
 use comms::io::clock;
 use node::console::{self, Failure};
@@ -17,7 +17,7 @@ const LOOK_AGAIN: Duration = Duration::from_millis(100);
 #[derive(Debug, clap::Args)]
 pub struct Status {
     #[command(flatten)]
-    asking: Asking,
+    asking: DatabaseArgs,
 }
 
 /// What `dca db retire` is told.
@@ -29,7 +29,7 @@ pub struct Retire {
     #[arg(long)]
     older: bool,
     #[command(flatten)]
-    asking: Asking,
+    asking: DatabaseArgs,
 }
 
 /// What `dca db join` is told.
@@ -38,14 +38,14 @@ pub struct Join {
     /// A robot of the other team, as `dca db status` lists them
     member: String,
     #[command(flatten)]
-    asking: Asking,
+    asking: DatabaseArgs,
 }
 
 /// What a verb without anything of its own is told.
 #[derive(Debug, clap::Args)]
 pub struct Operate {
     #[command(flatten)]
-    asking: Asking,
+    asking: DatabaseArgs,
 }
 
 impl Status {

@@ -1,6 +1,6 @@
 //! `dca db watch`: what happens to keys, as it happens; nothing is missed, also not while nobody could be reached.
 
-use super::asking::{ANSWER_WITHIN, Asking, Databases, Replies, keys, refusal};
+use super::asking::{ANSWER_WITHIN, DatabaseArgs, Databases, Replies, keys, refusal};
 use anyhow::anyhow;
 use comms::io::clock;
 use dbmanager::logic::version_vector::VersionVector;
@@ -26,7 +26,7 @@ pub struct Watch {
     #[arg(long, value_name = "VERSION", value_parser = a_version)]
     from: Option<VersionVector>,
     #[command(flatten)]
-    asking: Asking,
+    asking: DatabaseArgs,
 }
 
 impl Watch {

@@ -1,6 +1,6 @@
 //! `dca db put`, `delete`: one transaction, and how far it has got.
 
-use super::asking::{ANSWER_WITHIN, Asking, Databases, refusal};
+use super::asking::{ANSWER_WITHIN, DatabaseArgs, Databases, refusal};
 use anyhow::{Context, anyhow};
 use comms::io::clock;
 use comms::logic::human::span;
@@ -18,7 +18,7 @@ use std::time::Duration;
 
 /// What every verb that writes is told.
 #[derive(Debug, clap::Args)]
-pub struct Writing {
+pub struct CommitArgs {
     /// Why, for whoever looks at the history
     #[arg(long, short = 'm', value_name = "WHY", default_value = "")]
     reason: String,
@@ -29,7 +29,7 @@ pub struct Writing {
     #[arg(long, value_name = "TIME", default_value = "5s", value_parser = time)]
     pub(crate) within: Duration,
     #[command(flatten)]
-    pub(crate) asking: Asking,
+    pub(crate) asking: DatabaseArgs,
 }
 
 /// What `dca db put` is told.
@@ -47,7 +47,7 @@ pub struct Put {
     #[arg(long)]
     from_json: bool,
     #[command(flatten)]
-    writing: Writing,
+    writing: CommitArgs,
 }
 
 /// What `dca db delete` is told.
@@ -57,7 +57,7 @@ pub struct Delete {
     #[arg(required = true)]
     keys: Vec<String>,
     #[command(flatten)]
-    writing: Writing,
+    writing: CommitArgs,
 }
 
 impl Put {
@@ -104,7 +104,7 @@ fn stays_here(question: &Question) -> bool {
     commit.writes.iter().all(|write| write.key.namespace() == Namespace::Local)
 }
 
-impl Writing {
+impl CommitArgs {
     /// Commits, on the robot whose keys they are, and says how far it has got.
     pub(crate) fn commit(&self, requires: Vec<Require>, writes: Vec<Write>) -> Result<(), Failure> {
         self.send(&self.question(self.reason.clone(), requires, writes))

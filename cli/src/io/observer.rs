@@ -32,7 +32,7 @@ pub struct Sample {
 
 /// What comes of the sources.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Sight {
+pub enum ObserverEvent {
     /// A sample.
     Sample(Sample),
     /// What went over a wire.
@@ -90,7 +90,7 @@ struct Opened {
 impl Observer {
     /// Begins to dial every program of `sources` (instance path, where to dial), all at once. What comes of them goes to
     /// `sink`; samples are left out when it is full.
-    pub fn open(robot: &str, sources: &[(String, Dial)], sink: Sender<Sight>) -> Self {
+    pub fn open(robot: &str, sources: &[(String, Dial)], sink: Sender<ObserverEvent>) -> Self {
         let source = |(path, dial): &(String, Dial)| Source {
             key: key::signals(robot, path),
             dial: dial.clone(),
@@ -100,7 +100,7 @@ impl Observer {
     }
 
     /// Begins to dial the producers of some wires; else as [`Observer::open`] does. Values that are too long are left out.
-    pub fn open_ports(deployment: &Deployment, ports: &[(Port, Dial)], sink: Sender<Sight>) -> Self {
+    pub fn open_ports(deployment: &Deployment, ports: &[(Port, Dial)], sink: Sender<ObserverEvent>) -> Self {
         let source = |(port, dial): &(Port, Dial)| {
             let what = What::Port(port.from.clone(), port.to.clone());
             Source { key: port.key(deployment), dial: dial.clone(), what }
@@ -108,7 +108,7 @@ impl Observer {
         Self::look(ports.iter().map(source).collect(), sink)
     }
 
-    fn look(sources: Vec<Source>, sink: Sender<Sight>) -> Self {
+    fn look(sources: Vec<Source>, sink: Sender<ObserverEvent>) -> Self {
         let mut opening = JoinSet::new();
         opening.spawn(look(sources, sink));
         Self { opening }
@@ -127,8 +127,8 @@ impl Observer {
     }
 }
 
-async fn look(sources: Vec<Source>, sink: Sender<Sight>) -> Option<Opened> {
-    let unseen = async |what: String| drop(sink.send(Sight::Unseen(what)).await);
+async fn look(sources: Vec<Source>, sink: Sender<ObserverEvent>) -> Option<Opened> {
+    let unseen = async |what: String| drop(sink.send(ObserverEvent::Unseen(what)).await);
     // Zenoh's own calls block.
     let opened = tokio::task::spawn_blocking(DataSession::open_observer).await;
     let session = match opened.map_err(anyhow::Error::from).and_then(|opened| Ok(opened?)) {
@@ -155,7 +155,7 @@ async fn look(sources: Vec<Source>, sink: Sender<Sight>) -> Option<Opened> {
 }
 
 /// Hears a source, if need be from when it is reached on; says why not, or not yet.
-fn reach(session: &DataSession, source: Source, sink: Sender<Sight>) -> (Option<Hearing>, Option<String>) {
+fn reach(session: &DataSession, source: Source, sink: Sender<ObserverEvent>) -> (Option<Hearing>, Option<String>) {
     let Source { key, dial, what } = source;
     let (name, dialled) = (what.name(), session.dial(&dial, DIAL_WITHIN));
     // One that is far away takes longer.
@@ -168,14 +168,14 @@ fn reach(session: &DataSession, source: Source, sink: Sender<Sight>) -> (Option<
     }
 }
 
-fn hear(session: &DataSession, key: &str, what: What, sink: Sender<Sight>) -> Result<Hearing, DataError> {
+fn hear(session: &DataSession, key: &str, what: What, sink: Sender<ObserverEvent>) -> Result<Hearing, DataError> {
     let path = match what {
         What::Signals(path) => path,
         What::Port(from, to) => {
             return session.on_sample(key, move |bytes| {
                 if bytes.len() <= VALUE_MAX {
                     let (from, to, bytes) = (from.clone(), to.clone(), bytes.to_vec());
-                    sink.try_send(Sight::Port { from, to, arrived: clock::now(), bytes }).unwrap_or_default();
+                    sink.try_send(ObserverEvent::Port { from, to, arrived: clock::now(), bytes }).unwrap_or_default();
                 }
             });
         }
@@ -183,7 +183,7 @@ fn hear(session: &DataSession, key: &str, what: What, sink: Sender<Sight>) -> Re
     session.on_sample(key, move |bytes| {
         for sample in samples(&path, &bytes, clock::now()) {
             // A full queue means that the screen or the disk is slow; the robot must not feel it.
-            sink.try_send(Sight::Sample(sample)).unwrap_or_default();
+            sink.try_send(ObserverEvent::Sample(sample)).unwrap_or_default();
         }
     })
 }
@@ -243,7 +243,7 @@ mod tests {
         let sources = [("main/hit".to_owned(), Dial { session: program.location().session, locators })];
         let (sink, mut seen) = tokio::sync::mpsc::channel(16);
         let observer = Observer::open("door", &sources, sink);
-        let Some(Sight::Unseen(why)) = seen.recv().await else { panic!("it is not there yet") };
+        let Some(ObserverEvent::Unseen(why)) = seen.recv().await else { panic!("it is not there yet") };
         assert!(why.starts_with("signals of `main/hit` cannot be seen yet: cannot reach session "), "{why}");
         std::os::unix::fs::symlink(folder.join("s"), folder.join("late")).unwrap();
         let bytes = codec::encode(&Signals { stamp: clock::now(), values: Vec::new() }).unwrap();
@@ -253,7 +253,7 @@ mod tests {
             publisher
         });
         let publisher = publishing.await.unwrap();
-        assert!(matches!(seen.recv().await, Some(Sight::Sample(_))));
+        assert!(matches!(seen.recv().await, Some(ObserverEvent::Sample(_))));
         observer.close().await;
         let closing = tokio::task::spawn_blocking(move || {
             drop(publisher);
@@ -275,7 +275,7 @@ mod tests {
         ];
         let (sink, mut seen) = tokio::sync::mpsc::channel(16);
         let observer = Observer::open("door", &sources, sink);
-        let Some(Sight::Unseen(why)) = seen.recv().await else { panic!("everything is seen") };
+        let Some(ObserverEvent::Unseen(why)) = seen.recv().await else { panic!("everything is seen") };
         assert!(why.starts_with("signals of `main/gone` cannot be seen: cannot reach session 1: it listens"), "{why}");
         let signals = Signals { stamp: clock::now(), values: Vec::new() };
         let bytes = codec::encode(&signals).unwrap();
@@ -284,7 +284,7 @@ mod tests {
             publisher.put(bytes).unwrap();
             publisher
         });
-        let Some(Sight::Sample(sample)) = seen.recv().await else { panic!("no sample came") };
+        let Some(ObserverEvent::Sample(sample)) = seen.recv().await else { panic!("no sample came") };
         assert_eq!((sample.path.as_str(), sample.signals), ("main/hit", signals));
         observer.close().await;
         let publisher = publishing.await.unwrap();

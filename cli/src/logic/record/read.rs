@@ -37,7 +37,7 @@ impl Run {
     /// # Errors
     /// When it does not even say what was run.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, ReadError> {
-        let mut reading = Reading { bytes, ..Reading::default() };
+        let mut reading = RecordReader { bytes, ..RecordReader::default() };
         if bytes.starts_with(mcap::MAGIC) {
             reading.all();
         } else {
@@ -58,7 +58,7 @@ impl Run {
 }
 
 #[derive(Default)]
-struct Reading<'a> {
+struct RecordReader<'a> {
     bytes: &'a [u8],
     about: Option<About>,
     plan: Option<Plan>,
@@ -93,7 +93,7 @@ struct Log {
     message: String,
 }
 
-impl Reading<'_> {
+impl RecordReader<'_> {
     /// Reads all that is whole, to the end of the data.
     fn all(&mut self) {
         let mut parts = Parts::new(self.bytes);
