@@ -3,13 +3,19 @@
 //! The agent can be killed and replaced while this runs on, so no exit code is ever lost. As a subreaper it inherits every
 //! process that the program leaves behind, daemons included; so "no child is left" means "nothing of it is left".
 //!
-//! The instance *is* its main process: when that ends, what it leaves behind is killed at once. Three threads send events
-//! to the main one: orders (standard input), output (the program's), and reaper (children that end).
+//! The instance *is* its main process: when that ends, what it leaves behind is killed at once. Two threads send events to
+//! the main one: agent (orders, attachments, losses) and reaper (children that end). Two more keep the program's output.
+//!
+//! When its agent is gone, the shim either stops the program within a grace, or keeps it until it ends or another agent
+//! attaches ([`ShimStart::agent_loss_grace`]). The stop of a running program begins at once, and no agent that attaches undoes
+//! it; at the gate, where nothing runs, the grace is how long another agent may take to attach.
 
+mod agent;
 mod descendants;
 mod launch;
 mod output;
 
+use agent::Agent;
 use comms::io::clock::now;
 use comms::io::descriptors;
 use comms::logic::human::cause;
@@ -20,7 +26,7 @@ use rustix::io::Errno;
 use rustix::process::{Pid, PidfdFlags, Signal, WaitOptions, WaitStatus, pidfd_open, pidfd_send_signal};
 use shim::process_record::{ProcessRecord, RECORD_FILE};
 use shim::processes;
-use shim::protocol::{EXIT_FILE, Gate, LAUNCH, ShimOrder, ShimReport, ShimStart};
+use shim::protocol::{AGENT_LOSS_GRACE, EXIT_FILE, Gate, LAUNCH, SOCKET_FILE, ShimOrder, ShimReport, ShimStart};
 use std::fs::{File, OpenOptions};
 use std::io::{self, Write};
 use std::os::fd::OwnedFd;
@@ -46,7 +52,7 @@ Options:
   --directory DIR              where output and exit code go
   --working-directory DIR      the program's working directory
   --gate none|exec             run the program at once, or when standard input says `go`
-  --agent-loss-grace-ms N      how long it has to stop when the node is gone
+  --agent-loss keep|N          goes on without a node, or how long it has to stop when the node is gone, in ms
   --environment NAME=VALUE     its whole environment; may be given more than once
   --memory BYTES  --cpu-s S  --files N  --nice N  --realtime P  --realtime-optional P
                                what it may use
@@ -57,6 +63,8 @@ Options:
 enum Event {
     Order(ShimOrder),
     AgentGone,
+    /// Another one is there.
+    Attached,
     Ended(Pid, WaitStatus),
     NoneLeft,
 }
@@ -69,7 +77,7 @@ fn main() -> ExitCode {
         _ => None,
     };
     if let Some(about) = about {
-        return ExitCode::from(u8::from(writeln!(io::stdout(), "{about}").is_err()));
+        return ExitCode::from(u8::from(print(&format!("{about}\n")).is_err()));
     }
     let is_launch = arguments.next_if(|first| first == LAUNCH).is_some();
     let start = match ShimStart::parse(arguments) {
@@ -96,25 +104,27 @@ fn main() -> ExitCode {
 /// Runs the program from the gate to the last report.
 fn supervise(start: &ShimStart) -> io::Result<()> {
     rustix::process::set_child_subreaper(Some(rustix::process::getpid()))?;
-    let record = match Record::begin(start) {
+    let agent = Agent::new(&start.dir);
+    // Here the files of the instance may be another shim's already.
+    if agent::is_lost() {
+        agent.report(&ShimReport::Gone);
+        return Ok(());
+    }
+    let (events_tx, events) = sync_channel(64);
+    let record = match prepare(start, &agent, events_tx.clone()) {
         Ok(record) => record,
-        Err(error) => {
-            let reason = format!("cannot write `{}`: {}", start.dir.join(RECORD_FILE).display(), cause(&error));
-            conclude(&start.dir, &ShimReport::ExecFailed { reason });
-            report(&ShimReport::Gone);
+        Err(reason) => {
+            conclude(&start.dir, &agent, &ShimReport::ExecFailed { reason });
+            agent.leave();
             return Ok(());
         }
     };
-    let (events_tx, events) = sync_channel(64);
-    let orders_tx = events_tx.clone();
-    std::thread::Builder::new().name("orders".into()).spawn(move || hear_orders(&orders_tx))?;
-    if start.gate == Gate::Exec {
-        report(&ShimReport::Ready);
-        if !is_opened(&events) {
-            record.remove();
-            report(&ShimReport::Gone);
-            return Ok(());
-        }
+    // An agent that was there when the socket was, knows of this shim or has a successor that finds it. One that was not
+    // has neither; nobody would ever order about what is started now.
+    if agent::is_lost() || !is_opened(start, &agent, &events) {
+        record.remove();
+        agent.leave();
+        return Ok(());
     }
     let output = Output::open(&start.dir)?;
     if start.descriptors.is_some() {
@@ -123,16 +133,35 @@ fn supervise(start: &ShimStart) -> io::Result<()> {
     match execute(start, &output) {
         Ok(program) => {
             record.add(program.pid);
-            report(&ShimReport::Started { pid: program.pid.as_raw_nonzero().get().cast_unsigned() });
+            agent.report(&ShimReport::Started { pid: program.pid.as_raw_nonzero().get().cast_unsigned() });
             std::thread::Builder::new().name("reaper".into()).spawn(move || reap(&events_tx))?;
-            Supervision { start, program, output: &output, deadline: None, killing: false }.run(&events);
+            let output = &output;
+            Supervision { start, agent: &agent, program, output, deadline: None, killing: false }.run(&events);
         }
-        Err(reason) => conclude(&start.dir, &ShimReport::ExecFailed { reason }),
+        Err(reason) => conclude(&start.dir, &agent, &ShimReport::ExecFailed { reason }),
     }
     output.settle(SETTLE);
     record.remove();
-    report(&ShimReport::Gone);
+    agent.leave();
     Ok(())
+}
+
+/// Makes the instance directory this shim's, and lets agents attach; says why not.
+fn prepare(start: &ShimStart, agent: &Agent, events: SyncSender<Event>) -> Result<Record, String> {
+    let failed = |action: &str, name: &str, error: &io::Error| {
+        format!("cannot {action} `{}`: {}", start.dir.join(name).display(), cause(error))
+    };
+    // That of an earlier program would be taken for the end of this one.
+    match std::fs::remove_file(start.dir.join(EXIT_FILE)) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(failed("remove", EXIT_FILE, &error)),
+        _ => {}
+    }
+    let record = Record::begin(start).map_err(|error| failed("write", RECORD_FILE, &error))?;
+    agent.listen(events).map_err(|error| {
+        record.remove();
+        failed("open", SOCKET_FILE, &error)
+    })?;
+    Ok(record)
 }
 
 /// The record of who runs here, for a node that starts after this shim and its node were killed.
@@ -145,7 +174,8 @@ impl Record {
         let path = start.dir.join(RECORD_FILE);
         let record = ProcessRecord {
             boot: processes::kernel_boot(),
-            grace: start.agent_loss_grace,
+            // Whoever ends a program that would be kept gives it the grace of any other.
+            grace: start.agent_loss_grace.unwrap_or(AGENT_LOSS_GRACE),
             shim: processes::this(),
             program: None,
         };
@@ -168,9 +198,31 @@ impl Record {
     }
 }
 
-/// Waits at the gate; says whether it was opened.
-fn is_opened(events: &Receiver<Event>) -> bool {
-    matches!(events.recv(), Ok(Event::Order(ShimOrder::Go)))
+/// Waits at the gate, if there is one; says whether it was opened.
+fn is_opened(start: &ShimStart, agent: &Agent, events: &Receiver<Event>) -> bool {
+    if start.gate == Gate::None {
+        return true;
+    }
+    agent.report(&ShimReport::Ready);
+    let mut deadline = None;
+    loop {
+        match next(events, deadline) {
+            Ok(Event::Order(order)) => return order == ShimOrder::Go,
+            Ok(Event::AgentGone) => deadline = start.agent_loss_grace.map(|grace| now() + grace),
+            Ok(Event::Attached) => deadline = None,
+            // Nothing runs yet.
+            Ok(Event::Ended(..) | Event::NoneLeft) => {}
+            Err(_too_late) => return false,
+        }
+    }
+}
+
+/// Returns the next event, or that the deadline has come.
+fn next(events: &Receiver<Event>, deadline: Option<Time>) -> Result<Event, RecvTimeoutError> {
+    match deadline {
+        Some(deadline) => events.recv_timeout(deadline.since(now())),
+        None => events.recv().map_err(RecvTimeoutError::from),
+    }
 }
 
 /// The main process.
@@ -210,6 +262,7 @@ fn execute(start: &ShimStart, output: &Output) -> Result<Program, String> {
 /// From the start of the program to its end.
 struct Supervision<'a> {
     start: &'a ShimStart,
+    agent: &'a Agent,
     program: Program,
     output: &'a Output,
     /// When the grace is over, or descendants are looked for again.
@@ -220,18 +273,18 @@ struct Supervision<'a> {
 impl Supervision<'_> {
     fn run(&mut self, events: &Receiver<Event>) {
         loop {
-            match self.next(events) {
-                Some(Event::Order(ShimOrder::Go)) => {}
-                Some(Event::Order(ShimOrder::Stop { grace })) => self.stop(grace),
-                Some(Event::Order(ShimOrder::Kill)) | None => self.kill(),
-                Some(Event::AgentGone) => self.stop(self.start.agent_loss_grace),
-                Some(Event::Ended(pid, status)) if pid == self.program.pid => {
+            match next(events, self.deadline) {
+                Ok(Event::Order(ShimOrder::Stop { grace })) => self.stop(grace),
+                Ok(Event::Order(ShimOrder::Kill)) | Err(RecvTimeoutError::Timeout) => self.kill(),
+                Ok(Event::AgentGone) => self.start.agent_loss_grace.into_iter().for_each(|grace| self.stop(grace)),
+                Ok(Event::Ended(pid, status)) if pid == self.program.pid => {
                     self.output.settle(SETTLE);
-                    conclude(&self.start.dir, &self.ending(status));
+                    conclude(&self.start.dir, self.agent, &self.ending(status));
                     self.kill();
                 }
-                Some(Event::Ended(..)) => {}
-                Some(Event::NoneLeft) => return,
+                Ok(Event::Order(ShimOrder::Go) | Event::Ended(..) | Event::Attached) => {}
+                // The reaper ends with the first.
+                Ok(Event::NoneLeft) | Err(RecvTimeoutError::Disconnected) => return,
             }
         }
     }
@@ -240,20 +293,6 @@ impl Supervision<'_> {
     fn ending(&self, status: WaitStatus) -> ShimReport {
         let refusal = status.exit_status().and_then(|code| launch::refusal(&self.start.dir, code));
         refusal.map_or_else(|| ending(status), |reason| ShimReport::ExecFailed { reason })
-    }
-
-    /// Returns the next event; none when the deadline has come.
-    fn next(&self, events: &Receiver<Event>) -> Option<Event> {
-        let next = match self.deadline {
-            Some(deadline) => events.recv_timeout(deadline.since(now())),
-            None => events.recv().map_err(RecvTimeoutError::from),
-        };
-        match next {
-            Ok(event) => Some(event),
-            Err(RecvTimeoutError::Timeout) => None,
-            // The reaper ends with this event.
-            Err(RecvTimeoutError::Disconnected) => Some(Event::NoneLeft),
-        }
     }
 
     /// Kills everything, at once and then again and again until there is nothing left.
@@ -280,20 +319,6 @@ impl Supervision<'_> {
     }
 }
 
-fn hear_orders(events: &SyncSender<Event>) {
-    for line in io::stdin().lines() {
-        let Ok(line) = line else { break };
-        let Some(order) = ShimOrder::parse(&line) else {
-            complain(&format!("dca-shim: `{line}` is no order"));
-            continue;
-        };
-        if events.send(Event::Order(order)).is_err() {
-            return;
-        }
-    }
-    events.send(Event::AgentGone).unwrap_or_default();
-}
-
 /// Collects every child that ends, its own and those inherited, until there is none.
 fn reap(events: &SyncSender<Event>) {
     loop {
@@ -315,12 +340,12 @@ fn ending(status: WaitStatus) -> ShimReport {
     }
 }
 
-/// Makes the end durable, then reports it.
-fn conclude(dir: &Path, end: &ShimReport) {
+/// Makes the end durable, then reports it: an agent that comes too late to attach reads the record.
+fn conclude(dir: &Path, agent: &Agent, end: &ShimReport) {
     if let Err(error) = record(dir, end) {
         complain(&format!("dca-shim: cannot write `{}`: {error}", dir.join(EXIT_FILE).display()));
     }
-    report(end);
+    agent.report(end);
 }
 
 fn record(dir: &Path, end: &ShimReport) -> io::Result<()> {
@@ -332,10 +357,9 @@ fn record(dir: &Path, end: &ShimReport) -> io::Result<()> {
     File::open(dir)?.sync_all()
 }
 
-/// Tells the agent. One that is gone does not hear it; its successor reads the record.
-fn report(report: &ShimReport) {
+fn print(text: &str) -> io::Result<()> {
     let mut stdout = io::stdout().lock();
-    writeln!(stdout, "{report}").and_then(|()| stdout.flush()).unwrap_or_default();
+    stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush())
 }
 
 fn complain(text: &str) {

@@ -3,6 +3,18 @@
 //! The shim is the parent of the program, so that the agent can be killed and replaced while the program runs on. It is
 //! told what to start by its arguments, ordered about by lines on its standard input, and reports by lines on its
 //! standard output. End of input means that the agent is gone.
+//!
+//! Another agent then attaches at the socket [`SOCKET_FILE`]. Orders and reports are counted from the start of the shim, over
+//! all connections, so that none is lost and none is carried out twice:
+//!
+//! ```text
+//! agent   attach 2          it has two reports
+//! shim    attached 1        it has taken one order: `go`, `stop` or `kill`
+//!         exited 7          the reports from the third on, first those that were made, then each when it is made
+//!         gone
+//! agent   stop 5000         the orders from the second on
+//! ```
+//! The shim reads one connection at a time, to its end. A connection that begins with anything else is closed.
 
 use std::ffi::OsString;
 use std::fmt;
@@ -22,6 +34,12 @@ pub const REFUSED_FILE: &str = "refused";
 pub const LAUNCH: &str = "--launch";
 /// How the program ended, as the line of the [`ShimReport`]; durable before the report is made.
 pub const EXIT_FILE: &str = "exit";
+/// Where an agent attaches to a shim whose own agent is gone, in the instance directory.
+pub const SOCKET_FILE: &str = "shim.sock";
+/// The longest line between agent and shim, its end included, in bytes. A longer one ends the connection.
+pub const LINE_MAX: u64 = 8 << 10;
+/// What stands in place of a grace when the program goes on without an agent.
+const KEEP: &str = "keep";
 /// How long a program may take to stop once its agent is gone, unless the start says otherwise.
 pub const AGENT_LOSS_GRACE: Duration = Duration::from_secs(1);
 
@@ -34,8 +52,9 @@ pub struct ShimStart {
     pub working_directory: PathBuf,
     /// When the program is executed.
     pub gate: Gate,
-    /// How long the program may take to stop once the agent is gone.
-    pub agent_loss_grace: Duration,
+    /// How long the program may take to stop once the agent is gone. With none it goes on until it ends by itself or an
+    /// agent that has attached ends it.
+    pub agent_loss_grace: Option<Duration>,
     /// What the program may use.
     pub limits: Limits,
     /// How many files and sockets the program may have open before it asks for more: its soft limit.
@@ -122,6 +141,20 @@ pub enum ShimReport {
     Gone,
 }
 
+/// The first line of an agent that attaches.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct AttachRequest {
+    /// How many reports of this shim it has.
+    pub reports: u64,
+}
+
+/// The shim's answer; the reports that the agent does not have follow.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct AttachReply {
+    /// How many orders the shim has taken.
+    pub orders: u64,
+}
+
 /// Why the arguments of a shim were not understood.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 pub enum ChildError {
@@ -190,6 +223,34 @@ impl ShimReport {
     }
 }
 
+impl fmt::Display for AttachRequest {
+    /// Writes the request as a line without its end.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "attach {}", self.reports)
+    }
+}
+
+impl AttachRequest {
+    /// Reads a line without its end; none if it is no request.
+    pub fn parse(line: &str) -> Option<Self> {
+        Some(Self { reports: line.strip_prefix("attach ")?.parse().ok()? })
+    }
+}
+
+impl fmt::Display for AttachReply {
+    /// Writes the reply as a line without its end.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "attached {}", self.orders)
+    }
+}
+
+impl AttachReply {
+    /// Reads a line without its end; none if it is no reply.
+    pub fn parse(line: &str) -> Option<Self> {
+        Some(Self { orders: line.strip_prefix("attached ")?.parse().ok()? })
+    }
+}
+
 impl ShimStart {
     /// Returns the arguments of the shim.
     pub fn arguments(&self) -> Vec<OsString> {
@@ -200,7 +261,8 @@ impl ShimStart {
         let mut arguments: Vec<OsString> = vec!["--directory".into(), self.dir.clone().into()];
         arguments.extend(["--working-directory".into(), self.working_directory.clone().into()]);
         arguments.extend(["--gate".into(), gate.into()]);
-        arguments.extend(["--agent-loss-grace-ms".into(), self.agent_loss_grace.as_millis().to_string().into()]);
+        let agent_loss = self.agent_loss_grace.map_or_else(|| KEEP.to_owned(), |grace| grace.as_millis().to_string());
+        arguments.extend(["--agent-loss".into(), agent_loss.into()]);
         if let Some(descriptors) = self.descriptors {
             arguments.extend(["--descriptors".into(), descriptors.to_string().into()]);
         }
@@ -224,7 +286,7 @@ impl ShimStart {
             dir: PathBuf::new(),
             working_directory: PathBuf::from("/"),
             gate: Gate::None,
-            agent_loss_grace: AGENT_LOSS_GRACE,
+            agent_loss_grace: Some(AGENT_LOSS_GRACE),
             limits: Limits::default(),
             descriptors: None,
             environment: Vec::new(),
@@ -263,9 +325,10 @@ impl ShimStart {
                     _ => return Err("must be `none` or `exec`"),
                 };
             }
-            "--agent-loss-grace-ms" => {
-                let millis = value.to_str().and_then(|millis| millis.parse().ok());
-                self.agent_loss_grace = Duration::from_millis(millis.ok_or("must be a number")?);
+            "--agent-loss" => {
+                let text = value.to_str().unwrap_or_default();
+                let millis = || text.parse().ok().ok_or("must be `keep` or a number");
+                self.agent_loss_grace = if text == KEEP { None } else { Some(Duration::from_millis(millis()?)) };
             }
             "--descriptors" => {
                 let count = value.to_str().and_then(|count| count.parse().ok());
@@ -342,15 +405,21 @@ mod tests {
         for line in ["", "go now", "stop", "stop soon", "started", "exited x", "left 3"] {
             assert_eq!((ShimOrder::parse(line), ShimReport::parse(line)), (None, None), "{line}");
         }
+        let (request, reply) = (AttachRequest { reports: 3 }, AttachReply { orders: u64::MAX });
+        assert_eq!(AttachRequest::parse(&request.to_string()), Some(request));
+        assert_eq!(AttachReply::parse(&reply.to_string()), Some(reply));
+        for line in ["", "attach", "attach ", "attach -1", "attach 1 2", "attached", "attached x", "go"] {
+            assert_eq!((AttachRequest::parse(line), AttachReply::parse(line)), (None, None), "{line}");
+        }
     }
 
     #[test]
     fn start_round_trips() {
-        let start = ShimStart {
+        let mut start = ShimStart {
             dir: "/run/dca/d/x".into(),
             working_directory: "/tmp".into(),
             gate: Gate::Exec,
-            agent_loss_grace: Duration::from_millis(20),
+            agent_loss_grace: Some(Duration::from_millis(20)),
             limits: Limits {
                 memory: Some(200_000_000),
                 cpu: Some(Duration::from_secs(600)),
@@ -362,6 +431,8 @@ mod tests {
             environment: vec![("DCA_INSTANCE".into(), "main/a=b".into()), ("EMPTY".into(), String::new())],
             command: vec!["sleep".into(), "--".into(), "5".into()],
         };
+        assert_eq!(ShimStart::parse(start.arguments()).as_ref(), Ok(&start));
+        start.agent_loss_grace = None;
         assert_eq!(ShimStart::parse(start.arguments()), Ok(start));
     }
 
@@ -374,6 +445,7 @@ mod tests {
         check(&["--directory", "/d", "--"], "no program to start after `--`");
         check(&["--", "true"], "argument `--directory`: is needed");
         check(&["--gate", "open"], "argument `--gate`: must be `none` or `exec`");
+        check(&["--agent-loss", "never"], "argument `--agent-loss`: must be `keep` or a number");
         check(&["--directory"], "argument `--directory`: needs a value");
         check(&["--nice", "very"], "argument `--nice`: must be a number");
         check(&["--speed", "9"], "argument `--speed`: is unknown");

@@ -3,6 +3,9 @@
 #![expect(clippy::wildcard_enum_match_arm, reason = "a test looks for one variant and shows any other")]
 #![expect(clippy::unwrap_used, reason = "a test stops where something is not as it should be")]
 
+#[path = "shim/attach.rs"]
+mod attach;
+
 use shim::protocol::{
     EXIT_FILE, Gate, Limits, OUTPUT_FILE, OUTPUT_FILE_OLD, OUTPUT_SIZE_MAX, Realtime, ShimOrder, ShimReport, ShimStart,
 };
@@ -41,7 +44,7 @@ impl Shim {
             dir: dir.clone(),
             working_directory: dir.clone(),
             gate: Gate::None,
-            agent_loss_grace: Duration::from_millis(200),
+            agent_loss_grace: Some(Duration::from_millis(200)),
             limits: Limits::default(),
             descriptors: None,
             environment: vec![("PATH".into(), "/usr/bin:/bin".into()), ("DCA_INSTANCE".into(), "main/x".into())],
@@ -254,8 +257,9 @@ fn nothing_outlives_a_lost_agent() {
     assert!(!pids.iter().any(|pid| is_running(pid)));
 
     let mut shim = Shim::start(Gate::Exec, &["sh", "-c", "echo started"]);
+    assert_eq!(shim.next(), Some(ShimReport::Ready));
     drop(shim.orders.take());
-    shim.expect(&[ShimReport::Ready, ShimReport::Gone]);
+    shim.expect(&[ShimReport::Gone]);
 }
 
 #[test]

@@ -363,7 +363,7 @@ impl Driver {
         let shim = ShimStart {
             working_directory: std::env::current_dir().unwrap_or_else(|_gone| "/".into()),
             gate: if is_controller { Gate::None } else { Gate::Exec },
-            agent_loss_grace: order.policy.agent_loss.unwrap_or(grace),
+            agent_loss_grace: Some(order.policy.agent_loss.unwrap_or(grace)),
             limits: child::limits(&order.policy.usage),
             descriptors: descriptors::before(),
             environment: self.environment(order.path, &dir, control.as_deref()),
