@@ -1,44 +1,94 @@
 //! The one place that starts and signals programs: each under a shim, which is told with lines and answers with lines.
 //!
+//! A shim that this node has started has its lines in two pipes. One that an earlier run of the node has started is attached
+//! to, at its socket; `shim::protocol` says what is counted then, so that nothing is lost or done twice.
+//!
 //! Nothing here kills on drop: a node that dies leaves its shims to their own rule, a node that lives tells them.
 
 pub mod leftovers;
 
 use crate::logic::output_lines::last_lines;
 use language::plan::Usage;
-use shim::protocol::{Limits, OUTPUT_FILE, OUTPUT_FILE_OLD, Realtime, ShimOrder, ShimReport, ShimStart};
-use std::io;
+use rustix::net::sockopt::{Timeout, set_socket_timeout};
+use rustix::net::{AddressFamily, SocketAddrUnix, SocketFlags, SocketType, connect, socket_with};
+use shim::protocol::{
+    AttachReply, AttachRequest, EXIT_FILE, Limits, OUTPUT_FILE, OUTPUT_FILE_OLD, Realtime, SOCKET_FILE, ShimOrder,
+    ShimReport, ShimStart,
+};
+use std::io::{self, Read, Write};
+use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
-use tokio::io::{AsyncBufReadExt, AsyncWriteExt, BufReader};
+use std::time::Duration;
+use tokio::io::{AsyncBufReadExt, AsyncRead, AsyncWrite, AsyncWriteExt, BufReader};
+use tokio::net::unix::{OwnedReadHalf, OwnedWriteHalf};
 use tokio::process::{ChildStdin, ChildStdout};
 use tokio::sync::mpsc::{Receiver, Sender};
 
 /// How much of a program's output is read to find its last lines, in bytes.
 const LAST_OUTPUT_MAX: u64 = 32 << 10;
+/// How long a shim may take for each step of an attachment: one that is suspended takes none.
+const ATTACH_WITHIN: Duration = Duration::from_secs(3);
+/// The longest reply to an attachment, its end included, in bytes.
+const REPLY_MAX: usize = 64;
+/// How long [`OUTPUT_FILE`] was when the program started, in bytes: a number in the instance directory, for a later node.
+const OUTPUT_BEGIN_FILE: &str = "out.begin";
 
-/// A started shim, seen from the node: its orders go in here.
+/// A shim, seen from the node: its orders go in here.
 #[derive(Debug)]
 pub struct ShimOrders {
-    orders: ChildStdin,
+    channel: OrderChannel,
 }
 
-/// The other side of a started shim: what it says, until it ends.
+#[derive(Debug)]
+enum OrderChannel {
+    Started(ChildStdin),
+    Attached(OwnedWriteHalf),
+}
+
+/// The other side of a shim: what it says, until it ends.
 #[derive(Debug)]
 pub struct ShimEar {
-    child: std::process::Child,
-    reports: ChildStdout,
+    channel: ReportChannel,
     dir: PathBuf,
     /// How long the file of output was: what was written before is not this program's.
     written_before: u64,
 }
 
-/// Starts a shim.
+#[derive(Debug)]
+enum ReportChannel {
+    Started(std::process::Child, ChildStdout),
+    Attached(OwnedReadHalf),
+}
+
+/// A shim that an earlier run of the node has started, and that takes orders of this one now.
+#[derive(Debug)]
+pub struct Attached {
+    /// Where the orders after those that were taken go.
+    pub orders: ShimOrders,
+    /// Where the reports come that the node did not have.
+    pub ear: ShimEar,
+    /// How many orders the shim has taken, of all nodes.
+    pub taken: u64,
+}
+
+/// Starts a shim. Blocks while files are written.
 ///
 /// # Errors
-/// The shim itself cannot be started.
+/// The shim itself cannot be started, or traces of an earlier one cannot be removed.
+///
+/// # Panics
+/// Outside a tokio runtime.
 pub fn start(shim: &Path, start: &ShimStart) -> io::Result<(ShimOrders, ShimEar)> {
     let written_before = std::fs::metadata(start.dir.join(OUTPUT_FILE)).map_or(0, |file| file.len());
+    // For whoever looks after this node has died here: until the shim is there, these would be of an earlier program.
+    for stale in [EXIT_FILE, SOCKET_FILE] {
+        remove_stale(&start.dir.join(stale))?;
+    }
+    // Without it old lines stand before those of this program, and only after such a death.
+    if let Err(error) = std::fs::write(start.dir.join(OUTPUT_BEGIN_FILE), written_before.to_string()) {
+        tracing::debug!(%error, "where the output of a program begins is not kept");
+    }
     let mut child = Command::new(shim)
         .args(start.arguments())
         .stdin(Stdio::piped())
@@ -49,7 +99,83 @@ pub fn start(shim: &Path, start: &ShimStart) -> io::Result<(ShimOrders, ShimEar)
     let missing = || io::Error::other("a pipe to the shim is missing");
     let orders = ChildStdin::from_std(child.stdin.take().ok_or_else(missing)?)?;
     let reports = ChildStdout::from_std(child.stdout.take().ok_or_else(missing)?)?;
-    Ok((ShimOrders { orders }, ShimEar { child, reports, dir: start.dir.clone(), written_before }))
+    let channel = ReportChannel::Started(child, reports);
+    let ear = ShimEar { channel, dir: start.dir.clone(), written_before };
+    Ok((ShimOrders { channel: OrderChannel::Started(orders) }, ear))
+}
+
+/// Attaches to the shim in `dir` that an earlier run of this node has started, of which `known_reports` reports are known.
+/// The ear hears the others, from the first on. Blocks, for 10 s at the most.
+///
+/// # Errors
+/// `TimedOut`: the shim is there and does not answer; it is suspended, or still has another node. Every other kind: the shim
+/// takes no orders. It is gone (`NotFound`, `ConnectionRefused`), is just leaving (`ConnectionReset`, `UnexpectedEof`), or has
+/// never made as many reports (`UnexpectedEof`). [`ended`] then says how its program ended.
+///
+/// # Panics
+/// Outside a tokio runtime.
+pub fn attach(dir: &Path, known_reports: u64) -> io::Result<Attached> {
+    let silent = |error: io::Error| {
+        let is_late = error.kind() == io::ErrorKind::WouldBlock;
+        if is_late { io::Error::new(io::ErrorKind::TimedOut, "the shim does not answer") } else { error }
+    };
+    let socket = socket_with(AddressFamily::UNIX, SocketType::STREAM, SocketFlags::CLOEXEC, None)?;
+    // Connecting waits as long, when as many wait as the kernel lets.
+    set_socket_timeout(&socket, Timeout::Send, Some(ATTACH_WITHIN))?;
+    connect(&socket, &SocketAddrUnix::new(dir.join(SOCKET_FILE))?).map_err(|error| silent(error.into()))?;
+    let mut stream = UnixStream::from(socket);
+    stream.set_read_timeout(Some(ATTACH_WITHIN))?;
+    stream.write_all(format!("{}\n", AttachRequest { reports: known_reports }).as_bytes()).map_err(silent)?;
+    let reply = read_reply(&mut stream).map_err(silent)?;
+    stream.set_nonblocking(true)?;
+    let (reports, orders) = tokio::net::UnixStream::from_std(stream)?.into_split();
+    let channel = ReportChannel::Attached(reports);
+    Ok(Attached {
+        orders: ShimOrders { channel: OrderChannel::Attached(orders) },
+        ear: ShimEar { channel, dir: dir.to_owned(), written_before: output_begin(dir) },
+        taken: reply.orders,
+    })
+}
+
+/// Reads the reply, and not a byte of the reports behind it.
+fn read_reply(stream: &mut UnixStream) -> io::Result<AttachReply> {
+    let mut line = Vec::new();
+    let mut byte = [0];
+    while line.len() < REPLY_MAX {
+        stream.read_exact(&mut byte)?;
+        if byte == *b"\n" {
+            break;
+        }
+        line.extend(byte);
+    }
+    let reply = String::from_utf8_lossy(&line);
+    AttachReply::parse(&reply)
+        .ok_or_else(|| io::Error::new(io::ErrorKind::InvalidData, format!("`{reply}` is no reply")))
+}
+
+/// Returns how the program in `dir` ended, as its shim has recorded it; none if it did not end, was never started, or its
+/// shim was killed. The record is of the program that was started last.
+pub fn ended(dir: &Path) -> Option<ShimReport> {
+    let record = std::fs::read_to_string(dir.join(EXIT_FILE)).ok()?;
+    ShimReport::parse(record.strip_suffix('\n')?)
+}
+
+/// Returns the last lines that the program in `dir` has written, for an end that [`ended`] has told.
+pub fn ended_output(dir: &Path) -> Vec<String> {
+    last_output(dir, output_begin(dir))
+}
+
+/// Returns how long the file of output was when the program started; 0 where that is not known.
+fn output_begin(dir: &Path) -> u64 {
+    let begin = std::fs::read_to_string(dir.join(OUTPUT_BEGIN_FILE)).ok();
+    begin.and_then(|length| length.parse().ok()).unwrap_or(0)
+}
+
+fn remove_stale(path: &Path) -> io::Result<()> {
+    match std::fs::remove_file(path) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
+        _ => Ok(()),
+    }
 }
 
 /// Checks that a command names something that can be executed, so that a spec is refused before anything runs.
@@ -81,9 +207,13 @@ impl ShimOrders {
     ///
     /// # Cancellation
     /// The shim then counts its node as gone.
-    pub async fn pass(mut self, mut orders: Receiver<ShimOrder>) {
+    pub async fn pass(self, mut orders: Receiver<ShimOrder>) {
+        let mut channel: Box<dyn AsyncWrite + Send + Unpin> = match self.channel {
+            OrderChannel::Started(pipe) => Box::new(pipe),
+            OrderChannel::Attached(socket) => Box::new(socket),
+        };
         while let Some(order) = orders.recv().await {
-            if let Err(error) = self.orders.write_all(format!("{order}\n").as_bytes()).await {
+            if let Err(error) = channel.write_all(format!("{order}\n").as_bytes()).await {
                 tracing::debug!(%error, "shim does not listen");
             }
         }
@@ -96,7 +226,11 @@ impl ShimEar {
     /// # Cancellation
     /// Not safe: reports are lost. Runs in a task of its own until the shim ends.
     pub async fn listen(self, sink: Sender<(ShimReport, Vec<String>)>) {
-        let Self { mut child, reports, dir, written_before } = self;
+        let Self { channel, dir, written_before } = self;
+        let (mut child, reports): (_, Box<dyn AsyncRead + Send + Unpin>) = match channel {
+            ReportChannel::Started(child, pipe) => (Some(child), Box::new(pipe)),
+            ReportChannel::Attached(socket) => (None, Box::new(socket)),
+        };
         let mut lines = BufReader::new(reports).lines();
         let mut gone = false;
         while let Ok(Some(line)) = lines.next_line().await {
@@ -117,7 +251,8 @@ impl ShimEar {
             }
         }
         let reaped = tokio::task::spawn_blocking(move || {
-            let reaped = child.wait();
+            // One that was attached to is the child of another process.
+            let reaped = child.as_mut().map_or(Ok(()), |child| child.wait().map(drop));
             if !gone {
                 leftovers::end_instance(&dir);
             }
@@ -150,7 +285,7 @@ fn last_output(dir: &Path, before: u64) -> Vec<String> {
 
 /// Returns the end of a file, from `before` on, and whether something in between was left out.
 fn end_of(path: &Path, before: u64) -> io::Result<(Vec<u8>, bool)> {
-    use std::io::{Read, Seek, SeekFrom};
+    use std::io::{Seek, SeekFrom};
     let mut file = std::fs::File::open(path)?;
     let begin = file.metadata()?.len().saturating_sub(LAST_OUTPUT_MAX).max(before);
     file.seek(SeekFrom::Start(begin))?;

@@ -1,0 +1,203 @@
+//! Attaching to real shims that an earlier run of the node has started.
+
+#![expect(clippy::unwrap_used, reason = "a test stops where something is not as it should be")]
+
+use comms::io::clock::now;
+use node::io::child::{self, Attached, ShimEar, ShimOrders};
+use rustix::net::{AddressFamily, SocketAddrUnix, SocketFlags, SocketType, connect, socket_with};
+use rustix::process::{Pid, Signal, WaitOptions, kill_process, waitpid};
+use shim::process_record::{ProcessRecord, RECORD_FILE};
+use shim::processes;
+use shim::protocol::{Gate, SOCKET_FILE, ShimOrder, ShimReport, ShimStart};
+use std::io::ErrorKind;
+use std::os::fd::OwnedFd;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+use tokio::runtime::Runtime;
+use tokio::sync::mpsc::{Receiver, Sender, channel};
+
+/// The folder of one program, and the runtime of its node.
+struct Place {
+    dir: PathBuf,
+    runtime: Runtime,
+}
+
+/// What a shim has reported, with the last output beside an end.
+type Reports = Receiver<(ShimReport, Vec<String>)>;
+
+impl Place {
+    fn new(name: &str) -> Self {
+        let dir = std::env::temp_dir().join(format!("dca-attach-{}-{name}", std::process::id()));
+        std::fs::create_dir_all(&dir).unwrap();
+        Self { dir, runtime: Runtime::new().unwrap() }
+    }
+
+    /// Starts a shim that goes on without a node.
+    fn start(&self, gate: Gate, script: &str) -> (ShimOrders, ShimEar) {
+        let template = ShimStart::parse(["--directory", "/d", "--", "sh", "-c", script].map(Into::into)).unwrap();
+        let environment =
+            vec![("PATH".into(), "/usr/bin:/bin".into()), ("DCA_DIR".into(), self.dir.display().to_string())];
+        let start = ShimStart {
+            dir: self.dir.clone(),
+            working_directory: self.dir.clone(),
+            gate,
+            agent_loss_grace: None,
+            environment,
+            ..template
+        };
+        let _runtime = self.runtime.enter();
+        child::start(&shim(), &start).unwrap()
+    }
+
+    /// Ends everything of the node's, as kill -9 does.
+    fn lose(&mut self) {
+        self.runtime = Runtime::new().unwrap();
+    }
+
+    fn attach(&self, known: u64) -> std::io::Result<Attached> {
+        let _runtime = self.runtime.enter();
+        child::attach(&self.dir, known)
+    }
+
+    /// Lets orders and reports flow, as the node does.
+    fn serve(&self, orders: ShimOrders, ear: ShimEar) -> (Sender<ShimOrder>, Reports) {
+        let ((sender, queue), (sink, reports)) = (channel(4), channel(4));
+        drop(self.runtime.spawn(orders.pass(queue)));
+        drop(self.runtime.spawn(ear.listen(sink)));
+        (sender, reports)
+    }
+
+    fn next(&self, reports: &mut Reports) -> Option<(ShimReport, Vec<String>)> {
+        self.runtime.block_on(reports.recv())
+    }
+
+    fn record(&self) -> ProcessRecord {
+        ProcessRecord::parse(&std::fs::read_to_string(self.dir.join(RECORD_FILE)).unwrap())
+    }
+
+    /// The shim stays a child of this process, which has to take note of its end.
+    fn reap(&self, shim: Pid) {
+        waitpid(Some(shim), WaitOptions::empty()).unwrap();
+    }
+
+    fn shim(&self) -> Pid {
+        Pid::from_raw(self.record().shim.unwrap().pid).unwrap()
+    }
+}
+
+impl Drop for Place {
+    fn drop(&mut self) {
+        std::fs::remove_dir_all(&self.dir).unwrap();
+    }
+}
+
+fn shim() -> PathBuf {
+    let test = std::env::current_exe().unwrap();
+    let shim = test.parent().and_then(Path::parent).unwrap().join("dca-shim");
+    assert!(shim.exists(), "`cargo build --workspace --bins` makes the shim");
+    shim
+}
+
+/// Starts a program that runs for a minute, and loses it once it runs.
+fn lost(name: &str) -> Place {
+    let mut place = Place::new(name);
+    let (orders, ear) = place.start(Gate::None, "sleep 60");
+    let (_sender, mut reports) = place.serve(orders, ear);
+    assert!(matches!(place.next(&mut reports), Some((ShimReport::Started { .. }, _))));
+    place.lose();
+    place
+}
+
+#[test]
+fn a_second_run_hears_the_end_and_gives_the_orders() {
+    let mut place = Place::new("end");
+    std::fs::write(place.dir.join("out.log"), "of the one before\n").unwrap();
+    let (orders, ear) = place.start(Gate::Exec, "echo first words; read line < never; exit 4");
+    rustix::fs::mkfifoat(rustix::fs::CWD, place.dir.join("never"), rustix::fs::Mode::RWXU).unwrap();
+    let (sender, mut reports) = place.serve(orders, ear);
+    assert_eq!(place.next(&mut reports), Some((ShimReport::Ready, Vec::new())));
+    place.runtime.block_on(sender.send(ShimOrder::Go)).unwrap();
+    assert!(matches!(place.next(&mut reports), Some((ShimReport::Started { .. }, _))));
+    let shim = place.shim();
+    place.lose();
+
+    let Attached { orders, ear, taken } = place.attach(2).unwrap();
+    assert_eq!(taken, 1);
+    let (sender, mut reports) = place.serve(orders, ear);
+    // The program is past its first line once somebody can write to the pipe.
+    std::fs::write(place.dir.join("never"), "go on\n").unwrap();
+    assert_eq!(
+        place.next(&mut reports),
+        Some((ShimReport::Exited { code: 4 }, vec!["first words".to_owned()])),
+        "and nothing of the program before"
+    );
+    assert_eq!(place.next(&mut reports), Some((ShimReport::Gone, Vec::new())));
+    assert_eq!(place.next(&mut reports), None);
+    drop(sender);
+
+    place.reap(shim);
+    assert_eq!(place.attach(2).unwrap_err().kind(), ErrorKind::NotFound);
+    assert_eq!(child::ended(&place.dir), Some(ShimReport::Exited { code: 4 }));
+    assert_eq!(child::ended_output(&place.dir), ["first words"]);
+}
+
+#[test]
+fn a_shim_that_is_killed_takes_its_program_along_and_is_reported_gone() {
+    let place = lost("killed");
+    let Attached { orders, ear, .. } = place.attach(1).unwrap();
+    let (sender, mut reports) = place.serve(orders, ear);
+    let (shim, program) = (place.shim(), place.record().program.unwrap());
+    kill_process(shim, Signal::KILL).unwrap();
+    assert_eq!(place.next(&mut reports), Some((ShimReport::Gone, Vec::new())));
+    assert_eq!(place.next(&mut reports), None);
+    assert!(!processes::is_running(program));
+    drop(sender);
+    place.reap(shim);
+    assert_eq!(place.attach(1).unwrap_err().kind(), ErrorKind::ConnectionRefused);
+    assert_eq!(child::ended(&place.dir), None);
+}
+
+#[test]
+fn a_suspended_shim_does_not_hold_its_node_up() {
+    let place = lost("suspended");
+    let shim = place.shim();
+    kill_process(shim, Signal::STOP).unwrap();
+    let began = now();
+    assert_eq!(place.attach(1).unwrap_err().kind(), ErrorKind::TimedOut);
+    let waiting = crowd(&place.dir.join(SOCKET_FILE));
+    assert_eq!(place.attach(1).unwrap_err().kind(), ErrorKind::TimedOut);
+    assert!(now() - began < Duration::from_secs(20));
+    drop(waiting);
+
+    kill_process(shim, Signal::CONT).unwrap();
+    let Attached { orders, ear, taken } = place.attach(1).unwrap();
+    assert_eq!(taken, 0);
+    let (sender, mut reports) = place.serve(orders, ear);
+    place.runtime.block_on(sender.send(ShimOrder::Kill)).unwrap();
+    assert_eq!(place.next(&mut reports), Some((ShimReport::Signalled { signal: 9 }, Vec::new())));
+    assert_eq!(place.next(&mut reports), Some((ShimReport::Gone, Vec::new())));
+    drop(sender);
+    place.reap(shim);
+}
+
+/// Returns as many connections as the kernel lets wait.
+fn crowd(socket: &Path) -> Vec<OwnedFd> {
+    let address = SocketAddrUnix::new(socket).unwrap();
+    let one = || {
+        let one = socket_with(AddressFamily::UNIX, SocketType::STREAM, SocketFlags::NONBLOCK, None).unwrap();
+        connect(&one, &address).is_ok().then_some(one)
+    };
+    std::iter::from_fn(one).collect()
+}
+
+/// What is left of an earlier program in the folder is not taken for the one that is being started.
+#[test]
+fn a_start_clears_the_traces_of_the_program_before() {
+    let place = Place::new("before");
+    std::fs::write(place.dir.join("exit"), "exited 7\n").unwrap();
+    let template = ShimStart::parse(["--directory", "/d", "--", "true"].map(Into::into)).unwrap();
+    let start = ShimStart { dir: place.dir.clone(), ..template };
+    let _runtime = place.runtime.enter();
+    assert_eq!(child::start(Path::new("/no/such/shim"), &start).unwrap_err().kind(), ErrorKind::NotFound);
+    assert_eq!(child::ended(&place.dir), None);
+}
