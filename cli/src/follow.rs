@@ -33,6 +33,8 @@ const PORTS_MAX: usize = 64;
 /// How long the home node has to be back when its answers are cut off: as long as the other hosts of the deployment wait, less
 /// what it takes to notice.
 const BACK_WITHIN: Duration = Duration::from_millis(3500);
+/// How long its answers have to go on, although it has none, for it to count as back: then the next cut is another one.
+const STEADY: Duration = Duration::from_secs(1);
 /// How often it is looked for, once it was not there.
 const LOOK_EVERY: Duration = Duration::from_millis(200);
 /// How long hosts may pause while they send what is left of their programs' output once all is over.
@@ -91,6 +93,8 @@ struct Watch {
     deployment: Option<Deployment>,
     seen: u64,
     cut_off: Option<Time>,
+    /// When the home was asked again last.
+    resumed: Option<Time>,
     /// Whose output is not recorded whole.
     lacking: BTreeSet<String>,
 }
@@ -163,6 +167,7 @@ impl Watch {
             deployment: None,
             seen: 0,
             cut_off: None,
+            resumed: None,
             lacking: BTreeSet::new(),
         };
         (watch, arriving)
@@ -225,6 +230,9 @@ impl Watch {
         };
         // The first look back is taken at once, others after a pause.
         let now = clock::now();
+        if self.resumed.is_some_and(|at| now - at > STEADY) {
+            self.cut_off = None;
+        }
         let deadline = self.cut_off.get_or_insert(now).to_owned() + BACK_WITHIN;
         if deadline < now + BACK_WITHIN {
             clock::sleep_until(now + LOOK_EVERY).await;
@@ -232,7 +240,10 @@ impl Watch {
         while clock::now() < deadline {
             tokio::select! {
                 hosts = client.hosts(std::slice::from_ref(&self.home)) => match hosts {
-                    Ok(hosts) if hosts.contains(&self.home) => return self.missed(client, deployment).map(Some),
+                    Ok(hosts) if hosts.contains(&self.home) => {
+                        self.resumed = Some(clock::now());
+                        return self.missed(client, deployment).map(Some);
+                    }
                     // The session may go with the node of this machine, which may be the one that is looked for.
                     Ok(_) | Err(_) => clock::sleep_until(clock::now() + LOOK_EVERY).await,
                 },

@@ -75,7 +75,8 @@ impl Nodes {
                 team: TEAM.to_owned(),
                 store: None,
                 founds: hosts.first() == Some(host),
-                agent_loss_grace: AGENT_LOSS_GRACE,
+                agent_loss_grace: Some(AGENT_LOSS_GRACE),
+                adopts: false,
                 log: None,
             };
             let ready = watch::Sender::new(false);

@@ -38,9 +38,10 @@ struct Arguments {
     /// A program that offers controller types; may be given more than once [default: dca-controller beside this program]
     #[arg(long = "controllers", value_name = "PROGRAM")]
     controllers: Vec<PathBuf>,
-    /// How long programs have to stop when this node is gone, in seconds
-    #[arg(long, default_value = "5", value_name = "S", value_parser = seconds)]
-    agent_loss_grace: Duration,
+    /// How long programs have to stop when this node is gone, in seconds [default: they go on, and this node finds them again
+    /// when it is started again]
+    #[arg(long, value_name = "S", value_parser = seconds)]
+    agent_loss_grace: Option<Duration>,
     /// Folder for sockets and output; its path, a slash and the node's name have 45 bytes at the most
     #[arg(long, value_name = "DIR")]
     run_dir: Option<PathBuf>,
@@ -107,6 +108,7 @@ fn run(arguments: Arguments, log: Log) -> Result<(), Failure> {
         port: arguments.port,
         peers: arguments.peers,
         agent_loss_grace: arguments.agent_loss_grace,
+        adopts: true,
         log: Some(log),
     };
     let result = block_on(async {

@@ -7,6 +7,7 @@ pub mod database;
 pub mod driver;
 pub(crate) mod event;
 pub mod folder;
+pub mod input_log;
 pub mod journal;
 pub mod logging;
 pub mod peers;

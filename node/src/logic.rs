@@ -2,6 +2,7 @@
 
 pub mod absence;
 pub mod agent;
+pub mod attachments;
 pub mod claims;
 pub mod database;
 pub mod effect;
@@ -10,6 +11,7 @@ pub mod home;
 pub mod instance;
 pub mod link;
 pub mod nameserver;
+pub mod node_state;
 pub mod output_lines;
 pub mod parameters;
 pub mod printable;

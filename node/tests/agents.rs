@@ -4,6 +4,8 @@
 
 #[path = "agents/absence.rs"]
 mod absence;
+#[path = "agents/adoption.rs"]
+mod adoption;
 #[path = "agents/leaving.rs"]
 mod leaving;
 #[path = "agents/losses.rs"]
@@ -20,6 +22,7 @@ mod world;
 use comms::logic::time::Time;
 use node::logic::agent::{Agent, Identity, Input};
 use node::logic::effect::ProcessId;
+use node::logic::node_state::NodeState;
 use node::logic::programs::Programs;
 use node::logic::protocol::{
     Answer, Change, Deployment, Ending, FailureCause, ProgramEnd, Report, Request, SEVERAL, StopReply,
@@ -108,7 +111,9 @@ fn every_reason_of_every_host_is_told_and_nothing_stays() {
     let mut world = World::new(&["c1", "c2"]);
     for host in ["c1", "c2"] {
         let identity = Identity { host: host.into(), boot: 9, pid: 1, machine: host.into(), epoch: 0, open: vec![] };
-        world.agents.insert(host.into(), Agent::new(identity, Programs::default(), Time::ZERO));
+        world
+            .agents
+            .insert(host.into(), NodeState::new(Agent::new(identity, Programs::default(), Time::ZERO), Time::ZERO));
         world.boots.insert(host.into(), 9);
     }
     world.at(0, "c1", Coming::Input(Input::Appeared { host: "c2".into(), boot: 9 }));

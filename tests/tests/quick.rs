@@ -108,6 +108,9 @@ fn a_mission_whose_home_died_is_told_as_lost() {
     let killed = says_that_it_is_lost(mission, began);
     drop(c1);
     let _c1 = first.node("c1", &["--lan"]);
+    // The node that was started again has taken the mission over.
+    let stopped = first.ask(&["stop", "forever"]);
+    assert_eq!(stopped.code, Some(0), "{stopped}");
     let mission = deployed(&cluster, &second);
     let began = now();
     network.cut(1);

@@ -61,7 +61,7 @@ fn a_killed_command_leaves_nothing() {
 fn a_killed_node_leaves_nothing_on_its_host() {
     let cluster = Cluster::new();
     let here = cluster.here();
-    let [_c1, c2, _c3] = ["c1", "c2", "c3"].map(|name| here.node(name, &[]));
+    let [_c1, c2, _c3] = ["c1", "c2", "c3"].map(|name| here.node(name, &["--agent-loss-grace", "5"]));
     let mission = servoing(here.dca(&["deploy", &spec("door_opening")]));
     let of_c2 = || {
         let folder = here.run_dir().join("c2").display().to_string();

@@ -1,5 +1,6 @@
 //! The events and commands of the algebra.
 
+use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -13,7 +14,7 @@ pub const TAG_MAX: usize = 64;
 /// with the length of the tag, 1 to [`TAG_MAX`], then the tag, then the value. These are the bytes that postcard makes of
 /// the pair `(tag, value)`, so a controller needs no code of its own for it. Only a `match` looks at a tag, and takes it
 /// off without a copy; nothing in the bytes says whether there is one, so the interface of the process has to.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Value {
     shared: Option<Arc<[u8]>>,
     /// How many bytes a `match` has taken off.
@@ -92,7 +93,7 @@ impl std::hash::Hash for Value {
 }
 
 /// Numbers the activations of one member from 1; an event with an older number is dropped.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct Activation(pub u32);
 
 /// What happened.
@@ -191,7 +192,7 @@ pub enum Command {
 }
 
 /// How a group ended.
-#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum Outcome {
     /// A normal end.
     Done(Value),
@@ -202,7 +203,7 @@ pub enum Outcome {
 }
 
 /// Why a group aborted.
-#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Reason {
     /// The member it began with; none for a constant such as `fail`.
     pub member: Option<u32>,
@@ -211,7 +212,7 @@ pub struct Reason {
 }
 
 /// What went wrong.
-#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum Cause {
     /// The member's own report.
     Reported(Value),

@@ -1,7 +1,9 @@
 //! The phase of one node of an expression. Programs and states share it.
 
+use serde::{Deserialize, Serialize};
+
 /// The phase of a node.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub(super) enum Phase {
     #[default]
     Idle,

@@ -19,12 +19,13 @@
 
 use super::phase::Phase;
 use crate::plan::{DEPTH_MAX, Expression, Group, Member, MemberKind};
+use serde::{Deserialize, Serialize};
 use std::ops::Range;
 use std::sync::Arc;
 use std::time::Duration;
 
 /// The compiled expression of one group. It never changes; what happens is kept in a `State`.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Program {
     pub(super) nodes: Vec<Node>,
     /// The connection sets of all `Run` nodes, one after the other.
@@ -48,7 +49,7 @@ pub struct Program {
 }
 
 /// One operator, constant or member.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct Node {
     /// The operator that it is an operand of; none for the root.
     pub(super) parent: Option<usize>,
@@ -60,7 +61,7 @@ pub(super) struct Node {
 }
 
 /// What a node is.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) enum Kind {
     Run {
         member: u32,
@@ -121,7 +122,7 @@ pub(super) enum Kind {
 }
 
 /// How long a `shield` holds up a stop.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct Bound {
     pub(super) timer: u32,
     pub(super) after: Duration,

@@ -32,9 +32,10 @@
 use super::event::{Activation, Outcome};
 use super::phase::Phase;
 use super::program::Program;
+use serde::{Deserialize, Serialize};
 
 /// The configuration of one group: idle, running or stopping. Belongs to one [`Program`].
-#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct State {
     pub(super) cells: Vec<Cell>,
     pub(super) seats: Vec<MemberState>,
@@ -46,7 +47,7 @@ pub struct State {
 }
 
 /// What one node is doing. Opaque, but comparable: see [`State::configuration`].
-#[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Cell {
     pub(super) phase: Phase,
     /// Operands that are waited for.
@@ -58,7 +59,7 @@ pub struct Cell {
 }
 
 /// The activations of one member.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub(super) struct MemberState {
     /// The latest one; 0 before the first.
     pub(super) activation: Activation,

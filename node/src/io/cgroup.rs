@@ -32,6 +32,14 @@ pub fn enter(folder: &Path) {
     }
 }
 
+/// Moves this process into the group of the earlier run in `folder`, whose programs it takes over.
+pub fn enter_recorded(folder: &Path) {
+    let mut own = OWN.lock().unwrap_or_else(PoisonError::into_inner);
+    if own.is_none() {
+        *own = recorded(folder).filter(|group| join(group).is_ok());
+    }
+}
+
 /// Moves this process out of its group, and removes that if nothing else is in it.
 pub fn leave() {
     let Some(group) = OWN.lock().unwrap_or_else(PoisonError::into_inner).take() else { return };

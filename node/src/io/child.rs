@@ -6,6 +6,7 @@
 //! Nothing here kills on drop: a node that dies leaves its shims to their own rule, a node that lives tells them.
 
 pub mod leftovers;
+pub mod reach;
 
 use crate::logic::output_lines::last_lines;
 use language::plan::Usage;
@@ -160,6 +161,15 @@ pub fn ended(dir: &Path) -> Option<ShimReport> {
     ShimReport::parse(record.strip_suffix('\n')?)
 }
 
+/// Removes the record of an end that a node is about to take note of.
+async fn forget_end(dir: &Path) {
+    let record = dir.join(EXIT_FILE);
+    let removed = tokio::task::spawn_blocking(move || remove_stale(&record)).await;
+    if let Ok(Err(error)) = removed {
+        tracing::warn!(%error, "the record of an end stays");
+    }
+}
+
 /// Returns the last lines that the program in `dir` has written, for an end that [`ended`] has told.
 pub fn ended_output(dir: &Path) -> Vec<String> {
     last_output(dir, output_begin(dir))
@@ -203,16 +213,20 @@ pub fn check_executable(command: &[String]) -> io::Result<()> {
 }
 
 impl ShimOrders {
-    /// Passes orders on until there are no more. A shim that is gone is told nothing; its reports say what became of it.
+    /// Passes orders on until there are no more, `first` before all others. A shim that is gone is told nothing; its reports say what became of it.
     ///
     /// # Cancellation
     /// The shim then counts its node as gone.
-    pub async fn pass(self, mut orders: Receiver<ShimOrder>) {
+    pub async fn pass(self, first: Vec<ShimOrder>, mut orders: Receiver<ShimOrder>) {
         let mut channel: Box<dyn AsyncWrite + Send + Unpin> = match self.channel {
             OrderChannel::Started(pipe) => Box::new(pipe),
             OrderChannel::Attached(socket) => Box::new(socket),
         };
-        while let Some(order) = orders.recv().await {
+        let mut first = first.into_iter();
+        while let Some(order) = match first.next() {
+            Some(order) => Some(order),
+            None => orders.recv().await,
+        } {
             if let Err(error) = channel.write_all(format!("{order}\n").as_bytes()).await {
                 tracing::debug!(%error, "shim does not listen");
             }
@@ -246,6 +260,10 @@ impl ShimEar {
                 }
             };
             gone |= report == ShimReport::Gone;
+            if gone {
+                // Before its node takes note of it: a record that is there later is of the program that is started next.
+                forget_end(&dir).await;
+            }
             if sink.send((report, output)).await.is_err() {
                 return;
             }
@@ -255,6 +273,7 @@ impl ShimEar {
             let reaped = child.as_mut().map_or(Ok(()), |child| child.wait().map(drop));
             if !gone {
                 leftovers::end_instance(&dir);
+                remove_stale(&dir.join(EXIT_FILE)).unwrap_or_default();
             }
             reaped
         });

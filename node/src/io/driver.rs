@@ -1,36 +1,37 @@
 //! A running node: one `select!` that turns every event into an input of the agent and carries its effects out, in order.
 
+mod adoption;
+mod launching;
 mod settings;
 
 use crate::io::caller::Caller;
 use crate::io::cgroup;
-use crate::io::child::{self, leftovers};
+use crate::io::child::leftovers;
 use crate::io::database;
 use crate::io::event::{Connection, Event};
+use crate::io::input_log::InputLog;
 use crate::io::journal::{self, Journal};
 use crate::io::logging::{self, Log};
 use crate::io::peers::{Arrival, Peers};
 use crate::io::run_dir::RunDir;
-use crate::io::starter::{self, Job, Start, Starter};
+use crate::io::starter::{self, Job, Starter};
 use crate::io::{programs, ready, tail};
-use crate::logic::agent::{Agent, Identity, Input, OVER_MAX};
+use crate::logic::agent::{Agent, Identity, Input};
 use crate::logic::database::settings::Settings;
-use crate::logic::effect::{Effect, ProcessId, SpawnOrder};
+use crate::logic::effect::{Effect, ProcessId};
 use crate::logic::nameserver::Change;
+use crate::logic::node_state::NodeState;
 use crate::logic::programs::Programs;
 use crate::logic::protocol::Deployment;
 use anyhow::Context;
 use comms::io::clock;
 use comms::io::control::ControlSender;
-use comms::io::descriptors;
 use comms::io::session::{NodeOptions, Reach};
-use comms::logic::control::Order;
 use comms::logic::key::HostName;
 use comms::logic::time::Time;
-use language::plan::LeafKind;
-use shim::protocol::{Gate, ShimOrder, ShimReport, ShimStart};
-use std::collections::{BTreeMap, VecDeque};
-use std::path::{Path, PathBuf};
+use shim::protocol::{ShimOrder, ShimReport};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tokio::sync::mpsc::{self, Receiver, Sender};
@@ -41,9 +42,6 @@ use tokio::task::JoinSet;
 const EVENTS_MAX: usize = 4096;
 /// How long the disk has to take the ends of deployments when the node leaves.
 const SETTLE_WITHIN: Duration = Duration::from_secs(1);
-/// Variables that a program inherits from its node, where they are set.
-const INHERITED: [&str; 6] = ["PATH", "HOME", "USER", "LANG", "TZ", "RUST_LOG"];
-
 /// How a node is started.
 #[derive(Clone, Debug)]
 pub struct Config {
@@ -59,8 +57,10 @@ pub struct Config {
     pub controllers: Vec<PathBuf>,
     /// Locators of nodes known beforehand.
     pub peers: Vec<String>,
-    /// How long programs have to stop when this node is gone.
-    pub agent_loss_grace: Duration,
+    /// How long programs have to stop when this node is gone; none if they go on, for a node that is started again.
+    pub agent_loss_grace: Option<Duration>,
+    /// Whether it takes over what a node of its name that was killed has left in its folder.
+    pub adopts: bool,
     /// Folder for what must survive: the database and the journal; none for a node whose memory ends with it.
     pub state: Option<PathBuf>,
     /// What keeps a new database on the disk; the usual engine if nothing is said.
@@ -78,7 +78,7 @@ pub struct Config {
 struct Driver {
     config: Config,
     dir: RunDir,
-    agent: Agent,
+    state: NodeState,
     peers: Peers,
     database: database::Running,
     journal: Arc<Mutex<Journal>>,
@@ -86,8 +86,9 @@ struct Driver {
     jobs: Sender<Job>,
     shims: BTreeMap<ProcessId, Sender<ShimOrder>>,
     programs: BTreeMap<ProcessId, (u64, ControlSender)>,
-    paths: BTreeMap<(Deployment, String), ProcessId>,
-    buried: VecDeque<Deployment>,
+    inputs: InputLog,
+    /// Controllers of a node that was killed which have not come back yet: their orders are kept for them.
+    awaited: BTreeSet<ProcessId>,
     /// For each deployment that has programs here what ends with it.
     living: BTreeMap<Deployment, watch::Sender<()>>,
     pending: VecDeque<Input>,
@@ -112,7 +113,7 @@ pub async fn run(config: Config, mut leave: watch::Receiver<bool>, ready: watch:
     let mut leaving = false;
     let mut settings = driver.database.settings();
     loop {
-        let deadline = driver.agent.deadline();
+        let deadline = driver.state.agent.deadline();
         let input = tokio::select! {
             event = next(&mut arriving) => driver.input(event),
             () = until(deadline) => Some(Input::Tick),
@@ -158,20 +159,19 @@ async fn next(arriving: &mut Receiver<Event>) -> Event {
 
 impl Driver {
     async fn open(config: Config, events: Sender<Event>) -> anyhow::Result<Self> {
-        let dir = take_folder(&config).await?;
+        let machine = machine();
+        let (dir, before) = take_folder(&config, &machine).await?;
         let journal =
             Journal::open(&config.state.as_deref().map_or_else(|| dir.journal(), |state| state.join("journal")))
                 .context("opening the journal")?;
-        let mut offered = Programs::default();
-        for program in programs::chosen(&config.controllers) {
-            let asked = program.clone();
-            let interface = tokio::task::spawn_blocking(move || programs::interfaces(&asked)).await??;
-            offered.declare(&program.display().to_string(), interface);
-        }
-        let boot = boot_number();
-        let machine = machine();
-        let (host, pid, epoch, open) = (config.name.clone(), std::process::id(), journal.epoch(), journal.open_ends());
-        let identity = Identity { host, boot, pid, machine, epoch, open };
+        let offered = offered(&config).await?;
+        let pid = std::process::id();
+        let inputs = InputLog::new(dir.path(), &machine, config.adopts);
+        let is_adopting = before.is_some();
+        let state = state(before, offered, || {
+            let (host, epoch, open) = (config.name.clone(), journal.epoch(), journal.open_ends());
+            Identity { host, boot: boot_number(), pid, machine, epoch, open }
+        });
         let mut tasks = JoinSet::new();
         let (sink, mut arrivals) = mpsc::channel(EVENTS_MAX);
         let siblings = crate::io::run_dir::running(&config.base)?.into_iter().filter(|(name, _)| *name != config.name);
@@ -183,16 +183,9 @@ impl Driver {
             port: config.port,
             peers: siblings.chain(config.peers.iter().cloned()).collect(),
         };
-        let peers = Peers::open(options, boot, sink, &mut tasks).await?;
-        let options = database::Options {
-            robot: config.name.clone(),
-            team: config.team.clone(),
-            folder: config.state.clone(),
-            store: config.store,
-            scratch: dir.path().to_owned(),
-            proof: dir.proof().to_owned(),
-            founds: config.founds,
-        };
+        let peers = Peers::open(options, (state.agent.boot(), state.agent.started()), sink, &mut tasks).await?;
+        peers.hold(state.agent.holders().clone());
+        let options = database_options(&config, &dir);
         let session = Arc::clone(peers.session());
         let database = tokio::task::spawn_blocking(move || database::start(&options, &session)).await??;
         let (jobs, waiting) = mpsc::channel(starter::JOBS_MAX);
@@ -205,8 +198,8 @@ impl Driver {
                 }
             }
         });
-        Ok(Self {
-            agent: Agent::new(identity, offered, clock::now()),
+        let mut driver = Self {
+            state,
             config,
             dir,
             peers,
@@ -215,8 +208,8 @@ impl Driver {
             journal: Arc::new(Mutex::new(journal)),
             shims: BTreeMap::new(),
             programs: BTreeMap::new(),
-            paths: BTreeMap::new(),
-            buried: VecDeque::new(),
+            inputs,
+            awaited: BTreeSet::new(),
             living: BTreeMap::new(),
             pending: VecDeque::new(),
             events,
@@ -224,20 +217,26 @@ impl Driver {
             settling: JoinSet::new(),
             settings: Settings::default(),
             yielded: None,
-        })
+        };
+        if is_adopting {
+            driver.adopt();
+        }
+        Ok(driver)
     }
 
     /// Gives what waits to the agent and carries its effects out, which may bring more. Says whether the node is to leave.
     fn work_off(&mut self) -> bool {
         let mut over = false;
         while let Some(input) = self.pending.pop_front() {
-            let mut effects = Vec::new();
-            self.agent.handle(clock::now(), input, &mut effects);
+            let (now, mut effects) = (clock::now(), Vec::new());
+            self.inputs.append(now, &input);
+            self.state.take(now, input, &mut effects);
             for effect in effects {
                 over |= matches!(effect, Effect::Leave | Effect::Yield { .. });
                 self.carry_out(effect);
             }
         }
+        self.inputs.keep_up(&self.state);
         over
     }
 
@@ -254,22 +253,26 @@ impl Driver {
             Event::Shim(process, report, output) => {
                 if report == ShimReport::Gone {
                     self.shims.remove(&process);
+                    self.awaited.remove(&process);
                 }
                 Some(Input::Shim { process, report, output })
             }
             Event::Program(Connection { deployment, instance, number }, sender) => {
-                let key = (deployment, instance);
-                let process = self.paths.get(&key)?.clone();
-                let (deployment, instance) = &key;
-                let parameters = self.parameters(&self.settings, deployment, instance);
-                if !parameters.is_empty() {
-                    settings::send(&sender, &Order::Configure { parameters });
-                }
+                let process = self.state.attachments.find(&deployment, &instance)?.clone();
+                self.tell_parameters(&sender, &deployment, &instance);
                 self.programs.insert(process, (number, sender));
                 None
             }
+            Event::Resumed { connection: Connection { deployment, instance, number }, sender, version, orders } => {
+                let process = self.state.attachments.find(&deployment, &instance)?.clone();
+                self.tell_parameters(&sender, &deployment, &instance);
+                self.awaited.remove(&process);
+                let why = self.resume(&process, &sender, (version, orders)).err();
+                self.programs.insert(process.clone(), (number, sender));
+                why.map(|why| Input::Undelivered { process, why })
+            }
             Event::Control(Connection { deployment, instance, number }, notice) => {
-                let process = self.paths.get(&(deployment, instance))?.clone();
+                let process = self.state.attachments.find(&deployment, &instance)?.clone();
                 let is_current = self.programs.get(&process).is_some_and(|(current, _)| *current == number);
                 is_current.then_some(Input::Control { process, notice })
             }
@@ -295,12 +298,13 @@ impl Driver {
                 let why = match self.programs.get(&process).map(|(_, sender)| sender.send(&order)) {
                     Some(Ok(())) => return,
                     Some(Err(error)) => error.to_string(),
+                    None if self.awaited.contains(&process) => return,
                     None => "it has no control channel".to_owned(),
                 };
                 self.pending.push_back(Input::Undelivered { process, why });
             }
             Effect::Forget { process } => self.forget(&process),
-            Effect::Bury { deployment } => self.bury(deployment),
+            Effect::Bury { deployment } => self.bury(&deployment),
             Effect::Commit { deployment, hosts } => self.commit(deployment, hosts),
             Effect::Settled { deployment } => {
                 let journal = Arc::clone(&self.journal);
@@ -349,80 +353,10 @@ impl Driver {
         });
     }
 
-    /// Has a program started beside the loop; what it is told meanwhile waits for it.
-    fn spawn(&mut self, order: SpawnOrder) {
-        let (sender, orders) = mpsc::channel(starter::ORDERS_MAX);
-        let process = order.process;
-        self.paths.insert((process.deployment.clone(), order.path.clone()), process.clone());
-        self.shims.insert(process.clone(), sender);
-        self.living.entry(process.deployment.clone()).or_default();
-        let is_controller = order.kind == LeafKind::Controller;
-        let control = is_controller.then(|| self.dir.control_socket(&process.deployment));
-        let dir = self.dir.process(&process);
-        let grace = self.settings.agent_loss_grace.unwrap_or(self.config.agent_loss_grace);
-        let shim = ShimStart {
-            working_directory: std::env::current_dir().unwrap_or_else(|_gone| "/".into()),
-            gate: if is_controller { Gate::None } else { Gate::Exec },
-            agent_loss_grace: Some(order.policy.agent_loss.unwrap_or(grace)),
-            limits: child::limits(&order.policy.usage),
-            descriptors: descriptors::before(),
-            environment: self.environment(order.path, &dir, control.as_deref()),
-            command: order.command,
-            dir,
-        };
-        let start = Start { process: process.clone(), shim, control, orders };
-        if self.jobs.try_send(Job::Start(Box::new(start))).is_err() {
-            let reason = "too many programs wait to be started".to_owned();
-            for report in [ShimReport::ExecFailed { reason }, ShimReport::Gone] {
-                self.pending.push_back(Input::Shim { process: process.clone(), report, output: Vec::new() });
-            }
-        }
-    }
-
-    /// Returns the whole environment of a program.
-    fn environment(&self, instance: String, dir: &Path, control: Option<&Path>) -> Vec<(String, String)> {
-        let inherited = INHERITED.iter().filter_map(|name| Some(((*name).to_owned(), std::env::var(name).ok()?)));
-        let path = |path: &Path| path.display().to_string();
-        let mut environment: Vec<(String, String)> = inherited.collect();
-        environment.push(("DCA_INSTANCE".into(), instance));
-        environment.push(("DCA_DIR".into(), path(dir)));
-        if let Some(control) = control {
-            environment.push(("DCA_CONTROL".into(), path(control)));
-            environment.push(("DCA_DATA_SOCKET".into(), path(&dir.join("data.sock"))));
-            if self.config.reach == Reach::Lan {
-                environment.push(("DCA_REMOTE".into(), "1".into()));
-            }
-        }
-        environment
-    }
-
     /// Has something done beside the loop that nobody waits for.
     fn later(&self, job: Job) {
         if let Err(error) = self.jobs.try_send(job) {
             tracing::warn!(%error, "too much waits to be done");
-        }
-    }
-
-    /// Closes what belongs to a deployment; the output of the last few stays in their folders.
-    fn bury(&mut self, deployment: Deployment) {
-        self.later(Job::Close(deployment.clone()));
-        self.paths.retain(|(of, _), _| *of != deployment);
-        self.living.remove(&deployment);
-        self.programs.retain(|process, _| process.deployment != deployment);
-        self.buried.push_back(deployment);
-        if self.buried.len() > OVER_MAX {
-            let folder = self.buried.pop_front().map(|oldest| self.dir.deployment(&oldest));
-            folder.into_iter().for_each(|folder| self.later(Job::Remove(folder)));
-        }
-    }
-
-    /// Lets go of a program; with the last one of a deployment, of the socket where they reported.
-    fn forget(&mut self, process: &ProcessId) {
-        self.programs.remove(process);
-        self.paths.retain(|_, other| other != process);
-        let more = self.paths.keys().any(|(deployment, _)| *deployment == process.deployment);
-        if !more {
-            self.later(Job::Close(process.deployment.clone()));
         }
     }
 
@@ -453,21 +387,66 @@ impl Driver {
     }
 }
 
-/// Takes the folder of the node, ends what an earlier run has left, and moves into a control group of its own.
-async fn take_folder(config: &Config) -> anyhow::Result<RunDir> {
-    let dir = RunDir::take(&config.base, &config.name)?;
-    let cleaning = tokio::task::spawn_blocking(move || {
+fn database_options(config: &Config, dir: &RunDir) -> database::Options {
+    database::Options {
+        robot: config.name.clone(),
+        team: config.team.clone(),
+        folder: config.state.clone(),
+        store: config.store,
+        scratch: dir.path().to_owned(),
+        proof: dir.proof().to_owned(),
+        founds: config.founds,
+    }
+}
+
+/// Asks the programs of controllers what they offer.
+async fn offered(config: &Config) -> anyhow::Result<Programs> {
+    let mut offered = Programs::default();
+    for program in programs::chosen(&config.controllers) {
+        let asked = program.clone();
+        let interface = tokio::task::spawn_blocking(move || programs::interfaces(&asked)).await??;
+        offered.declare(&program.display().to_string(), interface);
+    }
+    Ok(offered)
+}
+
+/// Returns the state that a node begins with: that of the one before, if it is taken over.
+fn state(before: Option<NodeState>, offered: Programs, identity: impl FnOnce() -> Identity) -> NodeState {
+    if let Some(mut state) = before {
+        state.agent.move_to(std::process::id(), offered);
+        return state;
+    }
+    let now = clock::now();
+    NodeState::new(Agent::new(identity(), offered, now), now)
+}
+
+/// Takes the folder of the node, and what a node of its name that was killed has left in it, if that can be taken over. What
+/// cannot is ended. Moves into a control group of its own.
+async fn take_folder(config: &Config, machine: &str) -> anyhow::Result<(RunDir, Option<NodeState>)> {
+    let (base, name, adopts) = (config.base.clone(), config.name.clone(), config.adopts);
+    let machine = machine.to_owned();
+    let taking = tokio::task::spawn_blocking(move || {
+        let dir = RunDir::take(&base, &name)?;
+        dir.remove_socket()?;
+        let mut inputs = InputLog::new(dir.path(), &machine, adopts);
+        if let Some(state) = adopts.then(|| adoption::replay(&inputs)).flatten() {
+            adoption::end_strangers(&dir, &state);
+            cgroup::enter_recorded(dir.path());
+            return anyhow::Ok((dir, Some(state)));
+        }
+        inputs.remove();
         let left = leftovers::end_all(dir.path());
         if !left.is_empty() {
             tracing::error!(pids = ?left, "processes of an earlier run cannot be ended: they may still move something");
         }
-        dir.clear().map(|()| dir)
+        dir.clear();
+        Ok((dir, None))
     });
-    let dir = cleaning.await??;
+    let (dir, state) = taking.await??;
     cgroup::enter(dir.path());
     // What a killed shim leaves behind comes to this process, which ends it.
     rustix::process::set_child_subreaper(Some(rustix::process::getpid())).context("becoming the parent of orphans")?;
-    Ok(dir)
+    Ok((dir, state))
 }
 
 /// A number that no earlier run had: the wall clock may be wrong, so the time since the machine's boot and the process id

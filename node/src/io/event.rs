@@ -20,6 +20,15 @@ pub(crate) enum Event {
     Shim(ProcessId, ShimReport, Vec<String>),
     /// A program has connected; its instance path is its own word.
     Program(Connection, ControlSender),
+    /// A program has connected that has lost its node.
+    Resumed {
+        connection: Connection,
+        sender: ControlSender,
+        /// Of the control protocol.
+        version: u16,
+        /// How many orders it has taken.
+        orders: u64,
+    },
     /// A word from a program.
     Control(Connection, Notice),
     /// The epoch of a deployment is in the journal, or why it is not.
@@ -69,17 +78,28 @@ async fn hear(
     mut receiver: ControlReceiver,
 ) -> anyhow::Result<()> {
     let Some(hello) = receiver.recv().await? else { return Ok(()) };
-    if let Notice::Resume { .. } = hello {
-        // This node does not know it: the channel closes, and its shim ends it.
-        return Ok(());
-    }
-    let Notice::Hello { instance, .. } = &hello else { anyhow::bail!("a program did not say who it is") };
-    connection.instance.clone_from(instance);
+    let (event, hello) = match hello {
+        Notice::Hello { ref instance, .. } => {
+            connection.instance.clone_from(instance);
+            (Event::Program(connection.clone(), sender), Some(hello))
+        }
+        Notice::Resume { instance, version, orders } => {
+            connection.instance = instance;
+            (Event::Resumed { connection: connection.clone(), sender, version, orders }, None)
+        }
+        Notice::Connected
+        | Notice::ConnectFailed { .. }
+        | Notice::Switched { .. }
+        | Notice::Running { .. }
+        | Notice::Done { .. }
+        | Notice::Aborted { .. }
+        | Notice::Stopped { .. } => anyhow::bail!("a program did not say who it is"),
+    };
     // Who cannot tell the driver need not hear any more: it is gone.
-    if events.send(Event::Program(connection.clone(), sender)).await.is_err() {
+    if events.send(event).await.is_err() {
         return Ok(());
     }
-    let mut notice = Some(hello);
+    let mut notice = if hello.is_some() { hello } else { receiver.recv().await? };
     while let Some(said) = notice {
         if events.send(Event::Control(connection.clone(), said)).await.is_err() {
             return Ok(());

@@ -55,13 +55,14 @@ pub enum Arrival {
 }
 
 impl Peers {
-    /// Opens the session, announces the node and begins to listen; arrivals go to `sink` from tasks of `tasks`.
+    /// Opens the session, announces the node and begins to listen; arrivals go to `sink` from tasks of `tasks`. A node that was
+    /// killed keeps its boot number, and the time of its start, when it is taken over.
     ///
     /// # Errors
     /// The session cannot be opened.
     pub async fn open(
         options: NodeOptions,
-        boot: u64,
+        (boot, started): (u64, Time),
         sink: Sender<Arrival>,
         tasks: &mut JoinSet<()>,
     ) -> anyhow::Result<Self> {
@@ -76,7 +77,7 @@ impl Peers {
         let token = session.announce(&key::live(host.as_str(), boot))?;
         tasks.spawn(hear_frames(inbox, sink.clone()));
         tasks.spawn(hear_presence(presence, sink.clone()));
-        let (host, started) = (host.as_str().to_owned(), clock::now());
+        let host = host.as_str().to_owned();
         let (holders, rounds) = (Mutex::default(), Mutex::default());
         let own = Arc::new(Own { host, boot, started, place: place(), holders, rounds });
         let session = Arc::new(session);
@@ -247,7 +248,8 @@ async fn hear_presence(mut watch: Watch, sink: Sender<Arrival>) {
 }
 
 async fn hear_calls(mut calls: Server, session: Arc<Session>, sink: Sender<Arrival>) {
-    let (mut number, mut answering) = (0, JoinSet::new());
+    // No number of before: a node that was killed may have left calls that wait.
+    let (mut number, mut answering) = (clock::now().nanos(), JoinSet::new());
     while let Some(mut request) = calls.next().await {
         while answering.try_join_next().is_some() {}
         number += 1;

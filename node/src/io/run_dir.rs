@@ -8,9 +8,10 @@
 //!     proof                 what commands of this user on this machine show to the node, and nobody else can read
 //!     node.sock             its zenoh session, for other nodes and command lines of this machine
 //!     journal               what it has committed, if it has no folder that survives it
+//!     inputs                what its agent was told, while something runs: for the next node, if this one is killed
 //!     door_opening.1/       one deployment
 //!       control.sock        where its programs talk to the node
-//!       12/                 one program: out.log, exit, processes (while it runs), data.sock
+//!       12/                 one program: out.log, exit (until its node knows), processes (while it runs), data.sock, shim.sock
 //! ```
 
 use crate::io::child::leftovers;
@@ -219,17 +220,21 @@ impl RunDir {
         &self.path
     }
 
-    /// Removes the deployments of an earlier run, whose programs have ended, and its socket.
-    ///
-    /// # Errors
-    /// The socket cannot be removed.
-    pub fn clear(&self) -> Result<(), RunDirError> {
+    /// Removes the deployments of an earlier run, whose programs have ended.
+    pub fn clear(&self) {
         for entry in fs::read_dir(&self.path).into_iter().flatten().flatten() {
             let folder = entry.path();
             if entry.file_name().to_string_lossy().contains('.') && folder.is_dir() {
                 drop(fs::remove_dir_all(&folder));
             }
         }
+    }
+
+    /// Removes the socket of an earlier run.
+    ///
+    /// # Errors
+    /// It cannot be removed.
+    pub fn remove_socket(&self) -> Result<(), RunDirError> {
         remove_leftover(&self.socket()).map_err(|cause| RunDirError::Unusable { path: self.socket(), cause })
     }
 

@@ -1,9 +1,11 @@
 //! Starts programs, and closes and removes what they leave, one after the other and beside the loop of the node: a file system
 //! may take long.
 
+use crate::io::child::reach::{Reached, reach};
 use crate::io::child::{self, ShimEar, ShimOrders};
 use crate::io::event::{Event, hear_programs};
 use crate::io::run_dir;
+use crate::logic::attachments::Attachment;
 use crate::logic::effect::ProcessId;
 use crate::logic::protocol::Deployment;
 use anyhow::Context;
@@ -25,6 +27,8 @@ pub(crate) const ORDERS_MAX: usize = 64;
 #[derive(Debug)]
 pub(crate) enum Job {
     Start(Box<Start>),
+    /// A program that a killed node has left.
+    Adopt(Box<Adopted>),
     /// Nobody of this deployment connects any more.
     Close(Deployment),
     /// Its output is not wanted any more.
@@ -42,6 +46,15 @@ pub(crate) struct Start {
     pub(crate) orders: Receiver<ShimOrder>,
 }
 
+/// A program of a killed node, to be reached again.
+#[derive(Debug)]
+pub(crate) struct Adopted {
+    /// How it is started, if it never was.
+    pub(crate) start: Start,
+    /// What has become of it so far.
+    pub(crate) program: Attachment,
+}
+
 /// Does the jobs.
 #[derive(Debug)]
 pub(crate) struct Starter {
@@ -51,11 +64,20 @@ pub(crate) struct Starter {
     connected: Arc<AtomicU64>,
     listeners: BTreeMap<Deployment, AbortHandle>,
     tasks: JoinSet<()>,
+    /// Programs of a killed node that are being reached.
+    reaching: JoinSet<(Adopted, Reached)>,
 }
 
 impl Starter {
     pub(crate) fn new(shim: PathBuf, events: Sender<Event>) -> Self {
-        Self { shim, events, connected: Arc::default(), listeners: BTreeMap::new(), tasks: JoinSet::new() }
+        Self {
+            shim,
+            events,
+            connected: Arc::default(),
+            listeners: BTreeMap::new(),
+            tasks: JoinSet::new(),
+            reaching: JoinSet::new(),
+        }
     }
 
     /// Does jobs until there are no more.
@@ -63,10 +85,19 @@ impl Starter {
     /// # Cancellation
     /// What it has started is heard no more.
     pub(crate) async fn run(mut self, mut jobs: Receiver<Job>) {
-        while let Some(job) = jobs.recv().await {
+        loop {
             while self.tasks.try_join_next().is_some() {}
+            let job = tokio::select! {
+                job = jobs.recv() => job,
+                Some(Ok((adopted, reached))) = self.reaching.join_next() => {
+                    self.reached(adopted, reached).await;
+                    continue;
+                }
+            };
+            let Some(job) = job else { return };
             match job {
                 Job::Start(start) => self.start(*start).await,
+                Job::Adopt(adopted) => self.adopt(*adopted),
                 Job::Close(deployment) => {
                     self.listeners.remove(&deployment).into_iter().for_each(|listener| listener.abort());
                 }
@@ -79,11 +110,50 @@ impl Starter {
         }
     }
 
+    /// Reaches a program again; one that never came to be is started.
+    fn adopt(&mut self, adopted: Adopted) {
+        let Start { process, shim, control, .. } = &adopted.start;
+        if let Some(path) = control.as_ref().filter(|_| !self.listeners.contains_key(&process.deployment)) {
+            match Listener::bind(path) {
+                Ok(listener) => self.listen(listener, &process.deployment.clone()),
+                Err(error) => tracing::error!(%error, "the programs of a killed node cannot come back"),
+            }
+        }
+        let (dir, reports) = (shim.dir.clone(), adopted.program.reports);
+        self.reaching.spawn_blocking(move || (adopted, reach(&dir, reports)));
+    }
+
+    /// Goes on with a program that was reached again, or with what is known of its end.
+    async fn reached(&mut self, adopted: Adopted, reached: Reached) {
+        let Adopted { start, program } = adopted;
+        let process = start.process.clone();
+        match reached {
+            Reached::Running(attached) => {
+                let missed = program.shim_orders(attached.taken);
+                self.tasks.spawn(attached.orders.pass(missed, start.orders));
+                self.tasks.spawn(hear(process, attached.ear, self.events.clone()));
+            }
+            Reached::Never => self.start(start).await,
+            Reached::Ended(end) => {
+                let end = end.filter(|_| !program.has_ended);
+                for (report, output) in end.into_iter().chain([(ShimReport::Gone, Vec::new())]) {
+                    self.events.send(Event::Shim(process.clone(), report, output)).await.unwrap_or_default();
+                }
+            }
+        }
+    }
+
+    fn listen(&mut self, listener: Listener, deployment: &Deployment) {
+        let (connected, events) = (Arc::clone(&self.connected), self.events.clone());
+        let hearing = hear_programs(listener, deployment.clone(), connected, events);
+        self.listeners.insert(deployment.clone(), self.tasks.spawn(hearing));
+    }
+
     async fn start(&mut self, start: Start) {
         let (process, orders) = (start.process.clone(), start.orders);
         match self.try_start(start.process, start.shim, start.control).await {
             Ok((shim, ear)) => {
-                self.tasks.spawn(shim.pass(orders));
+                self.tasks.spawn(shim.pass(Vec::new(), orders));
                 self.tasks.spawn(hear(process, ear, self.events.clone()));
             }
             Err(error) => {
@@ -113,9 +183,7 @@ impl Starter {
         });
         let (listener, started) = starting.await??;
         if let Some(listener) = listener {
-            let (connected, events) = (Arc::clone(&self.connected), self.events.clone());
-            let hearing = hear_programs(listener, process.deployment.clone(), connected, events);
-            self.listeners.insert(process.deployment, self.tasks.spawn(hearing));
+            self.listen(listener, &process.deployment);
         }
         Ok(started)
     }

@@ -16,6 +16,7 @@
 use super::effect::{Effect, Out};
 use super::protocol::{Absent, AbsentHost, Deployment, OpenEnd, OpenHost, ToTenant, Why};
 use comms::logic::time::Time;
+use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
@@ -29,14 +30,14 @@ pub const ENDS_MAX: usize = 64;
 const ASK_EVERY: Duration = Duration::from_secs(10);
 
 /// A host that does not answer.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 struct Gone {
     heard: Time,
     lost: bool,
 }
 
 /// A deployment that is over, but for some hosts.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 struct End {
     home: String,
     /// Why each has not confirmed.
@@ -45,7 +46,7 @@ struct End {
 }
 
 /// Hosts that do not answer, and open ends.
-#[derive(Debug)]
+#[derive(Debug, Serialize, Deserialize)]
 pub struct Absence {
     host: String,
     gone: BTreeMap<String, Gone>,

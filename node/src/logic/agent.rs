@@ -1,24 +1,27 @@
 //! The agent of a host: routes every input to the machine it belongs to, and nothing else.
 
 mod calls;
+mod input;
 mod over;
 mod peers;
+
+pub use input::Input;
 
 use crate::logic::absence::Absence;
 use crate::logic::claims::Claims;
 use crate::logic::effect::{Effect, Out, ProcessId, earliest};
 use crate::logic::home::Home;
-use crate::logic::link::{Frame, Link};
+use crate::logic::link::Link;
 use crate::logic::nameserver::NameServer;
 use crate::logic::programs::Programs;
 use crate::logic::protocol::{
-    Absent, Body, Deployment, Ending, Failure, FailureCause, Message, NodeStatus, Pong, Report, Request, ToHome,
-    ToTenant,
+    Absent, Body, Deployment, Ending, Failure, FailureCause, Message, NodeStatus, Report, ToHome, ToTenant,
 };
 use crate::logic::tenant::Tenant;
 use comms::logic::control::Notice;
 use comms::logic::time::Time;
 use language::plan::Plan;
+use serde::{Deserialize, Serialize};
 use shim::protocol::ShimReport;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
@@ -34,7 +37,7 @@ const LINGER_MAX: Duration = Duration::from_secs(1);
 pub const OVER_MAX: usize = 8;
 
 /// What an agent is told once, at its start.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Identity {
     /// Its host's name in specs.
     pub host: String,
@@ -50,91 +53,8 @@ pub struct Identity {
     pub open: Vec<(Deployment, Vec<String>)>,
 }
 
-/// What happened.
-#[derive(Debug)]
-pub enum Input {
-    /// A node's token is there.
-    Appeared {
-        /// Its name.
-        host: String,
-        /// Its boot number.
-        boot: u64,
-    },
-    /// A node's token is gone.
-    Vanished {
-        /// Its name.
-        host: String,
-        /// Its boot number.
-        boot: u64,
-    },
-    /// A node asks whether this one is there, which has been answered.
-    Ping {
-        /// Its name.
-        host: String,
-        /// Its boot number.
-        boot: u64,
-    },
-    /// A node answers that it is there.
-    Pong(Box<Pong>),
-    /// A frame from a node.
-    Frame(Box<Frame>),
-    /// A call from the command line.
-    Call {
-        /// Numbers the call.
-        call: u64,
-        /// What is asked.
-        request: Box<Request>,
-    },
-    /// The caller has gone away.
-    CallGone {
-        /// Which call.
-        call: u64,
-    },
-    /// A word from a shim, with the end of the program's output.
-    Shim {
-        /// Whose.
-        process: ProcessId,
-        /// What.
-        report: ShimReport,
-        /// The last lines that the program has written, if the report says that it ended.
-        output: Vec<String>,
-    },
-    /// A word from a controller.
-    Control {
-        /// Which.
-        process: ProcessId,
-        /// What.
-        notice: Notice,
-    },
-    /// The epoch of a deployment that has its home here is on the disk, or cannot be written.
-    Committed {
-        /// Which.
-        deployment: Deployment,
-        /// Why it is not on the disk, for a person.
-        written: Result<(), String>,
-    },
-    /// A controller was told of parameters that have changed.
-    Configured {
-        /// Which.
-        process: ProcessId,
-        /// Each with its value as a spec spells it, or nothing if the spec's counts again.
-        parameters: Vec<(String, Option<String>)>,
-    },
-    /// An order did not reach a controller.
-    Undelivered {
-        /// Which.
-        process: ProcessId,
-        /// Why, for a person.
-        why: String,
-    },
-    /// Leave: stop everything that has its home here, and release everything else.
-    Leave,
-    /// A deadline may have passed.
-    Tick,
-}
-
 /// The agent of a host.
-#[derive(Debug)]
+#[derive(Debug, Serialize, Deserialize)]
 pub struct Agent {
     identity: Identity,
     started: Time,
@@ -161,7 +81,7 @@ pub struct Agent {
 }
 
 /// Programs that could not be ended when their deployment was.
-#[derive(Debug)]
+#[derive(Debug, Serialize, Deserialize)]
 struct Loose {
     /// The host of `main`.
     home: String,
@@ -170,7 +90,7 @@ struct Loose {
 }
 
 /// A deployment that waits for hosts which this node has not seen yet.
-#[derive(Debug)]
+#[derive(Debug, Serialize, Deserialize)]
 struct Gathering {
     until: Time,
     call: u64,
@@ -223,6 +143,31 @@ impl Agent {
         self.tidy_up(now, effects);
     }
 
+    /// Returns whether a successor has anything to take over: a deployment, or programs of one.
+    pub fn is_engaged(&self) -> bool {
+        !(self.homes.is_empty() && self.tenants.is_empty() && self.loose.is_empty() && self.gathering.is_empty())
+    }
+
+    /// Returns its number among the runs of its node, which it keeps when it is made again.
+    pub fn boot(&self) -> u64 {
+        self.identity.boot
+    }
+
+    /// Returns since when it is there.
+    pub fn started(&self) -> Time {
+        self.started
+    }
+
+    /// Returns which boot of each name it deals with.
+    pub fn holders(&self) -> &BTreeMap<String, u64> {
+        &self.holders
+    }
+
+    /// Goes on in another process, with the programs that this one offers.
+    pub fn move_to(&mut self, pid: u32, programs: Programs) {
+        (self.identity.pid, self.programs) = (pid, programs);
+    }
+
     /// Returns when [`Input::Tick`] is wanted.
     pub fn deadline(&self) -> Option<Time> {
         let homes = self.homes.values().map(Home::deadline);
@@ -268,6 +213,12 @@ impl Agent {
                 if let Some(home) = self.homes.get_mut(&deployment) {
                     home.committed(written, out);
                 }
+            }
+            Input::Adopted { away } => {
+                // Whoever has started it again wants it to be there.
+                (self.leaving, self.lingers_until) = (false, None);
+                self.homes.values_mut().for_each(|home| home.adopted(away));
+                self.tenants.values_mut().for_each(|tenant| tenant.adopted(away));
             }
             Input::Leave => {
                 self.leaving = true;

@@ -6,16 +6,17 @@
 use crate::logic::executer::leaf_host;
 use crate::logic::protocol::Deployment;
 use language::plan::Plan;
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 /// The devices that one deployment holds on this host.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Claims {
     held: BTreeMap<String, Holder>,
 }
 
 /// Who holds a device.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 struct Holder {
     path: String,
     is_write: bool,

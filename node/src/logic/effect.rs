@@ -7,11 +7,12 @@ use crate::logic::protocol::{Answer, Deployment, Message};
 use comms::logic::control::Order;
 use comms::logic::time::Time;
 use language::plan::{LeafKind, Policy};
+use serde::{Deserialize, Serialize};
 use shim::protocol::ShimOrder;
 use std::collections::BTreeMap;
 
 /// One program of one deployment on this host.
-#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct ProcessId {
     /// Which deployment.
     pub deployment: Deployment,
@@ -20,7 +21,7 @@ pub struct ProcessId {
 }
 
 /// How to start a program.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SpawnOrder {
     /// Which program of which deployment.
     pub process: ProcessId,

@@ -14,6 +14,7 @@ use comms::logic::time::Time;
 use fence::Fences;
 use language::algebra::{Activation, Cause, Command, Event, Outcome, Program, Reason, State, Value, step};
 use language::plan::{Group, MemberKind, Plan};
+use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
@@ -40,7 +41,7 @@ pub struct Surroundings<'a> {
 }
 
 /// Wires that were opened, and that their producers have not confirmed yet.
-#[derive(Debug)]
+#[derive(Debug, Serialize, Deserialize)]
 struct Unconfirmed {
     /// The host of the producers.
     host: String,
@@ -49,7 +50,7 @@ struct Unconfirmed {
 }
 
 /// An activation that has not gone out.
-#[derive(Debug)]
+#[derive(Debug, Serialize, Deserialize)]
 struct Waiting {
     activation: u32,
     value: Vec<u8>,
@@ -62,7 +63,7 @@ struct Waiting {
 }
 
 /// The supervisor of one group.
-#[derive(Debug)]
+#[derive(Debug, Serialize, Deserialize)]
 pub struct Executer {
     group: u32,
     program: Program,

@@ -17,6 +17,7 @@ use crate::logic::protocol::{
 use crate::logic::wiring::{Registrations, observe};
 use comms::logic::time::Time;
 use language::plan::Plan;
+use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Duration;
@@ -32,7 +33,7 @@ const REASONS_WITHIN: Duration = Duration::from_secs(2);
 /// How many reports are kept for those who were cut off; past that, changes of processes are left out.
 const REPORTS_MAX: usize = 20_000;
 
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 enum Phase {
     Preparing,
     Connecting,
@@ -42,7 +43,7 @@ enum Phase {
 }
 
 /// A deployment at its home.
-#[derive(Debug)]
+#[derive(Debug, Serialize, Deserialize)]
 pub struct Home {
     deployment: Deployment,
     plan: Arc<Plan>,
@@ -244,6 +245,11 @@ impl Home {
             }
             out.send(host, self.deployment.to_tenant(ToTenant::Release));
         }
+    }
+
+    /// Takes note that its node was gone: nobody could answer it meanwhile.
+    pub fn adopted(&mut self, away: Duration) {
+        self.deadline = self.deadline.map(|at| at + away);
     }
 
     /// Does what is due.

@@ -20,6 +20,7 @@ use comms::logic::time::Time;
 use language::plan::{LeafKind, LinkLoss};
 use restarts::Restarts;
 pub use restarts::{RESTARTS_MAX, WINDOW};
+use serde::{Deserialize, Serialize};
 use shim::protocol::ShimOrder;
 use std::collections::BTreeSet;
 use std::time::Duration;
@@ -35,7 +36,7 @@ const VALUE_MAX: usize = 1 << 20;
 /// How long a killed program may take to be gone: the kernel removes it, and on a starved machine its shim waits its turn.
 const KILL_WITHIN: Duration = Duration::from_secs(20);
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 enum Stage {
     Starting {
         until: Time,
@@ -68,7 +69,7 @@ enum Stage {
 }
 
 /// An activation that has not ended.
-#[derive(Debug)]
+#[derive(Debug, Serialize, Deserialize)]
 struct Current {
     number: u32,
     /// For its `Init`, in case the program has to be started again.
@@ -101,7 +102,7 @@ pub enum Note {
 }
 
 /// One program.
-#[derive(Debug)]
+#[derive(Debug, Serialize, Deserialize)]
 pub struct Instance {
     order: SpawnOrder,
     stop_within: Duration,
@@ -219,6 +220,18 @@ impl Instance {
             | Stage::Waiting { until }
             | Stage::Removing { until } => Some(until),
             Stage::Prepared | Stage::Idle | Stage::Running | Stage::Refused | Stage::Dead => None,
+        }
+    }
+
+    /// Takes note that its node was gone: its program could not answer meanwhile.
+    pub fn adopted(&mut self, away: Duration) {
+        match &mut self.stage {
+            Stage::Starting { until }
+            | Stage::Connecting { until }
+            | Stage::Stopping { until, .. }
+            | Stage::Leaving { until, .. }
+            | Stage::Removing { until } => *until = *until + away,
+            Stage::Prepared | Stage::Idle | Stage::Running | Stage::Refused | Stage::Dead | Stage::Waiting { .. } => {}
         }
     }
 

@@ -41,7 +41,7 @@ impl Enveloped for Frame {
 }
 
 /// One direction-pair to one boot of a peer.
-#[derive(Debug)]
+#[derive(Debug, Serialize, Deserialize)]
 pub struct Link {
     host: String,
     boot: u64,
@@ -61,7 +61,7 @@ pub struct Link {
 }
 
 /// A message that the peer has not acknowledged.
-#[derive(Debug)]
+#[derive(Debug, Serialize, Deserialize)]
 struct Unacknowledged {
     number: u64,
     message: Message,

@@ -13,6 +13,7 @@
 use super::protocol::Pong;
 use comms::logic::human::span;
 use comms::logic::time::Time;
+use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, VecDeque};
 use std::fmt;
 use std::time::Duration;
@@ -43,7 +44,7 @@ const LIVES_MAX: usize = 8;
 const KNOWN_WITHIN: Duration = Duration::from_secs(3);
 
 /// Something that has changed, for the agent and for people.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Change {
     /// A node answers that did not.
     Appeared {
@@ -118,7 +119,7 @@ impl fmt::Display for Change {
 }
 
 /// One boot of a node.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 struct Life {
     place: String,
     /// When its last answer came.
@@ -140,14 +141,14 @@ struct Life {
 }
 
 /// Every boot of one name that is there, or was of late.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 struct Peer {
     holder: Option<u64>,
     lives: BTreeMap<u64, Life>,
 }
 
 /// The table of other nodes.
-#[derive(Debug)]
+#[derive(Debug, Serialize, Deserialize)]
 pub struct NameServer {
     host: String,
     boot: u64,

@@ -2,10 +2,11 @@
 
 use language::Source;
 use language::plan::{Argument, Constant, Leaf, Parameter, words};
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 /// Controller types and the executables that offer them.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Programs {
     types: BTreeMap<String, String>,
     /// What parameters the types have, as far as their programs say it.

@@ -21,12 +21,13 @@ use comms::logic::time::Time;
 use language::plan::Plan;
 use links::Switching;
 use loss::Loss;
+use serde::{Deserialize, Serialize};
 use shim::protocol::ShimReport;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Duration;
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 enum Phase {
     Preparing,
     Connecting,
@@ -35,7 +36,7 @@ enum Phase {
 }
 
 /// A deployment's part on this host.
-#[derive(Debug)]
+#[derive(Debug, Serialize, Deserialize)]
 pub struct Tenant {
     deployment: Deployment,
     plan: Arc<Plan>,
@@ -236,6 +237,11 @@ impl Tenant {
     /// Returns whether nothing of it is left here.
     pub fn is_over(&self) -> bool {
         self.phase == Phase::Leaving && self.instances.values().all(Instance::is_gone)
+    }
+
+    /// Takes note that its node was gone: no program could answer it meanwhile.
+    pub fn adopted(&mut self, away: Duration) {
+        self.instances.values_mut().for_each(|instance| instance.adopted(away));
     }
 
     /// Does what is due.

@@ -7,10 +7,11 @@ use crate::logic::protocol::{Deployment, LeafFacts};
 use comms::logic::control::{Device, Dial, Incoming, Location, Order, Outgoing, Shape};
 use comms::logic::key;
 use language::plan::{Plan, Quality, Retention, Transfer, Wire};
+use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// What is known of a deployment once every program has reported.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Registrations {
     /// By leaf.
     pub facts: BTreeMap<u32, LeafFacts>,

@@ -4,6 +4,7 @@
 use crate::losses::{FOUR, active, cut, heal};
 use crate::world::{Coming, World};
 use node::logic::agent::{Agent, Identity, Input};
+use node::logic::node_state::NodeState;
 use node::logic::programs::Programs;
 use node::logic::protocol::{Absent, Answer, Deployment, OpenEnd, Report, Request, StopReply, Why};
 use std::time::Duration;
@@ -96,7 +97,7 @@ fn a_home_that_was_started_again_asks() {
     let open = vec![(deployment.clone(), vec!["c1".to_owned(), "c2".to_owned()])];
     world.cut.insert("c2".to_owned());
     let identity = Identity { host: "c1".into(), boot: 9, pid: 1, machine: "c1".into(), epoch: 1, open };
-    world.agents.insert("c1".into(), Agent::new(identity, Programs::default(), world.now));
+    world.agents.insert("c1".into(), NodeState::new(Agent::new(identity, Programs::default(), world.now), world.now));
     world.boots.insert("c1".into(), 9);
     world.run_for(Duration::from_secs(60));
     assert_eq!(ends(&mut world, "c1"), [(1, "c2".to_owned(), Why::Restarted)]);

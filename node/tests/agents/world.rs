@@ -1,5 +1,6 @@
 //! Several agents on virtual time, the frames between them, and programs that behave as a script says.
 
+use super::adoption::Written;
 use comms::logic::control::{Location, Notice, Order, VERSION};
 use comms::logic::time::Time;
 use language::plan::{LeafKind, Plan, Policy};
@@ -7,6 +8,7 @@ use language::{Options, Source, compile};
 use node::logic::agent::{Agent, Identity, Input};
 use node::logic::effect::{Effect, ProcessId, SpawnOrder};
 use node::logic::nameserver::Change;
+use node::logic::node_state::NodeState;
 use node::logic::programs::Programs;
 use node::logic::protocol::{Answer, Deployment, Ending, Pong, Report, Request};
 use shim::protocol::{ShimOrder, ShimReport};
@@ -37,7 +39,15 @@ pub(super) enum Coming {
 #[derive(Debug, Default)]
 pub(super) struct World {
     pub(super) now: Time,
-    pub(super) agents: BTreeMap<String, Agent>,
+    pub(super) agents: BTreeMap<String, NodeState>,
+    /// What each node has written down, for a successor.
+    pub(super) written: BTreeMap<String, Written>,
+    /// The nodes that were killed, and what their programs have to say meanwhile.
+    pub(super) down: BTreeMap<String, Vec<Coming>>,
+    /// The host whose node is killed with its next input, once so many of the effects are carried out.
+    pub(super) dies_after: Option<(String, usize)>,
+    /// How many orders each program has taken, and how many its shim.
+    pub(super) took: BTreeMap<ProcessId, (u64, u64)>,
     pub(super) coming: BTreeMap<(Time, u64), (String, Coming)>,
     pub(super) counter: u64,
     pub(super) running: BTreeMap<(String, ProcessId), u32>,
@@ -96,7 +106,8 @@ impl World {
             let mut programs = Programs::default();
             programs
                 .offer("controllers", ["Step", "Long", "Sensor", "Stubborn", "Arm", "Eye", "Owner"].map(str::to_owned));
-            world.agents.insert((*host).into(), Agent::new(identity, programs, Time::ZERO));
+            let agent = Agent::new(identity, programs, Time::ZERO);
+            world.agents.insert((*host).into(), NodeState::new(agent, Time::ZERO));
             world.boots.insert((*host).into(), boot);
         }
         for (boot, from) in (1..).zip(hosts) {
@@ -149,7 +160,7 @@ impl World {
         let end = self.now + span;
         loop {
             let event = self.coming.first_key_value().map(|((time, _), _)| *time);
-            let timer = self.agents.values().filter_map(Agent::deadline).min();
+            let timer = self.agents.values().filter_map(|node| node.agent.deadline()).min();
             let Some(next) = event.into_iter().chain(timer).min().filter(|next| *next <= end) else { break };
             self.now = self.now.max(next);
             let due = self.coming.first_key_value().is_some_and(|((time, _), _)| *time <= self.now);
@@ -165,6 +176,11 @@ impl World {
     }
 
     fn happen(&mut self, host: &str, coming: Coming) {
+        if let Some(held) = self.down.get_mut(host) {
+            // What programs and shims have to say waits for the next node; everything else is lost.
+            let is_kept = !matches!(coming, Coming::Input(ref input) if !matches!(input, Input::Shim { .. } | Input::Control { .. }));
+            return held.extend(Some(coming).filter(|_| is_kept));
+        }
         match coming {
             Coming::Input(input) => self.give(host, input),
             Coming::Notice(process, life, notice) => {
@@ -190,12 +206,19 @@ impl World {
         self.give(host, Input::Control { process, notice });
     }
 
-    fn give(&mut self, host: &str, input: Input) {
-        let Some(agent) = self.agents.get_mut(host) else { return };
+    pub(super) fn give(&mut self, host: &str, input: Input) {
+        let Some(mut node) = self.agents.remove(host) else { return };
         let mut effects = Vec::new();
-        agent.handle(self.now, input, &mut effects);
-        for effect in effects {
+        self.written.entry(host.to_owned()).or_insert_with(|| Written::of(&node)).input(self.now, &input);
+        node.take(self.now, input, &mut effects);
+        let dies_after = self.dies_after.take_if(|(dying, _)| dying == host).map(|(_, count)| count);
+        let count = dies_after.unwrap_or(effects.len());
+        self.agents.insert(host.to_owned(), node);
+        for effect in effects.into_iter().take(count) {
             self.carry_out(host, effect);
+        }
+        if dies_after.is_some() {
+            self.crash(host);
         }
     }
 
@@ -232,7 +255,7 @@ impl World {
         self.report(host, process, ShimReport::Gone);
     }
 
-    fn carry_out(&mut self, host: &str, effect: Effect) {
+    pub(super) fn carry_out(&mut self, host: &str, effect: Effect) {
         match effect {
             Effect::Transmit { to, frame } => {
                 self.transmitted += 1;
@@ -245,14 +268,16 @@ impl World {
             Effect::Holders(holders) => drop(self.holders.insert(host.into(), holders)),
             Effect::Peer(change) => self.changes.push((host.into(), change)),
             Effect::Spawn(order) => self.spawn(host, *order),
-            Effect::Shim { process, order } => match order {
+            Effect::Shim { process, order } if self.took(&process, false) => match order {
                 ShimOrder::Stop { .. } | ShimOrder::Kill if self.immortal => {}
                 ShimOrder::Stop { .. } | ShimOrder::Kill => {
                     self.die(host, &process, ShimReport::Signalled { signal: 15 });
                 }
                 ShimOrder::Go => self.run(host, &process, 1),
             },
-            Effect::Control { process, order } => self.order(host, &process, order),
+            Effect::Control { process, order } if self.took(&process, true) => self.order(host, &process, order),
+            // It is gone, and its report says so.
+            Effect::Shim { .. } | Effect::Control { .. } => {}
             Effect::Answer { call, answer } => self.answers.entry(call).or_default().push(*answer),
             Effect::Settled { deployment } => self.settled.push((host.into(), deployment)),
             Effect::Commit { deployment, .. } => {
@@ -270,6 +295,13 @@ impl World {
         }
     }
 
+    /// Counts an order that a program takes, or its shim; says whether it is there.
+    fn took(&mut self, process: &ProcessId, is_control: bool) -> bool {
+        let Some((orders, shim_orders)) = self.took.get_mut(process) else { return false };
+        *(if is_control { orders } else { shim_orders }) += 1;
+        true
+    }
+
     /// Takes a node away, which answers and sends nothing any more.
     fn leave(&mut self, host: &str) {
         self.agents.remove(host);
@@ -284,7 +316,7 @@ impl World {
         let boots: BTreeMap<String, u64> = self.boots.clone();
         let to_boot = boots[host];
         for (from, &boot) in boots.iter().filter(|(from, _)| *from != host) {
-            if self.cut.contains(host) || self.cut.contains(from) {
+            if self.cut.contains(host) || self.cut.contains(from) || self.down.contains_key(from) {
                 continue;
             }
             let holder = self.holders.get(from).and_then(|holders| holders.get(host)).copied();
@@ -332,10 +364,11 @@ impl World {
         }
     }
 
-    fn spawn(&mut self, host: &str, order: SpawnOrder) {
+    pub(super) fn spawn(&mut self, host: &str, order: SpawnOrder) {
         let process = order.process;
         assert!(self.alive.insert((host.into(), process.clone())), "two programs of `{}`", order.path);
         *self.lives.entry(process.clone()).or_default() += 1;
+        self.took.insert(process.clone(), (0, 0));
         self.spawned.entry(order.path.clone()).or_default().push(order.policy);
         self.modules.insert(process.clone(), order.command[1].clone());
         if order.kind == LeafKind::Plain {

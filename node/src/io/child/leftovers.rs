@@ -62,6 +62,66 @@ pub fn end_all(folder: &Path) -> Vec<i32> {
     left
 }
 
+/// Ends what earlier runs of the node in `folder` have left, but for the programs with their folders in `known` whose shims
+/// are alive. Blocks.
+pub fn end_others(folder: &Path, known: &BTreeSet<PathBuf>) {
+    let boot = processes::kernel_boot();
+    let mut shims = Vec::new();
+    for dir in folders(folder)
+        .filter(|folder| folder.to_string_lossy().contains('.'))
+        .flat_map(|one| folders(&one).collect::<Vec<_>>())
+    {
+        let Some(record) = read_record(&dir).filter(|record| record.boot == boot) else { continue };
+        match record.shim.filter(|shim| known.contains(&dir) && processes::is_running(*shim)) {
+            Some(shim) => shims.push(shim.pid),
+            None => {
+                tracing::warn!(?dir, "ending a program without its shim, or without a deployment");
+                end_instance(&dir);
+                std::fs::remove_file(dir.join(RECORD_FILE)).unwrap_or_default();
+            }
+        }
+    }
+    if let Some(group) = cgroup::recorded(folder) {
+        end_strays(&group, &shims);
+    }
+}
+
+/// Ends what is in a control group and does not descend from these shims, to which everything comes that their programs leave.
+fn end_strays(group: &Path, shims: &[i32]) {
+    let (until, pause) = (now() + KILL_WITHIN, Wakeup::default());
+    loop {
+        let all = processes::all();
+        let ours: BTreeSet<i32> = processes::descendants(&all, shims.to_vec()).into_iter().map(|one| one.pid).collect();
+        let members: BTreeSet<i32> = cgroup::members(group).into_iter().collect();
+        let is_stray = |stat: &&Stat| {
+            let pid = stat.process.pid;
+            !stat.is_zombie && members.contains(&pid) && !ours.contains(&pid) && !shims.contains(&pid)
+        };
+        let strays: Vec<Process> = all.iter().filter(is_stray).map(|stat| stat.process).collect();
+        if strays.is_empty() {
+            return;
+        }
+        for signal in [Signal::STOP, Signal::KILL] {
+            strays.iter().for_each(|stray| processes::signal(*stray, signal));
+        }
+        if now() >= until {
+            tracing::error!(?strays, "processes of an earlier run cannot be ended: they may still move something");
+            return;
+        }
+        pause.wait(Some(now() + LOOK_EVERY));
+    }
+}
+
+/// Returns whether a shim of an earlier run is there for the program in `dir`, or is about to be.
+pub fn has_shim(dir: &Path) -> bool {
+    use std::os::unix::ffi::OsStrExt;
+    let is_its = |pid: i32| {
+        let command = std::fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
+        is_shim(pid) && command.split(|byte| *byte == 0).any(|word| word == dir.as_os_str().as_bytes())
+    };
+    processes::all().into_iter().any(|stat| !stat.is_zombie && is_its(stat.process.pid))
+}
+
 impl Search {
     /// Asks programs without a shim to stop, and waits for all programs as long as they may take.
     fn stop(&self) {

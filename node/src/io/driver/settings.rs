@@ -10,7 +10,8 @@ use comms::logic::control::Order;
 impl Driver {
     /// Tells each program whose parameters have changed.
     pub(super) fn configure(&mut self, settings: Settings) {
-        for ((deployment, path), process) in &self.paths {
+        for (process, program) in self.state.attachments.programs() {
+            let (deployment, path) = (&process.deployment, &program.order.path);
             let parameters = self.parameters(&settings, deployment, path);
             let changed = changes(&self.parameters(&self.settings, deployment, path), &parameters);
             if let Some((_, sender)) = self.programs.get(process).filter(|_| !changed.is_empty()) {
@@ -30,7 +31,7 @@ impl Driver {
 
     /// Returns what settings say to an instance, as its program gets it.
     pub(super) fn parameters(&self, settings: &Settings, deployment: &Deployment, path: &str) -> Vec<(String, String)> {
-        self.agent.in_si(deployment, path, settings.parameters(&deployment.name, path))
+        self.state.agent.in_si(deployment, path, settings.parameters(&deployment.name, path))
     }
 }
 

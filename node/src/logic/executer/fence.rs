@@ -12,6 +12,7 @@
 //! The same member may be activated again: one process never runs twice on its host.
 
 use language::plan::{Expression, Group, MemberKind, Plan};
+use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Stands for what is taken for the whole group, somewhere above; no resource has this name.
@@ -21,7 +22,7 @@ const ABOVE: &str = "";
 type Taken = BTreeMap<u32, BTreeSet<String>>;
 
 /// The fences of one group.
-#[derive(Debug, Default)]
+#[derive(Debug, Default, Serialize, Deserialize)]
 pub(super) struct Fences {
     taken: Taken,
     /// Hosts that are lost now.

@@ -6,6 +6,7 @@
 
 use comms::logic::time::Time;
 use language::plan::Restart;
+use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 use std::time::Duration;
 
@@ -17,7 +18,7 @@ pub const WINDOW: Duration = Duration::from_secs(60);
 const PAUSE: Duration = Duration::from_millis(100);
 
 /// How often one program was started again, of late.
-#[derive(Debug)]
+#[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Restarts {
     rule: Restart,
     recent: VecDeque<Time>,

@@ -14,10 +14,11 @@ use crate::logic::protocol::{LeafFacts, ToTenant};
 use crate::logic::wiring::{dialers, links, relink, shapes};
 use comms::logic::control::Order;
 use language::plan::LeafKind;
+use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Wires that are being opened or closed for a supervisor.
-#[derive(Debug)]
+#[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Switching {
     /// Its group, and where that is supervised.
     group: u32,

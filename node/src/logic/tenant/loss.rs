@@ -16,10 +16,11 @@ use crate::logic::instance::Instance;
 use crate::logic::protocol::Target;
 use comms::logic::time::Time;
 use language::plan::LinkLoss;
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
 /// Which hosts cannot be reached.
-#[derive(Debug, Default)]
+#[derive(Debug, Default, Serialize, Deserialize)]
 pub(super) struct Loss {
     lost: BTreeSet<String>,
     /// When a program stops for the sake of a host that is missing.

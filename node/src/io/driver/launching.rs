@@ -1,0 +1,130 @@
+//! The programs of a node: how they are started, told where they were, and let go of.
+
+use super::{Driver, settings};
+use crate::io::child;
+use crate::io::starter::{self, Job, Start};
+use crate::logic::agent::{Input, OVER_MAX};
+use crate::logic::effect::{ProcessId, SpawnOrder};
+use crate::logic::protocol::Deployment;
+use comms::io::control::ControlSender;
+use comms::io::descriptors;
+use comms::io::session::Reach;
+use comms::logic::control::{Order, VERSION};
+use language::plan::LeafKind;
+use shim::protocol::{Gate, ShimReport, ShimStart};
+use std::path::{Path, PathBuf};
+use tokio::sync::mpsc;
+
+/// Variables that a program inherits from its node, where they are set.
+const INHERITED: [&str; 6] = ["PATH", "HOME", "USER", "LANG", "TZ", "RUST_LOG"];
+
+impl Driver {
+    /// Has a program started beside the loop; what it is told meanwhile waits for it.
+    pub(super) fn spawn(&mut self, order: SpawnOrder) {
+        let process = order.process.clone();
+        // Whatever the program before it has still to say is not the word of this one.
+        self.programs.remove(&process);
+        self.awaited.remove(&process);
+        let start = self.start(order);
+        if self.jobs.try_send(Job::Start(Box::new(start))).is_err() {
+            let reason = "too many programs wait to be started".to_owned();
+            for report in [ShimReport::ExecFailed { reason }, ShimReport::Gone] {
+                self.pending.push_back(Input::Shim { process: process.clone(), report, output: Vec::new() });
+            }
+        }
+    }
+
+    /// Works out how a program is started, and opens the way for its orders.
+    pub(super) fn start(&mut self, order: SpawnOrder) -> Start {
+        let (sender, orders) = mpsc::channel(starter::ORDERS_MAX);
+        let process = order.process;
+        self.shims.insert(process.clone(), sender);
+        self.living.entry(process.deployment.clone()).or_default();
+        let is_controller = order.kind == LeafKind::Controller;
+        let control = self.control_socket(order.kind, &process.deployment);
+        let dir = self.dir.process(&process);
+        let grace = self.settings.agent_loss_grace.or(self.config.agent_loss_grace);
+        let shim = ShimStart {
+            working_directory: std::env::current_dir().unwrap_or_else(|_gone| "/".into()),
+            gate: if is_controller { Gate::None } else { Gate::Exec },
+            agent_loss_grace: order.policy.agent_loss.or(grace),
+            limits: child::limits(&order.policy.usage),
+            descriptors: descriptors::before(),
+            environment: self.environment(order.path, &dir, control.as_deref()),
+            command: order.command,
+            dir,
+        };
+        Start { process, shim, control, orders }
+    }
+
+    /// Returns where a program of this kind talks to its node, if it does.
+    fn control_socket(&self, kind: LeafKind, deployment: &Deployment) -> Option<PathBuf> {
+        (kind == LeafKind::Controller).then(|| self.dir.control_socket(deployment))
+    }
+
+    /// Returns the whole environment of a program.
+    fn environment(&self, instance: String, dir: &Path, control: Option<&Path>) -> Vec<(String, String)> {
+        let inherited = INHERITED.iter().filter_map(|name| Some(((*name).to_owned(), std::env::var(name).ok()?)));
+        let path = |path: &Path| path.display().to_string();
+        let mut environment: Vec<(String, String)> = inherited.collect();
+        environment.push(("DCA_INSTANCE".into(), instance));
+        environment.push(("DCA_DIR".into(), path(dir)));
+        if let Some(control) = control {
+            environment.push(("DCA_CONTROL".into(), path(control)));
+            environment.push(("DCA_DATA_SOCKET".into(), path(&dir.join("data.sock"))));
+            if self.config.reach == Reach::Lan {
+                environment.push(("DCA_REMOTE".into(), "1".into()));
+            }
+        }
+        environment
+    }
+
+    /// Tells a program that has connected what the database says of its parameters.
+    pub(super) fn tell_parameters(&self, sender: &ControlSender, deployment: &Deployment, instance: &str) {
+        let parameters = self.parameters(&self.settings, deployment, instance);
+        if !parameters.is_empty() {
+            settings::send(sender, &Order::Configure { parameters });
+        }
+    }
+
+    /// Tells a program that is back how many of its notices are here, and every order after the first `taken`.
+    ///
+    /// # Errors
+    /// It is of another version, has missed more than is kept, or does not take its orders: for a person.
+    pub(super) fn resume(
+        &self,
+        process: &ProcessId,
+        sender: &ControlSender,
+        (version, taken): (u16, u64),
+    ) -> Result<(), String> {
+        if version != VERSION {
+            return Err(format!("it speaks version {version} of the control protocol, this node version {VERSION}"));
+        }
+        let program = self.state.attachments.program(process).ok_or("it is not known any more")?;
+        let missed = program.orders(taken).ok_or("it has missed too many orders")?;
+        let notices = program.notices;
+        tracing::debug!(?process, taken, notices, missed = missed.len(), "a program is back");
+        for order in std::iter::once(Order::Resumed { notices }).chain(missed) {
+            sender.send(&order).map_err(|error| error.to_string())?;
+        }
+        Ok(())
+    }
+
+    /// Closes what belongs to a deployment; the output of the last few stays in their folders.
+    pub(super) fn bury(&mut self, deployment: &Deployment) {
+        self.later(Job::Close(deployment.clone()));
+        self.living.remove(deployment);
+        self.programs.retain(|process, _| process.deployment != *deployment);
+        if let Some(oldest) = self.state.attachments.take_buried(OVER_MAX) {
+            self.later(Job::Remove(self.dir.deployment(&oldest)));
+        }
+    }
+
+    /// Lets go of a program; with the last one of a deployment, of the socket where they reported.
+    pub(super) fn forget(&mut self, process: &ProcessId) {
+        self.programs.remove(process);
+        if !self.state.attachments.has_programs(&process.deployment) {
+            self.later(Job::Close(process.deployment.clone()));
+        }
+    }
+}

@@ -1,0 +1,253 @@
+//! The log of an agent's inputs, from which a node that was killed makes its agent again.
+//!
+//! The agent is a pure machine, so its inputs are all there is to know of it. The file begins with a checkpoint (the agent as it
+//! was then) and goes on with a record for each input since:
+//!
+//! ```text
+//! record      length (4 bytes) crc32 (4 bytes) payload, in postcard
+//! 1st record  Head: the form of the log, the kernel's boot, the network
+//! 2nd record  NodeState: the checkpoint
+//! then        (time, input), each written before the agent has it
+//! ```
+//! A torn record at the end is ignored: nothing was done with its input. The file is not synced, since with the kernel all that it
+//! speaks of is gone, too: a log of another boot of the kernel does not count. When the file has grown, a checkpoint takes its
+//! place. While there is nothing to take over there is no file.
+
+use crate::logic::agent::Input;
+use crate::logic::node_state::NodeState;
+use anyhow::{Context, bail};
+use comms::logic::time::Time;
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, Write};
+use std::os::unix::fs::OpenOptionsExt;
+use std::path::{Path, PathBuf};
+
+/// The form of the log. One more with every change of what the agent and its inputs are made of: another form is not read.
+const FORM: u32 = 1;
+/// From which size on a checkpoint takes the place of the log, in bytes; or when it is twice as long as with its last checkpoint.
+const SIZE_MAX: u64 = 8 << 20;
+/// The name of the file, in the folder of the node.
+const FILE: &str = "inputs";
+
+/// What a log begins with.
+#[derive(Debug, PartialEq, Eq, Serialize, Deserialize)]
+struct Head {
+    form: u32,
+    version: String,
+    /// The boot of the kernel and the network namespace.
+    machine: String,
+}
+
+/// A log that is being written.
+#[derive(Debug)]
+pub struct InputLog {
+    path: PathBuf,
+    head: Head,
+    /// None while there is nothing to take over, and after the disk has refused.
+    file: Option<File>,
+    size: u64,
+    /// The size at which it is begun anew.
+    limit: u64,
+    /// Whether the disk has refused; it is tried again when there is something else to take over.
+    is_refused: bool,
+    /// Whether nobody takes over.
+    is_off: bool,
+}
+
+impl InputLog {
+    /// Returns a log in the folder of a node, without a file; it never gets one if nobody takes over. `machine` names the boot of
+    /// the kernel and the network.
+    pub fn new(folder: &Path, machine: &str, is_wanted: bool) -> Self {
+        let head = Head { form: FORM, version: env!("CARGO_PKG_VERSION").to_owned(), machine: machine.to_owned() };
+        Self {
+            path: folder.join(FILE),
+            head,
+            file: None,
+            size: 0,
+            limit: SIZE_MAX,
+            is_refused: false,
+            is_off: !is_wanted,
+        }
+    }
+
+    /// Makes the agent of a killed node again, as it was after its last input; nothing if there is none to take over.
+    ///
+    /// # Errors
+    /// The log cannot be read, or is of another form: for a person.
+    pub fn replay(&self) -> anyhow::Result<Option<NodeState>> {
+        let bytes = match fs::read(&self.path) {
+            Ok(bytes) => bytes,
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
+            Err(error) => return Err(error).with_context(|| format!("reading `{}`", self.path.display())),
+        };
+        let mut records = Records { left: &bytes };
+        let head: Head = records.next().context("it has no head")?.context("its head cannot be read")?;
+        if head.machine != self.head.machine {
+            return Ok(None);
+        }
+        if head != self.head {
+            bail!(
+                "it was written by DCA {} in form {}, and this is DCA {} with form {FORM}",
+                head.version,
+                head.form,
+                self.head.version
+            );
+        }
+        let mut state: NodeState =
+            records.next().context("it has no checkpoint")?.context("its checkpoint cannot be read")?;
+        let mut effects = Vec::new();
+        while let Some(record) = records.next::<(Time, Input)>() {
+            let (at, input) = record.context("an input cannot be read")?;
+            state.take(at, input, &mut effects);
+            effects.clear();
+        }
+        Ok(Some(state))
+    }
+
+    /// Writes an input down, before the agent has it.
+    pub fn append(&mut self, at: Time, input: &Input) {
+        let Some(file) = &mut self.file else { return };
+        let written = record(&(at, input)).and_then(|record| {
+            file.write_all(&record)?;
+            Ok(record.len())
+        });
+        match written {
+            Ok(length) => self.size += length as u64,
+            Err(error) => self.refuse(&error),
+        }
+    }
+
+    /// Begins the log, begins it anew, or removes it, as the agent is: to be called after its effects are carried out.
+    pub fn keep_up(&mut self, state: &NodeState) {
+        let is_wanted = state.is_engaged();
+        match &self.file {
+            _ if self.is_off => {}
+            None if is_wanted && !self.is_refused => self.begin(state),
+            Some(_) if !is_wanted => self.remove(),
+            Some(_) if self.size >= self.limit => self.begin(state),
+            None => self.is_refused &= is_wanted,
+            Some(_) => {}
+        }
+    }
+
+    /// Puts a log that begins with the present in the place of the one before.
+    pub fn begin(&mut self, state: &NodeState) {
+        match self.try_begin(state) {
+            Ok((file, size)) => {
+                (self.file, self.size) = (Some(file), size);
+                self.limit = SIZE_MAX.max(2 * size);
+            }
+            Err(error) => self.refuse(&error),
+        }
+    }
+
+    fn try_begin(&self, state: &NodeState) -> io::Result<(File, u64)> {
+        let unfinished = self.path.with_extension("new");
+        let mut file = OpenOptions::new().create(true).write(true).truncate(true).mode(0o600).open(&unfinished)?;
+        let head = record(&self.head)?;
+        let state = record(state)?;
+        file.write_all(&head)?;
+        file.write_all(&state)?;
+        fs::rename(&unfinished, &self.path)?;
+        Ok((file, (head.len() + state.len()) as u64))
+    }
+
+    /// Goes on without: a log with a gap would make another agent.
+    fn refuse(&mut self, error: &io::Error) {
+        tracing::error!(%error, "the inputs cannot be written down: if this node is killed, its programs end");
+        self.is_refused = true;
+        self.remove();
+    }
+
+    /// Removes the file: there is nothing to take over.
+    pub fn remove(&mut self) {
+        self.file = None;
+        if let Err(error) = fs::remove_file(&self.path)
+            && error.kind() != io::ErrorKind::NotFound
+        {
+            tracing::error!(%error, "the log of inputs cannot be removed");
+        }
+    }
+}
+
+/// The whole records at the beginning of a file.
+struct Records<'a> {
+    left: &'a [u8],
+}
+
+impl Records<'_> {
+    /// Returns the next record, or why it cannot be read; none behind the last whole one.
+    fn next<T: DeserializeOwned>(&mut self) -> Option<Result<T, postcard::Error>> {
+        let (length, rest) = self.left.split_first_chunk()?;
+        let (sum, rest) = rest.split_first_chunk()?;
+        let length = usize::try_from(u32::from_le_bytes(*length)).ok()?;
+        let (payload, rest) = rest.split_at_checked(length)?;
+        if crc32fast::hash(payload) != u32::from_le_bytes(*sum) {
+            return None;
+        }
+        self.left = rest;
+        Some(postcard::from_bytes(payload))
+    }
+}
+
+fn record(payload: &impl Serialize) -> io::Result<Vec<u8>> {
+    let mut record = postcard::to_extend(payload, vec![0; 8]).map_err(io::Error::other)?;
+    let length = u32::try_from(record.len() - 8).map_err(io::Error::other)?;
+    let sum = crc32fast::hash(&record[8..]);
+    record[..4].copy_from_slice(&length.to_le_bytes());
+    record[4..8].copy_from_slice(&sum.to_le_bytes());
+    Ok(record)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::logic::agent::{Agent, Identity};
+    use crate::logic::programs::Programs;
+    use std::time::Duration;
+
+    fn state() -> NodeState {
+        let (host, machine) = ("c1".to_owned(), "here".to_owned());
+        let identity = Identity { host, boot: 7, pid: 1, machine, epoch: 3, open: Vec::new() };
+        NodeState::new(Agent::new(identity, Programs::default(), Time::ZERO), Time::ZERO)
+    }
+
+    fn at(number: u64) -> Time {
+        Time::ZERO + Duration::from_millis(number)
+    }
+
+    /// What is left of a file that was cut off anywhere is the state after the last whole record; damage before that is told.
+    #[test]
+    fn a_log_that_was_cut_off_ends_with_its_last_whole_record() {
+        let folder = std::env::temp_dir().join(format!("dca-inputs-{}", std::process::id()));
+        fs::create_dir_all(&folder).unwrap();
+        let mut log = InputLog::new(&folder, "here", true);
+        assert!(log.replay().unwrap().is_none());
+        log.begin(&state());
+        let begin = fs::metadata(folder.join(FILE)).unwrap().len();
+        let mut ends = vec![begin];
+        for number in 1..=20 {
+            log.append(at(number), &Input::Appeared { host: format!("c{number}"), boot: number });
+            ends.push(fs::metadata(folder.join(FILE)).unwrap().len());
+        }
+        let whole = fs::read(folder.join(FILE)).unwrap();
+        for length in (0..=whole.len() as u64).rev() {
+            fs::write(folder.join(FILE), &whole[..usize::try_from(length).unwrap()]).unwrap();
+            let records = ends.iter().filter(|end| **end <= length).count();
+            match log.replay() {
+                Ok(Some(found)) => assert_eq!(found.at, at(records as u64 - 1), "of {length} bytes"),
+                Ok(None) => panic!("{length} bytes are something"),
+                Err(_) => assert_eq!(records, 0, "of {length} bytes"),
+            }
+        }
+        let other = InputLog::new(&folder, "another boot", true);
+        fs::write(folder.join(FILE), &whole).unwrap();
+        assert!(other.replay().unwrap().is_none(), "nothing of another boot runs any more");
+        let newer = record(&Head { form: FORM + 1, version: "9".to_owned(), machine: "here".to_owned() }).unwrap();
+        fs::write(folder.join(FILE), newer).unwrap();
+        assert!(log.replay().unwrap_err().to_string().contains("form 2"));
+        fs::remove_dir_all(&folder).unwrap();
+    }
+}

@@ -1,0 +1,100 @@
+//! What an agent can be told. A log keeps it, so that the agent can be made again.
+
+mod as_line;
+
+use crate::logic::effect::ProcessId;
+use crate::logic::link::Frame;
+use crate::logic::protocol::{Deployment, Pong, Request};
+use comms::logic::control::Notice;
+use serde::{Deserialize, Serialize};
+use shim::protocol::ShimReport;
+use std::time::Duration;
+
+/// What happened.
+#[derive(Debug, Serialize, Deserialize)]
+pub enum Input {
+    /// A node's token is there.
+    Appeared {
+        /// Its name.
+        host: String,
+        /// Its boot number.
+        boot: u64,
+    },
+    /// A node's token is gone.
+    Vanished {
+        /// Its name.
+        host: String,
+        /// Its boot number.
+        boot: u64,
+    },
+    /// A node asks whether this one is there, which has been answered.
+    Ping {
+        /// Its name.
+        host: String,
+        /// Its boot number.
+        boot: u64,
+    },
+    /// A node answers that it is there.
+    Pong(Box<Pong>),
+    /// A frame from a node.
+    Frame(Box<Frame>),
+    /// A call from the command line.
+    Call {
+        /// Numbers the call.
+        call: u64,
+        /// What is asked.
+        request: Box<Request>,
+    },
+    /// The caller has gone away.
+    CallGone {
+        /// Which call.
+        call: u64,
+    },
+    /// A word from a shim, with the end of the program's output.
+    Shim {
+        /// Whose.
+        process: ProcessId,
+        /// What.
+        #[serde(with = "as_line")]
+        report: ShimReport,
+        /// The last lines that the program has written, if the report says that it ended.
+        output: Vec<String>,
+    },
+    /// A word from a controller.
+    Control {
+        /// Which.
+        process: ProcessId,
+        /// What.
+        notice: Notice,
+    },
+    /// The epoch of a deployment that has its home here is on the disk, or cannot be written.
+    Committed {
+        /// Which.
+        deployment: Deployment,
+        /// Why it is not on the disk, for a person.
+        written: Result<(), String>,
+    },
+    /// A controller was told of parameters that have changed.
+    Configured {
+        /// Which.
+        process: ProcessId,
+        /// Each with its value as a spec spells it, or nothing if the spec's counts again.
+        parameters: Vec<(String, Option<String>)>,
+    },
+    /// An order did not reach a controller.
+    Undelivered {
+        /// Which.
+        process: ProcessId,
+        /// Why, for a person.
+        why: String,
+    },
+    /// This agent was made again from its inputs after its node was killed, and its programs are being reached again.
+    Adopted {
+        /// How long it was gone.
+        away: Duration,
+    },
+    /// Leave: stop everything that has its home here, and release everything else.
+    Leave,
+    /// A deadline may have passed.
+    Tick,
+}

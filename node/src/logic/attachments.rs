@@ -1,0 +1,243 @@
+//! What stands outside of an agent because of its effects: programs with their channels, calls that are not answered, epochs on
+//! their way to the disk.
+//!
+//! An agent that was killed is made again from its inputs (`io/input_log`), and so are its effects, which have happened already.
+//! What of them has arrived is a matter of numbers: everything that goes over the channels of a program is counted from its start,
+//! at both ends. A program that was reached again says how many orders it has, a node how many notices; the rest is sent again.
+//! Orders are kept until a notice shows that they were taken.
+
+use crate::logic::agent::Input;
+use crate::logic::effect::{Effect, ProcessId, SpawnOrder};
+use crate::logic::protocol::Deployment;
+use comms::logic::control::{Notice, Order};
+use serde::{Deserialize, Serialize};
+use shim::protocol::{ShimOrder, ShimReport};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+
+/// How many orders to one program are kept that no notice shows as taken. A program that has missed more cannot go on.
+const KEPT_MAX: usize = 1024;
+
+/// A program, from the order to start it until nothing of it is left and nobody asks for it.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Attachment {
+    /// How it was started.
+    pub order: SpawnOrder,
+    /// How many reports of its shim were taken.
+    pub reports: u64,
+    /// Whether one of them said how it has ended.
+    pub has_ended: bool,
+    /// Whether the last of them said that nothing of it is left.
+    pub is_gone: bool,
+    /// How many notices of it were taken.
+    pub notices: u64,
+    /// Whether its deployment is over, while something of it may run.
+    is_buried: bool,
+    /// Every order that its shim was given, as the line that the shim reads.
+    shim_orders: Vec<String>,
+    /// How many orders it was given.
+    orders: u64,
+    /// The last of them.
+    kept: VecDeque<Order>,
+}
+
+/// Everything that stands outside of one agent.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+pub struct Attachments {
+    programs: BTreeMap<ProcessId, Attachment>,
+    calls: BTreeSet<u64>,
+    /// The epochs that are not on the disk yet, with the hosts of their deployments.
+    commits: BTreeMap<Deployment, Vec<String>>,
+    /// Deployments that are over here and have their folders, the oldest first.
+    buried: VecDeque<Deployment>,
+    has_left: bool,
+}
+
+impl Attachments {
+    /// Takes note of an input, before the agent has it.
+    pub fn taken(&mut self, input: &Input) {
+        match input {
+            Input::Call { call, .. } => drop(self.calls.insert(*call)),
+            Input::CallGone { call } => drop(self.calls.remove(call)),
+            Input::Committed { deployment, .. } => drop(self.commits.remove(deployment)),
+            Input::Shim { process, report, .. } => {
+                let Some(program) = self.programs.get_mut(process) else { return };
+                program.reports += 1;
+                program.has_ended |= is_ending(report);
+                program.is_gone = *report == ShimReport::Gone;
+                if program.is_gone && program.is_buried {
+                    self.programs.remove(process);
+                }
+            }
+            Input::Control { process, notice } => {
+                if let Some(program) = self.programs.get_mut(process).filter(|_| notice.is_counted()) {
+                    program.notices += 1;
+                    program.was_taken(notice);
+                }
+            }
+            Input::Appeared { .. }
+            | Input::Vanished { .. }
+            | Input::Ping { .. }
+            | Input::Pong(_)
+            | Input::Frame(_)
+            | Input::Configured { .. }
+            | Input::Undelivered { .. }
+            | Input::Adopted { .. }
+            | Input::Leave
+            | Input::Tick => {}
+        }
+    }
+
+    /// Takes note of an effect, before it is carried out.
+    pub fn given(&mut self, effect: &Effect) {
+        match effect {
+            Effect::Spawn(order) => {
+                self.programs.insert(order.process.clone(), Attachment::new((**order).clone()));
+            }
+            Effect::Shim { process, order } => {
+                if let Some(program) = self.programs.get_mut(process) {
+                    program.shim_orders.push(order.to_string());
+                }
+            }
+            Effect::Control { process, order } => {
+                if let Some(program) = self.programs.get_mut(process).filter(|_| order.is_counted()) {
+                    program.orders += 1;
+                    program.kept.push_back(order.clone());
+                    let old = program.kept.len().saturating_sub(KEPT_MAX);
+                    program.kept.drain(..old);
+                }
+            }
+            Effect::Forget { process } => self.forget(|other| other == process),
+            Effect::Bury { deployment } => {
+                self.forget(|process| process.deployment == *deployment);
+                self.buried.push_back(deployment.clone());
+            }
+            Effect::Commit { deployment, hosts } => drop(self.commits.insert(deployment.clone(), hosts.clone())),
+            Effect::EndAnswers { call } | Effect::Tail { call, .. } | Effect::TailAll { call, .. } => {
+                self.calls.remove(call);
+            }
+            Effect::Leave | Effect::Yield { .. } => self.has_left = true,
+            Effect::Transmit { .. }
+            | Effect::Ping { .. }
+            | Effect::Holders(_)
+            | Effect::Peer(_)
+            | Effect::Settled { .. }
+            | Effect::Answer { .. }
+            | Effect::Record(_) => {}
+        }
+    }
+
+    /// Drops programs of which nothing is left; the others are dropped with their last report.
+    fn forget(&mut self, which: impl Fn(&ProcessId) -> bool) {
+        self.programs.retain(|process, program| {
+            let is_meant = which(process);
+            program.is_buried |= is_meant;
+            !is_meant || !program.is_gone
+        });
+    }
+
+    /// Returns the program of this instance path.
+    pub fn find(&self, deployment: &Deployment, path: &str) -> Option<&ProcessId> {
+        let mut of_deployment = self.of(deployment).filter(|(_, program)| !program.is_buried);
+        of_deployment.find(|(_, program)| program.order.path == path).map(|(process, _)| process)
+    }
+
+    /// Returns the programs of a deployment.
+    fn of(&self, deployment: &Deployment) -> impl Iterator<Item = (&ProcessId, &Attachment)> {
+        let first = ProcessId { deployment: deployment.clone(), leaf: 0 };
+        let deployment = deployment.clone();
+        self.programs.range(first..).take_while(move |(process, _)| process.deployment == deployment)
+    }
+
+    /// Returns whether a deployment has programs that are not forgotten.
+    pub fn has_programs(&self, deployment: &Deployment) -> bool {
+        self.of(deployment).any(|(_, program)| !program.is_buried)
+    }
+
+    /// Returns one program.
+    pub fn program(&self, process: &ProcessId) -> Option<&Attachment> {
+        self.programs.get(process)
+    }
+
+    /// Returns every program, those of deployments that are over included.
+    pub fn programs(&self) -> impl Iterator<Item = (&ProcessId, &Attachment)> {
+        self.programs.iter()
+    }
+
+    /// Returns the calls that wait for answers.
+    pub fn calls(&self) -> impl Iterator<Item = u64> {
+        self.calls.iter().copied()
+    }
+
+    /// Returns the epochs that are not on the disk, with the hosts of their deployments.
+    pub fn commits(&self) -> impl Iterator<Item = (&Deployment, &[String])> {
+        self.commits.iter().map(|(deployment, hosts)| (deployment, hosts.as_slice()))
+    }
+
+    /// Takes the oldest of the deployments that are over, if there are more than `count`.
+    pub fn take_buried(&mut self, count: usize) -> Option<Deployment> {
+        if self.buried.len() > count { self.buried.pop_front() } else { None }
+    }
+
+    /// Returns whether the node was to leave.
+    pub fn has_left(&self) -> bool {
+        self.has_left
+    }
+}
+
+impl Attachment {
+    fn new(order: SpawnOrder) -> Self {
+        Self {
+            order,
+            reports: 0,
+            has_ended: false,
+            is_gone: false,
+            notices: 0,
+            is_buried: false,
+            shim_orders: Vec::new(),
+            orders: 0,
+            kept: VecDeque::new(),
+        }
+    }
+
+    /// Returns the orders to its shim after the first `taken`.
+    pub fn shim_orders(&self, taken: u64) -> Vec<ShimOrder> {
+        let taken = usize::try_from(taken).unwrap_or(usize::MAX);
+        self.shim_orders.iter().skip(taken).filter_map(|line| ShimOrder::parse(line)).collect()
+    }
+
+    /// Returns the orders after the first `taken`; nothing if they are not all kept.
+    pub fn orders(&self, taken: u64) -> Option<Vec<Order>> {
+        let missed = usize::try_from(self.orders.checked_sub(taken)?).ok()?;
+        let skip = self.kept.len().checked_sub(missed)?;
+        Some(self.kept.iter().skip(skip).cloned().collect())
+    }
+
+    /// Drops the orders that a notice answers, and those before them: a program takes them in order.
+    fn was_taken(&mut self, notice: &Notice) {
+        let is_answered = |order: &Order| match (notice, order) {
+            (Notice::Connected | Notice::ConnectFailed { .. }, Order::Connect { .. }) => true,
+            (
+                Notice::Switched { generation },
+                Order::Open { generation: ordered, .. } | Order::Close { generation: ordered, .. },
+            ) => generation == ordered,
+            (
+                Notice::Running { activation }
+                | Notice::Done { activation, .. }
+                | Notice::Aborted { activation, .. }
+                | Notice::Stopped { activation },
+                Order::Activate { activation: ordered, .. },
+            ) => activation == ordered,
+            _ => false,
+        };
+        if let Some(last) = self.kept.iter().rposition(is_answered) {
+            self.kept.drain(..=last);
+        }
+    }
+}
+
+fn is_ending(report: &ShimReport) -> bool {
+    match report {
+        ShimReport::Exited { .. } | ShimReport::Signalled { .. } | ShimReport::ExecFailed { .. } => true,
+        ShimReport::Ready | ShimReport::Started { .. } | ShimReport::Gone => false,
+    }
+}

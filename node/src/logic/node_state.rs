@@ -1,0 +1,41 @@
+//! All that a node knows of what it has to do: its agent, and what stands outside of it. The same inputs at the same times make
+//! the same state, and the same effects.
+
+use crate::logic::agent::{Agent, Input};
+use crate::logic::attachments::Attachments;
+use crate::logic::effect::Effect;
+use comms::logic::time::Time;
+use serde::{Deserialize, Serialize};
+
+/// An agent with its attachments.
+#[derive(Debug, Serialize, Deserialize)]
+pub struct NodeState {
+    /// When its last input was.
+    pub at: Time,
+    /// The agent.
+    pub agent: Agent,
+    /// What stands outside of it.
+    pub attachments: Attachments,
+}
+
+impl NodeState {
+    /// Returns the state of an agent that has done nothing yet.
+    pub fn new(agent: Agent, at: Time) -> Self {
+        Self { at, agent, attachments: Attachments::default() }
+    }
+
+    /// Takes one input; appends what is to be done, in order.
+    pub fn take(&mut self, at: Time, input: Input, effects: &mut Vec<Effect>) {
+        self.at = at;
+        self.attachments.taken(&input);
+        let first = effects.len();
+        self.agent.handle(at, input, effects);
+        effects.iter().skip(first).for_each(|effect| self.attachments.given(effect));
+    }
+
+    /// Returns whether a successor has anything to take over.
+    pub fn is_engaged(&self) -> bool {
+        let has_left = self.attachments.has_left();
+        !has_left && (self.agent.is_engaged() || self.attachments.programs().next().is_some())
+    }
+}

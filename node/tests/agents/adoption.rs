@@ -1,0 +1,145 @@
+//! Nodes that are killed and started again take over what runs.
+
+use super::TWO_HOSTS;
+use super::world::{Coming, Draw, World};
+use comms::logic::time::Time;
+use node::logic::agent::Input;
+use node::logic::effect::Effect;
+use node::logic::node_state::NodeState;
+use node::logic::protocol::{Answer, Deployment, Ending, Report, Request};
+use std::collections::BTreeSet;
+use std::time::Duration;
+
+/// What a node writes down: a checkpoint, and its inputs since.
+#[derive(Debug)]
+pub(super) struct Written {
+    checkpoint: Vec<u8>,
+    inputs: Vec<Vec<u8>>,
+}
+
+impl Written {
+    pub(super) fn of(node: &NodeState) -> Self {
+        Self { checkpoint: postcard::to_allocvec(node).expect("a state is written"), inputs: Vec::new() }
+    }
+
+    pub(super) fn input(&mut self, at: Time, input: &Input) {
+        self.inputs.push(postcard::to_allocvec(&(at, input)).expect("an input is written"));
+    }
+
+    fn replay(&self) -> NodeState {
+        let mut node: NodeState = postcard::from_bytes(&self.checkpoint).expect("a state is read");
+        for input in &self.inputs {
+            let (at, input) = postcard::from_bytes(input).expect("an input is read");
+            node.take(at, input, &mut Vec::new());
+        }
+        node
+    }
+}
+
+impl World {
+    /// Kills the node of a host with its next input, once so many of the effects are carried out.
+    pub(super) fn crash_after(&mut self, host: &str, effects: usize) {
+        self.dies_after = Some((host.to_owned(), effects));
+    }
+
+    /// Kills nobody any more.
+    pub(super) fn spare(&mut self) {
+        self.dies_after = None;
+    }
+
+    /// Kills the node of a host. Its programs go on.
+    pub(super) fn crash(&mut self, host: &str) {
+        self.agents.remove(host);
+        self.down.insert(host.to_owned(), Vec::new());
+        let boot = self.boots[host];
+        for other in self.agents.keys().cloned().collect::<Vec<_>>() {
+            self.at(1, &other, Coming::Input(Input::Vanished { host: host.to_owned(), boot }));
+        }
+    }
+
+    /// Starts the node of a host again, which takes over what the one before has left.
+    pub(super) fn adopt(&mut self, host: &str) {
+        let held = self.down.remove(host).expect("it is down");
+        let node = self.written[host].replay();
+        let away = self.now.since(node.at);
+        let (calls, commits): (Vec<u64>, Vec<Deployment>) =
+            (node.attachments.calls().collect(), node.attachments.commits().map(|(name, _)| name.clone()).collect());
+        let programs: Vec<_> =
+            node.attachments.programs().map(|(process, one)| (process.clone(), one.clone())).collect();
+        self.written.insert(host.to_owned(), Written::of(&node));
+        self.agents.insert(host.to_owned(), node);
+        for deployment in commits {
+            self.at(self.disk_ms, host, Coming::Input(Input::Committed { deployment, written: Ok(()) }));
+        }
+        for (process, program) in programs.into_iter().filter(|(_, program)| !program.is_gone) {
+            if program.reports == 0 && !self.took.contains_key(&process) {
+                self.spawn(host, program.order);
+                continue;
+            }
+            let (orders, shim_orders) = self.took[&process];
+            for order in program.shim_orders(shim_orders) {
+                self.carry_out(host, Effect::Shim { process: process.clone(), order });
+            }
+            for order in program.orders(orders).expect("all that was missed is kept") {
+                self.carry_out(host, Effect::Control { process: process.clone(), order });
+            }
+        }
+        self.give(host, Input::Adopted { away });
+        calls.into_iter().for_each(|call| self.give(host, Input::CallGone { call }));
+        held.into_iter().for_each(|coming| self.at(1, host, coming));
+        let boot = self.boots[host];
+        for other in self.agents.keys().cloned().collect::<Vec<_>>() {
+            self.at(1, &other, Coming::Input(Input::Appeared { host: host.to_owned(), boot }));
+        }
+    }
+}
+
+fn first() -> Deployment {
+    Deployment { name: "test".into(), epoch: 1 }
+}
+
+/// Returns all that the home of the first deployment tells.
+fn told(world: &mut World) -> Vec<Report> {
+    let call = world.ask("c1", Request::Watch { deployment: first(), seen: 0 });
+    world.run_for(Duration::from_millis(10));
+    let answers = world.answers.remove(&call).unwrap_or_default();
+    answers
+        .into_iter()
+        .map(|answer| match answer {
+            Answer::Report(report) => report,
+            other => panic!("{other:?}"),
+        })
+        .collect()
+}
+
+/// Whichever node is killed at whichever effect, and is back before it is lost: the mission ends as if nothing had happened, and
+/// no program was started twice.
+#[test]
+fn a_mission_goes_on_where_its_nodes_were_killed() {
+    for seed in 0..2000 {
+        let mut draw = Draw::new(seed);
+        let mut world = World::new(&["c1", "c2", "c3"]);
+        world.deploy("c1", TWO_HOSTS);
+        // The request itself has to arrive.
+        world.run_for(Duration::from_millis(1 + draw.below(4)));
+        for _ in 0..1 + draw.below(4) {
+            world.crash_after(["c1", "c2"][draw.index(2)], draw.index(6));
+            world.run_for(Duration::from_millis(draw.below(120)));
+            for host in world.down.keys().cloned().collect::<Vec<_>>() {
+                world.run_for(Duration::from_millis(draw.below(400)));
+                world.adopt(&host);
+            }
+        }
+        world.spare();
+        world.run_for(Duration::from_secs(10));
+        let told = told(&mut world);
+        let Some(Report::Finished { ending: Ending::Done(_), unconfirmed, .. }) = told.last() else {
+            panic!("seed {seed}: {told:#?}");
+        };
+        assert_eq!((unconfirmed.len(), &world.alive), (0, &BTreeSet::new()), "seed {seed}");
+        assert!(world.lives.values().all(|lives| *lives == 1), "seed {seed}: {:?}", world.lives);
+        let expected = ["Sensor", "Step", "Step", "Step"];
+        let log: Vec<&str> = world.log.iter().filter_map(|line| line.split(' ').next()).collect();
+        assert_eq!(log, expected, "seed {seed}");
+    }
+}

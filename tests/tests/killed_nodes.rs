@@ -1,0 +1,113 @@
+//! A node that is killed and started again takes over what runs: the mission goes on, and no program is started twice.
+
+use comms::io::clock::now;
+use dca_tests::cluster::{Cluster, Host, Process, Program, SOON, Stream, spec, wait_until};
+use rustix::process::{Pid, Signal, kill_process};
+use std::collections::BTreeMap;
+use std::ops::Range;
+use std::time::Duration;
+
+/// How soon a node that was started again has everything.
+const ADOPTED_WITHIN: Duration = Duration::from_secs(1);
+const PROGRAMS: usize = 200;
+/// How many of them end while there is no node.
+const ENDING: usize = 100;
+
+/// Kills a node; returns when the kernel has removed it.
+fn kill(node: Program) {
+    node.signal(Signal::KILL);
+    assert_eq!(node.ended(SOON).signal, Some(9));
+}
+
+/// The process id of each program of a deployment, by its instance path.
+fn programs(cluster: &Cluster) -> BTreeMap<String, i32> {
+    let path = |process: &Process| {
+        let mark = process.environment.iter().find_map(|entry| entry.strip_prefix("DCA_INSTANCE="));
+        mark.filter(|_| process.command.first().is_none_or(|name| name != "sleep")).map(str::to_owned)
+    };
+    cluster.left().into_iter().filter_map(|process| Some((path(&process)?, process.pid))).collect()
+}
+
+/// Ends the programs of these numbers, each with an exit code of its own.
+fn end(programs: &BTreeMap<String, i32>, numbers: Range<usize>) {
+    for number in numbers {
+        let pid = Pid::from_raw(programs[&format!("main/p{number}")]).expect("it is a number");
+        kill_process(pid, Signal::USR1).expect("it runs");
+    }
+}
+
+fn states(host: &Host) -> BTreeMap<String, String> {
+    host.processes(&[]).into_iter().map(|(_, process)| (process.path.clone(), process.state.clone())).collect()
+}
+
+/// Each node of the door in turn, its home included, at a moment when much happens.
+#[test]
+fn the_door_opens_although_every_node_is_killed() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let mut nodes: BTreeMap<&str, Program> = ["c1", "c2", "c3"].map(|name| (name, here.node(name, &[]))).into();
+    let mission = here.dca(&["deploy", &spec("door_opening")]);
+    let phases = ["▸ (visualserv # distdetect)", "▸ closegrip", "▸ presshandle", "▸ dooropen"];
+    for (phase, host) in phases.into_iter().zip(["c3", "c2", "c1", "c3"]) {
+        mission.wait_for(Stream::Err, phase, SOON);
+        let before = programs(&cluster);
+        kill(nodes.remove(host).expect("it runs"));
+        nodes.insert(host, here.node(host, &[]));
+        assert_eq!(programs(&cluster), before, "no program was started or ended with the node of {host}");
+    }
+    let ended = mission.ended(2 * SOON);
+    assert_eq!(ended.code, Some(0), "{ended}");
+    assert!(ended.out.starts_with("door_opening: done after"), "{ended}");
+    let left = || {
+        cluster
+            .left()
+            .into_iter()
+            .filter(|process| process.command.first().is_some_and(|name| name.ends_with("dca-shim")))
+            .count()
+    };
+    wait_until(SOON, || left() == 0).unwrap_or_else(|| panic!("left: {:#?}", cluster.left()));
+}
+
+/// Acceptance 2 of the issue about the node: 200 programs, 100 of which end while there is no node.
+#[test]
+fn every_program_is_found_again_and_every_end_is_told() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let script = cluster.file("script.sh", "trap \"exit $1\" USR1; sleep 1000 & wait\n");
+    let instances: String =
+        (0..PROGRAMS).map(|number| format!("p{number} instof P(\"c1\", \"{}\");\n", number % 7 + 1)).collect();
+    let members: Vec<String> = (0..PROGRAMS).map(|number| format!("(p{number} else skip)")).collect();
+    let text = format!(
+        "module P(host, code) {{ exec \"sh {script}\"; plain; done; }}\nprocess main() {{\n host {{ \"c1\" }}\n instantiated_processes {{\n{instances}}}\n internal_event_actions {{ {} }}\n}}\n",
+        members.join(" , ")
+    );
+    let spec = cluster.file("many.dca", &text);
+    let node = here.node("c1", &[]);
+    let mission = here.dca(&["deploy", &spec]);
+    let running = |host: &Host| states(host).values().filter(|state| *state == "running").count();
+    wait_until(SOON, || running(&here) == PROGRAMS + 1).expect("all run");
+    let before = programs(&cluster);
+    kill(node);
+    end(&before, 0..ENDING);
+    wait_until(SOON, || programs(&cluster).len() == PROGRAMS - ENDING).expect("half of them end without a node");
+    let node = here.node("c1", &[]);
+    // How long one question takes on this machine as it is now.
+    let began = now();
+    running(&here);
+    let asked = 4 * (now() - began);
+    let took = wait_until(SOON, || running(&here) == PROGRAMS - ENDING + 1).expect("all are found again");
+    // The first answer to a question comes later than that on a busy machine; a program is told to be found by its node.
+    assert!(took <= ADOPTED_WITHIN.max(asked), "{took:?}");
+    println!("{PROGRAMS} programs, {ENDING} of them ended: known {took:.1?} after the node was ready");
+    let told = states(&here);
+    for number in 0..ENDING {
+        let state = &told[&format!("main/p{number}")];
+        assert!(state.contains(&format!("exit code {}", number % 7 + 1)), "p{number}: {state}");
+    }
+    let after = programs(&cluster);
+    assert!(after.iter().all(|(path, process)| before.get(path) == Some(process)), "a program was started again");
+    end(&before, ENDING..PROGRAMS);
+    let ended = mission.ended(SOON);
+    assert_eq!(ended.code, Some(0), "{ended}");
+    drop(node);
+}
