@@ -192,7 +192,7 @@ pub struct RunDir {
 }
 
 impl RunDir {
-    /// Takes the folder of node `name` below `base`. Blocks for up to [`LEAVING`] while another process holds it.
+    /// Takes the folder of node `name` below `base`. Blocks for up to 3 s while another process holds it.
     ///
     /// # Errors
     /// The folder cannot be used, or a node of that name is running.
