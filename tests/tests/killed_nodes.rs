@@ -1,7 +1,8 @@
 //! A node that is killed and started again takes over what runs: the mission goes on, and no program is started twice.
 
 use comms::io::clock::now;
-use dca_tests::cluster::{Cluster, Host, Process, Program, SOON, Stream, spec, wait_until};
+use comms::logic::random::Random;
+use dca_tests::cluster::{Cluster, Host, Network, Process, Program, SOON, Stream, pass, spec, wait_until};
 use rustix::process::{Pid, Signal, kill_process};
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -66,6 +67,43 @@ fn the_door_opens_although_every_node_is_killed() {
             .count()
     };
     wait_until(SOON, || left() == 0).unwrap_or_else(|| panic!("left: {:#?}", cluster.left()));
+}
+
+/// On three hosts of a network each node is killed once, at a moment that the seed draws; `DCA_DOORS` says how often (20 doors
+/// take a quarter of an hour).
+#[test]
+fn the_door_opens_on_a_network_although_every_node_is_killed() {
+    let doors: u64 = std::env::var("DCA_DOORS").ok().and_then(|count| count.parse().ok()).unwrap_or(1);
+    for seed in 0..doors {
+        let Some(network) = Network::new(3) else { return };
+        let cluster = Cluster::new();
+        let hosts: Vec<Host> = network.hosts().map(|number| cluster.host(&network, number)).collect();
+        let names = ["c1", "c2", "c3"];
+        let mut nodes: Vec<Option<Program>> =
+            hosts.iter().zip(names).map(|(host, name)| Some(host.node(name, &["--lan"]))).collect();
+        let mission = hosts[2].dca(&["deploy", &spec("door_opening")]);
+        mission.wait_for(Stream::Err, "▸ (visualserv # distdetect)", SOON);
+        let mut random = Random::new(seed);
+        let orders = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
+        let order = orders.into_iter().nth(usize::try_from(random.below(6)).unwrap_or(0)).unwrap_or_default();
+        for number in order {
+            pass(Duration::from_millis(random.below(8000)));
+            let before = programs(&cluster);
+            kill(nodes[number].take().expect("it runs"));
+            pass(Duration::from_millis(random.below(1500)));
+            nodes[number] = Some(hosts[number].node(names[number], &["--lan"]));
+            let after = programs(&cluster);
+            assert!(mission.is_running(), "seed {seed}: {}", mission.text(Stream::Err));
+            assert_eq!(
+                after, before,
+                "seed {seed}: no program was started or ended with the node of {}",
+                names[number]
+            );
+        }
+        let ended = mission.ended(2 * SOON);
+        assert_eq!(ended.code, Some(0), "seed {seed}: {ended}");
+        assert!(ended.out.starts_with("door_opening: done after"), "seed {seed}: {ended}");
+    }
 }
 
 /// Acceptance 2 of the issue about the node: 200 programs, 100 of which end while there is no node.
