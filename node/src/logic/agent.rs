@@ -1,6 +1,7 @@
 //! The agent of a host: routes every input to the machine it belongs to, and nothing else.
 
 mod calls;
+mod crash_loop;
 mod input;
 mod over;
 mod peers;
@@ -76,6 +77,8 @@ pub struct Agent {
     leaving: bool,
     /// Programs of deployments that are over here, and that may still run.
     loose: BTreeMap<Deployment, Loose>,
+    /// When it was made again from its inputs, the last few times.
+    adoptions: VecDeque<Time>,
     /// Until when a node of which nothing is left waits for others to acknowledge its last messages.
     lingers_until: Option<Time>,
 }
@@ -119,6 +122,7 @@ impl Agent {
             past: VecDeque::new(),
             leaving: false,
             loose: BTreeMap::new(),
+            adoptions: VecDeque::new(),
             lingers_until: None,
         }
     }
@@ -214,12 +218,7 @@ impl Agent {
                     home.committed(written, out);
                 }
             }
-            Input::Adopted { away } => {
-                // Whoever has started it again wants it to be there.
-                (self.leaving, self.lingers_until) = (false, None);
-                self.homes.values_mut().for_each(|home| home.adopted(away));
-                self.tenants.values_mut().for_each(|tenant| tenant.adopted(away));
-            }
+            Input::Adopted { away } => self.adopted(out.now, away),
             Input::Leave => {
                 self.leaving = true;
                 self.stop_gathering(|_| true, out);
@@ -306,7 +305,7 @@ impl Agent {
         if self.leaving {
             return refuse("its node is leaving".into(), out);
         }
-        if let Some(why) = self.namesake() {
+        if let Some(why) = self.namesake().or_else(|| self.crash_loop(out.now)) {
             return refuse(why, out);
         }
         if let Err(why) = plan.validate() {

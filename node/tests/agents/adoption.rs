@@ -143,3 +143,31 @@ fn a_mission_goes_on_where_its_nodes_were_killed() {
         assert_eq!(log, expected, "seed {seed}");
     }
 }
+
+/// A node that is killed again and again ends what it has and takes nothing new on for a minute.
+#[test]
+fn a_node_in_a_crash_loop_takes_nothing_new_on() {
+    let mut world = World::new(&["c1", "c2"]);
+    world.deploy("c1", TWO_HOSTS);
+    world.run_for(Duration::from_millis(20));
+    for _ in 0..6 {
+        world.crash("c1");
+        world.run_for(Duration::from_millis(10));
+        world.adopt("c1");
+    }
+    let refused = world.deploy_as("other", "c1", "process main() { host { \"c1\" } instantiated_processes { a instof Step(\"c1\"); } internal_event_actions { a } }");
+    world.run_for(Duration::from_secs(5));
+    let Report::Refused { reasons } = world.last_report(refused) else { panic!("{:?}", world.last_report(refused)) };
+    assert!(
+        reasons[0].starts_with("its node was killed 6 times within 60 s and takes nothing new on for 60 s"),
+        "{reasons:?}"
+    );
+    assert!(
+        matches!(told(&mut world).last(), Some(Report::Finished { ending: Ending::Done(_), .. })),
+        "what ran goes on"
+    );
+    world.run_for(Duration::from_secs(60));
+    let again = world.deploy_as("again", "c1", "process main() { host { \"c1\" } instantiated_processes { a instof Step(\"c1\"); } internal_event_actions { a } }");
+    world.run_for(Duration::from_secs(5));
+    assert_eq!(world.ending(again), &Ending::Done(vec![]));
+}

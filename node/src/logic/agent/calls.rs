@@ -79,7 +79,7 @@ impl Agent {
         let home_is_here = plan.home() == Some(&self.identity.host);
         let refusal = if self.leaving {
             Some("this node is leaving".to_owned())
-        } else if let Some(why) = self.namesake() {
+        } else if let Some(why) = self.namesake().or_else(|| self.crash_loop(out.now)) {
             Some(why)
         } else if let Err(why) = plan.validate() {
             Some(format!("the plan is not sound: {why}"))

@@ -1,0 +1,41 @@
+//! A node that is killed again and again takes over what runs, reports and stops; it takes nothing new on, which may be what kills it.
+
+use super::Agent;
+use comms::logic::human::span;
+use comms::logic::time::Time;
+use std::time::Duration;
+
+/// How often a node may be killed,
+const KILLS_MAX: usize = 5;
+/// within this time, before it takes nothing new on for as long.
+const WITHIN: Duration = Duration::from_secs(60);
+
+impl Agent {
+    /// Takes note that it was made again from its inputs, and how long it was gone.
+    pub(super) fn adopted(&mut self, now: Time, away: Duration) {
+        // Whoever has started it again wants it to be there.
+        (self.leaving, self.lingers_until) = (false, None);
+        self.homes.values_mut().for_each(|home| home.adopted(away));
+        self.tenants.values_mut().for_each(|tenant| tenant.adopted(away));
+        self.adoptions.push_back(now);
+        while self.adoptions.len() > KILLS_MAX + 1 {
+            self.adoptions.pop_front();
+        }
+    }
+
+    /// Says why this node takes nothing new on, where it is killed again and again.
+    pub(super) fn crash_loop(&self, now: Time) -> Option<String> {
+        let first = self.adoptions.front().filter(|_| self.adoptions.len() > KILLS_MAX)?;
+        let last = self.adoptions.back()?;
+        let until = *last + WITHIN;
+        let seconds = until.since(now).as_millis().div_ceil(1000);
+        (*last - *first < WITHIN && now < until).then(|| {
+            format!(
+                "its node was killed {} times within {} and takes nothing new on for {seconds} s; what runs goes on, and \
+                 can be stopped",
+                self.adoptions.len(),
+                span(WITHIN),
+            )
+        })
+    }
+}
