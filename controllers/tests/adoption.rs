@@ -49,6 +49,14 @@ impl Program {
     fn start(command: &[&str]) -> (Self, UnixListener, Channel, Notice) {
         let dir = folder();
         let listener = UnixListener::bind(dir.join("control.sock")).unwrap();
+        let program = Self::begin(dir, command);
+        let mut channel = Channel::accept(&listener);
+        let hello = channel.next().unwrap();
+        assert!(matches!(&hello, Notice::Hello { instance, .. } if instance == "main/source"), "{hello:?}");
+        (program, listener, channel, hello)
+    }
+
+    fn begin(dir: PathBuf, command: &[&str]) -> Self {
         let mut words = command.iter().copied().chain([PROGRAM, "RateSource"]);
         let child = Command::new(words.next().unwrap())
             .args(words)
@@ -59,11 +67,7 @@ impl Program {
             .stderr(Stdio::piped())
             .spawn()
             .unwrap();
-        let program = Self { dir, child };
-        let mut channel = Channel::accept(&listener);
-        let hello = channel.next().unwrap();
-        assert!(matches!(&hello, Notice::Hello { instance, .. } if instance == "main/source"), "{hello:?}");
-        (program, listener, channel, hello)
+        Self { dir, child }
     }
 
     /// The place where the program looks for a node, taken by another one.
@@ -249,6 +253,22 @@ fn a_controller_goes_on_without_its_node() {
     assert_eq!(channel.next(), None);
     ear.close();
     assert_eq!(program.leave(), (Some(0), String::new()));
+}
+
+/// Its node was killed before it could say hello.
+#[test]
+fn a_program_that_begins_without_its_node_waits_for_it() {
+    let mut program = Program::begin(folder(), &[]);
+    let until = now() + Duration::from_millis(500);
+    while now() < until {
+        assert!(program.child.try_wait().unwrap().is_none(), "it has left");
+        std::thread::yield_now();
+    }
+    let listener = program.listener();
+    let mut channel = Channel::accept(&listener);
+    assert!(matches!(channel.next(), Some(Notice::Hello { .. })));
+    program.terminate();
+    assert_eq!(program.leave().0, Some(143));
 }
 
 #[test]

@@ -17,6 +17,8 @@ use thiserror::Error;
 
 /// How long the first node has to take the connection.
 const CONNECT_WITHIN: Duration = Duration::from_secs(10);
+/// How long a program that begins looks for its node.
+const FIRST_WITHIN: Duration = Duration::from_secs(60);
 /// When a lost node is looked for the first time; from then on half as often each time.
 const DIAL_FIRST: Duration = Duration::from_millis(5);
 /// How often it is looked for in the end. So long a node may take to take the connection, too.
@@ -90,12 +92,23 @@ pub(super) struct NodeLine {
     notices: NoticeLog,
 }
 
-/// Dials the node that has started this program as `instance`; `parent` is the process that did so for it.
+/// Dials the node that has started this program as `instance`; `parent` is the process that did so for it. A node that was killed
+/// meanwhile is waited for.
 ///
 /// # Errors
-/// If no node listens on `socket`.
+/// If no node listens on `socket` for a minute, or none does and the parent is gone.
 pub(super) fn connect(socket: &Path, instance: &str, parent: u32) -> Result<(NoticeLog, NodeLine), ControlError> {
-    let (sender, receiver) = control::connect(socket, CONNECT_WITHIN)?;
+    let (until, pause, mut wait) = (now() + FIRST_WITHIN, Wakeup::default(), DIAL_FIRST);
+    let (sender, receiver) = loop {
+        match control::connect(socket, CONNECT_WITHIN) {
+            Err(error @ ControlError::Connect { .. }) if now() < until && parent_id() == parent => {
+                tracing::debug!(%error, "the node is looked for");
+                pause.wait(Some(now() + wait));
+                wait = (2 * wait).min(DIAL_EVERY);
+            }
+            connected => break connected?,
+        }
+    };
     let notices = NoticeLog::new(sender);
     let (socket, instance) = (socket.to_owned(), instance.to_owned());
     let line = NodeLine { socket, instance, parent, receiver, orders: 0, notices: notices.clone() };
