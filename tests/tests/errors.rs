@@ -162,7 +162,7 @@ fn a_program_that_fails() {
     let logs = here.ask(&["logs", "idle"]);
     assert_eq!(logs.code, Some(0), "{logs}");
     assert!(logs.out.starts_with("line 1\n") && logs.out.ends_with("line 30\nthe lens is dirty\n"), "{logs}");
-    assert!(logs.err.contains("from the record in `runs/fails-1`"), "{logs}");
+    assert!(logs.err.contains("by the record in `runs/fails-1`"), "{logs}");
 }
 
 /// What a program wrote that took too long is all that tells why it did.
