@@ -228,15 +228,13 @@ impl Watch {
             let gone = || Failure::Unreachable(anyhow!("the node `{home}` went away before it took `{name}` on"));
             return Err(why.unwrap_or_else(gone));
         };
-        // The first look back is taken at once, others after a pause.
         let now = clock::now();
         if self.resumed.is_some_and(|at| now - at > STEADY) {
             self.cut_off = None;
         }
         let deadline = self.cut_off.get_or_insert(now).to_owned() + BACK_WITHIN;
-        if deadline < now + BACK_WITHIN {
-            clock::sleep_until(now + LOOK_EVERY).await;
-        }
+        // A question in the moment in which the session loses its link goes nowhere, and would be waited for.
+        clock::sleep_until(now + LOOK_EVERY).await;
         while clock::now() < deadline {
             tokio::select! {
                 hosts = client.hosts(std::slice::from_ref(&self.home)) => match hosts {
