@@ -11,7 +11,7 @@ use std::time::Duration;
 
 /// Hosts that do not answer, and what may run there.
 #[derive(Debug, Default)]
-pub(crate) struct Away {
+pub(crate) struct Absences {
     pub(crate) hosts: Vec<AbsentHost>,
     pub(crate) ends: Vec<OpenEnd>,
     pub(crate) processes: Vec<AbsentProcess>,
@@ -22,7 +22,7 @@ pub(crate) struct Away {
 }
 
 /// Asks every node that has said how it is. One of an older version knows of nobody.
-pub(crate) async fn ask(found: &[(&Client, Statuses)]) -> Away {
+pub(crate) async fn ask(found: &[(&Client, Statuses)]) -> Absences {
     let mut asked = Vec::new();
     for (client, statuses) in found {
         // All at once: each may be far away.
@@ -37,7 +37,7 @@ pub(crate) async fn ask(found: &[(&Client, Statuses)]) -> Away {
         }
     }
     let there = found.iter().flat_map(|(_, statuses)| &statuses.nodes).map(|node| node.host.clone()).collect();
-    let mut away = Away::new(told, &there);
+    let mut away = Absences::new(told, &there);
     let silent = found.iter().flat_map(|(_, statuses)| &statuses.silent);
     away.silent = silent.filter(|host| away.hosts.iter().all(|one| one.host != **host)).cloned().collect();
     away
@@ -49,7 +49,7 @@ pub(crate) async fn missing(what: &str, found: &[(&Client, Statuses)]) -> Failur
 }
 
 /// As [`missing`] does, by what has been asked already.
-pub(crate) fn nowhere(what: &str, away: &Away) -> Failure {
+pub(crate) fn nowhere(what: &str, away: &Absences) -> Failure {
     away.may_have(what).unwrap_or_else(|| Failure::Refused(anyhow!("no {what} is running; `dca status` lists what is")))
 }
 
@@ -67,7 +67,7 @@ pub(crate) async fn not_running(name: &str, found: &[(&Client, Statuses)]) -> Fa
     }
 }
 
-impl Away {
+impl Absences {
     /// Puts together what nodes say of others. Who answers is not away, and a home that answers speaks for itself.
     fn new(told: BTreeMap<String, Absent>, there: &BTreeSet<String>) -> Self {
         let mut hosts: BTreeMap<&str, &AbsentHost> = BTreeMap::new();
@@ -190,13 +190,13 @@ mod tests {
         let c1 = absent(vec![lost("c2", 50)], vec![end("c1", "c2")]);
         let c3 = absent(vec![lost("c1", 9), lost("c2", 40)], vec![end("c1", "c1")]);
         let told = BTreeMap::from([("c1".to_owned(), c1), ("c3".to_owned(), c3.clone())]);
-        let away = Away::new(told, &there(&["c1", "c3"]));
+        let away = Absences::new(told, &there(&["c1", "c3"]));
         assert_eq!((away.hosts.clone(), away.ends.clone()), (vec![lost("c2", 40)], vec![end("c1", "c2")]));
         let warnings = away.warnings();
         assert_eq!(warnings[0], "warning: `c2` is lost, it was heard 40 s ago: what runs there is not known");
         assert!(warnings[1].starts_with("warning: `c2` (lost, heard 40 s ago) has not confirmed"), "{warnings:?}");
         // Without its home, who took part speaks for it.
-        let away = Away::new(BTreeMap::from([("c3".to_owned(), c3)]), &there(&["c3"]));
+        let away = Absences::new(BTreeMap::from([("c3".to_owned(), c3)]), &there(&["c3"]));
         assert_eq!((away.hosts.len(), away.ends), (2, vec![end("c1", "c1")]));
     }
 

@@ -16,13 +16,13 @@ pub struct Arguments {
     /// The deployment; the only one that runs if none is named
     name: Option<String>,
     #[command(flatten)]
-    reaching: ConnectArgs,
+    connect: ConnectArgs,
 }
 
 /// Runs the verb.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     block_on(async {
-        let clients = Clients::open(&arguments.reaching).await?;
+        let clients = Clients::open(&arguments.connect).await?;
         let attached = attach(&clients, arguments.name.as_deref()).await;
         clients.close().await;
         attached

@@ -84,7 +84,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     };
     let checked = Checked::read(&arguments.file, &arguments.controllers, arguments.deny.is_some())?;
     console::say(&print(&checked));
-    if checked.plan.is_some() { Ok(()) } else { Err(Failure::Told) }
+    if checked.plan.is_some() { Ok(()) } else { Err(Failure::Reported) }
 }
 
 fn check(arguments: &Arguments) -> Result<(), Failure> {
@@ -111,7 +111,7 @@ pub(crate) fn load(file: &Path, controllers: &Controllers, deny_lenient_names: b
         let (errors, warnings) = (counted(errors, "error"), counted(warnings, "warning"));
         console::note(&format!("{}: {at_least}{errors}, {warnings}", spec.name));
     }
-    let plan = plan.ok_or(Failure::Told)?;
+    let plan = plan.ok_or(Failure::Reported)?;
     let text = spec.text.clone();
     let modules = std::iter::once(spec).chain(interfaces).collect();
     Ok(Spec { file: file.to_owned(), text, plan, modules })

@@ -66,10 +66,10 @@ pub(crate) struct Clients {
 
 impl Clients {
     /// Connects through nodes of this machine, or by scouting when `--lan` is given and no node stays on this machine.
-    pub(crate) async fn open(reaching: &ConnectArgs) -> Result<Self, Failure> {
-        let standing = Client::open(reaching).await;
+    pub(crate) async fn open(connect: &ConnectArgs) -> Result<Self, Failure> {
+        let standing = Client::open(connect).await;
         let (mut clients, mut hanging) = (Vec::new(), None);
-        for folder in run_dir::groups(&reaching.base()).iter().filter(|folder| **folder != reaching.base()) {
+        for folder in run_dir::groups(&connect.base()).iter().filter(|folder| **folder != connect.base()) {
             match Client::through(folder).await {
                 Ok(client) => clients.extend(client),
                 // A command that has just begun or ended is left out, and so is one that hangs beside others.
@@ -79,7 +79,7 @@ impl Clients {
         match standing {
             Ok(client) => clients.insert(0, client),
             Err(failure) if clients.is_empty() => return Err(hanging.unwrap_or(failure)),
-            Err(failure) if run_dir::running(&reaching.base()).is_ok_and(|nodes| !nodes.is_empty()) => {
+            Err(failure) if run_dir::running(&connect.base()).is_ok_and(|nodes| !nodes.is_empty()) => {
                 hanging = Some(failure);
             }
             Err(_) => {}
@@ -99,15 +99,15 @@ impl Clients {
 
     /// Asks every node at once how it is; each answer stands beside its connection. Those that do not answer are noted.
     pub(crate) async fn statuses(&self) -> Result<Vec<(&Client, Statuses)>, Failure> {
-        let asking = self.clients.iter().map(|client| {
+        let questions = self.clients.iter().map(|client| {
             let client = Arc::clone(client);
-            let mut asking = JoinSet::new();
-            asking.spawn(async move { client.statuses().await });
-            asking
+            let mut questions = JoinSet::new();
+            questions.spawn(async move { client.statuses().await });
+            questions
         });
         let (mut found, mut failure) = (Vec::new(), None);
-        for (client, mut asking) in self.iter().zip(asking.collect::<Vec<_>>()) {
-            match asking.join_next().await {
+        for (client, mut answers) in self.iter().zip(questions.collect::<Vec<_>>()) {
+            match answers.join_next().await {
                 Some(Ok(Ok(statuses))) => found.push((client, statuses)),
                 Some(Ok(Err(why))) => failure = Some(why),
                 Some(Err(panic)) => failure = Some(panic.into()),
@@ -130,19 +130,19 @@ impl Clients {
 
 impl Client {
     /// Connects through a node that stays on this machine, or by scouting when `--lan` is given.
-    pub(crate) async fn open(reaching: &ConnectArgs) -> Result<Self, Failure> {
-        let problem = match Self::through(&reaching.base()).await {
+    pub(crate) async fn open(connect: &ConnectArgs) -> Result<Self, Failure> {
+        let problem = match Self::through(&connect.base()).await {
             Ok(Some(client)) => return Ok(client),
             Ok(None) => None,
             Err(Failure::Unreachable(problem)) => Some(problem),
             Err(refused) => return Err(refused),
         };
-        if reaching.lan {
+        if connect.lan {
             let session = Session::open_scout().await.context("looking for nodes on the network");
             return Ok(Self {
                 session: session.map_err(Failure::Unreachable)?,
                 local: None,
-                base: Some(reaching.base()),
+                base: Some(connect.base()),
             });
         }
         let none = || {
@@ -152,9 +152,9 @@ impl Client {
     }
 
     /// Connects as [`Client::open`] does; where no node stays, to the only `dca run` that there is.
-    pub(crate) async fn open_any(reaching: &ConnectArgs) -> Result<Self, Failure> {
-        let standing = Self::open(reaching).await;
-        let base = reaching.base();
+    pub(crate) async fn open_any(connect: &ConnectArgs) -> Result<Self, Failure> {
+        let standing = Self::open(connect).await;
+        let base = connect.base();
         let commands: Vec<PathBuf> = run_dir::groups(&base).into_iter().filter(|folder| *folder != base).collect();
         match (standing, &commands[..]) {
             (Ok(client), _) => Ok(client),
@@ -220,16 +220,16 @@ impl Client {
         let mut watch = self.session.watch(&key::live_any()).map_err(unreachable)?;
         let (mut tokens, mut heard) = (BTreeSet::new(), BTreeSet::new());
         let deadline = clock::now() + within;
-        let mut asking = Box::pin(self.heard_here(clock::now()));
+        let mut hosts_heard = Box::pin(self.heard_here(clock::now()));
         loop {
             if !wanted.is_empty() && wanted.iter().all(|host| tokens.contains(host) || heard.contains(host)) {
                 return Ok(&tokens | &heard);
             }
             let presence = tokio::select! {
                 presence = watch.next() => presence,
-                hosts = &mut asking => {
+                hosts = &mut hosts_heard => {
                     heard = hosts;
-                    asking = Box::pin(self.heard_here(clock::now() + ASK_AGAIN));
+                    hosts_heard = Box::pin(self.heard_here(clock::now() + ASK_AGAIN));
                     continue;
                 }
                 () = clock::sleep_until(deadline) => None,
@@ -396,7 +396,7 @@ fn call_failure(host: &str, error: CallError) -> Failure {
 pub(crate) fn words(failure: &Failure) -> String {
     match failure {
         Failure::Refused(error) | Failure::Unreachable(error) => format!("{error:#}"),
-        Failure::Told => String::new(),
+        Failure::Reported => String::new(),
     }
 }
 

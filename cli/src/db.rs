@@ -1,6 +1,6 @@
 //! `dca db`: the database that every robot of a team has a copy of. One file a kind of verb.
 
-pub mod asking;
+pub mod databases;
 pub mod file;
 pub mod import;
 pub mod own;
@@ -52,7 +52,7 @@ enum Verb {
     /// Show who is in the team, who is behind, and how this robot's copy is
     Status(team::Status),
     /// Begin a team with this robot; every other one joins by itself
-    Found(team::Operate),
+    Found(team::TeamArgs),
     /// Give up this robot's team for another one of the same name that was begun apart; what was written comes along
     Join(team::Join),
     /// Show who alone writes where, or say so
@@ -60,7 +60,7 @@ enum Verb {
     /// A robot is gone for good: nobody waits for it any more
     Retire(team::Retire),
     /// Dates have gone wrong: date new writes above all that were dated wrongly
-    HealClock(team::Operate),
+    HealClock(team::TeamArgs),
 }
 
 /// Runs the verb.

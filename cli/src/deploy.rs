@@ -15,7 +15,7 @@ pub struct Arguments {
     #[command(flatten)]
     following: follow::FollowArgs,
     #[command(flatten)]
-    reaching: ConnectArgs,
+    connect: ConnectArgs,
     #[command(flatten)]
     controllers: Controllers,
 }
@@ -24,7 +24,7 @@ pub struct Arguments {
 pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
     let spec = check::load(&arguments.file, &arguments.controllers, false)?;
     block_on(async {
-        let client = Client::open(&arguments.reaching).await?;
+        let client = Client::open(&arguments.connect).await?;
         let result = deploy(&client, spec, &arguments.following).await;
         client.close().await;
         result

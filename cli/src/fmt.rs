@@ -41,7 +41,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
             std::fs::write(file, text).with_context(|| format!("writing the spec `{}`", file.display()))?;
         }
     }
-    if is_fine { Ok(()) } else { Err(Failure::Told) }
+    if is_fine { Ok(()) } else { Err(Failure::Reported) }
 }
 
 /// The text in its one form; says why there is none.
@@ -63,7 +63,7 @@ mod tests {
     fn told(files: Vec<PathBuf>, check: bool) -> bool {
         match run(&Arguments { files, check }) {
             Ok(()) => false,
-            Err(Failure::Told) => true,
+            Err(Failure::Reported) => true,
             Err(Failure::Refused(error) | Failure::Unreachable(error)) => panic!("{error:#}"),
         }
     }

@@ -417,7 +417,7 @@ impl Watch {
         self.display.finish(&self.mission, &files, &mut self.output)?;
         match self.mission.verdict().map(|verdict| &verdict.outcome) {
             Some(Outcome::Done) => Ok(()),
-            _ => Err(Failure::Told),
+            _ => Err(Failure::Reported),
         }
     }
 }

@@ -29,7 +29,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let Some(graph) = graph else {
         diagnostics.retain(|found| found.severity == Severity::Error);
         console::note(&render(&diagnostics, &spec, &interfaces, check::style()));
-        return Err(Failure::Told);
+        return Err(Failure::Reported);
     };
     let picture = if arguments.dot { graph.dot() } else { graph.svg() };
     match &arguments.output {

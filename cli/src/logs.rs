@@ -39,11 +39,11 @@ pub struct Arguments {
     #[arg(long, requires = "process", conflicts_with_all = ["follow"])]
     recorded: bool,
     #[command(flatten)]
-    reaching: ConnectArgs,
+    connect: ConnectArgs,
 }
 
 /// Why no node has what a process writes.
-enum Without {
+enum NoOutput {
     /// Every node has answered, or none runs: it is over.
     Over(Failure),
     /// It may run where nobody answers.
@@ -54,16 +54,16 @@ enum Without {
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let without = if arguments.recorded {
         let (runs, process) = (arguments.runs.display(), &arguments.process);
-        Some(Without::Over(anyhow!("no record in `{runs}` has a process `{process}`").into()))
+        Some(NoOutput::Over(anyhow!("no record in `{runs}` has a process `{process}`").into()))
     } else {
         block_on(from_nodes(arguments))?
     };
     match without {
         None => Ok(()),
         // A run is over, and its nodes with it: what its programs wrote is in its record.
-        Some(Without::Over(failure)) => recorded(arguments).unwrap_or(Err(failure)),
+        Some(NoOutput::Over(failure)) => recorded(arguments).unwrap_or(Err(failure)),
         // The record of another run is no answer.
-        Some(Without::Unknown(failure)) => Err(Failure::Unreachable(anyhow!(
+        Some(NoOutput::Unknown(failure)) => Err(Failure::Unreachable(anyhow!(
             "{}; `--recorded` reads the latest record in `{}` instead",
             words(&failure),
             arguments.runs.display()
@@ -72,11 +72,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
 }
 
 /// Prints what nodes have; returns why not if none has it.
-async fn from_nodes(arguments: &Arguments) -> Result<Option<Without>, Failure> {
-    let clients = match Clients::open(&arguments.reaching).await {
+async fn from_nodes(arguments: &Arguments) -> Result<Option<NoOutput>, Failure> {
+    let clients = match Clients::open(&arguments.connect).await {
         Ok(clients) => clients,
-        Err(failure) if runs_any(&arguments.reaching) => return Ok(Some(Without::Unknown(failure))),
-        Err(failure) => return Ok(Some(Without::Over(failure))),
+        Err(failure) if runs_any(&arguments.connect) => return Ok(Some(NoOutput::Unknown(failure))),
+        Err(failure) => return Ok(Some(NoOutput::Over(failure))),
     };
     if arguments.process.is_empty() {
         let listed = list::all(&clients, arguments.deployment.as_deref()).await;
@@ -92,13 +92,13 @@ async fn from_nodes(arguments: &Arguments) -> Result<Option<Without>, Failure> {
 }
 
 /// Returns whether a node runs on this machine.
-fn runs_any(reaching: &ConnectArgs) -> bool {
+fn runs_any(connect: &ConnectArgs) -> bool {
     let runs = |folder: &PathBuf| run_dir::running(folder).is_ok_and(|nodes| !nodes.is_empty());
-    run_dir::groups(&reaching.base()).iter().any(runs)
+    run_dir::groups(&connect.base()).iter().any(runs)
 }
 
 /// Prints what the process writes; returns why not if nobody has it.
-async fn print(clients: &Clients, arguments: &Arguments) -> Result<Option<Without>, Failure> {
+async fn print(clients: &Clients, arguments: &Arguments) -> Result<Option<NoOutput>, Failure> {
     let all = clients.statuses().await?;
     let meant = |(client, statuses): &(_, Statuses)| {
         find(&statuses.nodes, arguments).into_iter().map(|one| (*client, one)).collect::<Vec<_>>()
@@ -118,9 +118,9 @@ async fn print(clients: &Clients, arguments: &Arguments) -> Result<Option<Withou
             }
             let failure = absent::nowhere(&format!("process `{}`", arguments.process), &away);
             Ok(Some(match (&failure, clients.hanging()) {
-                (Failure::Unreachable(_), _) => Without::Unknown(failure),
-                (_, Some(why)) => Without::Unknown(Failure::Unreachable(anyhow!("{why}"))),
-                _ => Without::Over(failure),
+                (Failure::Unreachable(_), _) => NoOutput::Unknown(failure),
+                (_, Some(why)) => NoOutput::Unknown(Failure::Unreachable(anyhow!("{why}"))),
+                _ => NoOutput::Over(failure),
             }))
         }
         many => {

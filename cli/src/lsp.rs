@@ -52,20 +52,20 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         match inbox.next(&mut replies) {
             Event::Message(message) => server.handle(message, &mut replies),
             Event::Interface(interface) => server.arrived(interface, &mut replies),
-            Event::End => return Err(Failure::Told),
+            Event::End => return Err(Failure::Reported),
         }
         if !inbox.has_change() {
             server.publish(&mut replies);
         }
         for reply in replies {
             // An editor that is gone needs no answer.
-            if !console::pass(&rpc::frame(&reply)).or(Err(Failure::Told))? {
-                return Err(Failure::Told);
+            if !console::pass(&rpc::frame(&reply)).or(Err(Failure::Reported))? {
+                return Err(Failure::Reported);
             }
         }
         match server.state() {
             State::Ended => return Ok(()),
-            State::Abandoned => return Err(Failure::Told),
+            State::Abandoned => return Err(Failure::Reported),
             State::Fresh | State::Ready | State::ShutDown => {}
         }
     }

@@ -1,7 +1,7 @@
 //! `dca nodes`: who can be reached, and who cannot any more.
 
 use crate::ConnectArgs;
-use crate::absent::{self, Away, ago};
+use crate::absent::{self, Absences, ago};
 use crate::client::{ANSWER_WITHIN, Client, Clients};
 use comms::io::clock;
 use node::console::{self, Failure, block_on};
@@ -16,13 +16,13 @@ pub struct Arguments {
     #[arg(long)]
     json: bool,
     #[command(flatten)]
-    reaching: ConnectArgs,
+    connect: ConnectArgs,
 }
 
 /// Runs the verb.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let (statuses, unlinked, away) = block_on(async {
-        let clients = Clients::open(&arguments.reaching).await?;
+        let clients = Clients::open(&arguments.connect).await?;
         let asked = asked(&clients).await;
         clients.close().await;
         asked
@@ -47,7 +47,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
 }
 
 /// Returns a row for each host that does not answer, as those do that are `there`.
-fn away_rows(away: &Away, there: &BTreeSet<String>) -> Vec<Vec<String>> {
+fn away_rows(away: &Absences, there: &BTreeSet<String>) -> Vec<Vec<String>> {
     let row = |host: &str, state: String| {
         let open = away.ends.iter().filter(|end| end.hosts.iter().any(|one| one.host == host));
         let open: Vec<String> = open.map(|end| format!("{}?", end.deployment.name)).collect();
@@ -69,13 +69,13 @@ fn away_rows(away: &Away, there: &BTreeSet<String>) -> Vec<Vec<String>> {
 }
 
 /// Returns the hosts that do not answer; when one was heard is null where no node says so.
-fn missing(away: &Away) -> serde_json::Result<Vec<serde_json::Value>> {
+fn missing(away: &Absences) -> serde_json::Result<Vec<serde_json::Value>> {
     let silent = away.silent.iter().map(|host| Ok(serde_json::json!({ "host": host, "heard": null, "lost": false })));
     away.hosts.iter().map(serde_json::to_value).chain(silent).collect()
 }
 
 /// Asks every node how it is, whom it is not linked to, and whom it misses.
-async fn asked(clients: &Clients) -> Result<(Vec<NodeStatus>, Vec<String>, Away), Failure> {
+async fn asked(clients: &Clients) -> Result<(Vec<NodeStatus>, Vec<String>, Absences), Failure> {
     let (mut statuses, mut missing) = (Vec::new(), Vec::new());
     let all = clients.statuses().await?;
     let away = absent::ask(&all).await;
@@ -113,7 +113,7 @@ mod tests {
     #[test]
     fn a_host_that_no_node_misses_yet_is_listed() {
         let lost = AbsentHost { host: "c2".into(), heard: Duration::from_secs(40), lost: true };
-        let away = Away { hosts: vec![lost], silent: ["c3".to_owned()].into(), ..Away::default() };
+        let away = Absences { hosts: vec![lost], silent: ["c3".to_owned()].into(), ..Absences::default() };
         let rows = away_rows(&away, &["c1".to_owned()].into());
         let told: Vec<_> = rows.iter().map(|row| (row[0].as_str(), row[2].as_str())).collect();
         assert_eq!(told, [("c2", "lost, heard 40 s ago"), ("c3", "does not answer")]);

@@ -14,23 +14,23 @@ use tokio::task::JoinSet;
 const PIECES_MAX: usize = 256;
 
 /// What a program wrote: its path, and bytes or lines.
-type Wrote<T> = (String, T);
+type OutputOf<T> = (String, T);
 
 /// The streams of what programs write, one of each host.
 #[derive(Debug)]
 pub(crate) struct Outputs {
     asked: BTreeSet<String>,
-    hearing: JoinSet<()>,
-    sink: Sender<Wrote<Vec<u8>>>,
-    arriving: Receiver<Wrote<Vec<u8>>>,
+    readers: JoinSet<()>,
+    sink: Sender<OutputOf<Vec<u8>>>,
+    arriving: Receiver<OutputOf<Vec<u8>>>,
     lines: Lines,
 }
 
 impl Default for Outputs {
     fn default() -> Self {
         let (sink, arriving) = mpsc::channel(PIECES_MAX);
-        let (asked, hearing) = (BTreeSet::new(), JoinSet::new());
-        Self { asked, hearing, sink, arriving, lines: Lines::default() }
+        let (asked, readers) = (BTreeSet::new(), JoinSet::new());
+        Self { asked, readers, sink, arriving, lines: Lines::default() }
     }
 }
 
@@ -41,7 +41,7 @@ impl Outputs {
             return;
         }
         match client.ask_on(host, &Request::Output { deployment: deployment.clone() }) {
-            Ok(answers) => drop(self.hearing.spawn(hear(host.to_owned(), answers, self.sink.clone()))),
+            Ok(answers) => drop(self.readers.spawn(hear(host.to_owned(), answers, self.sink.clone()))),
             Err(why) => console::note(&incomplete(host, &why)),
         }
     }
@@ -50,7 +50,7 @@ impl Outputs {
     ///
     /// # Cancellation
     /// Safe.
-    pub(crate) async fn next(&mut self) -> Wrote<String> {
+    pub(crate) async fn next(&mut self) -> OutputOf<String> {
         loop {
             let Some((path, bytes)) = self.arriving.recv().await else { return std::future::pending().await };
             if let Some(lines) = self.lines.push(&path, &bytes) {
@@ -83,7 +83,7 @@ impl Outputs {
     }
 }
 
-async fn hear(host: String, mut answers: Answers, sink: Sender<Wrote<Vec<u8>>>) {
+async fn hear(host: String, mut answers: Answers, sink: Sender<OutputOf<Vec<u8>>>) {
     while let Some(answer) = answers.next().await {
         let why = match answer {
             Ok(Answer::Wrote { path, bytes }) => {

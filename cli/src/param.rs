@@ -1,7 +1,7 @@
 //! `dca param`: parameters of running programs, which are keys of the database of their robot.
 
-use super::absent::Away;
-use super::db::asking::DatabaseArgs;
+use super::absent::Absences;
+use super::db::databases::DatabaseArgs;
 use super::db::write::CommitArgs;
 use anyhow::{Context, anyhow};
 use clap::Subcommand;
@@ -41,7 +41,7 @@ struct List {
     /// A program: its path, or the end of it such as `hit/force` [default: all]
     instance: Option<String>,
     #[command(flatten)]
-    asking: DatabaseArgs,
+    database: DatabaseArgs,
 }
 
 /// What `dca param get` is told.
@@ -52,7 +52,7 @@ struct Get {
     /// The parameter
     parameter: String,
     #[command(flatten)]
-    asking: DatabaseArgs,
+    database: DatabaseArgs,
 }
 
 /// What `dca param set` is told.
@@ -66,7 +66,7 @@ struct Set {
     #[arg(allow_hyphen_values = true)]
     value: String,
     #[command(flatten)]
-    writing: CommitArgs,
+    commit: CommitArgs,
 }
 
 /// What `dca param unset` is told.
@@ -77,7 +77,7 @@ struct Unset {
     /// The parameter
     parameter: String,
     #[command(flatten)]
-    writing: CommitArgs,
+    commit: CommitArgs,
 }
 
 /// A program, its robot, and what the database of that says of its parameters.
@@ -91,7 +91,7 @@ struct Program {
 /// The programs of the nodes that answer, and who does not.
 struct Found {
     programs: Vec<Program>,
-    away: Away,
+    away: Absences,
 }
 
 /// Runs the verb.
@@ -106,14 +106,14 @@ pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
 
 impl List {
     fn run(self) -> Result<(), Failure> {
-        let found = programs(&self.asking)?;
+        let found = programs(&self.database)?;
         let is_meant = |program: &&Program| self.instance.as_ref().is_none_or(|name| program.is_called(name));
         let programs: Vec<&Program> = found.programs.iter().filter(is_meant).collect();
         if let (Some(name), true) = (&self.instance, programs.is_empty()) {
             return Err(found.lacks(name));
         }
         found.away.warnings().iter().for_each(|warning| console::note(warning));
-        if self.asking.json {
+        if self.database.json {
             let all: Vec<serde_json::Value> = programs.iter().flat_map(|program| program.json()).collect();
             console::say(&serde_json::Value::Array(all).to_string());
             return Ok(());
@@ -136,20 +136,20 @@ impl List {
 
 impl Get {
     fn run(self) -> Result<(), Failure> {
-        let found = programs(&self.asking)?;
+        let found = programs(&self.database)?;
         let program = found.one(&self.instance)?;
         let parameter = program.parameter(&self.parameter)?;
         let value = program.value(&parameter.name).with_context(|| {
             format!("`{}` of `{}` has no value but its program's own", parameter.name, program.name())
         })?;
-        console::say(&if self.asking.json { value.to_json() } else { value.to_toml() });
+        console::say(&if self.database.json { value.to_json() } else { value.to_toml() });
         Ok(())
     }
 }
 
 impl Set {
     fn run(self) -> Result<(), Failure> {
-        let found = programs(&self.writing.asking)?;
+        let found = programs(&self.commit.database)?;
         let program = found.one(&self.instance)?;
         let parameter = program.parameter(&self.parameter)?;
         let value = parameter.accepts.read(&self.value);
@@ -158,17 +158,17 @@ impl Set {
         let datum = datum(&parameter.accepts, &value)?;
         let key = program.key(&parameter.name);
         console::note(&format!("{key} = {}", datum.to_toml()));
-        self.writing.commit(vec![], vec![Write { key: Key::new(key)?, value: Some(datum.encode()?) }])
+        self.commit.commit(vec![], vec![Write { key: Key::new(key)?, value: Some(datum.encode()?) }])
     }
 }
 
 impl Unset {
     fn run(self) -> Result<(), Failure> {
-        let found = programs(&self.writing.asking)?;
+        let found = programs(&self.commit.database)?;
         let program = match found.one(&self.instance) {
             Ok(program) => program,
             // A change stays when nothing of it runs any more, and so does the way to take it back.
-            Err(none) => return self.delete(&stored(&self.writing.asking, &self.instance, &self.parameter)?, none),
+            Err(none) => return self.delete(&stored(&self.commit.database, &self.instance, &self.parameter)?, none),
         };
         let parameter = program.parameter(&self.parameter)?;
         let set = program.set.get(&parameter.name).map(Vec::as_slice).unwrap_or_default();
@@ -183,7 +183,7 @@ impl Unset {
         match keys {
             [key] => {
                 console::note(&format!("{key} is deleted"));
-                self.writing.commit(vec![], vec![Write { key: Key::new(key.clone())?, value: None }])
+                self.commit.commit(vec![], vec![Write { key: Key::new(key.clone())?, value: None }])
             }
             [] => Err(none),
             several => {
@@ -300,8 +300,8 @@ impl Found {
 }
 
 /// Finds the keys that set a parameter of a program that does not run: of any robot that can be reached.
-fn stored(asking: &DatabaseArgs, instance: &str, parameter: &str) -> Result<Vec<String>, Failure> {
-    asking.with(async |databases| {
+fn stored(database: &DatabaseArgs, instance: &str, parameter: &str) -> Result<Vec<String>, Failure> {
+    database.with(async |databases| {
         let mut found = Vec::new();
         for host in databases.robots().await? {
             let keys = databases.parameters_of(&host, "").await?;
@@ -323,8 +323,8 @@ fn is_set_by(key: &str, name: &str, parameter: &str) -> bool {
 }
 
 /// Asks every node that can be reached for its programs, and its database for what goes over their arguments.
-fn programs(asking: &DatabaseArgs) -> Result<Found, Failure> {
-    asking.with(async |databases| {
+fn programs(database: &DatabaseArgs) -> Result<Found, Failure> {
+    database.with(async |databases| {
         let mut programs = Vec::new();
         for host in databases.robots().await? {
             let told = databases.parameters(&host).await?;

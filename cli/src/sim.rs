@@ -51,7 +51,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     match simulation.outcome() {
         Some(Transition::Done) => Ok(()),
-        Some(Transition::Aborted(_)) => Err(Failure::Told),
+        Some(Transition::Aborted(_)) => Err(Failure::Reported),
         Some(Transition::Stopped | Transition::Started | Transition::Waits(_)) => Ok(()),
         None => Err(anyhow!("`main` has not ended; {}", running(&simulation)).into()),
     }

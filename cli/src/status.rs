@@ -4,7 +4,7 @@
 //! still run. A status is an answer, so the exit code is 0 all the same.
 
 use crate::ConnectArgs;
-use crate::absent::{self, Away, open_hosts};
+use crate::absent::{self, Absences, open_hosts};
 use crate::client::Clients;
 use crate::logic::tree::{Unknown, tree};
 use node::console::{self, Failure, block_on};
@@ -20,7 +20,7 @@ pub struct Arguments {
     #[arg(long)]
     json: bool,
     #[command(flatten)]
-    reaching: ConnectArgs,
+    connect: ConnectArgs,
 }
 
 /// What a node says in JSON.
@@ -35,7 +35,7 @@ struct Node {
 /// Runs the verb.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let (mut statuses, mut away) = block_on(async {
-        let clients = Clients::open(&arguments.reaching).await?;
+        let clients = Clients::open(&arguments.connect).await?;
         let asked = asked(&clients).await;
         clients.close().await;
         asked
@@ -61,13 +61,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
 }
 
 /// Asks every node what runs there, and which others it misses.
-async fn asked(clients: &Clients) -> Result<(Vec<NodeStatus>, Away), Failure> {
+async fn asked(clients: &Clients) -> Result<(Vec<NodeStatus>, Absences), Failure> {
     let found = clients.statuses().await?;
     let away = absent::ask(&found).await;
     Ok((found.into_iter().flat_map(|(_, statuses)| statuses.nodes).collect(), away))
 }
 
-fn text(statuses: &[NodeStatus], away: &Away, name: Option<&str>) -> String {
+fn text(statuses: &[NodeStatus], away: &Absences, name: Option<&str>) -> String {
     let unknown: Vec<Unknown<'_>> = away
         .processes
         .iter()

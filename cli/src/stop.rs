@@ -30,13 +30,13 @@ pub struct Arguments {
     #[arg(long)]
     forget: bool,
     #[command(flatten)]
-    reaching: ConnectArgs,
+    connect: ConnectArgs,
 }
 
 /// Runs the verb.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let unconfirmed = block_on(async {
-        let clients = Clients::open(&arguments.reaching).await?;
+        let clients = Clients::open(&arguments.connect).await?;
         let result = if arguments.forget {
             forget(&clients, &arguments.name).await.map(|()| None)
         } else {

@@ -1,7 +1,7 @@
 //! What the databases of the robots say of the parameters of a spec that is about to run: what goes over the spec is told.
 
 use crate::client::{Client, words};
-use crate::db::asking::Databases;
+use crate::db::databases::Databases;
 use crate::follow::Spec;
 use anyhow::anyhow;
 use language::plan::{LeafKind, Parameter, Plan};

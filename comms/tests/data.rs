@@ -45,7 +45,7 @@ fn dial_of(session: &DataSession) -> Dial {
     Dial { session: location.session, locators: location.local }
 }
 
-fn hear(session: &DataSession, key: &str) -> (comms::io::data::Hearing, Receiver<Vec<u8>>) {
+fn hear(session: &DataSession, key: &str) -> (comms::io::data::Subscription, Receiver<Vec<u8>>) {
     let (tx, rx) = sync_channel(1000);
     let hearing = session.on_sample(key, move |bytes| tx.send(bytes.to_vec()).unwrap_or_default()).unwrap();
     (hearing, rx)

@@ -2,7 +2,7 @@
 
 #![expect(clippy::unwrap_used, reason = "a test stops where something is not as it should be")]
 
-use comms::io::data::{DataSession, Hearing, Priority, Publisher};
+use comms::io::data::{DataSession, Priority, Publisher, Subscription};
 use comms::io::session::Reach;
 use comms::logic::control::{Device, Dial, Incoming, Location, Notice, Order, Outgoing, Shape};
 use comms::logic::frame::{self, Decoder};
@@ -205,7 +205,7 @@ fn a_signal_ends_the_program() {
 struct End {
     session: DataSession,
     dir: PathBuf,
-    hearing: Vec<Hearing>,
+    subscriptions: Vec<Subscription>,
 }
 
 /// How long something has that is under way.
@@ -216,7 +216,7 @@ impl End {
         let dir = std::env::temp_dir().join(format!("dca-end-{}-{name}", std::process::id()));
         std::fs::create_dir_all(&dir).unwrap();
         let session = DataSession::open(&dir.join("s"), Reach::Host).unwrap();
-        Self { session, dir, hearing: Vec::new() }
+        Self { session, dir, subscriptions: Vec::new() }
     }
 
     fn dial(&self) -> Dial {
@@ -228,7 +228,7 @@ impl End {
         let (heard_tx, heard) = sync_channel(10_000);
         let on_sample =
             move |bytes: std::borrow::Cow<'_, [u8]>| heard_tx.try_send(bytes.into_owned()).unwrap_or_default();
-        self.hearing.push(self.session.on_sample(key, on_sample).unwrap());
+        self.subscriptions.push(self.session.on_sample(key, on_sample).unwrap());
         heard
     }
 
@@ -240,7 +240,7 @@ impl End {
     }
 
     fn close(self) {
-        drop(self.hearing);
+        drop(self.subscriptions);
         self.session.close();
         std::fs::remove_dir_all(&self.dir).unwrap();
     }

@@ -25,7 +25,7 @@ pub enum Failure {
     /// It was refused, or it failed: exit code 1.
     Refused(anyhow::Error),
     /// It was refused, and everything about it has been said: exit code 1.
-    Told,
+    Reported,
     /// Somebody could not be reached: exit code 3.
     Unreachable(anyhow::Error),
 }
@@ -83,7 +83,7 @@ pub fn finish(result: Result<(), Failure>) -> ExitCode {
             None => return ExitCode::SUCCESS,
             Some(error) => return finish(Err(unwritten(error))),
         },
-        Err(Failure::Told) => return ExitCode::from(1),
+        Err(Failure::Reported) => return ExitCode::from(1),
         Err(Failure::Refused(error)) => (error, 1),
         Err(Failure::Unreachable(error)) => (error, 3),
     };

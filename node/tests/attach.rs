@@ -3,7 +3,7 @@
 #![expect(clippy::unwrap_used, reason = "a test stops where something is not as it should be")]
 
 use comms::io::clock::now;
-use node::io::child::{self, Attached, ShimEar, ShimOrders};
+use node::io::child::{self, Attached, ShimOrders, ShimReports};
 use rustix::net::{AddressFamily, SocketAddrUnix, SocketFlags, SocketType, connect, socket_with};
 use rustix::process::{Pid, Signal, WaitOptions, kill_process, waitpid};
 use shim::process_record::{ProcessRecord, RECORD_FILE};
@@ -33,7 +33,7 @@ impl Place {
     }
 
     /// Starts a shim that goes on without a node.
-    fn start(&self, gate: Gate, script: &str) -> (ShimOrders, ShimEar) {
+    fn start(&self, gate: Gate, script: &str) -> (ShimOrders, ShimReports) {
         let template = ShimStart::parse(["--directory", "/d", "--", "sh", "-c", script].map(Into::into)).unwrap();
         let environment =
             vec![("PATH".into(), "/usr/bin:/bin".into()), ("DCA_DIR".into(), self.dir.display().to_string())];
@@ -60,11 +60,11 @@ impl Place {
     }
 
     /// Lets orders and reports flow, as the node does.
-    fn serve(&self, orders: ShimOrders, ear: ShimEar) -> (Sender<ShimOrder>, Reports) {
-        let ((sender, queue), (sink, reports)) = (channel(4), channel(4));
+    fn serve(&self, orders: ShimOrders, reports: ShimReports) -> (Sender<ShimOrder>, Reports) {
+        let ((sender, queue), (sink, arriving)) = (channel(4), channel(4));
         drop(self.runtime.spawn(orders.pass(Vec::new(), queue)));
-        drop(self.runtime.spawn(ear.listen(sink)));
-        (sender, reports)
+        drop(self.runtime.spawn(reports.listen(sink)));
+        (sender, arriving)
     }
 
     fn next(&self, reports: &mut Reports) -> Option<(ShimReport, Vec<String>)> {
@@ -101,8 +101,8 @@ fn shim() -> PathBuf {
 /// Starts a program that runs for a minute, and loses it once it runs.
 fn lost(name: &str) -> Place {
     let mut place = Place::new(name);
-    let (orders, ear) = place.start(Gate::None, "sleep 60");
-    let (_sender, mut reports) = place.serve(orders, ear);
+    let (orders, reports) = place.start(Gate::None, "sleep 60");
+    let (_sender, mut reports) = place.serve(orders, reports);
     assert!(matches!(place.next(&mut reports), Some((ShimReport::Started { .. }, _))));
     place.lose();
     place
@@ -112,18 +112,18 @@ fn lost(name: &str) -> Place {
 fn a_second_run_hears_the_end_and_gives_the_orders() {
     let mut place = Place::new("end");
     std::fs::write(place.dir.join("out.log"), "of the one before\n").unwrap();
-    let (orders, ear) = place.start(Gate::Exec, "echo first words; read line < never; exit 4");
+    let (orders, reports) = place.start(Gate::Exec, "echo first words; read line < never; exit 4");
     rustix::fs::mkfifoat(rustix::fs::CWD, place.dir.join("never"), rustix::fs::Mode::RWXU).unwrap();
-    let (sender, mut reports) = place.serve(orders, ear);
+    let (sender, mut reports) = place.serve(orders, reports);
     assert_eq!(place.next(&mut reports), Some((ShimReport::Ready, Vec::new())));
     place.runtime.block_on(sender.send(ShimOrder::Go)).unwrap();
     assert!(matches!(place.next(&mut reports), Some((ShimReport::Started { .. }, _))));
     let shim = place.shim();
     place.lose();
 
-    let Attached { orders, ear, taken } = place.attach(2).unwrap();
+    let Attached { orders, reports, taken } = place.attach(2).unwrap();
     assert_eq!(taken, 1);
-    let (sender, mut reports) = place.serve(orders, ear);
+    let (sender, mut reports) = place.serve(orders, reports);
     // The program is past its first line once somebody can write to the pipe.
     std::fs::write(place.dir.join("never"), "go on\n").unwrap();
     assert_eq!(
@@ -148,8 +148,8 @@ fn a_second_run_hears_the_end_and_gives_the_orders() {
 #[test]
 fn a_shim_that_is_killed_takes_its_program_along_and_is_reported_gone() {
     let place = lost("killed");
-    let Attached { orders, ear, .. } = place.attach(1).unwrap();
-    let (sender, mut reports) = place.serve(orders, ear);
+    let Attached { orders, reports, .. } = place.attach(1).unwrap();
+    let (sender, mut reports) = place.serve(orders, reports);
     let (shim, program) = (place.shim(), place.record().program.unwrap());
     kill_process(shim, Signal::KILL).unwrap();
     assert_eq!(place.next(&mut reports), Some((ShimReport::Gone, Vec::new())));
@@ -174,9 +174,9 @@ fn a_suspended_shim_does_not_hold_its_node_up() {
     drop(waiting);
 
     kill_process(shim, Signal::CONT).unwrap();
-    let Attached { orders, ear, taken } = place.attach(1).unwrap();
+    let Attached { orders, reports, taken } = place.attach(1).unwrap();
     assert_eq!(taken, 0);
-    let (sender, mut reports) = place.serve(orders, ear);
+    let (sender, mut reports) = place.serve(orders, reports);
     place.runtime.block_on(sender.send(ShimOrder::Kill)).unwrap();
     assert_eq!(place.next(&mut reports), Some((ShimReport::Signalled { signal: 9 }, Vec::new())));
     assert_eq!(place.next(&mut reports), Some((ShimReport::Gone, Vec::new())));

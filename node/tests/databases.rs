@@ -16,7 +16,7 @@ use dbmanager::logic::view::as_of::state_of;
 use dbmanager::logic::view::past::{Filter, Keys};
 use dbmanager::logic::view::transfer::{self, Absent};
 use dbmanager::logic::view::value::Datum;
-use node::logic::database::question::{Choice, Commit, Far, Letter, Moment, Own, Question, Reply, Resolve};
+use node::logic::database::question::{AckLevel, AsOf, Choice, Commit, Envelope, Own, Question, Reply, Resolve};
 use node::logic::database::{Database, Effect, Input};
 use std::collections::BTreeSet;
 use std::time::Duration;
@@ -25,7 +25,7 @@ use world::{World, commit, key_of, open, put};
 #[test]
 fn a_team_is_begun_once_and_takes_along_what_was_written_before() {
     let mut world = World::new(&["r1", "r2", "r3"]);
-    let early = world.call(2, commit(vec![put("team/early", &Datum::from(1))], Far::Local));
+    let early = world.call(2, commit(vec![put("team/early", &Datum::from(1))], AckLevel::Local));
     assert!(matches!(world.replies(2, early), [Reply::Note(_), Reply::Committed(_)]));
     assert!(matches!(world.ask(0, Question::Found), Reply::Done(_)));
     world.run(Duration::from_secs(5));
@@ -45,21 +45,23 @@ fn no_second_team_where_the_first_can_be_heard() {
     let hello = {
         let (now, wall, mut effects) = (world.now, world.wall(), Vec::new());
         world.robots[0].machine.handle(now, wall, vec![Input::Appeared], &mut effects);
-        effects.into_iter().find_map(|effect| if let Effect::Broadcast(letter) = effect { Some(letter) } else { None })
+        effects
+            .into_iter()
+            .find_map(|effect| if let Effect::Broadcast(envelope) = effect { Some(envelope) } else { None })
     };
-    world.robots[1].inbox.push(Input::Letter(hello.unwrap()));
+    world.robots[1].inbox.push(Input::Envelope(hello.unwrap()));
     assert!(matches!(world.ask(1, Question::Found), Reply::Refused(why) if why.contains("already")));
 }
 
 #[test]
 fn how_far_a_write_has_got_is_told_honestly() {
     let mut world = World::team(&["r1", "r2", "r3"]);
-    let call = world.call(0, commit(vec![put("team/a", &Datum::from(1))], Far::Everywhere));
+    let call = world.call(0, commit(vec![put("team/a", &Datum::from(1))], AckLevel::Everywhere));
     world.run(Duration::from_millis(900));
     assert!(matches!(world.replies(0, call), [Reply::Committed(a), Reply::Reached(b)] if a == b));
     world.away(&[2], true);
-    let call = world.call(0, commit(vec![put("team/a", &Datum::from(2))], Far::On(vec!["r3".into()])));
-    let one = world.call(0, commit(vec![put("team/b", &Datum::from(2))], Far::Replicated(1)));
+    let call = world.call(0, commit(vec![put("team/a", &Datum::from(2))], AckLevel::On(vec!["r3".into()])));
+    let one = world.call(0, commit(vec![put("team/b", &Datum::from(2))], AckLevel::Replicated(1)));
     world.run(Duration::from_secs(2));
     assert!(matches!(world.replies(0, call), [Reply::Committed(_), Reply::Pending(_)]));
     assert!(matches!(world.replies(0, one), [Reply::Committed(_), Reply::Reached(_)]));
@@ -75,7 +77,7 @@ fn how_far_a_write_has_got_is_told_honestly() {
 fn only_the_owner_writes_its_keys() {
     let mut world = World::team(&["r1", "r2"]);
     let key = "robot/r2/gain";
-    let refused = world.ask(0, commit(vec![put(key, &Datum::from(1))], Far::Local));
+    let refused = world.ask(0, commit(vec![put(key, &Datum::from(1))], AckLevel::Local));
     assert_eq!(refused, Reply::NotOwner { owner: "r2".into() });
     world.write(1, key, 1);
     assert_eq!(world.read(0, key), [Datum::from(1)]);
@@ -86,10 +88,10 @@ fn a_prefix_of_the_team_is_given_released_and_taken_by_force() {
     let mut world = World::team(&["r1", "r2"]);
     let own = |robot: Option<&str>, by_force| {
         let (prefix, robot) = (key_of("team/arm"), robot.map(str::to_owned));
-        let (reason, far, within) = (String::new(), Far::Local, Duration::from_secs(1));
-        Question::Own(Own { prefix, robot, by_force, reason, far, within })
+        let (reason, level, within) = (String::new(), AckLevel::Local, Duration::from_secs(1));
+        Question::Own(Own { prefix, robot, by_force, reason, level, within })
     };
-    let arm = || commit(vec![put("team/arm/x", &Datum::from(1))], Far::Local);
+    let arm = || commit(vec![put("team/arm/x", &Datum::from(1))], AckLevel::Local);
     let not_owner = |owner: &str| Reply::NotOwner { owner: owner.to_owned() };
     assert!(matches!(world.ask(0, own(Some("r2"), false)), Reply::Committed(_)));
     world.run(Duration::from_secs(1));
@@ -147,7 +149,7 @@ fn a_conflict_is_listed_and_settled_everywhere() {
 
 fn resolve(choice: Choice, seen: &str) -> Question {
     let (key, reason, within, seen) = (key_of("team/x"), String::new(), Duration::from_secs(1), seen.to_owned());
-    Question::Resolve(Resolve { key, choice, reason, far: Far::Local, within, seen })
+    Question::Resolve(Resolve { key, choice, reason, level: AckLevel::Local, within, seen })
 }
 
 #[test]
@@ -177,21 +179,21 @@ fn nobody_settles_what_they_have_not_seen() {
 #[test]
 fn a_level_that_nobody_can_reach_is_refused_at_once() {
     let mut world = World::team(&["r1", "r2", "r3"]);
-    for (far, part) in [
-        (Far::On(vec!["r2".into(), "nobody".into()]), "no member `nobody`"),
-        (Far::Replicated(3), "2 robots besides `r1`"),
+    for (level, part) in [
+        (AckLevel::On(vec!["r2".into(), "nobody".into()]), "no member `nobody`"),
+        (AckLevel::Replicated(3), "2 robots besides `r1`"),
     ] {
-        let refused = world.ask(0, commit(vec![put("team/a", &Datum::from(1))], far));
+        let refused = world.ask(0, commit(vec![put("team/a", &Datum::from(1))], level));
         assert!(matches!(&refused, Reply::Refused(why) if why.contains(part)), "{refused:?}");
     }
     assert!(world.read(0, "team/a").is_empty(), "nothing was written");
     let mut alone = World::new(&["r1"]);
-    for far in [Far::Replicated(1), Far::On(vec!["r2".into()])] {
-        let refused = alone.ask(0, commit(vec![put("team/a", &Datum::from(1))], far));
+    for level in [AckLevel::Replicated(1), AckLevel::On(vec!["r2".into()])] {
+        let refused = alone.ask(0, commit(vec![put("team/a", &Datum::from(1))], level));
         assert!(matches!(&refused, Reply::Refused(why) if why.contains("`r1` belongs to no team yet")), "{refused:?}");
     }
     world.away(&[2], true);
-    let call = world.call(0, commit(vec![put("team/a", &Datum::from(1))], Far::On(vec!["r3".into()])));
+    let call = world.call(0, commit(vec![put("team/a", &Datum::from(1))], AckLevel::On(vec!["r3".into()])));
     assert!(matches!(world.replies(0, call), [Reply::Committed(_)]), "who is away may come back");
 }
 
@@ -199,11 +201,11 @@ fn a_level_that_nobody_can_reach_is_refused_at_once() {
 fn a_key_in_no_namespace_is_refused() {
     let mut world = World::team(&["r1"]);
     for key in ["a", "tean/a", "team", "robot", "robot/r1", "local", "robots/r1/a"] {
-        let refused = world.ask(0, commit(vec![put(key, &Datum::from(1))], Far::Local));
+        let refused = world.ask(0, commit(vec![put(key, &Datum::from(1))], AckLevel::Local));
         assert!(matches!(&refused, Reply::Refused(why) if why.contains("namespace")), "{key}: {refused:?}");
     }
     for key in ["team/a", "robot/r1/a", "local/a", "team/a/b"] {
-        let written = world.ask(0, commit(vec![put(key, &Datum::from(1))], Far::Local));
+        let written = world.ask(0, commit(vec![put(key, &Datum::from(1))], AckLevel::Local));
         assert!(matches!(written, Reply::Committed(_)), "{key}: {written:?}");
     }
 }
@@ -219,28 +221,28 @@ fn what_is_local_is_told_to_nobody_on_another_machine() {
         world.robots[0].replies.remove(&900).expect("it is answered")
     };
     let requires = vec![Require { key: key_of("local/serial"), condition: Condition::Exists }];
-    let (reason, far, within) = (String::new(), Far::Local, Duration::ZERO);
-    let probe = Commit { reason, requires, writes: vec![put("team/b", &Datum::from(1))], far, within };
+    let (reason, level, within) = (String::new(), AckLevel::Local, Duration::ZERO);
+    let probe = Commit { reason, requires, writes: vec![put("team/b", &Datum::from(1))], level, within };
     for question in [
         Question::Get { key: key_of("local/serial") },
-        Question::List { prefix: "local/".into(), at: Moment::Now },
-        Question::Export { prefix: "local/".into(), at: Moment::Now },
+        Question::List { prefix: "local/".into(), at: AsOf::Now },
+        Question::Export { prefix: "local/".into(), at: AsOf::Now },
         Question::Commit(probe),
-        commit(vec![put("local/serial", &Datum::from(8))], Far::Local),
+        commit(vec![put("local/serial", &Datum::from(8))], AckLevel::Local),
     ] {
         let replies = ask(question);
         assert!(matches!(&replies[..], [Reply::Refused(why)] if why.contains("own machine")), "{replies:?}");
     }
     for prefix in ["", "lo", "local"] {
         for question in [
-            Question::List { prefix: prefix.into(), at: Moment::Now },
-            Question::Export { prefix: prefix.into(), at: Moment::Now },
+            Question::List { prefix: prefix.into(), at: AsOf::Now },
+            Question::Export { prefix: prefix.into(), at: AsOf::Now },
         ] {
             let told = format!("{:?}", ask(question));
             assert!(!told.contains("serial") && (!prefix.is_empty() || told.contains("team/a")), "{prefix}: {told}");
         }
     }
-    let told = ask(commit(vec![put("team/b", &Datum::from(1))], Far::Local));
+    let told = ask(commit(vec![put("team/b", &Datum::from(1))], AckLevel::Local));
     assert!(matches!(&told[..], [Reply::Committed(_)]), "{told:?}");
 }
 
@@ -297,14 +299,14 @@ fn what_is_local_is_read_like_anything_else() {
         Reply::Refused(why) => vec![why],
         other => panic!("{other:?}"),
     };
-    assert_eq!(list(0, "local/", Moment::Now), ["local/serial"]);
-    assert_eq!(list(0, "", Moment::Now)[0], "local/serial");
-    assert_eq!(list(1, "local/", Moment::Now), [""; 0]);
-    assert!(list(0, "local/", Moment::Date(1_700_000_001_000))[0].contains("no past"));
-    let Reply::Text(file) = world.ask(0, Question::Export { prefix: "local/".into(), at: Moment::Now }) else {
+    assert_eq!(list(0, "local/", AsOf::Now), ["local/serial"]);
+    assert_eq!(list(0, "", AsOf::Now)[0], "local/serial");
+    assert_eq!(list(1, "local/", AsOf::Now), [""; 0]);
+    assert!(list(0, "local/", AsOf::Date(1_700_000_001_000))[0].contains("no past"));
+    let Reply::Text(file) = world.ask(0, Question::Export { prefix: "local/".into(), at: AsOf::Now }) else {
         panic!("no file")
     };
-    let question = Question::List { prefix: "local/".into(), at: Moment::Now };
+    let question = Question::List { prefix: "local/".into(), at: AsOf::Now };
     let Reply::Entries(entries) = world.ask(0, question) else { panic!("no answer") };
     let import = |file: &str| transfer::import(file, &state_of(entries.clone()), Absent::Keep, "").unwrap();
     assert_eq!(import(&file).differences, [], "{file}");
@@ -318,7 +320,7 @@ fn the_longest_transaction_comes_over_the_slowest_radio() {
     world.away(&[1], true);
     let text = "x".repeat(60 << 10);
     let writes = (0..4).map(|number| put(&format!("team/{number}"), &Datum::Text(text.clone()))).collect();
-    assert!(matches!(world.ask(0, commit(writes, Far::Local)), Reply::Committed(_)));
+    assert!(matches!(world.ask(0, commit(writes, AckLevel::Local)), Reply::Committed(_)));
     world.rate = Some(50_000 / 8);
     world.away(&[1], false);
     world.run(Duration::from_secs(60));
@@ -332,14 +334,14 @@ fn the_last_hundred_deployments_of_each_name_are_kept() {
         let name = if epoch % 4 == 0 { "rare" } else { "often" };
         let key = |what| format!("robot/r1/deployments/{name}/{epoch}/{what}");
         for what in ["begun", "ended"] {
-            let question = commit(vec![put(&key(what), &Datum::from(1))], Far::Local);
+            let question = commit(vec![put(&key(what), &Datum::from(1))], AckLevel::Local);
             world.robots[0].inbox.push(Input::Call(0, question));
             world.turns();
         }
     }
     let mut kept = |name: &str| {
         let prefix = format!("robot/r1/deployments/{name}/");
-        let Reply::Text(file) = world.ask(0, Question::Export { prefix, at: Moment::Now }) else { panic!("no file") };
+        let Reply::Text(file) = world.ask(0, Question::Export { prefix, at: AsOf::Now }) else { panic!("no file") };
         let lines = file.lines().filter(|line| line.ends_with("= 1")).map(str::to_owned);
         lines.filter(|line| line.contains("/deployments/")).collect::<Vec<_>>()
     };
@@ -367,8 +369,8 @@ fn strangers_take_no_place_from_members() {
     let mut world = World::team(&["r1", "r2"]);
     let disk = world.robots[0].disk.clone();
     world.robots[0].machine = Database::new(open("r1", &disk, 50), ("r1", "dca"), None);
-    let stranger = |number| Letter { from: ReplicaId::new(number), message: Message::Ack(VersionVector::default()) };
-    let crowd = |from: u64| (from..from + 1100).map(stranger).map(Input::Letter);
+    let stranger = |number| Envelope { from: ReplicaId::new(number), message: Message::Ack(VersionVector::default()) };
+    let crowd = |from: u64| (from..from + 1100).map(stranger).map(Input::Envelope);
     world.robots[0].inbox.extend(crowd(10_000));
     world.run(Duration::from_secs(12));
     let heard = |world: &mut World| world.status(0).members.iter().filter(|one| one.heard.is_some()).count();
@@ -382,7 +384,7 @@ fn a_peer_may_say_any_number() {
     let mut world = World::team(&["r1", "r2"]);
     let from = world.robots[1].machine.address();
     let said: VersionVector = [(ReplicaId::new(1), u64::MAX), (ReplicaId::new(2), u64::MAX)].into_iter().collect();
-    world.robots[0].inbox.push(Input::Letter(Letter { from, message: Message::Ack(said) }));
+    world.robots[0].inbox.push(Input::Envelope(Envelope { from, message: Message::Ack(said) }));
     let status = world.status(0);
     assert_eq!(status.members.iter().find(|one| one.robot == "r2").unwrap().ahead, u64::MAX);
 }
@@ -391,9 +393,9 @@ fn a_peer_may_say_any_number() {
 fn a_schema_is_asked_before_a_value_is_written() {
     let mut world = World::team(&["r1"]);
     let schema = Datum::from_toml("{type = \"float\", min = 0.0, max = 2.0}").unwrap();
-    let committed = world.ask(0, commit(vec![put("team/schema/robot/+/params", &schema)], Far::Local));
+    let committed = world.ask(0, commit(vec![put("team/schema/robot/+/params", &schema)], AckLevel::Local));
     assert!(matches!(committed, Reply::Committed(_)), "{committed:?}");
-    let mut try_out = |datum| world.ask(0, commit(vec![put("robot/r1/params/door/a/gain", &datum)], Far::Local));
+    let mut try_out = |datum| world.ask(0, commit(vec![put("robot/r1/params/door/a/gain", &datum)], AckLevel::Local));
     let refused = try_out(Datum::float(3.0));
     assert!(matches!(&refused, Reply::Refused(why) if why.contains("between 0 and 2")), "{refused:?}");
     assert!(matches!(try_out(Datum::float(1.0)), Reply::Committed(_)));
@@ -404,15 +406,15 @@ fn a_schema_is_asked_before_a_value_is_written() {
 fn another_moment_can_be_looked_at() {
     let mut world = World::team(&["r1"]);
     world.write(0, "team/a", 1);
-    let Reply::Version(before) = world.ask(0, Question::Version(Moment::Now)) else { panic!("no version") };
+    let Reply::Version(before) = world.ask(0, Question::Version(AsOf::Now)) else { panic!("no version") };
     world.run(Duration::from_secs(60));
     world.write(0, "team/a", 2);
-    let (from, to, prefix) = (Moment::Version(before), Moment::Now, String::from("team/"));
+    let (from, to, prefix) = (AsOf::Version(before), AsOf::Now, String::from("team/"));
     let Reply::Differences(differences) = world.ask(0, Question::Diff { from, to, prefix }) else {
         panic!("no answer")
     };
     assert_eq!((differences.len(), differences[0].before.clone()), (1, Some(Datum::from(1))));
-    let past = Moment::Date(world.wall().millis - 30_000);
+    let past = AsOf::Date(world.wall().millis - 30_000);
     let Reply::Entries(entries) = world.ask(0, Question::List { prefix: "team/".into(), at: past }) else {
         panic!("no answer")
     };
@@ -425,10 +427,10 @@ fn another_moment_can_be_looked_at() {
 fn who_joined_later_can_look_back_to_then() {
     let mut world = World::team(&["r1", "r2"]);
     world.write(1, "team/a", 1);
-    let Reply::Version(before) = world.ask(1, Question::Version(Moment::Now)) else { panic!("no version") };
+    let Reply::Version(before) = world.ask(1, Question::Version(AsOf::Now)) else { panic!("no version") };
     world.run(Duration::from_secs(60));
     world.write(1, "team/a", 2);
-    for at in [Moment::Version(before), Moment::Date(world.wall().millis - 30_000)] {
+    for at in [AsOf::Version(before), AsOf::Date(world.wall().millis - 30_000)] {
         let answer = world.ask(1, Question::List { prefix: "team/".into(), at });
         let Reply::Entries(entries) = &answer else { panic!("{answer:?}") };
         let value = entries[0].1[0].value.as_ref().map(Datum::of);
@@ -442,11 +444,11 @@ fn a_long_answer_comes_in_parts() {
     let text = Datum::Text("x".repeat(60 << 10));
     for number in 0..12 {
         let write = vec![put(&format!("team/{number}"), &text)];
-        assert!(matches!(world.ask(0, commit(write, Far::Local)), Reply::Committed(_)));
+        assert!(matches!(world.ask(0, commit(write, AckLevel::Local)), Reply::Committed(_)));
     }
     let keys = Keys::Below("team/".into());
     let filter = Filter { keys, by: None, from: None, until: None, limit: 100 };
-    let (from, to, prefix) = (Moment::Version(VersionVector::default()), Moment::Now, "team/".to_owned());
+    let (from, to, prefix) = (AsOf::Version(VersionVector::default()), AsOf::Now, "team/".to_owned());
     for question in [Question::History(filter), Question::Diff { from, to, prefix }] {
         let call = world.call(0, question);
         let sizes = world.replies(0, call).iter().map(|reply| match reply {

@@ -11,7 +11,7 @@ use dbmanager::logic::txn::Write;
 use dbmanager::logic::version_vector::Dot;
 use dbmanager::logic::view::value::Datum;
 use dca_tests::cluster::{Cluster, Ended, Host, Network, Program, SOON, wait_until};
-use node::logic::database::question::{Commit, Far, Moment, Question, Reply, Status};
+use node::logic::database::question::{AckLevel, AsOf, Commit, Question, Reply, Status};
 use node::logic::protocol::{Answer, Request};
 use rustix::process::{Signal, getuid};
 use std::collections::BTreeSet;
@@ -95,7 +95,7 @@ impl Way {
             reason: "a test".to_owned(),
             requires: vec![],
             writes: writes.iter().map(write).collect(),
-            far: Far::Local,
+            level: AckLevel::Local,
             within: SOON,
         };
         self.ask(Question::Commit(commit))?.iter().find_map(|reply| match reply {
@@ -107,7 +107,7 @@ impl Way {
 
     fn list(&self, prefix: &str) -> Vec<(Key, Vec<Version>)> {
         let replies = self
-            .ask(Question::List { prefix: prefix.to_owned(), at: Moment::Now })
+            .ask(Question::List { prefix: prefix.to_owned(), at: AsOf::Now })
             .expect("it is as the test has made it");
         let entries = replies.into_iter().map(|reply| match reply {
             Reply::Entries(entries) => entries,

@@ -6,7 +6,7 @@ use dbmanager::logic::key::Key;
 use dbmanager::logic::txn::Write as Change;
 use dbmanager::logic::view::value::Datum;
 use dca_tests::cluster::{Cluster, Ended, Host, Program, SOON, wait_until};
-use node::logic::database::question::{Commit, Far, Question};
+use node::logic::database::question::{AckLevel, Commit, Question};
 use node::logic::protocol::Request;
 use rustix::fs::{FlockOperation, flock};
 use rustix::process::Signal;
@@ -88,8 +88,8 @@ fn fill(host: &Host) {
         for part in 0..22 {
             let key = |number| Key::new(format!("team/{part}/{number}")).expect("it is plain");
             let writes = (0..3).map(|number| Change { key: key(number), value: Some(value.clone()) }).collect();
-            let (reason, requires, far, within) = (String::new(), vec![], Far::Local, SOON);
-            let commit = Request::Database(Question::Commit(Commit { reason, requires, writes, far, within }));
+            let (reason, requires, level, within) = (String::new(), vec![], AckLevel::Local, SOON);
+            let commit = Request::Database(Question::Commit(Commit { reason, requires, writes, level, within }));
             let bytes = codec::encode(&commit).expect("it is short enough");
             let mut replies = session.call_stream(&key::rpc("r1", "request"), bytes, SOON).expect("it is open");
             while let Some(reply) = replies.next().await {

@@ -1,6 +1,6 @@
 //! `dca db export`, `tx`: many keys at once, from and to text.
 
-use super::asking::{DatabaseArgs, refusal};
+use super::databases::{DatabaseArgs, refusal};
 use super::past::a_moment;
 use super::write::{CommitArgs, written};
 use crate::io::named_file;
@@ -10,7 +10,7 @@ use dbmanager::logic::key::Key;
 use dbmanager::logic::txn::{Condition, Require, Write};
 use dbmanager::logic::view::token;
 use node::console::{self, Failure};
-use node::logic::database::question::{Moment, Question, Reply};
+use node::logic::database::question::{AsOf, Question, Reply};
 use std::path::{Path, PathBuf};
 
 /// The longest file of values, in bytes: some million keys.
@@ -27,12 +27,12 @@ pub struct Export {
     prefix: String,
     /// When: a date, a cut, or `now`
     #[arg(long, value_name = "MOMENT", value_parser = a_moment, default_value = "now")]
-    at: Moment,
+    at: AsOf,
     /// Write to this file, which has its name only once it is whole [default: standard output]
     #[arg(long, short, value_name = "FILE", conflicts_with = "json")]
     output: Option<PathBuf>,
     #[command(flatten)]
-    asking: DatabaseArgs,
+    database: DatabaseArgs,
 }
 
 /// What `dca db tx` is told.
@@ -42,7 +42,7 @@ pub struct Tx {
     #[arg(default_value = "-")]
     file: PathBuf,
     #[command(flatten)]
-    writing: CommitArgs,
+    commit: CommitArgs,
 }
 
 impl Export {
@@ -50,7 +50,7 @@ impl Export {
     pub(crate) fn run(self) -> Result<(), Failure> {
         let question = Question::Export { prefix: self.prefix, at: self.at };
         let (mut text, mut file) = (String::new(), self.output.as_deref().map(WholeFile::create).transpose()?);
-        self.asking.ask_all(question, |reply| {
+        self.database.ask_all(question, |reply| {
             let Reply::Text(part) = reply else { return Err(refusal(&reply)) };
             match &mut file {
                 Some(file) => file.write(part.as_bytes())?,
@@ -61,7 +61,7 @@ impl Export {
         if let Some(file) = file {
             return Ok(file.finish()?);
         }
-        console::say(&if self.asking.json { serde_json::json!({ "file": text }).to_string() } else { text });
+        console::say(&if self.database.json { serde_json::json!({ "file": text }).to_string() } else { text });
         Ok(())
     }
 }
@@ -70,7 +70,7 @@ impl Tx {
     /// Runs the verb.
     pub(crate) fn run(self) -> Result<(), Failure> {
         let (requires, writes) = changes(&read(&self.file)?)?;
-        self.writing.commit(requires, writes)
+        self.commit.commit(requires, writes)
     }
 }
 

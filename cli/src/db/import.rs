@@ -4,9 +4,9 @@
 //! message. They are written in as many transactions as it takes, each as large as one may be. A file that is imported again goes
 //! on where the last time ended, since what is written does not differ any more.
 
-use super::asking::{Databases, refusal};
+use super::databases::{Databases, refusal};
 use super::file::read;
-use super::write::{CommitArgs, Got};
+use super::write::{CommitArgs, CommitProgress};
 use crate::logic::mission::{Line, Style};
 use crate::output::Output;
 use anyhow::{Context, anyhow};
@@ -21,7 +21,7 @@ use dbmanager::logic::view::as_of::state_of;
 use dbmanager::logic::view::table;
 use dbmanager::logic::view::transfer::{self, Absent};
 use node::console::{self, Failure};
-use node::logic::database::question::{Moment, Question, Reply};
+use node::logic::database::question::{AsOf, Question, Reply};
 use node::logic::table::counted;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -45,7 +45,7 @@ pub struct Import {
     #[arg(long)]
     atomic: bool,
     #[command(flatten)]
-    writing: CommitArgs,
+    commit: CommitArgs,
 }
 
 /// What has become of an import.
@@ -62,7 +62,7 @@ impl Import {
     pub(crate) fn run(self) -> Result<(), Failure> {
         let text = read(&self.file)?;
         let below = transfer::below(&text).with_context(|| format!("reading {}", self.file.display()))?;
-        self.writing.asking.with(async |databases| {
+        self.commit.database.with(async |databases| {
             let state = below_prefix(databases, below).await?;
             let absent = if self.delete { Absent::Delete } else { Absent::Keep };
             let import = transfer::import(&text, &state, absent, "").context("reading the file")?;
@@ -87,15 +87,15 @@ impl Import {
         let (mut done, mut progress) = (Done::default(), Progress::new(keys));
         for (requires, writes) in parts {
             let keys = writes.len();
-            let question = self.writing.question(self.writing.reason_or("import"), requires, writes);
-            let got = self.writing.write_on(databases, &question).await;
+            let question = self.commit.question(self.commit.reason_or("import"), requires, writes);
+            let got = self.commit.write_on(databases, &question).await;
             match got.map_err(|failure| partly(failure, done.dots.len(), count))? {
-                Got::Far(dot) => done.dots.push(dot),
-                Got::Pending(dot) => {
+                CommitProgress::AckLevel(dot) => done.dots.push(dot),
+                CommitProgress::Pending(dot) => {
                     done.dots.push(dot);
                     done.pending = true;
                 }
-                Got::Done(_) => {}
+                CommitProgress::Done(_) => {}
             }
             progress.more(keys);
         }
@@ -105,7 +105,7 @@ impl Import {
 
     /// Shows what changes, to a person.
     fn show(&self, import: &transfer::Import) {
-        if self.writing.asking.json {
+        if self.commit.database.json {
             return;
         }
         if import.differences.is_empty() {
@@ -121,7 +121,7 @@ impl Import {
     /// Says what was written.
     fn report(&self, import: &transfer::Import, done: &Done) -> Result<(), Failure> {
         let transactions: Vec<String> = done.dots.iter().map(ToString::to_string).collect();
-        if self.writing.asking.json {
+        if self.commit.database.json {
             let (differences, settles) = (&import.differences, &import.settles);
             let json = serde_json::json!({
                 "differences": differences, "settles": settles, "transactions": transactions, "reached": !done.pending,
@@ -140,7 +140,7 @@ impl Import {
                 }
             }
         }
-        if done.pending { Err(self.writing.pending()) } else { Ok(()) }
+        if done.pending { Err(self.commit.pending()) } else { Ok(()) }
     }
 }
 
@@ -169,7 +169,7 @@ impl Progress {
 
 /// Returns what the robot that is asked has below a prefix.
 async fn below_prefix(databases: &Databases<'_>, prefix: String) -> Result<State, Failure> {
-    let (mut entries, question) = (Vec::new(), Question::List { prefix, at: Moment::Now });
+    let (mut entries, question) = (Vec::new(), Question::List { prefix, at: AsOf::Now });
     let take = |reply| {
         let Reply::Entries(part) = reply else { return Err(refusal(&reply)) };
         entries.extend(part);
@@ -235,7 +235,7 @@ fn partly(failure: Failure, done: usize, count: usize) -> Failure {
     match failure {
         Failure::Refused(error) if done > 0 => Failure::Refused(add(error)),
         Failure::Unreachable(error) if done > 0 => Failure::Unreachable(add(error)),
-        Failure::Refused(_) | Failure::Unreachable(_) | Failure::Told => failure,
+        Failure::Refused(_) | Failure::Unreachable(_) | Failure::Reported => failure,
     }
 }
 

@@ -1,6 +1,6 @@
 //! `dca db own`: who alone writes below a prefix.
 
-use super::asking::refusal;
+use super::databases::refusal;
 use super::write::CommitArgs;
 use anyhow::Context;
 use dbmanager::logic::key::Key;
@@ -23,7 +23,7 @@ pub struct Own {
     #[arg(long, requires = "owner")]
     by_force: bool,
     #[command(flatten)]
-    writing: CommitArgs,
+    commit: CommitArgs,
 }
 
 impl Own {
@@ -31,16 +31,16 @@ impl Own {
     pub(crate) fn run(self) -> Result<(), Failure> {
         let Some(prefix) = &self.prefix else { return self.list() };
         let prefix = Key::new(prefix.trim_end_matches('/')).context("reading the prefix")?;
-        let (robot, by_force, reason) = (self.owner, self.by_force, self.writing.reason_or("own"));
-        let (far, within) = (self.writing.level.clone(), self.writing.within);
-        self.writing.send(&Question::Own(OwnRequest { prefix, robot, by_force, reason, far, within }))
+        let (robot, by_force, reason) = (self.owner, self.by_force, self.commit.reason_or("own"));
+        let (level, within) = (self.commit.level.clone(), self.commit.within);
+        self.commit.send(&Question::Own(OwnRequest { prefix, robot, by_force, reason, level, within }))
     }
 
     fn list(&self) -> Result<(), Failure> {
-        let asking = &self.writing.asking;
-        let reply = asking.ask(Question::Owners)?;
+        let database = &self.commit.database;
+        let reply = database.ask(Question::Owners)?;
         let Reply::Owners(owners) = reply else { return Err(refusal(&reply)) };
-        if asking.json {
+        if database.json {
             console::say(&serde_json::to_string(&owners)?);
             return Ok(());
         }

@@ -1,6 +1,6 @@
 //! `dca db history`, `conflicts`, `resolve`, `diff`, `at`: what was, and what nobody has settled.
 
-use super::asking::{DatabaseArgs, keys, refusal};
+use super::databases::{DatabaseArgs, keys, refusal};
 use super::read;
 use super::write::CommitArgs;
 use anyhow::Context;
@@ -12,7 +12,7 @@ use dbmanager::logic::view::table::{self, Span};
 use dbmanager::logic::view::value::Datum;
 use dbmanager::logic::view::{date, token};
 use node::console::{self, Failure};
-use node::logic::database::question::{Choice, Moment, Question, Reply, Resolve as ResolveRequest};
+use node::logic::database::question::{AsOf, Choice, Question, Reply, Resolve as ResolveRequest};
 
 /// What `dca db history` is told.
 #[derive(Debug, clap::Args)]
@@ -33,7 +33,7 @@ pub struct History {
     #[arg(long, short = 'n', value_name = "COUNT", default_value_t = 50)]
     limit: usize,
     #[command(flatten)]
-    asking: DatabaseArgs,
+    database: DatabaseArgs,
 }
 
 /// What `dca db conflicts` is told.
@@ -43,7 +43,7 @@ pub struct Conflicts {
     #[arg(default_value = "")]
     prefix: String,
     #[command(flatten)]
-    asking: DatabaseArgs,
+    database: DatabaseArgs,
 }
 
 /// What `dca db resolve` is told.
@@ -71,7 +71,7 @@ pub struct Resolve {
     #[arg(long, value_name = "SEEN", default_value = "", hide_default_value = true)]
     seen: String,
     #[command(flatten)]
-    writing: CommitArgs,
+    commit: CommitArgs,
 }
 
 /// What `dca db diff` is told.
@@ -79,15 +79,15 @@ pub struct Resolve {
 pub struct Diff {
     /// From when: a date such as `2026-11-21 10:00:00`, or a version as `dca db version` prints it
     #[arg(value_parser = a_moment)]
-    from: Moment,
+    from: AsOf,
     /// To when
     #[arg(value_parser = a_moment, default_value = "now")]
-    to: Moment,
+    to: AsOf,
     /// How the keys begin
     #[arg(long, value_name = "PREFIX", default_value = "")]
     prefix: String,
     #[command(flatten)]
-    asking: DatabaseArgs,
+    database: DatabaseArgs,
 }
 
 /// What `dca db at` is told.
@@ -95,12 +95,12 @@ pub struct Diff {
 pub struct At {
     /// When: a date such as `2026-11-21 10:00:00`, a version as `dca db version` prints it, or `now`
     #[arg(value_parser = a_moment)]
-    moment: Moment,
+    moment: AsOf,
     /// How the keys begin
     #[arg(default_value = "")]
     prefix: String,
     #[command(flatten)]
-    asking: DatabaseArgs,
+    database: DatabaseArgs,
 }
 
 /// The arguments of `dca db version`.
@@ -108,9 +108,9 @@ pub struct At {
 pub struct VersionAt {
     /// When: a date, or `now`
     #[arg(value_parser = a_moment, default_value = "now")]
-    moment: Moment,
+    moment: AsOf,
     #[command(flatten)]
-    asking: DatabaseArgs,
+    database: DatabaseArgs,
 }
 
 impl History {
@@ -120,12 +120,12 @@ impl History {
         let span = if matches!(keys, Keys::Only(_)) { Span::Key } else { Span::All };
         let filter = Filter { keys, by: self.by, from: self.from, until: self.until, limit: self.limit };
         let mut entries = Vec::new();
-        self.asking.ask_all(Question::History(filter), |reply| {
+        self.database.ask_all(Question::History(filter), |reply| {
             let Reply::History(part) = reply else { return Err(refusal(&reply)) };
             entries.extend(part);
             Ok(())
         })?;
-        if self.asking.json {
+        if self.database.json {
             console::say(&serde_json::to_string_pretty(&entries)?);
         } else if entries.is_empty() {
             console::note("nothing of that is in the log");
@@ -140,13 +140,13 @@ impl Conflicts {
     /// Runs the verb.
     pub(crate) fn run(self) -> Result<(), Failure> {
         let (mut conflicts, mut races) = (Vec::new(), Vec::new());
-        self.asking.ask_all(Question::Conflicts { prefix: self.prefix }, |reply| {
+        self.database.ask_all(Question::Conflicts { prefix: self.prefix }, |reply| {
             let Reply::Conflicts(part, more) = reply else { return Err(refusal(&reply)) };
             conflicts.extend(part);
             races.extend(more);
             Ok(())
         })?;
-        if self.asking.json {
+        if self.database.json {
             let listed = conflicts.iter().map(json).collect::<Result<Vec<_>, _>>()?;
             let json = serde_json::json!({ "conflicts": listed, "races": races });
             console::say(&serde_json::to_string_pretty(&json)?);
@@ -186,12 +186,12 @@ impl Resolve {
             _ if self.delete => Choice::Value(None),
             _ => Choice::Shown,
         };
-        let CommitArgs { level: far, within, .. } = &self.writing;
-        self.writing.send(&Question::Resolve(ResolveRequest {
+        let CommitArgs { level, within, .. } = &self.commit;
+        self.commit.send(&Question::Resolve(ResolveRequest {
             key: Key::new(self.key)?,
             choice,
-            reason: self.writing.reason_or("settle"),
-            far: far.clone(),
+            reason: self.commit.reason_or("settle"),
+            level: level.clone(),
             within: *within,
             seen: self.seen,
         }))
@@ -203,12 +203,12 @@ impl Diff {
     pub(crate) fn run(self) -> Result<(), Failure> {
         let (question, mut differences) =
             (Question::Diff { from: self.from, to: self.to, prefix: self.prefix }, Vec::new());
-        self.asking.ask_all(question, |reply| {
+        self.database.ask_all(question, |reply| {
             let Reply::Differences(part) = reply else { return Err(refusal(&reply)) };
             differences.extend(part);
             Ok(())
         })?;
-        if self.asking.json {
+        if self.database.json {
             console::say(&serde_json::to_string_pretty(&differences)?);
         } else if differences.is_empty() {
             console::note("nothing has changed");
@@ -222,17 +222,17 @@ impl Diff {
 impl At {
     /// Runs the verb.
     pub(crate) fn run(self) -> Result<(), Failure> {
-        read::list(&self.asking, self.prefix, self.moment)
+        read::list(&self.database, self.prefix, self.moment)
     }
 }
 
 impl VersionAt {
     /// Runs the verb.
     pub(crate) fn run(self) -> Result<(), Failure> {
-        let reply = self.asking.ask(Question::Version(self.moment))?;
+        let reply = self.database.ask(Question::Version(self.moment))?;
         let Reply::Version(version) = reply else { return Err(refusal(&reply)) };
         let text = token::token(&version);
-        console::say(&if self.asking.json { serde_json::json!({ "version": text }).to_string() } else { text });
+        console::say(&if self.database.json { serde_json::json!({ "version": text }).to_string() } else { text });
         Ok(())
     }
 }
@@ -245,10 +245,10 @@ fn a_dot(text: &str) -> Result<Dot, String> {
     token::dot(text).ok_or_else(|| "a transaction is named as `dca db history` shows it".to_owned())
 }
 
-pub(crate) fn a_moment(text: &str) -> Result<Moment, String> {
+pub(crate) fn a_moment(text: &str) -> Result<AsOf, String> {
     if text == "now" {
-        return Ok(Moment::Now);
+        return Ok(AsOf::Now);
     }
-    let moment = token::vector(text).map(Moment::Version).or_else(|| date::parse(text).map(Moment::Date));
+    let moment = token::vector(text).map(AsOf::Version).or_else(|| date::parse(text).map(AsOf::Date));
     moment.ok_or_else(|| "a moment is `now`, a date such as `2026-11-21 10:00:00` (UTC), or a version".to_owned())
 }

@@ -1,13 +1,13 @@
 //! `dca db get`: what is there.
 
-use super::asking::{DatabaseArgs, keys, refusal};
+use super::databases::{DatabaseArgs, keys, refusal};
 use anyhow::{Context, anyhow};
 use dbmanager::logic::key::Key;
 use dbmanager::logic::state::{Version, differ};
 use dbmanager::logic::view::past::Keys;
 use dbmanager::logic::view::value::Datum;
 use node::console::{self, Failure};
-use node::logic::database::question::{Moment, Question, Reply};
+use node::logic::database::question::{AsOf, Question, Reply};
 
 /// What `dca db get` is told.
 #[derive(Debug, clap::Args)]
@@ -16,17 +16,17 @@ pub struct Get {
     #[arg(default_value = "")]
     key: String,
     #[command(flatten)]
-    asking: DatabaseArgs,
+    database: DatabaseArgs,
 }
 
 impl Get {
     /// Runs the verb.
     pub(crate) fn run(self) -> Result<(), Failure> {
         let key = match keys(self.key.clone()).context("reading the key")? {
-            Keys::Below(prefix) => return list(&self.asking, prefix, Moment::Now),
+            Keys::Below(prefix) => return list(&self.database, prefix, AsOf::Now),
             Keys::Only(key) => key,
         };
-        let reply = self.asking.ask(Question::Get { key })?;
+        let reply = self.database.ask(Question::Get { key })?;
         let Reply::Entries(entries) = reply else { return Err(refusal(&reply)) };
         let versions = entries.into_iter().next().map(|(_, versions)| versions).unwrap_or_default();
         let Some(datum) = shown(&versions) else {
@@ -36,16 +36,16 @@ impl Get {
             let (key, count) = (&self.key, versions.len());
             console::note(&format!("note: {count} writes to `{key}` did not see each other; `dca db conflicts {key}`"));
         }
-        console::say(&if self.asking.json { datum.to_json() } else { datum.to_toml() });
+        console::say(&if self.database.json { datum.to_json() } else { datum.to_toml() });
         Ok(())
     }
 }
 
 /// Prints what the keys below a prefix hold, or have held.
-pub(crate) fn list(asking: &DatabaseArgs, prefix: String, at: Moment) -> Result<(), Failure> {
+pub(crate) fn list(database: &DatabaseArgs, prefix: String, at: AsOf) -> Result<(), Failure> {
     let question = Question::List { prefix, at };
     let mut entries = Vec::new();
-    asking.ask_all(question, |reply| {
+    database.ask_all(question, |reply| {
         let Reply::Entries(more) = reply else { return Err(refusal(&reply)) };
         entries.extend(more);
         Ok(())
@@ -53,7 +53,7 @@ pub(crate) fn list(asking: &DatabaseArgs, prefix: String, at: Moment) -> Result<
     let siblings = |versions: &[Version]| if differ(versions) { versions.len() } else { 1 };
     let shown: Vec<(Key, Datum, usize)> =
         entries.into_iter().filter_map(|(key, all)| Some((key, shown(&all)?, siblings(&all)))).collect();
-    if asking.json {
+    if database.json {
         let fields = shown.iter().map(|(key, datum, _)| {
             let value = serde_json::from_str(&datum.to_json()).unwrap_or(serde_json::Value::Null);
             (key.to_string(), value)

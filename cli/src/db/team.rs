@@ -1,6 +1,6 @@
 //! `dca db status`, `found`, `join`, `retire`, `heal-clock`: the team.
 
-use super::asking::{DatabaseArgs, Databases, refusal};
+use super::databases::{DatabaseArgs, Databases, refusal};
 use anyhow::anyhow;
 use comms::io::clock;
 use node::console::{self, Failure};
@@ -17,7 +17,7 @@ const LOOK_AGAIN: Duration = Duration::from_millis(100);
 #[derive(Debug, clap::Args)]
 pub struct Status {
     #[command(flatten)]
-    asking: DatabaseArgs,
+    database: DatabaseArgs,
 }
 
 /// What `dca db retire` is told.
@@ -29,7 +29,7 @@ pub struct Retire {
     #[arg(long)]
     older: bool,
     #[command(flatten)]
-    asking: DatabaseArgs,
+    database: DatabaseArgs,
 }
 
 /// What `dca db join` is told.
@@ -38,22 +38,22 @@ pub struct Join {
     /// A robot of the other team, as `dca db status` lists them
     member: String,
     #[command(flatten)]
-    asking: DatabaseArgs,
+    database: DatabaseArgs,
 }
 
 /// What a verb without anything of its own is told.
 #[derive(Debug, clap::Args)]
-pub struct Operate {
+pub struct TeamArgs {
     #[command(flatten)]
-    asking: DatabaseArgs,
+    database: DatabaseArgs,
 }
 
 impl Status {
     /// Runs the verb.
     pub(crate) fn run(self) -> Result<(), Failure> {
-        let reply = self.asking.ask(Question::Status)?;
+        let reply = self.database.ask(Question::Status)?;
         let Reply::Status(status) = reply else { return Err(refusal(&reply)) };
-        console::say(&if self.asking.json { serde_json::to_string_pretty(&status)? } else { table::status(&status) });
+        console::say(&if self.database.json { serde_json::to_string_pretty(&status)? } else { table::status(&status) });
         Ok(())
     }
 }
@@ -62,15 +62,19 @@ impl Retire {
     /// Runs the verb.
     pub(crate) fn run(self) -> Result<(), Failure> {
         let robot = self.member;
-        self.asking.order(if self.older { Question::RetireOlder { robot } } else { Question::Retire { member: robot } })
+        self.database.order(if self.older {
+            Question::RetireOlder { robot }
+        } else {
+            Question::Retire { member: robot }
+        })
     }
 }
 
 impl Join {
     /// Runs the verb. The robot gives up its team at once; it is done when the other team has admitted it.
     pub(crate) fn run(self) -> Result<(), Failure> {
-        let Self { member, asking } = self;
-        let robot = asking.with(async |databases| {
+        let Self { member, database } = self;
+        let robot = database.with(async |databases| {
             let reply = databases.ask_one(databases.robot(), Question::Join { robot: member.clone() }).await?;
             let Reply::Done(_) = reply else { return Err(refusal(&reply)) };
             let until = clock::now() + ADMITTED_WITHIN;
@@ -90,15 +94,15 @@ impl Join {
             }
         })?;
         let sentence = format!("`{robot}` belongs to the team of `{member}` now");
-        asking.done(sentence);
+        database.done(sentence);
         Ok(())
     }
 }
 
-impl Operate {
+impl TeamArgs {
     /// Runs `found`. A robot that is a member may have become one a moment ago, and the robot that is asked has not heard it.
     pub(crate) fn found(self) -> Result<(), Failure> {
-        self.asking.with(async |databases| {
+        self.database.with(async |databases| {
             let own = status(databases, databases.robot()).await?;
             for robot in databases.robots().await?.into_iter().filter(|robot| !own.member && *robot != own.robot) {
                 let there = status(databases, &robot).await.ok().filter(|there| there.member && there.team == own.team);
@@ -112,12 +116,12 @@ impl Operate {
             }
             Ok(())
         })?;
-        self.asking.order(Question::Found)
+        self.database.order(Question::Found)
     }
 
     /// Runs `heal-clock`.
     pub(crate) fn heal_clock(self) -> Result<(), Failure> {
-        self.asking.order(Question::HealClock)
+        self.database.order(Question::HealClock)
     }
 }
 

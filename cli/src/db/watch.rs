@@ -1,6 +1,6 @@
 //! `dca db watch`: what happens to keys, as it happens; nothing is missed, also not while nobody could be reached.
 
-use super::asking::{ANSWER_WITHIN, DatabaseArgs, Databases, Replies, keys, refusal};
+use super::databases::{ANSWER_WITHIN, DatabaseArgs, Databases, Replies, keys, refusal};
 use anyhow::anyhow;
 use comms::io::clock;
 use dbmanager::logic::version_vector::VersionVector;
@@ -26,7 +26,7 @@ pub struct Watch {
     #[arg(long, value_name = "VERSION", value_parser = a_version)]
     from: Option<VersionVector>,
     #[command(flatten)]
-    asking: DatabaseArgs,
+    database: DatabaseArgs,
 }
 
 impl Watch {
@@ -34,7 +34,7 @@ impl Watch {
     pub(crate) fn run(self) -> Result<(), Failure> {
         let keys = keys(self.key.clone())?;
         let mut told = self.from.clone();
-        let result = self.asking.with(async |databases| {
+        let result = self.database.with(async |databases| {
             let (mut interrupt, mut terminate) = (signal(SignalKind::interrupt())?, signal(SignalKind::terminate())?);
             tokio::select! {
                 result = self.follow(databases, keys, &mut told) => result,
@@ -42,7 +42,7 @@ impl Watch {
                 _ = terminate.recv() => Ok(()),
             }
         });
-        if let Some(told) = told.filter(|_| !self.asking.json) {
+        if let Some(told) = told.filter(|_| !self.database.json) {
             console::note(&format!("to go on from here: --from {}", token::token(&told)));
         }
         result
@@ -59,7 +59,7 @@ impl Watch {
             let mut replies = databases.ask(databases.robot(), question)?;
             match replies.next(clock::now() + ANSWER_WITHIN).await {
                 Ok(Some(Reply::Version(version))) => {
-                    if told.is_none() && !self.asking.json {
+                    if told.is_none() && !self.database.json {
                         console::note("watching; ^C ends it");
                     }
                     *told = Some(version);
@@ -101,7 +101,7 @@ impl Watch {
     }
 
     fn begin_anew(&self, why: &str) {
-        if self.asking.json {
+        if self.database.json {
             console::say(&serde_json::json!({ "read_anew": why }).to_string());
         } else {
             console::note(&format!("{why}: read the state, `dca db get {}`", self.key));
@@ -109,7 +109,7 @@ impl Watch {
     }
 
     fn print(&self, event: &Event) -> Result<(), Failure> {
-        if self.asking.json {
+        if self.database.json {
             console::say(&serde_json::to_string(event)?);
             return Ok(());
         }

@@ -1,6 +1,6 @@
 //! `dca db put`, `delete`: one transaction, and how far it has got.
 
-use super::asking::{ANSWER_WITHIN, DatabaseArgs, Databases, refusal};
+use super::databases::{ANSWER_WITHIN, DatabaseArgs, Databases, refusal};
 use anyhow::{Context, anyhow};
 use comms::io::clock;
 use comms::logic::human::span;
@@ -9,7 +9,7 @@ use dbmanager::logic::txn::{Require, Write};
 use dbmanager::logic::version_vector::Dot;
 use dbmanager::logic::view::value::{Datum, TextError};
 use node::console::{self, Failure};
-use node::logic::database::question::{Commit, Far, Question, Reply};
+use node::logic::database::question::{AckLevel, Commit, Question, Reply};
 use node::logic::database::settings::spelt;
 use node::logic::parameters::{self, Verdict};
 use node::logic::protocol::InstanceParameters;
@@ -23,13 +23,13 @@ pub struct CommitArgs {
     #[arg(long, short = 'm', value_name = "WHY", default_value = "")]
     reason: String,
     /// Wait until it is on disks: `local`, `replicated:2`, `on:r2,r3` or `everywhere`
-    #[arg(long, value_name = "LEVEL", default_value = "local", value_parser = far)]
-    pub(crate) level: Far,
+    #[arg(long, value_name = "LEVEL", default_value = "local", value_parser = ack_level)]
+    pub(crate) level: AckLevel,
     /// How long that may take, such as `2s` or `500ms`
     #[arg(long, value_name = "TIME", default_value = "5s", value_parser = time)]
     pub(crate) within: Duration,
     #[command(flatten)]
-    pub(crate) asking: DatabaseArgs,
+    pub(crate) database: DatabaseArgs,
 }
 
 /// What `dca db put` is told.
@@ -47,7 +47,7 @@ pub struct Put {
     #[arg(long)]
     from_json: bool,
     #[command(flatten)]
-    writing: CommitArgs,
+    commit: CommitArgs,
 }
 
 /// What `dca db delete` is told.
@@ -57,7 +57,7 @@ pub struct Delete {
     #[arg(required = true)]
     keys: Vec<String>,
     #[command(flatten)]
-    writing: CommitArgs,
+    commit: CommitArgs,
 }
 
 impl Put {
@@ -74,7 +74,7 @@ impl Put {
                 format!("reading the value (`--text` takes it as a text: `dca db put {key} --text '{value}'`)")
             })?
         };
-        self.writing.commit(vec![], vec![Write { key, value: Some(datum.encode()?) }])
+        self.commit.commit(vec![], vec![Write { key, value: Some(datum.encode()?) }])
     }
 }
 
@@ -84,14 +84,14 @@ impl Delete {
         // An earlier version wrote keys that are none any more: they can be deleted.
         let keys: Result<Vec<Key>, _> = self.keys.into_iter().map(Key::try_from).collect();
         let writes = keys?.into_iter().map(|key| Write { key, value: None }).collect();
-        self.writing.commit(vec![], writes)
+        self.commit.commit(vec![], writes)
     }
 }
 
 /// How far a transaction has got.
-pub(crate) enum Got {
+pub(crate) enum CommitProgress {
     /// As far as was asked.
-    Far(Dot),
+    AckLevel(Dot),
     /// To a disk.
     Pending(Dot),
     /// There was nothing to do.
@@ -112,8 +112,8 @@ impl CommitArgs {
 
     /// Returns what asks for a commit.
     pub(crate) fn question(&self, reason: String, requires: Vec<Require>, writes: Vec<Write>) -> Question {
-        let (far, within) = (self.level.clone(), self.within);
-        Question::Commit(Commit { reason, requires, writes, far, within })
+        let (level, within) = (self.level.clone(), self.within);
+        Question::Commit(Commit { reason, requires, writes, level, within })
     }
 
     /// Returns why, or else this.
@@ -123,15 +123,15 @@ impl CommitArgs {
 
     /// Sends what is answered as a transaction is, to the robot whose keys they are, and says how far it has got.
     pub(crate) fn send(&self, question: &Question) -> Result<(), Failure> {
-        let (dot, reached) = match self.asking.with(async |databases| self.write_on(databases, question).await)? {
-            Got::Far(dot) => (dot, true),
-            Got::Pending(dot) => (dot, false),
-            Got::Done(sentence) => {
-                self.asking.done(sentence);
+        let (dot, reached) = match self.database.with(async |databases| self.write_on(databases, question).await)? {
+            CommitProgress::AckLevel(dot) => (dot, true),
+            CommitProgress::Pending(dot) => (dot, false),
+            CommitProgress::Done(sentence) => {
+                self.database.done(sentence);
                 return Ok(());
             }
         };
-        if self.asking.json {
+        if self.database.json {
             console::say(&serde_json::json!({ "transaction": dot.to_string(), "reached": reached }).to_string());
         } else {
             console::say(&if stays_here(question) {
@@ -153,7 +153,11 @@ impl CommitArgs {
     }
 
     /// Writes, on the robot whose keys they are.
-    pub(crate) async fn write_on(&self, databases: &Databases<'_>, question: &Question) -> Result<Got, Failure> {
+    pub(crate) async fn write_on(
+        &self,
+        databases: &Databases<'_>,
+        question: &Question,
+    ) -> Result<CommitProgress, Failure> {
         if let Question::Commit(commit) = question {
             check_parameters(databases, &commit.writes).await?;
         }
@@ -169,30 +173,35 @@ impl CommitArgs {
         databases: &Databases<'_>,
         robot: &str,
         question: Question,
-    ) -> Result<Result<Got, String>, Failure> {
+    ) -> Result<Result<CommitProgress, String>, Failure> {
         let mut replies = databases.ask(robot, question)?;
         let first = replies.next(clock::now() + ANSWER_WITHIN).await?.ok_or_else(|| replies.ended())?;
         if let Reply::NotOwner { owner } = first {
             return Ok(Err(owner));
         }
         if let Reply::Done(sentence) = first {
-            return Ok(Ok(Got::Done(sentence)));
+            return Ok(Ok(CommitProgress::Done(sentence)));
         }
         let Reply::Committed(dot) = first else { return Err(refusal(&first)) };
-        if self.level == Far::Local {
-            return Ok(Ok(Got::Far(dot)));
+        if self.level == AckLevel::Local {
+            return Ok(Ok(CommitProgress::AckLevel(dot)));
         }
         match replies.next(clock::now() + self.within + ANSWER_WITHIN).await {
-            Ok(Some(Reply::Reached(dot))) => Ok(Ok(Got::Far(dot))),
+            Ok(Some(Reply::Reached(dot))) => Ok(Ok(CommitProgress::AckLevel(dot))),
             // The transaction is on a disk, whatever has become of who was asked.
-            Ok(Some(Reply::Pending(_)) | None) | Err(Failure::Unreachable(_)) => Ok(Ok(Got::Pending(dot))),
+            Ok(Some(Reply::Pending(_)) | None) | Err(Failure::Unreachable(_)) => Ok(Ok(CommitProgress::Pending(dot))),
             Ok(Some(other)) => Err(refusal(&other)),
             Err(failure) => Err(failure),
         }
     }
 
     /// Sends a transaction to the robot that alone writes there.
-    async fn forward(&self, databases: &Databases<'_>, owner: &str, question: Question) -> Result<Got, Failure> {
+    async fn forward(
+        &self,
+        databases: &Databases<'_>,
+        owner: &str,
+        question: Question,
+    ) -> Result<CommitProgress, Failure> {
         if !databases.reaches(owner).await? {
             return Err(Failure::Unreachable(anyhow!(
                 "only `{owner}` writes there, and it cannot be reached now; nothing was written"
@@ -246,16 +255,16 @@ async fn check_parameters(databases: &Databases<'_>, writes: &[Write]) -> Result
 }
 
 /// Reads a level.
-fn far(text: &str) -> Result<Far, String> {
+fn ack_level(text: &str) -> Result<AckLevel, String> {
     let names = |names: &str| names.split(',').map(str::to_owned).collect::<Vec<_>>();
     match text.split_once(':') {
-        None if text == "local" => Ok(Far::Local),
-        None if text == "everywhere" => Ok(Far::Everywhere),
+        None if text == "local" => Ok(AckLevel::Local),
+        None if text == "everywhere" => Ok(AckLevel::Everywhere),
         Some(("replicated", count)) => match count.parse() {
-            Ok(count) if count > 0 => Ok(Far::Replicated(count)),
+            Ok(count) if count > 0 => Ok(AckLevel::Replicated(count)),
             _ => Err(format!("`{count}` is no number of robots")),
         },
-        Some(("on", robots)) if !robots.split(',').any(str::is_empty) => Ok(Far::On(names(robots))),
+        Some(("on", robots)) if !robots.split(',').any(str::is_empty) => Ok(AckLevel::On(names(robots))),
         _ => Err("a level is `local`, `replicated:2`, `on:r2,r3` or `everywhere`".to_owned()),
     }
 }
@@ -281,11 +290,11 @@ mod tests {
 
     #[test]
     fn levels_and_times() {
-        assert_eq!(far("local"), Ok(Far::Local));
-        assert_eq!(far("replicated:2"), Ok(Far::Replicated(2)));
-        assert_eq!(far("on:r2,r3"), Ok(Far::On(vec!["r2".into(), "r3".into()])));
+        assert_eq!(ack_level("local"), Ok(AckLevel::Local));
+        assert_eq!(ack_level("replicated:2"), Ok(AckLevel::Replicated(2)));
+        assert_eq!(ack_level("on:r2,r3"), Ok(AckLevel::On(vec!["r2".into(), "r3".into()])));
         for bad in ["", "replicated", "replicated:0", "on:", "on:a,,b", "everywhere:1", "2"] {
-            assert!(far(bad).is_err(), "{bad}");
+            assert!(ack_level(bad).is_err(), "{bad}");
         }
         assert_eq!(time("500ms"), Ok(Duration::from_millis(500)));
         assert_eq!(time("1.5 s").map(|time| time.as_millis()), Ok(1500));

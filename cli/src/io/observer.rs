@@ -2,7 +2,7 @@
 
 use crate::logic::record::Port;
 use comms::io::clock;
-use comms::io::data::{DataError, DataSession, Hearing};
+use comms::io::data::{DataError, DataSession, Subscription};
 use comms::logic::control::Dial;
 use comms::logic::signals::{Peak, Peaks, Signals};
 use comms::logic::time::Time;
@@ -55,18 +55,18 @@ pub enum ObserverEvent {
 struct Source {
     key: String,
     dial: Dial,
-    what: What,
+    what: EventKind,
 }
 
 #[derive(Debug)]
-enum What {
+enum EventKind {
     /// The signals of the program with this path.
     Signals(String),
     /// What goes from an output to an input.
     Port(String, String),
 }
 
-impl What {
+impl EventKind {
     fn name(&self) -> String {
         match self {
             Self::Signals(path) => format!("signals of `{path}`"),
@@ -84,7 +84,7 @@ pub struct Observer {
 #[derive(Debug)]
 struct Opened {
     session: Arc<DataSession>,
-    hearing: Vec<Hearing>,
+    subscriptions: Vec<Subscription>,
 }
 
 impl Observer {
@@ -94,7 +94,7 @@ impl Observer {
         let source = |(path, dial): &(String, Dial)| Source {
             key: key::signals(robot, path),
             dial: dial.clone(),
-            what: What::Signals(path.clone()),
+            what: EventKind::Signals(path.clone()),
         };
         Self::look(sources.iter().map(source).collect(), sink)
     }
@@ -102,7 +102,7 @@ impl Observer {
     /// Begins to dial the producers of some wires; else as [`Observer::open`] does. Values that are too long are left out.
     pub fn open_ports(deployment: &Deployment, ports: &[(Port, Dial)], sink: Sender<ObserverEvent>) -> Self {
         let source = |(port, dial): &(Port, Dial)| {
-            let what = What::Port(port.from.clone(), port.to.clone());
+            let what = EventKind::Port(port.from.clone(), port.to.clone());
             Source { key: port.key(deployment), dial: dial.clone(), what }
         };
         Self::look(ports.iter().map(source).collect(), sink)
@@ -116,9 +116,9 @@ impl Observer {
 
     /// Closes the session; what is being dialled is waited for, which takes 2 s at the most.
     pub async fn close(mut self) {
-        let Some(Ok(Some(Opened { session, hearing }))) = self.opening.join_next().await else { return };
+        let Some(Ok(Some(Opened { session, subscriptions }))) = self.opening.join_next().await else { return };
         let closing = tokio::task::spawn_blocking(move || {
-            drop(hearing);
+            drop(subscriptions);
             Arc::into_inner(session).into_iter().for_each(DataSession::close);
         });
         if let Err(error) = closing.await {
@@ -143,35 +143,40 @@ async fn look(sources: Vec<Source>, sink: Sender<ObserverEvent>) -> Option<Opene
         let (session, sink) = (Arc::clone(&session), sink.clone());
         dialling.spawn_blocking(move || reach(&session, source, sink));
     }
-    let mut hearing = Vec::new();
+    let mut subscriptions = Vec::new();
     while let Some(joined) = dialling.join_next().await {
         let (heard, why) = joined.unwrap_or_else(|panic| (None, Some(format!("signals cannot be seen: {panic}"))));
-        hearing.extend(heard);
+        subscriptions.extend(heard);
         if let Some(why) = why {
             unseen(why).await;
         }
     }
-    Some(Opened { session, hearing })
+    Some(Opened { session, subscriptions })
 }
 
 /// Hears a source, if need be from when it is reached on; says why not, or not yet.
-fn reach(session: &DataSession, source: Source, sink: Sender<ObserverEvent>) -> (Option<Hearing>, Option<String>) {
+fn reach(session: &DataSession, source: Source, sink: Sender<ObserverEvent>) -> (Option<Subscription>, Option<String>) {
     let Source { key, dial, what } = source;
     let (name, dialled) = (what.name(), session.dial(&dial, DIAL_WITHIN));
     // One that is far away takes longer.
     let is_kept = dialled.is_err() && !dial.locators.is_empty();
     let linked = if is_kept { session.keep(&dial) } else { dialled.clone() };
     match (linked.and_then(|()| hear(session, &key, what, sink)), dialled) {
-        (Ok(hearing), Ok(())) => (Some(hearing), None),
-        (Ok(hearing), Err(error)) => (Some(hearing), Some(format!("{name} cannot be seen yet: {error}"))),
+        (Ok(subscriptions), Ok(())) => (Some(subscriptions), None),
+        (Ok(subscriptions), Err(error)) => (Some(subscriptions), Some(format!("{name} cannot be seen yet: {error}"))),
         (Err(error), _) => (None, Some(format!("{name} cannot be seen: {error}"))),
     }
 }
 
-fn hear(session: &DataSession, key: &str, what: What, sink: Sender<ObserverEvent>) -> Result<Hearing, DataError> {
+fn hear(
+    session: &DataSession,
+    key: &str,
+    what: EventKind,
+    sink: Sender<ObserverEvent>,
+) -> Result<Subscription, DataError> {
     let path = match what {
-        What::Signals(path) => path,
-        What::Port(from, to) => {
+        EventKind::Signals(path) => path,
+        EventKind::Port(from, to) => {
             return session.on_sample(key, move |bytes| {
                 if bytes.len() <= VALUE_MAX {
                     let (from, to, bytes) = (from.clone(), to.clone(), bytes.to_vec());

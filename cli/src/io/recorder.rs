@@ -17,7 +17,7 @@ use disk::Disk;
 use mcap::records::MessageHeader;
 use mcap::write::NoSeek;
 use mcap::{Attachment, McapError, WriteOptions, Writer};
-use queue::{Popped, Queue};
+use queue::{Queue, Work};
 use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};
@@ -204,9 +204,9 @@ impl Log {
     fn follow(&mut self, queue: &Queue) -> Result<(), McapError> {
         loop {
             match queue.pop(FLUSH_EVERY) {
-                Popped::Entry(entry, arrived) => self.write(&entry, arrived)?,
-                Popped::Nothing => self.flush()?,
-                Popped::Closed => {
+                Work::Entry(entry, arrived) => self.write(&entry, arrived)?,
+                Work::Nothing => self.flush()?,
+                Work::Closed => {
                     self.writer.finish()?;
                     self.disk.finish()?;
                     return Ok(());

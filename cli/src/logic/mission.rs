@@ -11,7 +11,7 @@ mod signals;
 mod start;
 mod summary;
 
-pub use phases::{Deciding, PHASES_MAX, Phase};
+pub use phases::{DecidingMember, PHASES_MAX, Phase};
 pub use progress::{Line, Progress, Style};
 pub use signals::{TRACKS_MAX, Track};
 pub use start::Start;

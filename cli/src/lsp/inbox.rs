@@ -1,6 +1,6 @@
 //! What waits to be handled, and what an editor no longer wants to know.
 
-use super::interfaces::Arrived;
+use super::interfaces::InterfaceReply;
 use super::rpc::Message;
 use super::server::{Reply, refusal};
 use lsp_types::LspErrorCodes;
@@ -15,7 +15,7 @@ pub(super) enum Event {
     /// The editor said something.
     Message(Message),
     /// A program has told its interface, or not.
-    Interface(Arrived),
+    Interface(InterfaceReply),
     /// The editor says no more.
     End,
 }

@@ -15,7 +15,7 @@ type Stamp = (u64, u64, i64, i64);
 
 /// A program has answered, or failed to.
 #[derive(Debug)]
-pub(super) struct Arrived {
+pub(super) struct InterfaceReply {
     program: PathBuf,
     stamp: Option<Stamp>,
     answer: Result<String, String>,
@@ -59,7 +59,7 @@ impl Interfaces {
             let ask = move || {
                 let answer = programs::interfaces(&path).map_err(|error| error.to_string());
                 // Nobody listens any more when the editor is gone.
-                events.send(Event::Interface(Arrived { program: path, stamp, answer })).unwrap_or_default();
+                events.send(Event::Interface(InterfaceReply { program: path, stamp, answer })).unwrap_or_default();
             };
             // Nobody joins it: it ends with the answer, which has its limit.
             program.is_asking = std::thread::Builder::new().name("ask".to_owned()).spawn(ask).is_ok();
@@ -70,7 +70,7 @@ impl Interfaces {
     ///
     /// # Errors
     /// A sentence for a person: the program does not tell its interface. What it told before stays.
-    pub(super) fn take(&mut self, arrived: Arrived) -> Result<(), String> {
+    pub(super) fn take(&mut self, arrived: InterfaceReply) -> Result<(), String> {
         let Some(program) = self.programs.iter_mut().find(|program| program.path == arrived.program) else {
             return Ok(());
         };

@@ -22,11 +22,11 @@ pub(super) struct Published {
     /// Whether something has changed since.
     pub(super) is_stale: bool,
     /// By file: the version of the document, and what was said of it.
-    files: BTreeMap<String, Remarks>,
+    files: BTreeMap<String, PublishedDiagnostics>,
 }
 
 /// The version of a document, and what is said of it.
-type Remarks = (Option<i32>, Vec<lsp_types::Diagnostic>);
+type PublishedDiagnostics = (Option<i32>, Vec<lsp_types::Diagnostic>);
 
 impl Server {
     /// Tells what is wrong with each open document and the files it uses, where that is new.
@@ -50,8 +50,8 @@ impl Server {
     }
 
     /// What there is to say now, by file.
-    fn remarks(&mut self) -> BTreeMap<String, Remarks> {
-        let mut files: BTreeMap<String, Remarks> = BTreeMap::new();
+    fn remarks(&mut self) -> BTreeMap<String, PublishedDiagnostics> {
+        let mut files: BTreeMap<String, PublishedDiagnostics> = BTreeMap::new();
         for document in self.workspace.documents() {
             let remarks = if document.is_short() { Vec::new() } else { vec![too_long()] };
             files.insert(document.uri.clone(), (Some(document.version), remarks));
@@ -125,7 +125,7 @@ impl Server {
     }
 }
 
-fn told(uri: String, (version, diagnostics): Remarks) -> Reply {
+fn told(uri: String, (version, diagnostics): PublishedDiagnostics) -> Reply {
     notify::<PublishDiagnosticsNotification>(PublishDiagnosticsParams { uri: Uri(uri), version, diagnostics })
 }
 

@@ -2,7 +2,7 @@
 
 use super::client::Client;
 use super::convert::{TOKEN_MODIFIERS, TOKEN_TYPES};
-use super::interfaces::{Arrived, Interfaces};
+use super::interfaces::{InterfaceReply, Interfaces};
 use super::position::Encoding;
 use super::publish::Published;
 use super::rpc::Message;
@@ -90,7 +90,7 @@ impl Server {
     }
 
     /// Takes the answer of a program in.
-    pub(super) fn arrived(&mut self, arrived: Arrived, replies: &mut Vec<Reply>) {
+    pub(super) fn arrived(&mut self, arrived: InterfaceReply, replies: &mut Vec<Reply>) {
         if let Err(why) = self.workspace.interfaces.take(arrived) {
             replies.push(show(why));
         }

@@ -22,7 +22,7 @@ pub fn unix_time() -> Duration {
 
 /// How far a calendar clock is to be believed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Belief {
+pub enum ClockQuality {
     /// Somebody keeps it in step with others.
     Kept,
     /// It shows a date that may be right, and nobody keeps it.
@@ -37,16 +37,16 @@ const PLAUSIBLE: [Duration; 2] = [Duration::from_secs(1_704_067_200), Duration::
 
 /// Returns how far this host's calendar clock is to be believed. The kernel knows whether chrony, ntpd, PTP or systemd keeps
 /// it, and says so to everybody; where it may not be asked, as in some containers, systemd's own mark counts.
-pub fn belief() -> Belief {
+pub fn belief() -> ClockQuality {
     let kept = kernel::is_kept().unwrap_or_else(|| Path::new("/run/systemd/timesync/synchronized").exists());
     believe(kept, unix_time())
 }
 
-fn believe(kept: bool, shown: Duration) -> Belief {
+fn believe(kept: bool, shown: Duration) -> ClockQuality {
     match shown >= PLAUSIBLE[0] && shown < PLAUSIBLE[1] {
-        true if kept => Belief::Kept,
-        true => Belief::Plausible,
-        false => Belief::Unset,
+        true if kept => ClockQuality::Kept,
+        true => ClockQuality::Plausible,
+        false => ClockQuality::Unset,
     }
 }
 
@@ -127,11 +127,15 @@ mod tests {
     #[test]
     fn a_clock_is_believed_as_far_as_its_keeper_and_its_date_go() {
         let now = Duration::from_secs(1_795_255_200);
-        assert_eq!(believe(true, now), Belief::Kept);
-        assert_eq!(believe(false, now), Belief::Plausible);
-        assert_eq!(believe(false, Duration::from_secs(5)), Belief::Unset, "a board without a battery begins in 1970");
-        assert_eq!(believe(true, Duration::from_secs(5)), Belief::Unset, "whoever keeps it there keeps it wrong");
-        assert_ne!(belief(), Belief::Unset, "the machine that runs this test has a date");
+        assert_eq!(believe(true, now), ClockQuality::Kept);
+        assert_eq!(believe(false, now), ClockQuality::Plausible);
+        assert_eq!(
+            believe(false, Duration::from_secs(5)),
+            ClockQuality::Unset,
+            "a board without a battery begins in 1970"
+        );
+        assert_eq!(believe(true, Duration::from_secs(5)), ClockQuality::Unset, "whoever keeps it there keeps it wrong");
+        assert_ne!(belief(), ClockQuality::Unset, "the machine that runs this test has a date");
     }
 
     #[test]

@@ -4,7 +4,7 @@
 
 mod program;
 
-pub use program::{Heard, NoticeSender, OrderReceiver, connect, notice_frame};
+pub use program::{NoticeSender, OrderReceiver, Received, connect, notice_frame};
 
 use crate::logic::codec::{self, CodecError, Enveloped};
 use crate::logic::control::{Notice, Order, VERSION};
@@ -492,7 +492,7 @@ mod tests {
         let large = Notice::Done { activation: 1, value: large() };
         notices.send(&large).unwrap();
         notices.send(&Notice::Running { activation: 2 }).unwrap();
-        assert!(matches!(orders.recv_until(Some(now())), Ok(Heard::Nothing)));
+        assert!(matches!(orders.recv_until(Some(now())), Ok(Received::Nothing)));
         let stuck = orders.recv().unwrap_err();
         assert!(matches!(&stuck, ControlError::Broken(cause) if cause.kind() == io::ErrorKind::TimedOut), "{stuck}");
         let sent = (0..2 * FRAMES_MAX).take_while(|_| notices.send(&Notice::Connected).is_ok()).count();

@@ -75,36 +75,36 @@ pub enum DataError {
 #[derive(Debug)]
 pub struct Publisher {
     publisher: zenoh::pubsub::Publisher<'static>,
-    heard: Arc<Heard>,
+    listeners: Arc<Listeners>,
 }
 
 /// Bytes to be sent; a clone is the same bytes, not a copy.
 #[derive(Clone, Debug)]
 pub struct Payload(ZBytes);
 
-/// Hears one key until it is dropped.
+/// The subscription of one key. Dropping it ends it.
 #[derive(Debug)]
-pub struct Hearing {
+pub struct Subscription {
     _subscriber: Subscriber<()>,
 }
 
-/// Answers on one key until it is dropped.
+/// The answering side of one key. Dropping it ends it.
 #[derive(Debug)]
-pub struct Answering {
+pub struct Responder {
     _queryable: Queryable<()>,
 }
 
-/// A question on its way.
+/// A fetch whose answer has not come yet.
 #[derive(Debug)]
-pub struct Asked {
+pub struct PendingFetch {
     key: String,
     within: Duration,
     reply: Receiver<Reply>,
 }
 
-/// Whether anybody listens.
+/// Whether the publisher has a subscriber.
 #[derive(Debug, Default)]
-struct Heard {
+struct Listeners {
     matching: Mutex<bool>,
     changed: Condvar,
 }
@@ -181,8 +181,8 @@ impl DataSession {
             .express(true)
             .wait()
             .map_err(|cause| session_error(key, &cause))?;
-        let heard = Arc::new(Heard::default());
-        let listener = Arc::clone(&heard);
+        let listeners = Arc::new(Listeners::default());
+        let listener = Arc::clone(&listeners);
         publisher
             .matching_listener()
             .callback(move |status| listener.set(status.matching()))
@@ -191,9 +191,9 @@ impl DataSession {
             .map_err(|cause| session_error(key, &cause))?;
         // Somebody may have listened before us, and the listener tells changes only.
         if publisher.matching_status().wait().is_ok_and(|status| status.matching()) {
-            heard.set(true);
+            listeners.set(true);
         }
-        Ok(Publisher { publisher, heard })
+        Ok(Publisher { publisher, listeners })
     }
 
     /// Calls `on_sample` with each sample put on `key`. It runs on zenoh's threads, so it must only put the sample away. What
@@ -205,10 +205,12 @@ impl DataSession {
         &self,
         key: &str,
         mut on_sample: impl FnMut(Cow<'_, [u8]>) + Send + Sync + 'static,
-    ) -> Result<Hearing, DataError> {
+    ) -> Result<Subscription, DataError> {
         let on_sample = move |sample: Sample| on_sample(sample.payload().to_bytes());
         let subscriber = self.opened.session.declare_subscriber(key).callback_mut(on_sample).wait();
-        subscriber.map(|subscriber| Hearing { _subscriber: subscriber }).map_err(|cause| session_error(key, &cause))
+        subscriber
+            .map(|subscriber| Subscription { _subscriber: subscriber })
+            .map_err(|cause| session_error(key, &cause))
     }
 
     /// Answers whoever fetches `key` with what `answer` returns; with nothing, there is no answer. It runs on zenoh's
@@ -220,7 +222,7 @@ impl DataSession {
         &self,
         key: &str,
         answer: impl Fn() -> Option<Vec<u8>> + Send + Sync + 'static,
-    ) -> Result<Answering, DataError> {
+    ) -> Result<Responder, DataError> {
         let on_query = move |query: Query| {
             let Some(bytes) = answer() else { return };
             if let Err(error) = query.reply(query.key_expr().clone(), bytes).wait() {
@@ -228,7 +230,7 @@ impl DataSession {
             }
         };
         let queryable = self.opened.session.declare_queryable(key).complete(true).callback(on_query).wait();
-        queryable.map(|queryable| Answering { _queryable: queryable }).map_err(|cause| session_error(key, &cause))
+        queryable.map(|queryable| Responder { _queryable: queryable }).map_err(|cause| session_error(key, &cause))
     }
 
     /// Fetches what the producer of `key` has now; none if it has nothing, or cannot be reached.
@@ -243,13 +245,13 @@ impl DataSession {
     ///
     /// # Errors
     /// If the session is closed.
-    pub fn ask(&self, key: &str, within: Duration) -> Result<Asked, DataError> {
+    pub fn ask(&self, key: &str, within: Duration) -> Result<PendingFetch, DataError> {
         let (reply_tx, reply) = sync_channel(1);
         // A second answer finds the queue full and is dropped: a key has one producer.
         let on_reply = move |reply: Reply| drop(reply_tx.try_send(reply));
         let asked = self.opened.session.get(key).timeout(within).callback(on_reply).wait();
         asked.map_err(|cause| session_error(key, &cause))?;
-        Ok(Asked { key: key.to_owned(), within, reply })
+        Ok(PendingFetch { key: key.to_owned(), within, reply })
     }
 
     /// Closes the session, in 1 s at the most.
@@ -267,7 +269,7 @@ impl DataSession {
     }
 }
 
-impl Asked {
+impl PendingFetch {
     /// Waits for the answer; none if nobody answers for the key. What is there already is taken, however late it is.
     ///
     /// # Errors
@@ -299,13 +301,13 @@ impl Publisher {
 
     /// Returns whether anybody listens.
     pub fn is_heard(&self) -> bool {
-        *self.heard.matching.lock().unwrap_or_else(PoisonError::into_inner)
+        *self.listeners.matching.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Waits until somebody listens; says whether that was within the time given.
     pub fn wait_heard(&self, within: Duration) -> bool {
-        let matching = self.heard.matching.lock().unwrap_or_else(PoisonError::into_inner);
-        let waited = self.heard.changed.wait_timeout_while(matching, within, |matching| !*matching);
+        let matching = self.listeners.matching.lock().unwrap_or_else(PoisonError::into_inner);
+        let waited = self.listeners.changed.wait_timeout_while(matching, within, |matching| !*matching);
         *waited.unwrap_or_else(PoisonError::into_inner).0
     }
 }
@@ -316,7 +318,7 @@ impl From<Vec<u8>> for Payload {
     }
 }
 
-impl Heard {
+impl Listeners {
     fn set(&self, matching: bool) {
         *self.matching.lock().unwrap_or_else(PoisonError::into_inner) = matching;
         self.changed.notify_all();

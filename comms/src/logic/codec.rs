@@ -47,7 +47,7 @@ pub enum Kind {
     /// An element of the answer to a request.
     Answer = 102,
     /// A message between two replicas of the database.
-    Letter = 103,
+    Envelope = 103,
     /// The answer to a ping.
     Pong = 104,
     /// The question whether a node is there.

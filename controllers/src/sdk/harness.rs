@@ -114,7 +114,7 @@ pub struct Harness {
     now: Time,
     slots: Vec<Slot>,
     wires: Vec<Wire>,
-    queue: BTreeMap<(Time, u64), Happening>,
+    queue: BTreeMap<(Time, u64), HarnessEvent>,
     reports: Vec<Report>,
     numbered: u64,
     sent: u64,
@@ -144,7 +144,7 @@ struct Wire {
     open: u32,
 }
 
-enum Happening {
+enum HarnessEvent {
     Calculate { slot: usize, token: u64 },
     Deliver { slot: usize, port: &'static str, bytes: Vec<u8> },
 }
@@ -322,13 +322,13 @@ impl Harness {
             let ((at, _), happening) = self.queue.pop_first()?;
             self.now = at;
             match happening {
-                Happening::Calculate { slot, token } => self.calculate(slot, token),
-                Happening::Deliver { slot, port, bytes } => self.deliver(slot, port, &bytes),
+                HarnessEvent::Calculate { slot, token } => self.calculate(slot, token),
+                HarnessEvent::Deliver { slot, port, bytes } => self.deliver(slot, port, &bytes),
             }
         }
     }
 
-    fn put(&mut self, at: Time, happening: Happening) {
+    fn put(&mut self, at: Time, happening: HarnessEvent) {
         self.numbered += 1;
         self.queue.insert((at, self.numbered), happening);
     }
@@ -344,7 +344,7 @@ impl Harness {
         armed.token += 1;
         armed.held = (due, due + hold);
         let token = armed.token;
-        self.put(due + hold, Happening::Calculate { slot, token });
+        self.put(due + hold, HarnessEvent::Calculate { slot, token });
     }
 
     fn calculate(&mut self, slot: usize, token: u64) {
@@ -431,7 +431,7 @@ impl Harness {
                 // Samples to one receiver never overtake each other.
                 let at = (self.now + self.disturbance.transfer + jitter).max(self.slots[to].arrived_last);
                 self.slots[to].arrived_last = at;
-                self.put(at, Happening::Deliver { slot: to, port: input, bytes: bytes.clone() });
+                self.put(at, HarnessEvent::Deliver { slot: to, port: input, bytes: bytes.clone() });
             }
         }
     }

@@ -180,7 +180,7 @@ impl Program {
                 let made = match &self.session {
                     Some(session) => {
                         let instance = self.instance.clone();
-                        let wanted = links::Wanted { instance, robot, incoming, outgoing, devices };
+                        let wanted = links::LinkOrders { instance, robot, incoming, outgoing, devices };
                         links.make(session, &self.interface, wanted, inbox)
                     }
                     None => Ok(()),

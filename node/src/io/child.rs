@@ -49,7 +49,7 @@ enum OrderChannel {
 
 /// The other side of a shim: what it says, until it ends.
 #[derive(Debug)]
-pub struct ShimEar {
+pub struct ShimReports {
     channel: ReportChannel,
     dir: PathBuf,
     /// How long the file of output was: what was written before is not this program's.
@@ -68,7 +68,7 @@ pub struct Attached {
     /// Where the orders after those that were taken go.
     pub orders: ShimOrders,
     /// Where the reports come that the node did not have.
-    pub ear: ShimEar,
+    pub reports: ShimReports,
     /// How many orders the shim has taken, of all nodes.
     pub taken: u64,
 }
@@ -80,7 +80,7 @@ pub struct Attached {
 ///
 /// # Panics
 /// Outside a tokio runtime.
-pub fn start(shim: &Path, start: &ShimStart) -> io::Result<(ShimOrders, ShimEar)> {
+pub fn start(shim: &Path, start: &ShimStart) -> io::Result<(ShimOrders, ShimReports)> {
     let written_before = std::fs::metadata(start.dir.join(OUTPUT_FILE)).map_or(0, |file| file.len());
     // For whoever looks after this node has died here: until the shim is there, these would be of an earlier program.
     for stale in [EXIT_FILE, SOCKET_FILE] {
@@ -101,12 +101,12 @@ pub fn start(shim: &Path, start: &ShimStart) -> io::Result<(ShimOrders, ShimEar)
     let orders = ChildStdin::from_std(child.stdin.take().ok_or_else(missing)?)?;
     let reports = ChildStdout::from_std(child.stdout.take().ok_or_else(missing)?)?;
     let channel = ReportChannel::Started(child, reports);
-    let ear = ShimEar { channel, dir: start.dir.clone(), written_before };
-    Ok((ShimOrders { channel: OrderChannel::Started(orders) }, ear))
+    let reports = ShimReports { channel, dir: start.dir.clone(), written_before };
+    Ok((ShimOrders { channel: OrderChannel::Started(orders) }, reports))
 }
 
 /// Attaches to the shim in `dir` that an earlier run of this node has started, of which `known_reports` reports are known.
-/// The ear hears the others, from the first on. Blocks, for 10 s at the most.
+/// The returned reports begin with the first one that is not known. Blocks, for 10 s at the most.
 ///
 /// # Errors
 /// `TimedOut`: the shim is there and does not answer; it is suspended, or still has another node. Every other kind: the shim
@@ -133,7 +133,7 @@ pub fn attach(dir: &Path, known_reports: u64) -> io::Result<Attached> {
     let channel = ReportChannel::Attached(reports);
     Ok(Attached {
         orders: ShimOrders { channel: OrderChannel::Attached(orders) },
-        ear: ShimEar { channel, dir: dir.to_owned(), written_before: output_begin(dir) },
+        reports: ShimReports { channel, dir: dir.to_owned(), written_before: output_begin(dir) },
         taken: reply.orders,
     })
 }
@@ -234,7 +234,7 @@ impl ShimOrders {
     }
 }
 
-impl ShimEar {
+impl ShimReports {
     /// Passes every report on, with the last lines of output beside an exit; the last one is always `Gone`.
     ///
     /// # Cancellation

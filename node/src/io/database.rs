@@ -14,12 +14,12 @@ mod wire;
 
 use crate::io::caller::Caller;
 use crate::logic::database::disk::Durable;
-use crate::logic::database::question::{Commit, Letter, Question, Reply};
+use crate::logic::database::question::{Commit, Envelope, Question, Reply};
 use crate::logic::database::settings::Settings;
 use crate::logic::database::{Database, Effect, Input};
 use crate::logic::protocol::{self, Answer};
 use anyhow::Context;
-use comms::io::clock::{self, Belief};
+use comms::io::clock::{self, ClockQuality};
 use comms::io::session::{Request, Session};
 use comms::logic::codec;
 use comms::logic::time::Time;
@@ -72,8 +72,8 @@ enum Arrival {
     Call(u64, Question, Option<Caller>),
     /// From another machine.
     Elsewhere(u64, Question, Caller),
-    Letter(Letter),
-    Asked(Request, Letter),
+    Envelope(Envelope),
+    Asked(Request, Envelope),
     Appeared,
     Leave,
 }
@@ -269,11 +269,11 @@ impl Worker {
                     self.sinks.insert(call, caller);
                     Input::Elsewhere(call, question)
                 }
-                Arrival::Letter(letter) => Input::Letter(letter),
-                Arrival::Asked(request, letter) => {
+                Arrival::Envelope(envelope) => Input::Envelope(envelope),
+                Arrival::Asked(request, envelope) => {
                     self.asked_next += 1;
                     self.asked.insert(self.asked_next, request);
-                    Input::Asked(self.asked_next, letter)
+                    Input::Asked(self.asked_next, envelope)
                 }
                 Arrival::Appeared => Input::Appeared,
                 Arrival::Leave => return None,
@@ -306,16 +306,16 @@ impl Worker {
         match effect {
             Effect::Persist(_) => {}
             Effect::Address(address) => self.send(Outgoing::Address(address)),
-            Effect::Broadcast(letter) => self.put(None, &letter),
-            Effect::Tell(to, letter) => self.put(Some(to), &letter),
-            Effect::Ask(to, letter, within) => self.encoded(&letter, |bytes| Outgoing::Ask(to, bytes, within)),
-            Effect::Reply(asked, letter) => {
+            Effect::Broadcast(envelope) => self.put(None, &envelope),
+            Effect::Tell(to, envelope) => self.put(Some(to), &envelope),
+            Effect::Ask(to, envelope, within) => self.encoded(&envelope, |bytes| Outgoing::Ask(to, bytes, within)),
+            Effect::ReplyToPeer(asked, envelope) => {
                 let request = self.asked.remove(&asked);
-                if let (Some(request), Some(letter)) = (request, letter) {
-                    self.encoded(&letter, |bytes| Outgoing::Reply(request, bytes));
+                if let (Some(request), Some(envelope)) = (request, envelope) {
+                    self.encoded(&envelope, |bytes| Outgoing::Reply(request, bytes));
                 }
             }
-            Effect::Answer(call, reply) => {
+            Effect::AnswerCaller(call, reply) => {
                 if let Some(caller) = self.sinks.get(&call)
                     && !caller.offer(Answer::Database(reply))
                 {
@@ -370,12 +370,12 @@ impl Worker {
         }
     }
 
-    fn put(&self, to: Option<ReplicaId>, letter: &Letter) {
-        self.encoded(letter, |bytes| Outgoing::Put(to, bytes));
+    fn put(&self, to: Option<ReplicaId>, envelope: &Envelope) {
+        self.encoded(envelope, |bytes| Outgoing::Put(to, bytes));
     }
 
-    fn encoded(&self, letter: &Letter, make: impl FnOnce(Vec<u8>) -> Outgoing) {
-        match codec::encode(letter) {
+    fn encoded(&self, envelope: &Envelope, make: impl FnOnce(Vec<u8>) -> Outgoing) {
+        match codec::encode(envelope) {
             Ok(bytes) => self.send(make(bytes)),
             Err(error) => tracing::warn!(%error, "a message to another replica cannot be written"),
         }
@@ -411,9 +411,9 @@ fn words(error: &anyhow::Error) -> String {
 fn wall() -> Wall {
     let millis = u64::try_from(clock::unix_time().as_millis()).unwrap_or(u64::MAX);
     let quality = match clock::belief() {
-        Belief::Kept => Quality::Network,
-        Belief::Plausible => Quality::Battery,
-        Belief::Unset => Quality::Unset,
+        ClockQuality::Kept => Quality::Network,
+        ClockQuality::Plausible => Quality::Battery,
+        ClockQuality::Unset => Quality::Unset,
     };
     Wall { millis, quality }
 }

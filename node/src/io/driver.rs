@@ -130,7 +130,7 @@ pub async fn run(config: Config, mut leave: watch::Receiver<bool>, ready: watch:
             }
         };
         driver.pending.extend(input);
-        if driver.work_off() {
+        if driver.drain() {
             let yielded = driver.yielded.take();
             driver.close().await?;
             return yielded.map_or(Ok(()), |why| Err(anyhow::Error::msg(why)));
@@ -225,7 +225,7 @@ impl Driver {
     }
 
     /// Gives what waits to the agent and carries its effects out, which may bring more. Says whether the node is to leave.
-    fn work_off(&mut self) -> bool {
+    fn drain(&mut self) -> bool {
         let mut over = false;
         while let Some(input) = self.pending.pop_front() {
             let (now, mut effects) = (clock::now(), Vec::new());
@@ -303,9 +303,9 @@ impl Driver {
                 };
                 self.pending.push_back(Input::Undelivered { process, why });
             }
-            Effect::Forget { process } => self.forget(&process),
-            Effect::Bury { deployment } => self.bury(&deployment),
-            Effect::Commit { deployment, hosts } => self.commit(deployment, hosts),
+            Effect::CloseProcess { process } => self.forget(&process),
+            Effect::CloseDeployment { deployment } => self.bury(&deployment),
+            Effect::PersistEpoch { deployment, hosts } => self.commit(deployment, hosts),
             Effect::Settled { deployment } => {
                 let journal = Arc::clone(&self.journal);
                 self.settling.spawn_blocking(move || journal::settle(&journal, &deployment));
@@ -326,7 +326,7 @@ impl Driver {
                 let programs = programs.into_iter().map(|(leaf, path)| (path, dir(leaf))).collect();
                 self.tail(call, &deployment, |caller, over| tail::all(programs, over, caller));
             }
-            Effect::Record(commit) => self.database.handle().write(*commit),
+            Effect::WriteDatabase(commit) => self.database.handle().write(*commit),
             Effect::Yield { why } => self.yielded = Some(why),
             Effect::Leave => {}
         }
@@ -365,10 +365,10 @@ impl Driver {
         &mut self,
         call: u64,
         deployment: &Deployment,
-        reading: impl FnOnce(Caller, tail::Over) -> T,
+        reading: impl FnOnce(Caller, tail::DeploymentEnd) -> T,
     ) {
         let Some(caller) = self.peers.take(call) else { return };
-        let over = tail::Over::new(self.living.get(deployment));
+        let over = tail::DeploymentEnd::new(self.living.get(deployment));
         self.tasks.spawn(reading(caller, over));
     }
 

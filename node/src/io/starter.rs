@@ -2,7 +2,7 @@
 //! may take long.
 
 use crate::io::child::reach::{Reached, reach};
-use crate::io::child::{self, ShimEar, ShimOrders};
+use crate::io::child::{self, ShimOrders, ShimReports};
 use crate::io::event::{Event, hear_programs};
 use crate::io::run_dir;
 use crate::logic::attachments::Attachment;
@@ -65,7 +65,7 @@ pub(crate) struct Starter {
     listeners: BTreeMap<Deployment, AbortHandle>,
     tasks: JoinSet<()>,
     /// Programs of a killed node that are being reached.
-    reaching: JoinSet<(Adopted, Reached)>,
+    attaching: JoinSet<(Adopted, Reached)>,
 }
 
 impl Starter {
@@ -76,7 +76,7 @@ impl Starter {
             connected: Arc::default(),
             listeners: BTreeMap::new(),
             tasks: JoinSet::new(),
-            reaching: JoinSet::new(),
+            attaching: JoinSet::new(),
         }
     }
 
@@ -89,7 +89,7 @@ impl Starter {
             while self.tasks.try_join_next().is_some() {}
             let job = tokio::select! {
                 job = jobs.recv() => job,
-                Some(Ok((adopted, reached))) = self.reaching.join_next() => {
+                Some(Ok((adopted, reached))) = self.attaching.join_next() => {
                     self.reached(adopted, reached).await;
                     continue;
                 }
@@ -120,7 +120,7 @@ impl Starter {
             }
         }
         let (dir, reports) = (shim.dir.clone(), adopted.program.reports);
-        self.reaching.spawn_blocking(move || (adopted, reach(&dir, reports)));
+        self.attaching.spawn_blocking(move || (adopted, reach(&dir, reports)));
     }
 
     /// Goes on with a program that was reached again, or with what is known of its end.
@@ -131,7 +131,7 @@ impl Starter {
             Reached::Running(attached) => {
                 let missed = program.shim_orders(attached.taken);
                 self.tasks.spawn(attached.orders.pass(missed, start.orders));
-                self.tasks.spawn(hear(process, attached.ear, self.events.clone()));
+                self.tasks.spawn(hear(process, attached.reports, self.events.clone()));
             }
             Reached::Never => self.start(start).await,
             Reached::Ended(end) => {
@@ -152,9 +152,9 @@ impl Starter {
     async fn start(&mut self, start: Start) {
         let (process, orders) = (start.process.clone(), start.orders);
         match self.try_start(start.process, start.shim, start.control).await {
-            Ok((shim, ear)) => {
+            Ok((shim, reports)) => {
                 self.tasks.spawn(shim.pass(Vec::new(), orders));
-                self.tasks.spawn(hear(process, ear, self.events.clone()));
+                self.tasks.spawn(hear(process, reports, self.events.clone()));
             }
             Err(error) => {
                 let reason = format!("{error:#}");
@@ -170,7 +170,7 @@ impl Starter {
         process: ProcessId,
         start: ShimStart,
         control: Option<PathBuf>,
-    ) -> anyhow::Result<(ShimOrders, ShimEar)> {
+    ) -> anyhow::Result<(ShimOrders, ShimReports)> {
         let unbound = control.filter(|_| !self.listeners.contains_key(&process.deployment));
         let shim = self.shim.clone();
         let starting = tokio::task::spawn_blocking(move || {
@@ -190,12 +190,12 @@ impl Starter {
 }
 
 /// Passes on what a shim says, until it is gone.
-async fn hear(process: ProcessId, ear: ShimEar, events: Sender<Event>) {
-    let (sink, mut reports) = mpsc::channel(16);
+async fn hear(process: ProcessId, reports: ShimReports, events: Sender<Event>) {
+    let (sink, mut arriving) = mpsc::channel(16);
     let forwarding = async {
-        while let Some((report, output)) = reports.recv().await {
+        while let Some((report, output)) = arriving.recv().await {
             events.send(Event::Shim(process.clone(), report, output)).await.unwrap_or_default();
         }
     };
-    tokio::join!(ear.listen(sink), forwarding);
+    tokio::join!(reports.listen(sink), forwarding);
 }

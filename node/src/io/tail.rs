@@ -23,9 +23,9 @@ const CHUNK: usize = 64 * 1024;
 
 /// Tells when a deployment is over, so that its programs write no more.
 #[derive(Debug)]
-pub struct Over(Option<watch::Receiver<()>>);
+pub struct DeploymentEnd(Option<watch::Receiver<()>>);
 
-impl Over {
+impl DeploymentEnd {
     /// Returns what tells when `living` is dropped; without it the deployment is over already.
     pub fn new(living: Option<&watch::Sender<()>>) -> Self {
         Self(living.map(watch::Sender::subscribe))
@@ -121,8 +121,8 @@ fn id(file: &std::fs::Metadata) -> (u64, u64) {
 ///
 /// # Cancellation
 /// Safe: nothing is owned but the file.
-pub async fn tail(dir: PathBuf, follow: bool, over: Over, caller: Caller) {
-    let over = if follow { over } else { Over(None) };
+pub async fn tail(dir: PathBuf, follow: bool, over: DeploymentEnd, caller: Caller) {
+    let over = if follow { over } else { DeploymentEnd(None) };
     // Silence is an answer, too: a call that ends without any looks as if nobody had heard it.
     if caller.send(Answer::Output(Vec::new())).await {
         send(vec![Reader::new(dir)], over, caller, |_, bytes| Answer::Output(bytes)).await;
@@ -133,7 +133,7 @@ pub async fn tail(dir: PathBuf, follow: bool, over: Over, caller: Caller) {
 ///
 /// # Cancellation
 /// Safe: nothing is owned but the files.
-pub async fn all(programs: Vec<(String, PathBuf)>, over: Over, caller: Caller) {
+pub async fn all(programs: Vec<(String, PathBuf)>, over: DeploymentEnd, caller: Caller) {
     let (paths, dirs): (Vec<String>, Vec<PathBuf>) = programs.into_iter().unzip();
     let readers = dirs.into_iter().map(Reader::new).collect();
     let nothing = Answer::Wrote { path: paths.first().cloned().unwrap_or_default(), bytes: Vec::new() };
@@ -145,7 +145,12 @@ pub async fn all(programs: Vec<(String, PathBuf)>, over: Over, caller: Caller) {
 
 /// Sends what the readers find: of each a chunk at a time, so that one which writes much does not hold the others up. A file
 /// that cannot be read is left out from there on, and the caller is told in the end that this was not everything.
-async fn send(readers: Vec<Reader>, mut over: Over, caller: Caller, answer: impl Fn(usize, Vec<u8>) -> Answer) {
+async fn send(
+    readers: Vec<Reader>,
+    mut over: DeploymentEnd,
+    caller: Caller,
+    answer: impl Fn(usize, Vec<u8>) -> Answer,
+) {
     let mut readers: Vec<(usize, Reader)> = readers.into_iter().enumerate().collect();
     let mut failure: Option<String> = None;
     let mut interval = tokio::time::interval(LOOK_EVERY);
@@ -267,7 +272,7 @@ mod tests {
         let (caller, mut said) = answers();
         let programs = vec![("main/one".to_owned(), one.0.clone()), ("main/other".to_owned(), other.0.clone())];
         let mut sending = tokio::task::JoinSet::new();
-        sending.spawn(all(programs, Over::new(None), caller));
+        sending.spawn(all(programs, DeploymentEnd::new(None), caller));
         let mut wrote = Vec::new();
         while let Some(answer) = said.next().await {
             let Answer::Wrote { path, bytes } = answer else { panic!("{answer:?}") };
@@ -287,7 +292,7 @@ mod tests {
         let (caller, mut said) = answers();
         let programs = vec![("main/one".to_owned(), one.0.clone()), ("main/other".to_owned(), other.0.clone())];
         let mut sending = tokio::task::JoinSet::new();
-        sending.spawn(all(programs, Over::new(Some(&living)), caller));
+        sending.spawn(all(programs, DeploymentEnd::new(Some(&living)), caller));
         let wrote = |path: &str, text: &str| Some(Answer::Wrote { path: path.into(), bytes: text.as_bytes().to_vec() });
         assert_eq!(said.next().await, wrote("main/one", ""));
         assert_eq!(said.next().await, wrote("main/one", "one"));

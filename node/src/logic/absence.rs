@@ -14,7 +14,7 @@
 //! both there is a limit, and the oldest goes first.
 
 use super::effect::{Effect, Out};
-use super::protocol::{Absent, AbsentHost, Deployment, OpenEnd, OpenHost, ToTenant, Why};
+use super::protocol::{Absent, AbsentHost, Deployment, OpenEnd, OpenHost, ToParticipant, Why};
 use comms::logic::time::Time;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
@@ -31,7 +31,7 @@ const ASK_EVERY: Duration = Duration::from_secs(10);
 
 /// A host that does not answer.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
-struct Gone {
+struct LostHost {
     heard: Time,
     lost: bool,
 }
@@ -49,7 +49,7 @@ struct End {
 #[derive(Debug, Serialize, Deserialize)]
 pub struct Absence {
     host: String,
-    gone: BTreeMap<String, Gone>,
+    gone: BTreeMap<String, LostHost>,
     /// Hosts whose nodes said that they end, and that nothing is left.
     left: BTreeSet<String>,
     ends: BTreeMap<Deployment, End>,
@@ -82,7 +82,7 @@ impl Absence {
         if self.left.contains(host) {
             return;
         }
-        self.gone.entry(host.to_owned()).or_insert(Gone { heard, lost: false });
+        self.gone.entry(host.to_owned()).or_insert(LostHost { heard, lost: false });
         if self.gone.len() > HOSTS_MAX {
             let oldest = self.gone.iter().min_by_key(|(_, gone)| gone.heard).map(|(host, _)| host.clone());
             oldest.and_then(|oldest| self.gone.remove(&oldest));
@@ -150,7 +150,7 @@ impl Absence {
         self.ask_at = out.now + ASK_EVERY;
         for (deployment, end) in self.ends.iter().filter(|(_, end)| end.home == self.host) {
             let asked = end.hosts.keys().filter(|host| reaches(host));
-            asked.for_each(|host| out.send(host, deployment.to_tenant(ToTenant::Release)));
+            asked.for_each(|host| out.send(host, deployment.to_participant(ToParticipant::Release)));
         }
     }
 
@@ -164,7 +164,7 @@ impl Absence {
     /// Returns what people are told, but for the processes.
     pub fn told(&self, now: Time) -> Absent {
         let ago = |host: &str| self.gone.get(host).map(|gone| now.since(gone.heard));
-        let host = |(host, gone): (&String, &Gone)| AbsentHost {
+        let host = |(host, gone): (&String, &LostHost)| AbsentHost {
             host: host.clone(),
             heard: now.since(gone.heard),
             lost: gone.lost,

@@ -10,15 +10,15 @@ pub use input::Input;
 
 use crate::logic::absence::Absence;
 use crate::logic::claims::Claims;
+use crate::logic::coordinator::Coordinator;
 use crate::logic::effect::{Effect, Out, ProcessId, earliest};
-use crate::logic::home::Home;
 use crate::logic::link::Link;
 use crate::logic::nameserver::NameServer;
+use crate::logic::participant::Participant;
 use crate::logic::programs::Programs;
 use crate::logic::protocol::{
-    Absent, Body, Deployment, Ending, Failure, FailureCause, Message, NodeStatus, Report, ToHome, ToTenant,
+    Absent, Body, Deployment, Ending, Failure, FailureCause, Message, NodeStatus, Report, ToCoordinator, ToParticipant,
 };
-use crate::logic::tenant::Tenant;
 use comms::logic::control::Notice;
 use comms::logic::time::Time;
 use language::plan::Plan;
@@ -66,17 +66,17 @@ pub struct Agent {
     links: BTreeMap<String, Vec<Link>>,
     /// What was told of who holds which name.
     holders: BTreeMap<String, u64>,
-    homes: BTreeMap<Deployment, Home>,
-    tenants: BTreeMap<Deployment, Tenant>,
+    coordinators: BTreeMap<Deployment, Coordinator>,
+    participants: BTreeMap<Deployment, Participant>,
     requests: BTreeSet<u64>,
-    gathering: Vec<Gathering>,
+    awaiting_hosts: Vec<AwaitingHosts>,
     /// Reports of deployments that are over, for those who were cut off when it happened.
     over: VecDeque<(Deployment, Vec<Report>)>,
     /// The programs that parts of deployments had here which are over, by leaf and path; the latest first.
     past: VecDeque<(Deployment, Vec<(u32, String)>)>,
     leaving: bool,
     /// Programs of deployments that are over here, and that may still run.
-    loose: BTreeMap<Deployment, Loose>,
+    unended: BTreeMap<Deployment, UnendedPrograms>,
     /// When it was made again from its inputs, the last few times.
     adoptions: VecDeque<Time>,
     /// Until when a node of which nothing is left waits for others to acknowledge its last messages.
@@ -85,7 +85,7 @@ pub struct Agent {
 
 /// Programs that could not be ended when their deployment was.
 #[derive(Debug, Serialize, Deserialize)]
-struct Loose {
+struct UnendedPrograms {
     /// The host of `main`.
     home: String,
     /// Indices into `Plan::leaves`.
@@ -94,7 +94,7 @@ struct Loose {
 
 /// A deployment that waits for hosts which this node has not seen yet.
 #[derive(Debug, Serialize, Deserialize)]
-struct Gathering {
+struct AwaitingHosts {
     until: Time,
     call: u64,
     plan: Plan,
@@ -114,14 +114,14 @@ impl Agent {
             programs,
             links: BTreeMap::new(),
             holders: BTreeMap::new(),
-            homes: BTreeMap::new(),
-            tenants: BTreeMap::new(),
+            coordinators: BTreeMap::new(),
+            participants: BTreeMap::new(),
             requests: BTreeSet::new(),
-            gathering: Vec::new(),
+            awaiting_hosts: Vec::new(),
             over: VecDeque::new(),
             past: VecDeque::new(),
             leaving: false,
-            loose: BTreeMap::new(),
+            unended: BTreeMap::new(),
             adoptions: VecDeque::new(),
             lingers_until: None,
         }
@@ -149,7 +149,10 @@ impl Agent {
 
     /// Returns whether a successor has anything to take over: a deployment, or programs of one.
     pub fn is_engaged(&self) -> bool {
-        !(self.homes.is_empty() && self.tenants.is_empty() && self.loose.is_empty() && self.gathering.is_empty())
+        !(self.coordinators.is_empty()
+            && self.participants.is_empty()
+            && self.unended.is_empty()
+            && self.awaiting_hosts.is_empty())
     }
 
     /// Returns its number among the runs of its node, which it keeps when it is made again.
@@ -174,12 +177,12 @@ impl Agent {
 
     /// Returns when [`Input::Tick`] is wanted.
     pub fn deadline(&self) -> Option<Time> {
-        let homes = self.homes.values().map(Home::deadline);
-        let tenants = self.tenants.values().map(Tenant::deadline);
+        let coordinators = self.coordinators.values().map(Coordinator::deadline);
+        let participants = self.participants.values().map(Participant::deadline);
         let links = self.links.values().flatten().map(Link::deadline);
-        let gathering = self.gathering.iter().map(|one| Some(one.until));
-        homes
-            .chain(tenants)
+        let gathering = self.awaiting_hosts.iter().map(|one| Some(one.until));
+        coordinators
+            .chain(participants)
             .chain(links)
             .chain(gathering)
             .chain([self.absence.deadline(), self.lingers_until])
@@ -194,38 +197,39 @@ impl Agent {
             Input::Pong(pong) => self.names.answered(out.now, &pong),
             Input::Frame(frame) => self.frame(*frame, out),
             Input::Call { call, request } => self.call(call, *request, out),
-            Input::CallGone { call } => self.homes.values_mut().for_each(|home| home.forget(call)),
+            Input::CallGone { call } => self.coordinators.values_mut().for_each(|coordinator| coordinator.forget(call)),
             Input::Shim { process, report, output } => {
-                if let Some(tenant) = self.tenants.get_mut(&process.deployment) {
-                    tenant.observe(process.leaf, report, output, out);
+                if let Some(participant) = self.participants.get_mut(&process.deployment) {
+                    participant.observe(process.leaf, report, output, out);
                 } else if report == ShimReport::Gone {
                     self.loose_ended(&process, out);
                 }
             }
             Input::Control { process, notice } => self.hear(&process, notice, out),
             Input::Configured { process, parameters } => {
-                if let Some(tenant) = self.tenants.get(&process.deployment) {
-                    tenant.configured(process.leaf, parameters, out);
+                if let Some(participant) = self.participants.get(&process.deployment) {
+                    participant.configured(process.leaf, parameters, out);
                 }
             }
             Input::Undelivered { process, why } => {
-                if let Some(tenant) = self.tenants.get_mut(&process.deployment) {
-                    tenant.undelivered(process.leaf, why, out);
+                if let Some(participant) = self.participants.get_mut(&process.deployment) {
+                    participant.undelivered(process.leaf, why, out);
                 }
             }
             Input::Committed { deployment, written } => {
-                if let Some(home) = self.homes.get_mut(&deployment) {
-                    home.committed(written, out);
+                if let Some(coordinator) = self.coordinators.get_mut(&deployment) {
+                    coordinator.committed(written, out);
                 }
             }
             Input::Adopted { away } => self.adopted(out.now, away),
             Input::Leave => {
                 self.leaving = true;
                 self.stop_gathering(|_| true, out);
-                self.homes.values_mut().for_each(|home| home.stop(None, out));
-                let homes = &self.homes;
-                let away = self.tenants.iter_mut().filter(|(deployment, _)| !homes.contains_key(deployment));
-                away.for_each(|(_, tenant)| tenant.leave(out));
+                self.coordinators.values_mut().for_each(|coordinator| coordinator.stop(None, out));
+                let coordinators = &self.coordinators;
+                let away =
+                    self.participants.iter_mut().filter(|(deployment, _)| !coordinators.contains_key(deployment));
+                away.for_each(|(_, participant)| participant.leave(out));
             }
             Input::Tick => {}
         }
@@ -236,71 +240,89 @@ impl Agent {
         let ProcessId { deployment, leaf } = process;
         let mut conflicts = Vec::new();
         if let Notice::Hello { owns, .. } = &notice
-            && let Some(path) = self.tenants.get(deployment).and_then(|tenant| tenant.path(*leaf))
+            && let Some(path) = self.participants.get(deployment).and_then(|participant| participant.path(*leaf))
         {
             conflicts = self.conflicts(deployment, &Claims::of_owner(path, owns));
         }
-        let Some(tenant) = self.tenants.get_mut(deployment) else { return };
+        let Some(participant) = self.participants.get_mut(deployment) else { return };
         match conflicts.first() {
-            Some(why) => tenant.refuse(*leaf, why, out),
-            None => tenant.hear(*leaf, notice, out),
+            Some(why) => participant.refuse(*leaf, why, out),
+            None => participant.hear(*leaf, notice, out),
         }
     }
 
     /// Returns why a deployment cannot hold something on this host: others do.
     fn conflicts(&self, deployment: &Deployment, claims: &Claims) -> Vec<String> {
-        let others = self.tenants.iter().filter(|(other, _)| *other != deployment);
-        others.flat_map(|(other, tenant)| claims.conflicts(other, tenant.claims())).collect()
+        let others = self.participants.iter().filter(|(other, _)| *other != deployment);
+        others.flat_map(|(other, participant)| claims.conflicts(other, participant.claims())).collect()
     }
 
     fn deliver(&mut self, message: Message, from: &str, out: &mut Out<'_>) {
         let Message { deployment, body } = message;
         match body {
-            Body::Void => {}
+            Body::Tombstone => {}
             Body::Leaves => self.absence.leaves(from),
-            Body::Home(message) => {
-                if let Some(home) = self.homes.get_mut(&deployment) {
-                    return home.receive(message, from, out);
+            Body::Coordinator(message) => {
+                if let Some(coordinator) = self.coordinators.get_mut(&deployment) {
+                    return coordinator.receive(message, from, out);
                 }
                 self.confirm(&deployment, &message, from);
             }
-            Body::Tenant(message) => self.deliver_to_tenant(&deployment, message, from, out),
+            Body::Participant(message) => self.deliver_to_participant(&deployment, message, from, out),
         }
     }
 
-    /// A tenant obeys its own home alone; one that is not there any more says so.
-    fn deliver_to_tenant(&mut self, deployment: &Deployment, message: ToTenant, from: &str, out: &mut Out<'_>) {
-        let Some(tenant) = self.tenants.get_mut(deployment) else {
-            return self.answer_without_tenant(deployment, message, from, out);
+    /// A participant obeys its own home alone; one that is not there any more says so.
+    fn deliver_to_participant(
+        &mut self,
+        deployment: &Deployment,
+        message: ToParticipant,
+        from: &str,
+        out: &mut Out<'_>,
+    ) {
+        let Some(participant) = self.participants.get_mut(deployment) else {
+            return self.answer_without_participant(deployment, message, from, out);
         };
-        let is_home = tenant.home() == from;
-        if matches!(message, ToTenant::Prepare { .. }) {
+        let is_home = participant.home() == from;
+        if matches!(message, ToParticipant::Prepare { .. }) {
             let reason = format!("host `{}`: `{deployment}` is already there", self.identity.host);
-            out.send(from, deployment.to_home(ToHome::Refused { reasons: vec![reason] }));
-        } else if message == ToTenant::Release && !is_home {
-            out.send(from, deployment.to_home(ToHome::Released));
-        } else if is_home || !matches!(message, ToTenant::Connect { .. } | ToTenant::Go) {
-            tenant.receive(message, from, out);
+            out.send(from, deployment.to_coordinator(ToCoordinator::Refused { reasons: vec![reason] }));
+        } else if message == ToParticipant::Release && !is_home {
+            out.send(from, deployment.to_coordinator(ToCoordinator::Released));
+        } else if is_home || !matches!(message, ToParticipant::Connect { .. } | ToParticipant::Go) {
+            participant.receive(message, from, out);
         }
     }
 
-    fn answer_without_tenant(&mut self, deployment: &Deployment, message: ToTenant, from: &str, out: &mut Out<'_>) {
-        if let ToTenant::Prepare { plan } = message {
+    fn answer_without_participant(
+        &mut self,
+        deployment: &Deployment,
+        message: ToParticipant,
+        from: &str,
+        out: &mut Out<'_>,
+    ) {
+        if let ToParticipant::Prepare { plan } = message {
             self.prepare(deployment.clone(), plan, from, out);
-        } else if message == ToTenant::Release {
-            let is_loose = self.loose.contains_key(deployment);
-            out.send(from, deployment.to_home(if is_loose { ToHome::Unconfirmed } else { ToHome::Released }));
+        } else if message == ToParticipant::Release {
+            let is_loose = self.unended.contains_key(deployment);
+            out.send(
+                from,
+                deployment.to_coordinator(if is_loose { ToCoordinator::Unconfirmed } else { ToCoordinator::Released }),
+            );
         } else {
             let gone = FailureCause::NotAvailable("its node has left the deployment".to_owned());
             let answer = answer_of_absent(message, gone);
-            answer.into_iter().for_each(|answer| out.send(from, deployment.to_tenant(answer)));
+            answer.into_iter().for_each(|answer| out.send(from, deployment.to_participant(answer)));
         }
     }
 
     fn prepare(&mut self, deployment: Deployment, plan: Plan, from: &str, out: &mut Out<'_>) {
         let host = &self.identity.host;
         let refuse = |why: String, out: &mut Out<'_>| {
-            out.send(from, deployment.to_home(ToHome::Refused { reasons: vec![format!("host `{host}`: {why}")] }));
+            out.send(
+                from,
+                deployment.to_coordinator(ToCoordinator::Refused { reasons: vec![format!("host `{host}`: {why}")] }),
+            );
         };
         if self.leaving {
             return refuse("its node is leaving".into(), out);
@@ -311,38 +333,39 @@ impl Agent {
         if let Err(why) = plan.validate() {
             return refuse(format!("the plan is not sound: {why}"), out);
         }
-        if let Some(other) = self.tenants.keys().find(|other| other.name == deployment.name) {
+        if let Some(other) = self.participants.keys().find(|other| other.name == deployment.name) {
             return refuse(format!("`{}` is already there (epoch {})", other.name, other.epoch), out);
         }
-        if self.tenants.len() >= DEPLOYMENTS_MAX {
+        if self.participants.len() >= DEPLOYMENTS_MAX {
             return refuse(format!("it already takes part in {DEPLOYMENTS_MAX} deployments"), out);
         }
         if let Some(why) = self.conflicts(&deployment, &Claims::of(&plan, host)).first() {
             return refuse(why.clone(), out);
         }
         let machine = self.identity.machine.clone();
-        let tenant = Tenant::prepare(deployment.clone(), Arc::new(plan), (host, &machine), &self.programs, out);
-        self.tenants.insert(deployment, tenant);
+        let participant =
+            Participant::prepare(deployment.clone(), Arc::new(plan), (host, &machine), &self.programs, out);
+        self.participants.insert(deployment, participant);
     }
 
     /// Says what a host that cannot be reached would have to say.
-    fn answer_for_lost(&mut self, lost: &str, deployment: &Deployment, message: ToTenant, out: &mut Out<'_>) {
-        if matches!(message, ToTenant::Prepare { .. }) {
+    fn answer_for_lost(&mut self, lost: &str, deployment: &Deployment, message: ToParticipant, out: &mut Out<'_>) {
+        if matches!(message, ToParticipant::Prepare { .. }) {
             let reason = format!("host `{lost}` cannot be reached; start `dca-node --name {lost} --lan` on it");
-            self.tell_home(deployment, ToHome::Refused { reasons: vec![reason] }, lost, out);
-        } else if message == ToTenant::Release {
+            self.tell_coordinator(deployment, ToCoordinator::Refused { reasons: vec![reason] }, lost, out);
+        } else if message == ToParticipant::Release {
             // A host that never took part has nothing to release; one that was lost is told about as unconfirmed.
-            self.tell_home(deployment, ToHome::Released, lost, out);
+            self.tell_coordinator(deployment, ToCoordinator::Released, lost, out);
         } else {
             let answer = answer_of_absent(message, FailureCause::HostLost(lost.to_owned()));
             let here = self.identity.host.clone();
-            answer.into_iter().for_each(|answer| out.send(&here, deployment.to_tenant(answer)));
+            answer.into_iter().for_each(|answer| out.send(&here, deployment.to_participant(answer)));
         }
     }
 
-    fn tell_home(&mut self, deployment: &Deployment, message: ToHome, from: &str, out: &mut Out<'_>) {
-        if let Some(home) = self.homes.get_mut(deployment) {
-            home.receive(message, from, out);
+    fn tell_coordinator(&mut self, deployment: &Deployment, message: ToCoordinator, from: &str, out: &mut Out<'_>) {
+        if let Some(coordinator) = self.coordinators.get_mut(deployment) {
+            coordinator.receive(message, from, out);
         }
     }
 
@@ -353,7 +376,7 @@ impl Agent {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             up: now - self.started,
             peers: self.names.present().map(str::to_owned).collect(),
-            deployments: self.tenants.values().map(Tenant::status).collect(),
+            deployments: self.participants.values().map(Participant::status).collect(),
         }
     }
 
@@ -361,7 +384,7 @@ impl Agent {
     fn absent(&self, now: Time) -> Absent {
         let mut absent = self.absence.told(now);
         let is_away = |host: &str| *host != *self.identity.host && !self.names.reaches(host);
-        absent.processes = self.tenants.values().flat_map(|tenant| tenant.elsewhere(is_away)).collect();
+        absent.processes = self.participants.values().flat_map(|participant| participant.elsewhere(is_away)).collect();
         absent
     }
 
@@ -375,38 +398,38 @@ impl Agent {
                 out.effects.push(Effect::Transmit { to: host.clone(), frame: Box::new(frame) });
             }
         }
-        self.homes.values_mut().for_each(|home| home.tick(out));
-        self.tenants.values_mut().for_each(|tenant| tenant.tick(out));
+        self.coordinators.values_mut().for_each(|coordinator| coordinator.tick(out));
+        self.participants.values_mut().for_each(|participant| participant.tick(out));
     }
 }
 
 /// Returns what a part of a deployment that is not there would have to say to its supervisor, so that nobody waits for
 /// ever.
-fn answer_of_absent(message: ToTenant, cause: FailureCause) -> Option<ToTenant> {
+fn answer_of_absent(message: ToParticipant, cause: FailureCause) -> Option<ToParticipant> {
     match message {
-        ToTenant::Activate { target, activation, .. } => {
+        ToParticipant::Activate { target, activation, .. } => {
             // The supervisor knows the path and the time.
             let failure = Failure { origin: String::new(), cause, at: Duration::ZERO };
-            Some(ToTenant::Ended { target, activation, ending: Ending::Aborted(failure) })
+            Some(ToParticipant::Ended { target, activation, ending: Ending::Aborted(failure) })
         }
-        ToTenant::Stop { target, activation } => {
+        ToParticipant::Stop { target, activation } => {
             let ending = if let FailureCause::HostLost(host) = cause {
                 let cause = FailureCause::HostLostStopping(host);
                 Ending::Aborted(Failure { origin: String::new(), cause, at: Duration::ZERO })
             } else {
                 Ending::Unconfirmed
             };
-            Some(ToTenant::Ended { target, activation, ending })
+            Some(ToParticipant::Ended { target, activation, ending })
         }
-        ToTenant::Switch { group, generation, .. } => Some(ToTenant::Switched { group, generation }),
-        ToTenant::Prepare { .. }
-        | ToTenant::Connect { .. }
-        | ToTenant::Go
-        | ToTenant::Release
-        | ToTenant::Ended { .. }
-        | ToTenant::Switched { .. }
-        | ToTenant::Moved { .. }
-        | ToTenant::Loose { .. }
-        | ToTenant::Cleared { .. } => None,
+        ToParticipant::Switch { group, generation, .. } => Some(ToParticipant::Switched { group, generation }),
+        ToParticipant::Prepare { .. }
+        | ToParticipant::Connect { .. }
+        | ToParticipant::Go
+        | ToParticipant::Release
+        | ToParticipant::Ended { .. }
+        | ToParticipant::Switched { .. }
+        | ToParticipant::Moved { .. }
+        | ToParticipant::Loose { .. }
+        | ToParticipant::Cleared { .. } => None,
     }
 }

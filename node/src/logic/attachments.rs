@@ -106,12 +106,12 @@ impl Attachments {
                     program.kept.drain(..old);
                 }
             }
-            Effect::Forget { process } => self.forget(|other| other == process),
-            Effect::Bury { deployment } => {
+            Effect::CloseProcess { process } => self.forget(|other| other == process),
+            Effect::CloseDeployment { deployment } => {
                 self.forget(|process| process.deployment == *deployment);
                 self.buried.push_back(deployment.clone());
             }
-            Effect::Commit { deployment, hosts } => drop(self.commits.insert(deployment.clone(), hosts.clone())),
+            Effect::PersistEpoch { deployment, hosts } => drop(self.commits.insert(deployment.clone(), hosts.clone())),
             Effect::EndAnswers { call } | Effect::Tail { call, .. } | Effect::TailAll { call, .. } => {
                 self.calls.remove(call);
             }
@@ -122,7 +122,7 @@ impl Attachments {
             | Effect::Peer(_)
             | Effect::Settled { .. }
             | Effect::Answer { .. }
-            | Effect::Record(_) => {}
+            | Effect::WriteDatabase(_) => {}
         }
     }
 

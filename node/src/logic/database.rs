@@ -33,7 +33,7 @@ use dbmanager::logic::view::past::Past;
 use dbmanager::logic::view::schema::{self, Schemas};
 use dbmanager::logic::view::watch::Watch;
 use other_team::OtherTeam;
-use question::{Far, Letter, Moment, Question, Reply, Wish};
+use question::{AckLevel, AsOf, Envelope, Question, Reply, WriteRequest};
 use settings::Settings;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::time::Duration;
@@ -58,9 +58,9 @@ pub enum Input {
     /// Somebody on another machine asks something: what is local to this one is none of theirs.
     Elsewhere(u64, Question),
     /// Another replica has told something.
-    Letter(Letter),
-    /// Another replica has asked something, under this number; [`Effect::Reply`] ends it.
-    Asked(u64, Letter),
+    Envelope(Envelope),
+    /// Another replica has asked something, under this number; [`Effect::ReplyToPeer`] ends it.
+    Asked(u64, Envelope),
     /// A node has come, or come back: its replica and this one compare what they have.
     Appeared,
     /// Whoever called with this number takes no answers any more.
@@ -75,15 +75,15 @@ pub enum Effect {
     /// From now on other replicas know this one by this name.
     Address(ReplicaId),
     /// Tell every replica.
-    Broadcast(Letter),
+    Broadcast(Envelope),
     /// Tell one replica.
-    Tell(ReplicaId, Letter),
-    /// Ask one replica, and hand its answer back as a letter if it comes within this time.
-    Ask(ReplicaId, Letter, Duration),
-    /// Answer another's question; without a letter, end it.
-    Reply(u64, Option<Letter>),
+    Tell(ReplicaId, Envelope),
+    /// Ask one replica, and hand its answer back as a envelope if it comes within this time.
+    Ask(ReplicaId, Envelope, Duration),
+    /// Answer another's question; without a envelope, end it.
+    ReplyToPeer(u64, Option<Envelope>),
     /// One element of the answer to a call.
-    Answer(u64, Reply),
+    AnswerCaller(u64, Reply),
     /// The answer to a call is complete.
     End(u64),
     /// An operator has to know this.
@@ -111,7 +111,7 @@ pub struct Database {
     /// Calls that wait for their transaction to get further.
     waiting: BTreeSet<u64>,
     /// When each replica was last heard.
-    heard: BTreeMap<ReplicaId, Heard>,
+    heard: BTreeMap<ReplicaId, KnownPeer>,
     other_team: OtherTeam,
     alarms: VecDeque<String>,
     /// What was wrong with the disk since it took something last.
@@ -129,8 +129,9 @@ pub struct Database {
     checkpoints: Checkpoints,
 }
 
+/// Another replica that was heard of late.
 #[derive(Clone, Copy, Debug)]
-struct Heard {
+struct KnownPeer {
     at: Time,
     /// Whether it said that it belongs to a team.
     member: bool,
@@ -173,11 +174,11 @@ impl Database {
         let mut commits = Vec::new();
         for input in inputs {
             let input = if let Input::Elsewhere(call, question) = input {
-                let now = Moment::Version(self.replica.log().vector().clone());
+                let now = AsOf::Version(self.replica.log().vector().clone());
                 match refuse::from_elsewhere(question, &now) {
                     Ok(question) => Input::Call(call, question),
                     Err(why) => {
-                        effects.extend([Effect::Answer(call, Reply::Refused(why)), Effect::End(call)]);
+                        effects.extend([Effect::AnswerCaller(call, Reply::Refused(why)), Effect::End(call)]);
                         continue;
                     }
                 }
@@ -198,13 +199,13 @@ impl Database {
                 }
                 Input::Call(call, Question::Resolve(resolve)) => match self.settle(&resolve) {
                     Ok(commit) => commits.extend(self.request(now, call, commit.into(), effects)),
-                    Err(reply) => effects.extend([Effect::Answer(call, reply), Effect::End(call)]),
+                    Err(reply) => effects.extend([Effect::AnswerCaller(call, reply), Effect::End(call)]),
                 },
                 Input::Call(call, question) => self.answer(now, call, question, effects),
-                Input::Letter(letter) => self.receive(now, letter, None, effects),
-                Input::Asked(asked, letter) => {
-                    let from = letter.from;
-                    self.receive(now, letter, Some((asked, from)), effects);
+                Input::Envelope(envelope) => self.receive(now, envelope, None, effects),
+                Input::Asked(asked, envelope) => {
+                    let from = envelope.from;
+                    self.receive(now, envelope, Some((asked, from)), effects);
                 }
                 Input::Gone(call) => drop(self.watchers.remove(&call)),
                 Input::Appeared => self.feed(now, replica::Input::Appeared(wall), &mut None, effects),
@@ -242,25 +243,25 @@ impl Database {
         &self.replica
     }
 
-    fn receive(&mut self, now: Time, letter: Letter, mut asked: Asked, effects: &mut Vec<Effect>) {
+    fn receive(&mut self, now: Time, envelope: Envelope, mut asked: Asked, effects: &mut Vec<Effect>) {
         if self.closed.is_none() {
-            self.hear(now, &letter);
-            let input = replica::Input::Received(letter.from, letter.message, self.wall);
+            self.hear(now, &envelope);
+            let input = replica::Input::Received(envelope.from, envelope.message, self.wall);
             self.feed(now, input, &mut asked, effects);
         }
         // A question that is not ended keeps the asker waiting until its own deadline.
-        effects.extend(asked.map(|(asked, _)| Effect::Reply(asked, None)));
+        effects.extend(asked.map(|(asked, _)| Effect::ReplyToPeer(asked, None)));
     }
 
-    fn hear(&mut self, now: Time, letter: &Letter) {
-        let known = self.heard.get(&letter.from).map(|heard| (heard.member, heard.walls));
-        let (member, walls) = if let Message::Hello(hello) = &letter.message {
+    fn hear(&mut self, now: Time, envelope: &Envelope) {
+        let known = self.heard.get(&envelope.from).map(|heard| (heard.member, heard.walls));
+        let (member, walls) = if let Message::Hello(hello) = &envelope.message {
             (hello.member, Some((hello.wall, self.wall)))
         } else {
             known.unwrap_or_default()
         };
-        if letter.from != self.replica.address() && self.has_room_for(letter.from) {
-            self.heard.insert(letter.from, Heard { at: now, member, walls });
+        if envelope.from != self.replica.address() && self.has_room_for(envelope.from) {
+            self.heard.insert(envelope.from, KnownPeer { at: now, member, walls });
         }
     }
 
@@ -271,34 +272,40 @@ impl Database {
             return true;
         }
         let members = self.replica.members();
-        let rank = |(origin, heard): (&ReplicaId, &Heard)| (members.is_active(*origin), heard.at, *origin);
+        let rank = |(origin, heard): (&ReplicaId, &KnownPeer)| (members.is_active(*origin), heard.at, *origin);
         let first = self.heard.iter().map(rank).min();
         let gives_way = first.filter(|(member, ..)| !member || members.is_active(from));
         gives_way.is_some_and(|(.., origin)| self.heard.remove(&origin).is_some())
     }
 
     /// Returns what the replica is asked to commit.
-    fn request(&mut self, now: Time, call: u64, wish: Wish, effects: &mut Vec<Effect>) -> Option<CommitRequest> {
-        let Wish { draft, far, within } = wish;
-        if let Some(why) = self.refusal(call, &draft, &far) {
-            effects.extend([Effect::Answer(call, Reply::Refused(why)), Effect::End(call)]);
+    fn request(
+        &mut self,
+        now: Time,
+        call: u64,
+        request: WriteRequest,
+        effects: &mut Vec<Effect>,
+    ) -> Option<CommitRequest> {
+        let WriteRequest { draft, level, within } = request;
+        if let Some(why) = self.refusal(call, &draft, &level) {
+            effects.extend([Effect::AnswerCaller(call, Reply::Refused(why)), Effect::End(call)]);
             return None;
         }
         if let Some(note) = self.unheard_by(now).filter(|_| !draft.is_local()) {
-            effects.push(Effect::Answer(call, Reply::Note(note)));
+            effects.push(Effect::AnswerCaller(call, Reply::Note(note)));
         }
-        if far != Far::Local {
+        if level != AckLevel::Local {
             self.waiting.insert(call);
         }
-        Some(CommitRequest { ticket: call, draft, level: far.level(), until: now + within })
+        Some(CommitRequest { ticket: call, draft, level: level.to_replica(), until: now + within })
     }
 
     /// Returns why a transaction is not even tried, if that is so.
-    fn refusal(&mut self, call: u64, draft: &Draft, far: &Far) -> Option<String> {
+    fn refusal(&mut self, call: u64, draft: &Draft, level: &AckLevel) -> Option<String> {
         if let Some(why) = &self.closed {
             return Some(why.clone());
         }
-        let out_of_reach = || self.out_of_reach(far).filter(|_| !draft.is_local());
+        let out_of_reach = || self.out_of_reach(level).filter(|_| !draft.is_local());
         if let Some(why) = refuse::namespaces(draft).or_else(out_of_reach) {
             return Some(why);
         }
@@ -312,7 +319,7 @@ impl Database {
         if self.holds_back(call, &question, effects) {
             return;
         }
-        let mut say = |reply| effects.push(Effect::Answer(call, reply));
+        let mut say = |reply| effects.push(Effect::AnswerCaller(call, reply));
         match question {
             Question::Get { key } => {
                 let state = if key.namespace() == Namespace::Local { self.local() } else { self.state() };
@@ -346,7 +353,7 @@ impl Database {
             | Question::RetireOlder { .. }
             | Question::HealClock => {
                 let reply = self.operate(now, question, effects);
-                effects.push(Effect::Answer(call, reply));
+                effects.push(Effect::AnswerCaller(call, reply));
             }
         }
         effects.push(Effect::End(call));
@@ -375,17 +382,17 @@ impl Database {
 
     fn translate(&mut self, now: Time, effect: replica::Effect, asked: &mut Asked, effects: &mut Vec<Effect>) {
         let from = self.replica.address();
-        let letter = |message| Letter { from, message };
+        let envelope = |message| Envelope { from, message };
         match effect {
             replica::Effect::Persist(batch) => effects.push(Effect::Persist(batch)),
-            replica::Effect::Broadcast(message) => effects.push(Effect::Broadcast(letter(message))),
+            replica::Effect::Broadcast(message) => effects.push(Effect::Broadcast(envelope(message))),
             replica::Effect::Send(to, message) => effects.push(match message.pattern() {
-                Pattern::Request { within } => Effect::Ask(to, letter(message), within),
+                Pattern::Request { within } => Effect::Ask(to, envelope(message), within),
                 Pattern::Response => match asked.take_if(|(_, from)| *from == to) {
-                    Some((asked, _)) => Effect::Reply(asked, Some(letter(message))),
-                    None => Effect::Tell(to, letter(message)),
+                    Some((asked, _)) => Effect::ReplyToPeer(asked, Some(envelope(message))),
+                    None => Effect::Tell(to, envelope(message)),
                 },
-                Pattern::OneWay => Effect::Tell(to, letter(message)),
+                Pattern::OneWay => Effect::Tell(to, envelope(message)),
             }),
             replica::Effect::Answer(call, answer) => self.answered(call, answer, effects),
             replica::Effect::Visible(_, frame) => self.visible(&frame),
@@ -422,7 +429,7 @@ impl Database {
         };
         // Whoever waits for more than the local disk hears a second time.
         let more = matches!(reply, Reply::Committed(_)) && self.waiting.contains(&call);
-        effects.push(Effect::Answer(call, reply));
+        effects.push(Effect::AnswerCaller(call, reply));
         if !more {
             self.waiting.remove(&call);
             effects.push(Effect::End(call));

@@ -71,12 +71,12 @@ pub enum Effect {
         order: Order,
     },
     /// Nothing runs any more: close the channels of a program, keep its output until the deployment is removed.
-    Forget {
+    CloseProcess {
         /// Which.
         process: ProcessId,
     },
     /// A deployment is over on this host: close its socket, and keep its output for a while.
-    Bury {
+    CloseDeployment {
         /// Which.
         deployment: Deployment,
     },
@@ -84,7 +84,7 @@ pub enum Effect {
     /// meanwhile.
     ///
     /// [`Input::Committed`]: crate::logic::agent::Input::Committed
-    Commit {
+    PersistEpoch {
         /// Which.
         deployment: Deployment,
         /// The hosts that take part.
@@ -126,7 +126,7 @@ pub enum Effect {
         programs: Vec<(u32, String)>,
     },
     /// Write something of this node's own into the database; nobody waits for it.
-    Record(Box<Commit>),
+    WriteDatabase(Box<Commit>),
     /// Nothing is left on this host: the node may leave.
     Leave,
     /// The node has to leave, since another one has its name, and nothing is left on this host.

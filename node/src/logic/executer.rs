@@ -9,7 +9,7 @@ mod fence;
 mod lost;
 
 use crate::logic::effect::{Out, earliest};
-use crate::logic::protocol::{Change, Deployment, Ending, Failure, FailureCause, Target, ToHome, ToTenant};
+use crate::logic::protocol::{Change, Deployment, Ending, Failure, FailureCause, Target, ToCoordinator, ToParticipant};
 use comms::logic::time::Time;
 use fence::Fences;
 use language::algebra::{Activation, Cause, Command, Event, Outcome, Program, Reason, State, Value, step};
@@ -29,7 +29,7 @@ const VALUE_MAX: usize = 8 << 20;
 
 /// The fixed surroundings of an executer.
 #[derive(Clone, Copy, Debug)]
-pub struct Surroundings<'a> {
+pub struct ExecContext<'a> {
     /// Which deployment.
     pub deployment: &'a Deployment,
     /// Its home, which tells the people who watch.
@@ -120,7 +120,7 @@ impl Executer {
         &mut self,
         activation: u32,
         value: &[u8],
-        at: Surroundings<'_>,
+        context: ExecContext<'_>,
         out: &mut Out<'_>,
     ) -> Option<Ending> {
         if self.running {
@@ -128,15 +128,15 @@ impl Executer {
         }
         (self.activation, self.running) = (activation, true);
         self.failures.clear();
-        self.react(Event::Start(Value::new(value)), at, out)
+        self.react(Event::Start(Value::new(value)), context, out)
     }
 
     /// Asks the group to stop. Returns how it ended if it ended at once.
-    pub fn stop(&mut self, activation: u32, at: Surroundings<'_>, out: &mut Out<'_>) -> Option<Ending> {
+    pub fn stop(&mut self, activation: u32, context: ExecContext<'_>, out: &mut Out<'_>) -> Option<Ending> {
         if !self.running || activation != self.activation {
             return None;
         }
-        self.react(Event::Stop, at, out)
+        self.react(Event::Stop, context, out)
     }
 
     /// Returns whether the group runs.
@@ -145,13 +145,13 @@ impl Executer {
     }
 
     /// Ends the group without waiting for anything: its node leaves. What runs for it is still to end.
-    pub fn abandon(&mut self, at: Surroundings<'_>, out: &mut Out<'_>) {
+    pub fn abandon(&mut self, context: ExecContext<'_>, out: &mut Out<'_>) {
         self.running = false;
         self.waiting.clear();
-        let group = at.plan.groups.get(self.group as usize);
+        let group = context.plan.groups.get(self.group as usize);
         let kinds = self.active.keys().filter_map(|slot| Some(group?.members.get(*slot as usize)?.kind));
-        self.fences.abandon(kinds.flat_map(|kind| fence::hosts(at.plan, kind)).collect());
-        self.pass_on_fences(at, out);
+        self.fences.abandon(kinds.flat_map(|kind| fence::hosts(context.plan, kind)).collect());
+        self.pass_on_fences(context, out);
     }
 
     /// Returns the activation that [`Executer::activate`] was given last.
@@ -164,14 +164,14 @@ impl Executer {
         &mut self,
         (slot, activation): (u32, u32),
         ending: Ending,
-        at: Surroundings<'_>,
+        context: ExecContext<'_>,
         out: &mut Out<'_>,
     ) -> Option<Ending> {
-        self.look_at_end((slot, activation), &ending, at);
+        self.look_at_end((slot, activation), &ending, context);
         let current = self.active.get(&slot) == Some(&activation);
         if !current {
             // It was given up before, so nothing else follows from it.
-            self.open_fences(at, out);
+            self.open_fences(context, out);
         }
         if current {
             self.active.remove(&slot);
@@ -182,7 +182,7 @@ impl Executer {
             Ending::Done(value) => Event::Done { member, activation, value: Value::new(&value) },
             Ending::Aborted(mut failure) => {
                 if failure.origin.is_empty() {
-                    self.complete(slot, &mut failure, at, out);
+                    self.complete(slot, &mut failure, context, out);
                 }
                 // What nobody could confirm inside a group stays unconfirmed at its boundary.
                 let unconfirmed = failure.cause.is_unconfirmed_stop();
@@ -198,25 +198,25 @@ impl Executer {
             Ending::Stopped => Event::Stopped { member, activation },
             Ending::Unconfirmed => Event::StopUnconfirmed { member, activation },
         };
-        self.react(event, at, out)
+        self.react(event, context, out)
     }
 
     /// Notes that the producers of a generation of wires are switched.
-    pub fn switched(&mut self, generation: u64, at: Surroundings<'_>, out: &mut Out<'_>) {
+    pub fn switched(&mut self, generation: u64, context: ExecContext<'_>, out: &mut Out<'_>) {
         self.confirm(&BTreeSet::from([generation]));
-        self.activate_ready(at, out);
+        self.activate_ready(context, out);
     }
 
     /// Does what is due. Returns how the group ended, if it did.
-    pub fn tick(&mut self, at: Surroundings<'_>, out: &mut Out<'_>) -> Option<Ending> {
-        self.activate_ready(at, out);
+    pub fn tick(&mut self, context: ExecContext<'_>, out: &mut Out<'_>) -> Option<Ending> {
+        self.activate_ready(context, out);
         let due: Vec<_> = self.timers.iter().copied().take_while(|(due, ..)| *due <= out.now).collect();
         for (due, timer, number) in due {
             // An earlier one of them may have cancelled it.
             if !self.timers.remove(&(due, timer, number)) {
                 continue;
             }
-            let ending = self.react(Event::Elapsed { timer, activation: Activation(number) }, at, out);
+            let ending = self.react(Event::Elapsed { timer, activation: Activation(number) }, context, out);
             if ending.is_some() {
                 return ending;
             }
@@ -233,27 +233,27 @@ impl Executer {
 
     /// Adds path and time to a failure that was stated on behalf of a member whose host is silent, and tells the people who
     /// watch: nobody else does.
-    fn complete(&self, slot: u32, failure: &mut Failure, at: Surroundings<'_>, out: &mut Out<'_>) {
-        let Some(group) = at.plan.groups.get(self.group as usize) else { return };
-        failure.origin = member_path(at.plan, group, slot).unwrap_or_default();
-        failure.at = at.since_go;
-        let Some((target, _)) = member_target(at.plan, group, slot) else { return };
+    fn complete(&self, slot: u32, failure: &mut Failure, context: ExecContext<'_>, out: &mut Out<'_>) {
+        let Some(group) = context.plan.groups.get(self.group as usize) else { return };
+        failure.origin = member_path(context.plan, group, slot).unwrap_or_default();
+        failure.at = context.since_go;
+        let Some((target, _)) = member_target(context.plan, group, slot) else { return };
         let change = Change::Ended(Ending::Aborted(failure.clone()));
-        out.send(at.home, at.deployment.to_home(ToHome::Happened { target, change }));
+        out.send(context.home, context.deployment.to_coordinator(ToCoordinator::Happened { target, change }));
     }
 
-    fn react(&mut self, event: Event, at: Surroundings<'_>, out: &mut Out<'_>) -> Option<Ending> {
+    fn react(&mut self, event: Event, context: ExecContext<'_>, out: &mut Out<'_>) -> Option<Ending> {
         let mut commands = Vec::new();
         let outcome = step(&self.program, &mut self.state, event, &mut commands);
         for command in commands {
-            self.carry_out(command, at, out);
+            self.carry_out(command, context, out);
         }
         let outcome = outcome?;
         self.running = false;
-        self.pass_on_fences(at, out);
+        self.pass_on_fences(context, out);
         Some(match outcome {
             Outcome::Done(value) => Ending::Done(value.bytes().to_vec()),
-            Outcome::Aborted(reason) => Ending::Aborted(self.failure(&reason, at)),
+            Outcome::Aborted(reason) => Ending::Aborted(self.failure(&reason, context)),
             Outcome::Stopped => Ending::Stopped,
         })
     }
@@ -267,7 +267,7 @@ impl Executer {
     }
 
     /// Sends the activations that wait for nothing any more.
-    fn activate_ready(&mut self, at: Surroundings<'_>, out: &mut Out<'_>) {
+    fn activate_ready(&mut self, context: ExecContext<'_>, out: &mut Out<'_>) {
         let fences = &self.fences;
         let is_ready =
             |slot: &u32, waiting: &mut Waiting| waiting.ready_at() <= out.now && fences.against(*slot).is_none();
@@ -275,7 +275,7 @@ impl Executer {
         for (member, waiting) in ready {
             // Who has not confirmed within the time is not waited for by others either.
             self.confirm(&waiting.wires);
-            self.activate_member((member, waiting.activation), waiting.value, at, out);
+            self.activate_member((member, waiting.activation), waiting.value, context, out);
         }
     }
 
@@ -283,48 +283,48 @@ impl Executer {
         &mut self,
         (member, activation): (u32, u32),
         value: Vec<u8>,
-        at: Surroundings<'_>,
+        context: ExecContext<'_>,
         out: &mut Out<'_>,
     ) {
-        let Some(group) = at.plan.groups.get(self.group as usize) else { return };
-        let Some((target, host)) = member_target(at.plan, group, member) else { return };
+        let Some(group) = context.plan.groups.get(self.group as usize) else { return };
+        let Some((target, host)) = member_target(context.plan, group, member) else { return };
         self.activated.insert(member, out.now);
         self.fences.began(member, host);
-        let order = ToTenant::Activate { target, activation, value };
-        out.send(host, at.deployment.to_tenant(order));
+        let order = ToParticipant::Activate { target, activation, value };
+        out.send(host, context.deployment.to_participant(order));
     }
 
-    fn carry_out(&mut self, command: Command, at: Surroundings<'_>, out: &mut Out<'_>) {
-        let Some(group) = at.plan.groups.get(self.group as usize) else { return };
+    fn carry_out(&mut self, command: Command, context: ExecContext<'_>, out: &mut Out<'_>) {
+        let Some(group) = context.plan.groups.get(self.group as usize) else { return };
         match command {
-            Command::Connect { set } => self.switch(set, true, at, out),
-            Command::Disconnect { set } => self.switch(set, false, at, out),
+            Command::Connect { set } => self.switch(set, true, context, out),
+            Command::Disconnect { set } => self.switch(set, false, context, out),
             Command::Activate { member, activation: Activation(activation), value } => {
-                let Some((target, _)) = member_target(at.plan, group, member) else { return };
+                let Some((target, _)) = member_target(context.plan, group, member) else { return };
                 self.active.insert(member, activation);
                 let value = value.bytes().to_vec();
                 if value.len() > VALUE_MAX {
-                    return self.refuse_value((target, activation), value.len(), at, out);
+                    return self.refuse_value((target, activation), value.len(), context, out);
                 }
                 let leads_here = |wires: &Unconfirmed| wires.consumers.contains(&member);
                 let wires = self.unconfirmed.iter().filter(|(_, wires)| leads_here(wires)).map(|(number, _)| *number);
                 let (wires, until) = (wires.collect(), out.now + SWITCH_WITHIN);
                 let not_before = self.activated.get(&member).map_or(out.now, |last| *last + PACE);
                 self.waiting.insert(member, Waiting { activation, value, wires, until, not_before });
-                self.activate_ready(at, out);
+                self.activate_ready(context, out);
                 if let Some((resource, host)) = self.fences.tell(member, activation) {
-                    let message = ToHome::Happened { target, change: Change::Held { resource, host } };
-                    out.send(at.home, at.deployment.to_home(message));
+                    let message = ToCoordinator::Happened { target, change: Change::Held { resource, host } };
+                    out.send(context.home, context.deployment.to_coordinator(message));
                 }
             }
             Command::Stop { member, activation: Activation(activation) } => {
-                let Some((target, host)) = member_target(at.plan, group, member) else { return };
+                let Some((target, host)) = member_target(context.plan, group, member) else { return };
                 if self.waiting.get(&member).is_some_and(|waiting| waiting.activation == activation) {
                     // It has never begun.
                     self.waiting.remove(&member);
-                    return self.end_member((target, activation), Ending::Stopped, at, out);
+                    return self.end_member((target, activation), Ending::Stopped, context, out);
                 }
-                out.send(host, at.deployment.to_tenant(ToTenant::Stop { target, activation }));
+                out.send(host, context.deployment.to_participant(ToParticipant::Stop { target, activation }));
             }
             Command::Arm { timer, activation: Activation(number), after } => {
                 self.timers.insert((out.now + after.max(PACE), timer, number));
@@ -335,32 +335,32 @@ impl Executer {
         }
     }
 
-    fn refuse_value(&self, process: (Target, u32), size: usize, at: Surroundings<'_>, out: &mut Out<'_>) {
+    fn refuse_value(&self, process: (Target, u32), size: usize, context: ExecContext<'_>, out: &mut Out<'_>) {
         let cause =
             FailureCause::Reported(format!("the value for its `Init` has {size} bytes; {VALUE_MAX} are allowed"));
-        let ending = Ending::Aborted(Failure { origin: String::new(), cause, at: at.since_go });
-        self.end_member(process, ending, at, out);
+        let ending = Ending::Aborted(Failure { origin: String::new(), cause, at: context.since_go });
+        self.end_member(process, ending, context, out);
     }
 
     /// Says what a member that was never told to run would have to say, after the commands that are being carried out.
-    fn end_member(&self, process: (Target, u32), ending: Ending, at: Surroundings<'_>, out: &mut Out<'_>) {
+    fn end_member(&self, process: (Target, u32), ending: Ending, context: ExecContext<'_>, out: &mut Out<'_>) {
         let (target, activation) = process;
-        if let Some(here) = group_host(at.plan, self.group) {
-            out.send(here, at.deployment.to_tenant(ToTenant::Ended { target, activation, ending }));
+        if let Some(here) = group_host(context.plan, self.group) {
+            out.send(here, context.deployment.to_participant(ToParticipant::Ended { target, activation, ending }));
         }
     }
 
     /// Opens or closes the wires of a set that no other open set holds, one message to each host of producers.
-    fn switch(&mut self, set: u32, open: bool, at: Surroundings<'_>, out: &mut Out<'_>) {
-        let group = at.plan.groups.get(self.group as usize);
+    fn switch(&mut self, set: u32, open: bool, context: ExecContext<'_>, out: &mut Out<'_>) {
+        let group = context.plan.groups.get(self.group as usize);
         let Some(set) = group.and_then(|group| group.sets.get(set as usize)) else { return };
         let mut by_host: BTreeMap<&str, (Vec<u32>, BTreeSet<u32>)> = BTreeMap::new();
         for &wire in &set.wires {
             let count = self.open.entry(wire).or_default();
             let flips = if open { *count == 0 } else { *count == 1 };
             *count = if open { *count + 1 } else { count.saturating_sub(1) };
-            let Some(ends) = at.plan.wires.get(wire as usize).filter(|_| flips) else { continue };
-            if let Some(host) = leaf_host(at.plan, ends.from.leaf) {
+            let Some(ends) = context.plan.wires.get(wire as usize).filter(|_| flips) else { continue };
+            if let Some(host) = leaf_host(context.plan, ends.from.leaf) {
                 let (wires, consumers) = by_host.entry(host).or_default();
                 wires.push(wire);
                 consumers.extend(self.consumers.get(&ends.to.leaf));
@@ -372,16 +372,16 @@ impl Executer {
             if open {
                 self.unconfirmed.insert(generation, Unconfirmed { host: host.to_owned(), consumers });
             }
-            let order = ToTenant::Switch { wires, open, group: self.group, generation };
-            out.send(host, at.deployment.to_tenant(order));
+            let order = ToParticipant::Switch { wires, open, group: self.group, generation };
+            out.send(host, context.deployment.to_participant(order));
         }
     }
 
-    fn failure(&self, reason: &Reason, at: Surroundings<'_>) -> Failure {
-        let group = at.plan.groups.get(self.group as usize);
+    fn failure(&self, reason: &Reason, context: ExecContext<'_>) -> Failure {
+        let group = context.plan.groups.get(self.group as usize);
         let here = group.map_or_else(String::new, |group| group.path.clone());
         let member = reason.member;
-        let origin = group.zip(member).and_then(|(group, slot)| member_path(at.plan, group, slot)).unwrap_or(here);
+        let origin = group.zip(member).and_then(|(group, slot)| member_path(context.plan, group, slot)).unwrap_or(here);
         let reported = || member.and_then(|slot| self.failures.get(&slot)).cloned();
         let cause = match &reason.cause {
             Cause::Reported(_) => match reported() {
@@ -397,7 +397,7 @@ impl Executer {
             Cause::Failed(why) => FailureCause::Failed(why.to_string()),
             Cause::NoMatch => FailureCause::Failed("no arm of `match` has this outcome".to_owned()),
         };
-        Failure { origin, cause, at: at.since_go }
+        Failure { origin, cause, at: context.since_go }
     }
 }
 

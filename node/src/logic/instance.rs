@@ -123,7 +123,7 @@ pub struct Instance {
 
 /// What an instance needs to know of the moment, and where it puts what it wants.
 #[derive(Debug)]
-pub struct Moment<'a> {
+pub struct InstanceContext<'a> {
     /// The time of the input.
     pub now: Time,
     /// Time since GO.
@@ -136,7 +136,7 @@ pub struct Moment<'a> {
 
 impl Instance {
     /// Starts a program; a plain one is held by its shim.
-    pub fn spawn(order: SpawnOrder, stop_within: Duration, moment: &mut Moment<'_>) -> Self {
+    pub fn spawn(order: SpawnOrder, stop_within: Duration, context: &mut InstanceContext<'_>) -> Self {
         let restarts = Restarts::new(order.policy.restart);
         let mut instance = Self {
             order,
@@ -151,7 +151,7 @@ impl Instance {
             failed: None,
             output: Vec::new(),
         };
-        instance.start(moment);
+        instance.start(context);
         instance
     }
 
@@ -236,16 +236,16 @@ impl Instance {
     }
 
     /// Makes the program's links.
-    pub fn connect(&mut self, orders: impl IntoIterator<Item = Order>, moment: &mut Moment<'_>) {
+    pub fn connect(&mut self, orders: impl IntoIterator<Item = Order>, context: &mut InstanceContext<'_>) {
         if self.stage != Stage::Prepared {
             return;
         }
-        self.stage = Stage::Connecting { until: moment.now + CONNECT_WITHIN };
+        self.stage = Stage::Connecting { until: context.now + CONNECT_WITHIN };
         if self.joined {
-            self.tell(Order::Rejoin, moment);
+            self.tell(Order::Rejoin, context);
         }
         for order in orders {
-            self.tell(order, moment);
+            self.tell(order, context);
         }
     }
 
@@ -257,51 +257,51 @@ impl Instance {
     }
 
     /// Passes an order to open or close wires on. Returns whether the program will answer.
-    pub fn switch(&mut self, order: Order, moment: &mut Moment<'_>) -> bool {
+    pub fn switch(&mut self, order: Order, context: &mut InstanceContext<'_>) -> bool {
         let answers = self.is_linked();
         if answers {
-            self.tell(order, moment);
+            self.tell(order, context);
         }
         answers
     }
 
     /// Passes on where a program is now that was started again. One that makes its links was told where that was before.
-    pub fn relink(&mut self, order: Order, moment: &mut Moment<'_>) {
+    pub fn relink(&mut self, order: Order, context: &mut InstanceContext<'_>) {
         if self.is_linked() || matches!(self.stage, Stage::Connecting { .. }) {
-            self.tell(order, moment);
+            self.tell(order, context);
         }
     }
 
     /// Goes on where the program that died was: `open` opens the wires that were open. They are not waited for, since a
     /// program takes its orders one after the other.
-    pub fn resume(&mut self, open: Option<Order>, moment: &mut Moment<'_>) {
+    pub fn resume(&mut self, open: Option<Order>, context: &mut InstanceContext<'_>) {
         if self.stage != Stage::Idle {
             return;
         }
         if let Some(open) = open {
-            self.tell(open, moment);
+            self.tell(open, context);
         }
         if let Some(current) = &self.current {
             let value = current.value.clone();
-            self.run(value, moment);
-            moment.notes.push(Note::Changed(Change::Resumed));
+            self.run(value, context);
+            context.notes.push(Note::Changed(Change::Resumed));
         }
     }
 
     /// Initialises and runs the program, or notes that this is to be done once it is there again.
-    pub fn activate(&mut self, activation: u32, value: Vec<u8>, moment: &mut Moment<'_>) {
+    pub fn activate(&mut self, activation: u32, value: Vec<u8>, context: &mut InstanceContext<'_>) {
         if self.current.as_ref().is_some_and(|current| current.number == activation) {
             return;
         }
         if let Some(cause) = self.obstacle() {
-            let failure = self.failure(cause, moment);
-            return moment.notes.push(Note::Ended(activation, Ending::Aborted(failure)));
+            let failure = self.failure(cause, context);
+            return context.notes.push(Note::Ended(activation, Ending::Aborted(failure)));
         }
         let kept = if self.restarts.are_allowed() { value.clone() } else { Vec::new() };
         self.current = Some(Current { number: activation, value: kept, lost: None });
-        moment.notes.push(Note::Changed(Change::Activated));
+        context.notes.push(Note::Changed(Change::Activated));
         if self.stage == Stage::Idle {
-            self.run(value, moment);
+            self.run(value, context);
         }
     }
 
@@ -327,20 +327,20 @@ impl Instance {
     }
 
     /// Stops an activation; one that is over is left to the ending already sent.
-    pub fn stop(&mut self, activation: u32, moment: &mut Moment<'_>) {
+    pub fn stop(&mut self, activation: u32, context: &mut InstanceContext<'_>) {
         if self.current.as_ref().is_none_or(|current| current.number != activation) {
             return;
         }
         match self.stage {
             Stage::Running => {
-                moment.notes.push(Note::Changed(Change::Stopping));
+                context.notes.push(Note::Changed(Change::Stopping));
                 if self.is_controller() {
-                    self.stage = Stage::Stopping { until: moment.now + self.stop_within, forced: false };
-                    self.tell(Order::Stop { activation }, moment);
+                    self.stage = Stage::Stopping { until: context.now + self.stop_within, forced: false };
+                    self.tell(Order::Stop { activation }, context);
                 } else {
-                    let until = moment.now + self.stop_within + KILL_WITHIN;
+                    let until = context.now + self.stop_within + KILL_WITHIN;
                     self.stage = Stage::Stopping { until, forced: true };
-                    self.tell_shim(ShimOrder::Stop { grace: self.stop_within }, moment);
+                    self.tell_shim(ShimOrder::Stop { grace: self.stop_within }, context);
                 }
             }
             // The program died and has not been activated since: nothing moves.
@@ -348,13 +348,13 @@ impl Instance {
             | Stage::Removing { .. }
             | Stage::Starting { .. }
             | Stage::Prepared
-            | Stage::Connecting { .. } => self.finish(Ending::Stopped, moment),
+            | Stage::Connecting { .. } => self.finish(Ending::Stopped, context),
             Stage::Idle | Stage::Stopping { .. } | Stage::Leaving { .. } | Stage::Refused | Stage::Dead => {}
         }
     }
 
     /// Stops what runs because `host` is lost, which then counts as its failure; nothing new begins until [`Self::reach`].
-    pub fn cut(&mut self, host: &str, moment: &mut Moment<'_>) {
+    pub fn cut(&mut self, host: &str, context: &mut InstanceContext<'_>) {
         self.hold(host);
         if matches!(self.stage, Stage::Stopping { .. } | Stage::Leaving { .. }) {
             return;
@@ -362,7 +362,7 @@ impl Instance {
         if let Some(current) = &mut self.current {
             current.lost = Some(host.to_owned());
             let number = current.number;
-            self.stop(number, moment);
+            self.stop(number, context);
         }
     }
 
@@ -377,65 +377,65 @@ impl Instance {
     }
 
     /// Takes note that an order did not reach the program: it is of no more use.
-    pub fn undelivered(&mut self, why: String, moment: &mut Moment<'_>) {
+    pub fn undelivered(&mut self, why: String, context: &mut InstanceContext<'_>) {
         let is_there =
             !matches!(self.stage, Stage::Dead | Stage::Leaving { .. } | Stage::Waiting { .. } | Stage::Removing { .. });
         if is_there {
             self.cause.get_or_insert(FailureCause::NotAvailable(why));
-            self.tell_shim(ShimOrder::Stop { grace: GRACE }, moment);
+            self.tell_shim(ShimOrder::Stop { grace: GRACE }, context);
         }
     }
 
     /// Ends the program.
-    pub fn leave(&mut self, moment: &mut Moment<'_>) {
+    pub fn leave(&mut self, context: &mut InstanceContext<'_>) {
         match self.stage {
-            Stage::Dead => moment.notes.push(Note::Gone),
+            Stage::Dead => context.notes.push(Note::Gone),
             Stage::Leaving { .. } => {}
             Stage::Waiting { .. } => {
                 self.stage = Stage::Dead;
-                self.left(moment);
+                self.left(context);
             }
             // One that has not said hello has no channel for an order yet.
-            Stage::Starting { .. } | Stage::Removing { .. } | Stage::Refused => self.force_out(moment),
+            Stage::Starting { .. } | Stage::Removing { .. } | Stage::Refused => self.force_out(context),
             Stage::Prepared | Stage::Connecting { .. } | Stage::Idle | Stage::Running | Stage::Stopping { .. } => {
                 if self.is_controller() {
-                    let until = moment.now + self.stop_within + GRACE;
+                    let until = context.now + self.stop_within + GRACE;
                     self.stage = Stage::Leaving { until, forced: false };
-                    self.tell(Order::Exit, moment);
+                    self.tell(Order::Exit, context);
                 } else {
-                    self.force_out(moment);
+                    self.force_out(context);
                 }
             }
         }
     }
 
     /// Ends the current activation, if there is one. What stopped because a host was lost has failed.
-    fn finish(&mut self, ending: Ending, moment: &mut Moment<'_>) {
+    fn finish(&mut self, ending: Ending, context: &mut InstanceContext<'_>) {
         let Some(Current { number, lost, .. }) = self.current.take() else { return };
         let ending = match (ending, lost) {
-            (Ending::Stopped, Some(host)) => Ending::Aborted(self.failure(FailureCause::HostLost(host), moment)),
+            (Ending::Stopped, Some(host)) => Ending::Aborted(self.failure(FailureCause::HostLost(host), context)),
             (ending, _) => ending,
         };
         self.failed = match &ending {
             Ending::Aborted(failure) => Some(failure.cause.clone()),
             Ending::Done(_) | Ending::Stopped | Ending::Unconfirmed => None,
         };
-        moment.notes.push(Note::Ended(number, ending));
+        context.notes.push(Note::Ended(number, ending));
     }
 
-    fn failure(&self, cause: FailureCause, moment: &Moment<'_>) -> Failure {
-        Failure { origin: self.order.path.clone(), cause, at: moment.since_go }
+    fn failure(&self, cause: FailureCause, context: &InstanceContext<'_>) -> Failure {
+        Failure { origin: self.order.path.clone(), cause, at: context.since_go }
     }
 
     fn is_controller(&self) -> bool {
         self.order.kind == LeafKind::Controller
     }
 
-    fn tell(&self, order: Order, moment: &mut Moment<'_>) {
-        moment.effects.push(Effect::Control { process: self.order.process.clone(), order });
+    fn tell(&self, order: Order, context: &mut InstanceContext<'_>) {
+        context.effects.push(Effect::Control { process: self.order.process.clone(), order });
     }
 
-    fn tell_shim(&self, order: ShimOrder, moment: &mut Moment<'_>) {
-        moment.effects.push(Effect::Shim { process: self.order.process.clone(), order });
+    fn tell_shim(&self, order: ShimOrder, context: &mut InstanceContext<'_>) {
+        context.effects.push(Effect::Shim { process: self.order.process.clone(), order });
     }
 }

@@ -109,7 +109,7 @@ impl Link {
     pub fn abandon(&mut self) {
         self.lost = true;
         let others = self.backlog.iter_mut().map(|kept| &mut kept.message).filter(|message| !message.is_final());
-        others.for_each(|message| message.body = Body::Void);
+        others.for_each(|message| message.body = Body::Tombstone);
     }
 
     /// Takes note that the peer is there again: what it has not acknowledged is sent at once.
@@ -199,10 +199,10 @@ impl Link {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::logic::protocol::{Deployment, ToTenant};
+    use crate::logic::protocol::{Deployment, ToParticipant};
 
     fn numbered(epoch: u64) -> Message {
-        Deployment { name: "d".into(), epoch }.to_tenant(ToTenant::Go)
+        Deployment { name: "d".into(), epoch }.to_participant(ToParticipant::Go)
     }
 
     /// A pair of links over a line that loses, repeats and swaps frames as a seeded generator says.

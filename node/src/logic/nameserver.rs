@@ -120,7 +120,7 @@ impl fmt::Display for Change {
 
 /// One boot of a node.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-struct Life {
+struct Boot {
     place: String,
     /// When its last answer came.
     heard: Time,
@@ -144,7 +144,7 @@ struct Life {
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 struct Peer {
     holder: Option<u64>,
-    lives: BTreeMap<u64, Life>,
+    lives: BTreeMap<u64, Boot>,
 }
 
 /// The table of other nodes.
@@ -200,7 +200,7 @@ impl NameServer {
     /// Takes note of a word of a node that is no answer: one that is not listed is asked at once.
     pub fn heard_of(&mut self, now: Time, host: &str, boot: u64) {
         let is_own = host == self.host && boot == self.boot;
-        let is_there = self.peers.get(host).and_then(|peer| peer.lives.get(&boot)).is_some_and(Life::is_there);
+        let is_there = self.peers.get(host).and_then(|peer| peer.lives.get(&boot)).is_some_and(Boot::is_there);
         if !is_own && !is_there {
             tracing::debug!("the node `{host}` is heard, and not there: it is asked");
             self.ask_soon(now);
@@ -219,7 +219,7 @@ impl NameServer {
         }
         let peer = self.peers.entry(host.clone()).or_default();
         let is_new = !peer.lives.contains_key(&boot);
-        let life = peer.lives.entry(boot).or_insert_with(|| Life::new(pong, now));
+        let life = peer.lives.entry(boot).or_insert_with(|| Boot::new(pong, now));
         if pong.round < life.proof {
             return;
         }
@@ -332,7 +332,7 @@ impl NameServer {
 
     /// Returns whether a node can be reached right now.
     pub fn reaches(&self, host: &str) -> bool {
-        self.held(host).is_some_and(Life::is_there)
+        self.held(host).is_some_and(Boot::is_there)
     }
 
     /// Returns the nodes that can be reached right now, in order of name.
@@ -402,7 +402,7 @@ impl NameServer {
     /// Returns when [`NameServer::tick`] wants to be called.
     pub fn deadline(&self) -> Option<Time> {
         let lives = self.peers.values().flat_map(|peer| peer.lives.values());
-        Some(lives.filter_map(Life::deadline).fold(self.ask_at, Time::min))
+        Some(lives.filter_map(Boot::deadline).fold(self.ask_at, Time::min))
     }
 
     fn ask_soon(&mut self, now: Time) {
@@ -410,17 +410,17 @@ impl NameServer {
         self.ask_at = self.ask_at.min(last.max(now));
     }
 
-    fn held(&self, host: &str) -> Option<&Life> {
+    fn held(&self, host: &str) -> Option<&Boot> {
         let peer = self.peers.get(host)?;
         peer.lives.get(&peer.holder?)
     }
 
-    fn life_mut(&mut self, host: &str, boot: u64) -> Option<&mut Life> {
+    fn life_mut(&mut self, host: &str, boot: u64) -> Option<&mut Boot> {
         self.peers.get_mut(host)?.lives.get_mut(&boot)
     }
 }
 
-impl Life {
+impl Boot {
     fn new(pong: &Pong, now: Time) -> Self {
         Self {
             place: pong.place.clone(),

@@ -82,7 +82,10 @@ impl Message {
     /// Returns whether it is the last word about something, that a process has ended or that everything is to end: true
     /// however late it comes.
     pub fn is_final(&self) -> bool {
-        matches!(self.body, Body::Tenant(ToTenant::Ended { .. } | ToTenant::Loose { .. } | ToTenant::Release))
+        matches!(
+            self.body,
+            Body::Participant(ToParticipant::Ended { .. } | ToParticipant::Loose { .. } | ToParticipant::Release)
+        )
     }
 }
 
@@ -90,18 +93,18 @@ impl Message {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Body {
     /// The deployment at its home.
-    Home(ToHome),
+    Coordinator(ToCoordinator),
     /// The deployment's part on the receiving host.
-    Tenant(ToTenant),
+    Participant(ToParticipant),
     /// Nobody: it takes the place of a message whose sender no longer means it.
-    Void,
+    Tombstone,
     /// The node: the sender ends as it was told to, and nothing that it has started is left. About no deployment.
     Leaves,
 }
 
 /// From a host that takes part in a deployment to its home.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub enum ToHome {
+pub enum ToCoordinator {
     /// Every program is started and has told where it is.
     Prepared {
         /// One entry for each leaf of the host.
@@ -136,7 +139,7 @@ pub enum ToHome {
 
 /// From the home of a deployment, or a supervisor of it, to a host that takes part.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub enum ToTenant {
+pub enum ToParticipant {
     /// Start every program of yours, idle.
     Prepare {
         /// What to start and how it hangs together.
@@ -218,13 +221,13 @@ pub enum ToTenant {
 
 impl Deployment {
     /// Returns a message about this deployment to its home.
-    pub fn to_home(&self, what: ToHome) -> Message {
-        Message { deployment: self.clone(), body: Body::Home(what) }
+    pub fn to_coordinator(&self, what: ToCoordinator) -> Message {
+        Message { deployment: self.clone(), body: Body::Coordinator(what) }
     }
 
     /// Returns a message about this deployment to a part of it.
-    pub fn to_tenant(&self, what: ToTenant) -> Message {
-        Message { deployment: self.clone(), body: Body::Tenant(what) }
+    pub fn to_participant(&self, what: ToParticipant) -> Message {
+        Message { deployment: self.clone(), body: Body::Participant(what) }
     }
 }
 

@@ -280,17 +280,17 @@ impl World {
             Effect::Shim { .. } | Effect::Control { .. } => {}
             Effect::Answer { call, answer } => self.answers.entry(call).or_default().push(*answer),
             Effect::Settled { deployment } => self.settled.push((host.into(), deployment)),
-            Effect::Commit { deployment, .. } => {
+            Effect::PersistEpoch { deployment, .. } => {
                 let written = self.disk_refuses.clone().map_or(Ok(()), Err);
                 self.at(self.disk_ms, host, Coming::Input(Input::Committed { deployment, written }));
             }
-            Effect::EndAnswers { .. } | Effect::Forget { .. } | Effect::Bury { .. } => {}
+            Effect::EndAnswers { .. } | Effect::CloseProcess { .. } | Effect::CloseDeployment { .. } => {}
             Effect::Tail { process, .. } => self.tailed.push(vec![process]),
             Effect::TailAll { deployment, programs, .. } => {
                 let process = |(leaf, _)| ProcessId { deployment: deployment.clone(), leaf };
                 self.tailed.push(programs.into_iter().map(process).collect());
             }
-            Effect::Record(_) | Effect::Yield { .. } => {}
+            Effect::WriteDatabase(_) | Effect::Yield { .. } => {}
             Effect::Leave => self.leave(host),
         }
     }

@@ -3,7 +3,7 @@
 use super::world::{World, commit, open, put};
 use dbmanager::logic::view::past::Keys;
 use dbmanager::logic::view::value::Datum;
-use node::logic::database::question::{Far, Moment, Question, Reply};
+use node::logic::database::question::{AckLevel, AsOf, Question, Reply};
 use node::logic::database::{Database, Effect, Input};
 use std::time::Duration;
 
@@ -13,7 +13,7 @@ fn fail(world: &mut World, robot: usize, question: Question) -> Reply {
     world.ask(robot, question)
 }
 
-fn write_on(level: Far) -> Question {
+fn write_on(level: AckLevel) -> Question {
     commit(vec![put("team/new", &Datum::from(1))], level)
 }
 
@@ -21,11 +21,11 @@ fn write_on(level: Far) -> Question {
 fn a_disk_that_fails_stops_writes_and_nothing_else() {
     let mut world = World::team(&["r1", "r2"]);
     world.write(0, "team/kept", 1);
-    let refused = fail(&mut world, 0, write_on(Far::Local));
+    let refused = fail(&mut world, 0, write_on(AckLevel::Local));
     assert!(matches!(refused, Reply::Refused(why) if why.contains("may not have been written")));
     assert_eq!(world.read(0, "team/kept"), [Datum::from(1)]);
     assert!(world.read(0, "team/new").is_empty());
-    let refused = world.ask(0, write_on(Far::Local));
+    let refused = world.ask(0, write_on(AckLevel::Local));
     assert!(matches!(refused, Reply::Refused(why) if why.contains("no space left on device")));
     world.write(1, "team/other", 1);
     world.run(Duration::from_secs(3));
@@ -46,12 +46,12 @@ fn nobody_is_told_what_is_not_on_the_disk() {
     let call = world.call(0, watch(None));
     let [Reply::Version(from)] = world.replies(0, call) else { panic!("not watching") };
     let from = from.clone();
-    fail(&mut world, 0, write_on(Far::Local));
+    fail(&mut world, 0, write_on(AckLevel::Local));
     assert_eq!((world.told(0, call), world.robots[0].ended.contains(&call)), (vec![], true));
     // While the disk is away, who goes on comes again later, and a moment cannot be named.
     let later = world.call(0, watch(Some(from.clone())));
     assert!(world.replies(0, later).is_empty() && world.robots[0].ended.contains(&later));
-    for question in [watch(None), Question::Version(Moment::Now)] {
+    for question in [watch(None), Question::Version(AsOf::Now)] {
         assert!(matches!(world.ask(0, question), Reply::Refused(_)));
     }
     world.reopen(0);
@@ -73,8 +73,8 @@ fn an_order_that_is_not_on_the_disk_is_not_done() {
 fn what_was_committed_before_a_failure_stays_committed() {
     let mut world = World::team(&["r1", "r2"]);
     world.away(&[1], true);
-    let call = world.call(0, write_on(Far::Everywhere));
-    fail(&mut world, 0, write_on(Far::Everywhere));
+    let call = world.call(0, write_on(AckLevel::Everywhere));
+    fail(&mut world, 0, write_on(AckLevel::Everywhere));
     assert!(matches!(world.replies(0, call), [Reply::Committed(_)]), "{:?}", world.replies(0, call));
     assert!(world.robots[0].ended.contains(&call));
 }
@@ -86,10 +86,11 @@ fn who_does_not_become_another_is_found_as_before() {
     let mut copy = Database::new(open("r1", &world.robots[0].disk, 50), ("r1", "dca"), None);
     let (before, mut effects) = (copy.address(), Vec::new());
     copy.handle(world.now, world.wall(), vec![Input::Appeared], &mut effects);
-    let hello =
-        effects.into_iter().find_map(|effect| if let Effect::Broadcast(letter) = effect { Some(letter) } else { None });
+    let hello = effects
+        .into_iter()
+        .find_map(|effect| if let Effect::Broadcast(envelope) = effect { Some(envelope) } else { None });
     world.robots[0].broken = true;
-    world.robots[0].inbox.push(Input::Letter(hello.unwrap()));
+    world.robots[0].inbox.push(Input::Envelope(hello.unwrap()));
     world.turns();
     assert!(world.robots[0].machine.closed().is_some());
     world.reopen(0);

@@ -10,7 +10,7 @@ use dbmanager::logic::txn::Write;
 use dbmanager::logic::version_vector::{Dot, ReplicaId};
 use dbmanager::logic::view::value::Datum;
 use dbmanager::logic::view::watch::Notification;
-use node::logic::database::question::{Commit, Far, Letter, Question, Reply, Status};
+use node::logic::database::question::{AckLevel, Commit, Envelope, Question, Reply, Status};
 use node::logic::database::settings::Settings;
 use node::logic::database::{Database, Effect, Input};
 use std::collections::{BTreeMap, BTreeSet};
@@ -39,7 +39,7 @@ pub(super) struct World {
     /// How many bytes of answers the network carries in a second, one after another; nothing if they take no time.
     pub(super) rate: Option<u32>,
     /// What is on its way, by when it arrives.
-    coming: BTreeMap<(Time, u64), (usize, Letter)>,
+    coming: BTreeMap<(Time, u64), (usize, Envelope)>,
     next: u64,
 }
 
@@ -56,9 +56,9 @@ pub(super) fn put(key: &str, datum: &Datum) -> Write {
     Write { key: key_of(key), value: Some(datum.encode().expect("it is short")) }
 }
 
-pub(super) fn commit(writes: Vec<Write>, far: Far) -> Question {
+pub(super) fn commit(writes: Vec<Write>, level: AckLevel) -> Question {
     let (reason, requires, within) = ("a test".to_owned(), Vec::new(), Duration::from_secs(1));
-    Question::Commit(Commit { reason, requires, writes, far, within })
+    Question::Commit(Commit { reason, requires, writes, level, within })
 }
 
 impl World {
@@ -135,7 +135,7 @@ impl World {
     }
 
     pub(super) fn write(&mut self, robot: usize, key: &str, number: i64) -> Dot {
-        match self.ask(robot, commit(vec![put(key, &Datum::from(number))], Far::Local)) {
+        match self.ask(robot, commit(vec![put(key, &Datum::from(number))], AckLevel::Local)) {
             Reply::Committed(dot) => dot,
             other => panic!("{other:?}"),
         }
@@ -195,8 +195,8 @@ impl World {
             let deadline = deadline.chain(self.coming.keys().map(|(at, _)| *at)).min().unwrap_or(until);
             self.now = self.now.max(deadline.min(until));
             while let Some(arrival) = self.coming.first_entry().filter(|arrival| arrival.key().0 <= self.now) {
-                let (asker, letter) = arrival.remove();
-                self.robots[asker].inbox.push(Input::Letter(letter));
+                let (asker, envelope) = arrival.remove();
+                self.robots[asker].inbox.push(Input::Envelope(envelope));
             }
             for robot in 0..self.robots.len() {
                 if self.robots[robot].machine.deadline().is_some_and(|deadline| deadline <= self.now) {
@@ -226,43 +226,43 @@ impl World {
         match effect {
             Effect::Persist(batch) => batch.apply(&mut here.disk),
             Effect::Address(address) => here.address = address,
-            Effect::Answer(call, reply) => here.replies.entry(call).or_default().push(reply),
+            Effect::AnswerCaller(call, reply) => here.replies.entry(call).or_default().push(reply),
             Effect::End(call) => drop(here.ended.insert(call)),
             Effect::Settings(settings) => here.settings = settings,
             Effect::Alarm(_) => {}
-            Effect::Broadcast(letter) => {
+            Effect::Broadcast(envelope) => {
                 let away = here.away;
                 for (_, other) in self.robots.iter_mut().enumerate().filter(|(other, _)| *other != number) {
                     if !away && !other.away {
-                        other.inbox.push(Input::Letter(letter.clone()));
+                        other.inbox.push(Input::Envelope(envelope.clone()));
                     }
                 }
             }
-            Effect::Tell(to, letter) => self.send(number, to, Input::Letter(letter)),
-            Effect::Ask(to, letter, within) => {
+            Effect::Tell(to, envelope) => self.send(number, to, Input::Envelope(envelope)),
+            Effect::Ask(to, envelope, within) => {
                 self.next += 1;
                 let asked = self.next;
                 self.asked.insert(asked, (number, self.now + within));
-                self.send(number, to, Input::Asked(asked, letter));
+                self.send(number, to, Input::Asked(asked, envelope));
             }
-            Effect::Reply(asked, letter) => {
+            Effect::ReplyToPeer(asked, envelope) => {
                 let (asker, until) = self.asked.remove(&asked).expect("a question is ended once");
-                if let Some(letter) = letter.filter(|_| !self.robots[number].away && !self.robots[asker].away) {
-                    self.answer(asker, until, letter);
+                if let Some(envelope) = envelope.filter(|_| !self.robots[number].away && !self.robots[asker].away) {
+                    self.answer(asker, until, envelope);
                 }
             }
         }
     }
 
     /// Carries an answer, behind those that are on their way already; nobody takes one that is late.
-    fn answer(&mut self, asker: usize, until: Time, letter: Letter) {
-        let Some(rate) = self.rate else { return self.robots[asker].inbox.push(Input::Letter(letter)) };
-        let bytes = u32::try_from(codec::encode(&letter).expect("it can be written").len()).expect("it is short");
+    fn answer(&mut self, asker: usize, until: Time, envelope: Envelope) {
+        let Some(rate) = self.rate else { return self.robots[asker].inbox.push(Input::Envelope(envelope)) };
+        let bytes = u32::try_from(codec::encode(&envelope).expect("it can be written").len()).expect("it is short");
         let from = self.coming.last_key_value().map_or(self.now, |((at, _), _)| *at);
         let at = from + Duration::from_secs_f64(f64::from(bytes) / f64::from(rate));
         if at <= until {
             self.next += 1;
-            self.coming.insert((at, self.next), (asker, letter));
+            self.coming.insert((at, self.next), (asker, envelope));
         }
     }
 

@@ -27,10 +27,10 @@ fn end(checksum: u32) -> [u8; END_SIZE] {
 
 /// A handle to the file; its clones are the same one.
 #[derive(Clone, Debug)]
-pub(super) struct Disk(Arc<Mutex<Inside>>);
+pub(super) struct Disk(Arc<Mutex<State>>);
 
 #[derive(Debug)]
-struct Inside {
+struct State {
     file: File,
     /// Where what waits belongs.
     at: u64,
@@ -39,7 +39,7 @@ struct Inside {
     checksum: crc32fast::Hasher,
 }
 
-impl Inside {
+impl State {
     /// Returns the end of what was written.
     fn end(&self) -> [u8; END_SIZE] {
         end(self.checksum.clone().finalize())
@@ -49,29 +49,29 @@ impl Inside {
 impl Disk {
     /// Begins at the beginning of an empty file.
     pub(super) fn new(file: File) -> Self {
-        Self(Arc::new(Mutex::new(Inside { file, at: 0, waiting: Vec::new(), checksum: crc32fast::Hasher::new() })))
+        Self(Arc::new(Mutex::new(State { file, at: 0, waiting: Vec::new(), checksum: crc32fast::Hasher::new() })))
     }
 
     /// Writes what waits, with an end behind it.
     pub(super) fn commit(&self) -> io::Result<()> {
-        let mut inside = self.lock();
-        if inside.waiting.is_empty() {
+        let mut state = self.lock();
+        if state.waiting.is_empty() {
             return Ok(());
         }
-        let (length, before) = (inside.waiting.len(), inside.checksum.clone());
-        let Inside { waiting, checksum, .. } = &mut *inside;
+        let (length, before) = (state.waiting.len(), state.checksum.clone());
+        let State { waiting, checksum, .. } = &mut *state;
         checksum.update(waiting);
-        let end = inside.end();
-        inside.waiting.extend(end);
-        let written = inside.file.write_all_at(&inside.waiting, inside.at);
-        inside.waiting.clear();
+        let end = state.end();
+        state.waiting.extend(end);
+        let written = state.file.write_all_at(&state.waiting, state.at);
+        state.waiting.clear();
         if written.is_ok() {
-            inside.at += length as u64;
+            state.at += length as u64;
         } else {
             // The disk is full: what was there before gets its end back.
-            inside.checksum = before;
-            let (end, size) = (inside.end(), inside.at + END_SIZE as u64);
-            drop(inside.file.write_all_at(&end, inside.at).and_then(|()| inside.file.set_len(size)));
+            state.checksum = before;
+            let (end, size) = (state.end(), state.at + END_SIZE as u64);
+            drop(state.file.write_all_at(&end, state.at).and_then(|()| state.file.set_len(size)));
         }
         written
     }
@@ -83,14 +83,14 @@ impl Disk {
 
     /// Writes what waits, which has its own end.
     pub(super) fn finish(&self) -> io::Result<()> {
-        let mut inside = self.lock();
-        inside.file.write_all_at(&inside.waiting, inside.at)?;
-        inside.at += inside.waiting.len() as u64;
-        inside.waiting.clear();
-        inside.file.set_len(inside.at)
+        let mut state = self.lock();
+        state.file.write_all_at(&state.waiting, state.at)?;
+        state.at += state.waiting.len() as u64;
+        state.waiting.clear();
+        state.file.set_len(state.at)
     }
 
-    fn lock(&self) -> MutexGuard<'_, Inside> {
+    fn lock(&self) -> MutexGuard<'_, State> {
         // Nothing here panics while it holds the lock, so what is inside is whole in any case.
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }

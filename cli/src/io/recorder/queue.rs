@@ -14,7 +14,7 @@ pub(super) const REPORTS: usize = 2 * SAMPLES;
 
 /// What there is to do.
 #[derive(Debug)]
-pub(super) enum Popped {
+pub(super) enum Work {
     /// This, which came then, since 1970.
     Entry(Box<Entry>, Duration),
     /// Nothing came for the time given.
@@ -25,12 +25,12 @@ pub(super) enum Popped {
 
 #[derive(Debug, Default)]
 pub(super) struct Queue {
-    inside: Mutex<Inside>,
+    state: Mutex<State>,
     changed: Condvar,
 }
 
 #[derive(Debug, Default)]
-struct Inside {
+struct State {
     entries: VecDeque<(Entry, Duration)>,
     dropped: u64,
     closed: bool,
@@ -39,26 +39,26 @@ struct Inside {
 impl Queue {
     /// Adds an entry that came at `arrived` unless the queue is closed or has `limit` entries already; then it is dropped and counted.
     pub(super) fn push(&self, entry: Entry, arrived: Duration, limit: usize) {
-        let mut inside = self.lock();
-        if inside.closed || inside.entries.len() >= limit {
-            inside.dropped += 1;
+        let mut state = self.lock();
+        if state.closed || state.entries.len() >= limit {
+            state.dropped += 1;
         } else {
-            inside.entries.push_back((entry, arrived));
+            state.entries.push_back((entry, arrived));
             self.changed.notify_one();
         }
     }
 
     /// Takes the oldest entry out, or waits for one.
-    pub(super) fn pop(&self, timeout: Duration) -> Popped {
-        let mut inside = self.lock();
-        if inside.entries.is_empty() && !inside.closed {
-            let waited = self.changed.wait_timeout(inside, timeout);
-            inside = waited.unwrap_or_else(PoisonError::into_inner).0;
+    pub(super) fn pop(&self, timeout: Duration) -> Work {
+        let mut state = self.lock();
+        if state.entries.is_empty() && !state.closed {
+            let waited = self.changed.wait_timeout(state, timeout);
+            state = waited.unwrap_or_else(PoisonError::into_inner).0;
         }
-        match inside.entries.pop_front() {
-            Some((entry, arrived)) => Popped::Entry(Box::new(entry), arrived),
-            None if inside.closed => Popped::Closed,
-            None => Popped::Nothing,
+        match state.entries.pop_front() {
+            Some((entry, arrived)) => Work::Entry(Box::new(entry), arrived),
+            None if state.closed => Work::Closed,
+            None => Work::Nothing,
         }
     }
 
@@ -73,8 +73,8 @@ impl Queue {
         self.lock().dropped
     }
 
-    fn lock(&self) -> MutexGuard<'_, Inside> {
+    fn lock(&self) -> MutexGuard<'_, State> {
         // Nothing here panics while it holds the lock, so what is inside is whole in any case.
-        self.inside.lock().unwrap_or_else(PoisonError::into_inner)
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

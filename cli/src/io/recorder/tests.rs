@@ -278,7 +278,7 @@ fn a_full_queue_drops_samples_before_reports_and_counts_them() {
     assert_eq!(queue.dropped(), 3);
     queue.close();
     let mut left = 0;
-    while let Popped::Entry(..) = queue.pop(Duration::ZERO) {
+    while let Work::Entry(..) = queue.pop(Duration::ZERO) {
         left += 1;
     }
     assert_eq!(left, queue::SAMPLES + 1);

@@ -28,7 +28,7 @@ pub struct Phase {
     /// Since GO, once it is over.
     pub end: Option<Duration>,
     /// What ended it; none while it runs and when it was stopped from outside.
-    pub decided: Option<Deciding>,
+    pub decided: Option<DecidingMember>,
     step: usize,
     members: usize,
     seen: BTreeSet<u32>,
@@ -39,7 +39,7 @@ pub struct Phase {
 
 /// The member whose own ending ended a phase.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Deciding {
+pub struct DecidingMember {
     /// Its name within its group.
     pub member: String,
     /// How it ended.
@@ -54,7 +54,7 @@ impl Phase {
 
     /// Returns how it ended in a few words: `distdetect done`, `aborted: blocked`, `stopped`, `running`.
     pub fn ended(&self) -> String {
-        let Some(Deciding { member, ending }) = &self.decided else {
+        let Some(DecidingMember { member, ending }) = &self.decided else {
             return if self.end.is_some() { "stopped" } else { "running" }.to_owned();
         };
         let how = match ending {
@@ -90,7 +90,7 @@ impl Phase {
                 self.active.remove(&member);
                 // The loser of `#` ends too, but only because it was asked to: it decides nothing.
                 if !self.stopping.contains(&member) && *ending != Ending::Stopped {
-                    self.decided = Some(Deciding { member: name.to_owned(), ending: ending.clone() });
+                    self.decided = Some(DecidingMember { member: name.to_owned(), ending: ending.clone() });
                 }
                 if self.active.is_empty() {
                     self.end.get_or_insert(at);

@@ -29,7 +29,7 @@ struct Lane<'a> {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum State {
-    Away,
+    Absences,
     Idle,
     Running,
     Stopping,
@@ -111,7 +111,7 @@ fn lane_picture(lane: &Lane<'_>, top: f64, now: Duration, axis: &TimeAxis) -> St
         escape(&name),
         y = top + LANE
     );
-    let (mut state, mut since) = (if lane.leaf { State::Idle } else { State::Away }, Duration::ZERO);
+    let (mut state, mut since) = (if lane.leaf { State::Idle } else { State::Absences }, Duration::ZERO);
     let mut marks = String::new();
     for (at, change) in &lane.changes {
         text.push_str(&span(lane, (state, since, *at), top, axis));
@@ -127,17 +127,17 @@ fn after(state: State, change: &Change, leaf: bool) -> State {
     match change {
         Change::Activated | Change::Resumed => State::Running,
         Change::Stopping => State::Stopping,
-        Change::Restarting { .. } => State::Away,
+        Change::Restarting { .. } => State::Absences,
         Change::Ended(_) if leaf => State::Idle,
-        Change::Ended(_) | Change::Died(_) => State::Away,
-        Change::Started { .. } if state == State::Away => State::Idle,
+        Change::Ended(_) | Change::Died(_) => State::Absences,
+        Change::Started { .. } if state == State::Absences => State::Idle,
         Change::Started { .. } | Change::Held { .. } | Change::Configured { .. } => state,
     }
 }
 
 fn span(lane: &Lane<'_>, (state, begin, end): (State, Duration, Duration), top: f64, axis: &TimeAxis) -> String {
     let (class, inset) = match state {
-        State::Away => return String::new(),
+        State::Absences => return String::new(),
         State::Idle => ("idle", 8.0),
         State::Running => ("running", 3.0),
         State::Stopping => ("stopping", 3.0),

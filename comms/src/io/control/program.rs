@@ -36,12 +36,12 @@ pub struct OrderReceiver {
     stuck_at: Option<Time>,
 }
 
-/// What came of waiting for an order.
+/// The result of a wait for an order.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Heard {
-    /// This order.
+pub enum Received {
+    /// An order of the node.
     Order(Order),
-    /// No order in the time given.
+    /// No order came in the given time.
     Nothing,
     /// The node has closed its side.
     Ended,
@@ -132,9 +132,9 @@ impl OrderReceiver {
     pub fn recv(&mut self) -> Result<Option<Order>, ControlError> {
         loop {
             match self.recv_until(None)? {
-                Heard::Order(order) => return Ok(Some(order)),
-                Heard::Ended => return Ok(None),
-                Heard::Nothing => {}
+                Received::Order(order) => return Ok(Some(order)),
+                Received::Ended => return Ok(None),
+                Received::Nothing => {}
             }
         }
     }
@@ -143,10 +143,10 @@ impl OrderReceiver {
     ///
     /// # Errors
     /// As those of [`OrderReceiver::recv`].
-    pub fn recv_until(&mut self, until: Option<Time>) -> Result<Heard, ControlError> {
+    pub fn recv_until(&mut self, until: Option<Time>) -> Result<Received, ControlError> {
         loop {
             if let Some(body) = self.decoder.next_frame()? {
-                return Ok(Heard::Order(codec::decode(&body)?));
+                return Ok(Received::Order(codec::decode(&body)?));
             }
             let is_written = Outbox::lock(&self.channel.outbox).is_empty();
             self.stuck_at = if is_written { None } else { self.stuck_at.or_else(|| Some(now() + WRITE_WITHIN)) };
@@ -172,7 +172,7 @@ impl OrderReceiver {
                     return self.end();
                 }
             } else if until.is_some_and(|until| until <= now()) {
-                return Ok(Heard::Nothing);
+                return Ok(Received::Nothing);
             }
         }
     }
@@ -188,9 +188,9 @@ impl OrderReceiver {
         Ok(read)
     }
 
-    fn end(&self) -> Result<Heard, ControlError> {
+    fn end(&self) -> Result<Received, ControlError> {
         if self.decoder.is_between_frames() {
-            Ok(Heard::Ended)
+            Ok(Received::Ended)
         } else {
             Err(io::Error::from(io::ErrorKind::UnexpectedEof).into())
         }

@@ -138,7 +138,7 @@ pub(super) struct Calls {
 
 /// A question that is on its way, and its first answer.
 #[derive(Debug)]
-struct Asked {
+struct PendingCall {
     answer: oneshot::Receiver<(Reply, Time)>,
     at: Time,
     /// Dropped, the question is closed.
@@ -158,7 +158,7 @@ pub struct Replies {
     pace: Pace,
     /// How many bytes the piece that is asked for may have.
     size: usize,
-    asked: Option<Asked>,
+    asked: Option<PendingCall>,
     state: Stream,
 }
 
@@ -227,7 +227,7 @@ fn ask(
     payload: Vec<u8>,
     pull: Option<&Pull>,
     within: Duration,
-) -> Result<Asked, CallError> {
+) -> Result<PendingCall, CallError> {
     let failed = |cause: String| CallError::Session { key: key.to_owned(), cause };
     let (answer_tx, answer) = oneshot::channel();
     // The closure goes, and with it the sender, when the answer is in or the server is gone.
@@ -253,7 +253,7 @@ fn ask(
         asking = asking.attachment(pull).priority(Priority::DataLow);
     }
     asking.callback(take).wait().map_err(|cause| failed(plain(&cause)))?;
-    Ok(Asked { answer, at: clock::now(), _open: open })
+    Ok(PendingCall { answer, at: clock::now(), _open: open })
 }
 
 /// Returns why a server gives no answer.

@@ -30,16 +30,16 @@ const NEW_FOR: u32 = 10;
 /// The longest datagram.
 const SIZE_MAX: usize = 1024;
 
-/// Somebody who was heard.
-pub(crate) struct Heard {
+/// A node that has announced itself on the network.
+pub(crate) struct NearbyNode {
     pub(crate) session: String,
     pub(crate) name: String,
     pub(crate) at: SocketAddr,
 }
 
-/// What a node says of itself; who only looks says nothing.
+/// What a node announces of itself. A command line announces nothing.
 #[derive(Clone, Debug)]
-pub(crate) struct Own {
+pub(crate) struct Announced {
     pub(crate) session: String,
     pub(crate) name: String,
     pub(crate) port: u16,
@@ -55,14 +55,14 @@ struct Family {
 }
 
 /// Looks and is found, for ever.
-pub(crate) async fn look(own: Option<Own>, addresses: watch::Sender<Vec<String>>, heard: impl Fn(Heard)) {
+pub(crate) async fn look(own: Option<Announced>, addresses: watch::Sender<Vec<String>>, heard: impl Fn(NearbyNode)) {
     let families: Vec<Family> = [Family::open(GROUP_V4.into()), Family::open(GROUP_V6.into())]
         .into_iter()
         .filter_map(|family| {
             family.inspect_err(|error| tracing::debug!(%error, "a family of addresses is not used")).ok()
         })
         .collect();
-    let announcement = own.as_ref().map_or(Announcement::Ask, Own::announcement);
+    let announcement = own.as_ref().map_or(Announcement::Ask, Announced::announcement);
     let Ok(datagram) = codec::encode(&announcement) else { return };
     let (mut known, mut turn, mut new) = (BTreeSet::new(), 0, NEW_FOR);
     let mut look = tokio::time::interval(LOOK_EVERY);
@@ -92,7 +92,7 @@ pub(crate) async fn look(own: Option<Own>, addresses: watch::Sender<Vec<String>>
             Some((Announcement::Here { session, name, port }, from)) => {
                 let mut at = from;
                 at.set_port(port);
-                heard(Heard { session, name, at });
+                heard(NearbyNode { session, name, at });
             }
             Some((Announcement::Ask, from)) if own.is_some() => {
                 let family = families.iter().find(|family| family.group.is_ipv4() == from.is_ipv4());
@@ -105,7 +105,7 @@ pub(crate) async fn look(own: Option<Own>, addresses: watch::Sender<Vec<String>>
     }
 }
 
-impl Own {
+impl Announced {
     fn announcement(&self) -> Announcement {
         Announcement::Here { session: self.session.clone(), name: self.name.clone(), port: self.port }
     }

@@ -3,7 +3,7 @@
 
 use super::config::Settings;
 use super::links::{Links, Place, lock};
-use super::nearby::{self, Heard, Own};
+use super::nearby::{self, Announced, NearbyNode};
 use super::{OpenError, patience, reach};
 use crate::io::queue::{self, Receiver, Sender};
 use crate::logic::human::span;
@@ -105,7 +105,7 @@ impl Opened {
         let (addresses_tx, addresses) = watch::channel(Vec::new());
         let id = session.zid().to_string();
         let own = match &search {
-            Search::Found(name, port) => Some(Own { session: id.clone(), name: name.clone(), port: *port }),
+            Search::Found(name, port) => Some(Announced { session: id.clone(), name: name.clone(), port: *port }),
             Search::Off | Search::Ask => None,
         };
         let heard = hears(id, Arc::clone(&links), Arc::clone(&to_keeper));
@@ -282,8 +282,8 @@ fn address(locator: &Locator) -> Option<SocketAddr> {
 }
 
 /// Dials whoever says that it is there.
-fn hears(own: String, links: Arc<Mutex<Links>>, to_keeper: Arc<Sender<Change>>) -> impl Fn(Heard) {
-    move |Heard { session, name, at }| {
+fn hears(own: String, links: Arc<Mutex<Links>>, to_keeper: Arc<Sender<Change>>) -> impl Fn(NearbyNode) {
+    move |NearbyNode { session, name, at }| {
         let Ok(locator) = format!("tcp/{at}").parse::<Locator>() else { return };
         if session == own || session.parse::<ZenohId>().is_err() {
             return;

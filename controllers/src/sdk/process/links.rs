@@ -4,7 +4,7 @@ use super::flow::Flow;
 use super::inbox::{Hold, Inbox};
 use crate::sdk::interface::{Binding, Direction, Interface, PortInterface};
 use comms::io::clock::now;
-use comms::io::data::{Answering, DataError, DataSession, Hearing, Payload, Priority, Publisher};
+use comms::io::data::{DataError, DataSession, Payload, Priority, Publisher, Responder, Subscription};
 use comms::logic::codec::{self, Enveloped};
 use comms::logic::control::{Device, Dial, Incoming, Outgoing, Shape};
 use comms::logic::human::span;
@@ -21,7 +21,7 @@ const REJOIN_WITHIN: Duration = Duration::from_secs(1);
 
 /// What the node wants linked.
 #[derive(Debug)]
-pub(super) struct Wanted {
+pub(super) struct LinkOrders {
     pub(super) instance: String,
     pub(super) robot: String,
     pub(super) incoming: Vec<Incoming>,
@@ -34,16 +34,16 @@ pub(super) struct Wanted {
 struct Wire {
     port: &'static str,
     flow: Flow,
-    way: Way,
+    way: Transport,
 }
 
 #[derive(Debug)]
-enum Way {
+enum Transport {
     Push(Publisher),
     /// The latest value, for the consumer to fetch; kept only while the wire is open.
     Pull {
         latest: Arc<Mutex<Option<Vec<u8>>>>,
-        _answering: Answering,
+        _answering: Responder,
     },
 }
 
@@ -61,19 +61,19 @@ struct Made {
     devices: Vec<(&'static str, Publisher)>,
     signals: Option<Publisher>,
     fetches: Vec<Arc<Fetch>>,
-    hearing: Vec<Hearing>,
+    subscriptions: Vec<Subscription>,
 }
 
 /// Every link of the program. Flags are flipped by the listener while the cycle sends.
 #[derive(Debug, Default)]
 pub(super) struct Links {
     made: Mutex<Made>,
-    told: Mutex<Told>,
+    told: Mutex<PendingConfig>,
 }
 
 /// What is said before the links are made.
 #[derive(Debug, Default)]
-struct Told {
+struct PendingConfig {
     /// How data moves.
     shapes: BTreeMap<u32, Shape>,
     /// Whether the others run already.
@@ -82,7 +82,7 @@ struct Told {
 
 /// How long others are waited for.
 #[derive(Clone, Copy, Debug)]
-enum Patience {
+enum DialBudget {
     /// So long for each; without one of them the links are not made.
     Each(Duration),
     /// Until then for all of them; what is not there then is linked when it comes.
@@ -100,7 +100,7 @@ impl Links {
         self.told().rejoins = true;
     }
 
-    fn told(&self) -> MutexGuard<'_, Told> {
+    fn told(&self) -> MutexGuard<'_, PendingConfig> {
         self.told.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -113,12 +113,12 @@ impl Links {
         &self,
         session: &Arc<DataSession>,
         interface: &Interface,
-        wanted: Wanted,
+        wanted: LinkOrders,
         inbox: &Arc<Inbox>,
     ) -> Result<(), String> {
         let mut made = Made::default();
         let patience =
-            if self.told().rejoins { Patience::Until(now() + REJOIN_WITHIN) } else { Patience::Each(DIAL_WITHIN) };
+            if self.told().rejoins { DialBudget::Until(now() + REJOIN_WITHIN) } else { DialBudget::Each(DIAL_WITHIN) };
         for outgoing in &wanted.outgoing {
             let shape = self.shape_of(outgoing.wire);
             made.wires.insert(outgoing.wire, wire(session, interface, outgoing, shape)?);
@@ -146,9 +146,9 @@ impl Links {
         }
         // Consumers have their inputs before anybody sends: a value that is sent once must not find nobody there.
         for wire in made.wires.values() {
-            if let Way::Push(publisher) = &wire.way
+            if let Transport::Push(publisher) = &wire.way
                 && !publisher.wait_heard(patience.left())
-                && matches!(patience, Patience::Each(_))
+                && matches!(patience, DialBudget::Each(_))
             {
                 let within = span(DIAL_WITHIN);
                 return Err(format!("output `{}`: its consumer has not come within {within}", wire.port));
@@ -165,9 +165,9 @@ impl Links {
             let Some(wire) = made.wires.get_mut(wire) else { continue };
             let last = wire.flow.switch(open, now);
             match (&wire.way, last) {
-                (Way::Pull { latest, .. }, last) => *latest.lock().unwrap_or_else(PoisonError::into_inner) = last,
-                (Way::Push(publisher), Some(last)) => put(publisher, last.into()),
-                (Way::Push(_), None) => {}
+                (Transport::Pull { latest, .. }, last) => *latest.lock().unwrap_or_else(PoisonError::into_inner) = last,
+                (Transport::Push(publisher), Some(last)) => put(publisher, last.into()),
+                (Transport::Push(_), None) => {}
             }
         }
     }
@@ -179,7 +179,7 @@ impl Links {
         for (&number, wire) in made.wires.iter_mut().filter(|(_, wire)| wire.port == port) {
             if wire.flow.offer(&bytes, now) {
                 passing.push(number);
-                if let Way::Pull { latest, .. } = &wire.way {
+                if let Transport::Pull { latest, .. } = &wire.way {
                     *latest.lock().unwrap_or_else(PoisonError::into_inner) = Some(bytes.clone());
                 }
             }
@@ -189,7 +189,7 @@ impl Links {
             put(device, payload.clone());
         }
         for wire in passing.iter().filter_map(|number| made.wires.get(number)) {
-            if let Way::Push(publisher) = &wire.way {
+            if let Transport::Push(publisher) = &wire.way {
                 put(publisher, payload.clone());
             }
         }
@@ -218,7 +218,7 @@ impl Links {
     }
 }
 
-impl Patience {
+impl DialBudget {
     fn left(self) -> Duration {
         match self {
             Self::Each(within) => within,
@@ -281,8 +281,8 @@ impl Made {
         inbox: &Arc<Inbox>,
     ) -> Result<(), String> {
         let inbox = Arc::clone(inbox);
-        let hearing = session.on_sample(key, move |bytes| inbox.sample(port, bytes.into_owned(), hold));
-        self.hearing.push(hearing.map_err(|error| error.to_string())?);
+        let subscriptions = session.on_sample(key, move |bytes| inbox.sample(port, bytes.into_owned(), hold));
+        self.subscriptions.push(subscriptions.map_err(|error| error.to_string())?);
         Ok(())
     }
 }
@@ -294,9 +294,9 @@ fn wire(session: &DataSession, interface: &Interface, outgoing: &Outgoing, shape
         let latest: Arc<Mutex<Option<Vec<u8>>>> = Arc::default();
         let theirs = Arc::clone(&latest);
         let answer = move || theirs.lock().unwrap_or_else(PoisonError::into_inner).clone();
-        Way::Pull { latest, _answering: session.answer(&outgoing.key, answer).map_err(failed)? }
+        Transport::Pull { latest, _answering: session.answer(&outgoing.key, answer).map_err(failed)? }
     } else {
-        Way::Push(session.publisher(&outgoing.key, Priority::Wire).map_err(failed)?)
+        Transport::Push(session.publisher(&outgoing.key, Priority::Wire).map_err(failed)?)
     };
     Ok(Wire { port, flow: Flow::new(shape), way })
 }
@@ -340,10 +340,10 @@ mod tests {
             let held = Arc::clone(&held);
             producer.answer(key, move || held.lock().unwrap().recv().ok().map(|()| Vec::new())).unwrap()
         };
-        let answering: Vec<_> = keys.iter().map(silent).collect();
+        let responders: Vec<_> = keys.iter().map(silent).collect();
         // What is declared before this publisher is known when it is.
         let publisher = consumer.publisher(&key::wire("pulls", 1, 99), Priority::Wire).unwrap();
-        let hearing = producer.on_sample(&key::wire("pulls", 1, 99), |_| ()).unwrap();
+        let subscriptions = producer.on_sample(&key::wire("pulls", 1, 99), |_| ()).unwrap();
         let location = producer.location();
         consumer.dial(&Dial { session: location.session, locators: location.local }, LONG).unwrap();
         assert!(publisher.wait_heard(LONG));
@@ -354,7 +354,7 @@ mod tests {
         let took = now() - began;
         assert_eq!(got, []);
         assert!(took >= within && took < within * 4, "{took:?}");
-        drop((release, hearing, answering, publisher));
+        drop((release, subscriptions, responders, publisher));
         std::fs::remove_dir_all(&folder).unwrap();
     }
 
@@ -402,7 +402,7 @@ mod tests {
         let publisher = producer.publisher(&key, Priority::Wire).unwrap();
         let _hearing = consumer.on_sample(&key, |_| ()).unwrap();
         let locators = vec![format!("unixsock-stream/{}", folder.join("x.sock").display())];
-        let patience = Patience::Each(DIAL_WITHIN);
+        let patience = DialBudget::Each(DIAL_WITHIN);
         let linked = patience.dial(&consumer, &Dial { session: producer.location().session, locators });
         assert_eq!((linked, publisher.wait_heard(patience.left())), (Ok(()), true));
         std::fs::remove_dir_all(&folder).unwrap();

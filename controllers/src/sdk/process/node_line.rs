@@ -6,7 +6,7 @@
 //! channel broke is sent once more by whoever has sent it, and nothing twice.
 
 use comms::io::clock::{Wakeup, now};
-use comms::io::control::{self, ControlError, Heard, NoticeSender, OrderReceiver};
+use comms::io::control::{self, ControlError, NoticeSender, OrderReceiver, Received};
 use comms::logic::control::{Notice, Order, VERSION};
 use std::collections::VecDeque;
 use std::os::unix::process::parent_id;
@@ -236,14 +236,14 @@ impl NodeLine {
         let until = now() + ANSWER_WITHIN;
         while now() < until {
             match receiver.recv_until(Some(now() + DIAL_EVERY))? {
-                Heard::Order(Order::Resumed { notices }) => {
+                Received::Order(Order::Resumed { notices }) => {
                     self.notices.attach(sender, notices)?;
                     self.receiver = receiver;
                     return Ok(());
                 }
-                Heard::Order(_) => return Err(NotFound::OutOfTurn),
-                Heard::Ended => return Err(NotFound::Closed),
-                Heard::Nothing => self.check_parent()?,
+                Received::Order(_) => return Err(NotFound::OutOfTurn),
+                Received::Ended => return Err(NotFound::Closed),
+                Received::Nothing => self.check_parent()?,
             }
         }
         Err(NotFound::Silent)

@@ -2,7 +2,7 @@
 //! one and have a deadline of their own. The replica asks again for whatever does not arrive.
 
 use super::{Arrival, Handle};
-use crate::logic::database::question::Letter;
+use crate::logic::database::question::Envelope;
 use comms::io::session::{CallError, Request, Server, Session, Subscription};
 use comms::logic::port::Policy;
 use comms::logic::{codec, key};
@@ -120,10 +120,10 @@ impl Wire {
     }
 }
 
-async fn hear(mut letters: Subscription, handle: Handle) {
-    while let Some((_, bytes)) = letters.next().await {
-        match codec::decode::<Letter>(&bytes) {
-            Ok(letter) => handle.offer(Arrival::Letter(letter)),
+async fn hear(mut envelopes: Subscription, handle: Handle) {
+    while let Some((_, bytes)) = envelopes.next().await {
+        match codec::decode::<Envelope>(&bytes) {
+            Ok(envelope) => handle.offer(Arrival::Envelope(envelope)),
             Err(error) => tracing::debug!(%error, "a message of another replica cannot be read"),
         }
     }
@@ -131,8 +131,8 @@ async fn hear(mut letters: Subscription, handle: Handle) {
 
 async fn hear_questions(mut questions: Server, handle: Handle) {
     while let Some(request) = questions.next().await {
-        match codec::decode::<Letter>(request.payload()) {
-            Ok(letter) => handle.offer(Arrival::Asked(request, letter)),
+        match codec::decode::<Envelope>(request.payload()) {
+            Ok(envelope) => handle.offer(Arrival::Asked(request, envelope)),
             Err(error) => request.refuse(&format!("the question cannot be read: {error}")),
         }
     }
@@ -140,8 +140,8 @@ async fn hear_questions(mut questions: Server, handle: Handle) {
 
 /// Hands on the answer of another replica. Without one nothing happens: the one who asked has a deadline of its own.
 fn ask(answer: Result<Vec<u8>, CallError>, handle: &Handle) {
-    match answer.map(|bytes| codec::decode::<Letter>(&bytes)) {
-        Ok(Ok(letter)) => handle.offer(Arrival::Letter(letter)),
+    match answer.map(|bytes| codec::decode::<Envelope>(&bytes)) {
+        Ok(Ok(envelope)) => handle.offer(Arrival::Envelope(envelope)),
         Ok(Err(error)) => tracing::debug!(%error, "an answer of another replica cannot be read"),
         Err(error) => tracing::debug!(%error, "another replica has not answered"),
     }

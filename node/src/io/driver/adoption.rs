@@ -60,6 +60,6 @@ impl Driver {
         let away = clock::now() - self.state.at;
         let gone = self.state.attachments.calls().map(|call| Input::CallGone { call });
         self.pending.extend(std::iter::once(Input::Adopted { away }).chain(gone));
-        self.work_off();
+        self.drain();
     }
 }

@@ -1,11 +1,11 @@
 //! What command lines ask of an agent.
 
-use super::{Agent, Gathering};
+use super::{Agent, AwaitingHosts};
+use crate::logic::coordinator::{Coordinator, tell_missed};
 use crate::logic::database::chronicle;
 use crate::logic::effect::{Effect, Out, ProcessId};
-use crate::logic::home::{Home, tell_missed};
+use crate::logic::participant::Participant;
 use crate::logic::protocol::{Answer, Deployment, Report, Request, SEVERAL, StopReply};
-use crate::logic::tenant::Tenant;
 use language::plan::Plan;
 use std::sync::Arc;
 use std::time::Duration;
@@ -22,7 +22,7 @@ impl Agent {
             Request::Status => answer(call, Answer::Status(self.status(out.now)), out),
             Request::Absent => answer(call, Answer::Absent(self.absent(out.now)), out),
             Request::Plan { deployment } => {
-                let plan = self.tenants.get(&deployment).map(|tenant| Box::new(tenant.plan().clone()));
+                let plan = self.participants.get(&deployment).map(|participant| Box::new(participant.plan().clone()));
                 let unknown = || Answer::Refused(format!("`{deployment}` is not known here"));
                 answer(call, plan.map_or_else(unknown, Answer::Plan), out);
             }
@@ -31,15 +31,17 @@ impl Agent {
                 answer(call, Answer::Stop(if is_known { StopReply::Stopped } else { StopReply::Unknown }), out);
             }
             Request::Stop { name } => {
-                if let Some((_, home)) = self.homes.iter_mut().find(|(deployment, _)| deployment.name == name) {
-                    return home.stop(Some(call), out);
+                if let Some((_, coordinator)) =
+                    self.coordinators.iter_mut().find(|(deployment, _)| deployment.name == name)
+                {
+                    return coordinator.stop(Some(call), out);
                 }
                 let stopped = self.stop_gathering(|plan| plan.name == name, out);
                 answer(call, Answer::Stop(if stopped { StopReply::Stopped } else { StopReply::Unknown }), out);
             }
             Request::Watch { deployment, seen } => {
-                if let Some(home) = self.homes.get_mut(&deployment) {
-                    return home.watch(call, seen, out);
+                if let Some(coordinator) = self.coordinators.get_mut(&deployment) {
+                    return coordinator.watch(call, seen, out);
                 }
                 match self.over.iter().find(|(over, _)| *over == deployment) {
                     Some((_, reports)) => tell_missed(reports, call, seen, out),
@@ -51,7 +53,8 @@ impl Agent {
                 Err(why) => answer(call, Answer::Refused(why), out),
             },
             Request::Parameters => {
-                let all = self.tenants.values().flat_map(|tenant| tenant.parameters(&self.programs)).collect();
+                let all =
+                    self.participants.values().flat_map(|participant| participant.parameters(&self.programs)).collect();
                 answer(call, Answer::Parameters(all), out);
             }
             Request::Output { deployment } => match self.programs(&deployment) {
@@ -69,8 +72,8 @@ impl Agent {
 
     /// Returns parameters that the database gives to an instance, as its program gets them: quantities in SI units.
     pub fn in_si(&self, deployment: &Deployment, path: &str, stored: Vec<(String, String)>) -> Vec<(String, String)> {
-        match self.tenants.get(deployment) {
-            Some(tenant) => tenant.in_si(&self.programs, path, stored),
+        match self.participants.get(deployment) {
+            Some(participant) => participant.in_si(&self.programs, path, stored),
             None => stored,
         }
     }
@@ -101,18 +104,19 @@ impl Agent {
         if self.requests.len() > REQUESTS_MAX {
             self.requests.pop_first();
         }
-        self.gathering.push(Gathering { until: out.now + GATHER_WITHIN, call, plan, by });
+        self.awaiting_hosts.push(AwaitingHosts { until: out.now + GATHER_WITHIN, call, plan, by });
         self.begin_gathered(out);
     }
 
     fn is_deployed(&self, name: &str) -> bool {
-        self.homes.keys().any(|other| other.name == name) || self.gathering.iter().any(|one| one.plan.name == name)
+        self.coordinators.keys().any(|other| other.name == name)
+            || self.awaiting_hosts.iter().any(|one| one.plan.name == name)
     }
 
     /// Ends deployments that have not begun; says whether there were any.
     pub(super) fn stop_gathering(&mut self, which: impl Fn(&Plan) -> bool, out: &mut Out<'_>) -> bool {
-        let stopped: Vec<Gathering> = self.gathering.extract_if(.., |one| which(&one.plan)).collect();
-        for Gathering { call, .. } in &stopped {
+        let stopped: Vec<AwaitingHosts> = self.awaiting_hosts.extract_if(.., |one| which(&one.plan)).collect();
+        for AwaitingHosts { call, .. } in &stopped {
             let reasons = vec!["it was stopped before it ran".to_owned()];
             answer(*call, Answer::Report(Report::Refused { reasons }), out);
             out.effects.push(Effect::EndAnswers { call: *call });
@@ -124,8 +128,8 @@ impl Agent {
     pub(super) fn begin_gathered(&mut self, out: &mut Out<'_>) {
         let (here, names) = (&self.identity.host, &self.names);
         let there = |host: &String| host == here || names.reaches(host);
-        let ready = |one: &mut Gathering| one.until <= out.now || one.plan.hosts.iter().all(there);
-        for Gathering { call, plan, by, .. } in self.gathering.extract_if(.., ready).collect::<Vec<_>>() {
+        let ready = |one: &mut AwaitingHosts| one.until <= out.now || one.plan.hosts.iter().all(there);
+        for AwaitingHosts { call, plan, by, .. } in self.awaiting_hosts.extract_if(.., ready).collect::<Vec<_>>() {
             self.begin(call, plan, &by, out);
         }
     }
@@ -134,14 +138,14 @@ impl Agent {
         self.identity.epoch += 1;
         let deployment = Deployment { name: plan.name.clone(), epoch: self.identity.epoch };
         let record = chronicle::begun(&self.identity.host, &deployment, &plan, by);
-        out.effects.push(Effect::Record(Box::new(record)));
-        self.homes.insert(deployment.clone(), Home::begin(deployment, Arc::new(plan), call, out));
+        out.effects.push(Effect::WriteDatabase(Box::new(record)));
+        self.coordinators.insert(deployment.clone(), Coordinator::begin(deployment, Arc::new(plan), call, out));
     }
 
     /// Returns the programs that a deployment has here, or had.
     fn programs(&self, deployment: &Deployment) -> Option<Vec<(u32, String)>> {
         let past = || self.past.iter().find(|(id, _)| id == deployment).map(|(_, programs)| programs.clone());
-        self.tenants.get(deployment).map(Tenant::programs).or_else(past)
+        self.participants.get(deployment).map(Participant::programs).or_else(past)
     }
 
     /// Finds the one leaf of this host that is meant: of the deployments that run, else of the latest that has one.
@@ -153,7 +157,8 @@ impl Agent {
                 programs.into_iter().filter(|(_, path)| is_named && (path == process || path.ends_with(&end)));
             programs.map(|(leaf, _)| ProcessId { deployment: id.clone(), leaf }).collect::<Vec<_>>()
         };
-        let running: Vec<_> = self.tenants.iter().flat_map(|(id, tenant)| meant((id, tenant.programs()))).collect();
+        let running: Vec<_> =
+            self.participants.iter().flat_map(|(id, participant)| meant((id, participant.programs()))).collect();
         let past = self.past.iter().map(|(id, programs)| meant((id, programs.clone())));
         let found = std::iter::once(running).chain(past).find(|found| !found.is_empty()).unwrap_or_default();
         match &found[..] {

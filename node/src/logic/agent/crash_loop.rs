@@ -15,8 +15,8 @@ impl Agent {
     pub(super) fn adopted(&mut self, now: Time, away: Duration) {
         // Whoever has started it again wants it to be there.
         (self.leaving, self.lingers_until) = (false, None);
-        self.homes.values_mut().for_each(|home| home.adopted(away));
-        self.tenants.values_mut().for_each(|tenant| tenant.adopted(away));
+        self.coordinators.values_mut().for_each(|coordinator| coordinator.adopted(away));
+        self.participants.values_mut().for_each(|participant| participant.adopted(away));
         self.adoptions.push_back(now);
         while self.adoptions.len() > KILLS_MAX + 1 {
             self.adoptions.pop_front();

@@ -1,48 +1,50 @@
 //! What is over is dropped, and a node that is to leave takes its leave.
 
-use super::{Agent, LINGER_MAX, Loose, OVER_MAX};
+use super::{Agent, LINGER_MAX, OVER_MAX, UnendedPrograms};
 use crate::logic::database::chronicle;
 use crate::logic::effect::{Effect, Out, ProcessId};
 use crate::logic::link::Link;
-use crate::logic::protocol::{Message, ToHome, Why};
+use crate::logic::protocol::{Message, ToCoordinator, Why};
 use comms::logic::time::Time;
 
 impl Agent {
     /// Drops what is over; a node of which nothing is left then leaves, if it is to.
     pub(super) fn tidy_up(&mut self, now: Time, effects: &mut Vec<Effect>) {
-        for (deployment, home) in self.homes.extract_if(.., |_, home| home.is_over()) {
-            if home.unconfirmed().is_empty() {
+        for (deployment, coordinator) in self.coordinators.extract_if(.., |_, coordinator| coordinator.is_over()) {
+            if coordinator.unconfirmed().is_empty() {
                 effects.push(Effect::Settled { deployment: deployment.clone() });
             } else {
-                self.absence.open(now, deployment.clone(), &self.identity.host, home.unconfirmed().clone());
+                self.absence.open(now, deployment.clone(), &self.identity.host, coordinator.unconfirmed().clone());
             }
-            let reports = home.into_reports();
+            let reports = coordinator.into_reports();
             let record = chronicle::ended(&self.identity.host, &deployment, &reports);
-            effects.extend(record.map(|record| Effect::Record(Box::new(record))));
+            effects.extend(record.map(|record| Effect::WriteDatabase(Box::new(record))));
             self.over.push_front((deployment, reports));
         }
         self.over.truncate(OVER_MAX);
-        for (deployment, tenant) in self.tenants.extract_if(.., |_, tenant| tenant.is_over()) {
-            if tenant.home() != self.identity.host && !self.names.reaches(tenant.home()) {
+        for (deployment, participant) in self.participants.extract_if(.., |_, participant| participant.is_over()) {
+            if participant.home() != self.identity.host && !self.names.reaches(participant.home()) {
                 let away =
-                    tenant.hosts().iter().filter(|host| **host != self.identity.host && !self.names.reaches(host));
+                    participant.hosts().iter().filter(|host| **host != self.identity.host && !self.names.reaches(host));
                 let open = away.map(|host| (host.clone(), Why::Lost)).collect();
-                self.absence.open(now, deployment.clone(), tenant.home(), open);
+                self.absence.open(now, deployment.clone(), participant.home(), open);
             }
-            let leaves = tenant.unconfirmed();
+            let leaves = participant.unconfirmed();
             if !leaves.is_empty() {
-                self.loose.insert(deployment.clone(), Loose { home: tenant.home().to_owned(), leaves });
+                self.unended
+                    .insert(deployment.clone(), UnendedPrograms { home: participant.home().to_owned(), leaves });
             }
-            effects.push(Effect::Bury { deployment: deployment.clone() });
-            self.past.push_front((deployment, tenant.programs()));
+            effects.push(Effect::CloseDeployment { deployment: deployment.clone() });
+            self.past.push_front((deployment, participant.programs()));
         }
         self.past.truncate(OVER_MAX);
-        if !self.homes.is_empty() || !self.tenants.is_empty() {
+        if !self.coordinators.is_empty() || !self.participants.is_empty() {
             return;
         }
         if self.leaving {
             self.take_leave(now, effects);
-        } else if let Some(why) = self.namesake().filter(|_| self.gathering.is_empty() && self.names.is_known(now)) {
+        } else if let Some(why) = self.namesake().filter(|_| self.awaiting_hosts.is_empty() && self.names.is_known(now))
+        {
             effects.push(Effect::Yield { why });
         }
     }
@@ -53,7 +55,7 @@ impl Agent {
         let until = match self.lingers_until {
             Some(until) => until,
             None => {
-                if self.loose.is_empty() {
+                if self.unended.is_empty() {
                     let mut out = Out { now, effects, messages: &mut Vec::new() };
                     let others: Vec<String> =
                         self.links.keys().filter(|host| self.names.reaches(host)).cloned().collect();
@@ -70,12 +72,12 @@ impl Agent {
     /// Takes note that nothing is left of a program, which could not be ended when its deployment was. With the last one the
     /// home is told.
     pub(super) fn loose_ended(&mut self, process: &ProcessId, out: &mut Out<'_>) {
-        let Some(loose) = self.loose.get_mut(&process.deployment) else { return };
+        let Some(loose) = self.unended.get_mut(&process.deployment) else { return };
         loose.leaves.remove(&process.leaf);
         if loose.leaves.is_empty() {
             let home = std::mem::take(&mut loose.home);
-            self.loose.remove(&process.deployment);
-            out.send(&home, process.deployment.to_home(ToHome::Released));
+            self.unended.remove(&process.deployment);
+            out.send(&home, process.deployment.to_coordinator(ToCoordinator::Released));
         }
     }
 

@@ -4,7 +4,7 @@ use super::Agent;
 use crate::logic::effect::{Effect, Out};
 use crate::logic::link::{Frame, Link};
 use crate::logic::nameserver::Change;
-use crate::logic::protocol::{Body, Deployment, Message, ToHome};
+use crate::logic::protocol::{Body, Deployment, Message, ToCoordinator};
 
 /// Of how many boots of one name links are kept.
 const LINKS_MAX: usize = 4;
@@ -18,7 +18,7 @@ impl Agent {
                 Change::Appeared { host, boot, replaces, .. } => self.appeared(host, *boot, *replaces, out),
                 Change::Missing { host, since, .. } => {
                     self.absence.missing(host, self.names.heard(host).unwrap_or(*since));
-                    self.tenants.values_mut().for_each(|tenant| tenant.host_missing(host, *since));
+                    self.participants.values_mut().for_each(|participant| participant.host_missing(host, *since));
                 }
                 Change::Lost { host } => self.host_lost(host, out),
                 Change::Refused { .. } | Change::Namesake { .. } => {}
@@ -46,15 +46,15 @@ impl Agent {
         links.push(link);
         links.drain(..links.len().saturating_sub(LINKS_MAX));
         self.absence.appeared(out.now, host);
-        self.homes.values_mut().for_each(|home| home.host_back(host, out));
-        self.tenants.values_mut().for_each(|tenant| tenant.host_back(host, out));
+        self.coordinators.values_mut().for_each(|coordinator| coordinator.host_back(host, out));
+        self.participants.values_mut().for_each(|participant| participant.host_back(host, out));
     }
 
     pub(super) fn host_lost(&mut self, host: &str, out: &mut Out<'_>) {
         self.absence.lost(host, self.names.heard(host).unwrap_or(out.now));
         self.links.get_mut(host).into_iter().flatten().for_each(Link::abandon);
-        self.homes.values_mut().for_each(|home| home.host_lost(host, out));
-        self.tenants.values_mut().for_each(|tenant| tenant.host_lost(host, out));
+        self.coordinators.values_mut().for_each(|coordinator| coordinator.host_lost(host, out));
+        self.participants.values_mut().for_each(|participant| participant.host_lost(host, out));
     }
 
     /// Takes a frame of the node that holds its name. One that is not there is asked first, and sends again.
@@ -93,21 +93,21 @@ impl Agent {
             }
             None => {}
         }
-        if let Message { deployment, body: Body::Tenant(message) } = message {
+        if let Message { deployment, body: Body::Participant(message) } = message {
             self.answer_for_lost(to, &deployment, message, out);
         }
     }
 
     /// Takes the word of a host about a deployment that is over here.
-    pub(super) fn confirm(&mut self, deployment: &Deployment, message: &ToHome, from: &str) {
+    pub(super) fn confirm(&mut self, deployment: &Deployment, message: &ToCoordinator, from: &str) {
         match message {
-            ToHome::Released => self.absence.confirmed(deployment, from),
-            ToHome::Unconfirmed => self.absence.unable(deployment, from),
-            ToHome::Prepared { .. }
-            | ToHome::Refused { .. }
-            | ToHome::Connected
-            | ToHome::MainEnded { .. }
-            | ToHome::Happened { .. } => {}
+            ToCoordinator::Released => self.absence.confirmed(deployment, from),
+            ToCoordinator::Unconfirmed => self.absence.unable(deployment, from),
+            ToCoordinator::Prepared { .. }
+            | ToCoordinator::Refused { .. }
+            | ToCoordinator::Connected
+            | ToCoordinator::MainEnded { .. }
+            | ToCoordinator::Happened { .. } => {}
         }
     }
 

@@ -3,7 +3,7 @@
 //! `robot/<home>/deployments/<name>/<epoch>/begun` and `…/ended`, each a table. The latest of each name are kept. One counter
 //! gives the epochs of all names, so only the database, which has the records, knows which those are.
 
-use super::question::{Commit, Far};
+use super::question::{AckLevel, Commit};
 use crate::logic::protocol::{Deployment, Ending, Report};
 use dbmanager::logic::key::Key;
 use dbmanager::logic::state::State;
@@ -91,7 +91,7 @@ fn commit<const N: usize>(home: &str, deployment: &Deployment, what: &str, field
         reason: format!("`{}` has {what}", deployment.name),
         requires: Vec::new(),
         writes: writes.into_iter().collect(),
-        far: Far::Local,
+        level: AckLevel::Local,
         within: Duration::ZERO,
     }
 }

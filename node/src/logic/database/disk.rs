@@ -4,7 +4,7 @@
 //! event and no version with names of transactions that may be given to others. Whoever was promised something in an earlier turn
 //! hears no more of it: a commit stays committed, a watcher goes on from where it was.
 
-use super::question::{Moment, Question, Reply};
+use super::question::{AsOf, Question, Reply};
 use super::{Checkpoints, Database, Effect};
 use dbmanager::logic::replica::Replica;
 use dbmanager::logic::state::State;
@@ -69,10 +69,10 @@ impl Database {
     /// Ends a call that would be told up to which transactions there are, while some of them may not be on the disk; says
     /// whether it was one. A watcher that goes on from somewhere hears nothing, and comes again.
     pub(super) fn holds_back(&self, call: u64, question: &Question, effects: &mut Vec<Effect>) -> bool {
-        let asks = matches!(question, Question::Watch { .. } | Question::Version(Moment::Now));
+        let asks = matches!(question, Question::Watch { .. } | Question::Version(AsOf::Now));
         let Some(why) = self.closed.as_ref().filter(|_| asks) else { return false };
         if !matches!(question, Question::Watch { from: Some(_), .. }) {
-            effects.push(Effect::Answer(call, Reply::Refused(why.clone())));
+            effects.push(Effect::AnswerCaller(call, Reply::Refused(why.clone())));
         }
         effects.push(Effect::End(call));
         true
@@ -82,14 +82,14 @@ impl Database {
 /// Returns what is left of an effect of a turn that was not written.
 fn unwritten(effect: Effect, why: &str) -> Vec<Effect> {
     match effect {
-        Effect::Answer(call, Reply::Committed(_) | Reply::Done(_)) => {
+        Effect::AnswerCaller(call, Reply::Committed(_) | Reply::Done(_)) => {
             let refused = Reply::Refused(format!("it may not have been written: {why}"));
-            vec![Effect::Answer(call, refused), Effect::End(call)]
+            vec![Effect::AnswerCaller(call, refused), Effect::End(call)]
         }
-        Effect::Answer(_, Reply::Notification(_) | Reply::Version(_)) => vec![],
+        Effect::AnswerCaller(_, Reply::Notification(_) | Reply::Version(_)) => vec![],
         // What else was only asked is answered from what is in memory.
-        Effect::Answer(..) | Effect::End(_) | Effect::Alarm(_) => vec![effect],
-        Effect::Reply(asked, _) => vec![Effect::Reply(asked, None)],
+        Effect::AnswerCaller(..) | Effect::End(_) | Effect::Alarm(_) => vec![effect],
+        Effect::ReplyToPeer(asked, _) => vec![Effect::ReplyToPeer(asked, None)],
         Effect::Persist(_)
         | Effect::Address(_)
         | Effect::Broadcast(_)

@@ -1,6 +1,6 @@
 //! What is answered from the past and about it: history, other moments, what has changed, what nobody has settled.
 
-use super::question::{Choice, Commit, Moment, Reply, Resolve};
+use super::question::{AsOf, Choice, Commit, Reply, Resolve};
 use super::refuse::LOCAL;
 use super::{Database, REPLY_SIZE_MAX};
 use crate::logic::table::counted;
@@ -40,7 +40,7 @@ impl Database {
     }
 
     /// Returns what was changed from one moment to another.
-    pub(super) fn diff(&self, [from, to]: [&Moment; 2], prefix: &str, say: &mut impl FnMut(Reply)) {
+    pub(super) fn diff(&self, [from, to]: [&AsOf; 2], prefix: &str, say: &mut impl FnMut(Reply)) {
         let states = self.at(from, prefix).and_then(|before| Ok((before, self.at(to, prefix)?)));
         match states {
             Ok((before, after)) => {
@@ -51,12 +51,12 @@ impl Database {
     }
 
     /// Returns the state at a moment; by a date, as far as keys below `prefix` are concerned.
-    pub(super) fn at(&self, moment: &Moment, prefix: &str) -> Result<State, AsOfError> {
+    pub(super) fn at(&self, moment: &AsOf, prefix: &str) -> Result<State, AsOfError> {
         let past = self.past();
         match moment {
-            Moment::Now => Ok(self.state().clone()),
-            Moment::Version(version) => past.at(version, self.checkpoints.before(version)),
-            Moment::Date(millis) => {
+            AsOf::Now => Ok(self.state().clone()),
+            AsOf::Version(version) => past.at(version, self.checkpoints.before(version)),
+            AsOf::Date(millis) => {
                 let version = past.vector_at(*millis, prefix, self.checkpoints.oldest())?;
                 past.at(&version, self.checkpoints.before(&version))
             }
@@ -64,25 +64,23 @@ impl Database {
     }
 
     /// Returns the version vector of a moment.
-    pub(super) fn version(&self, moment: &Moment) -> Reply {
+    pub(super) fn version(&self, moment: &AsOf) -> Reply {
         let version: Result<VersionVector, AsOfError> = match moment {
-            Moment::Now => Ok(self.replica.log().vector().clone()),
-            Moment::Version(version) => Ok(version.clone()),
-            Moment::Date(millis) => self.past().vector_at(*millis, "", self.checkpoints.oldest()),
+            AsOf::Now => Ok(self.replica.log().vector().clone()),
+            AsOf::Version(version) => Ok(version.clone()),
+            AsOf::Date(millis) => self.past().vector_at(*millis, "", self.checkpoints.oldest()),
         };
         version.map_or_else(|why| Reply::Refused(why.to_string()), Reply::Version)
     }
 
     /// Returns what a read finds at a moment below a prefix. What is local has no past.
-    pub(super) fn readable(&self, prefix: &str, moment: &Moment) -> Result<State, String> {
+    pub(super) fn readable(&self, prefix: &str, moment: &AsOf) -> Result<State, String> {
         match moment {
-            Moment::Now if prefix.starts_with(LOCAL) || LOCAL.starts_with(prefix) => Ok(self.everything()),
-            Moment::Version(_) | Moment::Date(_) if prefix.starts_with(LOCAL) => {
+            AsOf::Now if prefix.starts_with(LOCAL) || LOCAL.starts_with(prefix) => Ok(self.everything()),
+            AsOf::Version(_) | AsOf::Date(_) if prefix.starts_with(LOCAL) => {
                 Err("what is below `local/` has no past; only what it holds now can be shown".to_owned())
             }
-            Moment::Now | Moment::Version(_) | Moment::Date(_) => {
-                self.at(moment, prefix).map_err(|why| why.to_string())
-            }
+            AsOf::Now | AsOf::Version(_) | AsOf::Date(_) => self.at(moment, prefix).map_err(|why| why.to_string()),
         }
     }
 
@@ -99,7 +97,7 @@ impl Database {
     }
 
     /// Answers with the keys below a prefix as a file.
-    pub(super) fn export(&self, prefix: &str, moment: &Moment, say: &mut impl FnMut(Reply)) {
+    pub(super) fn export(&self, prefix: &str, moment: &AsOf, say: &mut impl FnMut(Reply)) {
         match self.readable(prefix, moment) {
             Ok(state) => {
                 let file = transfer::export(&state, prefix);
@@ -136,7 +134,7 @@ impl Database {
 
     /// Returns the transaction that settles a key: one more write, which has seen all of the others.
     pub(super) fn settle(&self, resolve: &Resolve) -> Result<Commit, Reply> {
-        let Resolve { key, choice, reason, far, within, seen } = resolve;
+        let Resolve { key, choice, reason, level, within, seen } = resolve;
         let (state, versions) = (self.replica.state(), self.replica.state().versions(key));
         if !state.is_conflict(key) {
             return Err(self.settled_already(key, choice));
@@ -165,7 +163,7 @@ impl Database {
             Choice::Txn(dot) => pick(versions.iter().filter(|one| one.dot == *dot).collect(), &format!("named {dot}"))?,
         };
         let writes = vec![Write { key: key.clone(), value }];
-        Ok(Commit { reason: reason.clone(), requires: vec![], writes, far: far.clone(), within: *within })
+        Ok(Commit { reason: reason.clone(), requires: vec![], writes, level: level.clone(), within: *within })
     }
 }
 

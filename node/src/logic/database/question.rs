@@ -5,7 +5,7 @@
 use comms::logic::codec::{Enveloped, Kind};
 use dbmanager::logic::key::Key;
 use dbmanager::logic::message::Message;
-use dbmanager::logic::replica::AckLevel;
+use dbmanager::logic::replica;
 use dbmanager::logic::state::Version;
 use dbmanager::logic::txn::{Draft, Grant, Require, Value, Write};
 use dbmanager::logic::version_vector::{Dot, ReplicaId, VersionVector};
@@ -19,15 +19,15 @@ use std::time::Duration;
 
 /// From one replica to another, or to all.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Letter {
+pub struct Envelope {
     /// The address of the sender.
     pub from: ReplicaId,
     /// What it says.
     pub message: Message,
 }
 
-impl Enveloped for Letter {
-    const KIND: Kind = Kind::Letter;
+impl Enveloped for Envelope {
+    const KIND: Kind = Kind::Envelope;
     const VERSION: u16 = 1;
 }
 
@@ -44,7 +44,7 @@ pub enum Question {
         /// How the keys begin.
         prefix: String,
         /// When.
-        at: Moment,
+        at: AsOf,
     },
     /// Write. Answered by [`Reply::Committed`], then, if more than the local disk is waited for, by one of
     /// [`Reply::Reached`] and [`Reply::Pending`].
@@ -72,14 +72,14 @@ pub enum Question {
     /// What has changed between two moments. Answered by a stream of [`Reply::Differences`].
     Diff {
         /// The earlier one.
-        from: Moment,
+        from: AsOf,
         /// The later one.
-        to: Moment,
+        to: AsOf,
         /// How the keys begin.
         prefix: String,
     },
     /// Which transactions a moment has. Answered by [`Reply::Version`].
-    Version(Moment),
+    Version(AsOf),
     /// What happens to keys. Answered by [`Reply::Version`], the place where it begins, and a stream of [`Reply::Notification`].
     Watch {
         /// Which keys.
@@ -92,7 +92,7 @@ pub enum Question {
         /// How the keys begin.
         prefix: String,
         /// When.
-        at: Moment,
+        at: AsOf,
     },
     /// Of an earlier version: what it would take to make the keys what a file says. Refused; a file is too long for a
     /// message.
@@ -124,7 +124,7 @@ pub enum Question {
 
 /// A point in the history of one robot's copy.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Moment {
+pub enum AsOf {
     /// Now.
     Now,
     /// When it had these transactions.
@@ -143,7 +143,7 @@ pub struct Resolve {
     /// Why.
     pub reason: String,
     /// How far that has to get.
-    pub far: Far,
+    pub level: AckLevel,
     /// How long that may take.
     pub within: Duration,
     /// Which writes whoever settles has seen, as [`conflict::seen`](dbmanager::logic::view::conflict::seen) names them. If others
@@ -174,7 +174,7 @@ pub struct Commit {
     /// What to write.
     pub writes: Vec<Write>,
     /// How far it has to get.
-    pub far: Far,
+    pub level: AckLevel,
     /// How long that may take.
     pub within: Duration,
 }
@@ -191,22 +191,22 @@ pub struct Own {
     /// Why.
     pub reason: String,
     /// How far that has to get.
-    pub far: Far,
+    pub level: AckLevel,
     /// How long that may take.
     pub within: Duration,
 }
 
 /// What either comes to: a transaction, how far it has to get, and how long that may take.
 #[derive(Clone, Debug)]
-pub(crate) struct Wish {
+pub(crate) struct WriteRequest {
     pub(crate) draft: Draft,
-    pub(crate) far: Far,
+    pub(crate) level: AckLevel,
     pub(crate) within: Duration,
 }
 
 /// How far a transaction has to get before whoever wrote it goes on.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Far {
+pub enum AckLevel {
     /// To the disk of this robot.
     Local,
     /// To the disks of so many other robots.
@@ -327,38 +327,38 @@ pub struct Clock {
     pub ahead: i64,
 }
 
-impl From<Commit> for Wish {
+impl From<Commit> for WriteRequest {
     fn from(commit: Commit) -> Self {
-        let Commit { reason, requires, writes, far, within } = commit;
+        let Commit { reason, requires, writes, level, within } = commit;
         let draft = Draft::new(reason);
         let draft = requires.into_iter().fold(draft, |draft, require| draft.require(require.key, require.condition));
         let draft = writes.into_iter().fold(draft, |draft, Write { key, value }| match value {
             Some(value) => draft.put(key, value),
             None => draft.delete(key),
         });
-        Self { draft, far, within }
+        Self { draft, level, within }
     }
 }
 
-impl From<Own> for Wish {
+impl From<Own> for WriteRequest {
     fn from(own: Own) -> Self {
-        let Own { prefix, robot, by_force, reason, far, within } = own;
+        let Own { prefix, robot, by_force, reason, level, within } = own;
         let grant = match robot {
             Some(robot) if by_force => Grant::TakeOver(robot),
             robot => Grant::Give(robot),
         };
-        Self { draft: Draft::new(reason).grant(prefix, grant), far, within }
+        Self { draft: Draft::new(reason).grant(prefix, grant), level, within }
     }
 }
 
-impl Far {
+impl AckLevel {
     /// Returns the level of a commit.
-    pub fn level(&self) -> AckLevel {
+    pub fn to_replica(&self) -> replica::AckLevel {
         match self {
-            Self::Local => AckLevel::Local,
-            Self::Replicated(count) => AckLevel::Replicated(usize::try_from(*count).unwrap_or(usize::MAX)),
-            Self::On(robots) => AckLevel::On(robots.iter().cloned().collect()),
-            Self::Everywhere => AckLevel::Everywhere,
+            Self::Local => replica::AckLevel::Local,
+            Self::Replicated(count) => replica::AckLevel::Replicated(usize::try_from(*count).unwrap_or(usize::MAX)),
+            Self::On(robots) => replica::AckLevel::On(robots.iter().cloned().collect()),
+            Self::Everywhere => replica::AckLevel::Everywhere,
         }
     }
 }

@@ -2,7 +2,7 @@
 //! what belongs to this robot alone, if somebody on another machine asks for it.
 
 use super::Database;
-use super::question::{Commit, Far, Moment, Question};
+use super::question::{AckLevel, AsOf, Commit, Question};
 use crate::logic::table::counted;
 use dbmanager::logic::key::{Key, Namespace};
 use dbmanager::logic::txn::Draft;
@@ -15,23 +15,23 @@ const ELSEWHERE: &str = "what is below `local/` is read and written on the robot
 
 impl Database {
     /// Returns why a transaction cannot get as far as somebody wants, if nobody is there whom it would have to reach.
-    pub(super) fn out_of_reach(&self, far: &Far) -> Option<String> {
+    pub(super) fn out_of_reach(&self, level: &AckLevel) -> Option<String> {
         let members = self.replica.members().active().map(|(_, robot)| robot);
         let others: BTreeSet<&str> = members.filter(|robot| *robot != self.robot).collect();
-        match far {
-            Far::Local | Far::Everywhere => None,
-            Far::On(_) | Far::Replicated(_) if !self.replica.is_member() => {
+        match level {
+            AckLevel::Local | AckLevel::Everywhere => None,
+            AckLevel::On(_) | AckLevel::Replicated(_) if !self.replica.is_member() => {
                 let me = &self.robot;
                 Some(format!(
                     "nothing was written: `{me}` belongs to no team yet, so it cannot get to others; `dca db status` says how"
                 ))
             }
-            Far::On(robots) => {
+            AckLevel::On(robots) => {
                 let known = |robot: &&String| **robot == self.robot || others.contains(robot.as_str());
                 let unknown = robots.iter().find(|robot| !known(robot))?;
                 Some(format!("nothing was written: there is no member `{unknown}`; `dca db status` lists them"))
             }
-            Far::Replicated(count) => {
+            AckLevel::Replicated(count) => {
                 let there = u64::try_from(others.len()).unwrap_or(u64::MAX);
                 (u64::from(*count) > there).then(|| {
                     let (me, robots) = (&self.robot, counted(there, "robot"));
@@ -73,7 +73,7 @@ fn begins_well(key: &Key) -> bool {
 ///
 /// # Errors
 /// It is about that; for a person.
-pub(super) fn from_elsewhere(mut question: Question, now: &Moment) -> Result<Question, String> {
+pub(super) fn from_elsewhere(mut question: Question, now: &AsOf) -> Result<Question, String> {
     let own = |key: &Key| key.namespace() == Namespace::Local;
     let below = |prefix: &str| prefix.starts_with(LOCAL);
     let refused = match &question {
@@ -104,7 +104,7 @@ pub(super) fn from_elsewhere(mut question: Question, now: &Moment) -> Result<Que
     }
     if let Question::List { prefix, at } | Question::Export { prefix, at } = &mut question {
         // The state at this moment, unlike what can be read now, has nothing that is local.
-        if LOCAL.starts_with(prefix.as_str()) && *at == Moment::Now {
+        if LOCAL.starts_with(prefix.as_str()) && *at == AsOf::Now {
             *at = now.clone();
         }
     }

@@ -39,7 +39,7 @@ impl Database {
         for (call, watch) in &mut self.watchers {
             let news = watch.next(&past, ROOM);
             self.more |= news.more;
-            effects.extend(news.list.into_iter().map(|told| Effect::Answer(*call, Reply::Notification(told))));
+            effects.extend(news.list.into_iter().map(|told| Effect::AnswerCaller(*call, Reply::Notification(told))));
         }
     }
 }

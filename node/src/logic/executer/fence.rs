@@ -6,7 +6,7 @@
 //! never comes back gives nothing back.
 //!
 //! Whether a member on another host has ended is known to its own supervisor alone. So a group that ends tells the one above
-//! which hosts may still do something for it, before it says how it ended (`ToTenant::Loose`); it does so if something is taken
+//! which hosts may still do something for it, before it says how it ended (`ToParticipant::Loose`); it does so if something is taken
 //! for it, on any level above.
 //!
 //! The same member may be activated again: one process never runs twice on its host.

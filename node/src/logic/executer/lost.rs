@@ -1,8 +1,8 @@
 //! A supervisor whose members are on hosts that are lost.
 
-use super::{Executer, Surroundings, fence, member_host, member_target};
+use super::{ExecContext, Executer, fence, member_host, member_target};
 use crate::logic::effect::Out;
-use crate::logic::protocol::{Ending, Failure, FailureCause, Target, ToTenant};
+use crate::logic::protocol::{Ending, Failure, FailureCause, Target, ToParticipant};
 use language::algebra::Activity;
 use language::plan::{Group, MemberKind};
 use std::collections::BTreeSet;
@@ -10,29 +10,30 @@ use std::time::Duration;
 
 impl Executer {
     /// Takes the loss of a host: its members fail, and nobody waits for it any more.
-    pub fn host_lost(&mut self, host: &str, at: Surroundings<'_>, out: &mut Out<'_>) -> Option<Ending> {
+    pub fn host_lost(&mut self, host: &str, context: ExecContext<'_>, out: &mut Out<'_>) -> Option<Ending> {
         let theirs = self.unconfirmed.iter().filter(|(_, wires)| wires.host == host).map(|(number, _)| *number);
         self.confirm(&theirs.collect());
-        let group = at.plan.groups.get(self.group as usize)?;
+        let group = context.plan.groups.get(self.group as usize)?;
         // What waits has never been told to run.
         let begun = self.active.iter().filter(|(slot, _)| !self.waiting.contains_key(slot));
-        let theirs =
-            begun.filter(|(slot, _)| member_host(at.plan, group, **slot) == Some(host)).filter_map(|(slot, number)| {
+        let theirs = begun.filter(|(slot, _)| member_host(context.plan, group, **slot) == Some(host)).filter_map(
+            |(slot, number)| {
                 let kind = group.members.get(*slot as usize)?.kind;
-                Some((*slot, *number, fence::hosts(at.plan, kind)))
-            });
+                Some((*slot, *number, fence::hosts(context.plan, kind)))
+            },
+        );
         self.fences.lose(host, theirs);
-        self.activate_ready(at, out);
+        self.activate_ready(context, out);
         let lost: Vec<(u32, u32)> = self.active.iter().map(|(slot, number)| (*slot, *number)).collect();
         for (slot, number) in lost {
-            if member_host(at.plan, group, slot) != Some(host) {
+            if member_host(context.plan, group, slot) != Some(host) {
                 continue;
             }
             let stopping = self.state.activity(slot) == Activity::Stopping;
             let cause = if stopping { FailureCause::HostLostStopping } else { FailureCause::HostLost };
             let cause = cause(host.to_owned());
             let ending = Ending::Aborted(Failure { origin: String::new(), cause, at: Duration::ZERO });
-            if let Some(ending) = self.ended((slot, number), ending, at, out) {
+            if let Some(ending) = self.ended((slot, number), ending, context, out) {
                 return Some(ending);
             }
         }
@@ -40,9 +41,9 @@ impl Executer {
     }
 
     /// Sees what an ending says of lost hosts: that it has ended there, or that it may go on there.
-    pub(super) fn look_at_end(&mut self, (slot, activation): (u32, u32), ending: &Ending, at: Surroundings<'_>) {
-        let group = at.plan.groups.get(self.group as usize);
-        let Some((target, host)) = group.and_then(|group| member_target(at.plan, group, slot)) else { return };
+    pub(super) fn look_at_end(&mut self, (slot, activation): (u32, u32), ending: &Ending, context: ExecContext<'_>) {
+        let group = context.plan.groups.get(self.group as usize);
+        let Some((target, host)) = group.and_then(|group| member_target(context.plan, group, slot)) else { return };
         let cause = if let Ending::Aborted(failure) = ending { Some(&failure.cause) } else { None };
         let is_known = match (target, cause) {
             // Somebody has said so who cannot know: the host itself was not asked.
@@ -57,34 +58,35 @@ impl Executer {
     }
 
     /// Takes note of the hosts that may still do something for a member that has ended.
-    pub fn loosened(&mut self, slot: u32, hosts: BTreeSet<String>, at: Surroundings<'_>, out: &mut Out<'_>) {
+    pub fn loosened(&mut self, slot: u32, hosts: BTreeSet<String>, context: ExecContext<'_>, out: &mut Out<'_>) {
         self.fences.loosen(slot, hosts);
-        self.open_fences(at, out);
+        self.open_fences(context, out);
     }
 
     /// Does what has waited for lost hosts, and says what others have to know.
-    pub(super) fn open_fences(&mut self, at: Surroundings<'_>, out: &mut Out<'_>) {
-        self.activate_ready(at, out);
+    pub(super) fn open_fences(&mut self, context: ExecContext<'_>, out: &mut Out<'_>) {
+        self.activate_ready(context, out);
         // What runs may still end well: who is above is told at the end.
         if !self.running {
-            self.pass_on_fences(at, out);
+            self.pass_on_fences(context, out);
         }
     }
 
     /// Tells the supervisor of the group which hosts may still do something for it.
-    pub(super) fn pass_on_fences(&mut self, at: Surroundings<'_>, out: &mut Out<'_>) {
+    pub(super) fn pass_on_fences(&mut self, context: ExecContext<'_>, out: &mut Out<'_>) {
         let Some(hosts) = self.fences.news() else { return };
-        let message = ToTenant::Loose { target: Target::Group(self.group), hosts: hosts.into_iter().collect() };
+        let message = ToParticipant::Loose { target: Target::Group(self.group), hosts: hosts.into_iter().collect() };
         // Groups stand behind the one that they are in.
         let is_here = |group: &&Group| group.members.iter().any(|one| one.kind == MemberKind::Group(self.group));
-        let above = at.plan.groups.iter().find(is_here).and_then(|group| at.plan.hosts.get(group.host as usize));
-        above.into_iter().for_each(|host| out.send(host, at.deployment.to_tenant(message.clone())));
+        let above =
+            context.plan.groups.iter().find(is_here).and_then(|group| context.plan.hosts.get(group.host as usize));
+        above.into_iter().for_each(|host| out.send(host, context.deployment.to_participant(message.clone())));
     }
 
     /// Takes note that nothing of the deployment is left on a host that was lost.
-    pub fn host_cleared(&mut self, host: &str, at: Surroundings<'_>, out: &mut Out<'_>) {
+    pub fn host_cleared(&mut self, host: &str, context: ExecContext<'_>, out: &mut Out<'_>) {
         self.fences.clear(host);
-        self.open_fences(at, out);
+        self.open_fences(context, out);
     }
 
     /// Takes note that a host is there again.

@@ -1,6 +1,6 @@
 //! The program of an instance: how it comes, what it says, and what becomes of the instance when it is gone.
 
-use super::{CONNECT_WITHIN, GRACE, Instance, KILL_WITHIN, Moment, Note, START_WITHIN, Stage, VALUE_MAX};
+use super::{CONNECT_WITHIN, GRACE, Instance, InstanceContext, KILL_WITHIN, Note, START_WITHIN, Stage, VALUE_MAX};
 use crate::logic::effect::Effect;
 use crate::logic::protocol::{Change, Ending, FailureCause, LeafFacts};
 use comms::logic::control::{Notice, Order, VERSION};
@@ -8,7 +8,7 @@ use shim::protocol::{ShimOrder, ShimReport};
 
 impl Instance {
     /// Takes a word from the controller.
-    pub fn hear(&mut self, notice: Notice, moment: &mut Moment<'_>) {
+    pub fn hear(&mut self, notice: Notice, context: &mut InstanceContext<'_>) {
         match notice {
             Notice::Hello { version, location, owns, needs, signals, .. } => {
                 if !matches!(self.stage, Stage::Starting { .. }) {
@@ -19,49 +19,49 @@ impl Instance {
                         "it speaks version {version} of the control protocol, this node version {VERSION}; build it again \
                          with the library of its node's DCA"
                     );
-                    return self.turn_away(&why, moment);
+                    return self.turn_away(&why, context);
                 }
                 let leaf = self.order.process.leaf;
-                self.prepared(LeafFacts { leaf, location, owns, needs, signals }, moment);
+                self.prepared(LeafFacts { leaf, location, owns, needs, signals }, context);
             }
             Notice::Connected if matches!(self.stage, Stage::Connecting { .. }) => {
                 self.stage = Stage::Idle;
                 let again = std::mem::replace(&mut self.joined, true);
-                moment.notes.push(if again { Note::Rejoined } else { Note::Connected });
+                context.notes.push(if again { Note::Rejoined } else { Note::Connected });
             }
             Notice::ConnectFailed { reason } if matches!(self.stage, Stage::Connecting { .. }) => {
-                self.turn_away(&reason, moment);
+                self.turn_away(&reason, context);
             }
-            Notice::Switched { generation } => moment.notes.push(Note::Switched(generation)),
+            Notice::Switched { generation } => context.notes.push(Note::Switched(generation)),
             Notice::Done { activation, value } => {
                 let ending = if value.len() <= VALUE_MAX {
                     Ending::Done(value)
                 } else {
                     let why = format!("it leaves a value of {} bytes; {VALUE_MAX} are allowed", value.len());
-                    Ending::Aborted(self.failure(FailureCause::Reported(why), moment))
+                    Ending::Aborted(self.failure(FailureCause::Reported(why), context))
                 };
-                self.ended(activation, ending, moment);
+                self.ended(activation, ending, context);
             }
             Notice::Aborted { activation, reason } => {
-                let failure = self.failure(FailureCause::Reported(reason), moment);
-                self.ended(activation, Ending::Aborted(failure), moment);
+                let failure = self.failure(FailureCause::Reported(reason), context);
+                self.ended(activation, Ending::Aborted(failure), context);
             }
-            Notice::Stopped { activation } => self.ended(activation, Ending::Stopped, moment),
+            Notice::Stopped { activation } => self.ended(activation, Ending::Stopped, context),
             Notice::Connected | Notice::ConnectFailed { .. } | Notice::Running { .. } | Notice::Resume { .. } => {}
         }
     }
 
     /// Takes a word from the shim. `output` is the end of what the program wrote.
-    pub fn observe(&mut self, report: ShimReport, output: Vec<String>, moment: &mut Moment<'_>) {
+    pub fn observe(&mut self, report: ShimReport, output: Vec<String>, context: &mut InstanceContext<'_>) {
         match report {
             ShimReport::Ready => {
                 if matches!(self.stage, Stage::Starting { .. }) && !self.is_controller() {
-                    self.prepared(LeafFacts::plain(self.order.process.leaf), moment);
+                    self.prepared(LeafFacts::plain(self.order.process.leaf), context);
                 }
             }
             ShimReport::Started { pid } => {
                 self.pid = Some(pid);
-                moment.notes.push(Note::Changed(Change::Started { pid }));
+                context.notes.push(Note::Changed(Change::Started { pid }));
             }
             ShimReport::Exited { code } => {
                 self.cause.get_or_insert(FailureCause::Exit(code));
@@ -74,77 +74,77 @@ impl Instance {
             ShimReport::ExecFailed { reason } => {
                 self.cause.get_or_insert(FailureCause::Exec(reason));
             }
-            ShimReport::Gone => self.gone(moment),
+            ShimReport::Gone => self.gone(context),
         }
     }
 
     /// Does what is due.
-    pub fn tick(&mut self, moment: &mut Moment<'_>) {
-        if self.deadline().is_none_or(|at| at > moment.now) {
+    pub fn tick(&mut self, context: &mut InstanceContext<'_>) {
+        if self.deadline().is_none_or(|at| at > context.now) {
             return;
         }
         match self.stage {
             Stage::Starting { .. } => {
-                self.give_up(&format!("it did not report within {} s", START_WITHIN.as_secs()), moment);
+                self.give_up(&format!("it did not report within {} s", START_WITHIN.as_secs()), context);
             }
             Stage::Connecting { .. } => {
                 let why = format!("it did not make its links within {} s", CONNECT_WITHIN.as_secs());
-                self.give_up(&why, moment);
+                self.give_up(&why, context);
             }
-            Stage::Waiting { .. } => self.start(moment),
+            Stage::Waiting { .. } => self.start(context),
             Stage::Stopping { forced: false, .. } => {
-                let until = moment.now + GRACE + KILL_WITHIN;
+                let until = context.now + GRACE + KILL_WITHIN;
                 self.stage = Stage::Stopping { until, forced: true };
-                self.tell_shim(ShimOrder::Stop { grace: GRACE }, moment);
+                self.tell_shim(ShimOrder::Stop { grace: GRACE }, context);
             }
-            Stage::Removing { .. } if !self.joined => self.gone(moment),
+            Stage::Removing { .. } if !self.joined => self.gone(context),
             Stage::Stopping { forced: true, .. } | Stage::Removing { .. } => {
                 (self.stage, self.cause) = (Stage::Dead, Some(FailureCause::StopUnconfirmed));
                 if self.current.is_none() {
-                    moment.notes.push(Note::Changed(Change::Died(FailureCause::StopUnconfirmed)));
+                    context.notes.push(Note::Changed(Change::Died(FailureCause::StopUnconfirmed)));
                 }
-                self.finish(Ending::Unconfirmed, moment);
+                self.finish(Ending::Unconfirmed, context);
             }
-            Stage::Leaving { forced: false, .. } => self.force_out(moment),
+            Stage::Leaving { forced: false, .. } => self.force_out(context),
             Stage::Leaving { forced: true, .. } => {
                 self.cause = Some(FailureCause::StopUnconfirmed);
-                self.gone(moment);
+                self.gone(context);
             }
             Stage::Prepared | Stage::Idle | Stage::Running | Stage::Refused | Stage::Dead => {}
         }
     }
 
-    pub(super) fn start(&mut self, moment: &mut Moment<'_>) {
-        self.stage = Stage::Starting { until: moment.now + START_WITHIN };
-        moment.effects.push(Effect::Spawn(Box::new(self.order.clone())));
+    pub(super) fn start(&mut self, context: &mut InstanceContext<'_>) {
+        self.stage = Stage::Starting { until: context.now + START_WITHIN };
+        context.effects.push(Effect::Spawn(Box::new(self.order.clone())));
     }
 
-    fn prepared(&mut self, facts: LeafFacts, moment: &mut Moment<'_>) {
+    fn prepared(&mut self, facts: LeafFacts, context: &mut InstanceContext<'_>) {
         self.stage = Stage::Prepared;
         if !self.joined {
-            moment.notes.push(Note::Prepared(facts));
+            context.notes.push(Note::Prepared(facts));
         } else if self.is_controller() {
-            moment.notes.push(Note::Moved(facts));
+            context.notes.push(Note::Moved(facts));
         } else {
             self.stage = Stage::Idle;
-            self.resume(None, moment);
+            self.resume(None, context);
         }
     }
 
-    pub(super) fn run(&mut self, value: Vec<u8>, moment: &mut Moment<'_>) {
+    pub(super) fn run(&mut self, value: Vec<u8>, context: &mut InstanceContext<'_>) {
         let Some(activation) = self.current.as_ref().map(|current| current.number) else { return };
         self.stage = Stage::Running;
         if self.is_controller() {
-            self.tell(Order::Activate { activation, value }, moment);
+            self.tell(Order::Activate { activation, value }, context);
         } else {
-            self.tell_shim(ShimOrder::Go, moment);
+            self.tell_shim(ShimOrder::Go, context);
         }
     }
 
-    fn gone(&mut self, moment: &mut Moment<'_>) {
+    fn gone(&mut self, context: &mut InstanceContext<'_>) {
         let cause = self.cause.clone().unwrap_or_else(|| FailureCause::NotAvailable("its shim was killed".into()));
         let before = std::mem::replace(&mut self.stage, Stage::Dead);
-        moment.effects.push(Effect::Forget { process: self.order.process.clone() });
+        context.effects.push(Effect::CloseProcess { process: self.order.process.clone() });
         match before {
             Stage::Starting { .. } | Stage::Prepared | Stage::Connecting { .. } | Stage::Removing { .. }
                 if !self.joined =>
@@ -156,18 +156,18 @@ impl Instance {
                     ([words], _) => words.clone(),
                     (lines, cause) => format!("{cause}; the end of its output:\n{}", lines.join("\n")),
                 };
-                self.turn_away(&why, moment);
+                self.turn_away(&why, context);
             }
             Stage::Running if self.has_done(&cause) => {
-                self.finish(Ending::Done(Vec::new()), moment);
-                self.hold_ready(moment);
+                self.finish(Ending::Done(Vec::new()), context);
+                self.hold_ready(context);
             }
             Stage::Stopping { .. } => {
-                self.finish(Ending::Stopped, moment);
+                self.finish(Ending::Stopped, context);
                 if !self.is_controller() {
-                    self.hold_ready(moment);
+                    self.hold_ready(context);
                 } else if self.restarts.are_allowed() {
-                    self.died(cause, moment);
+                    self.died(cause, context);
                 } else {
                     self.cause = Some(cause);
                 }
@@ -178,8 +178,8 @@ impl Instance {
             | Stage::Prepared
             | Stage::Connecting { .. }
             | Stage::Waiting { .. }
-            | Stage::Removing { .. } => self.died(cause, moment),
-            Stage::Leaving { .. } => self.left(moment),
+            | Stage::Removing { .. } => self.died(cause, context),
+            Stage::Leaving { .. } => self.left(context),
             Stage::Refused | Stage::Dead => {}
         }
     }
@@ -190,75 +190,75 @@ impl Instance {
     }
 
     /// Starts a program again that has ended although nobody wanted that, or gives it up.
-    fn died(&mut self, cause: FailureCause, moment: &mut Moment<'_>) {
+    fn died(&mut self, cause: FailureCause, context: &mut InstanceContext<'_>) {
         let output = std::mem::take(&mut self.output);
-        if let Some(until) = self.restarts.next(moment.now) {
+        if let Some(until) = self.restarts.next(context.now) {
             (self.pid, self.cause) = (None, None);
             self.stage = Stage::Waiting { until };
             let (cause, count) = (cause.of_program(0, output), self.restarts.count());
-            moment.notes.push(Note::Changed(Change::Restarting { cause, count }));
-            return self.tick(moment);
+            context.notes.push(Note::Changed(Change::Restarting { cause, count }));
+            return self.tick(context);
         }
         let cause = cause.of_program(self.restarts.count(), output);
         self.cause = Some(cause.clone());
         if self.current.is_none() {
-            return moment.notes.push(Note::Changed(Change::Died(cause)));
+            return context.notes.push(Note::Changed(Change::Died(cause)));
         }
-        let failure = self.failure(cause, moment);
-        self.finish(Ending::Aborted(failure), moment);
+        let failure = self.failure(cause, context);
+        self.finish(Ending::Aborted(failure), context);
         if !self.is_controller() {
-            self.hold_ready(moment);
+            self.hold_ready(context);
         }
     }
 
     /// Holds a plain program ready for its next activation: it runs once for each.
-    fn hold_ready(&mut self, moment: &mut Moment<'_>) {
+    fn hold_ready(&mut self, context: &mut InstanceContext<'_>) {
         (self.pid, self.cause, self.output) = (None, None, Vec::new());
         self.stage = Stage::Idle;
-        moment.effects.push(Effect::Spawn(Box::new(self.order.clone())));
+        context.effects.push(Effect::Spawn(Box::new(self.order.clone())));
     }
 
     /// Takes the controller's word that an activation is over. A stop that has gone as far as a signal ends with the
     /// program, not with its last words.
-    fn ended(&mut self, activation: u32, ending: Ending, moment: &mut Moment<'_>) {
+    fn ended(&mut self, activation: u32, ending: Ending, context: &mut InstanceContext<'_>) {
         let takes_word = matches!(self.stage, Stage::Running | Stage::Stopping { forced: false, .. });
         if takes_word && self.current.as_ref().is_some_and(|current| current.number == activation) {
             self.stage = Stage::Idle;
-            self.finish(ending, moment);
+            self.finish(ending, context);
         }
     }
 
     /// Ends a program that has hung at its start; what it wrote is told with the refusal once it is gone.
-    fn give_up(&mut self, why: &str, moment: &mut Moment<'_>) {
+    fn give_up(&mut self, why: &str, context: &mut InstanceContext<'_>) {
         if self.joined {
-            return self.turn_away(why, moment);
+            return self.turn_away(why, context);
         }
         self.cause.get_or_insert(FailureCause::Exec(why.to_owned()));
-        self.stage = Stage::Removing { until: moment.now + GRACE + KILL_WITHIN };
-        self.tell_shim(ShimOrder::Stop { grace: GRACE }, moment);
+        self.stage = Stage::Removing { until: context.now + GRACE + KILL_WITHIN };
+        self.tell_shim(ShimOrder::Stop { grace: GRACE }, context);
     }
 
     /// Has no use for the program as it is: the first time nothing begins without it, later the next one may do better.
-    pub(in crate::logic) fn turn_away(&mut self, why: &str, moment: &mut Moment<'_>) {
+    pub(in crate::logic) fn turn_away(&mut self, why: &str, context: &mut InstanceContext<'_>) {
         if self.joined {
             self.cause.get_or_insert(FailureCause::Exec(why.to_owned()));
-            self.stage = Stage::Removing { until: moment.now + GRACE + KILL_WITHIN };
-            return self.tell_shim(ShimOrder::Stop { grace: GRACE }, moment);
+            self.stage = Stage::Removing { until: context.now + GRACE + KILL_WITHIN };
+            return self.tell_shim(ShimOrder::Stop { grace: GRACE }, context);
         }
         if self.stage != Stage::Dead {
             self.stage = Stage::Refused;
         }
-        moment.notes.push(Note::Refused(why.to_owned()));
+        context.notes.push(Note::Refused(why.to_owned()));
     }
 
-    pub(super) fn force_out(&mut self, moment: &mut Moment<'_>) {
-        self.stage = Stage::Leaving { until: moment.now + GRACE + KILL_WITHIN, forced: true };
-        self.tell_shim(ShimOrder::Stop { grace: GRACE }, moment);
+    pub(super) fn force_out(&mut self, context: &mut InstanceContext<'_>) {
+        self.stage = Stage::Leaving { until: context.now + GRACE + KILL_WITHIN, forced: true };
+        self.tell_shim(ShimOrder::Stop { grace: GRACE }, context);
     }
 
-    pub(super) fn left(&mut self, moment: &mut Moment<'_>) {
-        let failure = self.failure(FailureCause::NotAvailable("its node left".into()), moment);
-        self.finish(Ending::Aborted(failure), moment);
-        moment.notes.push(Note::Gone);
+    pub(super) fn left(&mut self, context: &mut InstanceContext<'_>) {
+        let failure = self.failure(FailureCause::NotAvailable("its node left".into()), context);
+        self.finish(Ending::Aborted(failure), context);
+        context.notes.push(Note::Gone);
     }
 }

@@ -1,7 +1,7 @@
 //! Which robot's copy is asked, and its answers.
 
 use crate::ConnectArgs;
-use crate::absent::{self, Away};
+use crate::absent::{self, Absences};
 use crate::client::{Answers, Client, unasked};
 use anyhow::anyhow;
 use comms::io::clock;
@@ -10,7 +10,7 @@ use dbmanager::logic::key::{Key, KeyError};
 use dbmanager::logic::view::past::Keys;
 use dbmanager::logic::view::value::Datum;
 use node::console::{self, Failure, block_on};
-use node::logic::database::question::{Moment, Question, Reply};
+use node::logic::database::question::{AsOf, Question, Reply};
 use node::logic::protocol::{Answer, InstanceParameters, Request};
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -29,7 +29,7 @@ pub struct DatabaseArgs {
     #[arg(long)]
     pub(crate) json: bool,
     #[command(flatten)]
-    reaching: ConnectArgs,
+    connect: ConnectArgs,
 }
 
 /// A connection to the databases of the robots that can be reached.
@@ -54,7 +54,7 @@ impl DatabaseArgs {
     /// Does something with the databases, and closes the connection after it.
     pub(crate) fn with<T>(&self, work: impl AsyncFnOnce(&Databases<'_>) -> Result<T, Failure>) -> Result<T, Failure> {
         block_on(async {
-            let client = Client::open_any(&self.reaching).await?;
+            let client = Client::open_any(&self.connect).await?;
             let result = match self.whom(&client).await {
                 Ok(robot) => work(&Databases::through(&client, robot)).await,
                 Err(failure) => Err(failure),
@@ -114,7 +114,7 @@ impl<'a> Databases<'a> {
     /// Returns what the database of a robot says below `params/` and `below`, with whole keys.
     pub(crate) async fn parameters_of(&self, robot: &str, below: &str) -> Result<Vec<(String, Datum)>, Failure> {
         let prefix = format!("robot/{robot}/params/{below}");
-        let mut replies = self.ask(robot, Question::List { prefix, at: Moment::Now })?;
+        let mut replies = self.ask(robot, Question::List { prefix, at: AsOf::Now })?;
         let mut keys = Vec::new();
         while let Some(reply) = replies.next(clock::now() + ANSWER_WITHIN).await? {
             let Reply::Entries(entries) = reply else { return Err(refusal(&reply)) };
@@ -168,7 +168,7 @@ impl<'a> Databases<'a> {
     }
 
     /// Returns which hosts do not answer, as all nodes together say.
-    pub(crate) async fn away(&self) -> Result<Away, Failure> {
+    pub(crate) async fn away(&self) -> Result<Absences, Failure> {
         Ok(absent::ask(&[(self.client, self.client.statuses().await?)]).await)
     }
 

@@ -9,7 +9,7 @@
 //! When the home is lost, this part is on its own: programs that are to stop leave, and so does everything once nothing runs
 //! any more, since nobody could end it.
 
-use super::{Phase, Tenant};
+use super::{Participant, Phase};
 use crate::logic::effect::{Out, earliest};
 use crate::logic::executer::group_host;
 use crate::logic::instance::Instance;
@@ -27,7 +27,7 @@ pub(super) struct Loss {
     stops: BTreeSet<(Time, u32, String)>,
 }
 
-impl Tenant {
+impl Participant {
     /// Takes note that a host is missing.
     pub fn host_missing(&mut self, host: &str, now: Time) {
         let is_noted = |leaf| self.loss.stops.iter().any(|(_, other, missing)| *other == leaf && missing == host);

@@ -2,7 +2,7 @@
 //!
 //! Life: `Preparing` (programs started, each has said where it is or why not) → `Connecting` (links made, closed) →
 //! `Running` → `Leaving` (every program told to go) → nothing. The home node moves it along; if the home node is lost the
-//! tenant leaves by itself, unless the spec wants something of it to go on (`loss`).
+//! participant leaves by itself, unless the spec wants something of it to go on (`loss`).
 
 mod links;
 mod loss;
@@ -10,10 +10,12 @@ mod status;
 
 use crate::logic::claims::Claims;
 use crate::logic::effect::{Out, ProcessId, SpawnOrder, earliest};
-use crate::logic::executer::{Executer, Surroundings, below_using, group_host, leaf_host};
-use crate::logic::instance::{Instance, Moment, Note};
+use crate::logic::executer::{ExecContext, Executer, below_using, group_host, leaf_host};
+use crate::logic::instance::{Instance, InstanceContext, Note};
 use crate::logic::programs::Programs;
-use crate::logic::protocol::{Change, Deployment, Ending, Failure, FailureCause, LeafFacts, Target, ToHome, ToTenant};
+use crate::logic::protocol::{
+    Change, Deployment, Ending, Failure, FailureCause, LeafFacts, Target, ToCoordinator, ToParticipant,
+};
 use crate::logic::table::counted;
 use crate::logic::wiring::Registrations;
 use comms::logic::control::Notice;
@@ -37,7 +39,7 @@ enum Phase {
 
 /// A deployment's part on this host.
 #[derive(Debug, Serialize, Deserialize)]
-pub struct Tenant {
+pub struct Participant {
     deployment: Deployment,
     plan: Arc<Plan>,
     home: String,
@@ -61,7 +63,7 @@ pub struct Tenant {
     loss: Loss,
 }
 
-impl Tenant {
+impl Participant {
     /// Starts every program of `host`, idle; answers with `Prepared` or `Refused` when all have reported.
     pub fn prepare(
         deployment: Deployment,
@@ -75,7 +77,7 @@ impl Tenant {
         let below = below_using(&plan);
         let supervisor = |number: u32| Some((number, Executer::new(&plan, number, below.contains(&number))?));
         let executers = groups.filter_map(|(number, _)| supervisor(number)).collect();
-        let mut tenant = Self {
+        let mut participant = Self {
             supervisors: supervisors(&plan),
             claims: Claims::of(&plan, host),
             deployment,
@@ -96,9 +98,9 @@ impl Tenant {
             ticket: 0,
             loss: Loss::default(),
         };
-        tenant.start_programs(host, programs, out);
-        tenant.report_prepared(out);
-        tenant
+        participant.start_programs(host, programs, out);
+        participant.report_prepared(out);
+        participant
     }
 
     /// Returns the programs that may still be there although everything was done to end them.
@@ -117,36 +119,36 @@ impl Tenant {
     }
 
     /// Takes a message about this deployment.
-    pub fn receive(&mut self, message: ToTenant, from: &str, out: &mut Out<'_>) {
+    pub fn receive(&mut self, message: ToParticipant, from: &str, out: &mut Out<'_>) {
         match message {
             // It is prepared already: that is how it came to be.
-            ToTenant::Prepare { .. } => {}
-            ToTenant::Connect { facts, machines } => self.connect(facts, machines, out),
-            ToTenant::Go => self.go(out.now),
-            ToTenant::Release => self.leave(out),
-            ToTenant::Activate { target, activation, value } => {
+            ToParticipant::Prepare { .. } => {}
+            ToParticipant::Connect { facts, machines } => self.connect(facts, machines, out),
+            ToParticipant::Go => self.go(out.now),
+            ToParticipant::Release => self.leave(out),
+            ToParticipant::Activate { target, activation, value } => {
                 self.go(out.now);
                 self.activate(target, activation, value, out);
             }
-            ToTenant::Stop { target, activation } => self.stop(target, activation, out),
-            ToTenant::Ended { target, activation, ending } => self.member_ended(target, activation, ending, out),
-            ToTenant::Switch { wires, open, group, generation } => {
+            ToParticipant::Stop { target, activation } => self.stop(target, activation, out),
+            ToParticipant::Ended { target, activation, ending } => self.member_ended(target, activation, ending, out),
+            ToParticipant::Switch { wires, open, group, generation } => {
                 self.switch(&wires, open, (group, generation, from), out);
             }
-            ToTenant::Switched { group, generation } => {
+            ToParticipant::Switched { group, generation } => {
                 self.with_executer(group, out, |executer, at, out| {
                     executer.switched(generation, at, out);
                     None
                 });
             }
-            ToTenant::Loose { target, hosts } => {
+            ToParticipant::Loose { target, hosts } => {
                 let Some(&(group, slot)) = self.supervisors.get(&target) else { return };
                 self.with_executer(group, out, |executer, at, out| {
                     executer.loosened(slot, hosts.into_iter().collect(), at, out);
                     None
                 });
             }
-            ToTenant::Cleared { host } => {
+            ToParticipant::Cleared { host } => {
                 for group in self.executers.keys().copied().collect::<Vec<_>>() {
                     self.with_executer(group, out, |executer, at, out| {
                         executer.host_cleared(&host, at, out);
@@ -154,7 +156,7 @@ impl Tenant {
                     });
                 }
             }
-            ToTenant::Moved { facts } => {
+            ToParticipant::Moved { facts } => {
                 if leaf_host(&self.plan, facts.leaf) == Some(from) {
                     self.moved(facts, out);
                 }
@@ -174,22 +176,22 @@ impl Tenant {
 
     /// Refuses a controller that has said hello, since it must not run beside something else.
     pub fn refuse(&mut self, leaf: u32, why: &str, out: &mut Out<'_>) {
-        self.with_instance(leaf, out, |instance, moment| instance.turn_away(why, moment));
+        self.with_instance(leaf, out, |instance, context| instance.turn_away(why, context));
     }
 
     /// Takes a word from a controller.
     pub fn hear(&mut self, leaf: u32, notice: Notice, out: &mut Out<'_>) {
-        self.with_instance(leaf, out, |instance, moment| instance.hear(notice, moment));
+        self.with_instance(leaf, out, |instance, context| instance.hear(notice, context));
     }
 
     /// Takes a word from a shim.
     pub fn observe(&mut self, leaf: u32, report: ShimReport, output: Vec<String>, out: &mut Out<'_>) {
-        self.with_instance(leaf, out, |instance, moment| instance.observe(report, output, moment));
+        self.with_instance(leaf, out, |instance, context| instance.observe(report, output, context));
     }
 
     /// Takes note that an order did not reach a program.
     pub fn undelivered(&mut self, leaf: u32, why: String, out: &mut Out<'_>) {
-        self.with_instance(leaf, out, |instance, moment| instance.undelivered(why, moment));
+        self.with_instance(leaf, out, |instance, context| instance.undelivered(why, context));
     }
 
     /// Takes note of parameters that a program was told of while the deployment runs.
@@ -220,16 +222,16 @@ impl Tenant {
 
     fn abandon_groups(&mut self, out: &mut Out<'_>) {
         let since_go = self.since_go(out.now);
-        let at = Surroundings { deployment: &self.deployment, home: &self.home, plan: &self.plan, since_go };
+        let context = ExecContext { deployment: &self.deployment, home: &self.home, plan: &self.plan, since_go };
         for (&group, executer) in self.executers.iter_mut().filter(|(_, executer)| executer.is_running()) {
             // What was taken for it is not free before its programs have ended.
-            executer.abandon(at, out);
+            executer.abandon(context, out);
             let origin = self.plan.groups.get(group as usize).map(|group| group.path.clone()).unwrap_or_default();
             let failure = Failure { origin, cause: FailureCause::NotAvailable("its node left".into()), at: since_go };
             let (target, activation) = (Target::Group(group), executer.activation());
             let ending = Ending::Aborted(failure);
             if let Some(host) = self.supervisors.get(&target).and_then(|(group, _)| group_host(&self.plan, *group)) {
-                out.send(host, self.deployment.to_tenant(ToTenant::Ended { target, activation, ending }));
+                out.send(host, self.deployment.to_participant(ToParticipant::Ended { target, activation, ending }));
             }
         }
     }
@@ -255,7 +257,7 @@ impl Tenant {
         }
     }
 
-    /// Returns when [`Tenant::tick`] wants to be called.
+    /// Returns when [`Participant::tick`] wants to be called.
     pub fn deadline(&self) -> Option<Time> {
         let instances = self.instances.values().map(Instance::deadline);
         let executers = self.executers.values().map(Executer::deadline);
@@ -283,9 +285,9 @@ impl Tenant {
         }
         for (number, order, stop_within) in orders {
             let (mut notes, since_go) = (Vec::new(), Duration::ZERO);
-            let mut moment = Moment { now: out.now, since_go, effects: out.effects, notes: &mut notes };
+            let mut context = InstanceContext { now: out.now, since_go, effects: out.effects, notes: &mut notes };
             self.waiting.insert(number);
-            self.instances.insert(number, Instance::spawn(order, stop_within, &mut moment));
+            self.instances.insert(number, Instance::spawn(order, stop_within, &mut context));
         }
     }
 
@@ -299,7 +301,7 @@ impl Tenant {
     fn activate(&mut self, target: Target, activation: u32, value: Vec<u8>, out: &mut Out<'_>) {
         match target {
             Target::Leaf(leaf) => {
-                self.with_instance(leaf, out, |instance, moment| instance.activate(activation, value, moment));
+                self.with_instance(leaf, out, |instance, context| instance.activate(activation, value, context));
             }
             Target::Group(group) => {
                 if let Some(executer) = self.executers.get(&group).filter(|executer| executer.is_running()) {
@@ -319,7 +321,7 @@ impl Tenant {
 
     fn stop(&mut self, target: Target, activation: u32, out: &mut Out<'_>) {
         match target {
-            Target::Leaf(leaf) => self.with_instance(leaf, out, |instance, moment| instance.stop(activation, moment)),
+            Target::Leaf(leaf) => self.with_instance(leaf, out, |instance, context| instance.stop(activation, context)),
             Target::Group(group) => {
                 self.happened(target, Change::Stopping, out);
                 self.with_executer(group, out, |executer, at, out| executer.stop(activation, at, out));
@@ -333,12 +335,17 @@ impl Tenant {
         }
     }
 
-    fn with_instance(&mut self, leaf: u32, out: &mut Out<'_>, act: impl FnOnce(&mut Instance, &mut Moment<'_>)) {
+    fn with_instance(
+        &mut self,
+        leaf: u32,
+        out: &mut Out<'_>,
+        act: impl FnOnce(&mut Instance, &mut InstanceContext<'_>),
+    ) {
         let mut notes = Vec::new();
         let since_go = self.since_go(out.now);
         let Some(instance) = self.instances.get_mut(&leaf) else { return };
-        let mut moment = Moment { now: out.now, since_go, effects: out.effects, notes: &mut notes };
-        act(instance, &mut moment);
+        let mut context = InstanceContext { now: out.now, since_go, effects: out.effects, notes: &mut notes };
+        act(instance, &mut context);
         for note in notes {
             self.note(leaf, note, out);
         }
@@ -385,12 +392,12 @@ impl Tenant {
         &mut self,
         group: u32,
         out: &mut Out<'_>,
-        act: impl FnOnce(&mut Executer, Surroundings<'_>, &mut Out<'_>) -> Option<Ending>,
+        act: impl FnOnce(&mut Executer, ExecContext<'_>, &mut Out<'_>) -> Option<Ending>,
     ) {
         let since_go = self.since_go(out.now);
         let Some(executer) = self.executers.get_mut(&group) else { return };
-        let at = Surroundings { deployment: &self.deployment, home: &self.home, plan: &self.plan, since_go };
-        let Some(ending) = act(executer, at, out) else { return };
+        let context = ExecContext { deployment: &self.deployment, home: &self.home, plan: &self.plan, since_go };
+        let Some(ending) = act(executer, context, out) else { return };
         let activation = executer.activation();
         let target = Target::Group(group);
         self.happened(target, Change::Ended(ending.clone()), out);
@@ -399,13 +406,15 @@ impl Tenant {
 
     fn tell_supervisor(&self, target: Target, activation: u32, ending: Ending, out: &mut Out<'_>) {
         match self.supervisors.get(&target).and_then(|(group, _)| group_host(&self.plan, *group)) {
-            Some(host) => out.send(host, self.deployment.to_tenant(ToTenant::Ended { target, activation, ending })),
-            None => out.send(&self.home, self.deployment.to_home(ToHome::MainEnded { ending })),
+            Some(host) => {
+                out.send(host, self.deployment.to_participant(ToParticipant::Ended { target, activation, ending }));
+            }
+            None => out.send(&self.home, self.deployment.to_coordinator(ToCoordinator::MainEnded { ending })),
         }
     }
 
     fn happened(&self, target: Target, change: Change, out: &mut Out<'_>) {
-        out.send(&self.home, self.deployment.to_home(ToHome::Happened { target, change }));
+        out.send(&self.home, self.deployment.to_coordinator(ToCoordinator::Happened { target, change }));
     }
 
     fn report_prepared(&mut self, out: &mut Out<'_>) {
@@ -414,11 +423,11 @@ impl Tenant {
         }
         let reasons = self.take_reasons();
         let message = if reasons.is_empty() {
-            ToHome::Prepared { facts: std::mem::take(&mut self.facts), machine: self.machine.clone() }
+            ToCoordinator::Prepared { facts: std::mem::take(&mut self.facts), machine: self.machine.clone() }
         } else {
-            ToHome::Refused { reasons }
+            ToCoordinator::Refused { reasons }
         };
-        out.send(&self.home, self.deployment.to_home(message));
+        out.send(&self.home, self.deployment.to_coordinator(message));
     }
 
     fn report_connected(&mut self, out: &mut Out<'_>) {
@@ -426,8 +435,8 @@ impl Tenant {
             return;
         }
         let reasons = self.take_reasons();
-        let message = if reasons.is_empty() { ToHome::Connected } else { ToHome::Refused { reasons } };
-        out.send(&self.home, self.deployment.to_home(message));
+        let message = if reasons.is_empty() { ToCoordinator::Connected } else { ToCoordinator::Refused { reasons } };
+        out.send(&self.home, self.deployment.to_coordinator(message));
     }
 
     /// Returns the reasons against this deployment, and forgets them. One that several programs have is one sentence: most
@@ -450,8 +459,9 @@ impl Tenant {
 
     fn report_released(&self, out: &mut Out<'_>) {
         if self.is_over() {
-            let message = if self.unconfirmed().is_empty() { ToHome::Released } else { ToHome::Unconfirmed };
-            out.send(&self.home, self.deployment.to_home(message));
+            let message =
+                if self.unconfirmed().is_empty() { ToCoordinator::Released } else { ToCoordinator::Unconfirmed };
+            out.send(&self.home, self.deployment.to_coordinator(message));
         }
     }
 

@@ -1,6 +1,6 @@
-//! A tenant as people see it.
+//! A participant as people see it.
 
-use super::{Phase, Tenant};
+use super::{Participant, Phase};
 use crate::logic::executer::Executer;
 use crate::logic::instance::Instance;
 use crate::logic::parameters;
@@ -8,7 +8,7 @@ use crate::logic::programs::Programs;
 use crate::logic::protocol::{AbsentProcess, DeploymentStatus, InstanceParameters, ProcessStatus};
 use language::plan::{Leaf, LeafKind};
 
-impl Tenant {
+impl Participant {
     /// Returns what runs here, in the plan's order.
     pub fn status(&self) -> DeploymentStatus {
         let group = |(number, executer): (&u32, &Executer)| {

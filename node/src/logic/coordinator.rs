@@ -12,7 +12,7 @@
 
 use crate::logic::effect::{Effect, Out};
 use crate::logic::protocol::{
-    Answer, Change, Deployment, Ending, LeafFacts, Report, StopReply, Target, ToHome, ToTenant, Why,
+    Answer, Change, Deployment, Ending, LeafFacts, Report, StopReply, Target, ToCoordinator, ToParticipant, Why,
 };
 use crate::logic::wiring::{Registrations, observe};
 use comms::logic::time::Time;
@@ -44,7 +44,7 @@ enum Phase {
 
 /// A deployment at its home.
 #[derive(Debug, Serialize, Deserialize)]
-pub struct Home {
+pub struct Coordinator {
     deployment: Deployment,
     plan: Arc<Plan>,
     hosts: Vec<String>,
@@ -73,11 +73,11 @@ pub struct Home {
     reports: Vec<Report>,
 }
 
-impl Home {
+impl Coordinator {
     /// Begins a deployment: asks every host of the plan to prepare. `watcher` is the call that asked for it.
     pub fn begin(deployment: Deployment, plan: Arc<Plan>, watcher: u64, out: &mut Out<'_>) -> Self {
         let hosts: Vec<String> = plan.hosts.clone();
-        let mut home = Self {
+        let mut coordinator = Self {
             registrations: Registrations { facts: Default::default(), machines: vec![String::new(); hosts.len()] },
             waiting: hosts.iter().cloned().collect(),
             hosts,
@@ -99,13 +99,16 @@ impl Home {
             stoppers: Vec::new(),
             reports: Vec::new(),
         };
-        out.effects.push(Effect::Commit { deployment: home.deployment.clone(), hosts: home.hosts.clone() });
-        home.report(Report::Accepted { deployment: home.deployment.clone() }, out);
-        for host in home.hosts.clone() {
-            let plan = (*home.plan).clone();
-            out.send(&host, home.deployment.to_tenant(ToTenant::Prepare { plan }));
+        out.effects.push(Effect::PersistEpoch {
+            deployment: coordinator.deployment.clone(),
+            hosts: coordinator.hosts.clone(),
+        });
+        coordinator.report(Report::Accepted { deployment: coordinator.deployment.clone() }, out);
+        for host in coordinator.hosts.clone() {
+            let plan = (*coordinator.plan).clone();
+            out.send(&host, coordinator.deployment.to_participant(ToParticipant::Prepare { plan }));
         }
-        home
+        coordinator
     }
 
     /// Returns whether nothing is left to be done.
@@ -114,29 +117,29 @@ impl Home {
     }
 
     /// Takes a message of a host.
-    pub fn receive(&mut self, message: ToHome, from: &str, out: &mut Out<'_>) {
+    pub fn receive(&mut self, message: ToCoordinator, from: &str, out: &mut Out<'_>) {
         let starting = matches!(self.phase, Phase::Preparing | Phase::Connecting);
         match message {
-            ToHome::Prepared { facts, machine } => {
+            ToCoordinator::Prepared { facts, machine } => {
                 if self.phase == Phase::Preparing {
                     self.prepared(from, facts, machine, out);
                 }
             }
-            ToHome::Connected => {
+            ToCoordinator::Connected => {
                 if self.phase == Phase::Connecting {
                     self.connected(from, out);
                 }
             }
-            ToHome::Refused { reasons } => {
+            ToCoordinator::Refused { reasons } => {
                 if starting {
                     self.refused(from, reasons, out);
                 }
             }
-            ToHome::Released | ToHome::Unconfirmed => {
+            ToCoordinator::Released | ToCoordinator::Unconfirmed => {
                 if starting {
                     return self.refused(from, vec![format!("host `{from}`: its node left")], out);
                 }
-                if message == ToHome::Unconfirmed {
+                if message == ToCoordinator::Unconfirmed {
                     self.lost.insert(from.to_owned());
                     self.unable.insert(from.to_owned());
                 }
@@ -144,20 +147,20 @@ impl Home {
                 self.left.insert(from.to_owned());
                 // Who was lost has not said so itself unless it is back.
                 let is_known = !self.lost.contains(from) || self.back.contains(from);
-                if message == ToHome::Released && is_known {
+                if message == ToCoordinator::Released && is_known {
                     self.lost.remove(from);
                     let others = self.hosts.iter().filter(|host| self.phase == Phase::Running && *host != from);
                     for host in others {
-                        let cleared = ToTenant::Cleared { host: from.to_owned() };
-                        out.send(host, self.deployment.to_tenant(cleared));
+                        let cleared = ToParticipant::Cleared { host: from.to_owned() };
+                        out.send(host, self.deployment.to_participant(cleared));
                     }
                 }
                 if self.phase == Phase::Ending && self.waiting.remove(from) && self.waiting.is_empty() {
                     self.finish(out);
                 }
             }
-            ToHome::MainEnded { ending } => self.end(Some(ending), out),
-            ToHome::Happened { target, change } => self.happened(target, change, out),
+            ToCoordinator::MainEnded { ending } => self.end(Some(ending), out),
+            ToCoordinator::Happened { target, change } => self.happened(target, change, out),
         }
     }
 
@@ -182,8 +185,8 @@ impl Home {
             }
             Phase::Running => {
                 let Some(home) = self.plan.home().map(str::to_owned) else { return };
-                let order = ToTenant::Stop { target: Target::Group(0), activation: 1 };
-                out.send(&home, self.deployment.to_tenant(order));
+                let order = ToParticipant::Stop { target: Target::Group(0), activation: 1 };
+                out.send(&home, self.deployment.to_participant(order));
             }
             Phase::Ending | Phase::Over => {}
         }
@@ -243,7 +246,7 @@ impl Home {
             if self.phase == Phase::Ending {
                 self.waiting.insert(host.to_owned());
             }
-            out.send(host, self.deployment.to_tenant(ToTenant::Release));
+            out.send(host, self.deployment.to_participant(ToParticipant::Release));
         }
     }
 
@@ -274,7 +277,7 @@ impl Home {
         }
     }
 
-    /// Returns when [`Home::tick`] wants to be called.
+    /// Returns when [`Coordinator::tick`] wants to be called.
     pub fn deadline(&self) -> Option<Time> {
         self.deadline
     }
@@ -301,7 +304,7 @@ impl Home {
         for host in self.hosts.clone() {
             let facts = self.registrations.facts.values().cloned().collect();
             let machines = self.registrations.machines.clone();
-            out.send(&host, self.deployment.to_tenant(ToTenant::Connect { facts, machines }));
+            out.send(&host, self.deployment.to_participant(ToParticipant::Connect { facts, machines }));
         }
     }
 
@@ -347,11 +350,11 @@ impl Home {
         let at = programs.collect();
         self.report(Report::Programs { at }, out);
         for host in self.hosts.clone() {
-            out.send(&host, self.deployment.to_tenant(ToTenant::Go));
+            out.send(&host, self.deployment.to_participant(ToParticipant::Go));
         }
         let Some(home) = self.plan.home().map(str::to_owned) else { return };
-        let order = ToTenant::Activate { target: Target::Group(0), activation: 1, value: Vec::new() };
-        out.send(&home, self.deployment.to_tenant(order));
+        let order = ToParticipant::Activate { target: Target::Group(0), activation: 1, value: Vec::new() };
+        out.send(&home, self.deployment.to_participant(order));
     }
 
     fn happened(&mut self, target: Target, change: Change, out: &mut Out<'_>) {
@@ -376,7 +379,7 @@ impl Home {
         // A node that left has said so before, and does not hear this any more.
         self.waiting = self.hosts.iter().filter(|host| !self.left.contains(*host)).cloned().collect();
         for host in self.waiting.clone() {
-            out.send(&host, self.deployment.to_tenant(ToTenant::Release));
+            out.send(&host, self.deployment.to_participant(ToParticipant::Release));
         }
         if self.waiting.is_empty() {
             self.finish(out);

@@ -6,11 +6,11 @@
 //! about their programs and what the home says about all of them come on different ways: the word of a program's own host
 //! counts.
 
-use super::{Phase, Tenant};
+use super::{Participant, Phase};
 use crate::logic::effect::Out;
 use crate::logic::executer::leaf_host;
 use crate::logic::instance::Instance;
-use crate::logic::protocol::{LeafFacts, ToTenant};
+use crate::logic::protocol::{LeafFacts, ToParticipant};
 use crate::logic::wiring::{dialers, links, relink, shapes};
 use comms::logic::control::Order;
 use language::plan::LeafKind;
@@ -32,7 +32,7 @@ pub(super) struct Switching {
 /// Who asks for wires to be opened or closed: group, generation and host.
 pub(super) type Asked<'a> = (u32, u64, &'a str);
 
-impl Tenant {
+impl Participant {
     pub(super) fn connect(&mut self, facts: Vec<LeafFacts>, machines: Vec<String>, out: &mut Out<'_>) {
         if self.phase != Phase::Preparing {
             return;
@@ -69,7 +69,7 @@ impl Tenant {
             .filter_map(|dialer| leaf_host(&self.plan, dialer).filter(|host| Some(*host) != here))
             .collect();
         for host in hosts {
-            out.send(host, self.deployment.to_tenant(ToTenant::Moved { facts: facts.clone() }));
+            out.send(host, self.deployment.to_participant(ToParticipant::Moved { facts: facts.clone() }));
         }
         self.moved(facts, out);
         let made = links(&self.plan, &self.deployment, &self.registrations, leaf);
@@ -155,7 +155,7 @@ impl Tenant {
         for (_, Switching { group, host, generation, .. }) in
             self.switching.extract_if(.., |_, switching| switching.waiting.is_empty())
         {
-            out.send(&host, self.deployment.to_tenant(ToTenant::Switched { group, generation }));
+            out.send(&host, self.deployment.to_participant(ToParticipant::Switched { group, generation }));
         }
     }
 }
