@@ -50,3 +50,9 @@ fn seeds_4001_to_5000_converge_and_lose_nothing() {
 fn a_seed_replays() {
     assert_eq!(world::run(7), world::run(7));
 }
+
+/// A writer had seen a transaction whose number another one has in the log that is checked; that one has a later timestamp.
+#[test]
+fn causality_is_about_what_was_seen_and_not_about_its_number() {
+    world::run(9226).unwrap();
+}

@@ -346,8 +346,9 @@ impl Reference {
     fn check_stamps(&self, chain: &BTreeMap<Dot, ChainHash>) -> Result<(), String> {
         for (dot, link) in chain {
             let Some(event) = self.events.get(&(*dot, *link)) else { continue };
-            let causes = event.context.iter().map(|(origin, seq)| Dot { origin, seq });
-            for cause in causes.filter_map(|dot| self.events.get(&(dot, *chain.get(&dot)?))) {
+            let named = event.context.iter().map(|(origin, seq)| Dot { origin, seq });
+            let causes = named.filter_map(|dot| Some((dot, *chain.get(&dot)?))).filter(|id| self.sees(event, *id));
+            for cause in causes.filter_map(|id| self.events.get(&id)) {
                 if cause.txn.stamp >= event.txn.stamp {
                     return Err(format!("I11: {dot} saw {} and has a smaller stamp", cause.txn.dot()));
                 }
