@@ -1,10 +1,11 @@
-//! Clocks and sockets; and zenoh, for who asks for the feature of that name.
+//! Clocks, sockets and random numbers. Sessions of zenoh need the feature `zenoh`.
 
 pub mod clock;
 pub mod control;
 #[cfg(feature = "zenoh")]
 pub mod data;
 pub mod descriptors;
+pub mod entropy;
 pub mod queue;
 #[cfg(feature = "zenoh")]
 pub mod session;

@@ -26,6 +26,7 @@ use crate::logic::protocol::Deployment;
 use anyhow::Context;
 use comms::io::clock;
 use comms::io::control::ControlSender;
+use comms::io::entropy;
 use comms::io::session::{NodeOptions, Reach};
 use comms::logic::key::HostName;
 use comms::logic::time::Time;
@@ -49,7 +50,7 @@ pub struct Config {
     pub name: String,
     /// The folder of this user's nodes.
     pub base: PathBuf,
-    /// Who can reach it.
+    /// The reach of its session.
     pub reach: Reach,
     /// The TCP port it listens on when the network can reach it; 0 for any that is free.
     pub port: u16,
@@ -63,7 +64,7 @@ pub struct Config {
     pub adopts: bool,
     /// Folder for what must survive: the database and the journal; none for a node whose memory ends with it.
     pub state: Option<PathBuf>,
-    /// What keeps a new database on the disk; the usual engine if nothing is said.
+    /// The engine of a new database; nothing for the default.
     pub store: Option<dbmanager::io::store::Engine>,
     /// Name of the team whose database this node has a replica of.
     pub team: String,
@@ -82,7 +83,7 @@ struct Driver {
     peers: Peers,
     database: database::Running,
     journal: Arc<Mutex<Journal>>,
-    /// What is done beside the loop.
+    /// The jobs beside the loop.
     jobs: Sender<Job>,
     shims: BTreeMap<ProcessId, Sender<ShimOrder>>,
     programs: BTreeMap<ProcessId, (u64, ControlSender)>,
@@ -94,9 +95,9 @@ struct Driver {
     pending: VecDeque<Input>,
     events: Sender<Event>,
     tasks: JoinSet<()>,
-    /// What is written into the journal of ends, before the node leaves.
+    /// The pending writes of ends to the journal, finished before the node leaves.
     settling: JoinSet<()>,
-    /// What this robot's own keys say.
+    /// The robot's settings for its node.
     settings: Settings,
     /// Why the node had to leave.
     yielded: Option<String>,
@@ -166,11 +167,12 @@ impl Driver {
                 .context("opening the journal")?;
         let offered = offered(&config).await?;
         let pid = std::process::id();
+        let boot = entropy::number().context("reading a random number from the system")?;
         let inputs = InputLog::new(dir.path(), &machine, config.adopts);
         let is_adopting = before.is_some();
         let state = state(before, offered, || {
             let (host, epoch, open) = (config.name.clone(), journal.epoch(), journal.open_ends());
-            Identity { host, boot: boot_number(), pid, machine, epoch, open }
+            Identity { host, boot, pid, machine, epoch, open }
         });
         let mut tasks = JoinSet::new();
         let (sink, mut arrivals) = mpsc::channel(EVENTS_MAX);
@@ -447,13 +449,6 @@ async fn take_folder(config: &Config, machine: &str) -> anyhow::Result<(RunDir, 
     // What a killed shim leaves behind comes to this process, which ends it.
     rustix::process::set_child_subreaper(Some(rustix::process::getpid())).context("becoming the parent of orphans")?;
     Ok((dir, state))
-}
-
-/// A number that no earlier run had: the wall clock may be wrong, so the time since the machine's boot and the process id
-/// count too.
-fn boot_number() -> u64 {
-    let wall = u64::try_from(clock::unix_time().as_nanos()).unwrap_or(u64::MAX);
-    wall ^ clock::now().nanos().rotate_left(32) ^ u64::from(std::process::id()).rotate_left(48)
 }
 
 /// Names the machine and its network: the kernel's boot and the network namespace.

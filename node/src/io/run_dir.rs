@@ -1,4 +1,4 @@
-//! Where a node keeps its sockets and its programs' output: one private folder for each user, one below it for each node.
+//! The run directory: sockets and output of programs, in a private folder for each user with a folder for each node.
 //!
 //! ```text
 //! BASE/                     0700, owned by the user: /run/user/UID/dca, or dca-UID in the folder for temporary files
@@ -19,9 +19,10 @@ use crate::io::folder::{self, FolderError};
 use crate::logic::effect::ProcessId;
 use crate::logic::protocol::Deployment;
 use comms::io::clock::{Wakeup, now};
+use comms::io::entropy;
 use rustix::fs::{FlockOperation, flock};
 use std::fs::{self, File, OpenOptions};
-use std::io::{self, Read, Write};
+use std::io::{self, Write};
 use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -50,9 +51,9 @@ pub enum RunDirError {
     /// The folder cannot be made or read.
     #[error("cannot use the folder `{path}`: {cause}; choose another with `--run-dir`")]
     Unusable {
-        /// Which.
+        /// The path.
         path: PathBuf,
-        /// Why.
+        /// The error of the system.
         cause: io::Error,
     },
     /// A file is in its place.
@@ -61,21 +62,21 @@ pub enum RunDirError {
     /// The folder belongs to somebody else, so its sockets cannot be trusted.
     #[error("the folder `{path}` belongs to user {owner}; remove it, or choose another with `--run-dir`")]
     Foreign {
-        /// Which.
+        /// The path.
         path: PathBuf,
-        /// Whose.
+        /// The user id of the owner.
         owner: u32,
     },
     /// The folder is a link: who made it can lead it elsewhere.
     #[error("the folder `{path}` is a link; name the folder itself with `--run-dir`")]
     Link {
-        /// Which.
+        /// The path.
         path: PathBuf,
     },
     /// Others can put files into the folder.
     #[error("anybody can write to the folder `{path}`; `chmod go-w` it, or choose another with `--run-dir`")]
     Open {
-        /// Which.
+        /// The path.
         path: PathBuf,
     },
     /// A node of that name is running.
@@ -90,7 +91,7 @@ pub enum RunDirError {
          shorter one with `--run-dir`"
     )]
     TooDeep {
-        /// Which.
+        /// The path.
         path: PathBuf,
         /// How long it is, in bytes.
         length: usize,
@@ -289,9 +290,7 @@ pub fn make_process(path: &Path) -> io::Result<()> {
 /// Writes a number that nobody can guess where nobody else can read it.
 fn write_proof(path: &Path) -> io::Result<String> {
     remove_leftover(path)?;
-    let mut bytes = [0; 16];
-    File::open("/dev/urandom")?.read_exact(&mut bytes)?;
-    let proof = format!("{:032x}", u128::from_le_bytes(bytes));
+    let proof = format!("{:032x}", u128::from_le_bytes(entropy::bytes()?));
     let mut file = OpenOptions::new().create_new(true).write(true).mode(0o600).open(path)?;
     file.write_all(proof.as_bytes())?;
     Ok(proof)

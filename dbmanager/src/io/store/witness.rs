@@ -9,6 +9,7 @@
 //! The count goes up in the store first, with that first batch, and here second, so a store may be one ahead of its witness
 //! after a crash between the two. A card that was copied bit by bit for an equal machine passes; that is noticed when the two meet.
 
+use comms::io::entropy;
 use rustix::fs::{AtFlags, CWD, StatxFlags, statx};
 use std::collections::BTreeMap;
 use std::ffi::OsString;
@@ -33,7 +34,7 @@ pub enum Trust {
     Doubtful(Doubt),
 }
 
-/// What speaks against a store.
+/// The reason not to trust a store.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Doubt {
     /// There is no witness.
@@ -70,9 +71,7 @@ pub(super) struct Life {
 impl Life {
     /// Returns the life of a new store, from the system's randomness.
     pub(super) fn new() -> io::Result<Self> {
-        let mut store = [0; 16];
-        File::open("/dev/urandom")?.read_exact(&mut store)?;
-        Ok(Self { store: u128::from_le_bytes(store), boots: 0 })
+        Ok(Self { store: u128::from_le_bytes(entropy::bytes()?), boots: 0 })
     }
 
     pub(super) fn to_bytes(self) -> Vec<u8> {

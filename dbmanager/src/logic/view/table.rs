@@ -1,5 +1,5 @@
-//! What the other modules return, as text for people: aligned columns under headings, what is to be done marked with
-//! `!`.
+//! The results of the other views as text for people: aligned columns under headings. A `!` marks what needs somebody's
+//! attention.
 
 use super::as_of::Difference;
 use super::conflict::{Conflict, Party, Race, Sibling};
@@ -8,17 +8,18 @@ use super::past::{HistoryEntry, When};
 use super::value::Datum;
 use crate::logic::txn::Condition;
 use crate::logic::version_vector::Dot;
+use unicode_width::UnicodeWidthStr as _;
 
 /// How much of a value or a reason is shown in a table, in characters.
 const CELL_MAX: usize = 48;
 
-/// Returns rows in aligned columns, without trailing blanks.
+/// Returns rows in aligned columns, without trailing blanks. A wide character, as of Chinese, takes two columns of a terminal.
 pub fn table(rows: &[Vec<String>]) -> String {
     let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
-    let width = |column: usize| rows.iter().filter_map(|row| row.get(column)).map(|cell| cell.chars().count()).max();
+    let width = |column: usize| rows.iter().filter_map(|row| row.get(column)).map(|cell| cell.width()).max();
     let widths: Vec<usize> = (0..columns).map(|column| width(column).unwrap_or(0)).collect();
     let line = |row: &Vec<String>| {
-        let cells = row.iter().zip(&widths).map(|(cell, width)| format!("{cell:<width$}"));
+        let cells = row.iter().zip(&widths).map(|(cell, width)| format!("{cell}{}", " ".repeat(width - cell.width())));
         cells.collect::<Vec<_>>().join("  ").trim_end().to_owned()
     };
     rows.iter().map(line).collect::<Vec<_>>().join("\n")
@@ -141,4 +142,15 @@ fn head(names: &[&str]) -> Vec<String> {
 
 fn indented(text: &str) -> String {
     text.lines().map(|line| format!("  {line}")).collect::<Vec<_>>().join("\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_wide_character_takes_two_columns() {
+        let rows = [["a", "b"], ["左腕", "c"], ["e\u{301}", "d"]].map(|row| row.map(str::to_owned).to_vec());
+        assert_eq!(table(&rows), "a     b\n左腕  c\ne\u{301}     d");
+    }
 }

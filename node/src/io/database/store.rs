@@ -1,4 +1,4 @@
-//! Where a node's database lies: a folder, or only memory.
+//! The place of a node's database: a folder, or only memory.
 //!
 //! A store whose folder is gone takes no writes, and no empty one is begun in its place while the node runs: what was
 //! acknowledged is in memory, and a new store would hide that it is nowhere else. A store on a disk that cannot be written is
@@ -7,12 +7,13 @@
 use super::Options;
 use super::presence::Presence;
 use anyhow::{Context, bail};
+use comms::io::entropy;
 use dbmanager::io::store::memory::MemoryStore;
 use dbmanager::io::store::{DirStore, Engine, Store, StoreError, Trust};
 use dbmanager::logic::record::{Batch, OpenError, StoredRecords};
 use dbmanager::logic::replica::{Config, Replica};
-use std::fs::{self, File};
-use std::io::{self, Read};
+use std::fs;
+use std::io;
 use std::path::{Path, PathBuf};
 
 /// How many bytes of transactions are kept although everybody has them, so that they can be looked at.
@@ -22,10 +23,10 @@ const LOG_SIZE: usize = 64 << 20;
 pub(super) struct Place {
     robot: String,
     folder: Option<PathBuf>,
-    /// What a new store is made on.
+    /// The engine of a new store.
     engine: Option<Engine>,
     store: Option<Box<dyn Store + Send>>,
-    /// What was there when it was last opened.
+    /// The identity of the files when it was last opened.
     presence: Option<Presence>,
 }
 
@@ -133,10 +134,7 @@ impl Place {
     }
 
     fn config(&self) -> anyhow::Result<Config> {
-        let mut seed = [0; 8];
-        let read = File::open("/dev/urandom").and_then(|mut source| source.read_exact(&mut seed));
-        read.context("reading a random number from the system")?;
-        let seed = u64::from_le_bytes(seed);
+        let seed = entropy::number().context("reading a random number from the system")?;
         Ok(Config { robot: self.robot.clone(), seed, log_size: LOG_SIZE })
     }
 }

@@ -1,0 +1,33 @@
+//! Random numbers that nobody can predict, from the system. Numbers that a seed repeats are in `logic/random`.
+
+use std::io;
+
+/// Returns bytes that nobody can predict. Right after the machine has started it waits until the system has some.
+///
+/// # Errors
+/// The system has no such call.
+pub fn bytes<const N: usize>() -> io::Result<[u8; N]> {
+    let mut bytes = [0; N];
+    getrandom::fill(&mut bytes).map_err(|error| io::Error::other(error.to_string()))?;
+    Ok(bytes)
+}
+
+/// Returns a number that nobody has had before: 64 random bits.
+///
+/// # Errors
+/// The system has no such call.
+pub fn number() -> io::Result<u64> {
+    bytes().map(u64::from_le_bytes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeSet;
+
+    #[test]
+    fn no_number_comes_twice() {
+        let numbers: BTreeSet<u64> = (0..1000).map(|_| number().unwrap()).collect();
+        assert_eq!(numbers.len(), 1000);
+    }
+}
