@@ -1,4 +1,4 @@
-//! What all nodes together say of hosts that do not answer.
+//! Puts together what all nodes say of hosts that do not answer.
 
 use crate::client::{ANSWER_WITHIN, Client, Statuses};
 use anyhow::anyhow;
@@ -15,7 +15,7 @@ pub(crate) struct Absences {
     pub(crate) hosts: Vec<AbsentHost>,
     pub(crate) ends: Vec<OpenEnd>,
     pub(crate) processes: Vec<AbsentProcess>,
-    /// What each node has said.
+    /// The report of each node.
     pub(crate) told: BTreeMap<String, Absent>,
     /// Hosts that were asked and did not answer, and that no node misses yet.
     pub(crate) silent: BTreeSet<String>,

@@ -1,4 +1,4 @@
-//! `dca attach`: watches a deployment whose terminal was lost, as `dca deploy` would have gone on to.
+//! `dca attach`: watches a deployment whose terminal was lost, as `dca deploy` would have done.
 //!
 //! What has been seen of it so far is told again by its home. There is no record: that ended with the command that made it.
 
@@ -10,7 +10,7 @@ use node::console::{Failure, block_on};
 use node::logic::protocol::{Answer, Request};
 use std::collections::BTreeSet;
 
-/// What `dca attach` is told.
+/// The arguments of `dca attach`.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     /// The deployment; the only one that runs if none is named

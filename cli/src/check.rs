@@ -1,4 +1,4 @@
-//! `dca check`: what is wrong with a spec.
+//! `dca check`: prints the diagnostics of a spec.
 
 mod json;
 mod sarif;
@@ -18,7 +18,7 @@ use std::path::{Path, PathBuf};
 /// The most files of a folder that a spec uses, specs or not.
 const ENTRIES_MAX: usize = 10_000;
 
-/// What `dca check` is told.
+/// The arguments of `dca check`.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     /// The spec; `-` is standard input
@@ -36,7 +36,7 @@ pub struct Arguments {
     controllers: Controllers,
 }
 
-/// Who reads the diagnostics.
+/// The reader of the diagnostics: a person or a program.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 enum Format {
     /// A person

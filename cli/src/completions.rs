@@ -1,11 +1,11 @@
-//! `dca completions`: what a shell needs to complete the verbs and options of `dca`.
+//! `dca completions`: prints the completions of verbs and options for a shell.
 
 use crate::Command;
 use clap::CommandFactory as _;
 use clap_complete::{Shell, generate};
 use node::console::{self, Failure};
 
-/// What `dca completions` is told.
+/// The arguments of `dca completions`.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     /// The shell; for bash, its words go to `~/.local/share/bash-completion/completions/dca`

@@ -1,4 +1,4 @@
-//! `dca db`: the database that every robot of a team has a copy of. One file a kind of verb.
+//! `dca db`: the verbs of the database. Every robot of a team has a copy of it.
 
 pub mod databases;
 pub mod file;
@@ -13,7 +13,7 @@ pub mod write;
 use clap::Subcommand;
 use node::console::Failure;
 
-/// What `dca db` is told.
+/// The arguments of `dca db`.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     #[command(subcommand)]

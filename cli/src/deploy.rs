@@ -7,7 +7,7 @@ use anyhow::anyhow;
 use node::console::{Failure, block_on};
 use std::path::PathBuf;
 
-/// What `dca deploy` is told.
+/// The arguments of `dca deploy`.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     /// The spec

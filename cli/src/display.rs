@@ -1,4 +1,4 @@
-//! What a person sees of a mission: lines while it runs, one screen at its end.
+//! The display of a mission: lines while it runs, one screen at its end.
 
 use crate::logic::mission::{Files, Mission, Progress, summary};
 use crate::output::Output;

@@ -1,10 +1,10 @@
-//! `dca explain`: what a diagnostic code means.
+//! `dca explain`: explains a diagnostic code.
 
 use anyhow::anyhow;
 use language::{Code, Severity};
 use node::console::{self, Failure};
 
-/// What `dca explain` is told.
+/// The arguments of `dca explain`.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     /// The code, such as E0201; without it all codes are listed

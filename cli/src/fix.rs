@@ -1,10 +1,10 @@
-//! `dca fix`: applies every fix that is likely right.
+//! `dca fix`: applies every fix of a spec that can be applied without asking.
 
 use crate::{Controllers, check};
 use node::console::{self, Failure};
 use std::path::PathBuf;
 
-/// What `dca fix` is told.
+/// The arguments of `dca fix`.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     /// The spec

@@ -1,4 +1,4 @@
-//! `dca fmt`: specs in their one form.
+//! `dca fmt`: formats specs.
 
 use crate::check;
 use anyhow::Context as _;
@@ -6,7 +6,7 @@ use language::{Source, format, render};
 use node::console::{self, Failure};
 use std::path::PathBuf;
 
-/// What `dca fmt` is told.
+/// The arguments of `dca fmt`.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     /// The specs; `-` is standard input, whose form goes to standard output

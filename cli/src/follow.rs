@@ -1,27 +1,31 @@
 //! Follows a mission from the request to its end: progress, record, report, summary.
 
+mod record_folder;
+
 use crate::client::{Answers, Client, unasked, words};
 use crate::display::{Display, UPDATE_EVERY};
 use crate::io::observer::{Observer, ObserverEvent, Sample};
 use crate::io::recorder::Recorder;
 use crate::logic::mission::{Files, Mission, Outcome};
-use crate::logic::record::{Entry, Header, Messages, Port, ports};
+use crate::logic::record::{Entry, Messages, Port, ports};
 use crate::output::Output;
 use crate::outputs::Outputs;
 use crate::report;
 use anyhow::{Context, anyhow};
 use comms::io::clock;
+use comms::io::entropy;
 use comms::logic::control::Dial;
 use comms::logic::human::span;
 use comms::logic::time::Time;
 use language::Source;
 use language::plan::Plan;
 use node::console::{self, Failure};
-use node::io::folder;
 use node::logic::output_lines::GAP;
 use node::logic::protocol::{Answer, Deployment, Ending, FailureCause, Report, Request, StopReply};
+pub(crate) use record_folder::RUNS;
+use record_folder::start_record;
 use std::collections::BTreeSet;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Duration;
 use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::mpsc;
@@ -39,12 +43,6 @@ const STEADY: Duration = Duration::from_secs(1);
 const LOOK_EVERY: Duration = Duration::from_millis(200);
 /// How long hosts may pause while they send what is left of their programs' output once all is over.
 const OUTPUT_PAUSE_MAX: Duration = Duration::from_secs(3);
-/// How many folders of earlier runs are stepped over to find a free name.
-const RUNS_MAX: u32 = 100_000;
-
-/// The option that names where records are.
-pub(crate) const RUNS: &str = "--runs";
-
 /// How a mission is watched.
 #[derive(Clone, Debug, clap::Args)]
 pub struct FollowArgs {
@@ -64,9 +62,9 @@ pub struct FollowArgs {
 pub(crate) struct Spec {
     /// The file.
     pub(crate) file: PathBuf,
-    /// What it says.
+    /// The text of the spec.
     pub(crate) text: String,
-    /// What it means.
+    /// The plan of the spec.
     pub(crate) plan: Plan,
     /// The texts of the modules that it may use, its own first.
     pub(crate) modules: Vec<Source>,
@@ -106,7 +104,7 @@ pub(crate) async fn follow(client: &Client, spec: Spec, following: &FollowArgs) 
     let ports = ports(&spec.plan, &following.ports, &messages).map_err(|why| anyhow!(why))?;
     let recorder = if following.no_record { None } else { Some(start_record(&spec, &following.runs)?) };
     let (mut watch, arriving) = Watch::new(&spec.plan, home.clone(), recorder, ports);
-    let request = Request::Deploy { request: request_number(), plan: spec.plan, by: whoami() };
+    let request = Request::Deploy { request: entropy::number()?, plan: spec.plan, by: whoami() };
     let answers = client.ask_on(&home, &request)?;
     let watched = watch.watch(client, &home, answers, arriving).await;
     watch.finish(watched).await
@@ -133,11 +131,6 @@ fn whoami() -> String {
     };
     let user = users.lines().find_map(named).unwrap_or(uid.clone());
     format!("{user}@{}", rustix::system::uname().nodename().to_string_lossy())
-}
-
-/// A number that no other request has: the time, and who asks.
-fn request_number() -> u64 {
-    clock::now().nanos().rotate_left(16) ^ u64::from(std::process::id())
 }
 
 impl Watch {
@@ -453,29 +446,4 @@ async fn twice([one, other]: [&mut Signal; 2], count: &mut u32) {
 /// Safe.
 async fn next(asked: &mut Option<Answers>) -> Option<Result<Answer, Failure>> {
     asked.as_mut()?.next().await
-}
-
-fn start_record(spec: &Spec, runs: &Path) -> Result<Recorder, Failure> {
-    let dir = free_folder(runs, &spec.plan.name)?;
-    let file = spec.file.file_name().map_or_else(|| "spec.dca".to_owned(), |name| name.to_string_lossy().into_owned());
-    let (text, plan) = (spec.text.clone(), spec.plan.clone());
-    let header = Header { file, text, plan, started: Some(clock::unix_time()) };
-    Ok(Recorder::create(&dir, &header).with_context(|| format!("beginning a record in `{}`", dir.display()))?)
-}
-
-/// Makes the first of `runs/NAME-1`, `runs/NAME-2`, … that is not there yet.
-fn free_folder(runs: &Path, name: &str) -> anyhow::Result<PathBuf> {
-    std::fs::create_dir_all(runs).map_err(|cause| folder::refused(runs, cause, RUNS))?;
-    for number in 1..RUNS_MAX {
-        let dir = runs.join(format!("{name}-{number}"));
-        match std::fs::create_dir(&dir) {
-            Ok(()) => return Ok(dir),
-            Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => {}
-            Err(cause) => return Err(folder::refused(&dir, cause, RUNS).into()),
-        }
-    }
-    Err(anyhow!(
-        "`{}` holds too many runs of `{name}`; remove some, or choose another folder with `--runs`",
-        runs.display()
-    ))
 }

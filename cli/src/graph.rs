@@ -1,4 +1,4 @@
-//! `dca graph`: a spec as a picture.
+//! `dca graph`: draws a spec.
 
 use crate::{Controllers, check};
 use anyhow::Context as _;
@@ -6,7 +6,7 @@ use language::{Severity, render};
 use node::console::{self, Failure};
 use std::path::PathBuf;
 
-/// What `dca graph` is told.
+/// The arguments of `dca graph`.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     /// The spec

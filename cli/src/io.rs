@@ -1,4 +1,4 @@
-//! Where the command line meets files: the record of a run, and files that a person names.
+//! Files of the command line: the record of a run, and files that a person names.
 
 pub mod named_file;
 pub mod observer;

@@ -56,31 +56,31 @@ enum Verb {
     Deploy(deploy::Arguments),
     /// Watch a deployment that runs, as `deploy` does
     Attach(attach::Arguments),
-    /// Print what is wrong with a spec
+    /// Check a spec and print its diagnostics
     Check(check::Arguments),
     /// Make a folder with a spec, and a controller program for it, to begin with
     New(new::Arguments),
-    /// Apply every fix that is likely right to a spec
+    /// Apply the fixes of a spec that need no decision
     Fix(fix::Arguments),
-    /// Write specs in their one form
+    /// Format specs
     Fmt(fmt::Arguments),
     /// Draw a spec: processes, ports and connections
     Graph(graph::Arguments),
     /// Run the event actions of a spec with fake processes
     Sim(sim::Arguments),
-    /// Say what a diagnostic code means
+    /// Explain a diagnostic code
     Explain(explain::Arguments),
-    /// Print what a shell needs to complete verbs and options
+    /// Print the completions of verbs and options for a shell
     Completions(completions::Arguments),
-    /// Write the pages that `man` shows
+    /// Write the pages for `man`
     Man(man::Arguments),
-    /// Serve editors: diagnostics, completion and all that, over standard input and output
+    /// Serve editors as a language server, over standard input and output
     Lsp(lsp::Arguments),
     /// List the nodes that can be reached
     Nodes(nodes::Arguments),
-    /// Show what runs where
+    /// Show the processes of all hosts
     Status(status::Arguments),
-    /// Print what a process has written
+    /// Print the output of a process
     Logs(logs::Arguments),
     /// Stop a deployment everywhere
     Stop(stop::Arguments),
@@ -88,7 +88,7 @@ enum Verb {
     Param(param::Arguments),
     /// Read and write the database that every robot of a team has a copy of
     Db(db::Arguments),
-    /// Make one page to look at from the record of a run
+    /// Make an HTML page from the record of a run
     Report(report::Arguments),
 }
 

@@ -1,6 +1,7 @@
-//! What the command line works out: pure, so that the same reports give the same lines, summary and page.
+//! The views of the command line. They are pure: the same reports give the same lines, summary and page.
 
 pub mod mission;
 pub mod page;
 pub mod record;
+mod sentence;
 pub mod tree;

@@ -1,4 +1,4 @@
-//! `dca logs`: what a process has written, wherever it runs.
+//! `dca logs`: prints the output of a process, wherever it runs.
 
 mod list;
 
@@ -17,7 +17,7 @@ use std::path::PathBuf;
 /// How many records are looked into for the output of a process that runs no more.
 const RECORDS_MAX: usize = 20;
 
-/// What `dca logs` is told.
+/// The arguments of `dca logs`.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     /// The process: a path such as `main/dooropensyst/hit`, or the end of one; without it, the processes are listed

@@ -28,7 +28,7 @@ use std::sync::mpsc::{SyncSender, sync_channel};
 /// The most messages that wait.
 const QUEUE_MAX: usize = 256;
 
-/// What `dca lsp` is told.
+/// The arguments of `dca lsp`.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     #[command(flatten)]

@@ -1,4 +1,4 @@
-//! `dca man`: the pages of the manual that `man` shows, one for each verb.
+//! `dca man`: writes the pages for `man`, one for each verb.
 
 use crate::Command;
 use anyhow::Context as _;
@@ -7,7 +7,7 @@ use node::console::{self, Failure};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// What `dca man` is told.
+/// The arguments of `dca man`.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     /// The folder that the pages go to, which is made: `man -l FOLDER/dca-run.1`, or `~/.local/share/man/man1` for all of them

@@ -1,4 +1,4 @@
-//! `dca new`: a folder with a spec that runs, and with `--sdk` a program with controllers for it, to begin with.
+//! `dca new`: makes a folder with a spec that runs, and with `--sdk` a program with controllers for it.
 
 use anyhow::{Context as _, anyhow};
 use node::console::{self, Failure};
@@ -6,7 +6,7 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// What `dca new` is told.
+/// The arguments of `dca new`.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     /// The folder, which is made; its name becomes that of the spec and of the program

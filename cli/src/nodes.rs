@@ -1,4 +1,4 @@
-//! `dca nodes`: who can be reached, and who cannot any more.
+//! `dca nodes`: lists the nodes that can be reached, and those that no longer can.
 
 use crate::ConnectArgs;
 use crate::absent::{self, Absences, ago};
@@ -9,7 +9,7 @@ use node::logic::protocol::{AbsentHost, Answer, NodeStatus, Request};
 use node::logic::table::table;
 use std::collections::BTreeSet;
 
-/// What `dca nodes` is told.
+/// The arguments of `dca nodes`.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     /// Print everything as JSON

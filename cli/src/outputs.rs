@@ -1,4 +1,4 @@
-//! What the programs of a mission write, from every host of it, as lines for the record.
+//! The output of a mission's programs, from every host, as lines for the record.
 
 use crate::client::{Answers, Client, unasked, words};
 use crate::logic::record::Lines;

@@ -16,7 +16,7 @@ use node::logic::protocol::{InstanceParameters, ParameterStatus};
 use node::logic::table::table;
 use std::collections::BTreeMap;
 
-/// What `dca param` is told.
+/// The arguments of `dca param`.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     #[command(subcommand)]
@@ -35,7 +35,7 @@ enum Verb {
     Unset(Unset),
 }
 
-/// What `dca param list` is told.
+/// The arguments of `dca param list`.
 #[derive(Debug, clap::Args)]
 struct List {
     /// A program: its path, or the end of it such as `hit/force` [default: all]
@@ -44,7 +44,7 @@ struct List {
     database: DatabaseArgs,
 }
 
-/// What `dca param get` is told.
+/// The arguments of `dca param get`.
 #[derive(Debug, clap::Args)]
 struct Get {
     /// A program: its path, or the end of it such as `hit/force`
@@ -55,7 +55,7 @@ struct Get {
     database: DatabaseArgs,
 }
 
-/// What `dca param set` is told.
+/// The arguments of `dca param set`.
 #[derive(Debug, clap::Args)]
 struct Set {
     /// A program: its path, or the end of it such as `hit/force`
@@ -69,7 +69,7 @@ struct Set {
     commit: CommitArgs,
 }
 
-/// What `dca param unset` is told.
+/// The arguments of `dca param unset`.
 #[derive(Debug, clap::Args)]
 struct Unset {
     /// A program: its path, or the end of it such as `hit/force`

@@ -1,4 +1,4 @@
-//! `dca report`: one page to look at, from the record of a run.
+//! `dca report`: makes an HTML page from the record of a run.
 
 use crate::io::recorder;
 use crate::io::whole_file::WholeFile;
@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 /// Name of a report, beside its record.
 pub const FILE: &str = "report.html";
 
-/// What `dca report` is told.
+/// The arguments of `dca report`.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     /// The record, or the folder it is in

@@ -20,7 +20,7 @@ use tokio::task::JoinSet;
 /// How long the nodes have to leave.
 const LEAVE_WITHIN: Duration = Duration::from_secs(30);
 
-/// What `dca run` is told.
+/// The arguments of `dca run`.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     /// The spec

@@ -1,4 +1,4 @@
-//! `dca sim`: the event actions of a spec with fake leaves, from the keyboard, from a script, or by chance.
+//! `dca sim`: runs the event actions of a spec with fake leaves, from the keyboard, from a script, or at random.
 
 use crate::io::named_file;
 use crate::{Controllers, check};
@@ -13,7 +13,7 @@ use std::time::Duration;
 /// As many things may happen by chance, unless the command line says otherwise.
 const STEPS: u64 = 1000;
 
-/// What `dca sim` is told.
+/// The arguments of `dca sim`.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     /// The spec

@@ -1,4 +1,4 @@
-//! `dca status`: what runs where.
+//! `dca status`: lists the processes of all hosts.
 //!
 //! It says nothing of what nobody has asked: hosts that do not answer are named, and so are deployments that such a host may
 //! still run. A status is an answer, so the exit code is 0 all the same.
@@ -11,7 +11,7 @@ use node::console::{self, Failure, block_on};
 use node::logic::protocol::{Absent, NodeStatus};
 use node::logic::table::table;
 
-/// What `dca status` is told.
+/// The arguments of `dca status`.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     /// Only this deployment
@@ -23,12 +23,12 @@ pub struct Arguments {
     connect: ConnectArgs,
 }
 
-/// What a node says in JSON.
+/// The status of a node in JSON.
 #[derive(serde::Serialize)]
 struct Node {
     #[serde(flatten)]
     status: NodeStatus,
-    /// What it says of hosts that do not answer it.
+    /// The hosts that do not answer it.
     absent: Absent,
 }
 

@@ -21,7 +21,7 @@ const SILENT_MAX: Duration = Duration::from_secs(30);
 /// How often the node is asked again.
 const ASK_EVERY: Duration = Duration::from_millis(200);
 
-/// What `dca stop` is told.
+/// The arguments of `dca stop`.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     /// The deployment

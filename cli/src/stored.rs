@@ -1,4 +1,5 @@
-//! What the databases of the robots say of the parameters of a spec that is about to run: what goes over the spec is told.
+//! Compares the parameters of a spec with the databases of its robots before it runs, and reports which values replace those of
+//! the spec.
 
 use crate::client::{Client, words};
 use crate::db::databases::Databases;

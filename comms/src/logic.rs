@@ -1,4 +1,4 @@
-//! Vocabulary without I/O.
+//! Messages, keys, frames and queue policies, without I/O.
 
 pub mod codec;
 pub mod control;

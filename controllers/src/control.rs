@@ -1,5 +1,6 @@
 //! Control laws and estimators, one a file: plain functions and small structs, no ports, no clock, no I/O.
 
+pub mod angle;
 pub mod approach;
 pub mod calm;
 pub mod caster;

@@ -1,4 +1,4 @@
-//! What the paper's processes say to each other, and what devices say to their clients. SI units throughout.
+//! The messages of the paper's processes and of the devices. SI units throughout.
 //!
 //! Stamps are times of the clock of the host that the device is at, when the device measured; on one host they compare with
 //! every controller's clock. Between hosts they do not: there the arrival counts.

@@ -1,4 +1,4 @@
-//! What it takes to write a controller: typed ports, the [`Controller`] trait, and what runs it.
+//! The kit to write a controller: typed ports, the [`Controller`] trait, and the harnesses that run it.
 //!
 //! A controller is a struct of inputs, a struct of outputs and one function. It reads no clock, does no I/O and draws no
 //! random number, so the same code runs in its own process on the real clock, and beside all others in one thread on
@@ -81,6 +81,7 @@ pub mod harness;
 mod interface;
 mod module;
 mod port;
+mod port_interface;
 pub mod process;
 mod quantity;
 mod random;

@@ -2,6 +2,9 @@
 
 #![expect(clippy::unwrap_used, reason = "a test stops where something is not as it should be")]
 
+#[path = "adoption/program.rs"]
+mod program;
+
 use comms::io::clock::now;
 use comms::io::data::DataSession;
 use comms::io::session::Reach;
@@ -9,6 +12,7 @@ use comms::logic::control::{Dial, Notice, Order, Outgoing, VERSION};
 use comms::logic::frame::{self, Decoder};
 use comms::logic::random::Random;
 use comms::logic::{codec, key};
+use program::{Channel, Program, folder, open, order_frame};
 use std::io::{Read, Write};
 use std::net::Shutdown;
 use std::os::unix::net::{UnixListener, UnixStream};
@@ -23,146 +27,6 @@ const PROGRAM: &str = env!("CARGO_BIN_EXE_dca-controller");
 const SOON: Duration = Duration::from_secs(30);
 /// From one beat of the source to the next.
 const PERIOD: Duration = Duration::from_millis(10);
-
-/// A source of beats, and the folder in which it looks for nodes.
-struct Program {
-    dir: PathBuf,
-    child: Child,
-}
-
-/// A node's end of a channel.
-struct Channel {
-    stream: UnixStream,
-    decoder: Decoder,
-}
-
-fn folder() -> PathBuf {
-    static COUNT: AtomicU32 = AtomicU32::new(0);
-    let number = COUNT.fetch_add(1, Ordering::Relaxed);
-    let dir = std::env::temp_dir().join(format!("dca-adoption-{}-{number}", std::process::id()));
-    std::fs::create_dir_all(&dir).unwrap();
-    dir
-}
-
-impl Program {
-    /// Starts a source, by way of `command`; returns it with its node's listener and its channel, on which it has said hello.
-    fn start(command: &[&str]) -> (Self, UnixListener, Channel, Notice) {
-        let dir = folder();
-        let listener = UnixListener::bind(dir.join("control.sock")).unwrap();
-        let program = Self::begin(dir, command);
-        let mut channel = Channel::accept(&listener);
-        let hello = channel.next().unwrap();
-        assert!(matches!(&hello, Notice::Hello { instance, .. } if instance == "main/source"), "{hello:?}");
-        (program, listener, channel, hello)
-    }
-
-    fn begin(dir: PathBuf, command: &[&str]) -> Self {
-        let mut words = command.iter().copied().chain([PROGRAM, "RateSource"]);
-        let child = Command::new(words.next().unwrap())
-            .args(words)
-            .env_clear()
-            .env("DCA_CONTROL", dir.join("control.sock"))
-            .env("DCA_INSTANCE", "main/source")
-            .env("DCA_DATA_SOCKET", dir.join("data.sock"))
-            .stderr(Stdio::piped())
-            .spawn()
-            .unwrap();
-        Self { dir, child }
-    }
-
-    /// The place where the program looks for a node, taken by another one.
-    fn listener(&self) -> UnixListener {
-        UnixListener::bind(self.dir.join("control.sock")).unwrap()
-    }
-
-    /// Ends the node that listens there.
-    fn kill_node(&self, listener: UnixListener, channel: Channel) {
-        drop((listener, channel));
-        std::fs::remove_file(self.dir.join("control.sock")).unwrap();
-    }
-
-    fn terminate(&self) {
-        assert!(Command::new("kill").arg(self.child.id().to_string()).status().unwrap().success());
-    }
-
-    /// Waits for the end of the program; returns its exit code, and what it said on standard error.
-    fn leave(mut self) -> (Option<i32>, String) {
-        let mut said = String::new();
-        self.child.stderr.take().unwrap().read_to_string(&mut said).unwrap();
-        let code = self.child.wait().unwrap().code();
-        std::fs::remove_dir_all(&self.dir).unwrap();
-        (code, said)
-    }
-}
-
-impl Channel {
-    fn accept(listener: &UnixListener) -> Self {
-        listener.set_nonblocking(true).unwrap();
-        let until = now() + SOON;
-        let stream = loop {
-            if let Ok((stream, _)) = listener.accept() {
-                break stream;
-            }
-            assert!(now() < until, "the program does not dial");
-            std::thread::yield_now();
-        };
-        stream.set_nonblocking(false).unwrap();
-        stream.set_read_timeout(Some(SOON)).unwrap();
-        Self { stream, decoder: Decoder::new(1 << 20) }
-    }
-
-    /// Accepts a program that had lost its node, and has taken so many orders.
-    #[track_caller]
-    fn resumed(listener: &UnixListener, orders: u64) -> Self {
-        let mut channel = Self::accept(listener);
-        let resume = Notice::Resume { version: VERSION, instance: "main/source".to_owned(), orders };
-        assert_eq!(channel.next(), Some(resume));
-        channel
-    }
-
-    fn order(&mut self, order: &Order) {
-        self.stream.write_all(&order_frame(order)).unwrap();
-    }
-
-    fn next(&mut self) -> Option<Notice> {
-        loop {
-            if let Some(body) = self.decoder.next_frame().unwrap() {
-                return Some(codec::decode(&body).unwrap());
-            }
-            let mut bytes = [0; 4096];
-            match self.stream.read(&mut bytes).unwrap() {
-                0 => return None,
-                size => self.decoder.push(&bytes[..size]),
-            }
-        }
-    }
-
-    #[track_caller]
-    fn expect(&mut self, notice: &Notice) {
-        assert_eq!(self.next().as_ref(), Some(notice));
-    }
-
-    #[track_caller]
-    fn activate(&mut self, activation: u32) {
-        self.order(&Order::Activate { activation, value: Vec::new() });
-        self.expect(&Notice::Running { activation });
-    }
-
-    /// Switches no wire at all; the program answers all the same.
-    #[track_caller]
-    fn switch(&mut self, generation: u64) {
-        self.order(&open(generation));
-        self.expect(&Notice::Switched { generation });
-    }
-}
-
-fn order_frame(order: &Order) -> Vec<u8> {
-    frame::encode(&codec::encode(order).unwrap(), 1 << 20).unwrap()
-}
-
-fn open(generation: u64) -> Order {
-    Order::Open { wires: vec![], generation }
-}
 
 /// What hears the beats of a source.
 struct Ear {

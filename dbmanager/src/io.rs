@@ -1,4 +1,4 @@
-//! What touches the disk.
+//! The store on the disk, and group commit.
 
 pub mod group;
 pub mod store;

@@ -1,4 +1,5 @@
-//! A configuration database that is on every robot: always writable, in step as far as the links allow, and honest about it.
+//! A configuration database with a copy on every robot. It is always writable, follows the others as far as the links allow,
+//! and reports what it does not know.
 //!
 //! The guarantee is *transactional causal+ consistency*: a transaction becomes visible at each replica as a whole, after
 //! everything that its writer had seen, and replicas that hold the same transactions show the same state. Writes that did

@@ -1,4 +1,4 @@
-//! `dca-node`: the agent of a host, until it is asked to leave (SIGTERM, SIGINT).
+//! `dca-node`: runs the agent of a host until SIGTERM or SIGINT.
 
 use crate::console::{self, Failure, block_on, ended, finish, parsed};
 use crate::io::driver::{self, Config};

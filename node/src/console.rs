@@ -1,4 +1,4 @@
-//! What the programs of the house say and how they end: results on standard output, the rest on standard error, an exit code.
+//! Streams and exit codes of all programs: results go to standard output, the rest to standard error.
 //!
 //! Exit codes: 0 done, 1 refused or failed, 2 usage, 3 unreachable.
 

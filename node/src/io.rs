@@ -1,4 +1,4 @@
-//! Where a node's decisions become processes, sockets and files.
+//! Processes, sockets, files and threads of a node.
 
 pub mod caller;
 pub mod cgroup;

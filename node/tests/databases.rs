@@ -4,6 +4,8 @@
 
 #[path = "databases/failing.rs"]
 mod failing;
+#[path = "databases/past.rs"]
+mod past;
 #[path = "databases/world.rs"]
 mod world;
 
@@ -400,66 +402,4 @@ fn a_schema_is_asked_before_a_value_is_written() {
     assert!(matches!(&refused, Reply::Refused(why) if why.contains("between 0 and 2")), "{refused:?}");
     assert!(matches!(try_out(Datum::float(1.0)), Reply::Committed(_)));
     assert_eq!(world.robots[0].settings.parameters("door", "main/a"), [("gain".to_owned(), "1.0".to_owned())]);
-}
-
-#[test]
-fn another_moment_can_be_looked_at() {
-    let mut world = World::team(&["r1"]);
-    world.write(0, "team/a", 1);
-    let Reply::Version(before) = world.ask(0, Question::Version(AsOf::Now)) else { panic!("no version") };
-    world.run(Duration::from_secs(60));
-    world.write(0, "team/a", 2);
-    let (from, to, prefix) = (AsOf::Version(before), AsOf::Now, String::from("team/"));
-    let Reply::Differences(differences) = world.ask(0, Question::Diff { from, to, prefix }) else {
-        panic!("no answer")
-    };
-    assert_eq!((differences.len(), differences[0].before.clone()), (1, Some(Datum::from(1))));
-    let past = AsOf::Date(world.wall().millis - 30_000);
-    let Reply::Entries(entries) = world.ask(0, Question::List { prefix: "team/".into(), at: past }) else {
-        panic!("no answer")
-    };
-    let value = entries[0].1[0].value.as_ref().map(Datum::of);
-    assert_eq!((entries.len(), value), (1, Some(Datum::from(1))));
-    assert_eq!(world.robots[0].name, "r1");
-}
-
-#[test]
-fn who_joined_later_can_look_back_to_then() {
-    let mut world = World::team(&["r1", "r2"]);
-    world.write(1, "team/a", 1);
-    let Reply::Version(before) = world.ask(1, Question::Version(AsOf::Now)) else { panic!("no version") };
-    world.run(Duration::from_secs(60));
-    world.write(1, "team/a", 2);
-    for at in [AsOf::Version(before), AsOf::Date(world.wall().millis - 30_000)] {
-        let answer = world.ask(1, Question::List { prefix: "team/".into(), at });
-        let Reply::Entries(entries) = &answer else { panic!("{answer:?}") };
-        let value = entries[0].1[0].value.as_ref().map(Datum::of);
-        assert_eq!((entries.len(), value), (1, Some(Datum::from(1))));
-    }
-}
-
-#[test]
-fn a_long_answer_comes_in_parts() {
-    let mut world = World::team(&["r1"]);
-    let text = Datum::Text("x".repeat(60 << 10));
-    for number in 0..12 {
-        let write = vec![put(&format!("team/{number}"), &text)];
-        assert!(matches!(world.ask(0, commit(write, AckLevel::Local)), Reply::Committed(_)));
-    }
-    let keys = Keys::Below("team/".into());
-    let filter = Filter { keys, by: None, from: None, until: None, limit: 100 };
-    let (from, to, prefix) = (AsOf::Version(VersionVector::default()), AsOf::Now, "team/".to_owned());
-    for question in [Question::History(filter), Question::Diff { from, to, prefix }] {
-        let call = world.call(0, question);
-        let sizes = world.replies(0, call).iter().map(|reply| match reply {
-            Reply::History(part) => part.len(),
-            Reply::Differences(part) => part.len(),
-            other => panic!("{other:?}"),
-        });
-        let sizes: Vec<usize> = sizes.collect();
-        assert!(
-            sizes.iter().sum::<usize>() == 12 && sizes.len() > 2 && sizes.iter().all(|size| *size < 6),
-            "{sizes:?}"
-        );
-    }
 }

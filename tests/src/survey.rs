@@ -87,7 +87,7 @@ pub struct Meddling {
     pub phase: &'static str,
     /// How long after both are active.
     pub after: Duration,
-    /// What.
+    /// What is done to it.
     pub disruption: Disruption,
 }
 
@@ -96,7 +96,7 @@ pub struct Meddling {
 pub enum Disruption {
     /// Started again with its memory gone, as a supervisor does that restarts it alone.
     Restart,
-    /// Killed.
+    /// It is killed.
     Kill,
 }
 

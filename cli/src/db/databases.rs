@@ -1,4 +1,4 @@
-//! Which robot's copy is asked, and its answers.
+//! The connection to the databases of robots: which copy is asked, and its answers.
 
 use crate::ConnectArgs;
 use crate::absent::{self, Absences};
@@ -36,7 +36,7 @@ pub struct DatabaseArgs {
 #[derive(Debug)]
 pub(crate) struct Databases<'a> {
     client: &'a Client,
-    /// What a person has been told already.
+    /// The notes that were printed already.
     noted: Arc<Mutex<BTreeSet<String>>>,
     /// The one that is asked unless another is named.
     robot: String,

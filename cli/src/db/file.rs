@@ -16,10 +16,10 @@ use std::path::{Path, PathBuf};
 /// The longest file of values, in bytes: some million keys.
 const FILE_MAX: usize = 256 << 20;
 
-/// What the lines of a transaction are.
+/// The kinds of lines of a transaction.
 const LINES: &str = "a line is `put KEY VALUE`, `delete KEY` or `require KEY absent|exists|TRANSACTION`";
 
-/// What `dca db export` is told.
+/// The arguments of `dca db export`.
 #[derive(Debug, clap::Args)]
 pub struct Export {
     /// How the keys begin
@@ -35,7 +35,7 @@ pub struct Export {
     database: DatabaseArgs,
 }
 
-/// What `dca db tx` is told.
+/// The arguments of `dca db tx`.
 #[derive(Debug, clap::Args)]
 pub struct Tx {
     /// One change a line: `put KEY VALUE`, `delete KEY`, `require KEY absent|exists|TRANSACTION`; `-` for standard input

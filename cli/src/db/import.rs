@@ -1,4 +1,4 @@
-//! `dca db import`: makes keys what a file says.
+//! `dca db import`: makes keys equal to what a file says.
 //!
 //! What the file changes is worked out here, from the keys that the robot sends: neither the file nor its changes fit into one
 //! message. They are written in as many transactions as it takes, each as large as one may be. A file that is imported again goes
@@ -30,7 +30,7 @@ use std::time::Duration;
 /// How often a person is told how far it has got.
 const TELL_EVERY: Duration = Duration::from_secs(1);
 
-/// What `dca db import` is told.
+/// The arguments of `dca db import`.
 #[derive(Debug, clap::Args)]
 pub struct Import {
     /// A file as `dca db export` prints it; `-` for standard input
@@ -48,7 +48,7 @@ pub struct Import {
     commit: CommitArgs,
 }
 
-/// What has become of an import.
+/// The progress of an import.
 #[derive(Default)]
 struct Done {
     /// The transactions.

@@ -1,4 +1,4 @@
-//! `dca db own`: who alone writes below a prefix.
+//! `dca db own`: gives a prefix to one robot, and lists the owners.
 
 use super::databases::refusal;
 use super::write::CommitArgs;
@@ -7,7 +7,7 @@ use dbmanager::logic::key::Key;
 use node::console::{self, Failure};
 use node::logic::database::question::{Own as OwnRequest, Question, Reply};
 
-/// What `dca db own` is told.
+/// The arguments of `dca db own`.
 #[derive(Debug, clap::Args)]
 pub struct Own {
     /// How the keys begin, such as `team/arm`; without it, all that have an owner are listed

@@ -1,4 +1,4 @@
-//! `dca db history`, `conflicts`, `resolve`, `diff`, `at`: what was, and what nobody has settled.
+//! `dca db history`, `conflicts`, `resolve`, `diff`, `at`: the past, and unsettled conflicts.
 
 use super::databases::{DatabaseArgs, keys, refusal};
 use super::read;
@@ -14,7 +14,7 @@ use dbmanager::logic::view::{date, token};
 use node::console::{self, Failure};
 use node::logic::database::question::{AsOf, Choice, Question, Reply, Resolve as ResolveRequest};
 
-/// What `dca db history` is told.
+/// The arguments of `dca db history`.
 #[derive(Debug, clap::Args)]
 pub struct History {
     /// A key, or a prefix that ends in `/`, or nothing for everything
@@ -36,7 +36,7 @@ pub struct History {
     database: DatabaseArgs,
 }
 
-/// What `dca db conflicts` is told.
+/// The arguments of `dca db conflicts`.
 #[derive(Debug, clap::Args)]
 pub struct Conflicts {
     /// How the keys begin
@@ -46,7 +46,7 @@ pub struct Conflicts {
     database: DatabaseArgs,
 }
 
-/// What `dca db resolve` is told.
+/// The arguments of `dca db resolve`.
 #[derive(Debug, clap::Args)]
 #[command(group = clap::ArgGroup::new("choice").required(true))]
 pub struct Resolve {
@@ -74,7 +74,7 @@ pub struct Resolve {
     commit: CommitArgs,
 }
 
-/// What `dca db diff` is told.
+/// The arguments of `dca db diff`.
 #[derive(Debug, clap::Args)]
 pub struct Diff {
     /// From when: a date such as `2026-11-21 10:00:00`, or a version as `dca db version` prints it
@@ -90,7 +90,7 @@ pub struct Diff {
     database: DatabaseArgs,
 }
 
-/// What `dca db at` is told.
+/// The arguments of `dca db at`.
 #[derive(Debug, clap::Args)]
 pub struct At {
     /// When: a date such as `2026-11-21 10:00:00`, a version as `dca db version` prints it, or `now`

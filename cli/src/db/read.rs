@@ -1,4 +1,4 @@
-//! `dca db get`: what is there.
+//! `dca db get`: prints the values of keys.
 
 use super::databases::{DatabaseArgs, keys, refusal};
 use anyhow::{Context, anyhow};
@@ -9,7 +9,7 @@ use dbmanager::logic::view::value::Datum;
 use node::console::{self, Failure};
 use node::logic::database::question::{AsOf, Question, Reply};
 
-/// What `dca db get` is told.
+/// The arguments of `dca db get`.
 #[derive(Debug, clap::Args)]
 pub struct Get {
     /// A key, such as `team/camera/gain`; or a prefix that ends in `/`, or nothing for everything

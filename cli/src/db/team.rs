@@ -13,14 +13,14 @@ const ADMITTED_WITHIN: Duration = Duration::from_secs(30);
 /// How often it is looked whether it has.
 const LOOK_AGAIN: Duration = Duration::from_millis(100);
 
-/// What `dca db status` is told.
+/// The arguments of `dca db status`.
 #[derive(Debug, clap::Args)]
 pub struct Status {
     #[command(flatten)]
     database: DatabaseArgs,
 }
 
-/// What `dca db retire` is told.
+/// The arguments of `dca db retire`.
 #[derive(Debug, clap::Args)]
 pub struct Retire {
     /// The robot, or one of its origins as `dca db status` shows them
@@ -32,7 +32,7 @@ pub struct Retire {
     database: DatabaseArgs,
 }
 
-/// What `dca db join` is told.
+/// The arguments of `dca db join`.
 #[derive(Debug, clap::Args)]
 pub struct Join {
     /// A robot of the other team, as `dca db status` lists them
@@ -41,7 +41,7 @@ pub struct Join {
     database: DatabaseArgs,
 }
 
-/// What a verb without anything of its own is told.
+/// The arguments of a verb that needs only a database.
 #[derive(Debug, clap::Args)]
 pub struct TeamArgs {
     #[command(flatten)]

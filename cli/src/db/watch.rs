@@ -1,4 +1,4 @@
-//! `dca db watch`: what happens to keys, as it happens; nothing is missed, also not while nobody could be reached.
+//! `dca db watch`: prints every change of keys as it happens, also those of a time in which no robot could be reached.
 
 use super::databases::{ANSWER_WITHIN, DatabaseArgs, Databases, Replies, keys, refusal};
 use anyhow::anyhow;
@@ -16,7 +16,7 @@ use tokio::signal::unix::{SignalKind, signal};
 /// How long a robot that has gone away is looked for before the next try.
 const AGAIN_AFTER: Duration = Duration::from_millis(500);
 
-/// What `dca db watch` is told.
+/// The arguments of `dca db watch`.
 #[derive(Debug, clap::Args)]
 pub struct Watch {
     /// A key, or a prefix that ends in `/`, or nothing for everything

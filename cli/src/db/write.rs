@@ -1,4 +1,4 @@
-//! `dca db put`, `delete`: one transaction, and how far it has got.
+//! `dca db put`, `delete`: commits one transaction and reports how far it has got.
 
 use super::databases::{ANSWER_WITHIN, DatabaseArgs, Databases, refusal};
 use anyhow::{Context, anyhow};
@@ -16,7 +16,7 @@ use node::logic::protocol::InstanceParameters;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// What every verb that writes is told.
+/// The arguments of every verb that commits.
 #[derive(Debug, clap::Args)]
 pub struct CommitArgs {
     /// Why, for whoever looks at the history
@@ -32,7 +32,7 @@ pub struct CommitArgs {
     pub(crate) database: DatabaseArgs,
 }
 
-/// What `dca db put` is told.
+/// The arguments of `dca db put`.
 #[derive(Debug, clap::Args)]
 pub struct Put {
     /// A key, such as `team/camera/gain`
@@ -50,7 +50,7 @@ pub struct Put {
     commit: CommitArgs,
 }
 
-/// What `dca db delete` is told.
+/// The arguments of `dca db delete`.
 #[derive(Debug, clap::Args)]
 pub struct Delete {
     /// The keys

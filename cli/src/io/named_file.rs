@@ -1,4 +1,4 @@
-//! Reads files that a person or a folder names: regular files only, whole, never more than a limit, never waiting.
+//! Reads files that a person or a folder names. Only regular files are read, whole, up to a limit, and without waiting.
 //!
 //! A name in a folder may belong to anything. A named pipe holds whoever opens it until somebody writes, a device may have
 //! no end, and a regular file may be larger than the memory.

@@ -1,4 +1,4 @@
-//! A person's eyes: a data session of the command line's own that dials the programs which publish signals.
+//! The observer of a mission: a data session of the command line that subscribes to signals and ports of programs.
 
 use crate::logic::record::Port;
 use comms::io::clock;
@@ -26,16 +26,16 @@ pub struct Sample {
     pub path: String,
     /// When it arrived here.
     pub arrived: Time,
-    /// What it says.
+    /// The signals.
     pub signals: Signals,
 }
 
-/// What comes of the sources.
+/// An event of an observed source.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ObserverEvent {
     /// A sample.
     Sample(Sample),
-    /// What went over a wire.
+    /// A value that went over a wire.
     Port {
         /// Which, as in [`Port`].
         from: String,
@@ -50,7 +50,7 @@ pub enum ObserverEvent {
     Unseen(String),
 }
 
-/// What is looked at, where, and on which key.
+/// A source: its kind, where it is dialled, and its key.
 #[derive(Debug)]
 struct Source {
     key: String,
@@ -62,7 +62,7 @@ struct Source {
 enum EventKind {
     /// The signals of the program with this path.
     Signals(String),
-    /// What goes from an output to an input.
+    /// The values from an output to an input.
     Port(String, String),
 }
 

@@ -1,4 +1,4 @@
-//! Writes the record of a run on a thread of its own.
+//! Writes the record of a run, on a thread of its own.
 //!
 //! The queue to it is bounded and nobody ever waits for it: samples that find it full are dropped and counted. Reports
 //! have as much room again, so that a burst of samples can not push them out. What is older than a second is on the
@@ -32,7 +32,7 @@ const RECORD_MAX: usize = 1 << 30;
 /// How much can be lost when the recorder is killed.
 pub const FLUSH_EVERY: Duration = Duration::from_secs(1);
 
-/// What cannot be done with a record.
+/// An error of the recorder.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordError {
     /// The folder or the file cannot be made.
@@ -40,7 +40,7 @@ pub enum RecordError {
     Create {
         /// Of the record.
         path: PathBuf,
-        /// Why.
+        /// The error of the system.
         cause: io::Error,
     },
     /// The file cannot be written.
@@ -48,7 +48,7 @@ pub enum RecordError {
     Write {
         /// Of the record.
         path: PathBuf,
-        /// Why.
+        /// The error of the library that writes the format.
         cause: McapError,
     },
     /// The file cannot be opened.
@@ -56,7 +56,7 @@ pub enum RecordError {
     Open {
         /// Of the record.
         path: PathBuf,
-        /// Why.
+        /// The error of the system.
         cause: io::Error,
     },
     /// The file is no record.
@@ -64,7 +64,7 @@ pub enum RecordError {
     Read {
         /// Of the record.
         path: PathBuf,
-        /// Why.
+        /// Why it cannot be read.
         cause: ReadError,
     },
 }

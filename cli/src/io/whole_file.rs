@@ -1,4 +1,4 @@
-//! A file that has its name only once it is whole: until then it has another one, beside it.
+//! Writes a file under another name beside it, and renames it once it is whole.
 
 use anyhow::{Context, bail};
 use std::fs::{self, File};

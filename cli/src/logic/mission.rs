@@ -1,4 +1,4 @@
-//! What a deployment is doing, as people see it: phases, peaks, the end and its cause.
+//! The state of a mission as people see it: phases, peaks, the end and its cause.
 //!
 //! A [`Mission`] is folded from the plan, the [`Report`]s of the deployment and the [`Signals`] of its programs, in the
 //! order in which they come. It knows nothing of any one task; a live display and a report made from a record a year later
@@ -17,7 +17,7 @@ pub use signals::{TRACKS_MAX, Track};
 pub use start::Start;
 pub use summary::{Files, failure_chain, failure_output, summary};
 
-use crate::logic::record::{configured_text, held_text, restarting_text};
+use crate::logic::sentence::{configured_text, held_text, restarting_text};
 use comms::logic::signals::Signals;
 use language::plan::Plan;
 use late::Late;
@@ -90,7 +90,7 @@ pub struct Note {
     pub at: Duration,
     /// Path of the process, without the leading `main/`.
     pub process: String,
-    /// What happened to it.
+    /// The event.
     pub text: String,
     /// The last lines that its program wrote, if it failed.
     pub output: Vec<String>,

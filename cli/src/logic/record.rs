@@ -1,4 +1,4 @@
-//! The record of a run: everything that was reported and every signal, in one MCAP file.
+//! The record of a run: all reports and signals in one MCAP file.
 //!
 //! Each message is JSON, so that any MCAP viewer shows it: reports on `/events`, a program's samples on `/signals/<path>` as
 //! one object of numbers, what programs write on `/log`. Times are since 1970. The spec and its plan are attachments. What
@@ -21,7 +21,6 @@ pub use ports::{Messages, Port, ports};
 
 pub use read::ReadError;
 pub use row::{EVENTS, LOG, PORTS, Row, Rows, SIGNALS, Topic};
-pub(crate) use row::{change_text, configured_text, held_text, restarting_text, text as report_text};
 
 use crate::logic::mission::Mission;
 use comms::logic::signals::Signals;
@@ -42,14 +41,14 @@ pub const SPEC: &str = "spec.dca";
 /// Name of the attachment with what is known at the start.
 pub const ABOUT: &str = "about.json";
 
-/// What is known when a run starts.
+/// The header of a record: what is known when a run starts.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Header {
     /// The spec's file name.
     pub file: String,
     /// The spec as it was read.
     pub text: String,
-    /// What it means.
+    /// The plan of the spec.
     pub plan: Plan,
     /// Wall-clock time since 1970, if it is known.
     pub started: Option<Duration>,
@@ -68,7 +67,7 @@ struct About {
 /// One thing to record.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Entry {
-    /// What the deployment reported.
+    /// A report of the deployment.
     Report(Report),
     /// A sample of a program's signals.
     Signals {
@@ -79,7 +78,7 @@ pub enum Entry {
         /// The sample.
         sample: Signals,
     },
-    /// What a program wrote.
+    /// A line of a program's output.
     Output {
         /// Absolute path of the program.
         path: String,
@@ -106,7 +105,7 @@ pub enum Entry {
 /// A record that was read back.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Run {
-    /// What was known when it started.
+    /// The header.
     pub header: Header,
     /// Everything else, in the order in which it was recorded.
     pub entries: Vec<Entry>,

@@ -1,10 +1,10 @@
-//! What runs where, as a tree for people.
+//! The processes of all hosts as a tree for people.
 
 use node::logic::protocol::{AbsentProcess, Deployment, NodeStatus, ProcessStatus};
 use node::logic::table::table;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// What all nodes say of one deployment: its phases, and each process with its host.
+/// One deployment as all nodes report it: its phases, and each process with its host.
 #[derive(Default)]
 struct Parts<'a> {
     phases: BTreeSet<&'a str>,
@@ -28,9 +28,9 @@ impl<'a> Row<'a> {
 /// A process on a host that does not answer.
 #[derive(Clone, Debug)]
 pub struct Unknown<'a> {
-    /// Which.
+    /// The process.
     pub process: &'a AbsentProcess,
-    /// What stands for its state.
+    /// The word for its state.
     pub state: String,
 }
 

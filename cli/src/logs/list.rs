@@ -1,4 +1,4 @@
-//! `dca logs` without a name: the processes whose output can be asked for.
+//! `dca logs` without a name: lists the processes whose output can be asked for.
 
 use crate::client::Clients;
 use node::console::{self, Failure};

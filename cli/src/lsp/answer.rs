@@ -1,4 +1,4 @@
-//! What the editor asks, and the answers.
+//! Answers the requests of an editor.
 
 use super::convert::{self, range};
 use super::server::{Refusal, Server};

@@ -1,12 +1,12 @@
-//! What the editor at the other end can do.
+//! The capabilities of the editor at the other end.
 
 use super::position::Encoding;
 use serde_json::Value;
 
-/// What an editor said of itself at the beginning.
+/// The capabilities that an editor has announced.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Client {
-    /// What columns count.
+    /// The unit of columns.
     pub(super) encoding: Encoding,
     /// Whether it fills in snippets.
     pub(super) snippets: bool,

@@ -1,4 +1,4 @@
-//! From what the language says to what the protocol says.
+//! Converts results of the language to types of the protocol.
 
 use super::client::Client;
 use super::disk;
@@ -17,7 +17,7 @@ use std::collections::{BTreeMap, HashMap};
 /// The kinds of tokens, by their place: the standard name that editors have a colour for.
 pub(super) const TOKEN_TYPES: [&str; 10] =
     ["keyword", "type", "variable", "parameter", "property", "enumMember", "number", "string", "operator", "comment"];
-/// What is said of a token beside its kind.
+/// The modifiers of a token.
 pub(super) const TOKEN_MODIFIERS: [&str; 2] = ["declaration", "readonly"];
 
 /// Returns the range of a span.

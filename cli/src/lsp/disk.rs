@@ -1,4 +1,4 @@
-//! Files as an editor names them, and the specs that lie around.
+//! File names as editors write them, and the specs of a folder.
 
 use std::collections::VecDeque;
 use std::fs;

@@ -1,4 +1,4 @@
-//! What waits to be handled, and what an editor no longer wants to know.
+//! The queue of messages from an editor, without those that it has cancelled.
 
 use super::interfaces::InterfaceReply;
 use super::rpc::Message;

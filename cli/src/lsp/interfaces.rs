@@ -99,7 +99,7 @@ impl Interfaces {
         Ok(file.to_string_lossy().into_owned())
     }
 
-    /// What the programs have told.
+    /// The interfaces of the programs.
     pub(super) fn sources(&self) -> Vec<Source> {
         self.programs.iter().filter_map(|program| program.source.clone()).collect()
     }

@@ -1,8 +1,8 @@
-//! Places in a text as editors count them: lines from 0, and in a line UTF-16 units unless both sides agreed on bytes.
+//! Positions as editors count them: lines from 0, and in a line UTF-16 units unless both sides agreed on bytes.
 
 use lsp_types::{Position, Range};
 
-/// What columns count.
+/// The unit of columns.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) enum Encoding {
     /// Units of UTF-16: every editor knows these.

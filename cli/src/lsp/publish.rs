@@ -1,4 +1,4 @@
-//! What is wrong, told to the editor without being asked: at each change, for each file that something is said of.
+//! Publishes diagnostics to the editor at each change, for each file that has any.
 
 use super::convert;
 use super::position::Lines;
@@ -16,7 +16,7 @@ use std::rc::Rc;
 /// The most remarks on one file that an editor is told.
 const REMARKS_MAX: usize = 500;
 
-/// What the editor was told last.
+/// The diagnostics that were published last.
 #[derive(Debug, Default)]
 pub(super) struct Published {
     /// Whether something has changed since.
@@ -49,7 +49,7 @@ impl Server {
         }
     }
 
-    /// What there is to say now, by file.
+    /// The diagnostics of now, by file.
     fn remarks(&mut self) -> BTreeMap<String, PublishedDiagnostics> {
         let mut files: BTreeMap<String, PublishedDiagnostics> = BTreeMap::new();
         for document in self.workspace.documents() {

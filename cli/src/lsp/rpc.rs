@@ -1,4 +1,4 @@
-//! Messages on a stream of bytes: JSON-RPC with a header that says how long each is.
+//! JSON-RPC messages on a stream of bytes. A header says how long each is.
 //!
 //! Whatever arrives, reading goes on: what is no header is passed over, and a body that cannot be read is reported as such.
 
@@ -12,21 +12,21 @@ const BODY_MAX: u64 = 64 << 20;
 /// The longest line of a header that is read in one go.
 const HEADER_MAX: u64 = 4096;
 
-/// What an editor says.
+/// A message of an editor.
 #[derive(Debug)]
 pub(super) enum Message {
     /// Something to answer.
     Request {
         /// Its number.
         id: Id,
-        /// What is asked.
+        /// The parameters of the request.
         method: String,
         /// About what.
         params: Value,
     },
     /// Something to know.
     Notification {
-        /// What happened.
+        /// The parameters of the notification.
         method: String,
         /// To what.
         params: Value,

@@ -1,4 +1,4 @@
-//! The life of the server, and who answers what.
+//! The language server: its life, and which part answers which request.
 
 use super::client::Client;
 use super::convert::{TOKEN_MODIFIERS, TOKEN_TYPES};
@@ -16,7 +16,7 @@ use lsp_types::{
 use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
 
-/// What is said to the editor.
+/// A message to the editor.
 pub(super) type Reply = Value;
 
 /// How far the server has come.

@@ -1,4 +1,4 @@
-//! The documents that are open, and what is known of each: made when it is asked for, thrown away when a text changes.
+//! The open documents, and the analysis of each. An analysis is made when it is needed and dropped when a text changes.
 
 use super::disk;
 use super::interfaces::Interfaces;
@@ -145,7 +145,7 @@ impl Workspace {
         self.documents.values()
     }
 
-    /// What is known of a document; nothing when it is not open, or too long.
+    /// The analysis of a document; nothing when it is not open, or too long.
     pub(super) fn analysis(&mut self, uri: &str) -> Option<Rc<Analysis>> {
         let document = self.documents.get(uri).filter(|document| document.is_short())?;
         if let Some(analysis) = &document.analysis {
@@ -188,7 +188,7 @@ impl Workspace {
         Analysis::new(source, others, &options)
     }
 
-    /// What a path in a `use` names.
+    /// The file or folder that a path in a `use` names.
     fn content(&self, path: &str) -> Result<Content, String> {
         check::content(path, |path| self.read(path))
     }

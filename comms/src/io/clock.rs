@@ -1,4 +1,4 @@
-//! The only place where a clock is read, and where a thread waits for one.
+//! The clocks of the machine. Only this file reads a clock, and only here a thread waits for one.
 
 mod kernel;
 

@@ -38,7 +38,7 @@ pub enum Priority {
     Device,
     /// Samples of wires.
     Wire,
-    /// What people look at.
+    /// Data for people, such as plots. It gives way to all other data.
     Background,
 }
 
@@ -50,7 +50,7 @@ pub enum DataError {
     Dial {
         /// The session dialled.
         session: String,
-        /// Why.
+        /// The reason, in zenoh's words.
         reason: String,
     },
     /// Zenoh refuses.

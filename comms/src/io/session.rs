@@ -49,7 +49,7 @@ const RUNTIME_END: &str = "(rx: (handover: app), acc: (handover: app), tx: (work
 /// another link, and there may be several of both.
 const RUNTIME_RELAY: &str = "(rx: (worker_threads: 4), acc: (handover: app), tx: (worker_threads: 1), net: (handover: app), app: (worker_threads: 2))";
 
-/// What a process does with what comes over its links.
+/// The role of a process on its links.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Role {
     /// It is for the process itself.
@@ -58,7 +58,7 @@ pub enum Role {
     Relay,
 }
 
-/// Who can reach a session.
+/// The reach of a session: this host or the network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reach {
     /// Programs of this user on this host.
@@ -67,14 +67,14 @@ pub enum Reach {
     Lan,
 }
 
-/// What a node's session needs to know.
+/// The options of a node's session.
 #[derive(Clone, Debug)]
 pub struct NodeOptions {
     /// The node's name, for messages to people.
     pub name: HostName,
     /// The Unix socket to listen on, in a directory that only this user can enter.
     pub socket: PathBuf,
-    /// Who can reach it.
+    /// The reach of the session.
     pub reach: Reach,
     /// The TCP port to listen on with [`Reach::Lan`]; 0 for any that is free.
     pub port: u16,
@@ -99,7 +99,7 @@ pub enum OpenError {
     SocketPath {
         /// The path.
         path: PathBuf,
-        /// What is wrong.
+        /// The reason.
         problem: &'static str,
     },
     /// No node on this host.

@@ -1,4 +1,4 @@
-//! The envelope around every message: what it is, and which version of it.
+//! The envelope around every message: the kind of the message and its version.
 //!
 //! ```text
 //! 'D' 'C' | version: u16 LE | kind: u16 LE | postcard
@@ -36,7 +36,7 @@ pub enum Kind {
     Peaks = 4,
     /// [`Announcement`](crate::logic::nearby::Announcement): a datagram by which nodes find each other.
     Announcement = 5,
-    /// What the caller of a stream of answers asks of it.
+    /// A request of the caller of a stream for its next piece.
     Pull = 6,
     /// A part of a stream of answers.
     Piece = 7,
@@ -63,7 +63,7 @@ impl Kind {
 
 /// A message that travels in an envelope.
 pub trait Enveloped: Serialize + DeserializeOwned {
-    /// What it is: no other message has the same.
+    /// The kind of the message. No other message has the same.
     const KIND: Kind;
     /// Its version: a change that older readers cannot read needs a new one.
     const VERSION: u16;
@@ -132,7 +132,7 @@ pub enum CodecError {
     Body {
         /// Kind of the message.
         kind: u16,
-        /// What the decoder says.
+        /// The error of the decoder.
         cause: postcard::Error,
     },
 }

@@ -107,14 +107,14 @@ pub enum Order {
     Open {
         /// Wire numbers.
         wires: Vec<u32>,
-        /// Echoed.
+        /// The generation that the order had.
         generation: u64,
     },
     /// Close these outgoing wires, then answer [`Notice::Switched`].
     Close {
         /// Wire numbers.
         wires: Vec<u32>,
-        /// Echoed.
+        /// The generation that the order had.
         generation: u64,
     },
     /// `Init(value)`, then `Run()`.
@@ -188,7 +188,7 @@ pub enum Notice {
     Connected,
     /// A link could not be made.
     ConnectFailed {
-        /// What and why.
+        /// The reason, for a person.
         reason: String,
     },
     /// The wires of this generation are switched.
@@ -205,7 +205,7 @@ pub enum Notice {
     Done {
         /// As ordered.
         activation: u32,
-        /// What it leaves.
+        /// The value that it leaves.
         value: Vec<u8>,
     },
     /// Failed, after `Stop()`.

@@ -1,5 +1,5 @@
-//! How spans of time ([`span`]) and errors of the system ([`cause`]) look to people, and how values that people's tools read look in JSON, while their bytes in
-//! postcard stay as they were.
+//! Times ([`span`]) and errors of the system ([`cause`]) as text for people, and values as JSON for people's tools. The bytes
+//! of those values in postcard stay as they were.
 //!
 //! Times are numbers in seconds. Numbers that name something are strings of 16 hexadecimal digits: most readers of JSON keep
 //! numbers in 53 bits. For `#[serde(with = "…")]`.

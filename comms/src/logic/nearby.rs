@@ -1,4 +1,4 @@
-//! What nodes of one network tell each other before there is a link: where they can be dialled.
+//! The datagram with which a node announces where it can be dialled.
 
 use super::codec::{Enveloped, Kind};
 use serde::{Deserialize, Serialize};

@@ -1,4 +1,5 @@
-//! How much a peer is asked for at a time: enough to keep its link full, and no more than what is urgent may wait behind.
+//! The size of the next request for a stream: large enough to keep the link full, and no larger than urgent messages may wait
+//! behind.
 //!
 //! An answer takes a round trip, which is the same for every size, and the time that its bytes need, which is not. Two
 //! answers of different size tell one from the other. While only one size is known, four times as much is asked for.
@@ -23,7 +24,7 @@ const CHUNK_SIZE_NEAR: usize = 256 << 10;
 /// How many times more than the last time is asked for at most.
 const GROWTH_MAX: usize = 64;
 
-/// What is known of the link to a peer.
+/// The estimate of the link to a peer.
 #[derive(Debug, Default)]
 pub struct Pace {
     /// The size of the quickest full answer, and how long it took.

@@ -1,9 +1,9 @@
-//! What a full queue does. Every queue has a capacity and one of these policies.
+//! The policies of a full queue. Every queue has a capacity and one of these policies.
 
 use std::collections::VecDeque;
 use std::num::NonZeroUsize;
 
-/// What happens to a value that finds the queue full.
+/// The policy for a value that finds the queue full.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Policy {
     /// A queue of one: the newest value replaces the one before.
@@ -14,7 +14,7 @@ pub enum Policy {
     Reject(NonZeroUsize),
 }
 
-/// What became of a value.
+/// The result of pushing a value.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Pushed<T> {
     /// It is in the queue.

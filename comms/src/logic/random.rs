@@ -1,4 +1,4 @@
-//! Numbers that look random and depend on nothing but a seed, on every machine and in every version.
+//! Pseudo-random numbers that depend on nothing but a seed, on every machine and in every version.
 
 /// A generator: 64 bits of state, period 2^64. A driver seeds it with real randomness, a simulation with its seed.
 ///

@@ -32,7 +32,7 @@ pub struct Peaks {
 /// A value that no sample shows.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Peak {
-    /// What it was.
+    /// The value.
     pub signal: Signal,
     /// How long that was before the sample.
     pub age: Duration,
@@ -41,7 +41,7 @@ pub struct Peak {
 /// One named scalar.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Signal {
-    /// What a person reads: `door angle`.
+    /// The name for people: `door angle`.
     pub name: String,
     /// Its unit: `deg`, `N`, `rad/s`; empty for none.
     pub unit: String,

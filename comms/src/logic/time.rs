@@ -1,4 +1,4 @@
-//! A point in time, as handed to every state machine.
+//! A point in time. Every state machine gets one with each input.
 
 use serde::{Deserialize, Serialize};
 use std::ops::{Add, Sub};

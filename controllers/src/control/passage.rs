@@ -224,16 +224,20 @@ fn crosses((a, b): (&Vector2<f64>, &Vector2<f64>), (c, d): (&Vector2<f64>, &Vect
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use std::f64::consts::FRAC_PI_2;
 
-    /// A door in the wall x = 0, hinge at (0, 0.8), 0.9 m wide, open by `angle` towards negative x; mirrored for a hinge on
-    /// the right.
-    fn door(angle: f64, mirror: f64) -> Doorway {
+    /// A door in the wall x = 0, hinge at (0, 0.8), `width` wide (m), open by `angle` (rad) towards negative x. With `mirror`
+    /// -1 the hinge is on the right.
+    pub(in crate::control) fn doorway(angle: f64, width: f64, mirror: f64) -> Doorway {
         let p = |x: f64, y: f64| Vector2::new(x, mirror * y);
-        let edge = p(-0.9 * angle.sin(), 0.8 - 0.9 * angle.cos());
-        Doorway { hinge: p(0.0, 0.8), edge, latch: p(0.0, -0.1), out: -Vector2::x() }
+        let edge = p(-width * angle.sin(), 0.8 - width * angle.cos());
+        Doorway { hinge: p(0.0, 0.8), edge, latch: p(0.0, 0.8 - width), out: -Vector2::x() }
+    }
+
+    fn door(angle: f64, mirror: f64) -> Doorway {
+        doorway(angle, 0.9, mirror)
     }
 
     /// Points every centimetre along stretches.

@@ -7,6 +7,7 @@
 //!
 //! Source: ours; the margins are those of `specs/door_through.dca`.
 
+use super::angle::wrapped;
 use super::clearance::BASE_RADIUS;
 use nalgebra::Vector2;
 
@@ -93,7 +94,7 @@ impl Swivel {
         let reach = ((wanted - hand) / arm.norm().max(0.1)).clamp(-0.9, 0.9);
         // Of the two angles with the base at its place the one with the base behind the hand.
         let goal = std::f64::consts::PI - reach.asin() - arm.y.atan2(arm.x);
-        let goal = share * goal.sin().atan2(goal.cos());
+        let goal = share * wrapped(goal);
         let missing = goal.max(angle - ASKEW.1) - turned;
         let late = (missing.abs() - BEHIND.0) / (BEHIND.1 - BEHIND.0);
         let aside = (share * BASE_GAIN * (wanted - place(turned))).clamp(-BASE_MAX, BASE_MAX);

@@ -5,6 +5,7 @@
 //!
 //! Source: ours.
 
+use super::angle::wrapped;
 use super::caster::Pose;
 use super::clearance::{BASE_RADIUS, clearance};
 use super::passage::{Corridor, Doorway, Way, corridor};
@@ -205,7 +206,7 @@ impl Drive {
         let turn = found.way.heading - self.way.heading;
         let left = Rotation2::new(self.way.heading) * Vector2::y();
         self.way.at += left * (beside * share);
-        self.way.heading += turn.sin().atan2(turn.cos()) * share;
+        self.way.heading += wrapped(turn) * share;
         let room = self.room.get_or_insert(found.room);
         *room += (found.room - *room) * share;
     }
@@ -236,7 +237,7 @@ impl Drive {
             }
             Stage::Face => {
                 let turn = self.way.heading - base.z;
-                if (base.xy() - self.way.at).norm() < THERE && turn.sin().atan2(turn.cos()).abs() < TURNED {
+                if (base.xy() - self.way.at).norm() < THERE && wrapped(turn).abs() < TURNED {
                     self.stage = Stage::Look { seen: 0, unseen: 0 };
                 }
                 (self.way.at, self.way.heading, SPEED)
@@ -271,23 +272,16 @@ fn towards_folded(joints: &Joints, folded: &Joints) -> Joints {
 fn towards_place(base: &Pose, place: &Vector2<f64>, heading: f64, speed: f64) -> [f64; 3] {
     let way = Rotation2::new(-base.z) * (place - base.xy()) * GAIN;
     let way = way.cap_magnitude(speed);
-    let turn = heading - base.z;
-    let turn = (turn.sin().atan2(turn.cos()) * GAIN).clamp(-TURN_SPEED, TURN_SPEED);
+    let turn = (wrapped(heading - base.z) * GAIN).clamp(-TURN_SPEED, TURN_SPEED);
     [way.x, way.y, turn]
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::passage::tests::doorway as door;
     use super::super::{caster, puma560};
     use super::*;
     use std::f64::consts::FRAC_PI_2;
-
-    /// A door in the wall x = 0 that is open by `angle`, hinge on the left or, mirrored, on the right.
-    fn door(angle: f64, width: f64, mirror: f64) -> Doorway {
-        let p = |x: f64, y: f64| Vector2::new(x, mirror * y);
-        let edge = p(-width * angle.sin(), 0.8 - width * angle.cos());
-        Doorway { hinge: p(0.0, 0.8), edge, latch: p(0.0, 0.8 - width), out: -Vector2::x() }
-    }
 
     fn walls(door: &Doorway) -> Vec<(Vector2<f64>, Vector2<f64>)> {
         let beside = (door.latch - door.hinge).normalize();

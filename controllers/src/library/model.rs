@@ -1,6 +1,7 @@
 //! ModelBasedCtrl: opens the door about the hinge that it finds.
 
 use super::{SENSED, distance};
+use crate::control::angle::wrapped;
 use crate::control::caster::Pose;
 use crate::control::clearance::clearance;
 use crate::control::compliant::loop_delay;
@@ -160,7 +161,7 @@ impl ModelBasedCtrl {
         let (at, base_from_tool) = self.at(inputs.laser.measured()?)?;
         let at = Pose::new(at.translation.x, at.translation.y, at.rotation.euler_angles().2);
         let from = self.swept_from.replace(at).unwrap_or(at);
-        let turned = (at.z - from.z).sin().atan2((at.z - from.z).cos());
+        let turned = wrapped(at.z - from.z);
         let by = Rotation2::new(-from.z) * (at.xy() - from.xy());
         let points = distance::points(&sweep.ranges, std::f64::consts::PI);
         let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), askew) * base_from_tool.rotation;

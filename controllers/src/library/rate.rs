@@ -1,4 +1,4 @@
-//! A steady source and what listens to it: to see what a connection does to a rhythm, on any network, at any load.
+//! A source with a fixed rate and a monitor for it. They show what a connection does to a rhythm, on any network, at any load.
 
 use crate::sdk::{
     About, Arguments, Controller, In, Inputs, Kind, Message, Out, Outputs, Parameter, Progress, Quantity, Tick,

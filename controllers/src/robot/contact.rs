@@ -1,4 +1,4 @@
-//! What the hand and the lever do to each other: a push before the grasp, a bushing after it.
+//! The contact of hand and lever: a push before the grasp, a bushing after it.
 
 use super::door::Handle;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};

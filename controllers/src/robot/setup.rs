@@ -1,4 +1,4 @@
-//! Everything about the simulated world that differs from world to world. SI units throughout.
+//! The setup of a simulated world: everything that differs from world to world. SI units throughout.
 
 use super::camera::Camera;
 use super::{contact, door, force_torque, laser};

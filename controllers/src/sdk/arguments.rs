@@ -9,14 +9,14 @@ use thiserror::Error;
 pub struct Parameter {
     /// Its name, for `name = value`; `grasp.force` is the field `force` of the record `grasp`, `corner.0` the first of a list.
     pub name: &'static str,
-    /// What values it takes.
+    /// The values that it takes.
     pub kind: Kind,
     /// Its value when a spec gives none, spelt as in a spec, a quantity in SI units and without its unit; none if a spec must
     /// give one.
     pub default: Option<&'static str>,
 }
 
-/// What values a parameter takes.
+/// The values that a parameter takes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Kind {
     /// One of these words; any text if there are none.
@@ -42,7 +42,7 @@ enum Value {
     Truth(bool),
 }
 
-/// What is wrong with an argument.
+/// An argument that a parameter does not take.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum ArgumentError {
     /// There is no parameter of this name.
@@ -72,7 +72,7 @@ pub enum ArgumentError {
     Missing {
         /// The parameter.
         name: &'static str,
-        /// What values it takes.
+        /// The values that it takes.
         expected: String,
     },
     /// A value of another kind.
@@ -82,7 +82,7 @@ pub enum ArgumentError {
         name: &'static str,
         /// As given.
         value: String,
-        /// What values it takes.
+        /// The values that it takes.
         expected: String,
     },
 }

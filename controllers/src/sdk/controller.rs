@@ -93,7 +93,7 @@ impl Tick {
     }
 }
 
-/// What a calculation came to.
+/// The result of a calculation.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Progress {
     /// Call again.
@@ -126,7 +126,7 @@ pub enum Stopping {
     Finished,
 }
 
-/// What a controller type is.
+/// The description of a controller type.
 #[derive(Clone, Debug, PartialEq)]
 pub struct About {
     /// One sentence.
@@ -139,7 +139,7 @@ pub struct About {
     pub schedule: Schedule,
     /// The longest its `stop` may take.
     pub stop_within: Duration,
-    /// What it takes after the host, in order.
+    /// Its parameters after the host, in order.
     pub parameters: &'static [Parameter],
     /// How often its signals are published; none if it has none.
     pub signals_every: Option<Duration>,

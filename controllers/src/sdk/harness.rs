@@ -4,6 +4,8 @@
 //! transfer later. A [`Disturbance`] makes it as bad as a busy machine: calculations are held up, transfers take longer,
 //! samples are lost. Modules of one instant run in the order in which their calculations were armed.
 
+mod disturbance;
+
 use super::controller::{Progress, Stopping};
 use super::interface::{Binding, Direction};
 use super::module::{Delivery, Module};
@@ -11,50 +13,10 @@ use super::random::Random;
 use comms::logic::human::span;
 use comms::logic::signals::Signal;
 use comms::logic::time::Time;
+pub use disturbance::Disturbance;
 use std::collections::BTreeMap;
 use std::time::Duration;
 use thiserror::Error;
-
-/// How bad the machine and the network are.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Disturbance {
-    /// Every sample takes at least this long.
-    pub transfer: Duration,
-    /// And up to this much longer, evenly spread.
-    pub transfer_jitter: Duration,
-    /// The chance that a calculation is held up.
-    pub hold_chance: f64,
-    /// For up to how long, evenly spread from a third of it.
-    pub hold_max: Duration,
-    /// The chance that a sample is lost.
-    pub drop_chance: f64,
-    /// Where the chances come from.
-    pub seed: u64,
-}
-
-impl Disturbance {
-    /// A quiet machine: 0.1 ms a hop, nothing held up or lost.
-    pub const NONE: Self = Self {
-        transfer: Duration::from_micros(100),
-        transfer_jitter: Duration::ZERO,
-        hold_chance: 0.0,
-        hold_max: Duration::ZERO,
-        drop_chance: 0.0,
-        seed: 0,
-    };
-
-    /// Two busy cores: one calculation in 50 is held up for 10 to 30 ms, one sample in 200 is lost.
-    pub const fn busy(seed: u64) -> Self {
-        Self {
-            transfer: Duration::from_micros(100),
-            transfer_jitter: Duration::from_millis(1),
-            hold_chance: 0.02,
-            hold_max: Duration::from_millis(30),
-            drop_chance: 0.005,
-            seed,
-        }
-    }
-}
 
 /// Names a module of a harness.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -69,9 +31,9 @@ pub struct WireId(usize);
 pub struct Report {
     /// When its stop had finished.
     pub at: Time,
-    /// Whose.
+    /// The module whose activation ended.
     pub module: ModuleId,
-    /// How.
+    /// How the activation ended.
     pub ending: Ending,
 }
 

@@ -1,7 +1,8 @@
-//! What a controller type tells the rest of the house about itself.
+//! The interface of a controller type: everything that can be known without running it.
 
 use super::arguments::Parameter;
 use super::controller::About;
+pub use super::port_interface::{Binding, Device, Direction, PortInterface};
 use std::fmt::Write as _;
 
 /// Everything about a controller type that can be known without running it.
@@ -13,98 +14,6 @@ pub struct Interface {
     pub about: About,
     /// Inputs, then outputs, each in order of declaration.
     pub ports: Vec<PortInterface>,
-}
-
-/// One port.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct PortInterface {
-    /// Its name: `In1`, or the device key `arm/state`.
-    pub name: &'static str,
-    /// Which way data flows.
-    pub direction: Direction,
-    /// The message type; both ends of a wire have the same.
-    pub type_name: &'static str,
-    /// What is in the message, as fields of a record; empty if it does not say.
-    pub fields: &'static str,
-    /// What it carries, in one line.
-    pub doc: &'static str,
-    /// Whether the controller cannot work unless it is connected.
-    pub required: bool,
-    /// What it is bound to.
-    pub binding: Binding,
-}
-
-/// Which way data flows through a port.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Direction {
-    /// Into the controller.
-    In,
-    /// Out of it.
-    Out,
-}
-
-/// What a port is bound to.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Binding {
-    /// The wires that a spec gives it.
-    Wire,
-    /// A device that another program owns: hears its `state`, or speaks to its `cmd`. Always open.
-    Client,
-    /// A device that this program owns: speaks its `state`, or hears its `cmd`. Always open.
-    Owner,
-}
-
-/// One side of a device: `arm` and `state`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Device {
-    /// `arm`, `base`, `ft`, `gripper`, `laser`, `camera`.
-    pub name: &'static str,
-    /// `state` or `cmd`.
-    pub channel: &'static str,
-}
-
-impl PortInterface {
-    /// Returns a port that a spec has to connect.
-    pub fn wire(name: &'static str, direction: Direction, type_name: &'static str) -> Self {
-        Self { name, direction, type_name, fields: "", doc: "", required: true, binding: Binding::Wire }
-    }
-
-    /// Returns a port that a spec may connect.
-    pub fn optional(name: &'static str, direction: Direction, type_name: &'static str) -> Self {
-        Self { required: false, ..Self::wire(name, direction, type_name) }
-    }
-
-    /// Returns a client's port of the device key `name`, such as `arm/state`.
-    pub fn device(name: &'static str, direction: Direction, type_name: &'static str) -> Self {
-        Self { binding: Binding::Client, ..Self::wire(name, direction, type_name) }
-    }
-
-    /// Returns the owner's port of the device key `name`.
-    pub fn owner(name: &'static str, direction: Direction, type_name: &'static str) -> Self {
-        Self { binding: Binding::Owner, ..Self::wire(name, direction, type_name) }
-    }
-
-    /// Returns the port with the fields of its message.
-    #[must_use]
-    pub fn carrying(self, fields: &'static str) -> Self {
-        Self { fields, ..self }
-    }
-
-    /// Returns the port with its doc line.
-    #[must_use]
-    pub fn documented(self, doc: &'static str) -> Self {
-        Self { doc, ..self }
-    }
-
-    /// Returns the device that the port is bound to, if it is.
-    pub fn device_key(&self) -> Option<Device> {
-        match self.binding {
-            Binding::Wire => None,
-            Binding::Client | Binding::Owner => {
-                self.name.split_once('/').map(|(name, channel)| Device { name, channel })
-            }
-        }
-    }
 }
 
 impl Interface {

@@ -47,7 +47,7 @@ pub trait Module: Send {
     fn signals(&self) -> Vec<Signal>;
 }
 
-/// What a delivery asks for.
+/// The answer of a module to a delivered sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Delivery {
     /// Nothing: the sample waits for the next calculation.
@@ -74,7 +74,7 @@ pub enum DeliveryError {
         port: &'static str,
         /// Its type.
         expected: &'static str,
-        /// What the decoder says.
+        /// The error of the decoder.
         cause: postcard::Error,
     },
 }

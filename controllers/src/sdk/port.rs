@@ -1,6 +1,6 @@
 //! Typed ports, and sets of them, which `#[derive(Inputs)]` and `#[derive(Outputs)]` write.
 
-use super::interface::PortInterface;
+use super::port_interface::PortInterface;
 use comms::logic::time::Time;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -159,7 +159,7 @@ impl<T: Message> AnyOut for Out<T> {
     note = "a field of a struct with `#[derive(Inputs)]` is an `In<T>`"
 )]
 pub trait InputPort: AnyIn + Default {
-    /// What it hears.
+    /// The message type.
     type Message: Message;
 }
 
@@ -174,7 +174,7 @@ impl<T: Message> InputPort for In<T> {
     note = "a field of a struct with `#[derive(Outputs)]` is an `Out<T>`"
 )]
 pub trait OutputPort: AnyOut + Default {
-    /// What it says.
+    /// The message type.
     type Message: Message;
 }
 

@@ -25,8 +25,8 @@ use comms::io::control::ControlError;
 use comms::io::data::DataSession;
 use comms::io::session::{OpenError, Reach, Role, prepare_process};
 use comms::logic::control::{Notice, Order, VERSION};
-use cycle::{Command, Cycle};
-use inbox::Inbox;
+use cycle::Cycle;
+use inbox::{Command, Inbox};
 use links::Links;
 use node_line::{NodeLine, NoticeLog};
 use signal_hook::consts::SIGTERM;
@@ -134,7 +134,7 @@ fn hello(interface: &Interface, instance: &str, session: Option<&DataSession>) -
     }
 }
 
-/// What stays the same for the life of the program.
+/// The constants of a program's life.
 struct Program {
     interface: Interface,
     instance: String,

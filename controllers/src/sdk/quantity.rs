@@ -1,4 +1,4 @@
-//! What a parameter measures.
+//! The quantities that a parameter can have, each with its unit.
 
 /// A type of quantities of the `.dca` language; a program gets its values in SI units.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

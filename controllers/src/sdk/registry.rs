@@ -34,7 +34,7 @@ pub enum CreateError {
     Argument {
         /// The type.
         type_name: &'static str,
-        /// What is wrong.
+        /// The reason.
         cause: ArgumentError,
     },
     /// The controller refuses its arguments.

@@ -1,4 +1,4 @@
-//! Group commit: what has come while the disk was busy goes to the disk together.
+//! Group commit: commits that arrive while the disk is busy go to the disk together.
 //!
 //! A device syncs a few hundred times a second, so what a database commits in a second is that times the size of a group.
 //! Taking whatever waits is not enough: callers that were answered together come back one after another, and the first of

@@ -106,7 +106,7 @@ pub enum StoreError {
     Damaged {
         /// The directory of the store.
         path: PathBuf,
-        /// What does not fit.
+        /// The mismatch.
         what: String,
     },
     /// A record is too long, or its name is.

@@ -38,7 +38,7 @@ pub enum Quality {
     Satellite,
 }
 
-/// What a wall clock says.
+/// A reading of a wall clock.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Wall {
     /// Milliseconds since 1970.
@@ -54,7 +54,7 @@ pub struct Timestamp {
     pub epoch: u16,
     /// 48 bits of milliseconds, 16 bits of counter.
     pub hlc: u64,
-    /// Who issued it.
+    /// The replica that issued it.
     pub origin: ReplicaId,
 }
 

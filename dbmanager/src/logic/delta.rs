@@ -1,4 +1,4 @@
-//! New transactions of their sender, as they are pushed: without what their receivers know.
+//! Delta push: the new transactions of a replica, encoded relative to what their receivers know.
 //!
 //! *Rule.* A transaction is taken only by who has the one before it at its origin, hence the same [`Head`]. So in the
 //! header of a transaction, and there only, timestamp and wall clock are said as differences, and what was seen by

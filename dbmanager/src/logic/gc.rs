@@ -1,4 +1,4 @@
-//! What nobody needs any more, by membership and never by age.
+//! Garbage collection: removes what every member has. Membership decides, never age.
 //!
 //! *State.* For each member, the last version vector it has said to have durably that the own version vector dominates.
 //!
@@ -22,7 +22,7 @@ use crate::logic::member::Members;
 use crate::logic::version_vector::{ReplicaId, VersionVector};
 use std::collections::BTreeMap;
 
-/// What is stable, and who keeps it from growing.
+/// The stable version vector, and the members that keep it from growing.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Stable {
     /// The version vector that everybody has and nobody can write without.
@@ -31,7 +31,7 @@ pub struct Stable {
     pub pinned_by: Vec<ReplicaId>,
 }
 
-/// What a replica knows of what others have.
+/// The version vectors that other members have acknowledged.
 #[derive(Clone, Debug, Default)]
 pub struct Acks {
     acked: BTreeMap<ReplicaId, VersionVector>,

@@ -1,4 +1,4 @@
-//! Keys: paths such as `robot/r2/camera/gain`, and who may write below what.
+//! Keys are paths such as `robot/r2/camera/gain`. The namespace of a key says who may write it.
 
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -46,7 +46,7 @@ pub enum KeyError {
     },
 }
 
-/// What the first segment says about who may write a key, and how far it travels.
+/// The namespace of a key, by its first segment: who may write it, and how far it travels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Namespace<'a> {
     /// `team/…`: everybody's. So is everything that is in no other namespace.

@@ -28,7 +28,7 @@ use std::collections::BTreeMap;
 pub struct Head {
     /// Its number.
     pub seq: u64,
-    /// What the next transaction calls it.
+    /// The hash that the next transaction names as its predecessor.
     pub hash: ChainHash,
     /// Its timestamp.
     pub stamp: Timestamp,
@@ -45,7 +45,7 @@ impl Head {
     }
 }
 
-/// What to do with a transaction.
+/// The verdict of the log on an arriving transaction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
     /// Apply it.

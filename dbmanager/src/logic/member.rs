@@ -1,4 +1,4 @@
-//! Who belongs to the team, as the replicated state itself says.
+//! The members of the team. The replicated state itself says who they are.
 //!
 //! *State.* `sys/members/<origin>`: the origin is a member; `sys/retired/<origin>`: it is not any more. Both only appear:
 //! nothing deletes them, so whoever has more transactions knows more, and a retirement beats a membership in any order.

@@ -1,4 +1,4 @@
-//! Two states into one, when a replica comes back under a new origin.
+//! Merges two states when a replica comes back under a new id.
 //!
 //! It comes with an *old* side (what it had) and takes over a *new* one (what its sponsor has). Its log may be cut, so its
 //! transactions may be there as versions only. What has to be rebased follows from the two states and from what each side
@@ -45,7 +45,7 @@ use crate::logic::txn::Write;
 use crate::logic::version_vector::{Dot, ReplicaId};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// What somebody has.
+/// One side of a merge.
 #[derive(Clone, Copy, Debug)]
 pub struct Side<'a> {
     /// The versions that are left.

@@ -1,4 +1,4 @@
-//! What replicas say to each other, as data.
+//! The messages between replicas, as data.
 //!
 //! Pushing is only a shortcut: pulls alone converge. The version vector in a [`Pull`] is the token to resume from, and
 //! the only digest that is needed; a connection that is cut costs one chunk. Each message may be lost, repeated, late
@@ -35,7 +35,7 @@ pub enum Message {
     SnapshotChunk {
         /// Which chunk.
         name: ChunkHash,
-        /// What it is.
+        /// Its bytes; nothing if the sender does not have them.
         bytes: Option<Vec<u8>>,
     },
     /// To one who waits for it: what I have, durably.
@@ -70,7 +70,7 @@ impl Message {
     }
 }
 
-/// Who is here.
+/// The presence of a replica.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Hello {
     /// Name of the robot.
@@ -81,7 +81,7 @@ pub struct Hello {
     pub format: u8,
     /// Whether it may be asked for transactions.
     pub member: bool,
-    /// Who has admitted it, who has admitted that one, and so on.
+    /// The chain of sponsors: who admitted it, who admitted that one, and so on.
     pub sponsors: Vec<ReplicaId>,
     /// [`VersionVector::digest`] of what it has.
     pub vector: u64,
@@ -100,9 +100,9 @@ pub struct Hello {
 /// A question for transactions.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Pull {
-    /// What I have, durably.
+    /// The durable transactions of the sender.
     pub vector: VersionVector,
-    /// What I have besides, but cannot read.
+    /// The transactions that the sender has buffered because it cannot read them.
     pub pending: VersionVector,
     /// About how many bytes to answer with.
     pub size_max: u32,
@@ -126,7 +126,7 @@ pub struct Join {
 pub enum Chunk {
     /// Transactions, in an order in which they can be applied.
     Txns {
-        /// What I have.
+        /// The transactions of the sender.
         vector: VersionVector,
         /// Some of what you lack.
         txns: Vec<EncodedTxn>,

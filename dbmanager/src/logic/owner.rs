@@ -1,4 +1,4 @@
-//! Who owns a prefix: only there its keys are written, so that a condition that holds there holds for the team.
+//! The owners of prefixes. Only the owner of a prefix writes below it, so a condition that holds there holds for the team.
 //!
 //! *State.* `sys/own/<prefix>` holds a *term* and the name of a robot, or none if the prefix was released. `robot/<name>/…`
 //! belongs to that robot without a record, with term 0, until a record says otherwise. The longest prefix counts.
@@ -25,7 +25,7 @@ use std::collections::BTreeMap;
 
 const OWN: &str = "sys/own/";
 
-/// What is known of a prefix.
+/// The grants of a prefix.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Owner {
     /// Goes up with each grant.

@@ -28,14 +28,14 @@ pub type Records = BTreeMap<Vec<u8>, Vec<u8>>;
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Batch(pub BTreeMap<Vec<u8>, Option<Vec<u8>>>);
 
-/// Who the store is.
+/// The identity of a store.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct IdentityRecord {
     /// Whose number its transactions have now.
     pub(crate) origin: ReplicaId,
     /// Name of the robot.
     pub(crate) robot: String,
-    /// What it wants to be admitted as, if it is no member.
+    /// The replica id under which it wants to be admitted, if it is no member.
     pub(crate) joining: Option<ReplicaId>,
     /// Whom it has asked for that; nobody else is asked for the same.
     pub(crate) asked: Option<ReplicaId>,
@@ -69,7 +69,7 @@ pub enum OpenError {
     /// The records do not belong together.
     #[error("the store is damaged: {what}")]
     Damaged {
-        /// What does not fit.
+        /// The mismatch, for a person.
         what: &'static str,
     },
     /// There is something in it that this program does not know, and it is as it was written.
@@ -189,7 +189,7 @@ pub struct StoredRecords {
     pub(crate) pending: BTreeMap<u64, (Dot, EncodedTxn)>,
     /// How many records there were.
     pub(crate) count: usize,
-    /// What was wrong first.
+    /// The first error.
     wrong: Option<OpenError>,
 }
 

@@ -1,4 +1,4 @@
-//! One replica: what its inputs are, and what it does about each.
+//! One replica as a machine: its inputs, and what it does about each.
 //!
 //! [`Replica::handle`] takes an [`Input`] and says what is to be done, in order: the driver carries out [`Effect::Persist`],
 //! durably, before anything that comes after it (T4: what is acknowledged or sent is on the disk, and what another has

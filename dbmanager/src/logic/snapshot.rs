@@ -1,4 +1,4 @@
-//! The whole state in pieces, for who cannot be served from the log.
+//! Snapshots: the whole state in chunks, for a replica that the log cannot serve.
 //!
 //! A snapshot is the versions of all keys at a version vector, the deleted ones included, and the head of each origin.
 //! It is cut into chunks at keys whose hash says so, and chunks are named by their hashes: two replicas with nearly the
@@ -30,7 +30,7 @@ impl ChunkHash {
     }
 }
 
-/// What a snapshot consists of.
+/// The chunks of a snapshot, and what they lead to.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Manifest {
     /// The last transaction of each origin in it.

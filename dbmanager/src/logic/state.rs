@@ -43,7 +43,7 @@ pub struct Version {
     pub value: Option<Value>,
 }
 
-/// What a transaction had seen when it was committed.
+/// The causal context of a transaction: all that its writer had seen.
 #[derive(Clone, Copy, Debug)]
 pub struct CausalContext<'a> {
     /// Its context.

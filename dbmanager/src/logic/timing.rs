@@ -1,4 +1,4 @@
-//! How long and how often: every time that a replica goes by.
+//! All durations of a replica, in one place.
 
 use std::time::Duration;
 

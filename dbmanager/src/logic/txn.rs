@@ -1,4 +1,4 @@
-//! Transactions: what is committed, replicated, shown and remembered as a whole.
+//! Transactions: the unit that is committed, replicated, shown and remembered as a whole.
 //!
 //! A [`Draft`] is what somebody wants; a [`Txn`] is that with its place in history: its dot, its timestamp, and its
 //! *context*, the version vector it was committed on. A [`EncodedTxn`] is a transaction as bytes, in the log and on the
@@ -40,7 +40,7 @@ impl Encoding {
     pub const TEXT: Self = Self(1);
 }
 
-/// What a key holds.
+/// The value of a key: a tag and bytes.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(from = "(Encoding, Vec<u8>)", into = "(Encoding, Vec<u8>)")]
 pub struct Value {
@@ -139,7 +139,7 @@ pub struct Txn {
     pub reason: String,
     /// The conditions that held when it was committed.
     pub requires: Vec<Require>,
-    /// What it changed, by key, each key once.
+    /// Its writes, in the order of their keys, each key once.
     pub writes: Vec<Write>,
     /// Whether somebody waits for others to have it.
     pub wants_ack: bool,
@@ -201,7 +201,7 @@ pub enum CodecError {
     /// The bytes are no transaction.
     #[error("a transaction is malformed: {cause}")]
     Body {
-        /// What the decoder says.
+        /// The error of the decoder.
         cause: postcard::Error,
     },
 }

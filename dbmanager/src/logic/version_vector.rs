@@ -1,4 +1,4 @@
-//! Replica ids, dots and version vectors: who wrote, which of its transactions, and up to where.
+//! Replica ids, dots and version vectors: the writer, one of its transactions, and how many of each writer are included.
 //!
 //! The transactions of one origin are numbered from 1 without gaps and are taken over in that order. So a version
 //! vector (one number for each origin) says exactly which transactions somebody has, and the difference of two version
@@ -39,7 +39,7 @@ impl fmt::Display for ReplicaId {
 /// The name of one transaction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct Dot {
-    /// Who committed it.
+    /// The replica that committed it.
     pub origin: ReplicaId,
     /// Its number there, from 1.
     pub seq: u64,

@@ -1,4 +1,4 @@
-//! What people and programs see of the database: pure functions of a replica's state and log.
+//! Views of the database for people and programs: pure functions of a replica's state and log.
 //!
 //! | module | answers |
 //! |---|---|

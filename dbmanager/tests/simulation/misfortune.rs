@@ -1,9 +1,7 @@
-//! What goes wrong in a simulated team. Each seed switches on a random part of it, so that no fault hides another
-//! (Groce et al., *Swarm Testing*, 2012).
+//! What goes wrong in a simulated team, step by step.
 
 use super::disk::Fate;
-use super::{EPOCH_MS, World};
-use comms::logic::random::Random;
+use super::{EPOCH_MS, Faults, World};
 use dbmanager::logic::clock::Quality;
 use dbmanager::logic::key::Key;
 use dbmanager::logic::record::Records;
@@ -14,93 +12,6 @@ use std::time::Duration;
 
 const HOUR_MS: i64 = 3_600_000;
 const DAY_MS: u64 = 86_400_000;
-
-/// What goes wrong, in percent of the occasions: of messages, of writes to the disk, of steps.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Faults {
-    /// Messages lost.
-    pub(crate) drop: u64,
-    /// Messages delivered twice.
-    pub(crate) duplicate: u64,
-    /// Links cut or healed, in one direction or both, per step.
-    pub(crate) links: u64,
-    /// Radios that become slow, and robots that do, per step.
-    pub(crate) slow: u64,
-    /// Robots that crash, per step.
-    pub(crate) crash: u64,
-    /// Writes to the disk in which a robot crashes.
-    pub(crate) crash_in_write: u64,
-    /// Writes to the disk that report an error, done or not.
-    pub(crate) error: u64,
-    /// Disks that become full, per step.
-    pub(crate) full: u64,
-    /// Disks lost for good, per step.
-    pub(crate) disk_loss: u64,
-    /// Disks of two robots exchanged, per step.
-    pub(crate) swap: u64,
-    /// Robots retired, per step.
-    pub(crate) retire: u64,
-    /// Robots that join, per step.
-    pub(crate) join: u64,
-    /// One more robot begins a team of its own before it hears the others.
-    pub(crate) second_team: bool,
-    /// Clocks that jump, drift, freeze or are not trusted any more, per step.
-    pub(crate) clock: u64,
-    /// All robots are switched off for days, per step; some stay off longer.
-    pub(crate) away: u64,
-    /// Robots restored from a backup, which their witness notices, per step.
-    pub(crate) restore: u64,
-    /// Robots whose disk is copied into another, which the witness of that one notices, per step.
-    pub(crate) clone: u64,
-    /// One robot has a bad disk and no witness: its flushes lie, and it is restored from backups. Per step.
-    pub(crate) rollback: u64,
-    /// The robot that stays: nobody retires it, and its disk is not lost.
-    pub(crate) anchor: usize,
-    /// The robot with the bad disk.
-    pub(crate) cursed: usize,
-}
-
-impl Faults {
-    /// Returns a random part of all that can go wrong.
-    pub(crate) fn swarm(random: &mut Random) -> Self {
-        let mut chance = |most: u64| if random.below(2) == 0 { 0 } else { 1 + random.below(most) };
-        let faults = Self {
-            drop: chance(30),
-            duplicate: chance(20),
-            links: chance(30),
-            slow: chance(6),
-            crash: chance(8),
-            crash_in_write: chance(4),
-            error: chance(3),
-            full: chance(3),
-            disk_loss: chance(3),
-            swap: chance(2),
-            retire: chance(6),
-            join: chance(2),
-            clock: chance(5),
-            away: chance(2),
-            restore: chance(3),
-            clone: chance(2),
-            rollback: chance(6),
-            ..Self::default()
-        };
-        // A robot whose disk forgets must not find others that have forgotten what it told them: that nobody can mend.
-        let lossy = Self { rollback: 0, ..faults };
-        let honest = Self { disk_loss: 0, swap: 0, retire: 0, join: 0, restore: 0, clone: 0, ..faults };
-        if random.below(4) > 0 { lossy } else { honest }
-    }
-
-    /// Returns whether a robot may have less than it had, and rebase again what others have overwritten since: then
-    /// what was deleted may be there once more. Too many versions, never too few.
-    pub(crate) fn can_repeat(&self) -> bool {
-        self.rollback + self.restore + self.clone > 0
-    }
-
-    /// Returns whether a store may be older than it was, without a witness.
-    pub(crate) fn can_roll_back(&self) -> bool {
-        self.rollback > 0
-    }
-}
 
 impl World {
     /// Chooses who stays and whose disk is bad. Robot 0 has no privilege.

@@ -17,6 +17,10 @@ pub(crate) mod network;
 mod observer;
 #[path = "reference.rs"]
 mod reference;
+#[path = "run.rs"]
+mod run;
+#[path = "swarm.rs"]
+mod swarm;
 
 use clients::Clients;
 use comms::logic::random::Random;
@@ -26,12 +30,13 @@ use dbmanager::logic::record::{Batch, Records};
 use dbmanager::logic::replica::{AckLevel, Alarm, Answer, Config, Effect, Input, Replica};
 use dbmanager::logic::version_vector::{Dot, ReplicaId, VersionVector};
 use disk::{Disk, Fate};
-pub(crate) use misfortune::Faults;
 use network::Network;
 use reference::Reference;
+pub(crate) use run::run;
 use std::collections::BTreeMap;
 use std::rc::Rc;
 use std::time::Duration;
+pub(crate) use swarm::Faults;
 
 /// 2026 in milliseconds.
 pub(crate) const EPOCH_MS: u64 = 1_790_000_000_000;
@@ -39,8 +44,6 @@ pub(crate) const EPOCH_MS: u64 = 1_790_000_000_000;
 const INPUTS_MAX: usize = 20_000;
 /// The same in each millisecond that passes, on average.
 const INPUTS_PER_MS_MAX: u64 = 10;
-/// Steps of a seed.
-const STEPS: usize = 80;
 /// How long a mended world may take to have the same everywhere, per percent of messages lost (I13).
 const CONVERGENCE_MS: u64 = 120_000;
 
@@ -90,35 +93,6 @@ pub(crate) struct World {
     /// What the commit that is being handled has come to.
     committed: Option<Dot>,
     pub(crate) alarms: Vec<(usize, Alarm)>,
-}
-
-/// Runs one seed; returns how many transactions there were.
-pub(crate) fn run(seed: u64) -> Result<usize, String> {
-    // From random numbers of its own, so that the other seeds are what they were before there was this fault.
-    let second_team = Random::new(seed ^ 0x7ea).below(3) == 0;
-    let faults = Faults { second_team, ..Faults::swarm(&mut Random::new(seed)) };
-    run_with(seed, faults).map_err(|broken| format!("{broken}\nwith {faults:?}"))
-}
-
-fn run_with(seed: u64, faults: Faults) -> Result<usize, String> {
-    let mut world = World::new(seed, faults);
-    let size = 2 + usize::try_from(seed % 4).expect("it is small");
-    world.gather(size);
-    world.curse(size);
-    if world.faults.second_team {
-        world.found_apart("team/apart", 1);
-    }
-    for _ in 0..STEPS {
-        world.misfortune();
-        world.somebody_acts();
-        let pause = [1, 20, 400, 4000][world.below(4)];
-        world.run_for(pause);
-        world.check_step()?;
-    }
-    world.settle()?;
-    world.clean_up()?;
-    world.check_history()?;
-    Ok(world.reference.len())
 }
 
 impl World {

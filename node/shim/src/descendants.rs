@@ -1,4 +1,4 @@
-//! Every process below this one.
+//! Finds every process below this one.
 
 use rustix::process::{Signal, getpid};
 use shim::process_record::Process;

@@ -1,4 +1,4 @@
-//! The last step before a program that has limits: a process of its own takes them upon itself and becomes the program.
+//! The last step before a program with limits: a process of its own takes the limits and becomes the program.
 //!
 //! So the program never runs without them, not even for an instant, and the shim itself has none. What the kernel refuses is
 //! left in the instance directory as one sentence, which the shim reports.

@@ -1,4 +1,4 @@
-//! What a shim writes into its instance directory about who runs there, so that a node that starts after a crash finds them.
+//! The record of a running program. The shim writes it into its instance directory; a node that starts after a crash reads it.
 //!
 //! ```text
 //! boot 0e6b3d3c-58f0-4f22-9c0e-6a7d2f1c9f10

@@ -1,4 +1,4 @@
-//! The processes of this machine as `/proc` shows them, each named for good: its number and when it started.
+//! The processes of this machine by `/proc`. The number and the start time of a process name it for good.
 
 use crate::process_record::Process;
 use rustix::process::{Pid, PidfdFlags, Signal, getpid, pidfd_open, pidfd_send_signal};

@@ -1,4 +1,4 @@
-//! Whether this process was given a standard output that can be written.
+//! Checks that this process was given a standard output that can be written.
 //!
 //! Before `main`, the runtime of Rust opens `/dev/null` in the place of a standard stream that is closed; and of one that is open
 //! for reading alone it takes each write for done. So a result would be lost, and nobody would know. Once the runtime has begun, nothing

@@ -1,4 +1,4 @@
-//! Where the answers to a call go, and how they end: complete, or with a reason why not.
+//! Sends the answers to a call, and ends them: complete, or with the reason why not.
 //!
 //! Whoever answers must not wait for a caller that takes nothing, so there is room for so many answers. The first one that
 //! finds no room ends the call, and the caller is told that what it has is not everything. It is told the same when
@@ -12,9 +12,9 @@ use tokio::sync::mpsc::{self, Receiver, Sender};
 
 /// How many answers wait for one caller.
 const ANSWERS_MAX: usize = 4096;
-/// What a caller is told that has taken fewer answers than there are.
+/// The error of a caller that has not taken all answers.
 const SLOW: &str = "more came than were taken";
-/// What a caller is told whose answers nobody has ended.
+/// The error of a caller whose answers nobody has ended.
 const LEFT: &str = "the node went away from them";
 
 /// How the answers have ended, as soon as that is known.

@@ -1,4 +1,4 @@
-//! A control group for this process and everything that it starts, where the system lets it have one.
+//! Makes a control group for this process and everything that it starts, where the system allows it.
 //!
 //! The process moves into a group of its own once, at its start, and whatever it starts is born there: a start costs
 //! nothing more, and no program leaves the group by itself, whatever it does to its parents, session and environment. After

@@ -1,4 +1,5 @@
-//! The one place that starts and signals programs: each under a shim, which is told with lines and answers with lines.
+//! Starts and signals programs, and nothing else does. Each program has a shim, which takes lines as orders and reports in
+//! lines.
 //!
 //! A shim that this node has started has its lines in two pipes. One that an earlier run of the node has started is attached
 //! to, at its socket; `shim::protocol` says what is counted then, so that nothing is lost or done twice.

@@ -48,7 +48,7 @@ const REOPEN_AFTER: Duration = Duration::from_secs(5);
 /// How often the files of the store are looked for while nothing is written.
 const CHECK_EVERY: Duration = Duration::from_secs(1);
 
-/// What a database is started with.
+/// The options of a database.
 #[derive(Clone, Debug)]
 pub struct Options {
     /// Name of the robot.
@@ -59,15 +59,15 @@ pub struct Options {
     pub folder: Option<PathBuf>,
     /// Folder for what may be gone with the node: a copy of a store that can only be read.
     pub scratch: PathBuf,
-    /// What keeps a new one on the disk; the usual engine if nothing is said.
+    /// The engine of a new one; nothing for the default.
     pub store: Option<Engine>,
-    /// What those show who ask on this machine.
+    /// The proof that callers on this machine show.
     pub proof: String,
     /// Whether it begins a team of its own at once, as the first of a command's own nodes does.
     pub founds: bool,
 }
 
-/// What comes to the thread.
+/// An event of the thread.
 enum Arrival {
     Call(u64, Question, Option<Caller>),
     /// From another machine.
@@ -82,7 +82,7 @@ enum Arrival {
 #[derive(Clone, Debug)]
 pub struct Handle {
     arrivals: SyncSender<Arrival>,
-    /// What those show who ask on this machine.
+    /// The proof that callers on this machine show.
     proof: Arc<str>,
 }
 
@@ -96,7 +96,7 @@ pub struct Running {
     wire: JoinSet<()>,
 }
 
-/// What the thread owns.
+/// The state of the thread.
 struct Worker {
     machine: Database,
     place: Place,

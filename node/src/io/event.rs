@@ -1,4 +1,4 @@
-//! What happens outside the agent, as the driver hears of it; and the task that hears the programs of a deployment.
+//! The events of the driver, and the task that hears the programs of a deployment.
 
 use crate::io::peers::Arrival;
 use crate::logic::effect::ProcessId;

@@ -1,4 +1,4 @@
-//! A folder that a person has named and that cannot be used: one sentence, with the option that names another.
+//! The error for a folder that a person has named and that cannot be used. It names the option for another folder.
 
 use std::fs;
 use std::io;
@@ -10,7 +10,7 @@ pub enum FolderError {
     /// Something else is where it would be, or where a folder above it would be.
     #[error("`{file}` is a file, where a folder is expected; choose another with `{option}`")]
     File {
-        /// What is there.
+        /// The kind of file that is there.
         file: PathBuf,
         /// The option that names another.
         option: &'static str,
@@ -18,9 +18,9 @@ pub enum FolderError {
     /// The system refuses.
     #[error("cannot make the folder `{path}`: {cause}; choose another with `{option}`")]
     Make {
-        /// Which.
+        /// The path.
         path: PathBuf,
-        /// Why.
+        /// The error of the system.
         cause: io::Error,
         /// The option that names another.
         option: &'static str,

@@ -31,7 +31,7 @@ const SIZE_MAX: u64 = 8 << 20;
 /// The name of the file, in the folder of the node.
 const FILE: &str = "inputs";
 
-/// What a log begins with.
+/// The header of a log.
 #[derive(Debug, PartialEq, Eq, Serialize, Deserialize)]
 struct Head {
     form: u32,

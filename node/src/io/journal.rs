@@ -1,4 +1,4 @@
-//! The epochs that this node has given out, each durable before the first process of its deployment runs.
+//! The journal: the epochs that this node has given out. Each is durable before the first process of its deployment runs.
 //!
 //! One line each: `EPOCH NAME`, then `hosts EPOCH HOST …`, and `over EPOCH` once every host has confirmed its end: what is not
 //! over when a node starts is asked for. A torn last line (power cut) is ignored; the epoch after it is still higher than every

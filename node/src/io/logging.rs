@@ -1,4 +1,4 @@
-//! What a process says of itself on its standard error, and how much of it.
+//! Sets up the log of a process on standard error, and its filter.
 
 use crate::logic::nameserver::Change;
 use anyhow::Context;
@@ -10,7 +10,7 @@ use tracing_subscriber::{EnvFilter, Registry, reload};
 /// What a command line logs where nothing else is said. What the network's library finds wrong is told in words of this
 /// program, if it matters.
 pub const COMMAND: &str = "warn,zenoh=off";
-/// What a node logs where nothing else is said.
+/// The default filter of a node's log.
 pub const NODE: &str = "info,zenoh=error";
 
 /// The log of this process.

@@ -45,7 +45,7 @@ struct Own {
     rounds: Mutex<VecDeque<(u64, Time)>>,
 }
 
-/// What comes in from outside.
+/// An event of the session.
 #[derive(Debug)]
 pub enum Arrival {
     /// For the agent.

@@ -19,17 +19,17 @@ pub enum ProgramsError {
     /// It cannot be run.
     #[error("cannot run `{program}`: {cause}")]
     Run {
-        /// Which.
+        /// The path of the program.
         program: PathBuf,
-        /// Why.
+        /// The error of the system.
         cause: io::Error,
     },
     /// It ran, and failed.
     #[error("`{program}` does not tell its interface: `{argument}` {status}")]
     Failed {
-        /// Which.
+        /// The path of the program.
         program: PathBuf,
-        /// What it was asked.
+        /// The argument that asks it.
         argument: &'static str,
         /// How it ended.
         status: ExitStatus,
@@ -37,17 +37,17 @@ pub enum ProgramsError {
     /// It answers, and what it says names no type.
     #[error("`{program}` offers no controller type: `{argument}` prints no `module`")]
     Nothing {
-        /// Which.
+        /// The path of the program.
         program: PathBuf,
-        /// What it was asked.
+        /// The argument that asks it.
         argument: &'static str,
     },
     /// It runs, and says nothing.
     #[error("`{program}` does not tell its interface: `{argument}` has no answer within {}", span(*.within))]
     Silent {
-        /// Which.
+        /// The path of the program.
         program: PathBuf,
-        /// What it was asked.
+        /// The argument that asks it.
         argument: &'static str,
         /// The time given.
         within: Duration,

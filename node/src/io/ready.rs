@@ -1,4 +1,4 @@
-//! When a node is ready: once it can be called by all who are to call it.
+//! Waits until a node is ready: everybody who may call it can.
 
 use crate::io::peers::Peers;
 use comms::io::session::Reach;

@@ -23,7 +23,7 @@ pub(crate) const JOBS_MAX: usize = 32_768;
 /// How many orders wait for one shim.
 pub(crate) const ORDERS_MAX: usize = 64;
 
-/// Something to be done beside the loop.
+/// A job beside the loop.
 #[derive(Debug)]
 pub(crate) enum Job {
     Start(Box<Start>),
@@ -42,7 +42,7 @@ pub(crate) struct Start {
     pub(crate) shim: ShimStart,
     /// Where programs of its deployment connect, if it does.
     pub(crate) control: Option<PathBuf>,
-    /// What its shim is told once it is there.
+    /// The first orders of its shim.
     pub(crate) orders: Receiver<ShimOrder>,
 }
 
@@ -51,7 +51,7 @@ pub(crate) struct Start {
 pub(crate) struct Adopted {
     /// How it is started, if it never was.
     pub(crate) start: Start,
-    /// What has become of it so far.
+    /// Its fate so far.
     pub(crate) program: Attachment,
 }
 

@@ -1,4 +1,4 @@
-//! Where a node keeps what must survive it: a folder for each node, below one for the user.
+//! The state directory: what must survive a node, in a folder of the user with a folder for each node.
 //!
 //! ```text
 //! BASE/                     /var/lib/dca for root; $XDG_STATE_HOME/dca or ~/.local/state/dca for others; or `--state`

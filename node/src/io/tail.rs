@@ -1,4 +1,4 @@
-//! What programs write, sent to somebody who asked, as it grows.
+//! Sends the output of programs to a caller, as it grows.
 //!
 //! A program's output is a file that is put aside when it is long, twice that at most (`dca-shim`). A `Reader` holds what
 //! it reads open, so that nothing is lost when that happens while it reads.

@@ -1,5 +1,4 @@
-//! What stands outside of an agent because of its effects: programs with their channels, calls that are not answered, epochs on
-//! their way to the disk.
+//! The attachments of an agent to the world: programs with their channels, open calls, and epochs on their way to the disk.
 //!
 //! An agent that was killed is made again from its inputs (`io/input_log`), and so are its effects, which have happened already.
 //! What of them has arrived is a matter of numbers: everything that goes over the channels of a program is counted from its start,

@@ -1,4 +1,4 @@
-//! What a deployment holds on this host while it is there: no two deployments may move one arm.
+//! The devices of this host that deployments hold. No two deployments may move one arm.
 //!
 //! A device is held by whoever `claims` it in the spec, from `Prepare` on, and by the controller that says at its `Hello` that
 //! the device's keys are its own. Any number may hold one `(read)`. It is held until nothing of the deployment is left.
@@ -15,7 +15,7 @@ pub struct Claims {
     held: BTreeMap<String, Holder>,
 }
 
-/// Who holds a device.
+/// The holder of a device.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 struct Holder {
     path: String,

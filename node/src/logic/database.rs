@@ -1,4 +1,4 @@
-//! The database of a node: a replica, and everybody who wants something of it.
+//! The database of a node: a replica and its callers.
 //!
 //! [`Database::handle`] takes what has come since the last time, all of it at once, and says what is to be done, in order.
 //! Its driver is a thread of its own (`io::database`): it writes all [`Effect::Persist`] of one turn together, and carries
@@ -8,6 +8,7 @@
 //! When the disk fails, the database is *closed*: it answers questions, and refuses to write with the disk's own words.
 //! It takes nothing from peers meanwhile, since it could not keep it.
 
+mod alarms;
 pub mod chronicle;
 pub mod disk;
 mod look;
@@ -40,17 +41,15 @@ use std::time::Duration;
 
 /// The team of robots that have not been told of any.
 pub const TEAM: &str = "dca";
-/// How many alarms are remembered.
-const ALARMS_MAX: usize = 16;
 /// How many peers that have been heard of are remembered.
 const HEARD_MAX: usize = 1024;
-/// What a command line of an earlier version is told.
+/// The refusal of an import by a command line of an earlier version.
 const IMPORT_ELSEWHERE: &str =
     "this node leaves it to `dca` to work out what a file changes; use one of its own version";
 /// About how many bytes of keys and values go into one reply.
 const REPLY_SIZE_MAX: usize = 256 << 10;
 
-/// What has come.
+/// An input of the database.
 #[derive(Debug)]
 pub enum Input {
     /// Somebody asks something; the answers bear this number. Number 0 is the node itself, which wants none.
@@ -63,11 +62,11 @@ pub enum Input {
     Asked(u64, Envelope),
     /// A node has come, or come back: its replica and this one compare what they have.
     Appeared,
-    /// Whoever called with this number takes no answers any more.
+    /// The caller with this number takes no more answers.
     Gone(u64),
 }
 
-/// What is to be done, in order.
+/// An effect of the database. Effects are carried out in order.
 #[derive(Debug)]
 pub enum Effect {
     /// Write this durably, before anything else of this turn.
@@ -88,11 +87,11 @@ pub enum Effect {
     End(u64),
     /// An operator has to know this.
     Alarm(String),
-    /// What this robot's own keys say to its node is now this.
+    /// The robot's settings for its node have changed to this.
     Settings(Settings),
 }
 
-/// The machine.
+/// The machine of a node's database.
 #[derive(Debug)]
 pub struct Database {
     replica: Replica,
@@ -106,7 +105,7 @@ pub struct Database {
     store: Option<String>,
     /// Why it does not write.
     closed: Option<String>,
-    /// What is on the disk, while it does not write.
+    /// The durable state, while the disk does not write.
     durable: Option<disk::Durable>,
     /// Calls that wait for their transaction to get further.
     waiting: BTreeSet<u64>,
@@ -114,16 +113,16 @@ pub struct Database {
     heard: BTreeMap<ReplicaId, KnownPeer>,
     other_team: OtherTeam,
     alarms: VecDeque<String>,
-    /// What was wrong with the disk since it took something last.
+    /// The error of the disk since its last write.
     failures: BTreeSet<String>,
     wall: Wall,
-    /// Who watches, by number of the call.
+    /// The watchers, by number of the call.
     watchers: BTreeMap<u64, Watch>,
     /// Whether there may be more for a watcher.
     more: bool,
     /// Whether what the own keys say to the node has changed in this turn.
     resettled: bool,
-    /// What values must look like, since it was last read from the state.
+    /// The schemas, since they were last read from the state.
     schemas: Option<Schemas>,
     /// States from which earlier moments are worked out.
     checkpoints: Checkpoints,
@@ -135,7 +134,7 @@ struct KnownPeer {
     at: Time,
     /// Whether it said that it belongs to a team.
     member: bool,
-    /// What its clock said, and what ours did.
+    /// Its wall clock and ours, when it last said so.
     walls: Option<(Wall, Wall)>,
 }
 
@@ -433,43 +432,6 @@ impl Database {
         if !more {
             self.waiting.remove(&call);
             effects.push(Effect::End(call));
-        }
-    }
-
-    fn alarm(&mut self, words: String, effects: &mut Vec<Effect>) {
-        if self.alarms.back() != Some(&words) {
-            effects.push(Effect::Alarm(words.clone()));
-            self.alarms.push_back(words);
-        }
-        if self.alarms.len() > ALARMS_MAX {
-            self.alarms.pop_front();
-        }
-    }
-
-    fn words(&self, alarm: &Alarm) -> String {
-        let robot = |origin: &ReplicaId| match self.replica.members().robot(*origin) {
-            Some(robot) => format!("`{robot}`"),
-            None => format!("the replica {origin}"),
-        };
-        match alarm {
-            Alarm::ClockSuspect { origin, ahead_by } => format!(
-                "{} dates its writes {} s ahead of this robot's clock; `dca db heal-clock` mends the order of new ones",
-                robot(origin),
-                ahead_by.as_secs()
-            ),
-            Alarm::Fork(origin) => {
-                format!("{} has used a number twice: its disk was copied or set back", robot(origin))
-            }
-            Alarm::Diverged(origin) => format!("{} has the same transactions and another state", robot(origin)),
-            Alarm::NeedsUpgrade(format) => format!("a robot writes format {format}: upgrade DCA on this one"),
-            Alarm::Malformed(origin) => format!("{} sent what no replica sends", robot(origin)),
-            Alarm::OtherTeam(_, robot) => format!(
-                "`{robot}` belongs to another team `{}`, which was begun apart from this one: neither has what the other writes",
-                self.team
-            ),
-            Alarm::Rejoining { from } => {
-                format!("this replica has given up the name {from}, and goes on under another one")
-            }
         }
     }
 }

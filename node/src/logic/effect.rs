@@ -1,4 +1,4 @@
-//! What a node's machines want done, and the words they share.
+//! The effects of a node's machines, and the types that they share.
 
 use crate::logic::database::question::Commit;
 use crate::logic::link::Frame;
@@ -31,18 +31,18 @@ pub struct SpawnOrder {
     pub command: Vec<String>,
     /// Whether it speaks the control protocol; a plain program is held before `exec` until it is activated.
     pub kind: LeafKind,
-    /// What becomes of it when its agent is gone, and what it may use.
+    /// Its policy: what it may use, and what happens when its agent is gone.
     pub policy: Policy,
 }
 
-/// Something to be done by the driver, in order.
+/// An effect of a machine. The driver carries effects out in order.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Effect {
     /// Send a frame to another node.
     Transmit {
         /// Name of the node.
         to: String,
-        /// What.
+        /// The frame.
         frame: Box<Frame>,
     },
     /// Ask all other nodes whether they are there.
@@ -58,26 +58,26 @@ pub enum Effect {
     Spawn(Box<SpawnOrder>),
     /// Tell a shim.
     Shim {
-        /// Whose.
+        /// The program.
         process: ProcessId,
-        /// What.
+        /// The order.
         order: ShimOrder,
     },
     /// Tell a controller.
     Control {
-        /// Which.
+        /// The program.
         process: ProcessId,
-        /// What.
+        /// The order.
         order: Order,
     },
     /// Nothing runs any more: close the channels of a program, keep its output until the deployment is removed.
     CloseProcess {
-        /// Which.
+        /// The program.
         process: ProcessId,
     },
     /// A deployment is over on this host: close its socket, and keep its output for a while.
     CloseDeployment {
-        /// Which.
+        /// The deployment.
         deployment: Deployment,
     },
     /// Write down the epoch of a deployment, and give [`Input::Committed`] when it is on the disk or cannot be. Nothing waits
@@ -85,21 +85,21 @@ pub enum Effect {
     ///
     /// [`Input::Committed`]: crate::logic::agent::Input::Committed
     PersistEpoch {
-        /// Which.
+        /// The deployment.
         deployment: Deployment,
         /// The hosts that take part.
         hosts: Vec<String>,
     },
     /// Write down that every host has confirmed the end of a deployment; nobody waits for it.
     Settled {
-        /// Which.
+        /// The deployment.
         deployment: Deployment,
     },
     /// One element of the answer to a call.
     Answer {
         /// The call.
         call: u64,
-        /// What.
+        /// The next element of the answer.
         answer: Box<Answer>,
     },
     /// The answer is complete.

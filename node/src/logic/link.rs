@@ -1,8 +1,10 @@
 //! In-order, exactly-once messages between two running nodes.
 //!
-//! Zenoh keeps nothing for a peer that is away, so each side keeps what the other has not acknowledged and sends it
-//! again (go-back-N): the oldest of it, later each time until something is acknowledged, then the next. A link belongs to one pair of boots: when either node restarts, both sides begin anew at 1, because
-//! the state that the old messages spoke of is gone. Invariant: a message is delivered once, after all earlier ones.
+//! Zenoh keeps nothing for a peer that is away. So each side keeps what the other has not acknowledged, and sends it again
+//! (go-back-N): the oldest of it, later each time until something is acknowledged, then the next.
+//!
+//! A link belongs to one pair of boots. When either node restarts, both sides begin anew at 1, because the state that the
+//! old messages spoke of is gone. Invariant: a message is delivered once, after all earlier ones.
 
 use crate::logic::protocol::{Body, Message, VERSION};
 use comms::logic::codec::{Enveloped, Kind};
@@ -20,7 +22,7 @@ const WINDOW: usize = 64;
 /// How many unacknowledged messages are kept; past that the peer counts as lost.
 const BACKLOG_MAX: usize = 4096;
 
-/// What travels: one message or a bare acknowledgement.
+/// A frame of a link: one message or a bare acknowledgement.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Frame {
     /// Name of the sending node.

@@ -1,4 +1,4 @@
-//! Who is there: the nodes this one can reach, and since when one is missing.
+//! The table of other nodes: which are there, which are missing, and which are lost.
 //!
 //! A node is there because it has answered: about once a second this one asks all others, in numbered rounds, and each
 //! answers with the number of the round. A token that appears or vanishes, a second node of the same name, or a word of
@@ -10,12 +10,13 @@
 //! suspended, must not end a mission. Two nodes with one name are both kept: the first one that answered holds the name for
 //! as long as it answers, the second is refused, and takes over only when the first is gone. Never acts on a wall clock.
 
+mod change;
+
 use super::protocol::Pong;
-use comms::logic::human::span;
+pub use change::Change;
 use comms::logic::time::Time;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, VecDeque};
-use std::fmt;
 use std::time::Duration;
 
 /// How long a node may be missing before its part of a deployment counts as lost.
@@ -42,81 +43,6 @@ const NAMES_MAX: usize = 1024;
 const LIVES_MAX: usize = 8;
 /// How long a node that has come second to its name stays, so that the first one and others can hear of it and say so.
 const KNOWN_WITHIN: Duration = Duration::from_secs(3);
-
-/// Something that has changed, for the agent and for people.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Change {
-    /// A node answers that did not.
-    Appeared {
-        /// Its name.
-        host: String,
-        /// Its boot number.
-        boot: u64,
-        /// Where it runs, for a person.
-        place: String,
-        /// Whether another boot had the name before, which has lost everything.
-        replaces: bool,
-    },
-    /// A node does not answer any more.
-    Missing {
-        /// Its name.
-        host: String,
-        /// Since when.
-        since: Time,
-        /// Why, for a person.
-        why: String,
-    },
-    /// A node has been missing for too long.
-    Lost {
-        /// Its name.
-        host: String,
-    },
-    /// A second node has a name that is taken.
-    Refused {
-        /// The name.
-        host: String,
-        /// Where the second runs.
-        place: String,
-        /// Where the first does.
-        first: String,
-    },
-    /// Another node has this one's name.
-    Namesake {
-        /// Where it runs.
-        place: String,
-        /// Whether it was there first.
-        elder: bool,
-    },
-}
-
-impl Change {
-    /// Returns whether nobody has to mind.
-    pub fn is_good(&self) -> bool {
-        matches!(self, Self::Appeared { .. })
-    }
-}
-
-impl fmt::Display for Change {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Appeared { host, place, replaces: false, .. } => write!(f, "the node `{host}` is there: {place}"),
-            Self::Appeared { host, place, .. } => write!(f, "the node `{host}` was started again: {place}"),
-            Self::Missing { host, why, .. } => write!(f, "the node `{host}` is missing: {why}"),
-            Self::Lost { host } => write!(f, "the node `{host}` is lost: it was missing for {}", span(LOST_AFTER)),
-            Self::Refused { host, place, first } => write!(
-                f,
-                "a second node called `{host}` ({place}) is not dealt with: the first one ({first}) is there; give the \
-                 second another name with `dca-node --name`"
-            ),
-            Self::Namesake { place, elder: true } => {
-                write!(f, "another node has this one's name, and was there first: {place}")
-            }
-            Self::Namesake { place, elder: false } => {
-                write!(f, "another node has this one's name, and is not dealt with: {place}; give it another name")
-            }
-        }
-    }
-}
 
 /// One boot of a node.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]

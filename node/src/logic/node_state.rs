@@ -1,5 +1,5 @@
-//! All that a node knows of what it has to do: its agent, and what stands outside of it. The same inputs at the same times make
-//! the same state, and the same effects.
+//! The whole state of a node: its agent and its attachments. The same inputs at the same times make the same state and the same
+//! effects.
 
 use crate::logic::agent::{Agent, Input};
 use crate::logic::attachments::Attachments;
@@ -14,7 +14,7 @@ pub struct NodeState {
     pub at: Time,
     /// The agent.
     pub agent: Agent,
-    /// What stands outside of it.
+    /// Its attachments to the world.
     pub attachments: Attachments,
 }
 

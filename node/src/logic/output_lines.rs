@@ -1,11 +1,11 @@
-//! What a program has written, as a person reads it.
+//! The output of a program as lines for a person.
 
 /// The most lines of output that are told with a program's failure.
 pub const LAST_LINES_MAX: usize = 20;
 /// The longest of them, in characters.
 const LAST_LINE_MAX: usize = 400;
 
-/// What stands where output was rotated away before it was read.
+/// The line for output that was rotated away before it was read.
 pub const GAP: &str = "[dca: output may be missing here; it was rotated away before it was read]";
 
 /// Returns the last lines of a program's output, ready for a person: without blank lines at the end, control characters and

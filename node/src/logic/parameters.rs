@@ -1,11 +1,11 @@
-//! Parameters of running programs: which there are, what they are now, and whether a key of the database is one of them.
+//! Parameters of running programs: which there are, their values, and whether a key of the database is one of them.
 
 use crate::logic::database::settings::{parameter_key, stands_for};
 use crate::logic::protocol::{InstanceParameters, ParameterStatus};
 use language::plan::{Argument, Constant, Parameter};
 use std::collections::BTreeMap;
 
-/// What is to be said about a key below `robot/HOST/params/` and a value for it.
+/// The verdict on a key below `robot/HOST/params/` and a value for it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Verdict {
     /// It is a parameter, and takes the value.

@@ -1,4 +1,4 @@
-//! Text of programs as a terminal may show it: nothing in it moves the cursor, changes colours or hides what stands beside.
+//! Makes the output of programs safe for a terminal: nothing in it moves the cursor, changes colours or hides other text.
 
 /// Makes bytes printable that come in pieces, which may end inside a character.
 #[derive(Debug, Default)]

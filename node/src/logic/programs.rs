@@ -1,4 +1,4 @@
-//! Which program runs a controller type on this host.
+//! The programs of this host: which executable runs a controller type.
 
 use language::Source;
 use language::plan::{Argument, Constant, Leaf, Parameter, words};
@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Programs {
     types: BTreeMap<String, String>,
-    /// What parameters the types have, as far as their programs say it.
+    /// The parameters of the types, as far as their programs name them.
     parameters: BTreeMap<String, Vec<Parameter>>,
 }
 

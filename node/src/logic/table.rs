@@ -1,4 +1,4 @@
-//! Text for people: aligned columns, and how many of something there are.
+//! Text for people: aligned columns, and counts in the plural.
 
 pub use dbmanager::logic::view::table::table;
 use std::fmt::Display;

@@ -1,4 +1,4 @@
-//! Who dials whom: the links of one program, worked out from the plan and from what every program told about itself.
+//! Works out who dials whom: the links of one program, from the plan and from what every program says of itself.
 //!
 //! A wire is dialled from the consumer to the producer, a device from the program that needs it to the one that owns its
 //! keys. Programs that share a machine use Unix sockets; others use the addresses that the producer listens on.

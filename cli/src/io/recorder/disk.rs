@@ -1,4 +1,4 @@
-//! The file of a record, which has an end at any time.
+//! The file of a record. It can be read at any time, because every write ends it.
 //!
 //! A record that was not ended is refused by readers that look for its end, and there is none as long as it is written. So an
 //! end is written behind what is there, in the same call, and the next call begins where that end began. Source: the MCAP

@@ -1,4 +1,4 @@
-//! The queue to the recorder: bounded, never waited for by those who fill it.
+//! The bounded queue to the recorder. A full queue drops samples; nobody waits for it.
 
 use crate::logic::record::Entry;
 use std::collections::VecDeque;
@@ -12,7 +12,7 @@ pub(super) const PORTS: usize = 256;
 /// How long the queue may be for a report to be let in.
 pub(super) const REPORTS: usize = 2 * SAMPLES;
 
-/// What there is to do.
+/// The next work of the recorder.
 #[derive(Debug)]
 pub(super) enum Work {
     /// This, which came then, since 1970.

@@ -1,4 +1,4 @@
-//! The last lines of programs that a deadline has ended: what they wrote is all that tells why they took so long.
+//! The last lines of programs that a deadline has ended. They may tell why the program took so long.
 
 use language::plan::{DEADLINE, Expression, Plan};
 use node::logic::executer::member_path;

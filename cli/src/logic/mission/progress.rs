@@ -1,4 +1,4 @@
-//! The lines that tell of a mission while it runs.
+//! The progress lines of a running mission.
 
 use crate::logic::mission::{Mission, Phase};
 use std::time::Duration;
@@ -20,7 +20,7 @@ pub enum Style {
 /// One line for a person.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Line {
-    /// Stays.
+    /// A line that stays on the screen.
     Kept(String),
     /// Takes the place of the live line before it; in the plain style it stays.
     Live(String),

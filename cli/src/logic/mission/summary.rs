@@ -1,4 +1,4 @@
-//! The one screen at the end of a mission.
+//! The summary of a mission: one screen at its end.
 
 use crate::logic::mission::progress::cut;
 use crate::logic::mission::{Mission, Note, Outcome, Phase, Track, seconds, short};

@@ -1,4 +1,4 @@
-//! The axis of time that every picture shares, with the phases on it; and axes of values.
+//! The axis of time with the phases, which every picture shares, and the axes of values.
 
 use crate::logic::mission::{Mission, seconds};
 use crate::logic::page::text::escape;

@@ -1,9 +1,10 @@
-//! A lane for each process: when it ran, and how that ended.
+//! The lanes of the page: when each process ran, and how that ended.
 
 use crate::logic::mission::{Mission, seconds, short};
 use crate::logic::page::axis::{LEFT, TimeAxis, svg};
 use crate::logic::page::text::escape;
-use crate::logic::record::{Entry, Run, change_text};
+use crate::logic::record::{Entry, Run};
+use crate::logic::sentence::change_text;
 use language::plan::{MemberKind, Plan};
 use node::logic::protocol::{Change, Ending, Report};
 use node::logic::table::counted;

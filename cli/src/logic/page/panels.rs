@@ -1,4 +1,4 @@
-//! Which signals share a picture.
+//! Groups signals into pictures.
 
 use crate::logic::mission::{Mission, Track};
 use crate::logic::record::{Entry, Run};

@@ -1,8 +1,9 @@
-//! Everything on the page that is words and numbers.
+//! The words and numbers of the page.
 
 use crate::logic::mission::{Mission, Outcome, Track, failure_chain, failure_output, seconds};
 use crate::logic::page::text::escape;
-use crate::logic::record::{Entry, Run, change_text, report_text};
+use crate::logic::record::{Entry, Run};
+use crate::logic::sentence::{change_text, report_text};
 use dbmanager::logic::view::date;
 use node::logic::output_lines::plain;
 use node::logic::protocol::Report;

@@ -1,4 +1,4 @@
-//! Text for the page.
+//! Escapes text for HTML, and writes numbers.
 
 /// Returns `text` with the characters that mean something in HTML replaced.
 pub(super) fn escape(text: &str) -> String {

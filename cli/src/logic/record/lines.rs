@@ -1,4 +1,4 @@
-//! What programs write, from bytes as they come to whole lines.
+//! Splits the output of programs into whole lines.
 
 use std::collections::BTreeMap;
 

@@ -1,4 +1,4 @@
-//! Messages of wires as viewers want them: objects of JSON with a schema, from bytes whose layout an interface tells.
+//! Messages of wires as JSON objects with a schema. The interface of the sender gives the layout of the bytes.
 //!
 //! Samples on wires are encoded with postcard, which says nothing of what is in them. Source: <https://postcard.jamesmunns.com/wire-format>.
 

@@ -1,4 +1,4 @@
-//! The bytes of a record, part by part: each that is whole, and where the others stand.
+//! Reads the bytes of a record part by part, and skips damaged ones.
 //!
 //! All that is recorded is in chunks and attachments, which have checksums; the bytes between them have one of all bytes up
 //! to the end. Behind a part whose length is damaged the next whole chunk is looked for.
@@ -21,12 +21,12 @@ pub(super) struct Part<'a> {
     place: Range<usize>,
 }
 
-/// What comes next.
+/// The next part of a record.
 #[derive(Debug)]
 pub(super) enum Next<'a> {
     /// A part that is whole, as far as it has a checksum.
     Whole(Part<'a>),
-    /// What stands there is not what was written.
+    /// The bytes there are damaged.
     Damaged(Range<usize>),
     /// The data ends, as it was written.
     End,

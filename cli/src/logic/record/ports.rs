@@ -1,4 +1,4 @@
-//! Which wires are recorded, as a person asks for them.
+//! Chooses the wires that are recorded.
 
 use comms::logic::key;
 use language::Message;

@@ -1,4 +1,4 @@
-//! From the bytes of a record back to the run.
+//! Reads the bytes of a record back to a run.
 
 use crate::logic::record::parts::{self, Next, Part, Parts};
 use crate::logic::record::row::{PATH, Unit};

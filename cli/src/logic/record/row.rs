@@ -1,11 +1,10 @@
-//! From an entry to the messages that stand for it.
+//! Turns an entry of a record into messages.
 
 use crate::logic::record::{Entry, message, schema};
+use crate::logic::sentence::report_text;
 use comms::logic::signals::Signals;
 use language::Message;
-use node::logic::instance::{RESTARTS_MAX, WINDOW};
-use node::logic::protocol::{Change, Ending, FailureCause, Report};
-use node::logic::table::counted;
+use node::logic::protocol::{Change, Ending, Report};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
@@ -151,7 +150,7 @@ impl Rows {
             kind: kind(report),
             process: process.to_owned(),
             host: host.to_owned(),
-            text: text(report),
+            text: report_text(report),
             output: output(report).join("\n"),
             report: String::from_utf8_lossy(&json(report)).into_owned(),
         };
@@ -313,63 +312,6 @@ fn base64(bytes: &[u8]) -> String {
 /// Returns a value as JSON.
 pub(super) fn json(value: &impl Serialize) -> Vec<u8> {
     serde_json::to_vec(value).expect("every type of a record has string keys and no failing serialiser")
-}
-
-/// Returns what a report says, in a line.
-pub(crate) fn text(report: &Report) -> String {
-    match report {
-        Report::Accepted { deployment } => format!("accepted as {deployment}"),
-        Report::Prepared { host, leaves } => format!("{host}: {} up", counted(*leaves, "program")),
-        Report::Connected { host } => format!("{host}: linked"),
-        Report::Go { took, .. } => format!("GO after {:.1} s", took.as_secs_f64()),
-        Report::Process { path, change, .. } => format!("{path} {}", change_text(change)),
-        Report::Refused { reasons } => format!("refused: {}", reasons.join("; ")),
-        Report::Programs { at } => format!("{} can be heard", counted(at.len(), "program")),
-        Report::Finished { ending, .. } => format!("finished: {}", ending_text(ending)),
-    }
-}
-
-/// Returns what happened to a process, after its name.
-pub(crate) fn change_text(change: &Change) -> String {
-    match change {
-        Change::Activated => "activated".to_owned(),
-        Change::Stopping => "asked to stop".to_owned(),
-        Change::Ended(ending) => ending_text(ending),
-        Change::Died(cause) => format!("died: {cause}"),
-        Change::Started { pid } => format!("started as process {pid}"),
-        Change::Restarting { cause, count } => restarting_text(cause, *count),
-        Change::Resumed => "activated again".to_owned(),
-        Change::Held { resource, host } => held_text(resource, host),
-        Change::Configured { parameter, value } => configured_text(parameter, value.as_deref()),
-    }
-}
-
-/// Returns that a process waits for what a lost host may still use, in words.
-pub(crate) fn held_text(resource: &str, host: &str) -> String {
-    format!("waits for `{resource}`: the host `{host}` is lost and may still use it")
-}
-
-/// Returns what a parameter is now, in words.
-pub(crate) fn configured_text(parameter: &str, value: Option<&str>) -> String {
-    match value {
-        Some(value) => format!("was told that `{parameter}` is {value}"),
-        None => format!("was told that `{parameter}` is what the spec says"),
-    }
-}
-
-/// Returns that a program is started again, in words.
-pub(crate) fn restarting_text(cause: &FailureCause, count: u32) -> String {
-    format!("died and is started again ({count} of {RESTARTS_MAX} in {} s): {cause}", WINDOW.as_secs())
-}
-
-/// Returns an ending in words.
-pub(crate) fn ending_text(ending: &Ending) -> String {
-    match ending {
-        Ending::Done(_) => "done".to_owned(),
-        Ending::Aborted(failure) => format!("aborted: {failure}"),
-        Ending::Stopped => "stopped".to_owned(),
-        Ending::Unconfirmed => "nobody could confirm that it stopped".to_owned(),
-    }
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! The names and schemas of a record, as viewers want them.
+//! The names and schemas of a record, in the form that viewers need.
 
 use serde_json::{Map, Value, json};
 

@@ -1,4 +1,4 @@
-//! The program's side of the control channel: whoever wants orders waits, whoever sends a notice never does.
+//! The program's end of the control channel. Reading an order blocks; sending a notice never does.
 
 use super::{ControlError, Outbox, READ_SIZE, check_user, is_gone, not_yet};
 use crate::io::clock::now;

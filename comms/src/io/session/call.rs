@@ -46,13 +46,13 @@ pub enum CallError {
     /// Nobody serves the key, or the server vanished or gave up before its first answer.
     #[error("nobody answers at `{key}`")]
     Unreachable {
-        /// What was called.
+        /// The host and the verb.
         key: String,
     },
     /// No answer in time. The request may have been carried out.
     #[error("no answer from `{key}` within {}", span(*.within))]
     Timeout {
-        /// What was called.
+        /// The host and the verb.
         key: String,
         /// The time given.
         within: Duration,
@@ -60,7 +60,7 @@ pub enum CallError {
     /// The server of a stream has not said for so long that it is still there.
     #[error("`{key}` has said nothing for {}", span(*.silent))]
     Silent {
-        /// What was called.
+        /// The host and the verb.
         key: String,
         /// How long.
         silent: Duration,
@@ -68,7 +68,7 @@ pub enum CallError {
     /// The stream has ended without its mark, or its answers are not those that the mark counts.
     #[error("the answers from `{key}` broke off after {count}: {why}")]
     Broken {
-        /// What was called.
+        /// The host and the verb.
         key: String,
         /// How many answers came.
         count: u64,
@@ -84,7 +84,7 @@ pub enum CallError {
     /// The session is closed, or zenoh refuses.
     #[error("cannot call `{key}`: {cause}")]
     Session {
-        /// What was called.
+        /// The host and the verb.
         key: String,
         /// Zenoh's words.
         cause: String,
@@ -127,7 +127,7 @@ impl fmt::Debug for Open {
     }
 }
 
-/// What a session keeps of the calls that go out from it.
+/// The outgoing calls of a session.
 #[derive(Debug, Default)]
 pub(super) struct Calls {
     /// How many streams there were.

@@ -1,4 +1,4 @@
-//! How sessions are configured. Measured on zenoh 1.10.2.
+//! The configuration of zenoh sessions. Figures were measured on zenoh 1.10.2.
 
 use super::OpenError;
 use std::path::Path;

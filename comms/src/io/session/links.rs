@@ -1,4 +1,4 @@
-//! The links of a session, as zenoh's events say, and where each is dialled again.
+//! The table of links of a session: which stand, by zenoh's events, and where a lost one is dialled again.
 
 use super::patience;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};

@@ -1,4 +1,4 @@
-//! Messages from node to node, and who is there.
+//! Messages from node to node, and liveliness tokens.
 
 use super::Session;
 use super::call::CallError;

@@ -1,4 +1,4 @@
-//! Finds the nodes of this network, and lets them find this one.
+//! Finds the other nodes of this network by multicast, and announces this one.
 //!
 //! Each node says now and then on every interface where it can be dialled, by multicast; whoever hears it dials the address
 //! that the datagram came from. Interfaces are looked at again all the time: what comes up later is used, what goes is left.

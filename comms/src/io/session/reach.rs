@@ -1,5 +1,5 @@
-//! Which of several places answers, and how long that takes: asked before zenoh dials, which tries one after the other and
-//! waits long for each.
+//! Asks several places at once and finds the one that answers first. Zenoh would try one after the other, and wait long for
+//! each.
 
 use crate::io::clock::{now, sleep_until};
 use crate::logic::human::{self, span};

@@ -90,7 +90,7 @@ struct State {
     is_left: bool,
 }
 
-/// What a stream has to do.
+/// The next step of a stream.
 enum Turn {
     /// Send this.
     Send(Query, Vec<u8>),

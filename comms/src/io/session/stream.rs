@@ -66,7 +66,7 @@ pub(super) struct Piece {
     pub(super) was_ready: bool,
     /// The next bytes; none says that the server is still there.
     pub(super) bytes: Vec<u8>,
-    /// What ends the stream, after these bytes.
+    /// The end of the stream, if it is behind these bytes.
     pub(super) end: Option<End>,
 }
 

@@ -1,4 +1,4 @@
-//! What both ends of a stream of answers keep, so that the one who asked can tell whether it has everything.
+//! A count and a digest of a stream of answers. Both ends keep one, so the caller can tell whether it has everything.
 
 /// How many bytes of the digest travel.
 const DIGEST_SIZE: usize = 16;

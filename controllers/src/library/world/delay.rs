@@ -1,4 +1,4 @@
-//! What is on its way between the devices and those who speak with them.
+//! The delay between the devices and their clients.
 
 use crate::sdk::Random;
 use comms::logic::time::Time;

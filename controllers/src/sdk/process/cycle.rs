@@ -1,6 +1,6 @@
 //! The control loop: the one thread that calls the controller, on absolute deadlines or when a trigger sample arrives.
 
-use super::inbox::{Arrived, Inbox};
+use super::inbox::{Arrived, Command, Inbox};
 use super::links::{Links, fetch_all};
 use super::node_line::NoticeLog;
 use super::peaks::Watch;
@@ -17,19 +17,6 @@ use std::time::Duration;
 
 /// The exit code of a program whose loop has panicked, as of any other that panics in Rust.
 const PANICKED: i32 = 101;
-
-/// What the cycle is told.
-#[derive(Debug)]
-pub(super) enum Command {
-    /// Initialise and run.
-    Activate { activation: u32, value: Vec<u8> },
-    /// Stop this activation.
-    Stop { activation: u32 },
-    /// Go on with these parameters.
-    Configure(Arguments),
-    /// Stop whatever runs, then end.
-    Leave,
-}
 
 /// How the present activation ends once `stop` has finished.
 #[derive(Debug)]

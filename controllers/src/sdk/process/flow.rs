@@ -1,5 +1,5 @@
-//! What passes through a wire at its producer: nothing while it is closed, no more often than it may, and the last value
-//! once more when it is opened.
+//! The gate of a wire at its producer. It passes nothing while closed, keeps the rate limit, and repeats the last value when it
+//! opens.
 
 use comms::logic::control::Shape;
 use comms::logic::time::Time;

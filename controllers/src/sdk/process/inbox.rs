@@ -1,6 +1,6 @@
-//! What waits for the control loop: commands in order, and samples that have arrived.
+//! The inbox of the control loop: commands in order, and samples that have arrived.
 
-use super::cycle::Command;
+use crate::sdk::arguments::Arguments;
 use comms::io::clock::{Wakeup, now};
 use comms::logic::control::Shape;
 use comms::logic::time::Time;
@@ -11,6 +11,19 @@ use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 const SAMPLES_MAX: usize = 64;
 /// How many commands wait; a controller that has not taken so many is stuck.
 const COMMANDS_MAX: usize = 64;
+
+/// A command of the node to the control loop.
+#[derive(Debug)]
+pub(super) enum Command {
+    /// Initialise and run.
+    Activate { activation: u32, value: Vec<u8> },
+    /// Stop this activation.
+    Stop { activation: u32 },
+    /// Go on with these parameters.
+    Configure(Arguments),
+    /// Stop whatever runs, then end.
+    Leave,
+}
 
 /// A sample that has arrived.
 #[derive(Debug)]

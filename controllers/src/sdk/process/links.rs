@@ -1,4 +1,4 @@
-//! The data links of one program: who hears what it sends, and what it hears.
+//! The data links of one program: dials the producers of its inputs, and opens and closes the wires of its outputs.
 
 use super::flow::Flow;
 use super::inbox::{Hold, Inbox};
@@ -19,7 +19,7 @@ const DIAL_WITHIN: Duration = Duration::from_secs(18);
 /// How long all others have together when this program was started again: some may be gone for good.
 const REJOIN_WITHIN: Duration = Duration::from_secs(1);
 
-/// What the node wants linked.
+/// The orders of the node: the wires and devices to link.
 #[derive(Debug)]
 pub(super) struct LinkOrders {
     pub(super) instance: String,
@@ -71,7 +71,7 @@ pub(super) struct Links {
     told: Mutex<PendingConfig>,
 }
 
-/// What is said before the links are made.
+/// The configuration that arrives before the links are made.
 #[derive(Debug, Default)]
 struct PendingConfig {
     /// How data moves.

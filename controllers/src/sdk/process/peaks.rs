@@ -1,4 +1,4 @@
-//! How large signals were between samples, measured at every calculation.
+//! The peaks of signals between samples, measured at every calculation.
 
 use comms::logic::signals::{Peak, Signal};
 use comms::logic::time::Time;

@@ -13,7 +13,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-/// What an older version of this program had in the folder.
+/// The file that an older version of this program had in the folder.
 const OUTDATED: [&str; 2] = ["conf", "db"];
 /// The longest name of a record, and the longest record: far more than a replica ever writes.
 const NAME_SIZE_MAX: usize = 32 << 10;
@@ -21,7 +21,7 @@ const RECORD_SIZE_MAX: usize = 64 << 20;
 /// How many damaged stores are put aside before somebody has to look.
 const ASIDE_MAX: u32 = 100;
 
-/// What keeps the records of a store on the disk.
+/// The engine that keeps the records of a store on the disk.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Engine {
     /// redb 4: a file of pages that are copied when they change.
@@ -31,7 +31,7 @@ pub enum Engine {
     Sled,
 }
 
-/// What an adapter does with its engine.
+/// The operations of an engine's adapter.
 pub(super) trait Records: fmt::Debug + Send {
     /// As [`Store::each`].
     fn each(&self, take: &mut dyn FnMut(&[u8], &[u8])) -> Result<(), StoreError>;

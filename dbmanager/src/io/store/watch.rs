@@ -1,4 +1,4 @@
-//! Somebody who looks after flushes.
+//! A thread that finds flushes that hang.
 //!
 //! When a write fails on one of the engine's threads, the engine does not always wake who waits for it: a commit on a full
 //! disk would wait for ever. Another flush finds the error, and wakes the first. So a thread looks every second, and

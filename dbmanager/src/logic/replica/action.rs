@@ -1,4 +1,4 @@
-//! What the rules for a message of a peer come to. The rules read the ledger, and only the replica carries out what they say.
+//! The actions that the rules for messages of peers return. A rule reads the ledger; only the replica carries out its actions.
 
 use super::commit::Change;
 use super::interface::Effect;

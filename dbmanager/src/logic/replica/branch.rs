@@ -1,4 +1,5 @@
-//! What a replica does when others mean another transaction by a number, know more of its own than itself, or have retired it.
+//! The rules for branches: a peer has another transaction under a number, knows more of this replica than it does itself, or
+//! has retired it.
 //!
 //! *Numbers used twice.* A store that was set back, and writes before it hears from others, uses numbers of its that others know
 //! already. Nobody takes the one transaction for the other: a transaction that does not follow, or that has seen the other one, is

@@ -1,4 +1,4 @@
-//! The commit pipeline: from what a caller wants to a transaction with its place in history.
+//! The commit pipeline: turns a draft of a caller into a transaction with its place in history.
 //!
 //! [`CommitPipeline::plan`] checks a draft against what is here, [`CommitPipeline::seal`] gives it a timestamp, a
 //! number and a context; the replica then enters it. What never leaves the robot is written here at once.
@@ -25,7 +25,7 @@ use comms::logic::time::Time;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-/// What a transaction does, without its place in history.
+/// The content of a transaction, without its place in history.
 #[derive(Debug, Default)]
 pub(super) struct Change {
     pub(super) reason: String,
@@ -42,7 +42,7 @@ impl Change {
     }
 }
 
-/// What turns drafts into transactions.
+/// The pipeline that turns drafts into transactions.
 #[derive(Debug)]
 pub(super) struct CommitPipeline {
     clock: Clock,

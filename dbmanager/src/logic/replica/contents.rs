@@ -1,4 +1,4 @@
-//! What a replica has: its transactions, and the state, the team and the owners that follow from them.
+//! The contents of a replica: its transactions, and the state, the members and the owners that follow from them.
 //!
 //! *Rule.* All four change together, by a transaction that is entered or by the state of another that is taken over, and what
 //! changes goes to the disk with the same batch.

@@ -1,4 +1,4 @@
-//! States as a whole: those that are offered to others, and the one that is being taken over.
+//! Snapshots: those that are offered to others, and the one that is being downloaded.
 //!
 //! *Rule.* Chunks are named by their hashes, so what has come stays of use when a download is broken off. On a slow link one chunk
 //! is on its way at a time; where they come quickly, or the way is merely long, more are asked for.

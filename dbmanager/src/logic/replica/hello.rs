@@ -1,4 +1,4 @@
-//! Who is here, and in which state: what a replica says of itself, and what it makes of what another says.
+//! The rules for `Hello`: what a replica says of itself, and what follows from the `Hello` of a peer.
 
 use super::action::Action;
 use super::branch::is_set_back;
@@ -9,7 +9,7 @@ use crate::logic::message::{Chunk, Hello, Message};
 use crate::logic::txn::FORMAT;
 use crate::logic::version_vector::ReplicaId;
 
-/// What a hello comes to.
+/// The actions that follow from a hello.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Greeting {
     /// It needs no reaction.

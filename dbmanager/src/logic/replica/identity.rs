@@ -1,4 +1,4 @@
-//! Under which origin a replica writes, and as which it wants to be admitted.
+//! The replica id under which a replica writes, and the one under which it wants to be admitted.
 //!
 //! *State.* What the disk has of it, and what this start has learnt: how far others mean the same by the own numbers.
 //!
@@ -16,7 +16,7 @@ use comms::logic::random::Random;
 /// How many origins of earlier lives are remembered.
 const PAST_MAX: usize = 256;
 
-/// Who a replica is.
+/// The identity of a replica.
 #[derive(Debug)]
 pub(super) struct Identity {
     record: IdentityRecord,

@@ -1,4 +1,4 @@
-//! What a replica is started with, its inputs, and its effects.
+//! The configuration of a replica, its inputs and its effects.
 
 use crate::logic::clock::Wall;
 use crate::logic::message::Message;
@@ -9,7 +9,7 @@ use comms::logic::time::Time;
 use std::collections::BTreeSet;
 use std::time::Duration;
 
-/// What a replica is started with.
+/// The configuration of a replica.
 #[derive(Clone, Debug)]
 pub struct Config {
     /// Name of the robot.
@@ -67,7 +67,7 @@ pub enum Input {
     HealClock(Wall),
 }
 
-/// What the caller of a commit learns.
+/// The answer to the caller of a commit.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Answer {
     /// Nothing was written.
@@ -80,7 +80,7 @@ pub enum Answer {
     Pending(Dot),
 }
 
-/// What an operator has to know.
+/// An alarm for the operator.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Alarm {
     /// A transaction is dated far ahead of our trusted clock.
@@ -107,7 +107,7 @@ pub enum Alarm {
     },
 }
 
-/// What is to be done, in order.
+/// An effect of a replica. Effects are carried out in order.
 #[derive(Clone, Debug)]
 pub enum Effect {
     /// Write this, and return only when it is on the disk.

@@ -1,4 +1,5 @@
-//! What a replica has and who it is: transactions are applied, committed, taken over and dropped here, all of it into one batch.
+//! The ledger: contents and identity of a replica. It applies, commits, takes over and drops transactions, each with its
+//! records in one batch.
 //!
 //! *Rule.* [`Ledger::apply`] and [`Ledger::commit`] are the only ways into log and state. Transactions are applied in
 //! the order in which they come; what does not fit is buffered, or pulled again.
@@ -29,7 +30,7 @@ pub(super) struct Ledger {
     pub(super) identity: Identity,
     pub(super) pipeline: CommitPipeline,
     pending: PendingTxns,
-    /// What others have.
+    /// The transactions that others are known to have.
     pub(super) acks: Acks,
     batch: Batch,
     log_size: usize,

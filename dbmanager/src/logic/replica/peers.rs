@@ -1,4 +1,5 @@
-//! The peer table: which peers may have more than is here, when each may be asked, and when others are told of the state here.
+//! The peer table: which peers may have more than this replica, when each may be asked, and when others are told of the state
+//! here.
 //!
 //! *Rule.* A pull without an answer in time ([`Pace::wait`]) is over, and the peer is left alone for a while that is four times as
 //! long after each silence, up to 12.8 s. How much is asked for at a time follows the speed of the link, so that neither
@@ -19,7 +20,7 @@ const SPONSOR_SILENCES_MAX: u32 = 3;
 /// How many peers are known at most, members or not.
 const PEERS_MAX: usize = 1024;
 
-/// What is known of the conversation with others.
+/// The state of the conversation with each peer.
 #[derive(Debug, Default)]
 pub(super) struct PeerTable {
     peers: BTreeMap<ReplicaId, Peer>,

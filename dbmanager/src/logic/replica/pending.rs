@@ -1,4 +1,4 @@
-//! Transactions that cannot be read yet: of a newer format, or after one that is.
+//! Buffers transactions that cannot be read yet: of a newer format, or after one that is.
 //!
 //! *Rule.* Every format begins with the same [`Header`]. So a transaction that is next at its origin and whose causes
 //! are here, be they applied or buffered, is kept and passed on, although nobody here knows what it says; and so is
@@ -8,8 +8,8 @@
 //!
 //! That way a robot with an older program still carries updates from one newer robot to another, and never shows half of them.
 //!
-//! Retirements of an origin with buffered transactions are buffered too: who says to have the retirement counts as one who has
-//! applied all of that origin that anybody has.
+//! *Retirement.* Retirements of a replica with buffered transactions are buffered too. A member that confirms a retirement
+//! counts as one that has applied everything of that replica that anybody has.
 //!
 //! New formats are written only once [`Replica::team_format`](super::Replica::team_format) says that everybody reads them; that a
 //! transaction has to be buffered means that somebody has joined since, or that an operator was in a hurry.
@@ -23,7 +23,7 @@ use std::collections::BTreeMap;
 /// How many bytes of transactions are buffered. What does not fit is pulled again later.
 const PENDING_SIZE_MAX: usize = 16 << 20;
 
-/// What is buffered, in the order in which it came.
+/// The buffered transactions, in the order in which they came.
 #[derive(Debug, Default)]
 pub(super) struct PendingTxns {
     txns: BTreeMap<u64, (Dot, EncodedTxn)>,

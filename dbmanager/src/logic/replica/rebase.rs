@@ -29,7 +29,7 @@ use crate::logic::txn::{Rebase, Require, Write};
 use crate::logic::version_vector::{Dot, ReplicaId};
 use std::collections::BTreeSet;
 
-/// What comes along.
+/// The transactions that are rebased.
 #[derive(Debug)]
 pub(super) struct Arrivals {
     /// What is left of each transaction, with the dot that it had; none for a deletion that had been dropped.

@@ -1,4 +1,4 @@
-//! What a member answers to a question for transactions, and to a request to be admitted; and how a team begins.
+//! The rules for requests: a pull of transactions, a request to be admitted, and the begin of a team.
 
 use super::action::Action;
 use super::commit::Change;

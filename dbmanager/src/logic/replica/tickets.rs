@@ -1,4 +1,4 @@
-//! Who waits for a transaction to get further.
+//! Callers that wait until a transaction has reached their acknowledgement level.
 
 use super::interface::{AckLevel, Answer, Effect};
 use super::ledger::Ledger;

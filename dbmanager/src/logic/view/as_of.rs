@@ -1,4 +1,4 @@
-//! The state as it was, and what has changed between two states.
+//! Past states, and the difference between two states.
 //!
 //! A moment is a version vector. It can be shown if the log still has every transaction behind a known state, its *base*: the
 //! empty state if nothing was ever dropped. Transactions are applied by the same rule as in the replica, so the state
@@ -36,7 +36,7 @@ const CHECKPOINT_SHARE: usize = 8;
 pub struct Base {
     /// The last transaction of each origin in it.
     pub heads: BTreeMap<ReplicaId, Head>,
-    /// What they led to.
+    /// The state after them.
     pub state: State,
 }
 
@@ -47,7 +47,7 @@ pub struct Checkpoints(VecDeque<Base>);
 /// Why a moment cannot be shown.
 #[derive(Clone, Debug, Error, PartialEq, Eq, Serialize, Deserialize)]
 pub enum AsOfError {
-    /// What would be needed is not kept any more.
+    /// The transactions that would be needed have been removed.
     #[error(
         "what was before is not kept any more; the oldest moment that can be shown is {}",
         super::token::token(oldest)
@@ -85,9 +85,9 @@ pub enum AsOfError {
 pub struct Difference {
     /// Which key.
     pub key: Key,
-    /// What was shown before.
+    /// The value before.
     pub before: Option<Datum>,
-    /// What is shown after.
+    /// The value after.
     pub after: Option<Datum>,
     /// How many writes are concurrent after; 1 if they agree.
     pub siblings: usize,

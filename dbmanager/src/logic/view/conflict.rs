@@ -1,4 +1,4 @@
-//! What nobody has settled: concurrent writes, and conditions that no longer held.
+//! Unsettled conflicts: concurrent writes, and conditions that no longer held.
 //!
 //! A *conflict* is a key with versions that differ. A *race* is a transaction that relied on a key, and another that
 //! had changed it before, in the one order of all, while neither had seen the other: both were committed, although the
@@ -50,11 +50,11 @@ pub struct Sibling {
 pub struct Race {
     /// Which key.
     pub key: Key,
-    /// Who relied on it.
+    /// The transaction that relied on it.
     pub relied: Party,
     /// On what; nothing if it was a write that relied on nobody else having been granted a prefix of the key.
     pub condition: Option<Condition>,
-    /// Who had changed it, or had granted it.
+    /// The transactions that had changed or granted it.
     pub changed: Party,
 }
 

@@ -1,4 +1,4 @@
-//! Dates as people write them, in UTC; `2026-11-21 10:00:02`.
+//! Dates as text, in UTC: `2026-11-21 10:00:02`.
 
 use toml::value::{Datetime, Offset};
 

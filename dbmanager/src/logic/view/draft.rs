@@ -1,4 +1,4 @@
-//! What a caller wants to commit: changes and conditions, before they have a place in history.
+//! A draft: the changes and conditions of a caller, before they have a place in history.
 
 use crate::logic::key::{Key, Namespace};
 use crate::logic::txn::{CHANGES_MAX, CodecError, Condition, REASON_SIZE_MAX, Require, VALUE_SIZE_MAX, Value, Write};
@@ -6,7 +6,7 @@ use crate::logic::version_vector::Dot;
 use std::collections::BTreeMap;
 use thiserror::Error;
 
-/// What somebody wants to commit.
+/// The changes and conditions of a transaction that is not committed yet.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Draft {
     reason: String,
@@ -15,7 +15,7 @@ pub struct Draft {
     grants: BTreeMap<Key, Grant>,
 }
 
-/// Who is to own a prefix from now on.
+/// The new owner of a prefix.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Grant {
     /// Its owner, or anybody if it has none, gives it to a robot, or releases it.
@@ -32,7 +32,7 @@ pub enum TxnError {
     Precondition {
         /// Of which key.
         key: Key,
-        /// What was required.
+        /// The condition.
         condition: Condition,
         /// Who wrote what is there, siblings included, deletions left out.
         actual: Vec<Dot>,

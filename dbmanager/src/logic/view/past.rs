@@ -1,4 +1,4 @@
-//! What was done: the history of a key, and the audit of all.
+//! The history of a key, and the audit of all keys.
 //!
 //! Both are read from the log, so they reach back as far as it does. Of two transactions that are kept, the later one
 //! in the order of application cannot have been seen by the earlier one; whether it has seen the earlier one is in its
@@ -51,7 +51,7 @@ pub struct HistoryEntry {
     pub when: When,
     /// The reason that its writer gave.
     pub reason: String,
-    /// What it changed of what was asked for; without a value, it deleted.
+    /// Its changes of the keys that were asked for; a deletion has no value.
     pub changes: Vec<(Key, Option<Datum>)>,
     /// How many other keys it changed.
     pub others: usize,
@@ -87,7 +87,7 @@ pub enum Keys {
     Below(String),
 }
 
-/// What is asked for.
+/// The keys, writers and times that are asked for.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Filter {
     /// Which keys.
@@ -102,12 +102,12 @@ pub struct Filter {
     pub limit: usize,
 }
 
-/// What is known of the past.
+/// The log and what it has led to.
 #[derive(Clone, Copy, Debug)]
 pub struct Past<'a> {
     /// The transactions.
     pub log: &'a Log,
-    /// What they led to.
+    /// The state after them.
     pub state: &'a State,
 }
 

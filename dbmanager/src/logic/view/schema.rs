@@ -1,4 +1,4 @@
-//! Schemas: what the keys below a prefix are meant to hold.
+//! Schemas: the values that keys below a prefix may hold.
 //!
 //! A schema is an ordinary value, a table at `team/schema/<pattern>`: it is written, replicated, watched and in
 //! conflict like any other. A segment `+` of the pattern stands for any one segment, so that `robot/+/params/force` is
@@ -41,7 +41,7 @@ const ANY: &str = "+";
 /// The words for types, as [`Datum::kind`] has them.
 const KINDS: [&str; 7] = ["bool", "integer", "float", "text", "bytes", "list", "table"];
 
-/// What the keys below a prefix are meant to hold.
+/// The schema of the keys below a prefix.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Schema {
     /// Of which type, in the word of [`Datum::kind`].
@@ -54,11 +54,11 @@ pub struct Schema {
     pub unit: Option<String>,
     /// Only one of these.
     pub one_of: Vec<Datum>,
-    /// What counts if there is nothing.
+    /// The default.
     pub default: Option<Datum>,
     /// Whether there has to be something.
     pub required: bool,
-    /// What it is, for people.
+    /// The description, for people.
     pub doc: String,
 }
 
@@ -68,7 +68,7 @@ pub enum SchemaError {
     /// It is not a table.
     #[error("a schema is a table, such as {{type = \"float\", min = 0.0, max = 200.0, unit = \"N\"}}; this is {found}")]
     NoTable {
-        /// What it is.
+        /// The type of the value that was found.
         found: String,
     },
     /// A field is of another type.
@@ -76,9 +76,9 @@ pub enum SchemaError {
     Field {
         /// Which field.
         field: String,
-        /// What it has to be.
+        /// The rule.
         expected: String,
-        /// What it is.
+        /// The type of the value that was found.
         found: String,
     },
 }

@@ -1,4 +1,4 @@
-//! How far others are behind: counted in transactions and bytes, and since when.
+//! The lag of other replicas, in transactions, bytes and time.
 //!
 //! A member that lacks something keeps old things from being forgotten (see [`collect`](crate::logic::gc)): what
 //! it lacks has to be there when it comes back. The oldest transaction it lacks says since when that is so.
@@ -7,7 +7,7 @@ use super::past::{Past, When};
 use crate::logic::version_vector::{Dot, VersionVector};
 use serde::{Deserialize, Serialize};
 
-/// What somebody lacks.
+/// The transactions that a replica lacks.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Lag {
     /// How many transactions.

@@ -38,7 +38,7 @@ const END: &str = "# end";
 /// The longest file, in bytes.
 pub const FILE_SIZE_MAX: usize = 256 << 20;
 
-/// What to do about keys that are not in the file.
+/// The policy for keys that are not in the file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Absent {
     /// Leave them.
@@ -47,13 +47,13 @@ pub enum Absent {
     Delete,
 }
 
-/// What a file would change.
+/// The changes that a file would make.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Import {
     /// The transactions, in order. More than one if they do not fit into one: then others may see some without the
     /// rest.
     pub drafts: Vec<Draft>,
-    /// What they would change.
+    /// The changes.
     pub differences: Vec<Difference>,
     /// Which conflicts they would settle.
     pub settles: Vec<Key>,

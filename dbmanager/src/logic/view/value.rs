@@ -1,4 +1,4 @@
-//! Typed values: what the bytes at a key mean.
+//! Typed values: the meaning of the bytes at a key.
 //!
 //! A stored [`Value`] is a number that says how it is meant, its *tag*, and bytes. A [`Datum`] is the same, read. No
 //! bytes are refused and none are lost: what a newer program wrote under a tag that is not known here, and what is
@@ -64,7 +64,7 @@ pub enum Datum {
     Opaque {
         /// How it is meant.
         tag: u8,
-        /// What was stored.
+        /// The stored bytes.
         bytes: Vec<u8>,
     },
 }

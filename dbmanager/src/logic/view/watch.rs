@@ -29,7 +29,7 @@ pub struct Watch {
     replaced: bool,
 }
 
-/// What a watcher is told.
+/// A notification for a watcher.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Notification {
     /// A transaction has become visible. With its name, the version vector up to which was told grows: [`VersionVector::include`].
@@ -56,7 +56,7 @@ pub struct Event {
     pub conflicts: Vec<Key>,
 }
 
-/// What there is for a watcher.
+/// The next notifications for a watcher.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Notifications {
     /// In order.

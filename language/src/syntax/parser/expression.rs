@@ -2,11 +2,13 @@
 //!
 //! Every operator makes one node with all its operands, so a long chain makes a wide tree, never a deep one.
 
+mod prefix;
+
 use super::Parser;
 use crate::diagnostic::{Code, Edit, Fix};
 use crate::similar;
 use crate::syntax::SyntaxKind::{
-    self, Ampersand, Bar, Colon, Comma, Disable, DoubleColon, End, FailFast, FatArrow, Greater, Hash, Ident, LeftBrace,
+    self, Ampersand, Bar, Colon, Comma, Disable, DoubleColon, End, FailFast, Greater, Hash, Ident, LeftBrace,
     LeftBracket, LeftParen, Less, Number, Question, Recur, RightBrace, RightBracket, RightParen, Semicolon, Text,
 };
 
@@ -208,105 +210,6 @@ impl Parser<'_> {
     /// Whether an operand may start `ahead` tokens from here, rather than an operator.
     fn opens_operand(&self, ahead: usize) -> bool {
         self.kind(ahead) == LeftParen || self.kind(ahead) == Ident && !INFIX.contains(&self.word(ahead))
-    }
-
-    /// `retry(3)`, `retry(n, pause 2 s)`
-    fn retry(&mut self) {
-        self.start(SyntaxKind::Retry);
-        self.bump();
-        self.bump();
-        let is_named = self.at(Ident) && [Comma, RightParen].contains(&self.kind(1));
-        if self.at(Number) || is_named {
-            self.count();
-        } else {
-            self.expected("how many times to try again");
-        }
-        if self.eat(Comma) {
-            if !self.eat_word("pause") {
-                self.expected("`pause`");
-            }
-            self.constant();
-        }
-        self.expect(RightParen);
-    }
-
-    /// A number, or the name of one.
-    fn count(&mut self) {
-        self.start(SyntaxKind::Count);
-        self.bump();
-        self.finish();
-    }
-
-    /// `shield`, `shield(10 s)`; what is in parentheses is a time when an operand follows them.
-    fn shield(&mut self) {
-        self.start(SyntaxKind::Shield);
-        self.bump();
-        let is_named = self.kind(1) == Ident && self.kind(2) == RightParen && self.opens_operand(3);
-        if self.at(LeftParen) && (self.kind(1) == Number || is_named) {
-            self.bump();
-            self.constant();
-            self.expect(RightParen);
-        }
-    }
-
-    /// `using(arm, gripper)`
-    fn using(&mut self) {
-        self.start(SyntaxKind::Using);
-        self.bump();
-        self.start(SyntaxKind::Resources);
-        self.bump();
-        if self.at(RightParen) {
-            self.expected("a resource");
-        }
-        self.list(RightParen, "a resource", |parser| parser.eat(Ident));
-        self.finish();
-    }
-
-    /// `resource arm, gripper;`
-    pub(super) fn resources(&mut self) {
-        self.start(SyntaxKind::Resources);
-        self.bump();
-        loop {
-            self.expect_name("a resource");
-            if !self.eat(Comma) {
-                break;
-            }
-        }
-        self.end_statement();
-        self.finish();
-    }
-
-    /// `match { found => a, missing => b, else => c }`; an arm with a `,` in it stands in parentheses.
-    fn matching(&mut self) {
-        self.start(SyntaxKind::Match);
-        self.bump();
-        self.bump();
-        if self.at(RightBrace) {
-            self.expected("an outcome");
-        }
-        while self.at(Ident) && !self.ends_block() {
-            self.start(SyntaxKind::Arm);
-            self.bump();
-            if !self.eat(FatArrow) {
-                self.expected("`=>`");
-            }
-            if self.descend() {
-                self.fail_fast();
-                self.ascend();
-            } else {
-                self.skip_as_error();
-            }
-            self.finish();
-            let goes_on = self.at(Ident) && self.kind(1) == FatArrow;
-            if !self.eat(Comma) && !goes_on {
-                break;
-            }
-            if goes_on {
-                self.expect(Comma);
-            }
-        }
-        self.expect(RightBrace);
-        self.finish();
     }
 
     /// `operand?`, `operand within 5 s`, `operand as tag`

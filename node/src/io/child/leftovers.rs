@@ -1,4 +1,4 @@
-//! Ends what an earlier run has left behind: programs whose shims were killed, with the node or without it.
+//! Ends the leftovers of an earlier run: programs whose shims were killed.
 //!
 //! A leftover is found by what it cannot shed, or does not: its control group (nothing leaves that by itself), the record of
 //! its shim (numbers, start times, the session), the parents it has, and the marks in its environment. Only the control

@@ -1,4 +1,4 @@
-//! Reaches the programs of a node that was killed again, from its successor.
+//! Attaches to the programs of a killed node, for its successor.
 
 use super::{Attached, attach, ended, ended_output, leftovers};
 use comms::io::clock::{Wakeup, now};
@@ -10,7 +10,7 @@ use std::time::Duration;
 /// Until a shim that does not answer is tried again: it is suspended, or begins just now.
 const AGAIN: Duration = Duration::from_millis(100);
 
-/// What has become of a program while there was no node.
+/// The fate of a program while there was no node.
 #[derive(Debug)]
 pub enum Reached {
     /// Its shim is there.

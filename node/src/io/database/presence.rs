@@ -1,5 +1,5 @@
-//! Whether a store is still where it was opened. Its files may be deleted or moved while the engine has them open: it goes on
-//! writing, and the next start finds nothing of what it wrote.
+//! Checks that a store is still where it was opened. An engine goes on writing to files that somebody has deleted or moved, and
+//! the next start finds nothing of that.
 
 use std::fs;
 use std::io;

@@ -20,7 +20,7 @@ const INCOMING_MAX: usize = 1024;
 /// without a word does not answer for a minute.
 const ON_THE_WAY_MAX: usize = 256;
 
-/// What goes out.
+/// An outgoing message.
 pub(super) enum Outgoing {
     /// To one, or to all.
     Put(Option<ReplicaId>, Vec<u8>),
@@ -39,7 +39,7 @@ struct Wire {
     address: ReplicaId,
     handle: Handle,
     on_the_way: JoinSet<()>,
-    /// What listens at the present address.
+    /// The subscription at the present address.
     ears: Vec<AbortHandle>,
 }
 

@@ -1,4 +1,4 @@
-//! What a node that was killed has left, taken over by its successor: the agent as it was, and its programs, which run on.
+//! Takes over from a killed node: makes its agent again and attaches to its programs, which still run.
 
 use super::Driver;
 use crate::io::child::leftovers;

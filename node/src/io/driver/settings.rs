@@ -1,4 +1,4 @@
-//! What the robot's own keys say to a running node, and to its programs.
+//! Applies the keys of the robot in the database to the running node and to its programs.
 
 use super::Driver;
 use crate::logic::agent::Input;

@@ -1,4 +1,4 @@
-//! What command lines ask of an agent.
+//! The calls of command lines to an agent.
 
 use super::{Agent, AwaitingHosts};
 use crate::logic::coordinator::{Coordinator, tell_missed};

@@ -1,4 +1,5 @@
-//! A node that is killed again and again takes over what runs, reports and stops; it takes nothing new on, which may be what kills it.
+//! A node that is killed again and again takes over what runs, reports and stops. It takes nothing new, which may be what kills
+//! it.
 
 use super::Agent;
 use comms::logic::human::span;

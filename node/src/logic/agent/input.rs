@@ -1,4 +1,4 @@
-//! What an agent can be told. A log keeps it, so that the agent can be made again.
+//! The inputs of an agent. A log keeps them, so that the agent can be made again.
 
 mod as_line;
 
@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use shim::protocol::ShimReport;
 use std::time::Duration;
 
-/// What happened.
+/// An input of an agent.
 #[derive(Debug, Serialize, Deserialize)]
 pub enum Input {
     /// A node's token is there.
@@ -42,7 +42,7 @@ pub enum Input {
     Call {
         /// Numbers the call.
         call: u64,
-        /// What is asked.
+        /// The request.
         request: Box<Request>,
     },
     /// The caller has gone away.
@@ -52,9 +52,9 @@ pub enum Input {
     },
     /// A word from a shim, with the end of the program's output.
     Shim {
-        /// Whose.
+        /// The program.
         process: ProcessId,
-        /// What.
+        /// The report.
         #[serde(with = "as_line")]
         report: ShimReport,
         /// The last lines that the program has written, if the report says that it ended.
@@ -62,28 +62,28 @@ pub enum Input {
     },
     /// A word from a controller.
     Control {
-        /// Which.
+        /// The program.
         process: ProcessId,
-        /// What.
+        /// The notice.
         notice: Notice,
     },
     /// The epoch of a deployment that has its home here is on the disk, or cannot be written.
     Committed {
-        /// Which.
+        /// The deployment.
         deployment: Deployment,
         /// Why it is not on the disk, for a person.
         written: Result<(), String>,
     },
     /// A controller was told of parameters that have changed.
     Configured {
-        /// Which.
+        /// The program.
         process: ProcessId,
         /// Each with its value as a spec spells it, or nothing if the spec's counts again.
         parameters: Vec<(String, Option<String>)>,
     },
     /// An order did not reach a controller.
     Undelivered {
-        /// Which.
+        /// The program.
         process: ProcessId,
         /// Why, for a person.
         why: String,

@@ -1,4 +1,4 @@
-//! What is over is dropped, and a node that is to leave takes its leave.
+//! Drops deployments that are over, and lets a node leave when nothing is left.
 
 use super::{Agent, LINGER_MAX, OVER_MAX, UnendedPrograms};
 use crate::logic::database::chronicle;

@@ -1,4 +1,4 @@
-//! Other nodes: who is there, and what is said to them.
+//! The agent's view of other nodes: who is there, and the messages to them.
 
 use super::Agent;
 use crate::logic::effect::{Effect, Out};

@@ -1,4 +1,4 @@
-//! What a home writes down of its deployments: what was deployed, by whom, how it ended.
+//! The records of deployments that a home writes: the plan, who deployed it, and how it ended.
 //!
 //! `robot/<home>/deployments/<name>/<epoch>/begun` and `…/ended`, each a table. The latest of each name are kept. One counter
 //! gives the epochs of all names, so only the database, which has the records, knows which those are.

@@ -1,4 +1,4 @@
-//! When the disk fails, and when it is there again: what callers, watchers and other replicas hear of that.
+//! The failure of the disk and its recovery: what callers, watchers and other replicas are told.
 //!
 //! A turn that was not written has not happened, so nothing goes out that says it has: no commit, no order that is done, no
 //! event and no version with names of transactions that may be given to others. Whoever was promised something in an earlier turn
@@ -9,7 +9,7 @@ use super::{Checkpoints, Database, Effect};
 use dbmanager::logic::replica::Replica;
 use dbmanager::logic::state::State;
 
-/// What is on the disk, while the machine is ahead of it.
+/// The durable state, while the machine is ahead of it.
 #[derive(Clone, Debug)]
 pub struct Durable {
     state: State,

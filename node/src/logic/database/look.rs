@@ -1,4 +1,4 @@
-//! What is answered from the past and about it: history, other moments, what has changed, what nobody has settled.
+//! Answers questions about the past: history, earlier states, differences, unsettled conflicts.
 
 use super::question::{AsOf, Choice, Commit, Reply, Resolve};
 use super::refuse::LOCAL;

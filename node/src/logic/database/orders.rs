@@ -1,4 +1,4 @@
-//! What an operator orders: begin a team, join another one, retire a member, mend the dates.
+//! The orders of an operator: begin a team, join another one, retire a member, heal the clock.
 
 use super::question::{Question, Reply};
 use super::{Database, Effect, status};

@@ -1,4 +1,4 @@
-//! What a command line asks of a robot's database, and what replicas send each other, as messages.
+//! The questions of a command line to a robot's database, their answers, and the envelope of messages between replicas.
 //!
 //! As everything in `protocol`, these types are promises to other versions: variants and fields are only appended.
 
@@ -17,12 +17,12 @@ use dbmanager::logic::view::watch::Notification;
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
-/// From one replica to another, or to all.
+/// A message of one replica to another, or to all.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Envelope {
     /// The address of the sender.
     pub from: ReplicaId,
-    /// What it says.
+    /// The message.
     pub message: Message,
 }
 
@@ -43,7 +43,7 @@ pub enum Question {
     List {
         /// How the keys begin.
         prefix: String,
-        /// When.
+        /// The state of the copy that is asked for.
         at: AsOf,
     },
     /// Write. Answered by [`Reply::Committed`], then, if more than the local disk is waited for, by one of
@@ -91,7 +91,7 @@ pub enum Question {
     Export {
         /// How the keys begin.
         prefix: String,
-        /// When.
+        /// The state of the copy that is asked for.
         at: AsOf,
     },
     /// Of an earlier version: what it would take to make the keys what a file says. Refused; a file is too long for a
@@ -101,7 +101,7 @@ pub enum Question {
         file: String,
         /// Whether keys that are not in it are to be deleted.
         delete: bool,
-        /// Why.
+        /// The reason, for the history.
         reason: String,
     },
     /// Say who alone writes below a prefix. Answered as `Commit` is.
@@ -125,7 +125,7 @@ pub enum Question {
 /// A point in the history of one robot's copy.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum AsOf {
-    /// Now.
+    /// The present state.
     Now,
     /// When it had these transactions.
     Version(VersionVector),
@@ -136,29 +136,29 @@ pub enum AsOf {
 /// How to settle a key.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Resolve {
-    /// Which.
+    /// The key.
     pub key: Key,
-    /// What it holds from now on.
+    /// The choice.
     pub choice: Choice,
-    /// Why.
+    /// The reason, for the history.
     pub reason: String,
-    /// How far that has to get.
+    /// The acknowledgement level.
     pub level: AckLevel,
-    /// How long that may take.
+    /// The time until the answer `Pending`.
     pub within: Duration,
     /// Which writes whoever settles has seen, as [`conflict::seen`](dbmanager::logic::view::conflict::seen) names them. If others
     /// stand there, nothing is settled.
     pub seen: String,
 }
 
-/// What a key holds from now on.
+/// The value that settles a key.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Choice {
-    /// What a read shows already.
+    /// The value that a read shows.
     Shown,
-    /// What this robot wrote.
+    /// The value that this robot wrote.
     By(String),
-    /// What this transaction wrote.
+    /// The value that this transaction wrote.
     Txn(Dot),
     /// Something else; nothing to delete it.
     Value(Option<Value>),
@@ -167,19 +167,19 @@ pub enum Choice {
 /// A transaction that somebody wants.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Commit {
-    /// Why.
+    /// The reason, for the history.
     pub reason: String,
-    /// What has to hold.
+    /// The conditions.
     pub requires: Vec<Require>,
-    /// What to write.
+    /// The writes.
     pub writes: Vec<Write>,
-    /// How far it has to get.
+    /// The acknowledgement level.
     pub level: AckLevel,
-    /// How long that may take.
+    /// The time until the answer `Pending`.
     pub within: Duration,
 }
 
-/// Who alone writes below a prefix from now on.
+/// A request to give a prefix to one robot, or to everybody.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Own {
     /// The prefix, without a `/` at the end.
@@ -188,15 +188,15 @@ pub struct Own {
     pub robot: Option<String>,
     /// Whether it is taken from its owner, who may be out of reach and not know of it.
     pub by_force: bool,
-    /// Why.
+    /// The reason, for the history.
     pub reason: String,
-    /// How far that has to get.
+    /// The acknowledgement level.
     pub level: AckLevel,
-    /// How long that may take.
+    /// The time until the answer `Pending`.
     pub within: Duration,
 }
 
-/// What either comes to: a transaction, how far it has to get, and how long that may take.
+/// A draft with its acknowledgement level and the time that it may take. `Commit` and `Own` become one.
 #[derive(Clone, Debug)]
 pub(crate) struct WriteRequest {
     pub(crate) draft: Draft,
@@ -204,7 +204,7 @@ pub(crate) struct WriteRequest {
     pub(crate) within: Duration,
 }
 
-/// How far a transaction has to get before whoever wrote it goes on.
+/// The acknowledgement level: how far a commit must get before its caller is answered.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum AckLevel {
     /// To the disk of this robot.
@@ -274,9 +274,9 @@ pub struct Status {
     pub closed: Option<String>,
     /// Where its store is; nothing if it is in memory only.
     pub store: Option<String>,
-    /// What it has.
+    /// The transactions that it has.
     pub version: VersionVector,
-    /// What everybody has.
+    /// The transactions that every member has.
     pub stable: VersionVector,
     /// A number that replicas with the same state share.
     pub state: String,
@@ -292,7 +292,7 @@ pub struct Status {
     pub clock: String,
     /// The members, itself included.
     pub members: Vec<MemberStatus>,
-    /// What an operator has to know, the latest last.
+    /// The alarms, the latest last.
     pub alarms: Vec<String>,
     /// Robots that were heard of late and belong to another team of the same name.
     pub other_team: Vec<String>,
@@ -308,7 +308,7 @@ pub struct MemberStatus {
     /// When it was last heard of; nothing if never since the node was started, or if it is the one that was asked.
     #[serde(with = "comms::logic::human::seconds_if_known")]
     pub heard: Option<Duration>,
-    /// What of here it is not known to have.
+    /// The transactions of this replica that it is not known to have.
     pub lacks: Lag,
     /// How many transactions are known to exist there and are not here; known only where it has said so.
     pub ahead: u64,

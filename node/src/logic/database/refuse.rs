@@ -1,5 +1,5 @@
-//! What is refused at once, each with one sentence: a level that nobody can reach, a key that is none, or in no namespace, and
-//! what belongs to this robot alone, if somebody on another machine asks for it.
+//! Refuses at once, each with one sentence: a level that nobody can reach, an invalid key, a key in no namespace, and local
+//! keys for a caller on another machine.
 
 use super::Database;
 use super::question::{AckLevel, AsOf, Commit, Question};
@@ -10,7 +10,7 @@ use std::collections::BTreeSet;
 
 /// Below which prefix what never leaves the robot is.
 pub(super) const LOCAL: &str = "local/";
-/// What somebody on another machine is told.
+/// The refusal of local keys for a caller on another machine.
 const ELSEWHERE: &str = "what is below `local/` is read and written on the robot's own machine only";
 
 impl Database {

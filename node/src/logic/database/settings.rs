@@ -1,4 +1,4 @@
-//! What a robot's own keys say to its node: parameters of controllers, and settings of the node itself.
+//! The keys of a robot for its own node: parameters of controllers, and settings of the node.
 //!
 //! `robot/<robot>/params/<deployment>/<instance>/<parameter>`: goes over the argument that the spec gives to an instance of
 //! this host. The instance is its path without `main`, or the end of it: `robot/c3/params/door_opening/hit/force/threshold =
@@ -19,12 +19,12 @@ const PARAMETERS: &str = "/params/";
 /// Where the settings of the node are.
 const NODE: &str = "/node/";
 
-/// What is below `robot/<robot>/params/` and `robot/<robot>/node/`.
+/// The keys below `robot/<robot>/params/` and `robot/<robot>/node/`.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Settings {
     /// Parameters, as a spec would spell them.
     parameters: BTreeMap<String, String>,
-    /// What the node logs.
+    /// The filter of the node's log.
     pub log: Option<String>,
     /// How long programs have to stop when the node is gone.
     pub agent_loss_grace: Option<Duration>,

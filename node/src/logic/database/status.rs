@@ -1,4 +1,4 @@
-//! How a replica and its team are: who is behind, by how much, and who keeps old things from being forgotten.
+//! The status of a replica and its team: who is behind, by how much, and who keeps old data from being removed.
 
 use super::Database;
 use super::question::{Clock, MemberStatus, Status};

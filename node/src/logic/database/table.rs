@@ -1,4 +1,4 @@
-//! `dca db status` as text: who is in the team, who is behind and by how much, and what keeps old things alive.
+//! `dca db status` as text.
 
 use super::question::{Clock, MemberStatus, Status};
 use crate::logic::table::{counted, table};

@@ -1,4 +1,4 @@
-//! Who watches: each hears of every change once, and a slow one holds nobody up.
+//! The watchers of a database. Each gets every change once, and a slow one delays nobody.
 
 use super::question::Reply;
 use super::{Database, Effect};

@@ -1,4 +1,4 @@
-//! What a lost host may still be doing with what `using` takes.
+//! Fences: what a lost host may still use of what `using` takes.
 //!
 //! A member on a lost host has failed for its supervisor, which goes on. But nobody knows that it has stopped: it may go on
 //! for as long as its spec lets it. So what was taken for it stays shut for all others until it is known: the host has said

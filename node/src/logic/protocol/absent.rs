@@ -1,4 +1,4 @@
-//! What a node says of hosts that do not answer it.
+//! Messages about hosts that do not answer.
 
 use super::Deployment;
 use serde::{Deserialize, Serialize};
@@ -30,11 +30,11 @@ pub struct AbsentHost {
 /// A deployment that has ended, as far as is known.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct OpenEnd {
-    /// Which.
+    /// The deployment.
     pub deployment: Deployment,
     /// The host of `main`.
     pub home: String,
-    /// Who has not confirmed that nothing of it is left.
+    /// The hosts that have not confirmed that nothing of it is left.
     pub hosts: Vec<OpenHost>,
 }
 
@@ -43,7 +43,7 @@ pub struct OpenEnd {
 pub struct OpenHost {
     /// Its name.
     pub host: String,
-    /// Why.
+    /// Why it has not.
     pub why: Why,
     /// How long ago its node answered last, if it does not and was ever heard.
     #[serde(with = "comms::logic::human::seconds_if_known")]

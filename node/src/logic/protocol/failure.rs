@@ -1,4 +1,4 @@
-//! What went wrong, in a form that travels, and in words.
+//! Failures, in a form that travels, and in words.
 
 use crate::logic::printable::printable;
 use crate::logic::table::counted;
@@ -6,12 +6,12 @@ use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::time::Duration;
 
-/// What went wrong, where, and when.
+/// A failure: its cause, where it happened, and when.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Failure {
     /// Absolute path of the process it began with: `main/dooropensyst/hit/force`.
     pub origin: String,
-    /// What it was.
+    /// The cause.
     pub cause: FailureCause,
     /// Time since GO.
     #[serde(with = "comms::logic::human::seconds")]
@@ -25,7 +25,7 @@ impl fmt::Display for Failure {
     }
 }
 
-/// What a failure was.
+/// The cause of a failure.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum FailureCause {
     /// The program was ended by a signal that DCA did not send.

@@ -1,10 +1,10 @@
-//! What a node says of the parameters of its programs.
+//! Messages about the parameters of programs.
 
 use super::Deployment;
 use language::plan::{Constant, Parameter};
 use serde::{Deserialize, Serialize};
 
-/// What may be told to a program while it runs.
+/// The parameters of a program that runs.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct InstanceParameters {
     /// Its deployment.
@@ -20,8 +20,8 @@ pub struct InstanceParameters {
 /// A parameter of a running program.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ParameterStatus {
-    /// What it is called and takes.
+    /// Its name and the values that it takes.
     pub parameter: Parameter,
-    /// What the plan gives it, if anything.
+    /// The value of the plan, if it gives one.
     pub given: Option<Constant>,
 }

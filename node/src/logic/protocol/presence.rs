@@ -1,4 +1,4 @@
-//! Whether a node is there: a question, and its answer.
+//! The ping and the pong: the question whether a node is there, and its answer.
 
 use comms::logic::codec::{Enveloped, Kind};
 use serde::{Deserialize, Serialize};

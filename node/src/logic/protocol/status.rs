@@ -1,4 +1,4 @@
-//! What a node says of itself and of what runs there.
+//! Messages about the status of a node and of its deployments.
 
 use super::Deployment;
 use serde::{Deserialize, Serialize};
@@ -26,7 +26,7 @@ pub struct NodeStatus {
 /// A deployment as one host sees it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DeploymentStatus {
-    /// Which.
+    /// The deployment.
     pub deployment: Deployment,
     /// The host of `main`.
     pub home: String,
@@ -56,7 +56,7 @@ pub struct LeafStatus<'a> {
     pub host: &'a str,
     /// The deployment that it belongs to.
     pub deployment: &'a Deployment,
-    /// What its host says of it.
+    /// Its state, as its host reports it.
     pub process: &'a ProcessStatus,
 }
 

@@ -1,4 +1,4 @@
-//! Whether values are what a schema says, and what to tell who wrote them.
+//! Checks values against a schema, and explains what does not fit to the writer.
 
 use super::{ANY, SCHEMA, Schema, SchemaError, Schemas};
 use crate::logic::key::Key;
@@ -14,11 +14,11 @@ use std::fmt;
 pub struct Breach {
     /// Which key.
     pub key: String,
-    /// What it must be, or must not.
+    /// The rule that it breaks.
     pub(super) must_be: String,
-    /// What it is; nothing if it is to be deleted.
+    /// The value; nothing for a deletion.
     pub(super) found: Option<String>,
-    /// What to do about it; may be empty.
+    /// The advice; may be empty.
     pub(super) hint: String,
 }
 

@@ -18,9 +18,9 @@ pub struct TextError {
     pub line: usize,
     /// The character in it, from 1.
     pub column: usize,
-    /// What is wrong.
+    /// The mistake.
     pub what: String,
-    /// What to do about it; may be empty.
+    /// The advice; may be empty.
     pub hint: String,
 }
 
@@ -31,7 +31,7 @@ impl fmt::Display for TextError {
     }
 }
 
-/// What is wrong with a part of a text, and what to do about it.
+/// A mistake in a part of a text, with advice.
 pub(super) type Fault = (String, &'static str);
 
 impl Datum {

@@ -1,0 +1,42 @@
+//! The folder of a record: the first `runs/NAME-1`, `runs/NAME-2`, … that is not there yet.
+
+use super::Spec;
+use crate::io::recorder::Recorder;
+use crate::logic::record::Header;
+use anyhow::{Context, anyhow};
+use comms::io::clock;
+use node::console::Failure;
+use node::io::folder;
+use std::path::{Path, PathBuf};
+
+/// How many folders of earlier runs are stepped over to find a free name.
+const RUNS_MAX: u32 = 100_000;
+
+/// The option that names where records are.
+pub(crate) const RUNS: &str = "--runs";
+
+/// Begins the record of a mission below the folder `runs`.
+pub(super) fn start_record(spec: &Spec, runs: &Path) -> Result<Recorder, Failure> {
+    let dir = free_folder(runs, &spec.plan.name)?;
+    let file = spec.file.file_name().map_or_else(|| "spec.dca".to_owned(), |name| name.to_string_lossy().into_owned());
+    let (text, plan) = (spec.text.clone(), spec.plan.clone());
+    let header = Header { file, text, plan, started: Some(clock::unix_time()) };
+    Ok(Recorder::create(&dir, &header).with_context(|| format!("beginning a record in `{}`", dir.display()))?)
+}
+
+/// Makes the first of `runs/NAME-1`, `runs/NAME-2`, … that is not there yet.
+fn free_folder(runs: &Path, name: &str) -> anyhow::Result<PathBuf> {
+    std::fs::create_dir_all(runs).map_err(|cause| folder::refused(runs, cause, RUNS))?;
+    for number in 1..RUNS_MAX {
+        let dir = runs.join(format!("{name}-{number}"));
+        match std::fs::create_dir(&dir) {
+            Ok(()) => return Ok(dir),
+            Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => {}
+            Err(cause) => return Err(folder::refused(&dir, cause, RUNS).into()),
+        }
+    }
+    Err(anyhow!(
+        "`{}` holds too many runs of `{name}`; remove some, or choose another folder with `--runs`",
+        runs.display()
+    ))
+}

@@ -1,0 +1,62 @@
+//! The words for reports, for changes of processes and for endings. The progress line, the record and the page use the same.
+
+use node::logic::instance::{RESTARTS_MAX, WINDOW};
+use node::logic::protocol::{Change, Ending, FailureCause, Report};
+use node::logic::table::counted;
+
+/// Returns a report as one line.
+pub(crate) fn report_text(report: &Report) -> String {
+    match report {
+        Report::Accepted { deployment } => format!("accepted as {deployment}"),
+        Report::Prepared { host, leaves } => format!("{host}: {} up", counted(*leaves, "program")),
+        Report::Connected { host } => format!("{host}: linked"),
+        Report::Go { took, .. } => format!("GO after {:.1} s", took.as_secs_f64()),
+        Report::Process { path, change, .. } => format!("{path} {}", change_text(change)),
+        Report::Refused { reasons } => format!("refused: {}", reasons.join("; ")),
+        Report::Programs { at } => format!("{} can be heard", counted(at.len(), "program")),
+        Report::Finished { ending, .. } => format!("finished: {}", ending_text(ending)),
+    }
+}
+
+/// Returns a change of a process in words that follow the name of the process.
+pub(crate) fn change_text(change: &Change) -> String {
+    match change {
+        Change::Activated => "activated".to_owned(),
+        Change::Stopping => "asked to stop".to_owned(),
+        Change::Ended(ending) => ending_text(ending),
+        Change::Died(cause) => format!("died: {cause}"),
+        Change::Started { pid } => format!("started as process {pid}"),
+        Change::Restarting { cause, count } => restarting_text(cause, *count),
+        Change::Resumed => "activated again".to_owned(),
+        Change::Held { resource, host } => held_text(resource, host),
+        Change::Configured { parameter, value } => configured_text(parameter, value.as_deref()),
+    }
+}
+
+/// Returns the words for a process that waits for a resource which a lost host may still use.
+pub(crate) fn held_text(resource: &str, host: &str) -> String {
+    format!("waits for `{resource}`: the host `{host}` is lost and may still use it")
+}
+
+/// Returns the words for a parameter that was set while the program runs; without a value it is what the spec says.
+pub(crate) fn configured_text(parameter: &str, value: Option<&str>) -> String {
+    match value {
+        Some(value) => format!("was told that `{parameter}` is {value}"),
+        None => format!("was told that `{parameter}` is what the spec says"),
+    }
+}
+
+/// Returns the words for a program that has died for the `count`th time and is started again.
+pub(crate) fn restarting_text(cause: &FailureCause, count: u32) -> String {
+    format!("died and is started again ({count} of {RESTARTS_MAX} in {} s): {cause}", WINDOW.as_secs())
+}
+
+/// Returns an ending in words.
+pub(crate) fn ending_text(ending: &Ending) -> String {
+    match ending {
+        Ending::Done(_) => "done".to_owned(),
+        Ending::Aborted(failure) => format!("aborted: {failure}"),
+        Ending::Stopped => "stopped".to_owned(),
+        Ending::Unconfirmed => "nobody could confirm that it stopped".to_owned(),
+    }
+}

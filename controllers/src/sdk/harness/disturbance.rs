@@ -1,0 +1,44 @@
+//! What a busy machine and a bad network do to calculations and samples.
+
+use std::time::Duration;
+
+/// How bad the machine and the network are.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Disturbance {
+    /// Every sample takes at least this long.
+    pub transfer: Duration,
+    /// And up to this much longer, evenly spread.
+    pub transfer_jitter: Duration,
+    /// The chance that a calculation is held up.
+    pub hold_chance: f64,
+    /// For up to how long, evenly spread from a third of it.
+    pub hold_max: Duration,
+    /// The chance that a sample is lost.
+    pub drop_chance: f64,
+    /// Where the chances come from.
+    pub seed: u64,
+}
+
+impl Disturbance {
+    /// A quiet machine: 0.1 ms a hop, nothing held up or lost.
+    pub const NONE: Self = Self {
+        transfer: Duration::from_micros(100),
+        transfer_jitter: Duration::ZERO,
+        hold_chance: 0.0,
+        hold_max: Duration::ZERO,
+        drop_chance: 0.0,
+        seed: 0,
+    };
+
+    /// Two busy cores: one calculation in 50 is held up for 10 to 30 ms, one sample in 200 is lost.
+    pub const fn busy(seed: u64) -> Self {
+        Self {
+            transfer: Duration::from_micros(100),
+            transfer_jitter: Duration::from_millis(1),
+            hold_chance: 0.02,
+            hold_max: Duration::from_millis(30),
+            drop_chance: 0.005,
+            seed,
+        }
+    }
+}

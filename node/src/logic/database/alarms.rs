@@ -1,0 +1,49 @@
+//! Alarms of the replica, in words for a person. The newest are kept for `dca db status`.
+
+use super::{Database, Effect};
+use dbmanager::logic::replica::Alarm;
+use dbmanager::logic::version_vector::ReplicaId;
+
+/// How many alarms are kept.
+const ALARMS_MAX: usize = 16;
+
+impl Database {
+    /// Keeps and reports an alarm, unless it is the same as the one before.
+    pub(super) fn alarm(&mut self, words: String, effects: &mut Vec<Effect>) {
+        if self.alarms.back() != Some(&words) {
+            effects.push(Effect::Alarm(words.clone()));
+            self.alarms.push_back(words);
+        }
+        if self.alarms.len() > ALARMS_MAX {
+            self.alarms.pop_front();
+        }
+    }
+
+    /// Returns an alarm in words.
+    pub(super) fn words(&self, alarm: &Alarm) -> String {
+        let robot = |origin: &ReplicaId| match self.replica.members().robot(*origin) {
+            Some(robot) => format!("`{robot}`"),
+            None => format!("the replica {origin}"),
+        };
+        match alarm {
+            Alarm::ClockSuspect { origin, ahead_by } => format!(
+                "{} dates its writes {} s ahead of this robot's clock; `dca db heal-clock` mends the order of new ones",
+                robot(origin),
+                ahead_by.as_secs()
+            ),
+            Alarm::Fork(origin) => {
+                format!("{} has used a number twice: its disk was copied or set back", robot(origin))
+            }
+            Alarm::Diverged(origin) => format!("{} has the same transactions and another state", robot(origin)),
+            Alarm::NeedsUpgrade(format) => format!("a robot writes format {format}: upgrade DCA on this one"),
+            Alarm::Malformed(origin) => format!("{} sent what no replica sends", robot(origin)),
+            Alarm::OtherTeam(_, robot) => format!(
+                "`{robot}` belongs to another team `{}`, which was begun apart from this one: neither has what the other writes",
+                self.team
+            ),
+            Alarm::Rejoining { from } => {
+                format!("this replica has given up the name {from}, and goes on under another one")
+            }
+        }
+    }
+}

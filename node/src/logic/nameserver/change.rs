@@ -1,0 +1,82 @@
+//! What a node reports of other nodes, and the words for it.
+
+use super::LOST_AFTER;
+use comms::logic::human::span;
+use comms::logic::time::Time;
+use serde::{Deserialize, Serialize};
+use std::fmt;
+
+/// A change of another node, for the agent and for people.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Change {
+    /// A node answers that did not.
+    Appeared {
+        /// Its name.
+        host: String,
+        /// Its boot number.
+        boot: u64,
+        /// Where it runs, for a person.
+        place: String,
+        /// Whether another boot had the name before, which has lost everything.
+        replaces: bool,
+    },
+    /// A node does not answer any more.
+    Missing {
+        /// Its name.
+        host: String,
+        /// Since when.
+        since: Time,
+        /// Why, for a person.
+        why: String,
+    },
+    /// A node has been missing for too long.
+    Lost {
+        /// Its name.
+        host: String,
+    },
+    /// A second node has a name that is taken.
+    Refused {
+        /// The name.
+        host: String,
+        /// Where the second runs.
+        place: String,
+        /// Where the first does.
+        first: String,
+    },
+    /// Another node has this one's name.
+    Namesake {
+        /// Where it runs.
+        place: String,
+        /// Whether it was there first.
+        elder: bool,
+    },
+}
+
+impl Change {
+    /// Returns whether the change is no trouble.
+    pub fn is_good(&self) -> bool {
+        matches!(self, Self::Appeared { .. })
+    }
+}
+
+impl fmt::Display for Change {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Appeared { host, place, replaces: false, .. } => write!(f, "the node `{host}` is there: {place}"),
+            Self::Appeared { host, place, .. } => write!(f, "the node `{host}` was started again: {place}"),
+            Self::Missing { host, why, .. } => write!(f, "the node `{host}` is missing: {why}"),
+            Self::Lost { host } => write!(f, "the node `{host}` is lost: it was missing for {}", span(LOST_AFTER)),
+            Self::Refused { host, place, first } => write!(
+                f,
+                "a second node called `{host}` ({place}) is not dealt with: the first one ({first}) is there; give the \
+                 second another name with `dca-node --name`"
+            ),
+            Self::Namesake { place, elder: true } => {
+                write!(f, "another node has this one's name, and was there first: {place}")
+            }
+            Self::Namesake { place, elder: false } => {
+                write!(f, "another node has this one's name, and is not dealt with: {place}; give it another name")
+            }
+        }
+    }
+}
