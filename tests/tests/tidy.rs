@@ -247,6 +247,21 @@ fn people_read_no_debug_text() {
 }
 
 #[test]
+fn docs_are_more_than_a_question() {
+    let questions = ["Which", "What", "How", "Why", "When", "Where", "Who", "Whose", "Whom"];
+    let asks = |line: &str| {
+        let word = line.trim_start().strip_prefix("/// ").and_then(|doc| doc.strip_suffix('.'));
+        word.is_some_and(|word| questions.contains(&word))
+    };
+    let mut wrong = Vec::new();
+    for source in sources().into_iter().filter(Source::is_shipped) {
+        let lines = source.text.lines().enumerate().filter(|(_, line)| asks(line));
+        wrong.extend(lines.map(|(index, line)| format!("{}:{}: {}", source.path, index + 1, line.trim())));
+    }
+    check("a doc names the thing: \"The program.\", not \"Which.\"", &wrong);
+}
+
+#[test]
 fn one_place_builds_keys() {
     let all = sources();
     let others = all.iter().filter(|source| source.is_shipped() && source.path != "comms/src/logic/key.rs");

@@ -115,7 +115,7 @@ pub enum OpenError {
         "cannot listen on port {port} of {address}: {cause}; choose another with `--port`, or none for any that is free"
     )]
     Port {
-        /// Which.
+        /// The TCP port that is taken.
         port: u16,
         /// Of which address.
         address: String,

@@ -39,7 +39,7 @@ pub const DELAY_MAX: f64 = 0.40;
 pub struct Guide {
     /// The way the hand is led.
     pub tangent_in_tool: Vector3<f64>,
-    /// Up.
+    /// The vertical, upwards.
     pub up_in_tool: Vector3<f64>,
     /// Whether the hand may give way upwards and downwards.
     pub upward: bool,

@@ -123,14 +123,14 @@ pub enum ToCoordinator {
     Released,
     /// `main` has ended.
     MainEnded {
-        /// How.
+        /// How it ended.
         ending: Ending,
     },
     /// For the people who watch.
     Happened {
         /// Which process.
         target: Target,
-        /// What.
+        /// The change.
         change: Change,
     },
     /// Everything was done to end it here, and something may be left.
@@ -178,7 +178,7 @@ pub enum ToParticipant {
         target: Target,
         /// Which activation.
         activation: u32,
-        /// How.
+        /// How it ended.
         ending: Ending,
     },
     /// Open or close wires whose producers are yours.
@@ -189,14 +189,14 @@ pub enum ToParticipant {
         open: bool,
         /// The group whose supervisor asks, and its number for this, echoed.
         group: u32,
-        /// Echoed.
+        /// The generation of the order.
         generation: u64,
     },
     /// The wires that a group of yours asked for are switched.
     Switched {
-        /// Echoed.
+        /// The group whose supervisor gave the order.
         group: u32,
-        /// Echoed.
+        /// The generation of the order.
         generation: u64,
     },
     /// A program of the sender was started again: programs of yours dial it.
