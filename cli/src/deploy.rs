@@ -1,5 +1,6 @@
-//! `dca deploy`: runs a spec on the hosts it names, and stays until it has ended.
+//! `dca deploy`: runs a spec on the hosts it names, and stays until it has ended; or changes what runs to it, and says so.
 
+use crate::change::{Probation, change_running};
 use crate::client::Client;
 use crate::follow::Spec;
 use crate::{ConnectArgs, Controllers, check, follow, stored};
@@ -18,6 +19,8 @@ pub struct Arguments {
     connect: ConnectArgs,
     #[command(flatten)]
     controllers: Controllers,
+    #[command(flatten)]
+    probation: Probation,
 }
 
 /// Runs the verb.
@@ -25,14 +28,19 @@ pub(crate) fn run(arguments: Arguments) -> Result<(), Failure> {
     let spec = check::load(&arguments.file, &arguments.controllers, false)?;
     block_on(async {
         let client = Client::open(&arguments.connect).await?;
-        let result = deploy(&client, spec, &arguments.following).await;
+        let result = deploy(&client, spec, (&arguments.following, Some(arguments.probation))).await;
         client.close().await;
         result
     })
 }
 
-/// Deploys a spec once every host of it answers, and stays until it has ended.
-pub(crate) async fn deploy(client: &Client, spec: Spec, following: &follow::FollowArgs) -> Result<(), Failure> {
+/// Deploys a spec once every host of it answers, and stays until it has ended. With a probation for new programs, what runs
+/// under its name is changed to it.
+pub(crate) async fn deploy(
+    client: &Client,
+    spec: Spec,
+    (following, probation): (&follow::FollowArgs, Option<Probation>),
+) -> Result<(), Failure> {
     let hosts = client.hosts(&spec.plan.hosts).await?;
     let missing: Vec<&str> = spec.plan.hosts.iter().filter(|host| !hosts.contains(*host)).map(String::as_str).collect();
     if let Some(first) = missing.first() {
@@ -41,6 +49,11 @@ pub(crate) async fn deploy(client: &Client, spec: Spec, following: &follow::Foll
             "no node answers for the host `{}` (nodes seen: {seen}); start `dca-node --name {first} --lan` on it",
             missing.join("`, `")
         )));
+    }
+    if let Some(probation) = probation
+        && change_running(client, &spec, probation).await?
+    {
+        return Ok(());
     }
     stored::check(client, &spec).await?;
     follow::follow(client, spec, following).await

@@ -121,7 +121,7 @@ pub(crate) async fn attach(client: &Client, plan: Plan, deployment: Deployment) 
 }
 
 /// Returns who runs this command, and where: `ann@c1`.
-fn whoami() -> String {
+pub(crate) fn whoami() -> String {
     let uid = rustix::process::getuid().as_raw().to_string();
     let users = std::fs::read_to_string("/etc/passwd").unwrap_or_default();
     let named = |line: &str| {
@@ -341,7 +341,9 @@ impl Watch {
             | Report::Connected { .. }
             | Report::Go { .. }
             | Report::Process { .. }
-            | Report::Programs { .. } => {}
+            | Report::Programs { .. }
+            | Report::Changed { .. }
+            | Report::Unchanged { .. } => {}
         }
     }
 

@@ -4,6 +4,7 @@
 
 pub(crate) mod absent;
 pub mod attach;
+pub mod change;
 pub mod check;
 pub mod client;
 pub mod completions;
@@ -56,6 +57,10 @@ enum Verb {
     Deploy(deploy::Arguments),
     /// Watch a deployment that runs, as `deploy` does
     Attach(attach::Arguments),
+    /// Say what a spec would change of the deployment of its name that runs
+    Plan(change::PlanArguments),
+    /// Start programs of a deployment anew while it runs
+    Replace(change::ReplaceArguments),
     /// Check a spec and print its diagnostics
     Check(check::Arguments),
     /// Make a folder with a spec, and a controller program for it, to begin with
@@ -131,6 +136,8 @@ pub fn main() -> ExitCode {
         Verb::Run(arguments) => run::run(arguments),
         Verb::Deploy(arguments) => deploy::run(arguments),
         Verb::Attach(arguments) => attach::run(&arguments),
+        Verb::Plan(arguments) => change::plan(&arguments),
+        Verb::Replace(arguments) => change::replace(&arguments),
         Verb::Check(arguments) => check::run(&arguments),
         Verb::New(arguments) => new::run(&arguments),
         Verb::Fix(arguments) => fix::run(&arguments),

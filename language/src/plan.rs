@@ -5,6 +5,7 @@
 //! Invariants, kept by `check::lower` and re-checked by [`Plan::validate`] when a plan arrives over a wire: every index
 //! is in range, `groups[0]` is `main`, every group but `main` is a member of exactly one group, every leaf too.
 
+mod difference;
 mod exec;
 mod nested;
 mod parameter;
@@ -14,6 +15,7 @@ mod validate;
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
+pub use difference::{Difference, PlanChange, difference};
 pub use exec::{ExecError, words};
 pub use parameter::{Accepts, Parameter};
 pub use policy::{LinkLoss, Policy, REALTIME_MAX, Realtime, Restart, Usage};

@@ -220,10 +220,9 @@ impl Host {
     fn dca_command(&self, arguments: &[&str]) -> Command {
         let mut command = self.command("dca");
         command.args(arguments);
-        if matches!(
-            arguments.first(),
-            Some(&("run" | "deploy" | "attach" | "nodes" | "status" | "logs" | "stop" | "db" | "param"))
-        ) {
+        let asks_nodes =
+            ["run", "deploy", "plan", "replace", "attach", "nodes", "status", "logs", "stop", "db", "param"];
+        if arguments.first().is_some_and(|verb| asks_nodes.contains(verb)) {
             command.arg("--run-dir").arg(&self.run_dir);
         }
         command

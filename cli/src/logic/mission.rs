@@ -17,7 +17,7 @@ pub use signals::{TRACKS_MAX, Track};
 pub use start::Start;
 pub use summary::{Files, failure_chain, failure_output, summary};
 
-use crate::logic::sentence::{configured_text, held_text, restarting_text};
+use crate::logic::sentence::{configured_text, held_text, report_text, restarting_text, reverting_text};
 use comms::logic::signals::Signals;
 use language::plan::Plan;
 use late::Late;
@@ -118,6 +118,9 @@ impl Mission {
         match report {
             Report::Accepted { deployment } => self.deployment = Some(deployment.clone()),
             Report::Programs { .. } => {}
+            Report::Changed { .. } | Report::Unchanged { .. } => {
+                self.push_note("main", report_text(report), (self.now, &[]));
+            }
             Report::Prepared { host, leaves } => self.start.prepared(host, *leaves),
             Report::Connected { host } => self.start.connected(host),
             Report::Go { took, signals: _ } => self.start.go(*took),
@@ -252,10 +255,16 @@ impl Mission {
             Change::Restarting { cause, count } => (restarting_text(cause, *count), cause.output()),
             Change::Held { resource, host } => (held_text(resource, host), &[][..]),
             Change::Configured { parameter, value } => (configured_text(parameter, value.as_deref()), &[][..]),
+            Change::Reverting { cause } => (reverting_text(cause), cause.output()),
+            Change::Replacing => ("is replaced".to_owned(), &[][..]),
             Change::Activated | Change::Stopping | Change::Ended(_) | Change::Started { .. } | Change::Resumed => {
                 return;
             }
         };
+        self.push_note(path, text, (at, output));
+    }
+
+    fn push_note(&mut self, path: &str, text: String, (at, output): (Duration, &[String])) {
         if self.notes.len() == NOTES_MAX {
             self.notes_dropped += 1;
         } else {

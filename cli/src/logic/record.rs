@@ -131,7 +131,10 @@ impl Run {
     /// Returns why it may not be everything, if so: damage, or no word of the deployment's end.
     pub fn lacks(&self) -> Option<String> {
         let is_last = |entry: &Entry| matches!(entry, Entry::Report(Report::Finished { .. } | Report::Refused { .. }));
-        let cut = || "it stops before the deployment ended: its recorder was ended, or its disk was full".to_owned();
+        let cut = || {
+            "it stops before the deployment ended: its recorder lost the mission or was ended, or its disk was full"
+                .to_owned()
+        };
         self.damage.clone().or_else(|| (!self.entries.iter().any(is_last)).then(cut))
     }
 

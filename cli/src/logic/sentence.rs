@@ -15,6 +15,10 @@ pub(crate) fn report_text(report: &Report) -> String {
         Report::Refused { reasons } => format!("refused: {}", reasons.join("; ")),
         Report::Programs { at } => format!("{} can be heard", counted(at.len(), "program")),
         Report::Finished { ending, .. } => format!("finished: {}", ending_text(ending)),
+        Report::Changed { revision, by, changes } => {
+            format!("changed by {by} (revision {revision}): {}", changes.join("; "))
+        }
+        Report::Unchanged { by, reasons } => format!("a change by {by} was taken back: {}", reasons.join("; ")),
     }
 }
 
@@ -30,7 +34,14 @@ pub(crate) fn change_text(change: &Change) -> String {
         Change::Resumed => "activated again".to_owned(),
         Change::Held { resource, host } => held_text(resource, host),
         Change::Configured { parameter, value } => configured_text(parameter, value.as_deref()),
+        Change::Replacing => "is replaced".to_owned(),
+        Change::Reverting { cause } => reverting_text(cause),
     }
+}
+
+/// Returns the words for a program that is put back, since the one that took its place was not healthy.
+pub(crate) fn reverting_text(cause: &FailureCause) -> String {
+    format!("is put back, since the new program was not healthy: {cause}")
 }
 
 /// Returns the words for a process that waits for a resource which a lost host may still use.

@@ -17,7 +17,7 @@ use std::time::Duration;
 
 /// Version of this protocol: one more with every order, notice or field that is appended. Node and program must be of the
 /// same one. Of any other they understand no more than [`Notice::Hello`] and [`Notice::Resume`] say at their beginning, so that each can be told.
-pub const VERSION: u16 = 3;
+pub const VERSION: u16 = 4;
 
 /// Where a program's data session can be dialled.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]

@@ -174,19 +174,33 @@ impl Program {
         Ok(code)
     }
 
+    /// Makes links. Once there are some, a stop must not wait behind others: those are made in a thread of their own, which
+    /// ends with its answer.
+    fn link(&self, orders: links::LinkOrders, inbox: &Arc<Inbox>, links: &Arc<Links>) -> Result<(), ProcessError> {
+        let Some(session) = &self.session else {
+            return Ok(self.notices.send(&Notice::Connected)?);
+        };
+        if !links.are_made() {
+            return Ok(self.notices.send(&answer(links.make(session, &self.interface, orders, inbox)))?);
+        }
+        let (session, interface, notices) = (Arc::clone(session), self.interface.clone(), self.notices.clone());
+        let (inbox, links) = (Arc::clone(inbox), Arc::clone(links));
+        let make = move || {
+            let _turn = links.turn();
+            let made = links.make(&session, &interface, orders, &inbox);
+            if let Err(error) = notices.send(&answer(made)) {
+                tracing::debug!(%error, "the node was not told");
+            }
+        };
+        std::thread::Builder::new().name("links".to_owned()).spawn(make)?;
+        Ok(())
+    }
+
     fn obey(&self, order: Order, inbox: &Arc<Inbox>, links: &Arc<Links>) -> Result<(), ProcessError> {
         match order {
             Order::Connect { robot, incoming, outgoing, devices } => {
-                let made = match &self.session {
-                    Some(session) => {
-                        let instance = self.instance.clone();
-                        let wanted = links::LinkOrders { instance, robot, incoming, outgoing, devices };
-                        links.make(session, &self.interface, wanted, inbox)
-                    }
-                    None => Ok(()),
-                };
-                let notice = made.map_or_else(|reason| Notice::ConnectFailed { reason }, |()| Notice::Connected);
-                self.notices.send(&notice)?;
+                let instance = self.instance.clone();
+                self.link(links::LinkOrders { instance, robot, incoming, outgoing, devices }, inbox, links)?;
             }
             Order::Open { wires, generation } => {
                 links.switch(&wires, true);
@@ -221,6 +235,10 @@ impl Program {
         }
         Ok(())
     }
+}
+
+fn answer(made: Result<(), String>) -> Notice {
+    made.map_or_else(|reason| Notice::ConnectFailed { reason }, |()| Notice::Connected)
 }
 
 fn hand_over(inbox: &Inbox, command: Command) -> Result<(), ProcessError> {

@@ -17,7 +17,8 @@ use crate::logic::nameserver::NameServer;
 use crate::logic::participant::Participant;
 use crate::logic::programs::Programs;
 use crate::logic::protocol::{
-    Absent, Body, Deployment, Ending, Failure, FailureCause, Message, NodeStatus, Report, ToCoordinator, ToParticipant,
+    Absent, Body, ChangeOrder, ChangeReply, Deployment, Ending, Failure, FailureCause, Message, NodeStatus, Report,
+    ToCoordinator, ToParticipant,
 };
 use comms::logic::control::Notice;
 use comms::logic::time::Time;
@@ -289,8 +290,33 @@ impl Agent {
             out.send(from, deployment.to_coordinator(ToCoordinator::Refused { reasons: vec![reason] }));
         } else if message == ToParticipant::Release && !is_home {
             out.send(from, deployment.to_coordinator(ToCoordinator::Released));
+        } else if let ToParticipant::Change(order) = message {
+            if is_home {
+                self.take_change(deployment, order, out);
+            }
         } else if is_home || !matches!(message, ToParticipant::Connect { .. } | ToParticipant::Go) {
             participant.receive(message, from, out);
+        }
+    }
+
+    /// Carries out a step of a change; what others hold is not taken.
+    fn take_change(&mut self, deployment: &Deployment, order: ChangeOrder, out: &mut Out<'_>) {
+        let host = &self.identity.host;
+        if let ChangeOrder::Examine { number, plan } = &order {
+            let mut reasons = self.conflicts(deployment, &Claims::of(plan, host));
+            if self.leaving {
+                reasons.push(format!("host `{host}`: its node is leaving"));
+            }
+            if !reasons.is_empty() {
+                let reply = ChangeReply::Examined { number: *number, reasons };
+                let home = self.participants.get(deployment).map(Participant::home);
+                home.into_iter()
+                    .for_each(|home| out.send(home, deployment.to_coordinator(ToCoordinator::Change(reply.clone()))));
+                return;
+            }
+        }
+        if let Some(participant) = self.participants.get_mut(deployment) {
+            participant.take_change(order, host, &self.programs, out);
         }
     }
 
@@ -309,6 +335,9 @@ impl Agent {
                 from,
                 deployment.to_coordinator(if is_loose { ToCoordinator::Unconfirmed } else { ToCoordinator::Released }),
             );
+        } else if let ToParticipant::Change(order) = message {
+            let reason = format!("host `{}`: its node has left the deployment", self.identity.host);
+            out.send(from, deployment.to_coordinator(ToCoordinator::Change(order.failed(reason))));
         } else {
             let gone = FailureCause::NotAvailable("its node has left the deployment".to_owned());
             let answer = answer_of_absent(message, gone);
@@ -356,6 +385,9 @@ impl Agent {
         } else if message == ToParticipant::Release {
             // A host that never took part has nothing to release; one that was lost is told about as unconfirmed.
             self.tell_coordinator(deployment, ToCoordinator::Released, lost, out);
+        } else if let ToParticipant::Change(order) = message {
+            let reply = order.failed(format!("host `{lost}` cannot be reached"));
+            self.tell_coordinator(deployment, ToCoordinator::Change(reply), lost, out);
         } else {
             let answer = answer_of_absent(message, FailureCause::HostLost(lost.to_owned()));
             let here = self.identity.host.clone();
@@ -430,6 +462,7 @@ fn answer_of_absent(message: ToParticipant, cause: FailureCause) -> Option<ToPar
         | ToParticipant::Switched { .. }
         | ToParticipant::Moved { .. }
         | ToParticipant::Loose { .. }
-        | ToParticipant::Cleared { .. } => None,
+        | ToParticipant::Cleared { .. }
+        | ToParticipant::Change(_) => None,
     }
 }

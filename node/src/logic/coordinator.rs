@@ -10,11 +10,14 @@
 //! The reply to `deploy` is the outcome: everyone who asked gets the reports as they come, and the last one when nothing
 //! of the deployment is left on any host that can be reached.
 
-use crate::logic::effect::{Effect, Out};
+mod change;
+
+use crate::logic::effect::{Effect, Out, earliest};
 use crate::logic::protocol::{
     Answer, Change, Deployment, Ending, LeafFacts, Report, StopReply, Target, ToCoordinator, ToParticipant, Why,
 };
 use crate::logic::wiring::{Registrations, observe};
+use change::Changing;
 use comms::logic::time::Time;
 use language::plan::Plan;
 use serde::{Deserialize, Serialize};
@@ -71,6 +74,11 @@ pub struct Coordinator {
     watchers: Vec<u64>,
     stoppers: Vec<u64>,
     reports: Vec<Report>,
+    /// How often its plan was changed while it ran, and who did that last.
+    revision: (u32, String),
+    change: Option<Changing>,
+    /// Numbers the changes.
+    changes: u32,
 }
 
 impl Coordinator {
@@ -98,6 +106,9 @@ impl Coordinator {
             watchers: vec![watcher],
             stoppers: Vec::new(),
             reports: Vec::new(),
+            revision: (0, String::new()),
+            change: None,
+            changes: 0,
         };
         out.effects.push(Effect::PersistEpoch {
             deployment: coordinator.deployment.clone(),
@@ -161,6 +172,7 @@ impl Coordinator {
             }
             ToCoordinator::MainEnded { ending } => self.end(Some(ending), out),
             ToCoordinator::Happened { target, change } => self.happened(target, change, out),
+            ToCoordinator::Change(reply) => self.change_reply(reply, from, out),
         }
     }
 
@@ -227,6 +239,7 @@ impl Coordinator {
             Phase::Running => {
                 self.back.remove(host);
                 self.lost.insert(host.to_owned());
+                self.change_without(host, out);
             }
             Phase::Ending => {
                 self.back.remove(host);
@@ -253,10 +266,12 @@ impl Coordinator {
     /// Takes note that its node was gone: nobody could answer it meanwhile.
     pub fn adopted(&mut self, away: Duration) {
         self.deadline = self.deadline.map(|at| at + away);
+        self.change.iter_mut().for_each(|change| change.adopted(away));
     }
 
     /// Does what is due.
     pub fn tick(&mut self, out: &mut Out<'_>) {
+        self.tick_change(out);
         if self.deadline.is_none_or(|at| at > out.now) {
             return;
         }
@@ -279,7 +294,7 @@ impl Coordinator {
 
     /// Returns when [`Coordinator::tick`] wants to be called.
     pub fn deadline(&self) -> Option<Time> {
-        self.deadline
+        earliest(self.deadline, self.change.as_ref().map(Changing::deadline))
     }
 
     fn prepared(&mut self, from: &str, facts: Vec<LeafFacts>, machine: String, out: &mut Out<'_>) {
@@ -374,6 +389,7 @@ impl Coordinator {
         }
         self.phase = Phase::Ending;
         self.ending = ending;
+        self.abandon_change(out);
         let slowest = self.plan.leaves.iter().map(|leaf| leaf.stop_within).max().unwrap_or_default();
         self.deadline = Some(out.now + slowest + RELEASE_WITHIN);
         // A node that left has said so before, and does not hear this any more.

@@ -72,7 +72,10 @@ pub struct Executer {
     running: bool,
     /// Slot of the member that a leaf is, or is below of, for each leaf that a wire of this group leads to.
     consumers: BTreeMap<u32, u32>,
+    /// How many open sets have each wire.
     open: BTreeMap<u32, u32>,
+    /// How often each set is open.
+    open_sets: BTreeMap<u32, u32>,
     generation: u64,
     unconfirmed: BTreeMap<u64, Unconfirmed>,
     /// Activations that wait, by slot.
@@ -99,6 +102,7 @@ impl Executer {
             running: false,
             consumers: consumers(plan, declared),
             open: BTreeMap::new(),
+            open_sets: BTreeMap::new(),
             generation: 0,
             unconfirmed: BTreeMap::new(),
             waiting: BTreeMap::new(),
@@ -350,16 +354,47 @@ impl Executer {
         }
     }
 
-    /// Opens or closes the wires of a set that no other open set holds, one message to each host of producers.
+    /// Opens or closes the wires of a set that no other open set holds.
     fn switch(&mut self, set: u32, open: bool, context: ExecContext<'_>, out: &mut Out<'_>) {
         let group = context.plan.groups.get(self.group as usize);
-        let Some(set) = group.and_then(|group| group.sets.get(set as usize)) else { return };
-        let mut by_host: BTreeMap<&str, (Vec<u32>, BTreeSet<u32>)> = BTreeMap::new();
-        for &wire in &set.wires {
+        let Some(wires) = group.and_then(|group| group.sets.get(set as usize)).map(|set| &set.wires) else { return };
+        let count = self.open_sets.entry(set).or_default();
+        *count = if open { *count + 1 } else { count.saturating_sub(1) };
+        let mut flipped = Vec::new();
+        for &wire in wires {
             let count = self.open.entry(wire).or_default();
             let flips = if open { *count == 0 } else { *count == 1 };
             *count = if open { *count + 1 } else { count.saturating_sub(1) };
-            let Some(ends) = context.plan.wires.get(wire as usize).filter(|_| flips) else { continue };
+            flipped.extend(Some(wire).filter(|_| flips));
+        }
+        self.flip(&flipped, open, context, out);
+    }
+
+    /// Uses the connection sets as the plan has them now: opens and closes the wires by which open sets have changed.
+    pub fn rewire(&mut self, context: ExecContext<'_>, out: &mut Out<'_>) {
+        let Some(group) = context.plan.groups.get(self.group as usize) else { return };
+        self.consumers = consumers(context.plan, group);
+        let mut counts: BTreeMap<u32, u32> = BTreeMap::new();
+        for (set, count) in &self.open_sets {
+            for wire in group.sets.get(*set as usize).map_or(&[][..], |set| &set.wires) {
+                *counts.entry(*wire).or_default() += count;
+            }
+        }
+        let before = std::mem::replace(&mut self.open, counts);
+        let is_open = |counts: &BTreeMap<u32, u32>, wire: &u32| counts.get(wire).is_some_and(|count| *count > 0);
+        let (opened, closed): (Vec<u32>, Vec<u32>) = (
+            self.open.keys().copied().filter(|wire| is_open(&self.open, wire) && !is_open(&before, wire)).collect(),
+            before.keys().copied().filter(|wire| is_open(&before, wire) && !is_open(&self.open, wire)).collect(),
+        );
+        self.flip(&opened, true, context, out);
+        self.flip(&closed, false, context, out);
+    }
+
+    /// Opens or closes wires, one message to each host of producers.
+    fn flip(&mut self, flipped: &[u32], open: bool, context: ExecContext<'_>, out: &mut Out<'_>) {
+        let mut by_host: BTreeMap<&str, (Vec<u32>, BTreeSet<u32>)> = BTreeMap::new();
+        for &wire in flipped {
+            let Some(ends) = context.plan.wires.get(wire as usize) else { continue };
             if let Some(host) = leaf_host(context.plan, ends.from.leaf) {
                 let (wires, consumers) = by_host.entry(host).or_default();
                 wires.push(wire);

@@ -11,13 +11,16 @@
 //! is started again, its supervisor hears nothing.
 
 mod program;
+mod replace;
 mod restarts;
 
-use crate::logic::effect::{Effect, SpawnOrder};
+use crate::logic::effect::{Effect, SpawnOrder, earliest};
 use crate::logic::protocol::{Change, Ending, Failure, FailureCause, LeafFacts};
 use comms::logic::control::Order;
 use comms::logic::time::Time;
 use language::plan::{LeafKind, LinkLoss};
+use replace::Probation;
+pub use replace::Start;
 use restarts::Restarts;
 pub use restarts::{RESTARTS_MAX, WINDOW};
 use serde::{Deserialize, Serialize};
@@ -66,13 +69,20 @@ enum Stage {
     Removing {
         until: Time,
     },
+    /// Another one takes its place once it is gone.
+    Replacing {
+        until: Time,
+        forced: bool,
+        /// Whether its activation was to stop.
+        is_stopping: bool,
+    },
 }
 
 /// An activation that has not ended.
 #[derive(Debug, Serialize, Deserialize)]
 struct Current {
     number: u32,
-    /// For its `Init`, in case the program has to be started again.
+    /// For its `Init`, in case another program takes its place.
     value: Vec<u8>,
     /// The host whose loss stops it.
     lost: Option<String>,
@@ -97,6 +107,14 @@ pub enum Note {
     Moved(LeafFacts),
     /// It was started again and its links stand; its wires are closed.
     Rejoined,
+    /// Links that were added while it runs stand, or why not.
+    Linked(Result<(), String>),
+    /// What has taken the place of another program is up.
+    Replaced,
+    /// What has taken the place of another program has stayed healthy for long enough.
+    Healthy,
+    /// What was to take the place of another program does not, and why.
+    Unhealthy(String),
     /// Nothing of the program is left.
     Gone,
 }
@@ -119,6 +137,10 @@ pub struct Instance {
     failed: Option<FailureCause>,
     /// The last lines that its program has written, once it has ended.
     output: Vec<String>,
+    /// What takes its place.
+    next: Option<Start>,
+    /// What it has taken the place of.
+    probation: Option<Probation>,
 }
 
 /// What an instance needs to know of the moment, and where it puts what it wants.
@@ -150,6 +172,8 @@ impl Instance {
             cause: None,
             failed: None,
             output: Vec::new(),
+            next: None,
+            probation: None,
         };
         instance.start(context);
         instance
@@ -160,6 +184,7 @@ impl Instance {
         let word = match self.stage {
             Stage::Removing { .. } if !self.joined => "starting",
             Stage::Waiting { .. } | Stage::Removing { .. } => "restarting",
+            Stage::Replacing { .. } => "being replaced",
             Stage::Starting { .. } | Stage::Prepared | Stage::Connecting { .. } if self.joined => "restarting",
             Stage::Starting { .. } => "starting",
             // Its shim has the word to let it run, and has not said that it runs.
@@ -212,15 +237,17 @@ impl Instance {
 
     /// Returns when [`Instance::tick`] wants to be called.
     pub fn deadline(&self) -> Option<Time> {
-        match self.stage {
+        let of_stage = match self.stage {
             Stage::Starting { until }
             | Stage::Connecting { until }
             | Stage::Stopping { until, .. }
             | Stage::Leaving { until, .. }
             | Stage::Waiting { until }
+            | Stage::Replacing { until, .. }
             | Stage::Removing { until } => Some(until),
             Stage::Prepared | Stage::Idle | Stage::Running | Stage::Refused | Stage::Dead => None,
-        }
+        };
+        earliest(of_stage, self.probation_until())
     }
 
     /// Takes note that its node was gone: its program could not answer meanwhile.
@@ -230,6 +257,7 @@ impl Instance {
             | Stage::Connecting { until }
             | Stage::Stopping { until, .. }
             | Stage::Leaving { until, .. }
+            | Stage::Replacing { until, .. }
             | Stage::Removing { until } => *until = *until + away,
             Stage::Prepared | Stage::Idle | Stage::Running | Stage::Refused | Stage::Dead | Stage::Waiting { .. } => {}
         }
@@ -247,6 +275,15 @@ impl Instance {
         for order in orders {
             self.tell(order, context);
         }
+    }
+
+    /// Adds and removes links of a program that has its own already. Returns whether it will answer by [`Note::Linked`].
+    pub fn link_again(&mut self, orders: impl IntoIterator<Item = Order>, context: &mut InstanceContext<'_>) -> bool {
+        let answers = self.is_linked();
+        if answers {
+            orders.into_iter().for_each(|order| self.tell(order, context));
+        }
+        answers
     }
 
     /// Confirms the links of a plain program, which has none.
@@ -286,6 +323,7 @@ impl Instance {
             self.run(value, context);
             context.notes.push(Note::Changed(Change::Resumed));
         }
+        self.is_up(context);
     }
 
     /// Initialises and runs the program, or notes that this is to be done once it is there again.
@@ -297,8 +335,7 @@ impl Instance {
             let failure = self.failure(cause, context);
             return context.notes.push(Note::Ended(activation, Ending::Aborted(failure)));
         }
-        let kept = if self.restarts.are_allowed() { value.clone() } else { Vec::new() };
-        self.current = Some(Current { number: activation, value: kept, lost: None });
+        self.current = Some(Current { number: activation, value: value.clone(), lost: None });
         context.notes.push(Note::Changed(Change::Activated));
         if self.stage == Stage::Idle {
             self.run(value, context);
@@ -313,9 +350,12 @@ impl Instance {
                 return Some(self.cause.clone().unwrap_or_else(gone));
             }
             Stage::Starting { .. } | Stage::Prepared | Stage::Connecting { .. } | Stage::Refused => self.joined,
-            Stage::Idle | Stage::Running | Stage::Stopping { .. } | Stage::Waiting { .. } | Stage::Removing { .. } => {
-                true
-            }
+            Stage::Idle
+            | Stage::Running
+            | Stage::Stopping { .. }
+            | Stage::Waiting { .. }
+            | Stage::Removing { .. }
+            | Stage::Replacing { .. } => true,
         };
         if !takes_part {
             Some(FailureCause::NotAvailable("it is not connected".into()))
@@ -349,6 +389,10 @@ impl Instance {
             | Stage::Starting { .. }
             | Stage::Prepared
             | Stage::Connecting { .. } => self.finish(Ending::Stopped, context),
+            // It is on its way out: what moves ends with it.
+            Stage::Replacing { until, forced, .. } => {
+                self.stage = Stage::Replacing { until, forced, is_stopping: true };
+            }
             Stage::Idle | Stage::Stopping { .. } | Stage::Leaving { .. } | Stage::Refused | Stage::Dead => {}
         }
     }
@@ -378,8 +422,14 @@ impl Instance {
 
     /// Takes note that an order did not reach the program: it is of no more use.
     pub fn undelivered(&mut self, why: String, context: &mut InstanceContext<'_>) {
-        let is_there =
-            !matches!(self.stage, Stage::Dead | Stage::Leaving { .. } | Stage::Waiting { .. } | Stage::Removing { .. });
+        let is_there = !matches!(
+            self.stage,
+            Stage::Dead
+                | Stage::Leaving { .. }
+                | Stage::Waiting { .. }
+                | Stage::Removing { .. }
+                | Stage::Replacing { .. }
+        );
         if is_there {
             self.cause.get_or_insert(FailureCause::NotAvailable(why));
             self.tell_shim(ShimOrder::Stop { grace: GRACE }, context);
@@ -396,7 +446,10 @@ impl Instance {
                 self.left(context);
             }
             // One that has not said hello has no channel for an order yet.
-            Stage::Starting { .. } | Stage::Removing { .. } | Stage::Refused => self.force_out(context),
+            Stage::Starting { .. } | Stage::Removing { .. } | Stage::Replacing { .. } | Stage::Refused => {
+                (self.next, self.probation) = (None, None);
+                self.force_out(context);
+            }
             Stage::Prepared | Stage::Connecting { .. } | Stage::Idle | Stage::Running | Stage::Stopping { .. } => {
                 if self.is_controller() {
                     let until = context.now + self.stop_within + GRACE;

@@ -4,6 +4,7 @@
 //! `Running` → `Leaving` (every program told to go) → nothing. The home node moves it along; if the home node is lost the
 //! participant leaves by itself, unless the spec wants something of it to go on (`loss`).
 
+mod change;
 mod links;
 mod loss;
 mod status;
@@ -18,9 +19,10 @@ use crate::logic::protocol::{
 };
 use crate::logic::table::counted;
 use crate::logic::wiring::Registrations;
+use change::Changing;
 use comms::logic::control::Notice;
 use comms::logic::time::Time;
-use language::plan::Plan;
+use language::plan::{Leaf, Plan};
 use links::Switching;
 use loss::Loss;
 use serde::{Deserialize, Serialize};
@@ -61,6 +63,9 @@ pub struct Participant {
     switching: BTreeMap<u64, Switching>,
     ticket: u64,
     loss: Loss,
+    /// The wires that are linked: those of the connection sets, and during a change also those of before.
+    live: BTreeSet<u32>,
+    change: Option<Changing>,
 }
 
 impl Participant {
@@ -80,6 +85,8 @@ impl Participant {
         let mut participant = Self {
             supervisors: supervisors(&plan),
             claims: Claims::of(&plan, host),
+            live: plan.live_wires(),
+            change: None,
             deployment,
             plan,
             home,
@@ -156,6 +163,8 @@ impl Participant {
                     });
                 }
             }
+            // What a change starts is known to the agent: `take_change`.
+            ToParticipant::Change(_) => {}
             ToParticipant::Moved { facts } => {
                 if leaf_host(&self.plan, facts.leaf) == Some(from) {
                     self.moved(facts, out);
@@ -272,9 +281,7 @@ impl Participant {
             match programs.command(leaf) {
                 Ok(command) => {
                     let process = ProcessId { deployment: self.deployment.clone(), leaf: number };
-                    let (path, kind, policy) = (leaf.path.clone(), leaf.kind, leaf.policy.clone());
-                    let order = SpawnOrder { process, path, command, kind, policy };
-                    orders.push((number, order, leaf.stop_within));
+                    orders.push((number, spawn_order(process, command, leaf), leaf.stop_within));
                 }
                 Err(why) => self.reasons.push(format!("host `{host}`: {why}")),
             }
@@ -379,11 +386,16 @@ impl Participant {
             Note::Changed(change) => {
                 if matches!(change, Change::Died(_) | Change::Restarting { .. }) {
                     self.forget_switches(leaf, out);
+                    self.forget_linking(leaf, out);
                 }
                 self.happened(target, change, out);
             }
             Note::Moved(facts) => self.rejoin(facts, out),
             Note::Rejoined => self.resume(leaf, out),
+            Note::Linked(made) => self.linked(leaf, made, out),
+            Note::Replaced => self.replaced(leaf, out),
+            Note::Healthy => self.healthy(leaf, out),
+            Note::Unhealthy(why) => self.unhealthy(leaf, &why, out),
             Note::Gone => self.report_released(out),
         }
     }
@@ -468,6 +480,10 @@ impl Participant {
     fn since_go(&self, now: Time) -> Duration {
         self.go_at.map_or(Duration::ZERO, |at| now - at)
     }
+}
+
+fn spawn_order(process: ProcessId, command: Vec<String>, leaf: &Leaf) -> SpawnOrder {
+    SpawnOrder { process, path: leaf.path.clone(), command, kind: leaf.kind, policy: leaf.policy.clone() }
 }
 
 /// For each process, the group and slot that supervise it.

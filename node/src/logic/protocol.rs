@@ -4,19 +4,23 @@
 //! and the envelope of `comms` carries the version.
 
 mod absent;
+mod change;
 mod failure;
 mod parameters;
 mod presence;
+mod report;
 mod status;
 
 use crate::logic::database::question::{Question, Reply};
 pub use absent::{Absent, AbsentHost, AbsentProcess, OpenEnd, OpenHost, Why};
+pub use change::{ChangeOrder, ChangeReply, ChangeRequest, Revision};
 use comms::logic::codec::{Enveloped, Kind};
-use comms::logic::control::{Dial, Location};
+use comms::logic::control::Location;
 pub use failure::{Failure, FailureCause, ProgramEnd, signal_name};
 use language::plan::{MemberKind, Plan};
 pub use parameters::{InstanceParameters, ParameterStatus};
 pub use presence::{Ping, Pong};
+pub use report::{Change, Report};
 use serde::{Deserialize, Serialize};
 pub use status::{DeploymentStatus, LeafStatus, NodeStatus, ProcessStatus, leaves};
 use std::fmt;
@@ -135,6 +139,8 @@ pub enum ToCoordinator {
     },
     /// Everything was done to end it here, and something may be left.
     Unconfirmed,
+    /// To a step of a change while it runs.
+    Change(ChangeReply),
 }
 
 /// From the home of a deployment, or a supervisor of it, to a host that takes part.
@@ -217,6 +223,8 @@ pub enum ToParticipant {
         /// The host.
         host: String,
     },
+    /// A step of a change while it runs.
+    Change(ChangeOrder),
 }
 
 impl Deployment {
@@ -264,47 +272,6 @@ pub enum Ending {
     Stopped,
     /// Nobody can say.
     Unconfirmed,
-}
-
-/// A change of one process that a person may want to see.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Change {
-    /// It was activated.
-    Activated,
-    /// It was asked to stop.
-    Stopping,
-    /// It ended.
-    Ended(Ending),
-    /// Its program died while it was not running.
-    Died(FailureCause),
-    /// A program is up.
-    Started {
-        /// Its process id on its host.
-        pid: u32,
-    },
-    /// Its program died and is started again.
-    Restarting {
-        /// Of what.
-        cause: FailureCause,
-        /// How often it was started again of late, this time included.
-        count: u32,
-    },
-    /// A program that was started again goes on with the activation that the last one had.
-    Resumed,
-    /// It was to be activated, and waits: a host that is lost may still use what it takes.
-    Held {
-        /// What it takes.
-        resource: String,
-        /// The host.
-        host: String,
-    },
-    /// A parameter of it was changed while it was up.
-    Configured {
-        /// The parameter.
-        parameter: String,
-        /// What it is now, as a spec spells it; without it what the spec says counts again.
-        value: Option<String>,
-    },
 }
 
 /// From the command line to a node.
@@ -373,6 +340,13 @@ pub enum Request {
         /// The deployment, which has a part on the node.
         deployment: Deployment,
     },
+    /// Answered by [`Answer::Revision`], or refused if no such deployment has its home here.
+    Revision {
+        /// The name of the deployment.
+        name: String,
+    },
+    /// Answered by a stream of [`Report`] about this change alone: the last is [`Report::Changed`] or [`Report::Unchanged`].
+    Change(Box<ChangeRequest>),
 }
 
 /// An element of the answer to a [`Request`].
@@ -405,6 +379,8 @@ pub enum Answer {
     Absent(Absent),
     /// To `Plan`.
     Plan(Box<Plan>),
+    /// To `Revision`.
+    Revision(Box<Revision>),
 }
 
 impl Enveloped for Request {
@@ -415,66 +391,6 @@ impl Enveloped for Request {
 impl Enveloped for Answer {
     const KIND: Kind = Kind::Answer;
     const VERSION: u16 = VERSION;
-}
-
-/// What a deployment is doing, as told to the one who asked for it.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub enum Report {
-    /// The home node took it on.
-    Accepted {
-        /// Under this name and epoch.
-        deployment: Deployment,
-    },
-    /// A host has every program up.
-    Prepared {
-        /// The host.
-        host: String,
-        /// How many programs.
-        leaves: u32,
-    },
-    /// A host has every link made.
-    Connected {
-        /// The host.
-        host: String,
-    },
-    /// The whole tree is confirmed and running.
-    Go {
-        /// How long PREPARE to GO took.
-        #[serde(with = "comms::logic::human::seconds")]
-        took: Duration,
-        /// Programs that publish signals: instance path, where to dial.
-        signals: Vec<(String, Dial)>,
-    },
-    /// A process changed.
-    Process {
-        /// Absolute path.
-        path: String,
-        /// What happened.
-        change: Change,
-        /// Time since GO at the home node.
-        #[serde(with = "comms::logic::human::seconds")]
-        at: Duration,
-    },
-    /// Nothing was started, or everything was taken back.
-    Refused {
-        /// Sentences for a person.
-        reasons: Vec<String>,
-    },
-    /// Over; nothing of it is left on any host that could be reached.
-    Finished {
-        /// How `main` ended.
-        ending: Ending,
-        /// Time since GO.
-        #[serde(with = "comms::logic::human::seconds")]
-        at: Duration,
-        /// Hosts that could not confirm.
-        unconfirmed: Vec<String>,
-    },
-    /// After GO: where the programs are that others hear, for those who record what goes over their ports.
-    Programs {
-        /// Instance path, where to dial.
-        at: Vec<(String, Dial)>,
-    },
 }
 
 /// The answer to [`Request::Stop`].

@@ -19,7 +19,7 @@ pub struct Registrations {
     pub machines: Vec<String>,
 }
 
-/// Returns the order that tells `leaf` every link it takes part in.
+/// Returns the order that tells `leaf` every link it takes part in, over the wires that are `live`.
 ///
 /// # Errors
 /// Sentences for a person: a producer without a data session or out of reach, a device that nobody or several own.
@@ -27,10 +27,10 @@ pub fn links(
     plan: &Plan,
     deployment: &Deployment,
     registrations: &Registrations,
-    leaf: u32,
+    (leaf, live): (u32, &BTreeSet<u32>),
 ) -> Result<Order, Vec<String>> {
     let (mut incoming, mut outgoing, mut devices, mut problems) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-    for (number, wire) in (0_u32..).zip(&plan.wires) {
+    for (number, wire) in (0_u32..).zip(&plan.wires).filter(|(number, _)| live.contains(number)) {
         let pull = wire.transfer == Transfer::Pull;
         let key = || key::wire(&deployment.name, deployment.epoch, number);
         if wire.from.leaf == leaf {

@@ -10,7 +10,7 @@ use node::logic::effect::{Effect, ProcessId, SpawnOrder};
 use node::logic::nameserver::Change;
 use node::logic::node_state::NodeState;
 use node::logic::programs::Programs;
-use node::logic::protocol::{Answer, Deployment, Ending, Pong, Report, Request};
+use node::logic::protocol::{Answer, ChangeRequest, Deployment, Ending, Pong, Report, Request};
 use shim::protocol::{ShimOrder, ShimReport};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
@@ -23,6 +23,7 @@ module Stubborn(host) { done; stop within 100 ms; }
 module Arm(host) { done; claims arm; }
 module Eye(host) { done; claims arm(read); }
 module Owner(host) { done; }
+module Tuned(host, way: Text = good) { in In: Number; in Other: Number; out Out: Number; service; }
 module Script(host) { exec \"sh Script\"; plain; done; }
 ";
 
@@ -52,6 +53,8 @@ pub(super) struct World {
     pub(super) counter: u64,
     pub(super) running: BTreeMap<(String, ProcessId), u32>,
     pub(super) modules: BTreeMap<ProcessId, String>,
+    /// What each program was started with last.
+    pub(super) commands: BTreeMap<ProcessId, Vec<String>>,
     pub(super) alive: BTreeSet<(String, ProcessId)>,
     /// How often each program was started.
     pub(super) lives: BTreeMap<ProcessId, u32>,
@@ -68,11 +71,15 @@ pub(super) struct World {
     pub(super) changes: Vec<(String, Change)>,
     /// One frame in so many is lost, if any.
     pub(super) loses_one_in: Option<u64>,
+    /// By chance one frame in so many is lost, if any.
+    pub(super) loses_by_chance: Option<(Draw, u64)>,
     transmitted: u64,
     /// The deployments that were asked for.
     pub(super) calls: Vec<u64>,
     pub(super) answers: BTreeMap<u64, Vec<Answer>>,
     pub(super) wires_open: BTreeSet<u32>,
+    /// The program that opened each wire last.
+    openers: BTreeMap<u32, ProcessId>,
     pub(super) log: Vec<String>,
     pub(super) plan: Option<Plan>,
     /// Whether shims fail to end their programs.
@@ -104,8 +111,10 @@ impl World {
             let identity =
                 Identity { host: (*host).into(), boot, pid: 1, machine: (*host).into(), epoch: 0, open: vec![] };
             let mut programs = Programs::default();
-            programs
-                .offer("controllers", ["Step", "Long", "Sensor", "Stubborn", "Arm", "Eye", "Owner"].map(str::to_owned));
+            programs.offer(
+                "controllers",
+                ["Step", "Long", "Sensor", "Stubborn", "Arm", "Eye", "Owner", "Tuned"].map(str::to_owned),
+            );
             let agent = Agent::new(identity, programs, Time::ZERO);
             world.agents.insert((*host).into(), NodeState::new(agent, Time::ZERO));
             world.boots.insert((*host).into(), boot);
@@ -146,6 +155,16 @@ impl World {
         let (call, request) = (self.counter, Box::new(request));
         self.at(0, host, Coming::Input(Input::Call { call, request }));
         call
+    }
+
+    /// Asks for a change of the deployment `test`, which is at this epoch and revision.
+    pub(super) fn change(&mut self, home: &str, text: &str, (epoch, revision): (u64, u32), again: &[&str]) -> u64 {
+        let compiled =
+            compile(&Source::new("test.dca", text), &[Source::new("modules", MODULES)], &Options::named("test"));
+        let plan = compiled.plan.unwrap_or_else(|| panic!("{:#?}", compiled.diagnostics));
+        let (name, by, again) = ("test".into(), "ann".into(), again.iter().map(|path| (*path).to_owned()).collect());
+        let probation = Duration::from_secs(2);
+        self.ask(home, Request::Change(Box::new(ChangeRequest { name, epoch, revision, plan, again, probation, by })))
     }
 
     pub(super) fn stop(&mut self, home: &str) -> u64 {
@@ -243,14 +262,20 @@ impl World {
         self.die(host, &process, ShimReport::Signalled { signal: 9 });
     }
 
+    /// Ends a program, unless it is between two lives.
+    pub(super) fn kill_if_alive(&mut self, host: &str, leaf: u32) {
+        if self.alive.iter().any(|(on, process)| on == host && process.leaf == leaf) {
+            self.kill(host, leaf);
+        }
+    }
+
     fn die(&mut self, host: &str, process: &ProcessId, how: ShimReport) {
-        self.alive.remove(&(host.to_owned(), process.clone()));
+        if !self.alive.remove(&(host.to_owned(), process.clone())) {
+            return;
+        }
         self.running.remove(&(host.to_owned(), process.clone()));
         // The wires of a program die with it: a new one has them closed.
-        let wires = self.plan.iter().flat_map(|plan| &plan.wires);
-        let own = (0_u32..).zip(wires).filter(|(_, wire)| wire.from.leaf == process.leaf);
-        let own: Vec<u32> = own.map(|(number, _)| number).collect();
-        self.wires_open.retain(|wire| !own.contains(wire));
+        self.wires_open.retain(|wire| self.openers.get(wire) != Some(process));
         self.report(host, process, how);
         self.report(host, process, ShimReport::Gone);
     }
@@ -259,7 +284,9 @@ impl World {
         match effect {
             Effect::Transmit { to, frame } => {
                 self.transmitted += 1;
-                let is_lost = self.loses_one_in.is_some_and(|frames| self.transmitted.is_multiple_of(frames));
+                let is_unlucky = self.loses_by_chance.as_mut().is_some_and(|(draw, frames)| draw.below(*frames) == 0);
+                let is_lost =
+                    is_unlucky || self.loses_one_in.is_some_and(|frames| self.transmitted.is_multiple_of(frames));
                 if !is_lost && !self.cut.contains(host) && !self.cut.contains(&to) {
                     self.at(1, &to, Coming::Input(Input::Frame(frame)));
                 }
@@ -328,6 +355,9 @@ impl World {
     }
 
     fn order(&mut self, host: &str, process: &ProcessId, order: Order) {
+        if !self.alive.contains(&(host.to_owned(), process.clone())) {
+            return;
+        }
         let module = self.modules[process].clone();
         match order {
             Order::Connect { incoming, .. } => {
@@ -341,6 +371,7 @@ impl World {
                 sessions.insert(found.session);
             }
             Order::Open { wires, generation } => {
+                self.openers.extend(wires.iter().map(|wire| (*wire, process.clone())));
                 self.wires_open.extend(wires);
                 self.notice(2, host, process, Notice::Switched { generation });
             }
@@ -371,6 +402,7 @@ impl World {
         self.took.insert(process.clone(), (0, 0));
         self.spawned.entry(order.path.clone()).or_default().push(order.policy);
         self.modules.insert(process.clone(), order.command[1].clone());
+        self.commands.insert(process.clone(), order.command.clone());
         if order.kind == LeafKind::Plain {
             return self.report(host, &process, ShimReport::Ready);
         }
@@ -399,6 +431,14 @@ impl World {
         let module = self.modules[process].clone();
         self.log.push(format!("{module} with wires {:?}", self.wires_open));
         self.running.insert((host.into(), process.clone()), activation);
+        match self.commands[process].get(2).map(String::as_str) {
+            Some("dies") => return self.die(host, process, ShimReport::Exited { code: 3 }),
+            Some("aborts") => {
+                let reason = "it is not well".to_owned();
+                return self.notice(20, host, process, Notice::Aborted { activation, reason });
+            }
+            _ => {}
+        }
         let lasts = match module.as_str() {
             "Step" | "Script" | "Arm" | "Eye" | "Owner" => 50,
             "Long" => 10_000,

@@ -67,6 +67,8 @@ impl Trace {
             | Report::Go { .. }
             | Report::Process { .. }
             | Report::Programs { .. }
+            | Report::Changed { .. }
+            | Report::Unchanged { .. }
             | Report::Refused { .. } => None,
         });
         finished.expect("the record of a run that is over has its end")
@@ -81,6 +83,8 @@ impl Trace {
             | Report::Connected { .. }
             | Report::Go { .. }
             | Report::Programs { .. }
+            | Report::Changed { .. }
+            | Report::Unchanged { .. }
             | Report::Refused { .. }
             | Report::Finished { .. } => None,
         });

@@ -48,7 +48,9 @@ impl Late {
             | Change::Restarting { .. }
             | Change::Resumed
             | Change::Held { .. }
-            | Change::Configured { .. } => {}
+            | Change::Configured { .. }
+            | Change::Replacing
+            | Change::Reverting { .. } => {}
         }
     }
 

@@ -101,7 +101,9 @@ impl Phase {
             | Change::Restarting { .. }
             | Change::Resumed
             | Change::Held { .. }
-            | Change::Configured { .. } => {}
+            | Change::Configured { .. }
+            | Change::Replacing
+            | Change::Reverting { .. } => {}
         }
     }
 }
@@ -160,7 +162,9 @@ impl Phases {
             | Change::Restarting { .. }
             | Change::Resumed
             | Change::Held { .. }
-            | Change::Configured { .. } => self.phases.iter_mut().rev().take(3).find(is_of),
+            | Change::Configured { .. }
+            | Change::Replacing
+            | Change::Reverting { .. } => self.phases.iter_mut().rev().take(3).find(is_of),
         };
         if let Some(phase) = phase {
             phase.change(member, &name, change, at);

@@ -30,7 +30,7 @@ struct Lane<'a> {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum State {
-    Absences,
+    Absent,
     Idle,
     Running,
     Stopping,
@@ -112,7 +112,7 @@ fn lane_picture(lane: &Lane<'_>, top: f64, now: Duration, axis: &TimeAxis) -> St
         escape(&name),
         y = top + LANE
     );
-    let (mut state, mut since) = (if lane.leaf { State::Idle } else { State::Absences }, Duration::ZERO);
+    let (mut state, mut since) = (if lane.leaf { State::Idle } else { State::Absent }, Duration::ZERO);
     let mut marks = String::new();
     for (at, change) in &lane.changes {
         text.push_str(&span(lane, (state, since, *at), top, axis));
@@ -128,17 +128,17 @@ fn after(state: State, change: &Change, leaf: bool) -> State {
     match change {
         Change::Activated | Change::Resumed => State::Running,
         Change::Stopping => State::Stopping,
-        Change::Restarting { .. } => State::Absences,
+        Change::Restarting { .. } | Change::Replacing | Change::Reverting { .. } => State::Absent,
         Change::Ended(_) if leaf => State::Idle,
-        Change::Ended(_) | Change::Died(_) => State::Absences,
-        Change::Started { .. } if state == State::Absences => State::Idle,
+        Change::Ended(_) | Change::Died(_) => State::Absent,
+        Change::Started { .. } if state == State::Absent => State::Idle,
         Change::Started { .. } | Change::Held { .. } | Change::Configured { .. } => state,
     }
 }
 
 fn span(lane: &Lane<'_>, (state, begin, end): (State, Duration, Duration), top: f64, axis: &TimeAxis) -> String {
     let (class, inset) = match state {
-        State::Absences => return String::new(),
+        State::Absent => return String::new(),
         State::Idle => ("idle", 8.0),
         State::Running => ("running", 3.0),
         State::Stopping => ("stopping", 3.0),
@@ -162,7 +162,8 @@ fn mark(lane: &Lane<'_>, at: Duration, change: &Change, top: f64, axis: &TimeAxi
     let (class, sign) = match change {
         Change::Ended(Ending::Done(_)) => ("good", "●"),
         Change::Ended(Ending::Aborted(_) | Ending::Unconfirmed) | Change::Died(_) => ("bad", "✕"),
-        Change::Restarting { .. } => ("bad", "↻"),
+        Change::Restarting { .. } | Change::Reverting { .. } => ("bad", "↻"),
+        Change::Replacing => ("good", "↻"),
         Change::Held { .. } => ("bad", "…"),
         Change::Configured { .. } => ("good", "◆"),
         Change::Ended(Ending::Stopped)

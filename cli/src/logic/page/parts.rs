@@ -128,6 +128,8 @@ pub(super) fn details(run: &Run) -> String {
             | Report::Go { .. }
             | Report::Refused { .. }
             | Report::Programs { .. }
+            | Report::Changed { .. }
+            | Report::Unchanged { .. }
             | Report::Finished { .. } => ("", report_text(report)),
         };
         events.push(format!(

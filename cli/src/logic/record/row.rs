@@ -132,6 +132,8 @@ impl Rows {
             | Report::Prepared { .. }
             | Report::Connected { .. }
             | Report::Programs { .. }
+            | Report::Changed { .. }
+            | Report::Unchanged { .. }
             | Report::Refused { .. } => self.now,
         };
         let at = self.since_1970(since_go, arrived);
@@ -143,7 +145,9 @@ impl Rows {
             | Report::Go { .. }
             | Report::Refused { .. }
             | Report::Finished { .. }
-            | Report::Programs { .. } => ("", ""),
+            | Report::Programs { .. }
+            | Report::Changed { .. }
+            | Report::Unchanged { .. } => ("", ""),
         };
         let event = Event {
             since_go: since_go.as_secs_f64(),
@@ -263,6 +267,8 @@ fn kind(report: &Report) -> &'static str {
         Report::Programs { .. } => "programs",
         Report::Refused { .. } => "refused",
         Report::Finished { .. } => "finished",
+        Report::Changed { .. } => "changed",
+        Report::Unchanged { .. } => "unchanged",
         Report::Process { change, .. } => match change {
             Change::Activated => "activated",
             Change::Stopping => "stopping",
@@ -273,6 +279,8 @@ fn kind(report: &Report) -> &'static str {
             Change::Resumed => "resumed",
             Change::Held { .. } => "held",
             Change::Configured { .. } => "configured",
+            Change::Replacing => "replacing",
+            Change::Reverting { .. } => "reverting",
         },
     }
 }
@@ -282,7 +290,10 @@ fn output(report: &Report) -> &[String] {
     match report {
         Report::Process { change: Change::Ended(Ending::Aborted(failure)), .. }
         | Report::Finished { ending: Ending::Aborted(failure), .. } => failure.cause.output(),
-        Report::Process { change: Change::Died(cause) | Change::Restarting { cause, .. }, .. } => cause.output(),
+        Report::Process {
+            change: Change::Died(cause) | Change::Restarting { cause, .. } | Change::Reverting { cause },
+            ..
+        } => cause.output(),
         Report::Process { .. }
         | Report::Finished { .. }
         | Report::Accepted { .. }
@@ -290,7 +301,9 @@ fn output(report: &Report) -> &[String] {
         | Report::Connected { .. }
         | Report::Go { .. }
         | Report::Refused { .. }
-        | Report::Programs { .. } => &[],
+        | Report::Programs { .. }
+        | Report::Changed { .. }
+        | Report::Unchanged { .. } => &[],
     }
 }
 

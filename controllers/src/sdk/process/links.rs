@@ -10,7 +10,8 @@ use comms::logic::control::{Device, Dial, Incoming, Outgoing, Shape};
 use comms::logic::human::span;
 use comms::logic::key::{self, Channel};
 use comms::logic::time::Time;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
@@ -57,17 +58,29 @@ pub(super) struct Fetch {
 
 #[derive(Debug, Default)]
 struct Made {
+    /// By the number of the wire, as are the fetches and the subscriptions of inputs.
     wires: BTreeMap<u32, Wire>,
-    devices: Vec<(&'static str, Publisher)>,
+    fetches: BTreeMap<u32, Arc<Fetch>>,
+    inputs: BTreeMap<u32, Subscription>,
+    devices: Devices,
+}
+
+/// What a program has from its first links on.
+#[derive(Debug, Default)]
+struct Devices {
+    outputs: Vec<(&'static str, Publisher)>,
+    inputs: Vec<Subscription>,
     signals: Option<Publisher>,
-    fetches: Vec<Arc<Fetch>>,
-    subscriptions: Vec<Subscription>,
 }
 
 /// Every link of the program. Flags are flipped by the listener while the cycle sends.
 #[derive(Debug, Default)]
 pub(super) struct Links {
     made: Mutex<Made>,
+    /// Whether links were made once.
+    are_made: AtomicBool,
+    /// Held while links are added to others.
+    turn: Mutex<()>,
     told: Mutex<PendingConfig>,
 }
 
@@ -108,53 +121,66 @@ impl Links {
         self.told().shapes.get(&wire).copied().unwrap_or(Shape { wire, ..Shape::default() })
     }
 
-    /// Makes every link; the wires stay closed.
+    /// Returns whether links were made before.
+    pub(super) fn are_made(&self) -> bool {
+        self.are_made.load(Ordering::Acquire)
+    }
+
+    /// Waits until nobody else adds links.
+    pub(super) fn turn(&self) -> MutexGuard<'_, ()> {
+        self.turn.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Makes every link; the wires stay closed. What is linked already stays as it is, open or closed, unless it is not in
+    /// these orders any more. If something cannot be made, nothing changes.
     pub(super) fn make(
         &self,
         session: &Arc<DataSession>,
         interface: &Interface,
-        wanted: LinkOrders,
+        orders: LinkOrders,
         inbox: &Arc<Inbox>,
     ) -> Result<(), String> {
+        let is_first = !self.are_made();
+        let budget = if is_first && self.told().rejoins {
+            DialBudget::Until(now() + REJOIN_WITHIN)
+        } else {
+            DialBudget::Each(DIAL_WITHIN)
+        };
         let mut made = Made::default();
-        let patience =
-            if self.told().rejoins { DialBudget::Until(now() + REJOIN_WITHIN) } else { DialBudget::Each(DIAL_WITHIN) };
-        for outgoing in &wanted.outgoing {
+        for outgoing in orders.outgoing.iter().filter(|outgoing| !self.lock().wires.contains_key(&outgoing.wire)) {
             let shape = self.shape_of(outgoing.wire);
             made.wires.insert(outgoing.wire, wire(session, interface, outgoing, shape)?);
         }
-        for port in interface.ports.iter().filter(|port| port.binding != Binding::Wire) {
-            made.device_port(session, &wanted.robot, port, inbox)?;
+        if is_first {
+            made.devices = Devices::make(session, interface, &orders, inbox)?;
         }
-        if interface.about.signals_every.is_some() {
-            let key = key::signals(&wanted.robot, &wanted.instance);
-            made.signals = Some(session.publisher(&key, Priority::Background).map_err(|error| error.to_string())?);
-        }
-        let dial = |to: &Dial| patience.dial(session, to).map_err(|error| error.to_string());
-        for device in &wanted.devices {
+        let dial = |to: &Dial| budget.dial(session, to).map_err(|error| error.to_string());
+        for device in orders.devices.iter().filter(|_| is_first) {
             dial(&device.owner).map_err(|why| format!("device `{}`: {why}", device.device))?;
         }
-        for incoming in wanted.incoming {
+        for incoming in orders.incoming.iter().filter(|incoming| !self.lock().hears(incoming.wire)) {
             dial(&incoming.producer).map_err(|why| format!("input `{}`: {why}", incoming.port))?;
-            let port = port(interface, &incoming.port, Direction::In)?.name;
+            let (number, port) = (incoming.wire, port(interface, &incoming.port, Direction::In)?.name);
             if incoming.pull {
-                made.fetches.push(Arc::new(Fetch { port, key: incoming.key, session: Arc::clone(session) }));
+                let (key, session) = (incoming.key.clone(), Arc::clone(session));
+                made.fetches.insert(number, Arc::new(Fetch { port, key, session }));
             } else {
-                let hold = Hold::of(&self.shape_of(incoming.wire));
-                made.hear(session, &incoming.key, (port, hold), inbox)?;
+                let hold = Hold::of(&self.shape_of(number));
+                made.inputs.insert(number, subscribe(session, &incoming.key, (port, hold), inbox)?);
             }
         }
         // Consumers have their inputs before anybody sends: a value that is sent once must not find nobody there.
         for wire in made.wires.values() {
             if let Transport::Push(publisher) = &wire.way
-                && !publisher.wait_heard(patience.left())
-                && matches!(patience, DialBudget::Each(_))
+                && !publisher.wait_heard(budget.left())
+                && matches!(budget, DialBudget::Each(_))
             {
                 let within = span(DIAL_WITHIN);
                 return Err(format!("output `{}`: its consumer has not come within {within}", wire.port));
             }
         }
-        *self.lock() = made;
+        self.lock().take(made, &orders, is_first);
+        self.are_made.store(true, Ordering::Release);
         Ok(())
     }
 
@@ -185,7 +211,7 @@ impl Links {
             }
         }
         let payload = Payload::from(bytes);
-        for (_, device) in made.devices.iter().filter(|(name, _)| *name == port) {
+        for (_, device) in made.devices.outputs.iter().filter(|(name, _)| *name == port) {
             put(device, payload.clone());
         }
         for wire in passing.iter().filter_map(|number| made.wires.get(number)) {
@@ -198,14 +224,14 @@ impl Links {
     /// Publishes signals, or what they do not show.
     pub(super) fn show(&self, signals: &impl Enveloped) {
         let made = self.lock();
-        if let (Some(publisher), Ok(bytes)) = (&made.signals, codec::encode(signals)) {
+        if let (Some(publisher), Ok(bytes)) = (&made.devices.signals, codec::encode(signals)) {
             put(publisher, bytes.into());
         }
     }
 
     /// Returns the inputs that have to be fetched before each calculation.
     pub(super) fn fetches(&self) -> Vec<Arc<Fetch>> {
-        self.lock().fetches.clone()
+        self.lock().fetches.values().cloned().collect()
     }
 
     /// Drops every link.
@@ -253,7 +279,48 @@ pub(super) fn fetch_all(fetches: &[Arc<Fetch>], within: Duration) -> Vec<(&'stat
 }
 
 impl Made {
-    fn device_port(
+    /// Returns whether an input has this wire.
+    fn hears(&self, wire: u32) -> bool {
+        self.fetches.contains_key(&wire) || self.inputs.contains_key(&wire)
+    }
+
+    /// Takes on new links, and drops those that the orders do not name.
+    fn take(&mut self, new: Self, orders: &LinkOrders, is_first: bool) {
+        let (outgoing, incoming): (BTreeSet<u32>, BTreeSet<u32>) = (
+            orders.outgoing.iter().map(|outgoing| outgoing.wire).collect(),
+            orders.incoming.iter().map(|incoming| incoming.wire).collect(),
+        );
+        self.wires.retain(|wire, _| outgoing.contains(wire));
+        self.fetches.retain(|wire, _| incoming.contains(wire));
+        self.inputs.retain(|wire, _| incoming.contains(wire));
+        self.wires.extend(new.wires);
+        self.fetches.extend(new.fetches);
+        self.inputs.extend(new.inputs);
+        if is_first {
+            self.devices = new.devices;
+        }
+    }
+}
+
+impl Devices {
+    fn make(
+        session: &DataSession,
+        interface: &Interface,
+        orders: &LinkOrders,
+        inbox: &Arc<Inbox>,
+    ) -> Result<Self, String> {
+        let mut devices = Self::default();
+        for port in interface.ports.iter().filter(|port| port.binding != Binding::Wire) {
+            devices.port(session, &orders.robot, port, inbox)?;
+        }
+        if interface.about.signals_every.is_some() {
+            let key = key::signals(&orders.robot, &orders.instance);
+            devices.signals = Some(session.publisher(&key, Priority::Background).map_err(|error| error.to_string())?);
+        }
+        Ok(devices)
+    }
+
+    fn port(
         &mut self,
         session: &DataSession,
         robot: &str,
@@ -264,27 +331,25 @@ impl Made {
         let channel = if device.channel == "state" { Channel::State } else { Channel::Command };
         let key = key::hardware(robot, device.name, channel);
         match port.direction {
-            Direction::In => self.hear(session, &key, (port.name, Hold::default()), inbox),
+            Direction::In => self.inputs.push(subscribe(session, &key, (port.name, Hold::default()), inbox)?),
             Direction::Out => {
                 let publisher = session.publisher(&key, Priority::Device).map_err(|error| error.to_string())?;
-                self.devices.push((port.name, publisher));
-                Ok(())
+                self.outputs.push((port.name, publisher));
             }
         }
-    }
-
-    fn hear(
-        &mut self,
-        session: &DataSession,
-        key: &str,
-        (port, hold): (&'static str, Hold),
-        inbox: &Arc<Inbox>,
-    ) -> Result<(), String> {
-        let inbox = Arc::clone(inbox);
-        let subscriptions = session.on_sample(key, move |bytes| inbox.sample(port, bytes.into_owned(), hold));
-        self.subscriptions.push(subscriptions.map_err(|error| error.to_string())?);
         Ok(())
     }
+}
+
+fn subscribe(
+    session: &DataSession,
+    key: &str,
+    (port, hold): (&'static str, Hold),
+    inbox: &Arc<Inbox>,
+) -> Result<Subscription, String> {
+    let inbox = Arc::clone(inbox);
+    let subscription = session.on_sample(key, move |bytes| inbox.sample(port, bytes.into_owned(), hold));
+    subscription.map_err(|error| error.to_string())
 }
 
 fn wire(session: &DataSession, interface: &Interface, outgoing: &Outgoing, shape: Shape) -> Result<Wire, String> {

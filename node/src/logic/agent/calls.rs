@@ -5,7 +5,7 @@ use crate::logic::coordinator::{Coordinator, tell_missed};
 use crate::logic::database::chronicle;
 use crate::logic::effect::{Effect, Out, ProcessId};
 use crate::logic::participant::Participant;
-use crate::logic::protocol::{Answer, Deployment, Report, Request, SEVERAL, StopReply};
+use crate::logic::protocol::{Answer, ChangeRequest, Deployment, Report, Request, SEVERAL, StopReply};
 use language::plan::Plan;
 use std::sync::Arc;
 use std::time::Duration;
@@ -48,6 +48,12 @@ impl Agent {
                     None => answer(call, Answer::Refused(format!("`{deployment}` is not known here")), out),
                 }
             }
+            Request::Revision { name } => {
+                let home = self.coordinators.iter().find(|(deployment, _)| deployment.name == name);
+                let revision = home.map(|(_, home)| Answer::Revision(Box::new(home.revision())));
+                answer(call, revision.unwrap_or_else(|| Answer::Refused(format!("`{name}` does not run here"))), out);
+            }
+            Request::Change(request) => return self.change(call, *request, out),
             Request::Logs { deployment, process, follow } => match self.find(deployment.as_deref(), &process) {
                 Ok(process) => return out.effects.push(Effect::Tail { call, process, follow }),
                 Err(why) => answer(call, Answer::Refused(why), out),
@@ -106,6 +112,19 @@ impl Agent {
         }
         self.awaiting_hosts.push(AwaitingHosts { until: out.now + GATHER_WITHIN, call, plan, by });
         self.begin_gathered(out);
+    }
+
+    fn change(&mut self, call: u64, request: ChangeRequest, out: &mut Out<'_>) {
+        let deployment = Deployment { name: request.name.clone(), epoch: request.epoch };
+        let obstacle = if self.leaving { Some("this node is leaving".to_owned()) } else { self.crash_loop(out.now) };
+        match (obstacle, self.coordinators.get_mut(&deployment)) {
+            (None, Some(home)) => home.change(call, request, out),
+            (obstacle, _) => {
+                let reasons = vec![obstacle.unwrap_or_else(|| format!("`{deployment}` does not run here"))];
+                answer(call, Answer::Report(Report::Unchanged { by: request.by, reasons }), out);
+                out.effects.push(Effect::EndAnswers { call });
+            }
+        }
     }
 
     fn is_deployed(&self, name: &str) -> bool {

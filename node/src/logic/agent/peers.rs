@@ -107,7 +107,8 @@ impl Agent {
             | ToCoordinator::Refused { .. }
             | ToCoordinator::Connected
             | ToCoordinator::MainEnded { .. }
-            | ToCoordinator::Happened { .. } => {}
+            | ToCoordinator::Happened { .. }
+            | ToCoordinator::Change(_) => {}
         }
     }
 

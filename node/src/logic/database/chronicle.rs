@@ -68,7 +68,9 @@ pub fn ended(home: &str, deployment: &Deployment, reports: &[Report]) -> Option<
         | Report::Connected { .. }
         | Report::Go { .. }
         | Report::Process { .. }
-        | Report::Programs { .. } => None,
+        | Report::Programs { .. }
+        | Report::Changed { .. }
+        | Report::Unchanged { .. } => None,
     })?;
     Some(commit(home, deployment, "ended", fields))
 }

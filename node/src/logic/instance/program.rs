@@ -32,6 +32,8 @@ impl Instance {
             Notice::ConnectFailed { reason } if matches!(self.stage, Stage::Connecting { .. }) => {
                 self.turn_away(&reason, context);
             }
+            Notice::Connected if self.is_linked() => context.notes.push(Note::Linked(Ok(()))),
+            Notice::ConnectFailed { reason } if self.is_linked() => context.notes.push(Note::Linked(Err(reason))),
             Notice::Switched { generation } => context.notes.push(Note::Switched(generation)),
             Notice::Done { activation, value } => {
                 let ending = if value.len() <= VALUE_MAX {
@@ -42,6 +44,7 @@ impl Instance {
                 };
                 self.ended(activation, ending, context);
             }
+            Notice::Aborted { reason, .. } if self.is_turned_away(&reason, context) => {}
             Notice::Aborted { activation, reason } => {
                 let failure = self.failure(FailureCause::Reported(reason), context);
                 self.ended(activation, Ending::Aborted(failure), context);
@@ -83,6 +86,10 @@ impl Instance {
         if self.deadline().is_none_or(|at| at > context.now) {
             return;
         }
+        self.tick_probation(context);
+        if self.deadline().is_none_or(|at| at > context.now) {
+            return;
+        }
         match self.stage {
             Stage::Starting { .. } => {
                 self.give_up(&format!("it did not report within {} s", START_WITHIN.as_secs()), context);
@@ -105,6 +112,7 @@ impl Instance {
                 }
                 self.finish(Ending::Unconfirmed, context);
             }
+            Stage::Replacing { forced, is_stopping, .. } => self.tick_replacing((forced, is_stopping), context),
             Stage::Leaving { forced: false, .. } => self.force_out(context),
             Stage::Leaving { forced: true, .. } => {
                 self.cause = Some(FailureCause::StopUnconfirmed);
@@ -166,7 +174,7 @@ impl Instance {
                 self.finish(Ending::Stopped, context);
                 if !self.is_controller() {
                     self.hold_ready(context);
-                } else if self.restarts.are_allowed() {
+                } else if self.restarts.are_allowed() || self.probation.is_some() {
                     self.died(cause, context);
                 } else {
                     self.cause = Some(cause);
@@ -179,6 +187,7 @@ impl Instance {
             | Stage::Connecting { .. }
             | Stage::Waiting { .. }
             | Stage::Removing { .. } => self.died(cause, context),
+            Stage::Replacing { is_stopping, .. } => self.replaced(is_stopping, context),
             Stage::Leaving { .. } => self.left(context),
             Stage::Refused | Stage::Dead => {}
         }
@@ -192,6 +201,9 @@ impl Instance {
     /// Starts a program again that has ended although nobody wanted that, or gives it up.
     fn died(&mut self, cause: FailureCause, context: &mut InstanceContext<'_>) {
         let output = std::mem::take(&mut self.output);
+        if self.probation.is_some() && self.put_back(&cause.clone().of_program(0, output.clone()), context) {
+            return;
+        }
         if let Some(until) = self.restarts.next(context.now) {
             (self.pid, self.cause) = (None, None);
             self.stage = Stage::Waiting { until };
@@ -222,8 +234,12 @@ impl Instance {
     /// program, not with its last words.
     fn ended(&mut self, activation: u32, ending: Ending, context: &mut InstanceContext<'_>) {
         let takes_word = matches!(self.stage, Stage::Running | Stage::Stopping { forced: false, .. });
-        if takes_word && self.current.as_ref().is_some_and(|current| current.number == activation) {
+        let is_current = self.current.as_ref().is_some_and(|current| current.number == activation);
+        if takes_word && is_current {
             self.stage = Stage::Idle;
+            self.finish(ending, context);
+        } else if matches!(self.stage, Stage::Replacing { .. }) && is_current && ending != Ending::Stopped {
+            // It had come to its end before it heard that another one takes its place.
             self.finish(ending, context);
         }
     }

@@ -43,7 +43,7 @@ impl Participant {
             self.registrations.facts.entry(facts.leaf).or_insert(facts);
         }
         for leaf in self.instances.keys().copied().collect::<Vec<_>>() {
-            match links(&self.plan, &self.deployment, &self.registrations, leaf) {
+            match links(&self.plan, &self.deployment, &self.registrations, (leaf, &self.live)) {
                 Ok(order) => {
                     let plain = self.plan.leaves.get(leaf as usize).is_some_and(|leaf| leaf.kind == LeafKind::Plain);
                     if !plain {
@@ -72,7 +72,7 @@ impl Participant {
             out.send(host, self.deployment.to_participant(ToParticipant::Moved { facts: facts.clone() }));
         }
         self.moved(facts, out);
-        let made = links(&self.plan, &self.deployment, &self.registrations, leaf);
+        let made = links(&self.plan, &self.deployment, &self.registrations, (leaf, &self.live));
         let orders = made.map(|order| shapes(&self.plan, leaf).into_iter().chain([order]));
         self.with_instance(leaf, out, |instance, moment| match orders {
             Ok(orders) => instance.connect(orders, moment),

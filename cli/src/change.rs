@@ -1,0 +1,224 @@
+//! A deployment that changes while it runs: `dca plan` says what a spec would change, `dca deploy` changes it, and `dca replace`
+//! starts programs anew from the files as they are now.
+
+use crate::client::{ANSWER_WITHIN, Client, Clients, unasked};
+use crate::follow::{Spec, whoami};
+use crate::stop::{Located, locate};
+use crate::{ConnectArgs, Controllers, check, stored};
+use anyhow::anyhow;
+use language::plan::{Plan, PlanChange, difference};
+use node::console::{self, Failure, block_on};
+use node::logic::protocol::{Answer, ChangeRequest, Report, Request, Revision};
+use node::logic::table::counted;
+use serde_json::json;
+use std::path::PathBuf;
+use std::time::Duration;
+
+/// What `dca plan` is told.
+#[derive(Debug, clap::Args)]
+pub struct PlanArguments {
+    /// The spec
+    file: PathBuf,
+    /// Print it as JSON
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    connect: ConnectArgs,
+    #[command(flatten)]
+    controllers: Controllers,
+}
+
+/// What `dca replace` is told.
+#[derive(Debug, clap::Args)]
+pub struct ReplaceArguments {
+    /// The deployment
+    name: String,
+    /// Processes whose programs are started anew: absolute paths, or the end of one
+    #[arg(required = true)]
+    processes: Vec<String>,
+    #[command(flatten)]
+    probation: Probation,
+    #[command(flatten)]
+    connect: ConnectArgs,
+}
+
+/// How long a new program is watched.
+#[derive(Clone, Copy, Debug, clap::Args)]
+pub struct Probation {
+    /// How many seconds a new program must stay healthy; else the one before is put back
+    #[arg(long = "probation", value_name = "SECONDS", default_value_t = 5.0, value_parser = seconds)]
+    seconds: f64,
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    let seconds: f64 = text.parse().map_err(|_not_a_number| "this is no number of seconds".to_owned())?;
+    if (0.0..=600.0).contains(&seconds) { Ok(seconds) } else { Err("it is from 0 to 600 seconds".to_owned()) }
+}
+
+impl Probation {
+    fn span(self) -> Duration {
+        Duration::from_secs_f64(self.seconds)
+    }
+}
+
+/// Runs `dca plan`.
+pub(crate) fn plan(arguments: &PlanArguments) -> Result<(), Failure> {
+    let spec = check::load(&arguments.file, &arguments.controllers, false)?;
+    block_on(async {
+        let client = Client::open(&arguments.connect).await?;
+        let running = running(&client, &spec.plan).await;
+        client.close().await;
+        tell_plan(&spec.plan, running?.as_ref(), arguments.json)
+    })
+}
+
+/// Runs `dca replace`.
+pub(crate) fn replace(arguments: &ReplaceArguments) -> Result<(), Failure> {
+    block_on(async {
+        let clients = Clients::open(&arguments.connect).await?;
+        let replaced = replace_by(&clients, arguments).await;
+        clients.close().await;
+        replaced
+    })
+}
+
+async fn replace_by(clients: &Clients, arguments: &ReplaceArguments) -> Result<(), Failure> {
+    let Located { client, deployment, home } = locate(clients.statuses().await?, &arguments.name).await?;
+    let Some(revision) = revision(client, &home, &deployment.name).await? else {
+        return Err(anyhow!("`{}` does not run any more", deployment.name).into());
+    };
+    let meant = arguments.processes.iter().map(|process| meant(&revision.plan, process));
+    let again = meant.collect::<Result<Vec<String>, String>>().map_err(|why| anyhow!(why))?;
+    let plan = revision.plan.clone();
+    change(client, &home, (revision, plan, again), arguments.probation).await
+}
+
+/// Returns the path of the one program that is meant.
+fn meant(plan: &Plan, process: &str) -> Result<String, String> {
+    let end = format!("/{process}");
+    let paths = plan.leaves.iter().map(|leaf| &leaf.path);
+    let found: Vec<&String> = paths.filter(|path| *path == process || path.ends_with(&end)).collect();
+    match found[..] {
+        [one] => Ok(one.clone()),
+        [] => Err(format!("`{}` has no program `{process}`", plan.name)),
+        _ => Err(format!(
+            "{} of `{}` end in `{process}`; give more of the path",
+            counted(found.len(), "program"),
+            plan.name
+        )),
+    }
+}
+
+/// Changes what runs under the name of a spec to that spec. Returns whether something ran.
+pub(crate) async fn change_running(client: &Client, spec: &Spec, probation: Probation) -> Result<bool, Failure> {
+    let home = home(&spec.plan)?;
+    let Some(running) = revision(client, &home, &spec.plan.name).await? else { return Ok(false) };
+    let name = format!("{}@{}", spec.plan.name, running.epoch);
+    let found = difference(&running.plan, &spec.plan).map_err(|obstacles| {
+        anyhow!(
+            "`{name}` is already deployed, and cannot become this spec while it runs: {}; `dca stop {}` ends it",
+            obstacles.join("; "),
+            spec.plan.name
+        )
+    })?;
+    if found.changes.is_empty() {
+        console::say(&format!("`{name}` runs, and is what this spec says: nothing changes"));
+        return Ok(true);
+    }
+    stored::check(client, spec).await?;
+    found.changes.iter().for_each(|change| console::note(&change.to_string()));
+    change(client, &home, (running, spec.plan.clone(), Vec::new()), probation).await?;
+    Ok(true)
+}
+
+/// Returns what runs under the name of a plan, as the node of its home says.
+async fn running(client: &Client, plan: &Plan) -> Result<Option<Revision>, Failure> {
+    let home = home(plan)?;
+    if !client.finds(&home).await? {
+        return Err(Failure::Unreachable(anyhow!(
+            "no node answers for the host `{home}`, where `main` runs; start `dca-node --name {home} --lan` on it"
+        )));
+    }
+    revision(client, &home, &plan.name).await
+}
+
+fn home(plan: &Plan) -> Result<String, Failure> {
+    Ok(plan.home().ok_or_else(|| anyhow!("the plan names no host for `main`"))?.to_owned())
+}
+
+async fn revision(client: &Client, home: &str, name: &str) -> Result<Option<Revision>, Failure> {
+    let answer = client.ask(home, &Request::Revision { name: name.to_owned() }, ANSWER_WITHIN).await?;
+    if let Answer::Revision(revision) = answer {
+        return Ok(Some(*revision));
+    }
+    if matches!(answer, Answer::Refused(_)) { Ok(None) } else { Err(unasked(home, &answer)) }
+}
+
+/// Has the home make a change, and says what it has led to.
+async fn change(
+    client: &Client,
+    home: &str,
+    (running, plan, again): (Revision, Plan, Vec<String>),
+    probation: Probation,
+) -> Result<(), Failure> {
+    let (name, epoch, revision) = (plan.name.clone(), running.epoch, running.revision);
+    let (probation, by) = (probation.span(), whoami());
+    let request = ChangeRequest { name: name.clone(), epoch, revision, plan, again, probation, by };
+    let mut answers = client.ask_on(home, &Request::Change(Box::new(request)))?;
+    let answer = match answers.next().await {
+        Some(Ok(answer)) => answer,
+        Some(Err(Failure::Unreachable(why))) => return Err(Failure::Unreachable(unknown(&name, why))),
+        Some(Err(failure)) => return Err(failure),
+        None => return Err(Failure::Unreachable(unknown(&name, anyhow!("the node `{home}` said nothing more")))),
+    };
+    if let Answer::Report(Report::Unchanged { reasons, .. }) = answer {
+        return Err(anyhow!("`{name}@{epoch}` runs as before: {}", reasons.join("; ")).into());
+    }
+    let Answer::Report(Report::Changed { revision, changes, .. }) = answer else {
+        return Err(unasked(home, &answer));
+    };
+    console::say(&format!("`{name}@{epoch}` is changed ({}, revision {revision})", counted(changes.len(), "change")));
+    Ok(())
+}
+
+fn unknown(name: &str, why: anyhow::Error) -> anyhow::Error {
+    why.context(format!("whether `{name}` was changed is not known; `dca plan` shows what differs"))
+}
+
+fn tell_plan(wanted: &Plan, running: Option<&Revision>, is_json: bool) -> Result<(), Failure> {
+    let Some(Revision { epoch, revision, plan }) = running else {
+        let programs = counted(wanted.leaves.len(), "program");
+        if is_json {
+            console::say(
+                &json!({ "deployment": null, "start": wanted.leaves.len(), "hosts": wanted.hosts }).to_string(),
+            );
+        } else {
+            let hosts = wanted.hosts.join("`, `");
+            console::say(&format!("nothing runs as `{}`: {programs} would start on `{hosts}`", wanted.name));
+        }
+        return Ok(());
+    };
+    let name = format!("{}@{epoch}", wanted.name);
+    let found = difference(plan, wanted);
+    if is_json {
+        let lines = |changes: &[PlanChange]| changes.iter().map(ToString::to_string).collect::<Vec<_>>();
+        let (changes, obstacles) = match &found {
+            Ok(found) => (lines(&found.changes), Vec::new()),
+            Err(obstacles) => (Vec::new(), obstacles.clone()),
+        };
+        let told = json!({ "deployment": name, "revision": revision, "changes": changes, "obstacles": obstacles });
+        console::say(&told.to_string());
+        return if obstacles.is_empty() { Ok(()) } else { Err(refusal(&name, &[])) };
+    }
+    let found = found.map_err(|obstacles| refusal(&name, &obstacles))?;
+    let touched = found.changes.iter().filter(|change| matches!(change, PlanChange::Replace { .. })).count();
+    console::say(&format!("`{name}`, revision {revision}:"));
+    found.changes.iter().for_each(|change| console::say(&format!("  {change}")));
+    console::say(&format!("  keep       {}", counted(plan.leaves.len() - touched, "program")));
+    Ok(())
+}
+
+fn refusal(name: &str, obstacles: &[String]) -> Failure {
+    let why = if obstacles.is_empty() { String::new() } else { format!(": {}", obstacles.join("; ")) };
+    anyhow!("`{name}` cannot become this spec while it runs{why}").into()
+}

@@ -1,0 +1,296 @@
+//! A change of a deployment while it runs, at its home.
+//!
+//! ```text
+//! Examining ─all could─▶ Applying ─all programs are up─▶ Linking ─all links stand─▶ Probing ─all are healthy─▶ changed
+//!     └─ one could not ─▶ refused    └────── a failure, a lost host, too late ──────────────┘
+//!                                                         ▼
+//!                                       the same with the plan of before ─▶ taken back
+//! ```
+//! One change at a time, and each names the revision that it was made for: of two people the first one wins, and the other is
+//! told who that was.
+
+use super::{Coordinator, Phase};
+use crate::logic::effect::{Effect, Out};
+use crate::logic::protocol::{Answer, ChangeOrder, ChangeReply, ChangeRequest, Report, Revision, ToParticipant};
+use comms::logic::time::Time;
+use language::plan::{Plan, PlanChange, difference};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// How long hosts have to say whether they could take a plan on.
+const EXAMINE_WITHIN: Duration = Duration::from_secs(6);
+/// How long new programs have to be up, beyond the time that the programs before may take to stop.
+const APPLY_WITHIN: Duration = Duration::from_secs(60);
+/// How long new links have to stand.
+const LINK_WITHIN: Duration = Duration::from_secs(48);
+/// How much longer than their probation hosts have to say that all is well.
+const HEALTHY_WITHIN: Duration = Duration::from_secs(10);
+/// The longest probation.
+const PROBATION_MAX: Duration = Duration::from_secs(600);
+
+/// A change that is being made.
+#[derive(Debug, Serialize, Deserialize)]
+pub(super) struct Changing {
+    number: u32,
+    step: Step,
+    plan: Arc<Plan>,
+    before: Arc<Plan>,
+    again: Vec<u32>,
+    probation: Duration,
+    by: String,
+    call: u64,
+    deadline: Time,
+    waiting: BTreeSet<String>,
+    /// What is different, for people.
+    lines: Vec<String>,
+    /// Why it is taken back.
+    reasons: Vec<String>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+enum Step {
+    Examining,
+    Applying,
+    Linking,
+    Probing,
+}
+
+impl Changing {
+    /// Returns when the present step is too late.
+    pub(super) fn deadline(&self) -> Time {
+        self.deadline
+    }
+
+    /// Takes note that its node was gone: nobody could answer it meanwhile.
+    pub(super) fn adopted(&mut self, away: Duration) {
+        self.deadline = self.deadline + away;
+    }
+
+    fn is_undoing(&self) -> bool {
+        !self.reasons.is_empty()
+    }
+}
+
+impl Coordinator {
+    /// Returns what runs, for somebody who wants to change it.
+    pub fn revision(&self) -> Revision {
+        Revision { epoch: self.deployment.epoch, revision: self.revision.0, plan: (*self.plan).clone() }
+    }
+
+    /// Begins a change; `call` gets its outcome.
+    pub fn change(&mut self, call: u64, request: ChangeRequest, out: &mut Out<'_>) {
+        let by = request.by.clone();
+        match self.examine(call, request, out) {
+            Ok(change) => self.change = change,
+            Err(reasons) => answer(call, Report::Unchanged { by, reasons }, out),
+        }
+    }
+
+    fn examine(&self, call: u64, request: ChangeRequest, out: &mut Out<'_>) -> Result<Option<Changing>, Vec<String>> {
+        let ChangeRequest { name: _, epoch, revision, plan, again, probation, by } = request;
+        let name = &self.deployment.name;
+        if self.phase != Phase::Running || self.deployment.epoch != epoch {
+            return Err(vec![format!("`{name}@{epoch}` does not run")]);
+        }
+        if let Some(change) = &self.change {
+            return Err(vec![format!("{} is changing `{name}` at this context", change.by)]);
+        }
+        if self.revision.0 != revision {
+            return Err(vec![format!(
+                "{} has changed `{name}` meanwhile; `dca plan` shows what it is now",
+                self.revision.1
+            )]);
+        }
+        if let Some(lost) = self.lost.first() {
+            return Err(vec![format!("host `{lost}` is lost, so nothing can be changed on it")]);
+        }
+        if let Err(why) = plan.validate() {
+            return Err(vec![format!("the plan is not sound: {why}")]);
+        }
+        let found = difference(&self.plan, &plan)?;
+        let again = again.iter().map(|path| self.leaf(path)).collect::<Result<Vec<u32>, String>>();
+        let again = again.map_err(|why| vec![why])?;
+        let mut lines: Vec<String> = found.changes.iter().map(ToString::to_string).collect();
+        let is_named = |leaf: &u32| {
+            found
+                .changes
+                .iter()
+                .any(|change| matches!(change, PlanChange::Replace { leaf: other, .. } if other == leaf))
+        };
+        let paths = again.iter().filter(|leaf| !is_named(leaf)).filter_map(|leaf| self.plan.leaves.get(*leaf as usize));
+        lines.extend(paths.map(|leaf| format!("replace    {}: started anew", leaf.path)));
+        if lines.is_empty() {
+            let (revision, changes) = (self.revision.0, Vec::new());
+            answer(call, Report::Changed { revision, by, changes }, out);
+            return Ok(None);
+        }
+        let number = self.changes + 1;
+        for host in &self.hosts {
+            let order = ChangeOrder::Examine { number, plan: found.plan.clone() };
+            out.send(host, self.deployment.to_participant(ToParticipant::Change(order)));
+        }
+        Ok(Some(Changing {
+            number,
+            step: Step::Examining,
+            plan: Arc::new(found.plan),
+            before: Arc::clone(&self.plan),
+            again,
+            probation: probation.min(PROBATION_MAX),
+            by,
+            call,
+            deadline: out.now + EXAMINE_WITHIN,
+            waiting: self.hosts.iter().cloned().collect(),
+            lines,
+            reasons: Vec::new(),
+        }))
+    }
+
+    fn leaf(&self, path: &str) -> Result<u32, String> {
+        let found = (0_u32..).zip(&self.plan.leaves).find(|(_, leaf)| leaf.path == path);
+        found.map(|(number, _)| number).ok_or_else(|| format!("`{}` has no program `{path}`", self.deployment.name))
+    }
+
+    /// Takes the answer of a host.
+    pub(super) fn change_reply(&mut self, reply: ChangeReply, from: &str, out: &mut Out<'_>) {
+        let number = match &reply {
+            ChangeReply::Examined { number, .. }
+            | ChangeReply::Applied { number }
+            | ChangeReply::Linked { number }
+            | ChangeReply::Healthy { number }
+            | ChangeReply::Failed { number, .. } => *number,
+        };
+        let Some(change) = self.change.as_mut().filter(|change| change.number == number) else { return };
+        let expected = match (reply, change.step) {
+            (ChangeReply::Examined { reasons, .. }, Step::Examining) => {
+                change.reasons.extend(reasons);
+                true
+            }
+            (ChangeReply::Failed { reason, .. }, _) => return self.take_back(reason, out),
+            (ChangeReply::Applied { .. }, step) => step == Step::Applying,
+            (ChangeReply::Linked { .. }, step) => step == Step::Linking,
+            (ChangeReply::Healthy { .. }, step) => step == Step::Probing,
+            (ChangeReply::Examined { .. }, _) => false,
+        };
+        if expected && change.waiting.remove(from) && change.waiting.is_empty() {
+            self.next_step(out);
+        }
+    }
+
+    fn next_step(&mut self, out: &mut Out<'_>) {
+        let Some(change) = &mut self.change else { return };
+        match change.step {
+            Step::Examining if change.is_undoing() => {
+                if let Some(change) = self.change.take() {
+                    answer(change.call, Report::Unchanged { by: change.by, reasons: change.reasons }, out);
+                }
+            }
+            Step::Examining => self.apply(out),
+            Step::Applying => {
+                let (number, until) = (change.number, out.now + LINK_WITHIN);
+                self.step((Step::Linking, until), &ChangeOrder::Link { number }, out);
+            }
+            Step::Linking => {
+                let (number, until) = (change.number, out.now + change.probation + HEALTHY_WITHIN);
+                self.step((Step::Probing, until), &ChangeOrder::Adopt { number }, out);
+            }
+            Step::Probing => self.changed(out),
+        }
+    }
+
+    /// Has the hosts take the next plan on.
+    fn apply(&mut self, out: &mut Out<'_>) {
+        let Some(change) = &mut self.change else { return };
+        self.changes = change.number;
+        self.plan = Arc::clone(&change.plan);
+        let slowest = change.before.leaves.iter().map(|leaf| leaf.stop_within).max().unwrap_or_default();
+        let (number, plan) = (change.number, (*change.plan).clone());
+        let (again, probation) = (change.again.clone(), change.probation);
+        let until = out.now + slowest + APPLY_WITHIN;
+        self.step((Step::Applying, until), &ChangeOrder::Apply { number, plan, again, probation }, out);
+    }
+
+    /// Has all hosts that can be reached take a step.
+    fn step(&mut self, (step, until): (Step, Time), order: &ChangeOrder, out: &mut Out<'_>) {
+        let Some(change) = &mut self.change else { return };
+        (change.step, change.deadline) = (step, until);
+        change.waiting = self.hosts.iter().filter(|host| !self.lost.contains(*host)).cloned().collect();
+        for host in &change.waiting {
+            out.send(host, self.deployment.to_participant(ToParticipant::Change(order.clone())));
+        }
+    }
+
+    fn changed(&mut self, out: &mut Out<'_>) {
+        let Some(change) = self.change.take() else { return };
+        let report = if change.is_undoing() {
+            Report::Unchanged { by: change.by, reasons: change.reasons }
+        } else {
+            self.revision = (self.revision.0 + 1, change.by.clone());
+            Report::Changed { revision: self.revision.0, by: change.by, changes: change.lines }
+        };
+        self.report(report.clone(), out);
+        answer(change.call, report, out);
+    }
+
+    /// Goes back to the plan of before, or gives up when that has failed, too.
+    fn take_back(&mut self, reason: String, out: &mut Out<'_>) {
+        let Some(change) = &mut self.change else { return };
+        let was_undoing = change.is_undoing();
+        change.reasons.push(reason);
+        match change.step {
+            Step::Examining => {
+                change.waiting.clear();
+                self.next_step(out);
+            }
+            // What can still be had of it is waited for.
+            Step::Applying | Step::Linking | Step::Probing if was_undoing => {}
+            Step::Applying | Step::Linking | Step::Probing => {
+                // The numbers of new wires stay taken.
+                let Ok(back) = difference(&change.plan, &change.before) else { return };
+                change.number += 1;
+                (change.plan, change.again) = (Arc::new(back.plan), Vec::new());
+                self.apply(out);
+            }
+        }
+    }
+
+    /// A host that takes part in a change is lost.
+    pub(super) fn change_without(&mut self, host: &str, out: &mut Out<'_>) {
+        let Some(change) = &mut self.change else { return };
+        let was_waited_for = change.waiting.remove(host);
+        if change.is_undoing() && change.step != Step::Examining {
+            if was_waited_for && change.waiting.is_empty() {
+                self.next_step(out);
+            }
+        } else {
+            self.take_back(format!("host `{host}` could not be reached any more"), out);
+        }
+    }
+
+    /// Does what is due of a change.
+    pub(super) fn tick_change(&mut self, out: &mut Out<'_>) {
+        let Some(change) = self.change.as_mut().filter(|change| change.deadline <= out.now) else { return };
+        let late = change.waiting.iter().map(|host| format!("host `{host}` did not answer in time"));
+        let reason = late.collect::<Vec<_>>().join("; ");
+        if change.is_undoing() && change.step != Step::Examining {
+            change.reasons.push(format!("{reason}, so it is not known whether all of it was taken back"));
+            change.waiting.clear();
+            return self.changed(out);
+        }
+        self.take_back(reason, out);
+    }
+
+    /// The deployment ends in the middle of a change.
+    pub(super) fn abandon_change(&mut self, out: &mut Out<'_>) {
+        if let Some(mut change) = self.change.take() {
+            change.reasons.push("the deployment ended meanwhile".to_owned());
+            answer(change.call, Report::Unchanged { by: change.by, reasons: change.reasons }, out);
+        }
+    }
+}
+
+fn answer(call: u64, report: Report, out: &mut Out<'_>) {
+    out.effects.push(Effect::Answer { call, answer: Box::new(Answer::Report(report)) });
+    out.effects.push(Effect::EndAnswers { call });
+}

@@ -1,0 +1,166 @@
+//! Another program takes the place of this one while the deployment runs.
+//!
+//! The program is asked to leave; once nothing of it is left, the next one is started as after a restart: it finds its links and
+//! the activation of the one before. Within its probation a new program that dies, cannot make its links or aborts is not
+//! healthy: the one before is started again in its place. Its supervisor hears nothing of all that.
+
+use super::{GRACE, Instance, InstanceContext, KILL_WITHIN, Note, Restarts, Stage};
+use crate::logic::effect::SpawnOrder;
+use crate::logic::protocol::{Change, Ending, FailureCause};
+use comms::logic::control::Order;
+use comms::logic::time::Time;
+use serde::{Deserialize, Serialize};
+use shim::protocol::ShimOrder;
+use std::time::Duration;
+
+/// How to start a program, and how long it may take to stop.
+pub type Start = (SpawnOrder, Duration);
+
+/// A program that has taken the place of another one of late.
+#[derive(Debug, Serialize, Deserialize)]
+pub(super) struct Probation {
+    /// What is started again if it is not healthy; none when that was done.
+    before: Option<Start>,
+    /// How long it has to stay healthy once it is up.
+    length: Duration,
+    /// Until when; nothing before it is up.
+    until: Option<Time>,
+}
+
+impl Instance {
+    /// Returns whether a program that is started so would be the same, whatever becomes of it when it dies or stops.
+    pub fn is_same_program(&self, (order, _): &Start) -> bool {
+        let mut own = self.order.clone();
+        (own.policy.restart, own.policy.link_loss) = (order.policy.restart, order.policy.link_loss);
+        own == *order
+    }
+
+    /// Takes on what becomes of the program when it dies or stops.
+    pub fn settle(&mut self, (order, stop_within): Start) {
+        if self.order.policy.restart != order.policy.restart {
+            self.restarts = Restarts::new(order.policy.restart);
+        }
+        (self.order, self.stop_within) = (order, stop_within);
+    }
+
+    /// Ends the program and starts this one in its place. Says so by [`Note::Replaced`] when it is up, or by [`Note::Unhealthy`].
+    pub fn replace(&mut self, next: Start, probation: Duration, context: &mut InstanceContext<'_>) {
+        if self.is_unconfirmed() {
+            let why = "what it ran before may still be there".to_owned();
+            return context.notes.push(Note::Unhealthy(why));
+        }
+        let before = Some((self.order.clone(), self.stop_within));
+        self.probation = Some(Probation { before, length: probation, until: None });
+        context.notes.push(Note::Changed(Change::Replacing));
+        let is_stopping = matches!(self.stage, Stage::Stopping { .. });
+        match self.stage {
+            Stage::Dead | Stage::Waiting { .. } => self.take_place(next, context),
+            Stage::Prepared | Stage::Connecting { .. } | Stage::Idle | Stage::Running | Stage::Stopping { .. }
+                if self.is_controller() =>
+            {
+                let until = context.now + self.stop_within + GRACE;
+                self.stage = Stage::Replacing { until, forced: false, is_stopping };
+                self.next = Some(next);
+                self.tell(Order::Exit, context);
+            }
+            Stage::Prepared
+            | Stage::Connecting { .. }
+            | Stage::Idle
+            | Stage::Running
+            | Stage::Stopping { .. }
+            | Stage::Starting { .. }
+            | Stage::Removing { .. }
+            | Stage::Refused => {
+                let until = context.now + self.stop_within + GRACE + KILL_WITHIN;
+                self.stage = Stage::Replacing { until, forced: true, is_stopping };
+                self.next = Some(next);
+                self.tell_shim(ShimOrder::Stop { grace: self.stop_within.max(GRACE) }, context);
+            }
+            Stage::Replacing { .. } => self.next = Some(next),
+            // Nothing takes the place of what is to leave.
+            Stage::Leaving { .. } => {}
+        }
+    }
+
+    /// Does what is due of a program that is to make place.
+    pub(super) fn tick_replacing(&mut self, (forced, is_stopping): (bool, bool), context: &mut InstanceContext<'_>) {
+        if !forced {
+            let until = context.now + GRACE + KILL_WITHIN;
+            self.stage = Stage::Replacing { until, forced: true, is_stopping };
+            return self.tell_shim(ShimOrder::Stop { grace: GRACE }, context);
+        }
+        (self.stage, self.cause) = (Stage::Dead, Some(FailureCause::StopUnconfirmed));
+        (self.probation, self.next) = (None, None);
+        context.notes.push(Note::Unhealthy("the program before could not be ended".to_owned()));
+        self.finish(Ending::Unconfirmed, context);
+    }
+
+    /// Starts what takes the place of the program, of which nothing is left.
+    pub(super) fn replaced(&mut self, is_stopping: bool, context: &mut InstanceContext<'_>) {
+        if is_stopping {
+            self.finish(Ending::Stopped, context);
+        }
+        let Some(next) = self.next.take() else { return };
+        self.take_place(next, context);
+    }
+
+    /// Takes note that the program is up and goes on where the one before was.
+    pub(super) fn is_up(&mut self, context: &mut InstanceContext<'_>) {
+        if let Some(probation) = self.probation.as_mut().filter(|probation| probation.until.is_none()) {
+            probation.until = Some(context.now + probation.length);
+            context.notes.push(Note::Replaced);
+        }
+        self.tick_probation(context);
+    }
+
+    /// Returns whether the program before is being started again.
+    pub fn is_returning(&self) -> bool {
+        self.probation.as_ref().is_some_and(|probation| probation.before.is_none())
+    }
+
+    /// Starts the program before again, if this one is on probation; says whether it was.
+    pub(super) fn put_back(&mut self, cause: &FailureCause, context: &mut InstanceContext<'_>) -> bool {
+        let Some(before) = self.probation.as_mut().and_then(|probation| probation.before.take()) else {
+            let is_returning = self.probation.take().is_some();
+            let why = || format!("the program before, which was started again, is not well either: {cause}");
+            context.notes.extend(is_returning.then(|| Note::Unhealthy(why())));
+            return false;
+        };
+        self.probation = Some(Probation { before: None, length: Duration::ZERO, until: None });
+        context.notes.push(Note::Changed(Change::Reverting { cause: cause.clone() }));
+        context.notes.push(Note::Unhealthy(cause.to_string()));
+        self.take_place(before, context);
+        true
+    }
+
+    /// Returns whether a new program that says that it aborts is taken for unhealthy, and ends it then.
+    pub(super) fn is_turned_away(&mut self, reason: &str, context: &mut InstanceContext<'_>) -> bool {
+        let is_new = self.probation.is_some() && !self.is_returning() && self.stage == Stage::Running;
+        if is_new {
+            self.cause = Some(FailureCause::Reported(reason.to_owned()));
+            self.stage = Stage::Removing { until: context.now + GRACE + KILL_WITHIN };
+            self.tell_shim(ShimOrder::Stop { grace: GRACE }, context);
+        }
+        is_new
+    }
+
+    /// Ends a probation that is over.
+    pub(super) fn tick_probation(&mut self, context: &mut InstanceContext<'_>) {
+        if self.probation_until().is_some_and(|until| until <= context.now) {
+            self.probation = None;
+            context.notes.push(Note::Healthy);
+        }
+    }
+
+    /// Returns until when the program is on probation.
+    pub(super) fn probation_until(&self) -> Option<Time> {
+        self.probation.as_ref().and_then(|probation| probation.until)
+    }
+
+    fn take_place(&mut self, (order, stop_within): Start, context: &mut InstanceContext<'_>) {
+        (self.restarts, self.failed) = (Restarts::new(order.policy.restart), None);
+        (self.order, self.stop_within) = (order, stop_within);
+        (self.pid, self.cause, self.output) = (None, None, Vec::new());
+        self.start(context);
+    }
+}

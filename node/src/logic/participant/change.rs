@@ -1,0 +1,244 @@
+//! A change of the deployment while it runs, as this host carries it out.
+//!
+//! `Apply` brings the programs of the next plan, `Link` its links, beside the links that are still used; `Adopt` has the supervisors
+//! use the next connection sets, and drops what those do not have any more. In between both kinds of wires are linked, so no value
+//! is lost on a wire that stays, and a new one is open only when both its ends stand.
+
+use super::{Participant, Phase, spawn_order};
+use crate::logic::claims::Claims;
+use crate::logic::effect::{Out, ProcessId};
+use crate::logic::executer::leaf_host;
+use crate::logic::instance::{Instance, Start};
+use crate::logic::programs::Programs;
+use crate::logic::protocol::{ChangeOrder, ChangeReply, ToCoordinator};
+use crate::logic::wiring::{links, shapes};
+use language::plan::{LeafKind, Plan};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// A change that is being carried out.
+#[derive(Debug, Serialize, Deserialize)]
+pub(super) struct Changing {
+    number: u32,
+    /// New programs that are not up yet.
+    starting: BTreeSet<u32>,
+    /// Programs whose links are not made yet.
+    linking: BTreeSet<u32>,
+    /// New programs that are on probation.
+    probing: BTreeSet<u32>,
+    /// The wires that come or go.
+    rewired: BTreeSet<u32>,
+    /// The next word that the home waits for, if any.
+    next: Next,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+enum Next {
+    Applied,
+    Linked,
+    Healthy,
+    Nothing,
+}
+
+impl Participant {
+    /// Takes a step of a change.
+    pub fn take_change(&mut self, order: ChangeOrder, host: &str, programs: &Programs, out: &mut Out<'_>) {
+        match order {
+            ChangeOrder::Examine { number, plan } => {
+                let reasons = self.obstacles(&plan, host, programs);
+                self.answer_change(ChangeReply::Examined { number, reasons }, out);
+            }
+            ChangeOrder::Apply { number, plan, again, probation } => match self.starts(&plan, host, programs) {
+                Ok(starts) => self.apply((number, plan, again, probation), (host, starts), out),
+                Err(reasons) => {
+                    let reason = format!("host `{host}`: {}", reasons.join("; "));
+                    self.answer_change(ChangeReply::Failed { number, reason }, out);
+                }
+            },
+            ChangeOrder::Link { number } => {
+                if let Some(change) = self.change.as_mut().filter(|change| change.number == number) {
+                    change.next = Next::Linked;
+                    let rewired = change.rewired.clone();
+                    self.link_again(&rewired, out);
+                    self.report_change(out);
+                }
+            }
+            ChangeOrder::Adopt { number } => {
+                if let Some(change) = self.change.as_mut().filter(|change| change.number == number) {
+                    change.next = Next::Healthy;
+                    self.adopt_sets(out);
+                    self.report_change(out);
+                }
+            }
+        }
+    }
+
+    /// Returns why the next plan cannot be taken on here.
+    fn obstacles(&self, plan: &Plan, host: &str, programs: &Programs) -> Vec<String> {
+        if self.phase != Phase::Running {
+            return vec![format!("host `{host}`: the deployment does not run there")];
+        }
+        let unknown = self.starts(plan, host, programs).err().unwrap_or_default();
+        unknown.into_iter().map(|why| format!("host `{host}`: {why}")).collect()
+    }
+
+    /// Returns how each program of this host is started by a plan.
+    fn starts(&self, plan: &Plan, host: &str, programs: &Programs) -> Result<Vec<(u32, Start)>, Vec<String>> {
+        let (mut starts, mut problems) = (Vec::new(), Vec::new());
+        for (number, leaf) in (0_u32..).zip(&plan.leaves).filter(|(number, _)| leaf_host(plan, *number) == Some(host)) {
+            let process = ProcessId { deployment: self.deployment.clone(), leaf: number };
+            match programs.command(leaf) {
+                Ok(command) => starts.push((number, (spawn_order(process, command, leaf), leaf.stop_within))),
+                Err(why) => problems.push(why),
+            }
+        }
+        problems.dedup();
+        if problems.is_empty() { Ok(starts) } else { Err(problems) }
+    }
+
+    fn apply(
+        &mut self,
+        (number, plan, again, probation): (u32, Plan, Vec<u32>, Duration),
+        (host, starts): (&str, Vec<(u32, Start)>),
+        out: &mut Out<'_>,
+    ) {
+        let before = std::mem::replace(&mut self.plan, Arc::new(plan));
+        let mut live = self.plan.live_wires();
+        let rewired: BTreeSet<u32> = self.live.symmetric_difference(&live).copied().collect();
+        live.extend(&self.live);
+        self.live = live;
+        self.claims.extend(Claims::of(&self.plan, host));
+        let (starting, linking, probing) = (BTreeSet::new(), BTreeSet::new(), BTreeSet::new());
+        self.change = Some(Changing { number, starting, linking, probing, rewired, next: Next::Applied });
+        for (leaf, start) in starts {
+            let instance = self.instances.get(&leaf);
+            let is_same = instance.is_some_and(|instance| instance.is_same_program(&start));
+            let is_returning = instance.is_some_and(Instance::is_returning);
+            let is_retyped = before.leaves.get(leaf as usize).map(|leaf| &leaf.module)
+                != self.plan.leaves.get(leaf as usize).map(|leaf| &leaf.module);
+            let is_kept = is_same && !is_retyped && !again.contains(&leaf);
+            if let Some(change) = self.change.as_mut().filter(|_| !is_kept || is_returning) {
+                change.starting.insert(leaf);
+                change.probing.insert(leaf);
+            }
+            if is_kept {
+                if let Some(instance) = self.instances.get_mut(&leaf) {
+                    instance.settle(start);
+                }
+                continue;
+            }
+            self.with_instance(leaf, out, |instance, context| instance.replace(start, probation, context));
+        }
+        self.report_change(out);
+    }
+
+    /// Has the programs that stay make the links of these wires that are live, and drop the others.
+    fn link_again(&mut self, rewired: &BTreeSet<u32>, out: &mut Out<'_>) {
+        let ends = rewired.iter().filter_map(|wire| self.plan.wires.get(*wire as usize));
+        let touched: BTreeSet<u32> = ends.flat_map(|wire| [wire.from.leaf, wire.to.leaf]).collect();
+        for leaf in touched.into_iter().filter(|leaf| self.instances.contains_key(leaf)).collect::<Vec<_>>() {
+            let is_plain = self.plan.leaves.get(leaf as usize).is_none_or(|leaf| leaf.kind == LeafKind::Plain);
+            if is_plain {
+                continue;
+            }
+            match links(&self.plan, &self.deployment, &self.registrations, (leaf, &self.live)) {
+                Ok(order) => {
+                    let orders = shapes(&self.plan, leaf).into_iter().chain([order]);
+                    let mut answers = false;
+                    self.with_instance(leaf, out, |instance, context| answers = instance.link_again(orders, context));
+                    if let Some(change) = &mut self.change
+                        && answers
+                        && change.next == Next::Linked
+                    {
+                        change.linking.insert(leaf);
+                    }
+                }
+                Err(reasons) => self.fail_change(&reasons.join("; "), out),
+            }
+        }
+    }
+
+    pub(super) fn linked(&mut self, leaf: u32, made: Result<(), String>, out: &mut Out<'_>) {
+        if !self.change.as_mut().is_some_and(|change| change.linking.remove(&leaf)) {
+            return;
+        }
+        match made {
+            Ok(()) => self.report_change(out),
+            Err(why) => {
+                let path = self.path(leaf).unwrap_or_default().to_owned();
+                self.fail_change(&format!("`{path}`: {why}"), out);
+            }
+        }
+    }
+
+    pub(super) fn replaced(&mut self, leaf: u32, out: &mut Out<'_>) {
+        if let Some(change) = &mut self.change {
+            change.starting.remove(&leaf);
+        }
+        self.report_change(out);
+    }
+
+    pub(super) fn healthy(&mut self, leaf: u32, out: &mut Out<'_>) {
+        if let Some(change) = &mut self.change {
+            change.probing.remove(&leaf);
+        }
+        self.report_change(out);
+    }
+
+    pub(super) fn unhealthy(&mut self, leaf: u32, why: &str, out: &mut Out<'_>) {
+        let is_meant = self.change.as_mut().is_some_and(|change| change.probing.remove(&leaf));
+        if is_meant {
+            let path = self.path(leaf).unwrap_or_default().to_owned();
+            self.fail_change(&format!("the new program of `{path}` was not healthy: {why}"), out);
+        }
+    }
+
+    /// A program that was to make links is gone: another one makes its own.
+    pub(super) fn forget_linking(&mut self, leaf: u32, out: &mut Out<'_>) {
+        let is_there = self.instances.get(&leaf).is_some_and(Instance::is_linked);
+        if !is_there && self.change.as_mut().is_some_and(|change| change.linking.remove(&leaf)) {
+            self.report_change(out);
+        }
+    }
+
+    fn fail_change(&mut self, reason: &str, out: &mut Out<'_>) {
+        if let Some(number) = self.change.as_ref().map(|change| change.number) {
+            self.answer_change(ChangeReply::Failed { number, reason: reason.to_owned() }, out);
+        }
+    }
+
+    fn adopt_sets(&mut self, out: &mut Out<'_>) {
+        for group in self.executers.keys().copied().collect::<Vec<_>>() {
+            self.with_executer(group, out, |executer, context, out| {
+                executer.rewire(context, out);
+                None
+            });
+        }
+        let live = self.plan.live_wires();
+        let gone: BTreeSet<u32> = self.live.difference(&live).copied().collect();
+        self.live = live;
+        self.link_again(&gone, out);
+    }
+
+    /// Tells the home what it waits for, once that is so.
+    fn report_change(&mut self, out: &mut Out<'_>) {
+        let Some(change) = &mut self.change else { return };
+        let number = change.number;
+        let (is_so, reply) = match change.next {
+            Next::Applied => (change.starting.is_empty(), ChangeReply::Applied { number }),
+            Next::Linked => (change.linking.is_empty(), ChangeReply::Linked { number }),
+            Next::Healthy => (change.probing.is_empty(), ChangeReply::Healthy { number }),
+            Next::Nothing => return,
+        };
+        if is_so {
+            change.next = Next::Nothing;
+            self.answer_change(reply, out);
+        }
+    }
+
+    fn answer_change(&self, reply: ChangeReply, out: &mut Out<'_>) {
+        out.send(&self.home, self.deployment.to_coordinator(ToCoordinator::Change(reply)));
+    }
+}

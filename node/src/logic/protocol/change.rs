@@ -1,0 +1,123 @@
+//! A change of a deployment while it runs: what is asked for, and the steps between its home and its hosts.
+//!
+//! ```text
+//! home                          each host
+//!   ──Examine──▶  could it?     ──Examined──▶   one reason, and nothing has changed anywhere
+//!   ──Apply────▶  programs         ──Applied──▶
+//!   ──Link─────▶  links            ──Linked───▶
+//!   ──Adopt────▶  connection sets  ──Healthy──▶  once new programs have passed their probation
+//!                                  ──Failed───▶  one has not; on its host the program before is started again
+//! ```
+//! A change that has failed somewhere is taken back by the same steps from `Apply` on, with the plan of before.
+
+use language::plan::Plan;
+use serde::{Deserialize, Serialize};
+use std::time::Duration;
+
+/// What somebody wants a running deployment to be.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ChangeRequest {
+    /// Its name.
+    pub name: String,
+    /// The epoch that was seen.
+    pub epoch: u64,
+    /// The revision that was seen: another one since then refuses the change.
+    pub revision: u32,
+    /// The plan that is wanted, with numbers of its own.
+    pub plan: Plan,
+    /// Processes whose programs are started anew although their plan is the same: absolute paths.
+    pub again: Vec<String>,
+    /// How long a new program has to stay healthy; else what was there before is put back.
+    pub probation: Duration,
+    /// Who wants that, for the records.
+    pub by: String,
+}
+
+/// What runs under a name.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Revision {
+    /// The epoch of the deployment.
+    pub epoch: u64,
+    /// How often it was changed since it was deployed.
+    pub revision: u32,
+    /// Its plan as it is now.
+    pub plan: Plan,
+}
+
+/// A step of a change, from the home to a host.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum ChangeOrder {
+    /// Say whether this plan could be taken on here.
+    Examine {
+        /// Numbers the change, and is echoed.
+        number: u32,
+        /// The next plan, with the numbers of the one that runs.
+        plan: Plan,
+    },
+    /// Take the plan on: end and start programs. The connection sets stay as they are.
+    Apply {
+        /// Echoed.
+        number: u32,
+        /// The next plan.
+        plan: Plan,
+        /// Leaves whose programs are started anew although their plan is the same.
+        again: Vec<u32>,
+        /// How long a new program has to stay healthy.
+        probation: Duration,
+    },
+    /// Make the links of the plan that was applied, beside those that are there.
+    Link {
+        /// Echoed.
+        number: u32,
+    },
+    /// Use the connection sets of the plan that was applied.
+    Adopt {
+        /// Echoed.
+        number: u32,
+    },
+}
+
+/// The answer of a host.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum ChangeReply {
+    /// To `Examine`.
+    Examined {
+        /// As ordered.
+        number: u32,
+        /// Why not; none if it could.
+        reasons: Vec<String>,
+    },
+    /// To `Apply`: every program of the host is up again.
+    Applied {
+        /// As ordered.
+        number: u32,
+    },
+    /// To `Link`: every new link of the host stands.
+    Linked {
+        /// As ordered.
+        number: u32,
+    },
+    /// To `Adopt`: every new program of the host has passed its probation.
+    Healthy {
+        /// As ordered.
+        number: u32,
+    },
+    /// A new program was not healthy, and the one before was put back; or its links could not be made.
+    Failed {
+        /// As ordered.
+        number: u32,
+        /// A sentence for a person.
+        reason: String,
+    },
+}
+
+impl ChangeOrder {
+    /// Returns the answer of a host that cannot carry the step out.
+    pub fn failed(&self, reason: String) -> ChangeReply {
+        let (Self::Examine { number, .. }
+        | Self::Apply { number, .. }
+        | Self::Link { number }
+        | Self::Adopt { number }) = self;
+        ChangeReply::Failed { number: *number, reason }
+    }
+}

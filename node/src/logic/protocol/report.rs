@@ -1,0 +1,130 @@
+//! What a deployment tells those who watch it.
+
+use super::{Deployment, Ending, FailureCause};
+use comms::logic::control::Dial;
+use serde::{Deserialize, Serialize};
+use std::time::Duration;
+
+/// What a deployment is doing, as told to the one who asked for it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Report {
+    /// The home node took it on.
+    Accepted {
+        /// Under this name and epoch.
+        deployment: Deployment,
+    },
+    /// A host has every program up.
+    Prepared {
+        /// The host.
+        host: String,
+        /// How many programs.
+        leaves: u32,
+    },
+    /// A host has every link made.
+    Connected {
+        /// The host.
+        host: String,
+    },
+    /// The whole tree is confirmed and running.
+    Go {
+        /// How long PREPARE to GO took.
+        #[serde(with = "comms::logic::human::seconds")]
+        took: Duration,
+        /// Programs that publish signals: instance path, where to dial.
+        signals: Vec<(String, Dial)>,
+    },
+    /// A process changed.
+    Process {
+        /// Absolute path.
+        path: String,
+        /// What happened.
+        change: Change,
+        /// Time since GO at the home node.
+        #[serde(with = "comms::logic::human::seconds")]
+        at: Duration,
+    },
+    /// Nothing was started, or everything was taken back.
+    Refused {
+        /// Sentences for a person.
+        reasons: Vec<String>,
+    },
+    /// Over; nothing of it is left on any host that could be reached.
+    Finished {
+        /// How `main` ended.
+        ending: Ending,
+        /// Time since GO.
+        #[serde(with = "comms::logic::human::seconds")]
+        at: Duration,
+        /// Hosts that could not confirm.
+        unconfirmed: Vec<String>,
+    },
+    /// After GO: where the programs are that others hear, for those who record what goes over their ports.
+    Programs {
+        /// Instance path, where to dial.
+        at: Vec<(String, Dial)>,
+    },
+    /// Its plan was changed while it runs.
+    Changed {
+        /// How often it was changed, this time included.
+        revision: u32,
+        /// Who wanted that.
+        by: String,
+        /// What is different now, one line each.
+        changes: Vec<String>,
+    },
+    /// A change while it runs was refused, or taken back: what ran before runs again.
+    Unchanged {
+        /// Who wanted it.
+        by: String,
+        /// Sentences for a person.
+        reasons: Vec<String>,
+    },
+}
+
+/// A change of one process that a person may want to see.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Change {
+    /// It was activated.
+    Activated,
+    /// It was asked to stop.
+    Stopping,
+    /// It ended.
+    Ended(Ending),
+    /// Its program died while it was not running.
+    Died(FailureCause),
+    /// A program is up.
+    Started {
+        /// Its process id on its host.
+        pid: u32,
+    },
+    /// Its program died and is started again.
+    Restarting {
+        /// Of what.
+        cause: FailureCause,
+        /// How often it was started again of late, this time included.
+        count: u32,
+    },
+    /// A program that was started again goes on with the activation that the last one had.
+    Resumed,
+    /// It was to be activated, and waits: a host that is lost may still use what it takes.
+    Held {
+        /// What it takes.
+        resource: String,
+        /// The host.
+        host: String,
+    },
+    /// A parameter of it was changed while it was up.
+    Configured {
+        /// The parameter.
+        parameter: String,
+        /// What it is now, as a spec spells it; without it what the spec says counts again.
+        value: Option<String>,
+    },
+    /// Its program is ended, and another one takes its place.
+    Replacing,
+    /// The program that took its place was not healthy; the one before is started again.
+    Reverting {
+        /// What became of it.
+        cause: FailureCause,
+    },
+}

@@ -1,0 +1,140 @@
+//! A mission whose spec changes while it runs, on real processes of two nodes.
+
+use dca_tests::cluster::{Cluster, Host, Program, SOON, Stream, wait_until};
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+/// Somebody pushes the hand again and again, with up to 60 N, until it is felt; a plain program waits beside it.
+const SPEC: &str = r#"
+module Beside(host, way: Text) { exec "sh -c"; plain; done; }
+
+process HitDetector(host1){
+    host{host1}
+    instantiated_processes{
+        force instof ForceTorque(host1);
+        threshold instof ForceThreshold(host1, threshold = 150 N);
+    }
+    internal_connections(force, lbl1){
+        force, Out -> threshold, In;
+    }
+    internal_event_actions{
+        force[lbl1], threshold
+    }
+}
+
+process main(){
+    host{c3}
+    instantiated_processes{
+        world instof DoorWorld(c3, push_at = 0 s, push = 60 N);
+        hit instof HitDetector(c3);
+        beside instof Beside(c2, "sleep 1000");
+    }
+    internal_event_actions{
+        ((world # wait(4 s)) ;; skip) # hit # beside
+    }
+}
+"#;
+
+/// Returns the process id of each program that is up.
+fn pids(here: &Host) -> BTreeMap<String, u32> {
+    here.processes(&[]).into_iter().filter_map(|(_, one)| Some((one.path, one.pid?))).collect()
+}
+
+/// Two nodes, with the mission on them.
+fn deploy(cluster: &Cluster) -> (Host, [Program; 2], Program, BTreeMap<String, u32>) {
+    let here = cluster.here();
+    let nodes = [here.node("c3", &[]), here.node("c2", &[])];
+    let mission = here.dca(&["deploy", "--no-record", &cluster.file("push.dca", SPEC)]);
+    let paths = ["main/beside", "main/hit/force", "main/hit/threshold", "main/world"];
+    let are_up = || pids(&here).keys().map(String::as_str).eq(paths);
+    assert!(wait_until(SOON, are_up).is_some(), "{:?} {}", pids(&here), mission.text(Stream::Err));
+    let pids = pids(&here);
+    (here, nodes, mission, pids)
+}
+
+/// Returns the programs that are others now.
+fn others(here: &Host, before: &BTreeMap<String, u32>) -> Vec<String> {
+    let now = pids(here);
+    assert!(now.keys().eq(before.keys()), "{now:?}");
+    now.into_iter().filter(|(path, pid)| before[path] != *pid).map(|(path, _)| path).collect()
+}
+
+#[test]
+fn a_changed_spec_changes_what_differs_and_nothing_else() {
+    let cluster = Cluster::new();
+    let (here, _nodes, mission, before) = deploy(&cluster);
+    let same = here.ask(&["deploy", &cluster.file("push.dca", &format!("// a remark\n{SPEC}"))]);
+    assert!(same.code == Some(0) && same.out.contains("is what this spec says: nothing changes"), "{same}");
+
+    let latched = SPEC.replace("force, Out -> threshold, In;", "force, Out -> threshold, In latch;");
+    let file = cluster.file("push.dca", &latched);
+    let plan = here.ask(&["plan", &file]);
+    let lines = ["disconnect main/hit/force, Out", "connect    main/hit/force, Out -> main/hit/threshold, In latch"];
+    assert!(plan.code == Some(0) && lines.iter().all(|line| plan.out.contains(line)), "{plan}");
+    assert!(plan.out.contains("keep       4 programs"), "{plan}");
+    let rewired = here.ask(&["deploy", &file]);
+    assert!(rewired.code == Some(0) && rewired.out.contains("is changed (2 changes, revision 1)"), "{rewired}");
+    assert_eq!(others(&here, &before), Vec::<String>::new());
+
+    let replaced = here.ask(&["replace", "push", "hit/force", "--probation", "0.5"]);
+    assert!(replaced.code == Some(0) && replaced.out.contains("revision 2"), "{replaced}");
+    assert_eq!(others(&here, &before), ["main/hit/force"]);
+
+    // With this one the push is felt, over the wire that was made while it ran, from the program that was started anew.
+    assert!(mission.is_running());
+    let felt = here.ask(&["deploy", "--probation", "0", &cluster.file("push.dca", &latched.replace("150 N", "5 N"))]);
+    assert!(felt.code == Some(0) && felt.err.contains("`threshold` is 5, was 150"), "{felt}");
+    let ended = mission.ended(Duration::from_secs(60));
+    assert_eq!(ended.code, Some(0), "{ended}");
+    assert!(ended.out.contains("is replaced"), "{ended}");
+    assert_eq!(pids(&here), BTreeMap::new());
+}
+
+#[test]
+fn a_program_that_fails_is_put_back_and_the_mission_goes_on() {
+    let cluster = Cluster::new();
+    let (here, _nodes, mission, before) = deploy(&cluster);
+    let bad = SPEC.replace("sleep 1000", "echo I cannot; exit 3").replace("150 N", "140 N");
+    let refused = here.ask(&["deploy", &cluster.file("push.dca", &bad)]);
+    let why = ["runs as before: the new program of `main/beside` was not healthy", "exit code 3"];
+    assert!(refused.code == Some(1) && why.iter().all(|why| refused.err.contains(why)), "{refused}");
+    assert_eq!(others(&here, &before), ["main/beside", "main/hit/threshold"], "both are as before, and started anew");
+    assert!(mission.is_running());
+    let plan = here.ask(&["plan", &cluster.file("push.dca", SPEC)]);
+    assert!(plan.code == Some(0) && plan.out.contains("revision 0:\n  keep       4 programs"), "{plan}");
+
+    // What supervisors cannot take changes nothing.
+    let other = SPEC.replace("# hit # beside", "# (hit , beside)");
+    for verb in ["plan", "deploy"] {
+        let refused = here.ask(&[verb, &cluster.file("push.dca", &other)]);
+        assert!(refused.code == Some(1) && refused.err.contains("the event actions of `main` differ"), "{refused}");
+    }
+    for (arguments, code, why) in [
+        (["replace", "push", "hit/forse"], 1, "`push` has no program `hit/forse`"),
+        (["replace", "pull", "hit/force"], 1, "pull"),
+        (["replace", "push", "--probation=700"], 2, "0 to 600"),
+    ] {
+        let refused = here.ask(&arguments);
+        assert!(refused.code == Some(code) && refused.err.contains(why), "{arguments:?}: {refused}");
+    }
+    let stopped = here.ask(&["stop", "push"]);
+    assert_eq!(stopped.code, Some(0), "{stopped}");
+    assert_eq!(mission.ended(SOON).code, Some(1));
+    assert_eq!(pids(&here), BTreeMap::new());
+}
+
+#[test]
+fn what_is_planned_before_anything_runs_is_a_start() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let file = cluster.file("push.dca", SPEC);
+    let alone = here.ask(&["plan", &file]);
+    assert_eq!(alone.code, Some(3), "{alone}");
+    let _node = here.node("c3", &[]);
+    let plan = here.ask(&["plan", &file]);
+    let start = "nothing runs as `push`: 4 programs would start on `c3`, `c2`";
+    assert!(plan.code == Some(0) && plan.out.contains(start), "{plan}");
+    let json = here.ask(&["plan", "--json", &file]);
+    let told: serde_json::Value = serde_json::from_str(&json.out).expect("it is JSON");
+    assert_eq!((json.code, &told["start"]), (Some(0), &serde_json::json!(4)), "{json}");
+}
