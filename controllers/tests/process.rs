@@ -314,6 +314,61 @@ fn a_producer_keeps_to_what_its_wires_say() {
     assert_eq!(source.leave(), (Some(0), String::new()));
 }
 
+/// Wires come and go while others carry every value.
+#[test]
+fn links_are_made_and_dropped_while_data_flows() {
+    let mut source = Program::start(&["RateSource"]);
+    let mut end = End::open("added");
+    end.session.dial(&source.dial(), SOON).unwrap();
+    let [first, second] = [0, 1].map(|wire| end.hear(&wire_key(wire)));
+    source.order(&connect(vec![], outgoing(&[0])));
+    source.expect(&Notice::Connected);
+    source.activate(1);
+    source.order(&Order::Open { wires: vec![0], generation: 1 });
+    source.expect(&Notice::Switched { generation: 1 });
+    let mut beats: Vec<u64> = (0..20).map(|_| beat(&first.recv_timeout(SOON).unwrap())).collect();
+    source.order(&connect(vec![], outgoing(&[0, 1])));
+    source.expect(&Notice::Connected);
+    assert_eq!(second.try_iter().count(), 0, "a new wire is closed");
+    source.order(&Order::Open { wires: vec![1], generation: 2 });
+    source.expect(&Notice::Switched { generation: 2 });
+    let mut others = vec![beat(&second.recv_timeout(SOON).unwrap())];
+    while beats.last() < others.last() {
+        beats.push(beat(&first.recv_timeout(SOON).unwrap()));
+    }
+    source.order(&connect(vec![], outgoing(&[1])));
+    source.expect(&Notice::Connected);
+    others.extend((0..20).map(|_| beat(&second.recv_timeout(SOON).unwrap())));
+    // What was under way has arrived with the first value after it.
+    beats.extend(first.try_iter().map(|bytes| beat(&bytes)));
+    let last = *beats.last().unwrap();
+    others.extend((0..20).map(|_| beat(&second.recv_timeout(SOON).unwrap())));
+    assert_eq!(first.try_iter().count(), 0, "the wire is gone after {last}");
+    for beats in [&beats, &others] {
+        assert!(beats.windows(2).all(|pair| pair[1] == pair[0] + 1), "a value is missing: {beats:?}");
+    }
+    source.order(&Order::Exit);
+    end.close();
+    assert_eq!(source.leave(), (Some(0), String::new()));
+}
+
+/// A robot that is to stop does not wait for a program that cannot be reached.
+#[test]
+fn a_stop_does_not_wait_for_links() {
+    let end = End::open("stop");
+    let mut monitor = Program::start(&["RateMonitor"]);
+    monitor.order(&connect(incoming(0, end.dial()), vec![]));
+    monitor.expect(&Notice::Connected);
+    monitor.activate(1);
+    let nobody = Dial { session: "1234abcd".to_owned(), locators: vec!["unixsock-stream//no/such/socket".to_owned()] };
+    monitor.order(&connect([incoming(0, end.dial()), incoming(1, nobody)].concat(), vec![]));
+    monitor.order(&Order::Stop { activation: 1 });
+    monitor.expect(&Notice::Stopped { activation: 1 });
+    monitor.order(&Order::Exit);
+    end.close();
+    assert_eq!(monitor.leave().0, Some(0));
+}
+
 /// A value over a latched wire waits for the activation; of a short queue, it is the newest that stays.
 #[test]
 fn a_consumer_keeps_to_what_its_wires_say() {
