@@ -56,3 +56,11 @@ fn a_seed_replays() {
 fn causality_is_about_what_was_seen_and_not_about_its_number() {
     world::run(9226).unwrap();
 }
+
+/// A disk is set back without a witness in each, or the last member loses its disk; `docs/src/database/proof.md` says what they found.
+#[test]
+fn seeds_of_disks_that_were_set_back_or_copied_pass() {
+    for seed in [36929, 39042, 42909, 48334, 72512, 78957, 93976] {
+        world::run(seed).unwrap_or_else(|broken| panic!("seed {seed}: {broken}"));
+    }
+}

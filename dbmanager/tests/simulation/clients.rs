@@ -8,7 +8,7 @@ use dbmanager::logic::clock::Timestamp;
 use dbmanager::logic::key::Key;
 use dbmanager::logic::replica::{CommitRequest, Input, Replica};
 use dbmanager::logic::txn::{Condition, Draft, EncodedTxn};
-use dbmanager::logic::version_vector::{Dot, VersionVector};
+use dbmanager::logic::version_vector::{Dot, ReplicaId, VersionVector};
 use std::collections::BTreeMap;
 use std::time::Duration;
 
@@ -38,6 +38,8 @@ struct Client {
     session: Option<usize>,
     /// What it has seen, to be shown when it moves to another robot.
     token: VersionVector,
+    /// Which transactions the last numbers of the token meant where it saw them.
+    meant: BTreeMap<ReplicaId, Id>,
 }
 
 /// All of them.
@@ -51,6 +53,15 @@ pub(crate) struct Clients {
     value: u64,
     /// What a watcher at each robot has seen last, and its timestamp.
     winners: BTreeMap<(usize, u64), (u64, Timestamp)>,
+}
+
+impl Client {
+    fn saw(&mut self, replica: &Replica) {
+        self.token.join(replica.log().vector());
+        for (origin, head) in replica.log().heads() {
+            self.meant.insert(*origin, (Dot { origin: *origin, seq: head.seq }, head.hash.0));
+        }
+    }
 }
 
 impl Clients {
@@ -132,7 +143,7 @@ impl World {
         let refused = stranger || conditional && shown(replica, &key(0)).is_none();
         // Reads come first: a transaction reads from its snapshot.
         ops.sort_by_key(|op| !matches!(op, Op::Read(..)));
-        self.clients.all[client].token.join(replica.log().vector());
+        self.clients.all[client].saw(replica);
         let session = self.clients.all[client].session.unwrap_or_default();
         let writes = ops.iter().any(|op| !matches!(op, Op::Read(..)));
         let dot = if writes || refused { self.commit(node, draft) } else { None };
@@ -143,8 +154,10 @@ impl World {
         let index = self.clients.history.txns.len();
         self.clients.history.txns.push(Txn { session, aborted: writes && dot.is_none(), ops });
         if let Some(dot) = dot {
-            self.clients.names.extend(self.reference.id(node, dot).map(|id| (index, id)));
+            let id = self.reference.id(node, dot);
+            self.clients.names.extend(id.map(|id| (index, id)));
             self.clients.all[client].token.include(dot);
+            self.clients.all[client].meant.extend(id.map(|id| (dot.origin, id)));
         }
     }
 
@@ -154,12 +167,29 @@ impl World {
         let (moves, other) = (self.happens(30), self.below(self.nodes.len()));
         let Client { node, era, .. } = self.clients.all[client];
         if self.nodes[node].era != era {
-            self.clients.all[client] = Client { node: other, era: self.nodes[other].era, ..Client::default() };
+            self.begin_anew(client, other);
         } else if moves && self.has_all(other, &self.clients.all[client].token) {
+            if self.means_others(other, &self.clients.all[client].meant) {
+                self.begin_anew(client, other);
+            }
             let client = &mut self.clients.all[client];
             (client.node, client.era) = (other, self.nodes[other].era);
         }
         self.clients.all[client].node
+    }
+
+    fn begin_anew(&mut self, client: usize, node: usize) {
+        self.clients.all[client] = Client { node, era: self.nodes[node].era, ..Client::default() };
+    }
+
+    /// Returns whether a robot means another transaction by a number of a token: it takes the token, and has not what it stands for.
+    /// That a number was used twice shows only when robots meet.
+    fn means_others(&self, node: usize, meant: &BTreeMap<ReplicaId, Id>) -> bool {
+        let Some(replica) = self.nodes[node].replica.as_ref().filter(|_| self.faults.can_roll_back()) else {
+            return false;
+        };
+        let chain = self.reference.chain(replica).unwrap_or_default();
+        meant.values().any(|(dot, link)| chain.get(dot).is_some_and(|there| there != link))
     }
 
     fn has_all(&self, node: usize, token: &VersionVector) -> bool {

@@ -239,6 +239,7 @@ impl World {
         let others = copies.iter().enumerate().filter(|(other, _)| *other != node);
         let others = others.filter_map(|(other, records)| self.look_at(other, records));
         let left: Vec<Replica> = others.chain(self.look_at(node, &after)).collect();
+        self.memberless |= before.is_member() && !left.iter().any(Replica::is_member);
         if let Err(why) = self.reference.forgive(&before, &left.iter().collect::<Vec<_>>()) {
             self.reference.blame(why);
         }

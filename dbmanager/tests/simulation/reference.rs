@@ -224,8 +224,9 @@ impl Reference {
         let there = |(dot, link): &Id| chain.get(dot) == Some(link);
         lives.iter().any(there)
             || lives.iter().any(|(dot, _)| {
-                // Of a number that was used twice, the name may be that of the other.
-                let is_other = chain.get(dot).is_some_and(|there| lives.iter().all(|(_, link)| there != link));
+                // Of a number that was used twice, the name may be that of the other: of the one that is there, or has come again.
+                let is_other = chain.get(dot).is_some_and(|there| lives.iter().all(|(_, link)| there != link))
+                    || self.twins(*dot).any(|twin| !lives.contains(&twin) && self.names.contains_key(&twin));
                 let name = replica.name_of(*dot);
                 !is_other && name != *dot && chain.contains_key(&name)
             })
@@ -322,9 +323,14 @@ impl Reference {
         of == Some(id)
     }
 
+    /// Returns all transactions of one name.
+    fn twins(&self, dot: Dot) -> impl Iterator<Item = Id> {
+        self.events.range((dot, [0; 8])..=(dot, [u8::MAX; 8])).map(|(id, _)| *id)
+    }
+
     /// Returns whether another transaction had the same name.
     fn is_twice(&self, id: Id) -> bool {
-        self.events.range((id.0, [0; 8])..=(id.0, [u8::MAX; 8])).count() > 1
+        self.twins(id.0).count() > 1
     }
 
     fn is_overwritten(&self, id: Id, key: &Key, there: (&Replica, &BTreeMap<Dot, ChainHash>)) -> bool {

@@ -10,7 +10,7 @@ type Scene = (&'static str, fn() -> Ending);
 
 /// All of them, by name.
 #[cfg_attr(test, expect(dead_code, reason = "the named cases call each by itself"))]
-pub(crate) const ALL: [Scene; 8] = [
+pub(crate) const ALL: [Scene; 9] = [
     ("two_with_each_others_transactions_as_state_only", states_only),
     ("retired_robot_meets_one_who_does_not_know", last_words),
     ("set_back_without_witness_only_others_transactions_lost", set_back),
@@ -19,6 +19,7 @@ pub(crate) const ALL: [Scene; 8] = [
     ("two_of_a_retired_side_come_back_one_after_the_other", two_returns),
     ("write_that_had_seen_another_of_the_same_number", seen_by_number),
     ("two_teams_of_one_name_become_one", second_team),
+    ("state_of_the_other_branch_hides_nothing", other_branch),
 ];
 
 fn team(count: usize) -> World {
@@ -221,6 +222,49 @@ pub(crate) fn second_team() -> Ending {
         let values = ["team/a", "team/b", "team/c"].map(|key| world.value(node, key));
         must(values == [Some(1), Some(2), Some(3)], "I6: what was written in a second team is gone")?;
         must(world.replica(node).members().active().count() == 3, "T7: two teams of one name stay two")?;
+    }
+    Ok(())
+}
+
+/// A store is set back, and its robot uses a number again and goes on. A robot that has the first transaction of that number, and
+/// has heard of the second, is then given the state of one that has the second branch, with too short a log to say so.
+pub(crate) fn other_branch() -> Ending {
+    let mut world = team(3);
+    world.expect_forks();
+    world.isolate(2);
+    let (backup, origin) = (world.backup(1), world.replica(1).origin());
+    world.put(1, "team/a", 1);
+    world.run_for(20_000);
+    world.restore(1, backup);
+    world.heal(1, 2);
+    world.network.cut_one_way(0, 1);
+    world.restart(1);
+    world.put(1, "team/b", 2);
+    world.run_for(200);
+    must(world.alarms.contains(&(0, Alarm::Fork(origin))), "T6: a number was used twice, and no alarm says so")?;
+    world.cut(0, 1);
+    world.put(1, "team/c", 3);
+    world.run_for(20_000);
+    must(
+        world.value(2, "team/b") == Some(2) && world.value(2, "team/c") == Some(3),
+        "one robot has the second branch",
+    )?;
+    // Its owner begins anew from that one, with a log that begins behind the branch.
+    world.crash(1);
+    world.restart_copied(1);
+    world.run_for(30_000);
+    must(world.replica(1).is_member(), "T7: it is not admitted")?;
+    world.crash(2);
+    world.heal(0, 1);
+    world.run_for(60_000);
+    must(world.value(0, "team/c") == Some(3), "T7: they never meet")?;
+    must(world.value(0, "team/a") == Some(1), "I5: the state of the other branch hides what was acknowledged")?;
+    world.restart(2);
+    world.join_network(2);
+    world.settle()?;
+    for node in 0..3 {
+        let values = ["team/a", "team/b", "team/c"].map(|key| world.value(node, key));
+        must(values == [Some(1), Some(2), Some(3)], "I5: both branches are kept")?;
     }
     Ok(())
 }

@@ -88,6 +88,8 @@ pub(crate) struct World {
     owed: BTreeMap<u64, (usize, AckLevel, u32)>,
     /// How often a robot has forgotten something.
     losses: u32,
+    /// The last member of the team has lost its disk, so nobody admits those who wait.
+    memberless: bool,
     /// Copies of disks.
     backups: BTreeMap<usize, Records>,
     /// What the commit that is being handled has come to.
@@ -112,6 +114,7 @@ impl World {
             reference: Reference::default(),
             owed: BTreeMap::new(),
             losses: 0,
+            memberless: false,
             backups: BTreeMap::new(),
             committed: None,
             alarms: Vec::new(),
@@ -240,6 +243,7 @@ impl World {
             self.run_for(2_000);
             self.reference.verdict()?;
             self.make_one_team(told);
+            self.found_anew();
             // By links too: who means another transaction by the same number has not met the others yet.
             let has = |node: &Node| node.replica.as_ref().map(|of| (of.log().vector().clone(), of.log().chains()));
             let first = has(&self.nodes[0]);
@@ -268,6 +272,14 @@ impl World {
                 self.input(node, |_, wall| Input::Join(peer, wall));
             }
         }
+    }
+
+    /// Does what an operator does if the last member has lost its disk: an empty robot begins the team again.
+    fn found_anew(&mut self) {
+        let runs = |node: &Node, is: fn(&Replica) -> bool| node.replica.as_ref().is_some_and(is);
+        let wanted = self.memberless && !self.nodes.iter().any(|node| runs(node, Replica::is_member));
+        let empty = self.nodes.iter().position(|node| runs(node, |replica| replica.log().vector().is_empty()));
+        empty.filter(|_| wanted).into_iter().for_each(|node| self.input(node, |_, wall| Input::Found(wall)));
     }
 
     /// Checks what must be so after each step.

@@ -6,6 +6,10 @@
 //! refused, and the two who disagree say by which hashes they know what ([`Chunk::Known`]). So nothing that was acknowledged is
 //! overwritten by somebody who never saw it, and each branch is rebased.
 //!
+//! *Branches that cannot be compared.* A log that is cut does not say by which hash an old number is known. Of two who are known to
+//! disagree the one with the larger origin then begins anew, and takes for used twice whatever it cannot compare. A state says so of
+//! its last numbers only; so who has seen an origin use a number twice remembers it, and takes over no state that has more of it.
+//!
 //! *Set back.* A store that was set back without a witness shows in two ways: others know more of its own transactions than
 //! itself ([`Chunk::Fork`]), or it says that it has less than it said before ([`Chunk::Behind`]). Either way it begins anew. Of the
 //! second nobody knows any more if all that had heard it were started again since; nor does it help who has
@@ -21,13 +25,17 @@ use crate::logic::message::Chunk;
 use crate::logic::snapshot::Manifest;
 use crate::logic::txn::ChainHash;
 use crate::logic::version_vector::{Dot, ReplicaId, VersionVector};
+use std::collections::BTreeSet;
 
 /// A member knows transactions by these hashes. If one is another here, somebody was set back, and both branches have spread:
 /// of two that stand on different ones, the one with the larger origin begins anew, from the other, and rebases what it has.
 /// Returns nothing if all of them mean the same, or the replica begins anew already.
 pub(super) fn known(ledger: &Ledger, from: ReplicaId, hashes: &[(Dot, ChainHash)]) -> Vec<Action> {
     let contents = ledger.contents();
-    let Some((dot, hash)) = contents.other_than(hashes).filter(|_| may_rejoin(ledger)) else { return Vec::new() };
+    if !may_rejoin(ledger) {
+        return Vec::new();
+    }
+    let Some((dot, hash)) = contents.other_than(hashes) else { return untold(ledger, from, hashes) };
     let me = ledger.identity.origin();
     if dot.origin == me {
         fork(ledger, (dot.seq, hash)).into_iter().collect()
@@ -41,6 +49,29 @@ pub(super) fn known(ledger: &Ledger, from: ReplicaId, hashes: &[(Dot, ChainHash)
         actions.push(Action::send(from, contents.links_of([(dot.origin, dot.seq)])));
         actions
     }
+}
+
+/// A peer says that the two mean different transactions, and too little of the log is kept here to tell which of `hashes` those are.
+/// Then each that cannot be told may be one of them. The peer with the smaller origin says up to where it has those chains.
+fn untold(ledger: &Ledger, from: ReplicaId, hashes: &[(Dot, ChainHash)]) -> Vec<Action> {
+    let (log, me) = (ledger.log(), ledger.identity.origin());
+    let untold = hashes.iter().map(|(dot, _)| *dot).filter(|dot| dot.origin != me && log.hash(*dot).is_none());
+    let origins: BTreeSet<ReplicaId> = untold.map(|dot| dot.origin).filter(|origin| log.tip(*origin).0 > 0).collect();
+    gives_up(ledger, from, &origins)
+}
+
+/// Of two on different branches of these origins the one with the larger origin begins anew.
+fn gives_up(ledger: &Ledger, from: ReplicaId, origins: &BTreeSet<ReplicaId>) -> Vec<Action> {
+    if origins.is_empty() {
+        return Vec::new();
+    }
+    if from > ledger.identity.origin() {
+        let tips = origins.iter().map(|origin| (*origin, ledger.log().tip(*origin).0));
+        return vec![Action::send(from, ledger.contents().links_of(tips))];
+    }
+    let alarms = origins.iter().map(|origin| Action::Emit(Effect::Alarm(Alarm::Fork(*origin))));
+    let forked = origins.iter().map(|origin| Action::KnowForked(*origin));
+    alarms.chain(forked).chain([Action::Rejoin { twice: false }]).collect()
 }
 
 /// A peer knows the own transaction `seq` by this hash.
@@ -58,8 +89,19 @@ pub(super) fn hidden(ledger: &Ledger, from: ReplicaId, manifest: &Manifest) -> V
     let own = heads.iter().find(|(dot, _)| dot.origin == ledger.identity.origin());
     match own.and_then(|(own, hash)| fork(ledger, (own.seq, *hash))) {
         Some(rejoin) => vec![rejoin],
+        None if ledger.contents().other_than(&heads).is_none() => {
+            gives_up(ledger, from, &beyond_a_fork(ledger, &heads))
+        }
         None => known(ledger, from, &heads),
     }
+}
+
+/// Returns the origins that are known to have used numbers twice, and of which a state has more than is here: whether on this branch
+/// it does not say.
+fn beyond_a_fork(ledger: &Ledger, heads: &[(Dot, ChainHash)]) -> BTreeSet<ReplicaId> {
+    let here = |dot: &Dot| ledger.log().tip(dot.origin).0;
+    let beyond = heads.iter().map(|(dot, _)| dot).filter(|dot| here(dot) > 0 && dot.seq > here(dot));
+    beyond.map(|dot| dot.origin).filter(|origin| ledger.identity.is_forked(*origin)).collect()
 }
 
 /// A peer remembers that this replica had all of `vector`.
@@ -95,6 +137,7 @@ fn tell_fork(ledger: &Ledger, origin: ReplicaId) -> Vec<Action> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::logic::message::{Chunk, Message};
     use crate::logic::replica::Answer;
     use crate::logic::replica::tests::{Team, put};
 
@@ -115,6 +158,21 @@ mod tests {
         assert_eq!([rejoins(&said(0, b, other)), rejoins(&said(1, a, other))], [b < a, a < b]);
         assert!(!rejoins(&said(0, dot.origin, other)), "it was that one's own");
         assert!(rejoins(&said(2, a, other)), "it was the own one");
+    }
+
+    #[test]
+    fn of_two_whose_hashes_cannot_be_compared_one_begins_anew_and_the_other_says_what_it_has() {
+        let mut team = Team::of(3);
+        team.commit(2, put("team/a", b"1"));
+        team.run(20);
+        let [a, b, origin] = [0, 1, 2].map(|node: usize| team.replicas[node].origin());
+        let longer = [(Dot { origin, seq: 99 }, ChainHash([9; 8]))];
+        let said = |at: usize, from| known(&team.replicas[at].ledger, from, &longer);
+        let (to_a, to_b) = (said(0, b), said(1, a));
+        assert_eq!([rejoins(&to_a), rejoins(&to_b)], [b < a, a < b]);
+        let (gives_up, stays) = if b < a { (to_a, to_b) } else { (to_b, to_a) };
+        assert!(gives_up.iter().any(|action| matches!(action, Action::KnowForked(of) if *of == origin)));
+        assert!(matches!(stays[..], [Action::Emit(Effect::Send(_, Message::Chunk(Chunk::Known(_))))]), "{stays:?}");
     }
 
     #[test]

@@ -154,7 +154,15 @@ impl Identity {
 
     /// Knows that an origin has used numbers twice, without having written under it.
     pub(super) fn knows_forked(&mut self, origin: ReplicaId) {
-        self.record.past.push(Past { origin, twice: true, ..Past::default() });
+        if !self.is_forked(origin) {
+            self.record.past.push(Past { origin, twice: true, ..Past::default() });
+            self.changed = true;
+        }
+    }
+
+    /// Returns whether an origin is known to have used numbers twice.
+    pub(super) fn is_forked(&self, origin: ReplicaId) -> bool {
+        self.record.past.iter().any(|past| past.origin == origin && past.twice)
     }
 
     /// Remembers that others have all own transactions up to `head`. That one says so of a number is not enough: it may know

@@ -142,7 +142,7 @@ impl Ledger {
                 Ok(Verdict::Next | Verdict::Known) => {}
                 Ok(Verdict::Early) => missing |= !self.buffer(&encoded),
                 Ok(Verdict::Fork) => {
-                    self.tell_fork(origin, effects);
+                    self.notice_fork(origin, effects);
                     if origin != from {
                         let known = self.contents.links_of([(origin, self.log().vector().get(origin))]);
                         effects.push(Effect::Send(from, known));
@@ -184,9 +184,18 @@ impl Ledger {
         let known = |seq| self.log().encoded(Dot { origin: from, seq }).map(EncodedTxn::hash);
         let forks = push.hashes().any(|(seq, hash)| known(seq).is_some_and(|known| known != hash));
         if forks {
-            self.tell_fork(from, effects);
+            self.notice_fork(from, effects);
         }
         forks || push.hashes().any(|(seq, _)| seq > self.log().vector().get(from))
+    }
+
+    /// A transaction has come whose number its origin has used twice. That is remembered until this replica is admitted anew: a state
+    /// does not say which of the two it has.
+    fn notice_fork(&mut self, origin: ReplicaId, effects: &mut Vec<Effect>) {
+        if origin != self.identity.origin() {
+            self.identity.knows_forked(origin);
+        }
+        self.tell_fork(origin, effects);
     }
 
     /// An origin has used a number twice.

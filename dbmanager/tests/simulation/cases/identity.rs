@@ -78,6 +78,11 @@ fn write_that_had_seen_another_of_the_same_number() {
 }
 
 #[test]
+fn state_of_the_other_branch_hides_nothing() {
+    scenes::other_branch().unwrap();
+}
+
+#[test]
 fn tail_lost_flush_lied_seq_reused() {
     let mut world = team(2);
     world.expect_forks();
