@@ -21,7 +21,7 @@ const IN_A_ROW: u32 = 3;
 const LEFT: f64 = 0.75;
 const SHARE_MIN: f64 = 0.12;
 /// What comes back (1/s).
-const BACK: f64 = 0.02;
+const BACK: f64 = 0.04;
 const CUTOFF: f64 = 15.0;
 /// The noise is that of about so many samples.
 const NOISE_SAMPLES: f64 = 60.0;

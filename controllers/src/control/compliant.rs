@@ -24,7 +24,9 @@ const SLOW: f64 = 2.0;
 const UP: f64 = 2000.0;
 const TURN: f64 = 0.12;
 /// A hand that presses a lever does not give way upwards to less than this (N).
-const HOLD: f64 = 30.0;
+const HOLD: f64 = 48.0;
+/// The cosine of a roll that no lever asks for.
+const ROLLED: f64 = 0.4;
 const LINEAR_MAX: f64 = 0.15;
 const ANGULAR_MAX: f64 = 0.5;
 /// The stiffness that the budget is made for (N/m): that of fingers on a lever.
@@ -45,6 +47,21 @@ pub struct Guide {
     pub upward: bool,
     /// Whether another law turns the hand about the vertical, so that compliance leaves this turn alone.
     pub turned: bool,
+}
+
+impl Guide {
+    /// Across the way, level, to its left (a unit vector, tool axes).
+    fn across(&self) -> Vector3<f64> {
+        self.up_in_tool.cross(&self.tangent_in_tool)
+    }
+
+    /// What to multiply a force by for what of it counts across: a lever that is pressed pushes back along its arc, at 45 degrees
+    /// as much sideways as upwards. The hand has rolled with it, so only a force along the hand's own x axis strains it; of that
+    /// the level part counts.
+    pub fn felt(&self) -> Vector3<f64> {
+        let across = self.across();
+        if self.upward || across.x.abs() < ROLLED { across } else { Vector3::x() / across.x }
+    }
 }
 
 /// Hops of the force loop in all, by the wires of the door specs: sensor, ForceTorque, CompliantCtrl or ModelBasedCtrl,
@@ -102,11 +119,10 @@ impl Compliance {
         let linear = match guide {
             None => force * gain(slow.norm()),
             Some(guide) => {
-                let across = guide.up_in_tool.cross(&guide.tangent_in_tool);
+                let (across, felt) = (guide.across(), guide.felt());
                 let up = guide.up_in_tool.dot(&force);
                 let up = if guide.upward { up } else { up - up.clamp(-HOLD, HOLD) };
-                across * across.dot(&force) * gain(across.dot(&slow))
-                    + guide.up_in_tool * (up * cap.min(1.0 / UP) * share)
+                across * felt.dot(&force) * gain(felt.dot(&slow)) + guide.up_in_tool * (up * cap.min(1.0 / UP) * share)
             }
         };
         let torque = match guide {
@@ -150,6 +166,22 @@ mod tests {
         let guide = Guide { tangent_in_tool: -Vector3::z(), up_in_tool: Vector3::y(), upward: false, turned: false };
         let v = Compliance::default().update(&Vector6::new(6.0, 6.0, 60.0, 0.0, 0.0, 0.0), Some(&guide), QUICK, 0.008);
         assert!((v - Vector6::new(0.003, 0.0, 0.0, 0.0, 0.0, 0.0)).norm() < 1e-12);
+    }
+
+    #[test]
+    fn a_lever_that_pushes_back_along_its_arc_is_no_strain() {
+        // The hand has rolled by 40 degrees with the lever; up is world's.
+        let (s, c) = 40f64.to_radians().sin_cos();
+        let up_in_tool = Vector3::new(s, c, 0.0);
+        let guide = Guide { tangent_in_tool: -Vector3::z(), up_in_tool, upward: false, turned: false };
+        let give = |x: f64, y: f64| {
+            let wrench = Vector6::new(x, y, 0.0, 0.0, 0.0, 0.0);
+            Compliance::default().update(&wrench, Some(&guide), QUICK, 0.008)
+        };
+        assert!(give(0.0, 30.0).norm() < 1e-12, "{}", give(0.0, 30.0));
+        // What pulls along the lever is given way to, level.
+        let v = Vector3::from(give(6.0, 0.0).fixed_rows::<3>(0));
+        assert!((v.norm() - 0.003 / c).abs() < 1e-12 && v.dot(&up_in_tool).abs() < 1e-12 && v.x > 0.0, "{v}");
     }
 
     #[test]

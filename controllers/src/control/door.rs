@@ -38,8 +38,20 @@ const PULL_FADE: f64 = 25.0;
 const PULL_SLOW: f64 = 0.3;
 /// However suddenly it comes, a pull is given way to from so far below the largest, and is gone so far above it (N).
 const SUDDEN: (f64, f64) = (5.0, 15.0);
+const SUDDEN_FIRST: (f64, f64) = (5.0, 8.0);
+/// A grasp gives by no more than this (m/N), nor is it taken for stiffer than that; what has been measured is taken for so much softer.
+const SOFT: (f64, f64) = (1.0 / 3000.0, 1.0 / 20_000.0);
+const SOFTER: f64 = 1.3;
+/// A force that tells how soft it is (N).
+const SOFT_FROM: f64 = 20.0;
+/// (Hz).
+const PULL_QUICK: f64 = 6.0;
+/// The wheels are believed so much more than the hand was told to move (m/s).
+const BELIEVED: f64 = 0.02;
+/// A try that has moved the door by so much more than the other way (m) is the better one.
+const BETTER: f64 = 0.005;
 /// A door that may be shut for good is not torn at: so fast (m/s) until the handle has gone so far (m).
-const FIRST: (f64, f64) = (0.03, 0.025);
+const FIRST: (f64, f64) = (0.02, 0.025);
 /// (m/s²).
 const ACCELERATION: f64 = 0.12;
 /// Noise is no danger (Hz).
@@ -56,12 +68,12 @@ const LEVER_FREE: f64 = 0.085;
 /// A leaf that stands so far from the wall does so for sure (rad).
 const SEEN: f64 = 0.12;
 /// A handle that has not gone this far was never free (m); one that is pushed is not to be pulled shut again.
-const MOVED: f64 = 0.04;
-const MOVED_PUSHED: f64 = 0.03;
+const MOVED: f64 = 0.03;
+const MOVED_PUSHED: f64 = 0.015;
 /// The first try begins without strain the other way.
-const MOVED_FIRST: f64 = 0.02;
+const MOVED_FIRST: f64 = 0.015;
 /// A handle that is pushed has left its latch when it has gone this far, and is pushed so fast until the lever is up (m, m/s).
-const UNLATCHED: f64 = 0.04;
+const UNLATCHED: f64 = 0.025;
 const LIFT_SPEED: f64 = 0.012;
 /// How fast a handle is pushed (m/s): the base has to get out of the way of the jambs meanwhile.
 const PUSH_SPEED: f64 = 0.09;
@@ -90,8 +102,20 @@ pub struct Opening {
     /// +1 if the lever points to the left, so that a door that is pulled opens clockwise seen from above.
     left: f64,
     opens: Opens,
-    /// Which of the tries it is.
-    tried: usize,
+    /// How it tries now, whether that is the first, and what is left to be tried.
+    trying: (Swing, Try),
+    is_first: bool,
+    left_to_try: Vec<(Swing, Try)>,
+    /// How far the handle has gone at most when it was pulled, and when it was pushed (m).
+    went: (f64, f64),
+    /// How far the hand has moved the way of this try (m), and the pull when it began (N).
+    way: f64,
+    pull_from: Option<f64>,
+    quick: LowPass<1>,
+    /// How much the grasp gives (m/N), at most.
+    soft: f64,
+    /// The leaf against the wall as seen last (rad, counter-clockwise).
+    seen: Option<f64>,
     start: Stance,
     lever: Lever,
     time: f64,
@@ -121,6 +145,8 @@ pub struct Pull {
     pub base: Vector2<f64>,
     /// How far the door is open by the estimate (rad).
     pub angle: f64,
+    /// The slow part of the pull, where it is gone (N), and how much everything is slowed down, at most 1.
+    pub effort: [f64; 3],
     /// Why it cannot go on.
     pub failure: Option<Failure>,
 }
@@ -149,7 +175,15 @@ impl Opening {
             hinge: Hinge::new(radius),
             left: side.signum(),
             opens,
-            tried: 0,
+            trying: opens.tries()[0],
+            is_first: true,
+            left_to_try: opens.tries()[1..].to_vec(),
+            went: (0.0, 0.0),
+            way: 0.0,
+            pull_from: None,
+            quick: LowPass::new(PULL_QUICK),
+            soft: SOFT.0,
+            seen: None,
             start,
             lever: Lever::default(),
             time: 0.0,
@@ -195,12 +229,13 @@ impl Opening {
     }
 
     fn swing(&self) -> Swing {
-        self.opens.tries()[self.tried].0
+        self.trying.0
     }
 
     /// Takes the angle of the leaf against the wall as it is seen (rad, counter-clockwise): a leaf that stands the other
     /// way corrects what the hand's roll has told.
     pub fn see(&mut self, leaf: f64) {
+        self.seen = Some(leaf);
         if leaf * self.sense() < -SEEN {
             self.left = -self.left;
             self.hinge = Hinge::new(1.0);
@@ -220,7 +255,7 @@ impl Opening {
         let turn = self.turn(&stance, &posture.odometry_from_tool.rotation);
         // A loop that may give way less has to go more slowly, or it meets the same error with more force.
         let share = self.calm.update(&force, dt);
-        let pace = pace * share * turn.pace;
+        let pace = pace.min(share) * turn.pace;
         self.time += dt * pace;
         let way = if swing == Swing::Pull { -stance.ahead } else { stance.ahead };
         let tangent = Rotation3::from_axis_angle(&Vector3::z_axis(), self.hinge.beside()) * way.push(0.0);
@@ -234,15 +269,21 @@ impl Opening {
         let beside = (force - tangent_in_tool * force.dot(&tangent_in_tool)).norm();
         let (most, hardest) = self.limits(beside, dt);
         let fade = ((most - slow_pull) / PULL_FADE).clamp(0.0, 1.0);
-        let sudden = ((most + SUDDEN.1 - pull) / (SUDDEN.0 + SUDDEN.1)).clamp(0.0, 1.0);
+        let from_to = if self.has_come() { SUDDEN } else { SUDDEN_FIRST };
+        let sudden = ((most + from_to.1 - pull) / (from_to.0 + from_to.1)).clamp(0.0, 1.0);
         let (lifted, roll) = self.lift(&posture.odometry_from_tool, force.dot(&up_in_tool), dt);
         self.top = towards(self.top, self.top_speed(), ACCELERATION * dt * pace);
         let damping = (slow_pull - pull) * gain_max(delay).min(1.0 / ACROSS) * share;
         let along = self.top * pace * fade.min(sudden) + damping;
-        // What the wheels say counts only as far as a hand can have moved.
-        let moved = velocity.dot(&tangent.xy()).clamp(0.0, along.max(0.0)) * dt;
+        let moved = self.moved(velocity.dot(&tangent.xy()), along, pull, dt);
         self.travelled += moved;
-        let (rate, force_left) = (moved / dt.max(1e-3), force.dot(&up_in_tool.cross(&tangent_in_tool)));
+        let guide = Guide {
+            tangent_in_tool,
+            up_in_tool,
+            upward: self.travelled > self.free_at(),
+            turned: swing == Swing::Push,
+        };
+        let (rate, force_left) = (moved / dt.max(1e-3), force.dot(&guide.felt()));
         let turning = if swing == Swing::Pull {
             self.angle += moved * self.hinge.curvature();
             self.hinge.update(rate, force_left, sense * torque.dot(&up_in_tool), dt);
@@ -258,16 +299,26 @@ impl Opening {
         self.lean(slow_pull, still, (most, hardest), dt);
         Pull {
             twist_in_tool: Vector6::new(linear.x, linear.y, linear.z, angular.x, angular.y, angular.z),
-            guide: Guide {
-                tangent_in_tool,
-                up_in_tool,
-                upward: self.travelled > self.free_at(),
-                turned: swing == Swing::Push,
-            },
+            guide,
             base: turn.base,
             angle: self.angle,
             failure: self.failure(size),
+            effort: [slow_pull, most, pace],
         }
+    }
+
+    /// How far the handle has moved (m) with a hand that moves at a `speed` (m/s) where it was told to move `along`, with a
+    /// `pull` (N). What the wheels say counts only as far as a hand can have moved; until the door has come for sure, not what
+    /// the grasp may have given, either.
+    fn moved(&mut self, speed: f64, along: f64, pull: f64, dt: f64) -> f64 {
+        let side = if self.pushes() { -1.0 } else { 1.0 };
+        let [quick] = self.quick.update(&[side * pull], dt);
+        if self.has_come() {
+            return speed.clamp(0.0, along.max(0.0)) * dt;
+        }
+        self.way += speed.clamp(-SPEED, along.max(0.0) + BELIEVED) * dt;
+        let strained = side * quick - *self.pull_from.get_or_insert(side * quick);
+        (self.way - strained.max(0.0) * self.soft - self.travelled).max(0.0)
     }
 
     /// How a hand that pushes turns about the lever, once it may.
@@ -288,7 +339,7 @@ impl Opening {
     /// where it has to turn about it.
     fn lift(&mut self, odometry_from_tool: &Isometry3<f64>, upward: f64, dt: f64) -> (f64, f64) {
         if self.travelled < self.free_at() {
-            return (self.lever.hold(odometry_from_tool.translation.z, upward), 0.0);
+            return (self.lever.hold(odometry_from_tool.translation.z, upward, dt), 0.0);
         }
         let rise = self.pushes().then(|| self.lever.rise(&odometry_from_tool.rotation, upward, dt));
         rise.flatten().unwrap_or_default()
@@ -298,7 +349,7 @@ impl Opening {
     fn has_come(&self) -> bool {
         let enough = match self.swing() {
             Swing::Push => MOVED_PUSHED,
-            Swing::Pull if self.tried == 0 => MOVED_FIRST,
+            Swing::Pull if self.is_first => MOVED_FIRST,
             Swing::Pull => MOVED,
         };
         self.travelled > enough
@@ -317,7 +368,7 @@ impl Opening {
     fn limits(&mut self, beside: f64, dt: f64) -> (f64, f64) {
         let [beside] = self.beside.update(&[beside.min(TOTAL_MAX)], dt);
         // A door that has come is the right way.
-        let Try { pull: hardest, total } = if self.has_come() { HARD } else { self.opens.tries()[self.tried].1 };
+        let Try { pull: hardest, total } = if self.has_come() { HARD } else { self.trying.1 };
         (self.pull_max.min((total.powi(2) - beside.min(total).powi(2)).sqrt()), hardest)
     }
 
@@ -345,18 +396,41 @@ impl Opening {
         if self.stalled <= STALL_TIME {
             return None;
         }
-        if self.has_come() {
-            return Some(Failure::Blocked);
+        let is_last = self.left_to_try.is_empty();
+        // A grasp that slides, or wheels that slip, have not moved the leaf.
+        let leaf = self.seen.map(|leaf| leaf * self.sense());
+        let came = self.has_come() && leaf.is_none_or(|leaf| leaf > 0.5 * self.travelled * self.hinge.curvature());
+        if came || is_last {
+            return Some(if came { Failure::Blocked } else { Failure::Locked });
         }
-        if self.tried + 1 == self.opens.tries().len() {
-            return Some(Failure::Locked);
+        self.try_next();
+        None
+    }
+
+    /// Begins the next try.
+    fn try_next(&mut self) {
+        let side = if self.pushes() { -1.0 } else { 1.0 };
+        let [pull] = self.quick.update(&[0.0], 0.0);
+        let strained = side * pull - self.pull_from.unwrap_or_default();
+        if strained > SOFT_FROM {
+            self.soft = self.soft.min((SOFTER * self.way / strained).max(SOFT.1));
         }
-        self.tried += 1;
+        let (pulled, pushed) = &mut self.went;
+        let went = if self.trying.0 == Swing::Pull { &mut *pulled } else { &mut *pushed };
+        *went = went.max(self.travelled);
+        let better = if *pulled > *pushed + BETTER {
+            Some(Swing::Pull)
+        } else {
+            (*pushed > *pulled + BETTER).then_some(Swing::Push)
+        };
+        let next = self.left_to_try.iter().position(|(swing, _)| better.is_none_or(|better| *swing == better));
+        self.trying = self.left_to_try.remove(next.unwrap_or(0));
+        self.is_first = false;
+        (self.way, self.pull_from) = (0.0, None);
         self.hinge = Hinge::new(self.hinge.radius());
         (self.time, self.stalled, self.travelled, self.angle) = (0.0, 0.0, 0.0, 0.0);
-        self.pull_max = self.opens.tries()[self.tried].1.pull.min(PULL_MAX.0);
+        self.pull_max = self.trying.1.pull.min(PULL_MAX.0);
         (self.top, self.slow) = (0.0, LowPass::new(PULL_SLOW));
-        None
     }
 }
 
@@ -397,8 +471,8 @@ mod tests {
                 let at = centre + Vector2::new(-angle.sin(), -side * angle.cos()) * 0.8;
                 pose = hand(at, -side * angle, lever_left);
             }
-            // 25 mm at 0.03 m/s, then 9 s at 0.12 m/s, both with their ramps, on a radius of 0.8 m.
-            assert!((angle - 1.345).abs() < 0.02, "{angle}");
+            // 25 mm at 0.02 m/s, then 8.6 s at 0.12 m/s, both with their ramps, on a radius of 0.8 m.
+            assert!((angle - 1.28).abs() < 0.02, "{angle}");
             let pull = opening.update(&standing(&pose), &Vector6::zeros(), 1.0, (0.03, 0.01));
             assert!((pull.angle - angle).abs() < 0.02, "{} {angle}", pull.angle);
         }
@@ -409,16 +483,47 @@ mod tests {
         let pose = hand(Vector2::zeros(), 0.0, true);
         let mut opening = Opening::new(&standing(&pose), 0.7, Opens::Either);
         let mut pushed = false;
-        let failed = (0..1600).find_map(|at| {
+        let failed = (0..2000).find_map(|at| {
             let against = if pushed { -65.0 } else { 65.0 };
             let pull =
                 opening.update(&standing(&pose), &Vector6::new(0.0, 0.0, against, 0.0, 0.0, 0.0), 1.0, (0.03, 0.01));
             pushed = opening.sense() > 0.0;
             pull.failure.map(|failure| (at, failure))
         });
-        // Four times a second of ramp and half a second without motion, 5 N and twice 20 N more at 15 N/s.
-        assert!(failed.is_some_and(|(at, _)| (850..960).contains(&at)), "{failed:?}");
+        // Six times a second of ramp and half a second without motion, and what it takes to lean 5 N and twice 20 N harder at 15 N/s.
+        assert!(failed.is_some_and(|(at, _)| (1150..1250).contains(&at)), "{failed:?}");
         assert_eq!(failed.map(|(_, failure)| failure), Some(Failure::Locked));
+    }
+
+    /// A hand on a grasp of a stiffness (N/m), before a door that goes when it is pushed with `moves` (N) or more. Returns why it
+    /// fails, if it does within 20 s, and the largest pull and push (N).
+    fn strained(stiffness: f64, moves: f64) -> (Option<Failure>, f64, f64) {
+        let mut opening = Opening::new(&standing(&hand(Vector2::zeros(), 0.0, true)), 0.7, Opens::Either);
+        let (mut at, mut handle, mut pulled, mut pushed) = (0.0, 0.0f64, 0.0f64, 0.0f64);
+        for _ in 0..2500 {
+            let push = stiffness * (at - handle);
+            handle += 0.2 * ((push - moves) / stiffness).max(0.0);
+            (pulled, pushed) = (pulled.max(-push), pushed.max(push));
+            let wrench = Vector6::new(0.0, 0.0, -push, 0.0, 0.0, 0.0);
+            let pose = hand(Vector2::new(at, 0.0), 0.0, true);
+            let pull = opening.update(&standing(&pose), &wrench, 1.0, (0.03, 0.008));
+            if pull.failure.is_some() || handle > 0.02 {
+                return (pull.failure, pulled, pushed);
+            }
+            at += 0.008 * (pose.rotation * pull.twist_in_tool.fixed_rows::<3>(0)).x;
+        }
+        (None, pulled, pushed)
+    }
+
+    /// What the fingers give is not taken for a door that comes: soft ones give by 20 mm and more each way.
+    #[test]
+    fn a_door_to_push_is_not_pulled_harder_than_it_takes_to_find_out() {
+        for stiffness in [3000.0, 6000.0, 16_000.0] {
+            let (failure, pulled, pushed) = strained(stiffness, 30.0);
+            assert!(failure.is_none() && pulled < 40.0 && pushed < 50.0, "{stiffness}: {failure:?} {pulled} {pushed}");
+            let (failure, pulled, _) = strained(stiffness, 1e6);
+            assert!(failure == Some(Failure::Locked) && pulled < 80.0, "{stiffness}: {failure:?} {pulled}");
+        }
     }
 
     #[test]

@@ -12,8 +12,12 @@ use nalgebra::{UnitQuaternion, Vector3};
 /// How a height is held (1/s), and with at most which speed (m/s).
 const GAIN: f64 = 3.0;
 const HOLD_MAX: f64 = 0.02;
-/// A lever that pushes harder than this (N) gives the height.
-const FORCE_MAX: f64 = 30.0;
+/// A lever that pushes harder than at first by so much (N) gives the height; it may push as hard as this, and is never held
+/// against more than that (N).
+const HARDER: f64 = 8.0;
+const FORCE_MAX: (f64, f64) = (30.0, 48.0);
+/// What is felt at first is a mean over this long (s).
+const FELT_TIME: f64 = 0.25;
 /// How fast the hand rises (m/s), and the force of a lever that is up (N).
 const RISE: f64 = 0.03;
 const RISE_FORCE: f64 = 12.0;
@@ -28,22 +32,29 @@ const TIME_MAX: f64 = 5.0;
 pub struct Lever {
     /// Of the hand that keeps it down (m).
     height: Option<f64>,
+    /// How hard it pushes at first (N), and for how long that has been felt (s).
+    felt: (f64, f64),
     /// How long it has been let up (s); none if it is up.
     rising: Option<f64>,
 }
 
 impl Default for Lever {
     fn default() -> Self {
-        Self { height: None, rising: Some(0.0) }
+        Self { height: None, felt: (0.0, 0.0), rising: Some(0.0) }
     }
 }
 
 impl Lever {
     /// Returns how fast the hand at a `height` (m) has to move upwards (m/s, not positive) to keep the lever down, which pushes
-    /// it upwards with a force (N).
-    pub fn hold(&mut self, height: f64, upward: f64) -> f64 {
+    /// it upwards with a force (N), `dt` (s) after the last call.
+    pub fn hold(&mut self, height: f64, upward: f64, dt: f64) -> f64 {
         let held = self.height.get_or_insert(height);
-        if upward > FORCE_MAX {
+        let (felt, time) = &mut self.felt;
+        if *time < FELT_TIME {
+            *time += dt;
+            *felt += (upward - *felt) * (dt / *time).min(1.0);
+        }
+        if upward > (*felt + HARDER).clamp(FORCE_MAX.0, FORCE_MAX.1) {
             *held = height;
         }
         (GAIN * (*held - height)).clamp(-HOLD_MAX, 0.0)
@@ -78,10 +89,23 @@ mod tests {
     #[test]
     fn a_hand_that_sinks_is_held_and_one_that_is_pushed_hard_gives_way() {
         let mut lever = Lever::default();
-        assert!(lever.hold(1.0, 20.0).abs() < 1e-12);
-        assert!((lever.hold(1.004, 20.0) + 0.012).abs() < 1e-12 && (lever.hold(1.1, 20.0) + 0.02).abs() < 1e-12);
-        assert!(lever.hold(0.9, 20.0).abs() < 1e-12, "it never rises by itself");
-        assert!(lever.hold(1.05, 40.0).abs() < 1e-12 && lever.hold(1.05, 20.0).abs() < 1e-12);
+        assert!(lever.hold(1.0, 20.0, 0.01).abs() < 1e-12);
+        assert!(
+            (lever.hold(1.004, 20.0, 0.01) + 0.012).abs() < 1e-12 && (lever.hold(1.1, 20.0, 0.01) + 0.02).abs() < 1e-12
+        );
+        assert!(lever.hold(0.9, 20.0, 0.01).abs() < 1e-12, "it never rises by itself");
+        assert!(lever.hold(1.05, 40.0, 0.01).abs() < 1e-12 && lever.hold(1.05, 20.0, 0.01).abs() < 1e-12);
+    }
+
+    /// A strong spring has 40 N: a hand that gives way to 30 N lets such a lever creep up until its latch catches.
+    #[test]
+    fn a_strong_lever_is_kept_down() {
+        let mut lever = Lever::default();
+        for _ in 0..100 {
+            assert!(lever.hold(1.0, 40.0, 0.01).abs() < 1e-12);
+        }
+        assert!(lever.hold(1.004, 46.0, 0.01) < -0.01 && lever.hold(1.004, 46.0, 0.01) < -0.01);
+        assert!(lever.hold(1.004, 49.0, 0.01).abs() < 1e-12, "no lever needs as much");
     }
 
     #[test]

@@ -39,6 +39,10 @@ const SURE: f64 = 4.0;
 const NOISE_SAMPLES: f64 = 60.0;
 /// A force that has been this large (N) and drops below two fifths of it has given way.
 const DROP_FROM: f64 = 12.0;
+/// A lever at its stop is let up to this much above what its spring has (N), so fast (m/s), for so long at most (s).
+const EASE: f64 = 5.0;
+const EASE_SPEED: f64 = 0.010;
+const EASE_TIME: f64 = 0.6;
 /// The fingers slip a little on the lever, so the hand rolls less than the lever turns.
 pub const ROLL: f64 = 0.9;
 const CUTOFF: f64 = 12.0;
@@ -54,10 +58,12 @@ pub struct Press {
     left: Vector3<f64>,
     /// Where the lever points, once known.
     lever: Option<Vector3<f64>>,
-    filter: LowPass<2>,
+    filter: LowPass<3>,
     /// Depths (m) and forces (N) of the last few millimetres, as they were measured.
     way: VecDeque<(f64, f64)>,
     largest: f64,
+    /// At the stop: what the spring has (N), and for how long the hand has eased since (s).
+    eases: Option<(f64, f64)>,
     /// Of the force upwards: the last sample (N), and how much samples differ by noise (N²).
     last: Option<f64>,
     variance: f64,
@@ -99,6 +105,7 @@ impl Press {
             filter: LowPass::new(CUTOFF),
             way: VecDeque::new(),
             largest: 0.0,
+            eases: None,
             last: None,
             variance: 0.0,
         }
@@ -120,8 +127,13 @@ impl Press {
         if let Some(last) = self.last.replace(felt) {
             self.variance += (0.5 * (felt - last).powi(2) - self.variance) / NOISE_SAMPLES;
         }
-        let [upward, twist] = self.filter.update(&[force.z, torque.z], dt);
-        let give = self.give.update(wrench_in_tool, None, delay, dt);
+        let [upward, twist, steady] = self.filter.update(&[force.z, torque.z, felt], dt);
+        // A lever that is pressed pushes back along its arc; only what is across strains it.
+        let along = self.height.map_or_else(Vector3::zeros, |height| self.along(height - base_from_tool.translation.z));
+        let across = rotation.inverse() * (force - along * force.dot(&along));
+        let mut strain = *wrench_in_tool;
+        strain.fixed_rows_mut::<3>(0).copy_from(&across);
+        let give = self.give.update(&strain, None, delay, dt);
         let give_turn: Vector3<f64> = give.fixed_rows::<3>(3).into();
         self.time += dt;
         if self.height.is_none() && self.time < RELAX.1 && (force.norm() > RELAX.0 || self.time < 0.1) {
@@ -140,16 +152,30 @@ impl Press {
         }
         let mut give: Vector3<f64> = rotation * give.fixed_rows::<3>(0);
         give.z = 0.0;
-        let linear = give + self.along(depth) * SPEED;
-        let roll = |lever: Vector3<f64>| lever.cross(&-Vector3::z()) * (ROLL * SPEED / LEVER);
+        let state = self.state(depth, upward, felt);
+        let (state, speed) = self.ease(state, steady, dt);
+        let linear = give + self.along(depth) * speed;
+        let roll = |lever: Vector3<f64>| lever.cross(&-Vector3::z()) * (ROLL * speed / LEVER);
         let angular = self.lever.map_or_else(Vector3::zeros, roll);
         let linear = rotation.inverse() * linear;
         let angular = rotation.inverse() * angular + give_turn;
         Down {
             twist_in_tool: Vector6::new(linear.x, linear.y, linear.z, angular.x, angular.y, angular.z),
             depth,
-            state: self.state(depth, upward, felt),
+            state,
         }
+    }
+
+    /// How fast the hand goes down (m/s): back from the stop until hardly more than the lever's spring is left.
+    fn ease(&mut self, state: State, felt: f64, dt: f64) -> (State, f64) {
+        if state == State::Down && self.eases.is_none() {
+            let spring = self.way.iter().map(|(_, felt)| *felt).fold(felt, f64::min);
+            self.eases = Some((spring, 0.0));
+        }
+        let Some((spring, time)) = &mut self.eases else { return (state, SPEED) };
+        *time += dt;
+        let is_easy = felt < *spring + EASE || *time > EASE_TIME;
+        (if is_easy { State::Down } else { State::Pressing }, -EASE_SPEED)
     }
 
     /// The way the lever's end goes at a depth (m), a unit vector: straight down until it is known to which side it points.
@@ -222,6 +248,12 @@ mod tests {
     impl Lever {
         /// The hand faces x; returns how it ended and how deep it was, and the largest force.
         fn press(&self) -> (State, f64, f64) {
+            let (state, depth, peak, _) = self.press_and_hold();
+            (state, depth, peak)
+        }
+
+        /// As [`Lever::press`] does; the force in the end besides.
+        fn press_and_hold(&self) -> (State, f64, f64, f64) {
             let axes = [Vector3::y(), Vector3::z(), Vector3::x()];
             let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_basis_unchecked(&axes));
             let mut pose = Isometry3::from_parts(Vector3::new(0.5, 0.0, 1.0).into(), rotation);
@@ -247,7 +279,7 @@ mod tests {
                     press.update(&pose, &Vector6::new(in_tool.x, in_tool.y, in_tool.z, 0.0, 0.0, torque), (0.03, dt));
                 peak = peak.max(force.norm());
                 if down.state != State::Pressing {
-                    return (down.state, down.depth, peak);
+                    return (down.state, down.depth, peak, force.norm());
                 }
                 let mut v: Vector3<f64> = pose.rotation * down.twist_in_tool.fixed_rows::<3>(0);
                 if down.depth > self.slips && slipped < 1.0 {
@@ -259,7 +291,7 @@ mod tests {
                 pose.rotation = UnitQuaternion::from_scaled_axis(w * dt) * pose.rotation;
                 roll += -side * w.x * dt;
             }
-            (State::Pressing, 0.0, peak)
+            (State::Pressing, 0.0, peak, 0.0)
         }
     }
 
@@ -275,6 +307,18 @@ mod tests {
                     assert!((wanted - 0.004..wanted + 0.012).contains(&depth), "{depth} of {wanted}");
                     assert!(peak < 60.0, "{peak} N: {length} {left} {stop}");
                 }
+            }
+        }
+    }
+
+    /// The stop is found with 40 N and more, which nobody needs to keep a lever down.
+    #[test]
+    fn a_lever_at_its_stop_is_held_with_hardly_more_than_its_spring() {
+        for length in [0.07, 0.09, 0.12] {
+            for left in [true, false] {
+                let (state, _, _, last) = Lever { length, left, stop: 0.8, yields: 9.0, slips: 9.0 }.press_and_hold();
+                let spring = (0.6 + 1.8 * 0.8) / length;
+                assert!(state == State::Down && last < spring + 12.0, "{length} {left}: {last} of {spring} N");
             }
         }
     }

@@ -4,8 +4,13 @@
 pub const PULL_MAX: (f64, f64) = (50.0, 70.0);
 /// What pull and lever come to together at most (N).
 pub const TOTAL_MAX: f64 = 72.0;
-/// Both at first, and then, while nobody knows which way the door opens (N).
-const GENTLE: [Try; 2] = [Try { pull: 40.0, total: 48.0 }, Try { pull: 55.0, total: 58.0 }];
+/// One after the other, while nobody knows which way the door opens (N).
+const GENTLE: [Try; 4] = [
+    Try { pull: 32.0, total: 44.0 },
+    Try { pull: 40.0, total: 50.0 },
+    Try { pull: 46.0, total: 54.0 },
+    Try { pull: 55.0, total: 58.0 },
+];
 /// And for a door that does not move with that.
 pub const HARD: Try = Try { pull: PULL_MAX.1, total: TOTAL_MAX };
 
@@ -42,8 +47,14 @@ pub enum Opens {
 impl Opens {
     /// Returns what is tried one after the other.
     pub fn tries(self) -> &'static [(Swing, Try)] {
-        const EITHER: [(Swing, Try); 4] =
-            [(Swing::Pull, GENTLE[0]), (Swing::Push, GENTLE[1]), (Swing::Pull, HARD), (Swing::Push, HARD)];
+        const EITHER: [(Swing, Try); 6] = [
+            (Swing::Pull, GENTLE[0]),
+            (Swing::Push, GENTLE[1]),
+            (Swing::Pull, GENTLE[2]),
+            (Swing::Push, GENTLE[3]),
+            (Swing::Pull, HARD),
+            (Swing::Push, HARD),
+        ];
         match self {
             Self::Either => &EITHER,
             Self::Pull => &[(Swing::Pull, HARD)],
