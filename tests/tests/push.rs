@@ -29,7 +29,7 @@ fn doors_to_push_open_with_base_and_arm_clear_of_leaf_and_jambs() {
 
 #[test]
 fn doors_to_push_that_nobody_tuned_for_open() {
-    let wanted = ["swing push", "push, moderate", "told to push"];
+    let wanted = ["swing push", "push, moderate", "push, wide", "told to push"];
     let is_flown = |row: &Row| row.group == Group::Push && wanted.contains(&row.name.as_str());
     let rows: Vec<_> = rows(3, 3, &[]).into_iter().filter(is_flown).collect();
     let missions: Vec<Mission> = rows.iter().flat_map(|row| row.missions.clone()).collect();
@@ -42,11 +42,31 @@ fn doors_to_push_that_nobody_tuned_for_open() {
             (row, own)
         })
         .collect();
-    // Stiff fingers meet the frame with 60 N and more while the hand finds out which way the door opens.
-    let is_good =
-        |row: &Row, outcome: &Outcome| outcome.is_strict() || (row.name.contains("moderate") && outcome.is_success());
-    let mut all = flown.iter().flat_map(|(row, outcomes)| outcomes.iter().map(move |outcome| (row, outcome)));
-    assert!(flown.len() == 3 && all.all(|(row, outcome)| is_good(row, outcome)), "{}", table::failures(&flown));
+    let mut all = flown.iter().flat_map(|(_, outcomes)| outcomes);
+    assert!(flown.len() == 4 && all.all(Outcome::is_strict), "{}", table::failures(&flown));
+}
+
+/// Each failed once: a strong lever crept up while the hand found out which way the door opens, and its latch held the leaf.
+const UNTUNED: [&str; 2] = [
+    "seed = 58, side = \"right\", radius = 0.74 m, lever_torque = 1.3 Nm, lever_length = 0.085 m, latch_angle = 0.65 rad",
+    "seed = 6, closer = 2.2 Nm, friction = 5 Nm, lever_torque = 1.4 Nm, latch_angle = 0.619 rad, stiffness = 3000 N/m",
+];
+
+#[test]
+fn doors_with_strong_levers_are_pushed_gently() {
+    let missions: Vec<_> = UNTUNED.iter().map(|world| mission(&format!("{world}, swing = \"push\""), None)).collect();
+    let outcomes = fly_all(&missions, (DOOR, LIMIT), 2, &|_| {}).unwrap_or_else(|why| panic!("{why}"));
+    for (world, outcome) in UNTUNED.iter().zip(outcomes) {
+        assert!(outcome.is_strict(), "{world}: {outcome:?}");
+    }
+}
+
+/// In the opening the laser does not see the wall any more, so wheels that turn on the spot made doors of 53 and 58 degrees look open.
+#[test]
+fn wheels_that_turn_on_the_spot_open_no_door() {
+    let world = "seed = 940, swing = \"push\", radius = 0.746 m, base_slip_door = 0.892 rad, base_slip_for = 7.6 s";
+    let outcome = mission(world, None).fly(DOOR, LIMIT).unwrap_or_else(|why| panic!("{why}"));
+    assert!(!outcome.is_false() && outcome.reason().contains("the wheels have slipped"), "{outcome:?}");
 }
 
 #[test]

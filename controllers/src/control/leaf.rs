@@ -10,7 +10,7 @@
 
 use super::line::{self, Line, Spread, horizontal};
 use crate::sdk::Random;
-use nalgebra::{Isometry3, Rotation2, Vector2, Vector3};
+use nalgebra::{Isometry3, Matrix2, Rotation2, Vector2, Vector3};
 
 /// How far from where the wall was a sweep ago its points may be now (m): the base turns by a degree or two meanwhile.
 const WALL_GATE: f64 = 0.06;
@@ -44,6 +44,11 @@ const GAP: f64 = 0.15;
 /// The leaf is seen over at least this length (m).
 const LENGTH_MIN: f64 = 0.20;
 
+/// Leaf and wall that are so far apart (rad) tell where they meet, by a mean over at least and about so many sweeps.
+const MEETS: f64 = 0.2;
+const MEAN_FROM: u32 = 10;
+const MEAN_OF: u32 = 40;
+
 /// A leaf that is seen.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Leaf {
@@ -61,12 +66,14 @@ pub struct Wall {
     line: Option<Line>,
     /// How far the base has turned since the wall was seen last (rad).
     turned: f64,
+    /// From the handle to where leaf and wall meet (m), a mean over so many sweeps.
+    radius: (f64, u32),
     random: Random,
 }
 
 impl Default for Wall {
     fn default() -> Self {
-        Self { line: None, turned: 0.0, random: Random::new(1) }
+        Self { line: None, turned: 0.0, radius: (0.0, 0), random: Random::new(1) }
     }
 }
 
@@ -101,6 +108,9 @@ impl Wall {
         };
         self.line = Some(wall);
         let (leaf, spread) = self.leaf(points, base_from_tool)?;
+        if self.turned <= 0.0 && turn(&wall.normal, &leaf.normal).abs() > MEETS {
+            self.meet(&wall, &leaf, &base_from_tool.translation.vector.xy());
+        }
         let hand = turn(&wall.normal, &horizontal(&(base_from_tool.rotation * Vector3::z())));
         let deviation = deviation.hypot(spread.direction);
         Some(Leaf { angle: turn(&wall.normal, &leaf.normal), hand, deviation })
@@ -111,6 +121,27 @@ impl Wall {
     pub fn lines(&mut self, points: &[Vector2<f64>], base_from_tool: &Isometry3<f64>) -> Option<(Line, Line)> {
         let (leaf, _) = self.leaf(points, base_from_tool)?;
         Some((self.line?, leaf))
+    }
+
+    /// Takes where the lines of wall and leaf meet for the hinge.
+    fn meet(&mut self, wall: &Line, leaf: &Line, hand: &Vector2<f64>) {
+        let normals = Matrix2::from_rows(&[wall.normal.transpose(), leaf.normal.transpose()]);
+        let Some(inverse) = normals.try_inverse() else { return };
+        let hinge = inverse * Vector2::new(wall.distance, leaf.distance);
+        let radius = leaf.normal.perp(&(hinge - hand)).abs();
+        let (mean, count) = &mut self.radius;
+        *count = count.saturating_add(1).min(MEAN_OF);
+        *mean += (radius - *mean) / f64::from(*count);
+    }
+
+    /// Returns how far from the hand the hinge is as seen (m), if leaf and wall have been seen apart for long enough.
+    pub fn radius(&self) -> Option<f64> {
+        (self.radius.1 >= MEAN_FROM).then_some(self.radius.0)
+    }
+
+    /// Returns how far the base has turned since the wall was seen last (rad), as the wheels say.
+    pub fn turned(&self) -> f64 {
+        self.turned
     }
 
     /// Returns whether it knows where the wall is.
@@ -238,6 +269,8 @@ mod tests {
         }
         // Over 100 sweeps the largest error is some three deviations.
         assert!(worst < 5.0, "{worst}");
+        // The hand is 0.75 m from the hinge.
+        assert!(wall.radius().is_some_and(|radius| (radius - 0.75).abs() < 0.01), "{:?}", wall.radius());
     }
 
     #[test]

@@ -17,6 +17,12 @@ pub const TURN_MAX: f64 = 0.30;
 pub const MARGIN: f64 = 0.035;
 /// An estimate so far beyond the goal (rad) is in doubt: in good runs it is ahead by some 6 degrees.
 pub const AHEAD_MAX: f64 = 0.35;
+/// Without the wall in sight the angle rests on wheels, and those may turn on the spot. A base that has turned by so much since
+/// (rad) is believed only if the hinge that the hand feels is as far away as it was seen, by this share; one that has never been
+/// seen allows a turn by so much.
+const TURNED: f64 = 0.05;
+const RADIUS_SHARE: f64 = 0.15;
+const TURNED_UNSEEN: f64 = 0.15;
 const IN_A_ROW: u32 = 3;
 
 /// What a door's handle and hinge may be like.
@@ -39,6 +45,10 @@ pub struct Evidence {
     pub leaf: Option<Leaf>,
     /// The estimated radius (m).
     pub radius: f64,
+    /// The radius as it was seen (m), if it was.
+    pub seen_radius: Option<f64>,
+    /// How far the base has turned since the wall was seen (rad), as the wheels say.
+    pub turned: f64,
 }
 
 /// What follows.
@@ -65,12 +75,26 @@ pub enum Doubt {
     Turn,
     /// No door has such a hinge.
     Hinge,
+    /// The angle rests on wheels that may have turned on the spot.
+    Wheels,
 }
 
 impl Expected {
     /// Returns whether fingers this far apart (m) hold the handle; a width that is no number does not.
     pub fn holds(&self, width: f64) -> bool {
         (self.width.0..=self.width.1).contains(&width)
+    }
+}
+
+impl Evidence {
+    /// Whether the angle is seen, or what has been seen agrees with the wheels. A number that is none does not.
+    fn is_seen(&self) -> bool {
+        let most = match self.seen_radius {
+            Some(seen) if (self.radius / seen - 1.0).abs() <= RADIUS_SHARE => f64::INFINITY,
+            Some(_) => TURNED,
+            None => TURNED_UNSEEN,
+        };
+        self.turned <= most
     }
 }
 
@@ -106,7 +130,8 @@ impl Watch {
                 let turned = (leaf.hand - leaf.angle).abs() <= TURN_MAX;
                 let sane = (self.expected.radius.0..=self.expected.radius.1).contains(&evidence.radius);
                 return match (turned, sane) {
-                    (true, true) => Verdict::Open,
+                    (true, true) if evidence.is_seen() => Verdict::Open,
+                    (true, true) => Verdict::Doubt(Doubt::Wheels),
                     (false, _) => Verdict::Doubt(Doubt::Turn),
                     (true, false) => Verdict::Doubt(Doubt::Hinge),
                 };
@@ -126,7 +151,8 @@ mod tests {
 
     const EXPECTED: Expected = Expected { width: (0.01, 0.04), radius: (0.3, 1.5) };
     const LEAF: Leaf = Leaf { angle: 1.23, hand: 1.15, deviation: 0.002 };
-    const GOOD: Evidence = Evidence { width: 0.02, believed: 1.3, leaf: Some(LEAF), radius: 0.82 };
+    const GOOD: Evidence =
+        Evidence { width: 0.02, believed: 1.3, leaf: Some(LEAF), radius: 0.82, seen_radius: Some(0.8), turned: 0.0 };
 
     /// The last of three verdicts on the same evidence.
     fn verdict(evidence: &Evidence) -> Verdict {
@@ -159,6 +185,20 @@ mod tests {
         for radius in [0.05, 0.17, 2.0, f64::NAN] {
             assert_eq!(verdict(&Evidence { radius, ..GOOD }), Verdict::Doubt(Doubt::Hinge), "{radius}");
         }
+    }
+
+    /// Wheels that turned on the spot for 10 s made a door of 53 degrees look like one of 72; the hinge was felt at 1.35 m and had been
+    /// seen at 0.82 m.
+    #[test]
+    fn wheels_are_not_believed_without_the_wall_unless_the_hinge_agrees() {
+        let with = |turned, seen_radius| verdict(&Evidence { turned, seen_radius, ..GOOD });
+        assert_eq!(with(0.4, Some(0.9)), Verdict::Open);
+        for (turned, seen) in [(0.4, Some(0.5)), (0.4, Some(1.1)), (0.2, None), (f64::NAN, None), (0.4, Some(f64::NAN))]
+        {
+            assert_eq!(with(turned, seen), Verdict::Doubt(Doubt::Wheels), "{turned} {seen:?}");
+        }
+        assert_eq!(with(0.04, Some(0.5)), Verdict::Open, "the wall is in sight");
+        assert_eq!(with(0.1, None), Verdict::Open);
     }
 
     #[test]

@@ -24,7 +24,7 @@ const TIMEOUT: Duration = Duration::from_secs(55);
 /// How far before its goal a door is slowed down (rad), and to which share of its speed.
 const BRAKE: f64 = 0.2;
 const PACE_MIN: f64 = 0.25;
-const PUSH_PACE_MIN: f64 = 0.4;
+const PUSH_PACE_MIN: f64 = 0.6;
 /// How near anything may come to the robot, but for what it holds; from so much more on it goes more slowly (m). A sweep is
 /// 50 ms old and a base takes 200 ms to stop. And for how long it looks for the wall.
 const ROOM_MIN: f64 = 0.03;
@@ -85,6 +85,8 @@ pub(super) struct ModelBasedCtrl {
     poses: History<3>,
     joints: History<6>,
     angle: f64,
+    /// Its pull, where that is gone (N), and how much everything is slowed down.
+    effort: [f64; 3],
     /// As seen last.
     leaf: Option<Leaf>,
     /// From the robot to what is nearest, as seen last (m).
@@ -234,6 +236,9 @@ fn refuse(doubt: Doubt) -> Progress {
         Doubt::Unseen => "the laser does not see the leaf: nobody knows whether the door is open",
         Doubt::Behind => "the door is not as far open as the hand has moved: the wheels or the fingers slip",
         Doubt::Turn => "the hand has not turned with the door: its direction and the leaf's differ",
+        Doubt::Wheels => {
+            "the wheels have slipped, or may have: the wall is out of sight, and the hinge is not as far away as it was seen"
+        }
         Doubt::Hinge => "the hinge estimate is not sane: its radius is no door's",
     };
     Progress::Aborted(reason.to_owned())
@@ -292,6 +297,7 @@ impl Controller for ModelBasedCtrl {
             poses: History::default(),
             joints: History::default(),
             angle: 0.0,
+            effort: [f64::NAN; 3],
             leaf: None,
             room: None,
             blind: Duration::ZERO,
@@ -336,7 +342,7 @@ impl Controller for ModelBasedCtrl {
         let age = inputs.wrench.age(tick.now).unwrap_or_default().as_secs_f64();
         let pull = opening.update(&posture, &known.wrench, pace, (loop_delay(age), tick.dt()));
         let (radius, sense, askew) = (opening.hinge().radius(), opening.sense(), opening.askew());
-        self.angle = pull.angle;
+        (self.angle, self.effort) = (pull.angle, pull.effort);
         let leaf = self.look(inputs, (sense, askew));
         if let (Some(leaf), Some(opening)) = (leaf, &mut self.opening) {
             opening.see(sense * leaf.angle);
@@ -350,7 +356,8 @@ impl Controller for ModelBasedCtrl {
             upward: pull.guide.upward,
             turned: pull.guide.turned,
         });
-        let evidence = Evidence { width: known.width, believed: pull.angle, leaf, radius };
+        let (seen_radius, turned) = (self.wall.radius(), self.wall.turned());
+        let evidence = Evidence { width: known.width, believed: pull.angle, leaf, radius, seen_radius, turned };
         self.result(&pull, &evidence)
     }
 
@@ -362,8 +369,13 @@ impl Controller for ModelBasedCtrl {
         vec![
             signal("estimated angle", "deg", self.angle.to_degrees()),
             signal("estimated radius", "m", radius),
+            signal("pull", "N", self.effort[0]),
+            signal("largest pull", "N", self.effort[1]),
+            signal("pace", "", self.effort[2]),
             signal("seen angle", "deg", seen(|leaf| leaf.angle)),
             signal("hand turned", "deg", seen(|leaf| leaf.hand)),
+            signal("seen radius", "m", self.wall.radius().unwrap_or(f64::NAN)),
+            signal("turned without the wall", "deg", self.wall.turned().to_degrees()),
             signal("room", "m", self.room.unwrap_or(f64::NAN)),
             signal("odometry jumps", "", f64::from(self.anchor.jumps)),
         ]
