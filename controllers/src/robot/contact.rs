@@ -43,7 +43,7 @@ impl Default for Description {
             grasp_turn: 0.35,
             stiffness: 6000.0,
             damping: 60.0,
-            slip_force: 90.0,
+            slip_force: 78.0,
             turn_slip: 2.0,
         }
     }
@@ -249,8 +249,9 @@ mod tests {
         let handle = Door::new(door::Description::default()).handle();
         let mut grasp = Grasp::new(Description::default());
         grasp.take(&hand(&handle, Vector3::zeros(), Vector3::zeros()), &handle);
-        // 6000 N/m: 14 mm are 84 N, 16 mm are 96 N.
-        for (stretch, held) in [(-0.014, true), (-0.016, false)] {
+        // 6000 N/m: 12.5 mm are 75 N, 13.5 mm are 81 N. The laws give up at 80 N only.
+        assert!(Description::default().slip_force < crate::control::door::FORCE_MAX);
+        for (stretch, held) in [(-0.0125, true), (-0.0135, false)] {
             let push = grasp.push(&hand(&handle, Vector3::new(0.0, 0.0, stretch), Vector3::zeros()), &handle);
             assert!((push.force.norm() - 6000.0 * -stretch).abs() < 1e-9);
             assert_eq!(grasp.holds(), held);

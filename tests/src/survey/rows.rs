@@ -76,7 +76,7 @@ const fn dimension(name: &'static str, unit: &'static str, [low, nominal, high]:
 const DEGREE: f64 = std::f64::consts::PI / 180.0;
 
 /// What varies alone only: what is not about the door's kind.
-const MORE: [Dimension; 15] = [
+const MORE: [Dimension; 19] = [
     dimension("closer_rate", "Nm/rad", [0.0, 2.0, 8.0]),
     dimension("viscosity", "Nm s/rad", [0.0, 1.5, 6.0]),
     dimension("leaf_beyond", "m", [0.05, 0.08, 0.15]),
@@ -92,6 +92,10 @@ const MORE: [Dimension; 15] = [
     dimension("base_delay", "s", [0.0, 0.0, 0.03]),
     dimension("gripper_delay", "s", [0.0, 0.0, 0.1]),
     dimension("laser_delay", "s", [0.0, 0.0, 0.1]),
+    dimension("slip_force", "N", [60.0, 78.0, 120.0]),
+    dimension("traction", "N", [80.0, 200.0, 800.0]),
+    dimension("grasp_turn", "rad", [0.15, 0.35, 1.0]),
+    dimension("jitter", "s", [0.0, 0.0, 0.03]),
 ];
 
 /// What varies alone, and all at once.

@@ -57,7 +57,7 @@ parameters! {
     "push_at": time(-1.0, 1e6), "-1", "s", "when a visitor begins to push the hand; -1: never";
     "push": force(0.0, 200.0), "60", "N", "how hard the visitor pushes in the end, 4 s later";
     "lose_at": angle(-1.0, 2.5), "-1", "rad", "the lever leaves the fingers for good when the door is so far open; -1: never";
-    "slip_force": force(1.0, 1000.0), "90", "N", "a held lever slips out at this force";
+    "slip_force": force(1.0, 1000.0), "78", "N", "a held lever slips out at this force";
     "turn_slip": torque(0.1, 50.0), "2", "Nm", "a held lever turns between the fingers, about the axis they close along";
     "base_slip_at": time(-1.0, 1e6), "-1", "s", "when the wheels begin to turn on the spot; -1: never";
     "base_slip_for": time(0.0, 60.0), "1", "s", "for how long they do";
