@@ -520,7 +520,7 @@ mod tests {
     fn a_door_to_push_is_not_pulled_harder_than_it_takes_to_find_out() {
         for stiffness in [3000.0, 6000.0, 16_000.0] {
             let (failure, pulled, pushed) = strained(stiffness, 30.0);
-            assert!(failure.is_none() && pulled < 40.0 && pushed < 50.0, "{stiffness}: {failure:?} {pulled} {pushed}");
+            assert!(failure.is_none() && pulled < 50.0 && pushed < 50.0, "{stiffness}: {failure:?} {pulled} {pushed}");
             let (failure, pulled, _) = strained(stiffness, 1e6);
             assert!(failure == Some(Failure::Locked) && pulled < 80.0, "{stiffness}: {failure:?} {pulled}");
         }

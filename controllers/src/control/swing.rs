@@ -6,7 +6,7 @@ pub const PULL_MAX: (f64, f64) = (50.0, 70.0);
 pub const TOTAL_MAX: f64 = 72.0;
 /// One after the other, while nobody knows which way the door opens (N).
 const GENTLE: [Try; 4] = [
-    Try { pull: 32.0, total: 44.0 },
+    Try { pull: 40.0, total: 48.0 },
     Try { pull: 40.0, total: 50.0 },
     Try { pull: 46.0, total: 54.0 },
     Try { pull: 55.0, total: 58.0 },
