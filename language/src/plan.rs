@@ -18,7 +18,7 @@ use std::time::Duration;
 pub use difference::{Difference, PlanChange, difference};
 pub use exec::{ExecError, words};
 pub use parameter::{Accepts, Parameter};
-pub use policy::{LinkLoss, Policy, REALTIME_MAX, Realtime, Restart, Usage};
+pub use policy::{LinkLoss, Policy, REALTIME_MAX, Realtime, Restart, Usage, Watchdog};
 pub use validate::PlanError;
 
 /// The deepest nesting of groups and of expressions that is accepted.

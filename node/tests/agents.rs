@@ -73,7 +73,7 @@ fn a_crash_ends_the_mission_with_its_cause() {
     world.run_for(Duration::from_secs(8));
     let Ending::Aborted(failure) = world.ending(call) else { panic!("not aborted") };
     assert_eq!((failure.origin.as_str(), &failure.cause), ("main/pair/sensor", &FailureCause::Signal(9)));
-    assert!(failure.to_string().starts_with("main ← pair ← sensor: SIGKILL at 0."), "{failure}");
+    assert!(failure.to_string().starts_with("main ← pair ← sensor: SIGKILL (external) at 0."), "{failure}");
     assert_eq!(world.alive, BTreeSet::new());
 }
 
@@ -440,7 +440,7 @@ fn a_program_that_fails_says_why_and_its_output_is_there_after_the_end() {
     let Ending::Aborted(failure) = world.ending(call) else { panic!("not aborted") };
     let output = WRITES.map(str::to_owned).to_vec();
     assert_eq!(failure.cause, FailureCause::Program { end: ProgramEnd::Signal(9), restarts: 0, output });
-    assert!(failure.to_string().starts_with("main ← pair ← sensor: SIGKILL at 0."), "{failure}");
+    assert!(failure.to_string().starts_with("main ← pair ← sensor: SIGKILL (external) at 0."), "{failure}");
     let logs = |process: &str| Request::Logs { deployment: None, process: process.into(), follow: false };
     let deployment = Deployment { name: "test".into(), epoch: 1 };
     world.ask("c1", logs("sensor"));

@@ -40,7 +40,7 @@ fn check(leaf: &str, line: &str, times: usize) {
 }
 
 fn check_chain(ended: &Ended, leaf: &str) {
-    let chain = format!("{}: SIGKILL at ", leaf.split('/').collect::<Vec<_>>().join(" ← "));
+    let chain = format!("{}: SIGKILL (external) at ", leaf.split('/').collect::<Vec<_>>().join(" ← "));
     assert!(ended.code == Some(1) && ended.out.contains(&chain), "{leaf}: expected `{chain}…`\n{ended}");
 }
 
@@ -94,8 +94,8 @@ fn while_the_hand_opens() {
     let ended = kill(&cluster, leaf, APPROACH, 1).ended(MISSION_MAX);
     let has_nothing = ended.out.contains("the gripper closed on nothing");
     assert_eq!(ended.code, Some(i32::from(has_nothing)), "{ended}");
-    assert!(ended.err.contains("! dooropensyst/opengrip aborted: SIGKILL"), "{ended}");
-    assert!(ended.out.contains("dooropensyst/opengrip aborted: SIGKILL"), "{ended}");
+    assert!(ended.err.contains("! dooropensyst/opengrip aborted: SIGKILL (external)"), "{ended}");
+    assert!(ended.out.contains("dooropensyst/opengrip aborted: SIGKILL (external)"), "{ended}");
     cluster.expect_nothing_left(Duration::from_secs(2));
 }
 

@@ -49,7 +49,7 @@ fn the_door_opens_although_programs_died() {
     }
     let ended = mission.ended(MISSION_MAX);
     assert!(ended.code == Some(0) && ended.out.starts_with("door_opening: done"), "{ended}");
-    assert!(ended.out.contains("died and is started again (1 of 5 in 60 s): SIGKILL"), "{ended}");
+    assert!(ended.out.contains("died and is started again (1 of 5 in 60 s): SIGKILL (external)"), "{ended}");
     cluster.expect_nothing_left(Duration::from_secs(2));
     let trace = Trace::read(&cluster.folder().join("runs/door_opening-1"));
     for (_, leaf, resumed) in restarted {

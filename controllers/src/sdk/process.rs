@@ -8,10 +8,12 @@
 //! goes on. It ends only if the process that has started this one is gone, too.
 //!
 //! What a program is told by its environment: `DCA_CONTROL`, the node's socket; `DCA_INSTANCE`, its path in the plan;
-//! `DCA_DATA_SOCKET`, where its data session listens; `DCA_REMOTE`, present when other hosts must reach it.
+//! `DCA_DATA_SOCKET`, where its data session listens; `DCA_REMOTE`, present when other hosts must reach it; `NOTIFY_SOCKET`
+//! and `WATCHDOG_USEC`, who watches its loop, and how closely.
 
 mod cycle;
 mod flow;
+mod heartbeat;
 mod inbox;
 mod links;
 mod node_line;
@@ -26,6 +28,7 @@ use comms::io::data::DataSession;
 use comms::io::session::{OpenError, Reach, Role, prepare_process};
 use comms::logic::control::{Notice, Order, VERSION};
 use cycle::Cycle;
+use heartbeat::Watcher;
 use inbox::{Command, Inbox};
 use links::Links;
 use node_line::{NodeLine, NoticeLog};
@@ -150,6 +153,9 @@ impl Program {
         let inbox = Arc::new(Inbox::default());
         let links = Arc::new(Links::default());
         let cycle = Cycle::new(module, Arc::clone(&inbox), Arc::clone(&links), self.notices.clone());
+        if let Some(watcher) = Watcher::of_environment() {
+            watcher.tell(cycle.heartbeat())?;
+        }
         let running = std::thread::Builder::new().name("cycle".to_owned()).spawn(move || cycle.run())?;
         obey_sigterm(&inbox, &self.notices)?;
         let code = loop {

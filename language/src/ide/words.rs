@@ -110,6 +110,8 @@ words! {
     Suffix "as" "as ${1:outcome}" "`P as t`: the outcome of P is called t, for a `match`."
     Suffix "within" "within ${1:5 s}" "Aborts what takes longer."
     Policy "restart" "restart ${1:transient};" "When it is started again: `temporary` (never), `transient` (after a failure) or `permanent`."
+    Policy "watchdog" "watchdog ${1:500 ms};" "How long it may give no sign of life before it is ended as hung; `none` if for ever."
+    Policy "ready" "ready within ${1:3 s};" "How long it may take until it can run, at its start and in each `Init`."
     Policy "on_agent_loss" "on_agent_loss stop within ${1:3 s};" "How long it may go on when the node of its host is gone."
     Policy "on_link_loss" "on_link_loss ${1:keep};" "What it does when the others are out of reach: `keep`, `hold`, or `safe_stop_after 2 s`."
     Policy "memory" "memory ${1:200 MB};" "The most memory it may have."

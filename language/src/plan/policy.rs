@@ -17,6 +17,23 @@ pub struct Policy {
     pub link_loss: LinkLoss,
     /// The limits of what the program may use.
     pub usage: Usage,
+    /// The longest time without a sign of life.
+    pub watchdog: Watchdog,
+    /// The longest time until the program can run, at its start and in each `Init`. The node's own bound applies if this is
+    /// absent.
+    pub ready_within: Option<Duration>,
+}
+
+/// How long a program may give no sign of life before it is ended as hung.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Watchdog {
+    /// As long as a node allows without a policy: a bound for controllers, none for plain programs.
+    #[default]
+    Usual,
+    /// For ever.
+    Never,
+    /// For this long.
+    Within(Duration),
 }
 
 /// Whether a program is started again, a few times in a minute.

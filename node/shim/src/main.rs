@@ -3,19 +3,26 @@
 //! The agent can be killed and replaced while this runs on, so no exit code is ever lost. As a subreaper it inherits every
 //! process that the program leaves behind, daemons included; so "no child is left" means "nothing of it is left".
 //!
-//! The instance *is* its main process: when that ends, what it leaves behind is killed at once. Two threads send events to
-//! the main one: agent (orders, attachments, losses) and reaper (children that end). Two more keep the program's output.
+//! A program that hangs is ended, whether an agent is there or not: it gives signs of life (`beats`), and `watchdog` measures
+//! how long they stay away. It gets SIGABRT, so that a core can be written, and SIGKILL after a grace.
+//!
+//! The instance *is* its main process: when that ends, what it leaves behind is killed at once. Three threads send events to
+//! the main one: agent (orders, attachments, losses), reaper (children that end) and watchdog. Two more keep the program's
+//! output.
 //!
 //! When its agent is gone, the shim either stops the program within a grace, or keeps it until it ends or another agent
 //! attaches ([`ShimStart::agent_loss_grace`]). The stop of a running program begins at once, and no agent that attaches undoes
 //! it; at the gate, where nothing runs, the grace is how long another agent may take to attach.
 
 mod agent;
+mod beats;
 mod descendants;
 mod launch;
 mod output;
+mod watchdog;
 
 use agent::Agent;
+use beats::Beats;
 use comms::io::clock::now;
 use comms::io::descriptors;
 use comms::logic::human::cause;
@@ -26,7 +33,9 @@ use rustix::io::Errno;
 use rustix::process::{Pid, PidfdFlags, Signal, WaitOptions, WaitStatus, pidfd_open, pidfd_send_signal};
 use shim::process_record::{ProcessRecord, RECORD_FILE};
 use shim::processes;
-use shim::protocol::{AGENT_LOSS_GRACE, EXIT_FILE, Gate, LAUNCH, SOCKET_FILE, ShimOrder, ShimReport, ShimStart};
+use shim::protocol::{
+    AGENT_LOSS_GRACE, EXIT_FILE, EndReason, Gate, LAUNCH, ProgramEnd, SOCKET_FILE, ShimOrder, ShimReport, ShimStart,
+};
 use std::fs::{File, OpenOptions};
 use std::io::{self, Write};
 use std::os::fd::OwnedFd;
@@ -41,6 +50,9 @@ const KILL_AGAIN: Duration = Duration::from_millis(20);
 /// How long the last output may take to reach its file before the end is reported without it.
 const SETTLE: Duration = Duration::from_millis(500);
 
+/// How long a program that hangs has between SIGABRT and SIGKILL: the kernel may write a core.
+const ABORT_GRACE: Duration = Duration::from_secs(2);
+
 /// What `--help` says.
 const HELP: &str = "\
 The parent of one program that a node has started: holds it back until it is to run, keeps its output, reports how it ends
@@ -53,6 +65,8 @@ Options:
   --working-directory DIR      the program's working directory
   --gate none|exec             run the program at once, or when standard input says `go`
   --agent-loss keep|N          goes on without a node, or how long it has to stop when the node is gone, in ms
+  --watchdog MS                ends it when it gives no sign of life for so long (sd_notify(3): WATCHDOG=1)
+  --ready-within MS            ends it when it is not ready after so long (READY=1)
   --environment NAME=VALUE     its whole environment; may be given more than once
   --memory BYTES  --cpu-s S  --files N  --nice N  --realtime P  --realtime-optional P
                                what it may use
@@ -66,6 +80,8 @@ enum Event {
     /// Another one is there.
     Attached,
     Ended(Pid, WaitStatus),
+    /// The program hangs.
+    Overdue(EndReason),
     NoneLeft,
 }
 
@@ -127,16 +143,22 @@ fn supervise(start: &ShimStart) -> io::Result<()> {
         return Ok(());
     }
     let output = Output::open(&start.dir)?;
+    let beats = Beats::open(start)?;
     if start.descriptors.is_some() {
         descriptors::set(start.descriptors);
     }
     match execute(start, &output) {
         Ok(program) => {
             record.add(program.pid);
-            agent.report(&ShimReport::Started { pid: program.pid.as_raw_nonzero().get().cast_unsigned() });
+            let pid = program.pid.as_raw_nonzero().get();
+            agent.report(&ShimReport::Started { pid: pid.cast_unsigned() });
+            if let Some(beats) = beats {
+                beats.watch(start, pid, events_tx.clone())?;
+            }
             std::thread::Builder::new().name("reaper".into()).spawn(move || reap(&events_tx))?;
             let output = &output;
-            Supervision { start, agent: &agent, program, output, deadline: None, killing: false }.run(&events);
+            Supervision { start, agent: &agent, program, output, deadline: None, killing: false, why: None }
+                .run(&events);
         }
         Err(reason) => conclude(&start.dir, &agent, &ShimReport::ExecFailed { reason }),
     }
@@ -211,7 +233,7 @@ fn is_opened(start: &ShimStart, agent: &Agent, events: &Receiver<Event>) -> bool
             Ok(Event::AgentGone) => deadline = start.agent_loss_grace.map(|grace| now() + grace),
             Ok(Event::Attached) => deadline = None,
             // Nothing runs yet.
-            Ok(Event::Ended(..) | Event::NoneLeft) => {}
+            Ok(Event::Ended(..) | Event::Overdue(_) | Event::NoneLeft) => {}
             Err(_too_late) => return false,
         }
     }
@@ -244,6 +266,7 @@ fn execute(start: &ShimStart, output: &Output) -> Result<Program, String> {
         .args(arguments)
         .env_clear()
         .envs(start.environment.iter().map(|(name, value)| (name, value)))
+        .envs(beats::environment(start))
         .current_dir(&start.working_directory)
         // `kill 0` in a script means the script and what it started, not this shim.
         .process_group(0)
@@ -268,6 +291,8 @@ struct Supervision<'a> {
     /// When the grace is over, or descendants are looked for again.
     deadline: Option<Time>,
     killing: bool,
+    /// Why the program is being ended, if no agent has asked for it.
+    why: Option<EndReason>,
 }
 
 impl Supervision<'_> {
@@ -276,7 +301,13 @@ impl Supervision<'_> {
             match next(events, self.deadline) {
                 Ok(Event::Order(ShimOrder::Stop { grace })) => self.stop(grace),
                 Ok(Event::Order(ShimOrder::Kill)) | Err(RecvTimeoutError::Timeout) => self.kill(),
-                Ok(Event::AgentGone) => self.start.agent_loss_grace.into_iter().for_each(|grace| self.stop(grace)),
+                Ok(Event::AgentGone) => {
+                    if let Some(grace) = self.start.agent_loss_grace {
+                        self.give_reason(EndReason::AgentLost);
+                        self.stop(grace);
+                    }
+                }
+                Ok(Event::Overdue(why)) => self.abort(why),
                 Ok(Event::Ended(pid, status)) if pid == self.program.pid => {
                     self.output.settle(SETTLE);
                     conclude(&self.start.dir, self.agent, &self.ending(status));
@@ -292,7 +323,32 @@ impl Supervision<'_> {
     /// How the main process has ended, or that it never came to run.
     fn ending(&self, status: WaitStatus) -> ShimReport {
         let refusal = status.exit_status().and_then(|code| launch::refusal(&self.start.dir, code));
-        refusal.map_or_else(|| ending(status), |reason| ShimReport::ExecFailed { reason })
+        if let Some(reason) = refusal {
+            return ShimReport::ExecFailed { reason };
+        }
+        let end = ending(status);
+        match (self.why, end) {
+            (Some(why), end) => ShimReport::Ended { end, why },
+            (None, ProgramEnd::Exit(code)) => ShimReport::Exited { code },
+            (None, ProgramEnd::Signal(signal)) => ShimReport::Signalled { signal },
+        }
+    }
+
+    /// Keeps why the program is being ended; the first reason counts, and none for one that was asked to stop.
+    fn give_reason(&mut self, why: EndReason) {
+        if !self.killing && self.deadline.is_none() {
+            self.why = Some(why);
+        }
+    }
+
+    /// Ends a program that hangs, unless it is being stopped already.
+    fn abort(&mut self, why: EndReason) {
+        if self.killing || self.deadline.is_some() {
+            return;
+        }
+        self.why = Some(why);
+        self.deadline = Some(now() + ABORT_GRACE);
+        self.signal(&[Signal::ABORT, Signal::CONT]);
     }
 
     /// Kills everything, at once and then again and again until there is nothing left.
@@ -312,9 +368,14 @@ impl Supervision<'_> {
         }
         let until = now() + grace;
         self.deadline = Some(self.deadline.map_or(until, |earlier| earlier.min(until)));
-        // A stopped process could not hear the first without the second; one that is gone needs neither.
-        for signal in [Signal::TERM, Signal::CONT] {
-            pidfd_send_signal(&self.program.pidfd, signal).unwrap_or_default();
+        self.signal(&[Signal::TERM, Signal::CONT]);
+    }
+
+    /// Signals the main process. A suspended one could not hear the first signal without SIGCONT behind it; one that is gone
+    /// needs none.
+    fn signal(&self, signals: &[Signal]) {
+        for signal in signals {
+            pidfd_send_signal(&self.program.pidfd, *signal).unwrap_or_default();
         }
     }
 }
@@ -331,12 +392,12 @@ fn reap(events: &SyncSender<Event>) {
     events.send(Event::NoneLeft).unwrap_or_default();
 }
 
-fn ending(status: WaitStatus) -> ShimReport {
+fn ending(status: WaitStatus) -> ProgramEnd {
     match (status.exit_status(), status.terminating_signal()) {
-        (Some(code), _) => ShimReport::Exited { code },
-        (None, Some(signal)) => ShimReport::Signalled { signal },
+        (Some(code), _) => ProgramEnd::Exit(code),
+        (None, Some(signal)) => ProgramEnd::Signal(signal),
         // `wait` without options returns for no other reason.
-        (None, None) => ShimReport::Exited { code: -1 },
+        (None, None) => ProgramEnd::Exit(-1),
     }
 }
 

@@ -95,6 +95,13 @@ pub fn is_running(process: Process) -> bool {
     stat(process.pid).is_some_and(|stat| stat.process == process && !stat.is_zombie)
 }
 
+/// Returns whether a debugger holds a process. Source: proc_pid_status(5).
+pub fn is_traced(pid: i32) -> bool {
+    let status = std::fs::read_to_string(format!("/proc/{pid}/status")).unwrap_or_default();
+    let tracer = status.lines().find_map(|line| line.strip_prefix("TracerPid:"));
+    tracer.is_some_and(|tracer| tracer.trim() != "0")
+}
+
 /// Returns the environment of a process as `NAME=value`; nothing if it is not ours to read.
 pub fn environment(pid: i32) -> Vec<Vec<u8>> {
     let bytes = std::fs::read(format!("/proc/{pid}/environ")).unwrap_or_default();

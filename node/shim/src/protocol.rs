@@ -16,6 +16,9 @@
 //! ```
 //! The shim reads one connection at a time, to its end. A connection that begins with anything else is closed.
 
+mod end;
+
+pub use end::{EndReason, ProgramEnd};
 use std::ffi::OsString;
 use std::fmt;
 use std::path::PathBuf;
@@ -36,6 +39,8 @@ pub const LAUNCH: &str = "--launch";
 pub const EXIT_FILE: &str = "exit";
 /// Where an agent attaches to a shim whose own agent is gone, in the instance directory.
 pub const SOCKET_FILE: &str = "shim.sock";
+/// Where the program says that it lives, in the instance directory: datagrams as sd_notify(3) writes them.
+pub const BEAT_FILE: &str = "beat.sock";
 /// The longest line between agent and shim, its end included, in bytes. A longer one ends the connection.
 pub const LINE_MAX: u64 = 8 << 10;
 /// What stands in place of a grace when the program goes on without an agent.
@@ -55,6 +60,12 @@ pub struct ShimStart {
     /// How long the program may take to stop once the agent is gone. With none it goes on until it ends by itself or an
     /// agent that has attached ends it.
     pub agent_loss_grace: Option<Duration>,
+    /// How long the program may give no sign of life; for ever without. One behind [`Gate::None`] is watched from its first
+    /// sign on.
+    pub watchdog: Option<Duration>,
+    /// How long an `Init` of the program may take, and for one behind [`Gate::Exec`] the time to its `READY=1`; for ever
+    /// without.
+    pub ready_within: Option<Duration>,
     /// What the program may use.
     pub limits: Limits,
     /// How many files and sockets the program may have open before it asks for more: its soft limit.
@@ -139,6 +150,13 @@ pub enum ShimReport {
     },
     /// Last report: no process of the instance is left.
     Gone,
+    /// The program has ended, and the shim knows why; its children may still run.
+    Ended {
+        /// The exit code or the signal.
+        end: ProgramEnd,
+        /// The reason that the shim knows.
+        why: EndReason,
+    },
 }
 
 /// The first line of an agent that attaches.
@@ -204,6 +222,7 @@ impl fmt::Display for ShimReport {
             Self::Signalled { signal } => write!(f, "signalled {signal}"),
             Self::ExecFailed { reason } => write!(f, "exec-failed {}", reason.replace(['\n', '\r'], " ")),
             Self::Gone => f.write_str("gone"),
+            Self::Ended { end, why } => write!(f, "ended {end} {why}"),
         }
     }
 }
@@ -218,7 +237,22 @@ impl ShimReport {
             Some(("exited", code)) => Some(Self::Exited { code: code.parse().ok()? }),
             Some(("signalled", signal)) => Some(Self::Signalled { signal: signal.parse().ok()? }),
             Some(("exec-failed", reason)) => Some(Self::ExecFailed { reason: reason.to_owned() }),
+            Some(("ended", rest)) => {
+                let words: Vec<&str> = rest.split(' ').collect();
+                let (end, why) = words.split_at_checked(2)?;
+                Some(Self::Ended { end: ProgramEnd::parse(end)?, why: EndReason::parse(why)? })
+            }
             _ => None,
+        }
+    }
+
+    /// Returns how the program ended, and why if the shim knows; none if the report is of something else.
+    pub fn end(&self) -> Option<(ProgramEnd, Option<EndReason>)> {
+        match self {
+            Self::Exited { code } => Some((ProgramEnd::Exit(*code), None)),
+            Self::Signalled { signal } => Some((ProgramEnd::Signal(*signal), None)),
+            Self::Ended { end, why } => Some((*end, Some(*why))),
+            Self::Ready | Self::Started { .. } | Self::ExecFailed { .. } | Self::Gone => None,
         }
     }
 }
@@ -263,6 +297,9 @@ impl ShimStart {
         arguments.extend(["--gate".into(), gate.into()]);
         let agent_loss = self.agent_loss_grace.map_or_else(|| KEEP.to_owned(), |grace| grace.as_millis().to_string());
         arguments.extend(["--agent-loss".into(), agent_loss.into()]);
+        for (name, bound) in [("--watchdog", self.watchdog), ("--ready-within", self.ready_within)] {
+            arguments.extend(bound.into_iter().flat_map(|bound| [name.into(), bound.as_millis().to_string().into()]));
+        }
         if let Some(descriptors) = self.descriptors {
             arguments.extend(["--descriptors".into(), descriptors.to_string().into()]);
         }
@@ -287,6 +324,8 @@ impl ShimStart {
             working_directory: PathBuf::from("/"),
             gate: Gate::None,
             agent_loss_grace: Some(AGENT_LOSS_GRACE),
+            watchdog: None,
+            ready_within: None,
             limits: Limits::default(),
             descriptors: None,
             environment: Vec::new(),
@@ -329,6 +368,11 @@ impl ShimStart {
                 let text = value.to_str().unwrap_or_default();
                 let millis = || text.parse().ok().ok_or("must be `keep` or a number");
                 self.agent_loss_grace = if text == KEEP { None } else { Some(Duration::from_millis(millis()?)) };
+            }
+            "--watchdog" | "--ready-within" => {
+                let millis = value.to_str().and_then(|millis| millis.parse().ok()).ok_or("must be a number")?;
+                let bound = if name == "--watchdog" { &mut self.watchdog } else { &mut self.ready_within };
+                *bound = Some(Duration::from_millis(millis));
             }
             "--descriptors" => {
                 let count = value.to_str().and_then(|count| count.parse().ok());
@@ -398,11 +442,16 @@ mod tests {
             ShimReport::Signalled { signal: 11 },
             ShimReport::ExecFailed { reason: "no such file or directory".to_owned() },
             ShimReport::Gone,
+            ShimReport::Ended { end: ProgramEnd::Signal(6), why: EndReason::Watchdog(Duration::from_millis(500)) },
+            ShimReport::Ended { end: ProgramEnd::Signal(9), why: EndReason::StartTimeout(Duration::from_secs(3)) },
+            ShimReport::Ended { end: ProgramEnd::Exit(143), why: EndReason::AgentLost },
         ];
         for report in reports {
             assert_eq!(ShimReport::parse(&report.to_string()), Some(report));
         }
-        for line in ["", "go now", "stop", "stop soon", "started", "exited x", "left 3"] {
+        for line in
+            ["", "go now", "stop", "stop soon", "started", "exited x", "left 3", "ended exit 1", "ended exit 1 soon"]
+        {
             assert_eq!((ShimOrder::parse(line), ShimReport::parse(line)), (None, None), "{line}");
         }
         let (request, reply) = (AttachRequest { reports: 3 }, AttachReply { orders: u64::MAX });
@@ -420,6 +469,8 @@ mod tests {
             working_directory: "/tmp".into(),
             gate: Gate::Exec,
             agent_loss_grace: Some(Duration::from_millis(20)),
+            watchdog: Some(Duration::from_millis(500)),
+            ready_within: Some(Duration::from_secs(3)),
             limits: Limits {
                 memory: Some(200_000_000),
                 cpu: Some(Duration::from_secs(600)),

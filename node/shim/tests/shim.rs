@@ -5,9 +5,12 @@
 
 #[path = "shim/attach.rs"]
 mod attach;
+#[path = "shim/hanging.rs"]
+mod hanging;
 
 use shim::protocol::{
-    EXIT_FILE, Gate, Limits, OUTPUT_FILE, OUTPUT_FILE_OLD, OUTPUT_SIZE_MAX, Realtime, ShimOrder, ShimReport, ShimStart,
+    EXIT_FILE, EndReason, Gate, Limits, OUTPUT_FILE, OUTPUT_FILE_OLD, OUTPUT_SIZE_MAX, ProgramEnd, Realtime, ShimOrder,
+    ShimReport, ShimStart,
 };
 use std::io::{BufRead, BufReader, Lines, Write};
 use std::path::{Path, PathBuf};
@@ -45,6 +48,8 @@ impl Shim {
             working_directory: dir.clone(),
             gate: Gate::None,
             agent_loss_grace: Some(Duration::from_millis(200)),
+            watchdog: None,
+            ready_within: None,
             limits: Limits::default(),
             descriptors: None,
             environment: vec![("PATH".into(), "/usr/bin:/bin".into()), ("DCA_INSTANCE".into(), "main/x".into())],
@@ -252,8 +257,9 @@ fn nothing_outlives_a_lost_agent() {
     let mut shim = Shim::shell(script);
     let pids = [wait_for(&shim.dir, "up"), wait_for(&shim.dir, "pid")];
     drop(shim.orders.take());
-    let over = shim.expect(&[STARTED, signalled(9), ShimReport::Gone]);
-    assert_eq!(over.read(EXIT_FILE), "signalled 9\n");
+    let end = ShimReport::Ended { end: ProgramEnd::Signal(9), why: EndReason::AgentLost };
+    let over = shim.expect(&[STARTED, end, ShimReport::Gone]);
+    assert_eq!(over.read(EXIT_FILE), "ended signal 9 agent-lost\n");
     assert!(!pids.iter().any(|pid| is_running(pid)));
 
     let mut shim = Shim::start(Gate::Exec, &["sh", "-c", "echo started"]);

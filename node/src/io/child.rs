@@ -250,15 +250,12 @@ impl ShimReports {
         let mut gone = false;
         while let Ok(Some(line)) = lines.next_line().await {
             let Some(report) = ShimReport::parse(&line) else { continue };
-            let output = match report {
-                ShimReport::Exited { .. } | ShimReport::Signalled { .. } => {
-                    let folder = dir.clone();
-                    let reading = tokio::task::spawn_blocking(move || last_output(&folder, written_before));
-                    reading.await.unwrap_or_default()
-                }
-                ShimReport::Ready | ShimReport::Started { .. } | ShimReport::ExecFailed { .. } | ShimReport::Gone => {
-                    Vec::new()
-                }
+            let output = if report.end().is_some() {
+                let folder = dir.clone();
+                let reading = tokio::task::spawn_blocking(move || last_output(&folder, written_before));
+                reading.await.unwrap_or_default()
+            } else {
+                Vec::new()
             };
             gone |= report == ShimReport::Gone;
             if gone {

@@ -11,7 +11,8 @@
 //!     inputs                what its agent was told, while something runs: for the next node, if this one is killed
 //!     door_opening.1/       one deployment
 //!       control.sock        where its programs talk to the node
-//!       12/                 one program: out.log, exit (until its node knows), processes (while it runs), data.sock, shim.sock
+//!       12/                 one program: out.log, exit (until its node knows), processes (while it runs), data.sock, shim.sock,
+//!                           beat.sock
 //! ```
 
 use crate::io::child::leftovers;

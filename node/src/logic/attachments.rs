@@ -236,7 +236,10 @@ impl Attachment {
 
 fn is_ending(report: &ShimReport) -> bool {
     match report {
-        ShimReport::Exited { .. } | ShimReport::Signalled { .. } | ShimReport::ExecFailed { .. } => true,
+        ShimReport::Exited { .. }
+        | ShimReport::Signalled { .. }
+        | ShimReport::ExecFailed { .. }
+        | ShimReport::Ended { .. } => true,
         ShimReport::Ready | ShimReport::Started { .. } | ShimReport::Gone => false,
     }
 }

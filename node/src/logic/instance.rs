@@ -13,6 +13,7 @@
 mod program;
 mod replace;
 mod restarts;
+pub mod watchdog;
 
 use crate::logic::effect::{Effect, SpawnOrder, earliest};
 use crate::logic::protocol::{Change, Ending, Failure, FailureCause, LeafFacts};
@@ -28,8 +29,6 @@ use shim::protocol::ShimOrder;
 use std::collections::BTreeSet;
 use std::time::Duration;
 
-/// How long a program has to say hello.
-const START_WITHIN: Duration = Duration::from_secs(15);
 /// How long a program has to make its links: it waits 18 s for who it hears, and 18 s for who hears it.
 const CONNECT_WITHIN: Duration = Duration::from_secs(38);
 /// How long a program has between SIGTERM and SIGKILL.

@@ -2,6 +2,7 @@
 
 use crate::world::{Draw, World};
 use node::logic::protocol::{Answer, Change, Ending, FailureCause, Report};
+use shim::protocol::{EndReason, ProgramEnd, ShimReport};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
@@ -94,6 +95,37 @@ fn a_plain_program_is_started_again_unless_it_is_done() {
     assert_eq!(restarts(&changes["main/script"]), 1, "{changes:?}");
 }
 
+/// A shim that knows why a program has ended says so, and the reason goes the way of any other.
+#[test]
+fn a_hang_is_a_death_with_a_reason_of_its_own() {
+    let (hung, slow) = (Duration::from_millis(500), Duration::from_secs(3));
+    let reasons = [
+        (EndReason::Watchdog(hung), FailureCause::Watchdog(hung), "its loop has not come round for 0.5 s"),
+        (EndReason::StartTimeout(slow), FailureCause::StartTimeout(slow), "it was not ready within 3 s"),
+        (EndReason::AgentLost, FailureCause::AgentLost, "was stopped because its node was gone (`on_agent_loss`)"),
+    ];
+    for (why, cause, words) in reasons {
+        let mut world = World::new(&["c1", "c2"]);
+        let call = world.deploy("c1", RELAY);
+        world.run_for(Duration::from_millis(500));
+        let hangs = ShimReport::Ended { end: ProgramEnd::Signal(6), why };
+        for _ in 0..6 {
+            world.end("c2", 1, hangs.clone());
+            world.run_for(Duration::from_secs(1));
+        }
+        world.run_for(Duration::from_secs(5));
+        let changes = changes(&world, call);
+        let told = changes["main/first"].iter().filter_map(|change| match change {
+            Change::Restarting { cause, count } => Some((cause, *count)),
+            _ => None,
+        });
+        assert!(told.eq((1..=5).map(|count| (&cause, count))), "{changes:?}");
+        let Ending::Aborted(failure) = world.ending(call) else { panic!("not aborted") };
+        assert_eq!(failure.cause, FailureCause::Exhausted { last: words.to_owned(), restarts: 5 });
+        assert!(failure.to_string().starts_with(&format!("main ← first: {words} after 5 restarts at 5.")), "{failure}");
+    }
+}
+
 #[test]
 fn what_dies_again_and_again_is_given_up_with_the_count() {
     let mut world = World::new(&["c1", "c2"]);
@@ -106,9 +138,9 @@ fn what_dies_again_and_again_is_given_up_with_the_count() {
     }
     world.run_for(Duration::from_secs(5));
     let Ending::Aborted(failure) = world.ending(call) else { panic!("not aborted") };
-    let cause = FailureCause::Exhausted { last: "SIGKILL".to_owned(), restarts: 5 };
+    let cause = FailureCause::Exhausted { last: "SIGKILL (external)".to_owned(), restarts: 5 };
     assert_eq!((failure.origin.as_str(), &failure.cause), ("main/first", &cause));
-    assert!(failure.to_string().starts_with("main ← first: SIGKILL after 5 restarts at 5."), "{failure}");
+    assert!(failure.to_string().starts_with("main ← first: SIGKILL (external) after 5 restarts at 5."), "{failure}");
     assert_eq!(restarts(&changes(&world, call)["main/first"]), 5);
     assert_eq!(world.alive, BTreeSet::new());
 }

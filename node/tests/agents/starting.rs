@@ -33,7 +33,7 @@ process main() { host { "c1" } instantiated_processes { s instof Step("c1"); } i
         let call = world.deploy("c1", text);
         world.run_for(Duration::from_secs(45));
         let Report::Refused { reasons } = world.last_report(call) else { panic!("not refused") };
-        let mut expected = "`main/s` cannot take part on `c1`: it did not report within 15 s".to_owned();
+        let mut expected = "`main/s` cannot take part on `c1`: it was not ready within 15 s".to_owned();
         if !output.is_empty() {
             expected += &format!("; the end of its output:\n{}", output.join("\n"));
         }

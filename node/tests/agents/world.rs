@@ -249,7 +249,7 @@ impl World {
     }
 
     fn report(&mut self, host: &str, process: &ProcessId, report: ShimReport) {
-        let ended = matches!(report, ShimReport::Exited { .. } | ShimReport::Signalled { .. });
+        let ended = report.end().is_some();
         let output = if ended { self.output.clone() } else { Vec::new() };
         let input = Input::Shim { process: process.clone(), report, output };
         self.at(1, host, Coming::Input(input));
@@ -257,9 +257,14 @@ impl World {
 
     /// Ends a program as `kill -9` does.
     pub(super) fn kill(&mut self, host: &str, leaf: u32) {
+        self.end(host, leaf, ShimReport::Signalled { signal: 9 });
+    }
+
+    /// Ends a program as its shim reports it.
+    pub(super) fn end(&mut self, host: &str, leaf: u32, how: ShimReport) {
         let found = self.alive.iter().find(|(on, process)| on == host && process.leaf == leaf);
         let (_, process) = found.expect("the program is alive").clone();
-        self.die(host, &process, ShimReport::Signalled { signal: 9 });
+        self.die(host, &process, how);
     }
 
     /// Ends a program, unless it is between two lives.

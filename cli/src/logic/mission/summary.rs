@@ -370,10 +370,10 @@ mod tests {
             end,
             &expect![[r#"
                 test: aborted after 1.2 s (8 programs on 2 hosts, started in 0.8 s)
-                  main ← sys ← near ← laser: SIGKILL at 1.0 s
+                  main ← sys ← near ← laser: SIGKILL (external) at 1.0 s
                   not confirmed that nothing is left on: c2
                     programs may still run there; `dca status` says when they have ended
-                  1.0 s  sys/near aborted: SIGKILL
+                  1.0 s  sys/near aborted: SIGKILL (external)
 
                   phase          from   took  ended by
                   servo # near  0.0 s  1.1 s  near aborted

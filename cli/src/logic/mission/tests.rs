@@ -266,7 +266,7 @@ fn the_end_is_told_once_and_closes_the_last_phase() {
     let ending = Ending::Aborted(failure);
     mission.report(&Report::Finished { ending, at: seconds(12.5), unconfirmed: vec!["c2".to_owned()] });
     let Some(Verdict { outcome: Outcome::Aborted(failure), at, unconfirmed }) = mission.verdict() else { panic!() };
-    assert_eq!(failure.to_string(), "main ← sys ← hit ← force: SIGKILL at 12.3 s");
+    assert_eq!(failure.to_string(), "main ← sys ← hit ← force: SIGKILL (external) at 12.3 s");
     assert_eq!((*at, unconfirmed.len()), (seconds(12.5), 1));
     assert_eq!(mission.phase(), None);
     assert_eq!(mission.phases()[0].end, Some(seconds(12.5)));
@@ -277,7 +277,7 @@ fn a_death_is_noted_once() {
     let mut mission = Mission::new(&door());
     feed(&mut mission, "0 servo activated \n 1 hit died \n 2 servo killed");
     let notes: Vec<String> = mission.notes().iter().map(|note| format!("{}: {}", note.process, note.text)).collect();
-    assert_eq!(notes, ["sys/hit: died: SIGSEGV", "sys/servo: aborted: SIGKILL"]);
+    assert_eq!(notes, ["sys/hit: died: SIGSEGV", "sys/servo: aborted: SIGKILL (external)"]);
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! The control loop: the one thread that calls the controller, on absolute deadlines or when a trigger sample arrives.
 
+use super::heartbeat::{Heartbeat, Spends};
 use super::inbox::{Arrived, Command, Inbox};
 use super::links::{Links, fetch_all};
 use super::node_line::NoticeLog;
@@ -39,6 +40,7 @@ pub(super) struct Cycle {
     inbox: Arc<Inbox>,
     links: Arc<Links>,
     notices: NoticeLog,
+    heartbeat: Arc<Heartbeat>,
     schedule: Schedule,
     stop_within: Duration,
     signals_every: Option<Duration>,
@@ -61,6 +63,7 @@ impl Cycle {
             inbox,
             links,
             notices,
+            heartbeat: Arc::default(),
             schedule: about.schedule,
             stop_within: about.stop_within,
             signals_every: about.signals_every,
@@ -75,6 +78,11 @@ impl Cycle {
         }
     }
 
+    /// Returns where the loop says what it does.
+    pub(super) fn heartbeat(&self) -> Arc<Heartbeat> {
+        Arc::clone(&self.heartbeat)
+    }
+
     /// Runs until it is told to leave and nothing runs any more. If the loop itself panics, the whole process leaves: a
     /// program without its loop would look alive to the node.
     pub(super) fn run(self) {
@@ -86,6 +94,7 @@ impl Cycle {
 
     fn obey(mut self) {
         make_punctual();
+        self.heartbeat.enter(Spends::Working);
         loop {
             while let Some(command) = self.inbox.next_command() {
                 self.command(command);
@@ -93,19 +102,26 @@ impl Cycle {
             let triggered = self.take_samples();
             if matches!(self.phase, Phase::Idle) {
                 if self.leaving {
+                    self.heartbeat.enter(Spends::Waiting);
                     return self.inbox.leave();
                 }
-                self.inbox.wakeup.wait(None);
+                self.wait(None);
                 continue;
             }
             let time = now();
             if time < self.due && !triggered {
-                self.inbox.wakeup.wait(Some(self.due));
+                self.wait(Some(self.due));
                 continue;
             }
             self.arm(time, triggered);
             self.work(time);
         }
+    }
+
+    fn wait(&self, until: Option<Time>) {
+        self.heartbeat.enter(Spends::Waiting);
+        self.inbox.wakeup.wait(until);
+        self.heartbeat.enter(Spends::Working);
     }
 
     fn command(&mut self, command: Command) {
@@ -146,7 +162,10 @@ impl Cycle {
         for sample in std::mem::take(&mut self.latched) {
             self.deliver(&sample);
         }
-        match self.call(|module| module.init(value, time)) {
+        self.heartbeat.enter(Spends::Initialising);
+        let initialised = self.call(|module| module.init(value, time));
+        self.heartbeat.enter(Spends::Working);
+        match initialised {
             Some(Ok(())) => {
                 self.send();
                 self.tell(&Notice::Running { activation });
@@ -237,7 +256,10 @@ impl Cycle {
     }
 
     fn calculate(&mut self, time: Time) {
-        for (port, bytes) in fetch_all(&self.links.fetches(), self.schedule.period / 2) {
+        self.heartbeat.enter(Spends::Waiting);
+        let fetched = fetch_all(&self.links.fetches(), self.schedule.period / 2);
+        self.heartbeat.enter(Spends::Working);
+        for (port, bytes) in fetched {
             match self.call(|module| module.deliver(port, &bytes, now())) {
                 Some(Ok(_)) => {}
                 Some(Err(error)) => tracing::warn!(%error, "a fetched sample was not taken"),

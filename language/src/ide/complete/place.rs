@@ -73,6 +73,8 @@ impl Cursor {
     pub(super) fn policy(&self) -> Vec<Completion> {
         let words: &[&str] = match self.before.as_str() {
             "restart" => &["temporary", "transient", "permanent"],
+            "watchdog" => &["none"],
+            "ready" => &["within"],
             "on_agent_loss" => &["stop within"],
             "on_link_loss" => &["keep", "hold", "safe_stop_after"],
             _ => &[],

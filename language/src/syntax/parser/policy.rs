@@ -6,7 +6,8 @@ use crate::similar;
 use crate::syntax::SyntaxKind::{self, Ident, Minus, Number};
 
 /// The words that open a policy.
-const POLICIES: [&str; 8] = ["restart", "on_agent_loss", "on_link_loss", "memory", "cpu", "files", "nice", "realtime"];
+const POLICIES: [&str; 10] =
+    ["restart", "watchdog", "ready", "on_agent_loss", "on_link_loss", "memory", "cpu", "files", "nice", "realtime"];
 
 impl Parser<'_> {
     /// `restart transient;`, `on_agent_loss stop within 3 s;`, `memory 200 MB;`

@@ -1,10 +1,11 @@
 //! A shim whose agent is gone, and the agents that attach to it.
 
-use super::{LONG, Over, STARTED, Shim, exited, signalled, wait_for};
+use super::{LONG, Over, STARTED, Shim, exited, wait_for};
 use rustix::process::{Pid, Signal, kill_process};
 use shim::process_record::RECORD_FILE;
 use shim::protocol::{
-    AttachReply, AttachRequest, EXIT_FILE, Gate, OUTPUT_FILE, SOCKET_FILE, ShimOrder, ShimReport, ShimStart,
+    AttachReply, AttachRequest, EXIT_FILE, EndReason, Gate, OUTPUT_FILE, ProgramEnd, SOCKET_FILE, ShimOrder,
+    ShimReport, ShimStart,
 };
 use std::io::{BufRead, BufReader, ErrorKind, Lines, Read, Write};
 use std::os::unix::fs::PermissionsExt;
@@ -169,14 +170,15 @@ fn orders_on_their_way_are_counted_and_half_ones_are_not() {
 fn a_grace_stops_the_program_and_nobody_undoes_it() {
     let shim = start(Gate::None, Some(LONG), POLITE);
     wait_for(&shim.dir, "up");
-    assert_eq!(Lost::of(shim).left().read(EXIT_FILE), "exited 5\n");
+    assert_eq!(Lost::of(shim).left().read(EXIT_FILE), "ended exit 5 agent-lost\n");
 
     let shim = start(Gate::None, Some(Duration::from_secs(1)), STUBBORN);
     wait_for(&shim.dir, "up");
     let lost = Lost::of(shim);
     let agent = lost.attach(1);
-    agent.expect(&[signalled(9), ShimReport::Gone]);
-    assert_eq!(lost.left().read(EXIT_FILE), "signalled 9\n");
+    let killed = ShimReport::Ended { end: ProgramEnd::Signal(9), why: EndReason::AgentLost };
+    agent.expect(&[killed, ShimReport::Gone]);
+    assert_eq!(lost.left().read(EXIT_FILE), "ended signal 9 agent-lost\n");
 }
 
 #[test]

@@ -5,6 +5,7 @@ use crate::io::child;
 use crate::io::starter::{self, Job, Start};
 use crate::logic::agent::{Input, OVER_MAX};
 use crate::logic::effect::{ProcessId, SpawnOrder};
+use crate::logic::instance::watchdog::watched;
 use crate::logic::protocol::Deployment;
 use comms::io::control::ControlSender;
 use comms::io::descriptors;
@@ -43,11 +44,14 @@ impl Driver {
         let is_controller = order.kind == LeafKind::Controller;
         let control = self.control_socket(order.kind, &process.deployment);
         let dir = self.dir.process(&process);
+        let (watchdog, ready_within) = watched(order.kind, &order.policy);
         let grace = self.settings.agent_loss_grace.or(self.config.agent_loss_grace);
         let shim = ShimStart {
             working_directory: std::env::current_dir().unwrap_or_else(|_gone| "/".into()),
             gate: if is_controller { Gate::None } else { Gate::Exec },
             agent_loss_grace: order.policy.agent_loss.or(grace),
+            watchdog,
+            ready_within,
             limits: child::limits(&order.policy.usage),
             descriptors: descriptors::before(),
             environment: self.environment(order.path, &dir, control.as_deref()),

@@ -1,6 +1,6 @@
 //! The program of an instance: how it comes, what it says, and what becomes of the instance when it is gone.
 
-use super::{CONNECT_WITHIN, GRACE, Instance, InstanceContext, KILL_WITHIN, Note, START_WITHIN, Stage, VALUE_MAX};
+use super::{CONNECT_WITHIN, GRACE, Instance, InstanceContext, KILL_WITHIN, Note, Stage, VALUE_MAX, watchdog};
 use crate::logic::effect::Effect;
 use crate::logic::protocol::{Change, Ending, FailureCause, LeafFacts};
 use comms::logic::control::{Notice, Order, VERSION};
@@ -66,12 +66,10 @@ impl Instance {
                 self.pid = Some(pid);
                 context.notes.push(Note::Changed(Change::Started { pid }));
             }
-            ShimReport::Exited { code } => {
-                self.cause.get_or_insert(FailureCause::Exit(code));
-                self.output = output;
-            }
-            ShimReport::Signalled { signal } => {
-                self.cause.get_or_insert(FailureCause::Signal(signal));
+            ShimReport::Exited { .. } | ShimReport::Signalled { .. } | ShimReport::Ended { .. } => {
+                if let Some(cause) = FailureCause::of_end(&report) {
+                    self.cause.get_or_insert(cause);
+                }
                 self.output = output;
             }
             ShimReport::ExecFailed { reason } => {
@@ -92,11 +90,14 @@ impl Instance {
         }
         match self.stage {
             Stage::Starting { .. } => {
-                self.give_up(&format!("it did not report within {} s", START_WITHIN.as_secs()), context);
+                self.give_up(
+                    FailureCause::StartTimeout(watchdog::start_within(self.order.kind, &self.order.policy)),
+                    context,
+                );
             }
             Stage::Connecting { .. } => {
                 let why = format!("it did not make its links within {} s", CONNECT_WITHIN.as_secs());
-                self.give_up(&why, context);
+                self.give_up(FailureCause::Exec(why), context);
             }
             Stage::Waiting { .. } => self.start(context),
             Stage::Stopping { forced: false, .. } => {
@@ -123,7 +124,8 @@ impl Instance {
     }
 
     pub(super) fn start(&mut self, context: &mut InstanceContext<'_>) {
-        self.stage = Stage::Starting { until: context.now + START_WITHIN };
+        self.stage =
+            Stage::Starting { until: context.now + watchdog::start_within(self.order.kind, &self.order.policy) };
         context.effects.push(Effect::Spawn(Box::new(self.order.clone())));
     }
 
@@ -157,13 +159,7 @@ impl Instance {
             Stage::Starting { .. } | Stage::Prepared | Stage::Connecting { .. } | Stage::Removing { .. }
                 if !self.joined =>
             {
-                let why = match (&self.output[..], &cause) {
-                    ([], FailureCause::Exec(why)) => why.clone(),
-                    ([], cause) => cause.to_string(),
-                    (lines, FailureCause::Exec(why)) => format!("{why}; the end of its output:\n{}", lines.join("\n")),
-                    ([words], _) => words.clone(),
-                    (lines, cause) => format!("{cause}; the end of its output:\n{}", lines.join("\n")),
-                };
+                let why = self.refusal(&cause);
                 self.turn_away(&why, context);
             }
             Stage::Running if self.has_done(&cause) => {
@@ -190,6 +186,17 @@ impl Instance {
             Stage::Replacing { is_stopping, .. } => self.replaced(is_stopping, context),
             Stage::Leaving { .. } => self.left(context),
             Stage::Refused | Stage::Dead => {}
+        }
+    }
+
+    /// Returns why a program that has ended before its links stood cannot take part, with the last lines of its output. One
+    /// that has left by itself with a single line has said why.
+    fn refusal(&self, cause: &FailureCause) -> String {
+        let said = if let FailureCause::Exec(why) = cause { why.clone() } else { cause.to_string() };
+        match &self.output[..] {
+            [] => said,
+            [words] if matches!(cause, FailureCause::Exit(_) | FailureCause::Signal(_)) => words.clone(),
+            lines => format!("{said}; the end of its output:\n{}", lines.join("\n")),
         }
     }
 
@@ -245,11 +252,8 @@ impl Instance {
     }
 
     /// Ends a program that has hung at its start; what it wrote is told with the refusal once it is gone.
-    fn give_up(&mut self, why: &str, context: &mut InstanceContext<'_>) {
-        if self.joined {
-            return self.turn_away(why, context);
-        }
-        self.cause.get_or_insert(FailureCause::Exec(why.to_owned()));
+    fn give_up(&mut self, cause: FailureCause, context: &mut InstanceContext<'_>) {
+        self.cause.get_or_insert(cause);
         self.stage = Stage::Removing { until: context.now + GRACE + KILL_WITHIN };
         self.tell_shim(ShimOrder::Stop { grace: GRACE }, context);
     }

@@ -3,6 +3,7 @@
 use crate::logic::printable::printable;
 use crate::logic::table::counted;
 use serde::{Deserialize, Serialize};
+use shim::protocol::{EndReason, ShimReport};
 use std::fmt;
 use std::time::Duration;
 
@@ -66,6 +67,12 @@ pub enum FailureCause {
         /// The last lines that it wrote.
         output: Vec<String>,
     },
+    /// The program hung: it gave no sign of life for so long.
+    Watchdog(#[serde(with = "comms::logic::human::seconds")] Duration),
+    /// The program could not run after so long, at its start or in its `Init`.
+    StartTimeout(#[serde(with = "comms::logic::human::seconds")] Duration),
+    /// The program was stopped because its node was gone.
+    AgentLost,
 }
 
 /// How a program ended.
@@ -80,6 +87,8 @@ pub enum ProgramEnd {
 impl fmt::Display for ProgramEnd {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
+            // DCA has not sent it; its own are told by what they were sent for.
+            Self::Signal(number @ 9) => write!(f, "{} (external)", signal_name(*number)),
             Self::Signal(number) => f.write_str(&signal_name(*number)),
             Self::Exit(code) => write!(f, "left with exit code {code} before it was done"),
         }
@@ -87,6 +96,18 @@ impl fmt::Display for ProgramEnd {
 }
 
 impl FailureCause {
+    /// Returns the cause that a report of a shim means; none if its program has not ended.
+    pub fn of_end(report: &ShimReport) -> Option<Self> {
+        let (end, why) = report.end()?;
+        Some(match (why, end) {
+            (Some(EndReason::Watchdog(bound)), _) => Self::Watchdog(bound),
+            (Some(EndReason::StartTimeout(bound)), _) => Self::StartTimeout(bound),
+            (Some(EndReason::AgentLost), _) => Self::AgentLost,
+            (None, shim::protocol::ProgramEnd::Exit(code)) => Self::Exit(code),
+            (None, shim::protocol::ProgramEnd::Signal(signal)) => Self::Signal(signal),
+        })
+    }
+
     /// Returns whether it may still be running.
     pub fn is_unconfirmed_stop(&self) -> bool {
         matches!(self, Self::StopUnconfirmed | Self::HostLostStopping(_))
@@ -128,9 +149,17 @@ impl fmt::Display for FailureCause {
                 write!(f, "{} after {}", printable(last), counted(*restarts, "restart"))
             }
             Self::HostLostStopping(host) => write!(f, "host `{host}` was lost before it confirmed the stop"),
+            Self::Watchdog(bound) => write!(f, "its loop has not come round for {}", spelt(*bound)),
+            Self::StartTimeout(bound) => write!(f, "it was not ready within {}", spelt(*bound)),
+            Self::AgentLost => f.write_str("was stopped because its node was gone (`on_agent_loss`)"),
             Self::HostLost(host) => write!(f, "host `{host}` could not be reached any more"),
         }
     }
+}
+
+/// Returns `0.5 s` for half a second.
+fn spelt(time: Duration) -> String {
+    format!("{} s", time.as_secs_f64())
 }
 
 /// Returns `SIGSEGV` for 11, and so on. Source: signal(7), Linux on x86 and ARM.

@@ -4,12 +4,16 @@ use crate::check::names::twice;
 use crate::check::spec::Policies;
 use crate::check::value::{Reader, quantity};
 use crate::diagnostic::{Code, Diagnostic};
-use crate::plan::{LinkLoss, Policy, REALTIME_MAX, Realtime, Restart};
+use crate::plan::{LinkLoss, Policy, REALTIME_MAX, Realtime, Restart, Watchdog};
 use crate::source::Span;
 use crate::syntax::SyntaxKind::{self, Constant};
 use crate::syntax::ast::{Name, Node};
 use crate::unit::{self, Dimension};
 use std::collections::BTreeMap;
+use std::time::Duration;
+
+/// The shortest bound of a watchdog: the scheduler of a busy host may keep a program waiting for some milliseconds.
+const WATCHDOG_MIN: Duration = Duration::from_millis(20);
 
 /// What is written in one policy: its words after the first, and its numbers.
 struct PolicyValue<'a> {
@@ -53,6 +57,17 @@ fn read(policy: &mut Policy, name: &Name, written: &PolicyValue<'_>, reader: &mu
             let restart = restart(&words).filter(|_| written.value.is_none());
             policy.restart = restart.unwrap_or_default();
             (restart.is_some(), "write `restart temporary` (never), `transient` (after a failure) or `permanent`")
+        }
+        "watchdog" => {
+            let bound = if words.is_empty() { time(reader).filter(|bound| *bound >= WATCHDOG_MIN) } else { None };
+            let never = (words == ["none"] && written.value.is_none()).then_some(Watchdog::Never);
+            let watchdog = bound.map(Watchdog::Within).or(never);
+            policy.watchdog = watchdog.unwrap_or_default();
+            (watchdog.is_some(), "write `watchdog 500 ms`, of at least 20 ms, or `watchdog none`")
+        }
+        "ready" => {
+            policy.ready_within = if words == ["within"] { time(reader).filter(|time| !time.is_zero()) } else { None };
+            (policy.ready_within.is_some(), "write `ready within 3 s`")
         }
         "on_agent_loss" => {
             policy.agent_loss = if words == ["stop", "within"] { time(reader) } else { None };

@@ -1,0 +1,119 @@
+//! The program's signs of life, for whoever watches it: of its control loop, not of the process.
+//!
+//! The loop says what it does in one atomic number, which costs it two stores a round. A thread of its own looks at that number four
+//! times in the watcher's bound and sends a sign only if the loop has moved, or waits for an order or its next deadline. So nothing
+//! is sent for a loop that hangs in a calculation, nor for a process that is suspended. Source: sd_notify(3).
+
+use comms::io::clock::{Wakeup, now};
+use std::os::unix::net::UnixDatagram;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+
+/// How many looks there are in a bound.
+const LOOKS: u32 = 4;
+/// The shortest time between two looks.
+const LOOK_MIN: Duration = Duration::from_millis(1);
+
+/// What the loop does: its round, and in the two lowest bits how it is spent.
+#[derive(Debug, Default)]
+pub(super) struct Heartbeat {
+    state: AtomicU64,
+}
+
+/// How the loop spends its time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Spends {
+    /// It waits for an order, a sample, an answer or its next deadline.
+    Waiting = 0,
+    /// It calculates.
+    Working = 1,
+    /// The controller is in its `Init`.
+    Initialising = 2,
+}
+
+impl Heartbeat {
+    /// Says what the loop does from now on; only the loop calls this.
+    pub(super) fn enter(&self, spends: Spends) {
+        let round = self.state.load(Ordering::Relaxed) >> 2;
+        self.state.store((round + 1) << 2 | spends as u64, Ordering::Release);
+    }
+
+    /// Returns the sign of life to be sent now, if the loop has given one since `before`, which is brought up to date.
+    fn sign(&self, before: &mut Option<u64>) -> Option<String> {
+        let state = self.state.load(Ordering::Acquire);
+        let moved = before.replace(state) != Some(state);
+        match state & 3 {
+            2 => Some(format!("X_INIT={}", state >> 2)),
+            0 => Some("WATCHDOG=1".to_owned()),
+            _ => moved.then(|| "WATCHDOG=1".to_owned()),
+        }
+    }
+}
+
+/// Who watches this program.
+#[derive(Debug)]
+pub(super) struct Watcher {
+    socket: PathBuf,
+    every: Duration,
+}
+
+impl Watcher {
+    /// Returns who watches this program, as its environment says; nobody may. Source: sd_watchdog_enabled(3).
+    pub(super) fn of_environment() -> Option<Self> {
+        let bound = std::env::var("WATCHDOG_USEC").ok()?.parse().ok()?;
+        let socket = PathBuf::from(std::env::var_os("NOTIFY_SOCKET")?);
+        let every = (Duration::from_micros(bound) / LOOKS).max(LOOK_MIN);
+        Some(Self { socket, every })
+    }
+
+    /// Sends the loop's signs of life for as long as the process lives.
+    ///
+    /// # Errors
+    /// If the thread or its socket cannot be made.
+    pub(super) fn tell(self, heartbeat: Arc<Heartbeat>) -> std::io::Result<()> {
+        let socket = UnixDatagram::unbound()?;
+        // A watcher that is suspended must not hold up the next sign.
+        socket.set_nonblocking(true)?;
+        let run = move || {
+            let (pause, mut before, mut next) = (Wakeup::default(), None, now());
+            loop {
+                if let Some(sign) = heartbeat.sign(&mut before)
+                    && let Err(error) = socket.send_to(sign.as_bytes(), &self.socket)
+                {
+                    tracing::debug!(%error, "a sign of life was not taken");
+                }
+                next = (next + self.every).max(now());
+                pause.wait(Some(next));
+            }
+        };
+        // Nobody could join a thread that lives as long as the process.
+        std::thread::Builder::new().name("heartbeat".to_owned()).spawn(run).map(drop)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_loop_that_stands_still_gives_no_sign() {
+        let (heartbeat, mut before) = (Heartbeat::default(), None);
+        let mut sign = || heartbeat.sign(&mut before);
+        assert_eq!(sign().as_deref(), Some("WATCHDOG=1"), "it waits for its first order");
+        assert_eq!(sign().as_deref(), Some("WATCHDOG=1"), "and still does");
+        heartbeat.enter(Spends::Working);
+        assert_eq!(sign().as_deref(), Some("WATCHDOG=1"), "it has moved");
+        assert_eq!(sign(), None, "it hangs");
+        for spends in [Spends::Waiting, Spends::Working] {
+            heartbeat.enter(spends);
+        }
+        assert_eq!(sign().as_deref(), Some("WATCHDOG=1"), "it is in another calculation");
+        heartbeat.enter(Spends::Initialising);
+        assert_eq!([sign(), sign()], [Some("X_INIT=4".to_owned()), Some("X_INIT=4".to_owned())]);
+        heartbeat.enter(Spends::Working);
+        heartbeat.enter(Spends::Initialising);
+        assert_eq!(sign().as_deref(), Some("X_INIT=6"), "the next one");
+    }
+}

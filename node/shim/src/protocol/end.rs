@@ -1,0 +1,65 @@
+//! How a program ended, and why.
+
+use std::fmt;
+use std::time::Duration;
+
+/// How a program ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ProgramEnd {
+    /// With this exit code.
+    Exit(i32),
+    /// By this signal.
+    Signal(i32),
+}
+
+/// Why a program ended that nobody else has asked to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum EndReason {
+    /// It gave no sign of life for so long.
+    Watchdog(Duration),
+    /// It was not ready after so long.
+    StartTimeout(Duration),
+    /// Its agent was gone.
+    AgentLost,
+}
+
+impl fmt::Display for ProgramEnd {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Exit(code) => write!(f, "exit {code}"),
+            Self::Signal(signal) => write!(f, "signal {signal}"),
+        }
+    }
+}
+
+impl ProgramEnd {
+    pub(super) fn parse(words: &[&str]) -> Option<Self> {
+        match words {
+            ["exit", code] => Some(Self::Exit(code.parse().ok()?)),
+            ["signal", signal] => Some(Self::Signal(signal.parse().ok()?)),
+            [..] => None,
+        }
+    }
+}
+
+impl fmt::Display for EndReason {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Watchdog(bound) => write!(f, "watchdog {}", bound.as_millis()),
+            Self::StartTimeout(bound) => write!(f, "start-timeout {}", bound.as_millis()),
+            Self::AgentLost => f.write_str("agent-lost"),
+        }
+    }
+}
+
+impl EndReason {
+    pub(super) fn parse(words: &[&str]) -> Option<Self> {
+        let time = |millis: &str| Some(Duration::from_millis(millis.parse().ok()?));
+        match words {
+            ["watchdog", bound] => Some(Self::Watchdog(time(bound)?)),
+            ["start-timeout", bound] => Some(Self::StartTimeout(time(bound)?)),
+            ["agent-lost"] => Some(Self::AgentLost),
+            [..] => None,
+        }
+    }
+}

@@ -1,0 +1,227 @@
+//! Whether a program hangs: it gives no sign of life for too long, or prepares for too long.
+//!
+//! Only time that the watcher has witnessed counts. A watcher that was late itself, since the host slept, was suspended or is
+//! starved, gives the program a new bound: a false alarm costs a mission, a late one some seconds.
+
+use comms::logic::time::Time;
+use shim::protocol::EndReason;
+use std::time::Duration;
+
+/// How many looks there are in a bound.
+const LOOKS: u32 = 4;
+/// The shortest time between two looks.
+const LOOK_MIN: Duration = Duration::from_millis(1);
+
+/// The watcher of one program.
+#[derive(Debug)]
+pub(crate) struct Watchdog {
+    bound: Option<Duration>,
+    ready_within: Option<Duration>,
+    step: Duration,
+    looked_at: Time,
+    /// How long it has been silent; none before its first sign of life.
+    silent: Option<Duration>,
+    preparation: Option<Preparation>,
+}
+
+/// The program's start, or one `Init`.
+#[derive(Debug)]
+struct Preparation {
+    /// Which `Init`; none for the start.
+    number: Option<u64>,
+    elapsed: Duration,
+}
+
+impl Watchdog {
+    /// Returns the watcher of a program that begins now; none if nothing is to be watched. One that speaks `from_start` is
+    /// expected to give signs of life and to be ready from now on, any other from its first sign on.
+    pub(crate) fn new(
+        bound: Option<Duration>,
+        ready_within: Option<Duration>,
+        from_start: bool,
+        now: Time,
+    ) -> Option<Self> {
+        let step = (bound.into_iter().chain(ready_within).min()? / LOOKS).max(LOOK_MIN);
+        Some(Self {
+            bound,
+            ready_within,
+            step,
+            looked_at: now,
+            silent: from_start.then_some(Duration::ZERO),
+            preparation: from_start.then_some(Preparation { number: None, elapsed: Duration::ZERO }),
+        })
+    }
+
+    /// Returns when [`Watchdog::look`] wants to be called.
+    pub(crate) fn next_look(&self) -> Time {
+        self.looked_at + self.step
+    }
+
+    /// Takes a datagram of the program: `WATCHDOG=1`, `X_INIT=7` while its 7th round is an `Init`, `READY=1`. Source:
+    /// sd_notify(3).
+    pub(crate) fn hear(&mut self, text: &str, now: Time) {
+        self.pass(now);
+        for line in text.lines() {
+            let init = line.strip_prefix("X_INIT=").and_then(|number| number.parse().ok());
+            if line == "WATCHDOG=1" || init.is_some() {
+                self.silent = Some(Duration::ZERO);
+            }
+            match (&self.preparation, init) {
+                (Some(Preparation { number, .. }), Some(_)) if *number == init => {}
+                (_, Some(_)) => self.preparation = Some(Preparation { number: init, elapsed: Duration::ZERO }),
+                // A program that has been started says when it is ready; one that initialises only stops to say so.
+                (Some(Preparation { number: Some(_), .. }), None) if line == "WATCHDOG=1" => self.preparation = None,
+                _ if line == "READY=1" => self.preparation = None,
+                _ => {}
+            }
+        }
+    }
+
+    /// Returns why the program is to be ended now, if so.
+    pub(crate) fn look(&mut self, now: Time) -> Option<EndReason> {
+        self.pass(now);
+        let late = self.bound.filter(|bound| self.silent.is_some_and(|silent| silent >= *bound));
+        let prepares = |within: &Duration| self.preparation.as_ref().is_some_and(|one| one.elapsed >= *within);
+        let slow = self.ready_within.filter(prepares);
+        slow.map(EndReason::StartTimeout).or(late.map(EndReason::Watchdog))
+    }
+
+    /// Gives a new bound, as to a program that a debugger holds.
+    pub(crate) fn forgive(&mut self) {
+        self.silent = self.silent.map(|_| Duration::ZERO);
+        if let Some(preparation) = &mut self.preparation {
+            preparation.elapsed = Duration::ZERO;
+        }
+    }
+
+    /// Counts the time since the last look, unless this one is late.
+    fn pass(&mut self, now: Time) {
+        let elapsed = now - self.looked_at;
+        self.looked_at = now;
+        if elapsed > 2 * self.step {
+            return self.forgive();
+        }
+        self.silent = self.silent.map(|silent| silent + elapsed);
+        if let Some(preparation) = &mut self.preparation {
+            preparation.elapsed += elapsed;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const BOUND: Duration = Duration::from_millis(400);
+    const READY: Duration = Duration::from_millis(1000);
+    const HUNG: EndReason = EndReason::Watchdog(BOUND);
+    const SLOW: EndReason = EndReason::StartTimeout(READY);
+
+    /// A watcher that looks when it wants to, on virtual time in milliseconds.
+    struct World {
+        watchdog: Watchdog,
+        now: u64,
+    }
+
+    impl World {
+        fn new(bound: Option<Duration>, ready_within: Option<Duration>, from_start: bool) -> Self {
+            let watchdog = Watchdog::new(bound, ready_within, from_start, Time::ZERO).unwrap();
+            Self { watchdog, now: 0 }
+        }
+
+        fn at(&self) -> Time {
+            Time::from_nanos(self.now * 1_000_000)
+        }
+
+        /// Passes time without a word; returns after how many milliseconds the program is ended, and why.
+        fn pass(&mut self, millis: u64) -> Option<(u64, EndReason)> {
+            let (began, until) = (self.now, self.now + millis);
+            while self.now < until {
+                self.now += 1;
+                if self.at() >= self.watchdog.next_look()
+                    && let Some(why) = self.watchdog.look(self.at())
+                {
+                    return Some((self.now - began, why));
+                }
+            }
+            None
+        }
+
+        fn hear(&mut self, text: &str) {
+            self.watchdog.hear(text, self.at());
+        }
+
+        /// The host sleeps, or the watcher is suspended.
+        fn jump(&mut self, millis: u64) -> Option<EndReason> {
+            self.now += millis;
+            self.watchdog.look(self.at())
+        }
+    }
+
+    #[test]
+    fn a_program_that_falls_silent_is_ended_after_its_bound() {
+        let mut world = World::new(Some(BOUND), None, false);
+        assert_eq!(world.pass(10_000), None, "it has not begun to speak: an older one never does");
+        for _ in 0..50 {
+            world.hear("WATCHDOG=1");
+            assert_eq!(world.pass(399), None);
+        }
+        world.hear("WATCHDOG=1");
+        assert_eq!(world.pass(10_000), Some((400, HUNG)));
+        let mut world = World::new(Some(BOUND), None, true);
+        assert_eq!(world.pass(10_000), Some((400, HUNG)), "it was to speak from the beginning");
+    }
+
+    #[test]
+    fn an_init_has_a_bound_of_its_own() {
+        let mut world = World::new(Some(BOUND), Some(READY), false);
+        let mut init = |number: u64, count: u64| {
+            for _ in 0..count {
+                world.hear(&format!("X_INIT={number}"));
+                let ended = world.pass(100);
+                if ended.is_some() {
+                    return ended.map(|(_, why)| why);
+                }
+            }
+            None
+        };
+        assert_eq!(init(3, 9), None);
+        assert_eq!(init(5, 9), None, "another one");
+        assert_eq!(init(5, 1), Some(SLOW));
+        world.hear("WATCHDOG=1");
+        assert_eq!(world.pass(10_000), Some((400, HUNG)), "it is over");
+        world.hear("X_INIT=7");
+        assert_eq!(world.pass(10_000), Some((400, HUNG)), "suspended in it");
+    }
+
+    #[test]
+    fn a_program_that_is_to_say_when_it_is_ready_says_so() {
+        let mut world = World::new(None, Some(READY), true);
+        world.hear("WATCHDOG=1\nSTATUS=loading");
+        assert_eq!(world.pass(10_000), Some((1000, SLOW)));
+        let mut world = World::new(None, Some(READY), true);
+        world.hear("STATUS=here\nREADY=1\n");
+        assert_eq!(world.pass(10_000), None);
+    }
+
+    #[test]
+    fn time_that_nobody_has_watched_does_not_count() {
+        let mut world = World::new(Some(BOUND), Some(READY), false);
+        world.hear("WATCHDOG=1");
+        assert_eq!(world.pass(399), None);
+        for _ in 0..10 {
+            assert_eq!(world.jump(3_600_000), None, "the host slept");
+            assert_eq!(world.pass(399), None);
+        }
+        assert_eq!(world.pass(1), Some((1, HUNG)), "a whole bound was witnessed");
+        world.hear("X_INIT=1");
+        assert_eq!(world.jump(3_600_000), None);
+        world.watchdog.forgive();
+        assert_eq!(world.pass(399), None, "a debugger holds it");
+    }
+
+    #[test]
+    fn nothing_to_watch_is_not_watched() {
+        assert!(Watchdog::new(None, None, true, Time::ZERO).is_none());
+    }
+}

@@ -1,0 +1,80 @@
+//! Programs that hang, and are ended for it.
+
+use super::{LONG, Over, STARTED, Shim, exited, signalled, wait_for};
+use comms::io::clock::now;
+use rustix::process::{Pid, Signal, kill_process};
+use shim::protocol::{EXIT_FILE, EndReason, Gate, ProgramEnd, ShimOrder, ShimReport};
+use std::time::Duration;
+
+const BOUND: Duration = Duration::from_millis(300);
+const HUNG: EndReason = EndReason::Watchdog(BOUND);
+
+fn ended(signal: i32, why: EndReason) -> ShimReport {
+    ShimReport::Ended { end: ProgramEnd::Signal(signal), why }
+}
+
+/// Starts a shim that is to watch what it starts; a gate is opened.
+fn watched(gate: Gate, watchdog: Option<Duration>, ready_within: Option<Duration>, script: &str) -> Shim {
+    let mut shim = Shim::start_with(|start| {
+        (start.gate, start.watchdog, start.ready_within) = (gate, watchdog, ready_within);
+        start.command = ["sh", "-c", script].map(str::to_owned).to_vec();
+    });
+    if gate == Gate::Exec {
+        assert_eq!(shim.next(), Some(ShimReport::Ready));
+        shim.order(&ShimOrder::Go);
+    }
+    shim
+}
+
+/// A line of Python by which a script speaks to its watcher.
+fn say(words: &str) -> String {
+    format!(
+        "python3 -c 'import os, socket; \
+         socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM).sendto(b\"{words}\", os.environ[\"NOTIFY_SOCKET\"])'"
+    )
+}
+
+#[test]
+fn a_program_that_gives_no_sign_of_life_is_ended() {
+    let over =
+        watched(Gate::Exec, Some(BOUND), None, "exec sleep 60").expect(&[STARTED, ended(6, HUNG), ShimReport::Gone]);
+    assert_eq!(over.read(EXIT_FILE), "ended signal 6 watchdog 300\n");
+    let deaf = "trap '' ABRT; while :; do sleep 0.01; done";
+    let began = now();
+    watched(Gate::Exec, Some(BOUND), None, deaf).expect(&[STARTED, ended(9, HUNG), ShimReport::Gone]);
+    assert!(now() - began >= BOUND + Duration::from_secs(2), "SIGKILL comes after a grace");
+}
+
+#[test]
+fn a_program_that_is_never_ready_is_ended() {
+    let slow = EndReason::StartTimeout(BOUND);
+    watched(Gate::Exec, None, Some(BOUND), "exec sleep 60").expect(&[STARTED, ended(6, slow), ShimReport::Gone]);
+    // Time enough for an interpreter on a busy machine.
+    let script = format!("{}; exit 3", say("READY=1"));
+    watched(Gate::Exec, None, Some(LONG), &script).expect(&[STARTED, exited(3), ShimReport::Gone]);
+}
+
+/// An SDK program is watched from its first sign on, so that one of an older SDK, which gives none, is left alone.
+#[test]
+fn a_program_that_speaks_is_watched_from_then_on() {
+    let script = format!("{}; echo $$ > up; exec sleep 60", say("WATCHDOG=1"));
+    let shim = watched(Gate::None, Some(2 * BOUND), None, &script);
+    let program: i32 = wait_for(&shim.dir, "up").trim().parse().unwrap();
+    // A suspended process does not hear SIGABRT until it goes on.
+    kill_process(Pid::from_raw(program).unwrap(), Signal::STOP).unwrap();
+    shim.expect(&[STARTED, ended(6, EndReason::Watchdog(2 * BOUND)), ShimReport::Gone]);
+
+    let environment = "echo $NOTIFY_SOCKET $WATCHDOG_USEC > up; sleep 1; exit 5";
+    let shim = watched(Gate::None, Some(BOUND), Some(2 * BOUND), environment);
+    let expected = format!("{} 300000\n", shim.dir.join("beat.sock").display());
+    let over: Over = shim.expect(&[STARTED, exited(5), ShimReport::Gone]);
+    assert_eq!(over.read("up"), expected);
+}
+
+#[test]
+fn a_program_that_is_being_stopped_is_not_called_hung() {
+    let mut shim = watched(Gate::Exec, Some(BOUND), None, "trap '' TERM; echo up > up; while :; do sleep 0.01; done");
+    wait_for(&shim.dir, "up");
+    shim.order(&ShimOrder::Stop { grace: 4 * BOUND });
+    shim.expect(&[STARTED, signalled(9), ShimReport::Gone]);
+}

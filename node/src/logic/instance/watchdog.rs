@@ -1,0 +1,56 @@
+//! How long a program may hang. Its shim measures that, since it is there when the node is not.
+
+use language::plan::{LeafKind, Policy, Watchdog};
+use std::time::Duration;
+
+/// How long a controller may give no sign of life, unless its policy says otherwise. A starved host gives each of its threads a
+/// turn within some hundred milliseconds, so a loop that is well never takes as long.
+pub const WATCHDOG: Duration = Duration::from_secs(5);
+/// How long a program has to say hello, and a controller for each `Init`, unless its policy says otherwise.
+pub const READY_WITHIN: Duration = Duration::from_secs(15);
+
+/// Returns how long a controller has to say hello, and the shim of a plain program to be ready: that program begins later.
+pub(super) fn start_within(kind: LeafKind, policy: &Policy) -> Duration {
+    match kind {
+        LeafKind::Controller => ready_within(policy),
+        LeafKind::Plain => READY_WITHIN,
+    }
+}
+
+fn ready_within(policy: &Policy) -> Duration {
+    policy.ready_within.unwrap_or(READY_WITHIN)
+}
+
+/// Returns what the shim of a program is to watch: how long the program may give no sign of life, and how long it may
+/// prepare. A plain program is watched only where its policy says so, since most do not speak. One that must not be watched is
+/// not, unless the time to be ready is given.
+pub fn watched(kind: LeafKind, policy: &Policy) -> (Option<Duration>, Option<Duration>) {
+    match (kind, policy.watchdog) {
+        (LeafKind::Controller, Watchdog::Usual) => (Some(WATCHDOG), Some(ready_within(policy))),
+        (LeafKind::Controller, Watchdog::Within(bound)) => (Some(bound), Some(ready_within(policy))),
+        (LeafKind::Plain, Watchdog::Within(bound)) => (Some(bound), policy.ready_within),
+        (LeafKind::Controller | LeafKind::Plain, Watchdog::Never) | (LeafKind::Plain, Watchdog::Usual) => {
+            (None, policy.ready_within)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn controllers_are_watched_unless_told_and_others_only_when_told() {
+        let (bound, ready) = (Duration::from_millis(500), Duration::from_secs(3));
+        let check = |watchdog, ready_within, controller, plain| {
+            let policy = Policy { watchdog, ready_within, ..Policy::default() };
+            let got = [LeafKind::Controller, LeafKind::Plain].map(|kind| watched(kind, &policy));
+            assert_eq!(got, [controller, plain], "{policy:?}");
+        };
+        check(Watchdog::Usual, None, (Some(WATCHDOG), Some(READY_WITHIN)), (None, None));
+        check(Watchdog::Usual, Some(ready), (Some(WATCHDOG), Some(ready)), (None, Some(ready)));
+        check(Watchdog::Within(bound), None, (Some(bound), Some(READY_WITHIN)), (Some(bound), None));
+        check(Watchdog::Never, None, (None, None), (None, None));
+        check(Watchdog::Never, Some(ready), (None, Some(ready)), (None, Some(ready)));
+    }
+}
