@@ -105,7 +105,7 @@ codes! {
     E0110 Error "defined twice"
         "A name is defined once: process, type, parameter, field, instance, port, connection set, section."
     E0111 Error "policy of a group"
-        "`restart`, `watchdog`, `ready`, `on_agent_loss`, `on_link_loss`, `memory`, `cpu`, `files`, `nice` and `realtime` apply to a program. They stand in braces behind an instance of a module: `laser instof Laser(c1) { nice 5; }`."
+        "`restart`, `watchdog`, `ready`, `on_agent_loss`, `on_link_loss`, `memory`, `cpu`, `cores`, `pids`, `files`, `file_size`, `nice` and `realtime` apply to a program. They stand in braces behind an instance of a module: `laser instof Laser(c1) { nice 5; }`."
     E0112 Error "restart forgets"
         "The type says `remembers;`: it keeps state from one calculation to the next, such as an estimate or how far it has come. A program that is started again alone has lost that, while everything around it goes on. Leave `restart` away: the death of the program is then an abort, and `retry` around its group begins anew as a whole. A type that finds its state again, from its inputs or from what it has written to the database, does not say `remembers;`."
     W0110 Warning "interface given twice"

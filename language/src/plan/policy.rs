@@ -75,6 +75,12 @@ pub struct Usage {
     pub nice: Option<i8>,
     /// The real-time class.
     pub realtime: Option<Realtime>,
+    /// Processes and threads at one time.
+    pub pids: Option<u64>,
+    /// The share of the processors, in thousandths of one.
+    pub cpu_share: Option<u32>,
+    /// The longest file that it may write, in bytes.
+    pub file_size: Option<u64>,
 }
 
 /// First in, first out, before everything that is not real-time.

@@ -20,7 +20,7 @@ const CHRT: &str = "chrt";
 /// Returns what to execute instead of the program: itself, unless it has limits.
 pub(crate) fn command(start: &ShimStart) -> io::Result<(OsString, Vec<OsString>)> {
     let plain = || start.command.iter().map(OsString::from);
-    if start.limits == Limits::default() {
+    if start.limits == Limits::default() && start.groups.is_empty() {
         return Ok((plain().next().unwrap_or_default(), plain().skip(1).collect()));
     }
     let launch = ShimStart { environment: Vec::new(), ..start.clone() };
@@ -49,6 +49,7 @@ fn limit(start: &ShimStart) -> Result<Vec<String>, String> {
         (Resource::As, limits.memory, "B of memory"),
         (Resource::Cpu, limits.cpu.map(|time| time.as_secs()), "s of processor time"),
         (Resource::Nofile, limits.files, "open files"),
+        (Resource::Fsize, limits.file_size, "B in a file"),
     ];
     let mut command = start.command.clone();
     if let Some(realtime) = limits.realtime {
@@ -69,8 +70,14 @@ fn limit(start: &ShimStart) -> Result<Vec<String>, String> {
         setpriority_process(None, nice.into())
             .map_err(|error| format!("niceness {nice} is refused: {}", cause(&error.into())))?;
     }
+    for group in &start.groups {
+        let (file, pid) = (group.join("cgroup.procs"), std::process::id().to_string());
+        std::fs::write(&file, pid).map_err(|error| format!("cannot write `{}`: {}", file.display(), cause(&error)))?;
+    }
     for (resource, value, what) in caps {
-        let limit = Rlimit { current: value, maximum: value };
+        // At the soft limit of its time a program gets SIGXCPU, which says why it ends; at the hard one SIGKILL.
+        let maximum = value.map(|value| value + u64::from(resource == Resource::Cpu));
+        let limit = Rlimit { current: value, maximum };
         if let (Some(value), Err(error)) = (value, value.map_or(Ok(()), |_| setrlimit(resource, limit))) {
             return Err(format!("a limit of {value} {what} is refused: {}", cause(&error.into())));
         }

@@ -17,6 +17,7 @@
 mod agent;
 mod beats;
 mod descendants;
+mod group;
 mod launch;
 mod output;
 mod watchdog;
@@ -28,13 +29,15 @@ use comms::io::descriptors;
 use comms::logic::human::cause;
 use comms::logic::time::Time;
 use descendants::kill_descendants;
+use group::Group;
 use output::Output;
 use rustix::io::Errno;
 use rustix::process::{Pid, PidfdFlags, Signal, WaitOptions, WaitStatus, pidfd_open, pidfd_send_signal};
 use shim::process_record::{ProcessRecord, RECORD_FILE};
 use shim::processes;
 use shim::protocol::{
-    AGENT_LOSS_GRACE, EXIT_FILE, EndReason, Gate, LAUNCH, ProgramEnd, SOCKET_FILE, ShimOrder, ShimReport, ShimStart,
+    AGENT_LOSS_GRACE, EXIT_FILE, EndReason, Gate, LAUNCH, LimitKind, Limits, ProgramEnd, SOCKET_FILE, ShimOrder,
+    ShimReport, ShimStart,
 };
 use std::fs::{File, OpenOptions};
 use std::io::{self, Write};
@@ -53,6 +56,10 @@ const SETTLE: Duration = Duration::from_millis(500);
 /// How long a program that hangs has between SIGABRT and SIGKILL: the kernel may write a core.
 const ABORT_GRACE: Duration = Duration::from_secs(2);
 
+/// The signals of two limits. Source: signal(7), Linux on x86 and ARM.
+const SIGXCPU: i32 = 24;
+const SIGXFSZ: i32 = 25;
+
 /// What `--help` says.
 const HELP: &str = "\
 The parent of one program that a node has started: holds it back until it is to run, keeps its output, reports how it ends
@@ -68,7 +75,8 @@ Options:
   --watchdog MS                ends it when it gives no sign of life for so long (sd_notify(3): WATCHDOG=1)
   --ready-within MS            ends it when it is not ready after so long (READY=1)
   --environment NAME=VALUE     its whole environment; may be given more than once
-  --memory BYTES  --cpu-s S  --files N  --nice N  --realtime P  --realtime-optional P
+  --memory BYTES  --cpu-s S  --cpu-share THOUSANDTHS  --pids N  --files N  --file-size BYTES  --nice N
+  --realtime P  --realtime-optional P
                                what it may use
   -h, --help                   this text
   -V, --version                the version";
@@ -127,8 +135,8 @@ fn supervise(start: &ShimStart) -> io::Result<()> {
         return Ok(());
     }
     let (events_tx, events) = sync_channel(64);
-    let record = match prepare(start, &agent, events_tx.clone()) {
-        Ok(record) => record,
+    let (record, group) = match prepare(start, &agent, events_tx.clone()) {
+        Ok(prepared) => prepared,
         Err(reason) => {
             conclude(&start.dir, &agent, &ShimReport::ExecFailed { reason });
             agent.leave();
@@ -139,6 +147,7 @@ fn supervise(start: &ShimStart) -> io::Result<()> {
     // has neither; nobody would ever order about what is started now.
     if agent::is_lost() || !is_opened(start, &agent, &events) {
         record.remove();
+        drop(group);
         agent.leave();
         return Ok(());
     }
@@ -147,7 +156,7 @@ fn supervise(start: &ShimStart) -> io::Result<()> {
     if start.descriptors.is_some() {
         descriptors::set(start.descriptors);
     }
-    match execute(start, &output) {
+    match execute(&group.start(start), &output) {
         Ok(program) => {
             record.add(program.pid);
             let pid = program.pid.as_raw_nonzero().get();
@@ -156,20 +165,21 @@ fn supervise(start: &ShimStart) -> io::Result<()> {
                 beats.watch(start, pid, events_tx.clone())?;
             }
             std::thread::Builder::new().name("reaper".into()).spawn(move || reap(&events_tx))?;
-            let output = &output;
-            Supervision { start, agent: &agent, program, output, deadline: None, killing: false, why: None }
+            let (agent, output, group) = (&agent, &output, &group);
+            Supervision { start, agent, program, output, group, deadline: None, killing: false, why: None }
                 .run(&events);
         }
         Err(reason) => conclude(&start.dir, &agent, &ShimReport::ExecFailed { reason }),
     }
     output.settle(SETTLE);
     record.remove();
+    drop(group);
     agent.leave();
     Ok(())
 }
 
-/// Makes the instance directory this shim's, and lets agents attach; says why not.
-fn prepare(start: &ShimStart, agent: &Agent, events: SyncSender<Event>) -> Result<Record, String> {
+/// Makes the instance directory this shim's, makes the program's control group, and lets agents attach; says why not.
+fn prepare(start: &ShimStart, agent: &Agent, events: SyncSender<Event>) -> Result<(Record, Group), String> {
     let failed = |action: &str, name: &str, error: &io::Error| {
         format!("cannot {action} `{}`: {}", start.dir.join(name).display(), cause(error))
     };
@@ -178,12 +188,13 @@ fn prepare(start: &ShimStart, agent: &Agent, events: SyncSender<Event>) -> Resul
         Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(failed("remove", EXIT_FILE, &error)),
         _ => {}
     }
+    let group = Group::make(&start.limits)?;
     let record = Record::begin(start).map_err(|error| failed("write", RECORD_FILE, &error))?;
     agent.listen(events).map_err(|error| {
         record.remove();
         failed("open", SOCKET_FILE, &error)
     })?;
-    Ok(record)
+    Ok((record, group))
 }
 
 /// The record of who runs here, for a node that starts after this shim and its node were killed.
@@ -288,6 +299,7 @@ struct Supervision<'a> {
     agent: &'a Agent,
     program: Program,
     output: &'a Output,
+    group: &'a Group,
     /// When the grace is over, or descendants are looked for again.
     deadline: Option<Time>,
     killing: bool,
@@ -327,7 +339,10 @@ impl Supervision<'_> {
             return ShimReport::ExecFailed { reason };
         }
         let end = ending(status);
-        match (self.why, end) {
+        let is_asked = self.killing || self.deadline.is_some();
+        let met = || self.group.reason(end).or_else(|| limit_met(&self.start.limits, end));
+        let why = self.why.or_else(|| if is_asked { None } else { met() });
+        match (why, end) {
             (Some(why), end) => ShimReport::Ended { end, why },
             (None, ProgramEnd::Exit(code)) => ShimReport::Exited { code },
             (None, ProgramEnd::Signal(signal)) => ShimReport::Signalled { signal },
@@ -390,6 +405,16 @@ fn reap(events: &SyncSender<Event>) {
         }
     }
     events.send(Event::NoneLeft).unwrap_or_default();
+}
+
+/// Returns which limit of a process was met by a program that ended so; these end it with a signal.
+fn limit_met(limits: &Limits, end: ProgramEnd) -> Option<EndReason> {
+    let time = limits.cpu.map(|time| Duration::from_secs(time.as_secs()));
+    let is_over = |time: Duration| end == ProgramEnd::Signal(9) && processes::time_of_ended_children() >= time;
+    let time = time.filter(|time| end == ProgramEnd::Signal(SIGXCPU) || is_over(*time));
+    let length = limits.file_size.filter(|_| end == ProgramEnd::Signal(SIGXFSZ));
+    let cpu = time.map(|time| EndReason::Limit(LimitKind::Cpu, time.as_secs()));
+    cpu.or(length.map(|bytes| EndReason::Limit(LimitKind::FileSize, bytes)))
 }
 
 fn ending(status: WaitStatus) -> ProgramEnd {

@@ -18,7 +18,7 @@
 
 mod end;
 
-pub use end::{EndReason, ProgramEnd};
+pub use end::{EndReason, LimitKind, ProgramEnd};
 use std::ffi::OsString;
 use std::fmt;
 use std::path::PathBuf;
@@ -68,6 +68,8 @@ pub struct ShimStart {
     pub ready_within: Option<Duration>,
     /// What the program may use.
     pub limits: Limits,
+    /// The control groups that the program joins before it is executed; the shim adds them for its own launch.
+    pub groups: Vec<PathBuf>,
     /// How many files and sockets the program may have open before it asks for more: its soft limit.
     pub descriptors: Option<u64>,
     /// The program's whole environment; nothing is inherited.
@@ -89,6 +91,12 @@ pub struct Limits {
     pub nice: Option<i8>,
     /// The real-time class, first in, first out.
     pub realtime: Option<Realtime>,
+    /// Processes and threads at one time.
+    pub pids: Option<u64>,
+    /// The share of the processors, in thousandths of one.
+    pub cpu_share: Option<u32>,
+    /// The longest file, in bytes.
+    pub file_size: Option<u64>,
 }
 
 /// A place in the real-time class.
@@ -306,6 +314,9 @@ impl ShimStart {
         for (name, value) in limit_arguments(&self.limits) {
             arguments.extend([name.into(), value.into()]);
         }
+        for group in &self.groups {
+            arguments.extend(["--group".into(), group.clone().into()]);
+        }
         for (name, value) in &self.environment {
             arguments.extend(["--environment".into(), format!("{name}={value}").into()]);
         }
@@ -327,6 +338,7 @@ impl ShimStart {
             watchdog: None,
             ready_within: None,
             limits: Limits::default(),
+            groups: Vec::new(),
             descriptors: None,
             environment: Vec::new(),
             command: Vec::new(),
@@ -378,7 +390,16 @@ impl ShimStart {
                 let count = value.to_str().and_then(|count| count.parse().ok());
                 self.descriptors = Some(count.ok_or("must be a number")?);
             }
-            "--memory" | "--cpu-s" | "--files" | "--nice" | "--realtime" | "--realtime-optional" => {
+            "--group" => self.groups.push(value.into()),
+            "--memory"
+            | "--cpu-s"
+            | "--files"
+            | "--nice"
+            | "--realtime"
+            | "--realtime-optional"
+            | "--pids"
+            | "--cpu-share"
+            | "--file-size" => {
                 let value = value.to_str().ok_or("must be a number")?;
                 set_limit(&mut self.limits, name, value).ok_or("must be a number")?;
             }
@@ -403,6 +424,9 @@ fn limit_arguments(limits: &Limits) -> Vec<(&'static str, String)> {
         limits.files.map(|count| ("--files", count.to_string())),
         limits.nice.map(|nice| ("--nice", nice.to_string())),
         realtime,
+        limits.pids.map(|count| ("--pids", count.to_string())),
+        limits.cpu_share.map(|share| ("--cpu-share", share.to_string())),
+        limits.file_size.map(|bytes| ("--file-size", bytes.to_string())),
     ];
     all.into_iter().flatten().collect()
 }
@@ -413,6 +437,9 @@ fn set_limit(limits: &mut Limits, name: &str, value: &str) -> Option<()> {
         "--cpu-s" => limits.cpu = Some(Duration::from_secs(value.parse().ok()?)),
         "--files" => limits.files = Some(value.parse().ok()?),
         "--nice" => limits.nice = Some(value.parse().ok()?),
+        "--pids" => limits.pids = Some(value.parse().ok()?),
+        "--cpu-share" => limits.cpu_share = Some(value.parse().ok()?),
+        "--file-size" => limits.file_size = Some(value.parse().ok()?),
         _ => {
             let is_optional = name == "--realtime-optional";
             limits.realtime = Some(Realtime { priority: value.parse().ok()?, is_optional });
@@ -445,6 +472,10 @@ mod tests {
             ShimReport::Ended { end: ProgramEnd::Signal(6), why: EndReason::Watchdog(Duration::from_millis(500)) },
             ShimReport::Ended { end: ProgramEnd::Signal(9), why: EndReason::StartTimeout(Duration::from_secs(3)) },
             ShimReport::Ended { end: ProgramEnd::Exit(143), why: EndReason::AgentLost },
+            ShimReport::Ended { end: ProgramEnd::Signal(9), why: EndReason::OutOfMemory(200_000_000) },
+            ShimReport::Ended { end: ProgramEnd::Exit(1), why: EndReason::Limit(LimitKind::Pids, 32) },
+            ShimReport::Ended { end: ProgramEnd::Signal(24), why: EndReason::Limit(LimitKind::Cpu, 600) },
+            ShimReport::Ended { end: ProgramEnd::Signal(25), why: EndReason::Limit(LimitKind::FileSize, 7) },
         ];
         for report in reports {
             assert_eq!(ShimReport::parse(&report.to_string()), Some(report));
@@ -477,7 +508,11 @@ mod tests {
                 files: Some(64),
                 nice: Some(-5),
                 realtime: Some(Realtime { priority: 40, is_optional: true }),
+                pids: Some(32),
+                cpu_share: Some(500),
+                file_size: Some(10_000_000),
             },
+            groups: vec!["/sys/fs/cgroup/pids/dca-program-7-70".into()],
             descriptors: Some(1024),
             environment: vec![("DCA_INSTANCE".into(), "main/a=b".into()), ("EMPTY".into(), String::new())],
             command: vec!["sleep".into(), "--".into(), "5".into()],

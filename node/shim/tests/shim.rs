@@ -7,6 +7,8 @@
 mod attach;
 #[path = "shim/hanging.rs"]
 mod hanging;
+#[path = "shim/limits.rs"]
+mod limits;
 
 use shim::protocol::{
     EXIT_FILE, EndReason, Gate, Limits, OUTPUT_FILE, OUTPUT_FILE_OLD, OUTPUT_SIZE_MAX, ProgramEnd, Realtime, ShimOrder,
@@ -39,6 +41,11 @@ impl Shim {
     }
 
     fn start_with(adjust: impl FnOnce(&mut ShimStart)) -> Self {
+        Self::start_below(&[], adjust)
+    }
+
+    /// Starts a shim by a command, which gets its command line as arguments.
+    fn start_below(command: &[&str], adjust: impl FnOnce(&mut ShimStart)) -> Self {
         static COUNT: AtomicU32 = AtomicU32::new(0);
         let number = COUNT.fetch_add(1, Ordering::Relaxed);
         let dir = std::env::temp_dir().join(format!("dca-shim-{}-{number}", std::process::id()));
@@ -51,12 +58,15 @@ impl Shim {
             watchdog: None,
             ready_within: None,
             limits: Limits::default(),
+            groups: Vec::new(),
             descriptors: None,
             environment: vec![("PATH".into(), "/usr/bin:/bin".into()), ("DCA_INSTANCE".into(), "main/x".into())],
             command: Vec::new(),
         };
         adjust(&mut start);
-        let mut child = Command::new(env!("CARGO_BIN_EXE_dca-shim"))
+        let mut words = command.iter().copied().chain([env!("CARGO_BIN_EXE_dca-shim")]);
+        let mut child = Command::new(words.next().unwrap())
+            .args(words)
             .args(start.arguments())
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
@@ -303,10 +313,16 @@ fn a_program_has_its_limits_from_the_start() {
         cpu: Some(Duration::from_secs(90)),
         files: Some(64),
         nice: Some(7),
-        realtime: None,
+        file_size: Some(1 << 20),
+        ..Limits::default()
     };
-    let over = limited(usage, "ulimit -v; ulimit -t; ulimit -n; nice").expect(&[STARTED, exited(0), ShimReport::Gone]);
-    assert_eq!(over.read(OUTPUT_FILE), "524288\n90\n64\n7\n");
+    let script = "ulimit -v; ulimit -t; ulimit -n; nice; ulimit -f";
+    let over = limited(usage, script).expect(&[STARTED, exited(0), ShimReport::Gone]);
+    let output = over.read(OUTPUT_FILE);
+    let (memory, others) = output.split_once('\n').unwrap();
+    // A control group limits memory where this host lets a program have one.
+    assert!(memory == "524288" || memory == "unlimited", "{output}");
+    assert_eq!(others, "90\n64\n7\n2048\n");
 }
 
 /// A node raises its own limit; programs that use select(2) must not find it raised.

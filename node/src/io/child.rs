@@ -314,7 +314,16 @@ fn end_of(path: &Path, before: u64) -> io::Result<(Vec<u8>, bool)> {
 /// Returns what a spec lets a program use, in the shim's words.
 pub fn limits(usage: &Usage) -> Limits {
     let realtime = usage.realtime.map(|one| Realtime { priority: one.priority, is_optional: one.is_optional });
-    Limits { memory: usage.memory, cpu: usage.cpu, files: usage.files, nice: usage.nice, realtime }
+    Limits {
+        memory: usage.memory,
+        cpu: usage.cpu,
+        files: usage.files,
+        nice: usage.nice,
+        realtime,
+        pids: usage.pids,
+        cpu_share: usage.cpu_share,
+        file_size: usage.file_size,
+    }
 }
 
 #[cfg(test)]

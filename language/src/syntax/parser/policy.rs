@@ -6,8 +6,21 @@ use crate::similar;
 use crate::syntax::SyntaxKind::{self, Ident, Minus, Number};
 
 /// The words that open a policy.
-const POLICIES: [&str; 10] =
-    ["restart", "watchdog", "ready", "on_agent_loss", "on_link_loss", "memory", "cpu", "files", "nice", "realtime"];
+const POLICIES: [&str; 13] = [
+    "restart",
+    "watchdog",
+    "ready",
+    "on_agent_loss",
+    "on_link_loss",
+    "memory",
+    "cpu",
+    "cores",
+    "pids",
+    "files",
+    "file_size",
+    "nice",
+    "realtime",
+];
 
 impl Parser<'_> {
     /// `restart transient;`, `on_agent_loss stop within 3 s;`, `memory 200 MB;`

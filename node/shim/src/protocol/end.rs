@@ -21,6 +21,21 @@ pub enum EndReason {
     StartTimeout(Duration),
     /// Its agent was gone.
     AgentLost,
+    /// The kernel has killed it or something of it, which had more memory than this, in bytes.
+    OutOfMemory(u64),
+    /// It met a limit, of this value.
+    Limit(LimitKind, u64),
+}
+
+/// A limit that a program met.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LimitKind {
+    /// Processes and threads at one time.
+    Pids,
+    /// Processor time, in seconds.
+    Cpu,
+    /// The length of a file, in bytes.
+    FileSize,
 }
 
 impl fmt::Display for ProgramEnd {
@@ -48,6 +63,10 @@ impl fmt::Display for EndReason {
             Self::Watchdog(bound) => write!(f, "watchdog {}", bound.as_millis()),
             Self::StartTimeout(bound) => write!(f, "start-timeout {}", bound.as_millis()),
             Self::AgentLost => f.write_str("agent-lost"),
+            Self::OutOfMemory(bytes) => write!(f, "out-of-memory {bytes}"),
+            Self::Limit(LimitKind::Pids, count) => write!(f, "limit-pids {count}"),
+            Self::Limit(LimitKind::Cpu, seconds) => write!(f, "limit-cpu {seconds}"),
+            Self::Limit(LimitKind::FileSize, bytes) => write!(f, "limit-file-size {bytes}"),
         }
     }
 }
@@ -59,6 +78,10 @@ impl EndReason {
             ["watchdog", bound] => Some(Self::Watchdog(time(bound)?)),
             ["start-timeout", bound] => Some(Self::StartTimeout(time(bound)?)),
             ["agent-lost"] => Some(Self::AgentLost),
+            ["out-of-memory", bytes] => Some(Self::OutOfMemory(bytes.parse().ok()?)),
+            ["limit-pids", count] => Some(Self::Limit(LimitKind::Pids, count.parse().ok()?)),
+            ["limit-cpu", seconds] => Some(Self::Limit(LimitKind::Cpu, seconds.parse().ok()?)),
+            ["limit-file-size", bytes] => Some(Self::Limit(LimitKind::FileSize, bytes.parse().ok()?)),
             [..] => None,
         }
     }

@@ -53,6 +53,7 @@ impl Driver {
             watchdog,
             ready_within,
             limits: child::limits(&order.policy.usage),
+            groups: Vec::new(),
             descriptors: descriptors::before(),
             environment: self.environment(order.path, &dir, control.as_deref()),
             command: order.command,

@@ -3,7 +3,7 @@
 use crate::logic::printable::printable;
 use crate::logic::table::counted;
 use serde::{Deserialize, Serialize};
-use shim::protocol::{EndReason, ShimReport};
+use shim::protocol::{EndReason, LimitKind, ShimReport};
 use std::fmt;
 use std::time::Duration;
 
@@ -73,6 +73,15 @@ pub enum FailureCause {
     StartTimeout(#[serde(with = "comms::logic::human::seconds")] Duration),
     /// The program was stopped because its node was gone.
     AgentLost,
+    /// The kernel has killed it, or something of it, for having more memory than it may, which is so many bytes.
+    OutOfMemory(u64),
+    /// The program met a limit of its policy.
+    Limit {
+        /// Which: `pids`, `cpu` or `file_size`.
+        policy: String,
+        /// Its value: a count, seconds or bytes.
+        value: u64,
+    },
 }
 
 /// How a program ended.
@@ -103,6 +112,8 @@ impl FailureCause {
             (Some(EndReason::Watchdog(bound)), _) => Self::Watchdog(bound),
             (Some(EndReason::StartTimeout(bound)), _) => Self::StartTimeout(bound),
             (Some(EndReason::AgentLost), _) => Self::AgentLost,
+            (Some(EndReason::OutOfMemory(bytes)), _) => Self::OutOfMemory(bytes),
+            (Some(EndReason::Limit(limit, value)), _) => Self::Limit { policy: policy_of(limit).to_owned(), value },
             (None, shim::protocol::ProgramEnd::Exit(code)) => Self::Exit(code),
             (None, shim::protocol::ProgramEnd::Signal(signal)) => Self::Signal(signal),
         })
@@ -152,8 +163,37 @@ impl fmt::Display for FailureCause {
             Self::Watchdog(bound) => write!(f, "its loop has not come round for {}", spelt(*bound)),
             Self::StartTimeout(bound) => write!(f, "it was not ready within {}", spelt(*bound)),
             Self::AgentLost => f.write_str("was stopped because its node was gone (`on_agent_loss`)"),
+            Self::OutOfMemory(bytes) => {
+                write!(f, "ran out of memory: `memory {}`", size(*bytes))
+            }
+            Self::Limit { policy, value } => {
+                let value = match policy.as_str() {
+                    "cpu" => format!("{value} s"),
+                    "file_size" => size(*value),
+                    _ => value.to_string(),
+                };
+                write!(f, "met its limit `{} {value}`", printable(policy))
+            }
             Self::HostLost(host) => write!(f, "host `{host}` could not be reached any more"),
         }
+    }
+}
+
+/// Returns the word of the policy that sets a limit.
+const fn policy_of(limit: LimitKind) -> &'static str {
+    match limit {
+        LimitKind::Pids => "pids",
+        LimitKind::Cpu => "cpu",
+        LimitKind::FileSize => "file_size",
+    }
+}
+
+/// Returns `200 MB` for so many bytes.
+fn size(bytes: u64) -> String {
+    match bytes {
+        bytes if bytes % 1_000_000 == 0 => format!("{} MB", bytes / 1_000_000),
+        bytes if bytes % 1000 == 0 => format!("{} kB", bytes / 1000),
+        bytes => format!("{bytes} B"),
     }
 }
 

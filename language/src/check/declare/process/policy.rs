@@ -4,7 +4,7 @@ use crate::check::names::twice;
 use crate::check::spec::Policies;
 use crate::check::value::{Reader, quantity};
 use crate::diagnostic::{Code, Diagnostic};
-use crate::plan::{LinkLoss, Policy, REALTIME_MAX, Realtime, Restart, Watchdog};
+use crate::plan::{LinkLoss, Policy, REALTIME_MAX, Realtime, Restart, Usage, Watchdog};
 use crate::source::Span;
 use crate::syntax::SyntaxKind::{self, Constant};
 use crate::syntax::ast::{Name, Node};
@@ -51,7 +51,6 @@ fn read(policy: &mut Policy, name: &Name, written: &PolicyValue<'_>, reader: &mu
     let words: Vec<&str> = written.words.iter().map(String::as_str).collect();
     let time = |reader: &mut Reader<'_>| written.value.as_ref().and_then(|value| reader.duration(value));
     let before = reader.diagnostics.count();
-    let usage = &mut policy.usage;
     let (is_read, help) = match name.text.as_str() {
         "restart" => {
             let restart = restart(&words).filter(|_| written.value.is_none());
@@ -79,35 +78,63 @@ fn read(policy: &mut Policy, name: &Name, written: &PolicyValue<'_>, reader: &mu
             policy.link_loss = link_loss.unwrap_or_default();
             (link_loss.is_some(), "write `on_link_loss keep`, `hold`, or `safe_stop_after 2 s`")
         }
-        "memory" => {
-            let bytes = unit::unit("B", None).map(|(_, dimension)| dimension);
-            usage.memory = whole(written, bytes, 1, reader).filter(|_| words.is_empty());
-            (usage.memory.is_some(), "write `memory 200 MB`")
-        }
-        "cpu" => {
-            usage.cpu = time(reader).filter(|time| words.is_empty() && time.as_secs() > 0);
-            (usage.cpu.is_some(), "write `cpu 10 min`: processor time, of at least 1 s")
-        }
-        "files" => {
-            usage.files = whole(written, None, 3, reader).filter(|_| words.is_empty());
-            (usage.files.is_some(), "write `files 64`; a program has 3 at least")
-        }
-        "nice" => {
-            usage.nice = number(written, reader).filter(|nice| words.is_empty() && (-20..=19).contains(nice));
-            (usage.nice.is_some(), "write `nice 10`: -20, before others, to 19, after them")
-        }
-        _ => {
-            let is_optional = words == ["optional"];
-            let priority = whole(written, None, 1, reader).and_then(|priority| u8::try_from(priority).ok());
-            let priority = priority.filter(|&priority| priority <= REALTIME_MAX && (words.is_empty() || is_optional));
-            usage.realtime = priority.map(|priority| Realtime { priority, is_optional });
-            (priority.is_some(), "write `realtime 40`, from 1 to 49, and `optional` if it may run without")
-        }
+        limit => usage(&mut policy.usage, limit, written, reader),
     };
     if !is_read && reader.diagnostics.count() == before {
         let message = format!("`{}` cannot be read so", name.text);
         reader.diagnostics.push(Diagnostic::new(Code::E0009, written.node.span(), message).help(help));
     }
+}
+
+/// Reads what a program may use; returns whether it can be read, and help if not.
+fn usage(usage: &mut Usage, name: &str, written: &PolicyValue<'_>, reader: &mut Reader<'_>) -> (bool, &'static str) {
+    let bytes = unit::unit("B", None).map(|(_, dimension)| dimension);
+    let no_words = written.words.is_empty();
+    match name {
+        "memory" => {
+            usage.memory = whole(written, bytes, 1, reader).filter(|_| no_words);
+            (usage.memory.is_some(), "write `memory 200 MB`")
+        }
+        "cpu" => {
+            let time = written.value.as_ref().and_then(|value| reader.duration(value));
+            usage.cpu = time.filter(|time| no_words && time.as_secs() > 0);
+            (usage.cpu.is_some(), "write `cpu 10 min`: processor time, of at least 1 s")
+        }
+        "cores" => {
+            usage.cpu_share = share(written, reader).filter(|_| no_words);
+            (usage.cpu_share.is_some(), "write `cores 0.5`: processors, from 0.01 to 1000")
+        }
+        "pids" => {
+            usage.pids = whole(written, None, 1, reader).filter(|_| no_words);
+            (usage.pids.is_some(), "write `pids 64`: processes and threads, 1 at least")
+        }
+        "files" => {
+            usage.files = whole(written, None, 3, reader).filter(|_| no_words);
+            (usage.files.is_some(), "write `files 64`; a program has 3 at least")
+        }
+        "file_size" => {
+            usage.file_size = whole(written, bytes, 1, reader).filter(|_| no_words);
+            (usage.file_size.is_some(), "write `file_size 100 MB`")
+        }
+        "nice" => {
+            usage.nice = number(written, reader).filter(|nice| no_words && (-20..=19).contains(nice));
+            (usage.nice.is_some(), "write `nice 10`: -20, before others, to 19, after them")
+        }
+        _ => {
+            let is_optional = written.words == ["optional"];
+            let priority = whole(written, None, 1, reader).and_then(|priority| u8::try_from(priority).ok());
+            let priority = priority.filter(|&priority| priority <= REALTIME_MAX && (no_words || is_optional));
+            usage.realtime = priority.map(|priority| Realtime { priority, is_optional });
+            (priority.is_some(), "write `realtime 40`, from 1 to 49, and `optional` if it may run without")
+        }
+    }
+}
+
+/// A share of the processors in thousandths of one, rounded.
+fn share(written: &PolicyValue<'_>, reader: &mut Reader<'_>) -> Option<u32> {
+    let (value, found) = quantity(written.value.as_ref()?, reader.diagnostics)?;
+    let is_share = found.is_none() && (0.01..=1000.0).contains(&value);
+    format!("{:.0}", value * 1000.0).parse().ok().filter(|_| is_share)
 }
 
 fn restart(words: &[&str]) -> Option<Restart> {
