@@ -409,6 +409,7 @@ mod tests {
     use super::*;
     use comms::io::session::{NodeOptions, Reach};
     use comms::logic::key::HostName;
+    use node::logic::protocol::Containment;
 
     #[tokio::test(flavor = "multi_thread")]
     async fn a_node_that_does_not_answer_does_not_hide_the_others() {
@@ -439,7 +440,15 @@ mod tests {
 
     fn idle(host: &str) -> NodeStatus {
         let (peers, deployments) = (Vec::new(), Vec::new());
-        NodeStatus { host: host.into(), pid: 1, version: "0".into(), up: Duration::ZERO, peers, deployments }
+        NodeStatus {
+            host: host.into(),
+            pid: 1,
+            version: "0".into(),
+            up: Duration::ZERO,
+            peers,
+            deployments,
+            containment: Containment::default(),
+        }
     }
 
     #[test]

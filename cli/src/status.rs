@@ -84,5 +84,7 @@ fn text(statuses: &[NodeStatus], away: &Absences, name: Option<&str>) -> String 
         let what = name.map_or_else(|| "nothing".to_owned(), |name| format!("nothing of `{name}`"));
         return format!("{what} is deployed on {}", hosts.join(", "));
     }
+    let held = |status: &NodeStatus| vec![status.host.clone(), format!("held by {}", status.containment)];
+    blocks.push(table(&statuses.iter().map(held).collect::<Vec<_>>()));
     blocks.join("\n\n")
 }

@@ -109,7 +109,14 @@ impl Cluster {
 
     /// Returns this machine.
     pub fn here(&self) -> Host {
-        Host { folder: self.folder.clone(), run_dir: self.folder.join("n"), namespace: None, sealed: None, log: None }
+        Host {
+            folder: self.folder.clone(),
+            run_dir: self.folder.join("n"),
+            namespace: None,
+            sealed: None,
+            log: None,
+            unmounted: Vec::new(),
+        }
     }
 
     /// Returns host `number` of a network, with a folder for sockets of its own as on a machine of its own.
@@ -123,7 +130,14 @@ impl Cluster {
             std::fs::create_dir_all(folder).expect("a test can write in its own folder");
         }
         let namespace = Some((network.namespace(number), others));
-        Host { folder: self.folder.clone(), run_dir: run_dir(number), namespace, sealed: None, log: None }
+        Host {
+            folder: self.folder.clone(),
+            run_dir: run_dir(number),
+            namespace,
+            sealed: None,
+            log: None,
+            unmounted: Vec::new(),
+        }
     }
 
     /// Returns every process that descends from this test, but for the test itself.
@@ -169,6 +183,8 @@ pub struct Host {
     sealed: Option<PathBuf>,
     /// What nodes log there, where it is not the usual.
     log: Option<String>,
+    /// What is not mounted there.
+    unmounted: Vec<String>,
 }
 
 impl Host {
@@ -182,6 +198,12 @@ impl Host {
     #[must_use]
     pub fn with_log(self, filter: &str) -> Self {
         Self { log: Some(filter.to_owned()), ..self }
+    }
+
+    /// Returns this machine without some of its mounts. Needs root.
+    #[must_use]
+    pub fn without_mounts(self, mounts: &[&str]) -> Self {
+        Self { unmounted: mounts.iter().map(|mount| (*mount).to_owned()).collect(), ..self }
     }
 
     /// Returns this machine as it is when the disk with the states of its nodes can only be read. Needs root.
@@ -283,7 +305,13 @@ impl Host {
     fn command(&self, name: &str) -> Command {
         let executable = executable(name);
         let mut command = match (&self.namespace, &self.sealed) {
-            (None, None) => Command::new(executable),
+            (None, None) if self.unmounted.is_empty() => Command::new(executable),
+            (None, None) => {
+                const UNMOUNT: &str = "while [ \"$1\" != -- ]; do umount -l \"$1\"; shift; done; shift; exec \"$@\"";
+                let mut command = Command::new("unshare");
+                command.args(["--mount", "sh", "-c", UNMOUNT, "sh"]).args(&self.unmounted).arg("--").arg(executable);
+                command
+            }
             (None, Some(folder)) => {
                 const SEAL: &str =
                     "mount --bind \"$1\" \"$1\" && mount -o remount,bind,ro \"$1\" && shift && exec \"$@\"";

@@ -68,7 +68,7 @@ pub fn tree(statuses: &[NodeStatus], unknown: &[Unknown<'_>]) -> String {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use node::logic::protocol::DeploymentStatus;
+    use node::logic::protocol::{Containment, DeploymentStatus};
     use std::time::Duration;
 
     /// Returns a node of `door@1` for tests, whose home is `c1`: processes with path, state and process id.
@@ -86,7 +86,15 @@ pub(crate) mod tests {
             processes: processes.iter().map(process).collect(),
         };
         let (version, up) = ("0".into(), Duration::ZERO);
-        NodeStatus { host: host.into(), pid: 1, version, up, peers: vec![], deployments: vec![part] }
+        NodeStatus {
+            host: host.into(),
+            pid: 1,
+            version,
+            up,
+            peers: vec![],
+            deployments: vec![part],
+            containment: Containment::default(),
+        }
     }
 
     #[test]

@@ -5,6 +5,7 @@
 //! a crash the next run finds the group by the file that names it, and kills what is in it. Only the second version of
 //! control groups is used (`cgroup.kill`: Linux 5.14). Source: Documentation/admin-guide/cgroup-v2.rst.
 
+use crate::logic::protocol::Containment;
 use shim::process_record::Process;
 use shim::processes;
 use std::io;
@@ -38,6 +39,12 @@ pub fn enter_recorded(folder: &Path) {
     if own.is_none() {
         *own = recorded(folder).filter(|group| join(group).is_ok());
     }
+}
+
+/// Returns what keeps hold of the programs of this process.
+pub fn containment() -> Containment {
+    let is_in_group = OWN.lock().unwrap_or_else(PoisonError::into_inner).is_some();
+    if is_in_group { Containment::ControlGroup } else { Containment::Subreaper }
 }
 
 /// Moves this process out of its group, and removes that if nothing else is in it.
@@ -83,7 +90,9 @@ fn make() -> Option<PathBuf> {
     // With controllers in it, a group of its own would change how much of the machine this process gets.
     let controllers = std::fs::read_to_string(place.join("cgroup.subtree_control")).ok()?;
     let this = processes::this()?;
-    if !controllers.trim().is_empty() {
+    // Those of limits are there for programs of this or an earlier node.
+    let of_limits = ["memory", "pids", "cpu"];
+    if !controllers.split_whitespace().all(|one| of_limits.contains(&one)) {
         return None;
     }
     remove_abandoned(&place);

@@ -22,7 +22,7 @@ use crate::logic::effect::{Effect, ProcessId};
 use crate::logic::nameserver::Change;
 use crate::logic::node_state::NodeState;
 use crate::logic::programs::Programs;
-use crate::logic::protocol::Deployment;
+use crate::logic::protocol::{Answer, Deployment};
 use anyhow::Context;
 use comms::io::clock;
 use comms::io::control::ControlSender;
@@ -312,7 +312,10 @@ impl Driver {
                 let journal = Arc::clone(&self.journal);
                 self.settling.spawn_blocking(move || journal::settle(&journal, &deployment));
             }
-            Effect::Answer { call, answer } => {
+            Effect::Answer { call, mut answer } => {
+                if let Answer::Status(status) = &mut *answer {
+                    status.containment = cgroup::containment();
+                }
                 if !self.peers.answer(call, *answer) {
                     self.peers.take(call);
                     self.pending.push_back(Input::CallGone { call });

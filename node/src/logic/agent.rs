@@ -17,8 +17,8 @@ use crate::logic::nameserver::NameServer;
 use crate::logic::participant::Participant;
 use crate::logic::programs::Programs;
 use crate::logic::protocol::{
-    Absent, Body, ChangeOrder, ChangeReply, Deployment, Ending, Failure, FailureCause, Message, NodeStatus, Report,
-    ToCoordinator, ToParticipant,
+    Absent, Body, ChangeOrder, ChangeReply, Containment, Deployment, Ending, Failure, FailureCause, Message,
+    NodeStatus, Report, ToCoordinator, ToParticipant,
 };
 use comms::logic::control::Notice;
 use comms::logic::time::Time;
@@ -409,6 +409,8 @@ impl Agent {
             up: now - self.started,
             peers: self.names.present().map(str::to_owned).collect(),
             deployments: self.participants.values().map(Participant::status).collect(),
+            // The driver knows.
+            containment: Containment::default(),
         }
     }
 

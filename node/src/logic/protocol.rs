@@ -22,7 +22,7 @@ pub use parameters::{InstanceParameters, ParameterStatus};
 pub use presence::{Ping, Pong};
 pub use report::{Change, Report};
 use serde::{Deserialize, Serialize};
-pub use status::{DeploymentStatus, LeafStatus, NodeStatus, ProcessStatus, leaves};
+pub use status::{Containment, DeploymentStatus, LeafStatus, NodeStatus, ProcessStatus, leaves};
 use std::fmt;
 use std::time::Duration;
 
@@ -414,8 +414,10 @@ mod tests {
         let check = |json: serde_json::Result<String>, expected: &str| assert_eq!(json.unwrap(), expected);
         let (peers, deployments) = (Vec::new(), Vec::new());
         let (host, version, up) = ("c1".into(), "1".into(), Duration::from_millis(1500));
-        let status = NodeStatus { host, pid: 7, version, up, peers, deployments };
-        let text = r#"{"host":"c1","pid":7,"version":"1","up":1.5,"peers":[],"deployments":[]}"#;
+        let containment = Containment::ControlGroup;
+        let status = NodeStatus { host, pid: 7, version, up, peers, deployments, containment };
+        let text =
+            r#"{"host":"c1","pid":7,"version":"1","up":1.5,"peers":[],"deployments":[],"containment":"control_group"}"#;
         check(serde_json::to_string(&status), text);
         assert_eq!(serde_json::from_str::<NodeStatus>(text).unwrap(), status);
         let dot = Dot { origin: ReplicaId::new(0xfedc_ba98_7654_3210), seq: 3 };
@@ -432,8 +434,9 @@ mod tests {
     fn what_goes_over_the_wire_stays_as_it_was() {
         let (peers, deployments) = (Vec::new(), Vec::new());
         let (host, version, up) = ("c1".into(), "1".into(), Duration::new(3, 4));
-        let status = NodeStatus { host, pid: 7, version, up, peers, deployments };
-        assert_eq!(postcard::to_stdvec(&status).unwrap(), [2, b'c', b'1', 7, 1, b'1', 3, 4, 0, 0]);
+        let containment = Containment::ControlGroup;
+        let status = NodeStatus { host, pid: 7, version, up, peers, deployments, containment };
+        assert_eq!(postcard::to_stdvec(&status).unwrap(), [2, b'c', b'1', 7, 1, b'1', 3, 4, 0, 0, 1]);
         let ping = Ping { from: "c1".into(), boot: 5, round: 300 };
         assert_eq!(codec::encode(&ping).unwrap(), *b"DC\x01\x00\x69\x00\x02c1\x05\xac\x02");
         let dot = Dot { origin: ReplicaId::new(300), seq: 3 };

@@ -3,6 +3,7 @@
 use super::Deployment;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
+use std::fmt;
 use std::time::Duration;
 
 /// The answer to [`super::Request::Status`].
@@ -21,6 +22,29 @@ pub struct NodeStatus {
     pub peers: Vec<String>,
     /// Deployments with a part here.
     pub deployments: Vec<DeploymentStatus>,
+    /// What keeps hold of its programs.
+    #[serde(default)]
+    pub containment: Containment,
+}
+
+/// What finds everything that a program has started, so that nothing of it is left when it is over.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Containment {
+    /// Its shim, which inherits whatever it leaves. What a killed shim has left is found by its environment and its session.
+    #[default]
+    Subreaper,
+    /// That, and a control group of version 2 around the node and all its programs, which none of them leaves by itself.
+    ControlGroup,
+}
+
+impl fmt::Display for Containment {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Subreaper => "subreaper",
+            Self::ControlGroup => "subreaper and control group",
+        })
+    }
 }
 
 /// A deployment as one host sees it.
