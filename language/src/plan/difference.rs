@@ -7,7 +7,8 @@
 //! the connection sets connect. Everything else is an obstacle, told in a sentence.
 
 use super::{
-    Argument, Constant, DEADLINE, Expression, Group, Leaf, LeafPort, MemberKind, Plan, Retention, Transfer, Wire,
+    Argument, Constant, DEADLINE, Expression, Group, Leaf, LeafPort, MemberKind, Plan, Policy, Retention, Transfer,
+    Wire,
 };
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
@@ -219,22 +220,26 @@ fn moved(path: &str, from: &str, to: &str) -> Option<String> {
 }
 
 fn change_of_leaf(leaf: u32, before: &Leaf, after: &Leaf) -> Option<PlanChange> {
+    // Every field by its name, so that one that is added is not forgotten here.
+    let Leaf { path, module, host: _, arguments: given, exec, kind, stop_within, outcomes, policy } = before;
+    let Policy { restart, agent_loss, link_loss, usage, watchdog, ready_within } = policy;
     let mut why = Vec::new();
-    let mut differs = |is_different: bool, words: String| why.extend(is_different.then_some(words));
-    differs(before.module != after.module, format!("its type is `{}`, was `{}`", after.module, before.module));
-    differs(before.exec != after.exec, "its executable".to_owned());
-    differs(before.kind != after.kind, "whether it speaks the control protocol".to_owned());
-    differs(before.outcomes != after.outcomes, "its outcomes".to_owned());
-    let policies = (&before.policy, &after.policy);
-    differs(policies.0.agent_loss != policies.1.agent_loss, "`on_agent_loss`".to_owned());
-    differs(policies.0.usage != policies.1.usage, "its limits".to_owned());
-    why.extend(arguments(&before.arguments, &after.arguments));
+    let mut differs = |is_different: bool, words: &str| why.extend(is_different.then(|| words.to_owned()));
+    differs(*module != after.module, &format!("its type is `{}`, was `{module}`", after.module));
+    differs(*exec != after.exec, "its executable");
+    differs(*kind != after.kind, "whether it speaks the control protocol");
+    differs(*outcomes != after.outcomes, "its outcomes");
+    differs(*agent_loss != after.policy.agent_loss, "`on_agent_loss`");
+    differs(*usage != after.policy.usage, "its limits");
+    differs(*watchdog != after.policy.watchdog, "`watchdog`");
+    differs(*ready_within != after.policy.ready_within, "`ready within`");
+    why.extend(arguments(given, &after.arguments));
     let is_replaced = !why.is_empty();
     let mut differs = |is_different: bool, words: &str| why.extend(is_different.then(|| words.to_owned()));
-    differs(policies.0.restart != policies.1.restart, "`restart`");
-    differs(policies.0.link_loss != policies.1.link_loss, "`on_link_loss`");
-    differs(before.stop_within != after.stop_within, "`stop within`");
-    let path = before.path.clone();
+    differs(*restart != after.policy.restart, "`restart`");
+    differs(*link_loss != after.policy.link_loss, "`on_link_loss`");
+    differs(*stop_within != after.stop_within, "`stop within`");
+    let path = path.clone();
     match (is_replaced, why.is_empty()) {
         (_, true) => None,
         (true, false) => Some(PlanChange::Replace { leaf, path, why }),
