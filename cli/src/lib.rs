@@ -11,6 +11,7 @@ pub mod completions;
 pub mod db;
 pub mod deploy;
 pub mod display;
+pub mod doctor;
 pub mod explain;
 pub mod fix;
 pub mod fmt;
@@ -81,6 +82,8 @@ enum Verb {
     Man(man::Arguments),
     /// Serve editors as a language server, over standard input and output
     Lsp(lsp::Arguments),
+    /// Say whether this machine is as a robot needs it
+    Doctor(doctor::Arguments),
     /// List the nodes that can be reached
     Nodes(nodes::Arguments),
     /// Show the processes of all hosts
@@ -148,6 +151,7 @@ pub fn main() -> ExitCode {
         Verb::Completions(arguments) => completions::run(&arguments),
         Verb::Man(arguments) => man::run(&arguments),
         Verb::Lsp(arguments) => lsp::run(&arguments),
+        Verb::Doctor(arguments) => doctor::run(&arguments),
         Verb::Nodes(arguments) => nodes::run(&arguments),
         Verb::Status(arguments) => status::run(&arguments),
         Verb::Logs(arguments) => logs::run(&arguments),

@@ -1,5 +1,6 @@
 //! The views of the command line. They are pure: the same reports give the same lines, summary and page.
 
+pub mod checkup;
 pub mod mission;
 pub mod page;
 pub mod record;

@@ -9,6 +9,7 @@ use comms::io::clock;
 use comms::io::session::Reach;
 use node::console::{Failure, block_on, ended};
 use node::io::driver::{self, Config};
+use node::io::service_manager::ServiceManager;
 use node::io::{cgroup, programs, run_dir, state_dir};
 use node::logic::database::TEAM;
 use shim::protocol::AGENT_LOSS_GRACE;
@@ -78,6 +79,7 @@ impl Nodes {
                 agent_loss_grace: Some(AGENT_LOSS_GRACE),
                 adopts: false,
                 log: None,
+                service: ServiceManager::default(),
             };
             let ready = watch::Sender::new(false);
             let mut is_ready = ready.subscribe();

@@ -14,6 +14,7 @@ pub mod peers;
 pub mod programs;
 mod ready;
 pub mod run_dir;
+pub mod service_manager;
 pub(crate) mod starter;
 pub mod state_dir;
 pub mod tail;

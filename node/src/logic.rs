@@ -19,4 +19,5 @@ pub mod printable;
 pub mod programs;
 pub mod protocol;
 pub mod table;
+pub mod unit_file;
 pub mod wiring;

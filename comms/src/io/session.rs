@@ -23,6 +23,7 @@ pub use call::{CallError, Replies};
 pub(crate) use config::{Settings, unix_locator};
 pub(crate) use interfaces::{dialled, locator};
 pub use message::{Presence, Subscription, Token, Watch};
+pub use nearby::discovery;
 pub(crate) use open::{Opened, Redial, Search, plain};
 pub use serve::{Request, Server};
 

@@ -33,6 +33,22 @@ pub fn enter(folder: &Path) {
     }
 }
 
+/// Returns whether a process that is started where this one is could have a group of its own: one is made, and removed.
+pub fn is_possible() -> bool {
+    let own = OWN.lock().unwrap_or_else(PoisonError::into_inner);
+    let Some(place) = place().filter(|_| own.is_none()) else { return own.is_some() };
+    let controllers = std::fs::read_to_string(place.join("cgroup.subtree_control"));
+    let trial = place.join(format!("{PREFIX}trial-{}", std::process::id()));
+    // Without `cgroup.kill` the kernel is older than what it takes.
+    let is_made =
+        controllers.is_ok_and(|controllers| controllers.trim().is_empty()) && std::fs::create_dir(&trial).is_ok();
+    let is_possible = is_made && trial.join("cgroup.kill").exists();
+    if is_made {
+        remove(&trial);
+    }
+    is_possible
+}
+
 /// Moves this process into the group of the earlier run in `folder`, whose programs it takes over.
 pub fn enter_recorded(folder: &Path) {
     let mut own = OWN.lock().unwrap_or_else(PoisonError::into_inner);

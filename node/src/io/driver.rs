@@ -14,6 +14,7 @@ use crate::io::journal::{self, Journal};
 use crate::io::logging::{self, Log};
 use crate::io::peers::{Arrival, Peers};
 use crate::io::run_dir::RunDir;
+use crate::io::service_manager::ServiceManager;
 use crate::io::starter::{self, Job, Starter};
 use crate::io::{programs, ready, tail};
 use crate::logic::agent::{Agent, Identity, Input};
@@ -72,6 +73,8 @@ pub struct Config {
     pub founds: bool,
     /// The log of the process, if it is this node's alone.
     pub log: Option<Log>,
+    /// The service manager that has started it, if one has.
+    pub service: ServiceManager,
 }
 
 /// A running node.
@@ -118,6 +121,10 @@ pub async fn run(config: Config, mut leave: watch::Receiver<bool>, ready: watch:
         let input = tokio::select! {
             event = next(&mut arriving) => driver.input(event),
             () = until(deadline) => Some(Input::Tick),
+            () = until(driver.config.service.due()) => {
+                driver.config.service.turn(clock::now());
+                None
+            }
             Ok(()) = settings.changed() => {
                 let settings = settings.borrow_and_update().clone();
                 driver.configure(settings);

@@ -1,7 +1,8 @@
 //! The run directory: sockets and output of programs, in a private folder for each user with a folder for each node.
 //!
 //! ```text
-//! BASE/                     0700, owned by the user: /run/user/UID/dca, or dca-UID in the folder for temporary files
+//! BASE/                     0700, owned by the user: /run/dca of a service, /run/user/UID/dca, or dca-UID in the folder for
+//!                           temporary files
 //!   c1/                     one node
 //!     lock                  held while the node runs
 //!     cgroup                names the control group that it runs in, if it could have one
@@ -42,6 +43,9 @@ const COMMAND_PREFIX: &str = "run-";
 
 /// The option that names the base.
 const OPTION: &str = "--run-dir";
+
+/// The folder of a node that a service manager keeps running.
+const SERVICE: &str = "/run/dca";
 
 /// The file that says that somebody is on this machine.
 const PROOF: &str = "proof";
@@ -101,11 +105,19 @@ pub enum RunDirError {
     },
 }
 
-/// Returns the default base folder of this user.
+/// Returns the default base folder of this user: that of the node which the service manager keeps running as this user, if
+/// there is one (`RuntimeDirectory=` of its unit), else one of the user's own.
 pub fn default_base() -> PathBuf {
     let uid = rustix::process::getuid().as_raw();
+    let service = PathBuf::from(SERVICE);
     let run = PathBuf::from(format!("/run/user/{uid}"));
-    if run.is_dir() { run.join("dca") } else { std::env::temp_dir().join(format!("dca-{uid}")) }
+    if is_own(&service) {
+        service
+    } else if run.is_dir() {
+        run.join("dca")
+    } else {
+        std::env::temp_dir().join(format!("dca-{uid}"))
+    }
 }
 
 /// Returns the nodes of this machine that are running, in order of name, with their sockets.

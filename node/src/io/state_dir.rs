@@ -40,7 +40,8 @@ pub fn take(base: Option<&Path>, name: &str) -> anyhow::Result<PathBuf> {
     Ok(folder)
 }
 
-fn default_base() -> Option<PathBuf> {
+/// Returns the folder that the system has for the states of this user's nodes.
+pub fn default_base() -> Option<PathBuf> {
     if rustix::process::getuid().is_root() {
         return Some(PathBuf::from("/var/lib/dca"));
     }

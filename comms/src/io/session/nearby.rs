@@ -6,6 +6,7 @@
 
 use super::interfaces::{self, Address};
 use crate::logic::codec;
+use crate::logic::human::cause;
 use crate::logic::nearby::Announcement;
 use socket2::{Domain, Protocol, Socket, Type};
 use std::collections::BTreeSet;
@@ -120,6 +121,16 @@ fn log_change(before: &BTreeSet<Address>, now: &BTreeSet<Address>, is_node: bool
     }
 }
 
+/// Returns the interfaces on which nodes of other machines can be found, and why nobody can be heard there, if so.
+pub async fn discovery() -> (Vec<String>, Result<(), String>) {
+    let found = interfaces::now();
+    let names: BTreeSet<String> = found.iter().map(|address| address.name.clone()).collect();
+    let open = |group| Family::open(group).and_then(|family| family.try_join(&found));
+    // One family of addresses is enough.
+    let opened = open(GROUP_V4.into()).or_else(|error| open(GROUP_V6.into()).map_err(|_none_either| error));
+    (names.into_iter().collect(), opened.map_err(|error| cause(&error)))
+}
+
 /// Waits for an announcement; none ever comes where there is no such family of addresses.
 async fn receive(family: Option<&Family>) -> Option<(Announcement, SocketAddr)> {
     let Some(family) = family else { return std::future::pending().await };
@@ -180,11 +191,21 @@ impl Family {
         }
         // All of them: what is left is left for the whole interface, which may have another address still.
         for address in now.iter().filter(|address| self.is_of(address)) {
-            let joined = match address.ip {
-                IpAddr::V4(ip) => receiver.join_multicast_v4(&GROUP_V4, &ip),
-                IpAddr::V6(_) => receiver.join_multicast_v6(&GROUP_V6, address.index),
-            };
-            joined.unwrap_or_else(|error| tracing::debug!(%error, ip = %address.ip, "not joined, or joined before"));
+            self.join(address)
+                .unwrap_or_else(|error| tracing::debug!(%error, ip = %address.ip, "not joined, or joined before"));
+        }
+    }
+
+    /// Joins the group on all interfaces.
+    fn try_join(&self, addresses: &BTreeSet<Address>) -> io::Result<()> {
+        addresses.iter().filter(|address| self.is_of(address)).try_for_each(|address| self.join(address))
+    }
+
+    fn join(&self, address: &Address) -> io::Result<()> {
+        let receiver = socket2::SockRef::from(&self.receiver);
+        match address.ip {
+            IpAddr::V4(ip) => receiver.join_multicast_v4(&GROUP_V4, &ip),
+            IpAddr::V6(_) => receiver.join_multicast_v6(&GROUP_V6, address.index),
         }
     }
 

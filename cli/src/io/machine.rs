@@ -1,0 +1,96 @@
+//! Looks at the machine that this command runs on.
+
+use crate::logic::checkup::{Folder, Machine};
+use comms::io::clock;
+use comms::io::session;
+use comms::logic::human::cause;
+use node::io::{cgroup, programs, run_dir, state_dir};
+use rustix::fs::{Access, access, statvfs};
+use rustix::process::{Resource, getrlimit};
+use std::io;
+use std::net::{IpAddr, Ipv4Addr, TcpListener};
+use std::path::Path;
+use std::process::Command;
+
+/// What gives a program a real-time priority. Source: chrt(1), util-linux.
+const CHRT: &str = "chrt";
+
+/// Returns this machine as it is; `run` and `state` are the folders that nodes would use, none if the system has none.
+pub async fn look(run: &Path, state: Option<&Path>) -> Machine {
+    let (interfaces, discovery) = session::discovery().await;
+    let folders = [("sockets", Some(run)), ("database", state)];
+    Machine {
+        has_groups: cgroup::is_possible(),
+        clock: clock::belief(),
+        interfaces,
+        discovery,
+        listening: listen().map_err(|error| cause(&error)),
+        files: getrlimit(Resource::Nofile).maximum,
+        realtime: realtime(),
+        folders: folders.into_iter().filter_map(|(what, path)| Some((what, folder(path?)))).collect(),
+        shim: shim(&programs::beside("dca-shim")),
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+        controllers: controllers(&programs::beside("dca-controller")),
+        nodes: run_dir::running(run).unwrap_or_default().into_iter().map(|(name, _)| name).collect(),
+    }
+}
+
+/// Returns the folder with the states of this user's nodes, if the system has one.
+pub fn state_folder() -> Option<std::path::PathBuf> {
+    state_dir::default_base()
+}
+
+fn listen() -> io::Result<()> {
+    TcpListener::bind((IpAddr::from(Ipv4Addr::UNSPECIFIED), 0)).map(drop)
+}
+
+/// Tries it with a program that does nothing.
+fn realtime() -> Result<(), String> {
+    let tried = Command::new(CHRT).args(["--fifo", "1", "true"]).output();
+    match tried {
+        Ok(output) if output.status.success() => Ok(()),
+        Ok(_) => Err("the kernel refuses it to this user".to_owned()),
+        Err(error) => Err(format!("`{CHRT}` of util-linux: {}", cause(&error))),
+    }
+}
+
+/// Looks at a folder; where it is not there yet, at the one that it would be made in.
+fn folder(path: &Path) -> Folder {
+    let there = path.ancestors().find(|path| path.exists()).unwrap_or(path);
+    let free = statvfs(there).ok().map(|disk| disk.f_bavail.saturating_mul(disk.f_frsize));
+    let writing = access(there, Access::WRITE_OK | Access::EXEC_OK).map_err(|error| cause(&error.into()));
+    Folder { path: path.display().to_string(), free, writing }
+}
+
+fn shim(path: &Path) -> Result<String, String> {
+    let asked = Command::new(path).arg("--version").output();
+    let output = asked.map_err(|error| format!("`{}`: {}", path.display(), cause(&error)))?;
+    let said = String::from_utf8_lossy(&output.stdout);
+    let version = said.trim().strip_prefix("dca-shim ").map(str::to_owned);
+    version.ok_or_else(|| format!("`{}` does not say its version", path.display()))
+}
+
+fn controllers(path: &Path) -> Result<usize, String> {
+    let text = programs::interfaces(path).map_err(|error| error.to_string())?;
+    Ok(text.lines().filter(|line| line.trim_start().starts_with("module ")).count())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_folder_that_is_not_there_yet_is_judged_by_the_one_above() {
+        let base = std::env::temp_dir();
+        let found = folder(&base.join("dca-not-there/at/all"));
+        assert!(found.writing.is_ok() && found.free.is_some_and(|free| free > 0), "{found:?}");
+        // What nobody can write to, root included.
+        assert!(folder(Path::new("/proc/1/dca")).free.is_some_and(|free| free == 0));
+    }
+
+    #[test]
+    fn a_shim_that_is_missing_or_silent_is_told() {
+        assert!(shim(Path::new("/nowhere/dca-shim")).unwrap_err().contains("no such file"));
+        assert!(shim(Path::new("/bin/true")).unwrap_err().contains("does not say its version"));
+    }
+}

@@ -1,0 +1,296 @@
+//! What a person should know of a machine before a robot depends on it: findings, each with a hint where there is one.
+
+use comms::io::clock::ClockQuality;
+use serde::Serialize;
+use std::fmt;
+
+/// Below so many open files and sockets a node of a small robot runs out of them: each program takes about ten.
+const FILES_FEW: u64 = 4096;
+/// Below so many not even the tutorial runs.
+const FILES_MIN: u64 = 256;
+/// Below so much space on a disk a person should know, in bytes.
+const SPACE_LOW: u64 = 1 << 30;
+/// Below so much output and journals are about to be refused, in bytes.
+const SPACE_MIN: u64 = 64 << 20;
+
+/// How a finding is to be taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Level {
+    /// As it should be.
+    Ok,
+    /// Something will not work, or not as well.
+    Warning,
+    /// Programs cannot run here.
+    Failed,
+}
+
+impl fmt::Display for Level {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(match self {
+            Self::Ok => "ok",
+            Self::Warning => "warning",
+            Self::Failed => "FAILED",
+        })
+    }
+}
+
+/// One finding.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Check {
+    /// What was looked at, in one word.
+    pub name: &'static str,
+    /// How it is to be taken.
+    pub level: Level,
+    /// What was found.
+    pub finding: String,
+    /// What helps, where something does.
+    pub hint: Option<&'static str>,
+}
+
+/// A machine as it is.
+#[derive(Clone, Debug)]
+pub struct Machine {
+    /// Whether a process may have a control group of its own, of version 2.
+    pub has_groups: bool,
+    /// How far its calendar clock is to be believed.
+    pub clock: ClockQuality,
+    /// The interfaces on which nodes of other machines can be found.
+    pub interfaces: Vec<String>,
+    /// Why nobody can be heard there, if so.
+    pub discovery: Result<(), String>,
+    /// Why no port can be listened on, if so.
+    pub listening: Result<(), String>,
+    /// How many files and sockets a process may have open at most; no limit if none.
+    pub files: Option<u64>,
+    /// Why no program can have a real-time priority, if so.
+    pub realtime: Result<(), String>,
+    /// The folders that nodes write to: what for, and how it is there.
+    pub folders: Vec<(&'static str, Folder)>,
+    /// The version of the shim, or why there is none.
+    pub shim: Result<String, String>,
+    /// The version of these programs.
+    pub version: String,
+    /// How many controller types `dca-controller` beside this program offers, or why none.
+    pub controllers: Result<usize, String>,
+    /// The nodes that run on this machine, of this user.
+    pub nodes: Vec<String>,
+}
+
+/// A folder, or the place where it would be made.
+#[derive(Clone, Debug)]
+pub struct Folder {
+    /// Its path.
+    pub path: String,
+    /// Free space on its disk, in bytes.
+    pub free: Option<u64>,
+    /// Why it cannot be written, if so.
+    pub writing: Result<(), String>,
+}
+
+/// Returns every finding of a machine.
+pub fn findings(machine: &Machine) -> Vec<Check> {
+    let mut checks = vec![containment(machine), clock(machine), discovery(machine), listening(machine), files(machine)];
+    checks.push(realtime(machine));
+    checks.extend(machine.folders.iter().map(|(name, folder)| space(name, folder)));
+    checks.extend([shim(machine), controllers(machine), nodes(machine)]);
+    checks
+}
+
+fn check(name: &'static str, level: Level, finding: impl Into<String>, hint: &'static str) -> Check {
+    let hint = (level != Level::Ok).then_some(hint);
+    Check { name, level, finding: finding.into(), hint }
+}
+
+fn containment(machine: &Machine) -> Check {
+    let (level, finding) = if machine.has_groups {
+        (Level::Ok, "a control group (version 2): whatever programs start is found and ended, also after a crash")
+    } else {
+        (Level::Warning, "no control group of its own: daemons of a program are found as long as its shim lives")
+    };
+    let hint = "`dca-node install` makes a service with a group of its own (`Delegate=yes`); in a container, mount a writable \
+                cgroup2. It needs Linux 5.14";
+    check("containment", level, finding, hint)
+}
+
+fn clock(machine: &Machine) -> Check {
+    let (level, finding) = match machine.clock {
+        ClockQuality::Kept => (Level::Ok, "it is kept in step"),
+        ClockQuality::Plausible => {
+            (Level::Warning, "nobody keeps it in step with others: records of several hosts do not fit")
+        }
+        ClockQuality::Unset => (Level::Failed, "it shows a date that cannot be right: nobody has set it"),
+    };
+    check("clock", level, finding, "run chrony, systemd-timesyncd or ptp4l")
+}
+
+fn discovery(machine: &Machine) -> Check {
+    let hint = "name other nodes: `dca-node --peer tcp/ADDRESS:PORT`; or let UDP port 7999 and the groups 224.0.0.231 and \
+                ff02::dca:231 through";
+    let (level, finding) = match &machine.discovery {
+        Err(why) => (Level::Warning, format!("nodes cannot find each other by multicast: {why}")),
+        Ok(()) if machine.interfaces.is_empty() => {
+            (Level::Warning, "no network interface is up that takes part in multicast".to_owned())
+        }
+        Ok(()) => (Level::Ok, format!("multicast on {}", machine.interfaces.join(", "))),
+    };
+    check("discovery", level, finding, hint)
+}
+
+fn listening(machine: &Machine) -> Check {
+    let (level, finding) = match &machine.listening {
+        Ok(()) => (Level::Ok, "TCP ports can be listened on".to_owned()),
+        Err(why) => (Level::Failed, format!("no TCP port can be listened on: {why}")),
+    };
+    check(
+        "ports",
+        level,
+        finding,
+        "look for what forbids it: a sandbox, a security module, a container without network",
+    )
+}
+
+fn files(machine: &Machine) -> Check {
+    let (level, finding) = match machine.files {
+        None => (Level::Ok, "as many open files as anybody wants".to_owned()),
+        Some(files) => {
+            let level = match files {
+                ..FILES_MIN => Level::Failed,
+                FILES_MIN..FILES_FEW => Level::Warning,
+                FILES_FEW.. => Level::Ok,
+            };
+            (level, format!("{files} open files and sockets a process"))
+        }
+    };
+    check("files", level, finding, "raise the hard limit: `LimitNOFILE=` of a service, `ulimit -Hn` or limits.conf")
+}
+
+fn realtime(machine: &Machine) -> Check {
+    let (level, finding) = match &machine.realtime {
+        Ok(()) => (Level::Ok, "programs can have a real-time priority".to_owned()),
+        Err(why) => (Level::Warning, format!("no program can have a real-time priority: {why}")),
+    };
+    check(
+        "realtime",
+        level,
+        finding,
+        "`dca-node install` allows it (`LimitRTPRIO=99`); else an `rtprio` line in limits.conf",
+    )
+}
+
+fn space(name: &'static str, folder: &Folder) -> Check {
+    let path = &folder.path;
+    let (level, finding) = match (&folder.writing, folder.free) {
+        (Err(why), _) => (Level::Failed, format!("`{path}` cannot be written: {why}")),
+        (Ok(()), None) => (Level::Ok, format!("`{path}` can be written")),
+        (Ok(()), Some(free)) => {
+            let level = match free {
+                ..SPACE_MIN => Level::Failed,
+                SPACE_MIN..SPACE_LOW => Level::Warning,
+                SPACE_LOW.. => Level::Ok,
+            };
+            (level, format!("`{path}` has {} left", size(free)))
+        }
+    };
+    check(name, level, finding, "choose another with `--run-dir` or `--state`, or make room")
+}
+
+/// Returns a size on a disk: `3.9 GiB`, `12 MiB`.
+fn size(bytes: u64) -> String {
+    const MIB: u64 = 1 << 20;
+    match bytes / MIB {
+        mib @ ..1024 => format!("{mib} MiB"),
+        mib => format!("{}.{} GiB", mib / 1024, mib % 1024 * 10 / 1024),
+    }
+}
+
+fn shim(machine: &Machine) -> Check {
+    let (level, finding) = match &machine.shim {
+        Ok(version) if *version == machine.version => (Level::Ok, format!("version {version}")),
+        Ok(version) => (Level::Failed, format!("version {version}, and these programs have {}", machine.version)),
+        Err(why) => (Level::Failed, why.clone()),
+    };
+    check("shim", level, finding, "put `dca-shim` of the same build beside `dca-node`")
+}
+
+fn controllers(machine: &Machine) -> Check {
+    let (level, finding) = match &machine.controllers {
+        Ok(types) => (Level::Ok, format!("`dca-controller` offers {types} types")),
+        Err(why) => (Level::Warning, why.clone()),
+    };
+    check(
+        "controllers",
+        level,
+        finding,
+        "put `dca-controller` beside `dca-node`, or name your own with `--controllers`",
+    )
+}
+
+fn nodes(machine: &Machine) -> Check {
+    let finding = match &machine.nodes[..] {
+        [] => "none runs here as this user".to_owned(),
+        nodes => format!("`{}`", nodes.join("`, `")),
+    };
+    check("nodes", Level::Ok, finding, "")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn good() -> Machine {
+        let folder = Folder { path: "/run/dca".into(), free: Some(4 << 30), writing: Ok(()) };
+        Machine {
+            has_groups: true,
+            clock: ClockQuality::Kept,
+            interfaces: vec!["eth0".into()],
+            discovery: Ok(()),
+            listening: Ok(()),
+            files: Some(524_288),
+            realtime: Ok(()),
+            folders: vec![("sockets", folder)],
+            shim: Ok("1".into()),
+            version: "1".into(),
+            controllers: Ok(20),
+            nodes: vec!["c1".into()],
+        }
+    }
+
+    #[test]
+    fn a_good_machine_has_no_hints() {
+        let checks = findings(&good());
+        assert!(checks.iter().all(|check| check.level == Level::Ok && check.hint.is_none()), "{checks:#?}");
+        assert_eq!(checks.len(), 10);
+    }
+
+    /// Checks that one finding of a machine with a flaw has this level and says this; the others are good.
+    #[track_caller]
+    fn check_flaw(flaw: impl FnOnce(&mut Machine), level: Level, name: &str, words: &str) {
+        let mut machine = good();
+        flaw(&mut machine);
+        let bad: Vec<Check> = findings(&machine).into_iter().filter(|check| check.level != Level::Ok).collect();
+        let [one] = &bad[..] else { panic!("{bad:#?}") };
+        assert!(one.level == level && one.name == name && one.finding.contains(words), "{one:#?}");
+        assert!(one.hint.is_some_and(|hint| !hint.is_empty()));
+    }
+
+    #[test]
+    fn each_flaw_is_one_finding_with_a_hint() {
+        let no = || Err("no".to_owned());
+        check_flaw(|it| it.has_groups = false, Level::Warning, "containment", "no control group");
+        check_flaw(|it| it.clock = ClockQuality::Plausible, Level::Warning, "clock", "nobody keeps it");
+        check_flaw(|it| it.clock = ClockQuality::Unset, Level::Failed, "clock", "cannot be right");
+        check_flaw(|it| it.interfaces.clear(), Level::Warning, "discovery", "no network interface");
+        check_flaw(|it| it.discovery = no(), Level::Warning, "discovery", "by multicast: no");
+        check_flaw(|it| it.listening = no(), Level::Failed, "ports", "no TCP port");
+        check_flaw(|it| it.files = Some(1024), Level::Warning, "files", "1024 open files");
+        check_flaw(|it| it.files = Some(64), Level::Failed, "files", "64 open files");
+        check_flaw(|it| it.realtime = no(), Level::Warning, "realtime", "priority: no");
+        check_flaw(|it| it.folders[0].1.free = Some(100 << 20), Level::Warning, "sockets", "left");
+        check_flaw(|it| it.folders[0].1.free = Some(1 << 20), Level::Failed, "sockets", "left");
+        check_flaw(|it| it.folders[0].1.writing = no(), Level::Failed, "sockets", "cannot be written: no");
+        check_flaw(|it| it.shim = Ok("2".into()), Level::Failed, "shim", "version 2, and these programs have 1");
+        check_flaw(|it| it.shim = Err("it is not there".into()), Level::Failed, "shim", "it is not there");
+        check_flaw(|it| it.controllers = Err("no".into()), Level::Warning, "controllers", "no");
+    }
+}

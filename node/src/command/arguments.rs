@@ -1,0 +1,148 @@
+//! The options of a node.
+
+use crate::io::run_dir;
+use crate::logic::database::TEAM;
+use comms::logic::key::HostName;
+use dbmanager::io::store::Engine;
+use std::net::Ipv6Addr;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// The longest time that may be given, in seconds.
+const SECONDS_MAX: f64 = 86_400.0;
+
+/// What a node is told.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Arguments {
+    /// The host's name in specs
+    #[arg(long, value_parser = HostName::parse)]
+    pub(super) name: HostName,
+    /// Open this node to the local network, unauthenticated
+    #[arg(long)]
+    pub(super) lan: bool,
+    /// The TCP port to listen on with `--lan` [default: any that is free]
+    #[arg(long, requires = "lan", default_value_t = 0, hide_default_value = true)]
+    pub(super) port: u16,
+    /// A node known beforehand, for networks without multicast; may be given more than once
+    #[arg(long = "peer", value_name = "tcp/ADDRESS:PORT", value_parser = peer)]
+    pub(super) peers: Vec<String>,
+    /// A program that offers controller types; may be given more than once [default: dca-controller beside this program]
+    #[arg(long = "controllers", value_name = "PROGRAM")]
+    pub(super) controllers: Vec<PathBuf>,
+    /// How long programs have to stop when this node is gone, in seconds [default: they go on, and this node finds them again
+    /// when it is started again]
+    #[arg(long, value_name = "S", value_parser = seconds)]
+    pub(super) agent_loss_grace: Option<Duration>,
+    /// Folder for sockets and output; its path, a slash and the node's name have 45 bytes at the most
+    #[arg(long, value_name = "DIR")]
+    pub(super) run_dir: Option<PathBuf>,
+    /// Folder for the database, which survives this node [default: /var/lib/dca, or dca in the user's state folder]
+    #[arg(long, value_name = "DIR")]
+    pub(super) state: Option<PathBuf>,
+    /// What keeps a new database on the disk, `redb` or `sled`; one that is there stays with what it was made on [default: redb]
+    #[arg(long, value_name = "ENGINE")]
+    pub(super) store: Option<Engine>,
+    /// The team whose database this robot has a copy of
+    #[arg(long, value_name = "NAME", default_value = TEAM)]
+    pub(super) team: String,
+}
+
+impl Arguments {
+    /// Returns the folder for sockets and output.
+    pub(super) fn base(&self) -> PathBuf {
+        self.run_dir.clone().unwrap_or_else(run_dir::default_base)
+    }
+
+    /// Returns the words that say the same in any working folder.
+    pub(super) fn words(&self) -> Vec<String> {
+        let path = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned()).display().to_string();
+        let mut words = vec!["--name".to_owned(), self.name.as_str().to_owned()];
+        let mut option = |name: &str, value: String| words.extend([name.to_owned(), value]);
+        if self.port != 0 {
+            option("--port", self.port.to_string());
+        }
+        self.peers.iter().for_each(|peer| option("--peer", peer.clone()));
+        self.controllers.iter().for_each(|program| option("--controllers", path(program)));
+        if let Some(grace) = self.agent_loss_grace {
+            option("--agent-loss-grace", grace.as_secs_f64().to_string());
+        }
+        self.run_dir.iter().for_each(|folder| option("--run-dir", path(folder)));
+        self.state.iter().for_each(|folder| option("--state", path(folder)));
+        self.store.iter().for_each(|engine| option("--store", engine.to_string()));
+        if self.team != TEAM {
+            option("--team", self.team.clone());
+        }
+        if self.lan {
+            words.push("--lan".to_owned());
+        }
+        words
+    }
+}
+
+/// Reads where another node can be dialled.
+fn peer(text: &str) -> Result<String, &'static str> {
+    let place = text.strip_prefix("tcp/").ok_or("it begins with `tcp/`")?;
+    let (host, port) = place.rsplit_once(':').ok_or("it ends in `:` and a port")?;
+    if !port.parse::<u16>().is_ok_and(|port| port > 0) {
+        return Err("the port is a number from 1 to 65535");
+    }
+    let is_v6 = host.strip_prefix('[').and_then(|host| host.strip_suffix(']'));
+    let is_address = match is_v6 {
+        Some(address) => address.split('%').next().is_some_and(|address| address.parse::<Ipv6Addr>().is_ok()),
+        None => !host.is_empty() && host.chars().all(|c| c.is_ascii_alphanumeric() || "-._".contains(c)),
+    };
+    if is_address { Ok(text.to_owned()) } else { Err("the address is a name, `10.0.0.7` or `[fd00::7]`") }
+}
+
+/// Reads a time in seconds.
+fn seconds(text: &str) -> Result<Duration, &'static str> {
+    let seconds = text.parse().ok().filter(|seconds| (0.0..=SECONDS_MAX).contains(seconds));
+    seconds.map(Duration::from_secs_f64).ok_or("it is a number of seconds from 0 to 86400")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_peer_is_an_address_with_a_port() {
+        for good in ["tcp/10.0.0.7:7000", "tcp/robot-1.local:1", "tcp/[fd00::7]:65535", "tcp/[fe80::1%eth0]:7000"] {
+            assert_eq!(peer(good).as_deref(), Ok(good));
+        }
+        let bad =
+            ["x", "tcp/1.2.3.4", "tcp/[::1]:70000", "tcp/:1", "tcp/a b:1", "udp/1.1.1.1:1", "tcp/[x]:1", "tcp/a:0"];
+        for bad in bad {
+            assert!(peer(bad).is_err(), "{bad}");
+        }
+    }
+
+    /// Reads options as `dca-node` does.
+    fn read(words: &[String]) -> Arguments {
+        #[derive(clap::Parser)]
+        struct Alone {
+            #[command(flatten)]
+            arguments: Arguments,
+        }
+        let words = std::iter::once("dca-node").chain(words.iter().map(String::as_str));
+        <Alone as clap::Parser>::try_parse_from(words).unwrap().arguments
+    }
+
+    #[test]
+    fn the_words_of_all_options_are_read_as_the_same_options() {
+        let all = "--name c1 --port 7000 --peer tcp/1.2.3.4:1 --peer tcp/[::1]:2 --controllers /bin/x --agent-loss-grace 2.5 \
+                   --run-dir /run/x --state /var/x --store sled --team ours --lan";
+        let all: Vec<String> = all.split_whitespace().map(str::to_owned).collect();
+        assert_eq!(read(&all).words(), all);
+        assert_eq!(read(&all[..2]).words(), all[..2]);
+        let relative = [&all[..2], &["--state".to_owned(), "x".to_owned()]].concat();
+        assert!(Path::new(read(&relative).words().last().unwrap()).is_absolute());
+    }
+
+    #[test]
+    fn a_grace_is_a_time() {
+        assert_eq!(seconds("2.5"), Ok(Duration::from_millis(2500)));
+        for bad in ["nan", "inf", "-1", "1e300", "86401", "soon"] {
+            assert!(seconds(bad).is_err(), "{bad}");
+        }
+    }
+}

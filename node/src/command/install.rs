@@ -1,0 +1,137 @@
+//! `dca-node install`: has systemd keep a node running.
+
+use super::arguments::Arguments;
+use crate::console::{self, Failure};
+use crate::logic::unit_file::{self, UnitFile};
+use anyhow::{Context, anyhow};
+use std::fs;
+use std::io::{self, Write};
+use std::os::unix::fs::OpenOptionsExt;
+use std::path::Path;
+
+/// Where an administrator's units are. Source: systemd.unit(5), "Unit File Load Path".
+const UNITS: &str = "/etc/systemd/system";
+/// The name of the unit.
+const UNIT: &str = "dca-node.service";
+/// What is there where systemd runs the machine. Source: sd_booted(3).
+const BOOTED: &str = "/run/systemd/system";
+
+/// What `dca-node install` is told, besides the options that the node is to have.
+#[derive(Debug, clap::Args)]
+pub(super) struct Install {
+    /// Print the unit, and write nothing
+    #[arg(long)]
+    print: bool,
+    /// Write over a unit that a person has changed
+    #[arg(long)]
+    force: bool,
+    /// The user that the node and its programs run as [default: root]
+    #[arg(long, value_name = "USER")]
+    user: Option<String>,
+    #[command(flatten)]
+    node: Arguments,
+}
+
+/// What has become of the file.
+#[derive(Debug, PartialEq, Eq)]
+enum Written {
+    New,
+    Again,
+    Same,
+}
+
+/// Runs the verb.
+pub(super) fn run(install: &Install) -> Result<(), Failure> {
+    let executable = std::env::current_exe().context("finding the executable of this command")?;
+    let command = std::iter::once(executable.display().to_string()).chain(install.node.words()).collect();
+    let unit = UnitFile { name: install.node.name.as_str().to_owned(), command, user: install.user.clone() };
+    if install.print {
+        console::say(&unit.text());
+        return Ok(());
+    }
+    let is_root = rustix::process::geteuid().is_root();
+    if let Some(why) = refusal(is_root, Path::new(BOOTED).is_dir()) {
+        return Err(anyhow!("{why}; `--print` prints the unit, and writes nothing").into());
+    }
+    let path = Path::new(UNITS).join(UNIT);
+    let written = write(&path, &unit, install.force)?;
+    let (path, command) = (path.display(), ["systemctl daemon-reload", "systemctl enable --now dca-node"].join("\n"));
+    console::say(&match written {
+        Written::New => format!("wrote `{path}`; to start the node now and at each boot:\n{command}"),
+        Written::Again => format!(
+            "wrote `{path}` again; to start the node so, while its programs go on:\nsystemctl daemon-reload\n\
+             systemctl kill --signal=KILL dca-node"
+        ),
+        Written::Same => format!("`{path}` is so already; to start the node now and at each boot:\n{command}"),
+    });
+    Ok(())
+}
+
+/// Returns why nothing can be installed here, if so.
+fn refusal(is_root: bool, has_systemd: bool) -> Option<String> {
+    if !has_systemd {
+        return Some(format!("systemd does not run this machine (there is no `{BOOTED}`)"));
+    }
+    (!is_root).then(|| format!("only root may write to `{UNITS}`: `sudo dca-node install …`"))
+}
+
+/// Writes a unit, whole or not at all, unless a person has changed the one that is there.
+fn write(path: &Path, unit: &UnitFile, is_forced: bool) -> anyhow::Result<Written> {
+    let text = unit.text();
+    let before = match fs::read_to_string(path) {
+        Ok(before) => Some(before),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => None,
+        Err(error) => return Err(error).with_context(|| format!("reading `{}`", path.display())),
+    };
+    if before.as_ref() == Some(&text) {
+        return Ok(Written::Same);
+    }
+    anyhow::ensure!(
+        is_forced || before.as_deref().is_none_or(unit_file::is_untouched),
+        "somebody has changed `{}`; `--force` writes over it. What belongs to this machine alone is better kept in \
+         `systemctl edit dca-node`",
+        path.display()
+    );
+    put(path, &text).with_context(|| format!("writing `{}`", path.display()))?;
+    Ok(if before.is_some() { Written::Again } else { Written::New })
+}
+
+fn put(path: &Path, text: &str) -> io::Result<()> {
+    let beside = path.with_extension("service.new");
+    let mut file = fs::OpenOptions::new().create(true).truncate(true).write(true).mode(0o644).open(&beside)?;
+    file.write_all(text.as_bytes())?;
+    file.sync_all()?;
+    fs::rename(beside, path)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_person_has_changed_stays() {
+        let folder = std::env::temp_dir().join(format!("dca-install-{}", std::process::id()));
+        fs::create_dir_all(&folder).unwrap();
+        let path = folder.join(UNIT);
+        let unit = |name: &str| UnitFile { name: name.into(), command: vec!["/usr/bin/dca-node".into()], user: None };
+        assert_eq!(write(&path, &unit("c1"), false).unwrap(), Written::New);
+        assert_eq!(write(&path, &unit("c1"), false).unwrap(), Written::Same);
+        assert_eq!(write(&path, &unit("c2"), false).unwrap(), Written::Again);
+        let changed = format!("{}Nice=-5\n", unit("c2").text());
+        fs::write(&path, &changed).unwrap();
+        let why = write(&path, &unit("c3"), false).unwrap_err().to_string();
+        assert!(why.starts_with("somebody has changed `") && why.contains("`--force`"), "{why}");
+        assert_eq!(fs::read_to_string(&path).unwrap(), changed);
+        assert_eq!(write(&path, &unit("c3"), true).unwrap(), Written::Again);
+        assert_eq!(fs::read_to_string(&path).unwrap(), unit("c3").text());
+        assert_eq!(fs::read_dir(&folder).unwrap().count(), 1, "nothing is left beside it");
+        fs::remove_dir_all(folder).unwrap();
+    }
+
+    #[test]
+    fn without_systemd_or_root_nothing_is_written() {
+        assert!(refusal(true, false).unwrap().starts_with("systemd does not run this machine"));
+        assert!(refusal(false, true).unwrap().starts_with("only root may write to"));
+        assert_eq!(refusal(true, true), None);
+    }
+}

@@ -1,0 +1,136 @@
+//! The unit of systemd that keeps a node running, as text.
+//!
+//! The first line has a checksum of the rest. While it fits, nobody has changed the file, and it may be written again.
+
+use std::fmt::Write as _;
+
+/// How the first line begins.
+const MARK: &str =
+    "# Written by `dca-node install`. As long as nobody changes it, `dca-node install` may write it again: ";
+
+/// What a unit is made of.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct UnitFile {
+    /// The node's name.
+    pub name: String,
+    /// The whole path of `dca-node`, and its arguments.
+    pub command: Vec<String>,
+    /// The user that the node runs as; root if none is named.
+    pub user: Option<String>,
+}
+
+impl UnitFile {
+    /// Returns the text of the file.
+    pub fn text(&self) -> String {
+        let command = self.command.iter().map(|word| quoted(word)).collect::<Vec<_>>().join(" ");
+        let mut text = format!(
+            "\
+[Unit]
+Description=DCA node {name}
+Documentation=man:dca-node(1)
+After=network.target
+# However often it ends: what runs is without supervision meanwhile.
+StartLimitIntervalSec=0
+
+[Service]
+Type=notify
+ExecStart={command}
+# A node that was killed is started again and takes over the programs, which have gone on meanwhile.
+Restart=always
+RestartSec=200ms
+KillMode=process
+# A control group of the node's own, so that it finds everything its programs start.
+Delegate=yes
+# A node on a network is ready once an interface is up, whenever that is.
+TimeoutStartSec=infinity
+# Its programs may take as long to stop as their specs say.
+TimeoutStopSec=5min
+# Its loop gives a sign of life three times as often.
+WatchdogSec=30s
+# For programs with `realtime` and `memory` in their specs.
+LimitRTPRIO=99
+LimitMEMLOCK=infinity
+# Sockets and records of what runs, which the next node needs; and the database.
+RuntimeDirectory=dca
+RuntimeDirectoryMode=0700
+RuntimeDirectoryPreserve=yes
+StateDirectory=dca
+StateDirectoryMode=0700
+",
+            name = specifiers(&self.name)
+        );
+        if let Some(user) = &self.user {
+            writeln!(text, "User={}", specifiers(user)).unwrap_or_default();
+        }
+        text.push_str("\n[Install]\nWantedBy=multi-user.target\n");
+        format!("{MARK}{:08x}\n{text}", crc32fast::hash(text.as_bytes()))
+    }
+}
+
+/// Returns whether a file is as `dca-node install` has written it.
+pub fn is_untouched(text: &str) -> bool {
+    let Some((sum, rest)) = text.strip_prefix(MARK).and_then(|text| text.split_once('\n')) else { return false };
+    u32::from_str_radix(sum, 16) == Ok(crc32fast::hash(rest.as_bytes()))
+}
+
+/// Returns a word that systemd takes for itself. Source: systemd.service(5), "Command lines"; systemd.syntax(7), "Quoting".
+fn quoted(word: &str) -> String {
+    let word = specifiers(word).replace('\\', "\\\\").replace('"', "\\\"").replace('$', "$$");
+    let is_plain = !word.is_empty() && !word.contains([' ', '\t', ';', '\'', '"', '\\']);
+    if is_plain { word } else { format!("\"{word}\"") }
+}
+
+fn specifiers(text: &str) -> String {
+    text.replace('%', "%%")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn unit(arguments: &[&str]) -> UnitFile {
+        let command =
+            std::iter::once("/usr/bin/dca-node").chain(arguments.iter().copied()).map(str::to_owned).collect();
+        UnitFile { name: "c1".into(), command, user: None }
+    }
+
+    #[test]
+    fn a_file_that_somebody_has_changed_is_known() {
+        let text = unit(&["--name", "c1"]).text();
+        assert!(is_untouched(&text), "{text}");
+        let changed = [
+            text.replace("WatchdogSec=30s", "WatchdogSec=60s"),
+            format!("{text}Nice=-5\n"),
+            text.split_once('\n').unwrap().1.to_owned(),
+            String::new(),
+            format!("{MARK}zz\nrest"),
+        ];
+        for text in changed {
+            assert!(!is_untouched(&text), "{text}");
+        }
+    }
+
+    #[test]
+    fn words_reach_the_node_as_they_are() {
+        let check = |word: &str, expected: &str| assert_eq!(quoted(word), expected);
+        check("--name", "--name");
+        check("tcp/[fe80::1%eth0]:7000", "tcp/[fe80::1%%eth0]:7000");
+        check("/opt/my robot/x", "\"/opt/my robot/x\"");
+        check("a\"b\\c", "\"a\\\"b\\\\c\"");
+        check("$HOME", "$$HOME");
+        check("", "\"\"");
+    }
+
+    #[test]
+    fn a_user_is_named_where_there_is_one() {
+        let unit = unit(&["--name", "c1", "--lan"]);
+        let text = unit.text();
+        assert!(text.contains("\nExecStart=/usr/bin/dca-node --name c1 --lan\n") && !text.contains("User="), "{text}");
+        for line in ["Type=notify", "Delegate=yes", "KillMode=process", "Restart=always", "WantedBy=multi-user.target"]
+        {
+            assert!(text.lines().any(|other| other == line), "{line}: {text}");
+        }
+        let text = UnitFile { user: Some("robot".into()), ..unit }.text();
+        assert!(text.contains("\nUser=robot\n"), "{text}");
+    }
+}
