@@ -1,5 +1,7 @@
 //! A command line's connection to the nodes: through a node of this machine when there is one, else over the network.
 
+pub(crate) mod feed;
+
 use crate::ConnectArgs;
 use anyhow::{Context, anyhow};
 use comms::io::clock;
@@ -99,10 +101,19 @@ impl Clients {
 
     /// Asks every node at once how it is; each answer stands beside its connection. Those that do not answer are noted.
     pub(crate) async fn statuses(&self) -> Result<Vec<(&Client, Statuses)>, Failure> {
+        self.ask_all(console::note).await
+    }
+
+    /// As [`Clients::statuses`], without a word.
+    pub(crate) async fn look(&self) -> Result<Vec<(&Client, Statuses)>, Failure> {
+        self.ask_all(|_| {}).await
+    }
+
+    async fn ask_all(&self, note: fn(&str)) -> Result<Vec<(&Client, Statuses)>, Failure> {
         let questions = self.clients.iter().map(|client| {
             let client = Arc::clone(client);
             let mut questions = JoinSet::new();
-            questions.spawn(async move { client.statuses().await });
+            questions.spawn(async move { client.statuses_noted(note).await });
             questions
         });
         let (mut found, mut failure) = (Vec::new(), None);
@@ -285,11 +296,15 @@ impl Client {
 
     /// Asks every node at once how it is, and then those that only others have named; those that do not answer are noted.
     pub(crate) async fn statuses(&self) -> Result<Statuses, Failure> {
+        self.statuses_noted(console::note).await
+    }
+
+    async fn statuses_noted(&self, note: fn(&str)) -> Result<Statuses, Failure> {
         let hosts = self.all().await?;
-        let mut found = self.statuses_of(&hosts).await;
+        let mut found = self.statuses_of(&hosts, note).await;
         // Who has vanished from the network a moment ago is missed by the others a little later.
         let named: BTreeSet<String> = found.nodes.iter().flat_map(|node| node.peers.iter().cloned()).collect();
-        let Statuses { nodes, silent } = self.statuses_of(&(&named - &hosts)).await;
+        let Statuses { nodes, silent } = self.statuses_of(&(&named - &hosts), note).await;
         found.nodes.extend(nodes);
         found.silent.extend(silent);
         found.nodes.sort_by(|a, b| a.host.cmp(&b.host));
@@ -300,7 +315,7 @@ impl Client {
         Ok(found)
     }
 
-    async fn statuses_of(&self, hosts: &BTreeSet<String>) -> Statuses {
+    async fn statuses_of(&self, hosts: &BTreeSet<String>, note: fn(&str)) -> Statuses {
         let asked: Vec<_> = hosts.iter().map(|host| (self.ask_on(host, &Request::Status), host)).collect();
         let deadline = clock::now() + ANSWER_WITHIN;
         let (mut nodes, mut silent) = (Vec::new(), Vec::new());
@@ -312,7 +327,7 @@ impl Client {
             match status {
                 Ok(status) => nodes.push(status),
                 Err(failure) => {
-                    console::note(&format!("warning: {}: what runs there is not known", words(&failure)));
+                    note(&format!("warning: {}: what runs there is not known", words(&failure)));
                     silent.push(host.clone());
                 }
             }

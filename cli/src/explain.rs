@@ -9,18 +9,43 @@ use node::console::{self, Failure};
 pub struct Arguments {
     /// The code, such as E0201; without it all codes are listed
     code: Option<String>,
+    /// Print it as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// A code in JSON.
+#[derive(serde::Serialize)]
+struct Explained {
+    code: String,
+    severity: &'static str,
+    title: &'static str,
+    explanation: &'static str,
 }
 
 /// Runs the verb.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    match &arguments.code {
-        None => console::say(&list()),
-        Some(code) => {
-            let known = Code::parse(code).ok_or_else(|| anyhow!("no code `{code}`; `dca explain` lists them all"))?;
-            console::say(&explanation(known));
+    let one = match &arguments.code {
+        None => None,
+        Some(code) => Some(Code::parse(code).ok_or_else(|| anyhow!("no code `{code}`; `dca explain` lists them all"))?),
+    };
+    match one {
+        Some(code) if arguments.json => console::say(&serde_json::to_string_pretty(&explained(code))?),
+        Some(code) => console::say(&explanation(code)),
+        None if arguments.json => {
+            console::say(&serde_json::to_string_pretty(&Vec::from_iter(Code::ALL.iter().copied().map(explained)))?);
         }
+        None => console::say(&list()),
     }
     Ok(())
+}
+
+fn explained(code: Code) -> Explained {
+    let severity = match code.severity() {
+        Severity::Error => "error",
+        Severity::Warning => "warning",
+    };
+    Explained { code: code.to_string(), severity, title: code.title(), explanation: code.explanation() }
 }
 
 fn explanation(code: Code) -> String {

@@ -12,6 +12,7 @@ pub mod db;
 pub mod deploy;
 pub mod display;
 pub mod doctor;
+pub mod events;
 pub mod explain;
 pub mod fix;
 pub mod fmt;
@@ -22,6 +23,7 @@ pub mod logic;
 pub mod logs;
 pub mod lsp;
 pub mod man;
+pub mod names;
 pub mod new;
 pub mod nodes;
 pub mod output;
@@ -86,8 +88,12 @@ enum Verb {
     Doctor(doctor::Arguments),
     /// List the nodes that can be reached
     Nodes(nodes::Arguments),
+    /// List every name that is given out: hosts, deployments, processes, ports, devices and their holders
+    Names(names::Arguments),
     /// Show the processes of all hosts
     Status(status::Arguments),
+    /// Print the events of all deployments on all hosts
+    Events(events::Arguments),
     /// Print the output of a process
     Logs(logs::Arguments),
     /// Stop a deployment everywhere
@@ -153,7 +159,9 @@ pub fn main() -> ExitCode {
         Verb::Lsp(arguments) => lsp::run(&arguments),
         Verb::Doctor(arguments) => doctor::run(&arguments),
         Verb::Nodes(arguments) => nodes::run(&arguments),
+        Verb::Names(arguments) => names::run(&arguments),
         Verb::Status(arguments) => status::run(&arguments),
+        Verb::Events(arguments) => events::run(&arguments),
         Verb::Logs(arguments) => logs::run(&arguments),
         Verb::Stop(arguments) => stop::run(&arguments),
         Verb::Param(arguments) => param::run(arguments),

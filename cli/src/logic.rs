@@ -2,6 +2,7 @@
 
 pub mod checkup;
 pub mod mission;
+pub mod names;
 pub mod page;
 pub mod record;
 mod sentence;

@@ -29,6 +29,9 @@ pub struct Arguments {
     /// In this deployment
     #[arg(long)]
     deployment: Option<String>,
+    /// List the processes as JSON
+    #[arg(long, conflicts_with_all = ["process", "follow", "raw"])]
+    json: bool,
     /// Pass its bytes on as they are: control characters may do anything to a terminal
     #[arg(long)]
     raw: bool,
@@ -79,7 +82,7 @@ async fn from_nodes(arguments: &Arguments) -> Result<Option<NoOutput>, Failure> 
         Err(failure) => return Ok(Some(NoOutput::Over(failure))),
     };
     if arguments.process.is_empty() {
-        let listed = list::all(&clients, arguments.deployment.as_deref()).await;
+        let listed = list::all(&clients, arguments.deployment.as_deref(), arguments.json).await;
         clients.close().await;
         return listed.map(|()| None);
     }

@@ -3,6 +3,8 @@
 //! It says nothing of what nobody has asked: hosts that do not answer are named, and so are deployments that such a host may
 //! still run. A status is an answer, so the exit code is 0 all the same.
 
+mod watch;
+
 use crate::ConnectArgs;
 use crate::absent::{self, Absences, open_hosts};
 use crate::client::Clients;
@@ -16,9 +18,12 @@ use node::logic::table::table;
 pub struct Arguments {
     /// Only this deployment
     name: Option<String>,
-    /// Print everything as JSON
+    /// Print everything as JSON; with `--watch` each state on one line
     #[arg(long)]
     json: bool,
+    /// Show it again whenever something changes, until Ctrl-C
+    #[arg(short, long)]
+    watch: bool,
     #[command(flatten)]
     connect: ConnectArgs,
 }
@@ -34,21 +39,16 @@ struct Node {
 
 /// Runs the verb.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    if arguments.watch {
+        return watch::run(arguments);
+    }
     let (mut statuses, mut away) = block_on(async {
         let clients = Clients::open(&arguments.connect).await?;
         let asked = asked(&clients).await;
         clients.close().await;
         asked
     })?;
-    if let Some(name) = &arguments.name {
-        statuses.iter_mut().for_each(|status| status.deployments.retain(|one| one.deployment.name == *name));
-        away.ends.retain(|end| end.deployment.name == *name);
-        away.processes.retain(|one| one.deployment.name == *name);
-        for absent in away.told.values_mut() {
-            absent.ends.retain(|end| end.deployment.name == *name);
-            absent.processes.retain(|one| one.deployment.name == *name);
-        }
-    }
+    only(&mut statuses, &mut away, arguments.name.as_deref());
     if arguments.json {
         let absent = |status: &NodeStatus| away.told.get(&status.host).cloned().unwrap_or_default();
         let nodes: Vec<Node> = statuses.into_iter().map(|status| Node { absent: absent(&status), status }).collect();
@@ -58,6 +58,18 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     away.warnings().iter().for_each(|warning| console::note(warning));
     Ok(())
+}
+
+/// Leaves out what is not of the deployment, if one is named.
+fn only(statuses: &mut [NodeStatus], away: &mut Absences, name: Option<&str>) {
+    let Some(name) = name else { return };
+    statuses.iter_mut().for_each(|status| status.deployments.retain(|one| one.deployment.name == name));
+    away.ends.retain(|end| end.deployment.name == name);
+    away.processes.retain(|one| one.deployment.name == name);
+    for absent in away.told.values_mut() {
+        absent.ends.retain(|end| end.deployment.name == name);
+        absent.processes.retain(|one| one.deployment.name == name);
+    }
 }
 
 /// Asks every node what runs there, and which others it misses.

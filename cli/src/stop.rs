@@ -29,6 +29,9 @@ pub struct Arguments {
     /// Take it off the list of what hosts have not confirmed: what may run there is nobody's business any more
     #[arg(long)]
     forget: bool,
+    /// Print what has become of it as JSON
+    #[arg(long, conflicts_with = "forget")]
+    json: bool,
     #[command(flatten)]
     connect: ConnectArgs,
 }
@@ -50,7 +53,15 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     })?;
     let name = &arguments.name;
     let Some(unconfirmed) = unconfirmed else { return Ok(()) };
+    if arguments.json {
+        console::say(
+            &serde_json::json!({ "deployment": name, "stopped": true, "unconfirmed": unconfirmed }).to_string(),
+        );
+    }
     if unconfirmed.is_empty() {
+        if arguments.json {
+            return Ok(());
+        }
         console::say(&format!("`{name}` is stopped; nothing of it is left"));
         return Ok(());
     }

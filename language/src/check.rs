@@ -22,7 +22,7 @@ mod types;
 mod uses;
 mod value;
 
-pub(crate) use interface::{messages, parameters};
+pub(crate) use interface::{messages, parameters, port_types};
 
 use crate::diagnostic::{Code, limit};
 use crate::source::{Origin, Role, Source};

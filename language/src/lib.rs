@@ -101,6 +101,13 @@ pub fn messages(
     check::messages(interfaces)
 }
 
+/// Returns the type of each port of each module, as interfaces spell it: by module, then by port.
+pub fn port_types(
+    interfaces: &[Source],
+) -> std::collections::BTreeMap<String, std::collections::BTreeMap<String, String>> {
+    check::port_types(interfaces)
+}
+
 /// Compiles a spec. `interfaces` are texts that consist of `module` blocks, as controller programs print them.
 pub fn compile(spec: &Source, interfaces: &[Source], options: &Options) -> Compiled {
     let (compiled, _, _) = check::compile_with_model(spec, interfaces, options);

@@ -10,6 +10,8 @@ mod adoption;
 mod changes;
 #[path = "agents/leaving.rs"]
 mod leaving;
+#[path = "agents/listening.rs"]
+mod listening;
 #[path = "agents/losses.rs"]
 mod losses;
 #[path = "agents/names.rs"]

@@ -236,14 +236,24 @@ impl Host {
     pub fn on_terminal(&self, columns: u16, environment: &[(&str, &str)], arguments: &[&str]) -> (Option<i32>, String) {
         let mut command = self.dca_command(arguments);
         command.env_remove("NO_COLOR").env("TERM", "xterm").envs(environment.iter().copied());
-        terminal::run(command, columns)
+        terminal::run(command, columns, None)
+    }
+
+    /// Runs `dca` on a terminal, and presses Ctrl-C once it has shown `wanted`; else as [`Host::on_terminal`].
+    ///
+    /// # Panics
+    /// As [`Host::on_terminal`].
+    pub fn on_terminal_until(&self, columns: u16, wanted: &str, arguments: &[&str]) -> (Option<i32>, String) {
+        let mut command = self.dca_command(arguments);
+        command.env("TERM", "xterm");
+        terminal::run(command, columns, Some(wanted))
     }
 
     fn dca_command(&self, arguments: &[&str]) -> Command {
         let mut command = self.command("dca");
         command.args(arguments);
         let asks_nodes =
-            ["run", "deploy", "plan", "replace", "attach", "nodes", "status", "logs", "stop", "db", "param"];
+            ["run", "deploy", "plan", "replace", "attach", "nodes", "status", "logs", "stop", "db", "param", "events", "names"];
         if arguments.first().is_some_and(|verb| asks_nodes.contains(verb)) {
             command.arg("--run-dir").arg(&self.run_dir);
         }

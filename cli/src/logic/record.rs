@@ -20,6 +20,7 @@ pub use lines::Lines;
 pub use ports::{Messages, Port, ports};
 
 pub use read::ReadError;
+pub(crate) use row::kind as report_kind;
 pub use row::{EVENTS, LOG, PORTS, Row, Rows, SIGNALS, Topic};
 
 use crate::logic::mission::Mission;

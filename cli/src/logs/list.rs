@@ -6,9 +6,17 @@ use node::logic::protocol::{LeafStatus, NodeStatus, leaves};
 use node::logic::table::table;
 
 /// Lists the programs of all deployments, or of one.
-pub(super) async fn all(clients: &Clients, deployment: Option<&str>) -> Result<(), Failure> {
+pub(super) async fn all(clients: &Clients, deployment: Option<&str>, is_json: bool) -> Result<(), Failure> {
     let nodes: Vec<NodeStatus> = clients.statuses().await?.into_iter().flat_map(|(_, found)| found.nodes).collect();
     let rows = rows(&nodes, deployment);
+    if is_json {
+        let object = |row: &Vec<String>| {
+            let names = ["deployment", "process", "state", "host"].into_iter().map(str::to_owned);
+            names.zip(row.iter().map(|cell| cell.as_str().into())).collect::<serde_json::Map<_, _>>()
+        };
+        console::say(&serde_json::to_string_pretty(&rows[1..].iter().map(object).collect::<Vec<_>>())?);
+        return Ok(());
+    }
     if rows.len() > 1 {
         console::say(&table(&rows));
         console::note(

@@ -3,7 +3,7 @@
 use super::declare::{ItemCollector, Templates, Tree};
 use super::diagnostics::Diagnostics;
 use super::range::Values;
-use super::spec::{Direction, Kind, Param, Shape, Spec, Value, ValueKind};
+use super::spec::{Direction, Kind, Module, Param, Port, Shape, Spec, Value, ValueKind};
 use super::types;
 use crate::message::{Layout, Message};
 use crate::plan::{Accepts, Constant, Parameter};
@@ -37,6 +37,15 @@ pub(crate) fn messages(interfaces: &[Source]) -> BTreeMap<String, BTreeMap<Strin
         (module.name.text.clone(), messages.collect())
     });
     modules.collect()
+}
+
+/// Returns the type of each port of each module, as it is written: by module, then by port.
+pub(crate) fn port_types(interfaces: &[Source]) -> BTreeMap<String, BTreeMap<String, String>> {
+    let of_module = |module: Module| {
+        let typed = |port: Port| Some((port.name.text, port.kind?.text));
+        (module.name.text, module.ports.into_iter().filter_map(typed).collect())
+    };
+    read(interfaces).modules.into_iter().map(of_module).collect()
 }
 
 fn layout(spec: &Spec, kind: &Kind) -> Option<Layout> {

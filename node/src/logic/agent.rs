@@ -12,13 +12,14 @@ use crate::logic::absence::Absence;
 use crate::logic::claims::Claims;
 use crate::logic::coordinator::Coordinator;
 use crate::logic::effect::{Effect, Out, ProcessId, earliest};
+use crate::logic::history::History;
 use crate::logic::link::Link;
 use crate::logic::nameserver::NameServer;
 use crate::logic::participant::Participant;
 use crate::logic::programs::Programs;
 use crate::logic::protocol::{
     Absent, Body, ChangeOrder, ChangeReply, Containment, Deployment, Ending, Failure, FailureCause, Message,
-    NodeStatus, Report, ToCoordinator, ToParticipant,
+    NodeStatus, ToCoordinator, ToParticipant,
 };
 use comms::logic::control::Notice;
 use comms::logic::time::Time;
@@ -71,8 +72,10 @@ pub struct Agent {
     participants: BTreeMap<Deployment, Participant>,
     requests: BTreeSet<u64>,
     awaiting_hosts: Vec<AwaitingHosts>,
-    /// Reports of deployments that are over, for those who were cut off when it happened.
-    over: VecDeque<(Deployment, Vec<Report>)>,
+    /// Reports of deployments that are over, for those who were cut off when it happened; the latest first.
+    over: VecDeque<History>,
+    /// The calls that listen to all that happens.
+    listeners: Vec<u64>,
     /// The programs that parts of deployments had here which are over, by leaf and path; the latest first.
     past: VecDeque<(Deployment, Vec<(u32, String)>)>,
     leaving: bool,
@@ -120,6 +123,7 @@ impl Agent {
             requests: BTreeSet::new(),
             awaiting_hosts: Vec::new(),
             over: VecDeque::new(),
+            listeners: Vec::new(),
             past: VecDeque::new(),
             leaving: false,
             unended: BTreeMap::new(),
@@ -198,7 +202,10 @@ impl Agent {
             Input::Pong(pong) => self.names.answered(out.now, &pong),
             Input::Frame(frame) => self.frame(*frame, out),
             Input::Call { call, request } => self.call(call, *request, out),
-            Input::CallGone { call } => self.coordinators.values_mut().for_each(|coordinator| coordinator.forget(call)),
+            Input::CallGone { call } => {
+                self.listeners.retain(|listener| *listener != call);
+                self.coordinators.values_mut().for_each(|coordinator| coordinator.forget(call));
+            }
             Input::Shim { process, report, output } => {
                 if let Some(participant) = self.participants.get_mut(&process.deployment) {
                     participant.observe(process.leaf, report, output, out);

@@ -4,7 +4,7 @@
 //! the device's keys are its own. Any number may hold one `(read)`. It is held until nothing of the deployment is left.
 
 use crate::logic::executer::leaf_host;
-use crate::logic::protocol::Deployment;
+use crate::logic::protocol::{Deployment, DeviceName};
 use language::plan::Plan;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -46,6 +46,16 @@ impl Claims {
         for (device, holder) in others.held {
             self.hold(&device, &holder.path, holder.is_write);
         }
+    }
+
+    /// Returns each device with its holder.
+    pub fn names(&self, deployment: &Deployment) -> impl Iterator<Item = DeviceName> {
+        self.held.iter().map(|(device, holder)| DeviceName {
+            device: device.clone(),
+            deployment: deployment.clone(),
+            path: holder.path.clone(),
+            is_exclusive: holder.is_write,
+        })
     }
 
     /// Returns why these cannot be held beside what `holder` has, one sentence for each device.

@@ -13,6 +13,7 @@
 mod change;
 
 use crate::logic::effect::{Effect, Out, earliest};
+use crate::logic::history::History;
 use crate::logic::protocol::{
     Answer, Change, Deployment, Ending, LeafFacts, Report, StopReply, Target, ToCoordinator, ToParticipant, Why,
 };
@@ -33,8 +34,6 @@ const CONNECT_WITHIN: Duration = Duration::from_secs(48);
 const RELEASE_WITHIN: Duration = Duration::from_secs(25);
 /// How long the other hosts have to add their reasons once one has refused.
 const REASONS_WITHIN: Duration = Duration::from_secs(2);
-/// How many reports are kept for those who were cut off; past that, changes of processes are left out.
-const REPORTS_MAX: usize = 20_000;
 
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 enum Phase {
@@ -72,22 +71,32 @@ pub struct Coordinator {
     unconfirmed: BTreeMap<String, Why>,
     ending: Option<Ending>,
     watchers: Vec<u64>,
+    /// Who listens to all deployments.
+    listeners: Vec<u64>,
     stoppers: Vec<u64>,
-    reports: Vec<Report>,
     /// How often its plan was changed while it ran, and who did that last.
     revision: (u32, String),
     change: Option<Changing>,
     /// Numbers the changes.
     changes: u32,
+    history: History,
 }
 
 impl Coordinator {
-    /// Begins a deployment: asks every host of the plan to prepare. `watcher` is the call that asked for it.
-    pub fn begin(deployment: Deployment, plan: Arc<Plan>, watcher: u64, out: &mut Out<'_>) -> Self {
+    /// Begins a deployment: asks every host of the plan to prepare. `watcher` is the call that asked for it, `listeners` want to
+    /// hear of all deployments.
+    pub fn begin(
+        deployment: Deployment,
+        plan: Arc<Plan>,
+        watcher: u64,
+        listeners: Vec<u64>,
+        out: &mut Out<'_>,
+    ) -> Self {
         let hosts: Vec<String> = plan.hosts.clone();
         let mut coordinator = Self {
             registrations: Registrations { facts: Default::default(), machines: vec![String::new(); hosts.len()] },
             waiting: hosts.iter().cloned().collect(),
+            history: History::new(deployment.clone(), hosts.clone()),
             hosts,
             deployment,
             plan,
@@ -104,8 +113,8 @@ impl Coordinator {
             unconfirmed: BTreeMap::new(),
             ending: None,
             watchers: vec![watcher],
+            listeners,
             stoppers: Vec::new(),
-            reports: Vec::new(),
             revision: (0, String::new()),
             change: None,
             changes: 0,
@@ -206,8 +215,14 @@ impl Coordinator {
 
     /// Goes on reporting to somebody who has the first `seen` reports.
     pub fn watch(&mut self, call: u64, seen: u64, out: &mut Out<'_>) {
-        tell_missed(&self.reports, call, seen, out);
+        self.history.tell_missed(call, seen, out);
         self.watchers.push(call);
+    }
+
+    /// Tells what has happened so far, and goes on telling if the caller stays.
+    pub fn listen(&mut self, call: u64, stays: bool, out: &mut Out<'_>) {
+        self.history.tell(call, out);
+        self.listeners.extend(stays.then_some(call));
     }
 
     /// Returns who has not confirmed that nothing of it is left, and why, once it is over.
@@ -215,14 +230,15 @@ impl Coordinator {
         &self.unconfirmed
     }
 
-    /// Returns every report, once it is over.
-    pub fn into_reports(self) -> Vec<Report> {
-        self.reports
+    /// Returns what was reported, once it is over.
+    pub fn into_history(self) -> History {
+        self.history
     }
 
     /// Forgets a caller that has gone away.
     pub fn forget(&mut self, call: u64) {
         self.watchers.retain(|watcher| *watcher != call);
+        self.listeners.retain(|listener| *listener != call);
         self.stoppers.retain(|stopper| *stopper != call);
     }
 
@@ -373,13 +389,13 @@ impl Coordinator {
     }
 
     fn happened(&mut self, target: Target, change: Change, out: &mut Out<'_>) {
-        let path = match target {
-            Target::Leaf(leaf) => self.plan.leaves.get(leaf as usize).map(|leaf| leaf.path.clone()),
-            Target::Group(group) => self.plan.groups.get(group as usize).map(|group| group.path.clone()),
+        let process = match target {
+            Target::Leaf(leaf) => self.plan.leaves.get(leaf as usize).map(|leaf| (leaf.path.clone(), leaf.host)),
+            Target::Group(group) => self.plan.groups.get(group as usize).map(|group| (group.path.clone(), group.host)),
         };
-        if let Some(path) = path {
+        if let Some((path, host)) = process {
             let at = self.go_at.map_or(Duration::ZERO, |go| out.now - go);
-            self.report(Report::Process { path, change, at }, out);
+            self.report_of(host, Report::Process { path, change, at }, out);
         }
     }
 
@@ -429,27 +445,22 @@ impl Coordinator {
         }
     }
 
+    /// Reports what is about a host, or about all.
     fn report(&mut self, report: Report, out: &mut Out<'_>) {
-        for &call in &self.watchers {
-            out.effects.push(Effect::Answer { call, answer: Box::new(Answer::Report(report.clone())) });
-        }
-        // Of a very long mission only the beginning and the end are repeated to those who were cut off.
-        if self.reports.len() < REPORTS_MAX || is_last(&report) {
-            self.reports.push(report);
-        }
+        let named = match &report {
+            Report::Prepared { host, .. } | Report::Connected { host } => Some(host.as_str()),
+            Report::Accepted { .. }
+            | Report::Go { .. }
+            | Report::Process { .. }
+            | Report::Refused { .. }
+            | Report::Finished { .. }
+            | Report::Programs { .. } => self.plan.home(),
+        };
+        let host = (0..).zip(&self.hosts).find(|(_, host)| Some(host.as_str()) == named).map_or(0, |(host, _)| host);
+        self.report_of(host, report, out);
     }
-}
 
-/// Repeats the reports that somebody who has the first `seen` of them has missed.
-pub fn tell_missed(reports: &[Report], call: u64, seen: u64, out: &mut Out<'_>) {
-    let seen = usize::try_from(seen).unwrap_or(usize::MAX);
-    let last = reports.len() - usize::from(reports.last().is_some_and(is_last));
-    let missed = reports.get(seen.min(last)..).unwrap_or_default();
-    for report in missed {
-        out.effects.push(Effect::Answer { call, answer: Box::new(Answer::Report(report.clone())) });
+    fn report_of(&mut self, host: u32, report: Report, out: &mut Out<'_>) {
+        self.history.report(report, host, (&self.watchers, &self.listeners), out);
     }
-}
-
-fn is_last(report: &Report) -> bool {
-    matches!(report, Report::Finished { .. } | Report::Refused { .. })
 }

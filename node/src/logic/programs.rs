@@ -11,6 +11,8 @@ pub struct Programs {
     types: BTreeMap<String, String>,
     /// The parameters of the types, as far as their programs name them.
     parameters: BTreeMap<String, Vec<Parameter>>,
+    /// The types of their ports, by port.
+    ports: BTreeMap<String, BTreeMap<String, String>>,
 }
 
 impl Programs {
@@ -23,7 +25,13 @@ impl Programs {
 
     /// Notes that `executable` offers the types whose interfaces these are.
     pub fn declare(&mut self, executable: &str, interface: String) {
-        for (name, parameters) in language::parameters(&[Source::new(executable, interface)]) {
+        let interface = [Source::new(executable, interface)];
+        for (name, ports) in language::port_types(&interface) {
+            if !self.types.contains_key(&name) {
+                self.ports.insert(name, ports);
+            }
+        }
+        for (name, parameters) in language::parameters(&interface) {
             if let (Some(parameters), false) = (parameters, self.types.contains_key(&name)) {
                 self.parameters.insert(name.clone(), parameters);
             }
@@ -34,6 +42,11 @@ impl Programs {
     /// Returns the parameters of a type; none if no program here says what they are.
     pub fn parameters(&self, module: &str) -> Option<&[Parameter]> {
         self.parameters.get(module).map(Vec::as_slice)
+    }
+
+    /// Returns the type of a port of a controller type, as far as its program says it.
+    pub fn port_type(&self, module: &str, port: &str) -> Option<&str> {
+        self.ports.get(module)?.get(port).map(String::as_str)
     }
 
     /// Returns the executable and its arguments for a leaf: `EXECUTABLE TYPE [NAME=]VALUE...`, or the leaf's own `exec`

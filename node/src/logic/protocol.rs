@@ -5,7 +5,10 @@
 
 mod absent;
 mod change;
+mod event;
+mod facts;
 mod failure;
+mod names;
 mod parameters;
 mod presence;
 mod report;
@@ -15,9 +18,11 @@ use crate::logic::database::question::{Question, Reply};
 pub use absent::{Absent, AbsentHost, AbsentProcess, OpenEnd, OpenHost, Why};
 pub use change::{ChangeOrder, ChangeReply, ChangeRequest, Revision};
 use comms::logic::codec::{Enveloped, Kind};
-use comms::logic::control::Location;
+pub use event::Event;
+pub use facts::LeafFacts;
 pub use failure::{Failure, FailureCause, ProgramEnd, signal_name};
 use language::plan::{MemberKind, Plan};
+pub use names::{DeviceName, Names, PortName};
 pub use parameters::{InstanceParameters, ParameterStatus};
 pub use presence::{Ping, Pong};
 pub use report::{Change, Report};
@@ -36,7 +41,7 @@ pub const SILENCE_MAX: Duration = Duration::from_secs(8);
 pub const SEVERAL: &str = "several processes end in";
 
 /// One deployment of a spec: its name, and the epoch that fences off older ones.
-#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct Deployment {
     /// The spec's name unless the user gave another.
     pub name: String,
@@ -239,28 +244,6 @@ impl Deployment {
     }
 }
 
-/// What a program told about itself when it was started.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct LeafFacts {
-    /// Index into `Plan::leaves`.
-    pub leaf: u32,
-    /// Where its data session is, if it has one.
-    pub location: Option<Location>,
-    /// Devices whose keys it owns.
-    pub owns: Vec<String>,
-    /// Devices of others that it needs.
-    pub needs: Vec<String>,
-    /// Whether it publishes signals.
-    pub signals: bool,
-}
-
-impl LeafFacts {
-    /// Returns the facts of a program that takes no part in communication.
-    pub fn plain(leaf: u32) -> Self {
-        Self { leaf, location: None, owns: Vec::new(), needs: Vec::new(), signals: false }
-    }
-}
-
 /// How an activation ended.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Ending {
@@ -347,6 +330,14 @@ pub enum Request {
     },
     /// Answered by a stream of [`Report`] about this change alone: the last is [`Report::Changed`] or [`Report::Unchanged`].
     Change(Box<ChangeRequest>),
+    /// Answered by a stream of [`Answer::Events`]: what the node knows as the home of deployments, also of the last that are
+    /// over; then one without events; then what happens.
+    Events {
+        /// Goes on as things happen.
+        follow: bool,
+    },
+    /// Answered by [`Answer::Names`].
+    Names,
 }
 
 /// An element of the answer to a [`Request`].
@@ -381,6 +372,10 @@ pub enum Answer {
     Plan(Box<Plan>),
     /// To `Revision`.
     Revision(Box<Revision>),
+    /// To `Events`: some of them, in order for each deployment.
+    Events(Vec<Event>),
+    /// To `Names`.
+    Names(Names),
 }
 
 impl Enveloped for Request {
@@ -461,6 +456,24 @@ mod tests {
         let told = Change::Configured { parameter: "p".into(), value: Some("1".into()) };
         assert_eq!(postcard::to_stdvec(&told).unwrap(), *b"\x08\x01p\x01\x011");
         assert_eq!(postcard::to_stdvec(&Request::Plan { deployment: deployment.clone() }).unwrap(), *b"\x0c\x01d\x02");
-        assert_eq!(postcard::to_stdvec(&Request::Forget { deployment }).unwrap(), *b"\x0b\x01d\x02");
+        assert_eq!(
+            postcard::to_stdvec(&Request::Forget { deployment: deployment.clone() }).unwrap(),
+            *b"\x0b\x01d\x02"
+        );
+        assert_eq!(postcard::to_stdvec(&Request::Events { follow: true }).unwrap(), [13, 1]);
+        assert_eq!(postcard::to_stdvec(&Request::Names).unwrap(), [14]);
+        let (id, path) = (deployment.clone(), "m".to_owned());
+        let port =
+            PortName { deployment: id.clone(), path: path.clone(), port: "P".into(), is_output: true, kind: None };
+        let device = DeviceName { device: "a".into(), deployment: id, path, is_exclusive: true };
+        let names = Answer::Names(Names { ports: vec![port], devices: vec![device] });
+        assert_eq!(
+            postcard::to_stdvec(&names).unwrap(),
+            *b"\x0c\x01\x01d\x02\x01m\x01P\x01\x00\x01\x01a\x01d\x02\x01m\x01"
+        );
+        let report = Report::Connected { host: "c2".into() };
+        let event = Event { deployment, number: 300, host: "c2".into(), ago: heard, report };
+        let bytes = *b"\x0b\x01\x01d\x02\xac\x02\x02c2\x03\x04\x02\x02c2";
+        assert_eq!(postcard::to_stdvec(&Answer::Events(vec![event])).unwrap(), bytes);
     }
 }

@@ -4,15 +4,16 @@ use super::SOON;
 use comms::io::clock::now;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fs::{Mode, OFlags};
+use rustix::process::{Pid, Signal, kill_process};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{Winsize, tcsetwinsize};
 use std::process::{Command, Stdio};
 
-/// Runs a command to its end; returns its exit code and all that it wrote.
+/// Runs a command to its end, which an interrupt brings once it has written `wanted`; returns its exit code and all that it wrote.
 ///
 /// # Panics
 /// It has not ended `SOON`, or there are no terminals.
-pub(super) fn run(mut command: Command, columns: u16) -> (Option<i32>, String) {
+pub(super) fn run(mut command: Command, columns: u16, mut wanted: Option<&str>) -> (Option<i32>, String) {
     let screen = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).expect("there are pseudo-terminals");
     grantpt(&screen).and_then(|()| unlockpt(&screen)).expect("the terminal is this test's own");
     let name = ptsname(&screen, Vec::new()).expect("a terminal has a name");
@@ -39,6 +40,10 @@ pub(super) fn run(mut command: Command, columns: u16) -> (Option<i32>, String) {
             // A terminal that nobody writes to any more is an error, not an end.
             Ok(0) | Err(_) => break,
             Ok(size) => written.extend(&chunk[..size]),
+        }
+        if wanted.is_some_and(|wanted| String::from_utf8_lossy(&written).contains(wanted)) {
+            kill_process(Pid::from_child(&child), Signal::INT).expect("it has not been waited for");
+            wanted = None;
         }
     }
     let status = child.wait().expect("it was started here");

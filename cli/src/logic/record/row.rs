@@ -252,7 +252,7 @@ fn fields(topic: &Topic, sample: &Signals) -> Map<String, Value> {
 }
 
 /// Returns what a report is about, in one word.
-fn kind(report: &Report) -> &'static str {
+pub(crate) fn kind(report: &Report) -> &'static str {
     let ending = |ending: &Ending| match ending {
         Ending::Done(_) => "done",
         Ending::Aborted(_) => "aborted",

@@ -1,11 +1,11 @@
 //! The calls of command lines to an agent.
 
 use super::{Agent, AwaitingHosts};
-use crate::logic::coordinator::{Coordinator, tell_missed};
+use crate::logic::coordinator::Coordinator;
 use crate::logic::database::chronicle;
 use crate::logic::effect::{Effect, Out, ProcessId};
 use crate::logic::participant::Participant;
-use crate::logic::protocol::{Answer, ChangeRequest, Deployment, Report, Request, SEVERAL, StopReply};
+use crate::logic::protocol::{Answer, ChangeRequest, Deployment, Names, Report, Request, SEVERAL, StopReply};
 use language::plan::Plan;
 use std::sync::Arc;
 use std::time::Duration;
@@ -43,8 +43,8 @@ impl Agent {
                 if let Some(coordinator) = self.coordinators.get_mut(&deployment) {
                     return coordinator.watch(call, seen, out);
                 }
-                match self.over.iter().find(|(over, _)| *over == deployment) {
-                    Some((_, reports)) => tell_missed(reports, call, seen, out),
+                match self.over.iter().find(|over| *over.deployment() == deployment) {
+                    Some(history) => history.tell_missed(call, seen, out),
                     None => answer(call, Answer::Refused(format!("`{deployment}` is not known here")), out),
                 }
             }
@@ -54,6 +54,21 @@ impl Agent {
                 answer(call, revision.unwrap_or_else(|| Answer::Refused(format!("`{name}` does not run here"))), out);
             }
             Request::Change(request) => return self.change(call, *request, out),
+            Request::Names => {
+                let mut names = Names::default();
+                self.participants.values().for_each(|participant| participant.names(&self.programs, &mut names));
+                answer(call, Answer::Names(names), out);
+            }
+            Request::Events { follow } => {
+                self.over.iter().rev().for_each(|history| history.tell(call, out));
+                self.coordinators.values_mut().for_each(|coordinator| coordinator.listen(call, follow, out));
+                // That was all up to now.
+                answer(call, Answer::Events(Vec::new()), out);
+                if follow {
+                    self.listeners.push(call);
+                    return;
+                }
+            }
             Request::Logs { deployment, process, follow } => match self.find(deployment.as_deref(), &process) {
                 Ok(process) => return out.effects.push(Effect::Tail { call, process, follow }),
                 Err(why) => answer(call, Answer::Refused(why), out),
@@ -158,7 +173,9 @@ impl Agent {
         let deployment = Deployment { name: plan.name.clone(), epoch: self.identity.epoch };
         let record = chronicle::begun(&self.identity.host, &deployment, &plan, by);
         out.effects.push(Effect::WriteDatabase(Box::new(record)));
-        self.coordinators.insert(deployment.clone(), Coordinator::begin(deployment, Arc::new(plan), call, out));
+        let listeners = self.listeners.clone();
+        self.coordinators
+            .insert(deployment.clone(), Coordinator::begin(deployment, Arc::new(plan), call, listeners, out));
     }
 
     /// Returns the programs that a deployment has here, or had.

@@ -16,10 +16,10 @@ impl Agent {
             } else {
                 self.absence.open(now, deployment.clone(), &self.identity.host, coordinator.unconfirmed().clone());
             }
-            let reports = coordinator.into_reports();
-            let record = chronicle::ended(&self.identity.host, &deployment, &reports);
+            let history = coordinator.into_history();
+            let record = chronicle::ended(&self.identity.host, &history);
             effects.extend(record.map(|record| Effect::WriteDatabase(Box::new(record))));
-            self.over.push_front((deployment, reports));
+            self.over.push_front(history);
         }
         self.over.truncate(OVER_MAX);
         for (deployment, participant) in self.participants.extract_if(.., |_, participant| participant.is_over()) {
@@ -61,6 +61,8 @@ impl Agent {
                         self.links.keys().filter(|host| self.names.reaches(host)).cloned().collect();
                     others.iter().for_each(|host| self.transmit(host, Message::leaves(), &mut out));
                 }
+                // Who listens is told that this was all.
+                effects.extend(self.listeners.iter().map(|call| Effect::EndAnswers { call: *call }));
                 *self.lingers_until.insert(now + LINGER_MAX)
             }
         };

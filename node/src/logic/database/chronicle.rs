@@ -4,6 +4,7 @@
 //! gives the epochs of all names, so only the database, which has the records, knows which those are.
 
 use super::question::{AckLevel, Commit};
+use crate::logic::history::History;
 use crate::logic::protocol::{Deployment, Ending, Report};
 use dbmanager::logic::key::Key;
 use dbmanager::logic::state::State;
@@ -51,8 +52,8 @@ fn beginning(key: &Key) -> Option<(String, u64)> {
 }
 
 /// Returns what is written down when a deployment is over; nothing if its reports do not say how it ended.
-pub fn ended(home: &str, deployment: &Deployment, reports: &[Report]) -> Option<Commit> {
-    let fields = reports.iter().rev().find_map(|report| match report {
+pub fn ended(home: &str, history: &History) -> Option<Commit> {
+    let fields = history.latest().find_map(|report| match report {
         Report::Finished { ending, at, unconfirmed } => Some([
             ("how", Datum::from(words(ending).as_str())),
             ("after_s", Datum::float(at.as_secs_f64())),
@@ -72,7 +73,7 @@ pub fn ended(home: &str, deployment: &Deployment, reports: &[Report]) -> Option<
         | Report::Changed { .. }
         | Report::Unchanged { .. } => None,
     })?;
-    Some(commit(home, deployment, "ended", fields))
+    Some(commit(home, history.deployment(), "ended", fields))
 }
 
 fn words(ending: &Ending) -> String {

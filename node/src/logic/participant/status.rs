@@ -5,8 +5,9 @@ use crate::logic::executer::Executer;
 use crate::logic::instance::Instance;
 use crate::logic::parameters;
 use crate::logic::programs::Programs;
-use crate::logic::protocol::{AbsentProcess, DeploymentStatus, InstanceParameters, ProcessStatus};
+use crate::logic::protocol::{AbsentProcess, DeploymentStatus, InstanceParameters, Names, PortName, ProcessStatus};
 use language::plan::{Leaf, LeafKind};
+use std::collections::BTreeSet;
 
 impl Participant {
     /// Returns what runs here, in the plan's order.
@@ -45,6 +46,20 @@ impl Participant {
         };
         let groups = self.plan.groups.iter().filter_map(|group| process(group.host, &group.path, &group.process));
         groups.chain(self.plan.leaves.iter().filter_map(|leaf| process(leaf.host, &leaf.path, &leaf.module))).collect()
+    }
+
+    /// Adds the names that it has given out on this host.
+    pub fn names(&self, programs: &Programs, names: &mut Names) {
+        let ends = self.plan.wires.iter().flat_map(|wire| [(&wire.from, true), (&wire.to, false)]);
+        let ports = ends.filter_map(|(end, is_output)| {
+            let leaf = self.plan.leaves.get(end.leaf as usize).filter(|_| self.instances.contains_key(&end.leaf))?;
+            let kind = programs.port_type(&leaf.module, &end.port).map(str::to_owned);
+            let (deployment, path, port) = (self.deployment.clone(), leaf.path.clone(), end.port.clone());
+            Some(PortName { deployment, path, port, is_output, kind })
+        });
+        // One port may have several wires.
+        names.ports.extend(ports.collect::<BTreeSet<_>>());
+        names.devices.extend(self.claims.names(&self.deployment));
     }
 
     /// Returns what may be told to the programs of this host while they run.

@@ -1,0 +1,312 @@
+//! What happens on all nodes that can be reached, as one stream; nodes that come later are heard, too.
+//!
+//! A node tells what it knows, then that this was all up to now, and then what happens. A stream that breaks off is asked for
+//! again as soon as its node is found; what was told before is left out, by its number.
+
+use super::{ANSWER_WITHIN, Answers, Client, Clients, unasked, words};
+use crate::ConnectArgs;
+use comms::io::clock;
+use comms::logic::time::Time;
+use node::console::Failure;
+use node::io::run_dir;
+use node::logic::protocol::{Answer, Deployment, Event, Request};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::sync::mpsc::{self, Receiver, Sender};
+use tokio::task::JoinSet;
+
+/// How often nodes are looked for that are not heard.
+const LOOK_EVERY: Duration = Duration::from_secs(1);
+/// How many messages wait for the reader; who tells more waits.
+const MESSAGES_MAX: usize = 64;
+
+/// Whether a feed ends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Mode {
+    /// It ends with what is known.
+    Snapshot,
+    /// It goes on as things happen, and as nodes come and go.
+    Follow,
+}
+
+/// What a feed has to say.
+#[derive(Debug)]
+pub(crate) enum FeedItem {
+    /// Something has happened.
+    Event(Box<Event>),
+    /// All that the nodes knew when the feed began has been told; but for nodes that are lost.
+    Current,
+    /// A node has told everything, and ends.
+    Left(String),
+    /// A node is not heard any more, and why.
+    Lost(String, String),
+    /// A node is heard again.
+    Back(String),
+}
+
+/// A node, by its connection and its name: commands have nodes of their own, which may have the same names.
+type Place = (usize, String);
+
+/// How it is with a node.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum State {
+    /// It was asked, and has said nothing since.
+    Asked {
+        was_lost: bool,
+    },
+    Heard,
+    Lost,
+    Left,
+}
+
+/// What tasks tell the feed.
+enum SourceMessage {
+    Client(Arc<Client>),
+    Found(usize, BTreeSet<String>),
+    Events(Place, Vec<Event>),
+    Ended(Place),
+    Broken(Place, String),
+    /// Nobody is waited for any longer.
+    Late,
+}
+
+/// The stream.
+#[derive(Debug)]
+pub(crate) struct Feed {
+    mode: Mode,
+    clients: Vec<Arc<Client>>,
+    places: BTreeMap<Place, State>,
+    /// Who has not told yet what it knew at the beginning; none once everybody has.
+    catching_up: Option<BTreeSet<Place>>,
+    /// The number of the next event of each deployment.
+    next: BTreeMap<(usize, Deployment), u64>,
+    ready: VecDeque<FeedItem>,
+    messages: Receiver<SourceMessage>,
+    sink: Sender<SourceMessage>,
+    tasks: JoinSet<()>,
+}
+
+impl Feed {
+    /// Begins to listen to every node that can be reached.
+    pub(crate) async fn open(connect: &ConnectArgs, mode: Mode) -> Result<Self, Failure> {
+        let Clients { clients, .. } = Clients::open(connect).await?;
+        let (sink, messages) = mpsc::channel(MESSAGES_MAX);
+        let mut feed = Self {
+            mode,
+            clients: Vec::new(),
+            places: BTreeMap::new(),
+            catching_up: Some(BTreeSet::new()),
+            next: BTreeMap::new(),
+            ready: VecDeque::new(),
+            messages,
+            sink,
+            tasks: JoinSet::new(),
+        };
+        let known: Vec<PathBuf> = clients.iter().filter_map(|client| client.base.clone()).collect();
+        for client in clients {
+            let hosts = client.all().await.unwrap_or_default();
+            feed.add(client);
+            feed.found(feed.clients.len() - 1, hosts);
+        }
+        let late = feed.sink.clone();
+        feed.tasks.spawn(async move {
+            clock::sleep_until(clock::now() + ANSWER_WITHIN).await;
+            late.send(SourceMessage::Late).await.unwrap_or_default();
+        });
+        if mode == Mode::Follow {
+            feed.tasks.spawn(look_for_commands(connect.base(), known, feed.sink.clone()));
+        }
+        feed.caught_up();
+        Ok(feed)
+    }
+
+    /// Returns what is said next.
+    ///
+    /// # Cancellation
+    /// Safe.
+    pub(crate) async fn next(&mut self) -> FeedItem {
+        loop {
+            if let Some(said) = self.ready.pop_front() {
+                return said;
+            }
+            match self.messages.recv().await {
+                Some(message) => self.take(message),
+                // The feed itself holds a sender.
+                None => std::future::pending().await,
+            }
+        }
+    }
+
+    /// Returns the connections that it has now.
+    pub(crate) fn clients(&self) -> Clients {
+        Clients { clients: self.clients.clone(), hanging: None }
+    }
+
+    /// Closes every connection.
+    pub(crate) async fn close(mut self) {
+        self.tasks.abort_all();
+        while self.tasks.join_next().await.is_some() {}
+        drop(self.messages);
+        for client in self.clients.into_iter().filter_map(Arc::into_inner) {
+            client.close().await;
+        }
+    }
+
+    fn add(&mut self, client: Arc<Client>) {
+        if self.mode == Mode::Follow {
+            self.tasks.spawn(look_for_nodes(self.clients.len(), Arc::clone(&client), self.sink.clone()));
+        }
+        self.clients.push(client);
+    }
+
+    fn take(&mut self, message: SourceMessage) {
+        match message {
+            SourceMessage::Client(client) => self.add(client),
+            SourceMessage::Found(client, hosts) => self.found(client, hosts),
+            SourceMessage::Events(place, events) => self.events(place, events),
+            SourceMessage::Ended(place) => {
+                if self.mode == Mode::Follow {
+                    self.ready.push_back(FeedItem::Left(place.1.clone()));
+                }
+                self.silent(place, State::Left);
+            }
+            SourceMessage::Broken(place, why) => {
+                let was_lost = self.places.get(&place) == Some(&State::Asked { was_lost: true });
+                if !was_lost {
+                    self.ready.push_back(FeedItem::Lost(place.1.clone(), why));
+                }
+                self.silent(place, State::Lost);
+            }
+            SourceMessage::Late => {
+                for (_, host) in self.catching_up.iter_mut().flat_map(std::mem::take) {
+                    self.ready.push_back(FeedItem::Lost(host, "it has not answered in time".to_owned()));
+                }
+                self.caught_up();
+            }
+        }
+    }
+
+    /// Asks the nodes that are not heard.
+    fn found(&mut self, client: usize, hosts: BTreeSet<String>) {
+        let Some(asked) = self.clients.get(client) else { return };
+        let request = Request::Events { follow: self.mode == Mode::Follow };
+        for host in hosts {
+            let place = (client, host);
+            let was_lost = match self.places.get(&place) {
+                Some(State::Asked { .. } | State::Heard) => continue,
+                Some(State::Lost | State::Left) => true,
+                None => false,
+            };
+            match asked.ask_on(&place.1, &request) {
+                Ok(answers) => {
+                    self.tasks.spawn(read(place.clone(), answers, self.sink.clone()));
+                    if let Some(waiting) = &mut self.catching_up {
+                        waiting.insert(place.clone());
+                    }
+                    self.places.insert(place, State::Asked { was_lost });
+                }
+                Err(failure) if !was_lost => {
+                    self.ready.push_back(FeedItem::Lost(place.1.clone(), words(&failure)));
+                    self.places.insert(place, State::Lost);
+                }
+                Err(_) => {}
+            }
+        }
+    }
+
+    fn events(&mut self, place: Place, events: Vec<Event>) {
+        if self.places.insert(place.clone(), State::Heard) == Some(State::Asked { was_lost: true }) {
+            self.ready.push_back(FeedItem::Back(place.1.clone()));
+        }
+        // Without events it says that these were all up to now.
+        if events.is_empty() {
+            self.told(&place);
+        }
+        for event in events {
+            let next = self.next.entry((place.0, event.deployment.clone())).or_default();
+            if event.number >= *next {
+                *next = event.number + 1;
+                self.ready.push_back(FeedItem::Event(Box::new(event)));
+            }
+        }
+    }
+
+    fn silent(&mut self, place: Place, state: State) {
+        self.told(&place);
+        self.places.insert(place, state);
+    }
+
+    /// Takes note that nothing more is to be waited for from a node.
+    fn told(&mut self, place: &Place) {
+        if let Some(waiting) = &mut self.catching_up {
+            waiting.remove(place);
+        }
+        self.caught_up();
+    }
+
+    fn caught_up(&mut self) {
+        if self.catching_up.as_ref().is_some_and(BTreeSet::is_empty) {
+            self.catching_up = None;
+            self.ready.push_back(FeedItem::Current);
+        }
+    }
+}
+
+/// Returns when an event was, on the calendar clock of this machine.
+pub(crate) fn since_1970(event: &Event) -> Duration {
+    clock::unix_time().saturating_sub(event.ago)
+}
+
+async fn read(place: Place, mut answers: Answers, sink: Sender<SourceMessage>) {
+    loop {
+        let message = match answers.next().await {
+            Some(Ok(Answer::Events(events))) => SourceMessage::Events(place.clone(), events),
+            Some(Ok(other)) => SourceMessage::Broken(place.clone(), words(&unasked(&place.1, &other))),
+            Some(Err(failure)) => SourceMessage::Broken(place.clone(), words(&failure)),
+            None => SourceMessage::Ended(place.clone()),
+        };
+        let is_last = !matches!(message, SourceMessage::Events(..));
+        if sink.send(message).await.is_err() || is_last {
+            return;
+        }
+    }
+}
+
+async fn look_for_nodes(number: usize, client: Arc<Client>, sink: Sender<SourceMessage>) {
+    loop {
+        let looked = clock::now();
+        if let Ok(hosts) = client.all().await
+            && sink.send(SourceMessage::Found(number, hosts)).await.is_err()
+        {
+            return;
+        }
+        next_look(looked).await;
+    }
+}
+
+/// Finds nodes inside commands that begin later.
+async fn look_for_commands(base: PathBuf, known: Vec<PathBuf>, sink: Sender<SourceMessage>) {
+    let mut known = BTreeSet::from_iter(known);
+    loop {
+        let looked = clock::now();
+        let groups = run_dir::groups(&base);
+        known.retain(|folder| groups.contains(folder));
+        for folder in groups {
+            if !known.contains(&folder)
+                && let Ok(Some(client)) = Client::through(&folder).await
+            {
+                known.insert(folder);
+                if sink.send(SourceMessage::Client(Arc::new(client))).await.is_err() {
+                    return;
+                }
+            }
+        }
+        next_look(looked).await;
+    }
+}
+
+async fn next_look(last: Time) {
+    clock::sleep_until(last + LOOK_EVERY).await;
+}

@@ -1,0 +1,225 @@
+//! `dca events`: what happens, on all hosts, in all deployments.
+
+use crate::ConnectArgs;
+use crate::client::feed::{Feed, FeedItem, Mode, since_1970};
+use crate::logic::record::report_kind;
+use crate::logic::sentence::{change_text, report_text};
+use anyhow::anyhow;
+use comms::io::clock;
+use dbmanager::logic::view::date;
+use node::console::{self, Failure, block_on};
+use node::logic::protocol::{Event, Report};
+use serde_json::{Value, json};
+use std::collections::BTreeSet;
+use std::time::Duration;
+use tokio::signal::unix::{SignalKind, signal};
+
+/// What `dca events` is told.
+#[derive(Debug, clap::Args)]
+pub struct Arguments {
+    /// Only of this deployment
+    name: Option<String>,
+    /// Go on as things happen, until Ctrl-C
+    #[arg(short, long)]
+    follow: bool,
+    /// Print each event as one object of JSON on one line; the last object has `end`
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    connect: ConnectArgs,
+}
+
+/// How the stream has ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum End {
+    /// All that is known was told.
+    Complete,
+    /// Some node has not told what it knows.
+    Incomplete,
+    /// A person has ended it.
+    Interrupted,
+    /// Nobody reads it any more.
+    Unread,
+}
+
+/// What prints.
+#[derive(Debug)]
+struct Printer<'a> {
+    arguments: &'a Arguments,
+    /// What was known at the beginning, to be told in the order of time.
+    waiting: Option<Vec<(Duration, Event)>>,
+    lost: BTreeSet<String>,
+}
+
+/// Runs the verb.
+pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let mut printer = Printer { arguments, waiting: Some(Vec::new()), lost: BTreeSet::new() };
+    let end = block_on(async {
+        let (mut interrupt, mut terminate) = (signal(SignalKind::interrupt())?, signal(SignalKind::terminate())?);
+        let mode = if arguments.follow { Mode::Follow } else { Mode::Snapshot };
+        let mut feed = tokio::select! {
+            feed = Feed::open(&arguments.connect, mode) => feed?,
+            _ = interrupt.recv() => return Ok(End::Interrupted),
+            _ = terminate.recv() => return Ok(End::Interrupted),
+        };
+        let end = loop {
+            let end = tokio::select! {
+                said = feed.next() => printer.take(said)?,
+                _ = interrupt.recv() => Some(End::Interrupted),
+                _ = terminate.recv() => Some(End::Interrupted),
+            };
+            if let Some(end) = end {
+                break end;
+            }
+        };
+        feed.close().await;
+        Ok(end)
+    })?;
+    printer.end(end)
+}
+
+impl Printer<'_> {
+    /// Prints what is said; returns how the stream ends, if it does.
+    fn take(&mut self, said: FeedItem) -> anyhow::Result<Option<End>> {
+        let is_read = match said {
+            FeedItem::Event(event) => self.event(*event)?,
+            FeedItem::Current => {
+                let mut known = self.waiting.take().unwrap_or_default();
+                known.sort_by(|(a, one), (b, other)| (a, one.number).cmp(&(b, other.number)));
+                for (at, event) in known {
+                    if !self.print(at, &event)? {
+                        return Ok(Some(End::Unread));
+                    }
+                }
+                if !self.arguments.follow {
+                    return Ok(Some(if self.lost.is_empty() { End::Complete } else { End::Incomplete }));
+                }
+                true
+            }
+            FeedItem::Left(host) => self.mark("left", &host, "has left", None)?,
+            FeedItem::Back(host) => {
+                self.lost.remove(&host);
+                self.mark("back", &host, "is heard again", None)?
+            }
+            FeedItem::Lost(host, why) => {
+                self.lost.insert(host.clone());
+                self.mark("lost", &host, "is not heard any more", Some(&why))?
+            }
+        };
+        Ok((!is_read).then_some(End::Unread))
+    }
+
+    fn event(&mut self, event: Event) -> anyhow::Result<bool> {
+        if self.arguments.name.as_ref().is_some_and(|name| *name != event.deployment.name) {
+            return Ok(true);
+        }
+        let at = since_1970(&event);
+        if let Some(waiting) = &mut self.waiting {
+            waiting.push((at, event));
+            return Ok(true);
+        }
+        self.print(at, &event)
+    }
+
+    fn print(&self, at: Duration, event: &Event) -> anyhow::Result<bool> {
+        let line = if self.arguments.json { object(at, event).to_string() } else { line(at, event) };
+        console::pass(format!("{line}\n").as_bytes())
+    }
+
+    /// Tells what has become of a node: among the objects, or beside the lines.
+    fn mark(&self, key: &str, host: &str, words: &str, why: Option<&str>) -> anyhow::Result<bool> {
+        if !self.arguments.json {
+            let why = why.map_or(String::new(), |why| format!(": {why}"));
+            console::note(&format!("`{host}` {words}{why}"));
+            return Ok(true);
+        }
+        let mut mark = json!({ "time": clock::unix_time().as_secs_f64(), key: host });
+        if let (Some(why), Some(mark)) = (why, mark.as_object_mut()) {
+            mark.insert("why".to_owned(), why.into());
+        }
+        console::pass(format!("{mark}\n").as_bytes())
+    }
+
+    fn end(&self, end: End) -> Result<(), Failure> {
+        let word = match end {
+            End::Complete => "complete",
+            End::Incomplete => "incomplete",
+            End::Interrupted => "interrupted",
+            End::Unread => return Ok(()),
+        };
+        if self.arguments.json {
+            console::say(&json!({ "end": word, "lost": self.lost }).to_string());
+        }
+        let lost: Vec<&str> = self.lost.iter().map(String::as_str).collect();
+        match end {
+            End::Incomplete => Err(Failure::Unreachable(anyhow!(
+                "that is not everything: `{}` has not told what it knows",
+                lost.join("`, `")
+            ))),
+            End::Complete | End::Interrupted | End::Unread => Ok(()),
+        }
+    }
+}
+
+/// Returns an event as a line: when, where, what.
+fn line(at: Duration, event: &Event) -> String {
+    let millis = u64::try_from(at.as_millis()).unwrap_or(u64::MAX);
+    let text = if let Report::Process { path, change, .. } = &event.report {
+        format!("{path}  {}", change_text(change))
+    } else {
+        report_text(&event.report)
+    };
+    let Event { deployment, host, .. } = event;
+    format!("{}.{:03}Z  {host}  {deployment}  {text}", date::text(millis).replace(' ', "T"), millis % 1000)
+}
+
+fn object(at: Duration, event: &Event) -> Value {
+    let (process, text, since_go) = if let Report::Process { path, change, at } = &event.report {
+        (Some(path), change_text(change), Some(at.as_secs_f64()))
+    } else {
+        (None, report_text(&event.report), None)
+    };
+    json!({
+        "time": at.as_secs_f64(),
+        "host": event.host,
+        "deployment": event.deployment.name,
+        "epoch": event.deployment.epoch,
+        "number": event.number,
+        "process": process,
+        "kind": report_kind(&event.report),
+        "text": text,
+        "since_go": since_go,
+        "report": event.report,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use node::logic::protocol::{Change, Deployment};
+
+    fn event(report: Report) -> Event {
+        let deployment = Deployment { name: "door".into(), epoch: 3 };
+        Event { deployment, number: 7, host: "c2".into(), ago: Duration::ZERO, report }
+    }
+
+    #[test]
+    fn an_event_is_one_line() {
+        let at = Duration::from_millis(1_795_392_000_250);
+        let change = Change::Started { pid: 12 };
+        let process = Report::Process { path: "main/hit".into(), change, at: Duration::from_millis(1500) };
+        assert_eq!(
+            line(at, &event(process.clone())),
+            "2026-11-23T00:00:00.250Z  c2  door@3  main/hit  started as process 12"
+        );
+        let go = Report::Go { took: Duration::from_millis(340), signals: Vec::new() };
+        assert_eq!(line(at, &event(go)), "2026-11-23T00:00:00.250Z  c2  door@3  GO after 0.3 s");
+        let object = object(at, &event(process));
+        let expected = json!({
+            "time": 1_795_392_000.25, "host": "c2", "deployment": "door", "epoch": 3, "number": 7, "process": "main/hit",
+            "kind": "started", "text": "started as process 12", "since_go": 1.5,
+            "report": { "Process": { "path": "main/hit", "change": { "Started": { "pid": 12 } }, "at": 1.5 } },
+        });
+        assert_eq!(object, expected);
+    }
+}

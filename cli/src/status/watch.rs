@@ -1,0 +1,263 @@
+//! `dca status --watch`: what runs where, as it changes.
+//!
+//! On a terminal one table is drawn again and again; elsewhere each process that has changed is a line, and with `--json` each
+//! state of everything is.
+
+use super::{Arguments, Node, only, text};
+use crate::absent::{self, Absences};
+use crate::client::Clients;
+use crate::client::feed::{Feed, Mode};
+use crate::output;
+use comms::io::clock;
+use comms::logic::time::Time;
+use dbmanager::logic::view::date;
+use node::console::{self, Failure, block_on};
+use node::logic::protocol::NodeStatus;
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::pin::pin;
+use std::time::Duration;
+use tokio::signal::unix::{SignalKind, signal};
+use tokio::sync::Notify;
+
+/// How often everything is looked at, and drawn, at least.
+const EVERY: Duration = Duration::from_secs(1);
+/// How long after one look the next may begin when something has happened: much often happens at once.
+const AGAIN_AFTER: Duration = Duration::from_millis(50);
+
+/// What was seen at the last look.
+#[derive(Debug, Default)]
+struct View {
+    statuses: Vec<NodeStatus>,
+    away: Absences,
+    /// Why nothing was seen, if so.
+    failure: Option<String>,
+}
+
+/// Where it is shown, and what is there already.
+#[derive(Debug)]
+enum Shown {
+    /// How many lines the table has that is on the terminal.
+    Table(usize),
+    /// What each process was said to be.
+    Lines(BTreeMap<String, String>),
+    /// The last state, but for what changes all the time.
+    Json(String),
+}
+
+/// Watches until Ctrl-C.
+pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    block_on(async {
+        let (mut interrupt, mut terminate) = (signal(SignalKind::interrupt())?, signal(SignalKind::terminate())?);
+        let mut feed = tokio::select! {
+            feed = Feed::open(&arguments.connect, Mode::Follow) => feed?,
+            _ = interrupt.recv() => return Ok(()),
+            _ = terminate.recv() => return Ok(()),
+        };
+        let mut shown = if arguments.json {
+            Shown::Json(String::new())
+        } else if output::screen().is_some() {
+            Shown::Table(0)
+        } else {
+            Shown::Lines(BTreeMap::new())
+        };
+        let (happened, mut view, mut redraw) = (Notify::new(), View::default(), tokio::time::interval(EVERY));
+        let mut looking = pin!(look(feed.clients(), None, &happened));
+        let mut is_read = true;
+        while is_read {
+            tokio::select! {
+                seen = &mut looking => {
+                    view = seen;
+                    only(&mut view.statuses, &mut view.away, arguments.name.as_deref());
+                    looking.set(look(feed.clients(), Some(clock::now()), &happened));
+                    is_read = shown.show(&view, arguments.name.as_deref())?;
+                }
+                // What it is shows the next look.
+                _ = feed.next() => happened.notify_one(),
+                _ = redraw.tick() => {
+                    if let Shown::Table(_) = shown {
+                        is_read = shown.show(&view, arguments.name.as_deref())?;
+                    }
+                }
+                _ = interrupt.recv() => break,
+                _ = terminate.recv() => break,
+            }
+        }
+        feed.close().await;
+        Ok(())
+    })
+}
+
+/// Asks every node what runs there: some time after the last look, or soon after something has happened.
+async fn look(clients: Clients, last: Option<Time>, happened: &Notify) -> View {
+    if let Some(last) = last {
+        tokio::select! {
+            () = clock::sleep_until(last + EVERY) => {}
+            () = happened.notified() => clock::sleep_until(last + AGAIN_AFTER).await,
+        }
+    }
+    match clients.look().await {
+        Ok(found) => {
+            let away = absent::ask(&found).await;
+            let statuses = found.into_iter().flat_map(|(_, statuses)| statuses.nodes).collect();
+            View { statuses, away, failure: None }
+        }
+        Err(failure) => View { failure: Some(crate::client::words(&failure)), ..View::default() },
+    }
+}
+
+impl Shown {
+    /// Shows what is new; returns whether anybody looks.
+    fn show(&mut self, view: &View, name: Option<&str>) -> anyhow::Result<bool> {
+        let said = match self {
+            Self::Table(lines) => {
+                let (rows, columns) = output::screen().unwrap_or((24, 80));
+                let (drawn, count) = drawn(&view.table(name), *lines, (rows, columns));
+                *lines = count;
+                drawn
+            }
+            Self::Lines(before) => {
+                let now = view.lines();
+                let said = changed(before, &now);
+                *before = now;
+                said
+            }
+            Self::Json(before) => {
+                let (line, compared) = view.json()?;
+                let is_new = compared != *before;
+                *before = compared;
+                if is_new { format!("{line}\n") } else { String::new() }
+            }
+        };
+        if said.is_empty() { Ok(true) } else { console::pass(said.as_bytes()) }
+    }
+}
+
+impl View {
+    fn table(&self, name: Option<&str>) -> String {
+        let mut table = format!("{}   (Ctrl-C to leave)\n\n", when());
+        match &self.failure {
+            Some(why) => table.push_str(why),
+            None if self.statuses.is_empty() => {}
+            None => table.push_str(&text(&self.statuses, &self.away, name)),
+        }
+        let silent = self.away.silent.iter().map(|host| format!("warning: `{host}` does not answer"));
+        for warning in silent.chain(self.away.warnings()) {
+            write!(table, "\n{warning}").unwrap_or_default();
+        }
+        table
+    }
+
+    /// Returns what each process and each host is.
+    fn lines(&self) -> BTreeMap<String, String> {
+        let mut lines = BTreeMap::new();
+        for node in &self.statuses {
+            lines.insert(format!("{}  node", node.host), "answers".to_owned());
+            for part in &node.deployments {
+                for process in &part.processes {
+                    let what = format!("{}  {}  {}", node.host, part.deployment, process.path);
+                    let pid = process.pid.map(|pid| format!("  pid {pid}")).unwrap_or_default();
+                    lines.insert(what, format!("{}{pid}", process.state));
+                }
+            }
+        }
+        for process in &self.away.processes {
+            let what = format!("{}  {}  {}", process.host, process.deployment, process.path);
+            lines.insert(what, format!("unknown ({})", self.away.word(&process.host)));
+        }
+        for host in self.away.silent.iter().chain(self.away.hosts.iter().map(|one| &one.host)) {
+            lines.insert(format!("{host}  node"), self.away.word(host));
+        }
+        lines
+    }
+
+    /// Returns everything on one line, and without what is different each time.
+    fn json(&self) -> serde_json::Result<(String, String)> {
+        let absent = |status: &NodeStatus| self.away.told.get(&status.host).cloned().unwrap_or_default();
+        let mut nodes: Vec<Node> =
+            self.statuses.iter().map(|status| Node { absent: absent(status), status: status.clone() }).collect();
+        let line = serde_json::to_string(&nodes)?;
+        for node in &mut nodes {
+            node.status.up = Duration::ZERO;
+            node.absent.hosts.iter_mut().for_each(|host| host.heard = Duration::ZERO);
+            let open = node.absent.ends.iter_mut().flat_map(|end| &mut end.hosts);
+            open.for_each(|host| host.heard = host.heard.map(|_| Duration::ZERO));
+        }
+        Ok((line, serde_json::to_string(&nodes)?))
+    }
+}
+
+/// Returns the time of day, in UTC.
+fn when() -> String {
+    let millis = u64::try_from(clock::unix_time().as_millis()).unwrap_or(u64::MAX);
+    format!("{}Z", date::text(millis).replace(' ', "T"))
+}
+
+/// Returns a line for each thing that is not as it was before.
+fn changed(before: &BTreeMap<String, String>, now: &BTreeMap<String, String>) -> String {
+    let gone = before.keys().filter(|what| !now.contains_key(*what)).map(|what| (what, "is over"));
+    let new =
+        now.iter().filter(|(what, state)| before.get(*what) != Some(*state)).map(|(what, state)| (what, &**state));
+    let (mut lines, when) = (String::new(), when());
+    for (what, state) in gone.chain(new) {
+        writeln!(lines, "{when}  {what}  {state}").unwrap_or_default();
+    }
+    lines
+}
+
+/// Returns what draws a text in the place of one with `before` lines, and how many lines it has; what does not fit is left out.
+/// Source: ECMA-48, CUU, EL and ED.
+fn drawn(text: &str, before: usize, (rows, columns): (usize, usize)) -> (String, usize) {
+    let all: Vec<&str> = text.lines().collect();
+    // The cursor stands on a line of its own below.
+    let room = rows.saturating_sub(1).max(1);
+    let fits = if all.len() <= room { all.len() } else { room - 1 };
+    let mut lines: Vec<String> = all.iter().take(fits).map(|line| line.chars().take(columns).collect()).collect();
+    if all.len() > fits {
+        lines.push(format!("… and {} more lines", all.len() - fits).chars().take(columns).collect());
+    }
+    let up = if before > 0 { format!("\x1b[{before}A") } else { String::new() };
+    let count = lines.len();
+    let body: String = lines.into_iter().map(|line| format!("{line}\x1b[K\n")).collect();
+    (format!("\r{up}{body}\x1b[J"), count)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::logic::tree::tests::door_node;
+
+    #[test]
+    fn a_table_takes_the_place_of_the_one_before_and_fits() {
+        assert_eq!(drawn("one\ntwo", 0, (24, 80)), ("\rone\x1b[K\ntwo\x1b[K\n\x1b[J".to_owned(), 2));
+        assert_eq!(drawn("three", 2, (24, 4)), ("\r\x1b[2Athre\x1b[K\n\x1b[J".to_owned(), 1));
+        let (text, count) = drawn("1\n2\n3\n4", 0, (4, 80));
+        assert_eq!((text.as_str(), count), ("\r1\x1b[K\n2\x1b[K\n… and 2 more lines\x1b[K\n\x1b[J", 3));
+        assert_eq!(drawn("1\n2", 0, (1, 80)).1, 1, "a terminal without lines");
+    }
+
+    #[test]
+    fn what_has_changed_is_a_line() {
+        let view = |state| View { statuses: vec![door_node("c1", &[("main/hit", state, Some(7))])], ..View::default() };
+        let (first, second) = (view("idle").lines(), view("running").lines());
+        let said = |before: &BTreeMap<String, String>, now: &BTreeMap<String, String>| {
+            let lines = changed(before, now);
+            lines.lines().map(|line| line.split_once("Z  ").unwrap().1.to_owned()).collect::<Vec<_>>()
+        };
+        assert_eq!(said(&BTreeMap::new(), &first), ["c1  door@1  main/hit  idle  pid 7", "c1  node  answers"]);
+        assert_eq!(said(&first, &second), ["c1  door@1  main/hit  running  pid 7"]);
+        assert_eq!(said(&second, &second), Vec::<String>::new());
+        let gone = said(&second, &View::default().lines());
+        assert_eq!(gone, ["c1  door@1  main/hit  is over", "c1  node  is over"]);
+    }
+
+    #[test]
+    fn time_that_passes_is_no_change() {
+        let mut view = View { statuses: vec![door_node("c1", &[("main", "running", None)])], ..View::default() };
+        let before = view.json().unwrap();
+        view.statuses[0].up = Duration::from_secs(5);
+        let after = view.json().unwrap();
+        assert_ne!(before.0, after.0);
+        assert_eq!(before.1, after.1);
+    }
+}

@@ -1,0 +1,21 @@
+//! What happens, for those who listen to everything.
+
+use super::{Deployment, Report};
+use serde::{Deserialize, Serialize};
+use std::time::Duration;
+
+/// A report of a deployment, as its home tells it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Event {
+    /// Of which deployment.
+    pub deployment: Deployment,
+    /// Its number among the reports of the deployment, from 0 on: what is told twice has the same.
+    pub number: u64,
+    /// The host that it is about; that of `main` for what is about all.
+    pub host: String,
+    /// How long ago it was when it was told: no two hosts have the same clock.
+    #[serde(with = "comms::logic::human::seconds")]
+    pub ago: Duration,
+    /// What happened.
+    pub report: Report,
+}

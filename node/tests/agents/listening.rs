@@ -1,0 +1,98 @@
+//! Who listens to everything, and which names a host has given out, on virtual time.
+
+use crate::TWO_HOSTS;
+use crate::world::{Coming, World};
+use node::logic::agent::Input;
+use node::logic::protocol::{Answer, Change, Event, Names, Report, Request};
+use std::time::Duration;
+
+impl World {
+    /// Returns the events that a call was told, and how many of them before the mark that those were all.
+    fn events(&self, call: u64) -> (Vec<Event>, usize) {
+        let (mut events, mut known) = (Vec::new(), None);
+        for answer in &self.answers[&call] {
+            let Answer::Events(some) = answer else { panic!("{answer:?}") };
+            if some.is_empty() {
+                assert_eq!(known.replace(events.len()), None, "the mark comes once");
+            }
+            events.extend(some.iter().cloned());
+        }
+        (events, known.expect("the mark comes"))
+    }
+}
+
+#[test]
+fn a_listener_hears_of_every_deployment_with_host_and_time_and_a_later_one_of_the_same() {
+    let mut world = World::new(&["c1", "c2"]);
+    let first = world.ask("c1", Request::Events { follow: true });
+    let gone = world.ask("c1", Request::Events { follow: true });
+    for name in ["one", "two"] {
+        world.deploy_as(name, "c1", TWO_HOSTS);
+        world.run_for(Duration::from_secs(5));
+        // The second is over for it.
+        world.give("c1", Input::CallGone { call: gone });
+    }
+    let late = world.ask("c1", Request::Events { follow: false });
+    world.run_for(Duration::from_secs(1));
+    let ((first, none), (late, all)) = (world.events(first), world.events(late));
+    assert_eq!((none, all), (0, late.len()));
+    let what = |events: &[Event]| {
+        events.iter().map(|event| (event.deployment.clone(), event.number, event.report.clone())).collect::<Vec<_>>()
+    };
+    assert_eq!(what(&first), what(&late));
+    assert!(world.events(gone).0.iter().all(|event| event.deployment.name == "one"));
+    for name in ["one", "two"] {
+        let of_one: Vec<&Event> = first.iter().filter(|event| event.deployment.name == name).collect();
+        assert!(of_one.is_sorted_by(|a, b| a.number < b.number));
+        assert!(matches!(of_one[0].report, Report::Accepted { .. }));
+        assert!(of_one.last().is_some_and(|last| matches!(last.report, Report::Finished { .. })));
+        let host = |path: &str| {
+            let is_it = |event: &&&Event| matches!(&event.report, Report::Process { path: of, change: Change::Activated, .. } if of == path);
+            of_one.iter().find(is_it).map(|event| event.host.as_str())
+        };
+        assert_eq!((host("main/pair/sensor"), host("main/last")), (Some("c1"), Some("c2")));
+    }
+    // At once when it happens, and as old as it is afterwards.
+    assert!(first.iter().all(|event| event.ago == Duration::ZERO));
+    let oldest = late[0].ago;
+    assert!(oldest > Duration::from_secs(5) && late.iter().all(|event| event.ago <= oldest), "{oldest:?}");
+}
+
+#[test]
+fn a_listener_does_not_keep_a_node_from_leaving() {
+    let mut world = World::new(&["c1", "c2"]);
+    world.ask("c1", Request::Events { follow: true });
+    world.run_for(Duration::from_secs(1));
+    world.at(0, "c1", Coming::Input(Input::Leave));
+    world.run_for(Duration::from_secs(3));
+    assert!(!world.agents.contains_key("c1"));
+}
+
+#[test]
+fn a_host_names_its_ports_and_its_devices() {
+    let text = r#"
+process main() {
+    host { "c1" }
+    instantiated_processes { cam instof Sensor("c1"); viewer instof Long("c2"); arm instof Arm("c2"); }
+    internal_connections(viewer, view) { cam, Out -> viewer, In; }
+    internal_event_actions { cam[view] , viewer , arm }
+}
+"#;
+    let mut world = World::new(&["c1", "c2"]);
+    world.deploy("c1", text);
+    world.run_for(Duration::from_millis(50));
+    let asked = ["c1", "c2"].map(|host| world.ask(host, Request::Names));
+    world.run_for(Duration::from_millis(1));
+    let [here, there] = asked.map(|call| {
+        let [Answer::Names(names)] = &world.answers[&call][..] else { panic!("{:?}", world.answers[&call]) };
+        names.clone()
+    });
+    let ports = |names: &Names| {
+        names.ports.iter().map(|port| (port.path.clone(), port.port.clone(), port.is_output)).collect::<Vec<_>>()
+    };
+    assert_eq!(ports(&here), [("main/cam".to_owned(), "Out".to_owned(), true)]);
+    assert_eq!(ports(&there), [("main/viewer".to_owned(), "In".to_owned(), false)]);
+    assert_eq!(here.devices, []);
+    let [device] = &there.devices[..] else { panic!("{there:?}") };
+    assert_eq!((device.device.as_str(), device.path.as_str(), device.is_exclusive), ("arm", "main/arm", true));
+}

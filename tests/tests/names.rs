@@ -1,0 +1,96 @@
+//! Who has which name: `dca names`, and what happens to names that two want, or nobody has any more.
+
+use dca_tests::cluster::{Cluster, Host, SOON, Stream, wait_until};
+use serde_json::Value;
+use std::time::Duration;
+
+/// How long a host may be silent before the others count it as lost, and some time to look.
+const LEASE: Duration = Duration::from_secs(6 + 6);
+
+/// A program on each of two hosts; the second holds an arm.
+const ARM: &str = "
+module Hold(host) { exec \"sleep 600\"; plain; done; claims arm; }
+module Wait(host) { exec \"sleep 600\"; plain; done; }
+process main() {
+    host { \"c1\", \"c2\" }
+    instantiated_processes { here instof Wait(\"c1\"); there instof Hold(\"c2\"); }
+    internal_event_actions { here , there }
+}
+";
+
+fn names(host: &Host) -> Value {
+    let ended = host.ask(&["names", "--json"]);
+    assert_eq!(ended.code, Some(0), "{ended}");
+    serde_json::from_str(&ended.out).unwrap_or_else(|why| panic!("{why}: {ended}"))
+}
+
+/// Returns one field of each entry of a list of the only partition.
+fn all<'a>(names: &'a Value, list: &str, field: &str) -> Vec<&'a str> {
+    assert_eq!(names.as_array().map(Vec::len), Some(1), "{names:#}");
+    names[0][list].as_array().into_iter().flatten().filter_map(|one| one[field].as_str()).collect()
+}
+
+/// The second deployment wants the arm that the first has, on the same host: it is refused, and told who has it.
+#[test]
+fn a_device_has_one_holder_across_deployments() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let _nodes = [here.node("c1", &[]), here.node("c2", &[])];
+    let first = here.dca(&["deploy", "--no-record", &cluster.file("first.dca", ARM)]);
+    first.wait_for(Stream::Err, "▸", SOON);
+    let known = names(&here);
+    assert_eq!((all(&known, "devices", "device"), all(&known, "devices", "path")), (vec!["arm"], vec!["main/there"]));
+    assert_eq!(all(&known, "devices", "host"), ["c2"]);
+    let second = here.ask(&["deploy", "--no-record", &cluster.file("second.dca", ARM)]);
+    assert_eq!(second.code, Some(1), "{second}");
+    let held = "host `c2`: `arm` is held by `main/there` of `first@1`; `dca stop first` ends that";
+    assert!(second.err.contains(held), "{second}");
+    // Then it is free.
+    assert_eq!(here.ask(&["stop", "first"]).code, Some(0));
+    assert_eq!(all(&names(&here), "devices", "device"), [""; 0]);
+    let third = here.dca(&["deploy", "--no-record", &cluster.file("second.dca", ARM)]);
+    third.wait_for(Stream::Err, "▸", SOON);
+    assert_eq!(here.ask(&["stop", "second"]).code, Some(0));
+}
+
+/// A node dies: nobody gives its names out any more, its host leaves the lists of the others within a lease.
+#[test]
+fn names_of_a_host_that_is_gone_leave_within_a_lease() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let (_c1, c2) = (here.node("c1", &[]), here.node("c2", &[]));
+    let deploy = here.dca(&["deploy", "--no-record", &cluster.file("first.dca", ARM)]);
+    deploy.wait_for(Stream::Err, "▸", SOON);
+    let known = names(&here);
+    assert_eq!(all(&known, "hosts", "host"), ["c1", "c2"]);
+    assert_eq!(all(&known, "processes", "path"), ["main", "main/here", "main/there"]);
+    assert_eq!(all(&known, "deployments", "home"), ["c1"]);
+    let text = here.ask(&["names"]);
+    assert!(text.out.lines().any(|line| line.starts_with("device      arm ")), "{text}");
+    c2.kill();
+    let is_gone = || {
+        let known = names(&here);
+        let sees = known[0]["hosts"][0]["sees"].as_array().is_some_and(Vec::is_empty);
+        sees && all(&known, "hosts", "host") == ["c1"] && all(&known, "devices", "device").is_empty()
+    };
+    assert!(wait_until(LEASE, is_gone).is_some(), "{:#}", names(&here));
+    let warned = here.ask(&["names"]);
+    assert!(warned.err.contains("warning: `c2` "), "{warned}");
+}
+
+/// The ports that a wire joins have names, and the types that the programs say.
+#[test]
+fn ports_have_types() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let spec = dca_tests::cluster::spec("door_opening");
+    let run = here.dca(&["run", "--no-record", &spec]);
+    run.wait_for(Stream::Err, "▸", SOON);
+    let known = names(&here);
+    let ports = known[0]["ports"].as_array().unwrap_or_else(|| panic!("{known:#}"));
+    assert!(ports.len() > 20, "{ports:?}");
+    assert!(ports.iter().all(|port| port["kind"].is_string()), "{ports:?}");
+    assert!(ports.iter().any(|port| port["is_output"] == true) && ports.iter().any(|port| port["is_output"] == false));
+    run.signal(rustix::process::Signal::INT);
+    run.ended(SOON);
+}
