@@ -5,6 +5,7 @@ use node::logic::protocol::NodeStatus;
 use std::fmt::Write;
 use std::time::Duration;
 
+/// How often; more with `DCA_TEST_ROUNDS`.
 const ROUNDS: usize = 20;
 const GROUPS: usize = 5;
 const LEAVES_PER_GROUP: usize = 40;
@@ -27,7 +28,8 @@ fn two_hundred_leaves_come_and_go() {
     assert_eq!(here.ask(&["nodes"]).code, Some(0));
     let threads_first = threads(node.pid());
     let mut descriptors_first = None;
-    for round in 1..=ROUNDS {
+    let rounds = std::env::var("DCA_TEST_ROUNDS").ok().and_then(|rounds| rounds.parse().ok()).unwrap_or(ROUNDS);
+    for round in 1..=rounds {
         let deployed = here.dca(&["deploy", "--no-record", &file]);
         deployed.wait_for(Stream::Err, "200 programs on 1 host, started in", SOON);
         if round == 1 {

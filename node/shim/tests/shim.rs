@@ -10,6 +10,7 @@ mod hanging;
 #[path = "shim/limits.rs"]
 mod limits;
 
+use comms::io::clock::now;
 use shim::protocol::{
     EXIT_FILE, EndReason, Gate, Limits, OUTPUT_FILE, OUTPUT_FILE_OLD, OUTPUT_SIZE_MAX, ProgramEnd, Realtime, ShimOrder,
     ShimReport, ShimStart,
@@ -276,6 +277,20 @@ fn nothing_outlives_a_lost_agent() {
     assert_eq!(shim.next(), Some(ShimReport::Ready));
     drop(shim.orders.take());
     shim.expect(&[ShimReport::Gone]);
+}
+
+/// What the program leaves behind has its output open: its end is told all the same, and at once.
+#[test]
+fn who_holds_the_output_open_holds_up_nobody() {
+    let mut shim = Shim::shell("setsid sleep 60 & echo $! > pid; exit 3");
+    let pid = wait_for(&shim.dir, "pid");
+    assert_eq!(shim.next(), Some(STARTED));
+    let began = now();
+    let over = shim.expect(&[exited(3), ShimReport::Gone]);
+    let took = now() - began;
+    // It waits half a second for the last output; a minute, if it waited for who has it open.
+    assert!(took < LONG / 6, "{took:?}");
+    assert!(!is_running(&pid) && over.read(EXIT_FILE) == "exited 3\n");
 }
 
 #[test]

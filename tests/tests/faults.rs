@@ -1,0 +1,146 @@
+//! Cases of the table in `docs/src/faults.md` that no other file has: files run out, links flap, two want one name.
+
+use dca_tests::cluster::{Cluster, Host, Network, Program, SOON, Stream, descriptors, executable, wait_until};
+use rustix::process::Signal;
+use std::collections::BTreeMap;
+use std::process::{Command, Stdio};
+use std::time::Duration;
+
+/// How many open files the node of case 23 may have: few programs fit.
+const FILES: u32 = 160;
+/// Programs that do not fit into that.
+const CROWD: usize = 200;
+/// How long a flapping link is up, and down.
+const FLAP: Duration = Duration::from_millis(200);
+/// How much a node may grow while a link flaps, in bytes.
+const GROWTH_MAX: u64 = 20 << 20;
+/// How long a node may take to have its links again.
+const SETTLE: Duration = Duration::from_secs(20);
+
+/// Returns how often something is done: `usual`, or what `DCA_TEST_ROUNDS` says.
+fn rounds(usual: usize) -> usize {
+    std::env::var("DCA_TEST_ROUNDS").ok().and_then(|rounds| rounds.parse().ok()).unwrap_or(usual)
+}
+
+/// Returns a spec of programs that wait.
+fn crowd(host: &str, count: usize) -> String {
+    let leaves: Vec<String> = (1..=count).map(|leaf| format!("idle{leaf}")).collect();
+    let declared: String = leaves.iter().map(|leaf| format!("{leaf} instof Idle(\"{host}\"); ")).collect();
+    format!(
+        "module Idle(host) {{ exec \"sleep 3600\"; plain; done; }}\nprocess main() {{\n  host {{ \"{host}\" }}\n  \
+         instantiated_processes {{ {declared}}}\n  internal_event_actions {{ {} }}\n}}",
+        leaves.join(" , ")
+    )
+}
+
+/// Returns the process ids of all programs, by path.
+fn pids(host: &Host) -> BTreeMap<String, u32> {
+    host.processes(&[]).into_iter().filter_map(|(_, process)| Some((process.path, process.pid?))).collect()
+}
+
+/// Returns how much memory a process has, in bytes.
+fn memory(pid: u32) -> u64 {
+    let pages = std::fs::read_to_string(format!("/proc/{pid}/statm")).unwrap_or_default();
+    pages.split(' ').nth(1).and_then(|pages| pages.parse::<u64>().ok()).unwrap_or(0) * 4096
+}
+
+/// Case 23: a node whose files run out refuses what does not fit, in words, and goes on; what runs can be stopped.
+#[test]
+fn a_node_without_free_files_refuses_and_goes_on() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let limited = format!("ulimit -n {FILES}; exec \"$@\"");
+    let mut command = Command::new("sh");
+    command.args(["-c", &limited, "sh"]).arg(executable("dca-node")).args(["--name", "c1", "--run-dir"]);
+    command.arg(here.run_dir()).arg("--state").arg(here.state()).current_dir(cluster.folder());
+    // It becomes the node; the cluster ends it.
+    let mut node = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("there is a shell");
+    let is_ready = || here.ask(&["nodes"]).code == Some(0);
+    wait_until(SOON, is_ready).expect("the node starts");
+    let few = here.dca(&["deploy", "--no-record", &cluster.file("few.dca", &crowd("c1", 2))]);
+    few.wait_for(Stream::Err, "2 programs on 1 host, started in", SOON);
+    let many = here.dca(&["deploy", "--no-record", &cluster.file("many.dca", &crowd("c1", CROWD))]).ended(2 * SOON);
+    assert_eq!(many.code, Some(1), "{many}");
+    assert!(many.out.contains("many: refused") && many.out.contains("oo many open files"), "{many}");
+    // What ran goes on, and can be stopped; then there is room again.
+    assert_eq!(pids(&here).len(), 2);
+    let stop = here.ask(&["stop", "few"]);
+    assert_eq!(stop.code, Some(0), "{stop}");
+    drop(few.ended(SOON));
+    let again = here.dca(&["deploy", "--no-record", &cluster.file("few.dca", &crowd("c1", 2))]);
+    again.wait_for(Stream::Err, "2 programs on 1 host, started in", SOON);
+    assert_eq!(here.ask(&["stop", "few"]).code, Some(0));
+    node.kill().expect("it has not been waited for");
+    node.wait().expect("it was started here");
+}
+
+/// Case 32: a link that comes and goes every 200 ms; 60 s of it with `DCA_TEST_ROUNDS=150`. Nothing is started again, nothing
+/// grows, and afterwards all see each other.
+#[test]
+fn a_flapping_link_restarts_nothing() {
+    let Some(network) = Network::new(2) else { return };
+    let cluster = Cluster::new();
+    let (c1, c2) = (cluster.host(&network, 1), cluster.host(&network, 2));
+    let nodes: Vec<Program> =
+        [("c1", &c1), ("c2", &c2)].into_iter().map(|(name, host)| host.node(name, &["--lan"])).collect();
+    let text = crowd("c1", 3).replace("idle3 instof Idle(\"c1\")", "idle3 instof Idle(\"c2\")");
+    let mission = c1.dca(&["deploy", "--no-record", &cluster.file("pair.dca", &text)]);
+    mission.wait_for(Stream::Err, "3 programs on 2 hosts", SOON);
+    wait_until(SOON, || pids(&c1).len() == 3).expect("all run");
+    let before = pids(&c1);
+    let sizes = || nodes.iter().map(|node| (memory(node.pid()), descriptors(node.pid()).len())).collect::<Vec<_>>();
+    let first = sizes();
+    for _ in 0..rounds(10) {
+        network.cut(2);
+        dca_tests::cluster::pass(FLAP);
+        network.heal(2);
+        dca_tests::cluster::pass(FLAP);
+    }
+    let all_there = || {
+        let statuses = c1.ask(&["status", "--json"]);
+        statuses.code == Some(0) && statuses.out.matches("\"pid\"").count() >= 5 && pids(&c1) == before
+    };
+    assert!(wait_until(SETTLE, all_there).is_some(), "{before:?}, then {:?}", pids(&c1));
+    assert!(mission.is_running(), "the mission goes on");
+    let is_small = || {
+        let now = sizes();
+        first.iter().zip(&now).all(|(before, now)| now.0 < before.0 + GROWTH_MAX && now.1 < before.1 + 20)
+    };
+    assert!(wait_until(SETTLE, is_small).is_some(), "{first:?}, then {:?}", sizes());
+    assert_eq!(c1.ask(&["stop", "pair"]).code, Some(0));
+    nodes.iter().for_each(|node| node.signal(Signal::TERM));
+}
+
+/// Case 40: two users deploy the same name at the same time; 100 times with `DCA_TEST_ROUNDS=100`. One of them has it, the other
+/// is told so, and no program of the other runs.
+#[test]
+fn two_users_of_one_name_are_one_winner_and_one_refusal() {
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let _nodes = [here.node("c1", &[]), here.node("c2", &[])];
+    let (ann, bob) = (cluster.file("ann.dca", &crowd("c1", 1)), cluster.file("bob.dca", &crowd("c1", 2)));
+    for folder in ["ann", "bob"] {
+        std::fs::create_dir_all(cluster.folder().join(folder)).expect("the folder is the test's own");
+        let text = std::fs::read_to_string(if folder == "ann" { &ann } else { &bob }).expect("it was just written");
+        cluster.file(&format!("{folder}/arm.dca"), &text);
+    }
+    let file = |user: &str| cluster.folder().join(user).join("arm.dca").display().to_string();
+    for round in 0..rounds(5) {
+        let [ann, bob] = ["ann", "bob"].map(|user| here.dca(&["deploy", "--no-record", &file(user)]));
+        let has_begun = |user: &Program| user.text(Stream::Err).contains("started in");
+        wait_until(SOON, || {
+            [(&ann, &bob), (&bob, &ann)].iter().any(|(winner, loser)| has_begun(winner) && !loser.is_running())
+        })
+        .unwrap_or_else(|| panic!("round {round}: {}{}", ann.text(Stream::Err), bob.text(Stream::Err)));
+        let is_anns = has_begun(&ann);
+        assert!(is_anns != has_begun(&bob), "round {round}: both have it");
+        wait_until(SOON, || pids(&here).len() == if is_anns { 1 } else { 2 })
+            .unwrap_or_else(|| panic!("round {round}: {:?}", pids(&here)));
+        let stop = here.ask(&["stop", "arm"]);
+        assert_eq!(stop.code, Some(0), "round {round}: {stop}");
+        let (winner, loser) = if is_anns { (ann, bob) } else { (bob, ann) };
+        let (winner, loser) = (winner.ended(SOON), loser.ended(SOON));
+        assert_eq!((winner.code, loser.code), (Some(1), Some(1)), "round {round}: {winner}\n{loser}");
+        assert!(loser.out.contains("`arm` is already"), "round {round}: {loser}");
+    }
+}
