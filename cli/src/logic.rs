@@ -5,5 +5,5 @@ pub mod mission;
 pub mod names;
 pub mod page;
 pub mod record;
-mod sentence;
+pub(crate) mod sentence;
 pub mod tree;

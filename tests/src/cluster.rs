@@ -252,8 +252,10 @@ impl Host {
     fn dca_command(&self, arguments: &[&str]) -> Command {
         let mut command = self.command("dca");
         command.args(arguments);
-        let asks_nodes =
-            ["run", "deploy", "plan", "replace", "attach", "nodes", "status", "logs", "stop", "db", "param", "events", "names"];
+        let asks_nodes = [
+            "run", "deploy", "plan", "replace", "attach", "nodes", "status", "logs", "stop", "db", "param", "events",
+            "names",
+        ];
         if arguments.first().is_some_and(|verb| asks_nodes.contains(verb)) {
             command.arg("--run-dir").arg(&self.run_dir);
         }

@@ -454,7 +454,9 @@ impl Coordinator {
             | Report::Process { .. }
             | Report::Refused { .. }
             | Report::Finished { .. }
-            | Report::Programs { .. } => self.plan.home(),
+            | Report::Programs { .. }
+            | Report::Changed { .. }
+            | Report::Unchanged { .. } => self.plan.home(),
         };
         let host = (0..).zip(&self.hosts).find(|(_, host)| Some(host.as_str()) == named).map_or(0, |(host, _)| host);
         self.report_of(host, report, out);

@@ -91,6 +91,8 @@ impl History {
             | Report::Prepared { .. }
             | Report::Connected { .. }
             | Report::Process { .. }
+            | Report::Changed { .. }
+            | Report::Unchanged { .. }
             | Report::Refused { .. }
             | Report::Finished { .. } => entry.report.clone(),
         };

@@ -460,8 +460,8 @@ mod tests {
             postcard::to_stdvec(&Request::Forget { deployment: deployment.clone() }).unwrap(),
             *b"\x0b\x01d\x02"
         );
-        assert_eq!(postcard::to_stdvec(&Request::Events { follow: true }).unwrap(), [13, 1]);
-        assert_eq!(postcard::to_stdvec(&Request::Names).unwrap(), [14]);
+        assert_eq!(postcard::to_stdvec(&Request::Events { follow: true }).unwrap(), [15, 1]);
+        assert_eq!(postcard::to_stdvec(&Request::Names).unwrap(), [16]);
         let (id, path) = (deployment.clone(), "m".to_owned());
         let port =
             PortName { deployment: id.clone(), path: path.clone(), port: "P".into(), is_output: true, kind: None };
@@ -469,11 +469,11 @@ mod tests {
         let names = Answer::Names(Names { ports: vec![port], devices: vec![device] });
         assert_eq!(
             postcard::to_stdvec(&names).unwrap(),
-            *b"\x0c\x01\x01d\x02\x01m\x01P\x01\x00\x01\x01a\x01d\x02\x01m\x01"
+            *b"\x0d\x01\x01d\x02\x01m\x01P\x01\x00\x01\x01a\x01d\x02\x01m\x01"
         );
         let report = Report::Connected { host: "c2".into() };
         let event = Event { deployment, number: 300, host: "c2".into(), ago: heard, report };
-        let bytes = *b"\x0b\x01\x01d\x02\xac\x02\x02c2\x03\x04\x02\x02c2";
+        let bytes = *b"\x0c\x01\x01d\x02\xac\x02\x02c2\x03\x04\x02\x02c2";
         assert_eq!(postcard::to_stdvec(&Answer::Events(vec![event])).unwrap(), bytes);
     }
 }
