@@ -172,7 +172,7 @@ async fn change(
         None => return Err(Failure::Unreachable(unknown(&name, anyhow!("the node `{home}` said nothing more")))),
     };
     if let Answer::Report(Report::Unchanged { reasons, .. }) = answer {
-        return Err(anyhow!("`{name}@{epoch}` runs as before: {}", reasons.join("; ")).into());
+        return Err(anyhow!("`{name}@{epoch}` is not changed: {}", reasons.join("; ")).into());
     }
     let Answer::Report(Report::Changed { revision, changes, .. }) = answer else {
         return Err(unasked(home, &answer));

@@ -51,6 +51,7 @@ const TAKEN: [&str; 27] = [
     "dca",
     "dca-controller",
     "dca-examples",
+    "dca-hanging",
     "dca-node",
     "dca-shim",
     "dca-starter",

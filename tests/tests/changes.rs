@@ -96,12 +96,23 @@ fn a_program_that_fails_is_put_back_and_the_mission_goes_on() {
     let (here, _nodes, mission, before) = deploy(&cluster);
     let bad = SPEC.replace("sleep 1000", "echo I cannot; exit 3").replace("150 N", "140 N");
     let refused = here.ask(&["deploy", &cluster.file("push.dca", &bad)]);
-    let why = ["runs as before: the new program of `main/beside` was not healthy", "exit code 3"];
+    let why = ["is not changed: the new program of `main/beside` was not healthy", "exit code 3"];
     assert!(refused.code == Some(1) && why.iter().all(|why| refused.err.contains(why)), "{refused}");
     assert_eq!(others(&here, &before), ["main/beside", "main/hit/threshold"], "both are as before, and started anew");
     assert!(mission.is_running());
     let plan = here.ask(&["plan", &cluster.file("push.dca", SPEC)]);
     assert!(plan.code == Some(0) && plan.out.contains("revision 0:\n  keep       4 programs"), "{plan}");
+
+    // What cannot be started is found before anything makes place for it.
+    let pids_before = pids(&here);
+    for (exec, why) in
+        [("/no/such/program", "there is no program"), ("/tmp", "is a folder"), ("/dev/null", "is no regular file")]
+    {
+        let missing = SPEC.replace("exec \"sh -c\"", &format!("exec \"{exec} -c\""));
+        let refused = here.ask(&["deploy", &cluster.file("push.dca", &missing)]);
+        assert!(refused.code == Some(1) && refused.err.contains(why), "{refused}");
+        assert_eq!(others(&here, &pids_before), Vec::<String>::new());
+    }
 
     // What supervisors cannot take changes nothing.
     let other = SPEC.replace("# hit # beside", "# (hit , beside)");

@@ -236,20 +236,20 @@ mod tests {
         let devices = vec![Device { device: "arm".into(), owner: dial() }];
         check(
             &Order::Connect { robot: "r".into(), incoming: vec![incoming], outgoing: vec![outgoing], devices },
-            "444303000100000172010102496e016b02613101016c0001ac02034f7574016a01010361726d02613101016c",
+            "444304000100000172010102496e016b02613101016c0001ac02034f7574016a01010361726d02613101016c",
         );
-        check(&Order::Open { wires: vec![1, 2], generation: 3 }, "4443030001000102010203");
-        check(&Order::Close { wires: vec![], generation: 1 }, "444303000100020001");
-        check(&Order::Activate { activation: 9, value: vec![1] }, "44430300010003090101");
-        check(&Order::Stop { activation: 9 }, "4443030001000409");
-        check(&Order::Exit, "44430300010005");
+        check(&Order::Open { wires: vec![1, 2], generation: 3 }, "4443040001000102010203");
+        check(&Order::Close { wires: vec![], generation: 1 }, "444304000100020001");
+        check(&Order::Activate { activation: 9, value: vec![1] }, "44430400010003090101");
+        check(&Order::Stop { activation: 9 }, "4443040001000409");
+        check(&Order::Exit, "44430400010005");
         let parameters = vec![("a".to_owned(), "1".to_owned())];
-        check(&Order::Configure { parameters }, "444303000100060101610131");
+        check(&Order::Configure { parameters }, "444304000100060101610131");
         let shape = Shape { wire: 1, latch: true, queue: Some(5), period_min: Some(Duration::from_millis(100)) };
-        check(&Order::Shape { wires: vec![shape] }, "444303000100070101010105010080c2d72f");
-        check(&Order::Rejoin, "44430300010008");
-        check(&Order::Relink { lost: "b".into(), found: dial() }, "44430300010009016202613101016c");
-        check(&Order::Resumed { notices: 300 }, "4443030001000aac02");
+        check(&Order::Shape { wires: vec![shape] }, "444304000100070101010105010080c2d72f");
+        check(&Order::Rejoin, "44430400010008");
+        check(&Order::Relink { lost: "b".into(), found: dial() }, "44430400010009016202613101016c");
+        check(&Order::Resumed { notices: 300 }, "4443040001000aac02");
     }
 
     #[test]
@@ -263,16 +263,16 @@ mod tests {
             needs: vec!["ft".into()],
             signals: true,
         };
-        check(&hello, "4443030002000003016d01016101017500000102667401");
-        check(&Notice::Connected, "44430300020001");
-        check(&Notice::ConnectFailed { reason: "x".into() }, "444303000200020178");
-        check(&Notice::Switched { generation: 7 }, "4443030002000307");
-        check(&Notice::Running { activation: 1 }, "4443030002000401");
-        check(&Notice::Done { activation: 1, value: vec![] }, "444303000200050100");
-        check(&Notice::Aborted { activation: 1, reason: "x".into() }, "44430300020006010178");
-        check(&Notice::Stopped { activation: 1 }, "4443030002000701");
+        check(&hello, "4443040002000004016d01016101017500000102667401");
+        check(&Notice::Connected, "44430400020001");
+        check(&Notice::ConnectFailed { reason: "x".into() }, "444304000200020178");
+        check(&Notice::Switched { generation: 7 }, "4443040002000307");
+        check(&Notice::Running { activation: 1 }, "4443040002000401");
+        check(&Notice::Done { activation: 1, value: vec![] }, "444304000200050100");
+        check(&Notice::Aborted { activation: 1, reason: "x".into() }, "44430400020006010178");
+        check(&Notice::Stopped { activation: 1 }, "4443040002000701");
         let resume = Notice::Resume { version: VERSION, instance: "m".into(), orders: 300 };
-        check(&resume, "4443030002000803016dac02");
+        check(&resume, "4443040002000804016dac02");
         assert!(hello.is_counted() && !resume.is_counted());
         assert!(Order::Exit.is_counted() && !Order::Resumed { notices: 0 }.is_counted());
         assert!(!Order::Configure { parameters: vec![] }.is_counted());
@@ -302,7 +302,7 @@ mod tests {
         order.push(0);
         assert!(refused(&order).starts_with("a message of kind 1 is malformed"));
         order[2] = 9;
-        assert_eq!(refused(&order), "a message of version 9 of kind 1; this program speaks version 3");
+        assert_eq!(refused(&order), "a message of version 9 of kind 1; this program speaks version 4");
         let long = vec![0; Order::SIZE_MAX + 1];
         assert!(matches!(decode::<Order>(&long), Err(CodecError::TooLong { .. })));
         assert!(encode(&Order::Activate { activation: 0, value: long }).is_err());

@@ -202,7 +202,12 @@ pub fn check_executable(command: &[String]) -> io::Result<()> {
         std::env::split_paths(&path).map(|folder| folder.join(name)).filter(|file| file.is_file()).collect()
     };
     let Some(file) = found.first().filter(|file| file.is_file()) else {
-        return Err(io::Error::new(io::ErrorKind::NotFound, format!("there is no program `{name}`")));
+        let why = match found.first().map(|file| file.metadata()) {
+            Some(Ok(metadata)) if metadata.is_dir() => format!("`{name}` is a folder, not a program"),
+            Some(Ok(_)) => format!("`{name}` is no regular file, so no program"),
+            Some(Err(_)) | None => format!("there is no program `{name}`"),
+        };
+        return Err(io::Error::new(io::ErrorKind::NotFound, why));
     };
     if rustix::fs::access(file, rustix::fs::Access::EXEC_OK).is_err() {
         return Err(io::Error::new(

@@ -286,6 +286,7 @@ impl Driver {
                 is_current.then_some(Input::Control { process, notice })
             }
             Event::Committed(deployment, written) => Some(Input::Committed { deployment, written }),
+            Event::Found(deployment, number, problems) => Some(Input::Found { deployment, number, problems }),
         }
     }
 
@@ -315,6 +316,9 @@ impl Driver {
             Effect::CloseProcess { process } => self.forget(&process),
             Effect::CloseDeployment { deployment } => self.bury(&deployment),
             Effect::PersistEpoch { deployment, hosts } => self.commit(deployment, hosts),
+            Effect::FindPrograms { deployment, number, programs } => {
+                self.find_programs((deployment, number), programs);
+            }
             Effect::Settled { deployment } => {
                 let journal = Arc::clone(&self.journal);
                 self.settling.spawn_blocking(move || journal::settle(&journal, &deployment));

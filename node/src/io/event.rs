@@ -33,6 +33,8 @@ pub(crate) enum Event {
     Control(Connection, Notice),
     /// The epoch of a deployment is in the journal, or why it is not.
     Committed(Deployment, Result<(), String>),
+    /// Which programs of a change cannot be started here.
+    Found(Deployment, u32, Vec<String>),
 }
 
 /// A program's way to its node.

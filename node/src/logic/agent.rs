@@ -219,6 +219,11 @@ impl Agent {
                     participant.configured(process.leaf, parameters, out);
                 }
             }
+            Input::Found { deployment, number, problems } => {
+                if let Some(participant) = self.participants.get(&deployment) {
+                    participant.examined((number, &self.identity.host), problems, out);
+                }
+            }
             Input::Undelivered { process, why } => {
                 if let Some(participant) = self.participants.get_mut(&process.deployment) {
                     participant.undelivered(process.leaf, why, out);

@@ -80,6 +80,7 @@ impl Attachments {
             | Input::Frame(_)
             | Input::Configured { .. }
             | Input::Undelivered { .. }
+            | Input::Found { .. }
             | Input::Adopted { .. }
             | Input::Leave
             | Input::Tick => {}
@@ -120,6 +121,7 @@ impl Attachments {
             | Effect::Holders(_)
             | Effect::Peer(_)
             | Effect::Settled { .. }
+            | Effect::FindPrograms { .. }
             | Effect::Answer { .. }
             | Effect::WriteDatabase(_) => {}
         }

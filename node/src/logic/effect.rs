@@ -90,6 +90,17 @@ pub enum Effect {
         /// The hosts that take part.
         hosts: Vec<String>,
     },
+    /// See whether these programs could be started on this host, and give [`Input::Found`].
+    ///
+    /// [`Input::Found`]: crate::logic::agent::Input::Found
+    FindPrograms {
+        /// The deployment.
+        deployment: Deployment,
+        /// The change that asks, echoed.
+        number: u32,
+        /// Absolute path of each instance, its executable and its arguments.
+        programs: Vec<(String, Vec<String>)>,
+    },
     /// Write down that every host has confirmed the end of a deployment; nobody waits for it.
     Settled {
         /// The deployment.

@@ -135,7 +135,7 @@ fn wires_change_without_a_restart() {
     assert_eq!(world.wires_open, BTreeSet::from([1, 2, 3]));
     check(&mut world);
     // A program that is started again has the new wires.
-    let change = world.change("c1", &text, (1, 1), &["main/filter"]);
+    let change = world.change("c1", &text, (1, 1), &["main/filter", "main/filter"]);
     world.run_for(Duration::from_secs(4));
     assert_eq!(outcome(&world, change), Ok(vec!["replace    main/filter: started anew".to_owned()]));
     assert_eq!(lives(&world), [1, 2, 1, 1]);
@@ -161,7 +161,7 @@ fn of_two_people_the_first_one_wins_and_the_other_is_told() {
     let other = world.change("c1", &text("best"), (2, 0), &[]);
     world.run_for(Duration::from_secs(1));
     assert!(outcome(&world, first).is_ok());
-    assert_eq!(outcome(&world, second), Err(vec!["ann is changing `test` at this context".to_owned()]));
+    assert_eq!(outcome(&world, second), Err(vec!["ann is changing `test` at this moment".to_owned()]));
     let why = "ann has changed `test` meanwhile; `dca plan` shows what it is now";
     assert_eq!(outcome(&world, third), Err(vec![why.to_owned()]));
     assert_eq!(outcome(&world, other), Err(vec!["`test@2` does not run here".to_owned()]));
@@ -178,6 +178,12 @@ fn what_a_host_cannot_do_changes_nothing_anywhere() {
     world.run_for(Duration::from_secs(1));
     let reasons = outcome(&world, change).unwrap_err();
     assert!(reasons[0].starts_with("host `c2`: no program here offers the controller type `Unknown`"), "{reasons:?}");
+    let text =
+        FEED.replace("Tuned(\"c2\")", "Tuned(\"c2\", missing)").replace("Tuned(\"c1\")", "Tuned(\"c1\", better)");
+    let change = world.change("c1", &text, (1, 0), &[]);
+    world.run_for(Duration::from_secs(1));
+    let why = "host `c2`: `main/filter` cannot be started: there is no such program";
+    assert_eq!(outcome(&world, change), Err(vec![why.to_owned()]));
     assert_eq!(lives(&world), [1, 1, 1, 1]);
     check(&mut world);
 }

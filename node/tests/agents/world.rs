@@ -312,6 +312,12 @@ impl World {
             Effect::Shim { .. } | Effect::Control { .. } => {}
             Effect::Answer { call, answer } => self.answers.entry(call).or_default().push(*answer),
             Effect::Settled { deployment } => self.settled.push((host.into(), deployment)),
+            Effect::FindPrograms { deployment, number, programs } => {
+                let is_missing = |(_, command): &(String, Vec<String>)| command.iter().any(|word| word == "missing");
+                let problem = |(path, _)| format!("`{path}` cannot be started: there is no such program");
+                let problems = programs.into_iter().filter(is_missing).map(problem).collect();
+                self.at(1, host, Coming::Input(Input::Found { deployment, number, problems }));
+            }
             Effect::PersistEpoch { deployment, .. } => {
                 let written = self.disk_refuses.clone().map_or(Ok(()), Err);
                 self.at(self.disk_ms, host, Coming::Input(Input::Committed { deployment, written }));

@@ -2,6 +2,7 @@
 
 use super::{Driver, settings};
 use crate::io::child;
+use crate::io::event::Event;
 use crate::io::starter::{self, Job, Start};
 use crate::logic::agent::{Input, OVER_MAX};
 use crate::logic::effect::{ProcessId, SpawnOrder};
@@ -20,6 +21,24 @@ use tokio::sync::mpsc;
 const INHERITED: [&str; 6] = ["PATH", "HOME", "USER", "LANG", "TZ", "RUST_LOG"];
 
 impl Driver {
+    /// Looks at executables in a task: a folder of another machine may not answer.
+    pub(super) fn find_programs(
+        &mut self,
+        (deployment, number): (Deployment, u32),
+        programs: Vec<(String, Vec<String>)>,
+    ) {
+        let events = self.events.clone();
+        self.tasks.spawn(async move {
+            let problem = |(path, command): (String, Vec<String>)| {
+                let problem = child::check_executable(&command).err()?;
+                Some(format!("`{path}` cannot be started: {problem}"))
+            };
+            let looking = tokio::task::spawn_blocking(move || programs.into_iter().filter_map(problem).collect()).await;
+            let problems = looking.unwrap_or_else(|error| vec![error.to_string()]);
+            events.send(Event::Found(deployment, number, problems)).await.unwrap_or_default();
+        });
+    }
+
     /// Has a program started beside the loop; what it is told meanwhile waits for it.
     pub(super) fn spawn(&mut self, order: SpawnOrder) {
         let process = order.process.clone();

@@ -81,6 +81,17 @@ pub enum Input {
         /// Each with its value as a spec spells it, or nothing if the spec's counts again.
         parameters: Vec<(String, Option<String>)>,
     },
+    /// The answer to [`Effect::FindPrograms`].
+    ///
+    /// [`Effect::FindPrograms`]: crate::logic::effect::Effect::FindPrograms
+    Found {
+        /// The deployment.
+        deployment: Deployment,
+        /// The change that asks.
+        number: u32,
+        /// What cannot be started, for a person.
+        problems: Vec<String>,
+    },
     /// An order did not reach a controller.
     Undelivered {
         /// The program.

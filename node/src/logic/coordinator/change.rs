@@ -95,7 +95,7 @@ impl Coordinator {
             return Err(vec![format!("`{name}@{epoch}` does not run")]);
         }
         if let Some(change) = &self.change {
-            return Err(vec![format!("{} is changing `{name}` at this context", change.by)]);
+            return Err(vec![format!("{} is changing `{name}` at this moment", change.by)]);
         }
         if self.revision.0 != revision {
             return Err(vec![format!(
@@ -111,7 +111,9 @@ impl Coordinator {
         }
         let found = difference(&self.plan, &plan)?;
         let again = again.iter().map(|path| self.leaf(path)).collect::<Result<Vec<u32>, String>>();
-        let again = again.map_err(|why| vec![why])?;
+        let mut again = again.map_err(|why| vec![why])?;
+        again.sort_unstable();
+        again.dedup();
         let mut lines: Vec<String> = found.changes.iter().map(ToString::to_string).collect();
         let is_named = |leaf: &u32| {
             found

@@ -6,7 +6,7 @@
 
 use super::{Participant, Phase, spawn_order};
 use crate::logic::claims::Claims;
-use crate::logic::effect::{Out, ProcessId};
+use crate::logic::effect::{Effect, Out, ProcessId};
 use crate::logic::executer::leaf_host;
 use crate::logic::instance::{Instance, Start};
 use crate::logic::programs::Programs;
@@ -47,8 +47,7 @@ impl Participant {
     pub fn take_change(&mut self, order: ChangeOrder, host: &str, programs: &Programs, out: &mut Out<'_>) {
         match order {
             ChangeOrder::Examine { number, plan } => {
-                let reasons = self.obstacles(&plan, host, programs);
-                self.answer_change(ChangeReply::Examined { number, reasons }, out);
+                self.examine((number, &plan), host, programs, out);
             }
             ChangeOrder::Apply { number, plan, again, probation } => match self.starts(&plan, host, programs) {
                 Ok(starts) => self.apply((number, plan, again, probation), (host, starts), out),
@@ -75,13 +74,30 @@ impl Participant {
         }
     }
 
-    /// Returns why the next plan cannot be taken on here.
-    fn obstacles(&self, plan: &Plan, host: &str, programs: &Programs) -> Vec<String> {
-        if self.phase != Phase::Running {
-            return vec![format!("host `{host}`: the deployment does not run there")];
+    /// Says why the next plan cannot be taken on here, once it is known whether the programs that differ can be started.
+    fn examine(&self, (number, plan): (u32, &Plan), host: &str, programs: &Programs, out: &mut Out<'_>) {
+        let starts = if self.phase == Phase::Running {
+            self.starts(plan, host, programs)
+        } else {
+            Err(vec!["the deployment does not run there".to_owned()])
+        };
+        match starts {
+            Ok(starts) => {
+                let differs = |(leaf, start): &(u32, Start)| {
+                    self.instances.get(leaf).is_none_or(|instance| !instance.is_same_program(start))
+                };
+                let differing = starts.into_iter().filter(differs);
+                let programs = differing.map(|(_, (order, _))| (order.path, order.command)).collect();
+                out.effects.push(Effect::FindPrograms { deployment: self.deployment.clone(), number, programs });
+            }
+            Err(problems) => self.examined((number, host), problems, out),
         }
-        let unknown = self.starts(plan, host, programs).err().unwrap_or_default();
-        unknown.into_iter().map(|why| format!("host `{host}`: {why}")).collect()
+    }
+
+    /// Tells the home what is against the next plan here.
+    pub fn examined(&self, (number, host): (u32, &str), problems: Vec<String>, out: &mut Out<'_>) {
+        let reasons = problems.into_iter().map(|why| format!("host `{host}`: {why}")).collect();
+        self.answer_change(ChangeReply::Examined { number, reasons }, out);
     }
 
     /// Returns how each program of this host is started by a plan.
