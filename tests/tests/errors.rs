@@ -268,7 +268,10 @@ fn a_deployment_that_is_already_there() {
     let node = here.node("c1", &[]);
     let first = here.dca(&["deploy", &file]);
     first.wait_for(Stream::Err, "▸", SOON);
-    let second = here.ask(&["deploy", &file]);
+    let same = here.ask(&["deploy", &file]);
+    assert!(same.code == Some(0) && same.out.contains("nothing changes"), "{same}");
+    let other = cluster.file("idle.dca", &IDLE.replace("{ idle }", "{ idle ; idle }"));
+    let second = here.ask(&["deploy", &other]);
     assert!(first.is_running(), "the first goes on");
     let stop = here.ask(&["stop", "idle"]);
     assert_eq!(stop.code, Some(0), "{stop}");
@@ -276,7 +279,12 @@ fn a_deployment_that_is_already_there() {
     let again = here.ask(&["stop", "idle"]);
     let logs = here.ask(&["logs", "nothing"]);
     end(node);
-    check(&cluster, &second, 1, &["`idle` is already deployed; `dca stop idle` ends it"]);
+    check(
+        &cluster,
+        &second,
+        1,
+        &["`idle@1` is already deployed, and cannot become this spec", "`dca stop idle` ends it"],
+    );
     check(&cluster, &again, 1, &["no deployment `idle` is running"]);
     check(&cluster, &logs, 1, &["no process `nothing`"]);
 }

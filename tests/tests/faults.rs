@@ -141,6 +141,7 @@ fn two_users_of_one_name_are_one_winner_and_one_refusal() {
         let (winner, loser) = if is_anns { (ann, bob) } else { (bob, ann) };
         let (winner, loser) = (winner.ended(SOON), loser.ended(SOON));
         assert_eq!((winner.code, loser.code), (Some(1), Some(1)), "round {round}: {winner}\n{loser}");
-        assert!(loser.out.contains("`arm` is already"), "round {round}: {loser}");
+        let said = format!("{}{}", loser.out, loser.err);
+        assert!(said.contains("is already deployed"), "round {round}: {loser}");
     }
 }
