@@ -44,7 +44,7 @@ fn a_device_has_one_holder_across_deployments() {
     let second = here.ask(&["deploy", "--no-record", &cluster.file("second.dca", ARM)]);
     assert_eq!(second.code, Some(1), "{second}");
     let held = "host `c2`: `arm` is held by `main/there` of `first@1`; `dca stop first` ends that";
-    assert!(second.err.contains(held), "{second}");
+    assert!(format!("{}{}", second.out, second.err).contains(held), "{second}");
     // Then it is free.
     assert_eq!(here.ask(&["stop", "first"]).code, Some(0));
     assert_eq!(all(&names(&here), "devices", "device"), [""; 0]);
