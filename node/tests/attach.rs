@@ -166,6 +166,12 @@ fn a_suspended_shim_does_not_hold_its_node_up() {
     let place = lost("suspended");
     let shim = place.shim();
     kill_process(shim, Signal::STOP).unwrap();
+    // A signal is on its way for a while, and the threads that it has not reached still answer.
+    let threads = || std::fs::read_dir(format!("/proc/{shim}/task")).unwrap().flatten();
+    let stands = |stat: String| stat.rsplit(')').next().is_some_and(|rest| rest.trim_start().starts_with('T'));
+    while !threads().all(|thread| std::fs::read_to_string(thread.path().join("stat")).is_ok_and(stands)) {
+        std::thread::yield_now();
+    }
     let began = now();
     assert_eq!(place.attach(1).unwrap_err().kind(), ErrorKind::TimedOut);
     let waiting = crowd(&place.dir.join(SOCKET_FILE));
