@@ -12,7 +12,7 @@ const ARM: &str = "
 module Hold(host) { exec \"sleep 600\"; plain; done; claims arm; }
 module Wait(host) { exec \"sleep 600\"; plain; done; }
 process main() {
-    host { \"c1\", \"c2\" }
+    host { \"c1\" }
     instantiated_processes { here instof Wait(\"c1\"); there instof Hold(\"c2\"); }
     internal_event_actions { here , there }
 }

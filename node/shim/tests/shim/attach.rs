@@ -172,7 +172,8 @@ fn a_grace_stops_the_program_and_nobody_undoes_it() {
     wait_for(&shim.dir, "up");
     assert_eq!(Lost::of(shim).left().read(EXIT_FILE), "ended exit 5 agent-lost\n");
 
-    let shim = start(Gate::None, Some(Duration::from_secs(5)), STUBBORN);
+    let mut shim = start(Gate::None, Some(Duration::from_secs(5)), STUBBORN);
+    assert!(matches!(shim.next(), Some(ShimReport::Started { .. })), "an agent that has this attaches");
     wait_for(&shim.dir, "up");
     let lost = Lost::of(shim);
     let agent = lost.attach(1);
