@@ -2,7 +2,8 @@
 //! starts programs anew from the files as they are now.
 
 use crate::client::{ANSWER_WITHIN, Client, Clients, unasked};
-use crate::follow::{Spec, whoami};
+use crate::follow::Spec;
+use crate::io::user;
 use crate::stop::{Located, locate};
 use crate::{ConnectArgs, Controllers, check, stored};
 use anyhow::anyhow;
@@ -162,7 +163,7 @@ async fn change(
     probation: Probation,
 ) -> Result<(), Failure> {
     let (name, epoch, revision) = (plan.name.clone(), running.epoch, running.revision);
-    let (probation, by) = (probation.span(), whoami());
+    let (probation, by) = (probation.span(), user::name_and_host());
     let request = ChangeRequest { name: name.clone(), epoch, revision, plan, again, probation, by };
     let mut answers = client.ask_on(home, &Request::Change(Box::new(request)))?;
     let answer = match answers.next().await {

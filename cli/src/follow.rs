@@ -6,6 +6,7 @@ use crate::client::{Answers, Client, unasked, words};
 use crate::display::{Display, UPDATE_EVERY};
 use crate::io::observer::{Observer, ObserverEvent, Sample};
 use crate::io::recorder::Recorder;
+use crate::io::user;
 use crate::logic::mission::{Files, Mission, Outcome};
 use crate::logic::record::{Entry, Messages, Port, ports};
 use crate::output::Output;
@@ -104,7 +105,7 @@ pub(crate) async fn follow(client: &Client, spec: Spec, following: &FollowArgs) 
     let ports = ports(&spec.plan, &following.ports, &messages).map_err(|why| anyhow!(why))?;
     let recorder = if following.no_record { None } else { Some(start_record(&spec, &following.runs)?) };
     let (mut watch, arriving) = Watch::new(&spec.plan, home.clone(), recorder, ports);
-    let request = Request::Deploy { request: entropy::number()?, plan: spec.plan, by: whoami() };
+    let request = Request::Deploy { request: entropy::number()?, plan: spec.plan, by: user::name_and_host() };
     let answers = client.ask_on(&home, &request)?;
     let watched = watch.watch(client, &home, answers, arriving).await;
     watch.finish(watched).await
@@ -118,19 +119,6 @@ pub(crate) async fn attach(client: &Client, plan: Plan, deployment: Deployment) 
     let answers = client.ask_on(&home, &Request::Watch { deployment, seen: 0 })?;
     let watched = watch.watch(client, &home, answers, arriving).await;
     watch.finish(watched).await
-}
-
-/// Returns who runs this command, and where: `ann@c1`.
-pub(crate) fn whoami() -> String {
-    let uid = rustix::process::getuid().as_raw().to_string();
-    let users = std::fs::read_to_string("/etc/passwd").unwrap_or_default();
-    let named = |line: &str| {
-        let mut fields = line.split(':');
-        let (name, id) = (fields.next()?, fields.nth(1)?);
-        (id == uid).then(|| name.to_owned())
-    };
-    let user = users.lines().find_map(named).unwrap_or(uid.clone());
-    format!("{user}@{}", rustix::system::uname().nodename().to_string_lossy())
 }
 
 impl Watch {

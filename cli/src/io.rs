@@ -4,4 +4,5 @@ pub mod machine;
 pub mod named_file;
 pub mod observer;
 pub mod recorder;
+pub mod user;
 pub mod whole_file;

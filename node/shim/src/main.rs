@@ -20,6 +20,7 @@ mod descendants;
 mod group;
 mod launch;
 mod output;
+mod record;
 mod watchdog;
 
 use agent::Agent;
@@ -31,19 +32,17 @@ use comms::logic::time::Time;
 use descendants::kill_descendants;
 use group::Group;
 use output::Output;
+use record::{Record, conclude};
 use rustix::io::Errno;
 use rustix::process::{Pid, PidfdFlags, Signal, WaitOptions, WaitStatus, pidfd_open, pidfd_send_signal};
-use shim::process_record::{ProcessRecord, RECORD_FILE};
+use shim::process_record::RECORD_FILE;
 use shim::processes;
 use shim::protocol::{
-    AGENT_LOSS_GRACE, EXIT_FILE, EndReason, Gate, LAUNCH, LimitKind, Limits, ProgramEnd, SOCKET_FILE, ShimOrder,
-    ShimReport, ShimStart,
+    EXIT_FILE, EndReason, Gate, LAUNCH, LimitKind, Limits, ProgramEnd, SOCKET_FILE, ShimOrder, ShimReport, ShimStart,
 };
-use std::fs::{File, OpenOptions};
 use std::io::{self, Write};
 use std::os::fd::OwnedFd;
 use std::os::unix::process::CommandExt;
-use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode, Stdio};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::time::Duration;
@@ -195,40 +194,6 @@ fn prepare(start: &ShimStart, agent: &Agent, events: SyncSender<Event>) -> Resul
         failed("open", SOCKET_FILE, &error)
     })?;
     Ok((record, group))
-}
-
-/// The record of who runs here, for a node that starts after this shim and its node were killed.
-struct Record {
-    path: PathBuf,
-}
-
-impl Record {
-    fn begin(start: &ShimStart) -> io::Result<Self> {
-        let path = start.dir.join(RECORD_FILE);
-        let record = ProcessRecord {
-            boot: processes::kernel_boot(),
-            // Whoever ends a program that would be kept gives it the grace of any other.
-            grace: start.agent_loss_grace.unwrap_or(AGENT_LOSS_GRACE),
-            shim: processes::this(),
-            program: None,
-        };
-        std::fs::write(&path, record.head())?;
-        Ok(Self { path })
-    }
-
-    fn add(&self, program: Pid) {
-        let Some(stat) = processes::stat(program.as_raw_nonzero().get()) else { return };
-        let line = ProcessRecord::program_line(stat.process);
-        let file = OpenOptions::new().append(true).open(&self.path);
-        // Without it the marks in its environment are left.
-        if let Err(error) = file.and_then(|mut file| file.write_all(line.as_bytes())) {
-            complain(&format!("dca-shim: cannot write `{}`: {error}", self.path.display()));
-        }
-    }
-
-    fn remove(&self) {
-        std::fs::remove_file(&self.path).unwrap_or_default();
-    }
 }
 
 /// Waits at the gate, if there is one; says whether it was opened.
@@ -424,23 +389,6 @@ fn ending(status: WaitStatus) -> ProgramEnd {
         // `wait` without options returns for no other reason.
         (None, None) => ProgramEnd::Exit(-1),
     }
-}
-
-/// Makes the end durable, then reports it: an agent that comes too late to attach reads the record.
-fn conclude(dir: &Path, agent: &Agent, end: &ShimReport) {
-    if let Err(error) = record(dir, end) {
-        complain(&format!("dca-shim: cannot write `{}`: {error}", dir.join(EXIT_FILE).display()));
-    }
-    agent.report(end);
-}
-
-fn record(dir: &Path, end: &ShimReport) -> io::Result<()> {
-    let unfinished = dir.join("exit.new");
-    let mut file = File::create(&unfinished)?;
-    writeln!(file, "{end}")?;
-    file.sync_all()?;
-    std::fs::rename(&unfinished, dir.join(EXIT_FILE))?;
-    File::open(dir)?.sync_all()
 }
 
 fn print(text: &str) -> io::Result<()> {

@@ -17,11 +17,11 @@
 //! The shim reads one connection at a time, to its end. A connection that begins with anything else is closed.
 
 mod end;
+mod start;
 
 pub use end::{EndReason, LimitKind, ProgramEnd};
-use std::ffi::OsString;
+pub use start::{Limits, Realtime, ShimStart};
 use std::fmt;
-use std::path::PathBuf;
 use std::time::Duration;
 use thiserror::Error;
 
@@ -43,70 +43,8 @@ pub const SOCKET_FILE: &str = "shim.sock";
 pub const BEAT_FILE: &str = "beat.sock";
 /// The longest line between agent and shim, its end included, in bytes. A longer one ends the connection.
 pub const LINE_MAX: u64 = 8 << 10;
-/// What stands in place of a grace when the program goes on without an agent.
-const KEEP: &str = "keep";
 /// How long a program may take to stop once its agent is gone, unless the start says otherwise.
 pub const AGENT_LOSS_GRACE: Duration = Duration::from_secs(1);
-
-/// What a shim starts, and how.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct ShimStart {
-    /// The instance directory, which exists: output and exit record go there.
-    pub dir: PathBuf,
-    /// The program's working directory.
-    pub working_directory: PathBuf,
-    /// When the program is executed.
-    pub gate: Gate,
-    /// How long the program may take to stop once the agent is gone. With none it goes on until it ends by itself or an
-    /// agent that has attached ends it.
-    pub agent_loss_grace: Option<Duration>,
-    /// How long the program may give no sign of life; for ever without. One behind [`Gate::None`] is watched from its first
-    /// sign on.
-    pub watchdog: Option<Duration>,
-    /// How long an `Init` of the program may take, and for one behind [`Gate::Exec`] the time to its `READY=1`; for ever
-    /// without.
-    pub ready_within: Option<Duration>,
-    /// What the program may use.
-    pub limits: Limits,
-    /// The control groups that the program joins before it is executed; the shim adds them for its own launch.
-    pub groups: Vec<PathBuf>,
-    /// How many files and sockets the program may have open before it asks for more: its soft limit.
-    pub descriptors: Option<u64>,
-    /// The program's whole environment; nothing is inherited.
-    pub environment: Vec<(String, String)>,
-    /// The executable (a path, or a name looked up in the `PATH` above) and its arguments.
-    pub command: Vec<String>,
-}
-
-/// What a program may use; what is not limited is left as the shim has it.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Limits {
-    /// Addressable memory, in bytes.
-    pub memory: Option<u64>,
-    /// Processor time, all in all; whole seconds count.
-    pub cpu: Option<Duration>,
-    /// Open files and sockets.
-    pub files: Option<u64>,
-    /// Niceness, -20 to 19.
-    pub nice: Option<i8>,
-    /// The real-time class, first in, first out.
-    pub realtime: Option<Realtime>,
-    /// Processes and threads at one time.
-    pub pids: Option<u64>,
-    /// The share of the processors, in thousandths of one.
-    pub cpu_share: Option<u32>,
-    /// The longest file, in bytes.
-    pub file_size: Option<u64>,
-}
-
-/// A place in the real-time class.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Realtime {
-    /// 1 to 99. Source: sched(7).
-    pub priority: u8,
-    /// Whether the program runs without it when the kernel refuses.
-    pub is_optional: bool,
-}
 
 /// When the program is executed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -293,165 +231,6 @@ impl AttachReply {
     }
 }
 
-impl ShimStart {
-    /// Returns the arguments of the shim.
-    pub fn arguments(&self) -> Vec<OsString> {
-        let gate = match self.gate {
-            Gate::None => "none",
-            Gate::Exec => "exec",
-        };
-        let mut arguments: Vec<OsString> = vec!["--directory".into(), self.dir.clone().into()];
-        arguments.extend(["--working-directory".into(), self.working_directory.clone().into()]);
-        arguments.extend(["--gate".into(), gate.into()]);
-        let agent_loss = self.agent_loss_grace.map_or_else(|| KEEP.to_owned(), |grace| grace.as_millis().to_string());
-        arguments.extend(["--agent-loss".into(), agent_loss.into()]);
-        for (name, bound) in [("--watchdog", self.watchdog), ("--ready-within", self.ready_within)] {
-            arguments.extend(bound.into_iter().flat_map(|bound| [name.into(), bound.as_millis().to_string().into()]));
-        }
-        if let Some(descriptors) = self.descriptors {
-            arguments.extend(["--descriptors".into(), descriptors.to_string().into()]);
-        }
-        for (name, value) in limit_arguments(&self.limits) {
-            arguments.extend([name.into(), value.into()]);
-        }
-        for group in &self.groups {
-            arguments.extend(["--group".into(), group.clone().into()]);
-        }
-        for (name, value) in &self.environment {
-            arguments.extend(["--environment".into(), format!("{name}={value}").into()]);
-        }
-        arguments.push("--".into());
-        arguments.extend(self.command.iter().map(OsString::from));
-        arguments
-    }
-
-    /// Reads the arguments of the shim, its own name left out.
-    ///
-    /// # Errors
-    /// Names the first argument that is wrong.
-    pub fn parse(arguments: impl IntoIterator<Item = OsString>) -> Result<Self, ChildError> {
-        let mut start = Self {
-            dir: PathBuf::new(),
-            working_directory: PathBuf::from("/"),
-            gate: Gate::None,
-            agent_loss_grace: Some(AGENT_LOSS_GRACE),
-            watchdog: None,
-            ready_within: None,
-            limits: Limits::default(),
-            groups: Vec::new(),
-            descriptors: None,
-            environment: Vec::new(),
-            command: Vec::new(),
-        };
-        let mut arguments = arguments.into_iter();
-        while let Some(argument) = arguments.next() {
-            let name = argument.to_string_lossy().into_owned();
-            if name == "--" {
-                break;
-            }
-            let wrong = |problem| ChildError::Argument { argument: name.clone(), problem };
-            let value = arguments.next().ok_or_else(|| wrong("needs a value"))?;
-            start.set(&name, value).map_err(wrong)?;
-        }
-        for argument in arguments {
-            start.command.push(text(argument).map_err(|()| ChildError::Argument {
-                argument: "--".to_owned(),
-                problem: "the command must be UTF-8",
-            })?);
-        }
-        if start.dir.as_os_str().is_empty() {
-            return Err(ChildError::Argument { argument: "--directory".to_owned(), problem: "is needed" });
-        }
-        if start.command.is_empty() { Err(ChildError::NoProgram) } else { Ok(start) }
-    }
-
-    fn set(&mut self, name: &str, value: OsString) -> Result<(), &'static str> {
-        match name {
-            "--directory" => self.dir = value.into(),
-            "--working-directory" => self.working_directory = value.into(),
-            "--gate" => {
-                self.gate = match value.to_str() {
-                    Some("none") => Gate::None,
-                    Some("exec") => Gate::Exec,
-                    _ => return Err("must be `none` or `exec`"),
-                };
-            }
-            "--agent-loss" => {
-                let text = value.to_str().unwrap_or_default();
-                let millis = || text.parse().ok().ok_or("must be `keep` or a number");
-                self.agent_loss_grace = if text == KEEP { None } else { Some(Duration::from_millis(millis()?)) };
-            }
-            "--watchdog" | "--ready-within" => {
-                let millis = value.to_str().and_then(|millis| millis.parse().ok()).ok_or("must be a number")?;
-                let bound = if name == "--watchdog" { &mut self.watchdog } else { &mut self.ready_within };
-                *bound = Some(Duration::from_millis(millis));
-            }
-            "--descriptors" => {
-                let count = value.to_str().and_then(|count| count.parse().ok());
-                self.descriptors = Some(count.ok_or("must be a number")?);
-            }
-            "--group" => self.groups.push(value.into()),
-            "--memory"
-            | "--cpu-s"
-            | "--files"
-            | "--nice"
-            | "--realtime"
-            | "--realtime-optional"
-            | "--pids"
-            | "--cpu-share"
-            | "--file-size" => {
-                let value = value.to_str().ok_or("must be a number")?;
-                set_limit(&mut self.limits, name, value).ok_or("must be a number")?;
-            }
-            "--environment" => {
-                let entry = text(value).map_err(|()| "must be UTF-8")?;
-                let (name, value) = entry.split_once('=').ok_or("must be `NAME=value`")?;
-                self.environment.push((name.to_owned(), value.to_owned()));
-            }
-            _ => return Err("is unknown"),
-        }
-        Ok(())
-    }
-}
-
-fn limit_arguments(limits: &Limits) -> Vec<(&'static str, String)> {
-    let realtime = limits.realtime.map(|Realtime { priority, is_optional }| {
-        (if is_optional { "--realtime-optional" } else { "--realtime" }, priority.to_string())
-    });
-    let all = [
-        limits.memory.map(|bytes| ("--memory", bytes.to_string())),
-        limits.cpu.map(|time| ("--cpu-s", time.as_secs().to_string())),
-        limits.files.map(|count| ("--files", count.to_string())),
-        limits.nice.map(|nice| ("--nice", nice.to_string())),
-        realtime,
-        limits.pids.map(|count| ("--pids", count.to_string())),
-        limits.cpu_share.map(|share| ("--cpu-share", share.to_string())),
-        limits.file_size.map(|bytes| ("--file-size", bytes.to_string())),
-    ];
-    all.into_iter().flatten().collect()
-}
-
-fn set_limit(limits: &mut Limits, name: &str, value: &str) -> Option<()> {
-    match name {
-        "--memory" => limits.memory = Some(value.parse().ok()?),
-        "--cpu-s" => limits.cpu = Some(Duration::from_secs(value.parse().ok()?)),
-        "--files" => limits.files = Some(value.parse().ok()?),
-        "--nice" => limits.nice = Some(value.parse().ok()?),
-        "--pids" => limits.pids = Some(value.parse().ok()?),
-        "--cpu-share" => limits.cpu_share = Some(value.parse().ok()?),
-        "--file-size" => limits.file_size = Some(value.parse().ok()?),
-        _ => {
-            let is_optional = name == "--realtime-optional";
-            limits.realtime = Some(Realtime { priority: value.parse().ok()?, is_optional });
-        }
-    }
-    Some(())
-}
-
-fn text(value: OsString) -> Result<String, ()> {
-    value.into_string().map_err(drop)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -491,49 +270,5 @@ mod tests {
         for line in ["", "attach", "attach ", "attach -1", "attach 1 2", "attached", "attached x", "go"] {
             assert_eq!((AttachRequest::parse(line), AttachReply::parse(line)), (None, None), "{line}");
         }
-    }
-
-    #[test]
-    fn start_round_trips() {
-        let mut start = ShimStart {
-            dir: "/run/dca/d/x".into(),
-            working_directory: "/tmp".into(),
-            gate: Gate::Exec,
-            agent_loss_grace: Some(Duration::from_millis(20)),
-            watchdog: Some(Duration::from_millis(500)),
-            ready_within: Some(Duration::from_secs(3)),
-            limits: Limits {
-                memory: Some(200_000_000),
-                cpu: Some(Duration::from_secs(600)),
-                files: Some(64),
-                nice: Some(-5),
-                realtime: Some(Realtime { priority: 40, is_optional: true }),
-                pids: Some(32),
-                cpu_share: Some(500),
-                file_size: Some(10_000_000),
-            },
-            groups: vec!["/sys/fs/cgroup/pids/dca-program-7-70".into()],
-            descriptors: Some(1024),
-            environment: vec![("DCA_INSTANCE".into(), "main/a=b".into()), ("EMPTY".into(), String::new())],
-            command: vec!["sleep".into(), "--".into(), "5".into()],
-        };
-        assert_eq!(ShimStart::parse(start.arguments()).as_ref(), Ok(&start));
-        start.agent_loss_grace = None;
-        assert_eq!(ShimStart::parse(start.arguments()), Ok(start));
-    }
-
-    #[test]
-    fn start_refusals() {
-        let check = |arguments: &[&str], expect: &str| {
-            let error = ShimStart::parse(arguments.iter().map(OsString::from)).unwrap_err();
-            assert_eq!(error.to_string(), expect);
-        };
-        check(&["--directory", "/d", "--"], "no program to start after `--`");
-        check(&["--", "true"], "argument `--directory`: is needed");
-        check(&["--gate", "open"], "argument `--gate`: must be `none` or `exec`");
-        check(&["--agent-loss", "never"], "argument `--agent-loss`: must be `keep` or a number");
-        check(&["--directory"], "argument `--directory`: needs a value");
-        check(&["--nice", "very"], "argument `--nice`: must be a number");
-        check(&["--speed", "9"], "argument `--speed`: is unknown");
     }
 }

@@ -3,10 +3,10 @@
 mod adoption;
 mod launching;
 mod settings;
+mod start;
 
 use crate::io::caller::Caller;
 use crate::io::cgroup;
-use crate::io::child::leftovers;
 use crate::io::database;
 use crate::io::event::{Connection, Event};
 use crate::io::input_log::InputLog;
@@ -17,12 +17,11 @@ use crate::io::run_dir::RunDir;
 use crate::io::service_manager::ServiceManager;
 use crate::io::starter::{self, Job, Starter};
 use crate::io::{programs, ready, tail};
-use crate::logic::agent::{Agent, Identity, Input};
+use crate::logic::agent::{Identity, Input};
 use crate::logic::database::settings::Settings;
 use crate::logic::effect::{Effect, ProcessId};
 use crate::logic::nameserver::Change;
 use crate::logic::node_state::NodeState;
-use crate::logic::programs::Programs;
 use crate::logic::protocol::{Answer, Deployment};
 use anyhow::Context;
 use comms::io::clock;
@@ -167,17 +166,17 @@ async fn next(arriving: &mut Receiver<Event>) -> Event {
 
 impl Driver {
     async fn open(config: Config, events: Sender<Event>) -> anyhow::Result<Self> {
-        let machine = machine();
-        let (dir, before) = take_folder(&config, &machine).await?;
+        let machine = start::machine();
+        let (dir, before) = start::take_folder(&config, &machine).await?;
         let journal =
             Journal::open(&config.state.as_deref().map_or_else(|| dir.journal(), |state| state.join("journal")))
                 .context("opening the journal")?;
-        let offered = offered(&config).await?;
+        let offered = start::offered(&config).await?;
         let pid = std::process::id();
         let boot = entropy::number().context("reading a random number from the system")?;
         let inputs = InputLog::new(dir.path(), &machine, config.adopts);
         let is_adopting = before.is_some();
-        let state = state(before, offered, || {
+        let state = start::state(before, offered, || {
             let (host, epoch, open) = (config.name.clone(), journal.epoch(), journal.open_ends());
             Identity { host, boot, pid, machine, epoch, open }
         });
@@ -194,7 +193,7 @@ impl Driver {
         };
         let peers = Peers::open(options, (state.agent.boot(), state.agent.started()), sink, &mut tasks).await?;
         peers.hold(state.agent.holders().clone());
-        let options = database_options(&config, &dir);
+        let options = start::database_options(&config, &dir);
         let session = Arc::clone(peers.session());
         let database = tokio::task::spawn_blocking(move || database::start(&options, &session)).await??;
         let (jobs, waiting) = mpsc::channel(starter::JOBS_MAX);
@@ -401,73 +400,4 @@ impl Driver {
         self.peers.close().await;
         Ok(())
     }
-}
-
-fn database_options(config: &Config, dir: &RunDir) -> database::Options {
-    database::Options {
-        robot: config.name.clone(),
-        team: config.team.clone(),
-        folder: config.state.clone(),
-        store: config.store,
-        scratch: dir.path().to_owned(),
-        proof: dir.proof().to_owned(),
-        founds: config.founds,
-    }
-}
-
-/// Asks the programs of controllers what they offer.
-async fn offered(config: &Config) -> anyhow::Result<Programs> {
-    let mut offered = Programs::default();
-    for program in programs::chosen(&config.controllers) {
-        let asked = program.clone();
-        let interface = tokio::task::spawn_blocking(move || programs::interfaces(&asked)).await??;
-        offered.declare(&program.display().to_string(), interface);
-    }
-    Ok(offered)
-}
-
-/// Returns the state that a node begins with: that of the one before, if it is taken over.
-fn state(before: Option<NodeState>, offered: Programs, identity: impl FnOnce() -> Identity) -> NodeState {
-    if let Some(mut state) = before {
-        state.agent.move_to(std::process::id(), offered);
-        return state;
-    }
-    let now = clock::now();
-    NodeState::new(Agent::new(identity(), offered, now), now)
-}
-
-/// Takes the folder of the node, and what a node of its name that was killed has left in it, if that can be taken over. What
-/// cannot is ended. Moves into a control group of its own.
-async fn take_folder(config: &Config, machine: &str) -> anyhow::Result<(RunDir, Option<NodeState>)> {
-    let (base, name, adopts) = (config.base.clone(), config.name.clone(), config.adopts);
-    let machine = machine.to_owned();
-    let taking = tokio::task::spawn_blocking(move || {
-        let dir = RunDir::take(&base, &name)?;
-        dir.remove_socket()?;
-        let mut inputs = InputLog::new(dir.path(), &machine, adopts);
-        if let Some(state) = adopts.then(|| adoption::replay(&inputs)).flatten() {
-            adoption::end_strangers(&dir, &state);
-            cgroup::enter_recorded(dir.path());
-            return anyhow::Ok((dir, Some(state)));
-        }
-        inputs.remove();
-        let left = leftovers::end_all(dir.path());
-        if !left.is_empty() {
-            tracing::error!(pids = ?left, "processes of an earlier run cannot be ended: they may still move something");
-        }
-        dir.clear();
-        Ok((dir, None))
-    });
-    let (dir, state) = taking.await??;
-    cgroup::enter(dir.path());
-    // What a killed shim leaves behind comes to this process, which ends it.
-    rustix::process::set_child_subreaper(Some(rustix::process::getpid())).context("becoming the parent of orphans")?;
-    Ok((dir, state))
-}
-
-/// Names the machine and its network: the kernel's boot and the network namespace.
-fn machine() -> String {
-    let boot = std::fs::read_to_string("/proc/sys/kernel/random/boot_id").unwrap_or_default();
-    let network = std::fs::read_link("/proc/self/ns/net").unwrap_or_default();
-    format!("{} {}", boot.trim(), network.display())
 }

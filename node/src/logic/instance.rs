@@ -10,13 +10,15 @@
 //! after SIGTERM, then by the time the kernel has to remove what was killed. An activation outlives its program: while that
 //! is started again, its supervisor hears nothing.
 
+mod activation;
 mod program;
 mod replace;
 mod restarts;
 pub mod watchdog;
 
 use crate::logic::effect::{Effect, SpawnOrder, earliest};
-use crate::logic::protocol::{Change, Ending, Failure, FailureCause, LeafFacts};
+use crate::logic::protocol::{Change, Ending, FailureCause, LeafFacts};
+use activation::Current;
 use comms::logic::control::Order;
 use comms::logic::time::Time;
 use language::plan::{LeafKind, LinkLoss};
@@ -75,16 +77,6 @@ enum Stage {
         /// Whether its activation was to stop.
         is_stopping: bool,
     },
-}
-
-/// An activation that has not ended.
-#[derive(Debug, Serialize, Deserialize)]
-struct Current {
-    number: u32,
-    /// For its `Init`, in case another program takes its place.
-    value: Vec<u8>,
-    /// The host whose loss stops it.
-    lost: Option<String>,
 }
 
 /// What an instance has to say to its deployment.
@@ -325,100 +317,6 @@ impl Instance {
         self.is_up(context);
     }
 
-    /// Initialises and runs the program, or notes that this is to be done once it is there again.
-    pub fn activate(&mut self, activation: u32, value: Vec<u8>, context: &mut InstanceContext<'_>) {
-        if self.current.as_ref().is_some_and(|current| current.number == activation) {
-            return;
-        }
-        if let Some(cause) = self.obstacle() {
-            let failure = self.failure(cause, context);
-            return context.notes.push(Note::Ended(activation, Ending::Aborted(failure)));
-        }
-        self.current = Some(Current { number: activation, value: value.clone(), lost: None });
-        context.notes.push(Note::Changed(Change::Activated));
-        if self.stage == Stage::Idle {
-            self.run(value, context);
-        }
-    }
-
-    /// Returns why it cannot be activated, if so.
-    fn obstacle(&self) -> Option<FailureCause> {
-        let takes_part = match self.stage {
-            Stage::Leaving { .. } | Stage::Dead => {
-                let gone = || FailureCause::NotAvailable("its program is not running".into());
-                return Some(self.cause.clone().unwrap_or_else(gone));
-            }
-            Stage::Starting { .. } | Stage::Prepared | Stage::Connecting { .. } | Stage::Refused => self.joined,
-            Stage::Idle
-            | Stage::Running
-            | Stage::Stopping { .. }
-            | Stage::Waiting { .. }
-            | Stage::Removing { .. }
-            | Stage::Replacing { .. } => true,
-        };
-        if !takes_part {
-            Some(FailureCause::NotAvailable("it is not connected".into()))
-        } else if self.current.is_some() {
-            Some(FailureCause::Busy)
-        } else {
-            self.cut_off.first().cloned().map(FailureCause::HostLost)
-        }
-    }
-
-    /// Stops an activation; one that is over is left to the ending already sent.
-    pub fn stop(&mut self, activation: u32, context: &mut InstanceContext<'_>) {
-        if self.current.as_ref().is_none_or(|current| current.number != activation) {
-            return;
-        }
-        match self.stage {
-            Stage::Running => {
-                context.notes.push(Note::Changed(Change::Stopping));
-                if self.is_controller() {
-                    self.stage = Stage::Stopping { until: context.now + self.stop_within, forced: false };
-                    self.tell(Order::Stop { activation }, context);
-                } else {
-                    let until = context.now + self.stop_within + KILL_WITHIN;
-                    self.stage = Stage::Stopping { until, forced: true };
-                    self.tell_shim(ShimOrder::Stop { grace: self.stop_within }, context);
-                }
-            }
-            // The program died and has not been activated since: nothing moves.
-            Stage::Waiting { .. }
-            | Stage::Removing { .. }
-            | Stage::Starting { .. }
-            | Stage::Prepared
-            | Stage::Connecting { .. } => self.finish(Ending::Stopped, context),
-            // It is on its way out: what moves ends with it.
-            Stage::Replacing { until, forced, .. } => {
-                self.stage = Stage::Replacing { until, forced, is_stopping: true };
-            }
-            Stage::Idle | Stage::Stopping { .. } | Stage::Leaving { .. } | Stage::Refused | Stage::Dead => {}
-        }
-    }
-
-    /// Stops what runs because `host` is lost, which then counts as its failure; nothing new begins until [`Self::reach`].
-    pub fn cut(&mut self, host: &str, context: &mut InstanceContext<'_>) {
-        self.hold(host);
-        if matches!(self.stage, Stage::Stopping { .. } | Stage::Leaving { .. }) {
-            return;
-        }
-        if let Some(current) = &mut self.current {
-            current.lost = Some(host.to_owned());
-            let number = current.number;
-            self.stop(number, context);
-        }
-    }
-
-    /// Begins nothing new while `host` is lost.
-    pub fn hold(&mut self, host: &str) {
-        self.cut_off.insert(host.to_owned());
-    }
-
-    /// Takes note that `host` is back.
-    pub fn reach(&mut self, host: &str) {
-        self.cut_off.remove(host);
-    }
-
     /// Takes note that an order did not reach the program: it is of no more use.
     pub fn undelivered(&mut self, why: String, context: &mut InstanceContext<'_>) {
         let is_there = !matches!(
@@ -459,24 +357,6 @@ impl Instance {
                 }
             }
         }
-    }
-
-    /// Ends the current activation, if there is one. What stopped because a host was lost has failed.
-    fn finish(&mut self, ending: Ending, context: &mut InstanceContext<'_>) {
-        let Some(Current { number, lost, .. }) = self.current.take() else { return };
-        let ending = match (ending, lost) {
-            (Ending::Stopped, Some(host)) => Ending::Aborted(self.failure(FailureCause::HostLost(host), context)),
-            (ending, _) => ending,
-        };
-        self.failed = match &ending {
-            Ending::Aborted(failure) => Some(failure.cause.clone()),
-            Ending::Done(_) | Ending::Stopped | Ending::Unconfirmed => None,
-        };
-        context.notes.push(Note::Ended(number, ending));
-    }
-
-    fn failure(&self, cause: FailureCause, context: &InstanceContext<'_>) -> Failure {
-        Failure { origin: self.order.path.clone(), cause, at: context.since_go }
     }
 
     fn is_controller(&self) -> bool {

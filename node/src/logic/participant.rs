@@ -7,6 +7,7 @@
 mod change;
 mod links;
 mod loss;
+mod report;
 mod status;
 
 use crate::logic::claims::Claims;
@@ -14,10 +15,7 @@ use crate::logic::effect::{Out, ProcessId, SpawnOrder, earliest};
 use crate::logic::executer::{ExecContext, Executer, below_using, group_host, leaf_host};
 use crate::logic::instance::{Instance, InstanceContext, Note};
 use crate::logic::programs::Programs;
-use crate::logic::protocol::{
-    Change, Deployment, Ending, Failure, FailureCause, LeafFacts, Target, ToCoordinator, ToParticipant,
-};
-use crate::logic::table::counted;
+use crate::logic::protocol::{Change, Deployment, Ending, Failure, FailureCause, LeafFacts, Target, ToParticipant};
 use crate::logic::wiring::Registrations;
 use change::Changing;
 use comms::logic::control::Notice;
@@ -414,67 +412,6 @@ impl Participant {
         let target = Target::Group(group);
         self.happened(target, Change::Ended(ending.clone()), out);
         self.tell_supervisor(target, activation, ending, out);
-    }
-
-    fn tell_supervisor(&self, target: Target, activation: u32, ending: Ending, out: &mut Out<'_>) {
-        match self.supervisors.get(&target).and_then(|(group, _)| group_host(&self.plan, *group)) {
-            Some(host) => {
-                out.send(host, self.deployment.to_participant(ToParticipant::Ended { target, activation, ending }));
-            }
-            None => out.send(&self.home, self.deployment.to_coordinator(ToCoordinator::MainEnded { ending })),
-        }
-    }
-
-    fn happened(&self, target: Target, change: Change, out: &mut Out<'_>) {
-        out.send(&self.home, self.deployment.to_coordinator(ToCoordinator::Happened { target, change }));
-    }
-
-    fn report_prepared(&mut self, out: &mut Out<'_>) {
-        if self.phase != Phase::Preparing || !self.waiting.is_empty() {
-            return;
-        }
-        let reasons = self.take_reasons();
-        let message = if reasons.is_empty() {
-            ToCoordinator::Prepared { facts: std::mem::take(&mut self.facts), machine: self.machine.clone() }
-        } else {
-            ToCoordinator::Refused { reasons }
-        };
-        out.send(&self.home, self.deployment.to_coordinator(message));
-    }
-
-    fn report_connected(&mut self, out: &mut Out<'_>) {
-        if self.phase != Phase::Connecting || !self.waiting.is_empty() {
-            return;
-        }
-        let reasons = self.take_reasons();
-        let message = if reasons.is_empty() { ToCoordinator::Connected } else { ToCoordinator::Refused { reasons } };
-        out.send(&self.home, self.deployment.to_coordinator(message));
-    }
-
-    /// Returns the reasons against this deployment, and forgets them. One that several programs have is one sentence: most
-    /// often they are of one executable.
-    fn take_reasons(&mut self) -> Vec<String> {
-        let mut reasons = std::mem::take(&mut self.reasons);
-        for (why, leaves) in std::mem::take(&mut self.refusals) {
-            let leaf = leaves.first().and_then(|leaf| self.plan.leaves.get(*leaf as usize));
-            let others = match leaves.len() {
-                0 | 1 => String::new(),
-                count => format!(" (and {})", counted(count - 1, "other")),
-            };
-            reasons.extend(leaf.map(|leaf| {
-                let host = self.plan.hosts.get(leaf.host as usize).map_or("", String::as_str);
-                format!("`{}`{others} cannot take part on `{host}`: {why}", leaf.path)
-            }));
-        }
-        reasons
-    }
-
-    fn report_released(&self, out: &mut Out<'_>) {
-        if self.is_over() {
-            let message =
-                if self.unconfirmed().is_empty() { ToCoordinator::Released } else { ToCoordinator::Unconfirmed };
-            out.send(&self.home, self.deployment.to_coordinator(message));
-        }
     }
 
     fn since_go(&self, now: Time) -> Duration {

@@ -1,0 +1,62 @@
+//! What a shim writes down: which process runs here, and how it has ended.
+
+use super::complain;
+use crate::agent::Agent;
+use rustix::process::Pid;
+use shim::process_record::{ProcessRecord, RECORD_FILE};
+use shim::processes;
+use shim::protocol::{AGENT_LOSS_GRACE, EXIT_FILE, ShimReport, ShimStart};
+use std::fs::{File, OpenOptions};
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+/// The record of who runs here, for a node that starts after this shim and its node were killed.
+pub(super) struct Record {
+    path: PathBuf,
+}
+
+impl Record {
+    pub(super) fn begin(start: &ShimStart) -> io::Result<Self> {
+        let path = start.dir.join(RECORD_FILE);
+        let record = ProcessRecord {
+            boot: processes::kernel_boot(),
+            // Whoever ends a program that would be kept gives it the grace of any other.
+            grace: start.agent_loss_grace.unwrap_or(AGENT_LOSS_GRACE),
+            shim: processes::this(),
+            program: None,
+        };
+        std::fs::write(&path, record.head())?;
+        Ok(Self { path })
+    }
+
+    pub(super) fn add(&self, program: Pid) {
+        let Some(stat) = processes::stat(program.as_raw_nonzero().get()) else { return };
+        let line = ProcessRecord::program_line(stat.process);
+        let file = OpenOptions::new().append(true).open(&self.path);
+        // Without it the marks in its environment are left.
+        if let Err(error) = file.and_then(|mut file| file.write_all(line.as_bytes())) {
+            complain(&format!("dca-shim: cannot write `{}`: {error}", self.path.display()));
+        }
+    }
+
+    pub(super) fn remove(&self) {
+        std::fs::remove_file(&self.path).unwrap_or_default();
+    }
+}
+
+/// Makes the end durable, then reports it: an agent that comes too late to attach reads the record.
+pub(super) fn conclude(dir: &Path, agent: &Agent, end: &ShimReport) {
+    if let Err(error) = write_end(dir, end) {
+        complain(&format!("dca-shim: cannot write `{}`: {error}", dir.join(EXIT_FILE).display()));
+    }
+    agent.report(end);
+}
+
+fn write_end(dir: &Path, end: &ShimReport) -> io::Result<()> {
+    let unfinished = dir.join("exit.new");
+    let mut file = File::create(&unfinished)?;
+    writeln!(file, "{end}")?;
+    file.sync_all()?;
+    std::fs::rename(&unfinished, dir.join(EXIT_FILE))?;
+    File::open(dir)?.sync_all()
+}

@@ -1,0 +1,201 @@
+//! Messages about deployments: each goes to the machine that it is for. The agent answers for one that is not there.
+
+use super::{Agent, DEPLOYMENTS_MAX};
+use crate::logic::claims::Claims;
+use crate::logic::effect::Out;
+use crate::logic::participant::Participant;
+use crate::logic::protocol::{
+    Body, ChangeOrder, ChangeReply, Deployment, Ending, Failure, FailureCause, Message, ToCoordinator, ToParticipant,
+};
+use language::plan::Plan;
+use std::sync::Arc;
+use std::time::Duration;
+
+impl Agent {
+    pub(super) fn deliver(&mut self, message: Message, from: &str, out: &mut Out<'_>) {
+        let Message { deployment, body } = message;
+        match body {
+            Body::Tombstone => {}
+            Body::Leaves => self.absence.leaves(from),
+            Body::Coordinator(message) => {
+                if let Some(coordinator) = self.coordinators.get_mut(&deployment) {
+                    return coordinator.receive(message, from, out);
+                }
+                self.confirm(&deployment, &message, from);
+            }
+            Body::Participant(message) => self.deliver_to_participant(&deployment, message, from, out),
+        }
+    }
+
+    /// A participant obeys its own home alone; one that is not there any more says so.
+    pub(super) fn deliver_to_participant(
+        &mut self,
+        deployment: &Deployment,
+        message: ToParticipant,
+        from: &str,
+        out: &mut Out<'_>,
+    ) {
+        let Some(participant) = self.participants.get_mut(deployment) else {
+            return self.answer_without_participant(deployment, message, from, out);
+        };
+        let is_home = participant.home() == from;
+        if matches!(message, ToParticipant::Prepare { .. }) {
+            let reason = format!("host `{}`: `{deployment}` is already there", self.identity.host);
+            out.send(from, deployment.to_coordinator(ToCoordinator::Refused { reasons: vec![reason] }));
+        } else if message == ToParticipant::Release && !is_home {
+            out.send(from, deployment.to_coordinator(ToCoordinator::Released));
+        } else if let ToParticipant::Change(order) = message {
+            if is_home {
+                self.take_change(deployment, order, out);
+            }
+        } else if is_home || !matches!(message, ToParticipant::Connect { .. } | ToParticipant::Go) {
+            participant.receive(message, from, out);
+        }
+    }
+
+    /// Carries out a step of a change; what others hold is not taken.
+    pub(super) fn take_change(&mut self, deployment: &Deployment, order: ChangeOrder, out: &mut Out<'_>) {
+        let host = &self.identity.host;
+        if let ChangeOrder::Examine { number, plan } = &order {
+            let mut reasons = self.conflicts(deployment, &Claims::of(plan, host));
+            if self.leaving {
+                reasons.push(format!("host `{host}`: its node is leaving"));
+            }
+            if !reasons.is_empty() {
+                let reply = ChangeReply::Examined { number: *number, reasons };
+                let home = self.participants.get(deployment).map(Participant::home);
+                home.into_iter()
+                    .for_each(|home| out.send(home, deployment.to_coordinator(ToCoordinator::Change(reply.clone()))));
+                return;
+            }
+        }
+        if let Some(participant) = self.participants.get_mut(deployment) {
+            participant.take_change(order, host, &self.programs, out);
+        }
+    }
+
+    pub(super) fn answer_without_participant(
+        &mut self,
+        deployment: &Deployment,
+        message: ToParticipant,
+        from: &str,
+        out: &mut Out<'_>,
+    ) {
+        if let ToParticipant::Prepare { plan } = message {
+            self.prepare(deployment.clone(), plan, from, out);
+        } else if message == ToParticipant::Release {
+            let is_loose = self.unended.contains_key(deployment);
+            out.send(
+                from,
+                deployment.to_coordinator(if is_loose { ToCoordinator::Unconfirmed } else { ToCoordinator::Released }),
+            );
+        } else if let ToParticipant::Change(order) = message {
+            let reason = format!("host `{}`: its node has left the deployment", self.identity.host);
+            out.send(from, deployment.to_coordinator(ToCoordinator::Change(order.failed(reason))));
+        } else {
+            let gone = FailureCause::NotAvailable("its node has left the deployment".to_owned());
+            let answer = answer_of_absent(message, gone);
+            answer.into_iter().for_each(|answer| out.send(from, deployment.to_participant(answer)));
+        }
+    }
+
+    pub(super) fn prepare(&mut self, deployment: Deployment, plan: Plan, from: &str, out: &mut Out<'_>) {
+        let host = &self.identity.host;
+        let refuse = |why: String, out: &mut Out<'_>| {
+            out.send(
+                from,
+                deployment.to_coordinator(ToCoordinator::Refused { reasons: vec![format!("host `{host}`: {why}")] }),
+            );
+        };
+        if self.leaving {
+            return refuse("its node is leaving".into(), out);
+        }
+        if let Some(why) = self.namesake().or_else(|| self.crash_loop(out.now)) {
+            return refuse(why, out);
+        }
+        if let Err(why) = plan.validate() {
+            return refuse(format!("the plan is not sound: {why}"), out);
+        }
+        if let Some(other) = self.participants.keys().find(|other| other.name == deployment.name) {
+            return refuse(format!("`{}` is already there (epoch {})", other.name, other.epoch), out);
+        }
+        if self.participants.len() >= DEPLOYMENTS_MAX {
+            return refuse(format!("it already takes part in {DEPLOYMENTS_MAX} deployments"), out);
+        }
+        if let Some(why) = self.conflicts(&deployment, &Claims::of(&plan, host)).first() {
+            return refuse(why.clone(), out);
+        }
+        let machine = self.identity.machine.clone();
+        let participant =
+            Participant::prepare(deployment.clone(), Arc::new(plan), (host, &machine), &self.programs, out);
+        self.participants.insert(deployment, participant);
+    }
+
+    /// Says what a host that cannot be reached would have to say.
+    pub(super) fn answer_for_lost(
+        &mut self,
+        lost: &str,
+        deployment: &Deployment,
+        message: ToParticipant,
+        out: &mut Out<'_>,
+    ) {
+        if matches!(message, ToParticipant::Prepare { .. }) {
+            let reason = format!("host `{lost}` cannot be reached; start `dca-node --name {lost} --lan` on it");
+            self.tell_coordinator(deployment, ToCoordinator::Refused { reasons: vec![reason] }, lost, out);
+        } else if message == ToParticipant::Release {
+            // A host that never took part has nothing to release; one that was lost is told about as unconfirmed.
+            self.tell_coordinator(deployment, ToCoordinator::Released, lost, out);
+        } else if let ToParticipant::Change(order) = message {
+            let reply = order.failed(format!("host `{lost}` cannot be reached"));
+            self.tell_coordinator(deployment, ToCoordinator::Change(reply), lost, out);
+        } else {
+            let answer = answer_of_absent(message, FailureCause::HostLost(lost.to_owned()));
+            let here = self.identity.host.clone();
+            answer.into_iter().for_each(|answer| out.send(&here, deployment.to_participant(answer)));
+        }
+    }
+
+    pub(super) fn tell_coordinator(
+        &mut self,
+        deployment: &Deployment,
+        message: ToCoordinator,
+        from: &str,
+        out: &mut Out<'_>,
+    ) {
+        if let Some(coordinator) = self.coordinators.get_mut(deployment) {
+            coordinator.receive(message, from, out);
+        }
+    }
+}
+
+/// Returns what a part of a deployment that is not there would have to say to its supervisor, so that nobody waits for
+/// ever.
+fn answer_of_absent(message: ToParticipant, cause: FailureCause) -> Option<ToParticipant> {
+    match message {
+        ToParticipant::Activate { target, activation, .. } => {
+            // The supervisor knows the path and the time.
+            let failure = Failure { origin: String::new(), cause, at: Duration::ZERO };
+            Some(ToParticipant::Ended { target, activation, ending: Ending::Aborted(failure) })
+        }
+        ToParticipant::Stop { target, activation } => {
+            let ending = if let FailureCause::HostLost(host) = cause {
+                let cause = FailureCause::HostLostStopping(host);
+                Ending::Aborted(Failure { origin: String::new(), cause, at: Duration::ZERO })
+            } else {
+                Ending::Unconfirmed
+            };
+            Some(ToParticipant::Ended { target, activation, ending })
+        }
+        ToParticipant::Switch { group, generation, .. } => Some(ToParticipant::Switched { group, generation }),
+        ToParticipant::Prepare { .. }
+        | ToParticipant::Connect { .. }
+        | ToParticipant::Go
+        | ToParticipant::Release
+        | ToParticipant::Ended { .. }
+        | ToParticipant::Switched { .. }
+        | ToParticipant::Moved { .. }
+        | ToParticipant::Loose { .. }
+        | ToParticipant::Cleared { .. }
+        | ToParticipant::Change(_) => None,
+    }
+}

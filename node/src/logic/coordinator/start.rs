@@ -1,0 +1,83 @@
+//! The start of a deployment at its home: every host prepares, every host connects, then GO.
+
+use super::{CONNECT_WITHIN, Coordinator, Phase, REASONS_WITHIN};
+use crate::logic::effect::Out;
+use crate::logic::protocol::{LeafFacts, Report, Target, ToParticipant};
+use crate::logic::wiring::observe;
+
+impl Coordinator {
+    pub(super) fn prepared(&mut self, from: &str, facts: Vec<LeafFacts>, machine: String, out: &mut Out<'_>) {
+        self.waiting.remove(from);
+        let leaves = u32::try_from(facts.len()).unwrap_or(u32::MAX);
+        self.registrations.facts.extend(facts.into_iter().map(|facts| (facts.leaf, facts)));
+        for (host, known) in self.hosts.iter().zip(&mut self.registrations.machines) {
+            if host == from {
+                known.clone_from(&machine);
+            }
+        }
+        self.report(Report::Prepared { host: from.to_owned(), leaves }, out);
+        if !self.waiting.is_empty() {
+            return;
+        }
+        if !self.reasons.is_empty() {
+            return self.end(None, out);
+        }
+        self.phase = Phase::Connecting;
+        self.deadline = Some(out.now + CONNECT_WITHIN);
+        self.waiting = self.hosts.iter().cloned().collect();
+        for host in self.hosts.clone() {
+            let facts = self.registrations.facts.values().cloned().collect();
+            let machines = self.registrations.machines.clone();
+            out.send(&host, self.deployment.to_participant(ToParticipant::Connect { facts, machines }));
+        }
+    }
+
+    pub(super) fn connected(&mut self, from: &str, out: &mut Out<'_>) {
+        self.waiting.remove(from);
+        self.report(Report::Connected { host: from.to_owned() }, out);
+        self.go_if_ready(out);
+    }
+
+    pub(super) fn go_if_ready(&mut self, out: &mut Out<'_>) {
+        if self.phase == Phase::Connecting && self.waiting.is_empty() && self.committed {
+            self.go(out);
+        }
+    }
+
+    /// The other hosts get a moment to say what is wrong with them, too.
+    pub(super) fn refused(&mut self, from: &str, reasons: Vec<String>, out: &mut Out<'_>) {
+        self.reasons.extend(reasons);
+        self.waiting.remove(from);
+        if self.waiting.is_empty() {
+            self.end(None, out);
+        } else {
+            let soon = out.now + REASONS_WITHIN;
+            self.deadline = Some(self.deadline.map_or(soon, |at| at.min(soon)));
+        }
+    }
+
+    pub(super) fn go(&mut self, out: &mut Out<'_>) {
+        self.phase = Phase::Running;
+        self.deadline = None;
+        self.go_at = Some(out.now);
+        let signals = self.registrations.facts.values().filter(|facts| facts.signals).filter_map(|facts| {
+            let leaf = self.plan.leaves.get(facts.leaf as usize)?;
+            let dial = observe(&self.registrations, facts.leaf)?;
+            Some((leaf.path.clone(), dial))
+        });
+        let signals = signals.collect();
+        self.report(Report::Go { took: out.now - self.begun, signals }, out);
+        let programs = self.registrations.facts.keys().filter_map(|leaf| {
+            let path = self.plan.leaves.get(*leaf as usize)?.path.clone();
+            Some((path, observe(&self.registrations, *leaf)?))
+        });
+        let at = programs.collect();
+        self.report(Report::Programs { at }, out);
+        for host in self.hosts.clone() {
+            out.send(&host, self.deployment.to_participant(ToParticipant::Go));
+        }
+        let Some(home) = self.plan.home().map(str::to_owned) else { return };
+        let order = ToParticipant::Activate { target: Target::Group(0), activation: 1, value: Vec::new() };
+        out.send(&home, self.deployment.to_participant(order));
+    }
+}

@@ -1,0 +1,70 @@
+//! What a part of a deployment reports: to the home, how far it is and what happens; to supervisors, how members have ended.
+
+use super::{Participant, Phase};
+use crate::logic::effect::Out;
+use crate::logic::executer::group_host;
+use crate::logic::protocol::{Change, Ending, Target, ToCoordinator, ToParticipant};
+use crate::logic::table::counted;
+
+impl Participant {
+    pub(super) fn tell_supervisor(&self, target: Target, activation: u32, ending: Ending, out: &mut Out<'_>) {
+        match self.supervisors.get(&target).and_then(|(group, _)| group_host(&self.plan, *group)) {
+            Some(host) => {
+                out.send(host, self.deployment.to_participant(ToParticipant::Ended { target, activation, ending }));
+            }
+            None => out.send(&self.home, self.deployment.to_coordinator(ToCoordinator::MainEnded { ending })),
+        }
+    }
+
+    pub(super) fn happened(&self, target: Target, change: Change, out: &mut Out<'_>) {
+        out.send(&self.home, self.deployment.to_coordinator(ToCoordinator::Happened { target, change }));
+    }
+
+    pub(super) fn report_prepared(&mut self, out: &mut Out<'_>) {
+        if self.phase != Phase::Preparing || !self.waiting.is_empty() {
+            return;
+        }
+        let reasons = self.take_reasons();
+        let message = if reasons.is_empty() {
+            ToCoordinator::Prepared { facts: std::mem::take(&mut self.facts), machine: self.machine.clone() }
+        } else {
+            ToCoordinator::Refused { reasons }
+        };
+        out.send(&self.home, self.deployment.to_coordinator(message));
+    }
+
+    pub(super) fn report_connected(&mut self, out: &mut Out<'_>) {
+        if self.phase != Phase::Connecting || !self.waiting.is_empty() {
+            return;
+        }
+        let reasons = self.take_reasons();
+        let message = if reasons.is_empty() { ToCoordinator::Connected } else { ToCoordinator::Refused { reasons } };
+        out.send(&self.home, self.deployment.to_coordinator(message));
+    }
+
+    /// Returns the reasons against this deployment, and forgets them. One that several programs have is one sentence: most
+    /// often they are of one executable.
+    pub(super) fn take_reasons(&mut self) -> Vec<String> {
+        let mut reasons = std::mem::take(&mut self.reasons);
+        for (why, leaves) in std::mem::take(&mut self.refusals) {
+            let leaf = leaves.first().and_then(|leaf| self.plan.leaves.get(*leaf as usize));
+            let others = match leaves.len() {
+                0 | 1 => String::new(),
+                count => format!(" (and {})", counted(count - 1, "other")),
+            };
+            reasons.extend(leaf.map(|leaf| {
+                let host = self.plan.hosts.get(leaf.host as usize).map_or("", String::as_str);
+                format!("`{}`{others} cannot take part on `{host}`: {why}", leaf.path)
+            }));
+        }
+        reasons
+    }
+
+    pub(super) fn report_released(&self, out: &mut Out<'_>) {
+        if self.is_over() {
+            let message =
+                if self.unconfirmed().is_empty() { ToCoordinator::Released } else { ToCoordinator::Unconfirmed };
+            out.send(&self.home, self.deployment.to_coordinator(message));
+        }
+    }
+}

@@ -1,0 +1,163 @@
+//! The programs of a [`World`]: what they say, how long they run, and how they end.
+
+use super::world::{Coming, World};
+use comms::logic::control::{Location, Notice, Order, VERSION};
+use language::plan::LeafKind;
+use node::logic::agent::Input;
+use node::logic::effect::{ProcessId, SpawnOrder};
+use shim::protocol::ShimReport;
+
+impl World {
+    pub(super) fn finish(&mut self, host: &str, process: ProcessId, activation: u32) {
+        if self.modules[&process] == "Script" {
+            return self.die(host, &process, ShimReport::Exited { code: 0 });
+        }
+        self.running.remove(&(host.to_owned(), process.clone()));
+        let notice = Notice::Done { activation, value: vec![] };
+        self.give(host, Input::Control { process, notice });
+    }
+
+    pub(super) fn notice(&mut self, millis: u64, host: &str, process: &ProcessId, notice: Notice) {
+        if self.alive.contains(&(host.to_owned(), process.clone())) {
+            let life = self.lives[process];
+            self.at(millis, host, Coming::Notice(process.clone(), life, notice));
+        }
+    }
+
+    pub(super) fn report(&mut self, host: &str, process: &ProcessId, report: ShimReport) {
+        let ended = report.end().is_some();
+        let output = if ended { self.output.clone() } else { Vec::new() };
+        let input = Input::Shim { process: process.clone(), report, output };
+        self.at(1, host, Coming::Input(input));
+    }
+
+    /// Ends a program as `kill -9` does.
+    pub(super) fn kill(&mut self, host: &str, leaf: u32) {
+        self.end(host, leaf, ShimReport::Signalled { signal: 9 });
+    }
+
+    /// Ends a program as its shim reports it.
+    pub(super) fn end(&mut self, host: &str, leaf: u32, how: ShimReport) {
+        let found = self.alive.iter().find(|(on, process)| on == host && process.leaf == leaf);
+        let (_, process) = found.expect("the program is alive").clone();
+        self.die(host, &process, how);
+    }
+
+    /// Ends a program, unless it is between two lives.
+    pub(super) fn kill_if_alive(&mut self, host: &str, leaf: u32) {
+        if self.alive.iter().any(|(on, process)| on == host && process.leaf == leaf) {
+            self.kill(host, leaf);
+        }
+    }
+
+    pub(super) fn die(&mut self, host: &str, process: &ProcessId, how: ShimReport) {
+        if !self.alive.remove(&(host.to_owned(), process.clone())) {
+            return;
+        }
+        self.running.remove(&(host.to_owned(), process.clone()));
+        // The wires of a program die with it: a new one has them closed.
+        self.wires_open.retain(|wire| self.openers.get(wire) != Some(process));
+        self.report(host, process, how);
+        self.report(host, process, ShimReport::Gone);
+    }
+
+    /// Counts an order that a program takes, or its shim; says whether it is there.
+    pub(super) fn took(&mut self, process: &ProcessId, is_control: bool) -> bool {
+        let Some((orders, shim_orders)) = self.took.get_mut(process) else { return false };
+        *(if is_control { orders } else { shim_orders }) += 1;
+        true
+    }
+
+    pub(super) fn order(&mut self, host: &str, process: &ProcessId, order: Order) {
+        if !self.alive.contains(&(host.to_owned(), process.clone())) {
+            return;
+        }
+        let module = self.modules[process].clone();
+        match order {
+            Order::Connect { incoming, .. } => {
+                let sessions = incoming.into_iter().map(|incoming| incoming.producer.session).collect();
+                self.dialled.insert(process.clone(), sessions);
+                self.notice(3, host, process, Notice::Connected);
+            }
+            Order::Relink { lost, found } => {
+                let sessions = self.dialled.entry(process.clone()).or_default();
+                sessions.remove(&lost);
+                sessions.insert(found.session);
+            }
+            Order::Open { wires, generation } => {
+                self.openers.extend(wires.iter().map(|wire| (*wire, process.clone())));
+                self.wires_open.extend(wires);
+                self.notice(2, host, process, Notice::Switched { generation });
+            }
+            Order::Close { wires, generation } => {
+                self.wires_open.retain(|wire| !wires.contains(wire));
+                self.notice(2, host, process, Notice::Switched { generation });
+            }
+            Order::Activate { activation, .. } => {
+                self.notice(1, host, process, Notice::Running { activation });
+                self.run(host, process, activation);
+            }
+            Order::Stop { activation } => {
+                self.running.remove(&(host.to_owned(), process.clone()));
+                if module != "Stubborn" {
+                    self.notice(4, host, process, Notice::Stopped { activation });
+                }
+            }
+            Order::Configure { .. } | Order::Shape { .. } | Order::Rejoin | Order::Resumed { .. } => {}
+            Order::Exit if self.lingers => {}
+            Order::Exit => self.die(host, process, ShimReport::Exited { code: 0 }),
+        }
+    }
+
+    pub(super) fn spawn(&mut self, host: &str, order: SpawnOrder) {
+        let process = order.process;
+        assert!(self.alive.insert((host.into(), process.clone())), "two programs of `{}`", order.path);
+        *self.lives.entry(process.clone()).or_default() += 1;
+        self.took.insert(process.clone(), (0, 0));
+        self.spawned.entry(order.path.clone()).or_default().push(order.policy);
+        self.modules.insert(process.clone(), order.command[1].clone());
+        self.commands.insert(process.clone(), order.command.clone());
+        if order.kind == LeafKind::Plain {
+            return self.report(host, &process, ShimReport::Ready);
+        }
+        self.report(host, &process, ShimReport::Started { pid: 100 + process.leaf });
+        if self.fails_at_start {
+            return self.die(host, &process, ShimReport::Exited { code: 1 });
+        }
+        if self.hangs_at_start {
+            return;
+        }
+        let local = vec!["unix".into()];
+        let location = Some(Location { session: self.session(&process), local, remote: vec!["tcp".into()] });
+        let owns = if order.command[1] == "Owner" { vec!["arm".to_owned()] } else { vec![] };
+        let needs = vec![];
+        let version = self.version.unwrap_or(VERSION);
+        let hello = Notice::Hello { version, instance: order.path, location, owns, needs, signals: false };
+        self.notice(5, host, &process, hello);
+    }
+
+    /// Returns the session of a program as it is now.
+    pub(super) fn session(&self, process: &ProcessId) -> String {
+        format!("leaf {} life {}", process.leaf, self.lives[process])
+    }
+
+    pub(super) fn run(&mut self, host: &str, process: &ProcessId, activation: u32) {
+        let module = self.modules[process].clone();
+        self.log.push(format!("{module} with wires {:?}", self.wires_open));
+        self.running.insert((host.into(), process.clone()), activation);
+        match self.commands[process].get(2).map(String::as_str) {
+            Some("dies") => return self.die(host, process, ShimReport::Exited { code: 3 }),
+            Some("aborts") => {
+                let reason = "it is not well".to_owned();
+                return self.notice(20, host, process, Notice::Aborted { activation, reason });
+            }
+            _ => {}
+        }
+        let lasts = match module.as_str() {
+            "Step" | "Script" | "Arm" | "Eye" | "Owner" => 50,
+            "Long" => 10_000,
+            _ => return,
+        };
+        self.at(lasts, host, Coming::Finish(process.clone(), self.lives[process], activation));
+    }
+}
