@@ -11,7 +11,7 @@ pub(crate) const FILES_MAX: usize = 1000;
 /// The most bytes of all files of one spec together.
 const TEXTS_MAX: usize = 4 * SOURCE_MAX;
 
-/// What a path names.
+/// The content of a path.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Content {
     /// A file, with its text.
@@ -190,7 +190,7 @@ mod tests {
         assert_eq!(found, [("a.dca", true), ("b.dca", true), ("c.dca", false)]);
     }
 
-    /// What becomes of each file, when these folders are there and every file of theirs uses the folder it is in.
+    /// Returns the role of each file, when these folders exist and every file uses its own folder.
     fn roles(spec: &str, folders: &[(&str, &[&str])]) -> Vec<String> {
         let read = |path: &str| match folders.iter().find(|(folder, _)| *folder == path) {
             Some((_, names)) => Ok(Content::Folder(names.iter().map(|name| (*name).to_owned()).collect())),

@@ -24,7 +24,7 @@ use crate::source::Source;
 use crate::{Compiled, Options};
 use model::Unit;
 
-/// What there is to draw of a spec.
+/// A drawing of a spec: its boxes, wires and size.
 #[derive(Clone, Debug)]
 pub struct Graph {
     root: Unit,

@@ -168,7 +168,7 @@ impl Analysis {
         self.index.get_or_init(|| Index::new(&self.model, self.trees(), &|span| self.text(span)))
     }
 
-    /// What stands in a span.
+    /// Returns the text of a span.
     fn text(&self, span: Span) -> &str {
         self.source(span).text.get(span.start as usize..span.end as usize).unwrap_or_default()
     }

@@ -1,20 +1,20 @@
-//! What goes over a wire, as far as the interface of its sender says it.
+//! The layout of the messages on a wire, as far as the interface of the sender declares it.
 
 /// A message that an output sends.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Message {
     /// Its type: `Wrench`.
     pub name: String,
-    /// What is in it.
+    /// The layout of its bytes.
     pub layout: Layout,
 }
 
-/// What is in a message, one after the other in the order of its type, as postcard encodes it.
+/// The layout of a message: its values one after the other, in the order of its type, as postcard encodes them.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Layout {
     /// A number of 64 bits, `f64`, in SI units.
     Number {
-        /// What it measures: `Force`, or `Number`.
+        /// The quantity of the number: `Force`, or `Number`.
         of: String,
     },
     /// `bool`.

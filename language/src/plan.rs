@@ -46,7 +46,7 @@ pub struct Plan {
     pub claims: Vec<Claim>,
 }
 
-/// What a leaf claims on its host, against other deployments too.
+/// A device that a leaf claims on its host, against other deployments too.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Claim {
     /// Index into [`Plan::leaves`].
@@ -95,7 +95,7 @@ pub struct Member {
     pub service: bool,
 }
 
-/// What a member of a group is.
+/// The kind of a member of a group, with its index.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum MemberKind {
     /// Index into [`Plan::leaves`].
@@ -195,10 +195,10 @@ pub struct Quality {
 /// Whether a wire keeps its last value.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum Retention {
-    /// Who is connected later waits for the next value.
+    /// A consumer that is connected later waits for the next value.
     #[default]
     Drop,
-    /// Who is connected later gets the last value at once.
+    /// A consumer that is connected later gets the last value at once.
     Latch,
 }
 
@@ -271,7 +271,7 @@ pub enum Expression {
     },
     /// `using(arm) P`: P runs once nothing else of the group that uses one of these does; first come, first served.
     Using {
-        /// What is used, each once.
+        /// The resources, each once.
         resources: Vec<String>,
         /// The operand.
         of: Box<Self>,

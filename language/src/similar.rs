@@ -56,7 +56,7 @@ fn distance(one: &str, other: &str) -> usize {
     last[other.len()]
 }
 
-/// What a letter looks like, if others look like it.
+/// Returns the shape that a letter shares with others that look like it, if there are any.
 fn shape(letter: char) -> Option<char> {
     match letter {
         'l' | '1' | 'I' | '|' => Some('l'),

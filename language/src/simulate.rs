@@ -57,7 +57,7 @@ pub enum Ending {
     Aborted(String),
 }
 
-/// Which activation of which member of which group.
+/// An activation: the group, the member and the number.
 #[derive(Clone, Copy, Debug)]
 struct ActivationRef {
     group: usize,

@@ -18,7 +18,7 @@ pub struct Source {
     pub role: Role,
 }
 
-/// What a text is to the spec that is compiled.
+/// The role of a text in the spec that is compiled.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Role {
     /// The spec itself, or the interfaces that a program prints of itself.
@@ -47,7 +47,7 @@ pub struct Position {
     pub column: usize,
 }
 
-/// Which text a span is in.
+/// The text that a span is in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Origin {
     /// The spec.

@@ -1,6 +1,6 @@
 //! The units of the language and their factors to SI.
 
-/// What a quantity measures: powers of metre, kilogram, second, ampere, radian and byte.
+/// The dimension of a quantity: its powers of metre, kilogram, second, ampere, radian and byte.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Dimension([i8; 6]);
 
@@ -112,9 +112,9 @@ pub(crate) fn type_of(dimension: Dimension) -> Option<&'static str> {
 /// A text that is no quantity.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum NotRead {
-    /// It does not begin with a number.
+    /// The text does not begin with a number.
     NoNumber,
-    /// What follows the number is no unit.
+    /// The text after the number is not a unit.
     NoUnit(String),
 }
 

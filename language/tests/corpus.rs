@@ -87,7 +87,7 @@ fn every_code_occurs() {
     assert_eq!(missing, BTreeSet::new());
 }
 
-/// What is inferred from the text agrees with what the algebra makes of the plan.
+/// Checks that the services inferred from the text are those of the algebra.
 fn check_services(plan: &Plan) {
     for member in plan.groups.iter().flat_map(|group| &group.members) {
         if let MemberKind::Group(group) = member.kind {

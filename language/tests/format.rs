@@ -84,7 +84,7 @@ fn the_specs_are_formatted() {
     }
 }
 
-/// What a text may have between two tokens without meaning anything else.
+/// The texts that may stand between two tokens without a change of meaning.
 const BETWEEN: &[&str] = &[
     " ",
     "  ",

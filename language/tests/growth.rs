@@ -1,4 +1,4 @@
-//! What a text costs grows with its length and no faster, whatever it contains.
+//! The cost of a text grows with its length and no faster, whatever the text contains.
 //!
 //! One long text is compared with four of a quarter of it: that costs as much if the work is linear, and a quarter of it if
 //! the work is quadratic. Time is what this thread had of a processor, so that a loaded machine changes nothing.
@@ -10,7 +10,7 @@ use language::{Options, Source, Style, compile, format, render};
 /// How much more than four quarters a whole may cost: caches and logarithms, no squares.
 const RATIO_MAX: f64 = 2.2;
 
-/// What this thread had of a processor so far, in seconds.
+/// Returns the processor time of this thread so far, in seconds.
 fn spent() -> f64 {
     let text = std::fs::read_to_string("/proc/thread-self/schedstat").expect("Linux counts it");
     let nanoseconds: f64 = text.split(' ').next().and_then(|first| first.parse().ok()).expect("it is a number");

@@ -1,4 +1,4 @@
-//! What an editor is told: each case is a text with `$0` where the cursor is.
+//! The answers to an editor: each case is a text with `$0` at the cursor.
 
 #[path = "ide/corpus.rs"]
 mod corpus;
@@ -13,7 +13,7 @@ use language::{Content, Options, Role, Source, Span, gather};
 use shown::shown;
 use std::path::{Path, PathBuf};
 
-/// What the programs of the cases say of themselves.
+/// The interfaces of the programs of the cases.
 const INTERFACES: &str = "/// Looks for the door.
 module Camera(host, speed: Speed = 0.1 m/s, zoom) { out Out: Twist; out Seen: Truth; service; }
 module Arm(host) { in In: Twist; in Stop: Truth optional; out Force: Force; done; claims arm, grip(read); }";

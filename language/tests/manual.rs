@@ -58,7 +58,7 @@ fn read(path: &Path) -> String {
     std::fs::read_to_string(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
 }
 
-/// What the paper's controllers print of themselves.
+/// Returns the interfaces of the paper's controllers, as their program prints them.
 fn interfaces() -> Vec<Source> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/graph/door_opening.interface");
     vec![Source::new("dca-controller", read(&path))]
@@ -191,7 +191,7 @@ fn type_name(member: &str) -> String {
     member[..1].to_uppercase() + &member[1..]
 }
 
-/// What `dca check` says.
+/// Returns the output of `dca check`.
 fn check(spec: &Source) -> String {
     let Compiled { plan, diagnostics, .. } = compile(spec, &interfaces(), &Options::named("manual"));
     let mut said = render(&diagnostics, spec, &interfaces(), Style::Plain);
@@ -272,7 +272,7 @@ fn every_page_is_listed_and_every_link_leads_somewhere() {
     }
 }
 
-/// What the headings of a page are called in links.
+/// Returns the anchors of the headings of a page.
 fn places(page: &Path) -> BTreeSet<String> {
     let text = read(page);
     let headings = text.lines().filter(|line| line.starts_with('#')).map(|line| line.trim_start_matches('#').trim());

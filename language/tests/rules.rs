@@ -100,7 +100,7 @@ impl Run {
         }
     }
 
-    /// What is done about an event: `P(v)` starts P with v, then how the group has ended. Timers are not shown.
+    /// Returns the commands for an event: `P(v)` starts P with v; then the outcome of the group. Timers are left out.
     fn react(&mut self, event: Event) -> Vec<String> {
         let mut commands = Vec::new();
         let outcome = step(&self.program, &mut self.state, event, &mut commands);

@@ -96,7 +96,7 @@ impl std::hash::Hash for Value {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct Activation(pub u32);
 
-/// What happened.
+/// One thing that has happened to a group: the input of [`step`](super::step).
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub enum Event {
     /// The group is activated with an initial value.
@@ -107,44 +107,44 @@ pub enum Event {
     Done {
         /// Slot of the member.
         member: u32,
-        /// Which of its activations.
+        /// The activation of the member that is done.
         activation: Activation,
-        /// What it leaves.
+        /// The value that the member leaves for the next process.
         value: Value,
     },
     /// A member failed; nothing of this activation runs any more.
     Aborted {
         /// Slot of the member.
         member: u32,
-        /// Which of its activations.
+        /// The activation of the member that has aborted.
         activation: Activation,
-        /// What the member says of it: opaque here.
+        /// The member's report of its failure; the algebra does not look into it.
         report: Value,
     },
     /// A member confirms a stop.
     Stopped {
         /// Slot of the member.
         member: u32,
-        /// Which of its activations.
+        /// The activation of the member that has stopped.
         activation: Activation,
     },
     /// Nobody can confirm that a member has stopped (its host is lost).
     StopUnconfirmed {
         /// Slot of the member.
         member: u32,
-        /// Which of its activations.
+        /// The activation of the member whose stop is not confirmed.
         activation: Activation,
     },
     /// A timer armed by [`Command::Arm`] ran out.
     Elapsed {
         /// The timer.
         timer: u32,
-        /// Which of its arms.
+        /// The arming of the timer that has elapsed.
         activation: Activation,
     },
 }
 
-/// What to do about it, in this order.
+/// One order of a supervisor. A step gives them in the order in which they are to be carried out.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub enum Command {
     /// Open a connection set; sets are opened before their owner is activated.
@@ -161,7 +161,7 @@ pub enum Command {
     Activate {
         /// Slot of the member.
         member: u32,
-        /// Which of its activations.
+        /// The activation that begins.
         activation: Activation,
         /// For its `Init`.
         value: Value,
@@ -170,14 +170,14 @@ pub enum Command {
     Stop {
         /// Slot of the member.
         member: u32,
-        /// Which of its activations.
+        /// The activation that is to stop.
         activation: Activation,
     },
     /// Deliver [`Event::Elapsed`] after this time.
     Arm {
         /// The timer.
         timer: u32,
-        /// Which of its arms.
+        /// The number of this arming.
         activation: Activation,
         /// How long.
         after: Duration,
@@ -186,7 +186,7 @@ pub enum Command {
     Cancel {
         /// The timer.
         timer: u32,
-        /// Which of its arms.
+        /// The number of the arming that is cancelled.
         activation: Activation,
     },
 }
@@ -211,12 +211,12 @@ pub struct Reason {
     pub cause: Cause,
 }
 
-/// What went wrong.
+/// The cause of an abort.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum Cause {
     /// The member's own report.
     Reported(Value),
-    /// It was activated while it was already running.
+    /// The member was activated while it was already running.
     Busy,
     /// Nobody could confirm that it stopped.
     StopUnconfirmed,

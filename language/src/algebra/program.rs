@@ -40,7 +40,7 @@ pub struct Program {
     pub(super) timers: Vec<usize>,
     /// The names of what `using` takes, each once.
     resources: Vec<String>,
-    /// What all `Using` nodes take, one after the other: indices of `resources`.
+    /// The resources of all `Using` nodes, one node after the other: indices into `resources`.
     pub(super) taken: Vec<usize>,
     /// How many `Using` nodes there are.
     pub(super) usings: usize,
@@ -60,7 +60,7 @@ pub(super) struct Node {
     pub(super) kind: Kind,
 }
 
-/// What a node is.
+/// The operator of a node, or a process, with its operands.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) enum Kind {
     Run {

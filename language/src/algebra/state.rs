@@ -46,7 +46,7 @@ pub struct State {
     pub(super) holders: Vec<Option<usize>>,
 }
 
-/// What one node is doing. Opaque, but comparable: see [`State::configuration`].
+/// The state of one node. Opaque, but comparable: see [`State::configuration`].
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Cell {
     pub(super) phase: Phase,
@@ -67,7 +67,7 @@ pub(super) struct MemberState {
     pub(super) node: Option<usize>,
 }
 
-/// What a member is doing, as far as its supervisor knows.
+/// The state of a member, as far as its supervisor knows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Activity {
     /// Not activated.

@@ -12,7 +12,7 @@ use crate::syntax::SyntaxKind::{Ident, Number};
 use crate::syntax::ast::{Node, Token};
 use std::ops::RangeInclusive;
 
-/// What stands where a whole number is expected.
+/// The kinds of text in the place of a whole number.
 pub(super) enum CountValue<'a> {
     Number(usize),
     /// No whole number; the constant or parameter, if it is the name of one.
@@ -47,7 +47,7 @@ fn of_const(named: &Const) -> Option<usize> {
     }
 }
 
-/// What a whole number has to be.
+/// The range that a whole number has to be in, and the words for it.
 pub(super) struct Expected {
     pub(super) bounds: RangeInclusive<usize>,
     /// Behind "expected": `how many times to try again, at most 100`.

@@ -18,7 +18,7 @@ use crate::syntax::ast::{Name, Node};
 use crate::unit;
 use std::collections::BTreeMap;
 
-/// What the texts declare, while they are read one after the other.
+/// The declarations of all texts, while they are read one after the other.
 pub(super) struct ItemCollector<'a> {
     pub(super) spec: &'a mut Spec,
     pub(super) diagnostics: &'a mut Diagnostics,

@@ -113,7 +113,7 @@ impl Diagnostics {
     }
 }
 
-/// What two diagnostics have in common that say the same.
+/// Returns the key that two diagnostics share if they say the same: the primary span, the code and the message.
 pub(super) fn key(diagnostic: &Diagnostic) -> (Span, Code, String) {
     (diagnostic.primary.span, diagnostic.code, diagnostic.message.clone())
 }

@@ -26,7 +26,7 @@ const REPEAT_MAX: usize = 8;
 /// Makes an operator of its operands.
 type Make = fn(Vec<Expr>) -> ExprKind;
 
-/// What an expression may refer to, and what was found on the way.
+/// The names that an expression may refer to, and the uses that were found on the way.
 pub(super) struct Group<'a> {
     pub(super) names: Names<'a>,
     pub(super) consts: &'a Consts,
@@ -83,7 +83,7 @@ impl Group<'_> {
 /// The connection sets that one instance owns.
 #[derive(Clone, Debug, Default)]
 pub(super) struct OwnedSets<'a> {
-    /// Those without a label.
+    /// Uses without a label.
     bare: Vec<usize>,
     labelled: BTreeMap<&'a str, usize>,
     /// The first of them in the text, as many as a reader is shown.
@@ -234,7 +234,7 @@ fn chain(node: &Node, group: &mut Group<'_>) -> Expr {
     rest_of_chain(&parts, &operators, &counts, group)
 }
 
-/// What comes from one operand on; `counts` are those of the `::` that are left.
+/// Reads a chain of operators from one operand on; `counts` are the counts of the `::` operators that are left.
 fn rest_of_chain(parts: &[Node], operators: &[SyntaxKind], counts: &[Node], group: &mut Group<'_>) -> Expr {
     let joined = operators.iter().take_while(|&&operator| operator == Colon).count();
     let operands: Vec<Expr> = parts[..=joined].iter().map(|part| expression(part, group)).collect();

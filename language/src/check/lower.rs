@@ -67,7 +67,8 @@ fn too_large(process: &Process) -> Option<Diagnostic> {
     Some(Diagnostic::new(Code::E0701, actions.span, message).help("try again fewer times"))
 }
 
-/// What could not be read was reported before; if it was not, the checker does not know an operator that the parser does.
+/// Returns an error for an operator that the parser knows and the checker does not. Text that could not be read was
+/// reported before.
 fn not_understood(expr: &Expr) -> Option<Diagnostic> {
     let broken = || Diagnostic::new(Code::E0006, expr.span, "this operator is not supported yet");
     let is_broken = matches!(expr.kind, ExprKind::Broken);

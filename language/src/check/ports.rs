@@ -9,7 +9,7 @@ use crate::syntax::ast::Name;
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
 
-/// What is known of a port.
+/// The result of the search for a port.
 enum Found<'a> {
     /// Declared by a module, here.
     Port(&'a Port),

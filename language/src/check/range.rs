@@ -69,7 +69,8 @@ impl Range {
         }
     }
 
-    /// What values there are, for a person: `a value from 1 N to 200 N`; `unit` is that of the numbers, if they have one.
+    /// Returns the allowed values as text, such as `a value from 1 N to 200 N`; `unit` is the unit of the numbers, if
+    /// they have one.
     pub(crate) fn expected(&self, unit: Option<&str>) -> String {
         let with_unit = |value: &Value| in_unit(value, unit);
         match &self.values {

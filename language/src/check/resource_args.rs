@@ -14,12 +14,12 @@ use crate::syntax::ast::Name;
 use crate::unit::RESOURCE;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// What an instance is handed.
+/// A resource that an instance is handed.
 #[derive(Clone, Debug)]
 struct Held {
-    /// Which resource of the group.
+    /// The index of the resource in the group.
     resource: usize,
-    /// What it is called in the instance's own group.
+    /// The name of the resource inside the instance's own group.
     inside: String,
 }
 
@@ -53,7 +53,7 @@ pub(super) fn places(resources: &[Name]) -> Places<'_> {
     resources.iter().enumerate().map(|(place, name)| (name.text.as_str(), place)).collect()
 }
 
-/// Which resource an argument names.
+/// Returns the index of the resource that an argument names.
 fn place(arg: &Arg, resources: &Places<'_>, params: &[Param]) -> Option<usize> {
     let name = match &arg.value.kind {
         ValueKind::Constant(Constant::Text(name)) => name,
@@ -100,7 +100,7 @@ struct ResourceArgs<'a> {
 }
 
 impl ResourceArgs<'_> {
-    /// What an instance is handed.
+    /// Returns the resources that an instance is handed.
     fn held(&self, instance: &Instance, diagnostics: &mut Diagnostics) -> Vec<Held> {
         let (spec, process) = (self.spec, self.process);
         let Target::Process(target) = instance.target else { return Vec::new() };

@@ -18,14 +18,14 @@ pub(crate) struct Spec {
     pub(crate) processes: Vec<Process>,
     pub(crate) modules: Vec<Module>,
     pub(crate) process_names: BTreeMap<String, usize>,
-    /// Which process an instance is of, by process and slot, where its arguments decide how that one is read.
+    /// The process of an instance, by process and slot, where the arguments decide how its text is read.
     pub(crate) specializations: BTreeMap<(usize, usize), usize>,
     pub(crate) module_names: BTreeMap<String, usize>,
     pub(crate) consts: Consts,
     pub(crate) types: Vec<NamedType>,
-    /// Those of them that are sound, by name: each text may have one.
+    /// The indices of the sound types, by name: each text may have one.
     pub(crate) type_names: BTreeMap<String, Vec<usize>>,
-    /// Which field each name in a record means, by the places of both; known after `types`.
+    /// The declaration of the field that each name in a record means, by the spans of both; known after `types`.
     pub(crate) field_uses: Vec<(Span, Span)>,
 }
 
@@ -50,7 +50,7 @@ impl Const {
     }
 }
 
-/// What a name may mean where a value stands.
+/// The meanings of a name that stands for a value.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Scope<'a> {
     /// The parameters of the enclosing process.
@@ -66,14 +66,14 @@ pub(crate) type Binding = (String, usize);
 #[derive(Debug)]
 pub(crate) struct Process {
     pub(crate) name: Name,
-    /// What its doc comments say.
+    /// The text of its doc comments.
     pub(crate) doc: String,
     pub(crate) params: Vec<Param>,
     pub(crate) host: Option<Value>,
     pub(crate) instances: Vec<Instance>,
     pub(crate) exports: Vec<Export>,
     pub(crate) sets: Vec<Set>,
-    /// What `using` may take.
+    /// The resources that `using` may take.
     pub(crate) resources: Vec<Name>,
     /// Nothing when there is no such section, or an empty one.
     pub(crate) actions: Option<Expr>,
@@ -84,7 +84,7 @@ pub(crate) struct Process {
     pub(crate) open: Vec<Name>,
 }
 
-/// Which parts of a process could not be read whole: what depends on them is not reported again.
+/// The parts of a process that could not be read whole. Errors that follow from them are not reported.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Damage {
     pub(crate) header: bool,
@@ -101,7 +101,7 @@ pub(crate) struct Damage {
 pub(crate) struct Param {
     pub(crate) name: Name,
     pub(crate) kind: Option<Kind>,
-    /// Which values it takes; of a list, which its elements take.
+    /// The range of its values; for a list, that of the elements.
     pub(crate) range: Option<Range>,
     /// Names no parameter.
     pub(crate) default: Option<Value>,
@@ -123,17 +123,17 @@ pub(crate) struct Instance {
     pub(crate) name: Name,
     /// The type as written; nothing when it could not be read.
     pub(crate) kind: Option<Name>,
-    /// What the type is; known after `types`.
+    /// The declaration of its type; known after `types`.
     pub(crate) target: Target,
     pub(crate) args: Vec<Arg>,
     pub(crate) args_span: Span,
-    /// What it may use, and what becomes of it.
+    /// Its limits, and the policies for its failures.
     pub(crate) policies: Policies,
     /// Whether an event action runs it.
     pub(crate) is_run: bool,
 }
 
-/// What an instance is an instance of.
+/// The type of an instance.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Target {
     /// Index into [`Spec::processes`].
@@ -154,7 +154,7 @@ pub(crate) struct Arg {
 pub(crate) struct Value {
     pub(crate) span: Span,
     pub(crate) kind: ValueKind,
-    /// What it measures, when it has a unit.
+    /// The dimension of its values, when it has a unit.
     pub(crate) dimension: Option<Dimension>,
 }
 
@@ -217,7 +217,7 @@ pub(crate) struct Connection {
 #[derive(Debug)]
 pub(crate) struct Module {
     pub(crate) name: Name,
-    /// What its doc comments say.
+    /// The text of its doc comments.
     pub(crate) doc: String,
     /// The parameters after the host; nothing when the interface does not say.
     pub(crate) params: Option<Vec<Param>>,
@@ -295,7 +295,7 @@ pub(crate) enum ExprKind {
     Within(Duration, Box<Expr>),
     Match(Vec<Arm>),
     Shield(Option<Duration>, Box<Expr>),
-    /// What is taken: indices into [`Process::resources`].
+    /// A process with the resources that it takes: indices into [`Process::resources`].
     Using(Vec<usize>, Box<Expr>),
     /// The source, and the pool written out.
     Asynchronous(Box<Expr>, Vec<Expr>),

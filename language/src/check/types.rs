@@ -116,11 +116,11 @@ pub(super) fn without_host(args: &[Arg]) -> &[Arg] {
     }
 }
 
-/// What an instance is given, and what its type takes.
+/// The arguments of an instance, and the parameters of its type.
 struct Call<'a> {
     kind: &'a str,
     params: &'a [Param],
-    /// Those of a module without its host.
+    /// The arguments; for a module, without the host.
     args: &'a [Arg],
     is_module: bool,
     span: Span,

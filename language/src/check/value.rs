@@ -111,7 +111,7 @@ impl Reader<'_> {
         }
     }
 
-    /// What a name means as a value: a truth, a parameter, a named constant, or itself.
+    /// Returns the value of a name: a truth, a parameter, a named constant, or the name itself.
     pub(super) fn symbol(&mut self, name: &Name) -> Value {
         let scope = self.scope;
         let value = |kind| Value { span: name.span, kind, dimension: None };

@@ -5,7 +5,7 @@ use std::fmt;
 
 macro_rules! codes {
     ($($name:ident $severity:ident $title:literal $explanation:literal)*) => {
-        /// Which remark a diagnostic is.
+        /// The stable code of a kind of diagnostic.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
         pub enum Code {
             $(#[doc = $title] $name,)*

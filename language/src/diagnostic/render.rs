@@ -48,7 +48,8 @@ pub fn render(diagnostics: &[Diagnostic], spec: &Source, interfaces: &[Source], 
     text
 }
 
-/// What is shown, in the order of the text: all, or as much as a person reads, errors before warnings.
+/// Returns the diagnostics to show, in the order of the text: all, or as many as a person reads, errors before
+/// warnings.
 fn shown(diagnostics: &[Diagnostic]) -> Vec<&Diagnostic> {
     let errors = diagnostics.iter().filter(|found| found.severity == Severity::Error).count().min(SHOWN_MAX);
     let mut room = [errors, SHOWN_MAX - errors];
@@ -107,7 +108,7 @@ struct Mark<'a> {
     text: &'a str,
 }
 
-/// What is shown of one text: all labels together where they are near enough, else each for itself.
+/// Returns the excerpts of one text: one with all labels if these are near enough, else one for each.
 fn views<'a>(diagnostic: &'a Diagnostic, origin: Origin, lines: &Lines<'a>) -> Vec<View<'a>> {
     let mark = |kind, label: &'a Label| Mark { kind, range: range(label.span, lines), text: label.text.as_str() };
     let primary = [&diagnostic.primary].into_iter().map(|label| (AnnotationKind::Primary, label));

@@ -151,8 +151,8 @@ impl Reader<'_> {
     }
 }
 
-/// What a stretch of tokens comes to, at once: for each token, the sum of all before it. The comments before the first token of
-/// a stretch are no part of it.
+/// The width of any stretch of tokens in constant time: for each token, the sum of all widths before it. Comments
+/// before the first token of a stretch do not count.
 #[derive(Debug)]
 pub(super) struct Sums {
     /// Columns in one line, up to the token and up to the comments before it.

@@ -17,7 +17,7 @@ pub(super) struct Net {
     pub(super) links: Vec<usize>,
 }
 
-/// What takes room in a column.
+/// An item that takes room in a column.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Item {
     /// A member.

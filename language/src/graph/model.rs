@@ -9,7 +9,7 @@ use std::collections::{BTreeMap, BTreeSet};
 pub(super) struct Unit {
     pub(super) name: String,
     pub(super) kind: String,
-    /// What the doc comments of its type say.
+    /// The text of the doc comments of its type.
     pub(super) doc: String,
     /// Index into the hosts.
     pub(super) host: usize,
@@ -51,7 +51,7 @@ pub(super) struct End {
     pub(super) port: usize,
 }
 
-/// What is known of the deployed instances, by path.
+/// The deployed instances, by path.
 struct Known<'a> {
     spec: &'a Spec,
     hosts: BTreeMap<&'a str, usize>,

@@ -169,7 +169,8 @@ impl<'a> Router<'a> {
         Some((left, right))
     }
 
-    /// Which turns each channel has, from left to right: those that go back out, then falling, rising, coming back.
+    /// Returns the turns of each channel, from left to right: first those that go back out, then falling, rising and
+    /// returning ones.
     fn lanes(&self) -> Vec<Vec<Turn>> {
         let mut lanes: Vec<Vec<((i32, i32), Turn)>> = vec![Vec::new(); self.count() + 1];
         for net in 0..self.columns.nets.len() {

@@ -25,7 +25,7 @@ const SETS: [&str; 8] = ["#1f5fa8", "#b3541e", "#2b7a3d", "#7d3c98", "#a8781f", 
 const EXPORT: &str = "#666666";
 /// Plates of resources.
 const PLATE: &str = "#fdf3b8";
-/// What is not as it should be.
+/// The colour of mistakes.
 const WRONG: &str = "#c81e1e";
 
 pub(super) fn svg(root: &Unit, hosts: &[String]) -> String {
@@ -130,7 +130,7 @@ impl Key {
     }
 }
 
-/// What a process has alone while it runs, on its lower border.
+/// Draws the names of the devices that a process claims, on its lower border.
 fn draw_plate(out: &mut String, plate: &str, (middle, bottom): (i32, i32)) {
     let width = plate_width(plate);
     let place = format!("x=\"{}\" y=\"{}\" width=\"{width}\" height=\"14\"", middle - width / 2, bottom - 7);

@@ -13,7 +13,7 @@ use crate::source::Source;
 use crate::syntax::SyntaxKind;
 use crate::syntax::ast::Node;
 
-/// What marks the cursor.
+/// The mark at the cursor: a letter that no spec has.
 const MARK: char = 'ꙮ';
 
 /// The kind of an offer.
@@ -87,7 +87,7 @@ impl Analysis {
         (start..end, marked.candidates(offset))
     }
 
-    /// What could stand in place of the marked word.
+    /// Returns every completion that may replace the marked word.
     fn candidates(&self, offset: usize) -> Vec<Completion> {
         let Some(token) = self.token_at(offset).filter(|token| token.kind() == SyntaxKind::Ident) else {
             return Vec::new();
@@ -128,7 +128,7 @@ impl Analysis {
         self.ports_of(at, &name.text)
     }
 
-    /// What can begin an event action.
+    /// Returns the completions that may begin an event action.
     fn actions(&self, at: &place::Cursor) -> Vec<Completion> {
         let mut found = self.instances(at);
         found.extend(keywords(Place::Action));

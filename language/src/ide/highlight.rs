@@ -5,7 +5,7 @@ use super::index::{Index, Kind};
 use crate::source::{Origin, Span};
 use crate::syntax::{SyntaxKind, SyntaxToken};
 
-/// What a token is.
+/// The class of a token, for its colour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Class {
     /// A word of the language.

@@ -166,7 +166,7 @@ impl Analysis {
     }
 }
 
-/// What a unit measures.
+/// Returns the quantity of a unit, as text.
 fn unit_text(token: &SyntaxToken) -> Option<String> {
     let is_unit = token.kind() == SyntaxKind::Ident && token.parent()?.kind() == SyntaxKind::Constant;
     let (factor, dimension) = unit::unit(token.text(), None).filter(|_| is_unit)?;
@@ -176,7 +176,7 @@ fn unit_text(token: &SyntaxToken) -> Option<String> {
     Some(format!("`1 {}` is `{factor}` in SI units.{kind}", token.text()))
 }
 
-/// What a word or an operator does.
+/// Returns the meaning of a keyword or an operator, as text.
 fn word_text(token: &SyntaxToken) -> Option<String> {
     let parent = token.parent()?.kind();
     let in_actions = token.parent_ancestors().any(|node| node.kind() == SyntaxKind::Actions);

@@ -10,7 +10,7 @@ use crate::source::{Origin, Span};
 use crate::syntax::ast::{Name, Node};
 use std::collections::BTreeMap;
 
-/// What was declared, with its place in the model.
+/// The kind of a declaration, with its place in the model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Kind {
     Process(usize),
@@ -32,7 +32,7 @@ pub(super) enum Kind {
     Label(usize, usize),
     /// The variable of `all i in 0..4`.
     Variable,
-    /// What `using` takes: of which process.
+    /// A resource that `using` takes: the process and the resource in it.
     Resource(usize, usize),
     /// A tag that some process can end with. One word is one outcome, whoever declares it: they meet in a `match`.
     Outcome,
@@ -51,14 +51,14 @@ pub(super) struct Symbol {
 #[derive(Debug, Default)]
 pub(super) struct Index {
     pub(super) symbols: Vec<Symbol>,
-    /// What stands where, declarations too.
+    /// The symbol at each span, declarations included.
     places: BTreeMap<Span, usize>,
 }
 
 /// Where to look a name up: by the symbol that it belongs to and its text.
 #[derive(Debug, Default)]
 struct Tables {
-    /// What is declared where.
+    /// The symbol that is declared at each span.
     declared: BTreeMap<Span, usize>,
     consts: BTreeMap<String, usize>,
     /// The instances of each process, by the names they can be called by exactly.
@@ -66,7 +66,7 @@ struct Tables {
     /// The connection sets of an instance, by label.
     labels: BTreeMap<(usize, String), usize>,
     outcomes: BTreeMap<String, usize>,
-    /// What each process can take.
+    /// The symbols of resources, by process and name.
     resources: BTreeMap<(usize, String), usize>,
     /// The instances that an event action runs, by the place of the action.
     runs: BTreeMap<Span, usize>,
@@ -125,7 +125,7 @@ impl Index {
         found.map(|(&span, &symbol)| (span, symbol))
     }
 
-    /// What stands exactly there.
+    /// Returns the symbol of exactly this span.
     pub(super) fn of(&self, span: Span) -> Option<&Symbol> {
         self.places.get(&span).map(|&symbol| &self.symbols[symbol])
     }

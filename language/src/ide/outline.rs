@@ -5,7 +5,7 @@ use crate::source::Span;
 use crate::syntax::SyntaxKind;
 use crate::syntax::ast::{Name, Node};
 
-/// What a symbol of the outline is.
+/// The kind of a symbol in the outline.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum OutlineKind {
     /// A process group.

@@ -18,7 +18,7 @@ pub enum RenameError {
     /// There is no name there that is declared anywhere.
     #[error("there is nothing here that has a name of its own")]
     Nameless,
-    /// It is declared in the interface of a program.
+    /// The name is declared in the interface of a program.
     #[error("`{name}` is declared by the program {program}: rename it there")]
     Foreign {
         /// The name.
@@ -29,24 +29,24 @@ pub enum RenameError {
     /// The language gives it its meaning.
     #[error("`main` is where a deployment starts, so its name stays")]
     Main,
-    /// It cannot be a name.
+    /// The new text cannot be a name.
     #[error("`{to}` is no name: letters, digits and `_`, and no digit first")]
     Invalid {
-        /// What was asked for.
+        /// The new name.
         to: String,
     },
     /// Something around it is called so.
     #[error("`{to}` is taken: {what} has this name")]
     Acquisition {
-        /// What was asked for.
+        /// The new name.
         to: String,
-        /// What has it: "an instance of `main`".
+        /// The present owner of the name, such as "an instance of `main`".
         what: String,
     },
     /// Some name would mean something else.
     #[error("with `{to}` some name in {file} would mean something else")]
     Meaning {
-        /// What was asked for.
+        /// The new name.
         to: String,
         /// In which text.
         file: String,
@@ -90,7 +90,7 @@ impl Analysis {
         if is_main { Err(RenameError::Main) } else { Ok(()) }
     }
 
-    /// What of the same sort has a name already.
+    /// Returns the owner of the name `to` among symbols of the same sort, if there is one.
     fn taken(&self, symbol: usize, to: &str) -> Option<String> {
         let kind = self.index().symbols[symbol].kind;
         let group = |process: usize| self.model.processes[process].name.text.as_str();

@@ -30,9 +30,9 @@ pub(super) enum Place {
 pub(super) struct Word {
     pub(super) place: Place,
     pub(super) text: &'static str,
-    /// What to write, with `$0` where the cursor ends and `${1:name}` where something is to be filled in.
+    /// The text to insert, with `$0` for the cursor and `${1:name}` for what is to be filled in.
     pub(super) snippet: &'static str,
-    /// What it does, in a sentence or two.
+    /// Its meaning, in a sentence or two.
     pub(super) meaning: &'static str,
 }
 

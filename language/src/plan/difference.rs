@@ -18,7 +18,7 @@ use std::fmt;
 pub struct Difference {
     /// The new plan, with the numbers of the one that runs.
     pub plan: Plan,
-    /// What changes, programs first, in the order of the plan.
+    /// The changes, programs first, in the order of the plan.
     pub changes: Vec<PlanChange>,
 }
 
@@ -31,16 +31,16 @@ pub enum PlanChange {
         leaf: u32,
         /// Absolute path of the instance.
         path: String,
-        /// What is different, for a person.
+        /// The differences, as sentences for a person.
         why: Vec<String>,
     },
-    /// What becomes of a program when it dies or stops; it goes on meanwhile.
+    /// The policies for the program's death or stop change; the program goes on meanwhile.
     Settle {
         /// Index into [`Plan::leaves`].
         leaf: u32,
         /// Absolute path of the instance.
         path: String,
-        /// What is different, for a person.
+        /// The differences, as sentences for a person.
         why: Vec<String>,
     },
     /// A wire is added.
@@ -159,7 +159,7 @@ impl Numbers {
     }
 }
 
-/// What tells one wire from another: its ends, and how data moves on it.
+/// The identity of a wire: its ends, and how data moves on it.
 type Key = (u32, String, u32, String, bool, super::Quality);
 
 fn key(wire: &Wire) -> Key {

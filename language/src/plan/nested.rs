@@ -68,7 +68,7 @@ mod tests {
         assert!(read(DEPTH_MAX - 1).is_ok(), "an error leaves nothing open");
     }
 
-    /// What its first byte is: nodes of other versions read it, so a new operator comes last.
+    /// Returns the first byte of an expression. Nodes of other versions read it, so a new operator comes last.
     fn number(expression: &Expression) -> u8 {
         match expression {
             Expression::Run { .. } => 0,

@@ -14,7 +14,7 @@ pub struct Parameter {
     pub accepts: Accepts,
 }
 
-/// Which values a parameter takes.
+/// The values that a parameter takes.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Accepts {
     /// Its interface does not say.

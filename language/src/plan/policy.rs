@@ -39,7 +39,7 @@ pub enum Watchdog {
 /// Whether a program is started again, a few times in a minute.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Restart {
-    /// It is never started again.
+    /// The program is never started again.
     #[default]
     Temporary,
     /// After a failure: a signal, an exit code, or any end of a controller that was not told to go.
@@ -48,21 +48,21 @@ pub enum Restart {
     Permanent,
 }
 
-/// What a program does while the hosts of its supervisors cannot be reached.
+/// The reaction of a program to hosts of its supervisors that cannot be reached.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum LinkLoss {
-    /// It stops when they are lost, and leaves when its home is.
+    /// The program stops when they are lost, and leaves when its home is.
     #[default]
     Leave,
-    /// It goes on.
+    /// The program goes on.
     Keep,
-    /// It stops by its own rules so long after one of them was missed.
+    /// The program stops by its own rules so long after one of them was missed.
     SafeStopAfter(Duration),
-    /// It goes on with what it does, and does nothing new.
+    /// The program goes on with its activation, and begins no other.
     Hold,
 }
 
-/// What a program may use of its host; none of them is what it is without.
+/// The limits of a program on its host. Without a limit the program has what its host gives.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Usage {
     /// Addressable memory, in bytes.

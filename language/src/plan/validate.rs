@@ -4,7 +4,7 @@ use super::{Arm, DEPTH_MAX, Expression, Group, LEAVES_MAX, MemberKind, Plan};
 use crate::algebra::TAG_MAX;
 use std::collections::BTreeSet;
 
-/// Which invariant a plan breaks, and where.
+/// The invariant that a plan breaks, and where.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum PlanError {
     /// There is no group at all.
@@ -13,7 +13,7 @@ pub enum PlanError {
     /// More groups, leaves or wires than a plan may have.
     #[error("the plan has {count} {what}; the limit is {limit}")]
     TooLarge {
-        /// What there are too many of.
+        /// The kind of things of which there are too many.
         what: &'static str,
         /// How many there are.
         count: usize,
@@ -25,7 +25,7 @@ pub enum PlanError {
     Index {
         /// Path of the group or leaf, or the wire.
         place: String,
-        /// What the index should point to.
+        /// The kind of thing that the index should point to.
         what: &'static str,
         /// The index.
         index: u32,
@@ -33,7 +33,7 @@ pub enum PlanError {
     /// A name stands twice where it has to be unique, or is empty.
     #[error("{what} `{name}` is empty or not unique")]
     Name {
-        /// What carries the name.
+        /// The kind of thing that carries the name.
         what: &'static str,
         /// The name.
         name: String,

@@ -17,7 +17,7 @@ const PLOT: f64 = 460.0;
 /// The room around the whole, and what a letter takes.
 const MARGIN: f64 = 12.0;
 const LETTER: f64 = 6.6;
-/// What a level of groups moves a name to the right.
+/// The indentation of a name for each level of groups, in pixels.
 const INDENT: f64 = 14.0;
 /// About as many times are written below.
 const TICKS: f64 = 8.0;
@@ -217,7 +217,7 @@ fn mark(out: &mut String, transition: &Transition, (x, y): (f64, f64)) {
     }
 }
 
-/// What the marks mean that are on the page.
+/// Draws the meaning of each mark that is on the page.
 fn legend(out: &mut String, bars: &[Bar], (mut x, y): (f64, f64)) {
     let meanings =
         [(Transition::Done, "done"), (Transition::Aborted(String::new()), "aborted"), (Transition::Stopped, "stopped")];

@@ -9,13 +9,13 @@ pub enum SimulationError {
     /// No leaf that runs is called so.
     #[error("no running process is called `{name}`")]
     Unknown {
-        /// What was said.
+        /// The name as it was given.
         name: String,
     },
     /// More than one leaf that runs is called so.
     #[error("`{name}` could be {}", .candidates.join(" or "))]
     Ambiguous {
-        /// What was said.
+        /// The name as it was given.
         name: String,
         /// The paths of the leaves.
         candidates: Vec<String>,
@@ -23,7 +23,7 @@ pub enum SimulationError {
     /// The line is none of those that are understood.
     #[error("expected `process`, `process done outcome`, `process abort why`, `5 s` or `stop`, found `{line}`")]
     Unreadable {
-        /// What was said.
+        /// The line as it was given.
         line: String,
     },
 }

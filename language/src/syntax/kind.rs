@@ -2,7 +2,7 @@
 
 macro_rules! kinds {
     ({ $($name:ident $what:literal)* } operators { $($operator:ident $written:literal)* }) => {
-        /// What a token or a node of the syntax tree is.
+        /// The kind of a token or a node of the syntax tree.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
         #[repr(u16)]
         pub enum SyntaxKind {

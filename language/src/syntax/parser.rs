@@ -29,7 +29,7 @@ const TOKENS_MAX: usize = 1_000_000;
 pub(crate) struct Parse {
     /// The tree of the whole text.
     pub(crate) root: SyntaxNode,
-    /// What is wrong with the text as a text.
+    /// The lexical and syntactic mistakes.
     pub(crate) diagnostics: Vec<Diagnostic>,
     /// How much more there would be to say of it.
     pub(crate) omitted: usize,
@@ -317,7 +317,7 @@ fn visible(text: &str) -> String {
     excerpt(text).chars().map(shown).collect()
 }
 
-/// What a remark says of a piece of text: not all of a long one.
+/// Returns a piece of text for a message, shortened if it is long.
 fn excerpt(text: &str) -> String {
     match text.char_indices().nth(EXCERPT_MAX) {
         Some((end, _)) => format!("{}...", &text[..end]),

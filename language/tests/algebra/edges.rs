@@ -1,4 +1,4 @@
-//! What a checked spec does not contain but a plan may, and limits.
+//! Cases that a checked spec does not contain but a plan may, and limits.
 
 use crate::pair::Pair;
 use crate::reference::{Declared, Event as Told, Outcome as Expected, Reason, Term};

@@ -4,7 +4,7 @@ use crate::pair::TAGS;
 use crate::reference::{Declared, Term};
 use crate::spec::{Spec, number};
 
-/// Which operators.
+/// The operators of the enumerated expressions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Operators {
     /// `, ; : # ;;`
@@ -13,7 +13,7 @@ pub(crate) enum Operators {
     All,
 }
 
-/// Which leaves.
+/// The leaves of the enumerated expressions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Leaves {
     /// Members only, all different: each a task or a service.

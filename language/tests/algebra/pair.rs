@@ -18,7 +18,7 @@ pub(crate) struct Pair<'a> {
     pub(crate) machine: Machine,
 }
 
-/// What makes a difference for the events that are tried.
+/// The traits of a spec that decide which events are tried.
 #[derive(Clone, Copy, Debug)]
 struct Traits {
     /// Whether tags are looked at.
@@ -134,7 +134,7 @@ fn endings(i: u32, n: u32) -> [Event; 4] {
     [Event::Done(i, n, value.clone()), Event::Aborted(i, n, value), Event::Stopped(i, n), Event::Unconfirmed(i, n)]
 }
 
-/// What an exploration has seen.
+/// The figures of an exploration.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Figures {
     pub(crate) states: u64,

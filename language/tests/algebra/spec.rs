@@ -7,7 +7,7 @@ use std::time::Duration;
 /// The set that is open for as long as the group runs; member `i` opens set `i`.
 pub(crate) const SET_ALWAYS: u32 = 50;
 
-/// What both interpreters are made from.
+/// The spec that both interpreters are made from.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Spec {
     pub(crate) term: Term,

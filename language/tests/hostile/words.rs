@@ -1,6 +1,6 @@
-//! What a hostile user writes.
+//! The words of a hostile user.
 
-/// What a mistake writes in place of a word, or beside it.
+/// The words that a mistake puts in place of another, or beside it.
 pub(crate) const WORDS: &[&str] = &[
     "a",
     "x",

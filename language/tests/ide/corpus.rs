@@ -86,7 +86,7 @@ fn names_mean_the_same_under_another_name() {
     assert!(renamed > 400 && refused * 20 < renamed, "{renamed} renamed, {refused} refused");
 }
 
-/// Whatever the text and the place, there is an answer.
+/// Every place of every text has an answer.
 #[test]
 fn every_place_of_every_text_can_be_asked_about() {
     for analysis in corpus() {

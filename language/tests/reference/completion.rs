@@ -3,7 +3,7 @@
 use super::World;
 use super::term::{Config, Held, Outcome, R, Reason, Slot, Term, Value};
 
-/// Which phase of a `;;` was entered.
+/// The phase of a `;;`.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Phase {
     P,
@@ -136,7 +136,7 @@ pub(super) fn drain(o: Outcome, rs: Vec<R>) -> R {
     }
 }
 
-/// What is left of a drain, or of an `arec` that comes to its end.
+/// Returns the rest of a drain, or of an `arec` that comes to its end.
 pub(super) fn collect(o: Outcome, rs: Vec<R>) -> (Outcome, Vec<Config>) {
     let (mut o, mut cs) = (o, vec![]);
     for r in rs {

@@ -36,7 +36,7 @@ struct World {
     epochs: BTreeMap<u32, u32>,
     arms: BTreeMap<u32, u32>,
     busy: BTreeSet<u32>,
-    /// What is held by some `using`.
+    /// The resources that some `using` holds.
     held: BTreeSet<String>,
     /// The `using`s that wait with what they want, the first to come first.
     queue: Vec<(u32, Vec<String>)>,

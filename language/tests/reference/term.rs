@@ -170,7 +170,7 @@ pub(crate) enum Event {
     Granted(u32),
 }
 
-/// What to do.
+/// One order of the reference interpreter.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Command {
     /// Open a set.
@@ -187,7 +187,7 @@ pub(crate) enum Command {
     Cancel(u32, u32),
 }
 
-/// What is declared of a member.
+/// The declared properties of a member.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Declared {
     /// A leaf that ends.

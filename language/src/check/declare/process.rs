@@ -86,7 +86,7 @@ pub(super) fn process(node: &Node, places: &[Span], consts: &Consts, diagnostics
     })
 }
 
-/// What `using` may take: what the group declares, and what it is handed.
+/// Returns the names that `using` may take: the resources that the group declares, and the ones that it is handed.
 fn resources(node: &Node, params: &[Param], diagnostics: &mut Diagnostics) -> Vec<Name> {
     let mut resources: Vec<Name> = resource_args::known(params);
     let mut first: BTreeMap<String, Span> = resources.iter().map(|name| (name.text.clone(), name.span)).collect();

@@ -205,9 +205,9 @@ struct Specializer<'a, 'b> {
     declare: &'a mut ItemCollector<'b>,
     /// The values that each process was read with.
     fixed: BTreeMap<usize, ShapeArgs>,
-    /// Which process was read with which values, as text.
+    /// The index of each process that was read, by its name and its arguments as text.
     known: BTreeMap<(String, String), usize>,
-    /// What is wrong with a group is said once, however often it is read.
+    /// The diagnostics of each group, reported once however often the group is read.
     rounds: BTreeMap<String, Rounds>,
     /// So many processes have been looked at.
     looked_at: usize,

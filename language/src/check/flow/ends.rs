@@ -15,9 +15,9 @@ pub(super) struct Ends {
 }
 
 impl Ends {
-    /// What is known of a process that ends: any program can fail, and so can the host of a group.
+    /// The ends of a process that ends: any program can fail, and so can the host of a group.
     const TASK: Self = Self { done: Some(Duration::ZERO), aborted: true };
-    /// What is known of a module that never ends: its normal end is a failure, too.
+    /// The ends of a module that never ends: its normal end is a failure, too.
     const SERVICE: Self = Self { done: None, aborted: true };
     /// `skip`
     const SKIP: Self = Self { done: Some(Duration::ZERO), aborted: false };

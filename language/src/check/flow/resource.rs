@@ -22,7 +22,7 @@ const TAKEN_MAX: usize = 1000;
 
 /// A `using` inside another one.
 struct Nested {
-    /// What the other one has.
+    /// The resource that the other process holds.
     holds: usize,
     wants: usize,
     /// All that is held there.
@@ -158,7 +158,7 @@ fn report(process: &Process, circle: &[&Nested]) -> Option<Diagnostic> {
 struct Walk<'a> {
     process: &'a Process,
     path: Path,
-    /// What is taken around, and where.
+    /// The resources that are taken by the `using`s around, and where.
     held: Vec<(usize, Span)>,
     nested: Vec<Nested>,
     diagnostics: &'a mut Diagnostics,

@@ -58,7 +58,7 @@ pub(super) fn is_service(expr: &Expr, members: &[bool]) -> bool {
     }
 }
 
-/// Which instances of a group are services; known after `infer`.
+/// Returns, for each instance of a group, whether it is a service. Known after `infer`.
 pub(super) fn members(spec: &Spec, process: &Process) -> Vec<bool> {
     let is_service = |target| match target {
         Target::Process(target) => spec.processes[target].is_service,

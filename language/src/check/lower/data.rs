@@ -31,8 +31,8 @@ pub(super) fn data(value: &Value, outer: &[Data]) -> Option<Data> {
     }
 }
 
-/// What a parameter gets: what is given, else its default, with the defaults of the fields that are left out, in the order
-/// of the type.
+/// Returns the value of a parameter: the one given, else the default. Fields that are left out have their defaults, in
+/// the order of the type.
 pub(super) fn filled(spec: &Spec, param: &Param, given: Option<Data>) -> Option<Data> {
     let given = given.or_else(|| param.default.as_ref().and_then(|value| data(value, &[])));
     let shape = param.kind.as_ref().map(|kind| spec.shape(kind));

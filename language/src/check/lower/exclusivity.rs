@@ -21,7 +21,7 @@ struct Place {
     slot: usize,
     sets: Vec<usize>,
     span: Span,
-    /// What the `using`s around take: two that take the same wait for each other.
+    /// The resources that the `using`s around take: two members that take the same wait for each other.
     taken: Vec<usize>,
     path: Path,
 }
@@ -78,7 +78,7 @@ impl Places {
     }
 }
 
-/// What is around an expression.
+/// The operators and `using`s around an expression.
 #[derive(Default)]
 struct Enclosing {
     path: Path,

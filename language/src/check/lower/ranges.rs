@@ -23,7 +23,7 @@ impl Builder<'_> {
         }
     }
 
-    /// What is written out was compared before; a name in it was not.
+    /// Compares an argument with the range of its parameter. A written value was compared before; a named one was not.
     fn check_given(&mut self, param: &Param, given: &Value, outer: &[Data]) {
         match (&given.kind, param.kind.as_ref().map(|kind| self.spec.shape(kind))) {
             (ValueKind::Param(_), _) => {

@@ -48,7 +48,7 @@ struct Outer<'a> {
 pub(super) struct Builder<'a> {
     pub(super) spec: &'a Spec,
     diagnostics: &'a mut Diagnostics,
-    /// What was reported of values that are handed on: a text may be instantiated many times.
+    /// The diagnostics of values that are handed on: a text may be instantiated many times.
     reported: BTreeSet<(Span, Code, String)>,
     tree: Tree,
     group_places: Vec<Place>,
@@ -90,7 +90,7 @@ impl Tree {
         builder.finish()
     }
 
-    /// What the leaves claim, in their order.
+    /// Returns the claims of the leaves, in the order of the leaves.
     pub(super) fn claims(&self, spec: &Spec) -> Vec<Claim> {
         let mut claims = Vec::new();
         for (leaf, &(group, slot)) in (0..).zip(&self.place_of) {

@@ -28,7 +28,7 @@ pub(crate) struct Kind {
 #[derive(Debug)]
 pub(crate) struct NamedType {
     pub(crate) name: Name,
-    /// What its doc comments say.
+    /// The text of its doc comments.
     pub(crate) doc: String,
     pub(crate) kind: Kind,
     /// Whether the spec declares it, or a file that it uses; not a program.
@@ -44,7 +44,7 @@ pub(crate) enum TypeMatch {
     OnlyByName(usize, usize),
 }
 
-/// What a type comes to when names are followed.
+/// The structure of a type, with names replaced by their declarations.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Shape<'a> {
     Record(&'a [Param]),
@@ -137,7 +137,7 @@ impl Spec {
         kind
     }
 
-    /// What values of a type look like.
+    /// Returns the structure of the values of a type.
     pub(crate) fn shape<'a>(&'a self, kind: &'a Kind) -> Shape<'a> {
         let kind = self.last(kind);
         let named = self.named(&kind.text, kind.span.origin).map(|named| &self.types[named].kind);

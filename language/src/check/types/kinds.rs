@@ -19,7 +19,7 @@ pub(super) struct TypeChecker<'a> {
     pub(super) spec: &'a Spec,
     /// The parameters that a value may name.
     pub(super) outer: &'a [Param],
-    /// Which field each name in a record means.
+    /// The field that each name in a record means.
     pub(super) uses: &'a mut Vec<(Span, Span)>,
     pub(super) diagnostics: &'a mut Diagnostics,
 }

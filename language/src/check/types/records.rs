@@ -52,7 +52,7 @@ enum State {
     /// On the path from the start of the walk.
     Open,
     Closed(Size),
-    /// It is wrong, and that was reported.
+    /// The value is wrong, and a diagnostic says so.
     Refused,
 }
 

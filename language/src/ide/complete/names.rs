@@ -125,7 +125,7 @@ impl Analysis {
         offers.map(|(label, count)| Completion::new(CompletionKind::Label, label).detail(counted(count))).collect()
     }
 
-    /// What stands for a value: in an argument, a limit, a constant.
+    /// Returns the completions for a value: in an argument, a limit or a constant.
     pub(super) fn constants(&self, at: &Cursor) -> Vec<Completion> {
         if at.parent.token(Number).is_some() {
             return self.units(at);
@@ -246,7 +246,7 @@ impl Analysis {
         hosts.collect()
     }
 
-    /// What the process around can take.
+    /// Returns the resources that the process around the cursor can take.
     pub(super) fn resources(&self, at: &Cursor) -> Vec<Completion> {
         let resources = self.process_at(at).map_or(&[][..], |process| &process.resources);
         resources.iter().map(|name| Completion::new(CompletionKind::Parameter, &name.text).detail("resource")).collect()
@@ -304,7 +304,7 @@ impl Analysis {
     }
 }
 
-/// What a port at the cursor has to be: data goes from an output to an input.
+/// Returns the direction that a port at the cursor must have: data goes from an output to an input.
 fn direction(at: &Cursor) -> Option<Direction> {
     let connection = at.grand.as_ref().filter(|grand| grand.kind() == SyntaxKind::Connection)?;
     let is_first = connection.children().next()?.span() == at.parent.span();

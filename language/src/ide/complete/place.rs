@@ -16,7 +16,7 @@ pub(super) struct Cursor {
     pub(super) place: usize,
     /// The text of the token before; empty at the beginning of the file.
     pub(super) before: String,
-    /// What kind of token that is.
+    /// The kind of that token.
     before_kind: SyntaxKind,
     /// All nodes around, the innermost first.
     pub(super) around: Vec<Node>,

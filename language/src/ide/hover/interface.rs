@@ -129,13 +129,13 @@ fn end_of(module: &Module) -> &'static str {
     }
 }
 
-/// What the type of a parameter or field measures.
+/// Returns the quantity of the type of a parameter or field.
 pub(super) fn quantity(param: &Param) -> String {
     let kind = param.kind.as_ref().and_then(|kind| unit::of_type(&kind.text));
     kind.map_or(String::new(), |(_, example)| format!(" A quantity such as `{example}`."))
 }
 
-/// What becomes of it when it is started again; nothing unless it has something to lose.
+/// Returns the words for what a program keeps when it is started again; an empty text unless it has something to lose.
 fn memory_of(module: &Module) -> &'static str {
     match module.remembers {
         true => " It *remembers*: it may not be started again alone.",

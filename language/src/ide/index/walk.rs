@@ -38,7 +38,7 @@ struct Walk<'a> {
     index: &'a mut Index,
     tables: &'a Tables,
     spec: &'a Spec,
-    /// What the types of instances mean, by their place.
+    /// The symbols of the types of instances, by their spans.
     types: &'a BTreeMap<crate::Span, usize>,
     /// The process around.
     process: Option<usize>,
@@ -155,7 +155,7 @@ impl Walk<'_> {
         Some(symbol)
     }
 
-    /// What an instance symbol is an instance of.
+    /// Returns the type of an instance symbol.
     fn target(&self, symbol: usize) -> Target {
         match self.index.symbols[symbol].kind {
             Kind::Instance(process, slot) => self.spec.processes[process].instances[slot].target,

@@ -21,7 +21,7 @@ const HABITS: [(&str, &str); 10] = [
     ("seq", "`a ; b` runs b when a is done"),
     ("try", "`a else b` runs b when a fails, `a finally b` however it ends"),
 ];
-/// Those that stand before a condition without brackets.
+/// The words of other languages before a condition without brackets.
 const BARE: [&str; 3] = ["if", "while", "for"];
 
 impl Parser<'_> {

@@ -15,7 +15,7 @@ use std::time::Duration;
 /// The shortest bound of a watchdog: the scheduler of a busy host may keep a program waiting for some milliseconds.
 const WATCHDOG_MIN: Duration = Duration::from_millis(20);
 
-/// What is written in one policy: its words after the first, and its numbers.
+/// The value of one policy as it is written: its words after the first, and its numbers.
 struct PolicyValue<'a> {
     node: &'a Node,
     words: Vec<String>,
