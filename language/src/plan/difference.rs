@@ -1,4 +1,4 @@
-//! What a new plan changes of one that runs, and the plan that the nodes go on with.
+//! The changes from a running plan to a new one, and the plan that the nodes go on with.
 //!
 //! A running supervisor holds the state of its event actions, and every message names leaves, groups and wires by number. So
 //! the next plan keeps the numbers of the one that runs: groups and leaves have theirs, wires that stay have theirs, new wires

@@ -1,5 +1,5 @@
-//! What may run at the same time, seen from the event actions alone: two writers of one input, two owners of one device, and
-//! what never does although it should: the senders and the receiver of an input.
+//! Which processes may run at the same time, seen from the event actions alone. Finds two writers of one input and two
+//! owners of one device, and the senders and receivers of an input that never run together although they should.
 //!
 //! Two processes may run together when the operator that joins them is one of `, & # any`. Groups pass this down: what is
 //! in one of them may run together with what is in the other.
