@@ -1,4 +1,4 @@
-//! What is said between DCA's programs, and how it travels.
+//! The messages between DCA's programs, and how they travel.
 //!
 //! [`logic`] is the vocabulary, without I/O: points in time, keys, the envelope around every message, frames for stream
 //! sockets, queue policies, and the messages of the control channel. [`io`] has the clock and what opens sockets:

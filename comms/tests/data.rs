@@ -99,7 +99,7 @@ fn nobody_there_is_said_so_in_time() {
     consumer.close();
 }
 
-/// What is sent before the link stands (again) is lost, as it should be.
+/// Sends until the link stands (again): earlier values are lost, as they should be.
 fn send_until_heard(wire: &Publisher, heard: &Receiver<Vec<u8>>, number: u8) {
     for _ in 0..1000 {
         wire.put(vec![number]).unwrap();

@@ -139,7 +139,7 @@ async fn check_broken(session: &Session, host: &str) {
     }
 }
 
-/// What may wait for a caller, and be on its way to it, in bytes.
+/// The most bytes that wait for a caller or are on their way to it.
 const WAITING_MAX: usize = 1 << 20;
 
 /// A server waits for a caller that takes its answers slowly, or not at all, and hears when it has gone.

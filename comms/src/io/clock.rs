@@ -25,9 +25,9 @@ pub fn unix_time() -> Duration {
 pub enum ClockQuality {
     /// Somebody keeps it in step with others.
     Kept,
-    /// It shows a date that may be right, and nobody keeps it.
+    /// The clock shows a date that may be right, and nothing keeps it.
     Plausible,
-    /// It shows a date that cannot be right: nobody has set it.
+    /// The clock shows a date that cannot be right: nothing has set it.
     Unset,
 }
 

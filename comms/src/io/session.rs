@@ -53,9 +53,9 @@ const RUNTIME_RELAY: &str = "(rx: (worker_threads: 4), acc: (handover: app), tx:
 /// The role of a process on its links.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Role {
-    /// It is for the process itself.
+    /// The session serves its own process only.
     End,
-    /// It passes some of it on to others.
+    /// The session passes some messages on to others.
     Relay,
 }
 

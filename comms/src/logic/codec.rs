@@ -308,7 +308,7 @@ mod tests {
         assert!(encode(&Order::Activate { activation: 0, value: long }).is_err());
     }
 
-    /// What programs of the first version said, and what those of some later one may say.
+    /// A hello of the first version, and one of a later version, say which version their sender has.
     #[test]
     fn a_hello_of_another_version_says_whose_it_is() {
         for (version, hello) in [

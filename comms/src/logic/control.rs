@@ -138,7 +138,7 @@ pub enum Order {
     },
     /// How data moves on some wires, other than as the ports do it; comes before [`Order::Connect`].
     Shape {
-        /// Those wires.
+        /// The shapes, one for each wire.
         wires: Vec<Shape>,
     },
     /// The deployment runs already, and this program was started again; comes before [`Order::Connect`], which then

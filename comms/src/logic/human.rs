@@ -26,7 +26,7 @@ pub mod seconds {
     use serde::{Deserialize, Deserializer, Serialize, Serializer};
     use std::time::Duration;
 
-    /// What stands for a time: now, and in records of before.
+    /// The forms of a time: the present one, and that of old records.
     #[derive(Deserialize)]
     #[serde(untagged)]
     enum Read {

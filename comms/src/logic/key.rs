@@ -37,7 +37,7 @@ pub struct HostNameError {
     problem: &'static str,
 }
 
-/// Which side of a device a key belongs to.
+/// The side of a device that a key belongs to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Channel {
     /// The owner speaks.

@@ -17,7 +17,8 @@ const CHUNK_TIME: Duration = Duration::from_millis(250);
 const CHUNK_ROUNDS: u32 = 6;
 /// The longest that the bytes of an answer should be on their way, however long a round trip is.
 const CHUNK_TIME_MAX: Duration = Duration::from_secs(16);
-/// What is asked of a peer whose link is not known yet, and at least, in bytes: on the slowest radio it comes in time.
+/// The bytes to ask a peer for: while its link is not known yet, and at least. On the slowest radio either arrives in
+/// time.
 const CHUNK_SIZE: [usize; 2] = [4 << 10, 1 << 10];
 /// The most that is asked for where a round trip is short: what has come is taken in one turn, which others wait for.
 const CHUNK_SIZE_NEAR: usize = 256 << 10;

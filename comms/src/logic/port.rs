@@ -17,11 +17,11 @@ pub enum Policy {
 /// The result of pushing a value.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Pushed<T> {
-    /// It is in the queue.
+    /// The value is in the queue.
     Stored,
-    /// It is in the queue, and this one is no more.
+    /// The value is in the queue, and this older one is not any more.
     Replaced(T),
-    /// It is not in the queue: here it is.
+    /// The value is not in the queue: here it is.
     Rejected(T),
 }
 

@@ -19,8 +19,8 @@ pub struct Signals {
     pub values: Vec<Signal>,
 }
 
-/// What a sample does not show: values between it and the one before that were larger than either. Published after the sample
-/// on the same key, for summaries that tell how large something was, which no sampling must miss.
+/// The largest values since the sample before, where a sample does not show them. Published after the sample on the
+/// same key, for summaries of how large something was, which no sampling must miss.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Peaks {
     /// When the sample was taken, on the publishing host's clock.

@@ -187,7 +187,7 @@ fn a_program_does_not_wait_for_a_node_that_does_not_read() {
     assert!(matches!(error, ControlError::Connect { .. }), "{error}");
 }
 
-/// What a leaving program has to say reaches a node that reads late.
+/// The last words of a leaving program reach a node that reads late.
 #[test]
 fn a_program_that_leaves_has_said_everything() {
     let dir = Dir::new("flush");

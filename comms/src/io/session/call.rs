@@ -91,7 +91,8 @@ pub enum CallError {
     },
 }
 
-/// What a question is answered into, until it is answered, given up or closed: the answer, and when it came.
+/// The receiver of the answer to a question, with the time of the answer. Taken once the question is answered, given up
+/// or closed.
 type Sink = Mutex<Option<oneshot::Sender<(Reply, Time)>>>;
 
 /// A question in zenoh, which would stay open for as long as its server does. Dropped, it is closed.

@@ -17,12 +17,12 @@ const FOUND_NEAR_MAX: usize = 16;
 /// Links by session id.
 #[derive(Default)]
 pub(super) struct Links {
-    /// Those that stand, as zenoh's events say. It is also asked itself before dialling, but for a moment after a loss
+    /// The links that stand, as zenoh's events say. Zenoh is also asked before dialling, but for a moment after a loss
     /// it still answers that there is a link.
     pub(super) standing: BTreeSet<String>,
-    /// Those that are dialled again when they are lost.
+    /// The links that are dialled again when they are lost.
     pub(super) kept: BTreeMap<String, Place>,
-    /// Those that the keeper dials right now.
+    /// The peers that the keeper dials right now.
     pub(super) dialling: BTreeSet<String>,
     /// The two ends of each TCP link of a session, and how long it may be silent, where that was said. Two that dial each other have
     /// two.

@@ -39,7 +39,7 @@ pub struct Watch {
 pub enum Presence {
     /// This key was announced, or has been since before the watch began.
     Appeared(String),
-    /// It was withdrawn, or its process or host cannot be reached any more.
+    /// The token was withdrawn, or its process or host cannot be reached any more.
     Vanished(String),
 }
 

@@ -38,7 +38,7 @@ pub(crate) struct NearbyNode {
     pub(crate) at: SocketAddr,
 }
 
-/// What a node announces of itself. A command line announces nothing.
+/// The facts that a node announces of itself. A command line announces nothing.
 #[derive(Clone, Debug)]
 pub(crate) struct Announced {
     pub(crate) session: String,

@@ -43,18 +43,18 @@ pub(crate) struct Opened {
 /// Whether a session looks for nodes on the network, and whether they find it.
 #[derive(Clone, Debug)]
 pub(crate) enum Search {
-    /// It knows whom it was told of, alone.
+    /// The session knows only the peers that it was told of.
     Off,
-    /// It looks.
+    /// The session looks for nodes.
     Ask,
-    /// It looks, and is found: its name, and its TCP port.
+    /// The session looks for nodes, and is found by its name and its TCP port.
     Found(String, u16),
 }
 
-/// Which peers are dialled again when their links are lost.
+/// The peers that are dialled again when their links are lost.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Redial {
-    /// Those that the session was told to dial.
+    /// The peers that the session was told to dial.
     Told,
     /// Also those that were found.
     Found,

@@ -54,9 +54,9 @@ pub struct Request {
 
 #[derive(Debug)]
 enum Caller {
-    /// It wants one answer, or has it.
+    /// The caller wants one answer, or has it.
     One(Option<Query>),
-    /// It asks for one piece after the other.
+    /// The caller asks for one piece after the other.
     Stream(Arc<Stream>),
 }
 
@@ -78,7 +78,7 @@ struct Stream {
 #[derive(Debug)]
 struct State {
     outgoing: Outgoing,
-    /// What the caller asks for: the query, the most bytes, and whether there was something at that time.
+    /// The caller's open request: the query, the most bytes of the answer, and whether data was waiting when it came.
     pull: Option<(Query, u32, bool)>,
     /// When the caller was last answered.
     answered: Time,

@@ -29,7 +29,7 @@ pub(super) struct StreamId {
     pub(super) number: u64,
 }
 
-/// What a caller says to the server of a stream. The first time it makes the stream, and the request comes with it.
+/// A request of a caller to the server of a stream. The first one carries the question and makes the stream.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) enum Pull {
     /// Asks for the first piece of a stream that is not there yet.
@@ -79,9 +79,9 @@ impl Enveloped for Piece {
 /// How a stream ends.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) enum End {
-    /// That was everything: what [`Tally::mark`] says of it.
+    /// The stream is complete; the bytes are the mark of [`Tally::mark`].
     Whole(Vec<u8>),
-    /// That was not everything, and why, for a person.
+    /// The stream is cut short, with the reason for a person.
     Broken(String),
     /// The server does not answer this, and why, for a person.
     Refused(String),

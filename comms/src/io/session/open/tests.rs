@@ -31,7 +31,7 @@ fn on_tcp() -> Opened {
     Opened::open(Settings::data().listen(&locators), Redial::Told, Search::Off).unwrap()
 }
 
-/// Who is dialled from anywhere names the socket on its own machine, too, which is not there on others.
+/// A node that is dialled from anywhere also names the socket on its own machine, which other machines do not have.
 #[test]
 fn a_socket_that_is_not_there_hides_no_other_place() {
     let (a, b) = (on_tcp(), on_tcp());
