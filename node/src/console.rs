@@ -22,9 +22,9 @@ static FAILED: OnceLock<io::Error> = OnceLock::new();
 /// Why a verb did not do what was asked; each has its exit code.
 #[derive(Debug)]
 pub enum Failure {
-    /// It was refused, or it failed: exit code 1.
+    /// The command was refused, or it failed: exit code 1.
     Refused(anyhow::Error),
-    /// It was refused, and everything about it has been said: exit code 1.
+    /// The command was refused, and every reason has been printed: exit code 1.
     Reported,
     /// Somebody could not be reached: exit code 3.
     Unreachable(anyhow::Error),

@@ -239,7 +239,7 @@ process main() {{
     world
 }
 
-/// Whatever waits for its wires, a stop does not wait with it.
+/// A stop does not wait behind another member that waits for its wires.
 #[test]
 fn a_stop_does_not_wait_behind_a_slow_host() {
     let mut world = behind_a_slow_host("cam , (first ; viewer[view]) , ((near ; contact) # arm)");
@@ -256,7 +256,7 @@ fn a_stop_does_not_wait_behind_a_slow_host() {
     assert!(is_running(&world, "viewer"), "it is not kept waiting for longer than 1 s");
 }
 
-/// What waits can be stopped, too: it never runs.
+/// A member that waits for its wires can be stopped, too: it never runs.
 #[test]
 fn an_activation_that_waits_for_its_wires_can_be_stopped() {
     let mut world = behind_a_slow_host("cam # ((first ; viewer[view]) # (near ; contact))");

@@ -22,7 +22,7 @@ struct Place {
     runtime: Runtime,
 }
 
-/// What a shim has reported, with the last output beside an end.
+/// The reports of a shim, each with the last lines of output if it is an end.
 type Reports = Receiver<(ShimReport, Vec<String>)>;
 
 impl Place {
@@ -200,7 +200,7 @@ fn crowd(socket: &Path) -> Vec<OwnedFd> {
     std::iter::from_fn(one).collect()
 }
 
-/// What is left of an earlier program in the folder is not taken for the one that is being started.
+/// Files of an earlier program in the folder are not taken for the one that is being started.
 #[test]
 fn a_start_clears_the_traces_of_the_program_before() {
     let place = Place::new("before");

@@ -1,4 +1,4 @@
-//! What the databases of several robots do for whoever asks them.
+//! The answers of several robots' databases to their callers.
 
 #![expect(clippy::wildcard_enum_match_arm, reason = "a test looks for one variant and shows any other")]
 

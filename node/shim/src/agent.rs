@@ -26,13 +26,13 @@ const WRITE_WITHIN: Duration = Duration::from_secs(1);
 /// Until the next try when the kernel has no descriptor for a connection.
 const ACCEPT_AGAIN: Duration = Duration::from_millis(100);
 
-/// Whoever orders this shim about.
+/// The agent that gives this shim its orders.
 pub(crate) struct Agent {
     reports: Arc<Mutex<Reports>>,
     socket: PathBuf,
 }
 
-/// What was reported, and who is told.
+/// The reports so far, and the connection that gets the next ones.
 struct Reports {
     made: Vec<String>,
     /// The agent that attached last; with none the one that has started this shim.

@@ -17,7 +17,7 @@ const PREFIX: &str = "dca-program-";
 /// The period of a share of the processor, in microseconds: the kernel's own default.
 const PERIOD_US: u64 = 100_000;
 
-/// What a group can limit.
+/// A controller of control groups: the kind of limit that a group has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Controller {
     Memory,

@@ -59,7 +59,7 @@ const ABORT_GRACE: Duration = Duration::from_secs(2);
 const SIGXCPU: i32 = 24;
 const SIGXFSZ: i32 = 25;
 
-/// What `--help` says.
+/// The text of `--help`.
 const HELP: &str = "\
 The parent of one program that a node has started: holds it back until it is to run, keeps its output, reports how it ends
 and leaves nothing of it behind. Nodes start it; there is no use for it by hand.
@@ -80,7 +80,7 @@ Options:
   -h, --help                   this text
   -V, --version                the version";
 
-/// What the main thread waits for.
+/// An event for the main thread.
 enum Event {
     Order(ShimOrder),
     AgentGone,

@@ -14,7 +14,7 @@ use std::time::Duration;
 /// The record, in the instance directory. It is removed when nothing of the instance is left.
 pub const RECORD_FILE: &str = "processes";
 
-/// What names a process for good: its number, and when it started.
+/// The lasting identity of a process: its number, and when it started.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Process {
     /// Its number.
@@ -23,7 +23,7 @@ pub struct Process {
     pub started: u64,
 }
 
-/// Who runs in an instance directory.
+/// The processes that run in an instance directory.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct ProcessRecord {
     /// The boot of the kernel, as `/proc/sys/kernel/random/boot_id` has it.

@@ -1,4 +1,4 @@
-//! What the agent and the shim of one program say to each other.
+//! The protocol between an agent and the shim of one program.
 //!
 //! The shim is the parent of the program, so that the agent can be killed and replaced while the program runs on. It is
 //! told what to start by its arguments, ordered about by lines on its standard input, and reports by lines on its
@@ -127,7 +127,7 @@ pub enum ChildError {
     Argument {
         /// As given.
         argument: String,
-        /// What is wrong.
+        /// The problem with it, such as "needs a value".
         problem: &'static str,
     },
     /// The shim was given no program.

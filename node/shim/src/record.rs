@@ -1,4 +1,4 @@
-//! What a shim writes down: which process runs here, and how it has ended.
+//! The files that a shim writes: which process runs here, and how it has ended.
 
 use super::complain;
 use crate::agent::Agent;

@@ -27,7 +27,7 @@ pub(crate) struct Watchdog {
 /// The program's start, or one `Init`.
 #[derive(Debug)]
 struct Preparation {
-    /// Which `Init`; none for the start.
+    /// The number of the `Init`; none for the start.
     number: Option<u64>,
     elapsed: Duration,
 }

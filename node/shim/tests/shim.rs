@@ -103,7 +103,7 @@ impl Shim {
     }
 }
 
-/// What a shim leaves behind: files, no process.
+/// The files that a shim leaves behind; there is no process any more.
 struct Over {
     dir: PathBuf,
 }
@@ -279,7 +279,7 @@ fn nothing_outlives_a_lost_agent() {
     shim.expect(&[ShimReport::Gone]);
 }
 
-/// What the program leaves behind has its output open: its end is told all the same, and at once.
+/// A process that is left behind has the output open. The end of the program is reported at once all the same.
 #[test]
 fn who_holds_the_output_open_holds_up_nobody() {
     let mut shim = Shim::shell("setsid sleep 60 & echo $! > pid; exit 3");

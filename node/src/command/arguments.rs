@@ -11,7 +11,7 @@ use std::time::Duration;
 /// The longest time that may be given, in seconds.
 const SECONDS_MAX: f64 = 86_400.0;
 
-/// What a node is told.
+/// The arguments of `dca-node`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
     /// The host's name in specs

@@ -13,10 +13,10 @@ use std::path::Path;
 const UNITS: &str = "/etc/systemd/system";
 /// The name of the unit.
 const UNIT: &str = "dca-node.service";
-/// What is there where systemd runs the machine. Source: sd_booted(3).
+/// The folder that exists where systemd runs the machine. Source: sd_booted(3).
 const BOOTED: &str = "/run/systemd/system";
 
-/// What `dca-node install` is told, besides the options that the node is to have.
+/// The arguments of `dca-node install`, besides the options that the node is to have.
 #[derive(Debug, clap::Args)]
 pub(super) struct Install {
     /// Print the unit, and write nothing
@@ -32,7 +32,7 @@ pub(super) struct Install {
     node: Arguments,
 }
 
-/// What has become of the file.
+/// The result of writing the file.
 #[derive(Debug, PartialEq, Eq)]
 enum Written {
     New,

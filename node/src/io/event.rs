@@ -33,7 +33,7 @@ pub(crate) enum Event {
     Control(Connection, Notice),
     /// The epoch of a deployment is in the journal, or why it is not.
     Committed(Deployment, Result<(), String>),
-    /// Which programs of a change cannot be started here.
+    /// The programs of a change that cannot be started here.
     Found(Deployment, u32, Vec<String>),
 }
 

@@ -218,7 +218,7 @@ mod tests {
         Time::ZERO + Duration::from_millis(number)
     }
 
-    /// What is left of a file that was cut off anywhere is the state after the last whole record; damage before that is told.
+    /// A file that is cut off anywhere holds the state after its last whole record. Damage before that is reported.
     #[test]
     fn a_log_that_was_cut_off_ends_with_its_last_whole_record() {
         let folder = std::env::temp_dir().join(format!("dca-inputs-{}", std::process::id()));

@@ -198,7 +198,7 @@ mod tests {
         assert!(journal.commit(&deployment(4), &[]).is_err(), "its folder is gone: nothing can be written down");
     }
 
-    /// What is in the way of the new file stands for a disk that refuses.
+    /// A folder in the place of the new file stands for a disk that refuses.
     #[test]
     fn what_could_not_be_written_is_not_there_and_later_epochs_are() {
         let folder = std::env::temp_dir().join(format!("dca-journal-{}", std::process::id()));

@@ -7,8 +7,8 @@ use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
 use tracing_subscriber::{EnvFilter, Registry, reload};
 
-/// What a command line logs where nothing else is said. What the network's library finds wrong is told in words of this
-/// program, if it matters.
+/// The log filter of a command line that has none. This program reports the faults that matter of the network's library
+/// in its own words.
 pub const COMMAND: &str = "warn,zenoh=off";
 /// The default filter of a node's log.
 pub const NODE: &str = "info,zenoh=error";

@@ -32,14 +32,15 @@ pub struct Peers {
     own: Arc<Own>,
 }
 
-/// What a node says of itself. It is said by a task of its own, so a driver that is busy is not taken for one that is gone.
+/// The answers of this node about itself. A task of its own gives them, so that a node whose driver is busy does not
+/// look gone.
 #[derive(Debug)]
 struct Own {
     host: String,
     boot: u64,
     started: Time,
     place: String,
-    /// Which boot of each other name the node deals with.
+    /// The boot of each other name that the node deals with.
     holders: Mutex<BTreeMap<String, u64>>,
     /// When the last rounds of questions went out.
     rounds: Mutex<VecDeque<(u64, Time)>>,

@@ -16,7 +16,7 @@ const ANSWER_WITHIN: Duration = Duration::from_secs(10);
 /// Why an executable's controller types are not known.
 #[derive(Debug, thiserror::Error)]
 pub enum ProgramsError {
-    /// It cannot be run.
+    /// The program cannot be run.
     #[error("cannot run `{program}`: {cause}")]
     Run {
         /// The path of the program.
@@ -24,7 +24,7 @@ pub enum ProgramsError {
         /// The error of the system.
         cause: io::Error,
     },
-    /// It ran, and failed.
+    /// The program ran, and failed.
     #[error("`{program}` does not tell its interface: `{argument}` {status}")]
     Failed {
         /// The path of the program.
@@ -34,7 +34,7 @@ pub enum ProgramsError {
         /// How it ended.
         status: ExitStatus,
     },
-    /// It answers, and what it says names no type.
+    /// The program answers, and its answer names no type.
     #[error("`{program}` offers no controller type: `{argument}` prints no `module`")]
     Nothing {
         /// The path of the program.
@@ -42,7 +42,7 @@ pub enum ProgramsError {
         /// The argument that asks it.
         argument: &'static str,
     },
-    /// It runs, and says nothing.
+    /// The program runs, and writes nothing.
     #[error("`{program}` does not tell its interface: `{argument}` has no answer within {}", span(*.within))]
     Silent {
         /// The path of the program.

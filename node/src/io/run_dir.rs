@@ -350,7 +350,7 @@ mod tests {
     use super::*;
     use std::os::unix::fs::{PermissionsExt, chown, symlink};
 
-    /// Whoever makes the folder first must not become the one who answers for the nodes.
+    /// A stranger who makes the folder first must not answer for the nodes.
     #[test]
     fn a_folder_of_somebody_else_is_refused() {
         let folder = std::env::temp_dir().join(format!("dca-own-{}", std::process::id()));

@@ -1,4 +1,4 @@
-//! What a node tells the service manager that has started it: that it is ready, that it leaves, and that its loop turns.
+//! The notices of a node to the service manager that has started it: ready, leaving, and alive.
 //!
 //! The manager names a socket and an interval in the environment; where it does not, nothing is said. Source: sd_notify(3),
 //! sd_watchdog_enabled(3).

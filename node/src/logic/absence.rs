@@ -1,4 +1,4 @@
-//! What nobody here can vouch for: hosts that do not answer, and deployments that have ended without the word of every host.
+//! The absent: hosts that do not answer, and deployments that have ended without the word of every host.
 //!
 //! A host that is lost may still run what it was told to. So a deployment that is over at its home stays here as an *open end*
 //! until each host that has not said so has confirmed that nothing of it is left. Its home asks: when the host is there again,

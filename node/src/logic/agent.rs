@@ -36,7 +36,7 @@ const LINGER_MAX: Duration = Duration::from_secs(1);
 /// How many deployments that are over are remembered, and keep their programs' output.
 pub const OVER_MAX: usize = 8;
 
-/// What an agent is told once, at its start.
+/// The facts that an agent is given once, at its start.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Identity {
     /// Its host's name in specs.
@@ -63,7 +63,7 @@ pub struct Agent {
     absence: Absence,
     /// Of each name, the links to its last boots; the one to the holder of the name is the last.
     links: BTreeMap<String, Vec<Link>>,
-    /// What was told of who holds which name.
+    /// The holder of each name, as it was reported last.
     holders: BTreeMap<String, u64>,
     coordinators: BTreeMap<Deployment, Coordinator>,
     participants: BTreeMap<Deployment, Participant>,
@@ -99,7 +99,7 @@ struct AwaitingHosts {
     until: Time,
     call: u64,
     plan: Plan,
-    /// Who wants it.
+    /// The user who wants it, such as `ann@c1`.
     by: String,
 }
 

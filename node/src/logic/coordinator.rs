@@ -72,7 +72,7 @@ pub struct Coordinator {
     unconfirmed: BTreeMap<String, Why>,
     ending: Option<Ending>,
     watchers: Vec<u64>,
-    /// Who listens to all deployments.
+    /// The calls that listen to all deployments.
     listeners: Vec<u64>,
     stoppers: Vec<u64>,
     /// How often its plan was changed while it ran, and who did that last.

@@ -14,7 +14,7 @@ use std::collections::BTreeMap;
 /// One program of one deployment on this host.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct ProcessId {
-    /// Which deployment.
+    /// The deployment.
     pub deployment: Deployment,
     /// Index into `Plan::leaves`.
     pub leaf: u32,
@@ -23,7 +23,7 @@ pub struct ProcessId {
 /// How to start a program.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SpawnOrder {
-    /// Which program of which deployment.
+    /// The program and its deployment.
     pub process: ProcessId,
     /// Absolute path of the instance.
     pub path: String,

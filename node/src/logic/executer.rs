@@ -32,7 +32,7 @@ const VALUE_MAX: usize = 8 << 20;
 /// The fixed surroundings of an executer.
 #[derive(Clone, Copy, Debug)]
 pub struct ExecContext<'a> {
-    /// Which deployment.
+    /// The deployment.
     pub deployment: &'a Deployment,
     /// Its home, which tells the people who watch.
     pub home: &'a str,

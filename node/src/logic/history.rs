@@ -1,5 +1,5 @@
-//! What a deployment has reported so far: for those who watch it, were cut off and come back, and for those who listen to
-//! everything.
+//! The reports of a deployment so far: for callers that watch it, were cut off and come back, and for those that listen
+//! to everything.
 
 use crate::logic::effect::{Effect, Out};
 use crate::logic::protocol::{Answer, Deployment, Event, Report};

@@ -55,18 +55,19 @@ enum Stage {
         until: Time,
         forced: bool,
     },
-    /// It cannot take part, and has said so.
+    /// The program cannot take part, and its deployment knows why.
     Refused,
     Leaving {
         until: Time,
         forced: bool,
     },
     Dead,
-    /// It has died, and is started again then.
+    /// The program has died, and is started again then.
     Waiting {
         until: Time,
     },
-    /// It hangs at its start, or was started again and did not come back as it should; it is ended before anything else.
+    /// The program hangs at its start, or was started again and did not come back as it should; it is ended before
+    /// anything else.
     Removing {
         until: Time,
     },
@@ -79,32 +80,32 @@ enum Stage {
     },
 }
 
-/// What an instance has to say to its deployment.
+/// A report of an instance to its deployment.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Note {
     /// The program is up and has told where it is.
     Prepared(LeafFacts),
-    /// It cannot take part, and why.
+    /// The program cannot take part, and why.
     Refused(String),
     /// Its links stand.
     Connected,
-    /// It has switched the wires of this generation.
+    /// The program has switched the wires of this generation.
     Switched(u64),
     /// An activation ended.
     Ended(u32, Ending),
     /// For those who watch.
     Changed(Change),
-    /// It was started again and is somewhere else now.
+    /// The program was started again and is somewhere else now.
     Moved(LeafFacts),
-    /// It was started again and its links stand; its wires are closed.
+    /// The program was started again and its links stand; its wires are closed.
     Rejoined,
     /// Links that were added while it runs stand, or why not.
     Linked(Result<(), String>),
-    /// What has taken the place of another program is up.
+    /// The replacement of a program is up.
     Replaced,
-    /// What has taken the place of another program has stayed healthy for long enough.
+    /// The replacement of a program has stayed healthy through its probation.
     Healthy,
-    /// What was to take the place of another program does not, and why.
+    /// The replacement of a program has failed, and why.
     Unhealthy(String),
     /// Nothing of the program is left.
     Gone,
@@ -128,13 +129,13 @@ pub struct Instance {
     failed: Option<FailureCause>,
     /// The last lines that its program has written, once it has ended.
     output: Vec<String>,
-    /// What takes its place.
+    /// The replacement that is started when this program is gone.
     next: Option<Start>,
-    /// What it has taken the place of.
+    /// The probation of a program that has replaced another.
     probation: Option<Probation>,
 }
 
-/// What an instance needs to know of the moment, and where it puts what it wants.
+/// The moment of an input, and the lists for effects and notes.
 #[derive(Debug)]
 pub struct InstanceContext<'a> {
     /// The time of the input.

@@ -282,7 +282,7 @@ impl NameServer {
         (std::mem::take(&mut self.changes), round)
     }
 
-    /// What this node has slept through is no silence of others.
+    /// Shifts all times by the span that this node has slept: that is no silence of others.
     fn make_up(&mut self, now: Time) {
         let slept = now.since(self.seen).saturating_sub(ASK_EVERY);
         self.seen = now;

@@ -8,11 +8,11 @@ use std::collections::BTreeMap;
 /// The verdict on a key below `robot/HOST/params/` and a value for it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Verdict {
-    /// It is a parameter, and takes the value.
+    /// The name is a parameter, and takes the value.
     Fits,
     /// Nobody can say now; the sentence says why.
     Unknown(String),
-    /// It is none, or does not take the value; the sentence says why.
+    /// The name is no parameter, or does not take the value; the sentence says why.
     Refused(String),
 }
 

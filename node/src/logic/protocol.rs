@@ -1,4 +1,4 @@
-//! What nodes say to each other, and what the command line says to a node.
+//! The messages between nodes, and between the command line and a node.
 //!
 //! Every type here is a promise to another version: variants and fields are only ever appended (postcard numbers them),
 //! and the envelope of `comms` carries the version.
@@ -76,9 +76,9 @@ impl From<MemberKind> for Target {
 /// From node to node, in order and once (see `link`).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Message {
-    /// Which deployment it is about.
+    /// The deployment that it is about.
     pub deployment: Deployment,
-    /// What it says.
+    /// The content.
     pub body: Body,
 }
 
@@ -98,7 +98,7 @@ impl Message {
     }
 }
 
-/// Whom a message is for.
+/// The content of a message, by its receiver.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Body {
     /// The deployment at its home.
@@ -137,7 +137,7 @@ pub enum ToCoordinator {
     },
     /// For the people who watch.
     Happened {
-        /// Which process.
+        /// The process.
         target: Target,
         /// The change.
         change: Change,
@@ -153,7 +153,7 @@ pub enum ToCoordinator {
 pub enum ToParticipant {
     /// Start every program of yours, idle.
     Prepare {
-        /// What to start and how it hangs together.
+        /// The whole plan of the deployment.
         plan: Plan,
     },
     /// Make the links.
@@ -169,7 +169,7 @@ pub enum ToParticipant {
     Release,
     /// Run a process.
     Activate {
-        /// Which process.
+        /// The process.
         target: Target,
         /// Echoed in the ending.
         activation: u32,
@@ -178,16 +178,16 @@ pub enum ToParticipant {
     },
     /// Stop a process.
     Stop {
-        /// Which process.
+        /// The process.
         target: Target,
-        /// Which activation.
+        /// The number of the activation.
         activation: u32,
     },
     /// A process that you supervise has ended: exactly one for each activation.
     Ended {
-        /// Which process.
+        /// The process.
         target: Target,
-        /// Which activation.
+        /// The number of the activation.
         activation: u32,
         /// How it ended.
         ending: Ending,
@@ -212,7 +212,7 @@ pub enum ToParticipant {
     },
     /// A program of the sender was started again: programs of yours dial it.
     Moved {
-        /// What it says of itself now.
+        /// The facts of the new program.
         facts: LeafFacts,
     },
     /// A group that you supervise has ended, or ends with the next message, and lost hosts may still do something for it:
@@ -264,9 +264,9 @@ pub enum Request {
     Deploy {
         /// Makes a repeated request harmless.
         request: u64,
-        /// What to run.
+        /// The plan to run.
         plan: Plan,
-        /// Who wants that, for the records.
+        /// The user who wants it, for the records, such as `ann@c1`.
         by: String,
     },
     /// Answered by [`NodeStatus`].
@@ -298,9 +298,9 @@ pub enum Request {
     Parameters,
     /// The same, from the node's own machine.
     Here {
-        /// What the node has written where only this user of this machine can read it.
+        /// The secret that the node has written where only this user of this machine can read it.
         proof: String,
-        /// What is asked.
+        /// The question.
         question: Question,
     },
     /// Answered by a stream of [`Answer::Wrote`]: all that the programs of a deployment on this host have written and write,
@@ -313,7 +313,7 @@ pub enum Request {
     Unlinked,
     /// Answered by [`Answer::Absent`].
     Absent,
-    /// What has not confirmed the end of a deployment is asked no more. Answered by [`StopReply`].
+    /// Asks no more for the end of a deployment that some host has not confirmed. Answered by [`StopReply`].
     Forget {
         /// The deployment.
         deployment: Deployment,
@@ -361,7 +361,7 @@ pub enum Answer {
     Wrote {
         /// Absolute path of the process.
         path: String,
-        /// What its program wrote.
+        /// The bytes that its program wrote.
         bytes: Vec<u8>,
     },
     /// To `Unlinked`: who or where is dialled and not linked, and why, for a person.

@@ -8,7 +8,7 @@ use std::fmt::Write as _;
 const MARK: &str =
     "# Written by `dca-node install`. As long as nobody changes it, `dca-node install` may write it again: ";
 
-/// What a unit is made of.
+/// The settings that a unit is made from.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct UnitFile {
     /// The node's name.

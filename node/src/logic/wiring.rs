@@ -10,7 +10,7 @@ use language::plan::{Plan, Quality, Retention, Transfer, Wire};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// What is known of a deployment once every program has reported.
+/// The facts of a deployment once every program has reported.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Registrations {
     /// By leaf.

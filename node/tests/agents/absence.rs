@@ -1,5 +1,5 @@
-//! What nodes say of hosts that do not answer, and of deployments that such a host has not confirmed the end of, on virtual
-//! time.
+//! The reports of nodes on hosts that do not answer, and on deployments whose end such a host has not confirmed, on
+//! virtual time.
 
 use crate::losses::{FOUR, active, cut, heal};
 use crate::world::{Coming, World};

@@ -10,7 +10,7 @@ use node::logic::protocol::{Answer, Deployment, Ending, Report, Request};
 use std::collections::BTreeSet;
 use std::time::Duration;
 
-/// What a node writes down: a checkpoint, and its inputs since.
+/// The records of a node: a checkpoint, and its inputs since.
 #[derive(Debug)]
 pub(super) struct Written {
     checkpoint: Vec<u8>,

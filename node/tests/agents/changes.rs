@@ -192,7 +192,7 @@ fn is_over(world: &World, call: u64) -> bool {
     matches!(world.last_report(call), Report::Finished { .. } | Report::Refused { .. })
 }
 
-/// Whatever is lost, delayed or killed: in the end all of a change is there, or nothing of it.
+/// A change is made as a whole or not at all, whatever is lost, delayed or killed.
 #[test]
 fn a_change_is_made_everywhere_or_nowhere() {
     let (mut made, mut undone, mut refused) = (0, 0, 0);

@@ -32,7 +32,7 @@ fn a_node_that_leaves_is_not_waited_for() {
     assert_eq!(world.alive, BTreeSet::new());
 }
 
-/// What was taken for a group is free when its programs have ended, not when its node says that it goes.
+/// A resource that was taken for a group is free when its programs have ended, not when its node says that it goes.
 #[test]
 fn a_node_that_leaves_keeps_what_its_programs_use() {
     let text = r#"

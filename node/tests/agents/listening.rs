@@ -1,4 +1,4 @@
-//! Who listens to everything, and which names a host has given out, on virtual time.
+//! Listeners to everything, and the names that a host has given out, on virtual time.
 
 use crate::TWO_HOSTS;
 use crate::world::{Coming, World};

@@ -196,8 +196,8 @@ fn what_a_lost_host_may_still_use_is_given_to_nobody() {
     assert_eq!(world.alive, BTreeSet::new());
 }
 
-/// Who waits for a lost host can be stopped all the same, and a host that was lost before anything began there is not
-/// waited for.
+/// A member that waits for a lost host can be stopped all the same. A host that was lost before anything began there is
+/// not waited for.
 #[test]
 fn only_what_has_begun_on_a_lost_host_is_waited_for() {
     let mut world = World::new(&["c1", "c2", "c3"]);
@@ -364,8 +364,8 @@ process main() {
 }
 "#;
 
-/// Whatever is cut off and killed whenever, everybody finds an end: once the network is whole and the mission is stopped,
-/// it says how it ended, and nothing is left anywhere.
+/// Every deployment ends, whatever is cut off and killed: once the network is whole and the mission is stopped, it
+/// reports its end, and nothing is left anywhere.
 #[test]
 fn whatever_is_cut_whenever_nothing_is_left() {
     for seed in 0..400 {

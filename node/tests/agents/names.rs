@@ -1,4 +1,5 @@
-//! Who is there, by the answers of nodes, in every order in which tokens, transports, boots and words may come.
+//! The presence of hosts, by the answers of nodes, in every order in which tokens, transports, boots and words may
+//! come.
 
 use crate::world::Draw;
 use comms::logic::time::Time;
@@ -13,7 +14,7 @@ const OWN: u64 = 1;
 struct Asker {
     names: NameServer,
     now: Time,
-    /// Who answers: name and boot, how long after it was asked, and which boot of `c1` it deals with.
+    /// The nodes that answer: name and boot, how long after the question, and which boot of `c1` each deals with.
     answering: BTreeMap<(&'static str, u64), (Duration, Option<u64>)>,
     coming: Vec<(Time, Pong)>,
     changes: Vec<Change>,
@@ -133,7 +134,7 @@ fn a_node_that_goes_is_missing_from_then_on_and_lost_after_5_s() {
     assert!(!c1.names.knows("c2"));
 }
 
-/// What was on its way while its sender died proves nothing; what was asked later does.
+/// An answer that was on its way while its sender died proves nothing; a later question does.
 #[test]
 fn a_late_answer_of_a_dead_boot_does_not_bring_it_back() {
     let mut c1 = Asker::new();
@@ -227,7 +228,7 @@ fn the_younger_of_two_namesakes_knows_that_it_is() {
     assert!(!c1.names.knows("c1"));
 }
 
-/// Who deals with another node of this one's name does not deal with this one, and both know it.
+/// A node that deals with a namesake of this one does not deal with this one, and both know it.
 #[test]
 fn a_host_that_deals_with_a_namesake_is_missing() {
     let mut c1 = Asker::new();
@@ -246,8 +247,8 @@ fn a_host_that_deals_with_a_namesake_is_missing() {
     );
 }
 
-/// Whatever comes in whatever order: who answers is there within 2 s, who does not is lost in 9 s, and of two that answer
-/// one holds the name.
+/// In every order: a host that answers is there within 2 s, one that does not is lost in 9 s, and of two namesakes that
+/// answer one holds the name.
 #[test]
 fn every_order_of_tokens_words_and_boots_ends_in_the_truth() {
     for seed in 0..2000 {

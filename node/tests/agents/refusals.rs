@@ -48,7 +48,7 @@ fn nothing_runs_before_its_epoch_is_on_the_disk() {
     assert_eq!((world.alive.len(), world.log.len()), (0, 4));
 }
 
-/// What is not on the disk could be given out again after a restart.
+/// An epoch that is not on the disk could be given out again after a restart.
 #[test]
 fn nothing_runs_whose_epoch_the_disk_refuses_and_the_deployer_is_told() {
     let mut world = World::new(&["c1", "c2"]);
@@ -87,7 +87,7 @@ fn with_arm(main: &str, module: &str) -> String {
     )
 }
 
-/// Whoever claims it in its spec or says that it owns it: one deployment at a time, wherever the others come from.
+/// A device is held by one deployment at a time, whether its spec claims it or its program says that it owns it.
 #[test]
 fn one_arm_is_held_by_one_deployment() {
     for (first, second) in [("Arm", "Arm"), ("Owner", "Owner"), ("Arm", "Owner"), ("Eye", "Arm")] {

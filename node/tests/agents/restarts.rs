@@ -160,7 +160,8 @@ fn what_is_given_up_while_idle_is_missed_when_its_turn_comes() {
     assert_eq!(failure.origin, "main/second");
 }
 
-/// What is being started again runs nothing, so a stop needs no answer of it, and its end is a stop and no failure.
+/// A program that is being started again runs nothing. So a stop needs no answer from it, and its end is a stop and no
+/// failure.
 #[test]
 fn a_program_that_is_being_started_again_can_be_stopped() {
     for millis in [0, 1, 3, 6, 8, 10, 12] {

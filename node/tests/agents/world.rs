@@ -41,7 +41,7 @@ pub(super) enum Coming {
 pub(super) struct World {
     pub(super) now: Time,
     pub(super) agents: BTreeMap<String, NodeState>,
-    /// What each node has written down, for a successor.
+    /// The records of each node, for a successor.
     pub(super) written: BTreeMap<String, Written>,
     /// The nodes that were killed, and what their programs have to say meanwhile.
     pub(super) down: BTreeMap<String, Vec<Coming>>,
@@ -53,7 +53,7 @@ pub(super) struct World {
     pub(super) counter: u64,
     pub(super) running: BTreeMap<(String, ProcessId), u32>,
     pub(super) modules: BTreeMap<ProcessId, String>,
-    /// What each program was started with last.
+    /// The command that each program was started with last.
     pub(super) commands: BTreeMap<ProcessId, Vec<String>>,
     pub(super) alive: BTreeSet<(String, ProcessId)>,
     /// How often each program was started.
@@ -65,9 +65,9 @@ pub(super) struct World {
     pub(super) cut: BTreeSet<String>,
     /// The boot number of each host.
     pub(super) boots: BTreeMap<String, u64>,
-    /// Which boots each host deals with.
+    /// The boots that each host deals with.
     pub(super) holders: BTreeMap<String, BTreeMap<String, u64>>,
-    /// What became of other nodes, as each host saw it.
+    /// The changes of other nodes, as each host saw them.
     pub(super) changes: Vec<(String, Change)>,
     /// One frame in so many is lost, if any.
     pub(super) loses_one_in: Option<u64>,

@@ -34,11 +34,11 @@ pub(super) struct Robot {
 pub(super) struct World {
     pub(super) now: Time,
     pub(super) robots: Vec<Robot>,
-    /// Who has asked, by number of the question, and until when an answer is taken.
+    /// The caller of each question, by its number, and until when an answer is taken.
     asked: BTreeMap<u64, (usize, Time)>,
     /// How many bytes of answers the network carries in a second, one after another; nothing if they take no time.
     pub(super) rate: Option<u32>,
-    /// What is on its way, by when it arrives.
+    /// The messages on their way, by the time of arrival.
     coming: BTreeMap<(Time, u64), (usize, Envelope)>,
     next: u64,
 }

@@ -15,15 +15,15 @@ pub enum ProgramEnd {
 /// Why a program ended that nobody else has asked to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum EndReason {
-    /// It gave no sign of life for so long.
+    /// The program gave no sign of life for so long.
     Watchdog(Duration),
-    /// It was not ready after so long.
+    /// The program was not ready after so long.
     StartTimeout(Duration),
     /// Its agent was gone.
     AgentLost,
     /// The kernel has killed it or something of it, which had more memory than this, in bytes.
     OutOfMemory(u64),
-    /// It met a limit, of this value.
+    /// The program met a limit of this value: bytes, seconds or a count, as the kind says.
     Limit(LimitKind, u64),
 }
 

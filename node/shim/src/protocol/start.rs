@@ -5,10 +5,10 @@ use std::ffi::OsString;
 use std::path::PathBuf;
 use std::time::Duration;
 
-/// What stands in place of a grace when the program goes on without an agent.
+/// The word in place of a grace when the program goes on without an agent.
 const KEEP: &str = "keep";
 
-/// What a shim starts, and how.
+/// The start of a program: its command, place, limits and watchdogs.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ShimStart {
     /// The instance directory, which exists: output and exit record go there.
@@ -26,7 +26,7 @@ pub struct ShimStart {
     /// How long an `Init` of the program may take, and for one behind [`Gate::Exec`] the time to its `READY=1`; for ever
     /// without.
     pub ready_within: Option<Duration>,
-    /// What the program may use.
+    /// The limits of the program.
     pub limits: Limits,
     /// The control groups that the program joins before it is executed; the shim adds them for its own launch.
     pub groups: Vec<PathBuf>,
@@ -38,7 +38,7 @@ pub struct ShimStart {
     pub command: Vec<String>,
 }
 
-/// What a program may use; what is not limited is left as the shim has it.
+/// The limits of a program; without one the program has the shim's own.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Limits {
     /// Addressable memory, in bytes.

@@ -15,9 +15,9 @@ const AGAIN: Duration = Duration::from_millis(100);
 pub enum Reached {
     /// Its shim is there.
     Running(Attached),
-    /// It has ended: how, if that is known, and its last lines of output.
+    /// The program has ended: how, if that is known, and its last lines of output.
     Ended(Option<(ShimReport, Vec<String>)>),
-    /// It was to be started, and never was.
+    /// The program was to be started, and never was.
     Never,
 }
 

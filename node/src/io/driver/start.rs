@@ -1,4 +1,5 @@
-//! What a node begins with: its folder, the state of the node before, what its programs offer, and the options of its database.
+//! The beginning of a node: its folder, the state of the node before, the types of its programs, and the options of its
+//! database.
 
 use super::{Config, adoption};
 use crate::io::cgroup;

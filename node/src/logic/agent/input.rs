@@ -47,7 +47,7 @@ pub enum Input {
     },
     /// The caller has gone away.
     CallGone {
-        /// Which call.
+        /// The number of the call.
         call: u64,
     },
     /// A word from a shim, with the end of the program's output.
@@ -89,7 +89,7 @@ pub enum Input {
         deployment: Deployment,
         /// The change that asks.
         number: u32,
-        /// What cannot be started, for a person.
+        /// A sentence for each program that cannot be started.
         problems: Vec<String>,
     },
     /// An order did not reach a controller.

@@ -43,7 +43,7 @@ pub(super) struct Changing {
     call: u64,
     deadline: Time,
     waiting: BTreeSet<String>,
-    /// What is different, for people.
+    /// The differences, one line each, for people.
     lines: Vec<String>,
     /// Why it is taken back.
     reasons: Vec<String>,

@@ -12,7 +12,7 @@ use std::collections::{BTreeMap, BTreeSet};
 /// How many replicas are remembered.
 const REPLICAS_MAX: usize = 64;
 
-/// Which robots said of late that they belong to another team.
+/// The robots that said of late that they belong to another team.
 #[derive(Debug, Default)]
 pub(super) struct OtherTeam(BTreeMap<ReplicaId, (String, Time)>);
 

@@ -34,12 +34,12 @@ impl Enveloped for Envelope {
 /// A question to the database of one robot.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Question {
-    /// What a key holds. Answered by [`Reply::Entries`].
+    /// Asks for the value of a key. Answered by [`Reply::Entries`].
     Get {
-        /// Which key.
+        /// The key.
         key: Key,
     },
-    /// What the keys below a prefix hold, or have held. Answered by a stream of [`Reply::Entries`].
+    /// Asks for the values, present or past, of the keys below a prefix. Answered by a stream of [`Reply::Entries`].
     List {
         /// How the keys begin.
         prefix: String,
@@ -60,16 +60,16 @@ pub enum Question {
     },
     /// Dates have gone wrong: begin a new epoch of timestamps. Answered by [`Reply::Done`].
     HealClock,
-    /// Who has changed what. Answered by a stream of [`Reply::History`].
+    /// Asks for the changes and their authors. Answered by a stream of [`Reply::History`].
     History(Filter),
-    /// What nobody has settled. Answered by a stream of [`Reply::Conflicts`].
+    /// Asks for the conflicts that nobody has settled. Answered by a stream of [`Reply::Conflicts`].
     Conflicts {
         /// How the keys begin.
         prefix: String,
     },
     /// Settle a key. Answered as `Commit` is, or by [`Reply::Done`] if there is nothing to settle.
     Resolve(Resolve),
-    /// What has changed between two moments. Answered by a stream of [`Reply::Differences`].
+    /// Asks for the changes between two moments. Answered by a stream of [`Reply::Differences`].
     Diff {
         /// The earlier one.
         from: AsOf,
@@ -78,11 +78,12 @@ pub enum Question {
         /// How the keys begin.
         prefix: String,
     },
-    /// Which transactions a moment has. Answered by [`Reply::Version`].
+    /// Asks for the transactions of a moment. Answered by [`Reply::Version`].
     Version(AsOf),
-    /// What happens to keys. Answered by [`Reply::Version`], the place where it begins, and a stream of [`Reply::Notification`].
+    /// Subscribes to changes of keys. Answered by [`Reply::Version`], the place where the stream begins, and a stream
+    /// of [`Reply::Notification`].
     Watch {
-        /// Which keys.
+        /// The keys.
         keys: Keys,
         /// After which transactions; nothing for now.
         from: Option<VersionVector>,
@@ -106,7 +107,7 @@ pub enum Question {
     },
     /// Say who alone writes below a prefix. Answered as `Commit` is.
     Own(Own),
-    /// Who alone writes where. Answered by [`Reply::Owners`].
+    /// Asks for the owners of prefixes, who alone write there. Answered by [`Reply::Owners`].
     Owners,
     /// The names that a robot had before the one under which it is heard now will never write again. Answered by
     /// [`Reply::Done`].
@@ -146,8 +147,8 @@ pub struct Resolve {
     pub level: AckLevel,
     /// The time until the answer `Pending`.
     pub within: Duration,
-    /// Which writes whoever settles has seen, as [`conflict::seen`](dbmanager::logic::view::conflict::seen) names them. If others
-    /// stand there, nothing is settled.
+    /// The writes that the caller has seen, as [`conflict::seen`](dbmanager::logic::view::conflict::seen) names them.
+    /// If others stand there, nothing is settled.
     pub seen: String,
 }
 
@@ -222,11 +223,11 @@ pub enum AckLevel {
 pub enum Reply {
     /// Some keys with their versions, by stamp: the last is what a read shows.
     Entries(Vec<(Key, Vec<Version>)>),
-    /// It is durable on the robot that was asked, and will be everywhere.
+    /// The transaction is durable on the robot that was asked, and will be everywhere.
     Committed(Dot),
-    /// It has got as far as was asked for.
+    /// The transaction has reached the level that was asked for.
     Reached(Dot),
-    /// It has not in time, but still may. It stays committed.
+    /// The transaction has not reached the level in time, but still may. It stays committed.
     Pending(Dot),
     /// A sentence for a person: nothing was done.
     Refused(String),

@@ -18,7 +18,7 @@ use std::collections::{BTreeMap, BTreeSet};
 /// Stands for what is taken for the whole group, somewhere above; no resource has this name.
 const ABOVE: &str = "";
 
-/// What is taken for each member, by slot.
+/// The resources that are taken for each member, by slot.
 type Taken = BTreeMap<u32, BTreeSet<String>>;
 
 /// The fences of one group.
@@ -39,7 +39,7 @@ pub(super) struct Fences {
     is_below: bool,
     /// Hosts that may still do something for the group after its node has left it.
     left: BTreeSet<String>,
-    /// What the supervisor of the group has been told.
+    /// The hosts that the supervisor of the group was told of last.
     said: BTreeSet<String>,
 }
 

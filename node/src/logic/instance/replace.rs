@@ -19,7 +19,7 @@ pub type Start = (SpawnOrder, Duration);
 /// A program that has taken the place of another one of late.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Probation {
-    /// What is started again if it is not healthy; none when that was done.
+    /// The program to go back to if the new one is not healthy; none once that was done.
     before: Option<Start>,
     /// How long it has to stay healthy once it is up.
     length: Duration,

@@ -1,4 +1,4 @@
-//! What a node reports of other nodes, and the words for it.
+//! The changes of other nodes that a node reports, and the words for them.
 
 use super::LOST_AFTER;
 use comms::logic::human::span;

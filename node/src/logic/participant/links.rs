@@ -29,7 +29,7 @@ pub(super) struct Switching {
     waiting: BTreeSet<u32>,
 }
 
-/// Who asks for wires to be opened or closed: group, generation and host.
+/// The origin of an order to open or close wires: group, generation and host.
 pub(super) type Asked<'a> = (u32, u64, &'a str);
 
 impl Participant {

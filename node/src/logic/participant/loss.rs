@@ -1,4 +1,4 @@
-//! What this part of a deployment does while other hosts cannot be reached.
+//! The reaction of this part of a deployment to hosts that cannot be reached.
 //!
 //! A host that is missing for 5 s is lost, and what it supervises here has failed in its eyes. Then each program does as its
 //! `on_link_loss` says. It is stopped unless that says otherwise; `keep` and `hold` let it go on, the latter without anything
@@ -19,7 +19,7 @@ use language::plan::LinkLoss;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
-/// Which hosts cannot be reached.
+/// The hosts that cannot be reached.
 #[derive(Debug, Default, Serialize, Deserialize)]
 pub(super) struct Loss {
     lost: BTreeSet<String>,

@@ -1,4 +1,5 @@
-//! What a part of a deployment reports: to the home, how far it is and what happens; to supervisors, how members have ended.
+//! The reports of a part of a deployment: to the home, its progress and each change; to supervisors, how members have
+//! ended.
 
 use super::{Participant, Phase};
 use crate::logic::effect::Out;

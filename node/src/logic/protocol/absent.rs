@@ -54,9 +54,9 @@ pub struct OpenHost {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Why {
-    /// It was lost before the end.
+    /// The host was lost before the end.
     Lost,
-    /// It did not answer in time.
+    /// The host did not answer in time.
     Late,
     /// Its node could not end everything.
     Unable,

@@ -14,7 +14,7 @@ use language::plan::Plan;
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
-/// What somebody wants a running deployment to be.
+/// A request to change a running deployment.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ChangeRequest {
     /// Its name.
@@ -29,11 +29,11 @@ pub struct ChangeRequest {
     pub again: Vec<String>,
     /// How long a new program has to stay healthy; else what was there before is put back.
     pub probation: Duration,
-    /// Who wants that, for the records.
+    /// The user who wants it, for the records, such as `ann@c1`.
     pub by: String,
 }
 
-/// What runs under a name.
+/// The deployment that runs under a name, and the revision of its plan.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Revision {
     /// The epoch of the deployment.

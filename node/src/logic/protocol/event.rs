@@ -1,4 +1,4 @@
-//! What happens, for those who listen to everything.
+//! The events that listeners to everything hear.
 
 use super::{Deployment, Report};
 use serde::{Deserialize, Serialize};
@@ -16,6 +16,6 @@ pub struct Event {
     /// How long ago it was when it was told: no two hosts have the same clock.
     #[serde(with = "comms::logic::human::seconds")]
     pub ago: Duration,
-    /// What happened.
+    /// The event.
     pub report: Report,
 }

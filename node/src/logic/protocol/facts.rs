@@ -1,9 +1,9 @@
-//! What is known of a program once it is up.
+//! The facts of a program once it is up.
 
 use comms::logic::control::Location;
 use serde::{Deserialize, Serialize};
 
-/// What a program told about itself when it was started.
+/// The facts that a program states about itself at its start.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct LeafFacts {
     /// Index into `Plan::leaves`.

@@ -43,7 +43,7 @@ pub enum FailureCause {
     Busy,
     /// A service ended by itself.
     ServiceEnded,
-    /// It did not confirm its stop.
+    /// The program did not confirm its stop.
     StopUnconfirmed,
     /// Its host could not be reached any more.
     HostLost(String),
@@ -77,7 +77,7 @@ pub enum FailureCause {
     OutOfMemory(u64),
     /// The program met a limit of its policy.
     Limit {
-        /// Which: `pids`, `cpu` or `file_size`.
+        /// The policy: `pids`, `cpu` or `file_size`.
         policy: String,
         /// Its value: a count, seconds or bytes.
         value: u64,

@@ -1,11 +1,11 @@
-//! What a deployment tells those who watch it.
+//! The reports of a deployment to its watchers.
 
 use super::{Deployment, Ending, FailureCause};
 use comms::logic::control::Dial;
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
-/// What a deployment is doing, as told to the one who asked for it.
+/// A step in the life of a deployment.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Report {
     /// The home node took it on.
@@ -37,7 +37,7 @@ pub enum Report {
     Process {
         /// Absolute path.
         path: String,
-        /// What happened.
+        /// The change.
         change: Change,
         /// Time since GO at the home node.
         #[serde(with = "comms::logic::human::seconds")]
@@ -67,14 +67,14 @@ pub enum Report {
     Changed {
         /// How often it was changed, this time included.
         revision: u32,
-        /// Who wanted that.
+        /// The user who wanted it.
         by: String,
-        /// What is different now, one line each.
+        /// The changes, one line each.
         changes: Vec<String>,
     },
     /// A change while it runs was refused, or taken back: what ran before runs again.
     Unchanged {
-        /// Who wanted it.
+        /// The user who wanted it.
         by: String,
         /// Sentences for a person.
         reasons: Vec<String>,
@@ -84,11 +84,11 @@ pub enum Report {
 /// A change of one process that a person may want to see.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Change {
-    /// It was activated.
+    /// The process was activated.
     Activated,
-    /// It was asked to stop.
+    /// The process was asked to stop.
     Stopping,
-    /// It ended.
+    /// The process ended.
     Ended(Ending),
     /// Its program died while it was not running.
     Died(FailureCause),
@@ -106,9 +106,9 @@ pub enum Change {
     },
     /// A program that was started again goes on with the activation that the last one had.
     Resumed,
-    /// It was to be activated, and waits: a host that is lost may still use what it takes.
+    /// The process was to be activated, and waits: a host that is lost may still use a resource that it takes.
     Held {
-        /// What it takes.
+        /// The resource.
         resource: String,
         /// The host.
         host: String,
@@ -117,14 +117,14 @@ pub enum Change {
     Configured {
         /// The parameter.
         parameter: String,
-        /// What it is now, as a spec spells it; without it what the spec says counts again.
+        /// The value now, as a spec spells it; none if the value of the spec counts again.
         value: Option<String>,
     },
     /// Its program is ended, and another one takes its place.
     Replacing,
     /// The program that took its place was not healthy; the one before is started again.
     Reverting {
-        /// What became of it.
+        /// The cause of the failure.
         cause: FailureCause,
     },
 }

@@ -22,19 +22,20 @@ pub struct NodeStatus {
     pub peers: Vec<String>,
     /// Deployments with a part here.
     pub deployments: Vec<DeploymentStatus>,
-    /// What keeps hold of its programs.
+    /// The means by which it keeps hold of its programs.
     #[serde(default)]
     pub containment: Containment,
 }
 
-/// What finds everything that a program has started, so that nothing of it is left when it is over.
+/// The means that find everything that a program has started, so that nothing of it is left when it is over.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Containment {
     /// Its shim, which inherits whatever it leaves. What a killed shim has left is found by its environment and its session.
     #[default]
     Subreaper,
-    /// That, and a control group of version 2 around the node and all its programs, which none of them leaves by itself.
+    /// The shim, and a control group of version 2 around the node and all its programs, which none of them leaves by
+    /// itself.
     ControlGroup,
 }
 
