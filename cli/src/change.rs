@@ -15,7 +15,7 @@ use serde_json::json;
 use std::path::PathBuf;
 use std::time::Duration;
 
-/// What `dca plan` is told.
+/// The arguments of `dca plan`.
 #[derive(Debug, clap::Args)]
 pub struct PlanArguments {
     /// The spec
@@ -29,7 +29,7 @@ pub struct PlanArguments {
     controllers: Controllers,
 }
 
-/// What `dca replace` is told.
+/// The arguments of `dca replace`.
 #[derive(Debug, clap::Args)]
 pub struct ReplaceArguments {
     /// The deployment

@@ -167,7 +167,7 @@ pub(crate) fn others(spec: &Source, controllers: &Controllers) -> Result<Vec<Sou
     Ok(others)
 }
 
-/// What a path in a `use` names: a folder, or else a file, which is read by `read`.
+/// Returns the content of a path in a `use`: a folder, or else a file, which `read` reads.
 pub(crate) fn content(path: &str, read: impl FnOnce(&str) -> Result<String, String>) -> Result<Content, String> {
     match entries(path) {
         Some(entries) => entries.map(Content::Folder),

@@ -48,7 +48,7 @@ pub(crate) struct Answers {
     replies: Replies,
 }
 
-/// What the nodes say of themselves.
+/// The answers of the nodes about themselves.
 #[derive(Debug)]
 pub(crate) struct Statuses {
     /// The state of every node that answers, in order of name.

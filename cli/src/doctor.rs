@@ -6,7 +6,7 @@ use node::console::{self, Failure, block_on};
 use node::io::run_dir;
 use std::path::PathBuf;
 
-/// What `dca doctor` is told.
+/// The arguments of `dca doctor`.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     /// Print the findings as JSON

@@ -14,7 +14,7 @@ use std::collections::BTreeSet;
 use std::time::Duration;
 use tokio::signal::unix::{SignalKind, signal};
 
-/// What `dca events` is told.
+/// The arguments of `dca events`.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     /// Only of this deployment
@@ -42,11 +42,11 @@ enum End {
     Unread,
 }
 
-/// What prints.
+/// The printer of events.
 #[derive(Debug)]
 struct Printer<'a> {
     arguments: &'a Arguments,
-    /// What was known at the beginning, to be told in the order of time.
+    /// The events that were known at the beginning, which are printed in the order of time.
     waiting: Option<Vec<(Duration, Event)>>,
     lost: BTreeSet<String>,
 }

@@ -82,7 +82,7 @@ struct Watch {
     ports: Vec<Port>,
     port_events: mpsc::Sender<ObserverEvent>,
     arriving_ports: mpsc::Receiver<ObserverEvent>,
-    /// What programs write; without a record only at an end that it explains.
+    /// The output of programs; without a record only the lines that explain an end.
     outputs: Outputs,
     observer_events: mpsc::Sender<ObserverEvent>,
     go_at: Option<Time>,
@@ -237,7 +237,7 @@ impl Watch {
         client.ask_on(&self.home, &Request::Watch { deployment, seen: self.seen })
     }
 
-    /// What is said when the home node is out of reach, so that nobody can be asked for an end either.
+    /// Returns the failure for a home node that is out of reach, so that nobody can be asked for an end either.
     fn lost(&self) -> Failure {
         let (home, name, within) = (&self.home, &self.name, span(BACK_WITHIN));
         Failure::Unreachable(anyhow!(

@@ -49,7 +49,7 @@ pub struct Arguments {
 enum NoOutput {
     /// Every node has answered, or none runs: it is over.
     Over(Failure),
-    /// It may run where nobody answers.
+    /// The process may run where nobody answers.
     Unknown(Failure),
 }
 

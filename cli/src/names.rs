@@ -8,7 +8,7 @@ use comms::io::clock;
 use node::console::{self, Failure, block_on};
 use node::logic::protocol::{Answer, Request};
 
-/// What `dca names` is told.
+/// The arguments of `dca names`.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
     /// Print everything as JSON, one object for each partition

@@ -13,7 +13,7 @@ use tokio::task::JoinSet;
 /// How many pieces wait to be recorded; who sends more waits.
 const PIECES_MAX: usize = 256;
 
-/// What a program wrote: its path, and bytes or lines.
+/// The output of a program: its path, and bytes or lines.
 type OutputOf<T> = (String, T);
 
 /// The streams of what programs write, one of each host.

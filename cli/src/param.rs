@@ -220,7 +220,7 @@ impl Program {
         set.map_or_else(own, |(key, _)| key.clone())
     }
 
-    /// What a parameter is now: what the database says, if the program takes it, else what the spec does.
+    /// Returns the present value of a parameter: that of the database, if the program takes it, else that of the spec.
     fn value(&self, parameter: &str) -> Option<Datum> {
         let status = self.told.parameters.iter().flatten().find(|status| status.parameter.name == parameter)?;
         let set = self.set.get(parameter).and_then(|set| set.last()).map(|(_, datum)| datum);

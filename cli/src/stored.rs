@@ -12,7 +12,7 @@ use node::logic::parameters::{self, Verdict};
 use node::logic::protocol::{Deployment, InstanceParameters};
 use std::collections::BTreeMap;
 
-/// What the interfaces say of the parameters of each module; nothing where that cannot be said.
+/// The parameters of each module, by the interfaces of programs; none where no program declares the module.
 type Declared = BTreeMap<String, Option<Vec<Parameter>>>;
 
 /// Refuses a spec to whose programs the database of some robot says something that they do not take: a key that was

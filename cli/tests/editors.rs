@@ -1,4 +1,4 @@
-//! What `editors/README.md` prints is what editors take: tried with the Neovim that is installed.
+//! The configurations in `editors/README.md` are correct: tried with the Neovim that is installed.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;

@@ -1,4 +1,4 @@
-//! What happens on all nodes that can be reached, as one stream; nodes that come later are heard, too.
+//! The events of all nodes that can be reached, as one stream; nodes that come later are heard, too.
 //!
 //! A node tells what it knows, then that this was all up to now, and then what happens. A stream that breaks off is asked for
 //! again as soon as its node is found; what was told before is left out, by its number.
@@ -25,13 +25,13 @@ const MESSAGES_MAX: usize = 64;
 /// Whether a feed ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Mode {
-    /// It ends with what is known.
+    /// The feed ends with the events that are known.
     Snapshot,
-    /// It goes on as things happen, and as nodes come and go.
+    /// The feed goes on as events happen, and as nodes come and go.
     Follow,
 }
 
-/// What a feed has to say.
+/// An item of a feed.
 #[derive(Debug)]
 pub(crate) enum FeedItem {
     /// Something has happened.
@@ -52,7 +52,7 @@ type Place = (usize, String);
 /// How it is with a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum State {
-    /// It was asked, and has said nothing since.
+    /// The node was asked, and has not answered since.
     Asked {
         was_lost: bool,
     },
@@ -61,7 +61,7 @@ enum State {
     Left,
 }
 
-/// What tasks tell the feed.
+/// A message from a task to the feed.
 enum SourceMessage {
     Client(Arc<Client>),
     Found(usize, BTreeSet<String>),
@@ -78,7 +78,7 @@ pub(crate) struct Feed {
     mode: Mode,
     clients: Vec<Arc<Client>>,
     places: BTreeMap<Place, State>,
-    /// Who has not told yet what it knew at the beginning; none once everybody has.
+    /// The nodes that have not told yet what they knew at the beginning; none once everybody has.
     catching_up: Option<BTreeSet<Place>>,
     /// The number of the next event of each deployment.
     next: BTreeMap<(usize, Deployment), u64>,

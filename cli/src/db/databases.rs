@@ -19,7 +19,7 @@ use std::time::Duration;
 /// How long a database has to answer what it can answer at once. A disk may take a while to write.
 pub(crate) const ANSWER_WITHIN: Duration = Duration::from_secs(10);
 
-/// Whom to ask, and in which form to print the answer.
+/// The robot to ask, and the form of the answer.
 #[derive(Debug, clap::Args)]
 pub struct DatabaseArgs {
     /// Ask the copy of this robot [default: the one on this machine]

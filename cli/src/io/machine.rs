@@ -12,7 +12,7 @@ use std::net::{IpAddr, Ipv4Addr, TcpListener};
 use std::path::Path;
 use std::process::Command;
 
-/// What gives a program a real-time priority. Source: chrt(1), util-linux.
+/// The command that gives a program a real-time priority. Source: chrt(1), util-linux.
 const CHRT: &str = "chrt";
 
 /// Returns this machine as it is; `run` and `state` are the folders that nodes would use, none if the system has none.

@@ -37,7 +37,7 @@ pub enum ObserverEvent {
     Sample(Sample),
     /// A value that went over a wire.
     Port {
-        /// Which, as in [`Port`].
+        /// The output, as in [`Port`].
         from: String,
         /// As in [`Port`].
         to: String,
@@ -238,7 +238,8 @@ mod tests {
         opening.await.unwrap()
     }
 
-    /// What is not there within the time, as on the other side of a long link, is told, and seen from when it is.
+    /// A source that is not there within the time, as on the other side of a long link, is reported, and seen from when
+    /// it is.
     #[tokio::test(flavor = "multi_thread")]
     async fn a_source_that_is_reached_late_is_seen_from_then_on() {
         let folder = std::env::temp_dir().join(format!("dca-observer-late-{}", std::process::id()));

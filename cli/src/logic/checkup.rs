@@ -1,4 +1,5 @@
-//! What a person should know of a machine before a robot depends on it: findings, each with a hint where there is one.
+//! The state of a machine, as a person should know it before a robot depends on it: findings, each with a hint where
+//! there is one.
 
 use comms::io::clock::ClockQuality;
 use serde::Serialize;
@@ -38,13 +39,13 @@ impl fmt::Display for Level {
 /// One finding.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Check {
-    /// What was looked at, in one word.
+    /// The subject of the check, in one word.
     pub name: &'static str,
     /// How it is to be taken.
     pub level: Level,
-    /// What was found.
+    /// The result, in a sentence.
     pub finding: String,
-    /// What helps, where something does.
+    /// The remedy, where there is one.
     pub hint: Option<&'static str>,
 }
 

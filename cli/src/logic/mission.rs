@@ -62,11 +62,11 @@ pub enum Outcome {
     Done,
     /// `main` failed.
     Aborted(Failure),
-    /// It was asked to stop.
+    /// The mission was asked to stop.
     Stopped,
     /// Nobody can say.
     Unconfirmed,
-    /// It was never started.
+    /// The mission was never started.
     Refused(Vec<String>),
 }
 

@@ -5,10 +5,10 @@ use node::logic::table::table;
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// What one host says.
+/// The names of one host.
 #[derive(Clone, Debug)]
 pub struct HostNames {
-    /// What runs there.
+    /// Its node and the processes that run there.
     pub status: NodeStatus,
     /// Its ports and devices; none if it is of a version that does not say.
     pub names: Option<Names>,

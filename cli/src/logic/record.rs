@@ -88,7 +88,7 @@ pub enum Entry {
         /// Whole lines, without the last line feed.
         text: String,
     },
-    /// What went over a wire. It is not read back: a report has no use for it.
+    /// A value that went over a wire. It is not read back: a report has no use for it.
     Port {
         /// Path of the producer and its output: `main/force/Out`.
         from: String,
@@ -98,7 +98,7 @@ pub enum Entry {
         at: Duration,
         /// The value as it is sent.
         bytes: Vec<u8>,
-        /// What it is, if the interface of the producer says that.
+        /// The type of the value, if the interface of the producer declares it.
         message: Option<Arc<Message>>,
     },
 }
@@ -110,7 +110,7 @@ pub struct Run {
     pub header: Header,
     /// Everything else, in the order in which it was recorded.
     pub entries: Vec<Entry>,
-    /// What of the record could not be read, if it is not whole: the recorder was killed, or the file is damaged.
+    /// The damage, if the record is not whole: the recorder was killed, or the file was changed.
     pub damage: Option<String>,
 }
 

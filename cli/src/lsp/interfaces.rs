@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 use std::sync::mpsc::SyncSender;
 
-/// What tells one build of a program from another: its file's number, length and time of change.
+/// The identity of one build of a program: its file's number, length and time of change.
 type Stamp = (u64, u64, i64, i64);
 
 /// A program has answered, or failed to.

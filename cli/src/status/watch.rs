@@ -25,7 +25,7 @@ const EVERY: Duration = Duration::from_secs(1);
 /// How long after one look the next may begin when something has happened: much often happens at once.
 const AGAIN_AFTER: Duration = Duration::from_millis(50);
 
-/// What was seen at the last look.
+/// The state at the last look.
 #[derive(Debug, Default)]
 struct View {
     statuses: Vec<NodeStatus>,
@@ -39,7 +39,7 @@ struct View {
 enum Shown {
     /// How many lines the table has that is on the terminal.
     Table(usize),
-    /// What each process was said to be.
+    /// The state of each process, by path.
     Lines(BTreeMap<String, String>),
     /// The last state, but for what changes all the time.
     Json(String),

@@ -7,7 +7,7 @@ use controllers::sdk::{
 };
 use std::time::Duration;
 
-/// What travels from one to the other.
+/// The message from the one controller to the other.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(crate = "controllers::sdk::serde")]
 struct Level {
@@ -60,7 +60,7 @@ impl Controller for Ramp {
 
 #[derive(Inputs)]
 struct SmoothInputs {
-    /// What to follow.
+    /// The level to follow.
     #[port("In")]
     level: In<Level>,
 }
@@ -107,7 +107,7 @@ impl Controller for Smooth {
         Progress::Continue
     }
 
-    /// What the summary, the report and the record of a run show.
+    /// Returns the numbers that the summary, the report and the record of a run show.
     fn signals(&self) -> Vec<Signal> {
         vec![Signal { name: "smoothed".into(), unit: String::new(), value: self.value, headline: true }]
     }

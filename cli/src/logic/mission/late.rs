@@ -6,7 +6,7 @@ use node::logic::output_lines::{LAST_LINES_MAX, last_lines};
 use node::logic::protocol::{Change, Ending, Failure, FailureCause};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// What the programs of a mission wrote last, and which of them a deadline is for.
+/// The last output of the programs of a mission, and the programs that a deadline is for.
 #[derive(Debug, Clone)]
 pub(super) struct Late {
     /// Paths of the processes that a deadline is for, by the path of its group and what is said when it has passed.

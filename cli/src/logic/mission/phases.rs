@@ -27,7 +27,7 @@ pub struct Phase {
     pub begin: Duration,
     /// Since GO, once it is over.
     pub end: Option<Duration>,
-    /// What ended it; none while it runs and when it was stopped from outside.
+    /// The member that ended it; none while it runs and when it was stopped from outside.
     pub decided: Option<DecidingMember>,
     step: usize,
     members: usize,

@@ -9,7 +9,7 @@ use std::time::Duration;
 const HEIGHT: f64 = 150.0;
 /// Height of the curves in any other.
 const HEIGHT_SMALL: f64 = 105.0;
-/// What is over and under them.
+/// The height of the room over and under the curves, in pixels.
 const TOP: f64 = 6.0;
 const BOTTOM: f64 = 20.0;
 /// A program that says nothing for longer than this breaks its curve.

@@ -16,7 +16,7 @@ pub struct Port {
     pub from: String,
     /// Path of the consumer and its input.
     pub to: String,
-    /// What is sent, if the interface of the producer says that.
+    /// The type of the values, if the interface of the producer declares it.
     pub message: Option<Arc<Message>>,
     /// Index into `Plan::wires`.
     wire: u32,
@@ -29,7 +29,7 @@ impl Port {
     }
 }
 
-/// What outputs send: by module, then by output.
+/// The types of outputs: by module, then by output.
 pub type Messages = BTreeMap<String, BTreeMap<String, Message>>;
 
 /// Returns the wires that are meant: `all`, or outputs such as `Out`, `force.Out` or `hit/force.Out`. `messages` is what is

@@ -25,7 +25,7 @@ pub enum ReadError {
     Newer(u16),
 }
 
-/// What is said when nothing that is whole tells when GO was.
+/// The sentence for a record in which no whole entry has the time of GO.
 const NO_GO: &str = "when GO was is not known, so no entry has a time";
 /// How many damaged parts are named; of more the number is.
 const NAMED_MAX: usize = 3;
@@ -69,7 +69,7 @@ struct RecordReader<'a> {
     go: Option<Duration>,
     /// When it was at the earliest, by what came after it.
     go_min: Option<Duration>,
-    /// What could not be read, in the order of the file: the first of it, and how much more there is.
+    /// The damage, in the order of the file: the first case of it, and how many more there are.
     damage: Vec<String>,
     damage_more: u64,
 }
@@ -81,7 +81,7 @@ struct Channel {
     units: BTreeMap<String, Unit>,
 }
 
-/// What came on `/events`. In records of version 1 the report is JSON in JSON.
+/// A message on `/events`. In records of version 1 the report is JSON in JSON.
 #[derive(serde::Deserialize)]
 struct Event {
     report: Value,

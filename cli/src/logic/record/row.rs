@@ -14,9 +14,9 @@ use std::time::Duration;
 pub const EVENTS: &str = "/events";
 /// The topic of what programs write.
 pub const LOG: &str = "/log";
-/// What the topic of a program's signals begins with; its path follows, in plain names.
+/// The beginning of the topic of a program's signals; its path follows, in plain names.
 pub const SIGNALS: &str = "/signals/";
-/// What the topic of a wire begins with; the path of its output follows, in plain names.
+/// The beginning of the topic of a wire; the path of its output follows, in plain names.
 pub const PORTS: &str = "/ports/";
 /// Key of a channel's metadata: the program's path as it is.
 pub(super) const PATH: &str = "dca.path";
@@ -57,7 +57,7 @@ struct Event {
     report: String,
 }
 
-/// What the metadata of a channel says of one signal.
+/// The metadata of a channel about one signal.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Unit {
     /// Its place in the sample, which an object of JSON does not keep.
