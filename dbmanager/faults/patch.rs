@@ -10,7 +10,7 @@ use std::io;
 use std::path::Path;
 
 const PATCHES: &str = include_str!("patches.txt");
-/// What switches a fault on, in the copy.
+/// The module of the copy that switches a fault on.
 const SWITCH: &str = include_str!("fault.rs");
 
 /// An injected fault.

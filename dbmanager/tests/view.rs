@@ -1,4 +1,4 @@
-//! What people see of real replicas: two robots that write while they cannot hear each other, meet, and one that was retired
+//! The views of real replicas: two robots that write while they cannot hear each other, meet, and one that was retired
 //! while it was away.
 
 #![expect(clippy::unwrap_used, reason = "it is a test")]

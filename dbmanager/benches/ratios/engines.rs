@@ -19,7 +19,7 @@ const COMMITS: u64 = 300;
 /// Seconds of a year: a robot that commits once a second.
 const YEAR: u64 = 31_557_600;
 
-/// What one engine has shown.
+/// The figures of one engine.
 struct Subject {
     engine: Engine,
     robot: Robot<DirStore>,

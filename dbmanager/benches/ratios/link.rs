@@ -1,5 +1,5 @@
-//! What goes over the links between robots, and how long a backlog takes: the real replicas on simulated links, in virtual
-//! time, beside what the link can do.
+//! The bytes on the links between robots, and the time that a backlog takes: the real replicas on simulated links, in
+//! virtual time, beside the limit of the link.
 //!
 //! The limit for a backlog is a round trip and its bytes at the rate of the link, an operation counting as its key, its
 //! value, and 32 bytes for who, when and a seal; sizes are those of the encoded messages.

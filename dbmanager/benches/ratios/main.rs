@@ -1,4 +1,4 @@
-//! What the database costs beside what the machine, or the link, can do without it: `cargo bench -p dbmanager`.
+//! The cost of the database beside the cost of the same work without it: `cargo bench -p dbmanager`.
 //!
 //! The disk and the memory are measured in alternating rounds of the same run; links are simulated under the real replicas,
 //! on virtual time, so that the limit is known exactly. One part alone: `cargo bench -p dbmanager -- commit`, or `group`,

@@ -61,7 +61,7 @@ pub(crate) enum Reach {
     None,
 }
 
-/// What the whole benchmark prints: what, how much, its ratio, and how far that may go.
+/// The table of the whole benchmark: the subject, the figure, its ratio, and the limit of the ratio.
 #[derive(Debug, Default)]
 pub(crate) struct Table {
     lines: Vec<[String; 4]>,

@@ -79,7 +79,7 @@ pub enum StoreError {
         /// The directory of the store.
         path: PathBuf,
     },
-    /// It is one of an earlier version of this program, which nothing here reads.
+    /// The store is of an earlier version of this program, which nothing here reads.
     #[error(
         "`{path}` holds a store that an earlier version of this program made, in another format; choose another folder, or move \
          this one away: what other robots have comes back from them"
@@ -88,7 +88,7 @@ pub enum StoreError {
         /// The directory of the store.
         path: PathBuf,
     },
-    /// It was made on the other engine, which stays as long as the folder does.
+    /// The store was made on the other engine, which stays as long as the folder does.
     #[error(
         "the store `{path}` is kept by {found}, not by {wanted}; start without `--store`, or move the folder away: then a new one \
          is made, and what other robots have comes back from them"
@@ -96,12 +96,12 @@ pub enum StoreError {
     Engine {
         /// The directory of the store.
         path: PathBuf,
-        /// Which keeps it.
+        /// The engine that keeps it.
         found: Engine,
-        /// Which was asked for.
+        /// The engine that was asked for.
         wanted: Engine,
     },
-    /// It is not as it was written.
+    /// A record is not as it was written.
     #[error("the store `{path}` is damaged: {what}")]
     Damaged {
         /// The directory of the store.
@@ -115,7 +115,7 @@ pub enum StoreError {
         /// Its size.
         size: usize,
     },
-    /// It has failed before.
+    /// The store has failed before.
     #[error("the store `{path}` has failed before and has to be opened anew")]
     Poisoned {
         /// The directory of the store.

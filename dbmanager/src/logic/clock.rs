@@ -30,7 +30,7 @@ pub enum Quality {
     /// Nobody has set it.
     #[default]
     Unset,
-    /// It shows a date that may be right, as after a start from a battery-backed clock, and nobody keeps it.
+    /// The clock shows a date that may be right, as after a start from a battery-backed clock, and nothing keeps it.
     Battery,
     /// Kept in step by NTP or PTP.
     Network,

@@ -27,7 +27,7 @@ use std::collections::BTreeMap;
 pub struct Stable {
     /// The version vector that everybody has and nobody can write without.
     pub vector: VersionVector,
-    /// Those whose version vector is missing, or has less than the own one.
+    /// The members whose version vector is missing, or has less than the replica's own.
     pub pinned_by: Vec<ReplicaId>,
 }
 

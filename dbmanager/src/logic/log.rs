@@ -50,13 +50,13 @@ impl Head {
 pub enum Verdict {
     /// Apply it.
     Next,
-    /// It is here already.
+    /// The transaction is here already.
     Known,
     /// Something before it is missing.
     Early,
     /// Its origin has used a number twice, or an order of timestamps that cannot be.
     Fork,
-    /// It has seen another transaction by a number that means one here.
+    /// The transaction has seen another one by a number that has a different transaction here.
     Apart,
 }
 

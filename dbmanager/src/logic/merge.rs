@@ -59,7 +59,7 @@ pub struct Side<'a> {
 /// Origins that have used a number twice, with the last number before.
 pub type Forked = BTreeMap<ReplicaId, u64>;
 
-/// What is left of a transaction: its writes that nobody has overwritten, with the versions that each takes away.
+/// The remaining part of a transaction: its writes that nobody has overwritten, with the versions that each takes away.
 pub type Piece = Vec<(Write, BTreeSet<Dot>)>;
 
 /// Where a piece comes from: its timestamp, and the dot it had; none for a deletion that had been dropped.

@@ -33,7 +33,7 @@ pub enum Message {
     ChunkRequest(ChunkHash),
     /// The answer; without bytes if there is no such chunk any more.
     SnapshotChunk {
-        /// Which chunk.
+        /// The hash of the chunk.
         name: ChunkHash,
         /// Its bytes; nothing if the sender does not have them.
         bytes: Option<Vec<u8>>,
@@ -44,7 +44,7 @@ pub enum Message {
     DeltaPush(DeltaPush),
 }
 
-/// Which part of an exchange a message to one peer is.
+/// The part of a message in an exchange with one peer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Pattern {
     /// The peer answers it with a response.
@@ -52,7 +52,7 @@ pub enum Pattern {
         /// How long the response may be on its way. The replica has given it up by then, but takes it all the same.
         within: Duration,
     },
-    /// It answers a request of the peer.
+    /// The message answers a request of the peer.
     Response,
     /// Nobody answers it.
     OneWay,

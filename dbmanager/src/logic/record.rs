@@ -37,7 +37,7 @@ pub(crate) struct IdentityRecord {
     pub(crate) robot: String,
     /// The replica id under which it wants to be admitted, if it is no member.
     pub(crate) joining: Option<ReplicaId>,
-    /// Whom it has asked for that; nobody else is asked for the same.
+    /// The peer that was asked for the chunk; nobody else is asked for the same.
     pub(crate) asked: Option<ReplicaId>,
     /// Origins it has given up.
     pub(crate) past: Vec<Past>,
@@ -75,7 +75,7 @@ pub enum OpenError {
     /// There is something in it that this program does not know, and it is as it was written.
     #[error("the store was written by a newer version of this program, which has to be started instead")]
     Newer,
-    /// It is another robot's.
+    /// The records are another robot's.
     #[error("the store belongs to the robot `{found}`, not to `{expected}`")]
     Robot {
         /// In the store.
@@ -85,7 +85,8 @@ pub enum OpenError {
     },
 }
 
-/// What the records of a key begin with: one that everybody has, and one that never leaves the robot.
+/// The first byte of the record of a key: `SHARED` for keys that every replica has, the other for keys that never leave
+/// the robot.
 pub(crate) const SHARED: u8 = b'k';
 pub(crate) const LOCAL: u8 = b'p';
 

@@ -35,11 +35,11 @@ use std::sync::Arc;
 /// A write that no other write has seen.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Version {
-    /// Which transaction wrote it.
+    /// The transaction that wrote it.
     pub dot: Dot,
     /// When, in the one order of all.
     pub stamp: Timestamp,
-    /// What; `None` for a deletion.
+    /// The value; `None` for a deletion.
     pub value: Option<Value>,
 }
 

@@ -68,12 +68,12 @@ impl<const N: usize> From<&[u8; N]> for Value {
     }
 }
 
-/// What has to hold of a key for a transaction to be committed. Append only.
+/// A condition that has to hold of a key for a transaction to be committed. Append only.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Condition {
-    /// It has no value.
+    /// The key has no value.
     Absent,
-    /// It has a value.
+    /// The key has a value.
     Exists,
     /// Its value was written by this transaction, and nobody has written concurrently.
     Is(Dot),
@@ -118,7 +118,7 @@ pub struct Rebase {
     pub from: Option<Dot>,
     /// Its timestamp there, which still orders its writes and is their name in all lives.
     pub stamp: Timestamp,
-    /// What it takes away of what is in its context, in order; deletions besides.
+    /// The versions in its context that it takes away, in order, besides deletions.
     pub takes: Vec<Dot>,
 }
 
@@ -133,7 +133,7 @@ pub struct Txn {
     pub prev: ChainHash,
     /// The wall clock where it was committed.
     pub wall: Wall,
-    /// What of its context is beyond the context of the one before it.
+    /// The part of its context that is beyond the context of the transaction before it.
     pub context: VersionVector,
     /// The reason that its writer gave.
     pub reason: String,
@@ -159,7 +159,8 @@ impl Txn {
     }
 }
 
-/// What every format begins with: who cannot read the rest still keeps transactions in order and passes them on.
+/// The fields at the beginning of every format. A replica that cannot read the rest still keeps transactions in order
+/// and passes them on.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Header {
     /// As in [`Txn`].

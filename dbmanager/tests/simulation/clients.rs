@@ -16,7 +16,7 @@ use std::time::Duration;
 const CLIENTS: usize = 4;
 /// How many keys they share.
 const KEYS: u64 = 5;
-/// What clients may see if a robot rebases again what others have deleted since.
+/// The anomalies that clients may see if a robot rebases again what others have deleted since.
 const REPEATED: [Anomaly; 6] = [
     Anomaly::FracturedRead,
     Anomaly::ReadYourWrites,
@@ -25,7 +25,8 @@ const REPEATED: [Anomaly; 6] = [
     Anomaly::WritesFollowReads,
     Anomaly::WriteCoRead,
 ];
-/// What they may see if a robot has come back and what it rebased is here before what that had seen of a member.
+/// The anomalies that they may see if a robot has come back, and its rebased transactions are here before those of a
+/// member that it had seen.
 const AHEAD: [Anomaly; 3] = [Anomaly::FracturedRead, Anomaly::WriteCoRead, Anomaly::WriteCoInitRead];
 /// How long they wait for others to have a transaction.
 const PATIENCE: Duration = Duration::from_secs(5);
@@ -36,9 +37,9 @@ struct Client {
     node: usize,
     era: u64,
     session: Option<usize>,
-    /// What it has seen, to be shown when it moves to another robot.
+    /// The transactions that it has seen, to be shown when it moves to another robot.
     token: VersionVector,
-    /// Which transactions the last numbers of the token meant where it saw them.
+    /// The transactions that the last numbers of the token meant where the client saw them.
     meant: BTreeMap<ReplicaId, Id>,
 }
 
@@ -51,7 +52,7 @@ pub(crate) struct Clients {
     names: BTreeMap<usize, Id>,
     sessions: usize,
     value: u64,
-    /// What a watcher at each robot has seen last, and its timestamp.
+    /// The value that a watcher at each robot has seen last, and its timestamp.
     winners: BTreeMap<(usize, u64), (u64, Timestamp)>,
 }
 

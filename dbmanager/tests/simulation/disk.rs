@@ -3,10 +3,10 @@
 use comms::logic::random::Random;
 use dbmanager::logic::record::{Batch, Records};
 
-/// What becomes of a write that the replica has to wait for.
+/// The fate of a write that the replica has to wait for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Fate {
-    /// It is written, and the driver goes on.
+    /// The batch is written, and the driver goes on.
     Done,
     /// The robot stops before it is written.
     CrashBefore,
@@ -22,7 +22,7 @@ pub(crate) enum Fate {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Disk {
     platter: Records,
-    /// What was acknowledged to the driver, and a power cut takes away.
+    /// The batches that were acknowledged to the driver, and that a power cut takes away.
     cache: Vec<Batch>,
     /// Whether flushes are acknowledged without being done.
     pub(crate) lies: bool,

@@ -13,7 +13,7 @@ pub(crate) type Register = u64;
 /// A value; no two writes have the same.
 pub(crate) type Value = u64;
 
-/// What a transaction did, in its order.
+/// An operation of a transaction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Op {
     /// Saw this, or nothing.
@@ -43,7 +43,7 @@ pub(crate) struct History {
     pub(crate) brought: BTreeSet<Register>,
 }
 
-/// What must not be.
+/// An anomaly that must not happen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Anomaly {
     /// A value that nobody wrote.
@@ -133,12 +133,12 @@ impl Relation {
     }
 }
 
-/// What follows from a history.
+/// The relations that follow from a history.
 struct Facts<'a> {
     history: &'a History,
-    /// Who wrote each value, and whether it was the last write there.
+    /// The writer of each value, and whether it was the last write there.
     writers: BTreeMap<(Register, Value), (usize, bool)>,
-    /// Which value overwrote which, closed.
+    /// The values that overwrote each value, closed.
     newer: BTreeMap<Register, BTreeMap<Value, BTreeSet<Value>>>,
     causality: Relation,
 }
@@ -200,7 +200,7 @@ pub(crate) fn lost_updates(history: &History) -> Vec<(usize, usize, Register)> {
     lost
 }
 
-/// What a session knows of each register: values that it must not see anything older than.
+/// The knowledge of a session about each register: values that it must not see anything older than.
 #[derive(Default)]
 struct Session {
     wrote: BTreeMap<Register, Value>,

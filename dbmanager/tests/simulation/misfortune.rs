@@ -1,4 +1,4 @@
-//! What goes wrong in a simulated team, step by step.
+//! Misfortunes of a simulated team, step by step.
 
 use super::disk::Fate;
 use super::{EPOCH_MS, Faults, World};

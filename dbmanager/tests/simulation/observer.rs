@@ -1,4 +1,4 @@
-//! What is checked at each thing that a replica wants done.
+//! The checks at each effect of a replica.
 
 use super::{Node, World};
 use dbmanager::logic::record::Batch;

@@ -1,4 +1,4 @@
-//! What must be so, worked out from the set of all transactions and nothing else.
+//! The invariants, worked out from the set of all transactions and nothing else.
 //!
 //! A transaction is known by its dot and its link: after a rollback one dot may name two of them. What a replica has is
 //! the chain of each origin, walked back from its head. Where each invariant of the study is checked:
@@ -30,7 +30,7 @@ use dbmanager::logic::txn::{EncodedTxn, Txn};
 use dbmanager::logic::version_vector::{Dot, ReplicaId, VersionVector};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// What chains transactions.
+/// The hash that chains transactions.
 type ChainHash = [u8; 8];
 /// One transaction, also where numbers are used twice.
 pub(crate) type Id = (Dot, ChainHash);
@@ -42,13 +42,13 @@ struct Event {
     seen: BTreeMap<ReplicaId, Id>,
 }
 
-/// What has happened, as callers and watchers were told.
+/// The events so far, as callers and watchers were told of them.
 #[derive(Default)]
 pub(crate) struct Reference {
     events: BTreeMap<Id, Event>,
     /// Where each was acknowledged.
     acknowledged: BTreeMap<Id, usize>,
-    /// What the robot that has written it does not have any more.
+    /// The transactions that the robot that has written them does not have any more.
     orphaned: BTreeSet<Id>,
     /// Whether a robot has come back and left behind what it held of others: those bring it themselves.
     pub(crate) left_behind: bool,
@@ -57,7 +57,7 @@ pub(crate) struct Reference {
     pub(crate) can_roll_back: bool,
     /// Under which dots each was committed once more.
     names: BTreeMap<Id, Vec<Id>>,
-    /// What watchers at each robot have seen, and by which link.
+    /// The transactions that watchers at each robot have seen.
     shown: BTreeMap<usize, VersionVector>,
     links: BTreeMap<(usize, Dot), ChainHash>,
     /// By which link before the state of another was taken over: what is rebased has names of that time.
@@ -85,8 +85,8 @@ impl Reference {
         self.shown.insert(node, cut);
     }
 
-    /// What a robot means by its numbers is what its heads lead back to: the state of another, or an older disk of its own, may
-    /// mean others.
+    /// Takes note of the transactions that a robot means by its numbers: those that its heads lead back to. The state
+    /// of another robot, or an older disk of its own, may mean others.
     pub(crate) fn means(&mut self, node: usize, replica: &Replica) {
         self.meant.retain(|(at, _), _| *at != node);
         for (origin, head) in replica.log().heads() {

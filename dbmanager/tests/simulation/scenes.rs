@@ -60,7 +60,8 @@ pub(crate) fn states_only() -> Ending {
     must(world.value(0, "team/b") == Some(2) && world.value(1, "team/a") == Some(1), "all is there in the end")
 }
 
-/// Who was retired has written beside a deletion, and the one that it meets has the deletion, but not the retirement.
+/// A retired robot has written concurrently with a deletion, and the robot that it meets has the deletion, but not the
+/// retirement.
 pub(crate) fn last_words() -> Ending {
     let mut world = team(3);
     world.put(0, "team/a", 1);

@@ -1,8 +1,8 @@
-//! Which faults a seed has: a random part of all, so that no fault hides another (Groce et al., *Swarm Testing*, 2012).
+//! The faults of a seed: a random part of all, so that no fault hides another (Groce et al., *Swarm Testing*, 2012).
 
 use comms::logic::random::Random;
 
-/// What goes wrong, in percent of the occasions: of messages, of writes to the disk, of steps.
+/// The rates of faults, in percent of the occasions: of messages, of writes to the disk, of steps.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Faults {
     /// Messages lost.

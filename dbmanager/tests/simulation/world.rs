@@ -47,13 +47,13 @@ const INPUTS_PER_MS_MAX: u64 = 10;
 /// How long a mended world may take to have the same everywhere, per percent of messages lost (I13).
 const CONVERGENCE_MS: u64 = 120_000;
 
-/// What a wall clock says beside the truth.
+/// The error of a wall clock.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct WallClock {
     pub(crate) offset_ms: i64,
     /// Parts per million that it runs fast.
     pub(crate) drift_ppm: i64,
-    /// It stands still at this.
+    /// The reading at which the clock stands still, in milliseconds; none if it runs.
     pub(crate) frozen: Option<u64>,
     pub(crate) quality: Quality,
 }
@@ -92,7 +92,7 @@ pub(crate) struct World {
     memberless: bool,
     /// Copies of disks.
     backups: BTreeMap<usize, Records>,
-    /// What the commit that is being handled has come to.
+    /// The dot of the commit that is being handled.
     committed: Option<Dot>,
     pub(crate) alarms: Vec<(usize, Alarm)>,
 }
@@ -426,7 +426,7 @@ impl World {
         self.nodes[node].copied = false;
     }
 
-    /// It is on the disk, although nobody was told.
+    /// Takes note of a transaction that is on the disk, although nobody was told.
     fn note_untold(&mut self, node: usize, before: &VersionVector, effect: Effect) {
         match effect {
             Effect::Visible(dot, frame) => drop(self.reference.happened(node, dot, &frame)),

@@ -18,7 +18,7 @@ const TRIES_MAX: usize = 200;
 /// How many batches of large records there are, and of how many records each.
 pub(crate) const LARGE: (u64, u64) = (6, 24);
 
-/// What a child does.
+/// The order of a child.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Order {
     /// Commits small transactions one after another, as a robot does; opens its store again when it has failed.
@@ -39,7 +39,7 @@ pub(crate) fn command(wrapper: &[&str], (order, dir, count): (Order, &Path, u64)
     command
 }
 
-/// What the others start; nothing by itself.
+/// The entry point of the children that the other tests start; it does nothing by itself.
 #[test]
 fn obeys() {
     let Ok(order) = std::env::var(ORDER) else { return };

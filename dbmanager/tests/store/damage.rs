@@ -9,7 +9,7 @@ use dbmanager::logic::replica::Replica;
 use redb::ReadableDatabase;
 use std::fs;
 
-/// What the engine's file begins with: what it is, and the two slots for the roots of states.
+/// The length of the head of the engine's file, in bytes: its magic number and the two slots for the roots of states.
 const HEAD_SIZE: usize = 320;
 
 /// Returns the records of a robot that has written a little.
@@ -65,7 +65,7 @@ fn a_store_of_somebody_else_is_left_alone() {
     assert_eq!(found, Some(1));
 }
 
-/// What earlier versions of this program left is neither read, nor overwritten, nor put aside.
+/// A store of an earlier version of this program is neither read, nor overwritten, nor put aside.
 #[test]
 fn a_store_of_the_engine_before_is_refused() {
     let folder = Folder::quick();
@@ -185,7 +185,8 @@ fn open_replica(records: &Records) -> Result<Replica, OpenError> {
     Replica::open(config(), records)
 }
 
-/// Whatever the engine lets through: each record knows its name and its sum, and all know each other.
+/// Bit flips that the engine does not notice are found: each record knows its name and its sum, and all know each
+/// other.
 #[test]
 fn bit_flip_in_log_tail_middle_kv() {
     let records = little(MemoryStore::default());

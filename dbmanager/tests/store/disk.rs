@@ -11,7 +11,7 @@ use std::process::{Command, Stdio};
 /// How often a process is killed.
 const KILLS: u64 = 200;
 
-/// What a child said, line by line.
+/// Returns the output of a child, line by line.
 fn said(mut command: Command) -> Vec<String> {
     let output = command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
     let output = output.wait_with_output().unwrap();

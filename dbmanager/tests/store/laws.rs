@@ -1,4 +1,4 @@
-//! What every store has to do, whatever engine is below it.
+//! The laws of every store, whatever its engine.
 
 use crate::{Folder, Robot, batch, on_each_engine, open, put_text};
 use dbmanager::io::store::memory::MemoryStore;
@@ -130,7 +130,7 @@ fn key_written_1m_times() {
     });
 }
 
-/// Which engine it is was chosen when the folder was made, and stays.
+/// The engine is chosen when the folder is made, and stays.
 #[test]
 fn an_engine_is_kept_with_the_folder() {
     for (engine, other) in [(Engine::Redb, Engine::Sled), (Engine::Sled, Engine::Redb)] {

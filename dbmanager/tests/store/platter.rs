@@ -11,10 +11,10 @@ use comms::logic::random::Random;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-/// What a drive writes as a whole.
+/// The bytes that a drive writes as a whole.
 const SECTOR_SIZE: usize = 512;
 
-/// Which calls make anything durable.
+/// The calls that make writes durable.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Barriers {
     /// All that should.

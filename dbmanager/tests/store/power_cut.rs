@@ -20,7 +20,7 @@ use std::process::{Command, Stdio};
 /// With which probability, in percent, a page that was not synced survives: half of the drives are merciless.
 const SURVIVAL: [u64; 4] = [0, 0, 50, 90];
 
-/// What a version vector left.
+/// The remains of a version vector after a power cut.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Left {
     /// All that was acknowledged.

@@ -1,4 +1,4 @@
-//! What a program did to its files, as `strace` saw it.
+//! The system calls of a program on its files, as `strace` saw them.
 
 use std::collections::BTreeMap;
 use std::io::BufRead;

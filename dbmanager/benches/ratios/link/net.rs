@@ -11,7 +11,7 @@ use dbmanager::logic::version_vector::{ReplicaId, VersionVector};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
-/// What all wall clocks show.
+/// The reading of all wall clocks.
 pub(super) const WALL: Wall = Wall { millis: 1_790_000_000_000, quality: Quality::Network };
 /// How long anything may take.
 const TIME_MAX: Duration = Duration::from_secs(3600);

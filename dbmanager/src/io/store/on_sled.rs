@@ -27,7 +27,7 @@ const PIECE_SIZE: usize = 4 << 10;
 const CACHE_SIZE: u64 = 4 << 20;
 /// Says whose store it is, and in which layout. No record has such a name: those begin with their length.
 const GUARD: (&[u8], &[u8]) = (b"\xff\xffdca-dbmanager", b"2");
-/// Which store it is, and in how many lives it was written to.
+/// The name of the record of the store's identity and the number of its lives.
 const LIFE: &[u8] = b"\xff\xfflife";
 /// How long the data file of a new store is at the most.
 const NEW_SIZE_MAX: u64 = 4 << 20;

@@ -26,11 +26,11 @@ const SIZE_MAX: u64 = 4096;
 /// Whether a store may go on under the origin that it has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Trust {
-    /// It was made just now, or nothing was ever written to it.
+    /// The store was made just now, or nothing was ever written to it.
     New,
-    /// It is the one that was open here last.
+    /// The store is the one that was open here last.
     Kept,
-    /// It may be a copy: [`Replica::open_copied`](crate::logic::replica::Replica::open_copied).
+    /// The store may be a copy: [`Replica::open_copied`](crate::logic::replica::Replica::open_copied).
     Doubtful(Doubt),
 }
 
@@ -41,11 +41,11 @@ pub enum Doubt {
     Missing,
     /// Another store was here.
     Another,
-    /// It was written to in more lives, or in fewer, than the witness knows of.
+    /// The store was written to in more lives, or in fewer, than the witness knows of.
     Restored,
     /// Its file is a copy.
     Copied,
-    /// It was on another machine.
+    /// The store was on another machine.
     Moved,
 }
 
@@ -61,7 +61,7 @@ impl fmt::Display for Doubt {
     }
 }
 
-/// Which store it is, and in how many lives it was written to.
+/// The identity of a store, and the number of lives in which it was written to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Life {
     pub(super) store: u128,

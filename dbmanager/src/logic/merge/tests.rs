@@ -23,7 +23,7 @@ struct Event {
     writes: Vec<Write>,
 }
 
-/// What one step does: who, with whom, and at which keys it puts or deletes.
+/// One step: the replica, the one that it merges with, and the keys at which it puts (true) or deletes.
 type Step = (usize, usize, Vec<(u8, bool)>);
 
 fn steps(most: usize) -> impl Strategy<Value = Vec<Step>> {

@@ -12,7 +12,7 @@ use crate::logic::version_vector::ReplicaId;
 /// The actions that follow from a hello.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Greeting {
-    /// It needs no reaction.
+    /// The message needs no reaction.
     Ignored,
     /// Somebody has copied the disk: two starts of one origin.
     Copied,
@@ -31,7 +31,7 @@ enum Greeting {
     Differs,
     /// The peer is a member with the same numbers.
     Even {
-        /// It has buffered other transactions.
+        /// The peer has buffered other transactions.
         buffers: bool,
         /// These numbers mean the same transactions.
         same_chains: bool,

@@ -23,13 +23,13 @@ pub struct Config {
 /// How far a transaction has to have got.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum AckLevel {
-    /// It is on the disk here.
+    /// On the disk of this robot.
     Local,
-    /// It is on the disks of so many other robots.
+    /// On the disks of so many other robots.
     Replicated(usize),
-    /// It is on the disks of these robots.
+    /// On the disks of these robots.
     On(BTreeSet<String>),
-    /// It is on the disks of all members.
+    /// On the disks of all members.
     Everywhere,
 }
 
@@ -49,7 +49,7 @@ pub struct CommitRequest {
 /// An input of a replica.
 #[derive(Clone, Debug)]
 pub enum Input {
-    /// It begins; or it is time, as [`Replica::deadline`](super::Replica::deadline) asked for.
+    /// The replica begins; or the time has come that [`Replica::deadline`](super::Replica::deadline) asked for.
     Tick(Wall),
     /// Callers want to commit. Those that wait at the same time go to the disk together.
     Commit(Vec<CommitRequest>, Wall),
@@ -72,11 +72,11 @@ pub enum Input {
 pub enum Answer {
     /// Nothing was written.
     Refused(TxnError),
-    /// It is durable here, and will be everywhere.
+    /// The transaction is durable here, and will be everywhere.
     Committed(Dot),
-    /// It has got as far as was asked for.
+    /// The transaction has reached the level that was asked for.
     Reached(Dot),
-    /// It has not in time, but still may. It stays committed.
+    /// The transaction has not reached the level in time, but still may. It stays committed.
     Pending(Dot),
 }
 

@@ -31,9 +31,9 @@ pub(super) struct PeerTable {
 
 #[derive(Debug, Default)]
 struct Peer {
-    /// It may have more than is here.
+    /// Whether the peer may have more than this replica.
     ahead: bool,
-    /// It may be asked from then on.
+    /// When the peer may be asked again.
     ask_at: Time,
     /// An answer is waited for until then.
     pulling: Option<Time>,

@@ -32,7 +32,7 @@ use std::collections::BTreeSet;
 /// The transactions that are rebased.
 #[derive(Debug)]
 pub(super) struct Arrivals {
-    /// What is left of each transaction, with the dot that it had; none for a deletion that had been dropped.
+    /// The remaining part of each transaction, with the dot that it had; none for a deletion that had been dropped.
     pub(super) rests: Vec<(Option<Dot>, Rest)>,
     /// The writes that say up to where the old origins were rebased.
     pub(super) records: Vec<Write>,

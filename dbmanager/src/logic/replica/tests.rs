@@ -24,9 +24,9 @@ pub(super) struct Team {
     mail: VecDeque<(usize, ReplicaId, Message)>,
     pub(super) answers: Vec<Answer>,
     pub(super) alarms: Vec<(usize, Alarm)>,
-    /// Who hears nobody.
+    /// The replicas that hear nobody.
     pub(super) away: BTreeSet<usize>,
-    /// Who hears greetings only, and is heard.
+    /// The replica that hears greetings only, and is heard.
     deaf: Option<usize>,
     pub(super) now: Time,
 }

@@ -14,7 +14,8 @@ struct Event {
     writes: Vec<Write>,
 }
 
-/// Who commits, whose state it has taken over before, and at which keys it puts or deletes.
+/// One step: the replica that commits, the one whose state it has taken over before, and the keys at which it puts
+/// (true) or deletes.
 type Step = (u8, u8, Vec<(u8, bool)>);
 
 /// A history of three origins.

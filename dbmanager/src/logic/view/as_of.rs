@@ -83,7 +83,7 @@ pub enum AsOfError {
 /// A key that two states show differently.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Difference {
-    /// Which key.
+    /// The key.
     pub key: Key,
     /// The value before.
     pub before: Option<Datum>,

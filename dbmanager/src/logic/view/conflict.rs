@@ -24,7 +24,7 @@ const RACES_MAX: usize = 1024;
 /// A key with writes that did not see each other.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Conflict {
-    /// Which key.
+    /// The key.
     pub key: Key,
     /// The writes; the last is what a read shows.
     pub versions: Vec<Sibling>,
@@ -48,7 +48,7 @@ pub struct Sibling {
 /// A transaction that relied on what another had changed.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Race {
-    /// Which key.
+    /// The key.
     pub key: Key,
     /// The transaction that relied on it.
     pub relied: Party,
@@ -83,7 +83,7 @@ struct Touch {
 /// A transaction that granted a prefix to a robot, or to everybody.
 struct Granted {
     dot: Dot,
-    /// Those of its other lives, too.
+    /// The dots of the write, those of its other lives included.
     names: BTreeSet<Dot>,
     stamp: Timestamp,
     robot: Option<String>,

@@ -34,7 +34,7 @@ pub enum TxnError {
         key: Key,
         /// The condition.
         condition: Condition,
-        /// Who wrote what is there, siblings included, deletions left out.
+        /// The writers of the present versions, siblings included, deletions left out.
         actual: Vec<Dot>,
     },
     /// A value that is too long.
@@ -61,7 +61,7 @@ pub enum TxnError {
     /// The prefix belongs to somebody else, on whose robot the transaction can be tried.
     #[error("`{key}` may only be written on the robot `{owner}`")]
     NotOwner {
-        /// Which key.
+        /// The key.
         key: Key,
         /// Whose it is.
         owner: String,
@@ -71,16 +71,16 @@ pub enum TxnError {
     /// The namespace is not written by transactions.
     #[error("`{key}` is in a namespace that transactions do not write")]
     Reserved {
-        /// Which key.
+        /// The key.
         key: Key,
     },
     /// The clock has no timestamp left.
     #[error("the clock has come to its end: a peer has sent a timestamp that nobody can have issued")]
     Clock,
-    /// It never leaves the robot, so no other robot can have it.
+    /// The key never leaves the robot, so no other robot can have it.
     #[error("`{key}` stays on this robot, so nobody else can have it")]
     Stays {
-        /// Which key.
+        /// The key.
         key: Key,
     },
 }

@@ -78,7 +78,7 @@ pub(in crate::logic) fn written_by(dots: &[Dot]) -> String {
     if dots.is_empty() { "it has no value".to_owned() } else { format!("it is written by {}", dots.join(" and ")) }
 }
 
-/// Which keys are asked for.
+/// The keys that are asked for.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Keys {
     /// One key.
@@ -90,7 +90,7 @@ pub enum Keys {
 /// The keys, writers and times that are asked for.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Filter {
-    /// Which keys.
+    /// The keys.
     pub keys: Keys,
     /// Only what this robot did.
     pub by: Option<String>,

@@ -65,7 +65,7 @@ pub struct Schema {
 /// Why a value is no schema.
 #[derive(Clone, Debug, Error, PartialEq, Eq, Serialize, Deserialize)]
 pub enum SchemaError {
-    /// It is not a table.
+    /// The schema is not a table.
     #[error("a schema is a table, such as {{type = \"float\", min = 0.0, max = 200.0, unit = \"N\"}}; this is {found}")]
     NoTable {
         /// The type of the value that was found.
@@ -74,7 +74,7 @@ pub enum SchemaError {
     /// A field is of another type.
     #[error("the field `{field}` of a schema must be {expected}, got {found}")]
     Field {
-        /// Which field.
+        /// The name of the field.
         field: String,
         /// The rule.
         expected: String,

@@ -115,7 +115,7 @@ impl Robot {
     }
 }
 
-/// What happens to a team of three.
+/// An event in a team of three.
 #[derive(Clone, Debug)]
 pub(super) enum Step {
     /// A robot writes these values, or deletions, at these keys.

@@ -55,7 +55,7 @@ pub struct Import {
     pub drafts: Vec<Draft>,
     /// The changes.
     pub differences: Vec<Difference>,
-    /// Which conflicts they would settle.
+    /// The keys whose conflicts they would settle.
     pub settles: Vec<Key>,
 }
 

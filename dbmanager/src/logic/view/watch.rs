@@ -34,8 +34,8 @@ pub struct Watch {
 pub enum Notification {
     /// A transaction has become visible. With its name, the version vector up to which was told grows: [`VersionVector::include`].
     Event(Box<Event>),
-    /// What comes next is not kept any more, since the watcher was too slow. It reads the state, and goes on from
-    /// `resume`.
+    /// The next transactions are not kept any more, since the watcher was too slow. It reads the state, and goes on
+    /// from `resume`.
     Lagged {
         /// The state at the moment.
         resume: VersionVector,
@@ -50,9 +50,9 @@ pub enum Notification {
 /// A transaction that changes a key that is watched.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Event {
-    /// Who, when, why, what.
+    /// The transaction: its author, time, reason and writes.
     pub entry: HistoryEntry,
-    /// Which of these keys have concurrent writes by now.
+    /// The keys that have concurrent writes by now.
     pub conflicts: Vec<Key>,
 }
 

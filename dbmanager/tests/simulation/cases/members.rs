@@ -1,4 +1,4 @@
-//! Who belongs to the team: joining, being away, being retired, coming back.
+//! Members of the team: joining, being away, being retired, coming back.
 
 use super::team;
 use crate::scenes;

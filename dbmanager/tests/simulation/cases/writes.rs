@@ -1,4 +1,4 @@
-//! What callers of a commit are promised.
+//! Promises to the callers of a commit.
 
 use super::team;
 use dbmanager::logic::key::Key;

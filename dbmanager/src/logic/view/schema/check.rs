@@ -12,7 +12,7 @@ use std::fmt;
 /// A value that is not what it is meant to be: one sentence.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Breach {
-    /// Which key.
+    /// The key.
     pub key: String,
     /// The rule that it breaks.
     pub(super) must_be: String,

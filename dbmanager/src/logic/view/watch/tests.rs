@@ -33,7 +33,7 @@ fn dots(notifications: &[Notification]) -> Vec<Dot> {
 /// Somebody who watches one robot, with little room, and checks what it is told.
 struct Watcher {
     watch: Watch,
-    /// What it was told of, or has read in the state.
+    /// The transactions that it was told of, or has read in the state.
     has: VersionVector,
     lagged: usize,
 }
