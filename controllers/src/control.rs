@@ -2,7 +2,6 @@
 
 pub mod angle;
 pub mod approach;
-pub mod calm;
 pub mod caster;
 pub mod clearance;
 pub mod compliant;
@@ -15,6 +14,7 @@ pub mod lever;
 pub mod line;
 pub mod look;
 pub mod opened;
+pub mod oscillation;
 pub mod passage;
 pub mod press;
 pub mod puma560;

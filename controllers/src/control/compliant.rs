@@ -4,22 +4,22 @@
 //! `stiffness · gain · delay < pi/2`, and calm below a half. With the fingers' 6000 N/m and a delay of 35 ms the gain may be
 //! 1/420 m/s/N, but a stiffer hand or a slower network asks for less, and nobody knows either beforehand. So the gain is
 //! 1/2000 for what changes quickly; a force that stays is no oscillation, and is given way to with up to 1/600. A measured
-//! delay caps both: that is the force loop's budget. What is stiffer than that swings, and [`super::calm`] takes gain away.
+//! delay caps both: that is the force loop's budget. What is stiffer than that swings, and [`super::oscillation`] takes gain away.
 //!
 //! Source: Whitney, "Force feedback control of manipulator fine motions", J. Dynamic Systems 99, 1977 (damping control);
 //! the bound is that of an integrator with a delay, Åström and Murray, "Feedback Systems", 2008, section 9.4.
 
-use super::calm::Calm;
 use super::filter::LowPass;
+use super::oscillation::OscillationGuard;
 use nalgebra::{Vector3, Vector6};
 
-/// What a metre per second of giving way costs (N s/m), for forces that change.
+/// The resistance to the hand's giving way (N s/m), for forces that change.
 pub const ACROSS: f64 = 2000.0;
 /// The same for forces that stay.
 const ACROSS_SLOW: f64 = 600.0;
 /// A force that has stayed counts from here on, and wholly from there on (N).
 const STAYS: (f64, f64) = (15.0, 35.0);
-/// What changes more slowly stays (Hz).
+/// The frequency below which a force counts as one that stays (Hz).
 const SLOW: f64 = 2.0;
 const UP: f64 = 2000.0;
 const TURN: f64 = 0.12;
@@ -67,7 +67,7 @@ impl Guide {
 /// Hops of the force loop in all, by the wires of the door specs: sensor, ForceTorque, CompliantCtrl or ModelBasedCtrl,
 /// AddVelocity, RedundancyResolution, Puma560Ctrl, arm; and those until the law.
 const HOPS: (f64, f64) = (6.0, 2.0);
-/// What the force loop takes beside its hops: the drives' lag, and half a period (s).
+/// The delay of the force loop besides its hops: the drives' lag, and half a period (s).
 const LAG: f64 = 0.035;
 
 /// Returns the delay of the whole force loop (s) for a law whose wrench is so old (s) when it arrives: every hop is taken to
@@ -82,12 +82,12 @@ pub struct Compliance {
     slow: LowPass<3>,
     /// How large forces have been lately, whatever their direction.
     size: LowPass<1>,
-    calm: Calm,
+    guard: OscillationGuard,
 }
 
 impl Default for Compliance {
     fn default() -> Self {
-        Self { slow: LowPass::new(SLOW), size: LowPass::new(SLOW), calm: Calm::default() }
+        Self { slow: LowPass::new(SLOW), size: LowPass::new(SLOW), guard: OscillationGuard::default() }
     }
 }
 
@@ -110,7 +110,7 @@ impl Compliance {
         let torque: Vector3<f64> = wrench_in_tool.fixed_rows::<3>(3).into();
         let slow = Vector3::from(self.slow.update(&force.into(), dt));
         let [size] = self.size.update(&[force.norm()], dt);
-        let (cap, share) = (gain_max(delay), self.calm.update(&force, dt));
+        let (cap, share) = (gain_max(delay), self.guard.update(&force, dt));
         let gain = |slow: f64| {
             // Of a force that swings to and fro less than half is left on average.
             let stays = ((2.0 * slow.abs() - size - STAYS.0) / (STAYS.1 - STAYS.0)).clamp(0.0, 1.0);

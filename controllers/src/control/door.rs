@@ -13,14 +13,14 @@
 //! Source: after the fused scheme that "DCA", section 5, ascribes to its reference \[9\]; the law is that of
 //! [`super::hinge`]'s source: tangential velocity, compliance across, the estimate on line.
 
-use super::calm::Calm;
 use super::compliant::{ACROSS, Guide, gain_max};
 use super::filter::LowPass;
 use super::hinge::Hinge;
 use super::lever::Lever;
 use super::line::horizontal;
+use super::oscillation::OscillationGuard;
 use super::ramp::towards;
-use super::swing::{HARD, Opens, PULL_MAX, Swing, TOTAL_MAX, Try};
+use super::swing::{Attempt, HARD, Opens, PULL_MAX, Swing, TOTAL_MAX};
 use super::swivel::{Stance, Swivel, Turn};
 use nalgebra::{Isometry3, Rotation3, UnitQuaternion, Vector2, Vector3, Vector6};
 
@@ -34,7 +34,7 @@ const PUSH_EASY: f64 = 58.0;
 /// A force on the hand that ends everything (N).
 pub const FORCE_MAX: f64 = 80.0;
 const PULL_FADE: f64 = 25.0;
-/// What of a pull changes more slowly is slow (Hz).
+/// The frequency below which a part of the pull counts as slow (Hz).
 const PULL_SLOW: f64 = 0.3;
 /// However suddenly it comes, a pull is given way to from so far below the largest, and is gone so far above it (N).
 const SUDDEN: (f64, f64) = (5.0, 15.0);
@@ -60,7 +60,7 @@ const RAMP: f64 = 1.0;
 /// A pull so far below the largest does not move the door (N).
 const STALL_PULL: f64 = 12.0;
 const STALL_SPEED: f64 = 0.02;
-/// Who may not go fast yet stands still at so much of that.
+/// The share of its allowed speed below which a hand that may not go fast yet counts as standing still.
 const CREEP: f64 = 0.25;
 const STALL_TIME: f64 = 0.5;
 /// The lever stays pressed until the handle has gone this far (m): the latch is free by then.
@@ -103,9 +103,9 @@ pub struct Opening {
     left: f64,
     opens: Opens,
     /// How it tries now, whether that is the first, and what is left to be tried.
-    trying: (Swing, Try),
+    trying: (Swing, Attempt),
     is_first: bool,
-    left_to_try: Vec<(Swing, Try)>,
+    left_to_try: Vec<(Swing, Attempt)>,
     /// How far the handle has gone at most when it was pulled, and when it was pushed (m).
     went: (f64, f64),
     /// How far the hand has moved the way of this try (m), and the pull when it began (N).
@@ -126,7 +126,7 @@ pub struct Opening {
     pull_max: f64,
     slow: LowPass<1>,
     beside: LowPass<1>,
-    calm: Calm,
+    guard: OscillationGuard,
     force: LowPass<1>,
     last: Stance,
     travelled: f64,
@@ -134,7 +134,7 @@ pub struct Opening {
     speed: LowPass<2>,
 }
 
-/// What to do next.
+/// The motion that the law asks for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pull {
     /// Velocity of the hand (m/s, rad/s, tool axes).
@@ -154,7 +154,7 @@ pub struct Pull {
 /// Why an opening cannot go on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Failure {
-    /// It has pulled and pushed, as far as it was told to, and the door never moved.
+    /// The hand has pulled and pushed, as far as it was told to, and the door never moved.
     Locked,
     /// The door has moved, and does not move any further.
     Blocked,
@@ -175,9 +175,9 @@ impl Opening {
             hinge: Hinge::new(radius),
             left: side.signum(),
             opens,
-            trying: opens.tries()[0],
+            trying: opens.attempts()[0],
             is_first: true,
-            left_to_try: opens.tries()[1..].to_vec(),
+            left_to_try: opens.attempts()[1..].to_vec(),
             went: (0.0, 0.0),
             way: 0.0,
             pull_from: None,
@@ -189,10 +189,10 @@ impl Opening {
             time: 0.0,
             top: 0.0,
             stalled: 0.0,
-            pull_max: opens.tries()[0].1.pull.min(PULL_MAX.0),
+            pull_max: opens.attempts()[0].1.pull.min(PULL_MAX.0),
             slow: LowPass::new(PULL_SLOW),
             beside: LowPass::new(PULL_SLOW),
-            calm: Calm::default(),
+            guard: OscillationGuard::default(),
             force: LowPass::new(FORCE_CUTOFF),
             last: start,
             travelled: 0.0,
@@ -254,7 +254,7 @@ impl Opening {
         self.last = stance;
         let turn = self.turn(&stance, &posture.odometry_from_tool.rotation);
         // A loop that may give way less has to go more slowly, or it meets the same error with more force.
-        let share = self.calm.update(&force, dt);
+        let share = self.guard.update(&force, dt);
         let pace = pace.min(share) * turn.pace;
         self.time += dt * pace;
         let way = if swing == Swing::Pull { -stance.ahead } else { stance.ahead };
@@ -368,7 +368,7 @@ impl Opening {
     fn limits(&mut self, beside: f64, dt: f64) -> (f64, f64) {
         let [beside] = self.beside.update(&[beside.min(TOTAL_MAX)], dt);
         // A door that has come is the right way.
-        let Try { pull: hardest, total } = if self.has_come() { HARD } else { self.trying.1 };
+        let Attempt { pull: hardest, total } = if self.has_come() { HARD } else { self.trying.1 };
         (self.pull_max.min((total.powi(2) - beside.min(total).powi(2)).sqrt()), hardest)
     }
 
@@ -515,7 +515,7 @@ mod tests {
         (None, pulled, pushed)
     }
 
-    /// What the fingers give is not taken for a door that comes: soft ones give by 20 mm and more each way.
+    /// The give of the fingers is not taken for a door that comes: soft ones give by 20 mm and more each way.
     #[test]
     fn a_door_to_push_is_not_pulled_harder_than_it_takes_to_find_out() {
         for stiffness in [3000.0, 6000.0, 16_000.0] {

@@ -1,29 +1,29 @@
-//! Which way a door opens, and how that is found out: gently either way first.
+//! The direction in which a door opens, and how it is found out: gently in either direction first.
 
 /// Where the pull is gone: at first, and for a door that has not moved for some time (N).
 pub const PULL_MAX: (f64, f64) = (50.0, 70.0);
-/// What pull and lever come to together at most (N).
+/// The most that pull and lever may come to together (N).
 pub const TOTAL_MAX: f64 = 72.0;
 /// One after the other, while nobody knows which way the door opens (N).
-const GENTLE: [Try; 4] = [
-    Try { pull: 40.0, total: 48.0 },
-    Try { pull: 40.0, total: 50.0 },
-    Try { pull: 46.0, total: 54.0 },
-    Try { pull: 55.0, total: 58.0 },
+const GENTLE: [Attempt; 4] = [
+    Attempt { pull: 40.0, total: 48.0 },
+    Attempt { pull: 40.0, total: 50.0 },
+    Attempt { pull: 46.0, total: 54.0 },
+    Attempt { pull: 55.0, total: 58.0 },
 ];
 /// And for a door that does not move with that.
-pub const HARD: Try = Try { pull: PULL_MAX.1, total: TOTAL_MAX };
+pub const HARD: Attempt = Attempt { pull: PULL_MAX.1, total: TOTAL_MAX };
 
 /// How hard the hand tries (N).
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Try {
+pub struct Attempt {
     /// Where the pull is gone at last.
     pub pull: f64,
-    /// What pull and lever come to together.
+    /// The most that pull and lever may come to together (N).
     pub total: f64,
 }
 
-/// Which way the hand tries to move the door.
+/// The direction in which the hand tries to move the door.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Swing {
     /// Towards the robot.
@@ -32,7 +32,7 @@ pub enum Swing {
     Push,
 }
 
-/// Which way the door opens, as far as it is known.
+/// The direction in which the door opens, as far as it is known.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Opens {
     /// The hand finds it out.
@@ -45,9 +45,9 @@ pub enum Opens {
 }
 
 impl Opens {
-    /// Returns what is tried one after the other.
-    pub fn tries(self) -> &'static [(Swing, Try)] {
-        const EITHER: [(Swing, Try); 6] = [
+    /// Returns the attempts, in the order in which they are made.
+    pub fn attempts(self) -> &'static [(Swing, Attempt)] {
+        const EITHER: [(Swing, Attempt); 6] = [
             (Swing::Pull, GENTLE[0]),
             (Swing::Push, GENTLE[1]),
             (Swing::Pull, GENTLE[2]),

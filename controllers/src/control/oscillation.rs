@@ -60,9 +60,9 @@ impl Swings {
     }
 }
 
-/// Watches the force of a loop.
+/// Watches the force of a loop, and says how much of its gain the loop may keep.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Calm {
+pub struct OscillationGuard {
     axes: [Swings; 3],
     filter: LowPass<3>,
     last: Option<Vector3<f64>>,
@@ -71,14 +71,14 @@ pub struct Calm {
     share: f64,
 }
 
-impl Default for Calm {
+impl Default for OscillationGuard {
     fn default() -> Self {
         let axes = [Swings::default(); 3];
         Self { axes, filter: LowPass::new(CUTOFF), last: None, variance: 0.0, share: 1.0 }
     }
 }
 
-impl Calm {
+impl OscillationGuard {
     /// Takes a force (N), `dt` (s) after the last; returns which share of its gain the loop may have, at most 1.
     pub fn update(&mut self, force: &Vector3<f64>, dt: f64) -> f64 {
         if let Some(last) = self.last.replace(*force) {
@@ -104,11 +104,11 @@ mod tests {
     const DT: f64 = 0.008;
 
     fn share_after(seconds: f64, force: impl Fn(f64) -> f64, noise: f64) -> f64 {
-        let (mut calm, mut random, mut time, mut share) = (Calm::default(), Random::new(3), 0.0, 1.0);
+        let (mut guard, mut random, mut time, mut share) = (OscillationGuard::default(), Random::new(3), 0.0, 1.0);
         while time < seconds {
             time += DT;
             let noise = Vector3::from_fn(|_, _| random.normal(noise));
-            share = calm.update(&(Vector3::new(force(time), 0.0, -3.0) + noise), DT);
+            share = guard.update(&(Vector3::new(force(time), 0.0, -3.0) + noise), DT);
         }
         share
     }
