@@ -107,7 +107,7 @@ messages! {
     }
     /// Device `arm`: joint velocities to hold for at most 100 ms.
     ArmCommand {
-        /// Who speaks; another speaker is not heard until 100 ms after this one's last word.
+        /// The name of the speaker; another one is not heard until 100 ms after this one's last word.
         owner: String,
         /// (rad/s); none to let go of the device.
         rates: Option<[f64; 6]>,

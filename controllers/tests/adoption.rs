@@ -28,7 +28,7 @@ const SOON: Duration = Duration::from_secs(30);
 /// From one beat of the source to the next.
 const PERIOD: Duration = Duration::from_millis(10);
 
-/// What hears the beats of a source.
+/// The subscriber to the beats of a source.
 struct Ear {
     session: DataSession,
     beats: Receiver<u64>,

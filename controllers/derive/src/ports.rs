@@ -1,11 +1,11 @@
-//! What a struct says of its ports.
+//! The ports of a struct, as the derive macros read them.
 
 use proc_macro2::Span;
 use syn::parse::{Parse, ParseStream};
 use syn::spanned::Spanned;
 use syn::{Attribute, Data, DeriveInput, Error, Expr, ExprLit, Field, Fields, Ident, Lit, LitStr, Meta, Token, Type};
 
-/// Which way data flows through the ports of a struct.
+/// The direction in which data flows through the ports of a struct.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Direction {
     /// `#[derive(Inputs)]`
@@ -14,7 +14,7 @@ pub(crate) enum Direction {
     Out,
 }
 
-/// What a port is bound to.
+/// The type that a port is bound to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Binding {
     /// A wire that a spec has to give it.
@@ -189,7 +189,7 @@ mod tests {
     /// Field, port, binding and documentation.
     type Row<'a> = (&'a str, &'a str, Binding, &'a str);
 
-    /// What is read of a struct with these fields, or every error.
+    /// Checks the ports that are read of a struct with these fields, or every error.
     fn check(fields: &str, direction: Direction, expect: Result<&[Row<'_>], &[&str]>) {
         let input: DeriveInput = syn::parse_str(&format!("struct Ports {{ {fields} }}")).unwrap();
         let found = match read(&input, direction) {

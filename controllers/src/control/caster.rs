@@ -44,7 +44,7 @@ pub struct Odometry {
     last: Option<Casters>,
 }
 
-/// What one step of dead reckoning found.
+/// The result of one step of dead reckoning.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Moved {
     /// Motion in base axes since the last step: x, y (m), yaw (rad).

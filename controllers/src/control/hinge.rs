@@ -1,4 +1,4 @@
-//! What a hand that holds a handle learns of the hinge: the way the handle goes, and how it curves.
+//! The estimate of a hinge by the hand that holds the handle: the way that the handle goes, and how it curves.
 //!
 //! Fingers that hold a handle turn with it, so the way the handle goes is the same direction seen from the hand for as long
 //! as they hold it. Its angle beside the hand's axis and the curvature of its circle are adapted by the force across it and
@@ -33,7 +33,8 @@ const BESIDE_MAX: (f64, f64) = (0.5, 1.5);
 const CURVATURE: (f64, f64) = (0.5, 3.0);
 /// Deviations at the start: of the direction (rad), of the radius as a share.
 const DEVIATION: (f64, f64) = (0.1, 0.35);
-/// What is left when everything is learnt: noise, and a lever that turns in the fingers.
+/// The deviations that remain when everything is learnt, by noise and by a lever that turns in the fingers: of the
+/// direction (rad), of the radius as a share.
 const FLOOR: (f64, f64) = (0.02, 0.08);
 
 /// The estimate.

@@ -16,7 +16,7 @@ const HOLD_MAX: f64 = 0.02;
 /// against more than that (N).
 const HARDER: f64 = 8.0;
 const FORCE_MAX: (f64, f64) = (30.0, 48.0);
-/// What is felt at first is a mean over this long (s).
+/// The time over which the force at the beginning is averaged (s).
 const FELT_TIME: f64 = 0.25;
 /// How fast the hand rises (m/s), and the force of a lever that is up (N).
 const RISE: f64 = 0.03;

@@ -27,7 +27,7 @@ pub struct Search {
     speed: (f64, f64),
 }
 
-/// What a hand is told when everything has been looked at.
+/// The result of a look that has found no handle anywhere.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Nowhere;
 

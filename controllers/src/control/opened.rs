@@ -25,7 +25,7 @@ const RADIUS_SHARE: f64 = 0.15;
 const TURNED_UNSEEN: f64 = 0.15;
 const IN_A_ROW: u32 = 3;
 
-/// What a door's handle and hinge may be like.
+/// The expected geometry of a door's handle and hinge.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Expected {
     /// Between the fingers when they hold the handle, from and to (m).
@@ -34,7 +34,7 @@ pub struct Expected {
     pub radius: (f64, f64),
 }
 
-/// What is known at one moment.
+/// The measurements of one moment.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Evidence {
     /// Between the fingers (m).
@@ -51,14 +51,14 @@ pub struct Evidence {
     pub turned: f64,
 }
 
-/// What follows.
+/// The verdict on the evidence.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
     /// Not open yet.
     GoOn,
     /// Open.
     Open,
-    /// It cannot be told, or it is not as it should be.
+    /// The evidence does not suffice, or it is not as it should be.
     Doubt(Doubt),
 }
 

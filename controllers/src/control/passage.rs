@@ -29,7 +29,7 @@ const BEYOND: f64 = 0.30;
 const TURN: f64 = 0.20;
 const TURN_STEP: f64 = 0.01;
 const BESIDE: f64 = 0.25;
-/// What is narrower on each side is a gap between two points of one side (m).
+/// The least room on each side of the centre (m): anything narrower is a gap between two points of one side.
 const ROOM_MIN: f64 = 0.10;
 /// Sides of a corridor that are further away than this (m) are no door's.
 const SIDE_MAX: f64 = 1.5;
@@ -249,7 +249,7 @@ pub(super) mod tests {
         stretches.iter().flat_map(one).collect()
     }
 
-    /// What is to be seen of that door: the leaf and both walls.
+    /// Returns the visible points of that door: the leaf and both walls.
     fn seen(door: &Doorway) -> Vec<Vector2<f64>> {
         let beside = (door.latch - door.hinge).normalize();
         points(&[(door.hinge, door.edge), (door.latch, door.latch + beside), (door.hinge, door.hinge - beside)])

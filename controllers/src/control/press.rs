@@ -29,7 +29,7 @@ const MOVES: f64 = 0.015;
 const FORCE_MAX: f64 = 45.0;
 /// The force of a stop grows faster than this (N/m): a lever's spring has some 400, its stop and the fingers 2800 or more.
 const STOP_SLOPE: f64 = 1700.0;
-/// That of a lever's spring stays below this (N/m).
+/// The slope of a lever's spring stays below this (N/m).
 const SPRING_SLOPE: f64 = 600.0;
 /// Over this way, and over more, up to that, with a sensor that is so noisy that it takes more to be sure (m).
 const SLOPE_WAY: (f64, f64) = (0.003, 0.008);
@@ -76,11 +76,11 @@ pub enum State {
     Pressing,
     /// The lever is at its stop, or has given way.
     Down,
-    /// It resists at once, or never does.
+    /// The lever resists at once, or never does.
     Stuck,
 }
 
-/// What to do next.
+/// The motion that the law asks for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Down {
     /// Velocity of the hand (m/s, rad/s, tool axes).
@@ -239,7 +239,7 @@ mod tests {
         length: f64,
         left: bool,
         stop: f64,
-        /// It gives way here.
+        /// The depth at which the lever gives way (m).
         yields: f64,
         /// From this depth on (m) the base slips for a second, and the hand does not move aside.
         slips: f64,

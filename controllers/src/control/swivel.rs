@@ -11,7 +11,7 @@ use super::angle::wrapped;
 use super::clearance::BASE_RADIUS;
 use nalgebra::Vector2;
 
-/// What has to be free on each side of the base (m).
+/// The room that has to be free on each side of the base (m).
 const MARGIN: f64 = 0.06;
 /// From the handle to the latch's jamb, and from the hinge to its own (m); the first is that of a narrow frame.
 const LATCH: f64 = 0.09;
@@ -27,7 +27,7 @@ const RATE_MAX: f64 = 0.30;
 /// The door waits for a hand that is so far behind (rad): it begins to, and is as slow as it gets.
 const BEHIND: (f64, f64) = (0.05, 0.30);
 const PACE_MIN: f64 = 0.2;
-/// What is asked of the base besides: how it approaches its place (1/s), and at most how fast (m/s).
+/// The motion of the base besides: how it approaches its place (1/s), and at most how fast (m/s).
 const BASE_GAIN: f64 = 1.0;
 const BASE_MAX: f64 = 0.12;
 
@@ -42,7 +42,7 @@ pub struct Stance {
     pub base: Vector2<f64>,
 }
 
-/// What to do next.
+/// The motion that the law asks for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Turn {
     /// Of the hand about the vertical (rad/s), counter-clockwise.

@@ -34,7 +34,7 @@ const GENTLE: f64 = 0.35;
 const THERE: f64 = 0.015;
 const TURNED: f64 = 0.02;
 const PASSED: f64 = 0.12;
-/// It steers for a place so far ahead on its way (m).
+/// The distance to the place on its way that the base steers for (m).
 const AHEAD: f64 = 0.35;
 /// So many sweeps are looked at before the opening.
 const LOOKS: u32 = 10;
@@ -50,7 +50,7 @@ const UNSEEN_MAX: u32 = 10;
 /// The first measure does not see the latch: what it says is too narrow by more than this (m) is.
 const GUESS: f64 = 0.03;
 
-/// What one sweep of the laser shows.
+/// The measurements of one sweep of the laser.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sweep {
     /// In base axes (m).
@@ -66,7 +66,8 @@ pub struct Sweep {
 pub enum Failure {
     /// The leaf does not stay where it was let go.
     Closes,
-    /// It would pass with less than the margin: so much is missing (m). The leaf has to be open by that angle (rad), if any helps.
+    /// The base would pass with less than the margin: so much is missing (m). The leaf has to be open by that angle
+    /// (rad), if any helps.
     Narrow(f64, Option<f64>),
     /// From the opening its two sides are not seen.
     Unseen,
@@ -74,14 +75,14 @@ pub enum Failure {
     Room,
 }
 
-/// What follows from a calculation.
+/// The result of a calculation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Step {
     /// Base x, y (m/s), yaw (rad/s), base axes, then joints (rad/s).
     Move(Rates),
-    /// It stands on the other side.
+    /// The base stands on the other side.
     Through,
-    /// It cannot go on.
+    /// The base cannot go on.
     Failed(Failure),
 }
 
@@ -154,7 +155,7 @@ impl Drive {
         Step::Move(Rates::from_fn(|i, _| if i < 3 { self.base[i] } else { arm[i - 3] }))
     }
 
-    /// What a sweep says against going on.
+    /// Returns the reason in a sweep against going on, if there is one.
     fn look(&mut self, sweep: &Sweep) -> Option<Failure> {
         if clearance(&sweep.points, &sweep.joints).is_some_and(|room| room < ROOM_MIN) {
             return Some(Failure::Room);
@@ -288,7 +289,7 @@ mod tests {
         vec![(door.hinge, door.edge), (door.latch, door.latch + beside * 2.0), (door.hinge, door.hinge - beside * 2.0)]
     }
 
-    /// What a laser 30 cm before the centre sees over a half circle, in base axes.
+    /// Returns the sweep of a laser 30 cm before the centre over a half circle, in base axes.
     fn sweep(base: &Pose, walls: &[(Vector2<f64>, Vector2<f64>)]) -> Vec<Vector2<f64>> {
         let ray = |step: u32| {
             let bearing = FRAC_PI_2 * (f64::from(step) / 180.0 - 1.0);

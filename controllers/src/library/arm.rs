@@ -17,7 +17,7 @@ const LIMIT_MARGIN: f64 = 0.03;
 /// After a gap this long the drives have stopped by themselves.
 const GAP: f64 = 0.08;
 
-/// What [`Puma560Ctrl`] hears.
+/// The inputs of [`Puma560Ctrl`].
 #[derive(Debug, Inputs)]
 pub(super) struct CtrlInputs {
     /// How the joints shall move.
@@ -28,7 +28,7 @@ pub(super) struct CtrlInputs {
     state: In<ArmState>,
 }
 
-/// What [`Puma560Ctrl`] says.
+/// The outputs of [`Puma560Ctrl`].
 #[derive(Debug, Outputs)]
 pub(super) struct CtrlOutputs {
     /// The joints.
@@ -132,7 +132,7 @@ impl Controller for Puma560Ctrl {
     }
 }
 
-/// What [`Puma560Joints`] hears.
+/// The inputs of [`Puma560Joints`].
 #[derive(Debug, Inputs)]
 pub(super) struct JointsInputs {
     /// The arm's encoders.
@@ -140,7 +140,7 @@ pub(super) struct JointsInputs {
     state: In<ArmState>,
 }
 
-/// What [`Puma560Joints`] says.
+/// The outputs of [`Puma560Joints`].
 #[derive(Debug, Outputs)]
 pub(super) struct JointsOutputs {
     /// The joints.
@@ -190,7 +190,7 @@ impl Controller for Puma560Joints {
     }
 }
 
-/// What [`Puma560`] hears.
+/// The inputs of [`Puma560`].
 #[derive(Debug, Inputs)]
 pub(super) struct ArmInputs {
     /// How the hand shall move.
@@ -201,7 +201,7 @@ pub(super) struct ArmInputs {
     state: In<ArmState>,
 }
 
-/// What [`Puma560`] says.
+/// The outputs of [`Puma560`].
 #[derive(Debug, Outputs)]
 pub(super) struct ArmOutputs {
     /// To the arm.

@@ -14,7 +14,7 @@ use std::time::Duration;
 /// Five time constants of the drives: then the base stands.
 const SETTLING: Duration = Duration::from_millis(400);
 
-/// What [`Xr4000Ctrl`] hears.
+/// The inputs of [`Xr4000Ctrl`].
 #[derive(Debug, Inputs)]
 pub(super) struct CtrlInputs {
     /// How the base shall move.
@@ -22,7 +22,7 @@ pub(super) struct CtrlInputs {
     velocity: In<BaseVelocity>,
 }
 
-/// What [`Xr4000Ctrl`] says.
+/// The outputs of [`Xr4000Ctrl`].
 #[derive(Debug, Outputs)]
 pub(super) struct CtrlOutputs {
     /// To the base.
@@ -84,7 +84,7 @@ impl Controller for Xr4000Ctrl {
     }
 }
 
-/// What [`Xr4000Odometry`] hears.
+/// The inputs of [`Xr4000Odometry`].
 #[derive(Debug, Inputs)]
 pub(super) struct OdometryInputs {
     /// The encoders of the casters.
@@ -92,7 +92,7 @@ pub(super) struct OdometryInputs {
     state: In<BaseState>,
 }
 
-/// What [`Xr4000Odometry`] says.
+/// The outputs of [`Xr4000Odometry`].
 #[derive(Debug, Outputs)]
 pub(super) struct OdometryOutputs {
     /// Where the base is, from where it was when this began.

@@ -13,7 +13,7 @@ const CUTOFF: f64 = 0.5;
 /// How long the loop may be too slow.
 const PATIENCE: Duration = Duration::from_millis(500);
 
-/// What it hears.
+/// The inputs of [`CompliantCtrl`].
 #[derive(Debug, Inputs)]
 pub(super) struct Inputs {
     /// The wrench on the hand.

@@ -9,7 +9,7 @@ use crate::sdk::{
 use nalgebra::Vector3;
 use std::time::Duration;
 
-/// What the sensors hear.
+/// The inputs of the sensors.
 #[derive(Debug, Inputs)]
 pub(super) struct SensorInputs {
     /// The wrist sensor.
@@ -17,7 +17,7 @@ pub(super) struct SensorInputs {
     state: In<FtState>,
 }
 
-/// What [`ForceTorque`] says.
+/// The outputs of [`ForceTorque`].
 #[derive(Debug, Outputs)]
 pub(super) struct Outputs {
     /// The wrench on the hand.
@@ -92,7 +92,7 @@ impl Controller for ForceTorque {
     }
 }
 
-/// What [`ForceSensor`] says.
+/// The outputs of [`ForceSensor`].
 #[derive(Debug, Outputs)]
 pub(super) struct SensorOutputs {
     /// The wrench on the hand.
@@ -185,7 +185,7 @@ impl Threshold {
     }
 }
 
-/// What [`ForceThreshold`] hears.
+/// The inputs of [`ForceThreshold`].
 #[derive(Debug, Inputs)]
 pub(super) struct ThresholdInputs {
     /// The wrench on the hand.
@@ -237,7 +237,7 @@ impl Controller for ForceThreshold {
     }
 }
 
-/// What [`HitDetector`] hears.
+/// The inputs of [`HitDetector`].
 #[derive(Debug, Inputs)]
 pub(super) struct HitInputs {
     /// The wrench on the hand.

@@ -11,7 +11,7 @@ const POSTURE_GAIN: f64 = 0.9;
 const LINEAR_MAX: f64 = 0.25;
 const ANGULAR_MAX: f64 = 0.8;
 
-/// What [`ConfigCtrl`] hears.
+/// The inputs of [`ConfigCtrl`].
 #[derive(Debug, Inputs)]
 pub(super) struct ConfigInputs {
     /// The arm's joints.
@@ -19,7 +19,7 @@ pub(super) struct ConfigInputs {
     joints: In<JointState>,
 }
 
-/// What both say.
+/// The outputs of both.
 #[derive(Debug, Outputs)]
 pub(super) struct Outputs {
     /// How the hand shall move.
@@ -65,7 +65,7 @@ impl Controller for ConfigCtrl {
     }
 }
 
-/// What [`AddVelocity`] hears.
+/// The inputs of [`AddVelocity`].
 #[derive(Debug, Inputs)]
 pub(super) struct AddInputs {
     /// The first velocity; each new one makes a sum.

@@ -27,7 +27,7 @@ const IN_A_ROW: u32 = 3;
 /// A hand that feels little so many times in a row is at ease.
 const AT_EASE_IN_A_ROW: u32 = 10;
 
-/// What it hears.
+/// The inputs of the gripper's controllers.
 #[derive(Debug, Inputs)]
 pub(super) struct Inputs {
     /// The gripper.
@@ -38,7 +38,7 @@ pub(super) struct Inputs {
     force: In<FtState>,
 }
 
-/// What it says.
+/// The outputs of the gripper's controllers.
 #[derive(Debug, Outputs)]
 pub(super) struct Outputs {
     /// To the gripper.

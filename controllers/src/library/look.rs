@@ -11,7 +11,7 @@ use std::time::Duration;
 
 const IN_A_ROW: u32 = 3;
 
-/// What it hears.
+/// The inputs of the controller.
 #[derive(Debug, Inputs)]
 pub(super) struct Inputs {
     /// The camera.
@@ -22,7 +22,7 @@ pub(super) struct Inputs {
     arm: In<ArmState>,
 }
 
-/// What it says.
+/// The outputs of the controller.
 #[derive(Debug, Outputs)]
 pub(super) struct Outputs {
     /// How the hand shall move.

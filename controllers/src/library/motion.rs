@@ -8,7 +8,7 @@ use std::time::Duration;
 
 const ACCELERATION: f64 = 0.1;
 
-/// What it says.
+/// The outputs of the controllers.
 #[derive(Debug, Outputs)]
 pub(super) struct Outputs {
     /// How the hand shall move.

@@ -12,12 +12,13 @@ use comms::logic::time::Time;
 use nalgebra::Vector6;
 use std::time::Duration;
 
-/// What the force loop takes beside its hops (s), and how many it has: sensor, this, RedundancyResolution, Puma560Ctrl, arm.
+/// The delay of the force loop besides its hops (s), and the number of its hops: sensor, this, RedundancyResolution,
+/// Puma560Ctrl, arm.
 const LAG: f64 = 0.035;
 const HOPS: f64 = 4.0;
 const TIMEOUT: Duration = Duration::from_secs(12);
 
-/// What it hears.
+/// The inputs of the controller.
 #[derive(Debug, Inputs)]
 pub(super) struct Inputs {
     /// The arm's encoders.
@@ -31,7 +32,7 @@ pub(super) struct Inputs {
     gripper: In<GripperState>,
 }
 
-/// What it says.
+/// The outputs of the controller.
 #[derive(Debug, Outputs)]
 pub(super) struct Outputs {
     /// How the hand shall move.

@@ -13,7 +13,7 @@ const PERIOD: Duration = Duration::from_millis(10);
 /// How often the monitor's signals are published, and how long a window of its largest gap is.
 const WINDOW: Duration = Duration::from_millis(100);
 
-/// What a source says at every period.
+/// The message of a source, one a period.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Beat {
     /// One more each time.
@@ -26,7 +26,7 @@ impl Message for Beat {
     const TYPE: &'static str = "Beat";
 }
 
-/// What [`RateSource`] says.
+/// The outputs of [`RateSource`].
 #[derive(Debug, Outputs)]
 pub(super) struct SourceOutputs {
     /// Every period.
@@ -69,7 +69,7 @@ impl Controller for RateSource {
     }
 }
 
-/// What [`RateMonitor`] hears.
+/// The inputs of [`RateMonitor`].
 #[derive(Debug, Inputs)]
 pub(super) struct MonitorInputs {
     /// From a source.

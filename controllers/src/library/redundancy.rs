@@ -11,7 +11,7 @@ use std::time::Duration;
 /// After a gap this long the drives have stopped by themselves (s).
 const GAP: f64 = 0.08;
 
-/// What it hears.
+/// The inputs of the controller.
 #[derive(Debug, Inputs)]
 pub(super) struct Inputs {
     /// How the hand shall move.
@@ -22,7 +22,7 @@ pub(super) struct Inputs {
     joints: In<JointState>,
 }
 
-/// What it says.
+/// The outputs of the controller.
 #[derive(Debug, Outputs)]
 pub(super) struct Outputs {
     /// How the base shall move.

@@ -22,7 +22,7 @@ const OPEN: f64 = 0.06;
 const LOOK: Duration = Duration::from_secs(2);
 const PATIENCE: Duration = Duration::from_secs(1);
 
-/// What it hears.
+/// The inputs of the controller.
 #[derive(Debug, Inputs)]
 pub(super) struct Inputs {
     /// Where the base is.
@@ -39,7 +39,7 @@ pub(super) struct Inputs {
     gripper: In<GripperState>,
 }
 
-/// What it says.
+/// The outputs of the controller.
 #[derive(Debug, Outputs)]
 pub(super) struct Outputs {
     /// How base and arm shall move.

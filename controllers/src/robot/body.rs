@@ -20,7 +20,7 @@ pub type Wall = (Vector2<f64>, Vector2<f64>);
 const TORQUES_MAX: [f64; 6] = [97.6, 186.4, 89.4, 24.2, 20.1, 21.3];
 /// Largest yaw torque of the base (Nm) for each newton that it can push.
 const YAW_ARM: f64 = 0.3;
-/// What a newton or newton metre adds to the rate of a drive: base x, y (m/s), yaw (rad/s), joints (rad/s).
+/// The rate that a newton or newton metre adds to a drive: base x, y (m/s), yaw (rad/s), joints (rad/s).
 const DROOP: [f64; 9] = [5e-5, 5e-5, 1e-4, 1e-4, 1e-4, 1e-4, 5e-4, 5e-4, 5e-4];
 /// The same for what is beyond the motor's torque.
 const YIELD: [f64; 9] = [2e-3, 2e-3, 1e-2, 2e-2, 2e-2, 2e-2, 0.2, 0.2, 0.2];
@@ -50,7 +50,7 @@ pub struct Load {
 pub struct Hit {
     /// On the part.
     pub load: Load,
-    /// Which of the walls.
+    /// The index of the wall.
     pub wall: usize,
     /// Where on the wall (m).
     pub at: Vector2<f64>,
@@ -66,12 +66,12 @@ pub struct Body {
     points: [Vector3<f64>; 4],
 }
 
-/// What forces do to the drives: base x, y (m/s), yaw (rad/s), base axes, then joints (rad/s).
+/// The effect of forces on the drives: base x, y (m/s), yaw (rad/s), base axes, then joints (rad/s).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Yielding {
-    /// What the servos allow; the encoders see it.
+    /// The part that the servos allow; the encoders see it.
     pub droop: Rates,
-    /// What is beyond the motors; wheels slip, so only the arm's encoders see it.
+    /// The part beyond the motors; wheels slip, so only the arm's encoders see it.
     pub excess: Rates,
 }
 

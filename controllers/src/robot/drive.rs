@@ -7,7 +7,7 @@ use std::time::Duration;
 /// How long a command is obeyed.
 pub const WATCHDOG: Duration = Duration::from_millis(100);
 
-/// Who may speak to a device.
+/// The controller that may speak to a device.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Owner {
     name: Option<String>,
@@ -39,11 +39,11 @@ pub struct Drive<const N: usize> {
     limits: Limits<N>,
     target: [f64; N],
     heard: Option<Time>,
-    /// What the axes do now.
+    /// The present speed of each axis (SI).
     pub velocity: [f64; N],
 }
 
-/// What a drive can do.
+/// The limits of a drive (SI).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits<const N: usize> {
     /// Time constant (s).

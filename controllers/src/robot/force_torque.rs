@@ -7,7 +7,7 @@ const CUTOFF: f64 = 60.0;
 /// Samples of 1 ms averaged when it is set to zero.
 const ZERO_SAMPLES: u32 = 100;
 
-/// What is wrong with its readings.
+/// The errors of its readings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Errors {
     /// Of each force (N, standard deviation).

@@ -8,7 +8,7 @@ use nalgebra::{Vector2, Vector3};
 pub const RAYS: u32 = 361;
 /// From the centre of the base to the laser, straight ahead (m).
 pub const AHEAD: f64 = 0.30;
-/// What no echo reads (m).
+/// The reading without an echo (m).
 pub const RANGE_MAX: f64 = 8.0;
 
 /// Returns the direction of a ray about straight ahead (rad).
@@ -16,7 +16,7 @@ pub fn bearing(ray: u32) -> f64 {
     (0.5 * f64::from(ray) - 90.0).to_radians()
 }
 
-/// What is wrong with its ranges.
+/// The errors of its ranges.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Errors {
     /// Of one ray (m, standard deviation).
@@ -44,7 +44,7 @@ pub fn sweep(base: &Vector3<f64>, door: &Door, errors: &Errors, random: &mut Ran
         .collect()
 }
 
-/// Which of [`walls`] is the leaf.
+/// The index of the leaf in [`walls`].
 pub const LEAF: usize = 6;
 
 /// The room from above: two stretches of wall, jambs of 5 cm, side walls, and the leaf.

@@ -189,7 +189,8 @@ impl Kind {
         }
     }
 
-    /// Which values of it there are, as a spec says it: ` in 1 N..200 N`, ` in "open" | "close"`; none if there are no others.
+    /// Returns the range of a parameter as a spec writes it: ` in 1 N..200 N`, ` in "open" | "close"`; none if every
+    /// value is allowed.
     fn range(self) -> Option<String> {
         let end = |number: f64| if number.is_finite() { self.literal(&number.to_string()) } else { String::new() };
         match self {

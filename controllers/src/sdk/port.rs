@@ -15,8 +15,8 @@ use std::time::Duration;
 pub trait Message: Serialize + DeserializeOwned + Debug + Send + 'static {
     /// Its name in interfaces; a wire joins ports of one name only.
     const TYPE: &'static str;
-    /// What is in it, as a spec writes the fields of a record: `force: Force[3], torque: Torque[3]`. Empty if it does not say:
-    /// then `dca check` compares the name alone.
+    /// The fields, as a spec writes them in a record: `force: Force[3], torque: Torque[3]`. Empty if the type does not
+    /// declare them: then `dca check` compares the name alone.
     const FIELDS: &'static str = "";
 
     /// Returns when it was measured, on the clock of the host that the device is at: its age counts from then, however long

@@ -5,7 +5,7 @@
 pub struct PortInterface {
     /// Its name: `In1`, or the device key `arm/state`.
     pub name: &'static str,
-    /// Which way data flows.
+    /// The direction in which data flows.
     pub direction: Direction,
     /// The message type; both ends of a wire have the same.
     pub type_name: &'static str,
@@ -19,7 +19,7 @@ pub struct PortInterface {
     pub binding: Binding,
 }
 
-/// Which way data flows through a port.
+/// The direction in which data flows through a port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Direction {
     /// Into the controller.

@@ -1,4 +1,4 @@
-//! What a busy machine and a bad network do to calculations and samples.
+//! The effects of a busy machine and a bad network on calculations and samples.
 
 use std::time::Duration;
 

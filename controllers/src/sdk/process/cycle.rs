@@ -45,7 +45,7 @@ pub(super) struct Cycle {
     stop_within: Duration,
     signals_every: Option<Duration>,
     phase: Phase,
-    /// What came over latched wires while nothing ran; one sample of each input.
+    /// The samples that came over latched wires while nothing ran, one for each input.
     latched: Vec<Arrived>,
     activation: u32,
     due: Time,

@@ -16,7 +16,7 @@ const LOOKS: u32 = 4;
 /// The shortest time between two looks.
 const LOOK_MIN: Duration = Duration::from_millis(1);
 
-/// What the loop does: its round, and in the two lowest bits how it is spent.
+/// The state of the loop: its round, and in the two lowest bits how it is spent.
 #[derive(Debug, Default)]
 pub(super) struct Heartbeat {
     state: AtomicU64,
@@ -25,9 +25,9 @@ pub(super) struct Heartbeat {
 /// How the loop spends its time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Spends {
-    /// It waits for an order, a sample, an answer or its next deadline.
+    /// The loop waits for an order, a sample, an answer or its next deadline.
     Waiting = 0,
-    /// It calculates.
+    /// The loop calculates.
     Working = 1,
     /// The controller is in its `Init`.
     Initialising = 2,
@@ -52,7 +52,7 @@ impl Heartbeat {
     }
 }
 
-/// Who watches this program.
+/// The watcher of this program.
 #[derive(Debug)]
 pub(super) struct Watcher {
     socket: PathBuf,

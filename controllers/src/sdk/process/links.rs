@@ -65,7 +65,7 @@ struct Made {
     devices: Devices,
 }
 
-/// What a program has from its first links on.
+/// The links of a program to devices, from its first links on.
 #[derive(Debug, Default)]
 struct Devices {
     outputs: Vec<(&'static str, Publisher)>,
