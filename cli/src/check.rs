@@ -29,7 +29,7 @@ pub struct Arguments {
     /// Apply every fix that is certain, then check again
     #[arg(long)]
     fix: bool,
-    /// How to print what there is to say: for a person on standard error, for programs on standard output
+    /// The form of the diagnostics: text goes to standard error, the others to standard output
     #[arg(long, value_enum, default_value_t = Format::Text)]
     format: Format,
     #[command(flatten)]

@@ -53,13 +53,13 @@ enum Verb {
     Status(team::Status),
     /// Begin a team with this robot; every other one joins by itself
     Found(team::TeamArgs),
-    /// Give up this robot's team for another one of the same name that was begun apart; what was written comes along
+    /// Move this robot from its team to another one of the same name that was begun apart, with what was written
     Join(team::Join),
-    /// Show who alone writes where, or say so
+    /// Show or change the owners of keys, who alone write there
     Own(own::Own),
-    /// A robot is gone for good: nobody waits for it any more
+    /// Retire a robot that is gone for good: nobody waits for it any more
     Retire(team::Retire),
-    /// Dates have gone wrong: date new writes above all that were dated wrongly
+    /// Begin a new epoch of timestamps, above all that were dated wrongly
     HealClock(team::TeamArgs),
 }
 

@@ -26,7 +26,7 @@ const ASK_EVERY: Duration = Duration::from_millis(200);
 pub struct Arguments {
     /// The deployment
     name: String,
-    /// Take it off the list of what hosts have not confirmed: what may run there is nobody's business any more
+    /// Take it off the list of ends that hosts have not confirmed: nobody asks them any more
     #[arg(long)]
     forget: bool,
     /// Print what has become of it as JSON

@@ -11,7 +11,7 @@ const PERIOD: Duration = Duration::from_millis(10);
 /// How long a machine works at a part.
 const WORK: Duration = Duration::from_millis(300);
 
-/// What a machine is told.
+/// A command to a machine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(crate = "controllers::sdk::serde")]
 enum MachineCommand {
@@ -130,7 +130,7 @@ struct ClientOutputs {
 /// Makes one part; aborts when the machine jams.
 #[derive(Debug, Default)]
 struct MakePart {
-    /// Which part that is; known once the machine has said how many there are.
+    /// The number of the part; known once the machine has said how many there are.
     part: Option<u32>,
 }
 

@@ -208,7 +208,7 @@ impl Controller for BatteryLow {
         Ok(Self { threshold: arguments.number("threshold") })
     }
 
-    /// What is low may be changed while the base is on its way.
+    /// The level that counts as low may be changed while the base is on its way.
     fn configure(&mut self, arguments: &Arguments) -> Result<Configured, String> {
         self.threshold = arguments.number("threshold");
         Ok(Configured::Now)

@@ -36,14 +36,14 @@ impl Message for MotorVoltage {
 
 #[derive(Inputs)]
 struct MotorInputs {
-    /// What the amplifier gives.
+    /// The voltage of the amplifier.
     #[port("In")]
     voltage: In<MotorVoltage>,
 }
 
 #[derive(Outputs)]
 struct MotorOutputs {
-    /// What the encoder says.
+    /// The speed that the encoder measures.
     #[port("Out")]
     speed: Out<MotorSpeed>,
 }
@@ -98,10 +98,10 @@ impl Controller for Motor {
 
 #[derive(Inputs)]
 struct PidInputs {
-    /// What is wanted.
+    /// The wanted speed.
     #[port("Goal")]
     goal: In<MotorSpeed>,
-    /// What is.
+    /// The measured speed.
     #[port("In")]
     speed: In<MotorSpeed>,
 }
@@ -213,7 +213,7 @@ impl Controller for PidCtrl {
 
 #[derive(Inputs)]
 struct ReachInputs {
-    /// What the encoder says.
+    /// The speed that the encoder measures.
     #[port("In")]
     speed: In<MotorSpeed>,
 }

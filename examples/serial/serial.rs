@@ -87,7 +87,7 @@ impl Line {
 
 #[derive(Outputs)]
 struct DriverOutputs {
-    /// What it measures.
+    /// The measured temperature.
     #[port("Out")]
     temperature: Out<Temperature>,
 }

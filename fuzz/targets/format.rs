@@ -5,7 +5,7 @@ use language::syntax::{SyntaxKind, lex};
 use language::{Code, Options, Source, compile, format};
 use libfuzzer_sys::fuzz_target;
 
-/// What is wrong with a text as a text.
+/// The codes of lexical and syntactic mistakes.
 const DAMAGE: [Code; 4] = [Code::E0001, Code::E0002, Code::E0003, Code::E0005];
 
 /// The tokens that mean something, and the comments.

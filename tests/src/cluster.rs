@@ -4,12 +4,15 @@
 //! end of a [`Network`]. A [`Program`] is a started command with its output. Everything that descends from a test works
 //! in its folder or names it, so [`Cluster::left`] finds all of it, wherever its parents went.
 
+mod hosts;
 mod network;
 mod processes;
 mod program;
+mod pushed_hand;
 mod terminal;
 mod trace;
 
+pub use hosts::{Hosts, NAMES};
 pub use network::Network;
 pub use processes::{Process, descriptors, threads};
 pub use program::{Ended, Program, Stream};
@@ -181,9 +184,9 @@ pub struct Host {
     namespace: Option<(String, Vec<PathBuf>)>,
     /// A folder that can only be read there.
     sealed: Option<PathBuf>,
-    /// What nodes log there, where it is not the usual.
+    /// The log filter of nodes there, where it is not the usual.
     log: Option<String>,
-    /// What is not mounted there.
+    /// The file systems that are not mounted there.
     unmounted: Vec<String>,
 }
 

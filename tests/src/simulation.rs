@@ -35,7 +35,7 @@ pub enum Finish {
     Done,
     /// By a failure: the leaf it began with, and its reason.
     Aborted(String),
-    /// It was still running at the limit.
+    /// The mission was still running at the limit.
     Unfinished,
 }
 

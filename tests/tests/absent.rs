@@ -1,4 +1,4 @@
-//! What is said of a node that does not answer any more, and of what may run there.
+//! The reports on a node that does not answer any more, and on the processes that may run there.
 
 use comms::io::clock::now;
 use dca_tests::cluster::{Cluster, Host, Program, SOON, wait_until};

@@ -66,7 +66,7 @@ fn nodes_find_each_other_over_ipv6_alone() {
     }
 }
 
-/// What is dialled and not there is told with the reason.
+/// A peer that is dialled and not there is reported with the reason.
 #[test]
 fn a_link_that_is_not_made_is_told() {
     let Some(network) = Network::new(1) else { return };
@@ -162,7 +162,7 @@ fn crowd(to: SocketAddr, made: &AtomicUsize, over: &AtomicBool) {
     }
 }
 
-/// What a scanner does, or a robot whose network hangs: the TCP port takes whoever comes next all the same.
+/// Connections of a scanner, or of a robot whose network hangs, do not keep the next caller out of the TCP port.
 #[test]
 fn seven_hundred_silent_connections_from_the_network_do_not_shut_a_newcomer_out() {
     let Some(network) = Network::new(3) else { return };

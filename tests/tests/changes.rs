@@ -1,27 +1,18 @@
 //! A mission whose spec changes while it runs, on real processes of two nodes.
 
 use dca_tests::cluster::{Cluster, Host, Program, SOON, Stream, wait_until};
+use dca_tests::hit_detector;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
 /// Somebody pushes the hand again and again, with up to 60 N, until it is felt; a plain program waits beside it.
-const SPEC: &str = r#"
+const SPEC: &str = concat!(
+    r#"
 module Beside(host, way: Text) { exec "sh -c"; plain; done; }
 
-process HitDetector(host1){
-    host{host1}
-    instantiated_processes{
-        force instof ForceTorque(host1);
-        threshold instof ForceThreshold(host1, threshold = 150 N);
-    }
-    internal_connections(force, lbl1){
-        force, Out -> threshold, In;
-    }
-    internal_event_actions{
-        force[lbl1], threshold
-    }
-}
-
+"#,
+    hit_detector!("150 N"),
+    r#"
 process main(){
     host{c3}
     instantiated_processes{
@@ -33,7 +24,8 @@ process main(){
         ((world # wait(4 s)) ;; skip) # hit # beside
     }
 }
-"#;
+"#
+);
 
 /// Returns the process id of each program that is up.
 fn pids(here: &Host) -> BTreeMap<String, u32> {

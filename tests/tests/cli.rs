@@ -1,4 +1,4 @@
-//! What `dca check` says of specs, and with which exit code.
+//! The output of `dca check` on specs, and its exit codes.
 
 use dca_tests::cluster::{Cluster, Ended, SOON, Stream, executable, spec, wait_until};
 use rustix::process::Signal;
@@ -52,7 +52,7 @@ fn mistakes_are_errors_with_a_suggestion() {
     }
 }
 
-/// What is no command is answered with how it is used, and exit code 2.
+/// A wrong command is answered with its usage, and exit code 2.
 #[test]
 fn wrong_usage_has_its_own_code() {
     let cluster = Cluster::new();
@@ -120,7 +120,7 @@ module Idle(host) { exec \"sh -c 'echo here I am; exec sleep 3600'\"; plain; }
 process main() { host { c1 } instantiated_processes { idle instof Idle(c1); } internal_event_actions { idle } }
 ";
 
-/// What `dca run` runs is found by the other verbs, as if nodes had it; two runs at once are each for itself.
+/// The other verbs find the processes of `dca run`, as if nodes had them; two runs at once are each for itself.
 #[test]
 fn what_runs_in_a_command_is_found_from_elsewhere() {
     let cluster = Cluster::new();

@@ -296,7 +296,7 @@ fn a_killed_node_has_lost_nothing() {
     assert!(acknowledged.len() > 10);
 }
 
-/// What cannot be found again is not acknowledged; what was, can still be read.
+/// A write that cannot be found again is not acknowledged; one that was acknowledged can still be read.
 #[test]
 fn a_store_whose_folder_is_deleted_takes_no_writes() {
     let cluster = Cluster::new();
@@ -379,7 +379,7 @@ fn a_team_is_begun_once() {
     assert!(wait_until(SOON, is_one).is_some(), "{}", here.ask(&["db", "status", "--robot", "r3"]));
 }
 
-/// Whoever reads JSON gets JSON, whatever there is to say.
+/// With `--json` every output is JSON, also that of a failure.
 #[test]
 fn json_is_never_prose() {
     let cluster = Cluster::new();

@@ -165,7 +165,7 @@ fn a_program_that_fails() {
     assert!(logs.err.contains("by the record in `runs/fails-1`"), "{logs}");
 }
 
-/// What a program wrote that took too long is all that tells why it did.
+/// The output of a program that took too long is all that explains why it did.
 #[test]
 fn a_program_that_a_deadline_ends() {
     let cluster = Cluster::new();

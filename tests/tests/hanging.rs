@@ -121,7 +121,7 @@ fn a_hang_is_found_while_the_node_is_away() {
     end(&cluster, node);
 }
 
-/// What its own agent's loss has ended says so, not how it has left.
+/// A program that is ended because its own agent is gone is reported with that reason, and not with its exit code.
 #[test]
 fn a_stop_by_the_loss_of_the_node_is_told_as_such() {
     let cluster = Cluster::new();

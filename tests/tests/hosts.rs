@@ -1,73 +1,30 @@
 //! Three hosts on a network: namespaces on a bridge, one node in each, found by scouting.
 
 use comms::io::clock::{Wakeup, now};
+use comms::logic::random::Random;
 use comms::logic::time::Time;
-use dca_tests::cluster::{Cluster, Host, Network, Program, SOON, Sample, Stream, Trace, pass, spec, wait_until};
+use dca_tests::cluster::{Hosts, NAMES, SOON, Sample, Stream, pass, spec, wait_until};
 use node::logic::protocol::Ending;
 use rustix::fs::{CWD, FileType, Mode, mknodat};
 use rustix::process::Signal;
-use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 const MISSION_MAX: Duration = Duration::from_secs(120);
-const NAMES: [&str; 3] = ["c1", "c2", "c3"];
 /// How long the agents are stopped for.
 const AGENTS_STOPPED: Duration = Duration::from_secs(2);
 /// From one beat of a `RateSource` to the next, in milliseconds.
 const PERIOD_MS: f64 = 10.0;
 
-/// Three hosts with a node each, and a fourth without. One test has the machine at a time, because one measures it.
-struct Hosts {
-    // Dropped in this order: the processes, their folder, the network.
-    nodes: Vec<Program>,
-    cluster: Cluster,
-    network: Network,
-    _alone: MutexGuard<'static, ()>,
-}
-
-impl Hosts {
-    fn start() -> Option<Self> {
-        static ALONE: Mutex<()> = Mutex::new(());
-        let alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
-        let (cluster, network) = (Cluster::new(), Network::new(4)?);
-        let nodes =
-            (1..).zip(NAMES).map(|(number, name)| cluster.host(&network, number).node(name, &["--lan"])).collect();
-        Some(Self { nodes, cluster, network, _alone: alone })
-    }
-
-    fn host(&self, number: usize) -> Host {
-        self.cluster.host(&self.network, number)
-    }
-
-    fn signal_nodes(&self, signal: Signal) {
-        self.nodes.iter().for_each(|node| node.signal(signal));
-    }
-
-    /// Returns how many shims there are: one for each program on any host.
-    fn shims(&self) -> usize {
-        self.cluster.left().iter().filter(|process| process.command[0].ends_with("dca-shim")).count()
-    }
-
-    fn trace(&self, name: &str) -> Trace {
-        Trace::read(&self.cluster.folder().join("runs").join(name))
-    }
-
-    /// Ends the nodes; nothing is left.
-    fn end(mut self) {
-        self.signal_nodes(Signal::TERM);
-        for node in self.nodes.drain(..) {
-            let ended = node.ended(SOON);
-            assert_eq!(ended.code, Some(0), "{ended}");
-        }
-        self.cluster.expect_nothing_left(Duration::from_secs(2));
-    }
+/// Three hosts with a node each, and a fourth without.
+fn four_hosts() -> Option<Hosts> {
+    Hosts::start(4, None)
 }
 
 /// Acceptance 2: the mission over three hosts, deployed from one of them; every node sees the others, and a fourth host
 /// sees all three.
 #[test]
 fn the_door_opens_across_hosts() {
-    let Some(hosts) = Hosts::start() else { return };
+    let Some(hosts) = four_hosts() else { return };
     let (c1, fourth) = (hosts.host(1), hosts.host(4));
     for (host, arguments) in [(&c1, &["nodes"][..]), (&hosts.host(2), &["nodes"]), (&fourth, &["nodes", "--lan"])] {
         let ended = host.ask(arguments);
@@ -100,7 +57,7 @@ fn the_door_opens_across_hosts() {
 /// Acceptance 2: deployed from a host without a node, stopped from another, in the middle: it ends everywhere.
 #[test]
 fn a_stop_reaches_every_host() {
-    let Some(hosts) = Hosts::start() else { return };
+    let Some(hosts) = four_hosts() else { return };
     let mission = hosts.host(4).dca(&["deploy", "--lan", &spec("door_opening")]);
     mission.wait_for_times(Stream::Err, "▸ (visualserv # distdetect)", 2, SOON);
     assert_eq!(hosts.shims(), 22);
@@ -112,10 +69,10 @@ fn a_stop_reaches_every_host() {
     hosts.end();
 }
 
-/// What a user sees, 3: `dca logs` follows a process wherever it runs.
+/// Seen by a user, 3: `dca logs` follows a process wherever it runs.
 #[test]
 fn logs_come_from_any_host() {
-    let Some(hosts) = Hosts::start() else { return };
+    let Some(hosts) = four_hosts() else { return };
     let gate = hosts.cluster.folder().join("gate");
     mknodat(CWD, &gate, FileType::Fifo, Mode::RWXU, 0).expect("a test can make a pipe in its own folder");
     let script = "echo first; echo oops >&2; read line < gate; echo second; exec sleep 60";
@@ -154,7 +111,7 @@ fn logs_come_from_any_host() {
 /// meanwhile. The mission would survive it, too: this one goes on to its end.
 #[test]
 fn data_flows_while_the_agents_are_stopped() {
-    let Some(hosts) = Hosts::start() else { return };
+    let Some(hosts) = four_hosts() else { return };
     let deployed = hosts.host(1).dca(&["deploy", &hosts.cluster.file("rates.dca", RATES)]);
     deployed.wait_for(Stream::Err, "▸", SOON);
     // The first second is left out: links are new, and programs still start.
@@ -192,7 +149,7 @@ fn data_flows_while_the_agents_are_stopped() {
 /// Acceptance 3, as the robot sees it: the agents are stopped for 2 s while the door is being opened, and it opens.
 #[test]
 fn the_door_opens_although_the_agents_were_stopped() {
-    let Some(hosts) = Hosts::start() else { return };
+    let Some(hosts) = four_hosts() else { return };
     let mission = hosts.host(1).dca(&["deploy", &spec("door_opening")]);
     mission.wait_for_times(Stream::Err, "▸ dooropen", 2, MISSION_MAX);
     let stopped = measured(|| {
@@ -213,13 +170,9 @@ fn the_door_opens_although_the_agents_were_stopped() {
 /// However links are cut, and nodes suspended: once all is well again each sees all others, for good and soon.
 #[test]
 fn whatever_happens_to_links_and_nodes_all_see_each_other_again() {
-    let Some(hosts) = Hosts::start() else { return };
-    let mut draw = 20_261_122_u64;
-    // Source: Knuth, MMIX.
-    let mut below = move |bound: u64| {
-        draw = draw.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (draw >> 33) % bound
-    };
+    let Some(hosts) = four_hosts() else { return };
+    let mut random = Random::new(20_261_122);
+    let mut below = |bound| random.below(bound);
     let c1 = hosts.host(1);
     let all_see = || {
         let nodes = c1.statuses(&[]);

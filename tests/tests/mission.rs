@@ -13,7 +13,7 @@ const LOCKED: &str = include_str!("../../specs/door_locked.dca");
 const COMPLIANT: &str = include_str!("../../specs/compliant_motion.dca");
 const WORLD: &str = "main/world";
 
-/// What was seen of a mission.
+/// The reports of a mission.
 #[derive(Clone, Debug, PartialEq)]
 struct Seen {
     finish: Finish,

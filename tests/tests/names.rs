@@ -1,4 +1,4 @@
-//! Who has which name: `dca names`, and what happens to names that two want, or nobody has any more.
+//! The holders of names: `dca names`, and the fate of a name that two want, or that nobody has any more.
 
 use dca_tests::cluster::{Cluster, Host, SOON, Stream, wait_until};
 use serde_json::Value;

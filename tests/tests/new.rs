@@ -1,4 +1,4 @@
-//! What `dca new` makes runs at once.
+//! The output of `dca new` runs at once.
 
 use dca_tests::cluster::{Cluster, SOON, executable};
 use std::path::Path;
@@ -47,7 +47,8 @@ fn a_new_program_runs() {
     assert!(ran.out.contains("robot: done"), "{ran}");
 }
 
-/// What is made is a crate outside of this workspace, which cargo builds with the versions and settings that came with it.
+/// The new program is a crate outside of this workspace, which cargo builds with the versions and settings that came
+/// with it.
 #[test]
 #[ignore = "builds a hundred crates, which takes many minutes the first time: run it with `--ignored`"]
 fn a_new_program_is_a_crate_that_builds_on_its_own() {

@@ -1,4 +1,4 @@
-//! What programs write, in any amount, read by anybody: it arrives whole, and holds nothing else up.
+//! The output of programs, in any amount, read by anybody: it arrives whole, and holds nothing else up.
 
 use cli::io::recorder;
 use dca_tests::cluster::{Cluster, SOON, Stream, executable, wait_until};

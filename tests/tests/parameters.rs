@@ -2,6 +2,7 @@
 
 use controllers::sdk::Quantity;
 use dca_tests::cluster::{Cluster, Host, Program, SOON, Stream, Trace, pass, spec, wait_until};
+use dca_tests::hit_detector;
 use language::plan::Accepts;
 use node::logic::protocol::Change;
 use rustix::process::Signal;
@@ -11,21 +12,10 @@ use std::time::Duration;
 const KEY: &str = "robot/c3/params/door_opening/hit/force/threshold";
 
 /// Somebody pushes the hand again and again, with up to 60 N, until it is felt.
-const SPEC: &str = r#"
-process HitDetector(host1){
-    host{host1}
-    instantiated_processes{
-        force instof ForceTorque(host1);
-        threshold instof ForceThreshold(host1, threshold = 2 N);
-    }
-    internal_connections(force, lbl1){
-        force, Out -> threshold, In;
-    }
-    internal_event_actions{
-        force[lbl1], threshold
-    }
-}
-
+const SPEC: &str = concat!(
+    "\n",
+    hit_detector!("2 N"),
+    r#"
 process main(){
     host{c3}
     instantiated_processes{
@@ -36,7 +26,8 @@ process main(){
         ((world # wait(4 s)) ;; skip) # hit
     }
 }
-"#;
+"#
+);
 
 /// A node `c3` with the mission on it.
 fn deploy(cluster: &Cluster) -> (Host, Program, Program) {
@@ -259,7 +250,7 @@ fn a_key_that_walks_is_refused() {
     }
 }
 
-/// What a mission was told while it ran is in its record, where a viewer shows it.
+/// A parameter that is changed while a mission runs is in its record, where a viewer shows it.
 #[test]
 fn a_change_of_a_parameter_is_in_the_record() {
     let cluster = Cluster::new();

@@ -1,4 +1,4 @@
-//! What becomes of programs that die, and of those on a host that is cut off, when the spec says so.
+//! The fate of programs that die, and of programs on a host that is cut off, as the spec says.
 
 use comms::io::clock::now;
 use dca_tests::cluster::{Cluster, Network, Process, SOON, Stream, Trace, spec, wait_until};

@@ -1,95 +1,74 @@
-//! Who is there: whatever happens to links, nodes and machines, and whoever else has a name.
+//! The presence of nodes: whatever happens to links, nodes and machines, and whoever else has a name.
 
 use comms::io::clock::{now, sleep_until, unix_time};
 use comms::io::session::Session;
+use comms::logic::random::Random;
 use comms::logic::{codec, key};
-use dca_tests::cluster::{Cluster, Host, Network, Program, SOON, Stream, pass, wait_until};
+use dca_tests::cluster::{Hosts, NAMES, Program, SOON, Stream, pass, wait_until};
 use node::logic::protocol::{NodeStatus, Ping};
 use rustix::process::Signal;
 use std::process::{Child, Command};
-use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-const NAMES: [&str; 3] = ["c1", "c2", "c3"];
 /// How long a node may hear another one before it lists it.
 const LISTED_WITHIN: Duration = Duration::from_secs(2);
 /// Rounds of disturbances; more with `DCA_TEST_ROUNDS`.
 const ROUNDS: u64 = 4;
 /// Processes that want all of the machine, and are nicer than everybody else.
 const BUSY: usize = 60;
-/// What nodes log: who is heard, too.
+/// The log filter of the nodes: it shows who is heard, too.
 const LOG: &str = "info,zenoh=error,node::logic::nameserver=debug";
 /// From one disturbance of a host to the next, at the most, in milliseconds.
 const PAUSE_MAX_MS: u64 = 900;
 
-/// Three hosts with a node each that logs who is heard. One test has the machine at a time, because they measure it.
-struct Hosts {
-    // Dropped in this order: the processes, their folder, the network.
-    nodes: Vec<Program>,
-    cluster: Cluster,
-    network: Network,
-    _alone: MutexGuard<'static, ()>,
+/// Starts so many hosts, the first three with a node that logs who is heard.
+fn start(hosts: usize) -> Option<Hosts> {
+    Hosts::start(hosts, Some(LOG))
 }
 
-impl Hosts {
-    fn start(hosts: usize) -> Option<Self> {
-        static ALONE: Mutex<()> = Mutex::new(());
-        let alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
-        let (cluster, network) = (Cluster::new(), Network::new(hosts)?);
-        let start = |(number, name)| cluster.host(&network, number).with_log(LOG).node(name, &["--lan"]);
-        let nodes = (1..).zip(NAMES).map(start).collect();
-        Some(Self { nodes, cluster, network, _alone: alone })
-    }
-
-    fn host(&self, number: usize) -> Host {
-        self.cluster.host(&self.network, number)
-    }
-
-    fn carry_out(&mut self, host: usize, act: Act) {
-        match act {
-            Act::Cut => self.network.cut(host + 1),
-            Act::Heal => self.network.heal(host + 1),
-            Act::Down => self.network.set(host + 1, "link set eth0 down"),
-            Act::Up => self.network.set(host + 1, "link set eth0 up"),
-            Act::Apart => self.network.keep_apart(&[host + 1]),
-            Act::Together => self.network.let_meet(host + 1),
-            Act::Kill => self.nodes[host].kill(),
-            Act::Start => self.nodes[host] = self.host(host + 1).with_log(LOG).start_node(NAMES[host], &["--lan"]),
-            Act::Stop => self.nodes[host].signal(Signal::STOP),
-            Act::Go => self.nodes[host].signal(Signal::CONT),
-        }
-    }
-
-    /// Returns whether each node, asked at each host, is there and sees all others.
-    fn all_see(&self) -> bool {
-        let sees = |number| {
-            let ended = self.host(number).ask(&["status", "--json"]);
-            let Ok(nodes) = serde_json::from_str::<Vec<NodeStatus>>(&ended.out) else { return false };
-            nodes.len() == NAMES.len() && nodes.iter().all(|node| node.peers.len() == NAMES.len() - 1)
-        };
-        (1..=NAMES.len()).all(sees)
-    }
-
-    /// Returns how long each node has heard another one, since a time, before it listed it.
-    fn delays(&self, since: Duration) -> Vec<(String, Duration)> {
-        let mut delays = Vec::new();
-        for (own, node) in NAMES.iter().zip(&self.nodes) {
-            let log = node.text(Stream::Err);
-            for other in NAMES.iter().filter(|other| *other != own) {
-                let heard =
-                    first(&log, since, |line| line.contains("is heard") && line.contains(&format!("`{other}`")));
-                let Some(heard) = heard else { continue };
-                let listed = first(&log, heard, |line| {
-                    ["is there:", "was started again:"].iter().any(|what| line.contains(&format!("`{other}` {what}")))
-                });
-                delays.push((format!("{own} of {other}"), listed.map_or(Duration::MAX, |listed| listed - heard)));
-            }
-        }
-        delays
+fn carry_out(hosts: &mut Hosts, host: usize, act: Act) {
+    match act {
+        Act::Cut => hosts.network.cut(host + 1),
+        Act::Heal => hosts.network.heal(host + 1),
+        Act::Down => hosts.network.set(host + 1, "link set eth0 down"),
+        Act::Up => hosts.network.set(host + 1, "link set eth0 up"),
+        Act::Apart => hosts.network.keep_apart(&[host + 1]),
+        Act::Together => hosts.network.let_meet(host + 1),
+        Act::Kill => hosts.nodes[host].kill(),
+        Act::Start => hosts.nodes[host] = hosts.host(host + 1).with_log(LOG).start_node(NAMES[host], &["--lan"]),
+        Act::Stop => hosts.nodes[host].signal(Signal::STOP),
+        Act::Go => hosts.nodes[host].signal(Signal::CONT),
     }
 }
 
-/// What happens to a host; each has its end.
+/// Returns whether each node, asked at each host, is there and sees all others.
+fn all_see(hosts: &Hosts) -> bool {
+    let sees = |number| {
+        let ended = hosts.host(number).ask(&["status", "--json"]);
+        let Ok(nodes) = serde_json::from_str::<Vec<NodeStatus>>(&ended.out) else { return false };
+        nodes.len() == NAMES.len() && nodes.iter().all(|node| node.peers.len() == NAMES.len() - 1)
+    };
+    (1..=NAMES.len()).all(sees)
+}
+
+/// Returns how long each node has heard another one, since a time, before it listed it.
+fn delays(hosts: &Hosts, since: Duration) -> Vec<(String, Duration)> {
+    let mut delays = Vec::new();
+    for (own, node) in NAMES.iter().zip(&hosts.nodes) {
+        let log = node.text(Stream::Err);
+        for other in NAMES.iter().filter(|other| *other != own) {
+            let heard = first(&log, since, |line| line.contains("is heard") && line.contains(&format!("`{other}`")));
+            let Some(heard) = heard else { continue };
+            let listed = first(&log, heard, |line| {
+                ["is there:", "was started again:"].iter().any(|what| line.contains(&format!("`{other}` {what}")))
+            });
+            delays.push((format!("{own} of {other}"), listed.map_or(Duration::MAX, |listed| listed - heard)));
+        }
+    }
+    delays
+}
+
+/// A disturbance of a host, or its end.
 #[derive(Clone, Copy, Debug)]
 enum Act {
     Cut,
@@ -124,40 +103,30 @@ fn time_of_day() -> Duration {
     Duration::new(time.as_secs() % 86_400, time.subsec_nanos())
 }
 
-/// Source: Knuth, MMIX.
-struct Draw(u64);
-
-impl Draw {
-    fn below(&mut self, bound: u64) -> u64 {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (self.0 >> 33) % bound
-    }
-
-    /// Returns what happens to each host, and when, in milliseconds; at the end each is as it was.
-    fn disturbances(&mut self) -> Vec<(u64, usize, Act)> {
-        let mut all = Vec::new();
-        for host in 0..NAMES.len() {
-            let kinds = [
-                (Act::Cut, Act::Heal, 4),
-                (Act::Down, Act::Up, 4),
-                (Act::Apart, Act::Together, 3),
-                (Act::Stop, Act::Go, 4),
-                (Act::Kill, Act::Start, 2),
-            ];
-            for (begin, end, times_max) in kinds {
-                let mut at = self.below(PAUSE_MAX_MS);
-                for _ in 0..self.below(times_max) {
-                    // Longer than it takes to notice, or shorter: what is between is as good.
-                    let longest = [200, 3000][usize::from(self.below(2) == 0)];
-                    let time = 50 + self.below(longest);
-                    all.extend([(at, host, begin), (at + time, host, end)]);
-                    at += time + self.below(PAUSE_MAX_MS);
-                }
+/// Returns the disturbances of each host with their times, in milliseconds; at the end each host is as it was.
+fn disturbances(random: &mut Random) -> Vec<(u64, usize, Act)> {
+    let mut all = Vec::new();
+    for host in 0..NAMES.len() {
+        let kinds = [
+            (Act::Cut, Act::Heal, 4),
+            (Act::Down, Act::Up, 4),
+            (Act::Apart, Act::Together, 3),
+            (Act::Stop, Act::Go, 4),
+            (Act::Kill, Act::Start, 2),
+        ];
+        for (begin, end, times_max) in kinds {
+            let mut at = random.below(PAUSE_MAX_MS);
+            for _ in 0..random.below(times_max) {
+                // Longer than it takes to notice, or shorter: what is between is as good.
+                let longest = [200, 3000][usize::from(random.below(2) == 0)];
+                let time = 50 + random.below(longest);
+                all.extend([(at, host, begin), (at + time, host, end)]);
+                at += time + random.below(PAUSE_MAX_MS);
             }
         }
-        all.sort_by_key(|(at, ..)| *at);
-        all
     }
+    all.sort_by_key(|(at, ..)| *at);
+    all
 }
 
 /// Processes that never end by themselves.
@@ -184,21 +153,21 @@ impl Drop for Busy {
 /// it is called.
 #[test]
 fn a_node_that_is_heard_is_listed_within_2_s() {
-    let Some(mut hosts) = Hosts::start(NAMES.len()) else { return };
+    let Some(mut hosts) = start(NAMES.len()) else { return };
     let _busy = Busy::start(BUSY);
     let rounds = std::env::var("DCA_TEST_ROUNDS").ok().and_then(|rounds| rounds.parse().ok()).unwrap_or(ROUNDS);
     for seed in 0..rounds {
-        let disturbances = Draw(seed).disturbances();
+        let disturbances = disturbances(&mut Random::new(seed));
         let mut now = 0;
         for (at, host, act) in &disturbances {
             pass(Duration::from_millis(at - now));
             now = *at;
-            hosts.carry_out(*host, *act);
+            carry_out(&mut hosts, *host, *act);
         }
         let calm = time_of_day();
-        let took = wait_until(SOON, || hosts.all_see());
+        let took = wait_until(SOON, || all_see(&hosts));
         let logs = || hosts.nodes.iter().map(|node| node.text(Stream::Err)).collect::<Vec<_>>().join("---\n");
-        let delays = hosts.delays(calm);
+        let delays = delays(&hosts, calm);
         println!(
             "seed {seed}: all see each other {took:?} after {now} ms of disturbances; heard to listed: {delays:?}"
         );
@@ -218,34 +187,32 @@ process main() {
 }
 ";
 
-impl Hosts {
-    fn deployed(&self) -> Program {
-        let mission = self.host(1).dca(&["deploy", &self.cluster.file("twice.dca", TWICE)]);
-        mission.wait_for(Stream::Err, "▸", SOON);
-        mission
-    }
+fn deployed(hosts: &Hosts) -> Program {
+    let mission = hosts.host(1).dca(&["deploy", &hosts.cluster.file("twice.dca", TWICE)]);
+    mission.wait_for(Stream::Err, "▸", SOON);
+    mission
+}
 
-    /// Ends a mission that nothing has disturbed.
-    #[track_caller]
-    fn undisturbed(&self, mission: Program) {
-        assert!(mission.is_running(), "{}", mission.text(Stream::Err));
-        let [c1, c2] = [0, 1].map(|index| self.nodes[index].text(Stream::Err));
-        assert!(!c1.contains("`c2` is missing") && !c2.contains("`c1` is missing"), "{c1}---\n{c2}");
-        let running = self.host(3).processes(&[]).into_iter().filter(|(host, _)| host == "c2").count();
-        assert_eq!(running, 1, "the monitor is where it was");
-        let stop = self.host(3).ask(&["stop", "twice"]);
-        assert_eq!(stop.code, Some(0), "{stop}");
-        let ended = mission.ended(SOON);
-        assert!(ended.out.starts_with("twice: stopped after"), "{ended}");
-    }
+/// Ends a mission that nothing has disturbed.
+#[track_caller]
+fn undisturbed(hosts: &Hosts, mission: Program) {
+    assert!(mission.is_running(), "{}", mission.text(Stream::Err));
+    let [c1, c2] = [0, 1].map(|index| hosts.nodes[index].text(Stream::Err));
+    assert!(!c1.contains("`c2` is missing") && !c2.contains("`c1` is missing"), "{c1}---\n{c2}");
+    let running = hosts.host(3).processes(&[]).into_iter().filter(|(host, _)| host == "c2").count();
+    assert_eq!(running, 1, "the monitor is where it was");
+    let stop = hosts.host(3).ask(&["stop", "twice"]);
+    assert_eq!(stop.code, Some(0), "{stop}");
+    let ended = mission.ended(SOON);
+    assert!(ended.out.starts_with("twice: stopped after"), "{ended}");
 }
 
 /// Two people with a `c2` in one laboratory: the second one is refused and told, and so are those who were there; the mission
 /// on the first goes on, and is stopped as ever.
 #[test]
 fn a_second_node_of_a_name_does_not_disturb_a_mission() {
-    let Some(hosts) = Hosts::start(4) else { return };
-    let mission = hosts.deployed();
+    let Some(hosts) = start(4) else { return };
+    let mission = deployed(&hosts);
     for _ in 0..2 {
         let ended = hosts.host(4).start_node("c2", &["--lan"]).ended(SOON);
         assert!(ended.code == Some(1) && ended.err.contains("another node called `c2` was there first"), "{ended}");
@@ -255,14 +222,14 @@ fn a_second_node_of_a_name_does_not_disturb_a_mission() {
     hosts.nodes[0].wait_for(Stream::Err, "a second node called `c2`", SOON);
     // Longer than it takes to lose a node.
     pass(Duration::from_secs(6));
-    hosts.undisturbed(mission);
+    undisturbed(&hosts, mission);
 }
 
 /// Anybody can make a token, or ask as somebody else: neither changes who can be reached, while it lasts and after.
 #[test]
 fn a_forged_token_does_not_disturb_a_mission() {
-    let Some(hosts) = Hosts::start(4) else { return };
-    let mission = hosts.deployed();
+    let Some(hosts) = start(4) else { return };
+    let mission = deployed(&hosts);
     let forging = hosts.network.inside(4, || {
         let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build();
         runtime.expect("a machine has threads").block_on(async {
@@ -281,5 +248,5 @@ fn a_forged_token_does_not_disturb_a_mission() {
     hosts.nodes[0].wait_for(Stream::Err, "the node `c2` is heard, and not there", SOON);
     // Longer than it takes to lose a node.
     pass(Duration::from_secs(6));
-    hosts.undisturbed(mission);
+    undisturbed(&hosts, mission);
 }

@@ -1,4 +1,4 @@
-//! What a person waits for: how long the answers of one machine take, and the word that a mission is lost.
+//! The times that a person waits for: the answers of one machine, and the word that a mission is lost.
 
 use comms::io::clock::now;
 use comms::io::session::Session;
@@ -9,9 +9,9 @@ use rustix::process::Signal;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// What a command may take on a machine that does nothing else.
+/// The longest time of a command on a machine that does nothing else.
 const QUIET: Duration = Duration::from_millis(200);
-/// What it may take of a program's start and a question, where that alone takes long.
+/// The longest time of a command as a multiple of a program's start and a question, where those alone take long.
 const RATIO: u32 = 3;
 /// How often each is measured; the quickest counts, since others use this machine, too.
 const TIMES: usize = 7;

@@ -1,27 +1,17 @@
 //! The record of a run, as a viewer reads it: with the official reader, by its own schemas.
 
 use dca_tests::cluster::{Cluster, Ended, executable};
+use dca_tests::hit_detector;
 use serde_json::Value;
 use std::collections::BTreeSet;
 use std::process::Command;
 use std::time::Duration;
 
 /// Nobody pushes the hand; the output of the sensor goes to what compares it.
-const SPEC: &str = r#"
-process HitDetector(host1){
-    host{host1}
-    instantiated_processes{
-        force instof ForceTorque(host1);
-        threshold instof ForceThreshold(host1, threshold = 30 N);
-    }
-    internal_connections(force, lbl1){
-        force, Out -> threshold, In;
-    }
-    internal_event_actions{
-        force[lbl1], threshold
-    }
-}
-
+const SPEC: &str = concat!(
+    "\n",
+    hit_detector!("30 N"),
+    r#"
 process main(){
     host{c3}
     instantiated_processes{
@@ -32,9 +22,10 @@ process main(){
         world # hit # wait(2 s)
     }
 }
-"#;
+"#
+);
 
-/// What goes over a port is recorded with the fields that the interface of its sender names.
+/// The value on a port is recorded with the fields that the interface of its sender names.
 #[test]
 fn a_recorded_port_can_be_plotted() {
     let cluster = Cluster::new();

@@ -6,7 +6,7 @@ use std::os::unix::net::UnixDatagram;
 use std::process::{Command, Output, Stdio};
 use std::time::Duration;
 
-/// What the manager of a service is told next; nothing if that takes too long.
+/// Returns the next notice to the manager of a service; none if it does not come in time.
 fn told(manager: &UnixDatagram, within: Duration) -> Option<String> {
     manager.set_read_timeout(Some(within)).expect("a socket has a timeout");
     let mut bytes = [0; 256];

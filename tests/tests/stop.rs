@@ -101,7 +101,7 @@ fn a_node_that_leaves_takes_its_programs_along() {
     cluster.expect_nothing_left(Duration::from_secs(2));
 }
 
-/// What may run on a host that is lost is told until the host itself has said that nothing is left, or a person has.
+/// A process that may run on a lost host is reported until the host has said that nothing is left, or a person has.
 #[test]
 fn what_a_lost_host_has_not_confirmed_is_told_until_it_is_back() {
     let cluster = Cluster::new();

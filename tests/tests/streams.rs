@@ -213,7 +213,7 @@ fn a_result_for_a_closed_standard_output_is_a_failure() {
     assert_eq!((code, said.as_str()), (Some(0), ""), "a verb without a result loses none");
 }
 
-/// What a database can export, it can import: 100,000 keys take several messages and several transactions.
+/// The export of a database can be imported: 100,000 keys take several messages and several transactions.
 #[test]
 fn what_can_be_exported_can_be_imported() {
     let cluster = Cluster::new();

@@ -1,4 +1,4 @@
-//! What a person sees on a terminal: colours where they are wanted, lines that fit, nothing that it cannot draw.
+//! The view on a terminal: colours where they are wanted, lines that fit, no character that it cannot draw.
 
 use dca_tests::cluster::Cluster;
 

@@ -13,7 +13,7 @@ const WORLD: &str = "main/world";
 /// The radius of the base: beyond the wall by more than this it is on the other side (m).
 const BASE: f64 = 0.31;
 
-/// What the spec asks for on each side (mm).
+/// The room on each side that the spec asks for (mm).
 const MARGIN: f64 = 50.0;
 
 /// How a mission ended.
@@ -26,9 +26,9 @@ struct Passage {
     collision: f64,
     /// The largest force on the hand (N).
     worst: f64,
-    /// What was measured to be free on each side (mm).
+    /// The free room on each side that was measured (mm).
     clearance: f64,
-    /// What was free while it drove (mm).
+    /// The free room while it drove (mm).
     room: f64,
     seconds: f64,
 }

@@ -15,7 +15,7 @@ use std::fs;
 const LINES_MAX: usize = 450;
 /// The most lines of the database's core, blank ones and tests left out. A quarter of them are documentation.
 const CORE_LINES_MAX: usize = 5000;
-/// Which rooms a room may import. `dca-tests` sees every room, and no room sees it.
+/// The rooms that each room may import. `dca-tests` sees every room, and no room sees it.
 const FLOORS: [(&str, &[&str]); 9] = [
     ("language", &[]),
     ("comms", &[]),
@@ -38,9 +38,10 @@ const PURE: [&str; 6] = [
     "controllers/src/robot",
     "controllers/src/sdk/",
 ];
-/// What of those talks to the outside after all, or, as `nested`, counts in a place of its thread while it reads.
+/// Parts of those that talk to the outside after all, or, as `nested`, count in a place of their thread while they
+/// read.
 const IMPURE: [&str; 2] = ["controllers/src/sdk/process", "language/src/plan/nested"];
-/// What no pure code names. `std::{` would hide the others.
+/// Words that no pure code names. `std::{` would hide the others.
 const HIDDEN_INPUTS: [&str; 21] = [
     "Instant",
     "SystemTime",
@@ -64,7 +65,7 @@ const HIDDEN_INPUTS: [&str; 21] = [
     "stdin",
     "rand::",
 ];
-/// What looks like a key expression and is none: names of encodings.
+/// Strings that look like key expressions and are names of encodings.
 const NO_KEYS: [&str; 4] = ["dca/refused", "dca/here", "dca/end", "dca/broken"];
 
 /// Returns whether `word` stands in `line` and is not the end or the beginning of another word.

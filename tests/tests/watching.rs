@@ -1,4 +1,4 @@
-//! What people watch: `dca events` and `dca status --watch`, while programs run, end, and nodes die.
+//! The views of people who watch: `dca events` and `dca status --watch`, while programs run, end, and nodes die.
 
 use dca_tests::cluster::{Cluster, Host, Program, SOON, Stream};
 use rustix::process::Signal;

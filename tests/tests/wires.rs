@@ -10,7 +10,7 @@ use std::time::Duration;
 
 /// A cut of a quick link is noticed after 1.9 s, not after the lease of 5 s that a long link needs; a busy machine needs longer.
 const NOTICED_WITHIN: Duration = Duration::from_secs(4);
-/// What each end publishes, and the other hears.
+/// The keys that each end publishes, and the other hears.
 const KEYS: [&str; 2] = ["dca/d/wires/1/w/0", "dca/d/wires/1/w/1"];
 
 /// One end of a link, in a process of its own: says where it is, when it is linked, and when it is not any more. Does nothing as a
@@ -36,7 +36,7 @@ fn one_end() {
     println!("alone");
 }
 
-/// What a producer and a consumer notice by themselves, without a node that tells them.
+/// A producer and a consumer notice a cut wire by themselves, without a node that tells them.
 #[test]
 fn a_cut_wire_is_noticed_before_the_lease_is_over() {
     let Some(network) = Network::new(2) else { return };

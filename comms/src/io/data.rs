@@ -121,7 +121,7 @@ impl DataSession {
             Reach::Host => {}
             Reach::Lan => listen.extend(dialled().into_iter().map(|address| locator(address, 0))),
         }
-        Ok(Self { opened: Opened::open(Settings::data().listen(&listen), Redial::Told, Search::Off)? })
+        Ok(Self { opened: Opened::open(Settings::data().listen(&listen), Redial::Listed, Search::Off)? })
     }
 
     /// Opens a data session that only dials.
@@ -129,7 +129,7 @@ impl DataSession {
     /// # Errors
     /// If zenoh refuses.
     pub fn open_observer() -> Result<Self, OpenError> {
-        Ok(Self { opened: Opened::open(Settings::data(), Redial::Told, Search::Off)? })
+        Ok(Self { opened: Opened::open(Settings::data(), Redial::Listed, Search::Off)? })
     }
 
     /// Returns where others can dial this session.

@@ -223,7 +223,7 @@ impl Session {
         // Asks the socket first: the system says why, zenoh only that.
         UnixStream::connect(socket)
             .map_err(|cause| OpenError::NoNode { path: socket.to_owned(), cause: cause.to_string() })?;
-        Self::open(Settings::client(&locator), Redial::Told, Search::Off).await
+        Self::open(Settings::client(&locator), Redial::Listed, Search::Off).await
     }
 
     /// Opens the session of a command line on a host without a node: looks for nodes on the local network, and returns
@@ -235,7 +235,7 @@ impl Session {
     /// # Cancellation
     /// The session is opened and closed again in the background.
     pub async fn open_scout() -> Result<Self, OpenError> {
-        let session = Self::open(Settings::node(), Redial::Told, Search::Ask).await?;
+        let session = Self::open(Settings::node(), Redial::Listed, Search::Ask).await?;
         let [within, look_every] = SCOUT;
         let found = async {
             while !session.opened.is_linked() {

@@ -88,7 +88,7 @@ pub struct Handle {
 
 /// A running database.
 #[derive(Debug)]
-pub struct Running {
+pub struct DatabaseThread {
     handle: Handle,
     settings: watch::Receiver<Settings>,
     thread: std::thread::JoinHandle<()>,
@@ -121,7 +121,7 @@ struct Worker {
 ///
 /// # Errors
 /// The store cannot be read, is open already, or belongs to another robot.
-pub fn start(options: &Options, session: &Arc<Session>) -> anyhow::Result<Running> {
+pub fn start(options: &Options, session: &Arc<Session>) -> anyhow::Result<DatabaseThread> {
     let (place, replica, unwritable) = Place::open(options)?;
     let mut machine = Database::new(replica, (&options.robot, &options.team), place.name());
     let mut closed = Vec::new();
@@ -154,10 +154,10 @@ pub fn start(options: &Options, session: &Arc<Session>) -> anyhow::Result<Runnin
     };
     closed.into_iter().for_each(|effect| worker.do_one(effect));
     let thread = std::thread::Builder::new().name("database".to_owned()).spawn(move || worker.run());
-    Ok(Running { handle, settings: shown, thread: thread.context("starting the thread of the database")?, wire })
+    Ok(DatabaseThread { handle, settings: shown, thread: thread.context("starting the thread of the database")?, wire })
 }
 
-impl Running {
+impl DatabaseThread {
     /// Returns the way to it.
     pub fn handle(&self) -> &Handle {
         &self.handle

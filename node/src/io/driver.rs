@@ -83,7 +83,7 @@ struct Driver {
     dir: RunDir,
     state: NodeState,
     peers: Peers,
-    database: database::Running,
+    database: database::DatabaseThread,
     journal: Arc<Mutex<Journal>>,
     /// The jobs beside the loop.
     jobs: Sender<Job>,

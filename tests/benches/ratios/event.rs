@@ -3,7 +3,7 @@
 use crate::figures::{Round, Subject, Table, cell};
 use crate::node::{HOST, Node};
 use crate::programs::{REST, times_of};
-use crate::raw::{Pair, Way};
+use crate::raw::{Pair, Transport};
 use anyhow::Context;
 use node::logic::protocol::{Change, Report};
 use std::path::Path;
@@ -23,7 +23,7 @@ pub(crate) async fn measure(dir: &Path, table: &mut Table) -> anyhow::Result<()>
     let dir = dir.join("event");
     std::fs::create_dir(&dir)?;
     let mut node = Node::start(&dir).await?;
-    let mut socket = Pair::start(Way::Socket, &dir)?;
+    let mut socket = Pair::start(Transport::Socket, &dir)?;
     let [mut row, mut busy, mut pair, mut idle] = <[Subject; 4]>::default();
     for _ in 0..ROUNDS {
         busy.push(socket.measure(64, 2000, 200)?);

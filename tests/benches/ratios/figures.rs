@@ -61,7 +61,7 @@ fn median(mut of: Vec<Duration>) -> Option<Duration> {
     of.get(of.len() / 2).copied()
 }
 
-/// What the whole benchmark prints.
+/// The table of the whole benchmark.
 #[derive(Debug, Default)]
 pub(crate) struct Table {
     lines: Vec<[String; 5]>,

@@ -1,14 +1,14 @@
 //! One hop from controller to controller, beside zenoh alone and beside a Unix socket.
 
 use crate::figures::{Round, Subject, Table, cell};
-use crate::raw::{self, Way};
+use crate::raw::{self, Transport};
 use crate::sdk;
 use anyhow::Context;
 use std::path::Path;
 
 /// How often everything is measured, in turn.
 const ROUNDS: u32 = 9;
-/// What is sent: bytes, round trips that are timed, and round trips before those.
+/// The messages: bytes, round trips that are timed, and round trips before those.
 const SIZES: [(&str, u32, u32, u32); 2] = [("64 B", 64, 2000, 300), ("64 KiB", 64 << 10, 400, 60)];
 /// The most that a hop may cost of what zenoh alone costs.
 const TARGET: f64 = 1.15;
@@ -16,10 +16,10 @@ const TARGET: f64 = 1.15;
 /// Measures, and adds its lines.
 pub(crate) async fn measure(dir: &Path, table: &mut Table) -> anyhow::Result<()> {
     let mut controllers = sdk::Pair::start(dir).await?;
-    let mut socket = raw::Pair::start(Way::Socket, dir)?;
-    let mut zenoh = raw::Pair::start(Way::Zenoh, dir)?;
-    let mut bytes = raw::Pair::start(Way::ZenohBytes, dir)?;
-    let mut callback = raw::Pair::start(Way::ZenohCallback, dir)?;
+    let mut socket = raw::Pair::start(Transport::Socket, dir)?;
+    let mut zenoh = raw::Pair::start(Transport::Zenoh, dir)?;
+    let mut bytes = raw::Pair::start(Transport::ZenohBytes, dir)?;
+    let mut callback = raw::Pair::start(Transport::ZenohCallback, dir)?;
     for (name, size, count, warm_up) in SIZES {
         let mut subjects: [Subject; 5] = Default::default();
         for _ in 0..ROUNDS {

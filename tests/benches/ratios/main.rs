@@ -1,4 +1,5 @@
-//! What DCA costs beside what the machine can do without it, measured side by side in one run: `cargo bench -p dca-tests`.
+//! The cost of DCA beside the cost of the same work without it, measured side by side in one run: `cargo bench -p
+//! dca-tests`.
 //!
 //! Three things: a hop between two controllers, the way from the end of one process to the run of the next, and the start
 //! of a whole deployment. The programs that are measured are this executable again, started with other arguments.

@@ -44,7 +44,7 @@ impl<'de> Deserialize<'de> for Blob {
     }
 }
 
-/// What is heard.
+/// The inputs.
 #[derive(Debug, Inputs)]
 pub(crate) struct Hears {
     /// From the other side.
@@ -52,7 +52,7 @@ pub(crate) struct Hears {
     heard: In<Blob>,
 }
 
-/// What is said.
+/// The outputs.
 #[derive(Debug, Outputs)]
 pub(crate) struct Says {
     /// To the other side.
@@ -70,7 +70,8 @@ pub(crate) fn registry() -> Registry {
     registry
 }
 
-/// What a [`Ping`] is initialised with: the size of its messages, how many are timed, and how many go before those.
+/// Returns the value that a [`Ping`] is initialised with: the size of its messages in bytes, how many are timed, and
+/// how many go before those.
 pub(crate) fn ping_value(size: u32, count: u32, warm_up: u32) -> Vec<u8> {
     [size, count, warm_up].iter().flat_map(|number| number.to_le_bytes()).collect()
 }

@@ -1,4 +1,4 @@
-//! What the machine and zenoh do without DCA: pairs of processes that send bytes to and fro.
+//! The machine and zenoh without DCA: pairs of processes that send bytes to and fro.
 
 use crate::figures::Round;
 use crate::programs::times_of;
@@ -13,9 +13,9 @@ use zenoh::Wait;
 use zenoh::bytes::ZBytes;
 use zenoh::qos::{CongestionControl, Priority};
 
-/// What goes between two processes.
+/// The transport between two processes.
 #[derive(Clone, Copy, Debug)]
-pub(crate) enum Way {
+pub(crate) enum Transport {
     /// A Unix socket, read and written by blocking calls.
     Socket,
     /// Zenoh, samples handed to a thread at both ends, as a program does that has a loop of its own.
@@ -26,7 +26,7 @@ pub(crate) enum Way {
     ZenohCallback,
 }
 
-impl Way {
+impl Transport {
     fn word(self) -> &'static str {
         match self {
             Self::Socket => "socket",
@@ -37,7 +37,9 @@ impl Way {
     }
 
     fn parse(word: &str) -> Option<Self> {
-        [Self::Socket, Self::Zenoh, Self::ZenohBytes, Self::ZenohCallback].into_iter().find(|way| way.word() == word)
+        [Self::Socket, Self::Zenoh, Self::ZenohBytes, Self::ZenohCallback]
+            .into_iter()
+            .find(|transport| transport.word() == word)
     }
 }
 
@@ -52,11 +54,11 @@ pub(crate) struct Pair {
 
 impl Pair {
     /// Starts both, with sockets in `dir`.
-    pub(crate) fn start(way: Way, dir: &Path) -> anyhow::Result<Self> {
+    pub(crate) fn start(transport: Transport, dir: &Path) -> anyhow::Result<Self> {
         let program = std::env::current_exe()?;
-        let path = dir.join(way.word());
+        let path = dir.join(transport.word());
         let start = |side: &str| {
-            let arguments = ["raw", side, way.word()];
+            let arguments = ["raw", side, transport.word()];
             Command::new(&program).args(arguments).arg(&path).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn()
         };
         // The side that answers listens; it says when it does.
@@ -98,13 +100,13 @@ impl Pair {
 
 /// Runs one side of a pair: what a child of the benchmark does.
 pub(crate) fn side(arguments: &[String]) -> anyhow::Result<()> {
-    let [side, way, path] = arguments else { anyhow::bail!("a side, a way and a path are needed") };
-    let (way, path) = (Way::parse(way).context("no such way")?, PathBuf::from(path));
-    match (side.as_str(), way) {
-        ("echo", Way::Socket) => echo_socket(&path),
-        ("echo", _) => echo_zenoh(&path, way),
-        (_, Way::Socket) => ping_socket(&path),
-        (_, _) => ping_zenoh(&path, way),
+    let [side, transport, path] = arguments else { anyhow::bail!("a side, a transport and a path are needed") };
+    let (transport, path) = (Transport::parse(transport).context("no such transport")?, PathBuf::from(path));
+    match (side.as_str(), transport) {
+        ("echo", Transport::Socket) => echo_socket(&path),
+        ("echo", _) => echo_zenoh(&path, transport),
+        (_, Transport::Socket) => ping_socket(&path),
+        (_, _) => ping_zenoh(&path, transport),
     }
 }
 
@@ -199,13 +201,13 @@ fn publisher(session: &zenoh::Session, key: &'static str) -> anyhow::Result<zeno
     publisher.wait().map_err(|error| anyhow::anyhow!("{error}"))
 }
 
-fn echo_zenoh(path: &Path, way: Way) -> anyhow::Result<()> {
+fn echo_zenoh(path: &Path, transport: Transport) -> anyhow::Result<()> {
     let session = open(Some(path), None)?;
     let failed = |error: zenoh::Error| anyhow::anyhow!("{error}");
     let answers = publisher(&session, "raw/answer")?;
     let answer = move |payload: ZBytes| answers.put(payload).wait().unwrap_or_default();
     let asked = session.declare_subscriber("raw/ask");
-    if matches!(way, Way::ZenohCallback) {
+    if matches!(transport, Transport::ZenohCallback) {
         let asked = asked.callback(move |sample| answer(sample.payload().clone())).background();
         asked.wait().map_err(failed)?;
     } else {
@@ -213,7 +215,7 @@ fn echo_zenoh(path: &Path, way: Way) -> anyhow::Result<()> {
         // Ends with the process.
         std::thread::spawn(move || {
             while let Ok(sample) = asked.recv() {
-                answer(if matches!(way, Way::ZenohBytes) {
+                answer(if matches!(transport, Transport::ZenohBytes) {
                     ZBytes::from(sample.payload().to_bytes().into_owned())
                 } else {
                     sample.payload().clone()
@@ -226,7 +228,7 @@ fn echo_zenoh(path: &Path, way: Way) -> anyhow::Result<()> {
     session.close().wait().map_err(failed)
 }
 
-fn ping_zenoh(path: &Path, way: Way) -> anyhow::Result<()> {
+fn ping_zenoh(path: &Path, transport: Transport) -> anyhow::Result<()> {
     let session = open(None, Some(path))?;
     let failed = |error: zenoh::Error| anyhow::anyhow!("{error}");
     let answers = session.declare_subscriber("raw/answer").wait().map_err(failed)?;
@@ -240,10 +242,12 @@ fn ping_zenoh(path: &Path, way: Way) -> anyhow::Result<()> {
         let sent = now();
         loop {
             let copied = || ZBytes::from(bytes.clone());
-            asks.put(if matches!(way, Way::ZenohBytes) { copied() } else { payload.clone() }).wait().map_err(failed)?;
+            asks.put(if matches!(transport, Transport::ZenohBytes) { copied() } else { payload.clone() })
+                .wait()
+                .map_err(failed)?;
             // Before the other side has heard of us, and us of it, nothing arrives.
             if let Some(answer) = answers.recv_timeout(Duration::from_millis(200)).map_err(failed)? {
-                if matches!(way, Way::ZenohBytes) {
+                if matches!(transport, Transport::ZenohBytes) {
                     bytes = answer.payload().to_bytes().into_owned();
                 }
                 return Ok(now().since(sent));

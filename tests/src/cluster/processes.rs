@@ -1,4 +1,4 @@
-//! What runs on this machine, as `/proc` tells it.
+//! The processes of this machine, by `/proc`.
 
 use rustix::process::{Pid, Signal, getpid, kill_process};
 use std::fmt;

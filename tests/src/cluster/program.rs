@@ -51,7 +51,7 @@ impl fmt::Display for Ended {
     }
 }
 
-/// What a thread has read from a pipe so far.
+/// The bytes that a thread has read from a pipe so far.
 #[derive(Debug)]
 struct Captured {
     text: Arc<Text>,

@@ -55,7 +55,7 @@ pub(crate) enum Search {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Redial {
     /// The peers that the session was told to dial.
-    Told,
+    Listed,
     /// Also those that were found.
     Found,
 }
@@ -254,7 +254,7 @@ fn watch_links(
         lock(&ends).ends.entry(session.clone()).or_default().push((both, Duration::ZERO));
         match redial {
             Redial::Found => made.push(Change::Made { session, from: both.0, to: link.dst().clone() }),
-            Redial::Told => made.push(Change::Unmeasured(both)),
+            Redial::Listed => made.push(Change::Unmeasured(both)),
         };
     };
     info.link_events_listener().history(true).callback(on_link).background().wait()
