@@ -371,7 +371,7 @@ impl Driver {
     /// Has something done beside the loop that nobody waits for.
     fn later(&self, job: Job) {
         if let Err(error) = self.jobs.try_send(job) {
-            tracing::warn!(%error, "too much waits to be done");
+            tracing::warn!(%error, "the queue of jobs is full: one is dropped");
         }
     }
 

@@ -142,7 +142,7 @@ impl Peers {
     pub async fn answered(&mut self) {
         self.calls.clear();
         if tokio::time::timeout(ANSWERED_WITHIN, self.session.answered()).await.is_err() {
-            tracing::debug!("somebody has not taken all answers");
+            tracing::debug!("a caller has not taken all answers");
         }
     }
 
@@ -151,7 +151,7 @@ impl Peers {
         drop(self.token);
         match Arc::into_inner(self.session) {
             Some(session) => session.close().await,
-            None => tracing::debug!("somebody still uses the session; it closes with the process"),
+            None => tracing::debug!("the session is still in use; it closes with the process"),
         }
     }
 }

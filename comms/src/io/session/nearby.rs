@@ -98,7 +98,7 @@ pub(crate) async fn look(own: Option<Announced>, addresses: watch::Sender<Vec<St
             Some((Announcement::Ask, from)) if own.is_some() => {
                 let family = families.iter().find(|family| family.group.is_ipv4() == from.is_ipv4());
                 if let Some(Err(error)) = family.map(|family| family.sender.try_send_to(&datagram, from)) {
-                    tracing::debug!(%error, "somebody who looks for nodes is not answered");
+                    tracing::debug!(%error, "a question for nodes nearby is not answered");
                 }
             }
             Some((Announcement::Ask, _)) | None => {}
@@ -143,7 +143,7 @@ async fn receive(family: Option<&Family>) -> Option<(Announcement, SocketAddr)> 
         Ok((size, from)) => Some((codec::decode(bytes.get(..size)?).ok()?, from)),
         Err(error) => {
             // Of a socket whose interface has gone; it goes on when there is one again.
-            tracing::debug!(%error, "nothing was heard");
+            tracing::debug!(%error, "a multicast socket cannot be read");
             tokio::time::sleep(LOOK_EVERY).await;
             None
         }
@@ -187,12 +187,12 @@ impl Family {
                 IpAddr::V4(ip) => receiver.leave_multicast_v4(&GROUP_V4, &ip),
                 IpAddr::V6(_) => receiver.leave_multicast_v6(&GROUP_V6, address.index),
             };
-            left.unwrap_or_else(|error| tracing::debug!(%error, ip = %address.ip, "not left"));
+            left.unwrap_or_else(|error| tracing::debug!(%error, ip = %address.ip, "a multicast group cannot be left"));
         }
         // All of them: what is left is left for the whole interface, which may have another address still.
         for address in now.iter().filter(|address| self.is_of(address)) {
             self.join(address)
-                .unwrap_or_else(|error| tracing::debug!(%error, ip = %address.ip, "not joined, or joined before"));
+                .unwrap_or_else(|error| tracing::debug!(%error, ip = %address.ip, "a multicast group cannot be joined, or was joined before"));
         }
     }
 

@@ -271,7 +271,7 @@ pub(super) fn fetch_all(fetches: &[Arc<Fetch>], within: Duration) -> Vec<(&'stat
         .filter_map(|(port, answer)| match answer {
             Ok(bytes) => Some((port, bytes?)),
             Err(error) => {
-                tracing::debug!(port, %error, "nothing fetched");
+                tracing::debug!(port, %error, "a value cannot be fetched");
                 None
             }
         })
