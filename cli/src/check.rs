@@ -4,7 +4,7 @@ mod json;
 mod sarif;
 
 use crate::follow::Spec;
-use crate::io::named_file;
+use crate::io::{named_file, whole_file};
 use crate::{Controllers, output};
 use anyhow::{Context, anyhow};
 use language::plan::Plan;
@@ -127,7 +127,7 @@ pub(crate) fn fix(file: &Path, controllers: &Controllers) -> Result<bool, Failur
     let fixed = language::fix(&spec, &interfaces, &options(file, false));
     let is_changed = fixed != spec.text;
     if is_changed {
-        std::fs::write(file, fixed).with_context(|| format!("writing the spec `{}`", file.display()))?;
+        whole_file::put(file, fixed.as_bytes()).context("writing the spec")?;
     }
     Ok(is_changed)
 }

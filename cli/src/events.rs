@@ -49,11 +49,13 @@ struct Printer<'a> {
     /// The events that were known at the beginning, which are printed in the order of time.
     waiting: Option<Vec<(Duration, Event)>>,
     lost: BTreeSet<String>,
+    /// Whether there was any event.
+    is_empty: bool,
 }
 
 /// Runs the verb.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let mut printer = Printer { arguments, waiting: Some(Vec::new()), lost: BTreeSet::new() };
+    let mut printer = Printer { arguments, waiting: Some(Vec::new()), lost: BTreeSet::new(), is_empty: true };
     let end = block_on(async {
         let (mut interrupt, mut terminate) = (signal(SignalKind::interrupt())?, signal(SignalKind::terminate())?);
         let mode = if arguments.follow { Mode::Follow } else { Mode::Snapshot };
@@ -113,6 +115,7 @@ impl Printer<'_> {
         if self.arguments.name.as_ref().is_some_and(|name| *name != event.deployment.name) {
             return Ok(true);
         }
+        self.is_empty = false;
         let at = since_1970(&event);
         if let Some(waiting) = &mut self.waiting {
             waiting.push((at, event));
@@ -149,6 +152,11 @@ impl Printer<'_> {
         };
         if self.arguments.json {
             console::say(&json!({ "end": word, "lost": self.lost }).to_string());
+        }
+        if let (End::Complete, true, false, Some(name)) =
+            (end, self.is_empty, self.arguments.json, &self.arguments.name)
+        {
+            console::note(&format!("no node knows of `{name}`; `dca events` prints what they know"));
         }
         let lost: Vec<&str> = self.lost.iter().map(String::as_str).collect();
         match end {

@@ -1,6 +1,7 @@
 //! `dca fmt`: formats specs.
 
 use crate::check;
+use crate::io::whole_file;
 use anyhow::Context as _;
 use language::{Source, format, render};
 use node::console::{self, Failure};
@@ -38,7 +39,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
             console::say(&format!("{} is not formatted", source.name));
             is_fine = false;
         } else {
-            std::fs::write(file, text).with_context(|| format!("writing the spec `{}`", file.display()))?;
+            whole_file::put(file, text.as_bytes()).context("writing the spec")?;
         }
     }
     if is_fine { Ok(()) } else { Err(Failure::Reported) }

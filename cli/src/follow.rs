@@ -293,6 +293,10 @@ impl Watch {
             return Ok(());
         }
         self.hear_outputs(client, &report);
+        if let (Report::Changed { .. } | Report::Unchanged { .. }, Some(go)) = (&report, self.go_at) {
+            // These have no time of their own.
+            self.mission.tick(clock::now() - go);
+        }
         self.mission.report(&report);
         self.display.update(&self.mission, &mut self.output);
         self.record(Entry::Report(report));

@@ -1,5 +1,6 @@
 //! `dca graph`: draws a spec.
 
+use crate::io::whole_file;
 use crate::{Controllers, check};
 use anyhow::Context as _;
 use language::{Severity, render};
@@ -35,7 +36,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     match &arguments.output {
         None => console::say(&picture),
         Some(file) => {
-            std::fs::write(file, picture).with_context(|| format!("writing the picture `{}`", file.display()))?;
+            whole_file::put(file, picture.as_bytes()).context("writing the picture")?;
         }
     }
     Ok(())

@@ -1,7 +1,7 @@
 //! `dca man`: writes the pages for `man`, one for each verb.
 
 use crate::Command;
-use anyhow::Context as _;
+use anyhow::{Context as _, anyhow};
 use clap::CommandFactory as _;
 use node::console::{self, Failure};
 use std::fs;
@@ -17,6 +17,9 @@ pub struct Arguments {
 /// Runs the verb.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let folder = &arguments.folder;
+    if folder.exists() && !folder.is_dir() {
+        return Err(anyhow!("`{}` is a file, where a folder is expected", folder.display()).into());
+    }
     let count = write(folder).with_context(|| format!("writing the pages to `{}`", folder.display()))?;
     console::say(&format!("{}: {count} pages; try `man -l {0}/dca.1`", folder.display()));
     Ok(())

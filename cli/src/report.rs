@@ -1,11 +1,10 @@
 //! `dca report`: makes an HTML page from the record of a run.
 
 use crate::io::recorder;
-use crate::io::whole_file::WholeFile;
+use crate::io::whole_file;
 use crate::logic::page::page;
 use anyhow::{Context as _, anyhow};
 use node::console::{self, Failure};
-use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Name of a report, beside its record.
@@ -42,13 +41,6 @@ pub fn write(record: &Path, file: &Path) -> anyhow::Result<Option<String>> {
     if let Some(damage) = &lacks {
         console::note(&format!("warning: the record `{}` is not whole: {damage}", record.display()));
     }
-    if fs::metadata(file).is_ok_and(|there| !there.is_file() && !there.is_dir()) {
-        // A pipe or a terminal: nothing is left behind there.
-        fs::write(file, page(&run)).with_context(|| format!("writing the report `{}`", file.display()))?;
-        return Ok(lacks);
-    }
-    let mut whole = WholeFile::create(file).context("writing the report")?;
-    whole.write(page(&run).as_bytes())?;
-    whole.finish()?;
+    whole_file::put(file, page(&run).as_bytes()).context("writing the report")?;
     Ok(lacks)
 }

@@ -1,6 +1,6 @@
 //! `dca sim`: runs the event actions of a spec with fake leaves, from the keyboard, from a script, or at random.
 
-use crate::io::named_file;
+use crate::io::{named_file, whole_file};
 use crate::{Controllers, check};
 use anyhow::{Context as _, anyhow};
 use language::plan::Plan;
@@ -47,7 +47,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         (None, None) => from_keyboard(&mut simulation)?,
     }
     if let Some(file) = &arguments.chart {
-        std::fs::write(file, simulation.chart()).with_context(|| format!("writing the chart `{}`", file.display()))?;
+        whole_file::put(file, simulation.chart().as_bytes()).context("writing the chart")?;
     }
     match simulation.outcome() {
         Some(Transition::Done) => Ok(()),

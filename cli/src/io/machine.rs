@@ -57,9 +57,14 @@ fn realtime() -> Result<(), String> {
 /// Looks at a folder; where it is not there yet, at the one that it would be made in.
 fn folder(path: &Path) -> Folder {
     let there = path.ancestors().find(|path| path.exists()).unwrap_or(path);
+    let path = path.display().to_string();
+    if !there.is_dir() {
+        let why = format!("`{}` is a file, where a folder is expected", there.display());
+        return Folder { path, free: None, writing: Err(why) };
+    }
     let free = statvfs(there).ok().map(|disk| disk.f_bavail.saturating_mul(disk.f_frsize));
     let writing = access(there, Access::WRITE_OK | Access::EXEC_OK).map_err(|error| cause(&error.into()));
-    Folder { path: path.display().to_string(), free, writing }
+    Folder { path, free, writing }
 }
 
 fn shim(path: &Path) -> Result<String, String> {
@@ -86,6 +91,10 @@ mod tests {
         assert!(found.writing.is_ok() && found.free.is_some_and(|free| free > 0), "{found:?}");
         // What nobody can write to, root included.
         assert!(folder(Path::new("/proc/1/dca")).free.is_some_and(|free| free == 0));
+        for file in ["/dev/null", "/dev/null/below"] {
+            let why = folder(Path::new(file)).writing.unwrap_err();
+            assert_eq!(why, "`/dev/null` is a file, where a folder is expected");
+        }
     }
 
     #[test]

@@ -1,9 +1,40 @@
 //! Writes a file under another name beside it, and renames it once it is whole.
 
 use anyhow::{Context, bail};
-use std::fs::{self, File};
+use rustix::fs::OFlags;
+use rustix::io::Errno;
+use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write};
+use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
+
+/// Writes a whole file: all of it, or none. A terminal, a device or a pipe that somebody reads gets the bytes as they are.
+///
+/// # Errors
+/// The disk refuses, a folder or a socket has the name, or nobody reads the pipe. A file that was there before is as it was.
+pub fn put(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
+    let kind = fs::metadata(path).map(|there| there.file_type());
+    if kind.is_ok_and(|kind| kind.is_char_device() || kind.is_fifo()) {
+        return pass(path, bytes).with_context(|| format!("writing {}", path.display()));
+    }
+    let mut file = WholeFile::create(path)?;
+    file.write(bytes)?;
+    file.finish()
+}
+
+/// Writes to what is no file, without waiting for a reader.
+fn pass(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
+    let flags = OFlags::NONBLOCK.bits().cast_signed();
+    let opened = OpenOptions::new().write(true).custom_flags(flags).open(path);
+    let mut file = match opened {
+        Err(error) if error.raw_os_error() == Some(Errno::NXIO.raw_os_error()) => bail!("nobody reads this pipe"),
+        opened => opened?,
+    };
+    // Whoever reads it may take its time.
+    rustix::fs::fcntl_setfl(&file, OFlags::empty())?;
+    file.write_all(bytes)?;
+    Ok(())
+}
 
 /// A file that is being written. Dropped before [`WholeFile::finish`], it is gone, and what had its name before is as it was.
 #[derive(Debug)]
@@ -100,6 +131,27 @@ mod tests {
         assert!(link.is_symlink() && fs::read(&path).unwrap() == b"through a link");
         let wrong = WholeFile::create(&folder).unwrap_err().to_string();
         assert!(wrong.ends_with("is no regular file"), "{wrong}");
+        fs::remove_dir_all(&folder).unwrap();
+    }
+
+    #[test]
+    fn a_pipe_gets_the_bytes_if_somebody_reads_it() {
+        let folder = std::env::temp_dir().join(format!("dca-put-{}", std::process::id()));
+        fs::create_dir_all(&folder).unwrap();
+        let pipe = folder.join("pipe");
+        rustix::fs::mknodat(rustix::fs::CWD, &pipe, rustix::fs::FileType::Fifo, 0o600.into(), 0).unwrap();
+        let refused = format!("{:#}", put(&pipe, b"picture").unwrap_err());
+        assert!(refused.ends_with("nobody reads this pipe"), "{refused}");
+        let reader = {
+            let flags = OFlags::NONBLOCK.bits().cast_signed();
+            OpenOptions::new().read(true).custom_flags(flags).open(&pipe).unwrap()
+        };
+        put(&pipe, b"picture").unwrap();
+        let mut read = [0; 16];
+        let length = rustix::io::read(&reader, &mut read).unwrap();
+        assert_eq!(&read[..length], b"picture");
+        assert!(format!("{:#}", put(Path::new("/dev/full"), b"x").unwrap_err()).contains("No space left"));
+        put(Path::new("/dev/null"), b"x").unwrap();
         fs::remove_dir_all(&folder).unwrap();
     }
 }

@@ -31,7 +31,7 @@ pub(crate) struct Arguments {
     pub(super) controllers: Vec<PathBuf>,
     /// How long programs have to stop when this node is gone, in seconds [default: they go on, and this node finds them again
     /// when it is started again]
-    #[arg(long, value_name = "S", value_parser = seconds)]
+    #[arg(long, value_name = "S", value_parser = seconds, allow_negative_numbers = true)]
     pub(super) agent_loss_grace: Option<Duration>,
     /// Folder for sockets and output; its path, a slash and the node's name have 45 bytes at the most
     #[arg(long, value_name = "DIR")]

@@ -2,12 +2,14 @@
 
 use super::arguments::Arguments;
 use crate::console::{self, Failure};
+use crate::io::run_dir::RunDir;
 use crate::logic::unit_file::{self, UnitFile};
 use anyhow::{Context, anyhow};
 use std::fs;
 use std::io::{self, Write};
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
+use std::process::Command;
 
 /// Where an administrator's units are. Source: systemd.unit(5), "Unit File Load Path".
 const UNITS: &str = "/etc/systemd/system";
@@ -43,8 +45,12 @@ enum Written {
 /// Runs the verb.
 pub(super) fn run(install: &Install) -> Result<(), Failure> {
     let executable = std::env::current_exe().context("finding the executable of this command")?;
-    let command = std::iter::once(executable.display().to_string()).chain(install.node.words()).collect();
+    let command: Vec<String> = std::iter::once(executable.display().to_string()).chain(install.node.words()).collect();
+    if let Some(word) = command.iter().chain(&install.user).find(|word| word.contains(char::is_control)) {
+        return Err(anyhow!("a unit cannot hold the line breaks and control characters of {word:?}").into());
+    }
     let unit = UnitFile { name: install.node.name.as_str().to_owned(), command, user: install.user.clone() };
+    RunDir::path_of(&install.node.base(), install.node.name.as_str())?;
     if install.print {
         console::say(&unit.text());
         return Ok(());
@@ -52,6 +58,9 @@ pub(super) fn run(install: &Install) -> Result<(), Failure> {
     let is_root = rustix::process::geteuid().is_root();
     if let Some(why) = refusal(is_root, Path::new(BOOTED).is_dir()) {
         return Err(anyhow!("{why}; `--print` prints the unit, and writes nothing").into());
+    }
+    if let Some(user) = install.user.as_ref().filter(|user| !is_known(user)) {
+        return Err(anyhow!("there is no user `{user}` on this machine; `useradd --system {user}` makes one").into());
     }
     let path = Path::new(UNITS).join(UNIT);
     let written = write(&path, &unit, install.force)?;
@@ -75,9 +84,18 @@ fn refusal(is_root: bool, has_systemd: bool) -> Option<String> {
     (!is_root).then(|| format!("only root may write to `{UNITS}`: `sudo dca-node install …`"))
 }
 
+/// Whether the machine has a user of this name, from wherever it takes its users. Source: id(1).
+fn is_known(user: &str) -> bool {
+    let asked = Command::new("id").args(["-u", "--", user]).output();
+    asked.is_ok_and(|output| output.status.success())
+}
+
 /// Writes a unit, whole or not at all, unless a person has changed the one that is there.
 fn write(path: &Path, unit: &UnitFile, is_forced: bool) -> anyhow::Result<Written> {
     let text = unit.text();
+    if fs::metadata(path).is_ok_and(|there| !there.is_file()) {
+        return Err(anyhow!("`{}` is no regular file", path.display()));
+    }
     let before = match fs::read_to_string(path) {
         Ok(before) => Some(before),
         Err(error) if error.kind() == io::ErrorKind::NotFound => None,
@@ -99,9 +117,8 @@ fn write(path: &Path, unit: &UnitFile, is_forced: bool) -> anyhow::Result<Writte
 fn put(path: &Path, text: &str) -> io::Result<()> {
     let beside = path.with_extension("service.new");
     let mut file = fs::OpenOptions::new().create(true).truncate(true).write(true).mode(0o644).open(&beside)?;
-    file.write_all(text.as_bytes())?;
-    file.sync_all()?;
-    fs::rename(beside, path)
+    let written = file.write_all(text.as_bytes()).and_then(|()| file.sync_all());
+    written.and_then(|()| fs::rename(&beside, path)).inspect_err(|_disk_full| drop(fs::remove_file(&beside)))
 }
 
 #[cfg(test)]
@@ -126,6 +143,23 @@ mod tests {
         assert_eq!(fs::read_to_string(&path).unwrap(), unit("c3").text());
         assert_eq!(fs::read_dir(&folder).unwrap().count(), 1, "nothing is left beside it");
         fs::remove_dir_all(folder).unwrap();
+    }
+
+    #[test]
+    fn what_is_no_file_is_not_written_over() {
+        let folder = std::env::temp_dir().join(format!("dca-install-folder-{}", std::process::id()));
+        let path = folder.join(UNIT);
+        fs::create_dir_all(&path).unwrap();
+        let unit = UnitFile { name: "c1".into(), command: vec!["/usr/bin/dca-node".into()], user: None };
+        let why = write(&path, &unit, true).unwrap_err().to_string();
+        assert!(why.ends_with("is no regular file"), "{why}");
+        assert_eq!(fs::read_dir(&folder).unwrap().count(), 1, "nothing is left beside it");
+        fs::remove_dir_all(folder).unwrap();
+    }
+
+    #[test]
+    fn a_user_is_looked_for_on_the_machine() {
+        assert!(is_known("root") && !is_known("no-such-user") && !is_known("--help"));
     }
 
     #[test]

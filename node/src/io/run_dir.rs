@@ -211,12 +211,7 @@ impl RunDir {
     /// # Errors
     /// The folder cannot be used, or a node of that name is running.
     pub fn take(base: &Path, name: &str) -> Result<Self, RunDirError> {
-        let absolute = std::path::absolute(base);
-        let path = absolute.map_err(|cause| RunDirError::Unusable { path: base.to_owned(), cause })?.join(name);
-        let (length, max) = (path.as_os_str().len(), SOCKET_PATH_MAX - deepest_socket().len());
-        if length > max {
-            return Err(RunDirError::TooDeep { path, length, max });
-        }
+        let path = Self::path_of(base, name)?;
         private_folder(base)?;
         private_folder(&path)?;
         let unusable = |cause| RunDirError::Unusable { path: path.clone(), cause };
@@ -227,6 +222,17 @@ impl RunDir {
         }
         let proof = write_proof(&path.join(PROOF)).map_err(unusable)?;
         Ok(Self { path, proof, _lock: lock })
+    }
+
+    /// Returns where the folder of node `name` is, or would be.
+    ///
+    /// # Errors
+    /// Sockets below it would have paths that are too long.
+    pub fn path_of(base: &Path, name: &str) -> Result<PathBuf, RunDirError> {
+        let absolute = std::path::absolute(base);
+        let path = absolute.map_err(|cause| RunDirError::Unusable { path: base.to_owned(), cause })?.join(name);
+        let (length, max) = (path.as_os_str().len(), SOCKET_PATH_MAX - deepest_socket().len());
+        if length > max { Err(RunDirError::TooDeep { path, length, max }) } else { Ok(path) }
     }
 
     /// Returns the folder.
