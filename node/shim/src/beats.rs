@@ -3,6 +3,8 @@
 use crate::watchdog::Watchdog;
 use crate::{Event, complain};
 use comms::io::clock::now;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::io::Errno;
 use shim::processes;
 use shim::protocol::{BEAT_FILE, Gate, ShimStart};
 use std::fs::Permissions;
@@ -10,7 +12,6 @@ use std::io;
 use std::os::unix::fs::PermissionsExt;
 use std::os::unix::net::UnixDatagram;
 use std::sync::mpsc::SyncSender;
-use std::time::Duration;
 
 /// The longest datagram that is read whole, in bytes.
 const DATAGRAM_MAX: usize = 512;
@@ -52,10 +53,15 @@ impl Beats {
 
     fn run(self, mut watchdog: Watchdog, program: i32, events: &SyncSender<Event>) -> io::Result<()> {
         let mut bytes = [0; DATAGRAM_MAX];
+        self.socket.set_nonblocking(true)?;
         loop {
-            // None at all would be for ever.
-            let left = watchdog.next_look().since(now()).max(Duration::from_millis(1));
-            self.socket.set_read_timeout(Some(left))?;
+            // Not by the time limit of the socket: the kernel rounds that up to 4 ms and more, too much for a bound of 20 ms.
+            let left = watchdog.next_look().since(now());
+            let left = Timespec::try_from(left).unwrap_or(Timespec { tv_sec: 1, tv_nsec: 0 });
+            match poll(&mut [PollFd::new(&self.socket, PollFlags::IN)], Some(&left)) {
+                Ok(_) | Err(Errno::INTR) => {}
+                Err(error) => return Err(error.into()),
+            }
             match self.socket.recv(&mut bytes) {
                 Ok(size) => watchdog.hear(&String::from_utf8_lossy(&bytes[..size]), now()),
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => {}

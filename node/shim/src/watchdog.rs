@@ -1,7 +1,8 @@
 //! Whether a program hangs: it gives no sign of life for too long, or prepares for too long.
 //!
 //! Only time that the watcher has witnessed counts. A watcher that was late itself, since the host slept, was suspended or is
-//! starved, gives the program a new bound: a false alarm costs a mission, a late one some seconds.
+//! starved, gives the program a new bound: a false alarm costs a mission, a late one some seconds. One that is late every time has had
+//! its turn again and again while the program had none; then that counts, too.
 
 use comms::logic::time::Time;
 use shim::protocol::EndReason;
@@ -11,6 +12,8 @@ use std::time::Duration;
 const LOOKS: u32 = 4;
 /// The shortest time between two looks.
 const LOOK_MIN: Duration = Duration::from_millis(1);
+/// After so many late looks in a row late ones count.
+const LATE_MAX: u32 = 8;
 
 /// The watcher of one program.
 #[derive(Debug)]
@@ -22,6 +25,8 @@ pub(crate) struct Watchdog {
     /// How long it has been silent; none before its first sign of life.
     silent: Option<Duration>,
     preparation: Option<Preparation>,
+    /// How many looks in a row were late.
+    late: u32,
 }
 
 /// The program's start, or one `Init`.
@@ -49,6 +54,7 @@ impl Watchdog {
             looked_at: now,
             silent: from_start.then_some(Duration::ZERO),
             preparation: from_start.then_some(Preparation { number: None, elapsed: Duration::ZERO }),
+            late: 0,
         })
     }
 
@@ -65,6 +71,7 @@ impl Watchdog {
             let init = line.strip_prefix("X_INIT=").and_then(|number| number.parse().ok());
             if line == "WATCHDOG=1" || init.is_some() {
                 self.silent = Some(Duration::ZERO);
+                self.late = 0;
             }
             match (&self.preparation, init) {
                 (Some(Preparation { number, .. }), Some(_)) if *number == init => {}
@@ -94,11 +101,12 @@ impl Watchdog {
         }
     }
 
-    /// Counts the time since the last look, unless this one is late.
+    /// Counts the time since the last look, unless this one is late by chance.
     fn pass(&mut self, now: Time) {
         let elapsed = now - self.looked_at;
         self.looked_at = now;
-        if elapsed > 2 * self.step {
+        self.late = if elapsed > 2 * self.step { self.late + 1 } else { 0 };
+        if (1..=LATE_MAX).contains(&self.late) {
             return self.forgive();
         }
         self.silent = self.silent.map(|silent| silent + elapsed);
@@ -218,6 +226,23 @@ mod tests {
         assert_eq!(world.jump(3_600_000), None);
         world.watchdog.forgive();
         assert_eq!(world.pass(399), None, "a debugger holds it");
+    }
+
+    #[test]
+    fn a_watcher_that_is_late_every_time_still_finds_a_hang() {
+        let mut world = World::new(Some(BOUND), None, false);
+        world.hear("WATCHDOG=1");
+        let looks = (1..).find(|_| world.jump(250) == Some(HUNG));
+        assert_eq!(looks, Some(LATE_MAX + 2));
+        let mut world = World::new(Some(BOUND), None, false);
+        for _ in 0..100 {
+            world.hear("WATCHDOG=1");
+            assert_eq!(
+                [world.jump(250), world.jump(250)],
+                [None, None],
+                "it gives signs of life, as late as all others"
+            );
+        }
     }
 
     #[test]

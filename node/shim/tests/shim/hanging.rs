@@ -39,6 +39,10 @@ fn a_program_that_gives_no_sign_of_life_is_ended() {
     let over =
         watched(Gate::Exec, Some(BOUND), None, "exec sleep 60").expect(&[STARTED, ended(6, HUNG), ShimReport::Gone]);
     assert_eq!(over.read(EXIT_FILE), "ended signal 6 watchdog 300\n");
+    // The shortest bound that a spec may name.
+    let short = Duration::from_millis(20);
+    let told = [STARTED, ended(6, EndReason::Watchdog(short)), ShimReport::Gone];
+    watched(Gate::Exec, Some(short), None, "exec sleep 60").expect(&told);
     let deaf = "trap '' ABRT; while :; do sleep 0.01; done";
     let began = now();
     watched(Gate::Exec, Some(BOUND), None, deaf).expect(&[STARTED, ended(9, HUNG), ShimReport::Gone]);
