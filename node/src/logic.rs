@@ -20,5 +20,6 @@ pub mod printable;
 pub mod programs;
 pub mod protocol;
 pub mod table;
+mod timing;
 pub mod unit_file;
 pub mod wiring;

@@ -17,11 +17,12 @@ const CHUNK_TIME: Duration = Duration::from_millis(250);
 const CHUNK_ROUNDS: u32 = 6;
 /// The longest that the bytes of an answer should be on their way, however long a round trip is.
 const CHUNK_TIME_MAX: Duration = Duration::from_secs(16);
-/// The bytes to ask a peer for: while its link is not known yet, and at least. On the slowest radio either arrives in
-/// time.
-const CHUNK_SIZE: [usize; 2] = [4 << 10, 1 << 10];
+/// The bytes to ask a peer for whose link is not known yet. On the slowest radio they arrive in time.
+const SIZE_FIRST: usize = 4 << 10;
+/// The fewest bytes to ask for.
+const SIZE_MIN: usize = 1 << 10;
 /// The most that is asked for where a round trip is short: what has come is taken in one turn, which others wait for.
-const CHUNK_SIZE_NEAR: usize = 256 << 10;
+const SIZE_NEAR: usize = 256 << 10;
 /// How many times more than the last time is asked for at most.
 const GROWTH_MAX: usize = 64;
 
@@ -41,7 +42,7 @@ pub struct Pace {
 impl Pace {
     /// Returns about how many bytes to ask for.
     pub fn chunk(&self) -> usize {
-        self.chunk.unwrap_or(CHUNK_SIZE[0])
+        self.chunk.unwrap_or(SIZE_FIRST)
     }
 
     /// Returns how long the answer is waited for.
@@ -71,23 +72,23 @@ impl Pace {
                 let time = CHUNK_TIME.max((CHUNK_ROUNDS * round).min(CHUNK_TIME_MAX));
                 self.expected = round + time;
                 let fits = time.as_nanos() * in_wide(rate.0) / rate.1.as_nanos();
-                let most = if time > CHUNK_TIME { SIZE_MAX } else { CHUNK_SIZE_NEAR };
+                let most = if time > CHUNK_TIME { SIZE_MAX } else { SIZE_NEAR };
                 (usize::try_from(fits).unwrap_or(usize::MAX), most)
             }
             None => {
                 self.expected = 2 * took;
-                (4 * bytes, CHUNK_SIZE_NEAR)
+                (4 * bytes, SIZE_NEAR)
             }
         };
         if self.base.is_none() || took < took_base {
             self.base = Some((bytes, took));
         }
-        self.chunk = Some(fits.min(GROWTH_MAX * bytes).clamp(CHUNK_SIZE[1], most));
+        self.chunk = Some(fits.min(GROWTH_MAX * bytes).clamp(SIZE_MIN, most));
     }
 
     /// Notes that no answer came in time.
     pub fn lost(&mut self) {
-        self.chunk = Some((self.chunk() / 4).max(CHUNK_SIZE[1]));
+        self.chunk = Some((self.chunk() / 4).max(SIZE_MIN));
     }
 }
 

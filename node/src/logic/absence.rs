@@ -27,7 +27,7 @@ const HOSTS_MAX: usize = 256;
 /// How many open ends are kept.
 pub const ENDS_MAX: usize = 64;
 /// How often hosts are asked for the ends that they have not confirmed.
-const ASK_EVERY: Duration = Duration::from_secs(10);
+pub(super) const ASK_EVERY: Duration = Duration::from_secs(10);
 
 /// A host that does not answer.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]

@@ -28,13 +28,13 @@ use std::sync::Arc;
 use std::time::Duration;
 
 /// How long all hosts have to start their programs.
-const PREPARE_WITHIN: Duration = Duration::from_secs(40);
+pub(super) const PREPARE_WITHIN: Duration = Duration::from_secs(40);
 /// How long all hosts have to make their links.
-const CONNECT_WITHIN: Duration = Duration::from_secs(48);
+pub(super) const CONNECT_WITHIN: Duration = Duration::from_secs(48);
 /// How long all hosts have to remove everything, beyond the time that their programs may take to stop.
-const RELEASE_WITHIN: Duration = Duration::from_secs(25);
+pub(super) const RELEASE_WITHIN: Duration = Duration::from_secs(25);
 /// How long the other hosts have to add their reasons once one has refused.
-const REASONS_WITHIN: Duration = Duration::from_secs(2);
+pub(super) const REASONS_WITHIN: Duration = Duration::from_secs(2);
 
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 enum Phase {

@@ -22,10 +22,10 @@ use wires::{Unconfirmed, consumers};
 
 /// How long producers have to confirm that wires are open; then the consumer runs anyway and its own freshness checks
 /// decide.
-const SWITCH_WITHIN: Duration = Duration::from_secs(1);
+pub(super) const SWITCH_WITHIN: Duration = Duration::from_secs(1);
 /// The shortest time between two activations of one member, and the shortest wait: a loop whose rounds end at once must
 /// not keep a node from everything else.
-const PACE: Duration = Duration::from_millis(10);
+pub(super) const PACE: Duration = Duration::from_millis(10);
 /// The most bytes that a process may be initialised with.
 const VALUE_MAX: usize = 8 << 20;
 

@@ -32,13 +32,13 @@ use std::collections::BTreeSet;
 use std::time::Duration;
 
 /// How long a program has to make its links: it waits 18 s for who it hears, and 18 s for who hears it.
-const CONNECT_WITHIN: Duration = Duration::from_secs(38);
+pub(super) const CONNECT_WITHIN: Duration = Duration::from_secs(38);
 /// How long a program has between SIGTERM and SIGKILL.
-const GRACE: Duration = Duration::from_secs(1);
+pub(super) const GRACE: Duration = Duration::from_secs(1);
 /// The most bytes that a process may leave for the next.
 const VALUE_MAX: usize = 1 << 20;
 /// How long a killed program may take to be gone: the kernel removes it, and on a starved machine its shim waits its turn.
-const KILL_WITHIN: Duration = Duration::from_secs(20);
+pub(super) const KILL_WITHIN: Duration = Duration::from_secs(20);
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 enum Stage {

@@ -14,9 +14,9 @@ use std::collections::VecDeque;
 use std::time::Duration;
 
 /// How long an unacknowledged message waits at least before it is sent again; on a slow line twice its round trip.
-const RESEND_AFTER: Duration = Duration::from_millis(200);
+pub(super) const RESEND_AFTER: Duration = Duration::from_millis(200);
 /// How long it waits at most, however often it was sent in vain.
-const RESEND_AFTER_MAX: Duration = Duration::from_secs(5);
+pub(super) const RESEND_AFTER_MAX: Duration = Duration::from_secs(5);
 /// How many messages are sent again at once.
 const WINDOW: usize = 64;
 /// How many unacknowledged messages are kept; past that the peer counts as lost.

@@ -22,19 +22,19 @@ use std::time::Duration;
 /// How long a node may be missing before its part of a deployment counts as lost.
 pub const LOST_AFTER: Duration = Duration::from_secs(5);
 /// How often all others are asked.
-const ASK_EVERY: Duration = Duration::from_secs(1);
+pub(super) const ASK_EVERY: Duration = Duration::from_secs(1);
 /// How often at the most, whatever happens.
-const ASK_GAP: Duration = Duration::from_millis(100);
+pub(super) const ASK_GAP: Duration = Duration::from_millis(100);
 /// How many rounds an answer may be late: longer than the longest way, which is 3 s, at the shortest gap.
 const ROUNDS_MAX: usize = 64;
 /// How long a node whose token has vanished has to answer, besides its usual time.
-const DOUBT: Duration = Duration::from_millis(300);
+pub(super) const DOUBT: Duration = Duration::from_millis(300);
 /// How long a node has to answer when another one has taken its name: it may be a busy one.
 const DOUBT_RIVAL: Duration = Duration::from_secs(2);
 /// How long nothing may be heard of a node, besides its usual time.
-const SILENCE_MAX: Duration = Duration::from_millis(2500);
+pub(super) const SILENCE_MAX: Duration = Duration::from_millis(2500);
 /// From the last answer of a silent node to when it is missing.
-const SILENCE_MISSING: Duration = Duration::from_secs(1);
+pub(super) const SILENCE_MISSING: Duration = Duration::from_secs(1);
 /// How long nodes that are lost are remembered: no answer to a round from before the loss is accepted any more then.
 const REMEMBERED: Duration = Duration::from_secs(60);
 /// How many names are kept.
