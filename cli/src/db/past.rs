@@ -52,13 +52,13 @@ pub struct Conflicts {
 pub struct Resolve {
     /// The key
     key: String,
-    /// What this robot wrote
+    /// The write of this robot
     #[arg(long, value_name = "ROBOT", group = "choice")]
     by: Option<String>,
-    /// What this transaction wrote
+    /// The write of this transaction
     #[arg(long, value_name = "TRANSACTION", group = "choice", value_parser = a_dot)]
     transaction: Option<Dot>,
-    /// What a read shows already
+    /// The write that a read shows already
     #[arg(long, group = "choice")]
     shown: bool,
     /// Another value, as in TOML
@@ -67,7 +67,7 @@ pub struct Resolve {
     /// Nothing: delete it
     #[arg(long, group = "choice")]
     delete: bool,
-    /// Which writes you have seen, as `dca db conflicts` says it; if there are others by now, nothing is settled
+    /// The writes that you have seen, as `dca db conflicts` prints them; if there are others by now, nothing is settled
     #[arg(long, value_name = "SEEN", default_value = "", hide_default_value = true)]
     seen: String,
     #[command(flatten)]

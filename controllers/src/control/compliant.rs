@@ -55,9 +55,9 @@ impl Guide {
         self.up_in_tool.cross(&self.tangent_in_tool)
     }
 
-    /// What to multiply a force by for what of it counts across: a lever that is pressed pushes back along its arc, at 45 degrees
-    /// as much sideways as upwards. The hand has rolled with it, so only a force along the hand's own x axis strains it; of that
-    /// the level part counts.
+    /// Returns the vector whose product with a force is the part of it that counts across. A lever that is pressed pushes back
+    /// along its arc, at 45 degrees as much sideways as upwards. The hand has rolled with it, so only a force along the hand's own
+    /// x axis strains it; of that the level part counts.
     pub fn felt(&self) -> Vector3<f64> {
         let across = self.across();
         if self.upward || across.x.abs() < ROLLED { across } else { Vector3::x() / across.x }

@@ -17,10 +17,10 @@ const SWING: (f64, f64) = (8.0, 4.0);
 const SOON: f64 = 0.25;
 /// So many in a row are no accident.
 const IN_A_ROW: u32 = 3;
-/// What each of them leaves of the gain, and what is always left.
+/// The share of the gain that each of them leaves, and the least that is always left.
 const LEFT: f64 = 0.75;
 const SHARE_MIN: f64 = 0.12;
-/// What comes back (1/s).
+/// The share of the gain that comes back (1/s).
 const BACK: f64 = 0.04;
 const CUTOFF: f64 = 15.0;
 /// The noise is that of about so many samples.

@@ -24,7 +24,7 @@ pub(super) struct Inputs {
     guide: In<Constraint>,
 }
 
-/// What it says.
+/// The outputs of [`CompliantCtrl`].
 #[derive(Debug, Outputs)]
 pub(super) struct Outputs {
     /// How the hand shall move.

@@ -1,6 +1,6 @@
-//! What a replica keeps on its disk: records, written in batches that are there as a whole or not at all. Each ends with a
-//! sum of its name and its bytes. What every transaction changes has names that follow each other, as far as it can: so it lies in
-//! one page of the store.
+//! The records of a replica on its disk, written in batches that are there as a whole or not at all. Each ends with a
+//! sum of its name and its bytes. The records that every transaction changes have names that follow each other, as far
+//! as possible, so that they lie in one page of the store.
 //!
 //! | record | holds |
 //! |---|---|

@@ -39,7 +39,7 @@ pub(crate) struct Arguments {
     /// Folder for the database, which survives this node [default: /var/lib/dca, or dca in the user's state folder]
     #[arg(long, value_name = "DIR")]
     pub(super) state: Option<PathBuf>,
-    /// What keeps a new database on the disk, `redb` or `sled`; one that is there stays with what it was made on [default: redb]
+    /// The engine of a new database on the disk, `redb` or `sled`; a database keeps the engine that it was made on [default: redb]
     #[arg(long, value_name = "ENGINE")]
     pub(super) store: Option<Engine>,
     /// The team whose database this robot has a copy of
