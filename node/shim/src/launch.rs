@@ -9,7 +9,7 @@ use shim::protocol::{LAUNCH, Limits, REFUSED_FILE, ShimStart};
 use std::ffi::OsString;
 use std::io;
 use std::os::unix::process::CommandExt;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode, Stdio};
 
 /// The exit code of a launch that was refused; beside it stands the file with the reason.
@@ -42,6 +42,28 @@ pub(crate) fn refusal(dir: &Path, code: i32) -> Option<String> {
     if code != i32::from(REFUSED) { None } else { std::fs::read_to_string(dir.join(REFUSED_FILE)).ok() }
 }
 
+/// Tries, before a program waits at its gate, whether the kernel lets it have its limits, with one that does nothing in its place.
+///
+/// # Errors
+/// Why it does not, in a sentence.
+pub(crate) fn try_limits(start: &ShimStart) -> Result<(), String> {
+    if start.limits == Limits::default() && start.groups.is_empty() {
+        return Ok(());
+    }
+    let trial = ShimStart { command: vec!["true".to_owned()], ..start.clone() };
+    let failed = |error: io::Error| format!("its limits cannot be tried: {}", cause(&error));
+    let (program, arguments) = command(&trial).map_err(failed)?;
+    let mut trial = Command::new(program);
+    trial.args(arguments).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+    let code = trial.status().map_err(failed)?.code();
+    let refusal = code.and_then(|code| refusal(&start.dir, code));
+    refusal.map_or(Ok(()), |reason| {
+        // That of a trial is not the program's own.
+        std::fs::remove_file(start.dir.join(REFUSED_FILE)).unwrap_or_default();
+        Err(reason)
+    })
+}
+
 /// Takes the limits; returns what to execute.
 fn limit(start: &ShimStart) -> Result<Vec<String>, String> {
     let limits = &start.limits;
@@ -52,6 +74,10 @@ fn limit(start: &ShimStart) -> Result<Vec<String>, String> {
         (Resource::Fsize, limits.file_size, "B in a file"),
     ];
     let mut command = start.command.clone();
+    // A group of version 1 that shares out processors may have nothing of the real-time share: that shows from inside.
+    let (sharing, others): (Vec<&PathBuf>, Vec<&PathBuf>) =
+        start.groups.iter().partition(|group| group.join("cpu.rt_runtime_us").is_file());
+    sharing.iter().try_for_each(|group| join(group))?;
     if let Some(realtime) = limits.realtime {
         let priority = realtime.priority.to_string();
         let class = [CHRT, "--fifo", &priority].map(str::to_owned);
@@ -59,6 +85,11 @@ fn limit(start: &ShimStart) -> Result<Vec<String>, String> {
             command.splice(0..0, class);
         } else if realtime.is_optional {
             super::complain(&format!("dca-shim: no real-time priority {priority} on this host; it runs without"));
+        } else if !sharing.is_empty() {
+            return Err(format!(
+                "real-time priority {priority} is refused: the kernel has none for a program with `cores` on this host; \
+                 leave `cores` away, or `realtime {priority} optional` runs without"
+            ));
         } else {
             return Err(format!(
                 "real-time priority {priority} is refused: it needs `CAP_SYS_NICE` or an `rtprio` limit, and `{CHRT}`; \
@@ -70,10 +101,7 @@ fn limit(start: &ShimStart) -> Result<Vec<String>, String> {
         setpriority_process(None, nice.into())
             .map_err(|error| format!("niceness {nice} is refused: {}", cause(&error.into())))?;
     }
-    for group in &start.groups {
-        let (file, pid) = (group.join("cgroup.procs"), std::process::id().to_string());
-        std::fs::write(&file, pid).map_err(|error| format!("cannot write `{}`: {}", file.display(), cause(&error)))?;
-    }
+    others.iter().try_for_each(|group| join(group))?;
     for (resource, value, what) in caps {
         // At the soft limit of its time a program gets SIGXCPU, which says why it ends; at the hard one SIGKILL.
         let maximum = value.map(|value| value + u64::from(resource == Resource::Cpu));
@@ -83,6 +111,12 @@ fn limit(start: &ShimStart) -> Result<Vec<String>, String> {
         }
     }
     Ok(command)
+}
+
+/// Joins a control group.
+fn join(group: &Path) -> Result<(), String> {
+    let (file, pid) = (group.join("cgroup.procs"), std::process::id().to_string());
+    std::fs::write(&file, pid).map_err(|error| format!("cannot write `{}`: {}", file.display(), cause(&error)))
 }
 
 /// Whether this user may start programs of that class: it is tried with one that does nothing.

@@ -188,6 +188,10 @@ fn prepare(start: &ShimStart, agent: &Agent, events: SyncSender<Event>) -> Resul
         _ => {}
     }
     let group = Group::make(&start.limits)?;
+    // What waits at a gate is to be refused before anything runs, not at its turn.
+    if start.gate == Gate::Exec {
+        launch::try_limits(&group.start(start))?;
+    }
     let record = Record::begin(start).map_err(|error| failed("write", RECORD_FILE, &error))?;
     agent.listen(events).map_err(|error| {
         record.remove();

@@ -78,7 +78,10 @@ impl Watchdog {
                 (_, Some(_)) => self.preparation = Some(Preparation { number: init, elapsed: Duration::ZERO }),
                 // A program that has been started says when it is ready; one that initialises only stops to say so.
                 (Some(Preparation { number: Some(_), .. }), None) if line == "WATCHDOG=1" => self.preparation = None,
-                _ if line == "READY=1" => self.preparation = None,
+                // Its signs of life count from here on.
+                _ if line == "READY=1" => {
+                    (self.preparation, self.silent) = (None, self.silent.map(|_| Duration::ZERO));
+                }
                 _ => {}
             }
         }
@@ -87,7 +90,10 @@ impl Watchdog {
     /// Returns why the program is to be ended now, if so.
     pub(crate) fn look(&mut self, now: Time) -> Option<EndReason> {
         self.pass(now);
-        let late = self.bound.filter(|bound| self.silent.is_some_and(|silent| silent >= *bound));
+        // A start that has a time of its own may take it.
+        let starts = self.ready_within.is_some()
+            && self.preparation.as_ref().is_some_and(|preparation| preparation.number.is_none());
+        let late = self.bound.filter(|bound| !starts && self.silent.is_some_and(|silent| silent >= *bound));
         let prepares = |within: &Duration| self.preparation.as_ref().is_some_and(|one| one.elapsed >= *within);
         let slow = self.ready_within.filter(prepares);
         slow.map(EndReason::StartTimeout).or(late.map(EndReason::Watchdog))
@@ -210,6 +216,12 @@ mod tests {
         let mut world = World::new(None, Some(READY), true);
         world.hear("STATUS=here\nREADY=1\n");
         assert_eq!(world.pass(10_000), None);
+        // With a watchdog as well, its signs of life count from when it is ready.
+        assert_eq!(World::new(Some(BOUND), Some(READY), true).pass(10_000), Some((1000, SLOW)));
+        let mut world = World::new(Some(BOUND), Some(READY), true);
+        assert_eq!(world.pass(900), None);
+        world.hear("READY=1");
+        assert_eq!(world.pass(10_000), Some((400, HUNG)));
     }
 
     #[test]

@@ -155,3 +155,40 @@ fn what_a_host_cannot_hold_is_refused_before_anything_runs() {
         "a limit of 8 processes is refused: it needs the control group `pids`, and this host has none".to_owned();
     shim.expect(&[ShimReport::ExecFailed { reason }, ShimReport::Gone]);
 }
+
+/// What waits at a gate is refused there, not at its turn in the middle of a mission.
+#[test]
+fn what_the_kernel_refuses_is_refused_at_the_gate() {
+    let files = 99_999_999_999;
+    let mut shim = Shim::start_with(|start| {
+        start.limits.files = Some(files);
+        start.gate = shim::protocol::Gate::Exec;
+        start.command = vec!["true".to_owned()];
+    });
+    let all = reports(&mut shim);
+    let [ShimReport::ExecFailed { reason }, ShimReport::Gone] = &all[..] else { panic!("{all:?}") };
+    assert!(reason.starts_with(&format!("a limit of {files} open files is refused: ")), "{reason}");
+}
+
+/// A real-time priority that the kernel does not have beside a share of the processors is refused in words, or done without.
+#[test]
+fn a_priority_beside_a_share_of_the_processors_is_had_or_refused_in_words() {
+    for is_optional in [true, false] {
+        let mut shim = Shim::start_with(|start| {
+            start.limits.realtime = Some(shim::protocol::Realtime { priority: 10, is_optional });
+            start.limits.cpu_share = Some(500);
+            start.command = vec!["true".to_owned()];
+        });
+        let all = reports(&mut shim);
+        match &all[..] {
+            [STARTED, ShimReport::Exited { code: 0 }, ShimReport::Gone] => {}
+            [ShimReport::ExecFailed { reason }, ShimReport::Gone]
+            | [STARTED, ShimReport::ExecFailed { reason }, ShimReport::Gone] => {
+                let is_group = reason.starts_with("a limit of 0.5 processors is refused");
+                let is_priority = !is_optional && reason.starts_with("real-time priority 10 is refused: ");
+                assert!(is_group || is_priority, "{reason}");
+            }
+            _ => panic!("{all:?}"),
+        }
+    }
+}
