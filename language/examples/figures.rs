@@ -15,7 +15,7 @@ mod spec;
 
 use counter::allocations;
 use language::algebra::{Activation, Command, Event, Program, State, Value, step};
-use language::plan::{Expression, Group, Member, MemberKind};
+use language::plan::{Expression, Group, Member, MemberKind, Supervision};
 use language::syntax::lex;
 use language::{Options, Source, compile, format};
 use std::collections::VecDeque;
@@ -127,6 +127,7 @@ fn program(members: u32, expression: Expression) -> Program {
         sets: vec![],
         sets_always: vec![],
         expression,
+        supervision: Supervision::default(),
     })
 }
 

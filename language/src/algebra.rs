@@ -6,7 +6,7 @@
 //!
 //! ```
 //! use language::algebra::{Activation, Command, Event, Outcome, Program, State, Value, step};
-//! use language::plan::{Expression, Group, Member, MemberKind};
+//! use language::plan::{Expression, Group, Member, MemberKind, Supervision};
 //!
 //! let run = |member| Expression::Run { member, sets: vec![] };
 //! let leaf = |name: &str, index| Member { name: name.into(), kind: MemberKind::Leaf(index), service: false };
@@ -18,6 +18,7 @@
 //!     sets: vec![],
 //!     sets_always: vec![],
 //!     expression: Expression::Disable(vec![run(0), run(1)]),
+//!     supervision: Supervision::default(),
 //! };
 //! let program = Program::compile(&group);
 //! let (mut state, mut commands, first) = (State::new(&program), vec![], Activation(1));

@@ -10,6 +10,7 @@ mod exec;
 mod nested;
 mod parameter;
 mod policy;
+mod supervision;
 mod validate;
 
 use serde::{Deserialize, Serialize};
@@ -19,6 +20,7 @@ pub use difference::{Difference, PlanChange, difference};
 pub use exec::{ExecError, words};
 pub use parameter::{Accepts, Parameter};
 pub use policy::{LinkLoss, Policy, REALTIME_MAX, Realtime, Restart, Usage, Watchdog};
+pub use supervision::{Intensity, RESTARTS_MAX, Strategy, Supervision};
 pub use validate::PlanError;
 
 /// The deepest nesting of groups and of expressions that is accepted.
@@ -82,6 +84,8 @@ pub struct Group {
     pub sets_always: Vec<u32>,
     /// The event actions; `Skip` for an empty section.
     pub expression: Expression,
+    /// What becomes of its programs when one of them dies.
+    pub supervision: Supervision,
 }
 
 /// One instance inside a group.

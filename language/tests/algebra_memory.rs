@@ -5,7 +5,7 @@ mod counter;
 
 use counter::allocations;
 use language::algebra::{Activation, Command, Event, Program, State, Value, step};
-use language::plan::{Arm, Expression, Group, Member, MemberKind};
+use language::plan::{Arm, Expression, Group, Member, MemberKind, Supervision};
 
 fn run(member: u32) -> Expression {
     Expression::Run { member, sets: vec![member] }
@@ -21,6 +21,7 @@ fn program(members: u32, expression: Expression) -> Program {
         sets: vec![],
         sets_always: vec![],
         expression,
+        supervision: Supervision::default(),
     })
 }
 

@@ -59,8 +59,8 @@ fn completion_knows_what_can_stand_here() {
     completes(&instances("x instof Camera(host1, 5 $0);"), "");
     completes(&instances("x instof Camera(host1, zoom = 5 $0);"), ALL_UNITS);
     let sections = |line: &str| door("", &format!("    {line}\n"), "eye[see] , arm");
-    completes(&sections("$0"), "external_io internal_connections resource");
-    completes(&sections("ext$0"), "external_io internal_connections resource");
+    completes(&sections("$0"), "external_io internal_connections resource supervision");
+    completes(&sections("ext$0"), "external_io internal_connections resource supervision");
     completes(&sections("external_io { Out = $0; }"), "eye arm");
     completes(&sections("external_io { Out = eye, $0; }"), "Out Seen");
     completes(&sections("internal_connections($0) {}"), "eye arm");
@@ -83,6 +83,12 @@ fn completion_knows_what_can_stand_here() {
     completes("process P(a: $0) {}", VALUE_TYPES);
     completes("// $0", "");
     completes("use \"$0\";", "");
+}
+
+#[test]
+fn completion_knows_supervision() {
+    completes("process P() { supervision { $0 } }", "strategy restarts");
+    completes("process P() { supervision { strategy $0 } }", "one_for_one one_for_all rest_for_one");
 }
 
 const POLICIES: &str =

@@ -3,7 +3,7 @@
 mod kind;
 
 use super::range::Range;
-use crate::plan::{Constant, LeafKind, Policy, Quality, Transfer};
+use crate::plan::{Constant, LeafKind, Policy, Quality, Supervision, Transfer};
 use crate::source::Span;
 use crate::syntax::ast::Name;
 use crate::unit::Dimension;
@@ -75,6 +75,8 @@ pub(crate) struct Process {
     pub(crate) sets: Vec<Set>,
     /// The resources that `using` may take.
     pub(crate) resources: Vec<Name>,
+    /// What becomes of its programs when one of them dies; nothing where it does not say.
+    pub(crate) supervision: Option<Supervision>,
     /// Nothing when there is no such section, or an empty one.
     pub(crate) actions: Option<Expr>,
     pub(crate) damage: Damage,

@@ -4,7 +4,7 @@ use super::COLUMNS;
 use super::piece::{Piece, Sums, is_apart, is_bracketed, pieces};
 use crate::syntax::SyntaxKind::{
     Actions, Comma, Connections, External, Host, Instances, LeftBrace, LeftBracket, LeftParen, Less, Module, Policies,
-    Process, RightBrace,
+    Process, RightBrace, Supervision,
 };
 use crate::syntax::SyntaxNode;
 use rowan::NodeOrToken;
@@ -181,7 +181,7 @@ impl<'t> Printer<'t> {
     /// Writes a node; `reserve` columns follow it in its last line.
     pub(super) fn node(&mut self, node: &SyntaxNode, reserve: usize) {
         let kind = node.kind();
-        if [Process, Instances, Policies, External, Connections, Actions].contains(&kind)
+        if [Process, Instances, Policies, Supervision, External, Connections, Actions].contains(&kind)
             || kind == Module && !self.is_one_line(node)
             || kind == Host && self.sums.is_commented(&self.range(node))
         {

@@ -182,7 +182,7 @@ fn word_text(token: &SyntaxToken) -> Option<String> {
     let in_actions = token.parent_ancestors().any(|node| node.kind() == SyntaxKind::Actions);
     let places: &[Place] = match token.kind() {
         SyntaxKind::Ident if parent == SyntaxKind::Quality => &[Place::Quality],
-        SyntaxKind::Ident if parent == SyntaxKind::Policy => &[Place::Policy, Place::Inside],
+        SyntaxKind::Ident if parent == SyntaxKind::Policy => &[Place::Policy, Place::Rule, Place::Inside],
         SyntaxKind::Ident if in_actions => &[Place::Section, Place::Action, Place::Suffix, Place::Inside],
         SyntaxKind::Ident => &[Place::Item, Place::Section, Place::ModuleItem, Place::Inside],
         _ if in_actions && parent != SyntaxKind::Labels => &[Place::Operator],

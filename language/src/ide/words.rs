@@ -19,6 +19,8 @@ pub(super) enum Place {
     Quality,
     /// In the braces behind an instance.
     Policy,
+    /// In the supervision of a group.
+    Rule,
     /// An operator; nothing to complete.
     Operator,
     /// Inside something else.
@@ -76,6 +78,8 @@ words! {
         "What happens, and what happens next: instances, joined by `, ; : # ;;`."
     Section "resource" "resource ${1:name};"
         "Something that only one may have at a time: `using(name)` waits for it."
+    Section "supervision" "supervision{\n    strategy ${1:one_for_all};\n    restarts ${2:3} within ${3:10 s};\n}"
+        "What becomes of the programs of the group when one of them dies."
     ModuleItem "in" "in ${1:In}: ${2:Type};"
         "An input, and the type of message that it takes; `optional` if the module works without."
     ModuleItem "out" "out ${1:Out}: ${2:Type};"
@@ -109,6 +113,8 @@ words! {
     Suffix "finally" "finally $0" "`P finally Q`: Q when P has ended, however it has, also when it was stopped."
     Suffix "as" "as ${1:outcome}" "`P as t`: the outcome of P is called t, for a `match`."
     Suffix "within" "within ${1:5 s}" "Aborts what takes longer."
+    Rule "strategy" "strategy ${1:one_for_all};" "Who is started again with a program that has died: `one_for_one` (nobody), `one_for_all` (all of the group) or `rest_for_one` (all that are declared after it)."
+    Rule "restarts" "restarts ${1:3} within ${2:10 s};" "How many restarts the group bears within this time; at the next one it aborts."
     Policy "restart" "restart ${1:transient};" "When it is started again: `temporary` (never), `transient` (after a failure) or `permanent`."
     Policy "watchdog" "watchdog ${1:500 ms};" "How long it may give no sign of life before it is ended as hung; `none` if for ever."
     Policy "ready" "ready within ${1:3 s};" "How long it may take until it can run, at its start and in each `Init`."

@@ -7,8 +7,8 @@
 //! the connection sets connect. Everything else is an obstacle, told in a sentence.
 
 use super::{
-    Argument, Constant, DEADLINE, Expression, Group, Leaf, LeafPort, MemberKind, Plan, Policy, Retention, Transfer,
-    Wire,
+    Argument, Claim, Constant, DEADLINE, Expression, Group, Leaf, LeafPort, MemberKind, Plan, Policy, Retention,
+    Transfer, Wire,
 };
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
@@ -93,16 +93,17 @@ pub fn difference(running: &Plan, wanted: &Plan) -> Result<Difference, Vec<Strin
     let numbers = Numbers { groups, leaves };
     let mut plan = running.clone();
     let mut changes = Vec::new();
+    let claim = |claim: &Claim| Some(Claim { leaf: numbers.leaf(claim.leaf)?, ..claim.clone() });
+    plan.claims = wanted.claims.iter().filter_map(claim).collect();
     for (number, before) in (0_u32..).zip(&running.leaves) {
         let Some(after) = after_leaf.get(&number).copied() else { continue };
         obstacles.extend(moved(&before.path, host(running, before.host), host(wanted, after.host)));
-        changes.extend(change_of_leaf(number, before, after));
+        let claims_differ = running.claims_of(number) != plan.claims_of(number);
+        changes.extend(change_of_leaf(number, before, after, claims_differ));
         if let Some(leaf) = plan.leaves.get_mut(number as usize) {
             *leaf = Leaf { host: before.host, ..after.clone() };
         }
     }
-    let claim = |claim: &super::Claim| Some(super::Claim { leaf: numbers.leaf(claim.leaf)?, ..claim.clone() });
-    plan.claims = wanted.claims.iter().filter_map(claim).collect();
     let live = running.live_wires();
     let mut wires = Wires { known: BTreeMap::new(), changes: Vec::new() };
     for (number, wire) in (0_u32..).zip(&running.wires).filter(|(number, _)| live.contains(number)) {
@@ -134,6 +135,12 @@ pub fn difference(running: &Plan, wanted: &Plan) -> Result<Difference, Vec<Strin
 }
 
 impl Plan {
+    /// Returns the devices that a leaf claims, and whether it is alone with each.
+    pub fn claims_of(&self, leaf: u32) -> BTreeSet<(&str, bool)> {
+        let claims = self.claims.iter().filter(|claim| claim.leaf == leaf);
+        claims.map(|claim| (claim.device.as_str(), claim.is_write)).collect()
+    }
+
     /// Returns the wires that some connection set has: those of a plan that was changed while it ran may have gone.
     pub fn live_wires(&self) -> BTreeSet<u32> {
         self.groups.iter().flat_map(|group| &group.sets).flat_map(|set| set.wires.iter().copied()).collect()
@@ -219,7 +226,7 @@ fn moved(path: &str, from: &str, to: &str) -> Option<String> {
     (from != to).then(|| format!("`{path}` moves from `{from}` to `{to}`"))
 }
 
-fn change_of_leaf(leaf: u32, before: &Leaf, after: &Leaf) -> Option<PlanChange> {
+fn change_of_leaf(leaf: u32, before: &Leaf, after: &Leaf, claims_differ: bool) -> Option<PlanChange> {
     // Every field by its name, so that one that is added is not forgotten here.
     let Leaf { path, module, host: _, arguments: given, exec, kind, stop_within, outcomes, policy } = before;
     let Policy { restart, agent_loss, link_loss, usage, watchdog, ready_within } = policy;
@@ -227,6 +234,7 @@ fn change_of_leaf(leaf: u32, before: &Leaf, after: &Leaf) -> Option<PlanChange> 
     let mut differs = |is_different: bool, words: &str| why.extend(is_different.then(|| words.to_owned()));
     differs(*module != after.module, &format!("its type is `{}`, was `{module}`", after.module));
     differs(*exec != after.exec, "its executable");
+    differs(claims_differ, "its claims");
     differs(*kind != after.kind, "whether it speaks the control protocol");
     differs(*outcomes != after.outcomes, "its outcomes");
     differs(*agent_loss != after.policy.agent_loss, "`on_agent_loss`");
@@ -282,6 +290,9 @@ fn obstacle_of_group(before: &Group, after: &Group, numbers: &Numbers) -> Option
     let members = after.members.iter().map(|member| (&member.name, numbers.member(member.kind), member.service));
     if !before.members.iter().map(|member| (&member.name, Some(member.kind), member.service)).eq(members) {
         return Some(format!("the processes of `{path}` stand in another order, or one is a service now"));
+    }
+    if before.supervision != after.supervision {
+        return Some(format!("the supervision of `{path}` differs"));
     }
     let sets = |group: &Group| group.sets.iter().map(|set| (set.owner, set.label.clone())).collect::<Vec<_>>();
     if sets(before) != sets(after) || before.sets_always != after.sets_always {
@@ -400,6 +411,17 @@ process main() {
         let running = plan(SPEC);
         let permanent = SPEC.replace("Source(here);", "Source(here) { restart permanent; };");
         assert_eq!(changes(&running, &permanent), Ok(vec!["settle     main/pair/a: `restart`".to_owned()]));
+    }
+
+    #[test]
+    fn a_claim_that_changes_replaces_its_program() {
+        let running = plan(&SPEC.replace("done; }", "done; claims leg; }"));
+        let other = SPEC.replace("done; }", "done; claims leg(read); }");
+        let lines = ["b", "c"].map(|leaf| match leaf {
+            "b" => "replace    main/pair/b: its claims".to_owned(),
+            _ => "replace    main/c: its claims".to_owned(),
+        });
+        assert_eq!(changes(&running, &other), Ok(lines.to_vec()));
     }
 
     #[test]

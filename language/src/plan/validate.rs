@@ -1,6 +1,6 @@
 //! Checks the invariants of a plan. Plans also arrive over a network.
 
-use super::{Arm, DEPTH_MAX, Expression, Group, LEAVES_MAX, MemberKind, Plan};
+use super::{Arm, DEPTH_MAX, Expression, Group, LEAVES_MAX, MemberKind, Plan, RESTARTS_MAX};
 use crate::algebra::TAG_MAX;
 use std::collections::BTreeSet;
 
@@ -158,6 +158,11 @@ impl Plan {
         }
         for &set in &group.sets_always {
             in_range(set, group.sets.len(), "connection set", &group.path)?;
+        }
+        let restarts = group.supervision.intensity.map_or(0, |intensity| intensity.restarts);
+        if restarts > RESTARTS_MAX {
+            let (count, limit) = (restarts as usize, RESTARTS_MAX as usize);
+            return Err(PlanError::TooLarge { what: "restarts", count, limit });
         }
         check_expression(group, &group.expression)
     }

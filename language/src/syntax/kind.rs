@@ -101,6 +101,7 @@ kinds! {
         Instance "an instance"
         Policies "policies"
         Policy "a policy"
+        Supervision "a section of supervision"
         Count "how many"
         Index "an index"
         List "a list"

@@ -4,7 +4,7 @@ use crate::pair::Pair;
 use crate::reference::{Declared, Event as Told, Outcome as Expected, Reason, Term};
 use crate::spec::{Spec, number};
 use language::algebra::{Activation, Activity, Command, Event, Outcome, Program, State, Value, step};
-use language::plan::{DEPTH_MAX, Expression, Group, Member, MemberKind};
+use language::plan::{DEPTH_MAX, Expression, Group, Member, MemberKind, Supervision};
 use std::time::Duration;
 
 fn group(expression: Expression) -> Group {
@@ -17,6 +17,7 @@ fn group(expression: Expression) -> Group {
         sets: vec![],
         sets_always: vec![],
         expression,
+        supervision: Supervision::default(),
     }
 }
 

@@ -1,7 +1,7 @@
 //! An expression with the kinds of its members, and its translation into a plan's group.
 
 use crate::reference::{Declared, Term};
-use language::plan::{Arm, ConnectionSet, Expression, Group, Member, MemberKind};
+use language::plan::{Arm, ConnectionSet, Expression, Group, Member, MemberKind, Supervision};
 use std::time::Duration;
 
 /// The set that is open for as long as the group runs; member `i` opens set `i`.
@@ -33,6 +33,7 @@ impl Spec {
             sets: vec![ConnectionSet { owner: None, label: None, wires: vec![] }],
             sets_always: vec![SET_ALWAYS],
             expression: expression(&self.term),
+            supervision: Supervision::default(),
         }
     }
 }

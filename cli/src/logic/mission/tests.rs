@@ -5,7 +5,7 @@ use crate::logic::record::Entry;
 use comms::logic::signals::{Signal, Signals};
 use comms::logic::time::Time;
 use expect_test::{Expect, expect};
-use language::plan::{Expression as E, Group, Leaf, LeafKind, Member, MemberKind, Policy};
+use language::plan::{Expression as E, Group, Leaf, LeafKind, Member, MemberKind, Policy, Supervision};
 use node::logic::protocol::FailureCause;
 use std::fmt::Write as _;
 
@@ -40,6 +40,7 @@ pub(crate) fn plan(names: &[&str], expression: Expression) -> Plan {
         sets: Vec::new(),
         sets_always: Vec::new(),
         expression,
+        supervision: Supervision::default(),
     };
     let sys = Member { name: "sys".to_owned(), kind: MemberKind::Group(1), service: false };
     let main = group("main", vec![sys], run(0));

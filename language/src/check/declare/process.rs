@@ -2,6 +2,7 @@
 
 mod policy;
 mod quality;
+mod supervision;
 
 use crate::check::count::Expected;
 use crate::check::diagnostics::Diagnostics;
@@ -33,6 +34,7 @@ pub(super) fn process(node: &Node, places: &[Span], consts: &Consts, diagnostics
     let params = params.unwrap_or_default();
     let mut reader = Reader { scope: Scope { params: &params, ..scope }, diagnostics };
     let host = node.child(SyntaxKind::Host).and_then(|node| host(&node, &mut reader));
+    let supervision = supervision::supervision(node, &mut reader);
     let Instances { all: mut instances, arrays, are_counted, .. } = Instances::read(node, &mut reader);
     damage.instances |= !are_counted;
     let mut names = Names::new(&instances, damage.instances, diagnostics);
@@ -79,6 +81,7 @@ pub(super) fn process(node: &Node, places: &[Span], consts: &Consts, diagnostics
         exports,
         sets,
         resources,
+        supervision,
         actions,
         damage,
         is_service: false,
@@ -120,7 +123,7 @@ fn damage(node: &Node, places: &[Span]) -> Damage {
         let in_part = |kind: SyntaxKind| part == Some(kind);
         let is_between = part.is_none() || in_part(SyntaxKind::Error);
         damage.header |= is_between || in_part(SyntaxKind::Params) || in_part(SyntaxKind::Host);
-        damage.header |= in_part(SyntaxKind::Resources);
+        damage.header |= in_part(SyntaxKind::Resources) || in_part(SyntaxKind::Supervision);
         damage.instances |= is_between || in_part(SyntaxKind::Instances);
         damage.external |= is_between || in_part(SyntaxKind::External);
         damage.connections |= is_between || in_part(SyntaxKind::Connections);
@@ -131,7 +134,8 @@ fn damage(node: &Node, places: &[Span]) -> Damage {
 
 /// Every section but the connections stands at most once.
 fn check_sections(node: &Node, diagnostics: &mut Diagnostics) {
-    let sections = [SyntaxKind::Host, SyntaxKind::Instances, SyntaxKind::External, SyntaxKind::Actions];
+    let sections =
+        [SyntaxKind::Host, SyntaxKind::Instances, SyntaxKind::External, SyntaxKind::Actions, SyntaxKind::Supervision];
     for kind in sections {
         let mut words = node.children_of(kind).filter_map(|section| section.names().next());
         if let (Some(first), Some(second)) = (words.next(), words.next()) {

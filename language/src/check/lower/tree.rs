@@ -5,7 +5,7 @@ use crate::check::diagnostics::{Diagnostics, key};
 use crate::check::spec::{Arg, Instance, Module, Param, Process, Spec, Target, Value};
 use crate::check::types::without_host;
 use crate::diagnostic::{Code, Diagnostic};
-use crate::plan::{Argument, Claim, Constant, Expression, Group, Leaf, LeafKind, Member, MemberKind};
+use crate::plan::{Argument, Claim, Constant, Expression, Group, Leaf, LeafKind, Member, MemberKind, Policy, Restart};
 use crate::source::Span;
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
@@ -120,6 +120,7 @@ impl Builder<'_> {
             sets: Vec::new(),
             sets_always: Vec::new(),
             expression: Expression::Skip,
+            supervision: source.supervision.unwrap_or_default(),
         });
         self.tree.process_of.push(process);
         self.group_places.push(place.clone());
@@ -206,7 +207,7 @@ impl Builder<'_> {
             kind: module.map_or(LeafKind::Controller, |module| module.kind),
             stop_within: module.map_or(STOP_WITHIN, |module| module.stop_within),
             outcomes: outcomes.collect(),
-            policy: instance.policies.policy.clone(),
+            policy: policy(instance, module, &self.spec.processes[self.tree.process_of[group]]),
         });
         self.tree.place_of.push((group, slot));
         self.leaf_places.push(place);
@@ -287,6 +288,17 @@ fn bind(spec: &Spec, process: &Process, args: &[Arg], outer: &[Data]) -> Vec<Dat
         filled(spec, param, given).unwrap_or_else(|| Data::Plain(Constant::Text(param.name.text.clone()), None))
     });
     values.collect()
+}
+
+/// The policy of a leaf. In a group with supervision a program is started again unless it says otherwise, or would have
+/// forgotten what its type remembers.
+fn policy(instance: &Instance, module: Option<&Module>, group: &Process) -> Policy {
+    let mut policy = instance.policies.policy.clone();
+    let is_said = instance.policies.restart.is_some() || module.is_some_and(|module| module.remembers);
+    if group.supervision.is_some() && !is_said {
+        policy.restart = Restart::Transient;
+    }
+    policy
 }
 
 fn kind_of(instance: &Instance) -> String {

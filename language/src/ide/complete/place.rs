@@ -73,6 +73,7 @@ impl Cursor {
     pub(super) fn policy(&self) -> Vec<Completion> {
         let words: &[&str] = match self.before.as_str() {
             "restart" => &["temporary", "transient", "permanent"],
+            "strategy" => &["one_for_one", "one_for_all", "rest_for_one"],
             "watchdog" => &["none"],
             "ready" => &["within"],
             "on_agent_loss" => &["stop within"],
@@ -93,6 +94,9 @@ impl Cursor {
         }
         if self.inside(SyntaxKind::Policies).is_some() {
             return keywords(Place::Policy);
+        }
+        if self.inside(SyntaxKind::Supervision).is_some() {
+            return keywords(Place::Rule);
         }
         let is_first = self.before_kind == SyntaxKind::End;
         let is_title = |node: &Node| self.parent.span() == node.span() && self.place == 0;

@@ -1,4 +1,4 @@
-//! Parses the policies of an instance, in braces behind it.
+//! Parses the policies of an instance, in braces behind it, and the supervision of a group.
 
 use super::Parser;
 use crate::diagnostic::{Edit, Fix};
@@ -22,12 +22,25 @@ const POLICIES: [&str; 13] = [
     "realtime",
 ];
 
+/// The words that open a rule of the supervision of a group.
+const RULES: [&str; 2] = ["strategy", "restarts"];
+
 impl Parser<'_> {
     /// `restart transient;`, `on_agent_loss stop within 3 s;`, `memory 200 MB;`
     pub(super) fn policy(&mut self) {
-        if !self.at(Ident) || !POLICIES.contains(&self.word(0)) {
-            let (span, meant) = (self.span(), similar::nearest(self.word(0), POLICIES));
-            let diagnostic = self.expected("a policy");
+        self.ruled_by(&POLICIES, "a policy");
+    }
+
+    /// `strategy one_for_all;`, `restarts 3 within 10 s;`
+    pub(super) fn supervision_rule(&mut self) {
+        self.ruled_by(&RULES, "`strategy` or `restarts`");
+    }
+
+    /// A statement that one of these words opens.
+    fn ruled_by(&mut self, openers: &[&'static str], expected: &str) {
+        if !self.at(Ident) || !openers.contains(&self.word(0)) {
+            let (span, meant) = (self.span(), similar::nearest(self.word(0), openers.iter().copied()));
+            let diagnostic = self.expected(expected);
             if let (Some(diagnostic), Some(word)) = (diagnostic, meant) {
                 let edits = vec![Edit { span, text: word.to_owned() }];
                 diagnostic.fix = Some(Fix { title: format!("replace with `{word}`"), edits });
@@ -36,6 +49,10 @@ impl Parser<'_> {
         }
         self.start(SyntaxKind::Policy);
         self.bump();
+        if self.at(Number) && self.kind(1) == Ident && self.word(1) == "within" {
+            // A count; else the word would be its unit.
+            self.bump();
+        }
         while self.at_any(&[Ident, Number, Minus]) && !self.ends_block() {
             if self.at(Ident) {
                 self.bump();

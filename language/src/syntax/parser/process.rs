@@ -155,6 +155,7 @@ impl Parser<'_> {
             "external_io" => self.block(SyntaxKind::External, Self::export),
             "internal_connections" => self.connections(),
             "internal_event_actions" => self.actions(),
+            "supervision" => self.block(SyntaxKind::Supervision, Self::supervision_rule),
             "resource" if self.kind(1) == Ident => self.resources(),
             _ => self.unknown_section(),
         }
@@ -175,6 +176,7 @@ impl Parser<'_> {
             Some("instantiated_processes") => self.block(SyntaxKind::Instances, Self::instance),
             Some("external_io") => self.block(SyntaxKind::External, Self::export),
             Some("internal_connections") => self.connections(),
+            Some("supervision") => self.block(SyntaxKind::Supervision, Self::supervision_rule),
             Some(_) => self.actions(),
             None => self.skip_section(),
         }

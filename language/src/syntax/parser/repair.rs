@@ -6,8 +6,8 @@ use crate::syntax::SyntaxKind::{
 };
 
 /// The words that open a section of a process.
-pub(super) const SECTIONS: [&str; 5] =
-    ["host", "instantiated_processes", "external_io", "internal_connections", "internal_event_actions"];
+pub(super) const SECTIONS: [&str; 6] =
+    ["host", "instantiated_processes", "external_io", "internal_connections", "internal_event_actions", "supervision"];
 /// The words that open an item of a file.
 pub(super) const ITEMS: [&str; 2] = ["process", "module"];
 

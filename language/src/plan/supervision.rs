@@ -1,0 +1,38 @@
+//! The supervision of a group: what becomes of its programs when one of them dies and is started again.
+
+use serde::{Deserialize, Serialize};
+use std::time::Duration;
+
+/// The most restarts that a group may allow.
+pub const RESTARTS_MAX: u32 = 1000;
+
+/// How a group supervises its programs; the default is that each is started again by itself.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Supervision {
+    /// Which programs are started again with the one that has died.
+    pub strategy: Strategy,
+    /// How often programs of the group are started again before the group aborts. Without it only the node's own bound for each
+    /// program applies.
+    pub intensity: Option<Intensity>,
+}
+
+/// Which programs of a group are started again when one of them dies and is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Strategy {
+    /// That one.
+    #[default]
+    OneForOne,
+    /// All of the group.
+    OneForAll,
+    /// That one and all that are declared after it.
+    RestForOne,
+}
+
+/// How many restarts a group bears.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Intensity {
+    /// So many restarts are borne,
+    pub restarts: u32,
+    /// within this time.
+    pub within: Duration,
+}
