@@ -47,7 +47,7 @@ pub struct ReplaceArguments {
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub struct Probation {
     /// How many seconds a new program must stay healthy; else the one before is put back
-    #[arg(long = "probation", value_name = "SECONDS", default_value_t = 5.0, value_parser = seconds, allow_negative_numbers = true)]
+    #[arg(long = "probation", value_name = "SECONDS", default_value_t = 8.0, value_parser = seconds, allow_negative_numbers = true)]
     seconds: f64,
 }
 

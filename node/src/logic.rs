@@ -20,6 +20,7 @@ pub mod printable;
 pub mod programs;
 pub mod protocol;
 pub mod table;
+pub mod timed;
 mod timing;
 pub mod unit_file;
 pub mod wiring;

@@ -8,6 +8,10 @@ mod absence;
 mod adoption;
 #[path = "agents/changes.rs"]
 mod changes;
+#[path = "agents/detours.rs"]
+mod detours;
+#[path = "agents/large.rs"]
+mod large;
 #[path = "agents/leaving.rs"]
 mod leaving;
 #[path = "agents/listening.rs"]
@@ -22,8 +26,12 @@ mod programs;
 mod refusals;
 #[path = "agents/restarts.rs"]
 mod restarts;
+#[path = "agents/scale.rs"]
+mod scale;
 #[path = "agents/starting.rs"]
 mod starting;
+#[path = "agents/supervision.rs"]
+mod supervision;
 #[path = "agents/world.rs"]
 mod world;
 

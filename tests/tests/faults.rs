@@ -1,8 +1,10 @@
 //! Cases of the table in `docs/src/faults.md` that no other file has: files run out, links flap, two want one name.
 
 use dca_tests::cluster::{Cluster, Host, Network, Program, SOON, Stream, descriptors, executable, wait_until};
+use node::logic::nameserver::LOST_AFTER;
 use rustix::process::Signal;
 use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
@@ -72,6 +74,112 @@ fn a_node_without_free_files_refuses_and_goes_on() {
     assert_eq!(here.ask(&["stop", "few"]).code, Some(0));
     node.kill().expect("it has not been waited for");
     node.wait().expect("it was started here");
+}
+
+/// Case 13: a program in an uninterruptible sleep, as behind a dead disk. What stops it says that it could not, and nothing of its name
+/// is started beside it; once it has ended after all, that is known, too.
+#[test]
+fn what_cannot_be_killed_is_told_and_not_started_again() {
+    let freezer = match Freezer::new() {
+        Ok(freezer) => freezer,
+        Err(why) => {
+            println!("skipped: needs the freezer of control groups, version 1: {why}");
+            return;
+        }
+    };
+    let cluster = Cluster::new();
+    let here = cluster.here();
+    let node = here.node("c1", &[]);
+    let text = crowd("c1", 1).replace("idle1 instof Idle(\"c1\");", "idle1 instof Idle(\"c1\") { restart permanent; }");
+    let file = cluster.file("stuck.dca", &text);
+    let mission = here.dca(&["deploy", "--no-record", &file]);
+    mission.wait_for(Stream::Err, "1 program on 1 host", SOON);
+    wait_until(SOON, || pids(&here).len() == 1).expect("it runs");
+    freezer.freeze(pids(&here)["main/idle1"]);
+    let stop = here.dca(&["stop", "stuck"]).ended(2 * SOON);
+    assert!(stop.code == Some(3) && stop.err.contains("has not confirmed that nothing of it is left"), "{stop}");
+    let ended = mission.ended(SOON);
+    assert!(ended.code == Some(1) && ended.out.contains("nobody could confirm that it stopped"), "{ended}");
+    let again = here.ask(&["deploy", "--no-record", &file]);
+    assert!(again.code == Some(1) && again.err.contains("could not be ended may still run there"), "{again}");
+    let status = here.ask(&["status"]);
+    assert!(status.out.contains("stuck@1  unconfirmed on  c1 (it could not end everything)"), "{status}");
+    drop(freezer);
+    wait_until(SOON, || here.ask(&["status"]).out.starts_with("nothing is deployed")).expect("it has ended after all");
+    let again = here.dca(&["deploy", "--no-record", &file]);
+    again.wait_for(Stream::Err, "1 program on 1 host", SOON);
+    node.signal(Signal::TERM);
+    assert_eq!(again.ended(SOON).code, Some(1));
+    cluster.expect_nothing_left(SOON);
+}
+
+/// A group of Linux's freezer, version 1, which keeps even SIGKILL away from what is in it. Dropped, it lets go.
+struct Freezer(PathBuf);
+
+impl Freezer {
+    /// Makes a group; says why not, where a test cannot have one.
+    fn new() -> Result<Self, String> {
+        let folder = Path::new("/sys/fs/cgroup/freezer").join(format!("dca-test-{}", std::process::id()));
+        std::fs::create_dir(&folder).map_err(|error| error.to_string())?;
+        if folder.join("freezer.state").is_file() {
+            return Ok(Self(folder));
+        }
+        std::fs::remove_dir(&folder).expect("it is empty");
+        Err("this is no such group".to_owned())
+    }
+
+    fn freeze(&self, pid: u32) {
+        std::fs::write(self.0.join("tasks"), pid.to_string()).expect("the process is there");
+        std::fs::write(self.0.join("freezer.state"), "FROZEN").expect("the group is the test's own");
+        let is_frozen = || std::fs::read_to_string(self.0.join("freezer.state")).is_ok_and(|state| state == "FROZEN\n");
+        wait_until(SOON, is_frozen).expect("it freezes");
+    }
+}
+
+impl Drop for Freezer {
+    fn drop(&mut self) {
+        drop(std::fs::write(self.0.join("freezer.state"), "THAWED"));
+        wait_until(SOON, || std::fs::remove_dir(&self.0).is_ok());
+    }
+}
+
+/// Case 33: a way between two hosts is cut, in one direction or in both, while a third one reaches both. Nobody is lost, programs go
+/// on, and a stop ends them on both hosts.
+#[test]
+fn two_hosts_that_a_third_reaches_are_not_lost() {
+    for both_ways in [false, true] {
+        let Some(network) = Network::new(3) else { return };
+        let cluster = Cluster::new();
+        let hosts: Vec<Host> = network.hosts().map(|number| cluster.host(&network, number)).collect();
+        let start = |(name, host): (&str, &Host)| host.node(name, &["--lan"]);
+        let nodes: Vec<Program> = ["c1", "c2", "c3"].into_iter().zip(&hosts).map(start).collect();
+        let text = crowd("c1", 3).replace("idle3 instof Idle(\"c1\")", "idle3 instof Idle(\"c2\")");
+        let mission = hosts[0].dca(&["deploy", "--no-record", &cluster.file("pair.dca", &text)]);
+        mission.wait_for(Stream::Err, "3 programs on 2 hosts", SOON);
+        wait_until(SOON, || pids(&hosts[0]).len() == 3).expect("all run");
+        let sees_all = |host: &Host| host.statuses(&[]).iter().all(|node| node.peers.len() == 2);
+        wait_until(SOON, || sees_all(&hosts[0])).expect("all see each other");
+        let before = pids(&hosts[0]);
+        if both_ways {
+            network.keep_apart(&[1, 2]);
+        } else {
+            network.set(1, "route add blackhole 10.77.0.2/32");
+        }
+        for (node, other) in [(0, "c2"), (1, "c1")] {
+            let told = format!("the node `{other}` does not answer itself; `c3` reaches it and passes messages on");
+            nodes[node].wait_for(Stream::Err, &told, SOON);
+        }
+        dca_tests::cluster::pass(2 * LOST_AFTER);
+        let stop = hosts[0].ask(&["stop", "pair"]);
+        assert_eq!(stop.code, Some(0), "{stop}");
+        assert_eq!(mission.ended(SOON).code, Some(1));
+        for node in &nodes {
+            assert!(!node.text(Stream::Err).contains("is lost"), "{}", node.text(Stream::Err));
+        }
+        assert_eq!(before.len(), 3);
+        nodes.iter().for_each(|node| node.signal(Signal::TERM));
+        cluster.expect_nothing_left(SOON);
+    }
 }
 
 /// Case 32: a link that comes and goes every 200 ms; 60 s of it with `DCA_TEST_ROUNDS=150`. Nothing is started again, nothing

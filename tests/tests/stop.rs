@@ -132,7 +132,9 @@ fn what_a_lost_host_has_not_confirmed_is_told_until_it_is_back() {
     }
     let json: serde_json::Value = serde_json::from_str(&here.ask(&["status", "--json"]).out).expect("it is JSON");
     assert_eq!(json[0]["absent"]["ends"][0]["hosts"][0]["why"], "lost", "{json}");
-    // Another node of the home knows it from its journal.
+    // Another node of the home knows it from its journal, once there is nothing to take over any more.
+    let inputs = here.run_dir().join("c1/inputs");
+    wait_until(SOON, || !inputs.exists()).expect("the end is long told");
     nodes[0].kill();
     let again = here.node("c1", &[]);
     let (status, listed) = (here.ask(&["status"]), here.ask(&["nodes"]));

@@ -17,7 +17,7 @@ pub use signals::{TRACKS_MAX, Track};
 pub use start::Start;
 pub use summary::{Files, failure_chain, failure_output, summary};
 
-use crate::logic::sentence::{configured_text, held_text, report_text, restarting_text, reverting_text};
+use crate::logic::sentence::{configured_text, held_text, renewing_text, report_text, restarting_text, reverting_text};
 use comms::logic::signals::Signals;
 use language::plan::Plan;
 use late::Late;
@@ -257,6 +257,7 @@ impl Mission {
             Change::Configured { parameter, value } => (configured_text(parameter, value.as_deref()), &[][..]),
             Change::Reverting { cause } => (reverting_text(cause), cause.output()),
             Change::Replacing => ("is replaced".to_owned(), &[][..]),
+            Change::Renewing { with } => (renewing_text(with), &[][..]),
             Change::Activated | Change::Stopping | Change::Ended(_) | Change::Started { .. } | Change::Resumed => {
                 return;
             }

@@ -36,12 +36,18 @@ pub(crate) fn change_text(change: &Change) -> String {
         Change::Configured { parameter, value } => configured_text(parameter, value.as_deref()),
         Change::Replacing => "is replaced".to_owned(),
         Change::Reverting { cause } => reverting_text(cause),
+        Change::Renewing { with } => renewing_text(with),
     }
 }
 
 /// Returns the words for a program that is put back, since the one that took its place was not healthy.
 pub(crate) fn reverting_text(cause: &FailureCause) -> String {
     format!("is put back, since the new program was not healthy: {cause}")
+}
+
+/// Returns the words for a process that is started anew with another one.
+pub(crate) fn renewing_text(with: &str) -> String {
+    format!("is started again with `{with}`, which has died")
 }
 
 /// Returns the words for a process that waits for a resource which a lost host may still use.

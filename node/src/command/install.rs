@@ -3,6 +3,7 @@
 use super::arguments::Arguments;
 use crate::console::{self, Failure};
 use crate::io::run_dir::RunDir;
+use crate::logic::printable::printable;
 use crate::logic::unit_file::{self, UnitFile};
 use anyhow::{Context, anyhow};
 use std::fs;
@@ -47,7 +48,8 @@ pub(super) fn run(install: &Install) -> Result<(), Failure> {
     let executable = std::env::current_exe().context("finding the executable of this command")?;
     let command: Vec<String> = std::iter::once(executable.display().to_string()).chain(install.node.words()).collect();
     if let Some(word) = command.iter().chain(&install.user).find(|word| word.contains(char::is_control)) {
-        return Err(anyhow!("a unit cannot hold the line breaks and control characters of {word:?}").into());
+        let word = printable(word);
+        return Err(anyhow!("a unit cannot hold the line breaks and control characters of `{word}`").into());
     }
     let unit = UnitFile { name: install.node.name.as_str().to_owned(), command, user: install.user.clone() };
     RunDir::path_of(&install.node.base(), install.node.name.as_str())?;

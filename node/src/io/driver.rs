@@ -313,6 +313,7 @@ impl Driver {
                 self.pending.push_back(Input::Undelivered { process, why });
             }
             Effect::CloseProcess { process } => self.forget(&process),
+            Effect::KillShim { process } => self.later(Job::Kill(self.dir.process(&process))),
             Effect::CloseDeployment { deployment } => self.bury(&deployment),
             Effect::PersistEpoch { deployment, hosts } => self.commit(deployment, hosts),
             Effect::FindPrograms { deployment, number, programs } => {

@@ -1,6 +1,7 @@
 //! Starts programs, and closes and removes what they leave, one after the other and beside the loop of the node: a file system
 //! may take long.
 
+use crate::io::child::leftovers;
 use crate::io::child::reach::{Reached, reach};
 use crate::io::child::{self, ShimOrders, ShimReports};
 use crate::io::event::{Event, hear_programs};
@@ -33,6 +34,8 @@ pub(crate) enum Job {
     Close(Deployment),
     /// Its output is not wanted any more.
     Remove(PathBuf),
+    /// The shim of the program with this folder has not ended it in time.
+    Kill(PathBuf),
 }
 
 /// A program to be started.
@@ -101,6 +104,7 @@ impl Starter {
                 Job::Close(deployment) => {
                     self.listeners.remove(&deployment).into_iter().for_each(|listener| listener.abort());
                 }
+                Job::Kill(dir) => drop(self.tasks.spawn_blocking(move || leftovers::kill_shim(&dir))),
                 Job::Remove(folder) => {
                     if let Err(error) = tokio::fs::remove_dir_all(&folder).await {
                         tracing::debug!(%error, "the folder of an old deployment stays");

@@ -6,6 +6,7 @@ mod delivery;
 mod input;
 mod over;
 mod peers;
+mod relay;
 
 pub use input::Input;
 
@@ -35,6 +36,9 @@ const LINGER_MAX: Duration = Duration::from_secs(1);
 
 /// How many deployments that are over are remembered, and keep their programs' output.
 pub const OVER_MAX: usize = 8;
+
+/// How long a successor still takes over the end of a deployment: whoever waits for it may not have heard it, and asks again.
+const END_KEPT: Duration = Duration::from_secs(10);
 
 /// The facts that an agent is given once, at its start.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -71,6 +75,8 @@ pub struct Agent {
     awaiting_hosts: Vec<AwaitingHosts>,
     /// Reports of deployments that are over, for those who were cut off when it happened; the latest first.
     over: VecDeque<History>,
+    /// Until when the end of the last of them is taken over by a successor.
+    over_until: Option<Time>,
     /// The calls that listen to all that happens.
     listeners: Vec<u64>,
     /// The programs that parts of deployments had here which are over, by leaf and path; the latest first.
@@ -91,6 +97,8 @@ struct UnendedPrograms {
     home: String,
     /// Indices into `Plan::leaves`.
     leaves: BTreeSet<u32>,
+    /// What the deployment held here, which nobody else has before they have ended.
+    claims: Claims,
 }
 
 /// A deployment that waits for hosts which this node has not seen yet.
@@ -120,6 +128,7 @@ impl Agent {
             requests: BTreeSet::new(),
             awaiting_hosts: Vec::new(),
             over: VecDeque::new(),
+            over_until: None,
             listeners: Vec::new(),
             past: VecDeque::new(),
             leaving: false,
@@ -149,12 +158,14 @@ impl Agent {
         self.tidy_up(now, effects);
     }
 
-    /// Returns whether a successor has anything to take over: a deployment, or programs of one.
-    pub fn is_engaged(&self) -> bool {
-        !(self.coordinators.is_empty()
-            && self.participants.is_empty()
-            && self.unended.is_empty()
-            && self.awaiting_hosts.is_empty())
+    /// Returns whether a successor has anything to take over: a deployment, one that has just ended, or programs of one.
+    pub fn is_engaged(&self, now: Time) -> bool {
+        let has_just_ended = self.over_until.is_some_and(|until| now < until);
+        has_just_ended
+            || !(self.coordinators.is_empty()
+                && self.participants.is_empty()
+                && self.unended.is_empty()
+                && self.awaiting_hosts.is_empty())
     }
 
     /// Returns its number among the runs of its node, which it keeps when it is made again.
@@ -177,6 +188,11 @@ impl Agent {
         (self.identity.pid, self.programs) = (pid, programs);
     }
 
+    /// Returns how many programs and groups were looked at, all in all.
+    pub fn visits(&self) -> u64 {
+        self.participants.values().map(Participant::visits).sum()
+    }
+
     /// Returns when [`Input::Tick`] is wanted.
     pub fn deadline(&self) -> Option<Time> {
         let coordinators = self.coordinators.values().map(Coordinator::deadline);
@@ -187,7 +203,7 @@ impl Agent {
             .chain(participants)
             .chain(links)
             .chain(gathering)
-            .chain([self.absence.deadline(), self.lingers_until])
+            .chain([self.absence.deadline(), self.lingers_until, self.over_until])
             .fold(self.names.deadline(), earliest)
     }
 
@@ -264,7 +280,9 @@ impl Agent {
     /// Returns why a deployment cannot hold something on this host: others do.
     fn conflicts(&self, deployment: &Deployment, claims: &Claims) -> Vec<String> {
         let others = self.participants.iter().filter(|(other, _)| *other != deployment);
-        others.flat_map(|(other, participant)| claims.conflicts(other, participant.claims())).collect()
+        let running = others.flat_map(|(other, participant)| claims.conflicts(other, participant.claims()));
+        let unended = self.unended.iter().filter(|(other, _)| *other != deployment);
+        running.chain(unended.flat_map(|(other, left)| claims.conflicts_with_unended(other, &left.claims))).collect()
     }
 
     fn status(&self, now: Time) -> NodeStatus {
@@ -293,10 +311,11 @@ impl Agent {
         self.begin_gathered(out);
         let names = &self.names;
         self.absence.tick(|host| names.reaches(host), out);
-        for (host, links) in &mut self.links {
-            for frame in links.iter_mut().flat_map(|link| link.resend(out.now)) {
-                out.effects.push(Effect::Transmit { to: host.clone(), frame: Box::new(frame) });
-            }
+        let resent = self.links.iter_mut().flat_map(|(host, links)| {
+            links.iter_mut().flat_map(|link| link.resend(out.now)).map(|frame| (host.clone(), frame))
+        });
+        for (host, frame) in resent.collect::<Vec<_>>() {
+            self.send_frame(&host, frame, out);
         }
         self.coordinators.values_mut().for_each(|coordinator| coordinator.tick(out));
         self.participants.values_mut().for_each(|participant| participant.tick(out));

@@ -121,6 +121,7 @@ impl Attachments {
             | Effect::Holders(_)
             | Effect::Peer(_)
             | Effect::Settled { .. }
+            | Effect::KillShim { .. }
             | Effect::FindPrograms { .. }
             | Effect::Answer { .. }
             | Effect::WriteDatabase(_) => {}

@@ -60,9 +60,22 @@ impl Claims {
 
     /// Returns why these cannot be held beside what `holder` has, one sentence for each device.
     pub fn conflicts(&self, holder: &Deployment, theirs: &Self) -> Vec<String> {
+        self.both(theirs).map(|(device, path)| held(device, holder, path)).collect()
+    }
+
+    /// Returns the same where programs of `holder` could not be ended.
+    pub fn conflicts_with_unended(&self, holder: &Deployment, theirs: &Self) -> Vec<String> {
+        let unended = |(device, path)| {
+            format!("`{device}` is held by `{path}` of `{holder}`, whose programs could not be ended and may still run")
+        };
+        self.both(theirs).map(unended).collect()
+    }
+
+    /// Returns each device that only one of the two can hold, and its path in the other.
+    fn both<'a>(&'a self, theirs: &'a Self) -> impl Iterator<Item = (&'a str, &'a str)> {
         let both = self.held.iter().filter_map(|(device, own)| Some((device, own, theirs.held.get(device)?)));
         let conflicts = both.filter(|(_, own, other)| own.is_write || other.is_write);
-        conflicts.map(|(device, _, other)| held(device, holder, &other.path)).collect()
+        conflicts.map(|(device, _, other)| (device.as_str(), other.path.as_str()))
     }
 
     fn hold(&mut self, device: &str, path: &str, is_write: bool) {

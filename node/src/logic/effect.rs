@@ -63,6 +63,11 @@ pub enum Effect {
         /// The order.
         order: ShimOrder,
     },
+    /// Kill a shim that has not ended its program in time. What it leaves is ended, and told as gone.
+    KillShim {
+        /// The program.
+        process: ProcessId,
+    },
     /// Tell a controller.
     Control {
         /// The program.

@@ -7,10 +7,12 @@
 
 mod fence;
 mod lost;
+mod supervision;
 mod wires;
 
 use crate::logic::effect::{Out, earliest};
 use crate::logic::protocol::{Change, Deployment, Ending, Failure, FailureCause, Target, ToCoordinator, ToParticipant};
+use crate::logic::timed::Timed;
 use comms::logic::time::Time;
 use fence::Fences;
 use language::algebra::{Activation, Cause, Command, Event, Outcome, Program, Reason, State, Value, step};
@@ -18,6 +20,8 @@ use language::plan::{Group, MemberKind, Plan};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
+use supervision::Supervised;
+pub use supervision::wants_restarts;
 use wires::{Unconfirmed, consumers};
 
 /// How long producers have to confirm that wires are open; then the consumer runs anyway and its own freshness checks
@@ -78,6 +82,17 @@ pub struct Executer {
     active: BTreeMap<u32, u32>,
     failures: BTreeMap<u32, Failure>,
     fences: Fences,
+    supervised: Supervised,
+}
+
+impl Timed for Executer {
+    fn deadline(&self) -> Option<Time> {
+        Self::deadline(self)
+    }
+
+    fn is_over(&self) -> bool {
+        !self.running
+    }
 }
 
 impl Executer {
@@ -104,6 +119,7 @@ impl Executer {
             active: BTreeMap::new(),
             failures: BTreeMap::new(),
             fences: Fences::new(declared, is_below),
+            supervised: Supervised::default(),
         })
     }
 
@@ -125,6 +141,7 @@ impl Executer {
         }
         (self.activation, self.running) = (activation, true);
         self.failures.clear();
+        self.forget_restarts();
         self.react(Event::Start(Value::new(value)), context, out)
     }
 
@@ -242,11 +259,12 @@ impl Executer {
         let outcome = outcome?;
         self.running = false;
         self.pass_on_fences(context, out);
-        Some(match outcome {
+        let ending = match outcome {
             Outcome::Done(value) => Ending::Done(value.bytes().to_vec()),
             Outcome::Aborted(reason) => Ending::Aborted(self.failure(&reason, context)),
             Outcome::Stopped => Ending::Stopped,
-        })
+        };
+        Some(self.escalate(ending))
     }
 
     /// Sends the activations that wait for nothing any more.

@@ -18,6 +18,7 @@ pub mod watchdog;
 
 use crate::logic::effect::{Effect, SpawnOrder, earliest};
 use crate::logic::protocol::{Change, Ending, FailureCause, LeafFacts};
+use crate::logic::timed::Timed;
 use activation::Current;
 use comms::logic::control::Order;
 use comms::logic::time::Time;
@@ -146,6 +147,16 @@ pub struct InstanceContext<'a> {
     pub effects: &'a mut Vec<Effect>,
     /// For the deployment.
     pub notes: &'a mut Vec<Note>,
+}
+
+impl Timed for Instance {
+    fn deadline(&self) -> Option<Time> {
+        Self::deadline(self)
+    }
+
+    fn is_over(&self) -> bool {
+        self.is_gone()
+    }
 }
 
 impl Instance {
@@ -314,6 +325,10 @@ impl Instance {
             let value = current.value.clone();
             self.run(value, context);
             context.notes.push(Note::Changed(Change::Resumed));
+            if self.is_controller() {
+                // Its `Init` is still to succeed; it says so.
+                return;
+            }
         }
         self.is_up(context);
     }

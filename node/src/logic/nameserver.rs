@@ -11,10 +11,13 @@
 //! as long as it answers, the second is refused, and takes over only when the first is gone. Never acts on a wall clock.
 
 mod change;
+mod detour;
 
 use super::protocol::Pong;
 pub use change::Change;
 use comms::logic::time::Time;
+use detour::Detour;
+pub use detour::{RelayedPong, Round};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
@@ -64,6 +67,8 @@ struct Boot {
     is_rival: bool,
     /// Whether it has this node's own name, and was there first.
     is_elder: bool,
+    /// How it is reached while it does not answer itself.
+    detour: Option<Detour>,
 }
 
 /// Every boot of one name that is there, or was of late.
@@ -151,6 +156,7 @@ impl NameServer {
         }
         (life.heard, life.took, life.place) = (now, now.since(asked), pong.place.clone());
         let (was_there, is_holder) = (life.is_there(), peer.holder == Some(boot));
+        let had_detour = life.detour.take().is_some();
         if pong.holder.is_some_and(|holder| holder != self.boot) && *host != self.host {
             // Who deals with another node of this one's name is not there for this one.
             life.missing_since.get_or_insert(now);
@@ -167,7 +173,7 @@ impl NameServer {
                 self.changes.push(Change::Namesake { place: pong.place.clone(), elder: life.is_elder });
             }
         } else {
-            if !was_there && is_holder {
+            if (!was_there || had_detour) && is_holder {
                 let place = life.place.clone();
                 self.changes.push(Change::Appeared { host: host.clone(), boot, place, replaces: false });
             }
@@ -236,13 +242,13 @@ impl NameServer {
         let proof = self.round + 1;
         let holder = self.peers.get(host).and_then(|peer| peer.holder);
         if let Some(life) = holder.and_then(|boot| self.life_mut(host, boot)) {
-            (life.proof, life.missing_since, life.lost_at) = (proof, Some(now), Some(now));
+            (life.proof, life.missing_since, life.lost_at, life.detour) = (proof, Some(now), Some(now), None);
         }
     }
 
     /// Returns when a node has answered last.
     pub fn heard(&self, host: &str) -> Option<Time> {
-        self.held(host).map(|life| life.heard)
+        self.held(host).map(Boot::last_heard)
     }
 
     /// Returns the boot that a name belongs to.
@@ -267,7 +273,7 @@ impl NameServer {
     }
 
     /// Lets time pass. Returns what has changed since the last call, and the round to ask all others in, if it is time.
-    pub fn tick(&mut self, now: Time) -> (Vec<Change>, Option<u64>) {
+    pub fn tick(&mut self, now: Time) -> (Vec<Change>, Option<Round>) {
         self.make_up(now);
         for host in self.peers.keys().cloned().collect::<Vec<_>>() {
             self.grow_old(now, &host);
@@ -277,7 +283,7 @@ impl NameServer {
             self.rounds.push_back((self.round, now));
             self.rounds.drain(..self.rounds.len().saturating_sub(ROUNDS_MAX));
             self.ask_at = now + ASK_EVERY;
-            self.round
+            Round { number: self.round, through: self.asked_through(now) }
         });
         (std::mem::take(&mut self.changes), round)
     }
@@ -290,6 +296,7 @@ impl NameServer {
             let lives = self.peers.values_mut().flat_map(|peer| peer.lives.values_mut());
             for life in lives {
                 life.heard = life.heard + slept;
+                life.detour.iter_mut().for_each(|detour| detour.heard = detour.heard + slept);
                 life.doubted = life.doubted.map(|(since, until)| (since + slept, until + slept));
             }
         }
@@ -303,7 +310,7 @@ impl NameServer {
             if life.is_there()
                 && let Some(since) = life.missed(now)
             {
-                (life.missing_since, life.doubted, life.proof) = (Some(since), None, proof);
+                (life.missing_since, life.doubted, life.proof, life.detour) = (Some(since), None, proof, None);
                 if is_holder {
                     let why = "it does not answer".to_owned();
                     self.changes.push(Change::Missing { host: host.to_owned(), since, why });
@@ -359,6 +366,7 @@ impl Boot {
             lost_at: None,
             is_rival: false,
             is_elder: false,
+            detour: None,
         }
     }
 
@@ -366,14 +374,10 @@ impl Boot {
         self.missing_since.is_none()
     }
 
-    fn silent_at(&self) -> Time {
-        self.heard + SILENCE_MAX + 2 * self.took
-    }
-
     /// Returns since when it is missing, if it is.
     fn missed(&self, now: Time) -> Option<Time> {
         let doubted = self.doubted.filter(|(_, until)| *until <= now).map(|(since, _)| since);
-        doubted.or_else(|| (self.silent_at() <= now).then_some(self.heard + SILENCE_MISSING))
+        doubted.or_else(|| (self.silent_at() <= now).then(|| self.last_heard() + SILENCE_MISSING))
     }
 
     fn is_over(&self, now: Time) -> bool {

@@ -36,6 +36,6 @@ impl NodeState {
     /// Returns whether a successor has anything to take over.
     pub fn is_engaged(&self) -> bool {
         let has_left = self.attachments.has_left();
-        !has_left && (self.agent.is_engaged() || self.attachments.programs().next().is_some())
+        !has_left && (self.agent.is_engaged(self.at) || self.attachments.programs().next().is_some())
     }
 }

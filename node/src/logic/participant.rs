@@ -16,6 +16,7 @@ use crate::logic::executer::{ExecContext, Executer, below_using, group_host, lea
 use crate::logic::instance::{Instance, InstanceContext, Note};
 use crate::logic::programs::Programs;
 use crate::logic::protocol::{Change, Deployment, Ending, Failure, FailureCause, LeafFacts, Target, ToParticipant};
+use crate::logic::timed::TimedMap;
 use crate::logic::wiring::Registrations;
 use change::Changing;
 use comms::logic::control::Notice;
@@ -46,8 +47,8 @@ pub struct Participant {
     machine: String,
     phase: Phase,
     go_at: Option<Time>,
-    instances: BTreeMap<u32, Instance>,
-    executers: BTreeMap<u32, Executer>,
+    instances: TimedMap<Instance>,
+    executers: TimedMap<Executer>,
     supervisors: BTreeMap<Target, (u32, u32)>,
     waiting: BTreeSet<u32>,
     facts: Vec<LeafFacts>,
@@ -91,7 +92,7 @@ impl Participant {
             machine: machine.to_owned(),
             phase: Phase::Preparing,
             go_at: None,
-            instances: BTreeMap::new(),
+            instances: TimedMap::default(),
             executers,
             waiting: BTreeSet::new(),
             facts: Vec::new(),
@@ -110,7 +111,7 @@ impl Participant {
 
     /// Returns the programs that may still be there although everything was done to end them.
     pub fn unconfirmed(&self) -> BTreeSet<u32> {
-        self.instances.iter().filter(|(_, instance)| instance.is_unconfirmed()).map(|(leaf, _)| *leaf).collect()
+        self.instances.iter().filter(|(_, instance)| instance.is_unconfirmed()).map(|(leaf, _)| leaf).collect()
     }
 
     /// Returns the host of `main`.
@@ -154,11 +155,20 @@ impl Participant {
                 });
             }
             ToParticipant::Cleared { host } => {
-                for group in self.executers.keys().copied().collect::<Vec<_>>() {
+                for group in self.executers.numbers() {
                     self.with_executer(group, out, |executer, at, out| {
                         executer.host_cleared(&host, at, out);
                         None
                     });
+                }
+            }
+            ToParticipant::Restarted { target, cause } => {
+                let Some(&(group, slot)) = self.supervisors.get(&target) else { return };
+                self.with_executer(group, out, |executer, at, out| executer.member_restarted(slot, &cause, at, out));
+            }
+            ToParticipant::Renew { leaves, with } => {
+                for leaf in leaves {
+                    self.with_instance(leaf, out, |instance, context| instance.renew(&with, context));
                 }
             }
             // What a change starts is known to the agent: `take_change`.
@@ -220,7 +230,7 @@ impl Participant {
         if self.phase != Phase::Leaving {
             self.phase = Phase::Leaving;
             self.abandon_groups(out);
-            for leaf in self.instances.keys().copied().collect::<Vec<_>>() {
+            for leaf in self.instances.numbers() {
                 self.with_instance(leaf, out, Instance::leave);
             }
             self.report_released(out);
@@ -230,7 +240,10 @@ impl Participant {
     fn abandon_groups(&mut self, out: &mut Out<'_>) {
         let since_go = self.since_go(out.now);
         let context = ExecContext { deployment: &self.deployment, home: &self.home, plan: &self.plan, since_go };
-        for (&group, executer) in self.executers.iter_mut().filter(|(_, executer)| executer.is_running()) {
+        self.executers.each(|group, executer| {
+            if !executer.is_running() {
+                return;
+            }
             // What was taken for it is not free before its programs have ended.
             executer.abandon(context, out);
             let origin = self.plan.groups.get(group as usize).map(|group| group.path.clone()).unwrap_or_default();
@@ -240,35 +253,33 @@ impl Participant {
             if let Some(host) = self.supervisors.get(&target).and_then(|(group, _)| group_host(&self.plan, *group)) {
                 out.send(host, self.deployment.to_participant(ToParticipant::Ended { target, activation, ending }));
             }
-        }
+        });
     }
 
     /// Returns whether nothing of it is left here.
     pub fn is_over(&self) -> bool {
-        self.phase == Phase::Leaving && self.instances.values().all(Instance::is_gone)
+        self.phase == Phase::Leaving && self.instances.are_over()
     }
 
     /// Takes note that its node was gone: no program could answer it meanwhile.
     pub fn adopted(&mut self, away: Duration) {
-        self.instances.values_mut().for_each(|instance| instance.adopted(away));
+        self.instances.each(|_, instance| instance.adopted(away));
     }
 
     /// Does what is due.
     pub fn tick(&mut self, out: &mut Out<'_>) {
         self.tick_loss(out);
-        for leaf in self.instances.keys().copied().collect::<Vec<_>>() {
+        for leaf in self.instances.due(out.now) {
             self.with_instance(leaf, out, Instance::tick);
         }
-        for group in self.executers.keys().copied().collect::<Vec<_>>() {
+        for group in self.executers.due(out.now) {
             self.with_executer(group, out, Executer::tick);
         }
     }
 
     /// Returns when [`Participant::tick`] wants to be called.
     pub fn deadline(&self) -> Option<Time> {
-        let instances = self.instances.values().map(Instance::deadline);
-        let executers = self.executers.values().map(Executer::deadline);
-        instances.chain(executers).fold(self.loss_deadline(), earliest)
+        [self.instances.deadline(), self.executers.deadline()].into_iter().fold(self.loss_deadline(), earliest)
     }
 
     fn start_programs(&mut self, host: &str, programs: &Programs, out: &mut Out<'_>) {
@@ -309,7 +320,7 @@ impl Participant {
                 self.with_instance(leaf, out, |instance, context| instance.activate(activation, value, context));
             }
             Target::Group(group) => {
-                if let Some(executer) = self.executers.get(&group).filter(|executer| executer.is_running()) {
+                if let Some(executer) = self.executers.get(group).filter(|executer| executer.is_running()) {
                     if executer.activation() != activation {
                         let origin = self.plan.groups.get(group as usize).map(|group| group.path.clone());
                         let (origin, at) = (origin.unwrap_or_default(), self.since_go(out.now));
@@ -348,9 +359,8 @@ impl Participant {
     ) {
         let mut notes = Vec::new();
         let since_go = self.since_go(out.now);
-        let Some(instance) = self.instances.get_mut(&leaf) else { return };
         let mut context = InstanceContext { now: out.now, since_go, effects: out.effects, notes: &mut notes };
-        act(instance, &mut context);
+        self.instances.with(leaf, |instance| act(instance, &mut context));
         for note in notes {
             self.note(leaf, note, out);
         }
@@ -382,9 +392,12 @@ impl Participant {
                 self.forget_switches(leaf, out);
             }
             Note::Changed(change) => {
-                if matches!(change, Change::Died(_) | Change::Restarting { .. }) {
+                if matches!(change, Change::Died(_) | Change::Restarting { .. } | Change::Renewing { .. }) {
                     self.forget_switches(leaf, out);
                     self.forget_linking(leaf, out);
+                }
+                if let Change::Restarting { cause, .. } = &change {
+                    self.tell_restart(target, cause, out);
                 }
                 self.happened(target, change, out);
             }
@@ -405,10 +418,9 @@ impl Participant {
         act: impl FnOnce(&mut Executer, ExecContext<'_>, &mut Out<'_>) -> Option<Ending>,
     ) {
         let since_go = self.since_go(out.now);
-        let Some(executer) = self.executers.get_mut(&group) else { return };
         let context = ExecContext { deployment: &self.deployment, home: &self.home, plan: &self.plan, since_go };
-        let Some(ending) = act(executer, context, out) else { return };
-        let activation = executer.activation();
+        let acted = self.executers.with(group, |executer| (act(executer, context, out), executer.activation()));
+        let Some((Some(ending), activation)) = acted else { return };
         let target = Target::Group(group);
         self.happened(target, Change::Ended(ending.clone()), out);
         self.tell_supervisor(target, activation, ending, out);

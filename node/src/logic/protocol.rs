@@ -8,9 +8,11 @@ mod change;
 mod event;
 mod facts;
 mod failure;
+mod message;
 mod names;
 mod parameters;
 mod presence;
+mod relay;
 mod report;
 mod status;
 
@@ -22,9 +24,11 @@ pub use event::Event;
 pub use facts::LeafFacts;
 pub use failure::{Failure, FailureCause, ProgramEnd, signal_name};
 use language::plan::{MemberKind, Plan};
+pub use message::{Body, Message};
 pub use names::{DeviceName, Names, PortName};
 pub use parameters::{InstanceParameters, ParameterStatus};
 pub use presence::{Ping, Pong};
+pub use relay::{Relay, Relayed};
 pub use report::{Change, Report};
 use serde::{Deserialize, Serialize};
 pub use status::{Containment, DeploymentStatus, LeafStatus, NodeStatus, ProcessStatus, leaves};
@@ -32,7 +36,7 @@ use std::fmt;
 use std::time::Duration;
 
 /// Version of these messages.
-pub const VERSION: u16 = 4;
+pub const VERSION: u16 = 5;
 
 /// How long a node that has more to say may be silent: it says several times in that time that it is still there.
 pub const SILENCE_MAX: Duration = Duration::from_secs(8);
@@ -71,44 +75,6 @@ impl From<MemberKind> for Target {
             MemberKind::Group(group) => Self::Group(group),
         }
     }
-}
-
-/// From node to node, in order and once (see `link`).
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Message {
-    /// The deployment that it is about.
-    pub deployment: Deployment,
-    /// The content.
-    pub body: Body,
-}
-
-impl Message {
-    /// Returns what a node says before it ends.
-    pub fn leaves() -> Self {
-        Self { deployment: Deployment { name: String::new(), epoch: 0 }, body: Body::Leaves }
-    }
-
-    /// Returns whether it is the last word about something, that a process has ended or that everything is to end: true
-    /// however late it comes.
-    pub fn is_final(&self) -> bool {
-        matches!(
-            self.body,
-            Body::Participant(ToParticipant::Ended { .. } | ToParticipant::Loose { .. } | ToParticipant::Release)
-        )
-    }
-}
-
-/// The content of a message, by its receiver.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub enum Body {
-    /// The deployment at its home.
-    Coordinator(ToCoordinator),
-    /// The deployment's part on the receiving host.
-    Participant(ToParticipant),
-    /// Nobody: it takes the place of a message whose sender no longer means it.
-    Tombstone,
-    /// The node: the sender ends as it was told to, and nothing that it has started is left. About no deployment.
-    Leaves,
 }
 
 /// From a host that takes part in a deployment to its home.
@@ -230,6 +196,20 @@ pub enum ToParticipant {
     },
     /// A step of a change while it runs.
     Change(ChangeOrder),
+    /// The program of a process that you supervise has died, and is started again.
+    Restarted {
+        /// Which process.
+        target: Target,
+        /// Of what it has died.
+        cause: FailureCause,
+    },
+    /// Start these programs of yours anew, with one that has died.
+    Renew {
+        /// Indices into `Plan::leaves`.
+        leaves: Vec<u32>,
+        /// Absolute path of the one that has died.
+        with: String,
+    },
 }
 
 impl Deployment {

@@ -144,6 +144,32 @@ fn a_mission_goes_on_where_its_nodes_were_killed() {
     }
 }
 
+/// Who waits for the end of a mission may not have heard it when the node is killed: the next one tells it.
+#[test]
+fn an_end_that_nobody_has_heard_is_told_by_the_next_node() {
+    for millis in [0, 1, 500, 9000] {
+        let mut world = World::new(&["c1", "c2"]);
+        let call = world.deploy("c1", TWO_HOSTS);
+        let is_over = |world: &World| {
+            let last = world.answers.get(&call).and_then(|answers| answers.last());
+            matches!(last, Some(Answer::Report(Report::Finished { .. })))
+        };
+        while !is_over(&world) {
+            world.run_for(Duration::from_millis(1));
+        }
+        world.run_for(Duration::from_millis(millis));
+        assert!(world.agents["c1"].is_engaged(), "{millis} ms after its end");
+        world.crash("c1");
+        world.run_for(Duration::from_millis(300));
+        world.adopt("c1");
+        let told = told(&mut world);
+        assert!(matches!(told.last(), Some(Report::Finished { ending: Ending::Done(_), .. })), "{told:#?}");
+        // Then there is nothing to take over any more.
+        world.run_for(Duration::from_secs(11));
+        assert!(!world.agents["c1"].is_engaged());
+    }
+}
+
 /// A node that is killed again and again ends what it has and takes nothing new on for a minute.
 #[test]
 fn a_node_in_a_crash_loop_takes_nothing_new_on() {

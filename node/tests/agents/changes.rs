@@ -2,6 +2,7 @@
 
 use crate::world::{Draw, World};
 use node::logic::protocol::{Answer, Change, Ending, Report, Request, Revision};
+use shim::protocol::{EndReason, ProgramEnd, ShimReport};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
@@ -104,14 +105,21 @@ fn a_changed_program_takes_the_place_of_the_one_before_and_all_others_stay() {
 
 #[test]
 fn a_program_that_is_not_healthy_is_put_back_and_the_mission_goes_on() {
-    for way in ["dies", "aborts"] {
+    for way in ["dies", "aborts", "hangs"] {
         let mut world = World::new(&["c1", "c2"]);
         let call = start(&mut world);
         let text = FEED
             .replace("Tuned(\"c2\")", &format!("Tuned(\"c2\", {way})"))
             .replace("Tuned(\"c1\")", "Tuned(\"c1\", better)");
         let change = world.change("c1", &text, (1, 0), &[]);
-        world.run_for(Duration::from_secs(6));
+        if way == "hangs" {
+            // Its `Init` does not come to an end, and until that has succeeded the change is not done.
+            world.run_for(Duration::from_secs(4));
+            assert!(!world.answers.contains_key(&change), "its probation has not begun");
+            let why = EndReason::StartTimeout(Duration::from_secs(4));
+            world.end("c2", 1, ShimReport::Ended { end: ProgramEnd::Signal(6), why });
+        }
+        world.run_for(Duration::from_secs(4));
         let reasons = outcome(&world, change).unwrap_err();
         assert!(reasons[0].starts_with("the new program of `main/filter` was not healthy"), "{reasons:?}");
         assert_eq!(lives(&world), [1, 3, 3, 1], "{way}: the other one is put back, too");
@@ -119,6 +127,36 @@ fn a_program_that_is_not_healthy_is_put_back_and_the_mission_goes_on() {
         assert_eq!(revision(&mut world).revision, 0);
         world.run_for(Duration::from_secs(20));
         assert_eq!(world.ending(call), &Ending::Done(vec![]), "{way}");
+    }
+}
+
+/// What a program held that makes place is free once the change is made; what it takes instead is held from the beginning on.
+#[test]
+fn claims_change_hands_with_their_programs() {
+    let text = |first: &str, second: &str| {
+        format!(
+            "process main() {{ host {{ \"c1\" }}
+                instantiated_processes {{ a instof {first}(\"c1\"); b instof {second}(\"c1\"); long instof Long(\"c1\"); }}
+                internal_event_actions {{ a , b , long }} }}"
+        )
+    };
+    let mut world = World::new(&["c1"]);
+    world.deploy("c1", &text("Arm", "Step"));
+    world.run_for(Duration::from_secs(1));
+    let holders = |world: &mut World| {
+        let call = world.ask("c1", Request::Names);
+        world.run_for(Duration::from_millis(1));
+        match &world.answers[&call][..] {
+            [Answer::Names(names)] => names.devices.iter().map(|device| device.path.clone()).collect::<Vec<_>>(),
+            other => panic!("{other:?}"),
+        }
+    };
+    assert_eq!(holders(&mut world), ["main/a"]);
+    for (revision, (first, second, expected)) in (0..).zip([("Step", "Arm", &["main/b"][..]), ("Step", "Step", &[])]) {
+        let change = world.change("c1", &text(first, second), (1, revision), &[]);
+        world.run_for(Duration::from_secs(4));
+        assert!(outcome(&world, change).is_ok(), "{:?}", outcome(&world, change));
+        assert_eq!(holders(&mut world), expected);
     }
 }
 

@@ -44,7 +44,7 @@ impl Asker {
                 let (from, place, session) = (from.to_owned(), format!("boot {boot}"), String::new());
                 // The lower a boot number, the longer it has been up.
                 let up = Duration::from_secs(3600 / boot);
-                let round = round.expect("it is some");
+                let round = round.as_ref().expect("it is some").number;
                 let pong = Pong { from, boot, to_boot: OWN, round, up, place, holder, session };
                 self.coming.push((self.now + late, pong));
             }

@@ -94,7 +94,10 @@ impl World {
                 self.notice(2, host, process, Notice::Switched { generation });
             }
             Order::Activate { activation, .. } => {
-                self.notice(1, host, process, Notice::Running { activation });
+                let hangs = self.commands[process].get(2).is_some_and(|way| way == "hangs");
+                if !hangs {
+                    self.notice(1, host, process, Notice::Running { activation });
+                }
                 self.run(host, process, activation);
             }
             Order::Stop { activation } => {

@@ -123,6 +123,11 @@ fn a_hang_is_a_death_with_a_reason_of_its_own() {
         let Ending::Aborted(failure) = world.ending(call) else { panic!("not aborted") };
         assert_eq!(failure.cause, FailureCause::Exhausted { last: words.to_owned(), restarts: 5 });
         assert!(failure.to_string().starts_with(&format!("main ← first: {words} after 5 restarts at 5.")), "{failure}");
+        // What it has written last stands with it: that says where it hung.
+        let (cause, output) = (Box::new(cause), vec!["loading the map".to_owned()]);
+        let told = cause.as_ref().clone().of_program(2, output.clone());
+        assert_eq!((told.to_string(), told.output()), (format!("{words} after 2 restarts"), &output[..]));
+        assert_eq!(told, FailureCause::Ended { cause, restarts: 2, output });
     }
 }
 

@@ -63,6 +63,8 @@ pub(super) struct World {
     /// The sessions that each program dials.
     pub(super) dialled: BTreeMap<ProcessId, BTreeSet<String>>,
     pub(super) cut: BTreeSet<String>,
+    /// From whom nothing reaches whom.
+    pub(super) one_way: BTreeSet<(String, String)>,
     /// The boot number of each host.
     pub(super) boots: BTreeMap<String, u64>,
     /// The boots that each host deals with.
@@ -239,7 +241,7 @@ impl World {
                 let is_unlucky = self.loses_by_chance.as_mut().is_some_and(|(draw, frames)| draw.below(*frames) == 0);
                 let is_lost =
                     is_unlucky || self.loses_one_in.is_some_and(|frames| self.transmitted.is_multiple_of(frames));
-                if !is_lost && !self.cut.contains(host) && !self.cut.contains(&to) {
+                if !is_lost && self.passes(host, &to) {
                     self.at(1, &to, Coming::Input(Input::Frame(frame)));
                 }
             }
@@ -258,6 +260,8 @@ impl World {
             // It is gone, and its report says so.
             Effect::Shim { .. } | Effect::Control { .. } => {}
             Effect::Answer { call, answer } => self.answers.entry(call).or_default().push(*answer),
+            Effect::KillShim { .. } if self.immortal => {}
+            Effect::KillShim { process } => self.die(host, &process, ShimReport::Gone),
             Effect::Settled { deployment } => self.settled.push((host.into(), deployment)),
             Effect::FindPrograms { deployment, number, programs } => {
                 let is_missing = |(_, command): &(String, Vec<String>)| command.iter().any(|word| word == "missing");
@@ -289,18 +293,27 @@ impl World {
         }
     }
 
+    /// Whether the network takes anything from one host to another.
+    fn passes(&self, from: &str, to: &str) -> bool {
+        let is_cut = self.cut.contains(from) || self.cut.contains(to);
+        !is_cut && !self.one_way.contains(&(from.to_owned(), to.to_owned()))
+    }
+
     /// Asks every other host, which answers at once where the network lets it.
     fn ping(&mut self, host: &str, round: u64) {
         let boots: BTreeMap<String, u64> = self.boots.clone();
         let to_boot = boots[host];
         for (from, &boot) in boots.iter().filter(|(from, _)| *from != host) {
-            if self.cut.contains(host) || self.cut.contains(from) || self.down.contains_key(from) {
+            if self.down.contains_key(from) || !self.passes(host, from) {
+                continue;
+            }
+            self.at(1, from, Coming::Input(Input::Ping { host: host.into(), boot: to_boot }));
+            if !self.passes(from, host) {
                 continue;
             }
             let holder = self.holders.get(from).and_then(|holders| holders.get(host)).copied();
             let (up, place, session) = (self.now.since(Time::ZERO), from.clone(), from.clone());
             let pong = Pong { from: from.clone(), boot, to_boot, round, up, place, holder, session };
-            self.at(1, from, Coming::Input(Input::Ping { host: host.into(), boot: to_boot }));
             self.at(2, host, Coming::Input(Input::Pong(Box::new(pong))));
         }
     }

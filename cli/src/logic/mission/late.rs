@@ -50,6 +50,7 @@ impl Late {
             | Change::Held { .. }
             | Change::Configured { .. }
             | Change::Replacing
+            | Change::Renewing { .. }
             | Change::Reverting { .. } => {}
         }
     }

@@ -103,6 +103,7 @@ impl Phase {
             | Change::Held { .. }
             | Change::Configured { .. }
             | Change::Replacing
+            | Change::Renewing { .. }
             | Change::Reverting { .. } => {}
         }
     }
@@ -164,6 +165,7 @@ impl Phases {
             | Change::Held { .. }
             | Change::Configured { .. }
             | Change::Replacing
+            | Change::Renewing { .. }
             | Change::Reverting { .. } => self.phases.iter_mut().rev().take(3).find(is_of),
         };
         if let Some(phase) = phase {

@@ -128,7 +128,9 @@ fn after(state: State, change: &Change, leaf: bool) -> State {
     match change {
         Change::Activated | Change::Resumed => State::Running,
         Change::Stopping => State::Stopping,
-        Change::Restarting { .. } | Change::Replacing | Change::Reverting { .. } => State::Absent,
+        Change::Restarting { .. } | Change::Renewing { .. } | Change::Replacing | Change::Reverting { .. } => {
+            State::Absent
+        }
         Change::Ended(_) if leaf => State::Idle,
         Change::Ended(_) | Change::Died(_) => State::Absent,
         Change::Started { .. } if state == State::Absent => State::Idle,
@@ -162,7 +164,7 @@ fn mark(lane: &Lane<'_>, at: Duration, change: &Change, top: f64, axis: &TimeAxi
     let (class, sign) = match change {
         Change::Ended(Ending::Done(_)) => ("good", "●"),
         Change::Ended(Ending::Aborted(_) | Ending::Unconfirmed) | Change::Died(_) => ("bad", "✕"),
-        Change::Restarting { .. } | Change::Reverting { .. } => ("bad", "↻"),
+        Change::Restarting { .. } | Change::Renewing { .. } | Change::Reverting { .. } => ("bad", "↻"),
         Change::Replacing => ("good", "↻"),
         Change::Held { .. } => ("bad", "…"),
         Change::Configured { .. } => ("good", "◆"),

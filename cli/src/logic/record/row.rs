@@ -281,6 +281,7 @@ pub(crate) fn kind(report: &Report) -> &'static str {
             Change::Configured { .. } => "configured",
             Change::Replacing => "replacing",
             Change::Reverting { .. } => "reverting",
+            Change::Renewing { .. } => "renewing",
         },
     }
 }

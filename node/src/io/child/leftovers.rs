@@ -112,6 +112,15 @@ fn end_strays(group: &Path, shims: &[i32]) {
     }
 }
 
+/// Kills the shim of the program in `dir`, which does not do what it is told. What it leaves is then ended as that of any shim
+/// that was killed.
+pub fn kill_shim(dir: &Path) {
+    if let Some(shim) = read_record(dir).and_then(|record| record.shim) {
+        tracing::warn!(?dir, "a shim has not ended its program in time: it is killed");
+        processes::signal(shim, Signal::KILL);
+    }
+}
+
 /// Returns whether a shim of an earlier run is there for the program in `dir`, or is about to be.
 pub fn has_shim(dir: &Path) -> bool {
     use std::os::unix::ffi::OsStrExt;

@@ -54,11 +54,7 @@ impl Agent {
                 answer(call, revision.unwrap_or_else(|| Answer::Refused(format!("`{name}` does not run here"))), out);
             }
             Request::Change(request) => return self.change(call, *request, out),
-            Request::Names => {
-                let mut names = Names::default();
-                self.participants.values().for_each(|participant| participant.names(&self.programs, &mut names));
-                answer(call, Answer::Names(names), out);
-            }
+            Request::Names => answer(call, Answer::Names(self.given_names()), out),
             Request::Events { follow } => {
                 self.over.iter().rev().for_each(|history| history.tell(call, out));
                 self.coordinators.values_mut().for_each(|coordinator| coordinator.listen(call, follow, out));
@@ -89,6 +85,14 @@ impl Agent {
             }
         }
         out.effects.push(Effect::EndAnswers { call });
+    }
+
+    /// Returns the names that were given out here, with what programs that could not be ended still hold.
+    fn given_names(&self) -> Names {
+        let mut names = Names::default();
+        self.participants.values().for_each(|participant| participant.names(&self.programs, &mut names));
+        self.unended.iter().for_each(|(other, left)| names.devices.extend(left.claims.names(other)));
+        names
     }
 
     /// Returns parameters that the database gives to an instance, as its program gets them: quantities in SI units.

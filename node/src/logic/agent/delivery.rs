@@ -17,6 +17,7 @@ impl Agent {
         match body {
             Body::Tombstone => {}
             Body::Leaves => self.absence.leaves(from),
+            Body::Relay(relay) => self.relay(*relay, from, out),
             Body::Coordinator(message) => {
                 if let Some(coordinator) = self.coordinators.get_mut(&deployment) {
                     return coordinator.receive(message, from, out);
@@ -119,6 +120,9 @@ impl Agent {
         if let Some(other) = self.participants.keys().find(|other| other.name == deployment.name) {
             return refuse(format!("`{}` is already there (epoch {})", other.name, other.epoch), out);
         }
+        if let Some(other) = self.unended.keys().find(|other| other.name == deployment.name) {
+            return refuse(format!("programs of `{other}` that could not be ended may still run there"), out);
+        }
         if self.participants.len() >= DEPLOYMENTS_MAX {
             return refuse(format!("it already takes part in {DEPLOYMENTS_MAX} deployments"), out);
         }
@@ -196,6 +200,8 @@ fn answer_of_absent(message: ToParticipant, cause: FailureCause) -> Option<ToPar
         | ToParticipant::Moved { .. }
         | ToParticipant::Loose { .. }
         | ToParticipant::Cleared { .. }
+        | ToParticipant::Restarted { .. }
+        | ToParticipant::Renew { .. }
         | ToParticipant::Change(_) => None,
     }
 }

@@ -1,6 +1,6 @@
 //! Drops deployments that are over, and lets a node leave when nothing is left.
 
-use super::{Agent, LINGER_MAX, OVER_MAX, UnendedPrograms};
+use super::{Agent, END_KEPT, LINGER_MAX, OVER_MAX, UnendedPrograms};
 use crate::logic::database::chronicle;
 use crate::logic::effect::{Effect, Out, ProcessId};
 use crate::logic::link::Link;
@@ -20,7 +20,9 @@ impl Agent {
             let record = chronicle::ended(&self.identity.host, &history);
             effects.extend(record.map(|record| Effect::WriteDatabase(Box::new(record))));
             self.over.push_front(history);
+            self.over_until = Some(now + END_KEPT);
         }
+        self.over_until.take_if(|until| *until <= now);
         self.over.truncate(OVER_MAX);
         for (deployment, participant) in self.participants.extract_if(.., |_, participant| participant.is_over()) {
             if participant.home() != self.identity.host && !self.names.reaches(participant.home()) {
@@ -31,8 +33,8 @@ impl Agent {
             }
             let leaves = participant.unconfirmed();
             if !leaves.is_empty() {
-                self.unended
-                    .insert(deployment.clone(), UnendedPrograms { home: participant.home().to_owned(), leaves });
+                let (home, claims) = (participant.home().to_owned(), participant.claims().clone());
+                self.unended.insert(deployment.clone(), UnendedPrograms { home, leaves, claims });
             }
             effects.push(Effect::CloseDeployment { deployment: deployment.clone() });
             self.past.push_front((deployment, participant.programs()));

@@ -16,6 +16,7 @@ impl Agent {
         for change in changes {
             match &change {
                 Change::Appeared { host, boot, replaces, .. } => self.appeared(host, *boot, *replaces, out),
+                Change::Detour { host, boot, .. } => self.appeared(host, *boot, false, out),
                 Change::Missing { host, since, .. } => {
                     self.absence.missing(host, self.names.heard(host).unwrap_or(*since));
                     self.participants.values_mut().for_each(|participant| participant.host_missing(host, *since));
@@ -30,7 +31,7 @@ impl Agent {
             self.holders.clone_from(&holders);
             out.effects.push(Effect::Holders(holders));
         }
-        out.effects.extend(round.map(|round| Effect::Ping { round }));
+        round.into_iter().for_each(|round| self.ask(round, out));
     }
 
     fn appeared(&mut self, host: &str, boot: u64, replaces: bool, out: &mut Out<'_>) {
@@ -67,7 +68,7 @@ impl Agent {
         let Some(link) = self.links.get_mut(&from).and_then(|links| links.last_mut()) else { return };
         let (message, answer) = link.receive(out.now, frame);
         if let Some(frame) = answer {
-            out.effects.push(Effect::Transmit { to: from.clone(), frame: Box::new(frame) });
+            self.send_frame(&from, frame, out);
         }
         if let Some(message) = message {
             self.deliver(message, &from, out);
@@ -81,7 +82,7 @@ impl Agent {
         let link = self.links.get_mut(to).and_then(|links| links.last_mut());
         match link.filter(|_| is_known || message.is_final()).and_then(|link| link.send(out.now, message.clone())) {
             Some(frame) => {
-                out.effects.push(Effect::Transmit { to: to.to_owned(), frame: Box::new(frame) });
+                self.send_frame(to, frame, out);
                 if is_known {
                     return;
                 }

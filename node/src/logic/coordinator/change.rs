@@ -11,6 +11,7 @@
 
 use super::{Coordinator, Phase};
 use crate::logic::effect::{Effect, Out};
+use crate::logic::instance::watchdog::READY_WITHIN;
 use crate::logic::protocol::{Answer, ChangeOrder, ChangeReply, ChangeRequest, Report, Revision, ToParticipant};
 use comms::logic::time::Time;
 use language::plan::{Plan, PlanChange, difference};
@@ -21,8 +22,9 @@ use std::time::Duration;
 
 /// How long hosts have to say whether they could take a plan on.
 const EXAMINE_WITHIN: Duration = Duration::from_secs(6);
-/// How long new programs have to be up, beyond the time that the programs before may take to stop.
-const APPLY_WITHIN: Duration = Duration::from_secs(60);
+/// How long new programs have to be up, beyond the time that the programs before may take to stop, and they for their start and
+/// for their `Init`: they make their links.
+const APPLY_WITHIN: Duration = Duration::from_secs(45);
 /// How long new links have to stand.
 const LINK_WITHIN: Duration = Duration::from_secs(48);
 /// How much longer than their probation hosts have to say that all is well.
@@ -209,7 +211,8 @@ impl Coordinator {
         let slowest = change.before.leaves.iter().map(|leaf| leaf.stop_within).max().unwrap_or_default();
         let (number, plan) = (change.number, (*change.plan).clone());
         let (again, probation) = (change.again.clone(), change.probation);
-        let until = out.now + slowest + APPLY_WITHIN;
+        let ready = change.plan.leaves.iter().map(|leaf| leaf.policy.ready_within.unwrap_or(READY_WITHIN)).max();
+        let until = out.now + slowest + APPLY_WITHIN + 2 * ready.unwrap_or(READY_WITHIN);
         self.step((Step::Applying, until), &ChangeOrder::Apply { number, plan, again, probation }, out);
     }
 
@@ -225,6 +228,10 @@ impl Coordinator {
 
     fn changed(&mut self, out: &mut Out<'_>) {
         let Some(change) = self.change.take() else { return };
+        for host in self.hosts.iter().filter(|host| !self.lost.contains(*host)) {
+            let order = ChangeOrder::Settle { number: change.number };
+            out.send(host, self.deployment.to_participant(ToParticipant::Change(order)));
+        }
         let report = if change.is_undoing() {
             Report::Unchanged { by: change.by, reasons: change.reasons }
         } else {

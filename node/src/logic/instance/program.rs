@@ -50,7 +50,12 @@ impl Instance {
                 self.ended(activation, Ending::Aborted(failure), context);
             }
             Notice::Stopped { activation } => self.ended(activation, Ending::Stopped, context),
-            Notice::Connected | Notice::ConnectFailed { .. } | Notice::Running { .. } | Notice::Resume { .. } => {}
+            Notice::Running { activation } => {
+                if self.current.as_ref().is_some_and(|current| current.number == activation) {
+                    self.is_up(context);
+                }
+            }
+            Notice::Connected | Notice::ConnectFailed { .. } | Notice::Resume { .. } => {}
         }
     }
 
@@ -107,7 +112,7 @@ impl Instance {
             }
             Stage::Removing { .. } if !self.joined => self.gone(context),
             Stage::Stopping { forced: true, .. } | Stage::Removing { .. } => {
-                (self.stage, self.cause) = (Stage::Dead, Some(FailureCause::StopUnconfirmed));
+                self.stay_unconfirmed(context);
                 if self.current.is_none() {
                     context.notes.push(Note::Changed(Change::Died(FailureCause::StopUnconfirmed)));
                 }
@@ -116,7 +121,8 @@ impl Instance {
             Stage::Replacing { forced, is_stopping, .. } => self.tick_replacing((forced, is_stopping), context),
             Stage::Leaving { forced: false, .. } => self.force_out(context),
             Stage::Leaving { forced: true, .. } => {
-                self.cause = Some(FailureCause::StopUnconfirmed);
+                self.stay_unconfirmed(context);
+                self.stage = Stage::Leaving { until: context.now, forced: true };
                 self.gone(context);
             }
             Stage::Prepared | Stage::Idle | Stage::Running | Stage::Refused | Stage::Dead => {}
@@ -245,6 +251,7 @@ impl Instance {
         if takes_word && is_current {
             self.stage = Stage::Idle;
             self.finish(ending, context);
+            self.is_up(context);
         } else if matches!(self.stage, Stage::Replacing { .. }) && is_current && ending != Ending::Stopped {
             // It had come to its end before it heard that another one takes its place.
             self.finish(ending, context);
@@ -269,6 +276,12 @@ impl Instance {
             self.stage = Stage::Refused;
         }
         context.notes.push(Note::Refused(why.to_owned()));
+    }
+
+    /// Takes note that nobody confirms the end of the program. Its shim may be what hangs, so that is killed.
+    pub(super) fn stay_unconfirmed(&mut self, context: &mut InstanceContext<'_>) {
+        (self.stage, self.cause) = (Stage::Dead, Some(FailureCause::StopUnconfirmed));
+        context.effects.push(Effect::KillShim { process: self.order.process.clone() });
     }
 
     pub(super) fn force_out(&mut self, context: &mut InstanceContext<'_>) {

@@ -82,6 +82,39 @@ impl Instance {
         }
     }
 
+    /// Ends the program and starts it again, since `with` of its group has died. One that is being started is new anyway, one
+    /// that stops or that is never started again is left as it is.
+    pub fn renew(&mut self, with: &str, context: &mut InstanceContext<'_>) {
+        let runs = match self.stage {
+            Stage::Idle => self.is_controller(),
+            Stage::Running => true,
+            Stage::Starting { .. }
+            | Stage::Prepared
+            | Stage::Connecting { .. }
+            | Stage::Stopping { .. }
+            | Stage::Refused
+            | Stage::Leaving { .. }
+            | Stage::Dead
+            | Stage::Waiting { .. }
+            | Stage::Removing { .. }
+            | Stage::Replacing { .. } => false,
+        };
+        if !runs || !self.restarts.are_allowed() || self.probation.is_some() {
+            return;
+        }
+        self.next = Some((self.order.clone(), self.stop_within));
+        if self.is_controller() {
+            let until = context.now + self.stop_within + GRACE;
+            self.stage = Stage::Replacing { until, forced: false, is_stopping: false };
+            self.tell(Order::Exit, context);
+        } else {
+            let until = context.now + self.stop_within + GRACE + KILL_WITHIN;
+            self.stage = Stage::Replacing { until, forced: true, is_stopping: false };
+            self.tell_shim(ShimOrder::Stop { grace: self.stop_within.max(GRACE) }, context);
+        }
+        context.notes.push(Note::Changed(Change::Renewing { with: with.to_owned() }));
+    }
+
     /// Does what is due of a program that is to make place.
     pub(super) fn tick_replacing(&mut self, (forced, is_stopping): (bool, bool), context: &mut InstanceContext<'_>) {
         if !forced {
@@ -89,7 +122,7 @@ impl Instance {
             self.stage = Stage::Replacing { until, forced: true, is_stopping };
             return self.tell_shim(ShimOrder::Stop { grace: GRACE }, context);
         }
-        (self.stage, self.cause) = (Stage::Dead, Some(FailureCause::StopUnconfirmed));
+        self.stay_unconfirmed(context);
         (self.probation, self.next) = (None, None);
         context.notes.push(Note::Unhealthy("the program before could not be ended".to_owned()));
         self.finish(Ending::Unconfirmed, context);
@@ -158,7 +191,10 @@ impl Instance {
     }
 
     fn take_place(&mut self, (order, stop_within): Start, context: &mut InstanceContext<'_>) {
-        (self.restarts, self.failed) = (Restarts::new(order.policy.restart), None);
+        if self.probation.is_some() {
+            self.restarts = Restarts::new(order.policy.restart);
+        }
+        self.failed = None;
         (self.order, self.stop_within) = (order, stop_within);
         (self.pid, self.cause, self.output) = (None, None, Vec::new());
         self.start(context);

@@ -34,6 +34,15 @@ pub enum Change {
         /// Its name.
         host: String,
     },
+    /// A node does not answer itself, and another one passes on what it says and what it is told.
+    Detour {
+        /// Its name.
+        host: String,
+        /// Its boot number.
+        boot: u64,
+        /// Name of the other one.
+        via: String,
+    },
     /// A second node has a name that is taken.
     Refused {
         /// The name.
@@ -66,6 +75,9 @@ impl fmt::Display for Change {
             Self::Appeared { host, place, .. } => write!(f, "the node `{host}` was started again: {place}"),
             Self::Missing { host, why, .. } => write!(f, "the node `{host}` is missing: {why}"),
             Self::Lost { host } => write!(f, "the node `{host}` is lost: it was missing for {}", span(LOST_AFTER)),
+            Self::Detour { host, via, .. } => {
+                write!(f, "the node `{host}` does not answer itself; `{via}` reaches it and passes messages on")
+            }
             Self::Refused { host, place, first } => write!(
                 f,
                 "a second node called `{host}` ({place}) is not dealt with: the first one ({first}) is there; give the \

@@ -64,6 +64,7 @@ impl Participant {
                     self.report_change(out);
                 }
             }
+            ChangeOrder::Settle { .. } => self.claims = self.claims_now(host),
             ChangeOrder::Adopt { number } => {
                 if let Some(change) = self.change.as_mut().filter(|change| change.number == number) {
                     change.next = Next::Healthy;
@@ -72,6 +73,17 @@ impl Participant {
                 }
             }
         }
+    }
+
+    /// Returns what the programs of this host hold by the plan as it is, and by their own word.
+    fn claims_now(&self, host: &str) -> Claims {
+        let mut claims = Claims::of(&self.plan, host);
+        let own = self.registrations.facts.values().filter(|facts| leaf_host(&self.plan, facts.leaf) == Some(host));
+        for facts in own {
+            let path = self.path(facts.leaf).unwrap_or_default();
+            claims.extend(Claims::of_owner(path, &facts.owns));
+        }
+        claims
     }
 
     /// Says why the next plan cannot be taken on here, once it is known whether the programs that differ can be started.
@@ -84,7 +96,7 @@ impl Participant {
         match starts {
             Ok(starts) => {
                 let differs = |(leaf, start): &(u32, Start)| {
-                    self.instances.get(leaf).is_none_or(|instance| !instance.is_same_program(start))
+                    self.instances.get(*leaf).is_none_or(|instance| !instance.is_same_program(start))
                 };
                 let differing = starts.into_iter().filter(differs);
                 let programs = differing.map(|(_, (order, _))| (order.path, order.command)).collect();
@@ -129,20 +141,19 @@ impl Participant {
         let (starting, linking, probing) = (BTreeSet::new(), BTreeSet::new(), BTreeSet::new());
         self.change = Some(Changing { number, starting, linking, probing, rewired, next: Next::Applied });
         for (leaf, start) in starts {
-            let instance = self.instances.get(&leaf);
+            let instance = self.instances.get(leaf);
             let is_same = instance.is_some_and(|instance| instance.is_same_program(&start));
             let is_returning = instance.is_some_and(Instance::is_returning);
             let is_retyped = before.leaves.get(leaf as usize).map(|leaf| &leaf.module)
                 != self.plan.leaves.get(leaf as usize).map(|leaf| &leaf.module);
-            let is_kept = is_same && !is_retyped && !again.contains(&leaf);
+            let is_reclaimed = before.claims_of(leaf) != self.plan.claims_of(leaf);
+            let is_kept = is_same && !is_retyped && !is_reclaimed && !again.contains(&leaf);
             if let Some(change) = self.change.as_mut().filter(|_| !is_kept || is_returning) {
                 change.starting.insert(leaf);
                 change.probing.insert(leaf);
             }
             if is_kept {
-                if let Some(instance) = self.instances.get_mut(&leaf) {
-                    instance.settle(start);
-                }
+                self.instances.with(leaf, |instance| instance.settle(start));
                 continue;
             }
             self.with_instance(leaf, out, |instance, context| instance.replace(start, probation, context));
@@ -154,7 +165,7 @@ impl Participant {
     fn link_again(&mut self, rewired: &BTreeSet<u32>, out: &mut Out<'_>) {
         let ends = rewired.iter().filter_map(|wire| self.plan.wires.get(*wire as usize));
         let touched: BTreeSet<u32> = ends.flat_map(|wire| [wire.from.leaf, wire.to.leaf]).collect();
-        for leaf in touched.into_iter().filter(|leaf| self.instances.contains_key(leaf)).collect::<Vec<_>>() {
+        for leaf in touched.into_iter().filter(|leaf| self.instances.contains(*leaf)).collect::<Vec<_>>() {
             let is_plain = self.plan.leaves.get(leaf as usize).is_none_or(|leaf| leaf.kind == LeafKind::Plain);
             if is_plain {
                 continue;
@@ -213,7 +224,7 @@ impl Participant {
 
     /// A program that was to make links is gone: another one makes its own.
     pub(super) fn forget_linking(&mut self, leaf: u32, out: &mut Out<'_>) {
-        let is_there = self.instances.get(&leaf).is_some_and(Instance::is_linked);
+        let is_there = self.instances.get(leaf).is_some_and(Instance::is_linked);
         if !is_there && self.change.as_mut().is_some_and(|change| change.linking.remove(&leaf)) {
             self.report_change(out);
         }
@@ -226,7 +237,7 @@ impl Participant {
     }
 
     fn adopt_sets(&mut self, out: &mut Out<'_>) {
-        for group in self.executers.keys().copied().collect::<Vec<_>>() {
+        for group in self.executers.numbers() {
             self.with_executer(group, out, |executer, context, out| {
                 executer.rewire(context, out);
                 None

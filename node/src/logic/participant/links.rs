@@ -42,7 +42,7 @@ impl Participant {
         for facts in facts {
             self.registrations.facts.entry(facts.leaf).or_insert(facts);
         }
-        for leaf in self.instances.keys().copied().collect::<Vec<_>>() {
+        for leaf in self.instances.numbers() {
             match links(&self.plan, &self.deployment, &self.registrations, (leaf, &self.live)) {
                 Ok(order) => {
                     let plain = self.plan.leaves.get(leaf as usize).is_some_and(|leaf| leaf.kind == LeafKind::Plain);
@@ -143,7 +143,7 @@ impl Participant {
 
     /// A program that is gone confirms nothing any more; one that is started again gets its open wires anew.
     pub(super) fn forget_switches(&mut self, leaf: u32, out: &mut Out<'_>) {
-        if !self.instances.get(&leaf).is_some_and(Instance::is_linked) {
+        if !self.instances.get(leaf).is_some_and(Instance::is_linked) {
             for switching in self.switching.values_mut() {
                 switching.waiting.remove(&leaf);
             }

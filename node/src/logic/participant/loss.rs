@@ -31,7 +31,7 @@ impl Participant {
     /// Takes note that a host is missing.
     pub fn host_missing(&mut self, host: &str, now: Time) {
         let is_noted = |leaf| self.loss.stops.iter().any(|(_, other, missing)| *other == leaf && missing == host);
-        let stop = |(&leaf, instance): (&u32, &Instance)| match instance.link_loss() {
+        let stop = |(leaf, instance): (u32, &Instance)| match instance.link_loss() {
             LinkLoss::SafeStopAfter(time) if self.is_below(Target::Leaf(leaf), host) && !is_noted(leaf) => {
                 Some((now + time, leaf, host.to_owned()))
             }
@@ -54,7 +54,7 @@ impl Participant {
         } else {
             self.cut(self.supervised_from(host), host, out);
         }
-        for group in self.executers.keys().copied().collect::<Vec<_>>() {
+        for group in self.executers.numbers() {
             self.with_executer(group, out, |executer, at, out| executer.host_lost(host, at, out));
         }
     }
@@ -62,7 +62,7 @@ impl Participant {
     /// Takes note that a host is there again.
     pub fn host_back(&mut self, host: &str, out: &mut Out<'_>) {
         self.loss.stops.retain(|(_, _, missing)| missing != host);
-        self.executers.values_mut().for_each(|executer| executer.host_back(host));
+        self.executers.each(|_, executer| executer.host_back(host));
         if self.loss.lost.remove(host) {
             if host == self.home {
                 return self.leave(out);
@@ -71,7 +71,7 @@ impl Participant {
                 self.stop_for(target, host, out);
             }
         }
-        self.instances.values_mut().for_each(|instance| instance.reach(host));
+        self.instances.each(|_, instance| instance.reach(host));
     }
 
     pub(super) fn tick_loss(&mut self, out: &mut Out<'_>) {
@@ -96,16 +96,16 @@ impl Participant {
     /// Whether something here goes on without the home.
     fn goes_on(&self) -> bool {
         let keeps = |instance: &Instance| instance.is_active() && instance.link_loss() != LinkLoss::Leave;
-        let mut groups = self.executers.iter().filter(|(_, executer)| executer.is_running()).map(|(group, _)| *group);
-        self.instances.values().any(keeps) || groups.any(|group| self.endures(group))
+        let mut groups = self.executers.iter().filter(|(_, executer)| executer.is_running()).map(|(group, _)| group);
+        self.instances.iter().any(|(_, instance)| keeps(instance)) || groups.any(|group| self.endures(group))
     }
 
     fn go_on_alone(&mut self, out: &mut Out<'_>) {
         let home = self.home.clone();
-        for group in self.executers.keys().copied().filter(|group| !self.endures(*group)).collect::<Vec<_>>() {
+        for group in self.executers.numbers().into_iter().filter(|group| !self.endures(*group)).collect::<Vec<_>>() {
             self.stop_for(Target::Group(group), &home, out);
         }
-        for leaf in self.instances.keys().copied().collect::<Vec<_>>() {
+        for leaf in self.instances.numbers() {
             self.with_instance(leaf, out, |instance, moment| match instance.link_loss() {
                 LinkLoss::Leave => instance.leave(moment),
                 LinkLoss::Hold => instance.hold(&home),
@@ -125,7 +125,7 @@ impl Participant {
                         LinkLoss::Keep | LinkLoss::SafeStopAfter(_) => {}
                     });
                 }
-                Target::Group(group) if self.endures(group) && self.executers.contains_key(&group) => {
+                Target::Group(group) if self.endures(group) && self.executers.contains(group) => {
                     targets.extend(self.members(group));
                 }
                 Target::Group(_) => self.stop_for(target, host, out),
@@ -147,8 +147,8 @@ impl Participant {
     fn supervised_from(&self, host: &str) -> Vec<Target> {
         let is_theirs = |(_, (group, _)): &(&Target, &(u32, u32))| group_host(&self.plan, *group) == Some(host);
         let is_here = |target: &Target| match target {
-            Target::Leaf(leaf) => self.instances.contains_key(leaf),
-            Target::Group(group) => self.executers.contains_key(group),
+            Target::Leaf(leaf) => self.instances.contains(*leaf),
+            Target::Group(group) => self.executers.contains(*group),
         };
         self.supervisors.iter().filter(is_theirs).map(|(target, _)| *target).filter(is_here).collect()
     }

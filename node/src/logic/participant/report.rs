@@ -3,8 +3,8 @@
 
 use super::{Participant, Phase};
 use crate::logic::effect::Out;
-use crate::logic::executer::group_host;
-use crate::logic::protocol::{Change, Ending, Target, ToCoordinator, ToParticipant};
+use crate::logic::executer::{group_host, wants_restarts};
+use crate::logic::protocol::{Change, Ending, FailureCause, Target, ToCoordinator, ToParticipant};
 use crate::logic::table::counted;
 
 impl Participant {
@@ -15,6 +15,15 @@ impl Participant {
             }
             None => out.send(&self.home, self.deployment.to_coordinator(ToCoordinator::MainEnded { ending })),
         }
+    }
+
+    /// Tells the supervisor of a program that it is started again, if it wants to know.
+    pub(super) fn tell_restart(&self, target: Target, cause: &FailureCause, out: &mut Out<'_>) {
+        let Some((number, _)) = self.supervisors.get(&target) else { return };
+        let group = self.plan.groups.get(*number as usize).filter(|group| wants_restarts(&group.supervision));
+        let host = group.and_then(|group| self.plan.hosts.get(group.host as usize));
+        let message = || ToParticipant::Restarted { target, cause: cause.clone() };
+        host.into_iter().for_each(|host| out.send(host, self.deployment.to_participant(message())));
     }
 
     pub(super) fn happened(&self, target: Target, change: Change, out: &mut Out<'_>) {

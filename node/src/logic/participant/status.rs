@@ -10,15 +10,20 @@ use language::plan::{Leaf, LeafKind};
 use std::collections::BTreeSet;
 
 impl Participant {
+    /// Returns how many of its machines were looked at, all in all.
+    pub fn visits(&self) -> u64 {
+        self.instances.visits() + self.executers.visits()
+    }
+
     /// Returns what runs here, in the plan's order.
     pub fn status(&self) -> DeploymentStatus {
-        let group = |(number, executer): (&u32, &Executer)| {
-            let group = self.plan.groups.get(*number as usize)?;
+        let group = |(number, executer): (u32, &Executer)| {
+            let group = self.plan.groups.get(number as usize)?;
             let (path, kind) = (group.path.clone(), group.process.clone());
             Some(ProcessStatus { path, kind, state: executer.state().to_owned(), pid: None })
         };
-        let leaf = |(number, instance): (&u32, &Instance)| {
-            let leaf = self.plan.leaves.get(*number as usize)?;
+        let leaf = |(number, instance): (u32, &Instance)| {
+            let leaf = self.plan.leaves.get(number as usize)?;
             let (path, kind) = (leaf.path.clone(), leaf.module.clone());
             Some(ProcessStatus { path, kind, state: instance.state(), pid: instance.pid() })
         };
@@ -52,7 +57,7 @@ impl Participant {
     pub fn names(&self, programs: &Programs, names: &mut Names) {
         let ends = self.plan.wires.iter().flat_map(|wire| [(&wire.from, true), (&wire.to, false)]);
         let ports = ends.filter_map(|(end, is_output)| {
-            let leaf = self.plan.leaves.get(end.leaf as usize).filter(|_| self.instances.contains_key(&end.leaf))?;
+            let leaf = self.plan.leaves.get(end.leaf as usize).filter(|_| self.instances.contains(end.leaf))?;
             let kind = programs.port_type(&leaf.module, &end.port).map(str::to_owned);
             let (deployment, path, port) = (self.deployment.clone(), leaf.path.clone(), end.port.clone());
             Some(PortName { deployment, path, port, is_output, kind })
@@ -64,7 +69,7 @@ impl Participant {
 
     /// Returns what may be told to the programs of this host while they run.
     pub fn parameters(&self, programs: &Programs) -> Vec<InstanceParameters> {
-        let leaves = self.instances.keys().filter_map(|number| self.plan.leaves.get(*number as usize));
+        let leaves = self.instances.iter().filter_map(|(number, _)| self.plan.leaves.get(number as usize));
         let of_leaf = |leaf: &Leaf| {
             // A plain program is told nothing while it runs.
             let declared = match leaf.kind {
@@ -92,7 +97,7 @@ impl Participant {
 
     /// Returns the programs of this host: leaf and absolute path.
     pub fn programs(&self) -> Vec<(u32, String)> {
-        let path = |leaf: &u32| Some((*leaf, self.plan.leaves.get(*leaf as usize)?.path.clone()));
-        self.instances.keys().filter_map(path).collect()
+        let path = |(leaf, _): (u32, &Instance)| Some((leaf, self.plan.leaves.get(leaf as usize)?.path.clone()));
+        self.instances.iter().filter_map(path).collect()
     }
 }

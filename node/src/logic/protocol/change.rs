@@ -75,6 +75,11 @@ pub enum ChangeOrder {
         /// Echoed.
         number: u32,
     },
+    /// The change is made, or taken back, everywhere: what only the plan of before has held is free. Nobody answers.
+    Settle {
+        /// The change.
+        number: u32,
+    },
 }
 
 /// The answer of a host.
@@ -117,7 +122,8 @@ impl ChangeOrder {
         let (Self::Examine { number, .. }
         | Self::Apply { number, .. }
         | Self::Link { number }
-        | Self::Adopt { number }) = self;
+        | Self::Adopt { number }
+        | Self::Settle { number }) = self;
         ChangeReply::Failed { number: *number, reason }
     }
 }

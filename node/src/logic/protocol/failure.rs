@@ -82,6 +82,25 @@ pub enum FailureCause {
         /// Its value: a count, seconds or bytes.
         value: u64,
     },
+    /// Its program died once more often than its group bears.
+    Intensity {
+        /// How it died the last time.
+        last: String,
+        /// How many restarts the group bears,
+        restarts: u32,
+        /// within this time.
+        #[serde(with = "comms::logic::human::seconds")]
+        within: Duration,
+    },
+    /// Its program was ended for this cause, and had written something.
+    Ended {
+        /// The cause.
+        cause: Box<Self>,
+        /// How often it was started again before that.
+        restarts: u32,
+        /// The last lines that it wrote.
+        output: Vec<String>,
+    },
 }
 
 /// How a program ended.
@@ -134,12 +153,19 @@ impl FailureCause {
         if let (Self::Signal(signal), false) = (&self, output.is_empty()) {
             return Self::Program { end: ProgramEnd::Signal(*signal), restarts, output };
         }
+        let is_end = matches!(
+            self,
+            Self::Watchdog(_) | Self::StartTimeout(_) | Self::OutOfMemory(_) | Self::Limit { .. } | Self::AgentLost
+        );
+        if is_end && !output.is_empty() {
+            return Self::Ended { cause: Box::new(self), restarts, output };
+        }
         if restarts == 0 { self } else { Self::Exhausted { last: self.to_string(), restarts } }
     }
 
     /// Returns the last lines that the program wrote that failed; none if it wrote nothing, or is not the cause.
     pub fn output(&self) -> &[String] {
-        if let Self::Program { output, .. } = self { output } else { &[] }
+        if let Self::Program { output, .. } | Self::Ended { output, .. } = self { output } else { &[] }
     }
 }
 
@@ -150,6 +176,8 @@ impl fmt::Display for FailureCause {
             Self::Exit(code) => ProgramEnd::Exit(*code).fmt(f),
             Self::Program { end, restarts: 0, .. } => end.fmt(f),
             Self::Program { end, restarts, .. } => write!(f, "{end} after {}", counted(*restarts, "restart")),
+            Self::Ended { cause, restarts: 0, .. } => cause.fmt(f),
+            Self::Ended { cause, restarts, .. } => write!(f, "{cause} after {}", counted(*restarts, "restart")),
             Self::Reported(text) | Self::Failed(text) => f.write_str(&printable(text)),
             Self::Exec(text) => write!(f, "could not be started: {}", printable(text)),
             Self::NotAvailable(text) => write!(f, "was not there any more: {}", printable(text)),
@@ -173,6 +201,10 @@ impl fmt::Display for FailureCause {
                     _ => value.to_string(),
                 };
                 write!(f, "met its limit `{} {value}`", printable(policy))
+            }
+            Self::Intensity { last, restarts, within } => {
+                let (last, bears) = (printable(last), counted(*restarts, "restart"));
+                write!(f, "{last}, and its group bears {bears} within {}", spelt(*within))
             }
             Self::HostLost(host) => write!(f, "host `{host}` could not be reached any more"),
         }

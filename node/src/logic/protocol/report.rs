@@ -127,4 +127,9 @@ pub enum Change {
         /// The cause of the failure.
         cause: FailureCause,
     },
+    /// Its program is ended and started again, since another one of its group has died.
+    Renewing {
+        /// Absolute path of the other one.
+        with: String,
+    },
 }

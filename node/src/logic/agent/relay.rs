@@ -1,0 +1,60 @@
+//! Messages by way of another node, where two do not reach each other.
+
+use super::Agent;
+use crate::logic::effect::{Effect, Out};
+use crate::logic::link::Frame;
+use crate::logic::nameserver::{RelayedPong, Round};
+use crate::logic::protocol::{Message, Relay, Relayed};
+
+impl Agent {
+    /// Asks all other nodes whether they are there; those that are silent through others, too.
+    pub(super) fn ask(&mut self, Round { number, through }: Round, out: &mut Out<'_>) {
+        out.effects.push(Effect::Ping { round: number });
+        for (via, host) in through {
+            let what = Relayed::Ping { boot: self.identity.boot, round: number };
+            let relay = Relay { from: self.identity.host.clone(), to: host, what };
+            self.transmit(&via, Message::relay(relay), out);
+        }
+    }
+
+    /// Sends a frame to another node, by way of a third where it has to.
+    pub(super) fn send_frame(&mut self, to: &str, frame: Frame, out: &mut Out<'_>) {
+        let Some(via) = self.names.detour(to).map(str::to_owned) else {
+            return out.effects.push(Effect::Transmit { to: to.to_owned(), frame: Box::new(frame) });
+        };
+        let Frame { from, boot, boot_peer, acknowledged, message } = frame;
+        let message = message.map(|(number, message)| (number, Box::new(message)));
+        let what = Relayed::Frame { boot, boot_peer, acknowledged, message };
+        self.transmit(&via, Message::relay(Relay { from, to: to.to_owned(), what }), out);
+    }
+
+    /// Takes what `via` has sent for somebody else, or has passed on.
+    pub(super) fn relay(&mut self, relay: Relay, via: &str, out: &mut Out<'_>) {
+        if relay.to != self.identity.host {
+            // Over one node, not over several: else it could go round for ever.
+            if relay.from == via && self.names.reaches_directly(&relay.to) {
+                let to = relay.to.clone();
+                self.transmit(&to, Message::relay(relay), out);
+            }
+            return;
+        }
+        let Relay { from, what, .. } = relay;
+        match what {
+            Relayed::Ping { boot, round } => {
+                self.names.heard_of(out.now, &from, boot);
+                let holder = self.names.holder(&from).filter(|_| self.names.knows(&from));
+                let what = Relayed::Pong { boot: self.identity.boot, to_boot: boot, round, holder };
+                let answer = Relay { from: self.identity.host.clone(), to: from, what };
+                self.transmit(via, Message::relay(answer), out);
+            }
+            Relayed::Pong { boot, to_boot, round, holder } => {
+                let pong = RelayedPong { from: &from, boot, to_boot, round, holder, via };
+                self.names.answered_through(out.now, pong);
+            }
+            Relayed::Frame { boot, boot_peer, acknowledged, message } => {
+                let message = message.map(|(number, message)| (number, *message));
+                self.frame(Frame { from, boot, boot_peer, acknowledged, message }, out);
+            }
+        }
+    }
+}

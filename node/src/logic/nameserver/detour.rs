@@ -1,0 +1,132 @@
+//! Nodes that do not answer themselves, and that others reach.
+//!
+//! A link may be cut, in one direction or in both, while everybody else reaches both its ends. So a node that is silent is asked
+//! through others before it is missing, and what it answers there counts as its answer. As long as it does, messages go the same
+//! way. One that is lost is not asked through others: it has to answer itself.
+
+use super::{Boot, Change, NameServer, SILENCE_MAX};
+use comms::logic::time::Time;
+use serde::{Deserialize, Serialize};
+use std::time::Duration;
+
+/// How long nothing may be heard of a node, besides its usual time, before it is asked through others.
+const SUSPECT_AFTER: Duration = Duration::from_millis(1500);
+/// Through how many others at the most.
+const THROUGH_MAX: usize = 3;
+
+/// A round of questions to all other nodes.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Round {
+    /// Its number.
+    pub number: u64,
+    /// The questions that go through others: the helper, and the silent node.
+    pub through: Vec<(String, String)>,
+}
+
+/// An answer that another node has passed on.
+#[derive(Clone, Copy, Debug)]
+pub struct RelayedPong<'a> {
+    /// Name of the node that answers.
+    pub from: &'a str,
+    /// Its boot number.
+    pub boot: u64,
+    /// Boot number of the one who asked.
+    pub to_boot: u64,
+    /// The question's number.
+    pub round: u64,
+    /// The boot that has the asker's name there, if any has.
+    pub holder: Option<u64>,
+    /// Name of the node that has passed it on.
+    pub via: &'a str,
+}
+
+/// The way to a node that does not answer itself.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub(super) struct Detour {
+    via: String,
+    /// When its last answer came that way.
+    pub(super) heard: Time,
+}
+
+impl NameServer {
+    /// Takes an answer that another node has passed on.
+    pub fn answered_through(&mut self, now: Time, pong: RelayedPong<'_>) {
+        let is_asked = self.rounds.iter().any(|(round, _)| *round == pong.round) && pong.to_boot == self.boot;
+        // Who has lost this node, or deals with another of its name, does not take its messages.
+        if !is_asked || pong.holder != Some(self.boot) || pong.from == self.host || !self.reaches_directly(pong.via) {
+            return;
+        }
+        if self.holder(pong.from) != Some(pong.boot) {
+            return;
+        }
+        let Some(life) = self.life_mut(pong.from, pong.boot) else { return };
+        if life.lost_at.is_some() || pong.round < life.proof || !life.is_suspect(now) {
+            return;
+        }
+        let before = life.detour.take();
+        let is_same = before.as_ref().is_some_and(|detour| detour.via == pong.via);
+        if let Some(detour) = before.filter(|detour| !is_same && detour.heard + SUSPECT_AFTER > now) {
+            life.detour = Some(detour);
+            return;
+        }
+        (life.doubted, life.missing_since) = (None, None);
+        life.detour = Some(Detour { via: pong.via.to_owned(), heard: now });
+        if !is_same {
+            let (host, via) = (pong.from.to_owned(), pong.via.to_owned());
+            self.changes.push(Change::Detour { host, boot: pong.boot, via });
+        }
+    }
+
+    /// Returns the node by way of which messages to another go, if they do not go directly.
+    pub fn detour(&self, host: &str) -> Option<&str> {
+        let via = self.held(host)?.detour.as_ref()?.via.as_str();
+        self.reaches_directly(via).then_some(via)
+    }
+
+    /// Returns whether a node answers itself.
+    pub fn reaches_directly(&self, host: &str) -> bool {
+        self.held(host).is_some_and(|life| life.is_there() && life.detour.is_none())
+    }
+
+    /// Works out who is asked through whom.
+    pub(super) fn asked_through(&self, now: Time) -> Vec<(String, String)> {
+        let is_asked = |host: &&String| {
+            **host != self.host && self.held(host).is_some_and(|life| life.lost_at.is_none() && life.is_suspect(now))
+        };
+        let helps =
+            |via: &&String| self.reaches_directly(via) && self.held(via).is_some_and(|life| !life.is_suspect(now));
+        let silent: Vec<&String> = self.peers.keys().filter(is_asked).collect();
+        if silent.is_empty() {
+            return Vec::new();
+        }
+        let helpers: Vec<&String> = self.peers.keys().filter(helps).collect();
+        let mut through = Vec::new();
+        for host in silent {
+            // The present way first, so that it is kept.
+            let present = self.detour(host);
+            let mut via: Vec<&String> = helpers.clone();
+            via.sort_by_key(|via| Some(via.as_str()) != present);
+            through.extend(via.into_iter().take(THROUGH_MAX).map(|via| (via.clone(), host.clone())));
+        }
+        through
+    }
+}
+
+impl Boot {
+    /// Returns whether something speaks against it, or it does not answer itself.
+    fn is_suspect(&self, now: Time) -> bool {
+        self.doubted.is_some()
+            || self.missing_since.is_some()
+            || self.detour.is_some()
+            || self.heard + SUSPECT_AFTER + 2 * self.took <= now
+    }
+
+    /// Returns when its last answer came, whichever way.
+    pub(super) fn last_heard(&self) -> Time {
+        self.detour.as_ref().map_or(self.heard, |detour| self.heard.max(detour.heard))
+    }
+
+    pub(super) fn silent_at(&self) -> Time {
+        self.last_heard() + SILENCE_MAX + 2 * self.took
+    }
+}

@@ -1,0 +1,49 @@
+//! What goes over the link between two nodes.
+
+use super::{Deployment, Relay, ToCoordinator, ToParticipant};
+use serde::{Deserialize, Serialize};
+
+/// From node to node, in order and once (see `link`).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Message {
+    /// The deployment that it is about.
+    pub deployment: Deployment,
+    /// The content.
+    pub body: Body,
+}
+
+impl Message {
+    /// Returns what a node says before it ends.
+    pub fn leaves() -> Self {
+        Self { deployment: Deployment { name: String::new(), epoch: 0 }, body: Body::Leaves }
+    }
+
+    /// Returns what is to be passed on, or was.
+    pub fn relay(relay: Relay) -> Self {
+        Self { deployment: Deployment { name: String::new(), epoch: 0 }, body: Body::Relay(Box::new(relay)) }
+    }
+
+    /// Returns whether it is the last word about something, that a process has ended or that everything is to end: true
+    /// however late it comes.
+    pub fn is_final(&self) -> bool {
+        matches!(
+            self.body,
+            Body::Participant(ToParticipant::Ended { .. } | ToParticipant::Loose { .. } | ToParticipant::Release)
+        )
+    }
+}
+
+/// The content of a message, by its receiver.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Body {
+    /// The deployment at its home.
+    Coordinator(ToCoordinator),
+    /// The deployment's part on the receiving host.
+    Participant(ToParticipant),
+    /// Nobody: it takes the place of a message whose sender no longer means it.
+    Tombstone,
+    /// The node: the sender ends as it was told to, and nothing that it has started is left. About no deployment.
+    Leaves,
+    /// Another node, which the sender does not reach; or the receiver, from such a node. About no deployment.
+    Relay(Box<Relay>),
+}
