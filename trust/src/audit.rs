@@ -1,0 +1,359 @@
+//! Who did what, as a chain: each record has the hash of all before it, and other members sign where it has come to.
+//!
+//! A log is a text of lines. The first says of which team and node it is, and what came before it. Fields of a record stand between
+//! tabulators: number, time, decision, who, what, request, reason, hash. A record that is changed, taken out or put in
+//! does not fit any more; one that is cut off at the end is missed when a signed head says that it was there.
+
+use crate::identity::{KeyId, PUBLIC_LEN, PublicKeys, SIGNATURE_LEN, SecretKeys};
+use crate::name::UnixTime;
+use crate::text::{self, TextError, decode, encode};
+use crate::wire::{FormError, Reader, Writer};
+use std::collections::BTreeMap;
+use thiserror::Error;
+
+/// The longest line, in bytes.
+pub const LINE_MAX: usize = 4096;
+/// The longest field of a record, in characters; what is longer is cut.
+pub const FIELD_MAX: usize = 256;
+/// The most heads that a log is compared with.
+pub const HEADS_MAX: usize = 1 << 16;
+
+const BEGIN: &str = "dca-audit 1";
+const HEAD: &str = "dca audit head 1";
+const HEAD_TEXT: &str = "dca-head1-";
+const HEAD_LEN_MAX: usize = 512;
+const DECISIONS: [Decision; 2] = [Decision::Done, Decision::Refused];
+
+/// What became of a request.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Decision {
+    /// It was done.
+    Done,
+    /// It was refused.
+    Refused,
+}
+
+impl Decision {
+    const fn text(self) -> &'static str {
+        match self {
+            Self::Done => "done",
+            Self::Refused => "refused",
+        }
+    }
+}
+
+/// One thing that somebody asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Entry<'a> {
+    /// The time at which that was.
+    pub at: UnixTime,
+    /// What became of it.
+    pub decision: Decision,
+    /// Who asked, as far as that is known.
+    pub who: &'a str,
+    /// What was asked for.
+    pub what: &'a str,
+    /// The request's id.
+    pub request: [u8; 16],
+    /// Why it was refused; empty if it was not.
+    pub reason: &'a str,
+}
+
+/// The end of a log, to which records are added.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Log {
+    /// Of whom it is.
+    node: KeyId,
+    team: KeyId,
+    /// The number of the next record.
+    next: u64,
+    hash: [u8; 32],
+}
+
+/// The first line of a log that does not fit, and why.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+pub enum AuditError {
+    /// The first line is not that of a log.
+    #[error("line 1 is not the beginning of an audit log")]
+    Begin,
+    /// A line is no record.
+    #[error("line {line} is no record of an audit log")]
+    Record {
+        /// The line, from 1.
+        line: u64,
+    },
+    /// A record has another number than the one before it asks for.
+    #[error("line {line} has record {found} where record {expected} belongs")]
+    Number {
+        /// The line, from 1.
+        line: u64,
+        /// The number that is there.
+        found: u64,
+        /// The number that belongs there.
+        expected: u64,
+    },
+    /// A record does not fit to those before it: one of them, or it, was changed.
+    #[error("line {line}, record {number}, does not fit to what is before it")]
+    Hash {
+        /// The line, from 1.
+        line: u64,
+        /// The record.
+        number: u64,
+    },
+    /// A record is another one than a member has signed.
+    #[error("record {number} is not the one that {by} has signed")]
+    Forked {
+        /// The record.
+        number: u64,
+        /// Who has signed another one.
+        by: KeyId,
+    },
+    /// Records are missing at the end.
+    #[error("the log ends with {last}, but {by} has signed record {number}")]
+    Truncated {
+        /// The last record that is there, or `nothing`.
+        last: String,
+        /// The last one that a member has signed.
+        number: u64,
+        /// Who has signed it.
+        by: KeyId,
+    },
+    /// The heads are of another log.
+    #[error("a signed head is of another log")]
+    OtherLog,
+    /// There are too many heads.
+    #[error("no more than {HEADS_MAX} heads can be compared at once")]
+    TooManyHeads,
+}
+
+impl Log {
+    /// Begins a log; returns it with its first line. `before` is the end of the log that it goes on from, if it does.
+    pub fn begin(team: KeyId, node: KeyId, before: Option<&Self>) -> (Self, String) {
+        let (first, previous) = before.map_or((1, [0; 32]), |log| (log.next, log.hash));
+        let line = format!("{BEGIN} {} {} {first} {}", encode(&team.0), encode(&node.0), encode(&previous));
+        let hash = blake3::derive_key("dca audit begin 1", line.as_bytes());
+        (Self { node, team, next: first, hash }, line)
+    }
+
+    /// Adds a record; returns its line.
+    pub fn add(&mut self, entry: &Entry<'_>) -> String {
+        let decision = entry.decision.text();
+        let mut line = format!("{}\t{}\t{decision}", self.next, entry.at.0);
+        for text in [entry.who, entry.what, &encode(&entry.request), entry.reason] {
+            line.push('\t');
+            push_field(&mut line, text);
+        }
+        self.hash = chained(&self.hash, &line);
+        self.next += 1;
+        line + "\t" + &encode(&self.hash)
+    }
+
+    /// Returns the number of the last record; 0 if there has never been one.
+    #[must_use]
+    pub const fn last(&self) -> u64 {
+        self.next - 1
+    }
+
+    /// Returns the team and the node that the log is of.
+    #[must_use]
+    pub const fn of(&self) -> (KeyId, KeyId) {
+        (self.team, self.node)
+    }
+
+    /// Signs where the log has come to, as another member.
+    pub fn countersign(&self, at: UnixTime, member: &SecretKeys) -> Head {
+        let (number, by) = (self.next - 1, *member.public());
+        let mut head = Head { log: self.node, number, hash: self.hash, at, by, signature: [0; SIGNATURE_LEN] };
+        head.signature = member.sign(&head.form());
+        head
+    }
+}
+
+/// Where a log had come to, signed by a member.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Head {
+    log: KeyId,
+    number: u64,
+    hash: [u8; 32],
+    at: UnixTime,
+    by: PublicKeys,
+    signature: [u8; SIGNATURE_LEN],
+}
+
+impl Head {
+    /// Returns who has signed it. Whether that is a member is for the caller to know.
+    pub fn by(&self) -> KeyId {
+        self.by.id()
+    }
+
+    /// Returns when that was, by the member's clock.
+    #[must_use]
+    pub const fn at(&self) -> UnixTime {
+        self.at
+    }
+
+    fn form(&self) -> Vec<u8> {
+        let mut writer = Writer::new(HEAD);
+        writer.fixed(&self.log.0);
+        writer.u64(self.number);
+        writer.fixed(&self.hash);
+        writer.u64(self.at.0);
+        writer.fixed(&self.by.to_bytes());
+        writer.finish()
+    }
+
+    /// Returns its form.
+    pub fn to_bytes(&self) -> Vec<u8> {
+        let mut bytes = self.form();
+        bytes.extend_from_slice(&self.signature);
+        bytes
+    }
+
+    /// Returns it as one word, `dca-head1-…`.
+    #[must_use]
+    pub fn to_text(&self) -> String {
+        text::with_sum(HEAD_TEXT, &self.to_bytes())
+    }
+
+    /// Reads what [`Head::to_text`] has written, and checks its signature.
+    ///
+    /// # Errors
+    /// The text is no head.
+    pub fn from_text(text: &str) -> Result<Self, TextError> {
+        let bytes = text::without_sum(HEAD_TEXT, text)?;
+        Self::from_bytes(&bytes).map_err(|_no_head| TextError::Checksum)
+    }
+
+    /// Reads its form, and checks its signature.
+    ///
+    /// # Errors
+    /// The bytes are no head, or not signed by whom they name.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, FormError> {
+        let mut reader = Reader::new(bytes, HEAD, HEAD_LEN_MAX)?;
+        let (log, number) = (KeyId(reader.fixed()?), reader.u64()?);
+        let (hash, at) = (reader.fixed()?, UnixTime(reader.u64()?));
+        let by = PublicKeys::from_bytes(&reader.fixed::<PUBLIC_LEN>()?)?;
+        let signature = reader.fixed()?;
+        reader.finish()?;
+        let head = Self { log, number, hash, at, by, signature };
+        if by.has_signed(&head.form(), &signature) { Ok(head) } else { Err(FormError::Field("signature")) }
+    }
+}
+
+/// Reads a log line by line, and compares it with heads.
+#[derive(Debug)]
+pub struct Verifier {
+    log: Option<Log>,
+    line: u64,
+    first: u64,
+    heads: BTreeMap<u64, Vec<Head>>,
+}
+
+impl Verifier {
+    /// Begins to verify a log.
+    ///
+    /// # Errors
+    /// There are too many heads.
+    pub fn new(heads: Vec<Head>) -> Result<Self, AuditError> {
+        if heads.len() > HEADS_MAX {
+            return Err(AuditError::TooManyHeads);
+        }
+        let mut by_number: BTreeMap<u64, Vec<Head>> = BTreeMap::new();
+        for head in heads {
+            by_number.entry(head.number).or_default().push(head);
+        }
+        Ok(Self { log: None, line: 0, first: 0, heads: by_number })
+    }
+
+    /// Takes the next line, without its line feed.
+    ///
+    /// # Errors
+    /// It does not fit. Nothing after it can be verified.
+    pub fn line(&mut self, line: &str) -> Result<(), AuditError> {
+        self.line += 1;
+        let Some(log) = &mut self.log else {
+            let log = begin(line).ok_or(AuditError::Begin)?;
+            if self.heads.values().flatten().any(|head| head.log != log.node) {
+                return Err(AuditError::OtherLog);
+            }
+            self.first = log.next;
+            self.log = Some(log);
+            return Ok(());
+        };
+        let at = self.line;
+        let (found, hash, body) = record(line).ok_or(AuditError::Record { line: at })?;
+        if found != log.next {
+            return Err(AuditError::Number { line: at, found, expected: log.next });
+        }
+        let expected = chained(&log.hash, body);
+        if hash != expected {
+            return Err(AuditError::Hash { line: at, number: found });
+        }
+        log.next = found.checked_add(1).ok_or(AuditError::Record { line: at })?;
+        log.hash = expected;
+        let signed = self.heads.get(&found).into_iter().flatten();
+        match signed.into_iter().find(|head| head.hash != expected) {
+            Some(other) => Err(AuditError::Forked { number: found, by: other.by() }),
+            None => Ok(()),
+        }
+    }
+
+    /// Ends the log; returns its end, to which records can be added.
+    ///
+    /// # Errors
+    /// It had no first line, or members have signed records that are missing at the end.
+    pub fn finish(self) -> Result<Log, AuditError> {
+        let log = self.log.ok_or(AuditError::Begin)?;
+        match self.heads.last_key_value() {
+            Some((number, heads)) if *number >= log.next => {
+                let last =
+                    if log.next == self.first { "nothing".to_owned() } else { format!("record {}", log.next - 1) };
+                Err(AuditError::Truncated { last, number: *number, by: heads[0].by() })
+            }
+            _ => Ok(log),
+        }
+    }
+}
+
+fn begin(line: &str) -> Option<Log> {
+    let mut fields = line.strip_prefix(BEGIN)?.strip_prefix(' ')?.split(' ');
+    let mut id = || <[u8; 32]>::try_from(decode(fields.next()?).ok()?).ok();
+    let (team, node) = (KeyId(id()?), KeyId(id()?));
+    let next: u64 = fields.next()?.parse().ok().filter(|first| *first > 0)?;
+    let hash = <[u8; 32]>::try_from(decode(fields.next()?).ok()?).ok()?;
+    // Written again it has to be the same: then it has one form.
+    let (log, again) = Log::begin(team, node, Some(&Log { node, team, next, hash }));
+    (again == line).then_some(log)
+}
+
+/// Returns the number of a record, its hash, and what is hashed.
+fn record(line: &str) -> Option<(u64, [u8; 32], &str)> {
+    let (body, hash) = line.rsplit_once('\t').filter(|_| line.len() <= LINE_MAX)?;
+    let hash = <[u8; 32]>::try_from(decode(hash).ok()?).ok()?;
+    let fields: Vec<&str> = body.split('\t').collect();
+    let &[number, at, decision, _, _, _, _] = fields.as_slice() else { return None };
+    at.parse::<u64>().ok()?;
+    DECISIONS.iter().find(|known| known.text() == decision)?;
+    Some((number.parse().ok()?, hash, body))
+}
+
+fn chained(previous: &[u8; 32], line: &str) -> [u8; 32] {
+    let mut hasher = blake3::Hasher::new_derive_key("dca audit record 1");
+    hasher.update(previous);
+    hasher.update(line.as_bytes());
+    *hasher.finalize().as_bytes()
+}
+
+/// Adds a field without characters that would end it, or move the cursor of whoever looks at it.
+fn push_field(line: &mut String, text: &str) {
+    for character in text.chars().take(FIELD_MAX) {
+        if character.is_control() || character == '\u{2028}' || character == '\u{2029}' {
+            line.push('\u{fffd}');
+        } else {
+            line.push(character);
+        }
+    }
+    if text.chars().nth(FIELD_MAX).is_some() {
+        line.push('…');
+    }
+}

@@ -1,0 +1,196 @@
+//! What everybody may know of a team, as one text: its keys, the certificates it has given, and the keys it has revoked.
+//!
+//! ```text
+//! dca-team 1
+//! team KTP…
+//! certificate 4N8…
+//! revoked 92A…
+//! ```
+//!
+//! The operator's machine keeps it as a file; it is no secret. Each line proves itself by its signatures, so a changed file is
+//! noticed. One from which lines were taken out is not: the number of the revocations tells that to whoever knows a higher one.
+
+use crate::certificate::Certificate;
+use crate::identity::KeyId;
+use crate::name::{Name, UnixTime};
+use crate::revocation::{Revocations, RevokedSet};
+use crate::team::{Credential, Judge, Standing, Team, TrustError};
+use crate::text::{decode, encode};
+use thiserror::Error;
+
+/// The most certificates of a bundle.
+pub const CERTIFICATES_MAX: usize = 4096;
+/// The most bytes of a bundle.
+pub const BUNDLE_MAX: usize = 8 << 20;
+
+const BEGIN: &str = "dca-team 1";
+
+/// A team and those it knows.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Bundle {
+    team: Team,
+    certificates: Vec<Certificate>,
+    revoked: Option<RevokedSet>,
+}
+
+/// Why a text is no bundle, or a certificate does not come into one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+pub enum BundleError {
+    /// It is longer than a bundle may be.
+    #[error("it is longer than {BUNDLE_MAX} bytes, or has more than {CERTIFICATES_MAX} certificates")]
+    TooLong,
+    /// It does not begin as one.
+    #[error("its first line is not `{BEGIN}`")]
+    Begin,
+    /// A line is not what belongs there.
+    #[error("line {0} cannot be read, or does not belong there")]
+    Line(usize),
+    /// A line is not signed by the team.
+    #[error("line {0} is not signed by the team")]
+    Signature(usize),
+}
+
+/// Somebody of a bundle, and whether that one is trusted.
+#[derive(Debug)]
+pub struct Member<'a> {
+    /// The certificate.
+    pub certificate: &'a Certificate,
+    /// Until when, or why not.
+    pub standing: Result<Standing, TrustError>,
+}
+
+impl Bundle {
+    /// Returns that of a new team.
+    #[must_use]
+    pub const fn new(team: Team) -> Self {
+        Self { team, certificates: Vec::new(), revoked: None }
+    }
+
+    /// Returns the team.
+    pub const fn team(&self) -> &Team {
+        &self.team
+    }
+
+    /// Returns what the team's key has revoked.
+    pub const fn revoked(&self) -> Option<&RevokedSet> {
+        self.revoked.as_ref()
+    }
+
+    /// Adds a certificate, in place of an older one for the same keys.
+    ///
+    /// # Errors
+    /// There are too many.
+    pub fn add(&mut self, certificate: Certificate) -> Result<(), BundleError> {
+        self.certificates.retain(|known| known.subject() != certificate.subject());
+        if self.certificates.len() >= CERTIFICATES_MAX {
+            return Err(BundleError::TooLong);
+        }
+        self.certificates.push(certificate);
+        Ok(())
+    }
+
+    /// Puts a newer set of revocations in place of the last one.
+    pub fn revoke(&mut self, set: RevokedSet) {
+        self.revoked = Some(set);
+    }
+
+    /// Returns everybody, and who is trusted at a time.
+    #[must_use]
+    pub fn members(&self, now: UnixTime) -> Vec<Member<'_>> {
+        let revoked = self.revoked.iter().cloned().map(Revocations::of_checked).next().unwrap_or_default();
+        let judge = Judge { team: &self.team, revoked: &revoked, now, grace: 0 };
+        let standing = |certificate: &Certificate| self.credential(certificate).check(&judge);
+        self.certificates.iter().map(|certificate| Member { certificate, standing: standing(certificate) }).collect()
+    }
+
+    /// Returns the certificates with this name.
+    pub fn named<'a>(&'a self, name: &'a Name) -> impl Iterator<Item = &'a Certificate> {
+        self.certificates.iter().filter(move |certificate| certificate.claims().name == *name)
+    }
+
+    /// Returns whether the team has revoked a key.
+    pub fn has_revoked(&self, key: &KeyId) -> bool {
+        self.revoked.as_ref().is_some_and(|set| set.keys().contains_key(key))
+    }
+
+    /// Returns a certificate with that of the admin who has issued it.
+    fn credential(&self, certificate: &Certificate) -> Credential {
+        let by = certificate.issuer();
+        let issuer = self.certificates.iter().find(|known| known.subject() == by && by != self.team.id());
+        Credential::new(certificate.clone(), issuer.cloned())
+    }
+
+    /// Returns it as text.
+    #[must_use]
+    pub fn to_text(&self) -> String {
+        let mut text = format!("{BEGIN}\nteam {}\n", encode(&self.team.to_bytes()));
+        for certificate in &self.certificates {
+            text += &format!("certificate {}\n", encode(&certificate.to_bytes()));
+        }
+        if let Some(set) = &self.revoked {
+            text += &format!("revoked {}\n", encode(&set.to_bytes()));
+        }
+        text
+    }
+
+    /// Reads a text, and checks who has signed its lines. Whether a certificate has ended is not checked.
+    ///
+    /// # Errors
+    /// It is no bundle. Nothing of it is used then.
+    pub fn from_text(text: &str) -> Result<Self, BundleError> {
+        if text.len() > BUNDLE_MAX {
+            return Err(BundleError::TooLong);
+        }
+        let mut lines = text.lines().enumerate().map(|(index, line)| (index + 1, line));
+        if lines.next().is_none_or(|(_, line)| line != BEGIN) {
+            return Err(BundleError::Begin);
+        }
+        let team = field(lines.next().unwrap_or((2, "")), "team ")?;
+        let mut bundle = Self::new(Team::from_bytes(&team).map_err(|_no_team| BundleError::Line(2))?);
+        for (number, line) in lines {
+            if bundle.revoked.is_some() {
+                return Err(BundleError::Line(number));
+            }
+            if line.starts_with("revoked ") {
+                bundle.revoked = Some(bundle.revoked_from(number, line)?);
+                continue;
+            }
+            let certificate = Certificate::from_bytes(&field((number, line), "certificate ")?);
+            let certificate = certificate.map_err(|_no_certificate| BundleError::Line(number))?;
+            let is_new = bundle.certificates.iter().all(|known| known.subject() != certificate.subject());
+            if !is_new || bundle.certificates.len() >= CERTIFICATES_MAX {
+                return Err(BundleError::Line(number));
+            }
+            if !bundle.is_true(&certificate) {
+                return Err(BundleError::Signature(number));
+            }
+            bundle.certificates.push(certificate);
+        }
+        Ok(bundle)
+    }
+
+    /// Only the team's own key revokes in a bundle: admins' sets travel from node to node.
+    fn revoked_from(&self, number: usize, line: &str) -> Result<RevokedSet, BundleError> {
+        let set = RevokedSet::from_bytes(&field((number, line), "revoked ")?);
+        let set = set.map_err(|_no_set| BundleError::Line(number))?;
+        let nobody = Revocations::default();
+        let judge = Judge { team: &self.team, revoked: &nobody, now: UnixTime(0), grace: 0 };
+        let is_ours = Revocations::default().receive(set.clone(), &judge).is_ok() && set.is_of_the_team();
+        if is_ours { Ok(set) } else { Err(BundleError::Signature(number)) }
+    }
+
+    /// Returns whether a certificate was true at its beginning. Its issuer stands before it.
+    fn is_true(&self, certificate: &Certificate) -> bool {
+        let now = certificate.claims().not_before;
+        let nobody = Revocations::default();
+        let judge = Judge { team: &self.team, revoked: &nobody, now, grace: 0 };
+        self.credential(certificate).check(&judge).is_ok()
+    }
+}
+
+fn field((number, line): (usize, &str), name: &str) -> Result<Vec<u8>, BundleError> {
+    let text = line.strip_prefix(name).ok_or(BundleError::Line(number))?;
+    let bytes = decode(text).map_err(|_no_text| BundleError::Line(number))?;
+    // Capitals, and letters that look alike, are for lines that people type.
+    if encode(&bytes) == text { Ok(bytes) } else { Err(BundleError::Line(number)) }
+}

@@ -1,0 +1,303 @@
+//! Both sides of joining, as machines without a clock or a socket.
+//!
+//! ```text
+//! joiner                                     inviter
+//!   Hello(nonce)                        ──▶
+//!                                       ◀──  Offer(team, who I am, nonce, signature)
+//!   is that the team of the line?
+//!   Proof(keys, name, sealed secret, signature) ──▶
+//!                                              is it an open invitation? spend it on the disk, sign
+//!                                       ◀──  Welcome(certificate)
+//! ```
+
+use super::message::{Hello, Message, Offer, Proof, Welcome, offered, place, proven, secret};
+use super::{Invite, hash};
+use crate::certificate::{Certificate, Claims, ClaimsError, LIFE_MAX, RENEWABLE_MAX};
+use crate::identity::{Entropy, KeyId, PublicKeys, SecretKeys};
+use crate::name::{Name, UnixTime};
+use crate::revocation::Revocations;
+use crate::role::{Action, Role};
+use crate::seal::{Place, Sealed, Secret};
+use crate::team::{Credential, Judge, Team, TrustError};
+use std::collections::BTreeMap;
+use thiserror::Error;
+use zeroize::Zeroizing;
+
+/// How many proofs may fail in a row before the next one has to wait.
+pub const ATTEMPTS_MAX: u64 = 10;
+/// How long it takes until one more may fail, in seconds.
+pub const ATTEMPT_EVERY: u64 = 6;
+/// The most invitations that are open at once.
+pub const INVITES_MAX: usize = 256;
+
+/// Why joining failed.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+pub enum JoinError {
+    /// The invitation has ended.
+    #[error("the invitation has ended; ask for another")]
+    Expired,
+    /// The other side belongs to another team than the line says.
+    #[error("who answers is not the team that the invitation is of")]
+    OtherTeam,
+    /// The other side may not invite.
+    #[error("who answers may not invite: {0}")]
+    Inviter(TrustError),
+    /// A signature does not fit.
+    #[error("who answers has not signed what it says")]
+    Signature,
+    /// A message came that does not belong here.
+    #[error("an unexpected message came")]
+    Unexpected,
+    /// The other side refuses.
+    #[error("the inviter refuses: the invitation was used, has ended, or is not its own")]
+    Refused,
+    /// The secret is not that of an open invitation.
+    #[error("somebody tried to join without an open invitation")]
+    NoInvite,
+    /// Too many have tried in vain.
+    #[error("too many have tried to join in vain; wait {0} s")]
+    TooMany(u64),
+    /// There are too many open invitations.
+    #[error("no more than {INVITES_MAX} invitations can be open")]
+    Full,
+    /// The certificate cannot be made.
+    #[error("the certificate cannot be made: {0}")]
+    Claims(ClaimsError),
+    /// The certificate that came is not the joiner's.
+    #[error("the certificate that came is for somebody else")]
+    NotOurs,
+    /// The certificate that came is not valid.
+    #[error("the certificate that came is not valid: {0}")]
+    Certificate(TrustError),
+}
+
+/// The side that joins.
+#[derive(Debug)]
+pub struct Joiner {
+    invite: Invite,
+    name: Name,
+    keys: SecretKeys,
+    entropy: Entropy,
+    nonce: [u8; 32],
+    /// The team and the inviter, once they are known to be right.
+    offer: Option<Box<Offer>>,
+}
+
+impl Joiner {
+    /// Begins to join; returns the first message.
+    ///
+    /// # Errors
+    /// The invitation has ended.
+    pub fn begin(
+        invite: Invite,
+        name: Name,
+        keys: SecretKeys,
+        now: UnixTime,
+        mut entropy: Entropy,
+    ) -> Result<(Self, Message), JoinError> {
+        if now > invite.expires {
+            return Err(JoinError::Expired);
+        }
+        let nonce = entropy.bytes();
+        Ok((Self { invite, name, keys, entropy, nonce, offer: None }, Message::Hello(Hello { nonce })))
+    }
+
+    /// Checks who answers, and returns the proof.
+    ///
+    /// # Errors
+    /// It is not the team of the line, or somebody who may not invite.
+    pub fn offered(&mut self, offer: Offer, now: UnixTime) -> Result<Message, JoinError> {
+        if offer.team.id() != self.invite.team {
+            return Err(JoinError::OtherTeam);
+        }
+        let inviter = inviter(&offer, now)?;
+        let said = offered(&offer.team, (&self.nonce, &offer.nonce));
+        if !inviter.has_signed(&said, &offer.signature) {
+            return Err(JoinError::Signature);
+        }
+        let keys = *self.keys.public();
+        let sealed = self.seal(&said, inviter, offer.team.id());
+        let signature = self.keys.sign(&proven(&said, &self.name, &keys, &sealed));
+        self.offer = Some(Box::new(offer));
+        Ok(Message::Proof(Box::new(Proof { name: self.name.clone(), keys, sealed, signature })))
+    }
+
+    /// Seals the secret to the inviter, for this conversation and these keys.
+    fn seal(&mut self, said: &[u8], inviter: PublicKeys, team: KeyId) -> Sealed {
+        let path = place(said, self.keys.public());
+        let secret = Secret::new(Zeroizing::new(self.invite.secret.to_vec())).expect("16 bytes are not too long");
+        let place = Place { team, path: &path };
+        Sealed::seal(&secret, &place, &[inviter], &mut self.entropy).expect("one reader, a short path")
+    }
+
+    /// Takes the certificate; returns the keys, the team, and the credential to keep.
+    ///
+    /// # Errors
+    /// It is not the joiner's, or not valid.
+    pub fn welcomed(self, welcome: Welcome, now: UnixTime) -> Result<(SecretKeys, Team, Credential), JoinError> {
+        let offer = *self.offer.ok_or(JoinError::Unexpected)?;
+        let claims = welcome.certificate.claims();
+        // The inviter may have given another name, not another kind.
+        if claims.keys != *self.keys.public() || welcome.certificate.kind() != crate::role::Kind::Node {
+            return Err(JoinError::NotOurs);
+        }
+        let issuer = offer.inviter.map(|credential| credential.chain.certificate);
+        let credential = Credential::new(welcome.certificate, issuer);
+        let judge = Judge { team: &offer.team, revoked: &Revocations::default(), now, grace: 0 };
+        credential.check(&judge).map_err(JoinError::Certificate)?;
+        Ok((self.keys, offer.team, credential))
+    }
+}
+
+/// Returns the keys of an inviter that may invite. What it has revoked is not known yet: it says so itself later.
+fn inviter(offer: &Offer, now: UnixTime) -> Result<PublicKeys, JoinError> {
+    let Some(credential) = &offer.inviter else { return Ok(*offer.team.root()) };
+    let judge = Judge { team: &offer.team, revoked: &Revocations::default(), now, grace: 0 };
+    credential.require(Action::Invite, &judge).map_err(JoinError::Inviter)?;
+    Ok(credential.certificate().claims().keys)
+}
+
+/// An invitation that nobody has used, as the inviter keeps it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct OpenInvite {
+    /// When it ends.
+    pub expires: UnixTime,
+    /// What who comes with it becomes: [`Role::Member`] or [`Role::Renewer`].
+    pub role: Role,
+}
+
+/// What an inviter has to do, in this order.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum InviterEffect {
+    /// Write down that the invitation with this hash is used, by whom, and which certificate was given.
+    Spend([u8; 32], Box<Certificate>),
+    /// Then answer.
+    Reply(Message),
+}
+
+/// The side that invites. It has keys that may sign certificates: the team's, or an admin's.
+#[derive(Debug)]
+pub struct Inviter {
+    team: Team,
+    keys: SecretKeys,
+    credential: Option<Credential>,
+    open: BTreeMap<[u8; 32], OpenInvite>,
+    /// Those that were used: who repeats its proof, because the answer was lost, gets its certificate again.
+    used: BTreeMap<[u8; 32], Certificate>,
+    /// How many proofs have failed, and since when that is counted.
+    failed: (u64, UnixTime),
+}
+
+impl Inviter {
+    /// Takes the team and who invites; no credential if the keys are the team's.
+    pub fn new(team: Team, keys: SecretKeys, credential: Option<Credential>) -> Self {
+        let (open, used) = (BTreeMap::new(), BTreeMap::new());
+        Self { team, keys, credential, open, used, failed: (0, UnixTime(0)) }
+    }
+
+    /// Opens an invitation.
+    ///
+    /// # Errors
+    /// There are too many, also of those that have ended.
+    pub fn open(&mut self, hash: [u8; 32], invite: OpenInvite, now: UnixTime) -> Result<(), JoinError> {
+        self.open.retain(|_, open| now <= open.expires);
+        if self.open.len() >= INVITES_MAX {
+            return Err(JoinError::Full);
+        }
+        self.open.insert(hash, invite);
+        Ok(())
+    }
+
+    /// Answers somebody who wants to join. `own` is the random number of this conversation, which comes back in
+    /// [`Inviter::proven`].
+    pub fn hello(&self, hello: &Hello, own: [u8; 32]) -> Message {
+        let signature = self.keys.sign(&offered(&self.team, (&hello.nonce, &own)));
+        let inviter = self.credential.clone();
+        Message::Offer(Box::new(Offer { team: self.team.clone(), inviter, nonce: own, signature }))
+    }
+
+    /// Checks a proof, spends the invitation, and signs a certificate.
+    ///
+    /// # Errors
+    /// The proof is not that of an open invitation, or too many have failed. The answer to that is [`Message::Refused`].
+    pub fn proven(
+        &mut self,
+        nonces: (&[u8; 32], &[u8; 32]),
+        proof: &Proof,
+        now: UnixTime,
+        entropy: &mut Entropy,
+    ) -> Result<Vec<InviterEffect>, JoinError> {
+        self.may_try(now)?;
+        let Some(hash) = self.opened(nonces, proof) else {
+            self.failed.0 += 1;
+            return Err(JoinError::NoInvite);
+        };
+        if let Some(given) = self.used.get(&hash).filter(|given| given.claims().keys == proof.keys) {
+            return Ok(vec![reply(given.clone())]);
+        }
+        let Some(open) = self.open.get(&hash).copied().filter(|open| now <= open.expires) else {
+            self.failed.0 += 1;
+            return Err(JoinError::NoInvite);
+        };
+        let certificate = self.issue(proof, open.role, now, entropy).map_err(JoinError::Claims)?;
+        self.open.remove(&hash);
+        if self.used.len() >= INVITES_MAX {
+            self.used.pop_first();
+        }
+        self.used.insert(hash, certificate.clone());
+        Ok(vec![InviterEffect::Spend(hash, Box::new(certificate.clone())), reply(certificate)])
+    }
+
+    /// A failure is forgotten after some seconds: that bounds how often the expensive checks are made.
+    fn may_try(&mut self, now: UnixTime) -> Result<(), JoinError> {
+        let passed = now.since(self.failed.1) / ATTEMPT_EVERY;
+        if passed >= self.failed.0 {
+            self.failed = (0, now);
+        } else {
+            self.failed = (self.failed.0 - passed, self.failed.1.plus(passed * ATTEMPT_EVERY));
+        }
+        if self.failed.0 < ATTEMPTS_MAX {
+            return Ok(());
+        }
+        Err(JoinError::TooMany(ATTEMPT_EVERY.saturating_sub(now.since(self.failed.1)).max(1)))
+    }
+
+    /// Returns the hash of the secret that was sealed, if the joiner has signed for it.
+    fn opened(&self, nonces: (&[u8; 32], &[u8; 32]), proof: &Proof) -> Option<[u8; 32]> {
+        let said = offered(&self.team, nonces);
+        let signed = proven(&said, &proof.name, &proof.keys, &proof.sealed);
+        if !proof.keys.has_signed(&signed, &proof.signature) {
+            return None;
+        }
+        let path = place(&said, &proof.keys);
+        let opened = proof.sealed.open(&Place { team: self.team.id(), path: &path }, &self.keys).ok()?;
+        Some(hash(&Zeroizing::new(secret(opened.expose())?)))
+    }
+
+    fn issue(
+        &self,
+        proof: &Proof,
+        role: Role,
+        now: UnixTime,
+        entropy: &mut Entropy,
+    ) -> Result<Certificate, ClaimsError> {
+        let end = now.plus(RENEWABLE_MAX);
+        let own = self.credential.as_ref().map(|credential| credential.certificate().claims().renewable_until);
+        let renewable_until = own.map_or(end, |own| own.min(end));
+        let claims = Claims {
+            team: self.team.id(),
+            name: proof.name.clone(),
+            role,
+            keys: proof.keys,
+            not_before: now,
+            not_after: now.plus(LIFE_MAX).min(renewable_until),
+            renewable_until,
+            serial: entropy.bytes(),
+        };
+        Certificate::issue(claims, &self.keys)
+    }
+}
+
+fn reply(certificate: Certificate) -> InviterEffect {
+    InviterEffect::Reply(Message::Welcome(Box::new(Welcome { certificate })))
+}

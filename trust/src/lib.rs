@@ -1,0 +1,60 @@
+//! Who belongs to a team, what each may do, and how that is shown: keys, certificates, revocations, signed requests, invitations,
+//! sealed secrets, the audit log, and the policy of a node.
+//!
+//! It is all pure: the time and random bytes come in, and what has to be written or sent goes out. Nothing here reads a clock, a
+//! file or a socket, and no cryptography is our own: signatures are Ed25519, secrets are sealed with X25519 and XChaCha20-Poly1305,
+//! passphrases go through Argon2id, hashes and derived keys are BLAKE3. Everything that is signed, sent or stored has one form,
+//! a version and a longest size.
+//!
+//! A team begins with its key, [`team::Team::found`]. That signs [`certificate::Certificate`]s of admins, and these those of
+//! nodes and users, for example in the handshake of [`invite`]. Whoever asks for something brings a [`team::Credential`] along,
+//! which a [`team::Judge`] checks offline; a [`request`] is signed end to end. Who is not trusted any more is in
+//! [`revocation::Revocations`].
+//!
+//! ```
+//! use trust::certificate::{Certificate, Claims, DAY};
+//! use trust::identity::{Entropy, SecretKeys};
+//! use trust::name::UnixTime;
+//! use trust::revocation::Revocations;
+//! use trust::role::{Action, Role};
+//! use trust::team::{Credential, Judge, Team};
+//!
+//! let mut entropy = Entropy::new(&[7; 32]); // here: 32 bytes from the system
+//! let (root, ann) = (SecretKeys::generate(&mut entropy), SecretKeys::generate(&mut entropy));
+//! let team = Team::found("acme".parse()?, &root);
+//! let now = UnixTime(1_800_000_000);
+//! let claims = Claims {
+//!     team: team.id(),
+//!     name: "ann".parse()?,
+//!     role: Role::Operator,
+//!     keys: *ann.public(),
+//!     not_before: now,
+//!     not_after: now.plus(30 * DAY),
+//!     renewable_until: now.plus(365 * DAY),
+//!     serial: entropy.bytes(),
+//! };
+//! let credential = Credential::new(Certificate::issue(claims, &root)?, None);
+//! let judge = Judge { team: &team, revoked: &Revocations::default(), now, grace: 0 };
+//! assert!(credential.require(Action::Stop, &judge).is_ok());
+//! assert!(credential.require(Action::Deploy, &judge).is_err());
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+pub mod audit;
+pub mod bundle;
+pub mod certificate;
+pub mod identity;
+pub mod invite;
+pub mod locked;
+pub mod name;
+pub mod policy;
+pub mod request;
+pub mod revocation;
+pub mod role;
+pub mod seal;
+pub mod team;
+mod text;
+mod wire;
+
+pub use text::TextError;
+pub use wire::FormError;

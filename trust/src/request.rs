@@ -1,0 +1,253 @@
+//! A request that its sender has signed, from end to end: whoever carries it can change nothing, and send it twice in vain.
+//!
+//! The node that acts checks it, cheap things first: its size, its team, to whom it is, its time, its epoch, its number; then the
+//! signature, who the signer is and what the signer may do; its body last. The number is spent on the disk before
+//! anything is done, so a request has an effect at most once, also over a restart.
+
+mod replay;
+
+pub use replay::{ReplayError, ReplayWrite, Replays, SIGNERS_MAX};
+
+use crate::identity::{KeyId, SIGNATURE_LEN, SecretKeys};
+use crate::name::{Name, UnixTime};
+use crate::role::Action;
+use crate::team::{CREDENTIAL_MAX, Credential, Judge, SKEW, TrustError};
+use crate::wire::{FormError, Reader, Writer};
+use thiserror::Error;
+
+/// The most bytes of a request without its body.
+pub const REQUEST_MAX: usize = 512 + CREDENTIAL_MAX;
+/// The most bytes of a body: 16 MiB, as of every message.
+pub const BODY_MAX: usize = 16 << 20;
+/// How long a request may be valid that somebody waits for, in seconds.
+pub const INTERACTIVE_MAX: u64 = 60;
+/// How long a deployment may be valid, in seconds: it may travel for days. 7 days; its epoch stops older ones.
+pub const DEPLOY_MAX: u64 = 7 * 24 * 3600;
+
+const REQUEST: &str = "dca request 1";
+
+/// To whom a request is.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Audience {
+    /// To every node of the team.
+    Team,
+    /// To one node.
+    Node(KeyId),
+    /// To the nodes of a deployment.
+    Deployment(Name),
+}
+
+/// What is asked for, of whom, and when.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Request {
+    /// The team.
+    pub team: KeyId,
+    /// To whom it is.
+    pub audience: Audience,
+    /// What is asked for.
+    pub action: Action,
+    /// A random number by which it is found again.
+    pub id: [u8; 16],
+    /// The signer's own number of it: each once, about in order.
+    pub sequence: u64,
+    /// The epoch of the deployment; 0 where there is none.
+    pub epoch: u64,
+    /// When it begins to be valid.
+    pub not_before: UnixTime,
+    /// When it ends.
+    pub not_after: UnixTime,
+}
+
+/// What a node knows when it checks a request.
+#[derive(Clone, Copy, Debug)]
+pub struct Context<'a> {
+    /// Its team and its clock.
+    pub judge: Judge<'a>,
+    /// The node itself.
+    pub node: KeyId,
+    /// The deployment that the request is about, if the node takes part in it.
+    pub deployment: Option<&'a Name>,
+    /// The lowest epoch that is not outdated.
+    pub epoch_min: u64,
+}
+
+/// A request that passed every check.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Accepted {
+    /// What is asked for.
+    pub request: Request,
+    /// Who asks.
+    pub credential: Credential,
+    /// What has to be on the disk before anything is done.
+    pub write: ReplayWrite,
+}
+
+/// Why a request was refused.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+pub enum Refusal {
+    /// The bytes are no request.
+    #[error("the request cannot be read: {0}")]
+    Form(FormError),
+    /// The body is too long.
+    #[error("the body of the request is longer than {BODY_MAX} bytes")]
+    BodyTooLong,
+    /// It is for another team.
+    #[error("the request is for another team")]
+    OtherTeam,
+    /// It is for somebody else.
+    #[error("the request is for somebody else")]
+    Audience,
+    /// It is valid for longer than such a request may be.
+    #[error("the request is valid for longer than {0} s")]
+    Window(u64),
+    /// It is not valid yet, by this clock.
+    #[error("the request is not valid yet: is a clock wrong?")]
+    NotYet,
+    /// It has ended.
+    #[error("the request came {0} s too late")]
+    Late(u64),
+    /// Its epoch is outdated.
+    #[error("the request has epoch {found}, but {known} is known")]
+    Epoch {
+        /// The request's.
+        found: u64,
+        /// The lowest that is accepted.
+        known: u64,
+    },
+    /// Its number was used, or is too old to know.
+    #[error("{0}")]
+    Replay(ReplayError),
+    /// It is not signed by whom it says.
+    #[error("the request is not signed by the key that it names")]
+    Signature,
+    /// The signer is not trusted, or may not do that.
+    #[error("{0}")]
+    Trust(TrustError),
+    /// The body is another one than was signed.
+    #[error("the body is not the one that was signed")]
+    Body,
+}
+
+impl Request {
+    /// Signs the request with its body, and adds who the signer is.
+    pub fn sign(&self, body: &[u8], signer: &SecretKeys, credential: &Credential) -> Vec<u8> {
+        let mut bytes = self.form(&hash(body), &signer.public().id());
+        bytes.extend_from_slice(&signer.sign(&bytes));
+        bytes.extend(credential.to_bytes());
+        bytes
+    }
+
+    fn form(&self, body: &[u8; 32], signer: &KeyId) -> Vec<u8> {
+        let mut writer = Writer::new(REQUEST);
+        writer.fixed(&self.team.0);
+        match &self.audience {
+            Audience::Team => writer.u8(0),
+            Audience::Node(node) => {
+                writer.u8(1);
+                writer.fixed(&node.0);
+            }
+            Audience::Deployment(name) => {
+                writer.u8(2);
+                writer.short(name.as_str().as_bytes());
+            }
+        }
+        writer.u8(self.action.number());
+        writer.fixed(&self.id);
+        writer.u64(self.sequence);
+        writer.u64(self.epoch);
+        writer.u64(self.not_before.0);
+        writer.u64(self.not_after.0);
+        writer.fixed(body);
+        writer.fixed(&signer.0);
+        writer.finish()
+    }
+
+    fn check_address(&self, context: &Context<'_>) -> Result<(), Refusal> {
+        if self.team != context.judge.team.id() {
+            return Err(Refusal::OtherTeam);
+        }
+        let is_ours = match &self.audience {
+            Audience::Team => true,
+            Audience::Node(node) => *node == context.node,
+            Audience::Deployment(name) => context.deployment == Some(name),
+        };
+        if is_ours { Ok(()) } else { Err(Refusal::Audience) }
+    }
+
+    fn check_time(&self, context: &Context<'_>) -> Result<(), Refusal> {
+        let longest = if self.action == Action::Deploy { DEPLOY_MAX } else { INTERACTIVE_MAX };
+        if self.not_after < self.not_before || self.not_after.since(self.not_before) > longest {
+            return Err(Refusal::Window(longest));
+        }
+        let now = context.judge.now;
+        if now.plus(SKEW) < self.not_before {
+            return Err(Refusal::NotYet);
+        }
+        if now > self.not_after.plus(SKEW) {
+            return Err(Refusal::Late(now.since(self.not_after)));
+        }
+        let (found, known) = (self.epoch, context.epoch_min);
+        if found < known { Err(Refusal::Epoch { found, known }) } else { Ok(()) }
+    }
+}
+
+fn hash(body: &[u8]) -> [u8; 32] {
+    blake3::derive_key("dca request body 1", body)
+}
+
+/// A request as it came, with what was read of it without any cryptography.
+struct Head<'a> {
+    request: Request,
+    body: [u8; 32],
+    signer: KeyId,
+    signed: &'a [u8],
+    signature: [u8; SIGNATURE_LEN],
+    credential: &'a [u8],
+}
+
+impl<'a> Head<'a> {
+    fn read(bytes: &'a [u8]) -> Result<Self, FormError> {
+        let mut reader = Reader::new(bytes, REQUEST, REQUEST_MAX)?;
+        let team = KeyId(reader.fixed()?);
+        let audience = match reader.u8()? {
+            0 => Audience::Team,
+            1 => Audience::Node(KeyId(reader.fixed()?)),
+            2 => Audience::Deployment(Name::read(&mut reader, "audience")?),
+            _ => return Err(FormError::Field("audience")),
+        };
+        let action = Action::from_number(reader.u8()?)?;
+        let id = reader.fixed()?;
+        let (sequence, epoch) = (reader.u64()?, reader.u64()?);
+        let (not_before, not_after) = (UnixTime(reader.u64()?), UnixTime(reader.u64()?));
+        let (body, signer) = (reader.fixed()?, KeyId(reader.fixed()?));
+        let signed = &bytes[..bytes.len() - reader.left()];
+        let signature = reader.fixed()?;
+        let request = Request { team, audience, action, id, sequence, epoch, not_before, not_after };
+        Ok(Self { request, body, signer, signed, signature, credential: reader.rest() })
+    }
+}
+
+/// Checks a request of somebody, and spends its number.
+///
+/// # Errors
+/// It is refused, with the reason. Then nothing has changed.
+pub fn check(bytes: &[u8], body: &[u8], context: &Context<'_>, replays: &mut Replays) -> Result<Accepted, Refusal> {
+    if body.len() > BODY_MAX {
+        return Err(Refusal::BodyTooLong);
+    }
+    let head = Head::read(bytes).map_err(Refusal::Form)?;
+    head.request.check_address(context)?;
+    head.request.check_time(context)?;
+    replays.check(&head.signer, head.request.sequence).map_err(Refusal::Replay)?;
+    let credential = Credential::from_bytes(head.credential).map_err(Refusal::Form)?;
+    let keys = credential.certificate().claims().keys;
+    if keys.id() != head.signer || !keys.has_signed(head.signed, &head.signature) {
+        return Err(Refusal::Signature);
+    }
+    credential.require(head.request.action, &context.judge).map_err(Refusal::Trust)?;
+    if hash(body) != head.body {
+        return Err(Refusal::Body);
+    }
+    let write = replays.spend(head.signer, head.request.sequence).map_err(Refusal::Replay)?;
+    Ok(Accepted { request: head.request, credential, write })
+}

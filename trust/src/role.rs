@@ -1,0 +1,200 @@
+//! Who somebody is in a team, and what each may do.
+
+use crate::wire::FormError;
+use std::fmt;
+use std::str::FromStr;
+
+/// What a certificate is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Kind {
+    /// The node of a robot.
+    Node,
+    /// A person, or a machine that acts for people.
+    User,
+    /// A program that a node has started.
+    Program,
+}
+
+/// What somebody may do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Role {
+    /// A user who looks.
+    Viewer,
+    /// A user who stops and starts what is deployed.
+    Operator,
+    /// A user who decides what runs.
+    Deployer,
+    /// A user who decides who is in the team. Only the team's key makes admins.
+    Admin,
+    /// A build machine, which deploys.
+    Ci,
+    /// A node.
+    Member,
+    /// A node that also renews certificates of others, up to the time that their issuer has set.
+    Renewer,
+    /// A program.
+    Program,
+}
+
+/// What is asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Action {
+    /// Stop everything, at once. It is everybody's.
+    Estop,
+    /// Look at what runs, and read the database.
+    Watch,
+    /// Stop a deployment or a program.
+    Stop,
+    /// Start what is deployed.
+    Start,
+    /// Deploy a spec, or change one that runs.
+    Deploy,
+    /// Write the database.
+    Write,
+    /// Take somebody into the team.
+    Invite,
+    /// Revoke a key.
+    Revoke,
+    /// Renew a certificate.
+    Renew,
+}
+
+const KINDS: [(Kind, u8, &str); 3] = [(Kind::Node, 1, "node"), (Kind::User, 2, "user"), (Kind::Program, 3, "program")];
+const ROLES: [(Role, u8, &str); 8] = [
+    (Role::Viewer, 1, "viewer"),
+    (Role::Operator, 2, "operator"),
+    (Role::Deployer, 3, "deployer"),
+    (Role::Admin, 4, "admin"),
+    (Role::Ci, 5, "ci"),
+    (Role::Member, 6, "member"),
+    (Role::Renewer, 7, "renewer"),
+    (Role::Program, 8, "program"),
+];
+const ACTIONS: [(Action, u8, &str); 9] = [
+    (Action::Estop, 1, "stop everything"),
+    (Action::Watch, 2, "look"),
+    (Action::Stop, 3, "stop"),
+    (Action::Start, 4, "start"),
+    (Action::Deploy, 5, "deploy"),
+    (Action::Write, 6, "write the database"),
+    (Action::Invite, 7, "invite"),
+    (Action::Revoke, 8, "revoke"),
+    (Action::Renew, 9, "renew"),
+];
+
+impl Kind {
+    pub(crate) fn number(self) -> u8 {
+        KINDS.iter().find(|row| row.0 == self).expect("every kind has a row").1
+    }
+
+    pub(crate) fn from_number(number: u8) -> Result<Self, FormError> {
+        KINDS.iter().find(|row| row.1 == number).map(|row| row.0).ok_or(FormError::Field("kind"))
+    }
+}
+
+impl Role {
+    pub(crate) fn number(self) -> u8 {
+        ROLES.iter().find(|row| row.0 == self).expect("every role has a row").1
+    }
+
+    pub(crate) fn from_number(number: u8) -> Result<Self, FormError> {
+        ROLES.iter().find(|row| row.1 == number).map(|row| row.0).ok_or(FormError::Field("role"))
+    }
+
+    /// Returns the kind of those who can have this role.
+    #[must_use]
+    pub const fn kind(self) -> Kind {
+        match self {
+            Self::Viewer | Self::Operator | Self::Deployer | Self::Admin | Self::Ci => Kind::User,
+            Self::Member | Self::Renewer => Kind::Node,
+            Self::Program => Kind::Program,
+        }
+    }
+
+    /// Returns whether somebody with this role may do that.
+    #[must_use]
+    pub fn may(self, action: Action) -> bool {
+        use Action::{Deploy, Estop, Invite, Renew, Revoke, Start, Stop, Watch, Write};
+        let also: &[Action] = match self {
+            Self::Viewer | Self::Member => &[Watch],
+            Self::Operator => &[Watch, Stop, Start],
+            Self::Deployer => &[Watch, Stop, Start, Deploy, Write],
+            Self::Admin => &[Watch, Stop, Start, Deploy, Write, Invite, Revoke, Renew],
+            Self::Ci => &[Watch, Stop, Start, Deploy],
+            Self::Renewer => &[Watch, Renew],
+            Self::Program => &[],
+        };
+        action == Estop || also.contains(&action)
+    }
+}
+
+impl Action {
+    pub(crate) fn number(self) -> u8 {
+        ACTIONS.iter().find(|row| row.0 == self).expect("every action has a row").1
+    }
+
+    pub(crate) fn from_number(number: u8) -> Result<Self, FormError> {
+        ACTIONS.iter().find(|row| row.1 == number).map(|row| row.0).ok_or(FormError::Field("action"))
+    }
+}
+
+impl fmt::Display for Kind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(KINDS.iter().find(|row| row.0 == *self).expect("every kind has a row").2)
+    }
+}
+
+impl fmt::Display for Role {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(ROLES.iter().find(|row| row.0 == *self).expect("every role has a row").2)
+    }
+}
+
+impl fmt::Display for Action {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(ACTIONS.iter().find(|row| row.0 == *self).expect("every action has a row").2)
+    }
+}
+
+impl FromStr for Role {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let found = ROLES.iter().find(|row| row.2 == text).map(|row| row.0);
+        found.ok_or_else(|| format!("there is no role `{text}`: it is one of {}", ROLES.map(|row| row.2).join(", ")))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_role_may_do_what_the_table_says() {
+        let table = "\
+viewer    stop everything, look
+operator  stop everything, look, stop, start
+deployer  stop everything, look, stop, start, deploy, write the database
+admin     stop everything, look, stop, start, deploy, write the database, invite, revoke, renew
+ci        stop everything, look, stop, start, deploy
+member    stop everything, look
+renewer   stop everything, look, renew
+program   stop everything
+";
+        let row = |role: Role| {
+            let actions: Vec<&str> = ACTIONS.iter().filter(|row| role.may(row.0)).map(|row| row.2).collect();
+            format!("{role:<9} {}\n", actions.join(", "))
+        };
+        assert_eq!(ROLES.iter().map(|entry| row(entry.0)).collect::<String>(), table);
+    }
+
+    #[test]
+    fn numbers_come_back() {
+        for (role, number, text) in ROLES {
+            assert_eq!((Role::from_number(number), text.parse()), (Ok(role), Ok(role)));
+        }
+        assert!(KINDS.iter().all(|row| Kind::from_number(row.1) == Ok(row.0)));
+        assert!(ACTIONS.iter().all(|row| Action::from_number(row.1) == Ok(row.0)));
+        assert!(Role::from_number(0).is_err() && Kind::from_number(4).is_err() && Action::from_number(10).is_err());
+    }
+}

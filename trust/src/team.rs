@@ -1,0 +1,312 @@
+//! A team: its key, and what shows that somebody belongs to it.
+//!
+//! The key of the team signs admins, and whomever else its keeper wants; admins sign the others; that is the whole depth of a
+//! chain. The key stays on the operator's machine and never comes to a robot. Everything is checked offline, with what the
+//! asker brings along.
+
+use crate::certificate::{CERTIFICATE_MAX, Certificate, RENEWAL_MAX, Renewal};
+use crate::identity::{KeyId, PUBLIC_LEN, PublicKeys, SIGNATURE_LEN, SecretKeys};
+use crate::name::{Name, UnixTime};
+use crate::revocation::Revocations;
+use crate::role::{Action, Kind, Role};
+use crate::wire::{FormError, Reader, Writer};
+use thiserror::Error;
+
+/// How far two clocks may be apart, in seconds.
+pub const SKEW: u64 = 300;
+/// For how long a node whose certificate has ended is still trusted unless told otherwise, in seconds: 7 days.
+pub const OFFLINE_GRACE: u64 = 7 * crate::certificate::DAY;
+/// The most bytes of a team's form.
+pub const TEAM_MAX: usize = 300;
+/// The most bytes of a credential.
+pub const CREDENTIAL_MAX: usize = 64 + 4 * CERTIFICATE_MAX + RENEWAL_MAX;
+
+const TEAM: &str = "dca team 1";
+const CREDENTIAL: &str = "dca credential 1";
+
+/// A team as everybody knows it: its name and its public keys, signed by itself.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Team {
+    name: Name,
+    root: PublicKeys,
+    signature: [u8; SIGNATURE_LEN],
+}
+
+impl Team {
+    /// Founds a team.
+    pub fn found(name: Name, root: &SecretKeys) -> Self {
+        let signature = root.sign(&Self::form(&name, root.public()));
+        Self { name, root: *root.public(), signature }
+    }
+
+    /// Returns its name.
+    pub const fn name(&self) -> &Name {
+        &self.name
+    }
+
+    /// Returns its public keys.
+    pub const fn root(&self) -> &PublicKeys {
+        &self.root
+    }
+
+    /// Returns its id: that of its keys. The name is only a name.
+    pub fn id(&self) -> KeyId {
+        self.root.id()
+    }
+
+    fn form(name: &Name, root: &PublicKeys) -> Vec<u8> {
+        let mut writer = Writer::new(TEAM);
+        writer.short(name.as_str().as_bytes());
+        writer.fixed(&root.to_bytes());
+        writer.finish()
+    }
+
+    /// Returns its form.
+    pub fn to_bytes(&self) -> Vec<u8> {
+        let mut bytes = Self::form(&self.name, &self.root);
+        bytes.extend_from_slice(&self.signature);
+        bytes
+    }
+
+    /// Reads its form, and checks its signature.
+    ///
+    /// # Errors
+    /// The bytes are no team, or it has not signed itself.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, FormError> {
+        let mut reader = Reader::new(bytes, TEAM, TEAM_MAX)?;
+        let name = Name::read(&mut reader, "name")?;
+        let root = PublicKeys::from_bytes(&reader.fixed::<PUBLIC_LEN>()?)?;
+        let signature = reader.fixed()?;
+        reader.finish()?;
+        if !root.has_signed(&Self::form(&name, &root), &signature) {
+            return Err(FormError::Field("signature"));
+        }
+        Ok(Self { name, root, signature })
+    }
+}
+
+/// A certificate and, unless the team's key has signed it, that of the admin who has.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Chain {
+    /// The subject's certificate.
+    pub certificate: Certificate,
+    /// The admin's.
+    pub issuer: Option<Certificate>,
+}
+
+/// All that shows who somebody is: a chain, and its newest renewal with the chain of the renewer.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Credential {
+    /// The subject's certificate and its issuer's.
+    pub chain: Chain,
+    /// The newest renewal, and who has made it.
+    pub renewal: Option<(Renewal, Chain)>,
+}
+
+/// By what somebody is checked.
+#[derive(Clone, Copy, Debug)]
+pub struct Judge<'a> {
+    /// The team.
+    pub team: &'a Team,
+    /// Whom it has revoked.
+    pub revoked: &'a Revocations,
+    /// What time it is.
+    pub now: UnixTime,
+    /// For how long a node whose certificate has ended is still trusted, in seconds. Users have no grace.
+    pub grace: u64,
+}
+
+/// Until when somebody is trusted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Standing {
+    /// The certificate is valid until then.
+    Valid(UnixTime),
+    /// It has ended, and the grace for nodes that were offline ends then.
+    Grace(UnixTime),
+}
+
+/// Why somebody is not trusted.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+pub enum TrustError {
+    /// The certificate is one of another team.
+    #[error("`{0}` belongs to another team")]
+    OtherTeam(Name),
+    /// Its issuer is not the team, and no admin of it.
+    #[error("the certificate of `{0}` was issued by somebody who may not")]
+    Issuer(Name),
+    /// The signature does not fit.
+    #[error("the certificate of `{0}` is not signed by its issuer")]
+    Signature(Name),
+    /// The keys are revoked, or those of the issuer.
+    #[error("the key of `{0}` is revoked")]
+    Revoked(Name),
+    /// It is not valid yet, by this clock.
+    #[error("the certificate of `{0}` is not valid yet: is a clock wrong?")]
+    NotYet(Name),
+    /// It has ended.
+    #[error("the certificate of `{0}` has ended; renew it")]
+    Expired(Name),
+    /// The renewal is not for this certificate, or is by somebody who may not renew it.
+    #[error("the renewal of the certificate of `{0}` is not valid")]
+    Renewal(Name),
+    /// The role does not allow it.
+    #[error("`{name}` is {role}, who may not {action}")]
+    Role {
+        /// Who asked.
+        name: Name,
+        /// The role.
+        role: Role,
+        /// What was asked for.
+        action: Action,
+    },
+}
+
+impl Chain {
+    /// Checks whose it is, not whether it has ended.
+    fn check(&self, judge: &Judge<'_>) -> Result<(), TrustError> {
+        let claims = self.certificate.claims();
+        let name = || claims.name.clone();
+        if claims.team != judge.team.id() {
+            return Err(TrustError::OtherTeam(name()));
+        }
+        if judge.revoked.has(&self.certificate.subject()) {
+            return Err(TrustError::Revoked(name()));
+        }
+        let Some(issuer) = &self.issuer else {
+            return if self.certificate.issuer() != judge.team.id() {
+                Err(TrustError::Issuer(name()))
+            } else if self.certificate.is_signed_by(judge.team.root()) {
+                Ok(())
+            } else {
+                Err(TrustError::Signature(name()))
+            };
+        };
+        let by = issuer.claims();
+        let is_within = by.not_before <= claims.not_before && claims.renewable_until <= by.renewable_until;
+        let may = by.role == Role::Admin && claims.role != Role::Admin && by.team == claims.team && is_within;
+        if !may || issuer.issuer() != judge.team.id() || judge.now > by.renewable_until.plus(SKEW) {
+            return Err(TrustError::Issuer(name()));
+        }
+        if judge.revoked.has(&issuer.subject()) {
+            return Err(TrustError::Revoked(by.name.clone()));
+        }
+        if self.certificate.is_signed_by(&by.keys) && issuer.is_signed_by(judge.team.root()) {
+            Ok(())
+        } else {
+            Err(TrustError::Signature(name()))
+        }
+    }
+
+    fn write(&self, writer: &mut Writer) {
+        writer.count(1 + usize::from(self.issuer.is_some()));
+        for certificate in [Some(&self.certificate), self.issuer.as_ref()].into_iter().flatten() {
+            writer.long(&certificate.to_bytes());
+        }
+    }
+
+    fn read(reader: &mut Reader<'_>) -> Result<Self, FormError> {
+        let count = reader.count(2, "chain")?;
+        let mut next = || Certificate::from_bytes(reader.long(CERTIFICATE_MAX, "certificate")?);
+        match count {
+            1 => Ok(Self { certificate: next()?, issuer: None }),
+            2 => Ok(Self { certificate: next()?, issuer: Some(next()?) }),
+            _ => Err(FormError::Field("chain")),
+        }
+    }
+}
+
+impl Credential {
+    /// Returns one without a renewal.
+    #[must_use]
+    pub const fn new(certificate: Certificate, issuer: Option<Certificate>) -> Self {
+        Self { chain: Chain { certificate, issuer }, renewal: None }
+    }
+
+    /// Returns who this is, if it is true.
+    pub const fn certificate(&self) -> &Certificate {
+        &self.chain.certificate
+    }
+
+    /// Checks that it is true, and valid now.
+    ///
+    /// # Errors
+    /// It is not, with the reason.
+    pub fn check(&self, judge: &Judge<'_>) -> Result<Standing, TrustError> {
+        self.chain.check(judge)?;
+        let claims = self.certificate().claims();
+        let end = match &self.renewal {
+            None => claims.not_after,
+            Some((renewal, renewer)) => self.renewed(renewal, renewer, judge)?.max(claims.not_after),
+        };
+        if judge.now.plus(SKEW) < claims.not_before {
+            return Err(TrustError::NotYet(claims.name.clone()));
+        }
+        let grace = if self.certificate().kind() == Kind::Node { judge.grace } else { 0 };
+        if judge.now <= end.plus(SKEW) {
+            Ok(Standing::Valid(end))
+        } else if judge.now <= end.plus(SKEW).plus(grace) {
+            Ok(Standing::Grace(end.plus(SKEW).plus(grace)))
+        } else {
+            Err(TrustError::Expired(claims.name.clone()))
+        }
+    }
+
+    /// Returns the end of a renewal. The right of a renewer to renew ends with the time until which it can itself be
+    /// renewed, so that two nodes that renew each other need nobody else.
+    fn renewed(&self, renewal: &Renewal, renewer: &Chain, judge: &Judge<'_>) -> Result<UnixTime, TrustError> {
+        renewer.check(judge)?;
+        let (own, by) = (self.certificate(), &renewer.certificate);
+        let may = by.claims().role.may(Action::Renew) && by.subject() != own.subject();
+        let in_time = renewal.not_after() <= by.claims().renewable_until;
+        if may && in_time && renewal.fits(own, &by.claims().keys) {
+            Ok(renewal.not_after())
+        } else {
+            Err(TrustError::Renewal(own.claims().name.clone()))
+        }
+    }
+
+    /// Checks that it is true, valid now, and of somebody who may do that.
+    ///
+    /// # Errors
+    /// It is not, with the reason.
+    pub fn require(&self, action: Action, judge: &Judge<'_>) -> Result<Standing, TrustError> {
+        let standing = self.check(judge)?;
+        let claims = self.certificate().claims();
+        if claims.role.may(action) {
+            Ok(standing)
+        } else {
+            Err(TrustError::Role { name: claims.name.clone(), role: claims.role, action })
+        }
+    }
+
+    /// Returns its form.
+    pub fn to_bytes(&self) -> Vec<u8> {
+        let mut writer = Writer::new(CREDENTIAL);
+        self.chain.write(&mut writer);
+        writer.u8(u8::from(self.renewal.is_some()));
+        if let Some((renewal, renewer)) = &self.renewal {
+            writer.long(&renewal.to_bytes());
+            renewer.write(&mut writer);
+        }
+        writer.finish()
+    }
+
+    /// Reads its form. No signature is checked here.
+    ///
+    /// # Errors
+    /// The bytes are no credential.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, FormError> {
+        let mut reader = Reader::new(bytes, CREDENTIAL, CREDENTIAL_MAX)?;
+        let chain = Chain::read(&mut reader)?;
+        let renewal = match reader.u8()? {
+            0 => None,
+            1 => {
+                let renewal = Renewal::from_bytes(reader.long(RENEWAL_MAX, "renewal")?)?;
+                Some((renewal, Chain::read(&mut reader)?))
+            }
+            _ => return Err(FormError::Field("renewal")),
+        };
+        reader.finish()?;
+        Ok(Self { chain, renewal })
+    }
+}

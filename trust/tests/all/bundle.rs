@@ -1,0 +1,78 @@
+//! The team as a text that people hand on.
+
+use crate::world::{NOW, World, claims, keys};
+use std::collections::BTreeMap;
+use trust::bundle::{Bundle, BundleError};
+use trust::certificate::{Certificate, DAY};
+use trust::revocation::RevokedSet;
+use trust::role::Role;
+
+pub(crate) fn bundle(world: &World) -> Bundle {
+    let mut bundle = Bundle::new(world.team.clone());
+    for (_, credential) in [&world.admin, &world.deployer, &world.viewer] {
+        bundle.add(credential.certificate().clone()).expect("the input is good");
+    }
+    let gone: BTreeMap<_, _> = [(world.viewer.1.certificate().subject(), NOW)].into();
+    bundle.revoke(RevokedSet::sign(&world.team, 1, gone, &world.root, None).expect("the input is good"));
+    bundle
+}
+
+fn standings(bundle: &Bundle, days: u64) -> Vec<String> {
+    let members = bundle.members(NOW.plus(days * DAY));
+    let text = |standing: Result<_, trust::team::TrustError>| {
+        standing.map_or_else(|error| error.to_string(), |_| "trusted".into())
+    };
+    members
+        .into_iter()
+        .map(|member| format!("{}: {}", member.certificate.claims().name, text(member.standing)))
+        .collect()
+}
+
+#[test]
+fn it_says_who_is_trusted() {
+    let world = World::new();
+    let bundle = Bundle::from_text(&bundle(&world).to_text()).unwrap();
+    assert_eq!(standings(&bundle, 0), ["ann: trusted", "dan: trusted", "vic: the key of `vic` is revoked"]);
+    assert_eq!(standings(&bundle, 40)[1], "dan: the certificate of `dan` has ended; renew it");
+    let vic = world.viewer.1.certificate().subject();
+    assert!(bundle.has_revoked(&vic) && bundle.named(&"dan".parse().unwrap()).count() == 1);
+}
+
+#[test]
+fn a_newer_certificate_takes_the_place_of_the_older() {
+    let world = World::new();
+    let mut bundle = bundle(&world);
+    let newer = claims(&world.team, "dan", Role::Operator, &world.deployer.0);
+    bundle.add(Certificate::issue(newer, &world.root).unwrap()).unwrap();
+    let roles: Vec<Role> = bundle.named(&"dan".parse().unwrap()).map(|found| found.claims().role).collect();
+    assert_eq!(roles, [Role::Operator]);
+}
+
+#[test]
+fn a_line_that_the_team_has_not_signed_is_refused() {
+    let world = World::new();
+    let good = bundle(&world).to_text();
+    let stranger = keys(70);
+    let mut other = Bundle::new(world.team.clone());
+    other.add(Certificate::issue(claims(&world.team, "eve", Role::Admin, &stranger), &stranger).unwrap()).unwrap();
+    assert_eq!(Bundle::from_text(&other.to_text()), Err(BundleError::Signature(3)));
+    let forged = RevokedSet::sign(&world.team, 2, BTreeMap::new(), &stranger, None).unwrap();
+    let mut other = bundle(&world);
+    other.revoke(forged);
+    assert_eq!(Bundle::from_text(&other.to_text()), Err(BundleError::Signature(6)));
+    let by_admin = RevokedSet::sign(&world.team, 2, BTreeMap::new(), &world.admin.0, Some(world.admin.1.clone()));
+    let mut other = bundle(&world);
+    other.revoke(by_admin.unwrap());
+    assert_eq!(Bundle::from_text(&other.to_text()), Err(BundleError::Signature(6)), "only the team's own key");
+    // Lines in another order, twice, or of another kind.
+    let lines: Vec<&str> = good.lines().collect();
+    let with = |order: &[usize]| order.iter().map(|index| format!("{}\n", lines[*index])).collect::<String>();
+    assert!(Bundle::from_text(&with(&[0, 1, 2, 3, 4, 5])).is_ok());
+    assert_eq!(Bundle::from_text(&with(&[0, 1, 3, 2])), Err(BundleError::Signature(3)), "the admin is not known yet");
+    assert_eq!(Bundle::from_text(&with(&[0, 1, 2, 2])), Err(BundleError::Line(4)));
+    assert_eq!(Bundle::from_text(&with(&[0, 1, 5, 2])), Err(BundleError::Line(4)));
+    assert_eq!(Bundle::from_text(&with(&[1])), Err(BundleError::Begin));
+    assert_eq!(Bundle::from_text(&with(&[0])), Err(BundleError::Line(2)));
+    assert_eq!(Bundle::from_text(&good.to_uppercase()), Err(BundleError::Begin));
+    assert_eq!(Bundle::from_text(&"x".repeat(9 << 20)), Err(BundleError::TooLong));
+}

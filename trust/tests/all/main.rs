@@ -1,0 +1,12 @@
+//! The room as its users see it: a small team, and everybody who would like to be in it.
+
+mod audit;
+mod bundle;
+mod forms;
+mod invite;
+mod policy;
+mod request;
+mod revocation;
+mod seal;
+mod team;
+mod world;
