@@ -4,6 +4,7 @@
 
 pub(crate) mod absent;
 pub mod attach;
+pub mod audit;
 pub mod change;
 pub mod check;
 pub mod client;
@@ -35,6 +36,7 @@ pub mod sim;
 pub mod status;
 pub mod stop;
 pub(crate) mod stored;
+pub mod team;
 
 use clap::{Args, Parser, Subcommand};
 use comms::io::session::{self, Role};
@@ -102,6 +104,10 @@ enum Verb {
     Param(param::Arguments),
     /// Read and write the database that every robot of a team has a copy of
     Db(db::Arguments),
+    /// Begin a team, and say who may do what in it
+    Team(team::Arguments),
+    /// Verify the audit log of a node
+    Audit(audit::Arguments),
     /// Make an HTML page from the record of a run
     Report(report::Arguments),
 }
@@ -166,6 +172,8 @@ pub fn main() -> ExitCode {
         Verb::Stop(arguments) => stop::run(&arguments),
         Verb::Param(arguments) => param::run(arguments),
         Verb::Db(arguments) => db::run(arguments),
+        Verb::Team(arguments) => team::run(&arguments),
+        Verb::Audit(arguments) => audit::run(&arguments),
         Verb::Report(arguments) => report::run(&arguments),
     })
 }

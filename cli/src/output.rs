@@ -95,6 +95,12 @@ impl Output {
         self.write(&format!("{}\n", text.trim_end_matches('\n')));
     }
 
+    /// Writes a question, and leaves the cursor behind it.
+    pub(crate) fn prompt(&mut self, question: &str) {
+        self.clear();
+        self.write(question);
+    }
+
     /// Writes a line of a [`crate::logic::mission::Progress`]; on a terminal a live line takes the place of the one before.
     pub fn line(&mut self, line: &Line) {
         match line {

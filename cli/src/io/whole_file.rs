@@ -3,9 +3,9 @@
 use anyhow::{Context, bail};
 use rustix::fs::OFlags;
 use rustix::io::Errno;
-use std::fs::{self, File, OpenOptions};
+use std::fs::{self, File, OpenOptions, Permissions};
 use std::io::{self, Write};
-use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
+use std::os::unix::fs::{FileTypeExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
 /// Writes a whole file: all of it, or none. A terminal, a device or a pipe that somebody reads gets the bytes as they are.
@@ -51,6 +51,21 @@ impl WholeFile {
     /// # Errors
     /// The folder cannot be written, or something else than a file has the name.
     pub fn create(path: &Path) -> anyhow::Result<Self> {
+        Self::begin(path, OpenOptions::new().create(true).truncate(true))
+    }
+
+    /// Begins a file that nobody but its owner may ever read: mode 0600, also while it is being written.
+    ///
+    /// # Errors
+    /// As [`WholeFile::create`].
+    pub fn create_private(path: &Path) -> anyhow::Result<Self> {
+        // What is left of a process with the same id has another mode, maybe: it is not written on.
+        let new = Self::begin(path, OpenOptions::new().create_new(true).mode(0o600))?;
+        new.file.set_permissions(Permissions::from_mode(0o600)).context("making a file private")?;
+        Ok(new)
+    }
+
+    fn begin(path: &Path, options: &mut OpenOptions) -> anyhow::Result<Self> {
         if fs::metadata(path).is_ok_and(|there| !there.is_file()) {
             bail!("{} is no regular file", path.display());
         }
@@ -59,7 +74,7 @@ impl WholeFile {
         let name = path.file_name().with_context(|| format!("{} names no file", path.display()))?;
         // Two commands that write the same file at the same time do not write into one.
         let part = path.with_file_name(format!("{}.part-{}", name.to_string_lossy(), std::process::id()));
-        let file = File::create(&part).with_context(|| format!("writing {}", part.display()))?;
+        let file = options.write(true).open(&part).with_context(|| format!("writing {}", part.display()))?;
         if let Ok(there) = fs::metadata(path) {
             file.set_permissions(there.permissions()).with_context(|| format!("writing {}", part.display()))?;
         }
@@ -129,6 +144,11 @@ mod tests {
         file.write(b"through a link").unwrap();
         file.finish().unwrap();
         assert!(link.is_symlink() && fs::read(&path).unwrap() == b"through a link");
+        let private = folder.join("private");
+        let mut file = WholeFile::create_private(&private).unwrap();
+        file.write(b"a key").unwrap();
+        file.finish().unwrap();
+        assert_eq!(fs::metadata(&private).unwrap().permissions().mode() & 0o777, 0o600);
         let wrong = WholeFile::create(&folder).unwrap_err().to_string();
         assert!(wrong.ends_with("is no regular file"), "{wrong}");
         fs::remove_dir_all(&folder).unwrap();

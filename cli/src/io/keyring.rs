@@ -1,0 +1,216 @@
+//! The folder with the keys of teams on an operator's machine, and passphrases.
+//!
+//! ```text
+//! KEYS/                 $XDG_CONFIG_HOME/dca or ~/.config/dca, or `--keys`
+//!   own.key             a user's own keys, behind a passphrase
+//!   acme/               one team
+//!     root.key          its key, behind a passphrase; only on this machine
+//!     team              its certificates and revocations
+//! ```
+//!
+//! Folders have mode 0700 and files 0600. A file that others may read or write is refused, not mended: who knows who has.
+
+use crate::io::named_file;
+use crate::io::whole_file::WholeFile;
+use anyhow::{Context as _, anyhow, bail, ensure};
+use rustix::termios::{LocalModes, OptionalActions, tcgetattr, tcsetattr};
+use std::fs::{self, DirBuilder};
+use std::io::{self, BufRead, IsTerminal as _, Read as _};
+use std::os::unix::fs::{DirBuilderExt as _, MetadataExt as _};
+use std::path::{Path, PathBuf};
+use trust::bundle::{BUNDLE_MAX, Bundle};
+use trust::locked::{LOCKED_MAX, LockedKeys, PASSPHRASE_MAX};
+use trust::name::Name;
+use zeroize::Zeroizing;
+
+const TEAM: &str = "team";
+const ROOT: &str = "root.key";
+const OWN: &str = "own.key";
+
+/// The folder with the keys of teams.
+#[derive(Debug)]
+pub(crate) struct Keyring(PathBuf);
+
+impl Keyring {
+    /// Returns the one in this folder, or that of this user; it need not be there yet.
+    pub(crate) fn at(folder: Option<&Path>) -> anyhow::Result<Self> {
+        let folder = match folder {
+            Some(folder) => folder.to_owned(),
+            None => default_folder().context("there is no folder for keys; choose one with `--keys`")?,
+        };
+        Ok(Self(std::path::absolute(&folder)?))
+    }
+
+    /// Returns the names of the teams in it, in order.
+    pub(crate) fn teams(&self) -> anyhow::Result<Vec<Name>> {
+        let entries = match fs::read_dir(&self.0) {
+            Ok(entries) => entries,
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
+            Err(error) => return Err(error).with_context(|| format!("reading `{}`", self.0.display())),
+        };
+        let mut names = Vec::new();
+        for entry in entries {
+            let entry = entry.with_context(|| format!("reading `{}`", self.0.display()))?;
+            let name = entry.file_name().to_str().and_then(|name| name.parse::<Name>().ok());
+            names.extend(name.filter(|_| entry.path().join(TEAM).exists()));
+        }
+        names.sort();
+        Ok(names)
+    }
+
+    /// Returns the name that was asked for, or that of the only team.
+    pub(crate) fn only(&self, asked: Option<Name>) -> anyhow::Result<Name> {
+        if let Some(name) = asked {
+            return Ok(name);
+        }
+        let mut teams = self.teams()?;
+        match (teams.pop(), teams.len()) {
+            (Some(name), 0) => Ok(name),
+            (None, _) => bail!("there is no team in `{}`; `dca team init NAME` begins one", self.0.display()),
+            (Some(_), _) => bail!("there are several teams in `{}`; choose one with `--team`", self.0.display()),
+        }
+    }
+
+    /// Keeps a new team. One of its name must not be there.
+    pub(crate) fn begin(&self, root: &LockedKeys, bundle: &Bundle) -> anyhow::Result<()> {
+        let name = bundle.team().name();
+        let folder = self.0.join(name.as_str());
+        private_folder(&self.0, true)?;
+        let is_empty = |folder: &Path| fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_none());
+        // Who makes the folder has the name; an empty one is what an interrupted command has left.
+        if private_folder(&folder, false).is_err() {
+            ensure!(is_empty(&folder), "there is a team `{name}` in `{}` already", self.0.display());
+        }
+        write_private(&folder.join(ROOT), &root.to_bytes())?;
+        self.keep(bundle)
+    }
+
+    /// Keeps what is new of a team.
+    pub(crate) fn keep(&self, bundle: &Bundle) -> anyhow::Result<()> {
+        write_private(&self.0.join(bundle.team().name().as_str()).join(TEAM), bundle.to_text().as_bytes())
+    }
+
+    /// Returns a team.
+    pub(crate) fn team(&self, name: &Name) -> anyhow::Result<Bundle> {
+        let path = self.0.join(name.as_str()).join(TEAM);
+        ensure!(path.exists(), "there is no team `{name}` in `{}`", self.0.display());
+        let text = String::from_utf8(read_private(&path, BUNDLE_MAX)?.to_vec());
+        let text = text.map_err(|_no_text| anyhow!("`{}` is no text", path.display()))?;
+        let bundle = Bundle::from_text(&text).with_context(|| format!("reading `{}`", path.display()))?;
+        ensure!(bundle.team().name() == name, "`{}` is of the team `{}`", path.display(), bundle.team().name());
+        Ok(bundle)
+    }
+
+    /// Returns the key of a team, behind its passphrase.
+    pub(crate) fn root(&self, bundle: &Bundle) -> anyhow::Result<LockedKeys> {
+        let path = self.0.join(bundle.team().name().as_str()).join(ROOT);
+        ensure!(path.exists(), "the key of the team is not on this machine: there is no `{}`", path.display());
+        let locked = locked(&path)?;
+        ensure!(locked.public() == bundle.team().root(), "`{}` is the key of another team", path.display());
+        Ok(locked)
+    }
+
+    /// Keeps a user's own keys. They must not be there.
+    pub(crate) fn keep_own(&self, own: &LockedKeys) -> anyhow::Result<PathBuf> {
+        private_folder(&self.0, true)?;
+        let path = self.0.join(OWN);
+        ensure!(!path.exists(), "`{}` is there already; `dca team key` shows it", path.display());
+        write_private(&path, &own.to_bytes())?;
+        Ok(path)
+    }
+
+    /// Returns a user's own keys, behind their passphrase; nothing if there are none.
+    pub(crate) fn own(&self) -> anyhow::Result<Option<LockedKeys>> {
+        let path = self.0.join(OWN);
+        if path.exists() { locked(&path).map(Some) } else { Ok(None) }
+    }
+}
+
+fn default_folder() -> Option<PathBuf> {
+    let folder = |name| std::env::var_os(name).map(PathBuf::from).filter(|folder| folder.is_absolute());
+    folder("XDG_CONFIG_HOME").or_else(|| Some(folder("HOME")?.join(".config"))).map(|base| base.join("dca"))
+}
+
+fn private_folder(folder: &Path, may_be_there: bool) -> anyhow::Result<()> {
+    let made = DirBuilder::new().recursive(may_be_there).mode(0o700).create(folder);
+    made.with_context(|| format!("making the folder `{}`", folder.display()))
+}
+
+fn write_private(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
+    let mut file = WholeFile::create_private(path)?;
+    file.write(bytes)?;
+    file.finish()
+}
+
+fn locked(path: &Path) -> anyhow::Result<LockedKeys> {
+    let bytes = read_private(path, LOCKED_MAX)?;
+    LockedKeys::from_bytes(&bytes).with_context(|| format!("reading `{}`", path.display()))
+}
+
+/// Reads a file that only its owner, who is this user or root, may read or write.
+fn read_private(path: &Path, bytes_max: usize) -> anyhow::Result<Zeroizing<Vec<u8>>> {
+    let there = fs::metadata(path).with_context(|| format!("reading `{}`", path.display()))?;
+    let (mode, own) = (there.mode() & 0o077, rustix::process::getuid().as_raw());
+    ensure!(
+        mode == 0,
+        "others may read or write `{0}`: it is not used; see who did, then `chmod 600 {0}`",
+        path.display()
+    );
+    ensure!(there.uid() == own || there.uid() == 0, "`{}` belongs to somebody else", path.display());
+    let bytes = named_file::bytes(path, bytes_max).with_context(|| format!("reading `{}`", path.display()))?;
+    Ok(Zeroizing::new(bytes))
+}
+
+/// Where a passphrase comes from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Asked {
+    /// It is there: it is asked for once.
+    Known,
+    /// It is new: a person types it twice.
+    New,
+}
+
+/// Returns a passphrase: the first line of a private file, else of standard input, where a terminal does not show it.
+pub(crate) fn passphrase(file: Option<&Path>, asked: Asked) -> anyhow::Result<Zeroizing<String>> {
+    if let Some(path) = file {
+        let text = read_private(path, PASSPHRASE_MAX + 2)?;
+        return first_line(&mut &text[..]);
+    }
+    let stdin = io::stdin();
+    if !stdin.is_terminal() {
+        return first_line(&mut stdin.lock());
+    }
+    let first = typed("Passphrase: ")?;
+    if asked == Asked::New {
+        let second = typed("The same again: ")?;
+        ensure!(first == second, "the two passphrases differ");
+    }
+    Ok(first)
+}
+
+/// Asks a person at a terminal, which shows nothing meanwhile. The interrupt key is a character then, so that nobody leaves the
+/// terminal without an echo; it means no.
+fn typed(question: &str) -> anyhow::Result<Zeroizing<String>> {
+    let stdin = io::stdin();
+    let before = tcgetattr(&stdin).context("asking the terminal")?;
+    let mut silent = before.clone();
+    silent.local_modes -= LocalModes::ECHO | LocalModes::ISIG;
+    crate::output::Output::standard().prompt(question);
+    tcsetattr(&stdin, OptionalActions::Flush, &silent).context("asking the terminal")?;
+    let line = first_line(&mut stdin.lock());
+    tcsetattr(&stdin, OptionalActions::Flush, &before).context("asking the terminal")?;
+    crate::output::Output::standard().prompt("\n");
+    let line = line?;
+    ensure!(!line.chars().any(char::is_control), "no passphrase was given");
+    Ok(line)
+}
+
+fn first_line(from: &mut dyn BufRead) -> anyhow::Result<Zeroizing<String>> {
+    let mut bytes = Zeroizing::new(Vec::with_capacity(PASSPHRASE_MAX + 2));
+    from.take(PASSPHRASE_MAX as u64 + 2).read_until(b'\n', &mut bytes).context("reading the passphrase")?;
+    while bytes.last().is_some_and(|last| *last == b'\n' || *last == b'\r') {
+        bytes.pop();
+    }
+    let text = std::str::from_utf8(&bytes).map_err(|_no_text| anyhow!("the passphrase is no UTF-8 text"))?;
+    Ok(Zeroizing::new(text.to_owned()))
+}

@@ -1,0 +1,131 @@
+//! `dca team`: the team's key and its users, on the operator's machine. Nothing here asks a node.
+
+mod init;
+mod user;
+
+use crate::io::keyring::Keyring;
+use anyhow::Context as _;
+use clap::{Args, Subcommand};
+use comms::io::{clock, entropy};
+use dbmanager::logic::view::{date, table};
+use node::console::{self, Failure};
+use std::path::PathBuf;
+use trust::bundle::{Bundle, Member};
+use trust::identity::Entropy;
+use trust::name::{Name, UnixTime};
+use trust::team::{Standing, TrustError};
+
+/// The arguments of `dca team`.
+#[derive(Debug, Args)]
+pub struct Arguments {
+    #[command(subcommand)]
+    verb: Option<Verb>,
+    #[command(flatten)]
+    keys: KeysArgs,
+}
+
+#[derive(Debug, Subcommand)]
+enum Verb {
+    /// Begin a team: make its key, which stays on this machine behind a passphrase
+    Init(init::Init),
+    /// Show your own key, which is made the first time; hand the line to the operator
+    Key(init::Key),
+    /// Add and remove users
+    User(user::UserArgs),
+    /// Print what everybody may know of the team: its certificates and revocations
+    Export,
+}
+
+/// Where the keys are.
+#[derive(Clone, Debug, Args)]
+struct KeysArgs {
+    /// The folder with the keys [default: $XDG_CONFIG_HOME/dca or ~/.config/dca]
+    #[arg(long, value_name = "DIR", global = true)]
+    keys: Option<PathBuf>,
+    /// The team, where there are several
+    #[arg(long, value_name = "NAME", global = true)]
+    team: Option<Name>,
+    /// A file of mode 0600 whose first line is the passphrase [default: standard input]
+    #[arg(long, value_name = "FILE", global = true)]
+    passphrase: Option<PathBuf>,
+}
+
+impl KeysArgs {
+    fn keyring(&self) -> anyhow::Result<Keyring> {
+        Keyring::at(self.keys.as_deref())
+    }
+
+    fn bundle(&self) -> anyhow::Result<(Keyring, Bundle)> {
+        let keyring = self.keyring()?;
+        let bundle = keyring.team(&keyring.only(self.team.clone())?)?;
+        Ok((keyring, bundle))
+    }
+}
+
+/// Runs the verb.
+pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let keys = &arguments.keys;
+    match &arguments.verb {
+        None => list(keys),
+        Some(Verb::Init(init)) => init.run(keys),
+        Some(Verb::Key(key)) => key.run(keys),
+        Some(Verb::User(user)) => user.run(keys),
+        Some(Verb::Export) => {
+            console::say(&keys.bundle()?.1.to_text());
+            Ok(())
+        }
+    }
+}
+
+fn list(keys: &KeysArgs) -> Result<(), Failure> {
+    let (_, bundle) = keys.bundle()?;
+    console::say(&listed(&bundle, now()));
+    Ok(())
+}
+
+/// Returns a team as a person reads it.
+fn listed(bundle: &Bundle, now: UnixTime) -> String {
+    let team = bundle.team();
+    let mut text = format!("team {}: {}\nid {}\n", team.name(), team.id().fingerprint(), team.id());
+    match bundle.revoked() {
+        None => text += "nobody is revoked\n",
+        Some(set) => text += &format!("revocations: number {}, keys {}\n", set.number(), set.keys().len()),
+    }
+    let head = ["name", "role", "until", "can be renewed until", "key", ""].map(str::to_owned).to_vec();
+    let rows: Vec<Vec<String>> = std::iter::once(head).chain(bundle.members(now).iter().map(row)).collect();
+    if rows.len() == 1 { text + "nobody has a certificate\n" } else { text + "\n" + &table::table(&rows) + "\n" }
+}
+
+fn row(member: &Member<'_>) -> Vec<String> {
+    let claims = member.certificate.claims();
+    let state = match &member.standing {
+        Ok(Standing::Valid(_) | Standing::Grace(_)) => "",
+        Err(TrustError::Revoked(_)) => "! revoked",
+        Err(TrustError::Expired(_)) => "! has ended",
+        Err(TrustError::NotYet(_)) => "! not valid yet",
+        Err(
+            TrustError::OtherTeam(_)
+            | TrustError::Issuer(_)
+            | TrustError::Signature(_)
+            | TrustError::Renewal(_)
+            | TrustError::Role { .. },
+        ) => "! not trusted",
+    };
+    let time = |time: UnixTime| date::text(time.0.saturating_mul(1000));
+    vec![
+        claims.name.to_string(),
+        claims.role.to_string(),
+        time(claims.not_after),
+        time(claims.renewable_until),
+        member.certificate.subject().fingerprint(),
+        state.to_owned(),
+    ]
+}
+
+fn now() -> UnixTime {
+    UnixTime(clock::unix_time().as_secs())
+}
+
+fn random() -> anyhow::Result<Entropy> {
+    Ok(Entropy::new(&entropy::bytes().context("asking the system for random bytes")?))
+}

@@ -1,0 +1,143 @@
+//! `dca team user add`, `remove`: who may do what, signed with the team's key.
+
+use super::{KeysArgs, now, random};
+use crate::io::keyring::{Asked, passphrase};
+use anyhow::{anyhow, bail, ensure};
+use clap::Subcommand;
+use dbmanager::logic::view::date;
+use node::console::{self, Failure};
+use std::collections::BTreeMap;
+use trust::TextError;
+use trust::bundle::Bundle;
+use trust::certificate::{Certificate, Claims, DAY, LIFE_MAX, RENEWABLE_MAX};
+use trust::identity::{PublicKeys, SecretKeys};
+use trust::name::{Name, UnixTime};
+use trust::revocation::{REVOKED_MAX, RevokedSet};
+use trust::role::{Kind, Role};
+
+/// For how long a user's certificate can be renewed unless told otherwise, in days.
+const DAYS: u64 = 365;
+
+/// The arguments of `dca team user`.
+#[derive(Debug, clap::Args)]
+pub(super) struct UserArgs {
+    #[command(subcommand)]
+    verb: UserVerb,
+}
+
+#[derive(Debug, Subcommand)]
+enum UserVerb {
+    /// Give a user a certificate, or a new one for the same key
+    Add(Add),
+    /// Revoke the keys of a user, for ever
+    Remove(Remove),
+}
+
+#[derive(Debug, clap::Args)]
+struct Add {
+    /// The name of the user
+    name: Name,
+    /// viewer, operator, deployer, admin or ci
+    #[arg(long, value_parser = user_role)]
+    role: Role,
+    /// The line that `dca team key` prints on the user's machine
+    #[arg(long, value_name = "KEY", value_parser = key)]
+    key: Box<PublicKeys>,
+    /// For how many days it can be renewed
+    #[arg(long, default_value_t = DAYS, value_parser = clap::value_parser!(u64).range(1..=RENEWABLE_MAX / DAY))]
+    days: u64,
+}
+
+#[derive(Debug, clap::Args)]
+struct Remove {
+    /// The name of the user
+    name: Name,
+}
+
+impl UserArgs {
+    /// Runs the verb.
+    pub(super) fn run(&self, keys: &KeysArgs) -> Result<(), Failure> {
+        let (keyring, mut bundle) = keys.bundle()?;
+        let root = keyring.root(&bundle)?;
+        let now = now();
+        let said = match &self.verb {
+            UserVerb::Add(add) => {
+                add.check(&bundle)?;
+                let root = root.unlock(&passphrase(keys.passphrase.as_deref(), Asked::Known)?)?;
+                add.carry_out(&mut bundle, &root, now)?
+            }
+            UserVerb::Remove(remove) => {
+                remove.check(&bundle)?;
+                let root = root.unlock(&passphrase(keys.passphrase.as_deref(), Asked::Known)?)?;
+                remove.carry_out(&mut bundle, &root, now)?
+            }
+        };
+        keyring.keep(&bundle)?;
+        console::say(&said);
+        Ok(())
+    }
+}
+
+impl Add {
+    fn check(&self, bundle: &Bundle) -> anyhow::Result<()> {
+        let id = self.key.id();
+        ensure!(id != bundle.team().id(), "this is the key of the team itself");
+        ensure!(!bundle.has_revoked(&id), "this key is revoked, for ever: the user makes another one");
+        let mut same_name = bundle.named(&self.name).filter(|known| !bundle.has_revoked(&known.subject()));
+        if same_name.any(|known| known.subject() != id) {
+            bail!("there is another `{0}`; `dca team user remove {0}` revokes that key", self.name);
+        }
+        Ok(())
+    }
+
+    fn carry_out(&self, bundle: &mut Bundle, root: &SecretKeys, now: UnixTime) -> anyhow::Result<String> {
+        let renewable_until = now.plus(self.days * DAY);
+        let claims = Claims {
+            team: bundle.team().id(),
+            name: self.name.clone(),
+            role: self.role,
+            keys: *self.key,
+            not_before: now,
+            not_after: now.plus(LIFE_MAX).min(renewable_until),
+            renewable_until,
+            serial: random()?.bytes(),
+        };
+        let (role, until) = (self.role, date::text(claims.not_after.0.saturating_mul(1000)));
+        bundle.add(Certificate::issue(claims, root)?)?;
+        Ok(format!("{} is {role} until {until}; key: {}", self.name, self.key.id().fingerprint()))
+    }
+}
+
+impl Remove {
+    fn check(&self, bundle: &Bundle) -> anyhow::Result<()> {
+        let mut named = bundle.named(&self.name).peekable();
+        ensure!(named.peek().is_some(), "there is no user `{}` in the team", self.name);
+        let is_left = named.any(|known| known.kind() == Kind::User && !bundle.has_revoked(&known.subject()));
+        ensure!(is_left, "`{}` is revoked already", self.name);
+        Ok(())
+    }
+
+    fn carry_out(&self, bundle: &mut Bundle, root: &SecretKeys, now: UnixTime) -> anyhow::Result<String> {
+        let (number, mut keys) = match bundle.revoked() {
+            None => (0, BTreeMap::new()),
+            Some(set) => (set.number(), set.keys().clone()),
+        };
+        let gone: Vec<_> = bundle.named(&self.name).map(Certificate::subject).collect();
+        for key in gone {
+            keys.entry(key).or_insert(now);
+        }
+        ensure!(keys.len() <= REVOKED_MAX, "no more than {REVOKED_MAX} keys can be revoked");
+        let number = number.checked_add(1).ok_or_else(|| anyhow!("there is no number after the last one"))?;
+        bundle.revoke(RevokedSet::sign(bundle.team(), number, keys, root, None)?);
+        Ok(format!("{} is revoked: number {number}", self.name))
+    }
+}
+
+fn user_role(text: &str) -> Result<Role, String> {
+    let role: Role = text.parse()?;
+    if role.kind() == Kind::User { Ok(role) } else { Err(format!("`{role}` is not a role of users")) }
+}
+
+fn key(text: &str) -> Result<Box<PublicKeys>, TextError> {
+    PublicKeys::from_text(text).map(Box::new)
+}
