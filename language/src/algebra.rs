@@ -33,12 +33,14 @@
 //! ```
 
 mod event;
+mod packed;
 mod phase;
 mod program;
 mod state;
 mod step;
 
 pub use event::{Activation, Cause, Command, Event, Outcome, Reason, TAG_MAX, Value};
+pub use packed::Packing;
 pub use program::Program;
 pub use state::{Activity, Cell, State};
 pub use step::step;

@@ -17,14 +17,19 @@ mod ports;
 mod quantity;
 mod range;
 mod resource_args;
+mod sentences;
+mod sites;
 pub(crate) mod spec;
 mod types;
 mod uses;
 mod value;
 
+pub(crate) use sentences::is_word as is_sentence_word;
+
 pub(crate) use interface::{messages, parameters, port_types};
 
 use crate::diagnostic::{Code, limit};
+use crate::sites::{Property, Sites};
 use crate::source::{Origin, Role, Source};
 use crate::syntax::{Parse, ast, parse};
 use crate::{Compiled, Options};
@@ -38,9 +43,27 @@ pub(crate) fn compile_with_model(
     interfaces: &[Source],
     options: &Options,
 ) -> (Compiled, spec::Spec, Option<usize>) {
+    let (compiled, model, root, _) = compile_all(spec, interfaces, options);
+    (compiled, model, root)
+}
+
+/// The same, with what a verifier needs.
+pub(crate) fn compile_with_sites(spec: &Source, interfaces: &[Source], options: &Options) -> (Compiled, Option<Sites>) {
+    let (compiled, model, root, properties) = compile_all(spec, interfaces, options);
+    let sites = compiled.plan.as_ref().zip(root).map(|(plan, root)| sites::sites(&model, root, plan, properties));
+    (compiled, sites)
+}
+
+fn compile_all(
+    spec: &Source,
+    interfaces: &[Source],
+    options: &Options,
+) -> (Compiled, spec::Spec, Option<usize>, Vec<Property>) {
     let mut model = spec::Spec::default();
     let mut diagnostics = Diagnostics::default();
-    let mut omitted = read(spec, interfaces, &mut ItemCollector { spec: &mut model, diagnostics: &mut diagnostics });
+    let (trees, mut omitted) =
+        read(spec, interfaces, &mut ItemCollector { spec: &mut model, diagnostics: &mut diagnostics });
+    let stated = sentences::read(&trees, &model, &mut diagnostics);
     types::check(&mut model, &mut diagnostics);
     resource_args::take(&mut model, &mut diagnostics);
     let root = types::root(&model, &mut diagnostics);
@@ -55,17 +78,18 @@ pub(crate) fn compile_with_model(
         let quotes = lower::quote::Quotes::new(spec, interfaces);
         lower::lower(&model, root, &options.name, &quotes, &mut diagnostics)
     });
+    let properties = plan.as_ref().map(|plan| sentences::resolve(&stated, plan, &mut diagnostics)).unwrap_or_default();
     let plan = plan.filter(|_| !diagnostics.has_errors());
     let mut diagnostics = diagnostics.into_vec();
     diagnostics.sort_by_key(|found| (found.primary.span, found.code));
     // What is wrong with a group is wrong with each of its readings.
     diagnostics.dedup();
     omitted += limit(&mut diagnostics);
-    (Compiled { plan, diagnostics, omitted }, model, root)
+    (Compiled { plan, diagnostics, omitted }, model, root, properties)
 }
 
-/// Reads what all texts declare; returns how many diagnostics of damaged texts are left out.
-fn read(spec: &Source, interfaces: &[Source], declare: &mut ItemCollector<'_>) -> usize {
+/// Reads what all texts declare; returns their trees and how many diagnostics of damaged texts are left out.
+fn read(spec: &Source, interfaces: &[Source], declare: &mut ItemCollector<'_>) -> (Vec<Tree>, usize) {
     let files = uses::Files::new(spec, interfaces);
     let origins = (0..).map(Origin::Interface);
     let sources = std::iter::once((Origin::Spec, spec)).chain(origins.zip(interfaces));
@@ -87,7 +111,7 @@ fn read(spec: &Source, interfaces: &[Source], declare: &mut ItemCollector<'_>) -
         declare.items(tree, &templates);
     }
     templates.expand(declare);
-    omitted
+    (trees, omitted)
 }
 
 /// Whether a code is a name that was read leniently.

@@ -42,6 +42,7 @@ mod message;
 pub mod plan;
 mod similar;
 mod simulate;
+pub mod sites;
 mod source;
 pub mod syntax;
 mod unit;
@@ -106,6 +107,12 @@ pub fn port_types(
     interfaces: &[Source],
 ) -> std::collections::BTreeMap<String, std::collections::BTreeMap<String, String>> {
     check::port_types(interfaces)
+}
+
+/// Compiles a spec for a verifier: besides what [`compile`] returns, where everything stands in the text, and what the spec
+/// wants to be proved. The sites are absent exactly when the plan is.
+pub fn compile_with_sites(spec: &Source, interfaces: &[Source], options: &Options) -> (Compiled, Option<sites::Sites>) {
+    check::compile_with_sites(spec, interfaces, options)
 }
 
 /// Compiles a spec. `interfaces` are texts that consist of `module` blocks, as controller programs print them.

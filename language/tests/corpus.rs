@@ -84,6 +84,8 @@ fn every_code_occurs() {
     for found in compile(&long, &[], &Options::named("long")).diagnostics {
         missing.remove(&found.code);
     }
+    // What only `dca verify` says is tested there.
+    missing.retain(|code| !("E0811"..="E0817").contains(&code.as_str()));
     assert_eq!(missing, BTreeSet::new());
 }
 

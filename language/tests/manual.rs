@@ -290,6 +290,8 @@ fn the_grammar_has_the_words_that_editors_colour() {
     let colours = read(&colours).replace("\\\\b", " ");
     let known: BTreeSet<&str> = colours.split(|c: char| !c.is_alphanumeric() && c != '_').collect();
     let grammar = read(&docs().join("grammar.md"));
+    // The words of sentences, such as `at`, have a colour only inside of `verify` blocks: the language server knows where.
+    let grammar = grammar.split("## Properties").next().unwrap_or_default();
     let quoted = grammar.split("```").skip(1).step_by(2).flat_map(|block| block.split('"').skip(1).step_by(2));
     let words: BTreeSet<&str> = quoted.filter(|word| word.starts_with(|c: char| c.is_ascii_lowercase())).collect();
     let unknown: Vec<&&str> = words.iter().filter(|word| !known.contains(**word)).collect();

@@ -157,6 +157,11 @@ impl Program {
         self.nodes[0].service
     }
 
+    /// Returns whether no fault-free run of a node's subtree ends, by the node's place in textual order.
+    pub fn is_service_node(&self, node: usize) -> bool {
+        self.nodes.get(node).is_some_and(|node| node.service)
+    }
+
     /// Returns how many timers there are; they are numbered from 0 in textual order.
     pub fn timers(&self) -> u32 {
         small(self.timers.len())

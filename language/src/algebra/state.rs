@@ -68,7 +68,7 @@ pub(super) struct MemberState {
 }
 
 /// The state of a member, as far as its supervisor knows.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Activity {
     /// Not activated.
     Idle,
@@ -124,6 +124,21 @@ impl State {
     /// Returns the names of what each waiting `using` takes, the first to come first.
     pub fn waiting<'a>(&'a self, program: &'a Program) -> impl Iterator<Item = impl Iterator<Item = &'a str>> {
         self.queue.iter().map(|&node| program.taken(node).iter().map(|&index| program.resources()[index].as_str()))
+    }
+
+    /// Returns whether a node of the program is active, by its place in textual order.
+    pub fn is_node_active(&self, node: usize) -> bool {
+        self.cells.get(node).is_some_and(|cell| cell.phase.is_active())
+    }
+
+    /// Returns whether a node is a `using` that waits for what it takes.
+    pub fn is_node_waiting(&self, node: usize) -> bool {
+        self.cells.get(node).is_some_and(|cell| cell.phase == Phase::Waiting)
+    }
+
+    /// Returns the node that holds a member now, by its place in textual order.
+    pub fn node_of(&self, member: u32) -> Option<usize> {
+        self.seats.get(member as usize).and_then(|seat| seat.node)
     }
 
     /// Returns what decides the future but for the numbers of activations: two states of one program with equal

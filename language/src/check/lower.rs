@@ -3,6 +3,7 @@
 mod data;
 pub(crate) mod exclusivity;
 mod expression;
+mod places;
 pub(crate) mod quote;
 mod ranges;
 mod tree;
@@ -13,6 +14,7 @@ use super::names::listed;
 use super::spec::{Direction, Expr, ExprKind, Process, Spec, Target};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::plan::{Plan, PlanError, Wire};
+pub(super) use places::places;
 use quote::Quotes;
 use std::collections::{BTreeMap, BTreeSet};
 

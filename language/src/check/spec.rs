@@ -234,6 +234,8 @@ pub(crate) struct Module {
     pub(crate) exec: Option<String>,
     pub(crate) kind: LeafKind,
     pub(crate) stop_within: Duration,
+    /// The shortest and the longest time from its start to its end, when it says so.
+    pub(crate) takes: Option<(Duration, Duration)>,
     pub(crate) claims: Vec<Claim>,
     /// Whether its text could not be read whole, so that a missing port proves nothing.
     pub(crate) is_damaged: bool,

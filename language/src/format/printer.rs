@@ -4,7 +4,7 @@ use super::COLUMNS;
 use super::piece::{Piece, Sums, is_apart, is_bracketed, pieces};
 use crate::syntax::SyntaxKind::{
     Actions, Comma, Connections, External, Host, Instances, LeftBrace, LeftBracket, LeftParen, Less, Module, Policies,
-    Process, RightBrace, Supervision,
+    Process, RightBrace, Supervision, Verify,
 };
 use crate::syntax::SyntaxNode;
 use rowan::NodeOrToken;
@@ -111,7 +111,10 @@ impl<'t> Printer<'t> {
     fn is_one_line(&self, item: &SyntaxNode) -> bool {
         let range = self.range(item);
         let is_short = self.indent * INDENT + self.sums.width(&range) <= COLUMNS;
-        item.kind() != Process && is_short && !self.sums.is_broken(&range) && !self.sums.is_commented(&range)
+        ![Process, Verify].contains(&item.kind())
+            && is_short
+            && !self.sums.is_broken(&range)
+            && !self.sums.is_commented(&range)
     }
 
     // ---- writing ----
@@ -181,7 +184,7 @@ impl<'t> Printer<'t> {
     /// Writes a node; `reserve` columns follow it in its last line.
     pub(super) fn node(&mut self, node: &SyntaxNode, reserve: usize) {
         let kind = node.kind();
-        if [Process, Instances, Policies, Supervision, External, Connections, Actions].contains(&kind)
+        if [Process, Instances, Policies, Supervision, External, Connections, Actions, Verify].contains(&kind)
             || kind == Module && !self.is_one_line(node)
             || kind == Host && self.sums.is_commented(&self.range(node))
         {

@@ -117,6 +117,8 @@ fn word(token: &SyntaxToken) -> Option<Class> {
         | SyntaxKind::Arg
         | SyntaxKind::Field
         | SyntaxKind::Param => None,
+        SyntaxKind::Sentence if !crate::check::is_sentence_word(token.text()) => None,
+        SyntaxKind::Verify if !is_first => None,
         SyntaxKind::Instance if token.text() != "instof" => None,
         SyntaxKind::Export => None,
         SyntaxKind::Process | SyntaxKind::Module | SyntaxKind::ConstItem | SyntaxKind::TypeItem | SyntaxKind::Port

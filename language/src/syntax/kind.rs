@@ -119,10 +119,13 @@ kinds! {
         Quality "a connection quality"
         Actions "an event-action section"
         Resources "resources"
+        Verify "properties"
+        Sentence "a property"
         // nodes: module items
         Port "a port"
         Exec "a program"
         StopWithin "a stop limit"
+        Takes "how long a module takes"
         Flag "a module property"
         Claims "claims"
         Claim "a claim"

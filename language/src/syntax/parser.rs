@@ -9,6 +9,7 @@ mod habit;
 mod module;
 mod policy;
 mod process;
+mod property;
 mod repair;
 mod value;
 

@@ -30,6 +30,7 @@ pub(super) fn module(node: &Node, places: &[Span], reader: &mut Reader<'_>) -> O
         exec: None,
         kind: LeafKind::Controller,
         stop_within: STOP_WITHIN,
+        takes: None,
         claims: Vec::new(),
         is_damaged,
     };
@@ -70,6 +71,14 @@ fn read_item(module: &mut Module, item: &Node, reader: &mut Reader<'_>) {
     } else if item.kind() == SyntaxKind::StopWithin {
         let limit = item.child(Constant).and_then(|node| reader.duration(&node));
         module.stop_within = limit.unwrap_or(STOP_WITHIN);
+    } else if item.kind() == SyntaxKind::Takes {
+        let mut times = item.children_of(Constant).map(|node| reader.duration(&node)).collect::<Vec<_>>().into_iter();
+        let (Some(Some(least)), Some(Some(most))) = (times.next(), times.next()) else { return };
+        if least > most {
+            let message = "the shortest time comes first: `duration 1 s .. 15 s`";
+            reader.diagnostics.push(Diagnostic::new(Code::E0009, item.span(), message));
+        }
+        module.takes = Some((least, most));
     } else if item.kind() == SyntaxKind::Claims {
         for claim in item.children_of(SyntaxKind::Claim) {
             let mut names = claim.names();

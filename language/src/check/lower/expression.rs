@@ -4,6 +4,7 @@ use super::quote::Quotes;
 use crate::check::spec::{Arm, Expr, ExprKind};
 use crate::plan::{self, Expression};
 use crate::syntax::ast::Name;
+use std::time::Duration;
 
 /// Writes an expression in the operators of the plan.
 pub(super) fn lower(expr: &Expr, resources: &[Name], quotes: &Quotes<'_>) -> Expression {
@@ -27,7 +28,7 @@ pub(super) fn lower(expr: &Expr, resources: &[Name], quotes: &Quotes<'_>) -> Exp
         ExprKind::Recurrent(first, second) => Expression::Recurrent(Box::new(rest(first)), Box::new(rest(second))),
         // `retry(2) P` is `P else P else P`, and with a pause of d `P else (wait(d) ; P) else (wait(d) ; P)`.
         ExprKind::Retry(times, pause, part) => {
-            let tries = (0..=*times).map(|number| match pause.filter(|_| number > 0) {
+            let tries = (0..=*times).map(|number| match wait_first(*pause, number) {
                 Some(pause) => Expression::Sequence(Box::new(Expression::Wait(pause)), Box::new(rest(part))),
                 None => rest(part),
             });
@@ -58,7 +59,12 @@ pub(super) fn lower(expr: &Expr, resources: &[Name], quotes: &Quotes<'_>) -> Exp
 }
 
 /// The most operands that are joined one by one, as they are read: `P ; (Q ; R)`.
-const CHAIN_MAX: usize = 8;
+pub(super) const CHAIN_MAX: usize = 8;
+
+/// The pause before a try of `retry`: none before the first.
+pub(super) fn wait_first(pause: Option<Duration>, number: u32) -> Option<Duration> {
+    pause.filter(|_| number > 0)
+}
 
 /// Joins operands of an associative operator; more than a few of them to a tree of logarithmic depth, because a plan's
 /// depth is limited and the length of a sequence is not.

@@ -24,13 +24,14 @@ impl Parser<'_> {
             "exec" => self.exec(),
             "stop" => self.stop_within(),
             "claims" => self.claims(),
-            "aborts" | "duration" | "resumable" => {
+            "duration" => self.takes(),
+            "aborts" | "resumable" => {
                 self.report(Code::W0007, format!("`{}` is not supported yet and has no effect", self.word(0)));
                 self.skip_statement();
             }
             _ => {
                 self.expected(
-                    "`in`, `out`, `service`, `done`, `remembers`, `claims`, `exec`, `plain` or `stop within`",
+                    "`in`, `out`, `service`, `done`, `remembers`, `claims`, `duration`, `exec`, `plain` or `stop within`",
                 );
                 self.skip_statement();
             }
@@ -110,6 +111,17 @@ impl Parser<'_> {
         if !self.eat(Text) {
             self.expected("a string with the program and its arguments");
         }
+        self.end_statement();
+        self.finish();
+    }
+
+    /// `duration 1 s .. 15 s;`
+    fn takes(&mut self) {
+        self.start(SyntaxKind::Takes);
+        self.bump();
+        self.constant();
+        self.expect(SyntaxKind::DotDot);
+        self.constant();
         self.end_statement();
         self.finish();
     }

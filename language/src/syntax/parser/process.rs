@@ -33,6 +33,8 @@ impl Parser<'_> {
             self.module();
         } else if self.at_word("process") {
             self.process();
+        } else if self.is_item(0) && self.at_word("verify") {
+            self.properties();
         } else if self.is_item(0) && self.at_word("const") {
             self.const_item();
         } else if self.is_item(0) && self.at_word("type") {
@@ -108,6 +110,7 @@ impl Parser<'_> {
         }
         match suggestion {
             Some("module") => self.module(),
+            Some("verify") => self.properties(),
             Some(_) | None => self.process(),
         }
     }
@@ -156,6 +159,7 @@ impl Parser<'_> {
             "internal_connections" => self.connections(),
             "internal_event_actions" => self.actions(),
             "supervision" => self.block(SyntaxKind::Supervision, Self::supervision_rule),
+            "verify" => self.properties(),
             "resource" if self.kind(1) == Ident => self.resources(),
             _ => self.unknown_section(),
         }
@@ -177,6 +181,7 @@ impl Parser<'_> {
             Some("external_io") => self.block(SyntaxKind::External, Self::export),
             Some("internal_connections") => self.connections(),
             Some("supervision") => self.block(SyntaxKind::Supervision, Self::supervision_rule),
+            Some("verify") => self.properties(),
             Some(_) => self.actions(),
             None => self.skip_section(),
         }

@@ -6,10 +6,10 @@ use crate::syntax::SyntaxKind::{
 };
 
 /// The words that open a section of a process.
-pub(super) const SECTIONS: [&str; 6] =
-    ["host", "instantiated_processes", "external_io", "internal_connections", "internal_event_actions", "supervision"];
+pub(super) const SECTIONS: [&str; 7] =
+    ["host", "instantiated_processes", "external_io", "internal_connections", "internal_event_actions", "supervision", "verify"];
 /// The words that open an item of a file.
-pub(super) const ITEMS: [&str; 2] = ["process", "module"];
+pub(super) const ITEMS: [&str; 3] = ["process", "module", "verify"];
 
 /// As many tokens are skipped at most to find the rest of a list.
 const SKIP_MAX: usize = 32;

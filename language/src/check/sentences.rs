@@ -1,0 +1,195 @@
+//! Reads the sentences of `verify` blocks, word by word, and finds what their names mean in a plan.
+
+mod names;
+mod words;
+
+use super::declare::Tree;
+use super::diagnostics::Diagnostics;
+use super::spec::Spec;
+use crate::diagnostic::{Code, Diagnostic};
+use crate::plan::Plan;
+use crate::sites::{Consequence, EventKind, Fault, ProcessRef, Property, Sentence};
+use crate::source::Span;
+use crate::syntax::SyntaxKind;
+use crate::syntax::ast::{Name, Node};
+use names::Names;
+use words::Words;
+
+pub(crate) use words::is_word;
+
+/// The forms of sentences, for a reader whose sentence is none.
+const FORMS: [&str; 12] = [
+    "never a with b",
+    "always a implies b",
+    "b only after a.done",
+    "after a.done: b stopped within 2 s (or `never b`, `eventually b`)",
+    "on crash of any: b stopped (or of a process; `hang of`, `loss of host(c1)`)",
+    "eventually a",
+    "can finish",
+    "finishes within 90 s",
+    "stops within 2 s",
+    "exclusive a, b",
+    "a at most once",
+    "assume a takes 1 s .. 15 s",
+];
+
+/// A sentence, and the process that it is about.
+pub(super) struct Stated {
+    process: Name,
+    node: Node,
+}
+
+/// Returns the sentences of all blocks; a block about a process that is not there is reported.
+pub(super) fn read(trees: &[Tree], spec: &Spec, diagnostics: &mut Diagnostics) -> Vec<Stated> {
+    let mut all = Vec::new();
+    for item in trees.iter().filter(|tree| tree.is_part).flat_map(|tree| tree.root.children().collect::<Vec<_>>()) {
+        let Some(title) = item.title() else { continue };
+        let is_block = item.kind() == SyntaxKind::Verify;
+        let blocks = if is_block { vec![item] } else { item.children_of(SyntaxKind::Verify).collect() };
+        if blocks.is_empty() {
+            continue;
+        }
+        if spec.processes.iter().all(|process| process.name.text != title.text) {
+            let message = format!("unknown process `{}`", title.text);
+            diagnostics.push(Diagnostic::new(Code::E0201, title.span, message));
+            continue;
+        }
+        for node in blocks.iter().flat_map(|block| block.children_of(SyntaxKind::Sentence).collect::<Vec<_>>()) {
+            all.push(Stated { process: title.clone(), node });
+        }
+    }
+    all
+}
+
+/// Returns what the sentences say about the groups of a plan; those that cannot be read are reported, once each.
+pub(super) fn resolve(stated: &[Stated], plan: &Plan, diagnostics: &mut Diagnostics) -> Vec<Property> {
+    let mut properties = Vec::new();
+    for one in stated {
+        let groups = (0_u32..).zip(&plan.groups).filter(|(_, group)| group.process == one.process.text);
+        for (group, _) in groups {
+            let mut words = Words::new(&one.node);
+            let span = words.span();
+            let names = Names { plan, group };
+            match sentence(&mut words, &names) {
+                Ok(sentence) => properties.push(Property { span, text: words.text(), group, sentence }),
+                Err(found) => {
+                    diagnostics.push(*found);
+                    break;
+                }
+            }
+        }
+    }
+    properties
+}
+
+type Read<T> = Result<T, Box<Diagnostic>>;
+
+/// What a sentence is that has none of the forms.
+fn unreadable(words: &Words) -> Box<Diagnostic> {
+    let message = format!("expected {}, found {}", words.wanted(), words.here());
+    let forms = FORMS.map(|form| format!("`{form}`"));
+    let help = format!("a sentence is one of: {}", forms.join("; "));
+    Box::new(Diagnostic::new(Code::E0801, words.place(), message).help(help))
+}
+
+fn sentence(words: &mut Words, names: &Names<'_>) -> Read<Sentence> {
+    let sentence = if words.eat("never") {
+        let first = who(words, names)?;
+        words.need("with")?;
+        Sentence::NeverTogether(vec![first, who(words, names)?])
+    } else if words.eat("always") {
+        let first = who(words, names)?;
+        words.need("implies")?;
+        Sentence::Implies(first, who(words, names)?)
+    } else if words.eat("after") {
+        let event = names.occurrence(words, EventKind::Ended)?;
+        words.need(":")?;
+        Sentence::After(event, consequence(words, names)?)
+    } else if words.eat("on") {
+        let fault = fault(words, names)?;
+        words.need(":")?;
+        Sentence::On(fault, consequence(words, names)?)
+    } else if words.eat("eventually") {
+        Sentence::Eventually(names.occurrence(words, EventKind::Started)?)
+    } else if words.eat("exclusive") {
+        exclusive(words, names)?
+    } else if words.at("can") && words.eat_two("can", "finish") {
+        Sentence::CanFinish
+    } else if words.eat_two("finishes", "within") {
+        Sentence::FinishesWithin(words.time()?)
+    } else if words.eat_two("stops", "within") {
+        Sentence::StopsWithin(words.time()?)
+    } else if words.eat("assume") {
+        let who = who(words, names)?;
+        words.need("takes")?;
+        let least = words.time()?;
+        words.need("..")?;
+        Sentence::Assume(who, least, words.time()?)
+    } else {
+        about(words, names)?
+    };
+    if words.is_over() { Ok(sentence) } else { Err(unreadable(words.want("`;`"))) }
+}
+
+/// `b only after a.done`, `b at most once`
+fn about(words: &mut Words, names: &Names<'_>) -> Read<Sentence> {
+    if !words.is_name() {
+        return Err(unreadable(words.want("a sentence")));
+    }
+    let subject = who(words, names)?;
+    if words.eat_two("only", "after") {
+        return Ok(Sentence::OnlyAfter(subject, names.occurrence(words, EventKind::Done(None))?));
+    }
+    if words.eat_two("at", "most") {
+        let times = if words.eat("once") { 1 } else { words.count("times")? };
+        return Ok(Sentence::AtMost(subject, times));
+    }
+    Err(unreadable(words.want("`only after` or `at most`")))
+}
+
+fn who(words: &mut Words, names: &Names<'_>) -> Read<ProcessRef> {
+    names.who(words)
+}
+
+/// `exclusive a, b, c`, or the device that they claim.
+fn exclusive(words: &mut Words, names: &Names<'_>) -> Read<Sentence> {
+    let mut all = names.who_or_device(words)?;
+    while words.eat(",") {
+        all.extend(names.who_or_device(words)?);
+    }
+    all.sort_unstable();
+    all.dedup();
+    Ok(Sentence::NeverTogether(all))
+}
+
+fn fault(words: &mut Words, names: &Names<'_>) -> Read<Fault> {
+    let is_crash = words.at("crash");
+    if words.eat_two("crash", "of") || words.eat_two("hang", "of") {
+        let who = if words.eat("any") { None } else { Some(who(words, names)?) };
+        return Ok(if is_crash { Fault::Crash(who) } else { Fault::Hang(who) });
+    }
+    if words.eat_two("loss", "of") {
+        words.need("host")?;
+        words.need("(")?;
+        let host = names.host(words)?;
+        words.need(")")?;
+        return Ok(Fault::HostLoss(host));
+    }
+    Err(unreadable(words.want("`crash of`, `hang of` or `loss of host(...)`")))
+}
+
+fn consequence(words: &mut Words, names: &Names<'_>) -> Read<Consequence> {
+    if words.eat("never") || words.eat("not") {
+        return Ok(Consequence::Never(names.occurrence(words, EventKind::Started)?));
+    }
+    if words.eat("eventually") {
+        return Ok(Consequence::Eventually(names.occurrence(words, EventKind::Started)?));
+    }
+    let who = who(words, names)?;
+    words.need("stopped")?;
+    let limit = if words.eat("within") { Some(words.time()?) } else { None };
+    Ok(Consequence::Stopped(who, limit))
+}
+
+/// Where a name stands.
+type Place = (String, Span);

@@ -1,0 +1,141 @@
+//! What the names of a sentence mean in the groups of a plan.
+
+use super::{Place, Read, Words, unreadable};
+use crate::check::index;
+use crate::diagnostic::{Code, Diagnostic};
+use crate::plan::{MemberKind, Plan};
+use crate::similar;
+use crate::sites::{EventKind, Occurrence, ProcessRef};
+
+/// The words for what happens to a process.
+const EVENTS: [&str; 4] = ["done", "aborted", "started", "ended"];
+
+/// A group of a plan, in which names are looked up.
+pub(super) struct Names<'a> {
+    pub(super) plan: &'a Plan,
+    pub(super) group: u32,
+}
+
+impl Names<'_> {
+    /// `hit`, `hit.force`, `robot[2]`
+    pub(super) fn who(&self, words: &mut Words) -> Read<ProcessRef> {
+        let (who, event) = self.path(words)?;
+        match event {
+            None => Ok(who),
+            Some(_) => Err(unreadable(words.want("a process, not what happens to it"))),
+        }
+    }
+
+    /// A process, or all that claim a device.
+    pub(super) fn who_or_device(&self, words: &mut Words) -> Read<Vec<ProcessRef>> {
+        let mut look = words.peek();
+        if let Some((name, _)) = look.name()
+            && self.member(self.group, &name).is_none()
+        {
+            let owners = self.owners(&name);
+            if !owners.is_empty() {
+                *words = look;
+                return Ok(owners);
+            }
+        }
+        Ok(vec![self.who(words)?])
+    }
+
+    /// The leaves below the group that claim a device.
+    fn owners(&self, device: &str) -> Vec<ProcessRef> {
+        let claims = self.plan.claims.iter().filter(|claim| claim.device == device);
+        let leaves: Vec<u32> = claims.map(|claim| claim.leaf).collect();
+        let mut owners = Vec::new();
+        let mut open = vec![self.group];
+        while let Some(group) = open.pop() {
+            for (member, slot) in self.plan.groups[group as usize].members.iter().zip(0..) {
+                match member.kind {
+                    MemberKind::Group(inner) => open.push(inner),
+                    MemberKind::Leaf(leaf) if leaves.contains(&leaf) => {
+                        owners.push(ProcessRef { group, member: Some(slot) });
+                    }
+                    MemberKind::Leaf(_) => {}
+                }
+            }
+        }
+        owners
+    }
+
+    /// `a.done`, `a.done.found`, `a`; the group itself is its own name, `main`, or nothing.
+    pub(super) fn occurrence(&self, words: &mut Words, otherwise: EventKind) -> Read<Occurrence> {
+        let (who, event) = self.path(words)?;
+        let kind = match event.as_deref() {
+            Some("done") if words.eat(".") => match words.name() {
+                Some((tag, _)) => EventKind::Done(Some(tag)),
+                None => return Err(unreadable(words.want("an outcome"))),
+            },
+            Some("done") => EventKind::Done(None),
+            Some("aborted") => EventKind::Aborted,
+            Some("started") => EventKind::Started,
+            Some(_) => EventKind::Ended,
+            None => otherwise,
+        };
+        Ok(Occurrence { who, kind })
+    }
+
+    /// A process, and the event behind it if there is one.
+    fn path(&self, words: &mut Words) -> Read<(ProcessRef, Option<String>)> {
+        let mut who = ProcessRef { group: self.group, member: None };
+        let mut inside = Some(self.group);
+        let mut is_first = true;
+        loop {
+            let Some((mut name, span)) = words.name() else { return Err(unreadable(words.want("a process"))) };
+            if let Some(at) = words.index()? {
+                name = index::element(&name, at);
+            }
+            let found = inside.and_then(|group| Some((group, self.member(group, &name)?)));
+            let own = &self.plan.groups[self.group as usize];
+            if let Some((group, slot)) = found {
+                who = ProcessRef { group, member: Some(slot) };
+                inside = match self.plan.groups[group as usize].members[slot as usize].kind {
+                    MemberKind::Group(inner) => Some(inner),
+                    MemberKind::Leaf(_) => None,
+                };
+            } else if EVENTS.contains(&name.as_str()) {
+                return Ok((who, Some(name)));
+            } else if !(is_first && (name == own.process || name == "main" && self.group == 0)) {
+                return Err(self.unknown(&(name, span), inside));
+            }
+            is_first = false;
+            if !words.eat(".") {
+                return Ok((who, None));
+            }
+        }
+    }
+
+    fn member(&self, group: u32, name: &str) -> Option<u32> {
+        let members = self.plan.groups[group as usize].members.iter();
+        (0..).zip(members).find(|(_, member)| member.name == name).map(|(slot, _)| slot)
+    }
+
+    fn unknown(&self, (name, span): &Place, inside: Option<u32>) -> Box<Diagnostic> {
+        let Some(group) = inside else {
+            let message = format!("`{name}` is nothing that happens to a process");
+            let found = Diagnostic::new(Code::E0802, *span, message).help("`done`, `aborted`, `started` or `ended`");
+            return Box::new(found);
+        };
+        let group = &self.plan.groups[group as usize];
+        let diagnostic = Diagnostic::new(Code::E0802, *span, format!("`{}` has no process `{name}`", group.process));
+        let members = group.members.iter().map(|member| member.name.as_str());
+        Box::new(match similar::nearest(name, members.chain(EVENTS)) {
+            Some(near) => diagnostic.replace(*span, near),
+            None => diagnostic,
+        })
+    }
+
+    /// A host of the plan.
+    pub(super) fn host(&self, words: &mut Words) -> Read<String> {
+        let Some((name, span)) = words.name() else { return Err(unreadable(words.want("a host"))) };
+        if self.plan.hosts.contains(&name) {
+            return Ok(name);
+        }
+        let message = format!("no process of this plan is on a host `{name}`");
+        let help = format!("its hosts are {}", self.plan.hosts.join(", "));
+        Err(Box::new(Diagnostic::new(Code::E0802, span, message).help(help)))
+    }
+}

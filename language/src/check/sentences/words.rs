@@ -1,0 +1,212 @@
+//! The words of one sentence.
+
+use super::{Place, Read, unreadable};
+use crate::source::Span;
+use crate::syntax::SyntaxKind::{Ident, Number, Text};
+use crate::syntax::ast::{Node, Token};
+use crate::unit;
+use std::time::Duration;
+
+/// The words that have a meaning of their own in sentences.
+const WORDS: [&str; 38] = [
+    "a",
+    "after",
+    "always",
+    "any",
+    "aborted",
+    "assume",
+    "at",
+    "can",
+    "crash",
+    "done",
+    "ended",
+    "eventually",
+    "exclusive",
+    "finish",
+    "finishes",
+    "hang",
+    "host",
+    "implies",
+    "loss",
+    "most",
+    "never",
+    "not",
+    "of",
+    "on",
+    "once",
+    "only",
+    "started",
+    "stopped",
+    "stops",
+    "takes",
+    "times",
+    "with",
+    "within",
+    "s",
+    "ms",
+    "us",
+    "min",
+    "h",
+];
+
+/// Whether a word has a meaning of its own in sentences.
+pub(crate) fn is_word(text: &str) -> bool {
+    text != "a" && WORDS.contains(&text)
+}
+
+/// The words of a sentence, read from left to right.
+pub(super) struct Words {
+    tokens: Vec<Token>,
+    span: Span,
+    at: usize,
+    wanted: &'static str,
+}
+
+impl Words {
+    pub(super) fn new(node: &Node) -> Self {
+        let mut tokens: Vec<Token> = node.tokens().collect();
+        if tokens.last().is_some_and(|last| last.text() == ";") {
+            tokens.pop();
+        }
+        let span = match (tokens.first(), tokens.last()) {
+            (Some(first), Some(last)) => Span { end: last.span().end, ..first.span() },
+            (_, _) => node.span(),
+        };
+        Self { tokens, span, at: 0, wanted: "a sentence" }
+    }
+
+    /// The same words, to look ahead.
+    pub(super) fn peek(&self) -> Self {
+        Self { tokens: self.tokens.clone(), ..*self }
+    }
+
+    pub(super) fn span(&self) -> Span {
+        self.span
+    }
+
+    /// The sentence on one line.
+    pub(super) fn text(&self) -> String {
+        let mut text = String::new();
+        for (index, token) in self.tokens.iter().enumerate() {
+            let before = index.checked_sub(1).map(|before| self.tokens[before].text());
+            let is_tight = [".", ",", ":", ")", "(", "]", "["].contains(&token.text());
+            let is_open = before.is_none_or(|before| [".", "(", "["].contains(&before));
+            if !is_tight && !is_open {
+                text.push(' ');
+            }
+            text.push_str(token.text());
+        }
+        text
+    }
+
+    /// Where the next word stands; behind the last one, the last one.
+    pub(super) fn place(&self) -> Span {
+        let token = self.tokens.get(self.at).or(self.tokens.last());
+        token.map_or(self.span, Token::span)
+    }
+
+    pub(super) fn here(&self) -> String {
+        self.tokens.get(self.at).map_or_else(|| "the end of the sentence".to_owned(), |it| format!("`{}`", it.text()))
+    }
+
+    pub(super) fn wanted(&self) -> &'static str {
+        self.wanted
+    }
+
+    pub(super) fn want(&mut self, what: &'static str) -> &Self {
+        self.wanted = what;
+        self
+    }
+
+    pub(super) fn is_over(&self) -> bool {
+        self.at >= self.tokens.len()
+    }
+
+    pub(super) fn is_name(&self) -> bool {
+        self.tokens.get(self.at).is_some_and(|token| token.kind() == Ident)
+    }
+
+    fn is(&self, ahead: usize, word: &str) -> bool {
+        self.tokens.get(self.at + ahead).is_some_and(|token| token.text() == word)
+    }
+
+    pub(super) fn at(&self, word: &str) -> bool {
+        self.is(0, word)
+    }
+
+    pub(super) fn eat(&mut self, word: &str) -> bool {
+        let is_there = self.is(0, word);
+        self.at += usize::from(is_there);
+        is_there
+    }
+
+    pub(super) fn eat_two(&mut self, first: &str, second: &str) -> bool {
+        let are_there = self.is(0, first) && self.is(1, second);
+        self.at += if are_there { 2 } else { 0 };
+        are_there
+    }
+
+    pub(super) fn need(&mut self, word: &'static str) -> Read<()> {
+        if self.eat(word) {
+            return Ok(());
+        }
+        Err(unreadable(self.want(match word {
+            "with" => "`with`",
+            "implies" => "`implies`",
+            ":" => "`:`",
+            "takes" => "`takes`",
+            ".." => "`..`",
+            "host" => "`host`",
+            "(" => "`(`",
+            ")" => "`)`",
+            "]" => "`]`",
+            _ => "`stopped`, `never` or `eventually`",
+        })))
+    }
+
+    /// The next name or string.
+    pub(super) fn name(&mut self) -> Option<Place> {
+        let token = self.tokens.get(self.at).filter(|token| [Ident, Text].contains(&token.kind()))?;
+        self.at += 1;
+        let text = if token.kind() == Text { token.content() } else { token.text().to_owned() };
+        Some((text, token.span()))
+    }
+
+    /// `[2]`
+    pub(super) fn index(&mut self) -> Read<Option<usize>> {
+        if !self.eat("[") {
+            return Ok(None);
+        }
+        let value = self.tokens.get(self.at).and_then(|token| token.text().parse().ok());
+        let Some(value) = value else { return Err(unreadable(self.want("an index"))) };
+        self.at += 1;
+        self.need("]")?;
+        Ok(Some(value))
+    }
+
+    /// `300 ms`
+    pub(super) fn time(&mut self) -> Read<Duration> {
+        let number = self.tokens.get(self.at).filter(|token| token.kind() == Number);
+        let word = self.tokens.get(self.at + 1).filter(|token| token.kind() == Ident);
+        let text = number.zip(word).map(|(number, word)| format!("{} {}", number.text(), word.text()));
+        let read = text.and_then(|text| unit::read(&text).ok());
+        let seconds =
+            read.filter(|(_, dimension)| *dimension == Some(unit::Dimension::TIME)).map(|(seconds, _)| seconds);
+        let Some(time) = seconds.and_then(|seconds| Duration::try_from_secs_f64(seconds).ok()) else {
+            return Err(unreadable(self.want("a time such as `5 s`")));
+        };
+        self.at += 2;
+        Ok(time)
+    }
+
+    /// `3 times`
+    pub(super) fn count(&mut self, word: &'static str) -> Read<u32> {
+        let value = self.tokens.get(self.at).and_then(|token| token.text().parse().ok());
+        let value = value.filter(|_| self.is(1, word));
+        let Some(value) = value.filter(|&value| value > 0 && value < 100) else {
+            return Err(unreadable(self.want("`once`, or a number below 100 and `times`")));
+        };
+        self.at += 2;
+        Ok(value)
+    }
+}

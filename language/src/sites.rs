@@ -1,0 +1,131 @@
+//! What a verifier needs besides the plan: where everything stands in the text, how long programs take, and the properties
+//! that the spec states.
+
+use crate::source::Span;
+use std::time::Duration;
+
+/// The places, facts and properties of a spec, for its plan.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Sites {
+    /// For each group of the plan, where it stands.
+    pub groups: Vec<GroupSites>,
+    /// For each leaf of the plan, what its interface says of it.
+    pub leaves: Vec<LeafFacts>,
+    /// The properties of all `verify` blocks, in the order of the text, for each group that they are about.
+    pub properties: Vec<Property>,
+}
+
+/// Where a group stands in the text.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct GroupSites {
+    /// The name of its process, where that is defined.
+    pub name: Span,
+    /// Its instances, in the order of their slots.
+    pub members: Vec<Span>,
+    /// The nodes of its expression, in the order in which `algebra::Program` numbers them.
+    pub nodes: Vec<Span>,
+    /// The first line of each connection set.
+    pub sets: Vec<Span>,
+}
+
+/// What the interface of a leaf says.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct LeafFacts {
+    /// The shortest and the longest time from its start to its end, `duration 1 s .. 15 s;`.
+    pub takes: Option<(Duration, Duration)>,
+    /// The inputs that it does not work without.
+    pub inputs: Vec<String>,
+}
+
+/// One sentence of a `verify` block about one group.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Property {
+    /// Where it stands.
+    pub span: Span,
+    /// Its text on one line.
+    pub text: String,
+    /// The group that it is about: an index into `Plan::groups`.
+    pub group: u32,
+    /// What it says.
+    pub sentence: Sentence,
+}
+
+/// A process that a sentence names.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct ProcessRef {
+    /// Index into `Plan::groups`.
+    pub group: u32,
+    /// The slot of the member; without one the group itself.
+    pub member: Option<u32>,
+}
+
+/// Something that happens to a process.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Occurrence {
+    /// The process.
+    pub who: ProcessRef,
+    /// What happens to it.
+    pub kind: EventKind,
+}
+
+/// What happens to a process.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum EventKind {
+    /// It is activated.
+    Started,
+    /// It is done; with this tag, if one is given.
+    Done(Option<String>),
+    /// It fails.
+    Aborted,
+    /// It has ended, in whatever way.
+    Ended,
+}
+
+/// What a sentence asks for once something has happened.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Consequence {
+    /// `p stopped`, `p stopped within 300 ms`: nothing of it runs any more, after that time at the latest.
+    Stopped(ProcessRef, Option<Duration>),
+    /// `never p`, `not p.done`: this does not happen any more.
+    Never(Occurrence),
+    /// `eventually p`, `eventually p.done`: this happens, at the latest when nothing else can.
+    Eventually(Occurrence),
+}
+
+/// Which fault a sentence is about.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Fault {
+    /// `crash of p`, `crash of any`.
+    Crash(Option<ProcessRef>),
+    /// `hang of p`, `hang of any`: it never ends by itself.
+    Hang(Option<ProcessRef>),
+    /// `loss of host(c1)`.
+    HostLoss(String),
+}
+
+/// What a property says.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Sentence {
+    /// `never a with b`, and each two of `exclusive a, b, c`: they never run at the same time, also while they stop.
+    NeverTogether(Vec<ProcessRef>),
+    /// `always a implies b`: b runs whenever a does.
+    Implies(ProcessRef, ProcessRef),
+    /// `b only after a.done`
+    OnlyAfter(ProcessRef, Occurrence),
+    /// `after a.done: ...`
+    After(Occurrence, Consequence),
+    /// `on crash of any: ...`
+    On(Fault, Consequence),
+    /// `eventually p`: on every run without faults.
+    Eventually(Occurrence),
+    /// `can finish`: the end can be reached from wherever it gets.
+    CanFinish,
+    /// `finishes within 90 s`
+    FinishesWithin(Duration),
+    /// `stops within 2 s`
+    StopsWithin(Duration),
+    /// `p at most once`, `p at most 3 times`
+    AtMost(ProcessRef, u32),
+    /// `assume p takes 1 s .. 15 s`
+    Assume(ProcessRef, Duration, Duration),
+}
