@@ -411,7 +411,7 @@ fn call_failure(host: &str, error: CallError) -> Failure {
 pub(crate) fn words(failure: &Failure) -> String {
     match failure {
         Failure::Refused(error) | Failure::Unreachable(error) => format!("{error:#}"),
-        Failure::Reported => String::new(),
+        Failure::Reported | Failure::Limited => String::new(),
     }
 }
 

@@ -1,6 +1,6 @@
 //! The command line: one file a verb. Results go to standard output, everything else to standard error.
 //!
-//! Exit codes: 0 done, 1 refused or failed, 2 usage, 3 unreachable.
+//! Exit codes: 0 done, 1 refused or failed, 2 usage, 3 unreachable, 4 not decided within the limits.
 
 pub(crate) mod absent;
 pub mod attach;
@@ -16,6 +16,7 @@ pub mod doctor;
 pub mod events;
 pub mod explain;
 pub mod fix;
+pub mod fmea;
 pub mod fmt;
 pub mod follow;
 pub mod graph;
@@ -37,6 +38,7 @@ pub mod status;
 pub mod stop;
 pub(crate) mod stored;
 pub mod team;
+pub mod verify;
 
 use clap::{Args, Parser, Subcommand};
 use comms::io::session::{self, Role};
@@ -68,6 +70,10 @@ enum Verb {
     Replace(change::ReplaceArguments),
     /// Check a spec and print its diagnostics
     Check(check::Arguments),
+    /// Prove what holds of a spec in every order of events, and show how what does not hold fails
+    Verify(verify::Arguments),
+    /// Say what each single fault of each program of a spec does
+    Fmea(fmea::Arguments),
     /// Make a folder with a spec, and a controller program for it, to begin with
     New(new::Arguments),
     /// Apply the fixes of a spec that need no decision
@@ -154,6 +160,8 @@ pub fn main() -> ExitCode {
         Verb::Plan(arguments) => change::plan(&arguments),
         Verb::Replace(arguments) => change::replace(&arguments),
         Verb::Check(arguments) => check::run(&arguments),
+        Verb::Verify(arguments) => verify::run(&arguments),
+        Verb::Fmea(arguments) => fmea::run(&arguments),
         Verb::New(arguments) => new::run(&arguments),
         Verb::Fix(arguments) => fix::run(&arguments),
         Verb::Fmt(arguments) => fmt::run(&arguments),

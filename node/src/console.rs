@@ -1,6 +1,6 @@
 //! Streams and exit codes of all programs: results go to standard output, the rest to standard error.
 //!
-//! Exit codes: 0 done, 1 refused or failed, 2 usage, 3 unreachable.
+//! Exit codes: 0 done, 1 refused or failed, 2 usage, 3 unreachable, 4 not decided within the limits.
 
 mod given;
 
@@ -28,6 +28,8 @@ pub enum Failure {
     Reported,
     /// Somebody could not be reached: exit code 3.
     Unreachable(anyhow::Error),
+    /// A limit was reached before everything was decided, and what was and was not has been said: exit code 4.
+    Limited,
 }
 
 impl<E: Into<anyhow::Error>> From<E> for Failure {
@@ -84,6 +86,7 @@ pub fn finish(result: Result<(), Failure>) -> ExitCode {
             Some(error) => return finish(Err(unwritten(error))),
         },
         Err(Failure::Reported) => return ExitCode::from(1),
+        Err(Failure::Limited) => return ExitCode::from(4),
         Err(Failure::Refused(error)) => (error, 1),
         Err(Failure::Unreachable(error)) => (error, 3),
     };

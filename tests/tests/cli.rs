@@ -52,6 +52,29 @@ fn mistakes_are_errors_with_a_suggestion() {
     }
 }
 
+/// `dca verify` says by its exit code whether everything holds, something fails, or a limit came first.
+#[test]
+fn proofs_have_their_exit_codes() {
+    let corpus = |file: &str| format!("{}/../verify/tests/corpus/{file}.dca", env!("CARGO_MANIFEST_DIR"));
+    let cluster = Cluster::new();
+    let (good, bad) = (corpus("good/tidy_up"), corpus("bad/lock_cycle"));
+    let cases = [
+        (&["verify", &good][..], 0, "proved: every stop ends"),
+        (&["verify", &bad], 1, "  3  `right_fetch` is done"),
+        (&["verify", "--states", "5", &good], 4, "NOT DECIDED"),
+        (&["fmea", &good], 0, "find_a"),
+        (&["fmea", "--csv", &good], 0, "\"program\",\"fault\",\"while\""),
+        (&["fmea", "--html", &good], 0, "<table>"),
+    ];
+    for (arguments, code, text) in cases {
+        let ended = cluster.here().ask(arguments);
+        assert_eq!(ended.code, Some(code), "{ended}");
+        assert!(ended.out.contains(text), "{ended}");
+    }
+    let wrong = cluster.here().ask(&["fmea", "--csv", "--html", &good]);
+    assert_eq!(wrong.code, Some(2), "{wrong}");
+}
+
 /// A wrong command is answered with its usage, and exit code 2.
 #[test]
 fn wrong_usage_has_its_own_code() {

@@ -235,7 +235,7 @@ fn partly(failure: Failure, done: usize, count: usize) -> Failure {
     match failure {
         Failure::Refused(error) if done > 0 => Failure::Refused(add(error)),
         Failure::Unreachable(error) if done > 0 => Failure::Unreachable(add(error)),
-        Failure::Refused(_) | Failure::Unreachable(_) | Failure::Reported => failure,
+        Failure::Refused(_) | Failure::Unreachable(_) | Failure::Reported | Failure::Limited => failure,
     }
 }
 

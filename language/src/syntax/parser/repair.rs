@@ -6,8 +6,15 @@ use crate::syntax::SyntaxKind::{
 };
 
 /// The words that open a section of a process.
-pub(super) const SECTIONS: [&str; 7] =
-    ["host", "instantiated_processes", "external_io", "internal_connections", "internal_event_actions", "supervision", "verify"];
+pub(super) const SECTIONS: [&str; 7] = [
+    "host",
+    "instantiated_processes",
+    "external_io",
+    "internal_connections",
+    "internal_event_actions",
+    "supervision",
+    "verify",
+];
 /// The words that open an item of a file.
 pub(super) const ITEMS: [&str; 3] = ["process", "module", "verify"];
 

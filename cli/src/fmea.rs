@@ -1,0 +1,97 @@
+//! `dca fmea`: what each single fault of each program does.
+
+use crate::Controllers;
+use crate::verify::{LimitArgs, load};
+use node::console::{self, Failure};
+use std::path::PathBuf;
+use verify::{Row, Severity, Table, seconds};
+
+/// The arguments of `dca fmea`.
+#[derive(Debug, clap::Args)]
+pub struct Arguments {
+    /// The spec
+    file: PathBuf,
+    /// Print the table as comma-separated values
+    #[arg(long, conflicts_with = "html")]
+    csv: bool,
+    /// Print the table as a page for a browser
+    #[arg(long)]
+    html: bool,
+    /// Tell how each row comes about
+    #[arg(long, conflicts_with_all = ["csv", "html"])]
+    stories: bool,
+    #[command(flatten)]
+    limits: LimitArgs,
+    #[command(flatten)]
+    controllers: Controllers,
+}
+
+/// The columns of the table.
+const COLUMNS: [&str; 7] = ["program", "fault", "while", "at once", "still runs", "safe within", "verdict"];
+
+/// Runs the verb.
+pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let loaded = load(&arguments.file, &arguments.controllers)?;
+    let table = arguments.limits.with(|limits| verify::fmea(&loaded.plan, &loaded.sites, limits));
+    console::say(&match (arguments.csv, arguments.html) {
+        (true, _) => csv(&table),
+        (_, true) => html(&loaded.plan.name, &table),
+        (_, _) => text(&table, arguments.stories),
+    });
+    for program in &table.unfinished {
+        console::note(&format!("`{program}` was not looked at whole: a limit was reached"));
+    }
+    if table.unfinished.is_empty() { Ok(()) } else { Err(Failure::Limited) }
+}
+
+fn cells(row: &Row) -> [String; 7] {
+    let running = if row.running.is_empty() { "nothing".to_owned() } else { row.running.join(", ") };
+    let safe = row.safe_within.map_or_else(String::new, seconds);
+    let effect = row.effect.replace('`', "");
+    let (kind, word) = (row.kind.word().to_owned(), row.severity.word().to_owned());
+    [row.program.clone(), kind, row.phase.clone(), effect, running, safe, word]
+}
+
+fn text(table: &Table, tells_stories: bool) -> String {
+    let mut text = String::new();
+    let mut program = "";
+    for row in &table.rows {
+        let [_, kind, phase, effect, running, safe, word] = cells(row);
+        if program != row.program {
+            text += &format!("{}\n", row.program);
+            program = &row.program;
+        }
+        let safe = if safe.is_empty() { String::new() } else { format!(" within {safe}") };
+        text += &format!("  {kind}, while: {phase}\n    {word}{safe}: {effect}; still runs: {running}\n");
+        if tells_stories {
+            row.story.lines().iter().for_each(|line| text += &format!("      {line}\n"));
+        }
+    }
+    let count = |severity| table.rows.iter().filter(|row| row.severity == severity).count();
+    let of = |severity: Severity| format!("{} {}", count(severity), severity.word());
+    let all = [Severity::Safe, Severity::Handled, Severity::Degraded, Severity::Stuck].map(of).join(", ");
+    text + &format!("{} faults in {} states: {all}\n", table.rows.len(), table.states)
+}
+
+fn csv(table: &Table) -> String {
+    let quoted = |cell: &str| format!("\"{}\"", cell.replace('"', "\"\""));
+    let line = |cells: &[String]| cells.iter().map(|cell| quoted(cell)).collect::<Vec<_>>().join(",") + "\n";
+    let head = COLUMNS.map(str::to_owned);
+    line(&head) + &table.rows.iter().map(|row| line(&cells(row))).collect::<String>()
+}
+
+fn html(name: &str, table: &Table) -> String {
+    let escaped = |text: &str| text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;");
+    let row = |row: &Row| {
+        let cells = cells(row).map(|cell| format!("<td>{}</td>", escaped(&cell))).join("");
+        format!("<tr class=\"{}\">{cells}</tr>\n", row.severity.word().to_lowercase().replace(' ', "-"))
+    };
+    let rows: String = table.rows.iter().map(row).collect();
+    let head = COLUMNS.map(|column| format!("<th>{column}</th>")).join("");
+    let name = escaped(name);
+    format!(
+        "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>Faults of {name}</title>\n<style>body{{font:15px sans-serif}}\
+         td,th{{text-align:left;padding:3px 10px;border-bottom:1px solid #ccc;vertical-align:top}}.stuck{{background:#fdd}}\
+         .goes-on-without{{background:#ffd}}</style></head>\n<body><h1>Faults of {name}</h1>\n<table>\n<tr>{head}</tr>\n{rows}</table></body></html>\n"
+    )
+}

@@ -1,0 +1,108 @@
+//! How fast the verifier is: one command, one table.
+//!
+//! ```text
+//! cargo run --release -p verify --example figures
+//! ```
+//!
+//! Times are those of this thread on a processor, since others may use the machine.
+#![expect(clippy::print_stdout, reason = "its output is its result")]
+
+use language::{Options, Source, compile_with_sites};
+use std::time::Duration;
+use verify::{Always, Detail, Limits, flat, fmea, verify};
+
+const LIMITS: Limits<'static> = Limits { states: 12_000_000, memory: 4 << 30, goes_on: &Always };
+
+fn main() {
+    println!("| what | states | time | figure |\n|---|---|---|---|");
+    tidy_up(14);
+    groups(100, 10);
+    door();
+    flat_system(10);
+}
+
+/// How long this thread has been on a processor.
+fn busy() -> Duration {
+    let status = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
+    let nanoseconds = status.split_whitespace().next().and_then(|first| first.parse().ok());
+    Duration::from_nanos(nanoseconds.expect("Linux counts how long a thread runs"))
+}
+
+/// The paper's tidy-up with so many objects, each found and placed.
+fn tidy_up_spec(objects: usize) -> String {
+    let each = |write: fn(usize) -> String| (0..objects).map(write).collect::<Vec<_>>();
+    let instances = each(|i| format!("f{i} instof Step(c1); p{i} instof Step(c1);")).join("\n");
+    let actions = each(|i| format!("(f{i} : p{i})")).join(", ");
+    format!(
+        "module Step {{ done; }}\nprocess main(){{ host{{c1}} instantiated_processes{{ timeout instof Step(c1); {instances} }}\n\
+         internal_event_actions{{ timeout # ({actions}) }} }}"
+    )
+}
+
+fn tidy_up(objects: usize) {
+    whole(&format!("tidy-up, {objects} objects, by composition"), &tidy_up_spec(objects));
+}
+
+/// So many groups of so many processes each, side by side.
+fn groups(groups: usize, size: usize) {
+    let instances = (0..size).map(|i| format!("p{i} instof Step(c1);")).collect::<String>();
+    let pairs = (0..size / 2).map(|i| format!("(p{} ; p{})", 2 * i, 2 * i + 1)).collect::<Vec<_>>().join(", ");
+    let all = (0..groups).map(|i| format!("g{i} instof Group();")).collect::<String>();
+    let together = (0..groups).map(|i| format!("g{i}")).collect::<Vec<_>>().join(", ");
+    let text = format!(
+        "module Step {{ done; }}\nprocess Group(){{ host{{c1}} instantiated_processes{{ {instances} }} internal_event_actions{{ {pairs} }} }}\n\
+         process main(){{ host{{c1}} instantiated_processes{{ {all} }} internal_event_actions{{ {together} }} }}"
+    );
+    whole(&format!("{} processes in {groups} groups, by composition", groups * size), &text);
+}
+
+fn compiled(text: &str, interfaces: &[Source]) -> (language::plan::Plan, language::sites::Sites) {
+    let (compiled, sites) =
+        compile_with_sites(&Source::new("figures.dca", text), interfaces, &Options::named("figures"));
+    compiled.plan.zip(sites).expect("the spec has no errors")
+}
+
+fn whole(what: &str, text: &str) {
+    let (plan, sites) = compiled(text, &[]);
+    let start = busy();
+    let report = verify(&plan, &sites, &LIMITS);
+    let time = busy() - start;
+    println!("| {what} | {} | {:.3} s | {} findings |", report.states, time.as_secs_f64(), report.findings.len());
+}
+
+fn door() {
+    let read = |path: &str| std::fs::read_to_string(path).expect("it is run from the root of the repository");
+    let interface = Source::new("library", read("language/tests/graph/door_opening.interface"));
+    let (plan, sites) = compiled(&read("specs/door_opening.dca"), &[interface]);
+    let start = busy();
+    let report = verify(&plan, &sites, &LIMITS);
+    let time = busy() - start;
+    println!(
+        "| the door, with its properties | {} | {:.3} s | {} findings |",
+        report.states,
+        time.as_secs_f64(),
+        report.findings.len()
+    );
+    let start = busy();
+    let table = fmea(&plan, &sites, &LIMITS);
+    let time = busy() - start;
+    println!(
+        "| the door, every single fault | {} | {:.3} s | {} rows |",
+        table.states,
+        time.as_secs_f64(),
+        table.rows.len()
+    );
+}
+
+/// The tidy-up without any reduction.
+fn flat_system(objects: usize) {
+    let (plan, sites) = compiled(&tidy_up_spec(objects), &[]);
+    let start = busy();
+    let found = flat(&plan, &sites, &LIMITS, Detail::Count);
+    let time = (busy() - start).as_secs_f64();
+    let (states, rate) = (found.states, f64::from(found.states) / time / 1e6);
+    let bytes = found.bytes_a_state;
+    println!(
+        "| tidy-up, {objects} objects, flat | {states} | {time:.3} s | {rate:.2} M states/s, {bytes} bytes a packed state |"
+    );
+}

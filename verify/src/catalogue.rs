@@ -1,0 +1,320 @@
+//! The questions that every spec is asked, without any notation.
+//!
+//! Each part is explored alone, its members as boxes, while any program may fail and the whole may be stopped at any time.
+//! Parts come before what is around them, so that it is known how each box can end.
+
+use crate::explore::{Found, Graph, Limits, Nobody, Reached, explore, is_natural, is_over, is_stopping};
+use crate::finding::{Finding, diagnostic, help};
+use crate::model::{Ends, Model, Seat};
+use crate::story::{place, story_to_the_end};
+use crate::system::{Changed, Frame, Mode, Phase, System};
+use language::Code;
+use language::plan::Expression;
+use std::collections::BTreeSet;
+
+/// What the exploration of all parts says.
+#[derive(Debug, Default)]
+pub(crate) struct Catalogue {
+    pub(crate) findings: Vec<Finding>,
+    /// How many states were looked at, in all parts.
+    pub(crate) states: u64,
+    /// How many transitions.
+    pub(crate) transitions: u64,
+    /// The groups that were not looked at whole, and why.
+    pub(crate) unfinished: Vec<(u32, Reached)>,
+}
+
+/// Which kinds of mistakes were looked for, and whether one was found.
+#[derive(Default)]
+struct Asked {
+    stuck: bool,
+    unreached: bool,
+    stops: bool,
+    waits: bool,
+}
+
+/// Explores every part; afterwards the model knows how each can end.
+pub(crate) fn explore_parts(model: &mut Model<'_>, limits: &Limits<'_>) -> Catalogue {
+    let mut catalogue = Catalogue::default();
+    let mut asked = Asked::default();
+    for part in inside_out(model) {
+        explore_part(model, part, limits, (&mut catalogue, &mut asked));
+    }
+    summary(model, &asked, &mut catalogue);
+    catalogue
+}
+
+/// The parts, each after all that it holds.
+fn inside_out(model: &Model<'_>) -> Vec<usize> {
+    let (mut order, mut open) = (Vec::new(), vec![0_usize]);
+    while let Some(part) = open.pop() {
+        order.push(part);
+        open.extend(model.parts[part].members.iter().filter_map(|seat| match seat {
+            Seat::Part(inner) => Some(*inner),
+            Seat::Leaf(_) => None,
+        }));
+    }
+    order.reverse();
+    let mut seen = BTreeSet::new();
+    order.retain(|part| seen.insert(*part));
+    order
+}
+
+fn explore_part(
+    model: &mut Model<'_>,
+    part: usize,
+    limits: &Limits<'_>,
+    (catalogue, asked): (&mut Catalogue, &mut Asked),
+) {
+    let mut ends = [Ends::default(), Ends::default()];
+    for (index, aborts) in [true, false].into_iter().enumerate() {
+        let mut system = System::new(model, part, &|_| false);
+        system.mode = Mode { aborts, stops: aborts, ..Mode::default() };
+        let Found { graph, .. } = explore(&system, limits, true, &mut Nobody);
+        catalogue.states += u64::from(graph.store.count());
+        catalogue.transitions += graph.transitions() as u64;
+        ends[index] = ends_of(&system, &graph);
+        if aborts {
+            if let Some(reached) = graph.reached {
+                catalogue.unfinished.push((model.parts[part].group, reached));
+            } else {
+                judge(&system, &graph, part, (catalogue, asked));
+            }
+        }
+    }
+    // A group of another supervisor can always fail: its host may be lost.
+    ends[0].aborts |= !model.parts[part].is_piece;
+    model.parts[part].ends = ends;
+}
+
+/// How the whole of a system ends, of all that was seen.
+fn ends_of(system: &System<'_>, graph: &Graph) -> Ends {
+    let mut ends = Ends::default();
+    let (mut frame, mut changes) = (system.initial(), Vec::new());
+    let over = graph.which(system, is_over);
+    for state in 0..graph.store.count() {
+        for (label, target) in graph.from(state).filter(|(_, target)| over[*target as usize]) {
+            let _ = target;
+            system.unpack(graph.store.get(state), &mut frame);
+            system.apply(&mut frame, label, &mut changes);
+            for change in changes.drain(..).filter(|change| change.member.is_none()) {
+                match change.what {
+                    Changed::Done(value) if !ends.done.contains(&value) => ends.done.push(value),
+                    Changed::Aborted => ends.aborts = true,
+                    Changed::Done(_) | Changed::Started | Changed::Stopping | Changed::Stopped => {}
+                }
+            }
+        }
+    }
+    ends
+}
+
+fn judge(system: &System<'_>, graph: &Graph, part: usize, (catalogue, asked): (&mut Catalogue, &mut Asked)) {
+    unreached(system, graph, part, (catalogue, asked));
+    if let Some(finding) = stop_without_end(system, graph, part) {
+        asked.stops = true;
+        catalogue.findings.push(finding);
+    }
+    for node in promises(system, part) {
+        if let Some(finding) = stuck(system, graph, (part, node)) {
+            asked.stuck = true;
+            catalogue.findings.push(finding);
+            return;
+        }
+    }
+    for node in usings(system, part) {
+        if let Some(finding) = waits_for_ever(system, graph, (part, node)) {
+            asked.waits = true;
+            catalogue.findings.push(finding);
+            return;
+        }
+    }
+}
+
+/// The processes of a part that no order of events starts.
+fn unreached(system: &System<'_>, graph: &Graph, part: usize, (catalogue, asked): (&mut Catalogue, &mut Asked)) {
+    let runs = run_nodes(&system.model.parts[part].expression);
+    let mut is_reached = vec![false; runs.len()];
+    graph.which(system, |frame| {
+        for (reached, (node, _)) in is_reached.iter_mut().zip(&runs) {
+            *reached |= frame.states[0].is_node_active(*node);
+        }
+        false
+    });
+    let group = system.model.parts[part].group;
+    let members = system.model.plan.groups[group as usize].members.len();
+    let mut places = BTreeSet::new();
+    for ((node, member), _) in runs.iter().zip(&is_reached).filter(|(_, reached)| !**reached) {
+        let span = place(system.model, part, *node);
+        if *member as usize >= members || !places.insert(span) {
+            continue;
+        }
+        let name = system.model.name(group, *member);
+        let found = diagnostic(Code::E0812, span, format!("`{name}` is never started here"));
+        let found = help(found, "what stands before it never ends in the way that would start it");
+        asked.unreached = true;
+        catalogue.findings.push(Finding::fails(found, None));
+    }
+}
+
+fn run_nodes(expression: &Expression) -> Vec<(usize, u32)> {
+    let (mut runs, mut node) = (Vec::new(), 0);
+    crate::model::walk(expression, &mut |expression| {
+        if let Expression::Run { member, .. } = expression {
+            runs.push((node, *member));
+        }
+        node += 1;
+    });
+    runs
+}
+
+/// From every state after a stop the end can be reached.
+fn stop_without_end(system: &System<'_>, graph: &Graph, part: usize) -> Option<Finding> {
+    let over = graph.which(system, is_over);
+    let can = graph.can_reach(&over, &is_natural);
+    let stopping = graph.which(system, is_stopping);
+    let state = (0..graph.store.count()).find(|&state| stopping[state as usize] && !can[state as usize])?;
+    let name = system.model.group_name(system.model.parts[part].group);
+    let span = blocking(system, graph, (part, 0), state);
+    let found = diagnostic(Code::E0813, span, format!("a stop of `{name}` may never end"));
+    let found =
+        help(found, "give the `shield` a bound, `shield(10 s) P`, or what `finally` runs a limit, `Q within 5 s`");
+    Some(Finding::fails(found, Some(story_to_the_end(system, graph, state))))
+}
+
+/// The nodes of a part that promise to end and are in no other that does: the whole, or what a service holds.
+fn promises(system: &System<'_>, part: usize) -> Vec<usize> {
+    let source = &system.model.parts[part];
+    if !source.program.is_service() {
+        return vec![0];
+    }
+    let (mut nodes, mut next) = (Vec::new(), 0);
+    promised(system, part, &source.expression, &mut next, &mut nodes);
+    nodes
+}
+
+fn promised(system: &System<'_>, part: usize, expression: &Expression, next: &mut usize, nodes: &mut Vec<usize>) {
+    let own = *next;
+    if !system.model.parts[part].program.is_service_node(own) {
+        nodes.push(own);
+        *next += crate::model::count(expression) as usize;
+        return;
+    }
+    *next += 1;
+    for operand in expression.operands() {
+        promised(system, part, operand, next, nodes);
+    }
+}
+
+/// A state from which a node that promises to end cannot, although no program fails.
+fn stuck(system: &System<'_>, graph: &Graph, (part, node): (usize, usize)) -> Option<Finding> {
+    let is_active = |frame: &Frame| frame.states[0].is_node_active(node);
+    let ended = graph.which(system, |frame| frame.phase != Phase::Idle && !is_active(frame));
+    let can = graph.can_reach(&ended, &is_natural);
+    let running = graph.which(system, |frame| frame.phase == Phase::Running && is_active(frame));
+    let state = (0..graph.store.count()).find(|&state| running[state as usize] && !can[state as usize])?;
+    let name = system.model.group_name(system.model.parts[part].group);
+    let span = blocking(system, graph, (part, node), state);
+    let message = match node {
+        0 => format!("`{name}` can get stuck: from here it never ends"),
+        _ => format!("a part of `{name}` can get stuck: from here it never ends"),
+    };
+    let found = diagnostic(Code::E0811, span, message);
+    Some(Finding::fails(with_advice(system, graph, state, found), Some(story_to_the_end(system, graph, state))))
+}
+
+/// What it looks like where nothing happens any more.
+fn at_the_end(system: &System<'_>, graph: &Graph, state: u32) -> Frame {
+    let mut frame = system.initial();
+    system.unpack(graph.store.get(state), &mut frame);
+    let mut changes = Vec::new();
+    for label in graph.dead_end(state) {
+        system.apply(&mut frame, label, &mut changes);
+    }
+    frame
+}
+
+fn with_advice(system: &System<'_>, graph: &Graph, state: u32, found: language::Diagnostic) -> language::Diagnostic {
+    let frame = at_the_end(system, graph, state);
+    let waits = usings(system, system.units[0].part).into_iter().any(|node| frame.states[0].is_node_waiting(node));
+    help(
+        found,
+        match waits {
+            true => {
+                "what waits here for a resource never gets it: take both at once, `using(a, b)`, or always in the same order"
+            }
+            false => "give it a limit, `P within 30 s`, or let something else end it, `P # Q`",
+        },
+    )
+}
+
+fn usings(system: &System<'_>, part: usize) -> Vec<usize> {
+    let (mut nodes, mut node) = (Vec::new(), 0);
+    crate::model::walk(&system.model.parts[part].expression, &mut |expression| {
+        if matches!(expression, Expression::Using { .. }) {
+            nodes.push(node);
+        }
+        node += 1;
+    });
+    nodes
+}
+
+/// A `using` that waits and never gets what it wants.
+fn waits_for_ever(system: &System<'_>, graph: &Graph, (part, node): (usize, usize)) -> Option<Finding> {
+    let waits = graph.which(system, |frame| frame.phase == Phase::Running && frame.states[0].is_node_waiting(node));
+    let goes_on: Vec<bool> = graph.which(system, |frame| !frame.states[0].is_node_waiting(node));
+    let can = graph.can_reach(&goes_on, &is_natural);
+    let state = (0..graph.store.count()).find(|&state| waits[state as usize] && !can[state as usize])?;
+    let name = system.model.group_name(system.model.parts[part].group);
+    let found = diagnostic(Code::E0811, place(system.model, part, node), format!("`{name}` can wait here for ever"));
+    Some(Finding::fails(with_advice(system, graph, state, found), Some(story_to_the_end(system, graph, state))))
+}
+
+/// The place of what holds everything up: the first thing that waits, or the outermost that is active.
+fn blocking(system: &System<'_>, graph: &Graph, (part, node): (usize, usize), state: u32) -> language::Span {
+    let frame = at_the_end(system, graph, state);
+    let waiting = usings(system, part).into_iter().find(|&node| frame.states[0].is_node_waiting(node));
+    let shields = shields(system, part).into_iter().find(|&node| frame.states[0].is_node_active(node));
+    let shields = shields.filter(|_| frame.phase == Phase::Stopping);
+    place(system.model, part, waiting.or(shields).unwrap_or(node))
+}
+
+fn shields(system: &System<'_>, part: usize) -> Vec<usize> {
+    let (mut nodes, mut node) = (Vec::new(), 0);
+    crate::model::walk(&system.model.parts[part].expression, &mut |expression| {
+        if matches!(expression, Expression::Shield { .. } | Expression::Finally(..)) {
+            nodes.push(node);
+        }
+        node += 1;
+    });
+    nodes
+}
+
+/// What holds, in a sentence each.
+fn summary(model: &Model<'_>, asked: &Asked, catalogue: &mut Catalogue) {
+    if !catalogue.unfinished.is_empty() {
+        for (group, reached) in std::mem::take(&mut catalogue.unfinished) {
+            let name = model.group_name(group);
+            let sentence = format!("`{name}` was not looked at whole: {}", reached.words());
+            catalogue.findings.push(Finding::open(sentence));
+            catalogue.unfinished.push((group, reached));
+        }
+        return;
+    }
+    let ends = model.parts[0].program.is_service();
+    let mut proved = |is_wrong: bool, sentence: &str| {
+        if !is_wrong {
+            catalogue.findings.push(Finding::proved(sentence));
+        }
+    };
+    proved(
+        asked.stuck,
+        match ends {
+            true => "nothing gets stuck: whatever happens, each step that can end goes on to its end",
+            false => "nothing gets stuck: whatever happens, `main` can still end",
+        },
+    );
+    proved(asked.waits, "nobody waits for a resource for ever");
+    proved(asked.unreached, "every process is started in some order of events");
+    proved(asked.stops, "every stop ends");
+}

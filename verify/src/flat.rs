@@ -1,0 +1,105 @@
+//! A plan as one system, nothing left out and nothing reduced: for comparisons and measurements.
+
+use crate::explore::{Graph, Limits, Nobody, Reached, explore, is_natural, is_over, is_stopping};
+use crate::model::Model;
+use crate::system::{Frame, Mode, Phase, System};
+use language::algebra::Activity;
+use language::plan::Plan;
+use language::sites::Sites;
+use std::collections::BTreeSet;
+
+/// All that a plan can do, its programs failing and stops coming at any time.
+#[derive(Debug)]
+pub struct Flat {
+    /// The number of states.
+    pub states: u32,
+    /// The number of transitions, if they were kept.
+    pub transitions: usize,
+    /// The bytes of one packed state.
+    pub bytes_a_state: usize,
+    /// What every member does, and where the whole is, in each state, each once.
+    pub situations: BTreeSet<(Vec<Activity>, Ending)>,
+    /// Whether there is a state from which it cannot end though no program fails.
+    pub gets_stuck: bool,
+    /// Whether there is a state after a stop from which it cannot end though no program fails.
+    pub stop_hangs: bool,
+    /// The limit that was reached.
+    pub reached: Option<Reached>,
+}
+
+/// Where the whole is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Ending {
+    /// It has not started.
+    Idle,
+    /// It runs.
+    Running,
+    /// It has been asked to stop.
+    Stopping,
+    /// It was done.
+    Done,
+    /// It has failed.
+    Aborted,
+    /// It has stopped.
+    Stopped,
+}
+
+/// What is asked of a flat exploration.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Detail {
+    /// Only how many states there are.
+    Count,
+    /// Everything.
+    All,
+}
+
+/// Explores a whole plan.
+pub fn flat(plan: &Plan, sites: &Sites, limits: &Limits<'_>, detail: Detail) -> Flat {
+    let model = Model::new(plan, sites);
+    let mut system = System::new(&model, 0, &|_| true);
+    system.mode = Mode { aborts: true, stops: true, ..Mode::default() };
+    let graph = explore(&system, limits, detail == Detail::All, &mut Nobody).graph;
+    let mut flat = Flat {
+        states: graph.store.count(),
+        transitions: graph.transitions(),
+        bytes_a_state: system.length(),
+        situations: BTreeSet::new(),
+        gets_stuck: false,
+        stop_hangs: false,
+        reached: graph.reached,
+    };
+    if detail == Detail::All {
+        look(&system, &graph, &mut flat);
+    }
+    flat
+}
+
+fn look(system: &System<'_>, graph: &Graph, flat: &mut Flat) {
+    let over = graph.which(system, is_over);
+    let can = graph.can_reach(&over, &is_natural);
+    let running = graph.which(system, |frame| frame.phase == Phase::Running);
+    let stopping = graph.which(system, is_stopping);
+    let hangs = |which: &[bool]| which.iter().zip(&can).any(|(which, can)| *which && !can);
+    (flat.gets_stuck, flat.stop_hangs) = (hangs(&running), hangs(&stopping));
+    graph.which(system, |frame| {
+        flat.situations.insert(situation(system, frame));
+        false
+    });
+}
+
+fn situation(system: &System<'_>, frame: &Frame) -> (Vec<Activity>, Ending) {
+    let mut all = Vec::new();
+    for (unit, state) in system.units.iter().zip(&frame.states) {
+        let slots = 0..u32::try_from(unit.seats.len()).unwrap_or(u32::MAX);
+        all.extend(slots.map(|slot| state.activity(slot)));
+    }
+    let ending = match frame.phase {
+        Phase::Idle => Ending::Idle,
+        Phase::Running => Ending::Running,
+        Phase::Stopping => Ending::Stopping,
+        Phase::Done => Ending::Done,
+        Phase::Aborted => Ending::Aborted,
+        Phase::Stopped => Ending::Stopped,
+    };
+    (all, ending)
+}

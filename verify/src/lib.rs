@@ -1,0 +1,91 @@
+//! Proves what holds of a spec in every order of events, before it runs.
+//!
+//! [`verify`] takes a plan with its places and answers the questions of a catalogue, and those that the spec states in its
+//! `verify` blocks. The transitions come from `language::algebra::step`, the function that runs the robot.
+//!
+//! Way of a plan: `model` takes it apart, `system` puts some parts together with everything that may happen to them,
+//! `explore` looks at all of it, `catalogue` asks, `story` tells how something fails. Pure: no clock, no file; who
+//! calls brings the limits.
+
+mod catalogue;
+mod explore;
+mod fault;
+mod finding;
+mod flat;
+mod limits;
+mod model;
+mod property;
+mod store;
+mod story;
+mod system;
+mod times;
+mod wires;
+
+pub use explore::{Always, GoesOn, Limits, Reached};
+pub use fault::{Row, Severity, Table};
+pub use finding::{Finding, Verdict};
+pub use flat::{Detail, Ending, Flat, flat};
+pub use model::Model;
+pub use story::{Step, Story, seconds};
+pub use system::FaultKind;
+
+use language::plan::Plan;
+use language::sites::{Sentence, Sites};
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+/// What was found out about a spec.
+#[derive(Debug)]
+pub struct Report {
+    /// The answers, in the order of the questions.
+    pub findings: Vec<Finding>,
+    /// How many states were looked at.
+    pub states: u64,
+    /// How many transitions were taken.
+    pub transitions: u64,
+    /// Whether a limit was reached, so that something was left out.
+    pub is_limited: bool,
+    /// What was taken for granted.
+    pub assumptions: Vec<String>,
+}
+
+/// Answers all questions about a spec.
+pub fn verify(plan: &Plan, sites: &Sites, limits: &Limits<'_>) -> Report {
+    let mut model = Model::new(plan, sites);
+    let catalogue = catalogue::explore_parts(&mut model, limits);
+    let mut findings = catalogue.findings;
+    let assumed = assumed(sites);
+    let times = times::Times { model: &model, assumed };
+    findings.extend(wires::check(&model, limits));
+    findings.extend(limits::check(&times));
+    findings.extend(property::check(&times, limits));
+    let is_limited = findings.iter().any(|finding| finding.verdict == Verdict::Open);
+    let assumptions = vec![
+        "a program that is asked to stop does so, or is killed".to_owned(),
+        "a program that can end does so at some time, unless its `service;` says that it never does".to_owned(),
+        "timers may run out in any order".to_owned(),
+    ];
+    Report { findings, states: catalogue.states, transitions: catalogue.transitions, is_limited, assumptions }
+}
+
+/// How long members take, as the spec assumes.
+fn assumed(sites: &Sites) -> BTreeMap<(u32, u32), (Duration, Duration)> {
+    let mut assumed = BTreeMap::new();
+    for property in &sites.properties {
+        if let Sentence::Assume(who, least, most) = &property.sentence
+            && let Some(slot) = who.member
+        {
+            assumed.insert((who.group, slot), (*least, *most));
+        }
+    }
+    assumed
+}
+
+/// Says what each single fault of each program does.
+pub fn fmea(plan: &Plan, sites: &Sites, limits: &Limits<'_>) -> Table {
+    let mut model = Model::new(plan, sites);
+    let catalogue = catalogue::explore_parts(&mut model, limits);
+    let mut table = fault::table(&model, limits);
+    table.states += catalogue.states;
+    table
+}

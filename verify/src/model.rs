@@ -1,0 +1,356 @@
+//! A plan as parts: its groups, and pieces of large groups, each with what may happen at its boundary.
+//!
+//! A supervisor sees of a member only that it starts, is done, aborts or has stopped. So a group can be explored with its
+//! members as black boxes that do these things at any time, whatever is inside: the cost is the sum over groups, not the
+//! product. The same holds for the operands of a `,` that share nothing with the rest of their group: where there are many,
+//! they become parts of their own, by the law `P, Q, R = (P, Q), R` of tasks.
+
+use language::algebra::{Program, Value};
+use language::plan::{Expression, Group, Member, MemberKind, Plan};
+use language::sites::Sites;
+
+/// A group with at most so many configurations, as its operators suggest, is not taken apart.
+const WHOLE_MAX: u64 = 20_000;
+/// As many operands of one `,` stay beside each other.
+const BESIDE_MAX: usize = 3;
+
+/// A spec, ready to be verified.
+#[derive(Debug)]
+pub struct Model<'a> {
+    /// The plan.
+    pub plan: &'a Plan,
+    /// Where everything stands.
+    pub sites: &'a Sites,
+    /// The parts; each group of the plan first, under its own number.
+    pub(crate) parts: Vec<Part>,
+    /// For each group but `main`, the group around it and its slot there.
+    pub(crate) around: Vec<Option<(u32, u32)>>,
+}
+
+/// A group, or a piece of one.
+#[derive(Debug)]
+pub(crate) struct Part {
+    /// The group of the plan.
+    pub(crate) group: u32,
+    pub(crate) program: Program,
+    pub(crate) expression: Expression,
+    /// For each node, its number in the group's own expression.
+    pub(crate) nodes: Vec<u32>,
+    pub(crate) members: Vec<Seat>,
+    /// Whether it is a piece of a group: then it reacts together with what is around it.
+    pub(crate) is_piece: bool,
+    /// How it can end, when programs may fail and when they do not; known after `ends`.
+    pub(crate) ends: [Ends; 2],
+}
+
+/// What a member slot of a part holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Seat {
+    Leaf(u32),
+    /// A group or a piece: a part.
+    Part(usize),
+}
+
+/// How something can end by itself.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Ends {
+    /// The values that it may leave: the empty one, or one for each tag.
+    pub(crate) done: Vec<Value>,
+    pub(crate) aborts: bool,
+}
+
+impl<'a> Model<'a> {
+    /// Takes a plan apart.
+    pub fn new(plan: &'a Plan, sites: &'a Sites) -> Self {
+        let mut model = Self { plan, sites, parts: Vec::new(), around: vec![None; plan.groups.len()] };
+        for (index, group) in (0..).zip(&plan.groups) {
+            for (slot, member) in (0..).zip(&group.members) {
+                if let MemberKind::Group(inner) = member.kind {
+                    model.around[inner as usize] = Some((index, slot));
+                }
+            }
+        }
+        let mut pieces = Vec::new();
+        for group in 0..plan.groups.len() {
+            let part = Outline::of(&model, group, &mut pieces);
+            model.parts.push(part);
+        }
+        model.parts.append(&mut pieces);
+        model
+    }
+
+    /// Whether any expression looks at tags: else all values are alike.
+    pub(crate) fn has_tags(&self) -> bool {
+        self.plan.groups.iter().any(|group| has_match(&group.expression))
+    }
+
+    /// Whether a part of a group runs a member of it, itself or in a piece.
+    pub(crate) fn holds(&self, part: usize, slot: u32) -> bool {
+        let source = &self.parts[part];
+        runs(&source.expression).into_iter().any(|member| match source.members.get(member as usize) {
+            Some(Seat::Part(inner)) if self.parts[*inner].is_piece => self.holds(*inner, slot),
+            Some(Seat::Part(_) | Seat::Leaf(_)) | None => member == slot,
+        })
+    }
+
+    /// What a process is called by a reader: its path without `main/`.
+    pub(crate) fn name(&self, group: u32, slot: u32) -> String {
+        let group = &self.plan.groups[group as usize];
+        let path = format!("{}/{}", group.path, group.members[slot as usize].name);
+        short(&path)
+    }
+
+    /// What a group is called.
+    pub(crate) fn group_name(&self, group: u32) -> String {
+        short(&self.plan.groups[group as usize].path)
+    }
+
+    /// The leaves at and below a member.
+    pub(crate) fn leaves_below(&self, group: u32, slot: u32) -> Vec<u32> {
+        match self.plan.groups[group as usize].members[slot as usize].kind {
+            MemberKind::Leaf(leaf) => vec![leaf],
+            MemberKind::Group(inner) => {
+                let slots = 0..u32::try_from(self.plan.groups[inner as usize].members.len()).unwrap_or(0);
+                slots.flat_map(|slot| self.leaves_below(inner, slot)).collect()
+            }
+        }
+    }
+}
+
+/// A path without `main/` before it.
+pub(crate) fn short(path: &str) -> String {
+    path.strip_prefix("main/").unwrap_or(path).to_owned()
+}
+
+fn has_match(expression: &Expression) -> bool {
+    matches!(expression, Expression::Match(_)) || expression.operands().into_iter().any(has_match)
+}
+
+/// Takes the expression of one group apart.
+struct Outline<'m> {
+    group: usize,
+    source: &'m Group,
+    /// Members of the part that is being written.
+    parts: &'m mut Vec<Part>,
+    /// The number of the first piece: the groups come before.
+    first_piece: usize,
+}
+
+impl Outline<'_> {
+    fn of(model: &Model<'_>, group: usize, pieces: &mut Vec<Part>) -> Part {
+        let source = &model.plan.groups[group];
+        let first_piece = model.plan.groups.len();
+        let mut outline = Outline { group, source, parts: pieces, first_piece };
+        let mut part = Draft { members: seats(source), names: source.members.clone(), nodes: Vec::new() };
+        let expression = if configurations(&source.expression) > WHOLE_MAX {
+            outline.write(&source.expression, &mut 0, &mut part)
+        } else {
+            part.nodes = (0..count(&source.expression)).collect();
+            source.expression.clone()
+        };
+        outline.finish(expression, part, false)
+    }
+
+    fn finish(&self, expression: Expression, draft: Draft, is_piece: bool) -> Part {
+        let group = Group { members: draft.names, expression: expression.clone(), ..self.source.clone() };
+        let program = Program::compile(&group);
+        let (nodes, members) = (draft.nodes, draft.members);
+        let group = u32::try_from(self.group).unwrap_or(u32::MAX);
+        Part { group, program, expression, nodes, members, is_piece, ends: [Ends::default(), Ends::default()] }
+    }
+
+    /// Copies an expression; `number` is that of its first node in the group's own.
+    fn write(&mut self, expression: &Expression, number: &mut u32, draft: &mut Draft) -> Expression {
+        let own = *number;
+        draft.nodes.push(own);
+        *number += 1;
+        let Expression::Concurrent(operands) = expression else {
+            return with_operands(expression, |operand| self.write(operand, number, draft));
+        };
+        let starts: Vec<u32> = operands
+            .iter()
+            .map(|operand| {
+                let start = *number;
+                *number += count(operand);
+                start
+            })
+            .collect();
+        let is_small = operands.iter().all(|operand| runs(operand).len() < 2) && operands.len() <= BESIDE_MAX;
+        let mut kept = Vec::new();
+        let mut pieces: Vec<(&Expression, u32)> = Vec::new();
+        for (operand, &start) in operands.iter().zip(&starts) {
+            let is_task = !self.is_service(operand);
+            if !is_small && is_task && self.is_alone(operand) {
+                pieces.push((operand, start));
+            } else {
+                kept.push((operand, start));
+            }
+        }
+        let mut operands = Vec::new();
+        for (operand, start) in kept {
+            operands.push((start, self.write(operand, &mut { start }, draft)));
+        }
+        for chunk in halves(&pieces, BESIDE_MAX.saturating_sub(operands.len()).max(2)) {
+            let start = chunk[0].1;
+            let member = self.piece(chunk, own, draft);
+            draft.nodes.push(start);
+            operands.push((start, Expression::Run { member, sets: Vec::new() }));
+        }
+        Expression::Concurrent(operands.into_iter().map(|(_, operand)| operand).collect())
+    }
+
+    /// Makes a piece of some operands of a `,`; returns its slot in the part around it.
+    fn piece(&mut self, operands: &[(&Expression, u32)], own: u32, around: &mut Draft) -> u32 {
+        let mut draft = Draft { members: seats(self.source), names: self.source.members.clone(), nodes: Vec::new() };
+        let expression = match operands {
+            [(operand, start)] => self.write(operand, &mut { *start }, &mut draft),
+            _ => {
+                draft.nodes.push(own);
+                let mut written = Vec::new();
+                for half in halves(operands, 2) {
+                    match half {
+                        [(operand, start)] if runs(operand).len() < 2 => {
+                            written.push(self.write(operand, &mut { *start }, &mut draft));
+                        }
+                        _ => {
+                            draft.nodes.push(half[0].1);
+                            let member = self.piece(half, own, &mut draft);
+                            written.push(Expression::Run { member, sets: Vec::new() });
+                        }
+                    }
+                }
+                Expression::Concurrent(written)
+            }
+        };
+        let part = self.finish(expression, draft, true);
+        self.parts.push(part);
+        let index = self.first_piece + self.parts.len() - 1;
+        around.members.push(Seat::Part(index));
+        around.names.push(Member { name: String::new(), kind: MemberKind::Group(0), service: false });
+        u32::try_from(around.members.len() - 1).unwrap_or(u32::MAX)
+    }
+
+    /// Whether an operand shares no member and no resource with the rest of its group.
+    fn is_alone(&self, operand: &Expression) -> bool {
+        let (own, all) = (runs(operand), runs(&self.source.expression));
+        let is_shared = |member: &u32| count_of(&all, *member) != count_of(&own, *member);
+        let (taken, everywhere) = (resources(operand), resources(&self.source.expression));
+        let is_taken_elsewhere = |name: &&str| count_of(&everywhere, *name) != count_of(&taken, *name);
+        !own.iter().any(is_shared) && !taken.iter().any(is_taken_elsewhere)
+    }
+
+    fn is_service(&self, operand: &Expression) -> bool {
+        let group = Group { expression: operand.clone(), ..self.source.clone() };
+        Program::compile(&group).is_service()
+    }
+}
+
+/// A part while it is written.
+struct Draft {
+    members: Vec<Seat>,
+    names: Vec<Member>,
+    nodes: Vec<u32>,
+}
+
+fn seats(group: &Group) -> Vec<Seat> {
+    let seat = |member: &Member| match member.kind {
+        MemberKind::Leaf(leaf) => Seat::Leaf(leaf),
+        MemberKind::Group(group) => Seat::Part(group as usize),
+    };
+    group.members.iter().map(seat).collect()
+}
+
+/// Splits into at most `count` runs of nearly the same length.
+fn halves<T>(items: &[T], count: usize) -> impl Iterator<Item = &[T]> {
+    let length = items.len().div_ceil(count.max(1)).max(1);
+    items.chunks(length)
+}
+
+fn count_of<T: PartialEq>(items: &[T], one: T) -> usize {
+    items.iter().filter(|item| **item == one).count()
+}
+
+/// How many nodes an expression has.
+pub(crate) fn count(expression: &Expression) -> u32 {
+    expression.operands().into_iter().map(count).fold(1, u32::saturating_add)
+}
+
+/// About how many configurations an expression has while it is active: those of things in turn add up, those of things side
+/// by side multiply.
+fn configurations(expression: &Expression) -> u64 {
+    let parts = || expression.operands().into_iter().map(configurations);
+    match expression {
+        Expression::Run { .. } => 2,
+        Expression::Skip | Expression::Never | Expression::Fail(_) | Expression::Wait(_) => 1,
+        Expression::Sequence(..)
+        | Expression::Conditional(..)
+        | Expression::Recurrent(..)
+        | Expression::Otherwise(..)
+        | Expression::Match(_)
+        | Expression::Using { .. }
+        | Expression::Tagged { .. } => parts().fold(1, u64::saturating_add),
+        Expression::Shield { .. } | Expression::Finally(..) => parts().fold(1, u64::saturating_add).saturating_mul(2),
+        Expression::Concurrent(_)
+        | Expression::FailFast(_)
+        | Expression::AnyOf { .. }
+        | Expression::Disable(_)
+        | Expression::Asynchronous { .. } => parts().map(|part| part.saturating_add(1)).fold(1, u64::saturating_mul),
+    }
+}
+
+/// The members that an expression runs, each as often as it stands there.
+pub(crate) fn runs(expression: &Expression) -> Vec<u32> {
+    let mut all = Vec::new();
+    walk(expression, &mut |expression| {
+        if let Expression::Run { member, .. } = expression {
+            all.push(*member);
+        }
+    });
+    all
+}
+
+fn resources(expression: &Expression) -> Vec<&str> {
+    let own: Vec<&str> = if let Expression::Using { resources, .. } = expression {
+        resources.iter().map(String::as_str).collect()
+    } else {
+        Vec::new()
+    };
+    own.into_iter().chain(expression.operands().into_iter().flat_map(resources)).collect()
+}
+
+/// Goes through an expression, an operator before its operands.
+pub(crate) fn walk(expression: &Expression, visit: &mut impl FnMut(&Expression)) {
+    visit(expression);
+    for operand in expression.operands() {
+        walk(operand, visit);
+    }
+}
+
+/// The same operator over other operands.
+fn with_operands(expression: &Expression, mut write: impl FnMut(&Expression) -> Expression) -> Expression {
+    let mut copy = expression.clone();
+    match &mut copy {
+        Expression::Run { .. } | Expression::Skip | Expression::Never | Expression::Fail(_) | Expression::Wait(_) => {}
+        Expression::Concurrent(of)
+        | Expression::FailFast(of)
+        | Expression::Disable(of)
+        | Expression::AnyOf { of, .. } => of.iter_mut().for_each(|operand| *operand = write(operand)),
+        Expression::Sequence(p, q)
+        | Expression::Conditional(p, q)
+        | Expression::Recurrent(p, q)
+        | Expression::Otherwise(p, q)
+        | Expression::Finally(p, q) => {
+            **p = write(p);
+            **q = write(q);
+        }
+        Expression::Match(arms) => arms.iter_mut().for_each(|arm| arm.body = write(&arm.body)),
+        Expression::Shield { of, .. } | Expression::Using { of, .. } | Expression::Tagged { of, .. } => {
+            **of = write(of);
+        }
+        Expression::Asynchronous { source, pool } => {
+            **source = write(source);
+            pool.iter_mut().for_each(|operand| *operand = write(operand));
+        }
+    }
+    copy
+}

@@ -1,0 +1,315 @@
+//! The sentences of `verify` blocks: each is looked for in the smallest system that holds what it names.
+
+mod watch;
+
+use crate::explore::{Found, Graph, Limits, explore, is_natural};
+use crate::finding::{Finding, diagnostic, help};
+use crate::model::Model;
+use crate::story::{seconds, story};
+use crate::system::{FaultKind, Frame, Injection, Label, Mode, Phase, System};
+use crate::times::Times;
+use language::Code;
+use language::plan::MemberKind;
+use language::sites::{Consequence, Fault, Occurrence, ProcessRef, Property, Sentence};
+use std::time::Duration;
+use watch::{Goal, Watch};
+
+/// Answers every sentence.
+pub(crate) fn check(times: &Times<'_, '_>, limits: &Limits<'_>) -> Vec<Finding> {
+    let properties = times.model.sites.properties.iter();
+    properties.filter_map(|property| Question { times, limits, property }.answer()).collect()
+}
+
+/// One sentence about one group.
+struct Question<'q, 'm, 'a> {
+    times: &'q Times<'m, 'a>,
+    limits: &'q Limits<'q>,
+    property: &'q Property,
+}
+
+impl<'m, 'a> Question<'_, 'm, 'a> {
+    fn answer(&self) -> Option<Finding> {
+        let calm = Mode::default();
+        let rough = Mode { aborts: true, stops: true, ..Mode::default() };
+        Some(match &self.property.sentence {
+            Sentence::Assume(..) => return None,
+            Sentence::NeverTogether(all) => self.safe(rough, all, &Goal::Together(all.clone())),
+            Sentence::Implies(a, b) => self.safe(rough, &[*a, *b], &Goal::Without(*a, *b)),
+            Sentence::OnlyAfter(who, event) => self.safe(rough, &[*who, event.who], &Goal::Before(*who, event.clone())),
+            Sentence::AtMost(who, times) => self.safe(rough, &[*who], &Goal::Often(*who, *times)),
+            Sentence::After(event, consequence) => self.after(rough, event, consequence),
+            Sentence::Eventually(event) => self.live(calm, &[event.who], &Goal::Sometime(event.clone())),
+            Sentence::CanFinish => self.can_finish(calm),
+            Sentence::FinishesWithin(limit) => self.finishes(*limit),
+            Sentence::StopsWithin(limit) => self.stops((None, None), *limit).unwrap_or_else(|| self.proved()),
+            Sentence::On(fault, consequence) => self.on(fault, consequence),
+        })
+    }
+
+    fn proved(&self) -> Finding {
+        Finding::proved(format!("{}: {}", self.group(), self.property.text))
+    }
+
+    fn group(&self) -> String {
+        self.times.model.group_name(self.property.group)
+    }
+
+    fn fails(&self, why: &str, found: Option<(&System<'_>, &Graph, u32)>) -> Finding {
+        let message = format!("does not hold of `{}`: {}", self.group(), self.property.text);
+        let mut diagnostic = diagnostic(Code::E0817, self.property.span, message);
+        if !why.is_empty() {
+            diagnostic = help(diagnostic, why);
+        }
+        Finding::fails(diagnostic, found.map(|(system, graph, state)| story(system, graph, state)))
+    }
+
+    fn open(&self, why: &str) -> Finding {
+        Finding::open(format!("{}: {}: {why}", self.group(), self.property.text))
+    }
+
+    /// The smallest system around what is named.
+    fn system(&self, whom: &[ProcessRef], mode: Mode) -> System<'m> {
+        let named: Vec<(u32, u32)> = whom.iter().filter_map(|who| Some((who.group, who.member?))).collect();
+        let mut system = around(self.times.model, self.property.group, &named);
+        system.mode = mode;
+        system.notes = 1;
+        system
+    }
+
+    /// No transition is a violation.
+    fn safe(&self, mode: Mode, whom: &[ProcessRef], goal: &Goal) -> Finding {
+        let system = self.system(whom, mode);
+        self.is_safe(&system, goal).unwrap_or_else(|| self.proved())
+    }
+
+    fn is_safe(&self, system: &System<'_>, goal: &Goal) -> Option<Finding> {
+        let Found { graph, stopped_at } = explore(system, self.limits, false, &mut Watch::new(system, goal));
+        if let Some(state) = stopped_at {
+            return Some(self.fails("", Some((system, &graph, state))));
+        }
+        graph.reached.map(|reached| self.open(reached.words()))
+    }
+
+    /// From every state in which something is owed, it can still come without anybody failing.
+    fn live(&self, mode: Mode, whom: &[ProcessRef], goal: &Goal) -> Finding {
+        let system = self.system(whom, mode);
+        self.is_live(&system, goal).unwrap_or_else(|| self.proved())
+    }
+
+    fn is_live(&self, system: &System<'_>, goal: &Goal) -> Option<Finding> {
+        let Found { graph, .. } = explore(system, self.limits, true, &mut Watch::new(system, goal));
+        if let Some(reached) = graph.reached {
+            return Some(self.open(reached.words()));
+        }
+        let paid = graph.which(system, |frame| !goal.is_owed(frame));
+        // Where programs do not fail by themselves, a failure that is reported comes from a lost host, and has to come.
+        let is_forced = |label| matches!(label, Label::Aborted(..)) && !system.mode.aborts;
+        let can = graph.can_reach(&paid, &|label| is_natural(label) || is_forced(label));
+        let state = (0..graph.store.count()).find(|&state| !can[state as usize])?;
+        Some(self.fails("from here on it can never happen", Some((system, &graph, state))))
+    }
+
+    fn can_finish(&self, mode: Mode) -> Finding {
+        let system = self.system(&[], mode);
+        let Found { graph, .. } = explore(&system, self.limits, true, &mut crate::explore::Nobody);
+        if let Some(reached) = graph.reached {
+            return self.open(reached.words());
+        }
+        let done = graph.which(&system, |frame| frame.phase == Phase::Done);
+        if !done.contains(&true) {
+            return self.fails("it is never done, whatever happens", None);
+        }
+        let over = graph.which(&system, |frame| frame.phase.is_over());
+        let can = graph.can_reach(&over, &is_natural);
+        match (0..graph.store.count()).find(|&state| !can[state as usize]) {
+            None => self.proved(),
+            Some(state) => self.fails("from here it can never end", Some((&system, &graph, state))),
+        }
+    }
+
+    fn finishes(&self, limit: Duration) -> Finding {
+        match self.times.of_group(self.property.group).end {
+            Some(end) if end <= limit => {
+                Finding::proved(format!("{}: {} (it takes at most {})", self.group(), self.property.text, seconds(end)))
+            }
+            Some(end) => self.fails(&format!("it may take {}", seconds(end)), None),
+            None => self.fails("nothing limits how long it takes: write `P within 30 s`, or declare `duration 1 s .. 5 s;` in a module, or `assume p takes 1 s .. 5 s`", None),
+        }
+    }
+
+    /// Whether a stop of a process, or of the group itself, may take longer; nothing if not. Where the cause is inside a group
+    /// that does not hold the process, that group stops what else runs in it first.
+    fn stops(&self, (cause, who): (Option<ProcessRef>, Option<ProcessRef>), limit: Duration) -> Option<Finding> {
+        let mut before = Some(Duration::ZERO);
+        let mut group = cause.filter(|_| who.is_some()).map(|cause| cause.group);
+        while let Some(inner) = group.filter(|&inner| !self.is_around(inner, who)) {
+            before = before.zip(self.times.of_group(inner).stop).map(|(sum, stop)| sum.saturating_add(stop));
+            group = self.times.model.around[inner as usize].map(|(outer, _)| outer);
+        }
+        let stop = match who.and_then(|who| Some((who.group, who.member?))) {
+            Some((group, slot)) => self.times.of_member(group, slot).stop,
+            None => self.times.of_group(self.property.group).stop,
+        };
+        match before.zip(stop).map(|(before, stop)| before.saturating_add(stop)) {
+            Some(stop) if stop <= limit => None,
+            Some(stop) => Some(self.fails(&format!("a stop may take {}", seconds(stop)), None)),
+            None => Some(self.fails("a `shield` or a `finally` may hold a stop up for ever: give it a bound", None)),
+        }
+    }
+
+    /// Whether a group holds a process.
+    fn is_around(&self, group: u32, who: Option<ProcessRef>) -> bool {
+        let outwards = std::iter::successors(who.map(|who| who.group), |&inner| {
+            self.times.model.around[inner as usize].map(|(outer, _)| outer)
+        });
+        outwards.into_iter().any(|outer| outer == group)
+    }
+
+    fn after(&self, mode: Mode, event: &Occurrence, consequence: &Consequence) -> Finding {
+        match consequence {
+            Consequence::Stopped(who, limit) => {
+                if let Some(found) = limit.and_then(|limit| self.stops((Some(event.who), Some(*who)), limit)) {
+                    return found;
+                }
+                self.safe(mode, &[event.who, *who], &Goal::StillRuns(Some(event.clone()), *who))
+            }
+            Consequence::Never(other) => {
+                self.safe(mode, &[event.who, other.who], &Goal::Then(Some(event.clone()), other.clone()))
+            }
+            Consequence::Eventually(other) => {
+                self.live(mode, &[event.who, other.who], &Goal::Owed(Some(event.clone()), other.clone()))
+            }
+        }
+    }
+
+    fn on(&self, fault: &Fault, consequence: &Consequence) -> Finding {
+        let (kind, struck) = match fault {
+            Fault::Crash(who) => (FaultKind::Crash, self.struck(*who)),
+            Fault::Hang(who) => (FaultKind::Hang, self.struck(*who)),
+            Fault::HostLoss(host) => return self.on_loss(host, consequence),
+        };
+        for (group, slot) in struck {
+            let member = ProcessRef { group, member: Some(slot) };
+            let (goal, other) = match consequence {
+                Consequence::Stopped(who, limit) => {
+                    if let Some(found) = limit.and_then(|limit| self.stops((Some(member), Some(*who)), limit)) {
+                        return found;
+                    }
+                    if *who == member {
+                        continue;
+                    }
+                    // Nobody notices that a program hangs, but something may end it.
+                    let goal = if kind == FaultKind::Hang { Goal::Ending(*who) } else { Goal::StillRuns(None, *who) };
+                    (goal, *who)
+                }
+                Consequence::Never(other) => (Goal::Then(None, other.clone()), other.who),
+                Consequence::Eventually(other) => (Goal::Owed(None, other.clone()), other.who),
+            };
+            let mut system = self.system(&[member, other], Mode::default());
+            let Some((unit, member)) = system.find(group, slot) else { continue };
+            system.mode.fault = Some(Injection { unit, member, kind });
+            let found = match goal {
+                Goal::Ending(_) | Goal::Owed(..) => self.is_live(&system, &goal),
+                Goal::Together(_)
+                | Goal::Without(..)
+                | Goal::Before(..)
+                | Goal::Often(..)
+                | Goal::StillRuns(..)
+                | Goal::Then(..)
+                | Goal::Sometime(_) => self.is_safe(&system, &goal),
+            };
+            if let Some(found) = found {
+                return found;
+            }
+        }
+        self.proved()
+    }
+
+    /// The programs at and below a process, or of the whole group.
+    fn struck(&self, who: Option<ProcessRef>) -> Vec<(u32, u32)> {
+        let model = self.times.model;
+        let leaves: Vec<u32> = match who.and_then(|who| Some((who.group, who.member?))) {
+            Some((group, slot)) => model.leaves_below(group, slot),
+            None => {
+                let members = model.plan.groups[self.property.group as usize].members.len();
+                let slots = 0..u32::try_from(members).unwrap_or(0);
+                slots.flat_map(|slot| model.leaves_below(self.property.group, slot)).collect()
+            }
+        };
+        leaves.into_iter().filter_map(|leaf| place_of(model, leaf)).collect()
+    }
+
+    /// Every program on a host is lost at once, and reported one by one.
+    fn on_loss(&self, host: &str, consequence: &Consequence) -> Finding {
+        let model = self.times.model;
+        let Some(host) = (0_u32..).zip(&model.plan.hosts).find(|(_, name)| *name == host).map(|(host, _)| host) else {
+            return self.open("no such host");
+        };
+        let is_there = |&(group, slot): &(u32, u32)| match model.plan.groups[group as usize].members[slot as usize].kind
+        {
+            MemberKind::Leaf(leaf) => model.plan.leaves[leaf as usize].host == host,
+            MemberKind::Group(_) => false,
+        };
+        let lost = self
+            .struck(None)
+            .into_iter()
+            .filter(is_there)
+            .map(|(group, slot)| ProcessRef { group, member: Some(slot) });
+        let (goal, other) = match consequence {
+            Consequence::Stopped(who, _) => (Goal::Ending(*who), *who),
+            Consequence::Never(other) => (Goal::Then(None, other.clone()), other.who),
+            Consequence::Eventually(other) => (Goal::Owed(None, other.clone()), other.who),
+        };
+        let whom: Vec<ProcessRef> = lost.chain([other]).collect();
+        let system = self.system(&whom, Mode { lost: Some(host), ..Mode::default() });
+        let found = match consequence {
+            Consequence::Never(_) => self.is_safe(&system, &goal),
+            Consequence::Stopped(..) | Consequence::Eventually(_) => self.is_live(&system, &goal),
+        };
+        found.unwrap_or_else(|| self.proved())
+    }
+}
+
+/// The group and slot of a leaf.
+pub(crate) fn place_of(model: &Model<'_>, leaf: u32) -> Option<(u32, u32)> {
+    (0_u32..).zip(&model.plan.groups).find_map(|(group, source)| {
+        let slot = source.members.iter().position(|member| member.kind == MemberKind::Leaf(leaf))?;
+        Some((group, u32::try_from(slot).ok()?))
+    })
+}
+
+/// The smallest system with a group as its whole in which these members are seen.
+pub(crate) fn around<'a>(model: &'a Model<'a>, root: u32, named: &[(u32, u32)]) -> System<'a> {
+    let mut needed: Vec<(u32, u32)> = Vec::new();
+    for &(group, slot) in named {
+        let mut at = Some((group, slot));
+        while let Some((group, slot)) = at {
+            needed.push((group, slot));
+            at = if group == root { None } else { model.around[group as usize] };
+        }
+    }
+    let is_open = |part: usize| {
+        let source = &model.parts[part];
+        match source.is_piece {
+            true => needed.iter().any(|&(group, slot)| group == source.group && model.holds(part, slot)),
+            false => needed.iter().any(|&(group, _)| group == source.group),
+        }
+    };
+    System::new(model, root as usize, &is_open)
+}
+
+/// Whether a frame shows a member that runs, and is not being stopped, it or a group around it.
+pub(crate) fn is_running(system: &System<'_>, frame: &Frame, who: ProcessRef) -> bool {
+    let Some(slot) = who.member else { return frame.phase == Phase::Running };
+    let mut at = system.find(who.group, slot);
+    if at.is_none() || frame.phase != Phase::Running {
+        return false;
+    }
+    while let Some((unit, member)) = at {
+        if frame.states[unit].activity(member) != language::algebra::Activity::Active {
+            return false;
+        }
+        at = system.units[unit].parent;
+    }
+    true
+}

@@ -1,0 +1,183 @@
+//! What a sentence forbids or asks for, seen while a system is explored.
+
+use super::is_running;
+use crate::explore::Observer;
+use crate::system::{Change, Changed, Frame, Phase, System};
+use language::algebra::Activity;
+use language::sites::{EventKind, Occurrence, ProcessRef};
+
+/// What a watch looks out for. One byte of notes goes with each state.
+#[derive(Clone, Debug)]
+pub(super) enum Goal {
+    /// Forbidden: two of them at the same time.
+    Together(Vec<ProcessRef>),
+    /// Forbidden: the first runs, and the second does not.
+    Without(ProcessRef, ProcessRef),
+    /// Forbidden: the process starts, and the event has never happened.
+    Before(ProcessRef, Occurrence),
+    /// Forbidden: the process starts more often.
+    Often(ProcessRef, u32),
+    /// Forbidden: once the event, or the fault, has happened, the process runs and is not being stopped.
+    StillRuns(Option<Occurrence>, ProcessRef),
+    /// Forbidden: after the event, or the fault, the other happens.
+    Then(Option<Occurrence>, Occurrence),
+    /// Owed from the event, or the fault, on: the other.
+    Owed(Option<Occurrence>, Occurrence),
+    /// Owed from the fault on: that the process runs no more.
+    Ending(ProcessRef),
+    /// Owed from the start on.
+    Sometime(Occurrence),
+}
+
+impl Goal {
+    /// Whether something that has to come has not come yet.
+    pub(super) fn is_owed(&self, frame: &Frame) -> bool {
+        let note = frame.notes.first().copied().unwrap_or(0);
+        match self {
+            Self::Sometime(_) => note == 0,
+            Self::Owed(..) | Self::Ending(_) => note == 1,
+            Self::Together(_)
+            | Self::Without(..)
+            | Self::Before(..)
+            | Self::Often(..)
+            | Self::StillRuns(..)
+            | Self::Then(..) => false,
+        }
+    }
+}
+
+pub(super) struct Watch<'w> {
+    goal: &'w Goal,
+    /// Where each process that is named sits.
+    seats: Vec<(ProcessRef, Option<(usize, u32)>)>,
+}
+
+impl<'w> Watch<'w> {
+    pub(super) fn new(system: &System<'_>, goal: &'w Goal) -> Self {
+        let whom: Vec<ProcessRef> = match goal {
+            Goal::Together(all) => all.clone(),
+            Goal::Without(a, b) => vec![*a, *b],
+            Goal::Before(who, event) => vec![*who, event.who],
+            Goal::Often(who, _) | Goal::Ending(who) => vec![*who],
+            Goal::StillRuns(event, who) => event.iter().map(|event| event.who).chain([*who]).collect(),
+            Goal::Then(event, other) | Goal::Owed(event, other) => {
+                event.iter().map(|event| event.who).chain([other.who]).collect()
+            }
+            Goal::Sometime(event) => vec![event.who],
+        };
+        let seat = |who: ProcessRef| (who, who.member.and_then(|slot| system.find(who.group, slot)));
+        Self { goal, seats: whom.into_iter().map(seat).collect() }
+    }
+
+    fn seat(&self, who: ProcessRef) -> Option<(usize, u32)> {
+        self.seats.iter().find(|(other, _)| *other == who).and_then(|(_, seat)| *seat)
+    }
+
+    fn is_active(&self, frame: &Frame, who: ProcessRef) -> bool {
+        match self.seat(who) {
+            Some((unit, member)) => frame.states[unit].activity(member) != Activity::Idle,
+            None => who.member.is_none() && [Phase::Running, Phase::Stopping].contains(&frame.phase),
+        }
+    }
+
+    /// Whether a change is this event.
+    fn is(&self, change: &Change, event: &Occurrence) -> bool {
+        let is_there = match (event.who.member, change.member) {
+            (None, None) => true,
+            (Some(_), Some(member)) => self.seat(event.who) == Some((change.unit, member)),
+            (_, _) => false,
+        };
+        is_there
+            && match (&event.kind, &change.what) {
+                (EventKind::Started, Changed::Started) | (EventKind::Aborted, Changed::Aborted) => true,
+                (EventKind::Done(None), Changed::Done(_)) => true,
+                (EventKind::Done(Some(tag)), Changed::Done(value)) => value.tag() == Some(tag),
+                (EventKind::Ended, Changed::Done(_) | Changed::Aborted | Changed::Stopped) => true,
+                (_, _) => false,
+            }
+    }
+
+    /// Whether the event, or the fault, happens in a transition.
+    fn happens(&self, (before, after): (&Frame, &Frame), changes: &[Change], event: Option<&Occurrence>) -> bool {
+        match event {
+            Some(event) => changes.iter().any(|change| self.is(change, event)),
+            None => !before.is_faulty && after.is_faulty,
+        }
+    }
+}
+
+impl Observer for Watch<'_> {
+    fn sees(&mut self, system: &System<'_>, before: &Frame, changes: &[Change], after: &mut Frame) -> bool {
+        let note = after.notes[0];
+        match self.goal {
+            Goal::Together(all) => all.iter().filter(|who| self.is_active(after, **who)).count() < 2,
+            Goal::Without(a, b) => !is_running(system, after, *a) || self.is_active(after, *b),
+            Goal::Before(who, event) => {
+                let start = Occurrence { who: *who, kind: EventKind::Started };
+                for change in changes {
+                    if self.is(change, event) {
+                        after.notes[0] = 1;
+                    }
+                    if after.notes[0] == 0 && self.is(change, &start) {
+                        return false;
+                    }
+                }
+                true
+            }
+            Goal::Often(who, times) => {
+                let start = Occurrence { who: *who, kind: EventKind::Started };
+                let starts = changes.iter().filter(|change| self.is(change, &start)).count();
+                let starts = usize::from(note) + starts;
+                after.notes[0] = u8::try_from(starts).unwrap_or(u8::MAX);
+                starts <= *times as usize
+            }
+            Goal::StillRuns(event, who) => {
+                if self.happens((before, after), changes, event.as_ref()) {
+                    after.notes[0] = 1;
+                }
+                if after.notes[0] == 1 && !is_running(system, after, *who) {
+                    after.notes[0] = 0;
+                }
+                // EventKind is inside a group may have to stop first, before those outside hear of it.
+                after.notes[0] == 0 || system.has_stops(after)
+            }
+            Goal::Then(event, other) => {
+                let mut is_over = note == 1 || event.is_none() && self.happens((before, after), changes, None);
+                for change in changes {
+                    if is_over && self.is(change, other) {
+                        return false;
+                    }
+                    is_over |= event.as_ref().is_some_and(|event| self.is(change, event));
+                }
+                after.notes[0] = u8::from(is_over);
+                true
+            }
+            Goal::Owed(event, other) => {
+                if event.is_none() && note == 0 && self.happens((before, after), changes, None) {
+                    after.notes[0] = 1;
+                }
+                for change in changes {
+                    if event.as_ref().is_some_and(|event| self.is(change, event)) {
+                        after.notes[0] = 1;
+                    }
+                    if self.is(change, other) {
+                        // EventKind has happened before a fault need not happen again.
+                        after.notes[0] = if event.is_none() { 2 } else { 0 };
+                    }
+                }
+                true
+            }
+            Goal::Ending(who) => {
+                let is_faulty = note == 1 || self.happens((before, after), changes, None);
+                after.notes[0] = u8::from(is_faulty && is_running(system, after, *who));
+                true
+            }
+            Goal::Sometime(event) => {
+                if changes.iter().any(|change| self.is(change, event)) {
+                    after.notes[0] = 1;
+                }
+                true
+            }
+        }
+    }
+}

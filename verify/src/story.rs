@@ -1,0 +1,230 @@
+//! Tells what happens on a way through a system, in words of the spec.
+
+use crate::explore::Graph;
+use crate::model::Model;
+use crate::system::{Change, Changed, Frame, Label, Phase, System};
+use language::algebra::Activity;
+use language::plan::Expression;
+use std::time::Duration;
+
+/// One step of a story.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Step {
+    /// What happens.
+    pub cause: String,
+    /// What follows at once, one clause each.
+    pub effects: Vec<String>,
+}
+
+/// How something failed: what happens, step by step, and what runs then.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Story {
+    /// The steps, the first first.
+    pub steps: Vec<Step>,
+    /// What runs at the end.
+    pub running: Vec<String>,
+    /// What is being stopped at the end.
+    pub stopping: Vec<String>,
+}
+
+/// Tells the shortest way to a state of a graph.
+pub(crate) fn story(system: &System<'_>, graph: &Graph, state: u32) -> Story {
+    tell(system, &graph.way(state))
+}
+
+/// Tells the shortest way to a state, and on to where nothing happens any more.
+pub(crate) fn story_to_the_end(system: &System<'_>, graph: &Graph, state: u32) -> Story {
+    let way: Vec<Label> = graph.way(state).into_iter().chain(graph.dead_end(state)).collect();
+    tell(system, &way)
+}
+
+/// Tells a way.
+pub(crate) fn tell(system: &System<'_>, way: &[Label]) -> Story {
+    let mut frame = system.initial();
+    let (mut story, mut changes) = (Story::default(), Vec::new());
+    for &label in way {
+        let cause = cause(system, &frame, label);
+        system.apply(&mut frame, label, &mut changes);
+        let effects = effects(system, label, &changes);
+        match story.steps.last_mut() {
+            // Answers to stops are one step, as long as nothing else follows from them.
+            Some(last) if matches!(label, Label::Stopped(..)) && effects.is_empty() && is_stop(last) => {
+                let name = cause.strip_suffix(STOPPED).unwrap_or(&cause);
+                last.cause = last.cause.replace(STOPPED, &format!(", {name}{STOPPED}"));
+            }
+            Some(_) | None => story.steps.push(Step { cause, effects }),
+        }
+    }
+    (story.running, story.stopping) = running(system, &frame);
+    story
+}
+
+const STOPPED: &str = " stopped";
+
+fn is_stop(step: &Step) -> bool {
+    step.effects.is_empty() && step.cause.ends_with(STOPPED)
+}
+
+/// The members that run, and those that are being stopped; groups that are looked into are left to what is in them.
+pub(crate) fn running(system: &System<'_>, frame: &Frame) -> (Vec<String>, Vec<String>) {
+    let (mut running, mut stopping) = (Vec::new(), Vec::new());
+    if frame.phase.is_over() || frame.phase == Phase::Idle {
+        return (running, stopping);
+    }
+    for (unit, state) in frame.states.iter().enumerate() {
+        for member in state.members_active() {
+            let is_inside = matches!(system.units[unit].seats[member as usize], crate::system::Occupant::Unit(_));
+            let Some(name) = member_name(system, unit, member).filter(|_| !is_inside) else { continue };
+            match state.activity(member) {
+                Activity::Stopping => stopping.push(name),
+                Activity::Active | Activity::Idle => running.push(name),
+            }
+        }
+    }
+    (running, stopping)
+}
+
+/// The name of a member; none for a piece of a group.
+pub(crate) fn member_name(system: &System<'_>, unit: usize, member: u32) -> Option<String> {
+    let part = &system.model.parts[system.units[unit].part];
+    let group = &system.model.plan.groups[part.group as usize];
+    (usize::try_from(member).ok()? < group.members.len()).then(|| system.model.name(part.group, member))
+}
+
+fn cause(system: &System<'_>, frame: &Frame, label: Label) -> String {
+    let name = |unit: u16, member: u16| {
+        let name = member_name(system, usize::from(unit), u32::from(member));
+        let part = &system.model.parts[system.units[usize::from(unit)].part];
+        name.map_or_else(|| format!("a part of `{}`", system.model.group_name(part.group)), |name| format!("`{name}`"))
+    };
+    let root = || system.model.group_name(system.model.parts[system.units[0].part].group);
+    match label {
+        Label::Start => format!("`{}` starts", root()),
+        Label::Stop => format!("`{}` is asked to stop", root()),
+        Label::Done(unit, member, value) => match system.tag(value) {
+            Some(tag) => format!("{} is done: {tag}", name(unit, member)),
+            None => format!("{} is done", name(unit, member)),
+        },
+        Label::Aborted(unit, member) => format!("{} fails", name(unit, member)),
+        Label::Stopped(unit, member) => format!("{}{STOPPED}", name(unit, member)),
+        Label::Elapsed(unit, timer) => {
+            let part = &system.model.parts[system.units[usize::from(unit)].part];
+            let time = timer_of(&part.expression, usize::from(timer));
+            format!("{} have passed", time.map_or_else(|| "some seconds".to_owned(), seconds))
+        }
+        Label::Reached(unit) => {
+            let part = &system.model.parts[system.units[usize::from(unit)].part];
+            format!("the order to stop reaches `{}`", system.model.group_name(part.group))
+        }
+        Label::Lost => {
+            let host = system.mode.lost.and_then(|host| system.model.plan.hosts.get(host as usize));
+            format!("the host `{}` IS LOST", host.map_or("", String::as_str))
+        }
+        Label::Fault(unit, member) => {
+            let what = system.mode.fault.map_or("fails", |fault| fault.kind.verb());
+            let _ = frame;
+            format!("{} {what}", name(unit, member))
+        }
+    }
+}
+
+fn effects(system: &System<'_>, label: Label, changes: &[Change]) -> Vec<String> {
+    let subject = match label {
+        Label::Done(unit, member, _) | Label::Aborted(unit, member) | Label::Stopped(unit, member) => {
+            Some((usize::from(unit), u32::from(member)))
+        }
+        Label::Fault(unit, member) => Some((usize::from(unit), u32::from(member))),
+        Label::Start | Label::Stop | Label::Elapsed(..) | Label::Reached(_) | Label::Lost => None,
+    };
+    let (mut starts, mut stops, mut ends) = (Vec::new(), Vec::new(), Vec::new());
+    for change in changes {
+        let Some(member) = change.member else {
+            match &change.what {
+                Changed::Done(_) => ends.push(format!("`{}` is done", root_name(system))),
+                Changed::Aborted => ends.push(format!("`{}` fails", root_name(system))),
+                Changed::Stopped => ends.push(format!("`{}` has stopped", root_name(system))),
+                Changed::Started | Changed::Stopping => {}
+            }
+            continue;
+        };
+        let Some(name) = member_name(system, change.unit, member) else { continue };
+        if subject == Some((change.unit, member)) && !matches!(change.what, Changed::Started) {
+            continue;
+        }
+        match &change.what {
+            Changed::Started => starts.push(format!("`{name}`")),
+            Changed::Stopping => stops.push(format!("`{name}`")),
+            Changed::Done(_) => ends.push(format!("`{name}` is done")),
+            Changed::Aborted => ends.push(format!("`{name}` fails")),
+            Changed::Stopped => ends.push(format!("`{name}` has stopped")),
+        }
+    }
+    let mut all = ends;
+    if !stops.is_empty() {
+        all.push(format!("stops {}", stops.join(", ")));
+    }
+    if !starts.is_empty() {
+        all.push(format!("starts {}", starts.join(", ")));
+    }
+    all
+}
+
+fn root_name(system: &System<'_>) -> String {
+    system.model.group_name(system.model.parts[system.units[0].part].group)
+}
+
+/// The time of a timer, by its number in textual order.
+pub(crate) fn timer_of(expression: &Expression, timer: usize) -> Option<Duration> {
+    let mut times = Vec::new();
+    crate::model::walk(expression, &mut |expression| {
+        if let Expression::Wait(time) | Expression::Shield { bound: Some(time), .. } = expression {
+            times.push(*time);
+        }
+    });
+    times.get(timer).copied()
+}
+
+/// A time as a person writes it.
+pub fn seconds(time: Duration) -> String {
+    let seconds = time.as_secs_f64();
+    if seconds >= 1.0 || seconds == 0.0 { format!("{seconds} s") } else { format!("{} ms", seconds * 1000.0) }
+}
+
+impl Story {
+    /// The story as lines, numbered.
+    pub fn lines(&self) -> Vec<String> {
+        let mut lines = Vec::new();
+        for (number, step) in (1..).zip(&self.steps) {
+            let effects =
+                if step.effects.is_empty() { String::new() } else { format!(": {}", step.effects.join("; ")) };
+            lines.push(format!("{number:>3}  {}{effects}", step.cause));
+        }
+        if !self.running.is_empty() {
+            lines.push(format!("     now runs: {}", self.running.join(", ")));
+        }
+        if !self.stopping.is_empty() {
+            lines.push(format!("     is being stopped: {}", self.stopping.join(", ")));
+        }
+        lines
+    }
+}
+
+impl crate::system::FaultKind {
+    /// What the fault does, as a verb.
+    pub fn verb(self) -> &'static str {
+        match self {
+            Self::Crash => "CRASHES",
+            Self::Hang => "HANGS: it never ends by itself",
+            Self::Unanswered => "DOES NOT ANSWER the stop",
+            Self::HostLost => "is lost with its host",
+        }
+    }
+}
+
+/// The place of a node of a part.
+pub(crate) fn place(model: &Model<'_>, part: usize, node: usize) -> language::Span {
+    let part = &model.parts[part];
+    let sites = &model.sites.groups[part.group as usize];
+    let number = part.nodes.get(node).map_or(0, |&number| number as usize);
+    sites.nodes.get(number).copied().unwrap_or(sites.name)
+}

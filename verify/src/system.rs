@@ -1,0 +1,382 @@
+//! Some parts together, with everything that may happen to them: what an explorer walks through.
+//!
+//! Each part in a system is run by `language::algebra::step`, the function that runs it on the robot. What is around them is
+//! an automaton for each member: a program that runs may be done, with each of its tags, or abort; one that is stopping has
+//! stopped at some time; a timer that is armed may run out. Supervisors of different groups react on their own: an order to
+//! stop reaches a member group some time after it was given.
+
+mod reaction;
+
+use crate::model::{Ends, Model, Seat};
+use language::algebra::{Activity, Packing, Program, State, Value};
+use reaction::Reaction;
+use std::collections::VecDeque;
+
+/// What may happen beside what programs do when all is well.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Mode {
+    /// Any program may abort at any time.
+    pub(crate) aborts: bool,
+    /// The whole may be stopped at any time.
+    pub(crate) stops: bool,
+    /// One fault of this kind may happen to this member.
+    pub(crate) fault: Option<Injection>,
+    /// This host may be lost: an index into `Plan::hosts`.
+    pub(crate) lost: Option<u32>,
+}
+
+/// A fault, and whom it strikes: a member of a unit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Injection {
+    pub(crate) unit: usize,
+    pub(crate) member: u32,
+    pub(crate) kind: FaultKind,
+}
+
+/// What goes wrong.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum FaultKind {
+    /// The program dies.
+    Crash,
+    /// The program goes on for ever, but still answers a stop, at the latest by being killed.
+    Hang,
+    /// Nobody can confirm that the program has stopped.
+    Unanswered,
+    /// Its host is lost, with every program there.
+    HostLost,
+}
+
+/// Something that happens to a system.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Label {
+    /// The whole is started.
+    Start,
+    /// The whole is asked to stop.
+    Stop,
+    /// A member of a unit is done, with the value of this number.
+    Done(u16, u16, u8),
+    Aborted(u16, u16),
+    Stopped(u16, u16),
+    /// A timer of a unit has run out.
+    Elapsed(u16, u16),
+    /// The order to stop reaches a unit.
+    Reached(u16),
+    /// The fault.
+    Fault(u16, u16),
+    /// The host is lost.
+    Lost,
+}
+
+/// Where the whole is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Phase {
+    Idle,
+    Running,
+    Stopping,
+    Done,
+    Aborted,
+    Stopped,
+}
+
+impl Phase {
+    const ALL: [Self; 6] = [Self::Idle, Self::Running, Self::Stopping, Self::Done, Self::Aborted, Self::Stopped];
+
+    pub(crate) fn is_over(self) -> bool {
+        match self {
+            Self::Done | Self::Aborted | Self::Stopped => true,
+            Self::Idle | Self::Running | Self::Stopping => false,
+        }
+    }
+}
+
+/// A part in a system.
+#[derive(Debug)]
+pub(crate) struct Unit {
+    pub(crate) part: usize,
+    /// The unit around it, and its member slot there.
+    pub(crate) parent: Option<(usize, u32)>,
+    /// For each member, its unit if it is one of the system, else how it ends with and without failures.
+    pub(crate) seats: Vec<Occupant>,
+    packing: Packing,
+}
+
+/// What sits in a member slot of a unit.
+#[derive(Clone, Debug)]
+pub(crate) enum Occupant {
+    Unit(usize),
+    /// A program, or a part that is not looked into.
+    Box([Ends; 2]),
+}
+
+/// Something that a reader or an observer is told of.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Change {
+    pub(crate) unit: usize,
+    /// The member; none for the whole system.
+    pub(crate) member: Option<u32>,
+    pub(crate) what: Changed,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) enum Changed {
+    Started,
+    Stopping,
+    Done(Value),
+    Aborted,
+    Stopped,
+}
+
+/// A configuration of a system, unpacked.
+#[derive(Clone, Debug)]
+pub(crate) struct Frame {
+    pub(crate) states: Vec<State>,
+    /// For each unit, whether an order to stop is on its way to it.
+    pub(crate) ordered: Vec<bool>,
+    pub(crate) phase: Phase,
+    /// Whether the fault has happened.
+    pub(crate) is_faulty: bool,
+    /// What observers keep in mind.
+    pub(crate) notes: Vec<u8>,
+}
+
+/// Parts together.
+#[derive(Debug)]
+pub(crate) struct System<'a> {
+    pub(crate) model: &'a Model<'a>,
+    pub(crate) units: Vec<Unit>,
+    pub(crate) mode: Mode,
+    /// How many bytes observers need.
+    pub(crate) notes: usize,
+    values: Vec<Value>,
+}
+
+impl<'a> System<'a> {
+    /// Puts a part together with those below it that `is_open` says; pieces of an open group are open if anything in them is.
+    pub(crate) fn new(model: &'a Model<'a>, root: usize, is_open: &dyn Fn(usize) -> bool) -> Self {
+        let values = all_values(model);
+        let mut system = Self { model, units: Vec::new(), mode: Mode::default(), notes: 0, values };
+        system.add(root, None, is_open);
+        system
+    }
+
+    fn add(&mut self, part: usize, parent: Option<(usize, u32)>, is_open: &dyn Fn(usize) -> bool) -> usize {
+        let source = &self.model.parts[part];
+        let packing = Packing::new(&source.program, &self.values);
+        let index = self.units.len();
+        self.units.push(Unit { part, parent, seats: Vec::new(), packing });
+        let mut seats = Vec::with_capacity(source.members.len());
+        for (slot, seat) in (0..).zip(&source.members) {
+            seats.push(match *seat {
+                Seat::Part(inner) if is_open(inner) => Occupant::Unit(self.add(inner, Some((index, slot)), is_open)),
+                Seat::Part(inner) => Occupant::Box(self.model.parts[inner].ends.clone()),
+                Seat::Leaf(leaf) => Occupant::Box(self.leaf_ends(part, slot, leaf)),
+            });
+        }
+        self.units[index].seats = seats;
+        index
+    }
+
+    fn leaf_ends(&self, part: usize, slot: u32, leaf: u32) -> [Ends; 2] {
+        let group = &self.model.plan.groups[self.model.parts[part].group as usize];
+        let is_service = group.members.get(slot as usize).is_some_and(|member| member.service);
+        let tags = &self.model.plan.leaves[leaf as usize].outcomes;
+        let done = match is_service {
+            true => Vec::new(),
+            false if tags.is_empty() || self.values.is_empty() => vec![Value::EMPTY],
+            false => tags.iter().filter_map(|tag| Value::tagged(tag, &[])).collect(),
+        };
+        [Ends { done: done.clone(), aborts: true }, Ends { done, aborts: false }]
+    }
+
+    pub(crate) fn program(&self, unit: usize) -> &'a Program {
+        &self.model.parts[self.units[unit].part].program
+    }
+
+    /// The unit and slot of a member of a group, if that group is in the system.
+    pub(crate) fn find(&self, group: u32, slot: u32) -> Option<(usize, u32)> {
+        let holds = |unit: &Unit| {
+            let part = &self.model.parts[unit.part];
+            part.group == group && crate::model::runs(&part.expression).contains(&slot)
+        };
+        self.units.iter().position(holds).map(|unit| (unit, slot))
+    }
+
+    // ---- packing ----
+
+    /// How many bytes a configuration takes.
+    pub(crate) fn length(&self) -> usize {
+        let states: usize = self.units.iter().map(|unit| unit.packing.length()).sum();
+        states + self.units.len().div_ceil(8) + 1 + self.notes
+    }
+
+    pub(crate) fn initial(&self) -> Frame {
+        Frame {
+            states: (0..self.units.len()).map(|unit| State::new(self.program(unit))).collect(),
+            ordered: vec![false; self.units.len()],
+            phase: Phase::Idle,
+            is_faulty: false,
+            notes: vec![0; self.notes],
+        }
+    }
+
+    pub(crate) fn pack(&self, frame: &Frame, bytes: &mut Vec<u8>) {
+        bytes.clear();
+        for (unit, state) in self.units.iter().zip(&frame.states) {
+            unit.packing.pack(state, bytes);
+        }
+        bytes.extend(
+            frame.ordered.chunks(8).map(|eight| {
+                eight.iter().enumerate().fold(0_u8, |byte, (bit, ordered)| byte | u8::from(*ordered) << bit)
+            }),
+        );
+        let phase = Phase::ALL.iter().position(|phase| *phase == frame.phase).unwrap_or(0);
+        bytes.push(u8::try_from(phase).unwrap_or(0) | u8::from(frame.is_faulty) << 7);
+        bytes.extend(&frame.notes);
+    }
+
+    pub(crate) fn unpack(&self, bytes: &[u8], frame: &mut Frame) {
+        let mut rest = bytes;
+        for (index, unit) in self.units.iter().enumerate() {
+            let (own, others) = rest.split_at(unit.packing.length());
+            unit.packing.unpack(self.program(index), own, &mut frame.states[index]);
+            rest = others;
+        }
+        for (index, ordered) in frame.ordered.iter_mut().enumerate() {
+            *ordered = rest[index / 8] >> (index % 8) & 1 == 1;
+        }
+        rest = &rest[self.units.len().div_ceil(8)..];
+        frame.phase = Phase::ALL[usize::from(rest[0] & 7).min(5)];
+        frame.is_faulty = rest[0] >> 7 == 1;
+        frame.notes.copy_from_slice(&rest[1..]);
+    }
+
+    // ---- what may happen ----
+
+    /// Everything that may happen next.
+    pub(crate) fn labels(&self, frame: &Frame, labels: &mut Vec<Label>) {
+        labels.clear();
+        match frame.phase {
+            Phase::Idle => return labels.push(Label::Start),
+            Phase::Done | Phase::Aborted | Phase::Stopped => return,
+            Phase::Running if self.mode.stops => labels.push(Label::Stop),
+            Phase::Running | Phase::Stopping => {}
+        }
+        if self.mode.lost.is_some() && !frame.is_faulty {
+            labels.push(Label::Lost);
+        }
+        for unit in 0..self.units.len() {
+            if frame.ordered[unit] {
+                labels.push(Label::Reached(small(unit)));
+            }
+            for member in frame.states[unit].members_active() {
+                if let Occupant::Box(ends) = &self.units[unit].seats[member as usize] {
+                    self.member_labels(frame, (unit, member), ends, labels);
+                }
+            }
+            for timer in 0..self.program(unit).timers() {
+                if frame.states[unit].timer(self.program(unit), timer).1 {
+                    labels.push(Label::Elapsed(small(unit), small(timer as usize)));
+                }
+            }
+        }
+    }
+
+    fn member_labels(&self, frame: &Frame, (unit, member): (usize, u32), ends: &[Ends; 2], labels: &mut Vec<Label>) {
+        let (at, slot) = (small(unit), small(member as usize));
+        if frame.is_faulty && self.is_lost(unit, member) {
+            labels.push(Label::Aborted(at, slot));
+            return;
+        }
+        let struck = self.mode.fault.filter(|fault| (fault.unit, fault.member) == (unit, member));
+        let hangs = |fault: Injection| fault.kind == FaultKind::Hang && frame.is_faulty;
+        if frame.states[unit].activity(member) == Activity::Stopping {
+            labels.push(Label::Stopped(at, slot));
+            if struck.is_some_and(|fault| fault.kind == FaultKind::Unanswered && !frame.is_faulty) {
+                labels.push(Label::Fault(at, slot));
+            }
+            return;
+        }
+        let ends = &ends[usize::from(!self.mode.aborts)];
+        if !struck.is_some_and(hangs) {
+            labels.extend(ends.done.iter().map(|value| Label::Done(at, slot, self.number(value))));
+            if ends.aborts {
+                labels.push(Label::Aborted(at, slot));
+            }
+        }
+        if struck.is_some_and(|fault| fault.kind != FaultKind::Unanswered && !frame.is_faulty) {
+            labels.push(Label::Fault(at, slot));
+        }
+    }
+
+    /// Whether a member is a program on the host that may be lost.
+    fn is_lost(&self, unit: usize, member: u32) -> bool {
+        let Some(host) = self.mode.lost else { return false };
+        match self.model.parts[self.units[unit].part].members.get(member as usize) {
+            Some(Seat::Leaf(leaf)) => self.model.plan.leaves[*leaf as usize].host == host,
+            Some(Seat::Part(_)) | None => false,
+        }
+    }
+
+    fn number(&self, value: &Value) -> u8 {
+        let known = self.values.iter().position(|other| other == value);
+        known.and_then(|known| u8::try_from(known + 1).ok()).unwrap_or(0)
+    }
+
+    /// The tag of the value of a number.
+    pub(crate) fn tag(&self, number: u8) -> Option<&str> {
+        usize::from(number).checked_sub(1).and_then(|index| self.values.get(index)?.tag())
+    }
+
+    fn value(&self, number: u8) -> Value {
+        usize::from(number).checked_sub(1).and_then(|index| self.values.get(index).cloned()).unwrap_or_default()
+    }
+
+    /// Whether an answer to a stop, an order to stop, or the report of a loss is still under way.
+    pub(crate) fn has_stops(&self, frame: &Frame) -> bool {
+        let is_stopping = |unit: usize| {
+            let state = &frame.states[unit];
+            let is_box = |member: u32| matches!(self.units[unit].seats[member as usize], Occupant::Box(_));
+            let is_awaited = |member: u32| {
+                state.activity(member) == Activity::Stopping || frame.is_faulty && self.is_lost(unit, member)
+            };
+            state.members_active().any(|member| is_box(member) && is_awaited(member))
+        };
+        frame.ordered.contains(&true) || (0..self.units.len()).any(is_stopping)
+    }
+
+    /// Lets something happen; returns what changes.
+    pub(crate) fn apply(&self, frame: &mut Frame, label: Label, changes: &mut Vec<Change>) {
+        changes.clear();
+        let mut reaction = Reaction { system: self, frame, changes, queue: VecDeque::new(), commands: Vec::new() };
+        reaction.begin(label);
+        while let Some((unit, event)) = reaction.queue.pop_front() {
+            reaction.react(unit, event);
+        }
+    }
+}
+
+/// The values that outcomes may have besides the empty one, if anything looks at them.
+fn all_values(model: &Model<'_>) -> Vec<Value> {
+    if !model.has_tags() {
+        return Vec::new();
+    }
+    let mut tags: Vec<&str> = model.plan.leaves.iter().flat_map(|leaf| &leaf.outcomes).map(String::as_str).collect();
+    for group in &model.plan.groups {
+        crate::model::walk(&group.expression, &mut |_| {});
+        tagged(&group.expression, &mut tags);
+    }
+    tags.sort_unstable();
+    tags.dedup();
+    tags.into_iter().filter_map(|tag| Value::tagged(tag, &[])).collect()
+}
+
+fn tagged<'e>(expression: &'e language::plan::Expression, tags: &mut Vec<&'e str>) {
+    if let language::plan::Expression::Tagged { tag, .. } = expression {
+        tags.push(tag);
+    }
+    expression.operands().into_iter().for_each(|operand| tagged(operand, tags));
+}
+
+pub(crate) fn small(index: usize) -> u16 {
+    u16::try_from(index).unwrap_or(u16::MAX)
+}

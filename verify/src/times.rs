@@ -1,0 +1,141 @@
+//! How long things take, as far as limits, pauses and declared durations say it.
+
+use crate::model::Model;
+use language::plan::{Expression, Group, MemberKind};
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+/// How long an expression takes: from its start to its normal end at the least, to any end at the most.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Span {
+    /// The least time until it is done; none if it is never done.
+    pub(crate) done: Option<Duration>,
+    /// The most time until it has ended; none if nothing bounds it.
+    pub(crate) end: Option<Duration>,
+    /// The most time that a stop of it takes; none if nothing bounds it.
+    pub(crate) stop: Option<Duration>,
+}
+
+const NOW: Span = Span { done: Some(Duration::ZERO), end: Some(Duration::ZERO), stop: Some(Duration::ZERO) };
+
+/// The durations that are known, and those that were asked for and are not.
+pub(crate) struct Times<'m, 'a> {
+    pub(crate) model: &'m Model<'a>,
+    /// For a member of a group, what the spec assumes.
+    pub(crate) assumed: BTreeMap<(u32, u32), (Duration, Duration)>,
+}
+
+impl Times<'_, '_> {
+    /// How long a group takes.
+    pub(crate) fn of_group(&self, group: u32) -> Span {
+        let source = &self.model.plan.groups[group as usize];
+        self.of(group, source, &source.expression)
+    }
+
+    /// How long a member takes.
+    pub(crate) fn of_member(&self, group: u32, slot: u32) -> Span {
+        let member = &self.model.plan.groups[group as usize].members[slot as usize];
+        let mut span = match member.kind {
+            MemberKind::Group(inner) => self.of_group(inner),
+            MemberKind::Leaf(leaf) => {
+                let stop = Some(self.model.plan.leaves[leaf as usize].stop_within);
+                let takes = self.model.sites.leaves[leaf as usize].takes.filter(|_| !member.service);
+                let done = if member.service { None } else { Some(takes.map_or(Duration::ZERO, |(least, _)| least)) };
+                Span { done, end: takes.map(|(_, most)| most), stop }
+            }
+        };
+        if let Some(&(least, most)) = self.assumed.get(&(group, slot)) {
+            (span.done, span.end) = (span.done.map(|_| least), Some(most));
+        }
+        span
+    }
+
+    /// How long an expression of a group takes.
+    pub(crate) fn of(&self, group: u32, source: &Group, expression: &Expression) -> Span {
+        let parts: Vec<Span> =
+            expression.operands().into_iter().map(|operand| self.of(group, source, operand)).collect();
+        let stop = longest(parts.iter().map(|part| part.stop));
+        match expression {
+            Expression::Run { member, .. } => self.of_member(group, *member),
+            Expression::Skip => NOW,
+            Expression::Never => Span { done: None, end: None, ..NOW },
+            Expression::Fail(_) => Span { done: None, ..NOW },
+            Expression::Wait(time) => Span { done: Some(*time), end: Some(*time), ..NOW },
+            Expression::Sequence(..) | Expression::Conditional(..) => in_turn(&parts, stop),
+            Expression::Finally(..) => {
+                let after = add(parts[0].stop, parts[1].end);
+                Span { stop: after, ..in_turn(&parts, stop) }
+            }
+            Expression::Recurrent(..) | Expression::Asynchronous { .. } => Span { done: None, end: None, stop },
+            Expression::Otherwise(..) => {
+                let done = parts.iter().filter_map(|part| part.done).min();
+                Span { done, end: in_turn(&parts, stop).end, stop }
+            }
+            Expression::Concurrent(of) => self.concurrent(source, of, &parts),
+            Expression::FailFast(_) => {
+                let done = all(parts.iter().map(|part| part.done));
+                Span { done, end: add(longest(parts.iter().map(|part| part.end)), stop), stop }
+            }
+            Expression::AnyOf { count, .. } => {
+                let mut done: Vec<Duration> = parts.iter().filter_map(|part| part.done).collect();
+                done.sort_unstable();
+                let done = done.get((*count as usize).saturating_sub(1)).copied();
+                Span { done, end: add(longest(parts.iter().map(|part| part.end)), stop), stop }
+            }
+            Expression::Disable(_) => {
+                let done = parts.iter().filter_map(|part| part.done).min();
+                let end = parts.iter().filter_map(|part| part.end).min();
+                Span { done: done.filter(|done| end.is_none_or(|end| *done <= end)), end: add(end, stop), stop }
+            }
+            Expression::Match(_) => {
+                let done = parts.iter().filter_map(|part| part.done).min();
+                Span { done, end: longest(parts.iter().map(|part| part.end)), stop }
+            }
+            Expression::Shield { bound, .. } => {
+                let held = match (bound, parts[0].end) {
+                    (Some(bound), Some(end)) => add(Some((*bound).min(end)), stop),
+                    (Some(bound), None) => add(Some(*bound), stop),
+                    (None, end) => end,
+                };
+                Span { stop: held, ..parts[0] }
+            }
+            // Nobody knows how long it waits for its turn.
+            Expression::Using { .. } => Span { end: None, ..parts[0] },
+            Expression::Tagged { .. } => parts[0],
+        }
+    }
+
+    fn concurrent(&self, source: &Group, of: &[Expression], parts: &[Span]) -> Span {
+        let service = |operand: &Expression| {
+            let group = Group { expression: operand.clone(), ..source.clone() };
+            language::algebra::Program::compile(&group).is_service()
+        };
+        let services: Vec<bool> = of.iter().map(service).collect();
+        let is_service = services.iter().all(|service| *service);
+        let tasks =
+            || parts.iter().zip(&services).filter(|(_, service)| is_service || !**service).map(|(part, _)| part);
+        let stop = longest(parts.iter().map(|part| part.stop));
+        let done = all(tasks().map(|part| part.done));
+        Span { done, end: add(longest(tasks().map(|part| part.end)), stop), stop }
+    }
+}
+
+fn add(one: Option<Duration>, other: Option<Duration>) -> Option<Duration> {
+    Some(one?.saturating_add(other?))
+}
+
+/// The longest, if all are known.
+fn longest(times: impl Iterator<Item = Option<Duration>>) -> Option<Duration> {
+    times.collect::<Option<Vec<_>>>().map(|times| times.into_iter().max().unwrap_or_default())
+}
+
+fn all(times: impl Iterator<Item = Option<Duration>>) -> Option<Duration> {
+    longest(times)
+}
+
+fn in_turn(parts: &[Span], stop: Option<Duration>) -> Span {
+    let sum = |time: fn(&Span) -> Option<Duration>| {
+        parts.iter().map(time).try_fold(Duration::ZERO, |sum, time| Some(sum.saturating_add(time?)))
+    };
+    Span { done: sum(|part| part.done), end: sum(|part| part.end), stop }
+}

@@ -1,0 +1,112 @@
+//! Every bad spec is caught with the reason that is written beside it; no good spec is refused.
+
+use language::{Options, Source, Style, compile_with_sites, render};
+use std::fs;
+use std::path::{Path, PathBuf};
+use verify::{Always, Limits, Report, Verdict};
+
+const LIMITS: Limits<'static> = Limits { states: 2_000_000, memory: 1 << 30, goes_on: &Always };
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
+}
+
+/// The specs of a folder, by name.
+fn specs(folder: &Path) -> Vec<PathBuf> {
+    let entries = fs::read_dir(folder).expect("the folder of specs is there");
+    let mut files: Vec<PathBuf> = entries.map(|entry| entry.expect("it can be read").path()).collect();
+    files.retain(|file| file.extension().is_some_and(|kind| kind == "dca"));
+    files.sort();
+    files
+}
+
+/// Verifies a spec; returns what is said of it.
+fn verified(spec: &Source, interfaces: &[Source]) -> Option<(Report, String)> {
+    let (compiled, sites) = compile_with_sites(spec, interfaces, &Options::named("spec"));
+    let (plan, sites) = compiled.plan.zip(sites)?;
+    let report = verify::verify(&plan, &sites, &LIMITS);
+    let mut text = String::new();
+    for finding in &report.findings {
+        match &finding.diagnostic {
+            None if finding.verdict == Verdict::Proved => {}
+            None => text += &format!("not decided: {}\n", finding.sentence),
+            Some(diagnostic) => {
+                text += &render(std::slice::from_ref(diagnostic), spec, interfaces, Style::Plain);
+                for line in finding.story.iter().flat_map(verify::Story::lines) {
+                    text += &format!("{line}\n");
+                }
+            }
+        }
+    }
+    Some((report, text))
+}
+
+fn read(file: &Path) -> Source {
+    let name = file.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+    Source::new(name, fs::read_to_string(file).expect("the spec can be read"))
+}
+
+#[test]
+fn every_bad_spec_is_caught_with_its_reason() {
+    let files = specs(&root().join("verify/tests/corpus/bad"));
+    assert!(files.len() >= 25, "only {} bad specs", files.len());
+    for file in files {
+        let (report, text) = verified(&read(&file), &[]).unwrap_or_else(|| panic!("{} has no plan", file.display()));
+        let fails = report.findings.iter().any(|finding| finding.verdict == Verdict::Fails);
+        assert!(fails, "{} is not caught", file.display());
+        expect_test::expect_file![file.with_extension("txt")].assert_eq(&text);
+    }
+}
+
+#[test]
+fn no_good_spec_is_refused() {
+    let files = specs(&root().join("verify/tests/corpus/good"));
+    assert!(files.len() >= 25, "only {} good specs", files.len());
+    for file in files {
+        let (report, text) = verified(&read(&file), &[]).unwrap_or_else(|| panic!("{} has a plan", file.display()));
+        assert!(text.is_empty(), "{}:\n{text}", file.display());
+        assert!(!report.is_limited, "{}", file.display());
+    }
+}
+
+/// What the paper's controllers print of themselves.
+fn library() -> Vec<Source> {
+    vec![read(&root().join("language/tests/graph/door_opening.interface"))]
+}
+
+#[test]
+fn the_specs_of_this_repository_are_not_refused() {
+    let folders =
+        ["specs", "examples/machines", "examples/patrol", "examples/pid", "examples/python", "examples/serial"];
+    let mut count = 0;
+    for file in folders.iter().flat_map(|folder| specs(&root().join(folder))) {
+        let Some((_, text)) = verified(&read(&file), &library()) else { continue };
+        assert!(text.is_empty(), "{}:\n{text}", file.display());
+        count += 1;
+    }
+    assert!(count >= 5, "only {count} have a plan");
+}
+
+/// The specs of the manual are good ones, but for those that show what is refused and the page about `dca verify` itself.
+#[test]
+fn specs_of_the_manual_are_not_refused() {
+    let mut count = 0;
+    let pages = fs::read_dir(root().join("docs/src")).expect("the manual is there");
+    let mut pages: Vec<PathBuf> = pages.map(|page| page.expect("it can be read").path()).collect();
+    pages.retain(|page| page.extension().is_some_and(|kind| kind == "md") && !page.ends_with("verify.md"));
+    pages.sort();
+    for page in pages {
+        let text = fs::read_to_string(&page).expect("the page can be read");
+        for rest in text.split("\n```dca").skip(1) {
+            let Some((marks, body)) = rest.split_once('\n') else { continue };
+            let block = body.split("\n```").next().unwrap_or_default();
+            if marks.contains("refused") || marks.contains("actions") {
+                continue;
+            }
+            let Some((_, text)) = verified(&Source::new("spec.dca", block), &library()) else { continue };
+            assert!(text.is_empty(), "{}:\n{block}\n{text}", page.display());
+            count += 1;
+        }
+    }
+    assert!(count >= 5, "only {count} blocks have a plan");
+}
