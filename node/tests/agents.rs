@@ -10,6 +10,8 @@ mod adoption;
 mod changes;
 #[path = "agents/detours.rs"]
 mod detours;
+#[path = "agents/devices.rs"]
+mod devices;
 #[path = "agents/large.rs"]
 mod large;
 #[path = "agents/leaving.rs"]

@@ -10,6 +10,7 @@ pub mod leftovers;
 pub mod reach;
 
 use crate::logic::output_lines::last_lines;
+use comms::io::clock;
 use language::plan::Usage;
 use rustix::net::sockopt::{Timeout, set_socket_timeout};
 use rustix::net::{AddressFamily, SocketAddrUnix, SocketFlags, SocketType, connect, socket_with};
@@ -31,6 +32,8 @@ use tokio::sync::mpsc::{Receiver, Sender};
 const LAST_OUTPUT_MAX: u64 = 32 << 10;
 /// How long a shim may take for each step of an attachment: one that is suspended takes none.
 const ATTACH_WITHIN: Duration = Duration::from_secs(3);
+/// Until what a killed shim has left is ended again.
+const END_AGAIN: Duration = Duration::from_secs(1);
 /// The longest reply to an attachment, its end included, in bytes.
 const REPLY_MAX: usize = 64;
 /// How long [`OUTPUT_FILE`] was when the program started, in bytes: a number in the instance directory, for a later node.
@@ -162,6 +165,23 @@ pub fn ended(dir: &Path) -> Option<ShimReport> {
     ShimReport::parse(record.strip_suffix('\n')?)
 }
 
+/// Ends what a killed shim has left, for as long as anything is there: what the kernel does not remove may still move something.
+async fn end_left(dir: PathBuf) {
+    let ending = |end: fn(&Path) -> Vec<i32>| {
+        let folder = dir.clone();
+        tokio::task::spawn_blocking(move || end(&folder))
+    };
+    let mut left = ending(leftovers::end_instance).await.unwrap_or_default();
+    if !left.is_empty() {
+        tracing::error!(?dir, ?left, "processes of a killed shim cannot be ended: they may still move something");
+    }
+    while !left.is_empty() {
+        clock::sleep_until(clock::now() + END_AGAIN).await;
+        left = ending(leftovers::end_again).await.unwrap_or_default();
+    }
+    remove_stale(&dir.join(EXIT_FILE)).unwrap_or_default();
+}
+
 /// Removes the record of an end that a node is about to take note of.
 async fn forget_end(dir: &Path) {
     let record = dir.join(EXIT_FILE);
@@ -273,17 +293,13 @@ impl ShimReports {
         }
         let reaped = tokio::task::spawn_blocking(move || {
             // One that was attached to is the child of another process.
-            let reaped = child.as_mut().map_or(Ok(()), |child| child.wait().map(drop));
-            if !gone {
-                leftovers::end_instance(&dir);
-                remove_stale(&dir.join(EXIT_FILE)).unwrap_or_default();
-            }
-            reaped
+            child.as_mut().map_or(Ok(()), |child| child.wait().map(drop))
         });
         if let Ok(Err(error)) = reaped.await {
             tracing::warn!(%error, "cannot reap a shim");
         }
         if !gone {
+            end_left(dir).await;
             // Nobody is left to hear it only when the node itself is leaving.
             sink.send((ShimReport::Gone, Vec::new())).await.unwrap_or_default();
         }

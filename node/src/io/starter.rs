@@ -104,7 +104,12 @@ impl Starter {
                 Job::Close(deployment) => {
                     self.listeners.remove(&deployment).into_iter().for_each(|listener| listener.abort());
                 }
-                Job::Kill(dir) => drop(self.tasks.spawn_blocking(move || leftovers::kill_shim(&dir))),
+                // Here, so that no other program is started in its folder meanwhile.
+                Job::Kill(dir) => {
+                    if let Err(error) = tokio::task::spawn_blocking(move || leftovers::kill_shim(&dir)).await {
+                        tracing::error!(%error, "a shim cannot be killed");
+                    }
+                }
                 Job::Remove(folder) => {
                     if let Err(error) = tokio::fs::remove_dir_all(&folder).await {
                         tracing::debug!(%error, "the folder of an old deployment stays");

@@ -66,7 +66,10 @@ impl Claims {
     /// Returns the same where programs of `holder` could not be ended.
     pub fn conflicts_with_unended(&self, holder: &Deployment, theirs: &Self) -> Vec<String> {
         let unended = |(device, path)| {
-            format!("`{device}` is held by `{path}` of `{holder}`, whose programs could not be ended and may still run")
+            let forget = format!("once you know better, `dca stop {} --forget`", holder.name);
+            format!(
+                "`{device}` is held by `{path}` of `{holder}`, which could not be ended and may still run; {forget}"
+            )
         };
         self.both(theirs).map(unended).collect()
     }

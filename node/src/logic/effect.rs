@@ -63,7 +63,8 @@ pub enum Effect {
         /// The order.
         order: ShimOrder,
     },
-    /// Kill a shim that has not ended its program in time. What it leaves is ended, and told as gone.
+    /// Kill a shim that has not ended its program in time: it may be suspended. What it leaves is ended, and told as gone once
+    /// nothing of that is there any more.
     KillShim {
         /// The program.
         process: ProcessId,

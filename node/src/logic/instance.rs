@@ -39,7 +39,9 @@ pub(super) const GRACE: Duration = Duration::from_secs(1);
 /// The most bytes that a process may leave for the next.
 const VALUE_MAX: usize = 1 << 20;
 /// How long a killed program may take to be gone: the kernel removes it, and on a starved machine its shim waits its turn.
-pub(super) const KILL_WITHIN: Duration = Duration::from_secs(20);
+pub(super) const KILL_WITHIN: Duration = Duration::from_secs(15);
+/// How long it may take then, once its shim was killed, too: that may be suspended.
+pub(super) const SHIM_KILL_WITHIN: Duration = Duration::from_secs(5);
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 enum Stage {
@@ -125,6 +127,8 @@ pub struct Instance {
     /// Lost hosts for whose sake nothing new begins.
     cut_off: BTreeSet<String>,
     pid: Option<u32>,
+    /// Whether its shim was killed, since that did not end the program in time.
+    shim_was_killed: bool,
     cause: Option<FailureCause>,
     /// Why the last activation failed, if it did.
     failed: Option<FailureCause>,
@@ -172,6 +176,7 @@ impl Instance {
             restarts,
             cut_off: BTreeSet::new(),
             pid: None,
+            shim_was_killed: false,
             cause: None,
             failed: None,
             output: Vec::new(),
@@ -251,6 +256,23 @@ impl Instance {
             Stage::Prepared | Stage::Idle | Stage::Running | Stage::Refused | Stage::Dead => None,
         };
         earliest(of_stage, self.probation_until())
+    }
+
+    /// Kills a shim that has not ended its program in time; says whether it had not been killed before.
+    fn kill_shim(&mut self, context: &mut InstanceContext<'_>) -> bool {
+        let (Stage::Stopping { until, forced: true }
+        | Stage::Leaving { until, forced: true }
+        | Stage::Replacing { until, forced: true, .. }
+        | Stage::Removing { until }) = &mut self.stage
+        else {
+            return false;
+        };
+        if self.shim_was_killed {
+            return false;
+        }
+        (*until, self.shim_was_killed) = (context.now + SHIM_KILL_WITHIN, true);
+        context.effects.push(Effect::KillShim { process: self.order.process.clone() });
+        true
     }
 
     /// Takes note that its node was gone: its program could not answer meanwhile.

@@ -6,13 +6,14 @@
 //! a stream of answers            8 s without a sign of life end it: its node was lost before
 //! a program that hangs at start  ready within 15 s ─▶ killed, gone within 20 s ─▶ the home has waited for 40 s
 //! a program that cannot link     its own 38 s ─▶ the home's 48 s
-//! a program that does not leave  SIGTERM ─▶ 1 s ─▶ SIGKILL ─▶ gone within 20 s ─▶ the home has waited for 25 s
+//! a program that does not leave  SIGTERM ─▶ 1 s ─▶ SIGKILL ─▶ 15 s ─▶ its shim is killed, too ─▶ gone within 5 s
+//!                                ─▶ the home has waited for 25 s
 //! ```
 
 use super::coordinator::{self, PREPARE_WITHIN, REASONS_WITHIN, RELEASE_WITHIN};
 use super::executer::{PACE, SWITCH_WITHIN};
 use super::instance::watchdog::READY_WITHIN;
-use super::instance::{self, GRACE, KILL_WITHIN};
+use super::instance::{self, GRACE, KILL_WITHIN, SHIM_KILL_WITHIN};
 use super::link::{RESEND_AFTER, RESEND_AFTER_MAX};
 use super::nameserver::{self, ASK_EVERY, ASK_GAP, DOUBT, LOST_AFTER, SILENCE_MISSING};
 use super::{absence, protocol};
@@ -42,7 +43,7 @@ const _: () =
     assert!(RESEND_AFTER_MAX.as_nanos() <= LOST_AFTER.as_nanos(), "a message is repeated before its host is lost");
 const _: () = assert!(rise(&[PACE, SWITCH_WITHIN, LOST_AFTER]), "no consumer waits for the wires of a lost host");
 const _: () = assert!(
-    rise(&[READY_WITHIN.saturating_add(KILL_WITHIN), PREPARE_WITHIN]),
+    rise(&[READY_WITHIN.saturating_add(KILL_WITHIN).saturating_add(SHIM_KILL_WITHIN), PREPARE_WITHIN]),
     "a host says which of its programs was not ready before its home gives up"
 );
 const _: () = assert!(rise(&[REASONS_WITHIN, PREPARE_WITHIN]), "one refusal does not wait for all hosts");
@@ -50,7 +51,9 @@ const _: () = assert!(
     rise(&[instance::CONNECT_WITHIN, coordinator::CONNECT_WITHIN]),
     "a host says which of its programs has no links before its home gives up"
 );
-const _: () =
-    assert!(rise(&[GRACE.saturating_add(KILL_WITHIN), RELEASE_WITHIN]), "a program that is killed is gone in time");
+const _: () = assert!(
+    rise(&[GRACE.saturating_add(KILL_WITHIN).saturating_add(SHIM_KILL_WITHIN), RELEASE_WITHIN]),
+    "a program that is killed is gone in time"
+);
 const _: () =
     assert!(rise(&[LOST_AFTER, absence::ASK_EVERY, absence::HOSTS_KEPT]), "a lost host is asked, then forgotten");

@@ -154,10 +154,10 @@ process main() {
             _ => Vec::new(),
         }
     };
-    let same = ["host `c1`: programs of `test@1` that could not be ended may still run there"];
-    assert_eq!(refusals(&mut world, "test"), same);
-    let held =
-        "host `c1`: `arm` is held by `main/mover` of `test@1`, whose programs could not be ended and may still run";
+    let same = "host `c1`: programs of `test@1` could not be ended and may still run; once you know better, `dca stop test --forget`";
+    assert_eq!(refusals(&mut world, "test"), [same]);
+    let held = "host `c1`: `arm` is held by `main/mover` of `test@1`, which could not be ended and may still run; once you know \
+         better, `dca stop test --forget`";
     assert_eq!(refusals(&mut world, "other"), [held]);
     let call = world.ask("c1", Request::Names);
     world.run_for(Duration::from_millis(10));

@@ -12,8 +12,8 @@ process main() {
     host { "c1" }
     instantiated_processes {
         sensor instof Sensor("c1");
-        filter instof Tuned("c2");
-        sink instof Tuned("c1");
+        filter instof Tuned("c2") { watchdog 200 ms; }
+        sink instof Tuned("c1") { watchdog 200 ms; }
         task instof Long("c2");
     }
     internal_connections(sensor, feed) { sensor, Out -> filter, In; }
@@ -154,10 +154,31 @@ fn claims_change_hands_with_their_programs() {
     assert_eq!(holders(&mut world), ["main/a"]);
     for (revision, (first, second, expected)) in (0..).zip([("Step", "Arm", &["main/b"][..]), ("Step", "Step", &[])]) {
         let change = world.change("c1", &text(first, second), (1, revision), &[]);
-        world.run_for(Duration::from_secs(4));
+        world.run_for(Duration::from_secs(12));
         assert!(outcome(&world, change).is_ok(), "{:?}", outcome(&world, change));
         assert_eq!(holders(&mut world), expected);
     }
+}
+
+/// The watchdog finds that later than the probation would end that was asked for.
+#[test]
+fn a_program_that_hangs_from_its_first_calculation_on_is_put_back() {
+    let mut world = World::new(&["c1", "c2"]);
+    let before = FEED.replace("# task", "# (task ;; skip)").replace(" { watchdog 200 ms; }", ";");
+    let call = world.deploy("c1", &before);
+    world.run_for(Duration::from_secs(1));
+    let text = before.replace("Tuned(\"c2\")", "Tuned(\"c2\", better)");
+    let change = world.change("c1", &text, (1, 0), &[]);
+    world.run_for(Duration::from_secs(7));
+    assert_eq!(world.answers.get(&change), None, "nobody knows yet");
+    let why = EndReason::Watchdog(Duration::from_secs(5));
+    world.end("c2", 1, ShimReport::Ended { end: ProgramEnd::Signal(6), why });
+    world.run_for(Duration::from_secs(6));
+    let reasons = outcome(&world, change).unwrap_err();
+    assert!(reasons[0].starts_with("the new program of `main/filter` was not healthy"), "{reasons:?}");
+    check(&mut world);
+    assert_eq!((lives(&world), revision(&mut world).revision), (vec![1, 3, 1, 1], 0));
+    assert!(!is_over(&world, call), "the mission goes on");
 }
 
 #[test]

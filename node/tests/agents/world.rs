@@ -86,6 +86,8 @@ pub(super) struct World {
     pub(super) plan: Option<Plan>,
     /// Whether shims fail to end their programs.
     pub(super) immortal: bool,
+    /// Whether shims are suspended, and do not hear what they are told.
+    pub(super) suspended: bool,
     /// The programs whose output was asked for.
     pub(super) tailed: Vec<Vec<ProcessId>>,
     /// Whether programs leave at once with exit code 1.
@@ -250,7 +252,7 @@ impl World {
             Effect::Peer(change) => self.changes.push((host.into(), change)),
             Effect::Spawn(order) => self.spawn(host, *order),
             Effect::Shim { process, order } if self.took(&process, false) => match order {
-                ShimOrder::Stop { .. } | ShimOrder::Kill if self.immortal => {}
+                ShimOrder::Stop { .. } | ShimOrder::Kill if self.immortal || self.suspended => {}
                 ShimOrder::Stop { .. } | ShimOrder::Kill => {
                     self.die(host, &process, ShimReport::Signalled { signal: 15 });
                 }
@@ -261,7 +263,7 @@ impl World {
             Effect::Shim { .. } | Effect::Control { .. } => {}
             Effect::Answer { call, answer } => self.answers.entry(call).or_default().push(*answer),
             Effect::KillShim { .. } if self.immortal => {}
-            Effect::KillShim { process } => self.die(host, &process, ShimReport::Gone),
+            Effect::KillShim { process } => self.die(host, &process, ShimReport::Signalled { signal: 9 }),
             Effect::Settled { deployment } => self.settled.push((host.into(), deployment)),
             Effect::FindPrograms { deployment, number, programs } => {
                 let is_missing = |(_, command): &(String, Vec<String>)| command.iter().any(|word| word == "missing");

@@ -37,11 +37,15 @@ struct Search {
     adopts: bool,
 }
 
-/// Ends what a killed shim of this node has left of the program in `dir`. Blocks.
-pub fn end_instance(dir: &Path) {
-    let records = read_record(dir).into_iter().collect();
-    let search = Search { folder: dir.to_owned(), records, group: None, adopts: true };
-    search.kill();
+/// Ends what a killed shim of this node has left of the program in `dir`, and returns what could not be ended. Blocks, for 5 s at
+/// the most.
+pub fn end_instance(dir: &Path) -> Vec<i32> {
+    Search::instance(dir).kill(KILL_WITHIN)
+}
+
+/// Tries once more to end what [`end_instance`] could not, and returns what is left.
+pub fn end_again(dir: &Path) -> Vec<i32> {
+    Search::instance(dir).kill(Duration::ZERO)
 }
 
 /// Ends what earlier runs of the node in `folder` have left, and returns what could not be ended. A program has the grace
@@ -57,7 +61,7 @@ pub fn end_all(folder: &Path) -> Vec<i32> {
         tracing::warn!(count = found.len(), "ending processes that an earlier run has left");
         search.stop();
     }
-    let left = search.kill();
+    let left = search.kill(KILL_WITHIN);
     search.group.iter().for_each(|group| cgroup::remove(group));
     left
 }
@@ -76,7 +80,14 @@ pub fn end_others(folder: &Path, known: &BTreeSet<PathBuf>) {
             Some(shim) => shims.push(shim.pid),
             None => {
                 tracing::warn!(?dir, "ending a program without its shim, or without a deployment");
-                end_instance(&dir);
+                let left = end_instance(&dir);
+                if !left.is_empty() {
+                    tracing::error!(
+                        ?dir,
+                        ?left,
+                        "processes of an earlier run cannot be ended: they may still move something"
+                    );
+                }
                 std::fs::remove_file(dir.join(RECORD_FILE)).unwrap_or_default();
             }
         }
@@ -115,7 +126,7 @@ fn end_strays(group: &Path, shims: &[i32]) {
 /// Kills the shim of the program in `dir`, which does not do what it is told. What it leaves is then ended as that of any shim
 /// that was killed.
 pub fn kill_shim(dir: &Path) {
-    if let Some(shim) = read_record(dir).and_then(|record| record.shim) {
+    for shim in shims(dir) {
         tracing::warn!(?dir, "a shim has not ended its program in time: it is killed");
         processes::signal(shim, Signal::KILL);
     }
@@ -123,15 +134,26 @@ pub fn kill_shim(dir: &Path) {
 
 /// Returns whether a shim of an earlier run is there for the program in `dir`, or is about to be.
 pub fn has_shim(dir: &Path) -> bool {
+    shims(dir).next().is_some()
+}
+
+fn shims(dir: &Path) -> impl Iterator<Item = Process> {
     use std::os::unix::ffi::OsStrExt;
     let is_its = |pid: i32| {
         let command = std::fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
         is_shim(pid) && command.split(|byte| *byte == 0).any(|word| word == dir.as_os_str().as_bytes())
     };
-    processes::all().into_iter().any(|stat| !stat.is_zombie && is_its(stat.process.pid))
+    let all = processes::all().into_iter().filter(|stat| !stat.is_zombie).map(|stat| stat.process);
+    all.filter(move |process| is_its(process.pid))
 }
 
 impl Search {
+    /// Returns the search for what a killed shim of this node has left of the program in `dir`.
+    fn instance(dir: &Path) -> Self {
+        let records = read_record(dir).into_iter().collect();
+        Self { folder: dir.to_owned(), records, group: None, adopts: true }
+    }
+
     /// Asks programs without a shim to stop, and waits for all programs as long as they may take.
     fn stop(&self) {
         let (began, pause) = (now(), Wakeup::default());
@@ -148,20 +170,20 @@ impl Search {
         }
     }
 
-    /// Kills everything that is found until nothing is; returns what is left after 5 s.
-    fn kill(&self) -> Vec<i32> {
-        let (until, pause) = (now() + KILL_WITHIN, Wakeup::default());
+    /// Kills everything that is found until nothing is, at least once; returns what is left after so long.
+    fn kill(&self, within: Duration) -> Vec<i32> {
+        let (until, pause) = (now() + within, Wakeup::default());
         loop {
             let found = self.freeze();
             if found.is_empty() {
                 return Vec::new();
             }
+            self.group.iter().for_each(|group| cgroup::kill(group));
+            for process in &found {
+                processes::signal(*process, Signal::KILL);
+            }
             if now() >= until {
                 return found.into_iter().map(|process| process.pid).collect();
-            }
-            self.group.iter().for_each(|group| cgroup::kill(group));
-            for process in found {
-                processes::signal(process, Signal::KILL);
             }
             self.reap();
             pause.wait(Some(now() + LOOK_EVERY));

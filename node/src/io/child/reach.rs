@@ -10,6 +10,9 @@ use std::time::Duration;
 /// Until a shim that does not answer is tried again: it is suspended, or begins just now.
 const AGAIN: Duration = Duration::from_millis(100);
 
+/// Until what a killed shim has left, and the kernel has not removed, is looked for again.
+const LEFT_AGAIN: Duration = Duration::from_secs(1);
+
 /// The fate of a program while there was no node.
 #[derive(Debug)]
 pub enum Reached {
@@ -41,7 +44,11 @@ pub fn reach(dir: &Path, reports: u64) -> Reached {
         }
         pause.wait(Some(now() + AGAIN));
     }
-    leftovers::end_instance(dir);
+    let mut left = leftovers::end_instance(dir);
+    while !left.is_empty() {
+        pause.wait(Some(now() + LEFT_AGAIN));
+        left = leftovers::end_again(dir);
+    }
     match ended(dir) {
         Some(end) => Reached::Ended(Some((end, ended_output(dir)))),
         // The record of how it ended is removed once its node knows; so this one was never started.

@@ -27,7 +27,7 @@ impl Agent {
                 answer(call, plan.map_or_else(unknown, Answer::Plan), out);
             }
             Request::Forget { deployment } => {
-                let is_known = self.absence.forget(&deployment);
+                let is_known = self.forget(&deployment);
                 answer(call, Answer::Stop(if is_known { StopReply::Stopped } else { StopReply::Unknown }), out);
             }
             Request::Stop { name } => {

@@ -57,21 +57,33 @@ impl Agent {
     /// Carries out a step of a change; what others hold is not taken.
     pub(super) fn take_change(&mut self, deployment: &Deployment, order: ChangeOrder, out: &mut Out<'_>) {
         let host = &self.identity.host;
-        if let ChangeOrder::Examine { number, plan } = &order {
-            let mut reasons = self.conflicts(deployment, &Claims::of(plan, host));
-            if self.leaving {
-                reasons.push(format!("host `{host}`: its node is leaving"));
-            }
-            if !reasons.is_empty() {
-                let reply = ChangeReply::Examined { number: *number, reasons };
-                let home = self.participants.get(deployment).map(Participant::home);
-                home.into_iter()
-                    .for_each(|home| out.send(home, deployment.to_coordinator(ToCoordinator::Change(reply.clone()))));
-                return;
-            }
+        if let Some(reply) = self.against_change(deployment, &order) {
+            let home = self.participants.get(deployment).map(Participant::home);
+            home.into_iter()
+                .for_each(|home| out.send(home, deployment.to_coordinator(ToCoordinator::Change(reply.clone()))));
+            return;
         }
         if let Some(participant) = self.participants.get_mut(deployment) {
             participant.take_change(order, host, &self.programs, out);
+        }
+    }
+
+    /// Returns the reply to a step of a change that cannot be taken, if so. What was free when it was examined may be held since.
+    fn against_change(&self, deployment: &Deployment, order: &ChangeOrder) -> Option<ChangeReply> {
+        let host = &self.identity.host;
+        match order {
+            ChangeOrder::Examine { number, plan } => {
+                let mut reasons = self.conflicts(deployment, &Claims::of(plan, host));
+                if self.leaving {
+                    reasons.push(format!("host `{host}`: its node is leaving"));
+                }
+                (!reasons.is_empty()).then_some(ChangeReply::Examined { number: *number, reasons })
+            }
+            ChangeOrder::Apply { number, plan, .. } => {
+                let reason = self.conflicts(deployment, &Claims::of(plan, host)).into_iter().next()?;
+                Some(ChangeReply::Failed { number: *number, reason })
+            }
+            ChangeOrder::Link { .. } | ChangeOrder::Adopt { .. } | ChangeOrder::Settle { .. } => None,
         }
     }
 
@@ -121,7 +133,8 @@ impl Agent {
             return refuse(format!("`{}` is already there (epoch {})", other.name, other.epoch), out);
         }
         if let Some(other) = self.unended.keys().find(|other| other.name == deployment.name) {
-            return refuse(format!("programs of `{other}` that could not be ended may still run there"), out);
+            let forget = format!("once you know better, `dca stop {} --forget`", other.name);
+            return refuse(format!("programs of `{other}` could not be ended and may still run; {forget}"), out);
         }
         if self.participants.len() >= DEPLOYMENTS_MAX {
             return refuse(format!("it already takes part in {DEPLOYMENTS_MAX} deployments"), out);

@@ -4,7 +4,7 @@ use super::{Agent, END_KEPT, LINGER_MAX, OVER_MAX, UnendedPrograms};
 use crate::logic::database::chronicle;
 use crate::logic::effect::{Effect, Out, ProcessId};
 use crate::logic::link::Link;
-use crate::logic::protocol::{Message, ToCoordinator, Why};
+use crate::logic::protocol::{Deployment, Message, OpenEnd, OpenHost, ToCoordinator, Why};
 use comms::logic::time::Time;
 
 impl Agent {
@@ -82,6 +82,22 @@ impl Agent {
             let home = std::mem::take(&mut loose.home);
             self.unended.remove(&process.deployment);
             out.send(&home, process.deployment.to_coordinator(ToCoordinator::Released));
+        }
+    }
+
+    /// Takes a person's word that nothing is left of a deployment that is over; says whether anything was taken to be.
+    pub(super) fn forget(&mut self, deployment: &Deployment) -> bool {
+        let is_listed = self.absence.forget(deployment);
+        self.unended.remove(deployment).is_some() || is_listed
+    }
+
+    /// Adds what could not be ended here and is not listed: its home may have forgotten it.
+    pub(super) fn tell_unended(&self, ends: &mut Vec<OpenEnd>) {
+        for (deployment, unended) in &self.unended {
+            if ends.iter().all(|end| end.deployment != *deployment) {
+                let hosts = vec![OpenHost { host: self.identity.host.clone(), why: Why::Unable, heard: None }];
+                ends.push(OpenEnd { deployment: deployment.clone(), home: unended.home.clone(), hosts });
+            }
         }
     }
 

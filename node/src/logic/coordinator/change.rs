@@ -11,10 +11,10 @@
 
 use super::{Coordinator, Phase};
 use crate::logic::effect::{Effect, Out};
-use crate::logic::instance::watchdog::READY_WITHIN;
+use crate::logic::instance::watchdog::{probation, ready_within};
 use crate::logic::protocol::{Answer, ChangeOrder, ChangeReply, ChangeRequest, Report, Revision, ToParticipant};
 use comms::logic::time::Time;
-use language::plan::{Plan, PlanChange, difference};
+use language::plan::{Leaf, Plan, PlanChange, difference};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -27,7 +27,7 @@ const EXAMINE_WITHIN: Duration = Duration::from_secs(6);
 const APPLY_WITHIN: Duration = Duration::from_secs(45);
 /// How long new links have to stand.
 const LINK_WITHIN: Duration = Duration::from_secs(48);
-/// How much longer than their probation hosts have to say that all is well.
+/// How much longer than `Init` and their probation hosts have to say that all is well.
 const HEALTHY_WITHIN: Duration = Duration::from_secs(10);
 /// The longest probation.
 const PROBATION_MAX: Duration = Duration::from_secs(600);
@@ -68,6 +68,13 @@ impl Changing {
     /// Takes note that its node was gone: nobody could answer it meanwhile.
     pub(super) fn adopted(&mut self, away: Duration) {
         self.deadline = self.deadline + away;
+    }
+
+    /// Returns how long new programs have to say that they are healthy.
+    fn healthy_within(&self) -> Duration {
+        // One that is idle may be activated at the end of its probation.
+        let span = |leaf: &Leaf| ready_within(&leaf.policy) + 2 * probation(leaf.kind, &leaf.policy, self.probation);
+        self.plan.leaves.iter().map(span).max().unwrap_or_default() + HEALTHY_WITHIN
     }
 
     fn is_undoing(&self) -> bool {
@@ -196,7 +203,7 @@ impl Coordinator {
                 self.step((Step::Linking, until), &ChangeOrder::Link { number }, out);
             }
             Step::Linking => {
-                let (number, until) = (change.number, out.now + change.probation + HEALTHY_WITHIN);
+                let (number, until) = (change.number, out.now + change.healthy_within());
                 self.step((Step::Probing, until), &ChangeOrder::Adopt { number }, out);
             }
             Step::Probing => self.changed(out),
@@ -211,8 +218,8 @@ impl Coordinator {
         let slowest = change.before.leaves.iter().map(|leaf| leaf.stop_within).max().unwrap_or_default();
         let (number, plan) = (change.number, (*change.plan).clone());
         let (again, probation) = (change.again.clone(), change.probation);
-        let ready = change.plan.leaves.iter().map(|leaf| leaf.policy.ready_within.unwrap_or(READY_WITHIN)).max();
-        let until = out.now + slowest + APPLY_WITHIN + 2 * ready.unwrap_or(READY_WITHIN);
+        let ready = change.plan.leaves.iter().map(|leaf| ready_within(&leaf.policy)).max().unwrap_or_default();
+        let until = out.now + slowest + APPLY_WITHIN + 2 * ready;
         self.step((Step::Applying, until), &ChangeOrder::Apply { number, plan, again, probation }, out);
     }
 

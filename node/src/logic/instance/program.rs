@@ -90,7 +90,7 @@ impl Instance {
             return;
         }
         self.tick_probation(context);
-        if self.deadline().is_none_or(|at| at > context.now) {
+        if self.deadline().is_none_or(|at| at > context.now) || self.kill_shim(context) {
             return;
         }
         match self.stage {
@@ -110,9 +110,12 @@ impl Instance {
                 self.stage = Stage::Stopping { until, forced: true };
                 self.tell_shim(ShimOrder::Stop { grace: GRACE }, context);
             }
-            Stage::Removing { .. } if !self.joined => self.gone(context),
+            Stage::Removing { .. } if !self.joined => {
+                self.gone(context);
+                self.cause = Some(FailureCause::StopUnconfirmed);
+            }
             Stage::Stopping { forced: true, .. } | Stage::Removing { .. } => {
-                self.stay_unconfirmed(context);
+                (self.stage, self.cause) = (Stage::Dead, Some(FailureCause::StopUnconfirmed));
                 if self.current.is_none() {
                     context.notes.push(Note::Changed(Change::Died(FailureCause::StopUnconfirmed)));
                 }
@@ -121,8 +124,7 @@ impl Instance {
             Stage::Replacing { forced, is_stopping, .. } => self.tick_replacing((forced, is_stopping), context),
             Stage::Leaving { forced: false, .. } => self.force_out(context),
             Stage::Leaving { forced: true, .. } => {
-                self.stay_unconfirmed(context);
-                self.stage = Stage::Leaving { until: context.now, forced: true };
+                self.cause = Some(FailureCause::StopUnconfirmed);
                 self.gone(context);
             }
             Stage::Prepared | Stage::Idle | Stage::Running | Stage::Refused | Stage::Dead => {}
@@ -132,6 +134,7 @@ impl Instance {
     pub(super) fn start(&mut self, context: &mut InstanceContext<'_>) {
         self.stage =
             Stage::Starting { until: context.now + watchdog::start_within(self.order.kind, &self.order.policy) };
+        self.shim_was_killed = false;
         context.effects.push(Effect::Spawn(Box::new(self.order.clone())));
     }
 
@@ -151,6 +154,7 @@ impl Instance {
         let Some(activation) = self.current.as_ref().map(|current| current.number) else { return };
         self.stage = Stage::Running;
         if self.is_controller() {
+            self.suspend_probation();
             self.tell(Order::Activate { activation, value }, context);
         } else {
             self.tell_shim(ShimOrder::Go, context);
@@ -191,6 +195,10 @@ impl Instance {
             | Stage::Removing { .. } => self.died(cause, context),
             Stage::Replacing { is_stopping, .. } => self.replaced(is_stopping, context),
             Stage::Leaving { .. } => self.left(context),
+            // It has ended after all.
+            Stage::Dead if self.is_unconfirmed() => {
+                self.cause = Some(FailureCause::NotAvailable("it was not ended in time".into()));
+            }
             Stage::Refused | Stage::Dead => {}
         }
     }
@@ -238,7 +246,7 @@ impl Instance {
 
     /// Holds a plain program ready for its next activation: it runs once for each.
     fn hold_ready(&mut self, context: &mut InstanceContext<'_>) {
-        (self.pid, self.cause, self.output) = (None, None, Vec::new());
+        (self.pid, self.cause, self.output, self.shim_was_killed) = (None, None, Vec::new(), false);
         self.stage = Stage::Idle;
         context.effects.push(Effect::Spawn(Box::new(self.order.clone())));
     }
@@ -276,12 +284,6 @@ impl Instance {
             self.stage = Stage::Refused;
         }
         context.notes.push(Note::Refused(why.to_owned()));
-    }
-
-    /// Takes note that nobody confirms the end of the program. Its shim may be what hangs, so that is killed.
-    pub(super) fn stay_unconfirmed(&mut self, context: &mut InstanceContext<'_>) {
-        (self.stage, self.cause) = (Stage::Dead, Some(FailureCause::StopUnconfirmed));
-        context.effects.push(Effect::KillShim { process: self.order.process.clone() });
     }
 
     pub(super) fn force_out(&mut self, context: &mut InstanceContext<'_>) {

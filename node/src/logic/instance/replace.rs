@@ -4,7 +4,7 @@
 //! the activation of the one before. Within its probation a new program that dies, cannot make its links or aborts is not
 //! healthy: the one before is started again in its place. Its supervisor hears nothing of all that.
 
-use super::{GRACE, Instance, InstanceContext, KILL_WITHIN, Note, Restarts, Stage};
+use super::{GRACE, Instance, InstanceContext, KILL_WITHIN, Note, Restarts, Stage, watchdog};
 use crate::logic::effect::SpawnOrder;
 use crate::logic::protocol::{Change, Ending, FailureCause};
 use comms::logic::control::Order;
@@ -23,7 +23,9 @@ pub(super) struct Probation {
     before: Option<Start>,
     /// How long it has to stay healthy once it is up.
     length: Duration,
-    /// Until when; nothing before it is up.
+    /// Whether it was activated.
+    was_activated: bool,
+    /// Until when; nothing before it is up, and in its first `Init`.
     until: Option<Time>,
 }
 
@@ -50,7 +52,8 @@ impl Instance {
             return context.notes.push(Note::Unhealthy(why));
         }
         let before = Some((self.order.clone(), self.stop_within));
-        self.probation = Some(Probation { before, length: probation, until: None });
+        let length = watchdog::probation(next.0.kind, &next.0.policy, probation);
+        self.probation = Some(Probation { before, length, was_activated: false, until: None });
         context.notes.push(Note::Changed(Change::Replacing));
         let is_stopping = matches!(self.stage, Stage::Stopping { .. });
         match self.stage {
@@ -122,7 +125,7 @@ impl Instance {
             self.stage = Stage::Replacing { until, forced: true, is_stopping };
             return self.tell_shim(ShimOrder::Stop { grace: GRACE }, context);
         }
-        self.stay_unconfirmed(context);
+        (self.stage, self.cause) = (Stage::Dead, Some(FailureCause::StopUnconfirmed));
         (self.probation, self.next) = (None, None);
         context.notes.push(Note::Unhealthy("the program before could not be ended".to_owned()));
         self.finish(Ending::Unconfirmed, context);
@@ -146,6 +149,13 @@ impl Instance {
         self.tick_probation(context);
     }
 
+    /// Takes note that a controller gets the order to initialise itself. The first time its probation begins anew with the success.
+    pub(super) fn suspend_probation(&mut self) {
+        if let Some(probation) = self.probation.as_mut().filter(|probation| !probation.was_activated) {
+            (probation.was_activated, probation.until) = (true, None);
+        }
+    }
+
     /// Returns whether the program before is being started again.
     pub fn is_returning(&self) -> bool {
         self.probation.as_ref().is_some_and(|probation| probation.before.is_none())
@@ -159,7 +169,7 @@ impl Instance {
             context.notes.extend(is_returning.then(|| Note::Unhealthy(why())));
             return false;
         };
-        self.probation = Some(Probation { before: None, length: Duration::ZERO, until: None });
+        self.probation = Some(Probation { before: None, length: Duration::ZERO, was_activated: true, until: None });
         context.notes.push(Note::Changed(Change::Reverting { cause: cause.clone() }));
         context.notes.push(Note::Unhealthy(cause.to_string()));
         self.take_place(before, context);

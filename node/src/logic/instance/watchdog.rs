@@ -8,6 +8,9 @@ use std::time::Duration;
 pub const WATCHDOG: Duration = Duration::from_secs(5);
 /// How long a program has to say hello, and a controller for each `Init`, unless its policy says otherwise.
 pub const READY_WITHIN: Duration = Duration::from_secs(15);
+/// How much later than after its bound a program that hangs has ended at the latest: its shim looks four times in a bound, and
+/// the kernel may write a core for 2 s.
+const HANG_MARGIN: Duration = Duration::from_secs(3);
 
 /// Returns how long a controller has to say hello, and the shim of a plain program to be ready: that program begins later.
 pub(super) fn start_within(kind: LeafKind, policy: &Policy) -> Duration {
@@ -17,8 +20,19 @@ pub(super) fn start_within(kind: LeafKind, policy: &Policy) -> Duration {
     }
 }
 
-fn ready_within(policy: &Policy) -> Duration {
+/// Returns how long a program has to be ready, at its start and in each `Init`.
+pub fn ready_within(policy: &Policy) -> Duration {
     policy.ready_within.unwrap_or(READY_WITHIN)
+}
+
+/// Returns how long a new program is on probation if `asked` was asked for: never shorter than it takes to find that it hangs
+/// from its first calculation on. That of a plain program begins before it is ready.
+pub fn probation(kind: LeafKind, policy: &Policy, asked: Duration) -> Duration {
+    let (bound, ready) = watched(kind, policy);
+    let ready = ready.filter(|_| kind == LeafKind::Plain);
+    let spans = bound.into_iter().chain(ready);
+    let found = spans.map(|span| span + span / 4).reduce(|sum, span| sum + span);
+    found.map_or(asked, |found| asked.max(found + HANG_MARGIN))
 }
 
 /// Returns what the shim of a program is to watch: how long the program may give no sign of life, and how long it may
@@ -52,5 +66,19 @@ mod tests {
         check(Watchdog::Within(bound), None, (Some(bound), Some(READY_WITHIN)), (Some(bound), None));
         check(Watchdog::Never, None, (None, None), (None, None));
         check(Watchdog::Never, Some(ready), (None, Some(ready)), (None, Some(ready)));
+    }
+
+    #[test]
+    fn a_probation_is_as_long_as_a_hang_takes_to_be_found() {
+        let millis = Duration::from_millis;
+        let check = |kind, watchdog, ready_within, expected| {
+            let policy = Policy { watchdog, ready_within, ..Policy::default() };
+            assert_eq!(probation(kind, &policy, millis(5000)), millis(expected), "{kind:?} {policy:?}");
+        };
+        check(LeafKind::Controller, Watchdog::Usual, None, 9250);
+        check(LeafKind::Controller, Watchdog::Within(millis(400)), None, 5000);
+        check(LeafKind::Controller, Watchdog::Never, Some(millis(20_000)), 5000);
+        check(LeafKind::Plain, Watchdog::Usual, None, 5000);
+        check(LeafKind::Plain, Watchdog::Within(millis(4000)), Some(millis(8000)), 18_000);
     }
 }
