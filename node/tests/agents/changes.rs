@@ -137,7 +137,7 @@ fn claims_change_hands_with_their_programs() {
         format!(
             "process main() {{ host {{ \"c1\" }}
                 instantiated_processes {{ a instof {first}(\"c1\"); b instof {second}(\"c1\"); long instof Long(\"c1\"); }}
-                internal_event_actions {{ a , b , long }} }}"
+                internal_event_actions {{ a , b , (long ;; skip) }} }}"
         )
     };
     let mut world = World::new(&["c1"]);

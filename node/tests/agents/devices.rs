@@ -121,7 +121,7 @@ fn a_shim_that_is_suspended_is_killed_and_the_end_is_confirmed() {
     let call = world.deploy("c1", &TWO.replace("sh Script", "sh Endless"));
     world.run_for(Duration::from_secs(1));
     world.stop("c1");
-    world.run_for(Duration::from_secs(30));
+    world.run_for(Duration::from_secs(60));
     assert_eq!(world.ending(call), &Ending::Stopped);
     assert_eq!((held(&mut world, "c2"), world.alive.len()), (vec![], 0));
 }

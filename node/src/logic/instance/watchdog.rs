@@ -26,8 +26,11 @@ pub fn ready_within(policy: &Policy) -> Duration {
 }
 
 /// Returns how long a new program is on probation if `asked` was asked for: never shorter than it takes to find that it hangs
-/// from its first calculation on. That of a plain program begins before it is ready.
+/// from its first calculation on, but none if none was asked for. That of a plain program begins before it is ready.
 pub fn probation(kind: LeafKind, policy: &Policy, asked: Duration) -> Duration {
+    if asked.is_zero() {
+        return asked;
+    }
     let (bound, ready) = watched(kind, policy);
     let ready = ready.filter(|_| kind == LeafKind::Plain);
     let spans = bound.into_iter().chain(ready);
@@ -76,6 +79,7 @@ mod tests {
             assert_eq!(probation(kind, &policy, millis(5000)), millis(expected), "{kind:?} {policy:?}");
         };
         check(LeafKind::Controller, Watchdog::Usual, None, 9250);
+        assert_eq!(probation(LeafKind::Controller, &Policy::default(), Duration::ZERO), Duration::ZERO);
         check(LeafKind::Controller, Watchdog::Within(millis(400)), None, 5000);
         check(LeafKind::Controller, Watchdog::Never, Some(millis(20_000)), 5000);
         check(LeafKind::Plain, Watchdog::Usual, None, 5000);
