@@ -1,6 +1,7 @@
 //! DoorWorld: the plant as a process. It owns every device.
 
 mod delay;
+mod failing;
 mod parameters;
 
 use crate::message::{
@@ -14,6 +15,7 @@ use crate::sdk::{About, Arguments, Controller, In, Inputs, Out, Outputs, Progres
 use comms::logic::signals::Signal;
 use comms::logic::time::Time;
 use delay::{Delayed, Delays};
+use failing::{Failing, Failure, Stamped};
 use nalgebra::Vector3;
 use std::time::Duration;
 
@@ -70,6 +72,7 @@ pub(super) struct DoorWorld {
     delays: Delays,
     /// When a visitor begins to push the hand (s), never if negative, and how hard in the end (N).
     push: (f64, f64),
+    failing: Failing,
     state: Option<Box<State>>,
 }
 
@@ -85,6 +88,7 @@ struct State {
     random: Random,
     orders: Delayed<Order>,
     samples: Samples,
+    failure: Failure,
     peak: Peak,
 }
 
@@ -100,12 +104,39 @@ enum Order {
 /// Samples on their way from their devices.
 #[derive(Debug, Default)]
 struct Samples {
-    arm: Delayed<ArmState>,
-    base: Delayed<BaseState>,
-    force: Delayed<FtState>,
-    gripper: Delayed<GripperState>,
-    laser: Delayed<LaserState>,
-    camera: Delayed<CameraState>,
+    arm: Line<ArmState>,
+    base: Line<BaseState>,
+    force: Line<FtState>,
+    gripper: Line<GripperState>,
+    laser: Line<LaserState>,
+    camera: Line<CameraState>,
+}
+
+/// The samples of one device.
+#[derive(Debug)]
+struct Line<T> {
+    way: Delayed<T>,
+    last: Option<T>,
+}
+
+impl<T> Default for Line<T> {
+    fn default() -> Self {
+        Self { way: Delayed::default(), last: None }
+    }
+}
+
+impl<T: Stamped> Line<T> {
+    fn put(&mut self, now: Time, (device, measured): (usize, T), bus: &mut Bus<'_>) {
+        let Some(sample) = bus.failure.of(device, measured, &mut self.last) else { return };
+        self.way.put(now, sample, (bus.delays.state[device], bus.delays.jitter), bus.random);
+    }
+}
+
+/// What samples meet between their devices and their readers.
+struct Bus<'a> {
+    delays: Delays,
+    failure: &'a Failure,
+    random: &'a mut Random,
 }
 
 /// An absolute rhythm.
@@ -147,7 +178,7 @@ impl Peak {
 }
 
 impl State {
-    fn new(plant: Plant, delays: Delays, seed: u64, now: Time) -> Self {
+    fn new(plant: Plant, (delays, failing): (Delays, Failing), seed: u64, now: Time) -> Self {
         // Arm, base and wrist 125 Hz, gripper 50 Hz, laser 20 Hz, camera 25 Hz.
         let due = [8, 8, 8, 20, 50, 40].map(|ms| Due { period: Duration::from_millis(ms), next: now });
         let window = Due { period: SIGNALS_EVERY, next: now };
@@ -160,6 +191,7 @@ impl State {
             random: Random::new(seed.rotate_left(17)),
             orders: Delayed::default(),
             samples: Samples::default(),
+            failure: Failure::new(failing),
             peak: Peak { window, now: 0.0, before: 0.0, ever: 0.0 },
         }
     }
@@ -223,22 +255,22 @@ impl State {
     fn publish(&mut self, now: Time, outputs: &mut Outputs) {
         self.measure(now);
         let samples = &mut self.samples;
-        while let Some(state) = samples.arm.take(now) {
+        while let Some(state) = samples.arm.way.take(now) {
             outputs.arm.send(state);
         }
-        while let Some(state) = samples.base.take(now) {
+        while let Some(state) = samples.base.way.take(now) {
             outputs.base.send(state);
         }
-        while let Some(state) = samples.force.take(now) {
+        while let Some(state) = samples.force.way.take(now) {
             outputs.force.send(state);
         }
-        while let Some(state) = samples.gripper.take(now) {
+        while let Some(state) = samples.gripper.way.take(now) {
             outputs.gripper.send(state);
         }
-        while let Some(state) = samples.laser.take(now) {
+        while let Some(state) = samples.laser.way.take(now) {
             outputs.laser.send(state);
         }
-        while let Some(state) = samples.camera.take(now) {
+        while let Some(state) = samples.camera.way.take(now) {
             outputs.camera.send(state);
         }
     }
@@ -246,32 +278,33 @@ impl State {
     fn measure(&mut self, now: Time) {
         let stamp = self.plant.now;
         let due = self.due.each_mut().map(|due| due.is_now(now));
-        let (plant, samples, random) = (&mut self.plant, &mut self.samples, &mut self.random);
-        let times = self.delays.state.map(|delay| (delay, self.delays.jitter));
+        self.failure.update(stamp.since(self.began).as_secs_f64(), self.plant.door.angle);
+        let (plant, samples) = (&mut self.plant, &mut self.samples);
+        let mut bus = Bus { delays: self.delays, failure: &self.failure, random: &mut self.random };
         if due[0] {
             let (angles, rates) = (plant.encoders().into(), plant.joint_rates());
-            samples.arm.put(now, ArmState { stamp, angles, rates }, times[0], random);
+            samples.arm.put(now, (0, ArmState { stamp, angles, rates }), &mut bus);
         }
         if due[1] {
             let casters = plant.casters();
             let (steering, rolling) = (std::array::from_fn(|i| casters[i]), std::array::from_fn(|i| casters[i + 4]));
-            samples.base.put(now, BaseState { stamp, steering, rolling }, times[1], random);
+            samples.base.put(now, (1, BaseState { stamp, steering, rolling }), &mut bus);
         }
         if due[2] {
             let [x, y, z, a, b, c] = plant.force_torque.read(&mut plant.random);
             let zeroed = plant.force_torque.zeroed();
             let state = FtState { stamp, force: [x, y, z], torque: [a, b, c], zeroed };
-            samples.force.put(now, state, times[2], random);
+            samples.force.put(now, (2, state), &mut bus);
         }
         if due[3] {
             let (width, force) = plant.grip();
-            samples.gripper.put(now, GripperState { stamp, width, force }, times[3], random);
+            samples.gripper.put(now, (3, GripperState { stamp, width, force }), &mut bus);
         }
         if due[4] {
-            samples.laser.put(now, LaserState { stamp, ranges: plant.sweep() }, times[4], random);
+            samples.laser.put(now, (4, LaserState { stamp, ranges: plant.sweep() }), &mut bus);
         }
         if due[5] {
-            samples.camera.put(now, CameraState { stamp, marks: plant.look() }, times[5], random);
+            samples.camera.put(now, (5, CameraState { stamp, marks: plant.look() }), &mut bus);
         }
     }
 
@@ -333,6 +366,7 @@ impl Controller for DoorWorld {
             setup: parameters::setup(arguments),
             delays: parameters::delays(arguments),
             push: (arguments.number("push_at"), arguments.number("push")),
+            failing: Failing::new(arguments),
             state: None,
         })
     }
@@ -345,7 +379,7 @@ impl Controller for DoorWorld {
     fn main_calc(&mut self, tick: Tick, inputs: &Inputs, outputs: &mut Outputs) -> Progress {
         let state = self.state.get_or_insert_with(|| {
             let plant = Plant::new(self.setup, tick.now);
-            Box::new(State::new(plant, self.delays, self.setup.seed, tick.now))
+            Box::new(State::new(plant, (self.delays, self.failing), self.setup.seed, tick.now))
         });
         state.obey(tick.now, inputs);
         state.advance(tick.now, self.push);

@@ -3,9 +3,6 @@
 use super::door::Handle;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
-/// Rotational, handle axes: weak about y, along which the fingers close, and about z.
-const TURN_STIFFNESS: [f64; 3] = [25.0, 8.0, 6.0];
-const TURN_DAMPING: f64 = 0.4;
 /// What closed fingers leave of the lever's place between them, handle axes: all of it along the lever, nothing across.
 const CENTRED: Vector3<f64> = Vector3::new(1.0, 0.0, 0.3);
 
@@ -27,6 +24,10 @@ pub struct Description {
     pub stiffness: f64,
     /// (N s/m).
     pub damping: f64,
+    /// The same against turning, handle axes (Nm/rad): weak about y, along which the fingers close, and about z.
+    pub turn_stiffness: [f64; 3],
+    /// (Nm s/rad).
+    pub turn_damping: f64,
     /// A held lever slips out at this force (N).
     pub slip_force: f64,
     /// A held lever turns between the fingers, about the axis along which they close, at this torque (Nm).
@@ -43,6 +44,8 @@ impl Default for Description {
             grasp_turn: 0.35,
             stiffness: 6000.0,
             damping: 60.0,
+            turn_stiffness: [25.0, 8.0, 6.0],
+            turn_damping: 0.4,
             slip_force: 78.0,
             turn_slip: 2.0,
         }
@@ -138,21 +141,22 @@ impl Grasp {
     /// Returns what the door does to the hand; above a certain force the lever slips out.
     pub fn push(&mut self, hand: &Hand, handle: &Handle) -> Push {
         let Some(Held { offset, rotation, .. }) = &mut self.held else { return self.touch(hand, handle) };
-        let Description { stiffness, damping, slip_force, turn_slip, .. } = self.description;
+        let Description { stiffness, damping, turn_stiffness, turn_damping, slip_force, turn_slip, .. } =
+            self.description;
         let stretch = hand.world_from_tool.translation.vector
             - (handle.world_from_handle * nalgebra::Point3::from(*offset)).coords;
         let world_from_held = handle.world_from_handle.rotation * *rotation;
         let twist = (hand.world_from_tool.rotation * world_from_held.inverse()).scaled_axis();
         let mut twist_in_handle = handle.world_from_handle.rotation.inverse() * twist;
         // What is more than the pads hold turns between them, and stays turned.
-        let most = turn_slip / TURN_STIFFNESS[1];
+        let most = turn_slip / turn_stiffness[1];
         let slipped = twist_in_handle.y - twist_in_handle.y.clamp(-most, most);
         *rotation = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), slipped) * *rotation;
         twist_in_handle.y -= slipped;
-        let spring = handle.world_from_handle.rotation * twist_in_handle.component_mul(&Vector3::from(TURN_STIFFNESS));
+        let spring = handle.world_from_handle.rotation * twist_in_handle.component_mul(&Vector3::from(turn_stiffness));
         let push = Push {
             force: -stretch * stiffness - (hand.velocity - handle.velocity) * damping,
-            torque: -spring - (hand.angular - handle.angular) * TURN_DAMPING,
+            torque: -spring - (hand.angular - handle.angular) * turn_damping,
         };
         if push.force.norm() > slip_force {
             self.held = None;

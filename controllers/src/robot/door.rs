@@ -2,10 +2,6 @@
 
 use nalgebra::{Isometry3, Rotation3, UnitQuaternion, Vector2, Vector3};
 
-/// The leaf counts as closed below this angle (rad): there the latch catches it.
-const CLOSED: f64 = 0.6 * std::f64::consts::PI / 180.0;
-const LATCH_STIFFNESS: f64 = 1e5;
-const LATCH_DAMPING: f64 = 400.0;
 const LEVER_INERTIA: f64 = 0.01;
 /// Of a torque of the fingers about the lever's axis, what reaches the lever; the rest slips.
 const FINGERS_TURN: f64 = 0.3;
@@ -35,6 +31,12 @@ pub struct Description {
     pub viscosity: f64,
     /// The angle of the lever that frees the latch (rad).
     pub latch_angle: f64,
+    /// Below this angle of the leaf the latch catches it (rad).
+    pub latch_play: f64,
+    /// Of the latch and of the frame, about the hinge (Nm/rad).
+    pub latch_stiffness: f64,
+    /// (Nm s/rad).
+    pub latch_damping: f64,
     /// Height of the lever's axis (m).
     pub lever_height: f64,
     /// From the lever's axis to where it is held (m).
@@ -66,6 +68,9 @@ impl Default for Description {
             friction: 1.0,
             viscosity: 1.5,
             latch_angle: 28f64.to_radians(),
+            latch_play: 0.6 * std::f64::consts::PI / 180.0,
+            latch_stiffness: 1e5,
+            latch_damping: 400.0,
             lever_height: 1.05,
             lever_length: 0.09,
             lever_standoff: 0.06,
@@ -207,6 +212,11 @@ impl Door {
         self.rate += dt * self.sense() * (at - self.hinge()).perp(force) / self.description.inertia;
     }
 
+    /// Lets a torque (Nm) shut the leaf for `dt` (s), as a visitor does who leans on it.
+    pub fn push_shut(&mut self, torque: f64, dt: f64) {
+        self.rate -= dt * torque / self.description.inertia;
+    }
+
     /// Lets `dt` (s) pass with a force (N) and a torque (Nm) on the handle, in world axes.
     pub fn step(&mut self, force: &Vector3<f64>, torque: &Vector3<f64>, dt: f64) {
         let is = self.description;
@@ -216,9 +226,9 @@ impl Door {
         let closer = if self.angle > 0.0 { is.closer + is.closer_rate * self.angle } else { 0.0 };
         let friction = is.viscosity * self.rate + is.friction * (self.rate / 0.01).tanh();
         let mut leaf = self.sense() * moment - friction - closer;
-        let latched = self.angle < CLOSED && (self.lever < is.latch_angle || is.lock == Lock::Locked);
+        let latched = self.angle < is.latch_play && (self.lever < is.latch_angle || is.lock == Lock::Locked);
         if self.angle < 0.0 || (latched && self.angle > 0.0) {
-            leaf -= LATCH_STIFFNESS * self.angle + LATCH_DAMPING * self.rate;
+            leaf -= is.latch_stiffness * self.angle + is.latch_damping * self.rate;
         }
         let mut lever = ((origin - handle.axis).cross(force) + torque * FINGERS_TURN).dot(&self.lever_axis());
         lever -= is.lever_torque + is.lever_rate * self.lever + 0.05 * self.lever_rate;

@@ -7,7 +7,7 @@ use super::door::{Door, Handle};
 use super::drive::{Drive, Limits};
 use super::force_torque::ForceTorque;
 use super::laser;
-use super::setup::Setup;
+use super::setup::{Machine, Setup};
 use crate::control::caster::{self, Casters, Pose};
 use crate::control::puma560::{self, Joints};
 use crate::control::ramp::towards;
@@ -24,12 +24,10 @@ pub const GRIP_MAX: f64 = 0.10;
 const DT: f64 = 1e-3;
 /// (m/s²).
 const GRAVITY: f64 = 9.81;
-const GRIP_SPEED: f64 = 0.12;
-const GRIP_FORCE: f64 = 40.0;
 const GRIP_FORCE_RISE: f64 = 400.0;
-/// What the drives of the base can do, but for their lag.
+/// What the drives of our base can do, but for their lag.
 const BASE: Limits<3> = Limits { lag: 0.0, acceleration: [1.0, 1.0, 1.5], speed: [0.6, 0.6, 0.7] };
-/// And those of the arm.
+/// And those of our arm.
 const ARM: Limits<6> = Limits { lag: 0.0, acceleration: [8.0; 6], speed: puma560::RATES_MAX };
 
 /// Everything that moves.
@@ -52,6 +50,7 @@ pub struct Plant {
     joint_offsets: Joints,
     began: Time,
     slipping_since: Option<Time>,
+    shutting_since: Option<Time>,
     lost: bool,
     base: Pose,
     joints: Joints,
@@ -88,8 +87,8 @@ impl Plant {
         Self {
             now,
             door: Door::new(setup.door),
-            base_drive: Drive::new(Limits { lag: setup.machine.base_lag, ..BASE }),
-            arm_drive: Drive::new(Limits { lag: setup.machine.arm_lag, ..ARM }),
+            base_drive: Drive::new(base_limits(&setup.machine)),
+            arm_drive: Drive::new(arm_limits(&setup.machine)),
             force_torque,
             random,
             camera: setup.sensors.camera(&mut calibration),
@@ -98,6 +97,7 @@ impl Plant {
             setup,
             began: now,
             slipping_since: None,
+            shutting_since: None,
             lost: false,
             base,
             joints,
@@ -105,7 +105,7 @@ impl Plant {
             grip: 0.0,
             grip_target: 0.0,
             grip_force: 0.0,
-            grip_force_max: GRIP_FORCE,
+            grip_force_max: setup.machine.grip_force,
             push: Push::default(),
             visitor: Vector3::zeros(),
             yielding: Yielding::default(),
@@ -186,7 +186,7 @@ impl Plant {
     /// Sends the fingers to a width (m); they press with no more than `force` (N), nor than they can.
     pub fn grip_to(&mut self, width: f64, force: f64) {
         self.grip_target = width.clamp(0.0, GRIP_MAX);
-        self.grip_force_max = force.clamp(0.0, GRIP_FORCE);
+        self.grip_force_max = force.clamp(0.0, self.setup.machine.grip_force);
     }
 
     /// Returns pose and motion of the hand in the world frame.
@@ -213,6 +213,9 @@ impl Plant {
         }
         self.push = self.grasp.push(&hand, &handle);
         self.visitor = *visitor;
+        if self.is_being_shut() {
+            self.door.push_shut(self.setup.faults.shut_torque, DT);
+        }
         self.door.step(&-self.push.force, &-self.push.torque, DT);
         self.step_body(&hand, visitor);
         self.step_robot();
@@ -240,6 +243,15 @@ impl Plant {
             self.slipping_since = Some(self.now);
         }
         self.slipping_since.is_some_and(|since| self.now.since(since).as_secs_f64() < faults.base_slip_for)
+    }
+
+    /// Whether a visitor leans on the leaf.
+    fn is_being_shut(&mut self) -> bool {
+        let faults = &self.setup.faults;
+        if self.shutting_since.is_none() && self.door.angle >= faults.shut_at {
+            self.shutting_since = Some(self.now);
+        }
+        self.shutting_since.is_some_and(|since| self.now.since(since).as_secs_f64() < faults.shut_for)
     }
 
     /// What the robot runs into and what pushes it, and how its drives give way.
@@ -280,7 +292,7 @@ impl Plant {
 
     /// The fingers stop at the lever if it is between them.
     fn step_grip(&mut self, hand: &Hand, handle: &Handle) {
-        let next = towards(self.grip, self.grip_target, GRIP_SPEED * DT);
+        let next = towards(self.grip, self.grip_target, self.setup.machine.grip_speed * DT);
         let thickness = self.setup.door.lever_thickness;
         // Fingers that a lever has slipped out of are as close as it is thick: they meet it again only once they have opened.
         let closes = self.grip > thickness && next <= thickness || self.grasp.holds() && next < thickness;
@@ -302,9 +314,24 @@ impl Plant {
     }
 }
 
+fn base_limits(machine: &Machine) -> Limits<3> {
+    Limits {
+        lag: machine.base_lag,
+        acceleration: BASE.acceleration.map(|most| most * machine.base_acceleration),
+        speed: BASE.speed.map(|most| most * machine.base_speed),
+    }
+}
+
+fn arm_limits(machine: &Machine) -> Limits<6> {
+    Limits {
+        lag: machine.arm_lag,
+        acceleration: ARM.acceleration.map(|most| most * machine.arm_acceleration),
+        speed: ARM.speed.map(|most| most * machine.arm_speed),
+    }
+}
+
 #[cfg(test)]
 mod tests {
-    use super::super::setup::Machine;
     use super::*;
     use crate::control::caster::Odometry;
 

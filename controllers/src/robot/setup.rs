@@ -42,6 +42,18 @@ pub struct Machine {
     pub torque_limit: f64,
     /// The force at which the base's wheels begin to slip (N).
     pub traction: f64,
+    /// The base is so many times as fast as ours at most, and speeds up so many times as quickly.
+    pub base_speed: f64,
+    /// See above.
+    pub base_acceleration: f64,
+    /// The same of the arm's joints.
+    pub arm_speed: f64,
+    /// See above.
+    pub arm_acceleration: f64,
+    /// What the fingers press with at most (N).
+    pub grip_force: f64,
+    /// How fast they close and open (m/s).
+    pub grip_speed: f64,
 }
 
 impl Default for Machine {
@@ -54,6 +66,12 @@ impl Default for Machine {
             droop: 1.0,
             torque_limit: 1.0,
             traction: 200.0,
+            base_speed: 1.0,
+            base_acceleration: 1.0,
+            arm_speed: 1.0,
+            arm_acceleration: 1.0,
+            grip_force: 40.0,
+            grip_speed: 0.12,
         }
     }
 }
@@ -163,6 +181,12 @@ pub struct Faults {
     pub base_slip: Slip,
     /// For how long they do (s).
     pub base_slip_for: f64,
+    /// A visitor begins to shut the door when it is so far open for the first time (rad).
+    pub shut_at: f64,
+    /// With this torque (Nm).
+    pub shut_torque: f64,
+    /// For so long (s).
+    pub shut_for: f64,
 }
 
 /// What makes the wheels slip: whatever comes first.
@@ -180,6 +204,13 @@ impl Default for Faults {
     /// Nothing goes wrong.
     fn default() -> Self {
         let never = f64::INFINITY;
-        Self { lose_at: never, base_slip: Slip { time: never, lever: never, door: never }, base_slip_for: 1.0 }
+        Self {
+            lose_at: never,
+            base_slip: Slip { time: never, lever: never, door: never },
+            base_slip_for: 1.0,
+            shut_at: never,
+            shut_torque: 30.0,
+            shut_for: 2.0,
+        }
     }
 }

@@ -118,6 +118,27 @@ parameters! {
     "camera_delay": time(0.0, 1.0), "0", "s", "from the camera";
     "command_delay": time(0.0, 1.0), "0", "s", "from a command to the drives";
     "jitter": time(0.0, 1.0), "0", "s", "each of these is longer by up to this, drawn anew each time";
+    "turn_stiffness_x": from(1.0, 200.0), "25", "Nm/rad", "a held lever against turning between closed fingers, about itself";
+    "turn_stiffness_y": from(1.0, 100.0), "8", "Nm/rad", "the same, about the axis that the fingers close along";
+    "turn_stiffness_z": from(1.0, 100.0), "6", "Nm/rad", "the same, about the approach";
+    "turn_damping": from(0.0, 2.0), "0.4", "Nm s/rad", "the same, damping";
+    "latch_play": angle(0.001, 0.05), "0.010471975511965976", "rad", "below this angle of the leaf the latch catches it";
+    "latch_stiffness": from(1e4, 2e5), "100000", "Nm/rad", "of latch and frame, about the hinge";
+    "latch_damping": from(0.0, 800.0), "400", "Nm s/rad", "the same, damping";
+    "base_speed": from(0.2, 3.0), "1", "", "the base is so many times as fast as 0.6 m/s and 0.7 rad/s at most";
+    "base_acceleration": from(0.2, 3.0), "1", "", "it speeds up so many times as quickly as with 1 m/s² and 1.5 rad/s²";
+    "arm_speed": from(0.2, 3.0), "1", "", "the joints are so many times as fast as published at most";
+    "arm_acceleration": from(0.2, 3.0), "1", "", "they speed up so many times as quickly as with 8 rad/s²";
+    "grip_force": force(5.0, 200.0), "40", "N", "the fingers press with this at most";
+    "grip_speed": from(0.02, 0.5), "0.12", "m/s", "how fast they open and close";
+    "shut_at": angle(-1.0, 2.5), "-1", "rad", "a visitor begins to shut the door when it is so far open; -1: never";
+    "shut_torque": torque(0.0, 100.0), "30", "Nm", "with this torque about the hinge";
+    "shut_for": time(0.0, 60.0), "2", "s", "for how long";
+    "fails": Kind::Text(&["none", "arm", "base", "force", "gripper", "laser", "camera"]), "none", "", "the sensor that fails for a while";
+    "fails_how": Kind::Text(&["silent", "repeats", "restamps"]), "silent", "", "it says nothing, repeats its last sample, or stamps old values as new";
+    "fails_at": time(-1.0, 1e6), "-1", "s", "when it begins to; -1: never";
+    "fails_door": angle(-1.0, 2.5), "-1", "rad", "it begins when the door is so far open; -1: never";
+    "fails_for": time(0.0, 60.0), "1", "s", "for how long it does";
 }
 
 /// Returns the world of the arguments.
@@ -134,6 +155,7 @@ pub(super) fn setup(arguments: &Arguments) -> Setup {
     setup.faults.lose_at = at("lose_at");
     setup.faults.base_slip =
         Slip { time: at("base_slip_at"), lever: at("base_slip_lever"), door: at("base_slip_door") };
+    setup.faults.shut_at = at("shut_at");
     setup
 }
 
@@ -145,8 +167,9 @@ pub(super) fn delays(arguments: &Arguments) -> Delays {
 }
 
 /// The numbers of a world by the names of their parameters.
-fn numbers(setup: &mut Setup) -> [(&'static str, &mut f64); 50] {
+fn numbers(setup: &mut Setup) -> [(&'static str, &mut f64); 65] {
     let Setup { door, contact, machine, sensors, start, faults, .. } = setup;
+    let [turn_x, turn_y, turn_z] = &mut contact.turn_stiffness;
     [
         ("radius", &mut door.radius),
         ("closer", &mut door.closer),
@@ -198,6 +221,21 @@ fn numbers(setup: &mut Setup) -> [(&'static str, &mut f64); 50] {
         ("start_yaw", &mut start.yaw),
         ("start_spread", &mut start.spread),
         ("start_wrist", &mut start.wrist),
+        ("turn_stiffness_x", turn_x),
+        ("turn_stiffness_y", turn_y),
+        ("turn_stiffness_z", turn_z),
+        ("turn_damping", &mut contact.turn_damping),
+        ("latch_play", &mut door.latch_play),
+        ("latch_stiffness", &mut door.latch_stiffness),
+        ("latch_damping", &mut door.latch_damping),
+        ("base_speed", &mut machine.base_speed),
+        ("base_acceleration", &mut machine.base_acceleration),
+        ("arm_speed", &mut machine.arm_speed),
+        ("arm_acceleration", &mut machine.arm_acceleration),
+        ("grip_force", &mut machine.grip_force),
+        ("grip_speed", &mut machine.grip_speed),
+        ("shut_torque", &mut faults.shut_torque),
+        ("shut_for", &mut faults.shut_for),
     ]
 }
 
@@ -217,7 +255,7 @@ mod tests {
     fn every_number_reaches_the_world() {
         let nominal = setup(&Arguments::parse::<&str>(PARAMETERS, &[]).unwrap());
         let quiet = delays(&Arguments::parse::<&str>(PARAMETERS, &[]).unwrap());
-        let own = ["push_at", "push"];
+        let own = ["push_at", "push", "fails", "fails_how", "fails_at", "fails_door", "fails_for"];
         for parameter in PARAMETERS.iter().filter(|parameter| !own.contains(&parameter.name)) {
             let value = match parameter.kind {
                 Kind::Number(low, high) | Kind::Quantity(_, low, high) => (0.4 * low + 0.6 * high).to_string(),
