@@ -5,22 +5,33 @@
 
 use nalgebra::{SMatrix, SVector, Vector3, Vector6};
 
-/// Focal length (px).
-pub const FOCAL: f64 = 600.0;
 /// Width and height of the image (px); its centre is the principal point.
 pub const IMAGE: [f64; 2] = [640.0, 480.0];
 /// How far the camera is behind the grasp point, along the approach (m); its axes are the tool's.
 pub const CAMERA_BEHIND: f64 = 0.12;
 /// The marks on the lever (m, handle frame: x along the lever, z into the door, origin where it is held).
 pub const MARKS: [[f64; 3]; 4] = [[-0.05, -0.015, 0.0], [-0.05, 0.015, 0.0], [0.04, -0.012, 0.0], [0.04, 0.012, 0.0]];
-/// From the camera to the lever when the hand stands before it (m).
-pub const DISTANCE: f64 = 0.30;
 /// (1/s) far from the goal and at it; at 0.9 half a pixel of noise turned the hand by up to 1.7 degrees.
 const GAIN: (f64, f64) = (0.8, 0.4);
 /// Where it is far, and where it is at it (px).
 const FAR: (f64, f64) = (40.0, 8.0);
 const LINEAR_MAX: f64 = 0.15;
 const ANGULAR_MAX: f64 = 0.4;
+
+/// What is known of the camera, and where it is to stop. It is measured on each robot.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Calibration {
+    /// Focal length (px).
+    pub focal: f64,
+    /// From the camera to the lever when the hand stands before it (m).
+    pub standoff: f64,
+}
+
+impl Default for Calibration {
+    fn default() -> Self {
+        Self { focal: 600.0, standoff: 0.30 }
+    }
+}
 
 /// A mark as the camera sees it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -40,13 +51,13 @@ pub struct Servo {
     pub error: f64,
 }
 
-/// Returns where a point of the camera frame (m) appears, if it is in front and within the image.
-pub fn project(point_in_camera: &Vector3<f64>) -> Option<Seen> {
+/// Returns where a point of the camera frame (m) appears at a focal length (px), if it is in front and within the image.
+pub fn project(point_in_camera: &Vector3<f64>, focal: f64) -> Option<Seen> {
     let (x, y, depth) = (point_in_camera.x, point_in_camera.y, point_in_camera.z);
     if depth < 0.02 {
         return None;
     }
-    let pixel = [x / depth * FOCAL + IMAGE[0] / 2.0, y / depth * FOCAL + IMAGE[1] / 2.0];
+    let pixel = [x / depth * focal + IMAGE[0] / 2.0, y / depth * focal + IMAGE[1] / 2.0];
     let inside = pixel.iter().zip(IMAGE).all(|(p, size)| (0.0..size).contains(p));
     inside.then_some(Seen { pixel, depth })
 }
@@ -76,29 +87,30 @@ impl Way {
 }
 
 /// Returns how far each mark is from where it should be, column and row in turn (px).
-pub fn errors(seen: &[Seen; 4], way: Way) -> SVector<f64, 8> {
+pub fn errors(seen: &[Seen; 4], way: Way, calibration: &Calibration) -> SVector<f64, 8> {
     let turned = way.turned();
     SVector::from_fn(|i, _| {
         let (mark, axis) = (MARKS[i / 2], i % 2);
-        let wanted = turned * mark[axis] / (mark[2] + DISTANCE);
-        seen[i / 2].pixel[axis] - IMAGE[axis] / 2.0 - wanted * FOCAL
+        let wanted = turned * mark[axis] / (mark[2] + calibration.standoff);
+        seen[i / 2].pixel[axis] - IMAGE[axis] / 2.0 - wanted * calibration.focal
     })
 }
 
 /// Returns the velocity that brings the four marks to where they belong.
-pub fn servo(seen: &[Seen; 4], way: Way) -> Servo {
+pub fn servo(seen: &[Seen; 4], way: Way, calibration: &Calibration) -> Servo {
+    let focal = calibration.focal;
     let mut interaction = SMatrix::<f64, 8, 6>::zeros();
-    let errors = errors(seen, way) / FOCAL;
+    let errors = errors(seen, way, calibration) / focal;
     for (i, seen) in seen.iter().enumerate() {
-        let x = (seen.pixel[0] - IMAGE[0] / 2.0) / FOCAL;
-        let y = (seen.pixel[1] - IMAGE[1] / 2.0) / FOCAL;
+        let x = (seen.pixel[0] - IMAGE[0] / 2.0) / focal;
+        let y = (seen.pixel[1] - IMAGE[1] / 2.0) / focal;
         let z = seen.depth.clamp(0.2, 2.0);
         let rows = [[-1.0 / z, 0.0, x / z, x * y, -(1.0 + x * x), y], [0.0, -1.0 / z, y / z, 1.0 + y * y, -x * y, -x]];
         for (k, row) in rows.iter().enumerate() {
             interaction.set_row(2 * i + k, &nalgebra::RowVector6::from_row_slice(row));
         }
     }
-    let far = ((errors.amax() * FOCAL - FAR.1) / (FAR.0 - FAR.1)).clamp(0.0, 1.0);
+    let far = ((errors.amax() * focal - FAR.1) / (FAR.0 - FAR.1)).clamp(0.0, 1.0);
     let gain = GAIN.1 + far * (GAIN.0 - GAIN.1);
     let svd = interaction.svd(true, true);
     let cut = svd.singular_values.max() * 1e-3;
@@ -108,7 +120,7 @@ pub fn servo(seen: &[Seen; 4], way: Way) -> Servo {
     let at_grasp = linear + angular.cross(&Vector3::new(0.0, 0.0, CAMERA_BEHIND));
     Servo {
         twist_in_tool: Vector6::new(at_grasp.x, at_grasp.y, at_grasp.z, angular.x, angular.y, angular.z),
-        error: errors.amax() * FOCAL,
+        error: errors.amax() * focal,
     }
 }
 
@@ -117,8 +129,9 @@ mod tests {
     use super::*;
     use nalgebra::{Isometry3, Translation3, UnitQuaternion};
 
-    #[test]
-    fn converges_from_a_metre() {
+    /// Where the hand stands after 20 s (m, rad, handle frame), from some 0.8 m away, with a camera of `focal` (px) and what is
+    /// believed of it; the largest error in the image (px).
+    fn converged(focal: f64, believed: &Calibration) -> (Isometry3<f64>, f64) {
         let camera_from_tool = Translation3::new(0.0, 0.0, CAMERA_BEHIND);
         let turn = UnitQuaternion::from_euler_angles(0.05, -0.1, 0.1);
         // The handle is the origin.
@@ -126,15 +139,34 @@ mod tests {
         let mut error = f64::MAX;
         for _ in 0..500 {
             let camera = tool * camera_from_tool.inverse();
-            let seen = MARKS.map(|mark| project(&(camera.inverse() * nalgebra::Point3::from(mark)).coords).unwrap());
-            let servo = servo(&seen, Way::nearer(&seen));
+            let place = |mark: [f64; 3]| (camera.inverse() * nalgebra::Point3::from(mark)).coords;
+            let seen = MARKS.map(|mark| project(&place(mark), focal).unwrap());
+            let servo = servo(&seen, Way::nearer(&seen), believed);
             error = servo.error;
             let (v, w) = (servo.twist_in_tool.fixed_rows::<3>(0) * 0.04, servo.twist_in_tool.fixed_rows::<3>(3) * 0.04);
             tool *= Isometry3::from_parts(v.into(), UnitQuaternion::from_scaled_axis(w));
         }
+        (tool, error)
+    }
+
+    #[test]
+    fn converges_from_a_metre() {
+        let (tool, error) = converged(600.0, &Calibration::default());
         // 20 s, half of them at a gain of 0.4/s, leave e^-4 or so of 8 px.
         assert!(error < 0.3, "{error}");
-        let goal = Vector3::new(0.0, 0.0, CAMERA_BEHIND - DISTANCE);
+        let goal = Vector3::new(0.0, 0.0, CAMERA_BEHIND - 0.30);
         assert!((tool.translation.vector - goal).norm() < 1e-3 && tool.rotation.angle() < 3e-3);
+    }
+
+    /// A pinhole: a lever looks as large from further away through a longer lens. Whoever measures his lens is right.
+    #[test]
+    fn a_focal_length_that_is_not_measured_is_a_wrong_distance() {
+        for focal in [540.0, 660.0] {
+            let distance = |believed| CAMERA_BEHIND - converged(focal, &believed).0.translation.z;
+            let wrong = distance(Calibration::default());
+            assert!((wrong - 0.30 * focal / 600.0).abs() < 2e-3, "{focal}: {wrong}");
+            assert!((distance(Calibration { focal, ..Calibration::default() }) - 0.30).abs() < 1e-3, "{focal}");
+            assert!((distance(Calibration { focal, standoff: 0.35 }) - 0.35).abs() < 1e-3, "{focal}");
+        }
     }
 }

@@ -1,8 +1,9 @@
 //! The laser, and the detector of the distance from hand to door.
 
+use super::servoing::{CALIBRATION, calibration};
 use super::{SENSED, Watch};
 use crate::control::filter::Debounce;
-use crate::control::servoing::{self, Seen, Way};
+use crate::control::servoing::{self, Calibration, Seen, Way};
 use crate::control::{line, puma560};
 use crate::message::{ArmState, CameraState, LaserScan, LaserState};
 use crate::robot::laser;
@@ -107,6 +108,7 @@ pub(super) struct ThresholdInputs {
 #[derive(Debug)]
 pub(super) struct DistanceThreshold {
     threshold: f64,
+    calibration: Calibration,
     debounce: Debounce,
     recent: Vec<f64>,
     /// How far marks are from where they should be, column and row, lately (px); none before the first image.
@@ -119,7 +121,7 @@ impl DistanceThreshold {
     fn look(&mut self, image: Option<&CameraState>) {
         let Some([Some(a), Some(b), Some(c), Some(d)]) = image.map(|image| image.marks) else { return };
         let seen = [a, b, c, d].map(|[u, v, depth]| Seen { pixel: [u, v], depth });
-        let errors = servoing::errors(&seen, Way::nearer(&seen));
+        let errors = servoing::errors(&seen, Way::nearer(&seen), &self.calibration);
         // It begins at the first image rather than at none. Means of columns and rows: noise is no distance.
         let lately = self.image.get_or_insert(errors);
         *lately += (errors - *lately) * IMAGE_SHARE;
@@ -141,18 +143,25 @@ impl Controller for DistanceThreshold {
     const TYPE: &'static str = "DistanceThreshold";
 
     fn about() -> About {
-        const THRESHOLD: &[Parameter] =
-            &[Parameter::new("threshold", Kind::Quantity(Quantity::Length, 0.05, 2.0)).or("0.45")];
-        About::task("Ends when the hand has come to rest near the wall ahead [m], leaving the distance.")
+        const PARAMETERS: &[Parameter] = &[
+            Parameter::new("threshold", Kind::Quantity(Quantity::Length, 0.05, 2.0)).or("0.45"),
+            CALIBRATION[0],
+            CALIBRATION[1],
+        ];
+        About::task(
+            "Ends when the hand has come to rest near the wall ahead [m], leaving the distance; it has come to rest in the \
+            image of a camera with a focal length [px] at a stand-off [m], too.",
+        )
             .every(Duration::from_millis(100))
             .triggered_by("In")
-            .with(THRESHOLD)
+            .with(PARAMETERS)
             .signals_every(Duration::from_millis(100))
     }
 
     fn new(arguments: &Arguments) -> Result<Self, String> {
         Ok(Self {
             threshold: arguments.number("threshold"),
+            calibration: calibration(arguments),
             debounce: Debounce::new(IN_A_ROW),
             recent: Vec::new(),
             image: None,

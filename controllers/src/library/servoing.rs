@@ -1,8 +1,10 @@
 //! VisualServoing: brings the hand before the handle by what the camera on it sees.
 
-use crate::control::servoing::{self, Seen, Way};
+use crate::control::servoing::{self, Calibration, Seen, Way};
 use crate::message::{CameraState, Velocity};
-use crate::sdk::{About, Arguments, Controller, In, Inputs, Out, Outputs, Progress, Stopping, Tick};
+use crate::sdk::{
+    About, Arguments, Controller, In, Inputs, Kind, Out, Outputs, Parameter, Progress, Quantity, Stopping, Tick,
+};
 use comms::logic::signals::Signal;
 use comms::logic::time::Time;
 use std::time::Duration;
@@ -11,6 +13,17 @@ use std::time::Duration;
 const IMAGE_FRESH: Duration = Duration::from_millis(160);
 /// How long it waits for a handle that is out of sight.
 const LOST: Duration = Duration::from_secs(5);
+
+/// What controllers of the camera take: `focal` (px) and `standoff` (m) of [`Calibration`].
+pub(super) const CALIBRATION: [Parameter; 2] = [
+    Parameter::new("focal", Kind::Number(100.0, 5000.0)).or("600"),
+    Parameter::new("standoff", Kind::Quantity(Quantity::Length, 0.2, 0.6)).or("0.3"),
+];
+
+/// Returns what the arguments say of the camera.
+pub(super) fn calibration(arguments: &Arguments) -> Calibration {
+    Calibration { focal: arguments.number("focal"), standoff: arguments.number("standoff") }
+}
 
 /// What it hears.
 #[derive(Debug, Inputs)]
@@ -31,7 +44,10 @@ pub(super) struct Outputs {
 /// Brings the hand before the lever and keeps it there; stands still when the lever is out of sight, gives up after 5 s.
 #[derive(Debug, Default)]
 pub(super) struct VisualServoing {
+    calibration: Calibration,
     seen: Option<(Time, [f64; 6])>,
+    /// The last image.
+    last: Option<[Option<[f64; 3]>; 4]>,
     way: Option<Way>,
     error: f64,
     started: Time,
@@ -43,18 +59,22 @@ impl Controller for VisualServoing {
     const TYPE: &'static str = "VisualServoing";
 
     fn about() -> About {
-        About::service("Brings the hand before the lever by what its camera sees, and keeps it there.")
+        About::service(
+            "Brings the hand before the lever by what its camera, of a focal length [px], sees, and keeps it there with the \
+            camera at a stand-off [m].",
+        )
             .every(Duration::from_millis(20))
             .triggered_by("camera/state")
+            .with(&CALIBRATION)
             .signals_every(Duration::from_millis(100))
     }
 
-    fn new(_: &Arguments) -> Result<Self, String> {
-        Ok(Self::default())
+    fn new(arguments: &Arguments) -> Result<Self, String> {
+        Ok(Self { calibration: calibration(arguments), ..Self::default() })
     }
 
     fn init(&mut self, _: &[u8]) -> Result<(), String> {
-        *self = Self::default();
+        *self = Self { calibration: self.calibration, ..Self::default() };
         Ok(())
     }
 
@@ -63,9 +83,12 @@ impl Controller for VisualServoing {
     }
 
     fn main_calc(&mut self, tick: Tick, inputs: &Inputs, outputs: &mut Outputs) -> Progress {
-        if let Some([Some(a), Some(b), Some(c), Some(d)]) = inputs.camera.fresh().map(|image| image.marks) {
+        // No two images are equal to the bit: a camera that hangs and sends its last one again shows nothing.
+        let image = inputs.camera.fresh().map(|image| image.marks).filter(|marks| Some(*marks) != self.last);
+        self.last = image.or(self.last);
+        if let Some([Some(a), Some(b), Some(c), Some(d)]) = image {
             let seen = [a, b, c, d].map(|[u, v, depth]| Seen { pixel: [u, v], depth });
-            let servo = servoing::servo(&seen, *self.way.get_or_insert_with(|| Way::nearer(&seen)));
+            let servo = servoing::servo(&seen, *self.way.get_or_insert_with(|| Way::nearer(&seen)), &self.calibration);
             self.error = servo.error;
             self.seen = Some((tick.now, servo.twist_in_tool.into()));
         }
