@@ -4,6 +4,7 @@
 //! goes wrong in the middle. Each row is flown in so many worlds; the same seed draws the same worlds. The table says how
 //! each row ended, the page shows where in its range it did.
 
+mod far;
 pub mod page;
 mod rows;
 pub mod table;
@@ -23,6 +24,9 @@ const PLACE: &str = "DoorWorld(\"c3\"";
 /// The task with the drive through the door, and how long it may take.
 const THROUGH: &str = include_str!("../../specs/door_through.dca");
 const THROUGH_LIMIT: Duration = Duration::from_secs(200);
+/// The task that is tried again, and how long it may take.
+const RECOVERY: &str = include_str!("../../specs/door_recovery.dca");
+const RECOVERY_LIMIT: Duration = Duration::from_secs(240);
 /// And those of the law that opens the door.
 const LAW: &str = "ModelBasedCtrl(host1";
 /// A mission that ended well below this angle is a false success (deg).
@@ -61,6 +65,8 @@ pub struct Mission {
     pub task: Task,
     /// Which way the law is told that the door opens, if at all.
     pub told: Option<&'static str>,
+    /// What controllers are told of their devices: the beginning of an instance in the spec, and its further arguments.
+    pub calibration: Vec<(&'static str, String)>,
     /// What its network is like.
     pub disturbance: Disturbance,
     /// What is done to a controller in the middle.
@@ -76,6 +82,8 @@ pub enum Task {
     Open,
     /// Then drive through, as `specs/door_through.dca` has it.
     Through,
+    /// Open it, and try again whatever fails, as `specs/door_recovery.dca` has it.
+    Recover,
 }
 
 /// Something that is done to one controller.
@@ -168,6 +176,7 @@ impl Mission {
             arguments: String::new(),
             task: Task::Open,
             told: None,
+            calibration: Vec::new(),
             disturbance: Disturbance::NONE,
             meddling: None,
             value: None,
@@ -195,6 +204,7 @@ impl Mission {
         let (text, limit) = match self.task {
             Task::Open => (text, limit),
             Task::Through => (THROUGH, THROUGH_LIMIT),
+            Task::Recover => (RECOVERY, RECOVERY_LIMIT),
         };
         let mut simulation = self.simulation(text)?;
         let mut outcome = Outcome::unknown();
@@ -225,7 +235,16 @@ impl Mission {
         }
         let comma = if self.arguments.is_empty() { "" } else { ", " };
         let text = text.replace(PLACE, &format!("{PLACE}{comma}{}", self.arguments));
-        let text = self.told.map_or(text.clone(), |swing| text.replace(LAW, &format!("{LAW}, swing = \"{swing}\"")));
+        let mut text =
+            self.told.map_or(text.clone(), |swing| text.replace(LAW, &format!("{LAW}, swing = \"{swing}\"")));
+        for (instance, arguments) in &self.calibration {
+            if !text.contains(instance) {
+                return Err(format!(
+                    "the spec has no instance that is written `{instance}`, so it cannot be calibrated"
+                ));
+            }
+            text = text.replace(instance, &format!("{instance}, {arguments}"));
+        }
         Simulation::new(plan("survey.dca", &text)?, self.disturbance.clone())
     }
 }

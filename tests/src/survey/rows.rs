@@ -1,6 +1,6 @@
 //! The rows of the survey: dimensions with their ranges, and triggers.
 
-use super::{Disruption, Meddling, Mission, Phase, Task};
+use super::{Disruption, Meddling, Mission, Phase, Task, far};
 use controllers::sdk::harness::Disturbance;
 use controllers::sdk::{Quantity, Random};
 use std::fmt::Write as _;
@@ -21,6 +21,8 @@ pub enum Group {
     Wide,
     /// Something goes wrong.
     Trigger,
+    /// Two or three things are wrong at once, far outside of what the laws were made for.
+    Far,
 }
 
 impl Group {
@@ -33,6 +35,7 @@ impl Group {
             Self::Moderate => "moderate",
             Self::Wide => "wide",
             Self::Trigger => "trigger",
+            Self::Far => "far",
         }
     }
 }
@@ -55,7 +58,7 @@ impl Row {
     pub fn label(&self) -> &str {
         match self.group {
             Group::Single | Group::Push | Group::Through | Group::Trigger => &self.name,
-            Group::Moderate | Group::Wide => self.group.name(),
+            Group::Moderate | Group::Wide | Group::Far => self.group.name(),
         }
     }
 }
@@ -73,10 +76,10 @@ const fn dimension(name: &'static str, unit: &'static str, [low, nominal, high]:
     Dimension { name, unit, low, nominal, high }
 }
 
-const DEGREE: f64 = std::f64::consts::PI / 180.0;
+pub(super) const DEGREE: f64 = std::f64::consts::PI / 180.0;
 
 /// What varies alone only: what is not about the door's kind.
-const MORE: [Dimension; 19] = [
+const MORE: [Dimension; 31] = [
     dimension("closer_rate", "Nm/rad", [0.0, 2.0, 8.0]),
     dimension("viscosity", "Nm s/rad", [0.0, 1.5, 6.0]),
     dimension("leaf_beyond", "m", [0.05, 0.08, 0.15]),
@@ -96,6 +99,18 @@ const MORE: [Dimension; 19] = [
     dimension("traction", "N", [80.0, 200.0, 800.0]),
     dimension("grasp_turn", "rad", [0.15, 0.35, 1.0]),
     dimension("jitter", "s", [0.0, 0.0, 0.03]),
+    dimension("turn_stiffness_x", "Nm/rad", [10.0, 25.0, 75.0]),
+    dimension("turn_stiffness_y", "Nm/rad", [3.0, 8.0, 24.0]),
+    dimension("turn_stiffness_z", "Nm/rad", [2.0, 6.0, 20.0]),
+    dimension("turn_damping", "Nm s/rad", [0.1, 0.4, 1.2]),
+    dimension("latch_play", "rad", [0.2 * DEGREE, 0.6 * DEGREE, 1.5 * DEGREE]),
+    dimension("latch_stiffness", "Nm/rad", [2e4, 1e5, 2e5]),
+    dimension("latch_damping", "Nm s/rad", [100.0, 400.0, 800.0]),
+    dimension("base_speed", "", [0.6, 1.0, 2.0]),
+    dimension("base_acceleration", "", [0.6, 1.0, 2.0]),
+    dimension("arm_acceleration", "", [0.5, 1.0, 2.0]),
+    dimension("grip_force", "N", [25.0, 40.0, 80.0]),
+    dimension("grip_speed", "m/s", [0.05, 0.12, 0.25]),
 ];
 
 /// What varies alone, and all at once.
@@ -152,7 +167,7 @@ impl Dimension {
 }
 
 /// An argument as a spec takes it; a unit that specs do not have is left out.
-fn argument(parameter: &str, value: f64, unit: &str) -> String {
+pub(super) fn argument(parameter: &str, value: f64, unit: &str) -> String {
     let is_known = Quantity::ALL.iter().any(|quantity| quantity.unit() == unit);
     let unit = if is_known { format!(" {unit}") } else { String::new() };
     format!("{parameter} = {value:.6}{unit}")
@@ -264,6 +279,59 @@ impl Draw {
         })
     }
 
+    /// Wheels and lens are far from what they should be, and have been measured: to so much of themselves.
+    fn measured(&self, name: &str, share: f64) -> Row {
+        self.row(Group::Single, name, "", &mut |number, random| {
+            let (wheels, focal) = (random.between(-0.1, 0.1), random.between(-0.1, 0.1));
+            let mut measured = |truth: f64| truth * (1.0 + random.between(-share, share));
+            let (radius, focal_px) = (measured(0.055 / (1.0 + wheels)), measured(600.0 * (1.0 + focal)));
+            let calibration = vec![
+                ("XR4000Odometry(host2", format!("wheel_radius = {radius:.6} m")),
+                ("VisualServoing(host1", format!("focal = {focal_px:.3}")),
+                ("DistanceThreshold(host1", format!("focal = {focal_px:.3}")),
+            ];
+            let errors = format!("wheel_error = {wheels:.6}, focal_error = {focal:.6}");
+            Mission { calibration, ..mission(format!("seed = {}, {errors}", self.world(number))) }
+        })
+    }
+
+    /// A visitor shuts the door again while the robot opens it.
+    fn shut(&self) -> Row {
+        self.row(Group::Trigger, "a visitor shuts it", "rad", &mut |number, random| {
+            let (at, torque, span) =
+                (random.between(10.0, 66.0) * DEGREE, random.between(5.0, 50.0), random.between(0.5, 6.0));
+            let swing = if number.is_multiple_of(3) { ", swing = \"push\"" } else { "" };
+            let visitor = format!("shut_at = {at:.6} rad, shut_torque = {torque:.6} Nm, shut_for = {span:.6} s");
+            Mission { value: Some(at), ..mission(format!("seed = {}, {visitor}{swing}", self.world(number))) }
+        })
+    }
+
+    /// Wheels that turn on the spot for long, late in the opening, on doors to pull and to push.
+    fn spins(&self) -> Row {
+        self.row(Group::Trigger, "base spins for long", "rad", &mut |number, random| {
+            let (at, span) = (random.between(30.0, 62.0) * DEGREE, random.between(3.0, 15.0));
+            let (side, swing) = (if random.unit() < 0.5 { "left" } else { "right" }, random.unit());
+            let swing = if swing < 0.7 { "push" } else { "pull" };
+            let traction = random.between(40.0, 200.0);
+            let slip = format!("base_slip_door = {at:.6} rad, base_slip_for = {span:.6} s, traction = {traction:.3} N");
+            let arguments = format!("seed = {}, side = \"{side}\", swing = \"{swing}\", {slip}", self.world(number));
+            Mission { value: Some(at), ..mission(arguments) }
+        })
+    }
+
+    fn fails(&self) -> Row {
+        self.row(Group::Trigger, "a sensor fails", "", &mut |number, random| {
+            let swing = if number.is_multiple_of(3) { ", swing = \"push\"" } else { "" };
+            mission(format!("seed = {}, {}{swing}", self.world(number), far::failing(random)))
+        })
+    }
+
+    fn far(&self, phases: &[Phase]) -> Row {
+        self.row(Group::Far, "two or three at once", "", &mut |number, random| {
+            far::mission(self.world(number), phases, random)
+        })
+    }
+
     fn hops(&self, name: &str, low_ms: u64, high_ms: u64) -> Row {
         self.row(Group::Trigger, name, "", &mut |number, _| {
             let (transfer, transfer_jitter) = (Duration::from_millis(low_ms), Duration::from_millis(high_ms - low_ms));
@@ -273,7 +341,7 @@ impl Draw {
         })
     }
 
-    fn meddled(&self, disruption: Disruption, phase: &Phase) -> Row {
+    fn meddled(&self, disruption: Disruption, phase: &Phase, task: Task) -> Row {
         let leaves = &phase.active;
         let verb = match disruption {
             Disruption::Restart => "restarted",
@@ -282,13 +350,14 @@ impl Draw {
         // Each controller once at least, however few worlds there are.
         let worlds = self.worlds.max(u32::try_from(leaves.len()).unwrap_or(u32::MAX));
         let draw = Self { worlds, seed: self.seed };
-        let name = format!("{verb} in {}", phase.part.trim_matches('/'));
+        let again = if task == Task::Recover { "again: " } else { "" };
+        let name = format!("{again}{verb} in {}", phase.part.trim_matches('/'));
         draw.row(Group::Trigger, &name, "s", &mut |number, random| {
             let leaf = leaves[number as usize % leaves.len()].clone();
             let after = random.between(0.05, phase.span);
             let meddling = Meddling { leaf, phase: phase.part, after: Duration::from_secs_f64(after), disruption };
             let seed = self.world(number);
-            Mission { meddling: Some(meddling), value: Some(after), ..mission(format!("seed = {seed}")) }
+            Mission { task, meddling: Some(meddling), value: Some(after), ..mission(format!("seed = {seed}")) }
         })
     }
 }
@@ -310,6 +379,7 @@ pub fn rows(worlds: u32, seed: u64, phases: &[Phase]) -> Vec<Row> {
         let seed = draw.world(number);
         Mission { disturbance: Disturbance::busy(seed), ..mission(format!("seed = {seed}")) }
     }));
+    rows.extend([draw.measured("measured to 0.5 %", 0.005), draw.measured("measured to 2 %", 0.02)]);
     rows.extend(draw.pushes());
     rows.push(draw.through());
     rows.push(draw.together(Group::Moderate, 0.5));
@@ -325,10 +395,13 @@ pub fn rows(worlds: u32, seed: u64, phases: &[Phase]) -> Vec<Row> {
     rows.push(draw.hops("0-20 ms a hop", 0, 20));
     rows.push(draw.hops("5-30 ms a hop", 5, 30));
     rows.push(draw.hops("5-50 ms a hop", 5, 50));
-    for disruption in [Disruption::Restart, Disruption::Kill] {
-        rows.extend(
-            phases.iter().filter(|phase| !phase.active.is_empty()).map(|phase| draw.meddled(disruption, phase)),
-        );
+    rows.extend([draw.shut(), draw.spins(), draw.fails()]);
+    let open = Task::Open;
+    for (disruption, task) in [(Disruption::Restart, open), (Disruption::Kill, open), (Disruption::Kill, Task::Recover)]
+    {
+        let met = phases.iter().filter(|phase| !phase.active.is_empty());
+        rows.extend(met.map(|phase| draw.meddled(disruption, phase, task)));
     }
+    rows.push(draw.far(phases));
     rows
 }
