@@ -14,6 +14,9 @@ use language::sites::{Consequence, Fault, Occurrence, ProcessRef, Property, Sent
 use std::time::Duration;
 use watch::{Goal, Watch};
 
+/// A host that has been missing for so long is lost.
+const LOST_AFTER: Duration = Duration::from_secs(5);
+
 /// Answers every sentence.
 pub(crate) fn check(times: &Times<'_, '_>, limits: &Limits<'_>) -> Vec<Finding> {
     let properties = times.model.sites.properties.iter();
@@ -157,6 +160,15 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
         }
     }
 
+    /// Whether a stop that the loss of a host asks for may take longer, from the moment at which the host is gone.
+    fn stops_after_loss(&self, lost: &[ProcessRef], who: ProcessRef, limit: Duration) -> Option<Finding> {
+        let Some(rest) = limit.checked_sub(LOST_AFTER) else {
+            let why = format!("a host counts as lost only when it has been missing for {}", seconds(LOST_AFTER));
+            return Some(self.fails(&why, None));
+        };
+        lost.iter().find_map(|member| self.stops((Some(*member), Some(who)), rest))
+    }
+
     /// Whether a group holds a process.
     fn is_around(&self, group: u32, who: Option<ProcessRef>) -> bool {
         let outwards = std::iter::successors(who.map(|who| who.group), |&inner| {
@@ -255,16 +267,22 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
             .into_iter()
             .filter(is_there)
             .map(|(group, slot)| ProcessRef { group, member: Some(slot) });
+        let lost: Vec<ProcessRef> = lost.collect();
         let (goal, other) = match consequence {
-            Consequence::Stopped(who, _) => (Goal::Ending(*who), *who),
+            Consequence::Stopped(who, limit) => {
+                if let Some(found) = limit.and_then(|limit| self.stops_after_loss(&lost, *who, limit)) {
+                    return found;
+                }
+                (Goal::StillRuns(None, *who), *who)
+            }
             Consequence::Never(other) => (Goal::Then(None, other.clone()), other.who),
             Consequence::Eventually(other) => (Goal::Owed(None, other.clone()), other.who),
         };
-        let whom: Vec<ProcessRef> = lost.chain([other]).collect();
+        let whom: Vec<ProcessRef> = lost.into_iter().chain([other]).collect();
         let system = self.system(&whom, Mode { lost: Some(host), ..Mode::default() });
         let found = match consequence {
-            Consequence::Never(_) => self.is_safe(&system, &goal),
-            Consequence::Stopped(..) | Consequence::Eventually(_) => self.is_live(&system, &goal),
+            Consequence::Never(_) | Consequence::Stopped(..) => self.is_safe(&system, &goal),
+            Consequence::Eventually(_) => self.is_live(&system, &goal),
         };
         found.unwrap_or_else(|| self.proved())
     }
