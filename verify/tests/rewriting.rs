@@ -1,0 +1,47 @@
+//! An independent author's reading of the rules, and what it says of `step` and of `verify`.
+
+#[path = "rewriting/against_step.rs"]
+mod against_step;
+#[path = "rewriting/against_verify.rs"]
+mod against_verify;
+#[path = "rewriting/completion.rs"]
+mod completion;
+#[path = "rewriting/explore.rs"]
+mod explore;
+#[path = "rewriting/random.rs"]
+mod random;
+#[path = "rewriting/rules.rs"]
+mod rules;
+#[path = "rewriting/stop.rs"]
+mod stop;
+#[path = "rewriting/term.rs"]
+mod term;
+
+/// As many random groups are run in the suite.
+const GROUPS: u64 = 20_000;
+
+#[test]
+fn step_does_what_the_rules_say() {
+    let differences: Vec<String> = (0..GROUPS).filter_map(|seed| against_step::compare(seed).err()).collect();
+    assert!(differences.is_empty(), "{} differences, the first: {}", differences.len(), differences.join("\n"));
+}
+
+/// As many random specs are looked at by brute force; one in a few is refused by the check, and left out.
+const SPECS: u64 = 20_000;
+/// At least so many have to be left.
+const SPECS_LEAST: usize = 10_000;
+
+#[test]
+fn verify_says_what_brute_force_says() {
+    let mut same = 0;
+    let mut differences = Vec::new();
+    for seed in 0..SPECS {
+        match against_verify::compare(seed) {
+            against_verify::Compared::Same => same += 1,
+            against_verify::Compared::LeftOut => {}
+            against_verify::Compared::Differs(how) => differences.push(how),
+        }
+    }
+    assert!(differences.is_empty(), "{} differences beside {same}: {}", differences.len(), differences.join("\n"));
+    assert!(same >= SPECS_LEAST, "only {same} specs were compared");
+}

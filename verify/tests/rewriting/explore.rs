@@ -1,0 +1,198 @@
+//! Everything that can happen to a small group, by brute force over the reference: every order of events, no reduction.
+
+use super::rules::{Event, Order, Reference};
+use super::term::{Conf, Outcome};
+use language::algebra::Value;
+use language::plan::Group;
+use std::collections::{BTreeMap, VecDeque};
+use std::rc::Rc;
+
+/// Larger graphs are left out.
+const STATES_MAX: usize = 4_000;
+
+/// What may happen between two states.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) enum Move {
+    Start,
+    /// The whole is asked to stop.
+    Stop,
+    Leaf(Event),
+}
+
+/// A transition: what happened, which members that has started, in this order, and where it leads.
+#[derive(Clone, Debug)]
+pub(crate) struct Edge {
+    pub(crate) what: Move,
+    /// Whether the member that the event is of was being stopped.
+    pub(crate) was_stopping: bool,
+    pub(crate) starts: Vec<u32>,
+    pub(crate) target: usize,
+}
+
+/// What can be seen of a state.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Seen {
+    /// The members that are active and not being stopped.
+    pub(crate) active: Vec<u32>,
+    pub(crate) stopping: Vec<u32>,
+    /// The whole has been asked to stop and has not ended.
+    pub(crate) is_stopping: bool,
+    pub(crate) ended: Option<Outcome>,
+}
+
+/// All states, the first being that before the start.
+#[derive(Debug, Default)]
+pub(crate) struct Graph {
+    pub(crate) seen: Vec<Seen>,
+    pub(crate) edges: Vec<Vec<Edge>>,
+}
+
+/// What a spec says of its modules: the tags of their normal ends.
+pub(crate) type Tags = BTreeMap<u32, Vec<String>>;
+
+/// Explores a group while any member may fail and the whole may be stopped at any time, or while neither happens.
+/// Nothing if there are too many states.
+pub(crate) fn explore(group: &Rc<Group>, tags: &Tags, is_rough: bool) -> Option<Graph> {
+    let first = Reference::new(group);
+    let mut graph = Graph { seen: vec![Seen::default()], edges: vec![Vec::new()] };
+    let mut known: BTreeMap<String, usize> = BTreeMap::new();
+    let mut open = VecDeque::from([(0, first)]);
+    while let Some((state, reference)) = open.pop_front() {
+        if graph.seen.len() > STATES_MAX {
+            return None;
+        }
+        let is_stopping = graph.seen[state].is_stopping;
+        for what in moves(state, &reference, (group, tags), is_rough && !is_stopping, is_rough) {
+            let mut next = reference.clone();
+            let ended = match &what {
+                Move::Start => next.begin(Value::EMPTY),
+                Move::Stop => next.halt(),
+                Move::Leaf(event) => next.happen(event),
+            };
+            let orders = std::mem::take(&mut next.orders);
+            let starts = orders.iter().filter_map(|order| match order {
+                Order::Activate(member, _) => Some(*member),
+                Order::Connect(_) | Order::Disconnect(_) | Order::Stop(_) | Order::Arm(..) | Order::Cancel(_) => None,
+            });
+            let seen = look(&next, is_stopping || what == Move::Stop, ended);
+            let key = format!("{:?} {} {:?} {:?}", seen.ended, seen.is_stopping, next.conf, next.queue);
+            let target = *known.entry(key).or_insert_with(|| {
+                graph.seen.push(seen.clone());
+                graph.edges.push(Vec::new());
+                if seen.ended.is_none() {
+                    open.push_back((graph.seen.len() - 1, next));
+                }
+                graph.seen.len() - 1
+            });
+            let was_stopping = matches!(&what, Move::Leaf(event) if is_of_stopping(&graph.seen[state], event));
+            graph.edges[state].push(Edge { what, was_stopping, starts: starts.collect(), target });
+        }
+    }
+    Some(graph)
+}
+
+fn moves(state: usize, reference: &Reference, (group, tags): (&Group, &Tags), stops: bool, aborts: bool) -> Vec<Move> {
+    if state == 0 {
+        return vec![Move::Start];
+    }
+    let mut all = if stops { vec![Move::Stop] } else { Vec::new() };
+    let Some(conf) = &reference.conf else { return all };
+    let seen = look(reference, false, None);
+    for &member in &seen.active {
+        if !group.members[member as usize].service {
+            match tags.get(&member) {
+                None => all.push(Move::Leaf(Event::Done(member, Vec::new()))),
+                Some(tags) => all.extend(tags.iter().map(|tag| {
+                    let value = Value::tagged(tag, &[]).expect("a short tag");
+                    Move::Leaf(Event::Done(member, value.bytes().to_vec()))
+                })),
+            }
+        }
+        if aborts {
+            all.push(Move::Leaf(Event::Aborted(member)));
+        }
+    }
+    all.extend(seen.stopping.iter().map(|&member| Move::Leaf(Event::Stopped(member))));
+    let mut timers = Vec::new();
+    armed(conf, &mut timers);
+    all.extend(timers.into_iter().map(|timer| Move::Leaf(Event::Elapsed(timer))));
+    all
+}
+
+fn armed(conf: &Conf, timers: &mut Vec<u32>) {
+    if let Conf::Timer(timer) | Conf::ShieldK(Some(timer), _) = conf {
+        timers.push(*timer);
+    }
+    conf.parts().into_iter().for_each(|part| armed(part, timers));
+}
+
+fn look(reference: &Reference, is_stopping: bool, ended: Option<Outcome>) -> Seen {
+    let mut seen = Seen { is_stopping: is_stopping && ended.is_none(), ended, ..Seen::default() };
+    if let Some(conf) = &reference.conf {
+        gather(conf, &mut seen);
+    }
+    seen
+}
+
+fn gather(conf: &Conf, seen: &mut Seen) {
+    if let Conf::Active(member, _) = conf {
+        seen.active.push(*member);
+    } else if let Conf::Stopping(member, _) = conf {
+        seen.stopping.push(*member);
+    }
+    conf.parts().into_iter().for_each(|part| gather(part, seen));
+}
+
+fn is_of_stopping(seen: &Seen, event: &Event) -> bool {
+    match event {
+        Event::Done(member, _) | Event::Aborted(member) | Event::Stopped(member) | Event::Unconfirmed(member) => {
+            seen.stopping.contains(member)
+        }
+        Event::Elapsed(_) => false,
+    }
+}
+
+impl Edge {
+    /// Whether it takes neither a failure nor a stop of the whole.
+    pub(crate) fn is_natural(&self) -> bool {
+        !matches!(self.what, Move::Stop | Move::Leaf(Event::Aborted(_)))
+    }
+
+    /// Whether a member is done by it.
+    pub(crate) fn is_done(&self, member: u32) -> bool {
+        !self.was_stopping && matches!(&self.what, Move::Leaf(Event::Done(of, _)) if *of == member)
+    }
+}
+
+impl Graph {
+    /// The states from which one of these can be reached by natural moves.
+    pub(crate) fn can_reach(&self, is_goal: impl Fn(&Seen) -> bool) -> Vec<bool> {
+        let mut can: Vec<bool> = self.seen.iter().map(is_goal).collect();
+        loop {
+            let mut grew = false;
+            for state in (0..can.len()).filter(|&state| !can[state]).collect::<Vec<_>>() {
+                let leads = self.edges[state].iter().any(|edge| edge.is_natural() && can[edge.target]);
+                can[state] |= leads;
+                grew |= leads;
+            }
+            if !grew {
+                return can;
+            }
+        }
+    }
+
+    /// Whether a transition exists that a watcher objects to; it keeps a small number along each way.
+    pub(crate) fn objects(&self, watch: impl Fn(u8, &Edge, &Seen) -> Result<u8, ()>) -> bool {
+        let mut known = std::collections::BTreeSet::from([(0, 0)]);
+        let mut open = vec![(0, 0)];
+        while let Some((state, note)) = open.pop() {
+            for edge in &self.edges[state] {
+                let Ok(note) = watch(note, edge, &self.seen[edge.target]) else { return true };
+                if known.insert((edge.target, note)) {
+                    open.push((edge.target, note));
+                }
+            }
+        }
+        false
+    }
+}

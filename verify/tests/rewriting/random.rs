@@ -1,0 +1,216 @@
+//! Random small groups, from a seed.
+
+use language::plan::{Arm, Expression, Group, Member, MemberKind, Supervision};
+use std::time::Duration;
+
+/// The tags that modules of random groups end with.
+pub(crate) const TAGS: [&str; 2] = ["found", "missing"];
+const RESOURCES: [&str; 2] = ["arm", "gripper"];
+/// The most members of a group.
+pub(crate) const MEMBERS: u32 = 5;
+
+/// A sequence of numbers that a seed determines (xorshift64*).
+#[derive(Clone, Debug)]
+pub(crate) struct Dice(u64);
+
+impl Dice {
+    pub(crate) fn new(seed: u64) -> Self {
+        Self((seed + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1)
+    }
+
+    /// A number below `end`.
+    pub(crate) fn below(&mut self, end: u32) -> u32 {
+        self.0 ^= self.0 >> 12;
+        self.0 ^= self.0 << 25;
+        self.0 ^= self.0 >> 27;
+        let high = self.0.wrapping_mul(0x2545_F491_4F6C_DD1D) >> 33;
+        u32::try_from(high % u64::from(end)).expect("it is below a u32")
+    }
+
+    pub(crate) fn one_in(&mut self, of: u32) -> bool {
+        self.below(of) == 0
+    }
+
+    pub(crate) fn pick<'a, T>(&mut self, of: &'a [T]) -> &'a T {
+        let length = u32::try_from(of.len()).expect("a short list");
+        &of[self.below(length) as usize]
+    }
+}
+
+/// What may be in a random group.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Taste {
+    /// Everything that a plan can hold, also what `dca check` refuses: a member twice at once, unreachable arms.
+    Anything,
+    /// What a text can say and `dca check` lets pass, mostly.
+    Text,
+}
+
+struct Maker<'d> {
+    dice: &'d mut Dice,
+    taste: Taste,
+    used: u32,
+    /// The members that may be named again: those outside of loops.
+    again: Vec<u32>,
+    is_in_loop: bool,
+}
+
+/// A group of up to five members, its expression with every operator.
+pub(crate) fn group(dice: &mut Dice, taste: Taste) -> Group {
+    let mut maker = Maker { dice, taste, used: 0, again: Vec::new(), is_in_loop: false };
+    let size = 2 + maker.dice.below(4);
+    let expression = maker.expression(size);
+    let used = maker.used;
+    let members = (0..used.max(1)).map(|index| {
+        let is_group = taste == Taste::Anything && dice.one_in(4);
+        let kind = if is_group { MemberKind::Group(index) } else { MemberKind::Leaf(index) };
+        Member { name: format!("m{index}"), kind, service: dice.one_in(4) }
+    });
+    Group {
+        path: "main".into(),
+        process: "main".into(),
+        host: 0,
+        members: members.collect(),
+        sets: Vec::new(),
+        sets_always: if taste == Taste::Anything { vec![90, 91] } else { Vec::new() },
+        expression,
+        supervision: Supervision::default(),
+    }
+}
+
+impl Maker<'_> {
+    fn expression(&mut self, size: u32) -> Expression {
+        if size <= 1 {
+            return self.leaf();
+        }
+        match self.dice.below(24) {
+            0..=2 => Expression::Concurrent(self.operands(size)),
+            3 => Expression::FailFast(self.operands(size)),
+            4 | 5 => {
+                let of = self.operands(size);
+                let count = 1 + self.dice.below(u32::try_from(of.len()).expect("a short list"));
+                Expression::AnyOf { count, of }
+            }
+            6..=8 => Expression::Disable(self.operands(size)),
+            9 | 10 => self.two(size, Expression::Sequence),
+            11 => self.two(size, Expression::Conditional),
+            12 | 13 => self.recurrent(size),
+            14 | 15 => self.two(size, Expression::Otherwise),
+            16 | 17 => self.two(size, Expression::Finally),
+            18 => self.matching(size),
+            19 => {
+                let bound = self.dice.one_in(2).then(|| self.time());
+                Expression::Shield { bound, of: Box::new(self.expression(size - 1)) }
+            }
+            20 | 21 => self.using(size),
+            22 => self.pool(size),
+            _ => {
+                Expression::Tagged { tag: (*self.dice.pick(&TAGS)).to_owned(), of: Box::new(self.expression(size - 1)) }
+            }
+        }
+    }
+
+    fn leaf(&mut self) -> Expression {
+        match self.dice.below(14) {
+            0 => Expression::Skip,
+            1 => Expression::Never,
+            2 => Expression::Fail("broken".into()),
+            3 => Expression::Wait(self.time()),
+            _ => self.run(),
+        }
+    }
+
+    fn run(&mut self) -> Expression {
+        let may_repeat = self.taste == Taste::Anything && !self.is_in_loop && !self.again.is_empty();
+        let member = if self.used == MEMBERS || (may_repeat && self.dice.one_in(6)) {
+            if !may_repeat {
+                return Expression::Wait(self.time());
+            }
+            *self.dice.pick(&self.again)
+        } else {
+            self.used += 1;
+            if !self.is_in_loop {
+                self.again.push(self.used - 1);
+            }
+            self.used - 1
+        };
+        let sets = if self.taste == Taste::Anything { vec![member * 2, member * 2 + 1] } else { Vec::new() };
+        Expression::Run { member, sets }
+    }
+
+    fn time(&mut self) -> Duration {
+        Duration::from_secs(u64::from(1 + self.dice.below(5)))
+    }
+
+    fn operands(&mut self, size: u32) -> Vec<Expression> {
+        let first = 1 + self.dice.below(size - 1);
+        let mut of = vec![self.expression(first), self.expression(size - first)];
+        if self.dice.one_in(4) {
+            of.push(self.leaf());
+        }
+        of
+    }
+
+    fn two(&mut self, size: u32, kind: fn(Box<Expression>, Box<Expression>) -> Expression) -> Expression {
+        let first = 1 + self.dice.below(size - 1);
+        let p = self.expression(first);
+        let q = self.expression(size - first);
+        kind(Box::new(p), Box::new(q))
+    }
+
+    fn recurrent(&mut self, size: u32) -> Expression {
+        let was = std::mem::replace(&mut self.is_in_loop, true);
+        let first = 1 + self.dice.below(size - 1);
+        let p = self.expression(first);
+        let mut q = self.expression(size - first);
+        if may_be_instant(&p) && may_be_instant(&q) {
+            q = Expression::Sequence(Box::new(q), Box::new(Expression::Wait(self.time())));
+        }
+        self.is_in_loop = was;
+        Expression::Recurrent(Box::new(p), Box::new(q))
+    }
+
+    fn pool(&mut self, size: u32) -> Expression {
+        let was = std::mem::replace(&mut self.is_in_loop, true);
+        let source = self.expression(size - 1);
+        let mut pool = vec![self.expression(1)];
+        if self.dice.one_in(2) {
+            pool.push(self.expression(1));
+        }
+        self.is_in_loop = was;
+        if may_be_instant(&source) && pool.iter().any(may_be_instant) {
+            pool = vec![Expression::Wait(self.time())];
+        }
+        Expression::Asynchronous { source: Box::new(source), pool }
+    }
+
+    fn using(&mut self, size: u32) -> Expression {
+        let resources: &[&str] = match self.dice.below(4) {
+            0 => &RESOURCES,
+            1 => &RESOURCES[1..],
+            _ => &RESOURCES[..1],
+        };
+        let resources = resources.iter().map(|&resource| resource.to_owned()).collect();
+        Expression::Using { resources, of: Box::new(self.expression(size - 1)) }
+    }
+
+    /// A process, or a race of two, with a `match` behind it.
+    fn matching(&mut self, size: u32) -> Expression {
+        let before = if self.dice.one_in(2) {
+            self.run()
+        } else {
+            let tagged = |tag: &str, of| Expression::Tagged { tag: tag.to_owned(), of: Box::new(of) };
+            Expression::Disable(vec![tagged(TAGS[0], self.leaf()), tagged(TAGS[1], self.leaf())])
+        };
+        let arms = vec![
+            Arm { tag: Some(TAGS[0].to_owned()), body: self.expression(size - 1) },
+            Arm { tag: if self.dice.one_in(3) { None } else { Some(TAGS[1].to_owned()) }, body: self.leaf() },
+        ];
+        Expression::Conditional(Box::new(before), Box::new(Expression::Match(arms)))
+    }
+}
+
+/// Whether it may be done at the instant at which it starts; rather yes than no.
+fn may_be_instant(expression: &Expression) -> bool {
+    *expression == Expression::Skip || expression.operands().into_iter().any(may_be_instant)
+}

@@ -1,0 +1,282 @@
+//! The rules, as they are written: what starts, what an outcome does to what is around it, what a stop does. Terms are
+//! rewritten whole; nothing is shared with `language::algebra::step`.
+//!
+//! Written from the study of the language, §2.4 with §2.5 and §2.11, and for `finally`, `as`, `::` and `using` from the
+//! manual's page on operators.
+
+use super::completion::Join;
+use super::term::{Conf, Expr, Kind, Left, Outcome, Pool, Slots, Why, expression, is_endless};
+use language::algebra::Value;
+use language::plan::Group;
+use std::collections::BTreeSet;
+use std::rc::Rc;
+use std::time::Duration;
+
+/// What runs goes on, or it has ended.
+pub(crate) type Next = Result<Conf, Outcome>;
+
+/// What the reference wants done, in its order.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Order {
+    Connect(u32),
+    Disconnect(u32),
+    Activate(u32, Left),
+    Stop(u32),
+    Arm(u32, Duration),
+    Cancel(u32),
+}
+
+/// What happens to one leaf or timer.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum Event {
+    Done(u32, Vec<u8>),
+    Aborted(u32),
+    Stopped(u32),
+    Unconfirmed(u32),
+    Elapsed(u32),
+}
+
+/// A group that is carried out.
+#[derive(Clone, Debug)]
+pub(crate) struct Reference {
+    group: Rc<Group>,
+    root: Rc<Expr>,
+    /// What runs; nothing before the start and after the end.
+    pub(crate) conf: Option<Conf>,
+    /// The members that are active or stopping.
+    pub(crate) busy: BTreeSet<u32>,
+    /// What is taken, and the `using` that has it.
+    held: Vec<(usize, String)>,
+    /// The `using`s that wait, the first to come first, with what they want.
+    pub(crate) queue: Vec<(usize, Vec<String>)>,
+    pub(crate) orders: Vec<Order>,
+}
+
+impl Reference {
+    pub(crate) fn new(group: &Rc<Group>) -> Self {
+        Self {
+            root: expression(group),
+            group: Rc::clone(group),
+            conf: None,
+            busy: BTreeSet::new(),
+            held: Vec::new(),
+            queue: Vec::new(),
+            orders: Vec::new(),
+        }
+    }
+
+    /// The group is activated.
+    pub(crate) fn begin(&mut self, value: Value) -> Option<Outcome> {
+        let sets = self.group.sets_always.clone();
+        self.orders.extend(sets.into_iter().map(Order::Connect));
+        let root = Rc::clone(&self.root);
+        let next = self.start(&root, Left::Value(value));
+        self.settle(next)
+    }
+
+    /// The group is asked to stop.
+    pub(crate) fn halt(&mut self) -> Option<Outcome> {
+        let Some(conf) = self.conf.take() else { return Some(Outcome::Killed) };
+        let next = self.stop(conf);
+        self.settle(next)
+    }
+
+    /// Something happens to a leaf or a timer of it.
+    pub(crate) fn happen(&mut self, event: &Event) -> Option<Outcome> {
+        let conf = self.conf.take()?;
+        let next = self.react(conf, event);
+        self.settle(next)
+    }
+
+    /// What the whole has come to, once everything that is free has been given to who waits for it.
+    fn settle(&mut self, mut next: Next) -> Option<Outcome> {
+        loop {
+            match next {
+                Err(outcome) => {
+                    let sets = self.group.sets_always.clone();
+                    self.orders.extend(sets.into_iter().map(Order::Disconnect));
+                    return Some(outcome);
+                }
+                Ok(conf) => match self.grantable() {
+                    None => {
+                        self.conf = Some(conf);
+                        return None;
+                    }
+                    Some(number) => next = self.grant(conf, number),
+                },
+            }
+        }
+    }
+
+    /// All that is named is free, and nobody has waited longer for any of it.
+    fn can_have(&self, wants: &[String], before: &[(usize, Vec<String>)]) -> bool {
+        let is_free = |want: &String| self.held.iter().all(|(_, held)| held != want);
+        let is_first = |want: &String| before.iter().all(|(_, wanted)| !wanted.contains(want));
+        wants.iter().all(|want| is_free(want) && is_first(want))
+    }
+
+    fn grantable(&mut self) -> Option<usize> {
+        let queue = self.queue.iter().enumerate();
+        let at = queue.into_iter().position(|(at, (_, wants))| self.can_have(wants, &self.queue[..at]))?;
+        let (number, wants) = self.queue.remove(at);
+        self.held.extend(wants.into_iter().map(|want| (number, want)));
+        Some(number)
+    }
+
+    /// `v |- E ~> R`
+    pub(crate) fn start(&mut self, expr: &Rc<Expr>, value: Left) -> Next {
+        match &expr.kind {
+            Kind::Run(member, sets) => {
+                if !self.busy.insert(*member) {
+                    return Err(Outcome::Aborted(Why::Busy(*member)));
+                }
+                self.orders.extend(sets.iter().map(|&set| Order::Connect(set)));
+                self.orders.push(Order::Activate(*member, value));
+                Ok(Conf::Active(*member, sets.clone()))
+            }
+            Kind::Skip => Err(Outcome::Done(Left::NOTHING)),
+            Kind::Never => Ok(Conf::Never),
+            Kind::Fail(why) => Err(Outcome::Aborted(Why::Failed(why.clone()))),
+            Kind::Wait(timer, after) => {
+                self.orders.push(Order::Arm(*timer, *after));
+                Ok(Conf::Timer(*timer))
+            }
+            Kind::Par(of) => self.start_all(of, &value, Join::All),
+            Kind::And(of) => self.start_all(of, &value, Join::Each),
+            Kind::Any(count, of) => self.start_all(of, &value, Join::Count(*count)),
+            Kind::Dis(of) => self.start_dis(of, &value),
+            Kind::Seq(p, q) => {
+                self.start(p, value).map_or_else(|o| self.seq(o, q), |c| Ok(Conf::Seq(c.into(), Rc::clone(q))))
+            }
+            Kind::Cond(p, q) => {
+                self.start(p, value).map_or_else(|o| self.cond(o, q), |c| Ok(Conf::Cond(c.into(), Rc::clone(q))))
+            }
+            Kind::Rec(p, q) => {
+                let next = self.start(p, value);
+                self.rec1(next, p, q)
+            }
+            Kind::Else(p, q) => {
+                self.start(p, value).map_or_else(|o| self.otherwise(o, q), |c| Ok(Conf::Else(c.into(), Rc::clone(q))))
+            }
+            Kind::Finally(p, q) => {
+                self.start(p, value).map_or_else(|o| self.fin1(o, q), |c| Ok(Conf::Fin1(c.into(), Rc::clone(q))))
+            }
+            Kind::Match(arms) => self.start_match(arms, value),
+            Kind::Shield(bound, of) => self.start(of, value).map(|c| Conf::Shield(*bound, c.into())),
+            Kind::Using(number, wants, of) => self.start_using((*number, wants), of, value),
+            Kind::Pool(source, bodies) => self.start_pool(source, bodies, value),
+            Kind::As(tag, of) => match self.start(of, value) {
+                Ok(conf) => Ok(Conf::As(tag.clone(), conf.into())),
+                Err(outcome) => Err(tagged(tag, outcome)),
+            },
+        }
+    }
+
+    /// `[s-par]`: all of them, left to right, and only then what their outcomes mean.
+    fn start_all(&mut self, of: &[Rc<Expr>], value: &Left, join: Join) -> Next {
+        let started: Vec<Next> = of.iter().map(|operand| self.start(operand, value.clone())).collect();
+        let mut slots = Slots {
+            services: of.iter().map(|operand| operand.is_service).collect(),
+            aborts: Vec::new(),
+            dones: Vec::new(),
+            slots: started,
+        };
+        for at in 0..slots.slots.len() {
+            note(&mut slots, at);
+        }
+        self.join(join, slots)
+    }
+
+    /// `[s-dis]`: left to right; the first that is an outcome at once ends it.
+    fn start_dis(&mut self, of: &[Rc<Expr>], value: &Left) -> Next {
+        let mut running = Vec::new();
+        for operand in of {
+            match self.start(operand, value.clone()) {
+                Ok(conf) => running.push(conf),
+                Err(outcome) => return self.drain(outcome, running),
+            }
+        }
+        Ok(Conf::Dis(running))
+    }
+
+    fn start_match(&mut self, arms: &[(Option<String>, Rc<Expr>)], value: Left) -> Next {
+        let Left::Value(bytes) = value else { panic!("the generator gives no reasons to a match") };
+        let tag = bytes.tag().map(str::to_owned);
+        for (arm, body) in arms {
+            match arm {
+                None => return self.start(body, Left::Value(bytes)),
+                Some(arm) if tag.as_ref() == Some(arm) => {
+                    let rest = Value::new(&bytes.bytes()[1 + arm.len()..]);
+                    return self.start(body, Left::Value(rest));
+                }
+                Some(_) => {}
+            }
+        }
+        Err(Outcome::Aborted(Why::NoMatch))
+    }
+
+    fn start_using(&mut self, (number, wants): (usize, &[String]), of: &Rc<Expr>, value: Left) -> Next {
+        let queue = self.queue.clone();
+        if !self.can_have(wants, &queue) {
+            self.queue.push((number, wants.to_vec()));
+            return Ok(Conf::Waiting(number, Rc::clone(of), value));
+        }
+        self.held.extend(wants.iter().map(|want| (number, want.clone())));
+        let next = self.start(of, value);
+        self.using(number, next)
+    }
+
+    fn start_pool(&mut self, source: &Rc<Expr>, bodies: &[Rc<Expr>], value: Left) -> Next {
+        let pool = Pool {
+            source: Rc::clone(source),
+            bodies: bodies.to_vec(),
+            running: None,
+            places: vec![None; bodies.len()],
+            owed: None,
+            failed: None,
+        };
+        let next = self.start(source, value);
+        self.source_went(pool, next)
+    }
+
+    /// The part of a leaf: what its event makes of it.
+    pub(crate) fn leaf(&mut self, is_stopping: bool, (member, sets): (u32, Vec<u32>), event: &Event) -> Next {
+        let outcome = match event {
+            Event::Unconfirmed(_) => Outcome::Aborted(Why::Unconfirmed(member)),
+            Event::Done(..) | Event::Aborted(_) | Event::Stopped(_) if is_stopping => Outcome::Killed,
+            Event::Done(..) if is_endless(&self.group, member) => Outcome::Aborted(Why::ServiceEnded(member)),
+            Event::Done(_, bytes) => Outcome::Done(Left::Value(Value::new(bytes))),
+            Event::Aborted(_) => Outcome::Aborted(Why::Reported(Some(member), Value::EMPTY)),
+            Event::Stopped(_) => Outcome::Aborted(Why::Left(member)),
+            Event::Elapsed(_) => panic!("the event of a timer at a leaf"),
+        };
+        self.busy.remove(&member);
+        self.orders.extend(sets.into_iter().map(Order::Disconnect));
+        Err(outcome)
+    }
+
+    pub(crate) fn release(&mut self, number: usize) {
+        self.held.retain(|(holder, _)| *holder != number);
+    }
+}
+
+/// TAG: `done(v) -> done(t:v)`, any other outcome as it is.
+pub(crate) fn tagged(tag: &str, outcome: Outcome) -> Outcome {
+    match outcome {
+        Outcome::Done(Left::Value(value)) => {
+            let value = Value::tagged(tag, value.bytes()).expect("the tags of tests are short");
+            Outcome::Done(Left::Value(value))
+        }
+        Outcome::Done(Left::ReasonText) | Outcome::Aborted(_) | Outcome::Killed => outcome,
+    }
+}
+
+/// Remembers how an operand has ended, if it has.
+pub(crate) fn note(slots: &mut Slots, at: usize) {
+    match &slots.slots[at] {
+        Err(Outcome::Done(_)) => slots.dones.push(at),
+        Err(Outcome::Aborted(_)) => slots.aborts.push(at),
+        Err(Outcome::Killed) => panic!("an operand that nobody stopped was killed"),
+        Ok(_) => {}
+    }
+}
