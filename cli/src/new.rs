@@ -39,7 +39,7 @@ opt-level = 2
 
 /// Names that Cargo, the program itself or DCA needs for something else: with crates and programs of DCA in its dependencies and on
 /// the search path, a second one of their name is built or started in their place.
-const TAKEN: [&str; 28] = [
+const TAKEN: [&str; 30] = [
     "alloc",
     "build",
     "cli",
@@ -68,6 +68,8 @@ const TAKEN: [&str; 28] = [
     "std",
     "super",
     "test",
+    "trust",
+    "verify",
 ];
 /// Words of Rust that are letters only, so that a program cannot be called so.
 const WORDS: [&str; 36] = [
