@@ -118,6 +118,8 @@ fn judge(system: &System<'_>, graph: &Graph, part: usize, (catalogue, asked): (&
     for node in promises(system, part) {
         if let Some(finding) = stuck(system, graph, (part, node)) {
             asked.stuck = true;
+            // What waits for a resource is not asked any more, so nothing is said to be proved of it.
+            asked.waits |= !usings(system, part).is_empty();
             catalogue.findings.push(finding);
             return;
         }

@@ -116,3 +116,16 @@ fn each_mistake_says_one_reason() {
     }
     assert!(reasons.len() >= 30, "only {} reasons", reasons.len());
 }
+
+#[test]
+fn nobody_is_said_to_get_a_lock_that_is_kept() {
+    for entry in entries("bad").iter().filter(|entry| entry.text.contains("using(")) {
+        let report = entry.verified();
+        let is_stuck =
+            |found: &Finding| found.diagnostic.as_ref().is_some_and(|it| format!("{:?}", it.code) == "E0811");
+        let proved: Vec<&Finding> = report.findings.iter().filter(|it| it.verdict == Verdict::Proved).collect();
+        if report.findings.iter().any(is_stuck) {
+            assert!(!sentences(&proved).iter().any(|it| it.contains("waits for a resource")), "{}", entry.name);
+        }
+    }
+}
