@@ -1,7 +1,9 @@
 //! The mission on one machine, with real processes and the real clock.
 
-use dca_tests::cluster::{Cluster, Sample, Trace, peak, spec};
+use dca_tests::cluster::{Cluster, Sample, Trace, executable, peak, spec};
 use node::logic::protocol::Ending;
+use std::path::Path;
+use std::process::Command;
 use std::time::Duration;
 
 const MISSION_MAX: Duration = Duration::from_secs(90);
@@ -57,4 +59,17 @@ fn a_locked_door_aborts() {
 
 fn last(samples: &[Sample]) -> f64 {
     samples.last().expect("the world publishes it").value
+}
+
+/// `language` checks and draws the door without starting programs, so it has a copy of what they say.
+#[test]
+fn the_copy_of_the_interfaces_is_true() {
+    let asked = Command::new(executable("dca-controller")).arg("--dca-interface").output().expect("it starts");
+    let copy = Path::new(env!("CARGO_MANIFEST_DIR")).join("../language/tests/graph/door_opening.interface");
+    let copied = std::fs::read(copy).expect("it is there");
+    assert!(
+        asked.status.success() && asked.stdout == copied,
+        "`dca-controller --dca-interface > language/tests/graph/door_opening.interface`, then UPDATE_EXPECT=1 for the tests \
+         `graph` and `manual` of `language`"
+    );
 }
