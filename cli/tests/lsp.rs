@@ -83,8 +83,8 @@ fn nothing_that_is_said_ends_the_server() {
     assert_eq!(editor.ask("textDocument/hover", &json!([1]))["error"]["code"], -32602);
     assert_eq!(editor.ask("no/such", &Value::Null)["error"]["code"], -32601);
     editor.send_bytes(b"Content-Length: 2\r\n\r\n{]");
-    assert_eq!(editor.read()["method"], "window/logMessage");
-    let refused = editor.read();
+    assert_eq!(editor.read_next()["method"], "window/logMessage");
+    let refused = editor.read_next();
     assert_eq!((&refused["error"]["code"], &refused["id"]), (&json!(-32700), &Value::Null));
     editor.notify("textDocument/didChange", &json!({"contentChanges": 5}));
     editor.notify("$/unknown", &json!({}));

@@ -68,6 +68,16 @@ impl Editor {
         serde_json::from_slice(&body).expect("a message is JSON")
     }
 
+    /// Reads the next message but for those about programs, which come whenever a program has answered.
+    pub(crate) fn read_next(&mut self) -> Value {
+        loop {
+            let message = self.read();
+            if message["method"] != "window/showMessage" {
+                return message;
+            }
+        }
+    }
+
     /// Asks the server something; what it says meanwhile is passed over.
     pub(crate) fn ask(&mut self, method: &str, params: &Value) -> Value {
         self.requests += 1;
