@@ -25,7 +25,7 @@ use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 
 /// The form of the log. One more with every change of what the agent and its inputs are made of: another form is not read.
-const FORM: u32 = 6;
+const FORM: u32 = 7;
 /// From which size on a checkpoint takes the place of the log, in bytes; or when it is twice as long as with its last checkpoint.
 const SIZE_MAX: u64 = 8 << 20;
 /// The name of the file, in the folder of the node.

@@ -65,9 +65,9 @@ enum Stage {
         forced: bool,
     },
     Dead,
-    /// The program has died, and is started again then.
+    /// The program has died, and is started again then; one that was ended by force at a stop, with its next activation.
     Waiting {
-        until: Time,
+        until: Option<Time>,
     },
     /// The program hangs at its start, or was started again and did not come back as it should; it is ended before
     /// anything else.
@@ -191,6 +191,7 @@ impl Instance {
     pub fn state(&self) -> String {
         let word = match self.stage {
             Stage::Removing { .. } if !self.joined => "starting",
+            Stage::Waiting { until: None } => "ended",
             Stage::Waiting { .. } | Stage::Removing { .. } => "restarting",
             Stage::Replacing { .. } => "being replaced",
             Stage::Starting { .. } | Stage::Prepared | Stage::Connecting { .. } if self.joined => "restarting",
@@ -250,10 +251,15 @@ impl Instance {
             | Stage::Connecting { until }
             | Stage::Stopping { until, .. }
             | Stage::Leaving { until, .. }
-            | Stage::Waiting { until }
+            | Stage::Waiting { until: Some(until) }
             | Stage::Replacing { until, .. }
             | Stage::Removing { until } => Some(until),
-            Stage::Prepared | Stage::Idle | Stage::Running | Stage::Refused | Stage::Dead => None,
+            Stage::Waiting { until: None }
+            | Stage::Prepared
+            | Stage::Idle
+            | Stage::Running
+            | Stage::Refused
+            | Stage::Dead => None,
         };
         earliest(of_stage, self.probation_until())
     }

@@ -137,7 +137,7 @@ fn claims_change_hands_with_their_programs() {
         format!(
             "process main() {{ host {{ \"c1\" }}
                 instantiated_processes {{ a instof {first}(\"c1\"); b instof {second}(\"c1\"); long instof Long(\"c1\"); }}
-                internal_event_actions {{ a , b , (long ;; skip) }} }}"
+                internal_event_actions {{ (a , b , long) ;; skip }} }}"
         )
     };
     let mut world = World::new(&["c1"]);
@@ -154,7 +154,7 @@ fn claims_change_hands_with_their_programs() {
     assert_eq!(holders(&mut world), ["main/a"]);
     for (revision, (first, second, expected)) in (0..).zip([("Step", "Arm", &["main/b"][..]), ("Step", "Step", &[])]) {
         let change = world.change("c1", &text(first, second), (1, revision), &[]);
-        world.run_for(Duration::from_secs(12));
+        world.run_for(Duration::from_secs(60));
         assert!(outcome(&world, change).is_ok(), "{:?}", outcome(&world, change));
         assert_eq!(holders(&mut world), expected);
     }

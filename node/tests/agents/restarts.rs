@@ -183,6 +183,39 @@ fn a_program_that_is_being_started_again_can_be_stopped() {
     }
 }
 
+/// What is stopped by force is over: nothing is started again after a stop, but for an activation that needs it.
+#[test]
+fn a_program_that_was_ended_by_force_is_started_when_it_is_needed() {
+    let text = r#"
+process main() {
+    host { "c1" }
+    instantiated_processes {
+        stubborn instof Stubborn("c1") { restart transient; }
+        step instof Step("c1");
+        long instof Long("c1");
+    }
+    internal_event_actions { (stubborn # step) ; (stubborn # step) ; (stubborn # long) }
+}
+"#;
+    let starts = |changes: &[Change]| changes.iter().filter(|change| matches!(change, Change::Started { .. })).count();
+    for stops in [false, true] {
+        let mut world = World::new(&["c1"]);
+        let call = world.deploy("c1", text);
+        world.run_for(Duration::from_secs(if stops { 1 } else { 60 }));
+        if stops {
+            world.stop("c1");
+            world.run_for(Duration::from_secs(30));
+        }
+        let expected = if stops { Ending::Stopped } else { Ending::Done(vec![]) };
+        assert_eq!(world.ending(call), &expected);
+        let changes = changes(&world, call);
+        let stubborn = &changes["main/stubborn"];
+        assert_eq!((restarts(stubborn), starts(stubborn)), (0, 3), "{stubborn:?}");
+        assert!(!matches!(stubborn.last(), Some(Change::Started { .. })), "{stubborn:?}");
+        assert_eq!(world.alive, BTreeSet::new());
+    }
+}
+
 /// However often and whenever programs die, as long as none of them dies too often the mission does not see it.
 #[test]
 fn whatever_dies_whenever_the_mission_is_done() {

@@ -28,8 +28,20 @@ impl Instance {
         }
         self.current = Some(Current { number: activation, value: value.clone(), lost: None });
         context.notes.push(Note::Changed(Change::Activated));
-        if self.stage == Stage::Idle {
-            self.run(value, context);
+        match self.stage {
+            Stage::Idle => self.run(value, context),
+            Stage::Waiting { until: None } => self.start(context),
+            Stage::Starting { .. }
+            | Stage::Prepared
+            | Stage::Connecting { .. }
+            | Stage::Running
+            | Stage::Stopping { .. }
+            | Stage::Refused
+            | Stage::Leaving { .. }
+            | Stage::Dead
+            | Stage::Waiting { until: Some(_) }
+            | Stage::Removing { .. }
+            | Stage::Replacing { .. } => {}
         }
     }
 

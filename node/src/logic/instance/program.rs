@@ -180,8 +180,12 @@ impl Instance {
                 self.finish(Ending::Stopped, context);
                 if !self.is_controller() {
                     self.hold_ready(context);
-                } else if self.restarts.are_allowed() || self.probation.is_some() {
+                } else if self.probation.is_some() {
                     self.died(cause, context);
+                } else if self.restarts.are_allowed() {
+                    // Nobody needs it now, and the mission may be about to end.
+                    (self.pid, self.cause, self.output) = (None, None, Vec::new());
+                    self.stage = Stage::Waiting { until: None };
                 } else {
                     self.cause = Some(cause);
                 }
@@ -227,7 +231,7 @@ impl Instance {
         }
         if let Some(until) = self.restarts.next(context.now) {
             (self.pid, self.cause) = (None, None);
-            self.stage = Stage::Waiting { until };
+            self.stage = Stage::Waiting { until: Some(until) };
             let (cause, count) = (cause.of_program(0, output), self.restarts.count());
             context.notes.push(Note::Changed(Change::Restarting { cause, count }));
             return self.tick(context);
