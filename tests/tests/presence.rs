@@ -59,8 +59,11 @@ fn delays(hosts: &Hosts, since: Duration) -> Vec<(String, Duration)> {
         for other in NAMES.iter().filter(|other| *other != own) {
             let heard = first(&log, since, |line| line.contains("is heard") && line.contains(&format!("`{other}`")));
             let Some(heard) = heard else { continue };
+            // Also one that is reached by way of the third.
             let listed = first(&log, heard, |line| {
-                ["is there:", "was started again:"].iter().any(|what| line.contains(&format!("`{other}` {what}")))
+                ["is there:", "was started again:", "does not answer itself;"]
+                    .iter()
+                    .any(|what| line.contains(&format!("`{other}` {what}")))
             });
             delays.push((format!("{own} of {other}"), listed.map_or(Duration::MAX, |listed| listed - heard)));
         }
