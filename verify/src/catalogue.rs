@@ -66,7 +66,7 @@ fn explore_part(
     limits: &Limits<'_>,
     (catalogue, asked): (&mut Catalogue, &mut Asked),
 ) {
-    let mut ends = [Ends::default(), Ends::default()];
+    let (mut ends, mut is_whole) = ([Ends::default(), Ends::default()], true);
     for (index, aborts) in [true, false].into_iter().enumerate() {
         let mut system = System::new(model, part, &|_| false);
         system.mode = Mode { aborts, stops: aborts, ..Mode::default() };
@@ -74,6 +74,7 @@ fn explore_part(
         catalogue.states += u64::from(graph.store.count());
         catalogue.transitions += graph.transitions() as u64;
         ends[index] = ends_of(&system, &graph);
+        is_whole &= graph.reached.is_none();
         if aborts {
             if let Some(reached) = graph.reached {
                 catalogue.unfinished.push((model.parts[part].group, reached));
@@ -84,7 +85,7 @@ fn explore_part(
     }
     // A group of another supervisor can always fail: its host may be lost.
     ends[0].aborts |= !model.parts[part].is_piece;
-    model.parts[part].ends = ends;
+    (model.parts[part].ends, model.parts[part].is_whole) = (ends, is_whole);
 }
 
 /// How the whole of a system ends, of all that was seen.

@@ -44,6 +44,8 @@ pub enum Reached {
     Memory,
     /// The time.
     Time,
+    /// One of these, for a group inside: how that may end is not known.
+    Inside,
 }
 
 /// Everything that was found.
@@ -133,6 +135,9 @@ pub(crate) fn explore(
             graph.starts.push(graph.targets.len());
         }
         state += 1;
+    }
+    if !system.is_whole() {
+        graph.reached.get_or_insert(Reached::Inside);
     }
     Found { graph, stopped_at: None }
 }

@@ -41,6 +41,8 @@ pub(crate) struct Part {
     pub(crate) is_piece: bool,
     /// How it can end, when programs may fail and when they do not; known after `ends`.
     pub(crate) ends: [Ends; 2],
+    /// Whether that is all: no limit ended the exploration of it or of what is inside.
+    pub(crate) is_whole: bool,
 }
 
 /// What a member slot of a part holds.
@@ -156,7 +158,16 @@ impl Outline<'_> {
         let program = Program::compile(&group);
         let (nodes, members) = (draft.nodes, draft.members);
         let group = u32::try_from(self.group).unwrap_or(u32::MAX);
-        Part { group, program, expression, nodes, members, is_piece, ends: [Ends::default(), Ends::default()] }
+        Part {
+            group,
+            program,
+            expression,
+            nodes,
+            members,
+            is_piece,
+            ends: [Ends::default(), Ends::default()],
+            is_whole: false,
+        }
     }
 
     /// Copies an expression; `number` is that of its first node in the group's own.

@@ -148,15 +148,22 @@ pub(crate) struct System<'a> {
     /// How many bytes observers need.
     pub(crate) notes: usize,
     values: Vec<Value>,
+    /// Whether it is known how everything in it may end.
+    is_whole: bool,
 }
 
 impl<'a> System<'a> {
     /// Puts a part together with those below it that `is_open` says; pieces of an open group are open if anything in them is.
     pub(crate) fn new(model: &'a Model<'a>, root: usize, is_open: &dyn Fn(usize) -> bool) -> Self {
         let values = all_values(model);
-        let mut system = Self { model, units: Vec::new(), mode: Mode::default(), notes: 0, values };
+        let mut system = Self { model, units: Vec::new(), mode: Mode::default(), notes: 0, values, is_whole: true };
         system.add(root, None, is_open);
         system
+    }
+
+    /// Whether every part in it that is not looked into has been explored to its end.
+    pub(crate) fn is_whole(&self) -> bool {
+        self.is_whole
     }
 
     fn add(&mut self, part: usize, parent: Option<(usize, u32)>, is_open: &dyn Fn(usize) -> bool) -> usize {
@@ -168,7 +175,10 @@ impl<'a> System<'a> {
         for (slot, seat) in (0..).zip(&source.members) {
             seats.push(match *seat {
                 Seat::Part(inner) if is_open(inner) => Occupant::Unit(self.add(inner, Some((index, slot)), is_open)),
-                Seat::Part(inner) => Occupant::Box(self.model.parts[inner].ends.clone()),
+                Seat::Part(inner) => {
+                    self.is_whole &= self.model.parts[inner].is_whole;
+                    Occupant::Box(self.model.parts[inner].ends.clone())
+                }
                 Seat::Leaf(leaf) => Occupant::Box(self.leaf_ends(part, slot, leaf)),
             });
         }

@@ -87,6 +87,22 @@ fn the_specs_of_this_repository_are_not_refused() {
     assert!(count >= 5, "only {count} have a plan");
 }
 
+/// What a limit leaves open is not decided, also of the groups around it.
+#[test]
+fn a_limit_refuses_no_good_spec() {
+    let good = specs(&root().join("verify/tests/corpus/good")).into_iter().chain(specs(&root().join("specs")));
+    for file in good {
+        let spec = read(&file);
+        let (compiled, sites) = compile_with_sites(&spec, &library(), &Options::named("spec"));
+        let Some((plan, sites)) = compiled.plan.zip(sites) else { continue };
+        for states in [1, 10, 25, 50, 100, 200, 400] {
+            let report = verify::verify(&plan, &sites, &Limits { states, ..LIMITS });
+            let refused = report.findings.iter().find(|finding| finding.verdict == Verdict::Fails);
+            assert!(refused.is_none(), "{} with {states} states: {refused:?}", file.display());
+        }
+    }
+}
+
 /// The specs of the manual are good ones, but for those that show what is refused and the page about `dca verify` itself.
 #[test]
 fn specs_of_the_manual_are_not_refused() {
