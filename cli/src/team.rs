@@ -3,17 +3,18 @@
 mod init;
 mod user;
 
-use crate::io::keyring::Keyring;
+use crate::io::keyring::{Asked, Keyring, passphrase};
 use anyhow::Context as _;
 use clap::{Args, Subcommand};
 use comms::io::{clock, entropy};
 use dbmanager::logic::view::{date, table};
 use node::console::{self, Failure};
 use std::path::PathBuf;
-use trust::bundle::{Bundle, Member};
+use trust::bundle::{Bundle, Holder};
 use trust::identity::Entropy;
 use trust::name::{Name, UnixTime};
 use trust::team::{Standing, TrustError};
+use zeroize::Zeroizing;
 
 /// The arguments of `dca team`.
 #[derive(Debug, Args)]
@@ -55,6 +56,10 @@ impl KeysArgs {
         Keyring::at(self.keys.as_deref())
     }
 
+    fn passphrase(&self, asked: Asked) -> anyhow::Result<Zeroizing<String>> {
+        passphrase(self.passphrase.as_deref(), asked)
+    }
+
     fn bundle(&self) -> anyhow::Result<(Keyring, Bundle)> {
         let keyring = self.keyring()?;
         let bundle = keyring.team(&keyring.only(self.team.clone())?)?;
@@ -92,13 +97,13 @@ fn listed(bundle: &Bundle, now: UnixTime) -> String {
         Some(set) => text += &format!("revocations: number {}, keys {}\n", set.number(), set.keys().len()),
     }
     let head = ["name", "role", "until", "can be renewed until", "key", ""].map(str::to_owned).to_vec();
-    let rows: Vec<Vec<String>> = std::iter::once(head).chain(bundle.members(now).iter().map(row)).collect();
+    let rows: Vec<Vec<String>> = std::iter::once(head).chain(bundle.holders(now).iter().map(row)).collect();
     if rows.len() == 1 { text + "nobody has a certificate\n" } else { text + "\n" + &table::table(&rows) + "\n" }
 }
 
-fn row(member: &Member<'_>) -> Vec<String> {
-    let claims = member.certificate.claims();
-    let state = match &member.standing {
+fn row(holder: &Holder<'_>) -> Vec<String> {
+    let claims = holder.certificate.claims();
+    let state = match &holder.standing {
         Ok(Standing::Valid(_) | Standing::Grace(_)) => "",
         Err(TrustError::Revoked(_)) => "! revoked",
         Err(TrustError::Expired(_)) => "! has ended",
@@ -117,7 +122,7 @@ fn row(member: &Member<'_>) -> Vec<String> {
         claims.role.to_string(),
         time(claims.not_after),
         time(claims.renewable_until),
-        member.certificate.subject().fingerprint(),
+        holder.certificate.subject().fingerprint(),
         state.to_owned(),
     ]
 }

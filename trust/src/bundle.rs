@@ -50,9 +50,9 @@ pub enum BundleError {
     Signature(usize),
 }
 
-/// Somebody of a bundle, and whether that one is trusted.
+/// A holder of a certificate of a bundle, and whether that one is trusted.
 #[derive(Debug)]
-pub struct Member<'a> {
+pub struct Holder<'a> {
     /// The certificate.
     pub certificate: &'a Certificate,
     /// Until when, or why not.
@@ -94,13 +94,13 @@ impl Bundle {
         self.revoked = Some(set);
     }
 
-    /// Returns everybody, and who is trusted at a time.
+    /// Returns every holder of a certificate, and who is trusted at a time.
     #[must_use]
-    pub fn members(&self, now: UnixTime) -> Vec<Member<'_>> {
-        let revoked = self.revoked.iter().cloned().map(Revocations::of_checked).next().unwrap_or_default();
+    pub fn holders(&self, now: UnixTime) -> Vec<Holder<'_>> {
+        let revoked = self.revoked.clone().map(Revocations::of_checked).unwrap_or_default();
         let judge = Judge { team: &self.team, revoked: &revoked, now, grace: 0 };
         let standing = |certificate: &Certificate| self.credential(certificate).check(&judge);
-        self.certificates.iter().map(|certificate| Member { certificate, standing: standing(certificate) }).collect()
+        self.certificates.iter().map(|certificate| Holder { certificate, standing: standing(certificate) }).collect()
     }
 
     /// Returns the certificates with this name.
@@ -175,8 +175,7 @@ impl Bundle {
         let set = set.map_err(|_no_set| BundleError::Line(number))?;
         let nobody = Revocations::default();
         let judge = Judge { team: &self.team, revoked: &nobody, now: UnixTime(0), grace: 0 };
-        let is_ours = Revocations::default().receive(set.clone(), &judge).is_ok() && set.is_of_the_team();
-        if is_ours { Ok(set) } else { Err(BundleError::Signature(number)) }
+        if set.is_of_the_team() && set.check(&judge).is_ok() { Ok(set) } else { Err(BundleError::Signature(number)) }
     }
 
     /// Returns whether a certificate was true at its beginning. Its issuer stands before it.

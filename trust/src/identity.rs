@@ -84,6 +84,7 @@ impl fmt::Debug for KeyId {
 pub struct PublicKeys {
     sign: VerifyingKey,
     seal: [u8; 32],
+    id: KeyId,
 }
 
 impl PublicKeys {
@@ -99,24 +100,26 @@ impl PublicKeys {
         if sign.is_weak() {
             return Err(FormError::Field("key to sign"));
         }
-        // Any scalar shows it: a point of small order gives 0.
-        if x25519_dalek::x25519([1; 32], seal) == [0; 32] {
+        // Any scalar shows it.
+        if shared(&[1; 32], &seal).is_none() {
             return Err(FormError::Field("key to seal"));
         }
-        Ok(Self { sign, seal })
+        Ok(Self::new(sign, seal))
+    }
+
+    fn new(sign: VerifyingKey, seal: [u8; 32]) -> Self {
+        let id = KeyId(blake3::derive_key("dca key id 1", &both(sign.as_bytes(), &seal)));
+        Self { sign, seal, id }
     }
 
     /// Returns both keys as bytes.
     pub fn to_bytes(&self) -> [u8; PUBLIC_LEN] {
-        let mut bytes = [0; PUBLIC_LEN];
-        bytes[..32].copy_from_slice(self.sign.as_bytes());
-        bytes[32..].copy_from_slice(&self.seal);
-        bytes
+        both(self.sign.as_bytes(), &self.seal)
     }
 
     /// Returns their id.
-    pub fn id(&self) -> KeyId {
-        KeyId(blake3::derive_key("dca key id 1", &self.to_bytes()))
+    pub const fn id(&self) -> KeyId {
+        self.id
     }
 
     pub(crate) const fn seal(&self) -> &[u8; 32] {
@@ -171,7 +174,7 @@ impl SecretKeys {
         halves[0].copy_from_slice(&bytes[..32]);
         halves[1].copy_from_slice(&bytes[32..]);
         let sign = SigningKey::from_bytes(&halves[0]);
-        let public = PublicKeys { sign: sign.verifying_key(), seal: x25519_dalek::x25519(halves[1], BASE_POINT) };
+        let public = PublicKeys::new(sign.verifying_key(), sealing_key(&halves[1]));
         Self { sign, seal: Zeroizing::new(halves[1]), public }
     }
 
@@ -199,6 +202,14 @@ impl SecretKeys {
     }
 }
 
+/// Returns a key to sign and a key to seal, one behind the other.
+fn both(sign: &[u8; 32], seal: &[u8; 32]) -> [u8; PUBLIC_LEN] {
+    let mut bytes = [0; PUBLIC_LEN];
+    bytes[..32].copy_from_slice(sign);
+    bytes[32..].copy_from_slice(seal);
+    bytes
+}
+
 /// The base point of X25519, RFC 7748, section 4.1.
 const BASE_POINT: [u8; 32] = {
     let mut point = [0; 32];
@@ -206,8 +217,8 @@ const BASE_POINT: [u8; 32] = {
     point
 };
 
-/// Returns the public key of a secret one that is used once.
-pub(crate) fn ephemeral(secret: &[u8; 32]) -> [u8; 32] {
+/// Returns the public key of a secret one.
+pub(crate) fn sealing_key(secret: &[u8; 32]) -> [u8; 32] {
     x25519_dalek::x25519(*secret, BASE_POINT)
 }
 

@@ -127,8 +127,8 @@ impl LockedKeys {
     /// Everything before the secret: it is authenticated.
     fn head(&self) -> Vec<u8> {
         let mut writer = Writer::new(LOCKED);
-        writer.number(self.cost.memory.to_be_bytes());
-        writer.number(self.cost.passes.to_be_bytes());
+        writer.fixed(&self.cost.memory.to_be_bytes());
+        writer.fixed(&self.cost.passes.to_be_bytes());
         writer.fixed(&self.salt);
         writer.fixed(&self.nonce);
         writer.fixed(&self.public.to_bytes());

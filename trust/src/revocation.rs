@@ -102,7 +102,8 @@ impl RevokedSet {
         self.credential.is_none()
     }
 
-    fn check(&self, judge: &Judge<'_>) -> Result<(), RevocationError> {
+    /// Checks who has signed it, and that the signer may.
+    pub(crate) fn check(&self, judge: &Judge<'_>) -> Result<(), RevocationError> {
         let keys = match &self.credential {
             None => *judge.team.root(),
             Some(credential) => {
@@ -214,8 +215,7 @@ impl Revocations {
         if known.is_none() && self.newest.len() >= SIGNERS_MAX {
             return Err(RevocationError::Full);
         }
-        let own = self.clone();
-        set.check(&Judge { revoked: &own, ..*judge })?;
+        set.check(&Judge { revoked: self, ..*judge })?;
         let before = self.keys.len();
         self.keys.extend(set.keys.keys());
         // Of two with one number, everybody passes the same on.

@@ -101,6 +101,14 @@ impl Role {
         ROLES.iter().find(|row| row.1 == number).map(|row| row.0).ok_or(FormError::Field("role"))
     }
 
+    /// Reads a role of a kind.
+    ///
+    /// # Errors
+    /// The kind has no such role; the text says which it has.
+    pub fn named(kind: Kind, text: &str) -> Result<Self, String> {
+        among(|role| role.kind() == kind, text)
+    }
+
     /// Returns the kind of those who can have this role.
     #[must_use]
     pub const fn kind(self) -> Kind {
@@ -160,9 +168,14 @@ impl FromStr for Role {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let found = ROLES.iter().find(|row| row.2 == text).map(|row| row.0);
-        found.ok_or_else(|| format!("there is no role `{text}`: it is one of {}", ROLES.map(|row| row.2).join(", ")))
+        among(|_| true, text)
     }
+}
+
+fn among(may_be: impl Fn(Role) -> bool, text: &str) -> Result<Role, String> {
+    let rows = ROLES.iter().filter(|row| may_be(row.0));
+    let found = rows.clone().find(|row| row.2 == text).map(|row| row.0);
+    found.ok_or_else(|| format!("`{text}` is none of {}", rows.map(|row| row.2).collect::<Vec<_>>().join(", ")))
 }
 
 #[cfg(test)]
@@ -186,6 +199,13 @@ program   stop everything
             format!("{role:<9} {}\n", actions.join(", "))
         };
         assert_eq!(ROLES.iter().map(|entry| row(entry.0)).collect::<String>(), table);
+    }
+
+    #[test]
+    fn a_role_of_another_kind_is_refused_with_those_there_are() {
+        let refused = |kind, text| Role::named(kind, text).unwrap_err();
+        assert_eq!(refused(Kind::Node, "admin"), "`admin` is none of member, renewer");
+        assert_eq!(refused(Kind::User, "member"), "`member` is none of viewer, operator, deployer, admin, ci");
     }
 
     #[test]

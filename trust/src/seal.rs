@@ -5,7 +5,7 @@
 //! and the list of readers are authenticated with it, so a value cannot be moved to another path, nor a reader be added. Who
 //! wrote it is not said here: that is for who signs the write.
 
-use crate::identity::{Entropy, KeyId, PublicKeys, SecretKeys, ephemeral, shared};
+use crate::identity::{Entropy, KeyId, PublicKeys, SecretKeys, sealing_key, shared};
 use crate::wire::{FormError, Reader, Writer};
 use chacha20poly1305::aead::{Aead, Payload};
 use chacha20poly1305::{KeyInit as _, XChaCha20Poly1305, XNonce};
@@ -244,7 +244,7 @@ impl Wrap {
         entropy: &mut Entropy,
     ) -> Result<Self, SealError> {
         let secret = Zeroizing::new(entropy.bytes::<32>());
-        let once = ephemeral(&secret);
+        let once = sealing_key(&secret);
         let common = shared(&secret, keys.seal()).ok_or(SealError::Readers)?;
         let sealed = cipher(&wrapping_key(&once, keys.seal(), &common))
             .encrypt(&XNonce::default(), Payload { msg: key, aad: about })

@@ -37,21 +37,17 @@ impl Writer {
         writer
     }
 
-    pub(crate) fn number<const N: usize>(&mut self, big_endian: [u8; N]) {
-        self.0.extend_from_slice(&big_endian);
-    }
-
     pub(crate) fn u8(&mut self, value: u8) {
-        self.number([value]);
+        self.0.push(value);
     }
 
     pub(crate) fn u64(&mut self, value: u64) {
-        self.number(value.to_be_bytes());
+        self.fixed(&value.to_be_bytes());
     }
 
     /// Writes how many elements follow. Every list of this room has at most `u16::MAX`.
     pub(crate) fn count(&mut self, count: usize) {
-        self.number(u16::try_from(count).expect("a list was limited when it was made").to_be_bytes());
+        self.fixed(&u16::try_from(count).expect("a list was limited when it was made").to_be_bytes());
     }
 
     pub(crate) fn fixed(&mut self, bytes: &[u8]) {
@@ -66,7 +62,7 @@ impl Writer {
 
     /// Writes bytes with their length.
     pub(crate) fn long(&mut self, bytes: &[u8]) {
-        self.number(u32::try_from(bytes.len()).expect("a long field was limited when it was made").to_be_bytes());
+        self.fixed(&u32::try_from(bytes.len()).expect("a long field was limited when it was made").to_be_bytes());
         self.fixed(bytes);
     }
 

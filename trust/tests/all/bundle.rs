@@ -18,13 +18,13 @@ pub(crate) fn bundle(world: &World) -> Bundle {
 }
 
 fn standings(bundle: &Bundle, days: u64) -> Vec<String> {
-    let members = bundle.members(NOW.plus(days * DAY));
+    let holders = bundle.holders(NOW.plus(days * DAY));
     let text = |standing: Result<_, trust::team::TrustError>| {
         standing.map_or_else(|error| error.to_string(), |_| "trusted".into())
     };
-    members
+    holders
         .into_iter()
-        .map(|member| format!("{}: {}", member.certificate.claims().name, text(member.standing)))
+        .map(|holder| format!("{}: {}", holder.certificate.claims().name, text(holder.standing)))
         .collect()
 }
 
