@@ -15,7 +15,7 @@ pub struct Arguments {
     /// The log to verify
     #[arg(long, value_name = "FILE", required = true)]
     verify: PathBuf,
-    /// A file of heads that other members have signed, one a line: what they have seen must be there
+    /// A file of signed heads, one a line: what they cover must be there. Their signatures are checked, not who the signers are
     #[arg(long, value_name = "FILE")]
     heads: Option<PathBuf>,
 }

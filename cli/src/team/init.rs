@@ -1,7 +1,7 @@
 //! `dca team init`, `key`: new keys.
 
 use super::{KeysArgs, now, random};
-use crate::io::keyring::{Asked, passphrase};
+use crate::io::keyring::Asked;
 use node::console::{self, Failure};
 use trust::bundle::Bundle;
 use trust::identity::SecretKeys;
@@ -24,10 +24,7 @@ impl Init {
     /// Runs the verb.
     pub(super) fn run(&self, keys: &KeysArgs) -> Result<(), Failure> {
         let keyring = keys.keyring()?;
-        let mut entropy = random()?;
-        let root = SecretKeys::generate(&mut entropy);
-        let passphrase = passphrase(keys.passphrase.as_deref(), Asked::New)?;
-        let locked = LockedKeys::lock(&root, &passphrase, Cost::STANDARD, &mut entropy)?;
+        let (root, locked) = new_keys(keys)?;
         let bundle = Bundle::new(Team::found(self.name.clone(), &root));
         keyring.begin(&locked, &bundle)?;
         console::say(&super::listed(&bundle, now()));
@@ -45,10 +42,7 @@ impl Key {
         let own = match keyring.own()? {
             Some(own) => own,
             None => {
-                let mut entropy = random()?;
-                let passphrase = passphrase(keys.passphrase.as_deref(), Asked::New)?;
-                let made = SecretKeys::generate(&mut entropy);
-                let locked = LockedKeys::lock(&made, &passphrase, Cost::STANDARD, &mut entropy)?;
+                let (_, locked) = new_keys(keys)?;
                 let path = keyring.keep_own(&locked)?;
                 console::note(&format!("made `{}`", path.display()));
                 locked
@@ -58,4 +52,12 @@ impl Key {
         console::note(&format!("fingerprint: {}", own.public().id().fingerprint()));
         Ok(())
     }
+}
+
+/// Makes keys, open and behind a new passphrase.
+fn new_keys(keys: &KeysArgs) -> anyhow::Result<(SecretKeys, LockedKeys)> {
+    let mut entropy = random()?;
+    let made = SecretKeys::generate(&mut entropy);
+    let locked = LockedKeys::lock(&made, &keys.passphrase(Asked::New)?, Cost::STANDARD, &mut entropy)?;
+    Ok((made, locked))
 }

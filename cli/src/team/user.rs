@@ -1,7 +1,7 @@
 //! `dca team user add`, `remove`: who may do what, signed with the team's key.
 
 use super::{KeysArgs, now, random};
-use crate::io::keyring::{Asked, passphrase};
+use crate::io::keyring::Asked;
 use anyhow::{anyhow, bail, ensure};
 use clap::Subcommand;
 use dbmanager::logic::view::date;
@@ -60,16 +60,16 @@ impl UserArgs {
         let (keyring, mut bundle) = keys.bundle()?;
         let root = keyring.root(&bundle)?;
         let now = now();
+        // Nobody is asked for a passphrase before the request is known to be possible.
+        let unlocked = || anyhow::Ok(root.unlock(&keys.passphrase(Asked::Known)?)?);
         let said = match &self.verb {
             UserVerb::Add(add) => {
                 add.check(&bundle)?;
-                let root = root.unlock(&passphrase(keys.passphrase.as_deref(), Asked::Known)?)?;
-                add.carry_out(&mut bundle, &root, now)?
+                add.carry_out(&mut bundle, &unlocked()?, now)?
             }
             UserVerb::Remove(remove) => {
                 remove.check(&bundle)?;
-                let root = root.unlock(&passphrase(keys.passphrase.as_deref(), Asked::Known)?)?;
-                remove.carry_out(&mut bundle, &root, now)?
+                remove.carry_out(&mut bundle, &unlocked()?, now)?
             }
         };
         keyring.keep(&bundle)?;
@@ -134,8 +134,7 @@ impl Remove {
 }
 
 fn user_role(text: &str) -> Result<Role, String> {
-    let role: Role = text.parse()?;
-    if role.kind() == Kind::User { Ok(role) } else { Err(format!("`{role}` is not a role of users")) }
+    Role::named(Kind::User, text)
 }
 
 fn key(text: &str) -> Result<Box<PublicKeys>, TextError> {
