@@ -58,7 +58,7 @@ impl LimitArgs {
     /// Does something within the limits.
     pub(crate) fn with<T>(self, work: impl FnOnce(&Limits<'_>) -> T) -> T {
         let until = Until(clock::now() + Duration::from_secs(self.seconds));
-        work(&Limits { states: self.states, memory: self.memory << 20, goes_on: &until })
+        work(&Limits { states: self.states, memory: self.memory << 20, threads: 1, goes_on: &until })
     }
 }
 

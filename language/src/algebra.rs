@@ -33,6 +33,7 @@
 //! ```
 
 mod event;
+mod memo;
 mod packed;
 mod phase;
 mod program;
@@ -40,7 +41,8 @@ mod state;
 mod step;
 
 pub use event::{Activation, Cause, Command, Event, Outcome, Reason, TAG_MAX, Value};
-pub use packed::Packing;
+pub use memo::{Effect, Steps};
+pub use packed::{Packing, Words};
 pub use program::Program;
 pub use state::{Activity, Cell, State};
 pub use step::step;

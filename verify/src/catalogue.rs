@@ -70,9 +70,9 @@ fn explore_part(
     for (index, aborts) in [true, false].into_iter().enumerate() {
         let mut system = System::new(model, part, &|_| false);
         system.mode = Mode { aborts, stops: aborts, ..Mode::default() };
-        let Found { graph, .. } = explore(&system, limits, true, &mut Nobody);
+        let Found { graph, .. } = explore(&system, limits, true, &Nobody);
         catalogue.states += u64::from(graph.store.count());
-        catalogue.transitions += graph.transitions() as u64;
+        catalogue.transitions += graph.transitions;
         ends[index] = ends_of(&system, &graph);
         is_whole &= graph.reached.is_none();
         if aborts {
@@ -92,12 +92,12 @@ fn explore_part(
 fn ends_of(system: &System<'_>, graph: &Graph) -> Ends {
     let mut ends = Ends::default();
     let (mut frame, mut changes) = (system.initial(), Vec::new());
+    let mut stepper = system.stepper();
     let over = graph.which(system, is_over);
     for state in 0..graph.store.count() {
-        for (label, target) in graph.from(state).filter(|(_, target)| over[*target as usize]) {
-            let _ = target;
+        for (label, _) in graph.from(state).filter(|(_, target)| over[*target as usize]) {
             system.unpack(graph.store.get(state), &mut frame);
-            system.apply(&mut frame, label, &mut changes);
+            stepper.apply(&mut frame, label, &mut changes);
             for change in changes.drain(..).filter(|change| change.member.is_none()) {
                 match change.what {
                     Changed::Done(value) if !ends.done.contains(&value) => ends.done.push(value),
@@ -230,9 +230,9 @@ fn stuck(system: &System<'_>, graph: &Graph, (part, node): (usize, usize)) -> Op
 fn at_the_end(system: &System<'_>, graph: &Graph, state: u32) -> Frame {
     let mut frame = system.initial();
     system.unpack(graph.store.get(state), &mut frame);
-    let mut changes = Vec::new();
+    let (mut changes, mut stepper) = (Vec::new(), system.stepper());
     for label in graph.dead_end(state) {
-        system.apply(&mut frame, label, &mut changes);
+        stepper.apply(&mut frame, label, &mut changes);
     }
     frame
 }

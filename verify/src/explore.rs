@@ -2,11 +2,21 @@
 //!
 //! Breadth-first, so the way back over `parents` is a shortest story.
 
-use crate::store::Store;
-use crate::system::{Change, Frame, Label, Phase, System};
+use crate::store::{Batch, STATES_MAX, Store};
+use crate::system::{Change, Frame, Label, Phase, Stepper, System};
+use std::ops::Range;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// As many configurations are looked at between two questions about the budget.
-const TURN: u32 = 1024;
+/// As many transitions are taken between two questions about the budget.
+const TURN: usize = 1024;
+/// A state of more bytes takes so long that the budget is asked about at each of its transitions.
+const LONG: usize = 4096;
+/// The states to which the transitions of one block lead have about so many bytes.
+const BLOCK_BYTES: usize = 16 << 20;
+/// A block has so many states at the most.
+const BLOCK_MAX: usize = 1 << 14;
+/// As many states does a thread take at once.
+const JOB: u32 = 256;
 
 /// What may be spent.
 #[derive(Debug)]
@@ -15,12 +25,14 @@ pub struct Limits<'l> {
     pub states: u32,
     /// The most memory of one exploration, in bytes.
     pub memory: usize,
+    /// How many threads work on it.
+    pub threads: usize,
     /// Asked from time to time whether there is still time.
     pub goes_on: &'l dyn GoesOn,
 }
 
 /// Whether there is still time. The caller has the clock.
-pub trait GoesOn: std::fmt::Debug {
+pub trait GoesOn: std::fmt::Debug + Sync {
     /// Returns whether to go on.
     fn goes_on(&self) -> bool;
 }
@@ -58,21 +70,24 @@ pub(crate) struct Graph {
     starts: Vec<usize>,
     targets: Vec<u32>,
     labels: Vec<Label>,
+    /// How many transitions were taken, whether they are kept or not.
+    pub(crate) transitions: u64,
     /// The limit that ended the exploration, if one did.
     pub(crate) reached: Option<Reached>,
 }
 
 /// Sees every transition: what it changes, and where it leads.
 pub(crate) trait Observer {
-    /// May change the notes of `after`. Returns false to end the exploration there: something was found.
-    fn sees(&mut self, system: &System<'_>, before: &Frame, changes: &[Change], after: &mut Frame) -> bool;
+    /// `is_fault` says whether the fault happens. May change the notes of `after`. Returns false to end the exploration there:
+    /// something was found.
+    fn sees(&self, system: &System<'_>, is_fault: bool, changes: &[Change], after: &mut Frame) -> bool;
 }
 
 /// Sees nothing.
 pub(crate) struct Nobody;
 
 impl Observer for Nobody {
-    fn sees(&mut self, _: &System<'_>, _: &Frame, _: &[Change], _: &mut Frame) -> bool {
+    fn sees(&self, _: &System<'_>, _: bool, _: &[Change], _: &mut Frame) -> bool {
         true
     }
 }
@@ -84,57 +99,43 @@ pub(crate) struct Found {
 }
 
 /// Explores a system. `keeps_edges` says whether transitions are kept, for questions about what is possible later.
+///
+/// States are taken in blocks, in the order of their numbers. Several threads may work on a block; what comes of it depends on
+/// the order alone.
 pub(crate) fn explore(
     system: &System<'_>,
     limits: &Limits<'_>,
     keeps_edges: bool,
-    observer: &mut dyn Observer,
+    observer: &(impl Observer + Sync),
 ) -> Found {
-    let mut store = Store::new(system.length());
-    let mut frame = system.initial();
-    let (mut bytes, mut labels, mut changes) = (Vec::new(), Vec::new(), Vec::new());
-    system.pack(&frame, &mut bytes);
-    store.add(&bytes);
-    let parents = vec![(0, Label::Start)];
-    let mut graph = Graph { store, parents, starts: vec![0], targets: vec![], labels: vec![], reached: None };
-    let mut next = frame.clone();
-    let mut state = 0;
+    let mut graph = Graph::new(system);
+    let mut workers = vec![Worker::new(system)];
+    let (mut state, mut degree) = (0, 1);
     while state < graph.store.count() {
-        if state % TURN == 0 || graph.store.count() > limits.states {
-            graph.reached = over(&graph, limits);
-            if graph.reached.is_some() {
-                break;
-            }
+        graph.reached = over(&graph, limits);
+        if graph.reached.is_some() {
+            break;
         }
-        system.unpack(graph.store.get(state), &mut frame);
-        system.labels(&frame, &mut labels);
-        for &label in &labels {
-            next.clone_from(&frame);
-            system.apply(&mut next, label, &mut changes);
-            let goes_on = observer.sees(system, &frame, &changes, &mut next);
-            system.pack(&next, &mut bytes);
-            let (target, is_new) = graph.store.add(&bytes);
-            if is_new {
-                graph.parents.push((state, label));
-            }
-            if keeps_edges {
-                graph.targets.push(target);
-                graph.labels.push(label);
-            }
-            if !goes_on {
-                // The story must end with this transition, also where its target was known before.
-                if !is_new {
-                    graph.parents.push((state, label));
-                    let last = u32::try_from(graph.parents.len() - 1).unwrap_or(u32::MAX);
-                    return Found { graph, stopped_at: Some(last) };
-                }
-                return Found { graph, stopped_at: Some(target) };
-            }
+        let size = (BLOCK_BYTES / (degree * system.length())).clamp(1, BLOCK_MAX);
+        let end = graph.store.count().min(state + u32::try_from(size).unwrap_or(1));
+        let jobs = jobs(state..end);
+        if jobs.len() > 1 {
+            workers.resize_with(limits.threads.max(1), || Worker::new(system));
         }
-        if keeps_edges {
-            graph.starts.push(graph.targets.len());
+        let work = |worker: &mut Worker<'_>, job: Range<u32>| worker.expand(&graph.store, job, limits, observer);
+        let mut blocks = in_parallel(&mut workers, jobs, work);
+        graph.reached = blocks.iter().find_map(|block| block.reached);
+        if graph.reached.is_some() {
+            break;
         }
-        state += 1;
+        if let Some(last) = blocks.iter().position(|block| block.is_violated) {
+            blocks.truncate(last + 1);
+        }
+        degree = blocks.iter().flat_map(|block| block.degrees.iter().copied()).max().unwrap_or(0).max(1) as usize;
+        if let Some(stopped_at) = graph.add(blocks, limits.threads, keeps_edges) {
+            return Found { graph, stopped_at: Some(stopped_at) };
+        }
+        state = end;
     }
     if !system.is_whole() {
         graph.reached.get_or_insert(Reached::Inside);
@@ -142,19 +143,158 @@ pub(crate) fn explore(
     Found { graph, stopped_at: None }
 }
 
+/// The transitions from some states in order.
+struct Block {
+    batch: Batch,
+    /// How many transitions each state has.
+    degrees: Vec<u32>,
+    /// Whether the last one violates what an observer looks for.
+    is_violated: bool,
+    /// The limit that was reached; then the block is of no use.
+    reached: Option<Reached>,
+}
+
+/// What a thread needs to let things happen.
+struct Worker<'s> {
+    system: &'s System<'s>,
+    stepper: Stepper<'s>,
+    frame: Frame,
+    labels: Vec<Label>,
+    changes: Vec<Change>,
+}
+
+impl<'s> Worker<'s> {
+    fn new(system: &'s System<'s>) -> Self {
+        let (stepper, frame) = (system.stepper(), system.initial());
+        Self { system, stepper, frame, labels: Vec::new(), changes: Vec::new() }
+    }
+
+    fn expand(&mut self, store: &Store, states: Range<u32>, limits: &Limits<'_>, observer: &impl Observer) -> Block {
+        let mut block = Block { batch: Batch::default(), degrees: Vec::new(), is_violated: false, reached: None };
+        for state in states {
+            let source = store.get(state);
+            self.system.unpack(source, &mut self.frame);
+            self.system.labels(&self.frame, &mut self.labels);
+            block.degrees.push(u32::try_from(self.labels.len()).unwrap_or(u32::MAX));
+            for &label in &self.labels {
+                let was_faulty = self.frame.is_faulty;
+                self.stepper.apply(&mut self.frame, label, &mut self.changes);
+                let is_fault = self.frame.is_faulty && !was_faulty;
+                block.is_violated = !observer.sees(self.system, is_fault, &self.changes, &mut self.frame);
+                let items = self.stepper.changed();
+                block.batch.push((state, label), source, |bytes| self.system.patch(&self.frame, items, bytes));
+                self.stepper.undo(&mut self.frame);
+                if block.is_violated {
+                    return block;
+                }
+                if block.batch.count() % TURN == 0 || self.system.length() > LONG {
+                    block.reached = match block.batch.size() > limits.memory {
+                        true => Some(Reached::Memory),
+                        false => (!limits.goes_on.goes_on()).then_some(Reached::Time),
+                    };
+                    if block.reached.is_some() {
+                        return block;
+                    }
+                }
+            }
+        }
+        block
+    }
+}
+
+/// The parts of a block that one thread works on.
+fn jobs(states: Range<u32>) -> Vec<Range<u32>> {
+    let starts = states.clone().step_by(JOB as usize);
+    starts.map(|start| start..states.end.min(start + JOB)).collect()
+}
+
+/// Does each job with one of the workers, each of which has a thread; the results are in the order of the jobs.
+fn in_parallel<W: Send, J: Send + Clone + Sync, R: Send>(
+    workers: &mut [W],
+    jobs: Vec<J>,
+    work: impl Fn(&mut W, J) -> R + Sync,
+) -> Vec<R> {
+    if workers.len() < 2 || jobs.len() < 2 {
+        return jobs.into_iter().map(|job| work(&mut workers[0], job)).collect();
+    }
+    let next = AtomicUsize::new(0);
+    let claim = || {
+        let index = next.fetch_add(1, Ordering::Relaxed);
+        jobs.get(index).map(|job| (index, job.clone()))
+    };
+    let own = |worker: &mut W| -> Vec<(usize, R)> {
+        std::iter::from_fn(&claim).map(|(index, job)| (index, work(&mut *worker, job))).collect()
+    };
+    let own = &own;
+    let mut done: Vec<(usize, R)> = std::thread::scope(|scope| {
+        let threads: Vec<_> = workers.iter_mut().map(|worker| scope.spawn(move || own(worker))).collect();
+        let done = threads.into_iter().map(|thread| thread.join());
+        done.flat_map(|done| done.unwrap_or_else(|panic| std::panic::resume_unwind(panic))).collect()
+    });
+    done.sort_unstable_by_key(|(index, _)| *index);
+    done.into_iter().map(|(_, result)| result).collect()
+}
+
 fn over(graph: &Graph, limits: &Limits<'_>) -> Option<Reached> {
-    if graph.store.count() > limits.states {
+    if graph.store.count() > limits.states.min(STATES_MAX) {
         return Some(Reached::States);
     }
-    let parents = graph.parents.capacity() * size_of::<(u32, Label)>();
-    let edges = graph.targets.capacity() * (4 + size_of::<Label>()) + graph.starts.capacity() * size_of::<usize>();
-    if graph.store.memory() + parents + edges > limits.memory {
+    if graph.memory() > limits.memory {
         return Some(Reached::Memory);
     }
     (!limits.goes_on.goes_on()).then_some(Reached::Time)
 }
 
 impl Graph {
+    /// The idle state alone.
+    fn new(system: &System<'_>) -> Self {
+        let mut store = Store::new(system.length());
+        let (mut first, mut bytes) = (Batch::default(), Vec::new());
+        system.pack(&system.initial(), &mut bytes);
+        first.push((0, Label::Start), &bytes, |_| ());
+        store.add(&mut [first], 1, |_, _| ());
+        let parents = vec![(0, Label::Start)];
+        Self { store, parents, starts: vec![0], targets: Vec::new(), labels: Vec::new(), transitions: 0, reached: None }
+    }
+
+    /// The memory that it takes, in bytes.
+    pub(crate) fn memory(&self) -> usize {
+        let edges = self.targets.capacity() * (4 + size_of::<Label>()) + self.starts.capacity() * size_of::<usize>();
+        self.store.memory() + self.parents.capacity() * size_of::<(u32, Label)>() + edges
+    }
+
+    /// Adds what comes of the next states; returns where a story about a violation ends, if there is one.
+    fn add(&mut self, blocks: Vec<Block>, threads: usize, keeps_edges: bool) -> Option<u32> {
+        let is_violated = blocks.last().is_some_and(|block| block.is_violated);
+        let (mut batches, degrees): (Vec<Batch>, Vec<Vec<u32>>) =
+            blocks.into_iter().map(|block| (block.batch, block.degrees)).unzip();
+        self.transitions += batches.iter().map(|batch| batch.count() as u64).sum::<u64>();
+        let mut news: Vec<(usize, usize)> = Vec::new();
+        self.store.add(&mut batches, threads, |batch, transition| news.push((batch, transition)));
+        if self.parents.len() + news.len() > self.parents.capacity() {
+            self.parents.reserve_exact(news.len().max(self.parents.len() / 8));
+        }
+        self.parents.extend(news.iter().map(|&(batch, transition)| batches[batch].origins[transition]));
+        if is_violated && let Some(batch) = batches.last() {
+            // The story must end with this transition, also where its target was known before.
+            let last = batch.count() - 1;
+            if news.last() != Some(&(batches.len() - 1, last)) {
+                self.parents.push(batch.origins[last]);
+            }
+            return u32::try_from(self.parents.len() - 1).ok();
+        }
+        if keeps_edges {
+            for (batch, degrees) in batches.iter().zip(degrees) {
+                self.targets.extend((0..batch.count()).map(|transition| batch.target(transition)));
+                self.labels.extend(batch.origins.iter().map(|(_, label)| *label));
+                for degree in degrees {
+                    self.starts.push(self.starts.last().copied().unwrap_or(0) + degree as usize);
+                }
+            }
+        }
+        None
+    }
+
     /// What happens on a shortest way to a state.
     pub(crate) fn way(&self, mut state: u32) -> Vec<Label> {
         let mut way = Vec::new();
@@ -190,11 +330,6 @@ impl Graph {
             }
         }
         Vec::new()
-    }
-
-    /// How many transitions there are, if they were kept.
-    pub(crate) fn transitions(&self) -> usize {
-        self.targets.len()
     }
 
     /// The transitions from a state that was looked at.

@@ -78,7 +78,7 @@ fn of_leaf(model: &Model<'_>, (group, slot, leaf): (u32, u32, u32), limits: &Lim
         let mut system = around(model, 0, &[(group, slot)]);
         let Some((unit, member)) = system.find(group, slot) else { return };
         system.mode = Mode { fault: Some(Injection { unit, member, kind }), ..Mode::default() };
-        let Found { graph, .. } = explore(&system, limits, true, &mut Nobody);
+        let Found { graph, .. } = explore(&system, limits, true, &Nobody);
         table.states += u64::from(graph.store.count());
         if graph.reached.is_some() {
             table.unfinished.push(short(&model.plan.leaves[leaf as usize].path));
@@ -138,12 +138,12 @@ impl Case<'_, '_> {
     /// Lets all stops be answered.
     fn settle(&self, frame: &Frame) -> Frame {
         let mut frame = frame.clone();
-        let (mut labels, mut changes) = (Vec::new(), Vec::new());
+        let (mut labels, mut changes, mut stepper) = (Vec::new(), Vec::new(), self.system.stepper());
         loop {
             self.system.labels(&frame, &mut labels);
             let answer = labels.iter().find(|label| matches!(label, Label::Stopped(..) | Label::Reached(_)));
             let Some(&answer) = answer else { return frame };
-            self.system.apply(&mut frame, answer, &mut changes);
+            stepper.apply(&mut frame, answer, &mut changes);
         }
     }
 

@@ -13,10 +13,10 @@ use std::collections::BTreeSet;
 pub struct Flat {
     /// The number of states.
     pub states: u32,
-    /// The number of transitions, if they were kept.
-    pub transitions: usize,
-    /// The bytes of one packed state.
-    pub bytes_a_state: usize,
+    /// The number of transitions.
+    pub transitions: u64,
+    /// The memory that it took, in bytes.
+    pub memory: usize,
     /// What every member does, and where the whole is, in each state, each once.
     pub situations: BTreeSet<(Vec<Activity>, Ending)>,
     /// Whether there is a state from which it cannot end though no program fails.
@@ -58,11 +58,11 @@ pub fn flat(plan: &Plan, sites: &Sites, limits: &Limits<'_>, detail: Detail) -> 
     let model = Model::new(plan, sites);
     let mut system = System::new(&model, 0, &|_| true);
     system.mode = Mode { aborts: true, stops: true, ..Mode::default() };
-    let graph = explore(&system, limits, detail == Detail::All, &mut Nobody).graph;
+    let graph = explore(&system, limits, detail == Detail::All, &Nobody).graph;
     let mut flat = Flat {
         states: graph.store.count(),
-        transitions: graph.transitions(),
-        bytes_a_state: system.length(),
+        transitions: graph.transitions,
+        memory: graph.memory(),
         situations: BTreeSet::new(),
         gets_stuck: false,
         stop_hangs: false,

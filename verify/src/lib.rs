@@ -31,7 +31,7 @@ pub use system::FaultKind;
 
 use language::plan::Plan;
 use language::sites::{Sentence, Sites};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
 /// What was found out about a spec.
@@ -55,7 +55,7 @@ pub fn verify(plan: &Plan, sites: &Sites, limits: &Limits<'_>) -> Report {
     let catalogue = catalogue::explore_parts(&mut model, limits);
     let mut findings = catalogue.findings;
     let assumed = assumed(sites);
-    let times = times::Times { model: &model, assumed };
+    let times = times::Times { model: &model, assumed, endless: BTreeSet::new() };
     findings.extend(wires::check(&model, limits));
     findings.extend(limits::check(&times));
     findings.extend(property::check(&times, limits));

@@ -111,11 +111,14 @@ impl<'a> Model<'a> {
     pub(crate) fn leaves_below(&self, group: u32, slot: u32) -> Vec<u32> {
         match self.plan.groups[group as usize].members[slot as usize].kind {
             MemberKind::Leaf(leaf) => vec![leaf],
-            MemberKind::Group(inner) => {
-                let slots = 0..u32::try_from(self.plan.groups[inner as usize].members.len()).unwrap_or(0);
-                slots.flat_map(|slot| self.leaves_below(inner, slot)).collect()
-            }
+            MemberKind::Group(inner) => self.leaves_of_group(inner),
         }
+    }
+
+    /// The leaves of a group and of those in it.
+    pub(crate) fn leaves_of_group(&self, group: u32) -> Vec<u32> {
+        let slots = 0..u32::try_from(self.plan.groups[group as usize].members.len()).unwrap_or(0);
+        slots.flat_map(|slot| self.leaves_below(group, slot)).collect()
     }
 }
 

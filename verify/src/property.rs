@@ -11,6 +11,7 @@ use crate::times::Times;
 use language::Code;
 use language::plan::MemberKind;
 use language::sites::{Consequence, Fault, Occurrence, ProcessRef, Property, Sentence};
+use std::collections::BTreeSet;
 use std::time::Duration;
 use watch::{Goal, Watch};
 
@@ -86,7 +87,7 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
     }
 
     fn is_safe(&self, system: &System<'_>, goal: &Goal) -> Option<Finding> {
-        let Found { graph, stopped_at } = explore(system, self.limits, false, &mut Watch::new(system, goal));
+        let Found { graph, stopped_at } = explore(system, self.limits, false, &Watch::new(system, goal));
         if let Some(state) = stopped_at {
             return Some(self.fails("", Some((system, &graph, state))));
         }
@@ -96,25 +97,26 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
     /// From every state in which something is owed, it can still come without anybody failing.
     fn live(&self, mode: Mode, whom: &[ProcessRef], goal: &Goal) -> Finding {
         let system = self.system(whom, mode);
-        self.is_live(&system, goal).unwrap_or_else(|| self.proved())
+        self.is_live(&system, goal, &|_| true).unwrap_or_else(|| self.proved())
     }
 
-    fn is_live(&self, system: &System<'_>, goal: &Goal) -> Option<Finding> {
-        let Found { graph, .. } = explore(system, self.limits, true, &mut Watch::new(system, goal));
+    /// The same of what may happen that counts.
+    fn is_live(&self, system: &System<'_>, goal: &Goal, counts: &dyn Fn(Label) -> bool) -> Option<Finding> {
+        let Found { graph, .. } = explore(system, self.limits, true, &Watch::new(system, goal));
         if let Some(reached) = graph.reached {
             return Some(self.open(reached.words()));
         }
         let paid = graph.which(system, |frame| !goal.is_owed(frame));
         // Where programs do not fail by themselves, a failure that is reported comes from a lost host, and has to come.
         let is_forced = |label| matches!(label, Label::Aborted(..)) && !system.mode.aborts;
-        let can = graph.can_reach(&paid, &|label| is_natural(label) || is_forced(label));
+        let can = graph.can_reach(&paid, &|label| (is_natural(label) || is_forced(label)) && counts(label));
         let state = (0..graph.store.count()).find(|&state| !can[state as usize])?;
         Some(self.fails("from here on it can never happen", Some((system, &graph, state))))
     }
 
     fn can_finish(&self, mode: Mode) -> Finding {
         let system = self.system(&[], mode);
-        let Found { graph, .. } = explore(&system, self.limits, true, &mut crate::explore::Nobody);
+        let Found { graph, .. } = explore(&system, self.limits, true, &crate::explore::Nobody);
         if let Some(reached) = graph.reached {
             return self.open(reached.words());
         }
@@ -202,39 +204,81 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
         };
         for (group, slot) in struck {
             let member = ProcessRef { group, member: Some(slot) };
-            let (goal, other) = match consequence {
-                Consequence::Stopped(who, limit) => {
-                    if let Some(found) = limit.and_then(|limit| self.stops((Some(member), Some(*who)), limit)) {
-                        return found;
-                    }
-                    if *who == member {
-                        continue;
-                    }
-                    // Nobody notices that a program hangs, but something may end it.
-                    let goal = if kind == FaultKind::Hang { Goal::Ending(*who) } else { Goal::StillRuns(None, *who) };
-                    (goal, *who)
-                }
-                Consequence::Never(other) => (Goal::Then(None, other.clone()), other.who),
-                Consequence::Eventually(other) => (Goal::Owed(None, other.clone()), other.who),
-            };
-            let mut system = self.system(&[member, other], Mode::default());
-            let Some((unit, member)) = system.find(group, slot) else { continue };
-            system.mode.fault = Some(Injection { unit, member, kind });
-            let found = match goal {
-                Goal::Ending(_) | Goal::Owed(..) => self.is_live(&system, &goal),
-                Goal::Together(_)
-                | Goal::Without(..)
-                | Goal::Before(..)
-                | Goal::Often(..)
-                | Goal::StillRuns(..)
-                | Goal::Then(..)
-                | Goal::Sometime(_) => self.is_safe(&system, &goal),
-            };
-            if let Some(found) = found {
+            if let Some(found) = self.on_fault(kind, member, consequence) {
                 return found;
             }
         }
         self.proved()
+    }
+
+    /// What does not hold once a fault has struck one program.
+    fn on_fault(&self, kind: FaultKind, struck: ProcessRef, consequence: &Consequence) -> Option<Finding> {
+        let (goal, other) = match consequence {
+            // Nobody notices that a program hangs, but something may end it.
+            Consequence::Stopped(who, limit) if kind == FaultKind::Hang => {
+                return self.ends_beside_a_hang(struck, *who, *limit);
+            }
+            Consequence::Stopped(who, _) if *who == struck => return None,
+            Consequence::Stopped(who, limit) => {
+                if let Some(found) = limit.and_then(|limit| self.stops((Some(struck), Some(*who)), limit)) {
+                    return Some(found);
+                }
+                (Goal::StillRuns(None, *who), *who)
+            }
+            Consequence::Never(other) => (Goal::Then(None, other.clone()), other.who),
+            Consequence::Eventually(other) => (Goal::Owed(None, other.clone()), other.who),
+        };
+        let system = self.faulty(kind, struck, other)?;
+        match consequence {
+            Consequence::Eventually(_) => self.is_live(&system, &goal, &|_| true),
+            Consequence::Stopped(..) | Consequence::Never(_) => self.is_safe(&system, &goal),
+        }
+    }
+
+    /// The smallest system in which a fault may strike a program and another process is seen.
+    fn faulty(&self, kind: FaultKind, struck: ProcessRef, other: ProcessRef) -> Option<System<'m>> {
+        let mut system = self.system(&[struck, other], Mode::default());
+        let (unit, member) = system.find(struck.group, struck.member?)?;
+        system.mode.fault = Some(Injection { unit, member, kind });
+        Some(system)
+    }
+
+    /// While a program hangs, something else ends a process: what that does by itself does not count, and it may never do it.
+    fn ends_beside_a_hang(&self, hung: ProcessRef, who: ProcessRef, limit: Option<Duration>) -> Option<Finding> {
+        let own = self.leaves_of(who);
+        let without_end: BTreeSet<u32> = own.iter().copied().chain(self.leaves_of(hung)).collect();
+        let times = self.times.without_end(&without_end);
+        let span = match who.member {
+            Some(slot) => times.of_member(who.group, slot),
+            None => times.of_group(who.group),
+        };
+        let system = self.faulty(FaultKind::Hang, hung, who)?;
+        let counts = |label: Label| {
+            let Label::Done(unit, member, _) = label else { return true };
+            span.end.is_some() || !system.is_below((usize::from(unit), u32::from(member)), who)
+        };
+        if let Some(found) = self.is_live(&system, &Goal::Ending(hung, who), &counts) {
+            return Some(found);
+        }
+        let limit = limit?;
+        let most = match who.member {
+            Some(slot) => times.until_ended(who.group, slot),
+            None => span.end,
+        };
+        match most {
+            Some(most) if most <= limit => None,
+            Some(most) => Some(self.fails(&format!("it may take {} until it has stopped", seconds(most)), None)),
+            None => Some(self.fails("no limit ends it: write `P within 5 s` around both", None)),
+        }
+    }
+
+    /// The programs at and below a process.
+    fn leaves_of(&self, who: ProcessRef) -> Vec<u32> {
+        let model = self.times.model;
+        match who.member {
+            Some(slot) => model.leaves_below(who.group, slot),
+            None => model.leaves_of_group(who.group),
+        }
     }
 
     /// The programs at and below a process, or of the whole group.
@@ -242,11 +286,7 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
         let model = self.times.model;
         let leaves: Vec<u32> = match who.and_then(|who| Some((who.group, who.member?))) {
             Some((group, slot)) => model.leaves_below(group, slot),
-            None => {
-                let members = model.plan.groups[self.property.group as usize].members.len();
-                let slots = 0..u32::try_from(members).unwrap_or(0);
-                slots.flat_map(|slot| model.leaves_below(self.property.group, slot)).collect()
-            }
+            None => model.leaves_of_group(self.property.group),
         };
         leaves.into_iter().filter_map(|leaf| place_of(model, leaf)).collect()
     }
@@ -282,7 +322,7 @@ impl<'m, 'a> Question<'_, 'm, 'a> {
         let system = self.system(&whom, Mode { lost: Some(host), ..Mode::default() });
         let found = match consequence {
             Consequence::Never(_) | Consequence::Stopped(..) => self.is_safe(&system, &goal),
-            Consequence::Eventually(_) => self.is_live(&system, &goal),
+            Consequence::Eventually(_) => self.is_live(&system, &goal, &|_| true),
         };
         found.unwrap_or_else(|| self.proved())
     }

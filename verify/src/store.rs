@@ -1,21 +1,96 @@
 //! The states that were seen, each once, in the order of their discovery.
 //!
 //! All states of a system have the same length, so they lie one after the other in one array, and a number names one. The
-//! table beside it holds numbers only: four bytes a slot, at most two thirds of them taken.
+//! tables beside it hold numbers only: four bytes a slot, at most two thirds of them taken. There are several tables, chosen by
+//! the hash of a state, so that several threads can look up the states of one batch. The numbers depend on the order of the
+//! batches alone, not on the number of threads.
+
+use crate::system::Label;
+use std::sync::atomic::{AtomicU32, Ordering};
+
+/// As many tables there are.
+const SHARDS: usize = 16;
+/// In a slot: not a number yet, but an index of what is new in this table.
+const PENDING: u32 = 1 << 31;
+/// More states than this have no number.
+pub(crate) const STATES_MAX: u32 = PENDING - 2;
+/// Of a transition: its target is new and has no number yet.
+const NEW: u32 = u32::MAX;
 
 /// A set of byte strings of one length, numbered from 0.
 #[derive(Debug)]
 pub(crate) struct Store {
     length: usize,
     bytes: Vec<u8>,
+    shards: Vec<Shard>,
+    count: u32,
+}
+
+/// One table.
+#[derive(Debug)]
+struct Shard {
     /// The number of a state plus 1; 0 is a free slot. The number of slots is a power of two.
     slots: Vec<u32>,
-    count: u32,
+    count: usize,
+}
+
+/// Transitions in order, each with the state that it leads to.
+#[derive(Debug, Default)]
+pub(crate) struct Batch {
+    /// The states, one after the other.
+    bytes: Vec<u8>,
+    hashes: Vec<u64>,
+    /// For each transition, where it comes from and what happens.
+    pub(crate) origins: Vec<(u32, Label)>,
+    /// For each transition, the number of its state, once it is in the store.
+    targets: Vec<AtomicU32>,
+    /// The transitions of each table.
+    shards: [Vec<u32>; SHARDS],
+}
+
+/// What is new in one table: slot, batch and transition of each state; and the transitions that lead to one of these, too.
+#[derive(Debug, Default)]
+struct Fresh {
+    states: Vec<(usize, usize, usize)>,
+    twins: Vec<(usize, usize, usize)>,
+}
+
+impl Batch {
+    /// Adds a transition; its state is written by `write` over a copy of `source`.
+    pub(crate) fn push(&mut self, origin: (u32, Label), source: &[u8], write: impl FnOnce(&mut [u8])) {
+        let start = self.bytes.len();
+        self.bytes.extend_from_slice(source);
+        write(&mut self.bytes[start..]);
+        let hash = hash(&self.bytes[start..]);
+        self.shards[shard_of(hash)].push(u32::try_from(self.hashes.len()).unwrap_or(u32::MAX));
+        self.hashes.push(hash);
+        self.origins.push(origin);
+    }
+
+    /// How many transitions there are.
+    pub(crate) fn count(&self) -> usize {
+        self.hashes.len()
+    }
+
+    /// How many bytes its states take.
+    pub(crate) fn size(&self) -> usize {
+        self.bytes.len()
+    }
+
+    /// The state that a transition leads to; the batch has been added.
+    pub(crate) fn target(&self, transition: usize) -> u32 {
+        self.targets[transition].load(Ordering::Relaxed)
+    }
+
+    fn state(&self, transition: usize, length: usize) -> &[u8] {
+        &self.bytes[transition * length..(transition + 1) * length]
+    }
 }
 
 impl Store {
     pub(crate) fn new(length: usize) -> Self {
-        Self { length, bytes: Vec::new(), slots: vec![0; 1024], count: 0 }
+        let shards = (0..SHARDS).map(|_| Shard { slots: vec![0; 16], count: 0 }).collect();
+        Self { length, bytes: Vec::new(), shards, count: 0 }
     }
 
     pub(crate) fn count(&self) -> u32 {
@@ -29,56 +104,149 @@ impl Store {
 
     /// The memory that it takes, in bytes.
     pub(crate) fn memory(&self) -> usize {
-        self.bytes.capacity() + 4 * self.slots.len()
+        self.bytes.capacity() + 4 * self.shards.iter().map(|shard| shard.slots.len()).sum::<usize>()
     }
 
-    /// Adds a state unless it is known; returns its number, and whether it is new.
-    pub(crate) fn add(&mut self, state: &[u8]) -> (u32, bool) {
-        debug_assert_eq!(state.len(), self.length, "all states of a system have one length");
-        if (self.count as usize + 1) * 3 > self.slots.len() * 2 {
-            self.grow();
+    /// Adds the states of some batches that are not known; calls `is_new` with batch and transition of each, in order.
+    pub(crate) fn add(&mut self, batches: &mut [Batch], threads: usize, mut is_new: impl FnMut(usize, usize)) {
+        for batch in batches.iter_mut() {
+            batch.targets.resize_with(batch.hashes.len(), || AtomicU32::new(NEW));
         }
-        let mask = self.slots.len() - 1;
-        let mut slot = hash(state) & mask;
-        while self.slots[slot] != 0 {
-            let known = self.slots[slot] - 1;
-            if self.get(known) == state {
-                return (known, false);
+        let batches = &*batches;
+        let mut shards = std::mem::take(&mut self.shards);
+        let all = self.find(&mut shards, batches, threads);
+        for (number, batch) in batches.iter().enumerate() {
+            for (transition, target) in batch.targets.iter().enumerate() {
+                if target.load(Ordering::Relaxed) == NEW {
+                    self.append(batch.state(transition, self.length));
+                    target.store(self.count - 1, Ordering::Relaxed);
+                    is_new(number, transition);
+                }
             }
-            slot = (slot + 1) & mask;
         }
-        let number = self.count;
-        self.bytes.extend_from_slice(state);
-        self.count += 1;
-        self.slots[slot] = self.count;
-        (number, true)
+        for (shard, fresh) in shards.iter_mut().zip(all) {
+            let number = |index: usize| {
+                let (_, batch, transition) = fresh.states[index];
+                batches[batch].target(transition)
+            };
+            for (index, (slot, ..)) in fresh.states.iter().enumerate() {
+                shard.slots[*slot] = number(index) + 1;
+            }
+            for &(batch, transition, index) in &fresh.twins {
+                batches[batch].targets[transition].store(number(index), Ordering::Relaxed);
+            }
+        }
+        self.shards = shards;
     }
 
-    fn grow(&mut self) {
-        let mask = 2 * self.slots.len() - 1;
-        let mut slots = vec![0; mask + 1];
-        for state in 0..self.count {
-            let mut slot = hash(self.get(state)) & mask;
+    /// Looks every state up in its table.
+    fn find(&self, shards: &mut [Shard], batches: &[Batch], threads: usize) -> Vec<Fresh> {
+        if threads < 2 {
+            return shards.iter_mut().enumerate().map(|(index, shard)| self.find_in(shard, index, batches)).collect();
+        }
+        let each = SHARDS.div_ceil(threads);
+        let find = |(chunk, shards): (usize, &mut [Shard])| -> Vec<Fresh> {
+            let shards = shards.iter_mut().enumerate();
+            shards.map(|(index, shard)| self.find_in(shard, chunk * each + index, batches)).collect()
+        };
+        let find = &find;
+        std::thread::scope(|scope| {
+            let chunks = shards.chunks_mut(each).enumerate();
+            let threads: Vec<_> = chunks.map(|chunk| scope.spawn(move || find(chunk))).collect();
+            let found = threads.into_iter().map(|thread| thread.join());
+            found.flat_map(|found| found.unwrap_or_else(|panic| std::panic::resume_unwind(panic))).collect()
+        })
+    }
+
+    fn find_in(&self, shard: &mut Shard, index: usize, batches: &[Batch]) -> Fresh {
+        let wanted: usize = batches.iter().map(|batch| batch.shards[index].len()).sum();
+        self.make_room(shard, wanted);
+        let (mask, mut fresh) = (shard.slots.len() - 1, Fresh::default());
+        for (number, batch) in batches.iter().enumerate() {
+            for &transition in &batch.shards[index] {
+                let transition = transition as usize;
+                let state = batch.state(transition, self.length);
+                let mut slot = slot_of(batch.hashes[transition]) & mask;
+                loop {
+                    let known = shard.slots[slot];
+                    if known == 0 {
+                        shard.slots[slot] = PENDING | u32::try_from(fresh.states.len()).unwrap_or(u32::MAX);
+                        fresh.states.push((slot, number, transition));
+                        break;
+                    }
+                    if known & PENDING == 0 {
+                        if self.get(known - 1) == state {
+                            batch.targets[transition].store(known - 1, Ordering::Relaxed);
+                            break;
+                        }
+                    } else {
+                        let index = (known & !PENDING) as usize;
+                        let (_, number_of_first, first) = fresh.states[index];
+                        if batches[number_of_first].state(first, self.length) == state {
+                            // Any number will do that is not `NEW`: it is written once the first has one.
+                            batch.targets[transition].store(0, Ordering::Relaxed);
+                            fresh.twins.push((number, transition, index));
+                            break;
+                        }
+                    }
+                    slot = (slot + 1) & mask;
+                }
+            }
+        }
+        shard.count += fresh.states.len();
+        fresh
+    }
+
+    /// Has two thirds of the slots taken at the most, after `more` states.
+    fn make_room(&self, shard: &mut Shard, more: usize) {
+        let mut length = shard.slots.len();
+        while (shard.count + more) * 3 > length * 2 {
+            length *= 2;
+        }
+        if length == shard.slots.len() {
+            return;
+        }
+        let (mask, mut slots) = (length - 1, vec![0; length]);
+        for known in shard.slots.iter().filter(|known| **known != 0) {
+            let mut slot = slot_of(hash(self.get(known - 1))) & mask;
             while slots[slot] != 0 {
                 slot = (slot + 1) & mask;
             }
-            slots[slot] = state + 1;
+            slots[slot] = *known;
         }
-        self.slots = slots;
+        shard.slots = slots;
+    }
+
+    /// Room grows by an eighth, since there may be no memory for twice as much.
+    fn append(&mut self, state: &[u8]) {
+        if self.bytes.len() + state.len() > self.bytes.capacity() {
+            self.bytes.reserve_exact((self.bytes.len() / 8).max(64 * state.len()));
+        }
+        self.bytes.extend_from_slice(state);
+        self.count += 1;
     }
 }
 
+fn shard_of(hash: u64) -> usize {
+    (hash >> 60) as usize % SHARDS
+}
+
+fn slot_of(hash: u64) -> usize {
+    usize::try_from(hash & u64::from(u32::MAX)).unwrap_or(0)
+}
+
 /// Mixes the bytes, eight at a time. Two rounds of multiplication spread states that differ in one bit.
-fn hash(bytes: &[u8]) -> usize {
+fn hash(bytes: &[u8]) -> u64 {
     const FACTOR: u64 = 0x9e37_79b9_7f4a_7c15;
-    let mut sum: u64 = bytes.len() as u64;
-    for chunk in bytes.chunks(8) {
-        let mut word = [0; 8];
-        word[..chunk.len()].copy_from_slice(chunk);
-        sum = (sum ^ u64::from_le_bytes(word)).wrapping_mul(FACTOR);
-        sum ^= sum >> 29;
-    }
-    usize::try_from(sum.wrapping_mul(FACTOR) >> 20).unwrap_or(0)
+    let mix = |sum: u64, word: u64| {
+        let sum = (sum ^ word).wrapping_mul(FACTOR);
+        sum ^ sum >> 29
+    };
+    let (words, rest) = bytes.as_chunks::<8>();
+    let sum = words.iter().fold(bytes.len() as u64, |sum, word| mix(sum, u64::from_le_bytes(*word)));
+    let last = rest.iter().fold(0, |word, byte| word << 8 | u64::from(*byte));
+    let sum = mix(sum, last).wrapping_mul(FACTOR);
+    sum ^ sum >> 32
 }
 
 #[cfg(test)]
@@ -86,14 +254,25 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_state_is_kept_once() {
-        let mut store = Store::new(4);
-        for round in 0..2 {
-            for number in 0..5000_u32 {
-                assert_eq!(store.add(&number.to_le_bytes()), (number, round == 0));
+    fn numbers_are_in_the_order_of_the_transitions_whatever_the_threads() {
+        for threads in [1, 2, 5] {
+            let mut store = Store::new(4);
+            for round in 0..2 {
+                let mut batches: Vec<Batch> = (0..7).map(|_| Batch::default()).collect();
+                for (number, batch) in (0..).zip(&mut batches) {
+                    for state in 1000 * number..1000 * number + 1500_u32 {
+                        batch.push((0, Label::Start), &[0; 4], |bytes| bytes.copy_from_slice(&state.to_le_bytes()));
+                    }
+                }
+                let mut new = 0;
+                store.add(&mut batches, threads, |_, _| new += 1);
+                assert_eq!(new, if round == 0 { 7500 } else { 0 });
+                for (number, batch) in (0..).zip(&batches) {
+                    (0..1500).for_each(|i| assert_eq!(batch.target(i as usize), 1000 * number + i));
+                }
             }
+            assert_eq!(store.count(), 7500);
+            assert_eq!(store.get(77), 77_u32.to_le_bytes());
         }
-        assert_eq!(store.count(), 5000);
-        assert_eq!(store.get(77), 77_u32.to_le_bytes());
     }
 }

@@ -41,10 +41,10 @@ pub(crate) fn story_to_the_end(system: &System<'_>, graph: &Graph, state: u32) -
 /// Tells a way.
 pub(crate) fn tell(system: &System<'_>, way: &[Label]) -> Story {
     let mut frame = system.initial();
-    let (mut story, mut changes) = (Story::default(), Vec::new());
+    let (mut story, mut changes, mut stepper) = (Story::default(), Vec::new(), system.stepper());
     for &label in way {
         let cause = cause(system, &frame, label);
-        system.apply(&mut frame, label, &mut changes);
+        stepper.apply(&mut frame, label, &mut changes);
         let effects = effects(system, label, &changes);
         match story.steps.last_mut() {
             // Answers to stops are one step, as long as nothing else follows from them.

@@ -8,9 +8,9 @@
 mod reaction;
 
 use crate::model::{Ends, Model, Seat};
-use language::algebra::{Activity, Packing, Program, State, Value};
-use reaction::Reaction;
-use std::collections::VecDeque;
+use language::algebra::{Activity, Packing, Program, Steps, Value, Words};
+use language::sites::ProcessRef;
+pub(crate) use reaction::Stepper;
 
 /// What may happen beside what programs do when all is well.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -98,6 +98,8 @@ pub(crate) struct Unit {
     /// For each member, its unit if it is one of the system, else how it ends with and without failures.
     pub(crate) seats: Vec<Occupant>,
     packing: Packing,
+    /// Where its state begins in a packed configuration.
+    start: usize,
 }
 
 /// What sits in a member slot of a unit.
@@ -129,7 +131,7 @@ pub(crate) enum Changed {
 /// A configuration of a system, unpacked.
 #[derive(Clone, Debug)]
 pub(crate) struct Frame {
-    pub(crate) states: Vec<State>,
+    pub(crate) states: Vec<Words>,
     /// For each unit, whether an order to stop is on its way to it.
     pub(crate) ordered: Vec<bool>,
     pub(crate) phase: Phase,
@@ -170,7 +172,8 @@ impl<'a> System<'a> {
         let source = &self.model.parts[part];
         let packing = Packing::new(&source.program, &self.values);
         let index = self.units.len();
-        self.units.push(Unit { part, parent, seats: Vec::new(), packing });
+        let start = self.units.last().map_or(0, |unit| unit.start + unit.packing.length());
+        self.units.push(Unit { part, parent, seats: Vec::new(), packing, start });
         let mut seats = Vec::with_capacity(source.members.len());
         for (slot, seat) in (0..).zip(&source.members) {
             seats.push(match *seat {
@@ -211,17 +214,27 @@ impl<'a> System<'a> {
         self.units.iter().position(holds).map(|unit| (unit, slot))
     }
 
+    /// Whether a member is a process, or inside it.
+    pub(crate) fn is_below(&self, member: (usize, u32), who: ProcessRef) -> bool {
+        let Some(slot) = who.member else { return true };
+        let seat = self.find(who.group, slot);
+        std::iter::successors(Some(member), |(unit, _)| self.units[*unit].parent).any(|at| Some(at) == seat)
+    }
+
     // ---- packing ----
 
     /// How many bytes a configuration takes.
     pub(crate) fn length(&self) -> usize {
-        let states: usize = self.units.iter().map(|unit| unit.packing.length()).sum();
-        states + self.units.len().div_ceil(8) + 1 + self.notes
+        self.states_length() + self.units.len().div_ceil(8) + 1 + self.notes
+    }
+
+    fn states_length(&self) -> usize {
+        self.units.last().map_or(0, |unit| unit.start + unit.packing.length())
     }
 
     pub(crate) fn initial(&self) -> Frame {
         Frame {
-            states: (0..self.units.len()).map(|unit| State::new(self.program(unit))).collect(),
+            states: self.units.iter().map(|unit| unit.packing.idle()).collect(),
             ordered: vec![false; self.units.len()],
             phase: Phase::Idle,
             is_faulty: false,
@@ -234,14 +247,27 @@ impl<'a> System<'a> {
         for (unit, state) in self.units.iter().zip(&frame.states) {
             unit.packing.pack(state, bytes);
         }
-        bytes.extend(
-            frame.ordered.chunks(8).map(|eight| {
-                eight.iter().enumerate().fold(0_u8, |byte, (bit, ordered)| byte | u8::from(*ordered) << bit)
-            }),
-        );
-        let phase = Phase::ALL.iter().position(|phase| *phase == frame.phase).unwrap_or(0);
-        bytes.push(u8::try_from(phase).unwrap_or(0) | u8::from(frame.is_faulty) << 7);
-        bytes.extend(&frame.notes);
+        bytes.resize(self.length(), 0);
+        self.pack_rest(frame, &mut bytes[self.states_length()..]);
+    }
+
+    /// Makes a packed configuration that of a frame which differs from it in these items of these units.
+    pub(crate) fn patch(&self, frame: &Frame, items: impl Iterator<Item = (usize, u32)>, bytes: &mut [u8]) {
+        for (unit, item) in items {
+            let Unit { packing, start, .. } = &self.units[unit];
+            packing.patch(item, frame.states[unit].get(item), &mut bytes[*start..*start + packing.length()]);
+        }
+        self.pack_rest(frame, &mut bytes[self.states_length()..]);
+    }
+
+    /// Everything but the states.
+    fn pack_rest(&self, frame: &Frame, bytes: &mut [u8]) {
+        let (orders, rest) = bytes.split_at_mut(self.units.len().div_ceil(8));
+        for (eight, byte) in frame.ordered.chunks(8).zip(orders) {
+            *byte = eight.iter().rev().fold(0, |byte, ordered| byte << 1 | u8::from(*ordered));
+        }
+        rest[0] = frame.phase as u8 | u8::from(frame.is_faulty) << 7;
+        rest[1..].copy_from_slice(&frame.notes);
     }
 
     pub(crate) fn unpack(&self, bytes: &[u8], frame: &mut Frame) {
@@ -284,7 +310,7 @@ impl<'a> System<'a> {
                 }
             }
             for timer in 0..self.program(unit).timers() {
-                if frame.states[unit].timer(self.program(unit), timer).1 {
+                if frame.states[unit].is_armed(self.program(unit), timer) {
                     labels.push(Label::Elapsed(small(unit), small(timer as usize)));
                 }
             }
@@ -354,14 +380,10 @@ impl<'a> System<'a> {
         frame.ordered.contains(&true) || (0..self.units.len()).any(is_stopping)
     }
 
-    /// Lets something happen; returns what changes.
-    pub(crate) fn apply(&self, frame: &mut Frame, label: Label, changes: &mut Vec<Change>) {
-        changes.clear();
-        let mut reaction = Reaction { system: self, frame, changes, queue: VecDeque::new(), commands: Vec::new() };
-        reaction.begin(label);
-        while let Some((unit, event)) = reaction.queue.pop_front() {
-            reaction.react(unit, event);
-        }
+    /// The steps of each unit, for one who lets things happen.
+    pub(crate) fn stepper(&self) -> Stepper<'_> {
+        let steps = (0..self.units.len()).map(|unit| Steps::new(self.program(unit), &self.units[unit].packing));
+        Stepper::new(self, steps.collect())
     }
 }
 

@@ -2,7 +2,7 @@
 
 use crate::model::Model;
 use language::plan::{Expression, Group, MemberKind};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
 /// How long an expression takes: from its start to its normal end at the least, to any end at the most.
@@ -23,6 +23,8 @@ pub(crate) struct Times<'m, 'a> {
     pub(crate) model: &'m Model<'a>,
     /// For a member of a group, what the spec assumes.
     pub(crate) assumed: BTreeMap<(u32, u32), (Duration, Duration)>,
+    /// Programs that never end by themselves, whatever the spec says of them.
+    pub(crate) endless: BTreeSet<u32>,
 }
 
 impl Times<'_, '_> {
@@ -47,7 +49,46 @@ impl Times<'_, '_> {
         if let Some(&(least, most)) = self.assumed.get(&(group, slot)) {
             (span.done, span.end) = (span.done.map(|_| least), Some(most));
         }
+        if matches!(member.kind, MemberKind::Leaf(leaf) if self.endless.contains(&leaf)) {
+            span.end = None;
+        }
         span
+    }
+
+    /// The same where some programs never end by themselves; nothing is assumed of the groups around them.
+    pub(crate) fn without_end(&self, leaves: &BTreeSet<u32>) -> Self {
+        let mut assumed = self.assumed.clone();
+        assumed.retain(|&(group, slot), _| !self.model.leaves_below(group, slot).iter().any(|leaf| leaves.contains(leaf)));
+        Self { model: self.model, assumed, endless: leaves.clone() }
+    }
+
+    /// How long a member is active at the most, by the narrowest thing around each of its places that has a bound.
+    pub(crate) fn until_ended(&self, group: u32, slot: u32) -> Option<Duration> {
+        let source = &self.model.plan.groups[group as usize];
+        let outer = match self.model.around[group as usize] {
+            Some((outer, slot)) => self.until_ended(outer, slot),
+            None => None,
+        };
+        self.narrowest((group, source), &source.expression, slot, outer).unwrap_or(outer)
+    }
+
+    /// The same below an expression, around which something has the bound `outer`; nothing if the member has no place there.
+    fn narrowest(
+        &self,
+        (group, source): (u32, &Group),
+        expression: &Expression,
+        slot: u32,
+        outer: Option<Duration>,
+    ) -> Option<Option<Duration>> {
+        let own = self.of(group, source, expression).end;
+        let bound = [own, outer].into_iter().flatten().min();
+        if matches!(expression, Expression::Run { member, .. } if *member == slot) {
+            return Some(bound);
+        }
+        let operands = expression.operands().into_iter();
+        operands.filter_map(|operand| self.narrowest((group, source), operand, slot, bound)).reduce(|one, other| {
+            one.zip(other).map(|(one, other)| one.max(other))
+        })
     }
 
     /// How long an expression of a group takes.

@@ -102,7 +102,7 @@ impl<'w, 'a> Watch<'w, 'a> {
         let is_piece = |part: usize| model.parts[part].is_piece && model.parts[part].group == group;
         let mut system = System::new(model, group as usize, &|part| !lines.is_empty() && is_piece(part));
         system.mode = Mode { aborts: true, ..Mode::default() };
-        let graph = explore(&system, limits, false, &mut Nobody).graph;
+        let graph = explore(&system, limits, false, &Nobody).graph;
         if graph.reached.is_some() {
             return None;
         }

@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use verify::{Always, Limits, Report, Verdict};
 
-const LIMITS: Limits<'static> = Limits { states: 2_000_000, memory: 1 << 30, goes_on: &Always };
+const LIMITS: Limits<'static> = Limits { states: 2_000_000, memory: 1 << 30, threads: 1, goes_on: &Always };
 
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")

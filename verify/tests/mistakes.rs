@@ -56,7 +56,7 @@ impl Entry {
         let errors: Vec<&str> = errors.map(|found| found.message.as_str()).collect();
         let plan = compiled.plan.unwrap_or_else(|| panic!("{} does not pass the check: {errors:?}", self.name));
         let sites = sites.expect("the sites of a plan");
-        verify::verify(&plan, &sites, &Limits { states: 100_000, memory: 64 << 20, goes_on: &Always })
+        verify::verify(&plan, &sites, &Limits { states: 100_000, memory: 64 << 20, threads: 1, goes_on: &Always })
     }
 
     /// What is wrong with the report on a spec that has a mistake.

@@ -68,7 +68,7 @@ fn sites(leaves: usize) -> Sites {
 
 #[test]
 fn situations_and_verdicts_agree_with_the_reference() {
-    let limits = Limits { states: 1_000_000, memory: 1 << 30, goes_on: &Always };
+    let limits = Limits { states: 1_000_000, memory: 1 << 30, threads: 1, goes_on: &Always };
     let (mut states, mut stuck, mut hanging) = (0_u64, 0, 0);
     for seed in 0..CASES {
         let mut random = Random::new(seed);

@@ -1,27 +1,47 @@
-//! A state in a few bits a node, for an explorer that keeps millions of them.
+//! A state in few bits, for an explorer that keeps millions of them.
 //!
 //! # Representation
-//! Half a byte a node says its phase and the kind of outcome that it holds. If the values of outcomes matter, a byte a node
-//! follows with the number of the value. At last the queue of `using`, three bytes a place. All else follows from these:
-//! counts of operands from their phases, seats and holders from the nodes that are active. Two things are left out because no
-//! rule reads them: why something has aborted (but for an unconfirmed stop), and the numbers of activations, which are all 1
-//! in a state that was unpacked.
+//! While an explorer works on a state, it is one number, a *word*, for each *item*: the nodes, the member slots, the places in
+//! the queue of `using`, the resources. The word of a node has its phase and the kind of its outcome (4 bits), the number of
+//! the outcome's value (8), how many operands are waited for (26) and how many are done (26).
+//!
+//! Where a state is stored, half a byte a node says its phase and the kind of its outcome. If the values of outcomes matter, a
+//! byte a node follows with the number of the value. At last the queue of `using`, three bytes a place. All else follows from
+//! these: counts of operands from their phases, seats and holders from the nodes that are active. Two things are left out
+//! because no rule reads them: why something has aborted (but for an unconfirmed stop), and the numbers of activations, which
+//! are all 1.
 
 use super::event::{Activation, Cause, Outcome, Reason, Value};
 use super::phase::Phase;
 use super::program::{Kind, Program};
-use super::state::{Cell, MemberState, State};
+use super::state::{Activity, Cell, MemberState};
 use std::sync::Arc;
 
 /// How the states of one program are packed.
 #[derive(Clone, Debug)]
 pub struct Packing {
     nodes: usize,
+    members: usize,
     places: usize,
+    resources: usize,
+    /// Each `Run` node with its member.
+    runs: Vec<(usize, u32)>,
+    /// The nodes that count their operands.
+    counting: Vec<usize>,
+    /// The `Using` nodes.
+    usings: Vec<usize>,
     /// Values by number; number 0 is the empty value, and every value that is not here.
     values: Vec<Value>,
     /// The reason of every abort but an unconfirmed stop.
     failed: Outcome,
+}
+
+/// A state of one program, a word for each item.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Words {
+    words: Vec<u64>,
+    nodes: usize,
+    members: usize,
 }
 
 /// What an outcome is, as far as it is kept.
@@ -54,14 +74,100 @@ const CODES: [(Phase, Held); 16] = [
     (Phase::Second, Held::Stopped),
 ];
 
+const CODE: u64 = 15;
+const VALUE: u32 = 4;
+const OPEN: u32 = 12;
+const DONE: u32 = 38;
+const COUNT: u64 = (1 << 26) - 1;
+
+fn phase(word: u64) -> Phase {
+    CODES[(word & CODE) as usize].0
+}
+
+impl Words {
+    /// Returns the word of an item.
+    pub fn get(&self, item: u32) -> u64 {
+        self.words[item as usize]
+    }
+
+    /// Changes the word of an item; returns what it was.
+    pub fn set(&mut self, item: u32, word: u64) -> u64 {
+        std::mem::replace(&mut self.words[item as usize], word)
+    }
+
+    /// Returns whether a node of the program is active, by its place in textual order.
+    pub fn is_node_active(&self, node: usize) -> bool {
+        self.words[..self.nodes].get(node).is_some_and(|&word| phase(word).is_active())
+    }
+
+    /// Returns whether a node is a `using` that waits for what it takes.
+    pub fn is_node_waiting(&self, node: usize) -> bool {
+        self.words[..self.nodes].get(node).is_some_and(|&word| phase(word) == Phase::Waiting)
+    }
+
+    /// Returns what a member does; a slot that the group has not is idle.
+    pub fn activity(&self, member: u32) -> Activity {
+        match self.seats().get(member as usize) {
+            None | Some(0) => Activity::Idle,
+            Some(&seat) if self.seat_phase(seat) == Phase::Stopping => Activity::Stopping,
+            Some(_) => Activity::Active,
+        }
+    }
+
+    /// Returns the slots of the members that are active or stopping, in slot order.
+    pub fn members_active(&self) -> impl Iterator<Item = u32> {
+        (0..).zip(self.seats()).filter(|(_, seat)| **seat != 0).map(|(member, _)| member)
+    }
+
+    /// Returns whether a timer is armed.
+    pub fn is_armed(&self, program: &Program, timer: u32) -> bool {
+        let node = program.timers.get(timer as usize);
+        node.is_some_and(|&node| phase(self.words[node]) == program.armed_phase(node))
+    }
+
+    fn seats(&self) -> &[u64] {
+        &self.words[self.nodes..self.nodes + self.members]
+    }
+
+    fn seat_phase(&self, seat: u64) -> Phase {
+        number_to_node(seat).map_or(Phase::Idle, |node| phase(self.words[node]))
+    }
+}
+
 impl Packing {
     /// Returns the packing of the states of a program. `values` are the values that outcomes may have besides the empty one,
     /// at most 255; any other is packed as the empty value.
     pub fn new(program: &Program, values: &[Value]) -> Self {
         let values = std::iter::once(Value::EMPTY).chain(values.iter().take(255).cloned()).collect();
         let reason = Reason { member: None, cause: Cause::Failed(Arc::from("")) };
-        let (nodes, places) = (program.nodes.len(), program.usings);
-        Self { nodes, places, values, failed: Outcome::Aborted(reason) }
+        let (nodes, members, places) = (program.nodes.len(), program.endless.len(), program.usings);
+        let failed = Outcome::Aborted(reason);
+        let (mut runs, mut counting, mut usings) = (Vec::new(), Vec::new(), Vec::new());
+        for (node, source) in program.nodes.iter().enumerate() {
+            match source.kind {
+                Kind::Run { member, .. } => runs.push((node, member)),
+                Kind::Using { .. } => usings.push(node),
+                Kind::Concurrent { .. }
+                | Kind::FailFast { .. }
+                | Kind::AnyOf { .. }
+                | Kind::Disable
+                | Kind::Asynchronous => counting.push(node),
+                Kind::Skip
+                | Kind::Never
+                | Kind::Fail(_)
+                | Kind::Wait { .. }
+                | Kind::Sequence
+                | Kind::Conditional
+                | Kind::Recurrent
+                | Kind::Otherwise
+                | Kind::Match { .. }
+                | Kind::Shield { .. }
+                | Kind::Finally
+                | Kind::Tagged(_) => {}
+            }
+        }
+        let resources = program.resources().len();
+        Self { nodes, members, places, resources, runs, counting, usings, values, failed }
     }
 
     /// Returns how many bytes a packed state has.
@@ -70,125 +176,172 @@ impl Packing {
         self.nodes.div_ceil(2) + values + 3 * self.places
     }
 
+    /// Returns the idle state.
+    pub fn idle(&self) -> Words {
+        let items = self.nodes + self.members + self.places + self.resources;
+        Words { words: vec![0; items], nodes: self.nodes, members: self.members }
+    }
+
     /// Appends a state.
-    pub fn pack(&self, state: &State, bytes: &mut Vec<u8>) {
-        let of = |cell: Option<&Cell>| cell.map_or(0, code);
-        bytes.extend(state.cells.chunks(2).map(|pair| of(pair.first()) | of(pair.get(1)) << 4));
-        if self.values.len() > 1 {
-            bytes.extend(state.cells.iter().map(|cell| self.number(cell)));
-        }
-        for place in 0..self.places {
-            let node = state.queue.get(place).map_or(0, |&node| u32::try_from(node + 1).unwrap_or(0));
-            bytes.extend(&node.to_le_bytes()[..3]);
+    pub fn pack(&self, words: &Words, bytes: &mut Vec<u8>) {
+        let start = bytes.len();
+        bytes.resize(start + self.length(), 0);
+        let queue = self.nodes + self.members..self.nodes + self.members + self.places;
+        for item in (0..self.nodes).chain(queue) {
+            self.patch(small(item), words.words[item], &mut bytes[start..]);
         }
     }
 
-    /// The number of the value that a cell holds.
-    fn number(&self, cell: &Cell) -> u8 {
-        let Some(Outcome::Done(value)) = &cell.outcome else { return 0 };
-        let known = self.values.iter().position(|other| other == value);
-        known.and_then(|known| u8::try_from(known).ok()).unwrap_or(0)
+    /// Writes the word of one item into a packed state.
+    pub fn patch(&self, item: u32, word: u64, bytes: &mut [u8]) {
+        let item = item as usize;
+        let bits = word.to_le_bytes();
+        if let Some(place) = item.checked_sub(self.nodes + self.members) {
+            if place < self.places {
+                let start = self.length() - 3 * (self.places - place);
+                bytes[start..start + 3].copy_from_slice(&bits[..3]);
+            }
+        } else if item < self.nodes {
+            let byte = &mut bytes[item / 2];
+            let code = bits[0] & 15;
+            *byte = if item % 2 == 0 { *byte & 0xf0 | code } else { *byte & 0x0f | code << 4 };
+            if self.values.len() > 1 {
+                bytes[self.nodes.div_ceil(2) + item] = (word >> VALUE).to_le_bytes()[0];
+            }
+        }
     }
 
-    /// Makes `state` the one that was packed as `bytes`, which have [`Self::length`].
-    pub fn unpack(&self, program: &Program, bytes: &[u8], state: &mut State) {
+    /// Makes `words` the state that was packed as `bytes`, which have [`Self::length`].
+    pub fn unpack(&self, program: &Program, bytes: &[u8], words: &mut Words) {
+        let all = &mut words.words;
         let halves = self.nodes.div_ceil(2);
-        for (node, cell) in state.cells.iter_mut().enumerate() {
-            let (phase, held) = CODES[usize::from(bytes[node / 2] >> (4 * (node % 2)) & 15)];
-            let value = if self.values.len() > 1 { usize::from(bytes[halves + node]) } else { 0 };
-            *cell = Cell { phase, outcome: self.outcome(held, value), ..Cell::default() };
+        for (pair, byte) in all[..self.nodes].chunks_mut(2).zip(bytes) {
+            let codes = [byte & 15, byte >> 4];
+            pair.iter_mut().zip(codes).for_each(|(word, code)| *word = u64::from(code));
         }
-        let queue = &bytes[bytes.len() - 3 * self.places..];
-        state.queue.clear();
-        for place in queue.chunks(3) {
-            let node = u32::from_le_bytes([place[0], place[1], place[2], 0]) as usize;
-            state.queue.extend(node.checked_sub(1));
+        if self.values.len() > 1 {
+            let values = &bytes[halves..halves + self.nodes];
+            all[..self.nodes].iter_mut().zip(values).for_each(|(word, value)| *word |= u64::from(*value) << VALUE);
         }
-        derive(program, state);
+        all[self.nodes..].fill(0);
+        for &(node, member) in &self.runs {
+            if phase(all[node]).is_active() {
+                all[self.nodes + member as usize] = node_to_number(Some(node));
+            }
+        }
+        let queue = &bytes[self.length() - 3 * self.places..];
+        for (place, bytes) in queue.chunks(3).enumerate() {
+            let number = u32::from_le_bytes([bytes[0], bytes[1], bytes[2], 0]);
+            all[self.nodes + self.members + place] = u64::from(number);
+        }
+        for &node in &self.usings {
+            let phase = phase(all[node]);
+            if phase.is_active() && phase != Phase::Waiting {
+                for &index in program.taken(node) {
+                    all[self.nodes + self.members + self.places + index] = node_to_number(Some(node));
+                }
+            }
+        }
+        self.counting.iter().for_each(|&node| count(program, all, node));
     }
 
-    fn outcome(&self, held: Held, value: usize) -> Option<Outcome> {
-        match held {
+    /// Where the items of `using` begin: its queue and who holds the resources.
+    pub(super) fn usings_start(&self) -> usize {
+        self.nodes + self.members
+    }
+
+    /// How many items there are.
+    pub(super) fn items(&self) -> usize {
+        self.nodes + self.members + self.places + self.resources
+    }
+
+    /// The queue of a state, and who holds what.
+    pub(super) fn queue(&self, words: &Words) -> (Vec<usize>, Vec<Option<usize>>) {
+        let (queue, holders) = words.words[self.usings_start()..].split_at(self.places);
+        let queue = queue.iter().filter_map(|&number| number_to_node(number));
+        (queue.collect(), holders.iter().map(|&number| number_to_node(number)).collect())
+    }
+
+    /// The word of an item of `using`.
+    pub(super) fn word_of_using(&self, item: usize, queue: &[usize], holders: &[Option<usize>]) -> u64 {
+        let place = item - self.usings_start();
+        match place.checked_sub(self.places) {
+            None => node_to_number(queue.get(place).copied()),
+            Some(resource) => node_to_number(holders[resource]),
+        }
+    }
+
+    /// The cell of a word.
+    pub(super) fn cell(&self, word: u64) -> Cell {
+        let (phase, held) = CODES[(word & CODE) as usize];
+        let value = (word >> VALUE & 0xff) as usize;
+        let outcome = match held {
             Held::Nothing => None,
             Held::Done => Some(Outcome::Done(self.values.get(value).cloned().unwrap_or_default())),
             Held::Aborted => Some(self.failed.clone()),
             Held::Unconfirmed => Some(Outcome::Aborted(Reason { member: None, cause: Cause::StopUnconfirmed })),
             Held::Stopped => Some(Outcome::Stopped),
-        }
+        };
+        let count = |shift: u32| u32::try_from(word >> shift & COUNT).unwrap_or(0);
+        Cell { phase, open: count(OPEN), done: count(DONE), outcome }
+    }
+
+    /// The word of a cell.
+    pub(super) fn word(&self, cell: &Cell) -> u64 {
+        let (held, value) = match &cell.outcome {
+            None => (Held::Nothing, 0),
+            Some(Outcome::Done(value)) => {
+                (Held::Done, self.values.iter().position(|other| other == value).unwrap_or(0))
+            }
+            Some(Outcome::Aborted(reason)) if reason.cause == Cause::StopUnconfirmed => (Held::Unconfirmed, 0),
+            Some(Outcome::Aborted(_)) => (Held::Aborted, 0),
+            Some(Outcome::Stopped) => (Held::Stopped, 0),
+        };
+        let code = CODES.iter().position(|&known| known == (cell.phase, held));
+        debug_assert!(code.is_some(), "every phase with the outcomes that it may hold is in the table");
+        let (open, done) = (u64::from(cell.open), u64::from(cell.done));
+        code.unwrap_or(0) as u64 | (value as u64) << VALUE | open << OPEN | done << DONE
     }
 }
 
-fn code(cell: &Cell) -> u8 {
-    let held = match &cell.outcome {
-        None => Held::Nothing,
-        Some(Outcome::Done(_)) => Held::Done,
-        Some(Outcome::Aborted(reason)) if reason.cause == Cause::StopUnconfirmed => Held::Unconfirmed,
-        Some(Outcome::Aborted(_)) => Held::Aborted,
-        Some(Outcome::Stopped) => Held::Stopped,
-    };
-    let code = CODES.iter().position(|&known| known == (cell.phase, held));
-    debug_assert!(code.is_some(), "every phase with the outcomes that it may hold is in the table");
-    code.and_then(|code| u8::try_from(code).ok()).unwrap_or(0)
+/// The seat of a word.
+pub(super) fn seat(word: u64) -> MemberState {
+    MemberState { activation: Activation(1), node: number_to_node(word) }
 }
 
-/// Fills in what follows from the phases of the nodes.
-fn derive(program: &Program, state: &mut State) {
-    state.seats.fill(MemberState { activation: Activation(1), node: None });
-    state.timers.fill(Activation(1));
-    state.holders.fill(None);
-    for node in 0..program.nodes.len() {
-        let phase = state.cells[node].phase;
-        let is_active = phase.is_active();
-        if phase == Phase::Draining {
-            state.cells[node].open = count(program, state, node, |_| true);
-            continue;
-        }
-        match &program.nodes[node].kind {
-            Kind::Run { member, .. } if is_active => state.seats[*member as usize].node = Some(node),
-            Kind::Using { .. } if is_active && phase != Phase::Waiting => {
-                program.taken(node).iter().for_each(|&index| state.holders[index] = Some(node));
-            }
-            Kind::Concurrent { .. } if is_active => {
-                state.cells[node].open = count(program, state, node, |operand| program.is_task(node, operand));
-                state.cells[node].done = done(program, state, node);
-            }
-            Kind::FailFast { .. } | Kind::AnyOf { .. } if is_active => {
-                state.cells[node].open = count(program, state, node, |_| true);
-                state.cells[node].done = done(program, state, node);
-            }
-            Kind::Run { .. }
-            | Kind::Skip
-            | Kind::Never
-            | Kind::Fail(_)
-            | Kind::Wait { .. }
-            | Kind::Concurrent { .. }
-            | Kind::FailFast { .. }
-            | Kind::AnyOf { .. }
-            | Kind::Disable
-            | Kind::Sequence
-            | Kind::Conditional
-            | Kind::Recurrent
-            | Kind::Otherwise
-            | Kind::Match { .. }
-            | Kind::Shield { .. }
-            | Kind::Using { .. }
-            | Kind::Asynchronous
-            | Kind::Finally
-            | Kind::Tagged(_) => {}
-        }
+/// The word of a seat.
+pub(super) fn word_of_seat(seat: &MemberState) -> u64 {
+    node_to_number(seat.node)
+}
+
+fn node_to_number(node: Option<usize>) -> u64 {
+    node.map_or(0, |node| node as u64 + 1)
+}
+
+fn number_to_node(number: u64) -> Option<usize> {
+    usize::try_from(number).ok()?.checked_sub(1)
+}
+
+/// Fills in how many operands of a node are waited for, and how many are done.
+fn count(program: &Program, all: &mut [u64], node: usize) {
+    let own = phase(all[node]);
+    if !own.is_active() {
+        return;
     }
-}
-
-/// How many operands are active.
-fn count(program: &Program, state: &State, node: usize, counts: impl Fn(usize) -> bool) -> u32 {
-    let is_active = |&operand: &usize| state.cells[operand].phase.is_active() && counts(operand);
-    small(program.operands(node).filter(is_active).count())
-}
-
-fn done(program: &Program, state: &State, node: usize) -> u32 {
-    small(program.operands(node).filter(|&operand| state.cells[operand].phase == Phase::Done).count())
+    let kind = &program.nodes[node].kind;
+    let has_slots = !matches!(kind, Kind::Disable | Kind::Asynchronous) && own != Phase::Draining;
+    let waits_for_all = !matches!(kind, Kind::Concurrent { .. });
+    let is_counted =
+        |operand: usize| own == Phase::Draining || has_slots && (waits_for_all || program.is_task(node, operand));
+    let (mut open, mut done) = (0, 0);
+    for operand in program.operands(node) {
+        let phase = phase(all[operand]);
+        open += u64::from(phase.is_active() && is_counted(operand));
+        done += u64::from(has_slots && phase == Phase::Done);
+    }
+    all[node] |= open << OPEN | done << DONE;
 }
 
 fn small(count: usize) -> u32 {
-    u32::try_from(count).expect("a plan has fewer than 2^32 operands")
+    u32::try_from(count).expect("a plan has fewer than 2^32 nodes")
 }

@@ -35,10 +35,12 @@ use super::program::Program;
 use serde::{Deserialize, Serialize};
 
 /// The configuration of one group: idle, running or stopping. Belongs to one [`Program`].
+///
+/// Where cells and seats are kept is a parameter, so that an explorer can see what [`step`](super::step) looks at.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
-pub struct State {
-    pub(super) cells: Vec<Cell>,
-    pub(super) seats: Vec<MemberState>,
+pub struct State<C = Vec<Cell>, S = Vec<MemberState>> {
+    pub(super) cells: C,
+    pub(super) seats: S,
     pub(super) timers: Vec<Activation>,
     /// The `Using` nodes that wait, the first to come first.
     pub(super) queue: Vec<usize>,
@@ -58,9 +60,9 @@ pub struct Cell {
     pub(super) outcome: Option<Outcome>,
 }
 
-/// The activations of one member.
+/// The activations of one member. Opaque.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
-pub(super) struct MemberState {
+pub struct MemberState {
     /// The latest one; 0 before the first.
     pub(super) activation: Activation,
     /// The `Run` node that holds it now.

@@ -76,7 +76,8 @@ mod start;
 use super::event::{Command, Event, Outcome, Value};
 use super::phase::Phase;
 use super::program::{Kind, Program};
-use super::state::{Cell, State};
+use super::state::{Cell, MemberState, State};
+use std::ops::IndexMut;
 
 /// Takes one event, appends what to do about it to `commands` in order, and returns how the group ended if it did.
 ///
@@ -90,9 +91,19 @@ use super::state::{Cell, State};
 /// # Panics
 /// If `state` was made for another program.
 pub fn step(program: &Program, state: &mut State, event: Event, commands: &mut Vec<Command>) -> Option<Outcome> {
+    step_in(program, state, event, commands)
+}
+
+/// [`step`], wherever the state is kept.
+pub(super) fn step_in<C: Cells, S: Seats>(
+    program: &Program,
+    state: &mut State<C, S>,
+    event: Event,
+    commands: &mut Vec<Command>,
+) -> Option<Outcome> {
     let mut reaction = Reaction { program, state, commands };
     let ended = match event {
-        Event::Start(_) if !reaction.state.is_idle() => return None,
+        Event::Start(_) if !reaction.is_idle() => return None,
         Event::Start(value) => reaction.begin(value),
         Event::Stop => reaction.halt(),
         Event::Done { member, activation, value } => {
@@ -123,14 +134,27 @@ pub fn step(program: &Program, state: &mut State, event: Event, commands: &mut V
     ended.or_else(|| reaction.e_grant())
 }
 
+/// Cells by the numbers of their nodes.
+pub(super) trait Cells: IndexMut<usize, Output = Cell> {}
+impl<C: IndexMut<usize, Output = Cell>> Cells for C {}
+
+/// Seats by the numbers of their members.
+pub(super) trait Seats: IndexMut<usize, Output = MemberState> {}
+impl<S: IndexMut<usize, Output = MemberState>> Seats for S {}
+
 /// One event being processed to completion.
-struct Reaction<'a> {
+struct Reaction<'a, C, S> {
     program: &'a Program,
-    state: &'a mut State,
+    state: &'a mut State<C, S>,
     commands: &'a mut Vec<Command>,
 }
 
-impl Reaction<'_> {
+impl<C: Cells, S: Seats> Reaction<'_, C, S> {
+    /// Whether the group has not been started since its last outcome.
+    fn is_idle(&self) -> bool {
+        !self.state.cells[0].phase.is_active()
+    }
+
     /// The group is started: the sets without owner first.
     fn begin(&mut self, value: Value) -> Option<Outcome> {
         self.commands.extend(self.program.sets_always.iter().map(|&set| Command::Connect { set }));
@@ -140,7 +164,7 @@ impl Reaction<'_> {
 
     /// The group is asked to stop: `stop(root)`.
     fn halt(&mut self) -> Option<Outcome> {
-        if self.state.is_idle() {
+        if self.is_idle() {
             return Some(Outcome::Stopped);
         }
         let outcome = self.stop(0)?;

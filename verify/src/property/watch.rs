@@ -23,8 +23,8 @@ pub(super) enum Goal {
     Then(Option<Occurrence>, Occurrence),
     /// Owed from the event, or the fault, on: the other.
     Owed(Option<Occurrence>, Occurrence),
-    /// Owed from the fault on: that the process runs no more.
-    Ending(ProcessRef),
+    /// Owed while the first, which has the fault, is active, and until then: that the second runs no more.
+    Ending(ProcessRef, ProcessRef),
     /// Owed from the start on.
     Sometime(Occurrence),
 }
@@ -35,7 +35,7 @@ impl Goal {
         let note = frame.notes.first().copied().unwrap_or(0);
         match self {
             Self::Sometime(_) => note == 0,
-            Self::Owed(..) | Self::Ending(_) => note == 1,
+            Self::Owed(..) | Self::Ending(..) => note == 1,
             Self::Together(_)
             | Self::Without(..)
             | Self::Before(..)
@@ -58,7 +58,8 @@ impl<'w> Watch<'w> {
             Goal::Together(all) => all.clone(),
             Goal::Without(a, b) => vec![*a, *b],
             Goal::Before(who, event) => vec![*who, event.who],
-            Goal::Often(who, _) | Goal::Ending(who) => vec![*who],
+            Goal::Often(who, _) => vec![*who],
+            Goal::Ending(hung, who) => vec![*hung, *who],
             Goal::StillRuns(event, who) => event.iter().map(|event| event.who).chain([*who]).collect(),
             Goal::Then(event, other) | Goal::Owed(event, other) => {
                 event.iter().map(|event| event.who).chain([other.who]).collect()
@@ -98,16 +99,13 @@ impl<'w> Watch<'w> {
     }
 
     /// Whether the event, or the fault, happens in a transition.
-    fn happens(&self, (before, after): (&Frame, &Frame), changes: &[Change], event: Option<&Occurrence>) -> bool {
-        match event {
-            Some(event) => changes.iter().any(|change| self.is(change, event)),
-            None => !before.is_faulty && after.is_faulty,
-        }
+    fn happens(&self, is_fault: bool, changes: &[Change], event: Option<&Occurrence>) -> bool {
+        event.map_or(is_fault, |event| changes.iter().any(|change| self.is(change, event)))
     }
 }
 
 impl Observer for Watch<'_> {
-    fn sees(&mut self, system: &System<'_>, before: &Frame, changes: &[Change], after: &mut Frame) -> bool {
+    fn sees(&self, system: &System<'_>, is_fault: bool, changes: &[Change], after: &mut Frame) -> bool {
         let note = after.notes[0];
         match self.goal {
             Goal::Together(all) => all.iter().filter(|who| self.is_active(after, **who)).count() < 2,
@@ -132,7 +130,7 @@ impl Observer for Watch<'_> {
                 starts <= *times as usize
             }
             Goal::StillRuns(event, who) => {
-                if self.happens((before, after), changes, event.as_ref()) {
+                if self.happens(is_fault, changes, event.as_ref()) {
                     after.notes[0] = 1;
                 }
                 if after.notes[0] == 1 && !is_running(system, after, *who) {
@@ -142,7 +140,7 @@ impl Observer for Watch<'_> {
                 after.notes[0] == 0 || system.has_stops(after)
             }
             Goal::Then(event, other) => {
-                let mut is_over = note == 1 || event.is_none() && self.happens((before, after), changes, None);
+                let mut is_over = note == 1 || event.is_none() && self.happens(is_fault, changes, None);
                 for change in changes {
                     if is_over && self.is(change, other) {
                         return false;
@@ -153,7 +151,7 @@ impl Observer for Watch<'_> {
                 true
             }
             Goal::Owed(event, other) => {
-                if event.is_none() && note == 0 && self.happens((before, after), changes, None) {
+                if event.is_none() && note == 0 && self.happens(is_fault, changes, None) {
                     after.notes[0] = 1;
                 }
                 for change in changes {
@@ -167,9 +165,9 @@ impl Observer for Watch<'_> {
                 }
                 true
             }
-            Goal::Ending(who) => {
-                let is_faulty = note == 1 || self.happens((before, after), changes, None);
-                after.notes[0] = u8::from(is_faulty && is_running(system, after, *who));
+            Goal::Ending(hung, who) => {
+                let is_asked = note == 1 || after.is_faulty && self.is_active(after, *hung);
+                after.notes[0] = u8::from(is_asked && is_running(system, after, *who));
                 true
             }
             Goal::Sometime(event) => {

@@ -1,20 +1,82 @@
 //! Lets something happen in a system: the parts react one after the other, until nothing follows any more.
 
 use super::{Change, Changed, FaultKind, Frame, Label, Occupant, Phase, System};
-use language::algebra::{Activity, Cause, Command, Event, Outcome, Reason, Value, step};
+use language::algebra::{Activation, Activity, Cause, Command, Event, Outcome, Reason, Steps, Value};
 use std::collections::VecDeque;
 
+/// Every activation of an explored state has this number.
+const ACTIVATION: Activation = Activation(1);
+
+/// Lets things happen in a system, and can take the last of them back.
+#[derive(Debug)]
+pub(crate) struct Stepper<'s> {
+    system: &'s System<'s>,
+    steps: Vec<Steps<'s>>,
+    queue: VecDeque<(usize, Event)>,
+    /// What the last thing that happened has changed: unit, item, and the word before.
+    journal: Vec<(usize, u32, u64)>,
+    ordered: Vec<bool>,
+    notes: Vec<u8>,
+    phase: Phase,
+    is_faulty: bool,
+}
+
+impl<'s> Stepper<'s> {
+    pub(super) fn new(system: &'s System<'s>, steps: Vec<Steps<'s>>) -> Self {
+        Self {
+            system,
+            steps,
+            queue: VecDeque::new(),
+            journal: Vec::new(),
+            ordered: Vec::new(),
+            notes: Vec::new(),
+            phase: Phase::Idle,
+            is_faulty: false,
+        }
+    }
+
+    /// Lets something happen; returns what changes.
+    pub(crate) fn apply(&mut self, frame: &mut Frame, label: Label, changes: &mut Vec<Change>) {
+        changes.clear();
+        self.journal.clear();
+        self.ordered.clone_from(&frame.ordered);
+        self.notes.clone_from(&frame.notes);
+        (self.phase, self.is_faulty) = (frame.phase, frame.is_faulty);
+        let Self { system, steps, queue, journal, .. } = self;
+        let mut reaction = Reaction { system, frame, changes, queue, journal };
+        reaction.begin(label);
+        while let Some((unit, event)) = reaction.queue.pop_front() {
+            reaction.react(&mut steps[unit], unit, event);
+        }
+    }
+
+    /// Which items of which units the last thing that happened has changed.
+    pub(crate) fn changed(&self) -> impl Iterator<Item = (usize, u32)> + '_ {
+        self.journal.iter().map(|&(unit, item, _)| (unit, item))
+    }
+
+    /// Takes the last thing that happened back.
+    pub(crate) fn undo(&mut self, frame: &mut Frame) {
+        for (unit, item, word) in self.journal.drain(..).rev() {
+            frame.states[unit].set(item, word);
+        }
+        frame.ordered.clone_from(&self.ordered);
+        frame.notes.clone_from(&self.notes);
+        (frame.phase, frame.is_faulty) = (self.phase, self.is_faulty);
+    }
+}
+
 /// One thing that happens, with all that follows at once.
-pub(super) struct Reaction<'r, 'a> {
-    pub(super) system: &'r System<'a>,
-    pub(super) frame: &'r mut Frame,
-    pub(super) changes: &'r mut Vec<Change>,
-    pub(super) queue: VecDeque<(usize, Event)>,
-    pub(super) commands: Vec<Command>,
+struct Reaction<'r, 'a> {
+    system: &'r System<'a>,
+    frame: &'r mut Frame,
+    changes: &'r mut Vec<Change>,
+    queue: &'r mut VecDeque<(usize, Event)>,
+    journal: &'r mut Vec<(usize, u32, u64)>,
 }
 
 impl Reaction<'_, '_> {
-    pub(super) fn begin(&mut self, label: Label) {
+    fn begin(&mut self, label: Label) {
         match label {
             Label::Start => {
                 self.frame.phase = Phase::Running;
@@ -36,9 +98,8 @@ impl Reaction<'_, '_> {
             Label::Lost => self.frame.is_faulty = true,
             Label::Stopped(unit, member) => self.ends(unit, member, Outcome::Stopped),
             Label::Elapsed(unit, timer) => {
-                let (unit, timer) = (usize::from(unit), u32::from(timer));
-                let activation = self.frame.states[unit].timer(self.system.program(unit), timer).0;
-                self.queue.push_back((unit, Event::Elapsed { timer, activation }));
+                let event = Event::Elapsed { timer: u32::from(timer), activation: ACTIVATION };
+                self.queue.push_back((usize::from(unit), event));
             }
             Label::Reached(unit) => {
                 self.frame.ordered[usize::from(unit)] = false;
@@ -62,7 +123,7 @@ impl Reaction<'_, '_> {
 
     /// A member of a unit has ended.
     fn ended(&mut self, unit: usize, member: u32, outcome: Outcome) {
-        let activation = self.frame.states[unit].activation(member);
+        let activation = ACTIVATION;
         let is_asked = self.frame.states[unit].activity(member) == Activity::Stopping;
         let (changed, event) = match outcome {
             Outcome::Done(value) => (Changed::Done(value.clone()), Event::Done { member, activation, value }),
@@ -81,25 +142,26 @@ impl Reaction<'_, '_> {
         self.changes.push(Change { unit, member, what });
     }
 
-    pub(super) fn react(&mut self, unit: usize, event: Event) {
-        let program = self.system.program(unit);
-        self.commands.clear();
-        let outcome = step(program, &mut self.frame.states[unit], event, &mut self.commands);
-        for command in std::mem::take(&mut self.commands) {
+    fn react(&mut self, steps: &mut Steps<'_>, unit: usize, event: Event) {
+        let effect = steps.step(&self.frame.states[unit], event);
+        for &(item, word) in &effect.writes {
+            self.journal.push((unit, item, self.frame.states[unit].set(item, word)));
+        }
+        for command in &effect.commands {
             match command {
                 Command::Activate { member, value, .. } => {
-                    self.change(unit, Some(member), Changed::Started);
-                    if let Occupant::Unit(inner) = self.system.units[unit].seats[member as usize] {
-                        self.queue.push_back((inner, Event::Start(value)));
+                    self.change(unit, Some(*member), Changed::Started);
+                    if let Occupant::Unit(inner) = self.system.units[unit].seats[*member as usize] {
+                        self.queue.push_back((inner, Event::Start(value.clone())));
                     }
                 }
-                Command::Stop { member, .. } => self.stop(unit, member),
+                Command::Stop { member, .. } => self.stop(unit, *member),
                 Command::Connect { .. } | Command::Disconnect { .. } | Command::Arm { .. } | Command::Cancel { .. } => {
                 }
             }
         }
-        if let Some(outcome) = outcome {
-            self.over(unit, outcome);
+        if let Some(outcome) = &effect.outcome {
+            self.over(unit, outcome.clone());
         }
     }
 

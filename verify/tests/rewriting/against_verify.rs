@@ -50,7 +50,7 @@ pub(crate) fn compare(seed: u64) -> Compared {
     let (Some(rough), Some(calm)) = (explore(&lowered, &tags, true), explore(&lowered, &tags, false)) else {
         return Compared::LeftOut;
     };
-    let limits = Limits { states: 200_000, memory: 64 << 20, goes_on: &Always };
+    let limits = Limits { states: 200_000, memory: 64 << 20, threads: 1, goes_on: &Always };
     let report = verify::verify(&plan, &sites, &limits);
     let mut differences = of_catalogue(&plan, &rough, &report);
     let situations = situations(&rough, plan.groups[0].members.len());

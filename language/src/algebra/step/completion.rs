@@ -1,12 +1,12 @@
 //! The completion functions, used after a start and after an event alike.
 
-use super::{Cell, Phase, Reaction};
+use super::{Cell, Cells, Phase, Reaction, Seats};
 use crate::algebra::event::{Cause, Outcome, Reason, Value};
 
 /// Why a `;;` whose round takes no time is aborted.
 pub(super) const INSTANT: &str = "a round of `;;` took no time";
 
-impl Reaction<'_> {
+impl<C: Cells, S: Seats> Reaction<'_, C, S> {
     /// SEQ: `;` starts its second operand with the empty value.
     pub(super) fn seq(&mut self, node: usize, outcome: Outcome) -> Option<Outcome> {
         match (self.cell(node).phase, outcome) {

@@ -1,10 +1,10 @@
 //! DRAIN and `stop`: nothing outlives its scope.
 
-use super::{Phase, Reaction};
+use super::{Cells, Phase, Reaction, Seats};
 use crate::algebra::event::{Cause, Command, Outcome};
 use crate::algebra::program::Kind;
 
-impl Reaction<'_> {
+impl<C: Cells, S: Seats> Reaction<'_, C, S> {
     /// DRAIN(o, stop of all operands); values that slots hold are dropped.
     pub(super) fn drain(&mut self, node: usize, mut outcome: Outcome) -> Option<Outcome> {
         let mut open = 0;

@@ -1,11 +1,11 @@
 //! The rules of `finally` and `as`.
 
 use super::drain::is_unconfirmed;
-use super::{Phase, Reaction};
+use super::{Cells, Phase, Reaction, Seats};
 use crate::algebra::event::{Outcome, Value};
 use crate::algebra::program::Kind;
 
-impl Reaction<'_> {
+impl<C: Cells, S: Seats> Reaction<'_, C, S> {
     /// Start of `P finally Q`.
     pub(super) fn s_finally(&mut self, node: usize, value: Value) -> Option<Outcome> {
         let outcome = self.start_first(node, value)?;

@@ -1,13 +1,16 @@
 //! The rules of events at leaves.
 
-use super::{Phase, Reaction};
+use super::{Cells, Phase, Reaction, Seats};
 use crate::algebra::event::{Activation, Cause, Command, Outcome, Reason, Value};
 use crate::algebra::program::Kind;
 
-impl Reaction<'_> {
+impl<C: Cells, S: Seats> Reaction<'_, C, S> {
     /// Returns the node of a member's current activation; none for a number that is not current, which drops the event.
     pub(super) fn seated(&self, member: u32, activation: Activation) -> Option<usize> {
-        let seat = self.state.seats.get(member as usize)?;
+        if member as usize >= self.program.endless.len() {
+            return None;
+        }
+        let seat = &self.state.seats[member as usize];
         seat.node.filter(|_| seat.activation == activation)
     }
 

@@ -2,10 +2,10 @@
 
 use super::completion::{INSTANT, aborted};
 use super::drain::prefer_unconfirmed;
-use super::{Cell, Phase, Reaction};
+use super::{Cell, Cells, Phase, Reaction, Seats};
 use crate::algebra::event::{Cause, Outcome, Value};
 
-impl Reaction<'_> {
+impl<C: Cells, S: Seats> Reaction<'_, C, S> {
     /// Start of `P ::[n] Q`: P alone.
     pub(super) fn s_arec(&mut self, node: usize, value: Value) -> Option<Outcome> {
         match self.start_first(node, value)? {

@@ -1,11 +1,11 @@
 //! The rules of `shield` and `using`: when their operand may be stopped, and when it may start.
 
 use super::drain::is_unconfirmed;
-use super::{Phase, Reaction};
+use super::{Cells, Phase, Reaction, Seats};
 use crate::algebra::event::{Command, Outcome, Value};
 use crate::algebra::program::{Bound, Kind};
 
-impl Reaction<'_> {
+impl<C: Cells, S: Seats> Reaction<'_, C, S> {
     /// Start of `shield P`.
     pub(super) fn s_shield(&mut self, node: usize, value: Value) -> Option<Outcome> {
         let outcome = self.start_first(node, value)?;

@@ -1,13 +1,13 @@
 //! `v |- E`: the start rules.
 
-use super::{Phase, Reaction};
+use super::{Cells, Phase, Reaction, Seats};
 use crate::algebra::event::{Activation, Cause, Command, Outcome, Reason, Value};
 use crate::algebra::program::Kind;
 use std::ops::Range;
 use std::sync::Arc;
 use std::time::Duration;
 
-impl Reaction<'_> {
+impl<C: Cells, S: Seats> Reaction<'_, C, S> {
     /// Starts the idle `node`; returns its outcome if it has one at once.
     pub(super) fn start(&mut self, node: usize, value: Value) -> Option<Outcome> {
         let program = self.program;
